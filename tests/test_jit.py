@@ -8,6 +8,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numba
 import numpy as np
 import pytest
 from hypothesis import given
@@ -342,3 +343,30 @@ def test_what_is_kept_runs_as_what_was_compiled(module, tmp_path):
         assert run(module, cache)[0] == (7 * factor, 0, 1)
         assert run(module, cache)[0] == (7 * factor, 1, 0)
     assert np.array_equal(sorted(path.suffix for path in files(cache)), [".nbc", ".nbi"])
+
+
+def test_a_part_is_compiled_once_for_all_signed_integers():
+    @compiled.part_with_arrays
+    def part(values, at):
+        return values[at] * at
+
+    @numba.njit
+    def loop(values, narrow):
+        return part(values, 1) + part(values, narrow[0]) + part(values, len(values) - 1)
+
+    values = np.array((10.0, 20.0, 30.0, 40.0))
+    assert loop(values, np.array([2], np.int32)) == 20 + 2 * 30 + 3 * 40
+    assert [signature[1] for signature in part.signatures] == [numba.int64]
+
+
+def test_unsigned_integers_and_truth_values_stay_what_they_are():
+    @compiled.part_of
+    def part(number, is_on):
+        return number + is_on
+
+    @numba.njit
+    def loop(number):
+        return part(number, True)
+
+    assert loop(np.uint16(1)) == 2
+    assert part.signatures == [(numba.uint16, numba.boolean)]

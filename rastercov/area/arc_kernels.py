@@ -15,7 +15,7 @@ import math
 
 import numpy as np
 
-from rastercov._jit import allocation_free, inlined
+from rastercov._jit import allocation_free, part_with_arrays
 from rastercov.area.density_kernels import append_dense
 from rastercov.area.plane_kernels import (
     ERROR,
@@ -39,7 +39,7 @@ FEWEST_CHORDS, MOST_CHORDS = 16, 1 << 20
 """Corners of the polygon in the circle."""
 
 
-@inlined
+@part_with_arrays
 def anchor(plane):
     """Direction in the plane of a face that the polygon's first corner lies in, (x, y).
 
@@ -57,7 +57,7 @@ def anchor(plane):
     return along / size, across / size
 
 
-@inlined
+@part_with_arrays
 def corner_of_circle(k, n, plane, radius, towards):
     """Corner k of the polygon of n corners in the circle."""
     angle = 2 * math.pi * k / n
@@ -67,7 +67,7 @@ def corner_of_circle(k, n, plane, radius, towards):
     return x, y
 
 
-@inlined
+@part_with_arrays
 def cap_of_chord(part, n, x0, y0, x1, y1, height, out, spare):
     """Part of a polygon in the rectangle beyond a chord that holds its segment; corner count.
 

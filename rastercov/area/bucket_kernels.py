@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov._jit import allocation_free, inlined
+from rastercov._jit import allocation_free, part_with_arrays
 from rastercov.exact.records import U_MAX, U_MIN, V_MAX, V_MIN
 
 SIDE = 32
@@ -52,7 +52,7 @@ def room_for_buckets(n: int) -> Buckets:
     )
 
 
-@inlined
+@part_with_arrays
 def cell_of(x, per):
     """Column or row of a coordinate."""
     return min(max(np.int64(x * per), 0), SIDE - 1)
@@ -90,7 +90,7 @@ def list_piece(q, box, buckets):
     return True
 
 
-@inlined
+@part_with_arrays
 def reaches(box, q, wanted):
     """True if a piece reaches into a box."""
     return (

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov._jit import allocation_free, inlined
+from rastercov._jit import allocation_free, part_with_arrays
 from rastercov.exact.polygon_kernels import copy_polygon, keep_inside, twice_area
 from rastercov.exact.records import PIECE_ROOM, Pieces, U, V
 
@@ -66,14 +66,14 @@ def cell_scratch(n_cells: int) -> CellScratch:
     )
 
 
-@inlined
+@part_with_arrays
 def squared(triangle, p, q):
     """Squared length of a side."""
     x, y = triangle[q, U] - triangle[p, U], triangle[q, V] - triangle[p, V]
     return x * x + y * y
 
 
-@inlined
+@part_with_arrays
 def longest_side(triangle):
     """Corner at the start of the longest side, the first of equals; and its squared length."""
     first, second, third = squared(triangle, 0, 1), squared(triangle, 1, 2), squared(triangle, 2, 0)
@@ -84,7 +84,7 @@ def longest_side(triangle):
     return 2, third
 
 
-@inlined
+@part_with_arrays
 def set_halves(triangles, at, start):
     """Replace the triangle at `at` by its second half and put the first above it."""
     i, j, k = start, (start + 1) % 3, (start + 2) % 3

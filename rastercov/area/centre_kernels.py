@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov._jit import allocation_free, by_type, compiled, inlined
+from rastercov._jit import allocation_free, by_type, compiled, part_with_arrays
 from rastercov.lenses.kernels import is_valid, jacobian, project
 from rastercov.mesh.triangle_tree_kernels import LEAF, STACK_SIZE
 
@@ -78,7 +78,7 @@ class LensPointRules(NamedTuple):
     margin: float
 
 
-@inlined
+@part_with_arrays
 def meets_one(x, y, z, a, b, c, reach, triangles, t):
     """True if a segment from (x, y, z) along the unit vector (a, b, c) meets triangle t."""
     e_x, e_y, e_z = triangles[t, 3], triangles[t, 4], triangles[t, 5]

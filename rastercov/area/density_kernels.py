@@ -20,7 +20,7 @@ until its area is less than `Rules.gap` times its length; then it goes into the 
 
 import math
 
-from rastercov._jit import allocation_free, inlined
+from rastercov._jit import allocation_free, part_with_arrays
 from rastercov.area.plane_kernels import (
     COINCIDENT_REL,
     ERROR,
@@ -46,7 +46,7 @@ MARGIN_REL = 1e-12
 """Greater than the rounding of both sides of either test."""
 
 
-@inlined
+@part_with_arrays
 def image_of(x, y, plane, rules):
     """W = 1/z and the columns of B at a point of the plane, (b11, b21, b31), (b12, b22, b32)."""
     p0 = plane[ORIGIN] + x * plane[X_AXIS] + y * plane[Y_AXIS]
@@ -59,13 +59,13 @@ def image_of(x, y, plane, rules):
     return w, first, second
 
 
-@inlined
+@part_with_arrays
 def dot(a, b):
     """Scalar product."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@inlined
+@part_with_arrays
 def largest_singular(first, second):
     """Largest singular value of a matrix of two columns, and its right vector."""
     a, b, c = dot(first, first), dot(first, second), dot(second, second)
@@ -79,7 +79,7 @@ def largest_singular(first, second):
     return math.sqrt(half + root), x / size, y / size
 
 
-@inlined
+@part_with_arrays
 def too_thin(x, y, w0, plane, rules):
     """First test at a point: negative or 0 where the criterion surely holds."""
     w, first, second = image_of(x, y, plane, rules)
@@ -87,7 +87,7 @@ def too_thin(x, y, w0, plane, rules):
     return rules.min_density * size * (1 + MARGIN_REL) - w0 * (2 * w - w0)
 
 
-@inlined
+@part_with_arrays
 def too_dense(x, y, left, right, plane, rules):
     """Second test at a point: negative where the criterion surely fails."""
     w, first, second = image_of(x, y, plane, rules)
@@ -100,7 +100,7 @@ def too_dense(x, y, left, right, plane, rules):
     return w * w * (1 + MARGIN_REL) - rules.min_density * along
 
 
-@inlined
+@part_with_arrays
 def value_of(is_first, x, y, w0, left, right, plane, rules):
     """One of the two tests."""
     if is_first:
@@ -165,7 +165,7 @@ def accepted_part(is_first, polygon, n, tests, plane, rules, values, out):
     return kept
 
 
-@inlined
+@part_with_arrays
 def tests_at_centre(polygon, n, plane, rules):
     """w_0 and the singular vectors at the mean of the corners."""
     x = y = 0.0
@@ -209,7 +209,7 @@ def halve(polygon, n, scratch, top, level):
     return top
 
 
-@inlined
+@part_with_arrays
 def extent_of(polygon, n):
     """Greatest distance of a corner from the first: between half the diameter and all of it."""
     extent = 0.0

@@ -10,7 +10,7 @@ from a list of pieces to another one; those after the first run only where a tas
 
 import math
 
-from rastercov._jit import allocation_free, inlined
+from rastercov._jit import allocation_free, part_with_arrays
 from rastercov.area.arc_kernels import append_within_angle
 from rastercov.area.lens_density_kernels import append_dense_through_lens
 from rastercov.area.plane_kernels import (
@@ -32,7 +32,7 @@ from rastercov.exact.polygon_kernels import twice_area
 from rastercov.exact.records import U, V
 
 
-@inlined
+@part_with_arrays
 def start_from(source, out):
     """Start a list with the bounds of another one."""
     out.used[0] = out.used[1] = 0
@@ -40,7 +40,7 @@ def start_from(source, out):
         out.area[f], out.bound[f] = 0.0, source.bound[f]
 
 
-@inlined
+@part_with_arrays
 def copy_piece(source, piece, polygon):
     """Copy the corners of a piece; their number."""
     first = source.starts[piece]
@@ -50,7 +50,7 @@ def copy_piece(source, piece, polygon):
     return n
 
 
-@inlined
+@part_with_arrays
 def limit_bounds(planes, out):
     """No bound exceeds its face."""
     for f in range(out.bound.shape[0]):

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov._jit import allocation_free, inlined, part_of
+from rastercov._jit import allocation_free, part_of, part_with_arrays
 from rastercov.exact.polygon_kernels import (
     MOST_CORNERS,
     copy_polygon,
@@ -177,7 +177,7 @@ def length2(x, y):
     return np.sqrt(x * x + y * y)
 
 
-@inlined
+@part_with_arrays
 def perimeter_of(polygon, n):
     """Length of the outline of a polygon."""
     total = 0.0
@@ -187,7 +187,7 @@ def perimeter_of(polygon, n):
     return total
 
 
-@inlined
+@part_with_arrays
 def set_line(lines, s, value, along_x, along_y, error):
     """Store the line value + along_x x + along_y y >= 0."""
     lines[s, U] = lines[s, V] = 0.0
@@ -195,7 +195,7 @@ def set_line(lines, s, value, along_x, along_y, error):
     lines[s, LINE_ERROR] = error
 
 
-@inlined
+@part_with_arrays
 def set_side(lines, s, x0, y0, x1, y1):
     """Store the line from one point to another, whose inner side is on the left."""
     lines[s, U], lines[s, V] = x0, y0
@@ -268,7 +268,7 @@ def without_needless(polygon, n, nearest, out):
     return kept
 
 
-@inlined
+@part_with_arrays
 def push_parts(polygon, n, stack):
     """Put a polygon on an empty stack, in parts of at most `MOST_CORNERS` corners; their number."""
     first, top = 1, 0

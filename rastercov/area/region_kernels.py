@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov._jit import allocation_free, inlined
+from rastercov._jit import allocation_free, part_with_arrays
 from rastercov.area.arc_kernels import FEWEST_CHORDS, append_within_angle
 from rastercov.area.density_kernels import append_dense
 from rastercov.area.plane_kernels import (
@@ -66,7 +66,7 @@ class Seen(NamedTuple):
     kept: Any
 
 
-@inlined
+@part_with_arrays
 def to_camera(rotation, axis, f, plane, column):
     """Turn a vector of face f into camera axes, into three columns of `plane`."""
     for k in range(3):
@@ -75,7 +75,7 @@ def to_camera(rotation, axis, f, plane, column):
         )
 
 
-@inlined
+@part_with_arrays
 def set_plane(planes, f, seen, plane):
     """Fill `plane` with a face in camera axes; returns the least and the greatest depth of it."""
     rotation, centre = seen.rotation, seen.centre
@@ -106,7 +106,7 @@ def set_plane(planes, f, seen, plane):
     return least, most
 
 
-@inlined
+@part_with_arrays
 def set_lines(plane, rules, near, least, most, lines):
     """Fill `lines` with those of depth and of the viewing pyramid; returns the greatest depth."""
     z, z_x, z_y = plane[ORIGIN + 2], plane[X_AXIS + 2], plane[Y_AXIS + 2]
@@ -139,7 +139,7 @@ def set_lines(plane, rules, near, least, most, lines):
     return farthest + its_error
 
 
-@inlined
+@part_with_arrays
 def bring_back(kept, piece, plane, rules, deepest, out):
     """Bring a piece of the image to the plane of its face, counter-clockwise; its corner count."""
     n = kept.starts[piece + 1] - kept.starts[piece]
@@ -160,7 +160,7 @@ def bring_back(kept, piece, plane, rules, deepest, out):
     return n
 
 
-@inlined
+@part_with_arrays
 def set_sides(planes, f, sides):
     """Fill `sides` with the lines along the edges of a face."""
     for p in range(3):
@@ -171,7 +171,7 @@ def set_sides(planes, f, sides):
         )  # fmt: skip
 
 
-@inlined
+@part_with_arrays
 def is_well_inside(corners, lines, plane, rules):
     """True if a face meets all criteria of `lines` and of incidence by more than rounding.
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov._jit import allocation_free, inlined
+from rastercov._jit import allocation_free, part_with_arrays
 from rastercov.area.bucket_kernels import (
     Buckets,
     find_near,
@@ -100,7 +100,7 @@ def pool_of(n: int) -> Pool:
     )
 
 
-@inlined
+@part_with_arrays
 def lines_of(polygon, n, lines):
     """Lines along the sides of a polygon."""
     for p in range(n):
@@ -227,7 +227,7 @@ def add_piece(polygon, n, k, count, nearest, pool):
     return count, slivers
 
 
-@inlined
+@part_with_arrays
 def covered_area(pool, count, views):
     """Area of the pieces of at least `views` cameras."""
     total = 0.0
@@ -237,7 +237,7 @@ def covered_area(pool, count, views):
     return total
 
 
-@inlined
+@part_with_arrays
 def store_partition(face, pool, count, out):
     """Append the pieces of a face to a partition."""
     for q in range(count):
@@ -252,7 +252,7 @@ def store_partition(face, pool, count, out):
         out.used[0], out.used[1] = piece + 1, at + n
 
 
-@inlined
+@part_with_arrays
 def load_partition(old, first, last, pool):
     """Take the pieces first ... last - 1 of a partition into the pool; False for lack of room."""
     fits = True

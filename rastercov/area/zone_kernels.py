@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from rastercov._jit import allocation_free, inlined, part_with_arrays
+from rastercov._jit import allocation_free, part_with_arrays
 
 
 @part_with_arrays
@@ -24,7 +24,7 @@ def root_of(parent, i):
     return i
 
 
-@inlined
+@part_with_arrays
 def link(parent, i, j):
     """Put i and j into one tree, under the lower root."""
     a, b = root_of(parent, i), root_of(parent, j)

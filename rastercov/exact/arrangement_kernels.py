@@ -13,7 +13,7 @@ A. Appel. The Notion of Quantitative Invisibility and the Machine Rendering of S
 
 import numpy as np
 
-from rastercov._jit import allocation_free, inlined
+from rastercov._jit import allocation_free, part_with_arrays
 from rastercov.exact.grid_kernels import (
     ENTRIES_AT_A_TIME,
     cell_at,
@@ -68,7 +68,7 @@ VISIBLE, HIDDEN, UNSURE = range(3)
 """Results of `point_visibility`."""
 
 
-@inlined
+@part_with_arrays
 def comes_before(segment, other):
     """True if the first of u, v, du, dv that differ is less in a segment than in another."""
     for column in range(FIRST):
@@ -77,7 +77,7 @@ def comes_before(segment, other):
     return False
 
 
-@inlined
+@part_with_arrays
 def order_crossings(t, crossings, order):
     """Fill `order` with the crossings of a face from left to right; returns their number.
 
@@ -98,7 +98,7 @@ def order_crossings(t, crossings, order):
     return n
 
 
-@inlined
+@part_with_arrays
 def divide_piece(pieces, p, count, segment, work):
     """Divide a piece by the line of a crossing that runs through it; returns the piece count.
 
@@ -150,7 +150,7 @@ def divide_piece(pieces, p, count, segment, work):
     return count + 1
 
 
-@inlined
+@part_with_arrays
 def covers(m, u, v, edges, is_event, camera, projected):
     """`HIDDEN` if the image of a face covers a point, `VISIBLE` if it does not, or `UNSURE`."""
     n_lines = n_sides_of(m, projected)
@@ -167,7 +167,7 @@ def covers(m, u, v, edges, is_event, camera, projected):
     return result
 
 
-@inlined
+@part_with_arrays
 def point_visibility(t, u, v, plane, edges, is_event, camera, projected, grid, work):
     """`VISIBLE`, `HIDDEN` or `UNSURE` for a point of a face.
 

@@ -7,7 +7,7 @@ them together. `set_up` measures the others one by one. Boxes of plain blocks ar
 
 import numpy as np
 
-from rastercov._jit import allocation_free, compiled, inlined, part_with_arrays
+from rastercov._jit import allocation_free, compiled, part_with_arrays
 from rastercov.exact.polygon_kernels import clip, twice_area
 from rastercov.exact.records import (
     ABSENT,
@@ -56,7 +56,7 @@ NARROW_FACTOR = 2.0**25
 rounding is measured by itself: more than three times `certificate.THIN_TOLERANCE_REL`."""
 
 
-@inlined
+@part_with_arrays
 def lay_boxes_of_block(b, projected):
     """Fill in the boxes of the faces of a block, the first time. None of them is clipped."""
     if not projected.has_boxes[b]:
@@ -82,7 +82,7 @@ def lay_boxes(faces, projected):
         lay_boxes_of_block(projected.blocks.of_face[faces[index]], projected)
 
 
-@inlined
+@part_with_arrays
 def describe_block(b, flags, projected):
     """Fill in `block_state` and `block_side` from the faces of a block, with some flags more."""
     order, state, side = projected.blocks.order, projected.state, projected.side
@@ -98,7 +98,7 @@ def describe_block(b, flags, projected):
     projected.block_side[b] = MIXED if flags & DOUBTFUL else common
 
 
-@inlined
+@part_with_arrays
 def gather(b, projected, lanes):
     """Copy the corners of the faces of a block to `lanes`."""
     faces, uvw, order = projected.faces, projected.uvw, projected.blocks.order
@@ -110,7 +110,7 @@ def gather(b, projected, lanes):
         lanes[U2 + lane], lanes[V2 + lane], lanes[W2 + lane] = uvw[k, U], uvw[k, V], uvw[k, W]
 
 
-@inlined
+@part_with_arrays
 def measure(pixel_error, most_error, lanes):
     """Twice the signed area, bounds and thinness of the faces in `lanes`, in the order of rows."""
     for lane in range(BLOCK):
@@ -132,33 +132,30 @@ def measure(pixel_error, most_error, lanes):
         lanes[AREAS + lane] = (u_max - u_min) * (v_max - v_min)
 
 
-@inlined
+@part_with_arrays
 def eighth(lanes):
     """An eighth of a block, which LLVM does not know: it would not vectorise the loop."""
     return lanes.shape[0] // (LANES // 8)
 
 
 @part_with_arrays
-def least_of(lanes, row):
-    """Least value of a row of `lanes`."""
-    for k in range(row, row + eighth(lanes)):
-        first = min(min(lanes[k], lanes[k + 8]), min(lanes[k + 16], lanes[k + 24]))
-        second = min(min(lanes[k + 32], lanes[k + 40]), min(lanes[k + 48], lanes[k + 56]))
-        lanes[k] = min(first, second)
-    first = min(min(lanes[row], lanes[row + 1]), min(lanes[row + 2], lanes[row + 3]))
-    second = min(min(lanes[row + 4], lanes[row + 5]), min(lanes[row + 6], lanes[row + 7]))
-    return min(first, second)
-
-
-@part_with_arrays
-def sum_of(lanes, row):
-    """Sum of a row of `lanes`."""
-    for k in range(row, row + eighth(lanes)):
-        first = (lanes[k] + lanes[k + 8]) + (lanes[k + 16] + lanes[k + 24])
-        second = (lanes[k + 32] + lanes[k + 40]) + (lanes[k + 48] + lanes[k + 56])
-        lanes[k] = first + second
-    first = (lanes[row] + lanes[row + 1]) + (lanes[row + 2] + lanes[row + 3])
-    return first + ((lanes[row + 4] + lanes[row + 5]) + (lanes[row + 6] + lanes[row + 7]))
+def reduce_rows(lanes):
+    """Put the least values, or the sums, of the rows that `measure` filled at their starts."""
+    for row in range(LEAST_U, WIDTHS, BLOCK):
+        for k in range(row, row + eighth(lanes)):
+            first = min(min(lanes[k], lanes[k + 8]), min(lanes[k + 16], lanes[k + 24]))
+            second = min(min(lanes[k + 32], lanes[k + 40]), min(lanes[k + 48], lanes[k + 56]))
+            lanes[k] = min(first, second)
+        first = min(min(lanes[row], lanes[row + 1]), min(lanes[row + 2], lanes[row + 3]))
+        second = min(min(lanes[row + 4], lanes[row + 5]), min(lanes[row + 6], lanes[row + 7]))
+        lanes[row] = min(first, second)
+    for row in range(WIDTHS, LANES, BLOCK):
+        for k in range(row, row + eighth(lanes)):
+            first = (lanes[k] + lanes[k + 8]) + (lanes[k + 16] + lanes[k + 24])
+            second = (lanes[k + 32] + lanes[k + 40]) + (lanes[k + 48] + lanes[k + 56])
+            lanes[k] = first + second
+        first = (lanes[row] + lanes[row + 1]) + (lanes[row + 2] + lanes[row + 3])
+        lanes[row] = first + ((lanes[row + 4] + lanes[row + 5]) + (lanes[row + 6] + lanes[row + 7]))
 
 
 @allocation_free
@@ -192,10 +189,11 @@ def set_up_plain(camera, front_only, projected, area_error, extent, lanes, rest)
         if is_plain:
             gather(b, projected, lanes)
             measure(pixel_error, 2 * width * height, lanes)
-            low_u, high_u = least_of(lanes, LEAST_U), -least_of(lanes, MOST_U)
-            low_v, high_v = least_of(lanes, LEAST_V), -least_of(lanes, MOST_V)
-            least_w, margin = least_of(lanes, LEAST_W), least_of(lanes, MARGIN)
-            least, most = least_of(lanes, LEAST_TWICE), -least_of(lanes, MOST_TWICE)
+            reduce_rows(lanes)
+            low_u, high_u = lanes[LEAST_U], -lanes[MOST_U]
+            low_v, high_v = lanes[LEAST_V], -lanes[MOST_V]
+            least_w, margin = lanes[LEAST_W], lanes[MARGIN]
+            least, most = lanes[LEAST_TWICE], -lanes[MOST_TWICE]
             is_out = high_u <= 0 or high_v <= 0 or low_u >= width or low_v >= height
             is_in = low_u >= 0 and low_v >= 0 and high_u <= width and high_v <= height
             is_plain = least_w > 0 and (is_in or is_out) and margin >= 0
@@ -232,13 +230,14 @@ def set_up_plain(camera, front_only, projected, area_error, extent, lanes, rest)
         projected.block_box[b, U_MIN] = projected.block_box[b, V_MIN] = np.inf
         projected.block_box[b, U_MAX] = projected.block_box[b, V_MAX] = -np.inf
         if is_live:
-            projected.block_box[b] = (low_u, high_u, low_v, high_v)
+            projected.block_box[b, U_MIN], projected.block_box[b, U_MAX] = low_u, high_u
+            projected.block_box[b, V_MIN], projected.block_box[b, V_MAX] = low_v, high_v
             extent[U_MIN], extent[U_MAX] = min(extent[U_MIN], low_u), max(extent[U_MAX], high_u)
             extent[V_MIN], extent[V_MAX] = min(extent[V_MIN], low_v), max(extent[V_MAX], high_v)
             n_live += BLOCK
-            extent[SUM_OF_WIDTHS] += sum_of(lanes, WIDTHS)
-            extent[SUM_OF_HEIGHTS] += sum_of(lanes, HEIGHTS)
-            extent[SUM_OF_AREAS] += sum_of(lanes, AREAS)
+            extent[SUM_OF_WIDTHS] += lanes[WIDTHS]
+            extent[SUM_OF_HEIGHTS] += lanes[HEIGHTS]
+            extent[SUM_OF_AREAS] += lanes[AREAS]
     return n_live, n_rest
 
 
@@ -271,7 +270,7 @@ def set_up(vertices, is_flat, rest, camera, front_only, projected, area_error, e
     block_box, order = projected.block_box, projected.blocks.order
     clipped_index = projected.clipped_index
     width, height, pixel_error = camera.width, camera.height, camera.pixel_error
-    corners, low, normals = np.empty((3, 3)), np.empty((3, 3)), np.empty((4, 3))
+    corners, low, normals = np.empty((3, 3)), np.empty((3, 3)), np.empty((5, 3))
     errors, polygon, spare = np.empty(5), np.empty((CORNERS, 2)), np.empty((CORNERS, 2))
     lines, plane, border = np.empty((SIDES, 6)), np.empty(7), camera.border
     n_live = n_clipped = 0

@@ -27,6 +27,7 @@ from rastercov.exact.grid_kernels import ask_for_faces
 from rastercov.exact.half_plane_kernels import visible_areas
 from rastercov.exact.half_planes import HalfPlaneSolver
 from rastercov.exact.records import LIVE, MIXED, Crossings, Segment
+from rastercov.exact.region_kernels import find_regions
 from rastercov.exact.surface import Surface, surface_of
 from rastercov.raster import self_test
 
@@ -129,7 +130,7 @@ class CertificateSolver(HalfPlaneSolver):
             if n_crossings <= len(self._crossings.edge):
                 break
             self._make_room_for_crossings(2 * n_crossings)
-        self.n_crossed, self.n_regions = kernels.find_regions(
+        self.n_crossed, self.n_regions = find_regions(
             events, surface.edges, is_event, self._is_hidden, camera, projected, self.grid.is_whole,
             self._region, self._number, self._targets,
         )  # fmt: skip

@@ -12,7 +12,7 @@ A. Appel. The Notion of Quantitative Invisibility and the Machine Rendering of S
 
 import numpy as np
 
-from rastercov._jit import allocation_free, inlined
+from rastercov._jit import allocation_free, part_with_arrays
 from rastercov.exact.grid_kernels import ENTRIES_AT_A_TIME, cell, find_faces, lay_bounds
 from rastercov.exact.polygon_kernels import length
 from rastercov.exact.records import (
@@ -65,7 +65,7 @@ NEAR_PLANE_TOLERANCE_REL = 1e-6
 """Relative difference of 1/z up to which a corner counts as one on the near plane."""
 
 
-@inlined
+@part_with_arrays
 def is_of_one_side(m, blocks, block_side):
     """True if all faces of a block of edges are seen from one side, so that none is an event."""
     if not blocks.is_plain[m]:
@@ -109,7 +109,7 @@ def find_event_edges(edges, projected, is_event, events):
     return n
 
 
-@inlined
+@part_with_arrays
 def record_crossing(f, edge, segment, first, last, crossings, n):
     """Add the crossing of a face and an edge to the list of the face; returns the number of all.
 
@@ -135,7 +135,7 @@ def record_crossing(f, edge, segment, first, last, crossings, n):
     return n + 1
 
 
-@inlined
+@part_with_arrays
 def mark_in_cell(
     c, edge, is_doubtful, first, last, segment, ends, tolerance, edges, is_event, camera,
     projected, grid, work, crossings, n_crossings,
@@ -198,7 +198,7 @@ def mark_in_cell(
     return n_crossings
 
 
-@inlined
+@part_with_arrays
 def mark_segment(
     edge, is_doubtful, segment, tolerance, edges, is_event, camera, projected, grid, extent, work,
     crossings, n_crossings,
@@ -294,7 +294,7 @@ def project_clipped(a, b, vertices, camera, segment):
     return True
 
 
-@inlined
+@part_with_arrays
 def project_event(e, edges, vertices, camera, uvw, segment):
     """Fill `segment` with the image of an event edge; False if nothing of it is in front."""
     a, b, its = edges.vertices[e, 0], edges.vertices[e, 1], segment.uvw
@@ -332,7 +332,7 @@ def ask_for_events(events, edges, vertices, camera, projected, tolerance, grid, 
     return True
 
 
-@inlined
+@part_with_arrays
 def take_rim(s, p, camera, clipped, segment):
     """Fill `segment` with side p of the image of a clipped face if the near plane cut it there."""
     if p >= clipped.n_corners[s]:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rastercov._jit import allocation_free, inlined
+from rastercov._jit import allocation_free, part_with_arrays
 from rastercov.exact.block_kernels import lay_boxes_of_block
 from rastercov.exact.records import BLOCK, LIVE, THIN, U_MAX, U_MIN, V_MAX, V_MIN, W_MAX
 
@@ -12,20 +12,20 @@ BUCKETS = 64
 """Ranges of 1/z by which the faces of a cell are sorted first."""
 
 
-@inlined
+@part_with_arrays
 def cell(position, origin, per_pixel, n):
     """Row or column of the grid at a position; positions outside go to the first or the last."""
     return min(max(np.int64((position - origin) * per_pixel), 0), n - 1)
 
 
-@inlined
+@part_with_arrays
 def cell_at(u, v, grid):
     """Cell of the grid at a point."""
     row = cell(v, grid.top, grid.per_v, grid.rows)
     return row * grid.columns + cell(u, grid.left, grid.per_u, grid.columns)
 
 
-@inlined
+@part_with_arrays
 def cells_of_box(box, f, grid):
     """First and last column, first and last row that the box of a face touches."""
     return (
@@ -36,7 +36,7 @@ def cells_of_box(box, f, grid):
     )
 
 
-@inlined
+@part_with_arrays
 def likely_hider(f, box, grid):
     """Face that hid another one at the centre of the box of a face, -1 for none."""
     u, v = (box[f, U_MIN] + box[f, U_MAX]) / 2, (box[f, V_MIN] + box[f, V_MAX]) / 2
@@ -56,13 +56,19 @@ def ask_for_faces(faces, box, grid):
     return is_new
 
 
-@inlined
+@part_with_arrays
 def count_asked(grid):
-    """Count the cells asked for in each rectangle of cells that starts at the first one.
+    """Number of the cells asked for, and in each rectangle of cells that starts at the first one.
+
+    The table is left as it is if all are asked for.
 
     F. C. Crow. Summed-Area Tables for Texture Mapping. 1984.
     """
-    sums, across = grid.n_asked, grid.columns + 1
+    sums, across, n_all = grid.n_asked, grid.columns + 1, 0
+    for c in range(grid.columns * grid.rows):
+        n_all += grid.is_asked[c]
+    if n_all == grid.columns * grid.rows:
+        return n_all
     sums[:across] = 0
     for row in range(grid.rows):
         n, at = 0, (row + 1) * across
@@ -70,9 +76,10 @@ def count_asked(grid):
         for column in range(grid.columns):
             n += grid.is_asked[row * grid.columns + column]
             sums[at + column + 1] = sums[at + column + 1 - across] + n
+    return n_all
 
 
-@inlined
+@part_with_arrays
 def n_asked_in(left, right, top, bottom, grid):
     """Number of the cells in a rectangle that are asked for, after `count_asked`."""
     sums, across = grid.n_asked, grid.columns + 1
@@ -100,45 +107,50 @@ def fill_grid(projected, grid):
     for c in range(n_cells + 2):
         starts[c] = 0
     n = 0
-    count_asked(grid)
+    is_all = count_asked(grid) == n_cells
     for b in range(block_box.shape[0]):
         if not block_box[b, U_MIN] <= block_box[b, U_MAX]:
             continue
-        left, right, top, bottom = cells_of_box(block_box, b, grid)
-        if n_asked_in(left, right, top, bottom, grid) == 0:
-            continue
+        if not is_all:
+            left, right, top, bottom = cells_of_box(block_box, b, grid)
+            if n_asked_in(left, right, top, bottom, grid) == 0:
+                continue
         lay_boxes_of_block(b, projected)
         for k in range(b * BLOCK, min((b + 1) * BLOCK, order.shape[0])):
             f = order[k]
             if not state[f] & (LIVE | THIN):
                 continue
             left, right, top, bottom = cells_of_box(box, f, grid)
-            n_found = n_asked_in(left, right, top, bottom, grid)
-            if n_found == 0:
-                continue
-            grid.is_whole[f] = n_found == (right - left + 1) * (bottom - top + 1)
+            n_found = n_touched = (right - left + 1) * (bottom - top + 1)
+            if not is_all:
+                n_found = n_asked_in(left, right, top, bottom, grid)
+                if n_found == 0:
+                    continue
+            grid.is_whole[f] = n_found == n_touched
             grid.faces[n] = f
             places[n, 0], places[n, 1], places[n, 2], places[n, 3] = left, right, top, bottom
             n += 1
             for row in range(top, bottom + 1):
                 for at in range(row * columns + left, row * columns + right + 1):
-                    starts[at + 2] += is_asked[at]
+                    if n_found == n_touched or is_asked[at]:
+                        starts[at + 2] += 1
     for c in range(2, n_cells + 2):
         starts[c] += starts[c - 1]
     total = starts[n_cells + 1]
     if total > entries.shape[0]:
         return total
     for index in range(n):
+        f, left, right = grid.faces[index], places[index, 0], places[index, 1]
+        is_whole = grid.is_whole[f]
         for row in range(places[index, 2], places[index, 3] + 1):
-            start = row * columns
-            for at in range(start + places[index, 0], start + places[index, 1] + 1):
-                if is_asked[at]:
-                    entries[starts[at + 1]] = grid.faces[index]
+            for at in range(row * columns + left, row * columns + right + 1):
+                if is_whole or is_asked[at]:
+                    entries[starts[at + 1]] = f
                     starts[at + 1] += 1
     return total
 
 
-@inlined
+@part_with_arrays
 def lay_bounds(at, box, grid):
     """Lay the bounds of the faces of a cell one after another in memory, the first time."""
     bounds, entries = grid.bounds, grid.entries
@@ -150,7 +162,7 @@ def lay_bounds(at, box, grid):
             bounds[V_MIN, entry], bounds[V_MAX, entry] = box[f, V_MIN], box[f, V_MAX]
 
 
-@inlined
+@part_with_arrays
 def find_faces(first, last, left, right, top, bottom, grid, n):
     """Add the entries first ... last - 1 whose boxes touch a rectangle to `grid.faces`.
 

@@ -16,7 +16,7 @@ A. Appel. The Notion of Quantitative Invisibility and the Machine Rendering of S
 
 import numpy as np
 
-from rastercov._jit import allocation_free, inlined
+from rastercov._jit import allocation_free, part_with_arrays
 from rastercov.exact.grid_kernels import cell, cells_of_box, likely_hider, sort_cell
 from rastercov.exact.outline_kernels import outline, outline_error, plane_of
 from rastercov.exact.polygon_kernels import (
@@ -68,7 +68,7 @@ NO_ROOM, ALL_HIDDEN, TOO_MANY = -1, -2, -3
 """Results of `visible_in_cells` other than an area."""
 
 
-@inlined
+@part_with_arrays
 def depth_order(t, m, target, n, n_sides, camera, projected, work, is_first, area_error):
     """Depth order of face m relative to face t, over the overlap of their images.
 
@@ -133,18 +133,25 @@ def depth_order(t, m, target, n, n_sides, camera, projected, work, is_first, are
     return IN_FRONT_IN_PART
 
 
-@inlined
+@part_with_arrays
 def lines_of_cell(column, row, grid, lines):
     """Lines that bound a cell of the grid; those at the border of the grid bound nothing."""
     left, right = grid.left + column / grid.per_u, grid.left + (column + 1) / grid.per_u
     top, bottom = grid.top + row / grid.per_v, grid.top + (row + 1) / grid.per_v
-    lines[0] = (left, 0.0, 0.0, -1.0, 0.0 if column > 0 else np.inf)
-    lines[1] = (right, 0.0, 0.0, 1.0, 0.0 if column + 1 < grid.columns else np.inf)
-    lines[2] = (0.0, top, 1.0, 0.0, 0.0 if row > 0 else np.inf)
-    lines[3] = (0.0, bottom, -1.0, 0.0, 0.0 if row + 1 < grid.rows else np.inf)
+    set_line(lines, 0, left, 0.0, 0.0, -1.0, 0.0 if column > 0 else np.inf)
+    set_line(lines, 1, right, 0.0, 0.0, 1.0, 0.0 if column + 1 < grid.columns else np.inf)
+    set_line(lines, 2, 0.0, top, 1.0, 0.0, 0.0 if row > 0 else np.inf)
+    set_line(lines, 3, 0.0, bottom, -1.0, 0.0, 0.0 if row + 1 < grid.rows else np.inf)
 
 
-@inlined
+@part_with_arrays
+def set_line(lines, row, u, v, du, dv, offset):
+    """Fill a row of lines."""
+    lines[row, U], lines[row, V] = u, v
+    lines[row, DU], lines[row, DV], lines[row, OFFSET] = du, dv, offset
+
+
+@part_with_arrays
 def extent_of(polygon, n):
     """Bounds of a polygon: least and greatest u, least and greatest v."""
     u_min = u_max = polygon[0, U]
@@ -155,7 +162,7 @@ def extent_of(polygon, n):
     return u_min, u_max, v_min, v_max
 
 
-@inlined
+@part_with_arrays
 def hides_all(m, t, target, n, camera, projected, work, area_error):
     """True if face m hides all of face t."""
     box = projected.box
@@ -178,7 +185,7 @@ def hides_all(m, t, target, n, camera, projected, work, area_error):
     )
 
 
-@inlined
+@part_with_arrays
 def visible_in_cells(
     t, target, n, n_own, part, n_part, cells, limit, camera, projected, grid, marks, pieces, work,
     area_error,
@@ -303,7 +310,7 @@ def halve(top, work):
     return n_halves
 
 
-@inlined
+@part_with_arrays
 def visible_twice_area(
     t, target, n, n_own, camera, projected, grid, marks, pieces, work, area_error
 ):

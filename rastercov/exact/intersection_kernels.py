@@ -6,7 +6,7 @@ most. In the image that is a line, along which 1/z of the two is equal.
 
 import numpy as np
 
-from rastercov._jit import inlined
+from rastercov._jit import part_with_arrays
 from rastercov.exact.half_plane_kernels import depth_order
 from rastercov.exact.outline_kernels import outline, outline_error, plane_of
 from rastercov.exact.polygon_kernels import clip, copy_polygon, length, separates, twice_area
@@ -31,6 +31,7 @@ from rastercov.exact.records import (
     U,
     V,
 )
+from rastercov.exact.segment_kernels import narrowed
 
 MOST_INTERSECTIONS = 24
 """Faces that pass through a face beyond which it is left to half planes."""
@@ -44,7 +45,7 @@ NOT_KNOWN = -1
 """Result of `add_intersection` where the visibility may change elsewhere, or rounding decides."""
 
 
-@inlined
+@part_with_arrays
 def overlap_of(t, m, target, n, n_own, camera, projected, work):
     """Area that the images of two live faces have in common, px^2, and the sides of that of m.
 
@@ -79,13 +80,15 @@ def overlap_of(t, m, target, n, n_own, camera, projected, work):
     return abs(twice_area(work.spare, n)) / 2, n_sides
 
 
-@inlined
+@part_with_arrays
 def take_intersection(t, m, n_sides, count, camera, projected, work):
     """Add the line of equal depth that `depth_order` left in `work.lines`; returns their number.
 
-    Its range is that within the image of face m, which `n_sides` of `work.lines` bound.
+    Its range is that within the image of face m, which `n_sides` of `work.lines` bound, and within
+    three times the box of face t. It may be too large, but not too small: the line may run along a
+    side of m, so that rounding decides where it meets that side, and on which side of it it is.
     """
-    lines, rows = work.lines, work.intersections
+    lines, rows, box = work.lines, work.intersections, projected.box
     line = lines[n_sides]
     slope = length(line[DU], line[DV], 0.0)
     error = plane_of(t, camera, projected)[5] + plane_of(m, camera, projected)[5]
@@ -93,21 +96,26 @@ def take_intersection(t, m, n_sides, count, camera, projected, work):
         return np.int64(NOT_KNOWN)
     du, dv, offset = line[DU] / slope, line[DV] / slope, line[OFFSET] / slope
     u, v = line[U] + offset * dv, line[V] - offset * du
-    first, last = -np.inf, np.inf
+    reach = box[t, U_MAX] - box[t, U_MIN] + box[t, V_MAX] - box[t, V_MIN]
+    first, last = narrowed(u, u + du, box[t, U_MIN] - reach, box[t, U_MAX] + reach, -np.inf, np.inf)
+    first, last = narrowed(v, v + dv, box[t, V_MIN] - reach, box[t, V_MAX] + reach, first, last)
+    error = max(error / slope, camera.pixel_error)
+    slack = SURE * max(error, outline_error(m, camera, projected))
     for s in range(n_sides):
         along = lines[s, DU] * dv - lines[s, DV] * du
         at = lines[s, DU] * (v - lines[s, V]) - lines[s, DV] * (u - lines[s, U]) + lines[s, OFFSET]
+        at += slack * (abs(lines[s, DU]) + abs(lines[s, DV]))
         if along > 0:
             first = max(first, -at / along)
         elif along < 0:
             last = min(last, -at / along)
     row = rows[count]
     row[U], row[V], row[DU], row[DV] = u, v, du, dv
-    row[FIRST], row[LAST], row[EDGE_ERROR] = first, last, max(error / slope, camera.pixel_error)
+    row[FIRST], row[LAST], row[EDGE_ERROR] = first, last, error
     return count + 1 if first < last else count
 
 
-@inlined
+@part_with_arrays
 def add_intersection(
     t, m, target, n, n_own, count, edges, is_event, camera, projected, work, area_error
 ):

@@ -1,6 +1,6 @@
 """Images of faces - outline, plane of 1/z, and the errors of both -, compiled by numba."""
 
-from rastercov._jit import inlined
+from rastercov._jit import part_with_arrays
 from rastercov.exact.polygon_kernels import copy_polygon, line_at
 from rastercov.exact.records import (
     CLIPPED,
@@ -20,7 +20,7 @@ from rastercov.exact.records import (
 )
 
 
-@inlined
+@part_with_arrays
 def outline(f, projected, corners, lines):
     """Fill `corners` and `lines` with the image of a live face; number of corners and of lines.
 
@@ -47,13 +47,13 @@ def outline(f, projected, corners, lines):
     return 3, 3
 
 
-@inlined
+@part_with_arrays
 def n_sides_of(f, projected):
     """Number of lines that bound the image of a live face."""
     return SIDES if projected.state[f] & CLIPPED else 3
 
 
-@inlined
+@part_with_arrays
 def side_of(f, s, projected):
     """Line s of the outline of a live face, as `outline` fills it."""
     if projected.state[f] & CLIPPED:
@@ -66,7 +66,7 @@ def side_of(f, s, projected):
     return u, v, uvw[q, U] - u, uvw[q, V] - v, 0.0
 
 
-@inlined
+@part_with_arrays
 def is_joined(f, s, n_lines, edges, is_event, projected):
     """True if the surface continues beyond line s of the outline of a face: it is no event edge.
 
@@ -83,7 +83,7 @@ def is_joined(f, s, n_lines, edges, is_event, projected):
     return projected.state[other] & (LIVE | CLIPPED | DOUBTFUL) == LIVE
 
 
-@inlined
+@part_with_arrays
 def outline_error(f, camera, projected):
     """Largest error of the outline of a face, pixels."""
     if not projected.state[f] & CLIPPED:
@@ -92,7 +92,7 @@ def outline_error(f, camera, projected):
     return max(camera.pixel_error, projected.clipped.planes[plane, OUTLINE_ERROR])
 
 
-@inlined
+@part_with_arrays
 def plane_of(f, camera, projected):
     """Plane of a face: a point (u, v, w), the slopes of w along u and v, and the error of w.
 

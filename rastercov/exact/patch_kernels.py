@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from rastercov._jit import compiled, inlined
+from rastercov._jit import compiled, part_with_arrays
 from rastercov.exact.records import BLOCK, CONSISTENT, NON_MANIFOLD
 
 
-@inlined
+@part_with_arrays
 def first_of(parent, f):
     """Root of a face in the forest of a block; the path to it is halved on the way."""
     while parent[f] != f:

@@ -8,20 +8,20 @@ I. Sutherland, G. Hodgman. Reentrant Polygon Clipping. 1974.
 
 import numpy as np
 
-from rastercov._jit import allocation_free, inlined, part_of
+from rastercov._jit import allocation_free, part_of, part_with_arrays
 from rastercov.exact.records import DU, DV, OFFSET, U, V
 
 MOST_CORNERS = 20
 """Corners of a piece; one that gets more is split."""
 
 
-@inlined
+@part_with_arrays
 def length(x, y, z):
     """Length of a vector."""
     return np.sqrt(x * x + y * y + z * z)
 
 
-@inlined
+@part_with_arrays
 def line_at(lines, s):
     """Row of `lines` as a tuple."""
     return lines[s, U], lines[s, V], lines[s, DU], lines[s, DV], lines[s, OFFSET]
@@ -34,14 +34,14 @@ def line_value(line, u, v):
     return du * (v - v0) - dv * (u - u0) + offset
 
 
-@inlined
+@part_with_arrays
 def copy_polygon(source, n, target):
     """Copy the first n corners."""
     for p in range(n):
         target[p, U], target[p, V] = source[p, U], source[p, V]
 
 
-@inlined
+@part_with_arrays
 def store_piece(face, polygon, n, kept):
     """Append a polygon to the pieces that are handed out, if anyone asks for them."""
     if kept.corners.shape[0] > 0:
@@ -56,7 +56,7 @@ def store_piece(face, polygon, n, kept):
         kept.used[0], kept.used[1] = piece + 1, at + n
 
 
-@inlined
+@part_with_arrays
 def drop_pieces(kept, n_pieces, n_corners):
     """Take back all pieces after the first `n_pieces`, which have `n_corners` corners."""
     kept.used[0], kept.used[1] = n_pieces, n_corners
@@ -104,7 +104,7 @@ def twice_area(polygon, n):
     return total
 
 
-@inlined
+@part_with_arrays
 def separates(lines, n_lines, corners, n):
     """True if one of the lines has all corners of a polygon on its outer side or on itself.
 
@@ -123,7 +123,7 @@ def separates(lines, n_lines, corners, n):
     return False
 
 
-@inlined
+@part_with_arrays
 def separates_box(lines, n_lines, u_min, u_max, v_min, v_max):
     """True if one of the lines has a whole rectangle on its outer side or on itself."""
     for s in range(n_lines):

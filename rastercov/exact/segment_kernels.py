@@ -5,7 +5,7 @@ A part is a range: 0 at the start of the segment, 1 at its end.
 
 import numpy as np
 
-from rastercov._jit import inlined
+from rastercov._jit import part_with_arrays
 from rastercov.exact.outline_kernels import (
     is_joined,
     n_sides_of,
@@ -37,7 +37,7 @@ NO_VERTEX = NO_EDGE = -1
 """End of a segment that is no vertex of the surface; no such edge."""
 
 
-@inlined
+@part_with_arrays
 def narrowed(start, end, low, high, first, last):
     """Part of the range first ... last where a coordinate is in low ... high.
 
@@ -51,7 +51,7 @@ def narrowed(start, end, low, high, first, last):
     return max(first, min(enters, leaves)), min(last, max(enters, leaves))
 
 
-@inlined
+@part_with_arrays
 def narrowed_to_inside(start, end, first, last):
     """Part of the range first ... last where a value that runs from `start` to `end` is >= 0."""
     if start < 0 and end < 0:
@@ -63,7 +63,7 @@ def narrowed_to_inside(start, end, first, last):
     return first, last
 
 
-@inlined
+@part_with_arrays
 def straddles(f, segment, tolerance, projected):
     """True if the line of a segment passes a face within the tolerance, pixels, or f is clipped."""
     faces, uvw = projected.faces, projected.uvw
@@ -79,7 +79,7 @@ def straddles(f, segment, tolerance, projected):
     return not is_beside or projected.state[f] & CLIPPED != 0
 
 
-@inlined
+@part_with_arrays
 def crosses(f, a, b, segment, first, last, tolerance, projected):
     """Part of first ... last where a segment crosses a face at or before its depth, or (1, 0).
 
@@ -141,7 +141,7 @@ def crosses(f, a, b, segment, first, last, tolerance, projected):
     return 1.0, 0.0
 
 
-@inlined
+@part_with_arrays
 def hidden_range(m, a, b, segment, first, last, tolerance, edges, is_event, camera, projected):
     """Part of first ... last where face m certainly hides a segment; (1, 0) if none.
 
@@ -180,7 +180,7 @@ def hidden_range(m, a, b, segment, first, last, tolerance, edges, is_event, came
     return narrowed(v, v1, box[m, V_MIN] - 2 * error, box[m, V_MAX] + 2 * error, first, last)
 
 
-@inlined
+@part_with_arrays
 def take_range(ranges, n, first, last):
     """Take first ... last out of n ranges; returns how many are left.
 

@@ -7,7 +7,7 @@ the camera or far out of the image are clipped in space before they are projecte
 import numpy as np
 
 from rastercov._double_double import add, exact_sum, minor, multiply
-from rastercov._jit import allocation_free, compiled, inlined
+from rastercov._jit import allocation_free, part_with_arrays
 from rastercov.exact.polygon_kernels import clip, length
 from rastercov.exact.records import (
     DU,
@@ -87,18 +87,19 @@ def to_camera(point, camera, high, low):
         high[k], low[k] = add(x, x_low, z, z_low)
 
 
-@compiled
+@allocation_free
 def normals_of_sides(high, low, underflow, normals, errors):
     """Normals of a face and of the planes through its edges and the camera centre; returns d.
 
     For corners in camera axes, in pairs of doubles `high` and `low`, with what underflow may have
-    taken from them. Out: `normals`, p x q for each edge p q, and the normal n of the face, rounded
-    at the end; `errors`, the largest of the four, as vectors, and of d.
+    taken from them. Out: `normals`, p x q for each edge p q, and the normal n of the face as a
+    pair, in two rows; `errors`, the largest of the four, as vectors, and of d.
 
     d is n . X of the face. (p x q) . ray has its sign for a ray on the inner side of edge p q.
     """
-    sum_high, sum_low = np.zeros(3), np.zeros(3)
     d = d_low = 0.0
+    for k in range(3):
+        normals[3, k] = normals[4, k] = 0.0
     for s in range(3):
         p, q = s, s + 1 if s < 2 else 0
         for k in range(3):
@@ -108,20 +109,19 @@ def normals_of_sides(high, low, underflow, normals, errors):
                 high[p, j], low[p, j], high[q, i], low[q, i],
             )  # fmt: skip
             normals[s, k] = x
-            sum_high[k], sum_low[k] = add(sum_high[k], sum_low[k], x, x_low)
+            normals[3, k], normals[4, k] = add(normals[3, k], normals[4, k], x, x_low)
             if s == 1:  # d = a . (b x c)
                 x, x_low = multiply(high[0, k], low[0, k], x, x_low)
                 d, d_low = add(d, d_low, x, x_low)
         far_p = length(high[p, 0], high[p, 1], high[p, 2])
         far_q = length(high[q, 0], high[q, 1], high[q, 2])
         errors[s] = PAIR_ERROR_REL * far_p * far_q + underflow
-    normals[3] = sum_high
     errors[3] = errors[0] + errors[1] + errors[2]
     errors[4] = length(high[0, 0], high[0, 1], high[0, 2]) * errors[1] + underflow
     return d
 
 
-@inlined
+@part_with_arrays
 def side_if_out_of_sight(vertices, i, j, k, camera):
     """Visible side of a face that is out of sight, 1 or -1; 0 if it is not, or rounding decides.
 
@@ -168,7 +168,7 @@ def image_within(lines, camera, polygon, spare):
     return clip(polygon, np.int64(4), lines, lines.shape[0], spare)
 
 
-@compiled
+@allocation_free
 def clip_in_space(corners, low, camera, normals, errors, sides, plane, polygon, spare):
     """Clip a face that reaches behind the camera or far out to the near plane and the image.
 
@@ -180,7 +180,7 @@ def clip_in_space(corners, low, camera, normals, errors, sides, plane, polygon, 
     ----------
     corners, low : (3, 3) float64
         Corners in camera axes, in pairs of doubles; scaled in place.
-    normals, errors : (4, 3), (5,) float64
+    normals, errors : (5, 3), (5,) float64
         Scratch, for `normals_of_sides`.
     sides : (SIDES, 6) float64
         Out: lines that bound its image, with their errors in pixels.
@@ -199,11 +199,15 @@ def clip_in_space(corners, low, camera, normals, errors, sides, plane, polygon, 
     """
     # In units of the face's own reach, so that no product under- or overflows; a power of two, so
     # that nothing is rounded.
-    reach = 2.0 ** np.floor(np.log2(np.abs(corners).max()))
+    reach = 0.0
+    for k in range(9):
+        reach = max(reach, abs(corners[k // 3, k % 3]))
+    reach = 2.0 ** np.floor(np.log2(reach))
     if not (reach > 0 and np.isfinite(1 / reach)):
         return 0, 0
-    corners /= reach
-    low /= reach
+    for k in range(9):
+        corners[k // 3, k % 3] /= reach
+        low[k // 3, k % 3] /= reach
     near = camera.near / reach
     # The plane n . X = d of the face: 1/z is n . ((u - cx)/fx, (v - cy)/fy, 1) / d.
     underflow = UNDERFLOW * max(1.0, 1 / reach)
@@ -257,7 +261,7 @@ def clip_in_space(corners, low, camera, normals, errors, sides, plane, polygon, 
     return n, front
 
 
-@inlined
+@part_with_arrays
 def bounds_of_clipped(polygon, n, plane):
     """Box of a clipped face: least and greatest u, v and w."""
     u_min = v_min = w_min = np.inf
@@ -274,7 +278,7 @@ def bounds_of_clipped(polygon, n, plane):
     return u_min, u_max, v_min, v_max, max(w_min, 0.0), w_max
 
 
-@inlined
+@part_with_arrays
 def store_clipped(clipped, s, polygon, n, sides, plane):
     """Copy what `clip_in_space` returned to row s."""
     clipped.n_corners[s] = max(n, 0)

@@ -12,7 +12,7 @@ T. Akenine-Möller. Fast 3D Triangle-Box Overlap Testing. 2001, for a plane and 
 
 import numpy as np
 
-from rastercov._jit import compiled, inlined
+from rastercov._jit import compiled, part_with_arrays
 from rastercov.mesh.triangle_tree_kernels import LEAF
 
 LEAST_AXIS_SQUARED = 1e-200
@@ -31,7 +31,7 @@ def overlap(boxes, i, others, j, reach):
     return max(x, max(y, z)) <= reach
 
 
-@inlined
+@part_with_arrays
 def dot(points, i, j):
     """Dot product of two rows."""
     return points[i, 0] * points[j, 0] + points[i, 1] * points[j, 1] + points[i, 2] * points[j, 2]

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rastercov._jit import compiled, inlined
+from rastercov._jit import compiled, part_with_arrays
 from rastercov.raster.cpu.memory import (
     ALTITUDE,
     CONE_AXIS,
@@ -37,7 +37,7 @@ def face_centroids(vertices, faces, low, scale, is_wound, centroids, directions)
             centroids[k, f] = (centroid - low[k]) * scale
 
 
-@inlined
+@part_with_arrays
 def is_before(centroids, f, g):
     """Compare faces by centroid along an axis, ties by index."""
     return centroids[f] < centroids[g] or (centroids[f] == centroids[g] and f < g)
