@@ -271,10 +271,6 @@ def part_with_arrays(function: Callable[..., Any]) -> Any:
     return _for_any_integer(function, forceinline=True, _nrt=False)
 
 
-inlined = part_with_arrays
-"""The same, for the loops of lenses."""
-
-
 def by_type(argument: str, kind: type, other: Callable[..., Any]) -> Callable[..., Any]:
     """Compile a function as `part_with_arrays`, or `other` where an argument is of some type.
 

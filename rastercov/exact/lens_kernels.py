@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov._jit import allocation_free, inlined
+from rastercov._jit import allocation_free, part_with_arrays
 from rastercov.exact.polygon_kernels import twice_area
 from rastercov.exact.records import CLIPPED, LIVE, THIN, U, V, W
 from rastercov.lenses.polygon_kernels import (
@@ -96,7 +96,7 @@ def scratch() -> Scratch:
     return Scratch(*np.empty((2, MOST_CORNERS, 2)), *np.empty((2, MOST_CORNERS, 3)))
 
 
-@inlined
+@part_with_arrays
 def append(polygon, n, face, kind, found):
     """Append a polygon to the list; counts it only where there is no room."""
     at, corner = found.used[0], found.used[1]
@@ -109,7 +109,7 @@ def append(polygon, n, face, kind, found):
     found.used[0], found.used[1] = at + 1, corner + n
 
 
-@inlined
+@part_with_arrays
 def append_cut(polygon, n, face, kind, plane, spare, found):
     """Append the parts of a convex polygon in the window and outside the hole of a plane."""
     if not is_in_region(polygon, n, plane.window):
@@ -217,7 +217,7 @@ def measure_simple(faces, sides, is_flat, state, seen, plane, own, is_done, out)
             out.area_error[f] += 3 * plane.tolerance + rounding * around
 
 
-@inlined
+@part_with_arrays
 def cut_in_space(points, n, a, b, c, d, spare):
     """Keep the part of a polygon in space with a X + b Y + c Z >= d, in place; its corner count."""
     kept = 0
@@ -240,7 +240,7 @@ def cut_in_space(points, n, a, b, c, d, spare):
     return kept
 
 
-@inlined
+@part_with_arrays
 def outline_in_space(vertices, faces, f, camera, region, points, spare, polygon):
     """Fill `polygon` with the part of a face beyond the near plane and in a region of the plane.
 
@@ -287,7 +287,7 @@ def outline_in_space(vertices, faces, f, camera, region, points, spare, polygon)
     return np.int64(n)
 
 
-@inlined
+@part_with_arrays
 def is_out_of_image(uvw, faces, f, camera):
     """True where all of a projected face is beyond one side of the pinhole's image."""
     left = right = above = below = True
@@ -365,7 +365,7 @@ def collect(vertices, is_done, projected, kept, camera, plane, scratch, found):
         append_cut(polygon, n, kept.faces[i], PIECE, plane, spare, found)
 
 
-@inlined
+@part_with_arrays
 def length_of(corners, first, last, plane):
     """Length of the outline of a polygon, px of the pinhole; at most twice its box is as good."""
     low_x = low_y = np.inf

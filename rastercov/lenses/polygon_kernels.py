@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov._jit import allocation_free, inlined
+from rastercov._jit import allocation_free, part_with_arrays
 from rastercov.lenses.edge_kernels import (
     DEEPEST,
     MOST_CUTS,
@@ -310,7 +310,7 @@ def _is_short(ax, ay, bx, by, longest, top):
     return half <= longest * distance or half < 1e-15 or top >= MOST_WAITING - 2
 
 
-@inlined
+@part_with_arrays
 def is_in_region(polygon, n, region):
     """True where all corners lie inside a convex polygon, counter-clockwise in (x, y)."""
     m = region.shape[0]
@@ -324,7 +324,7 @@ def is_in_region(polygon, n, region):
     return True
 
 
-@inlined
+@part_with_arrays
 def cut_to_side(polygon, n, x0, y0, dx, dy, out):
     """Keep the part of a polygon to the left of a line; returns its corner count."""
     kept = 0
@@ -343,7 +343,7 @@ def cut_to_side(polygon, n, x0, y0, dx, dy, out):
     return kept
 
 
-@inlined
+@part_with_arrays
 def cut_to_region(polygon, n, region, spare):
     """Cut a polygon in place to a convex region; returns its corner count."""
     m = region.shape[0]
