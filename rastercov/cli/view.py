@@ -162,7 +162,8 @@ def _of_result(folder: Path, meshes: list[Path], load: Load, rig: Views | None) 
             places = [Path(name), folder / name, folder.parent / name]
             near = next((each for each in places if each.is_file()), None)
             if near is None and name not in shapes.NAMES:
-                raise MeshError(f"{name}: the mesh of {folder} is not here; give it after {folder}")
+                what = "the built-in mesh" if name == "arrays" else name
+                raise MeshError(f"{what} of {folder} is not found by itself; name it after it")
             paths.append(near or Path(name))
         return load(paths)
 
