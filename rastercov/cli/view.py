@@ -33,7 +33,7 @@ Sources = Annotated[
         show_default=False,
     ),
 ]
-Poses_ = Annotated[
+RigOption = Annotated[
     str | None,
     typer.Option(
         "--poses",
@@ -53,7 +53,7 @@ Host = Annotated[
 def view(
     sources: Sources,
     camera: options.CamerasOption = [],  # noqa: B006 - typer copies it
-    poses: Poses_ = None,
+    poses: RigOption = None,
     conventions: Conventions = Conventions(),  # noqa: B008 - becomes options
     camera_name: options.CameraName = None,
     out: Annotated[
@@ -109,6 +109,10 @@ def view(
         raise ConfigError("sphere:N goes with mesh files; give a pose file")
     rig = None
     if is_plan or first.is_dir():
+        if task != Task():
+            raise ConfigError(
+                f"{first} has its own thresholds; leave out those options, or use the page"
+            )
         given = read_cameras(camera, Border(conventions))
         if poses is not None:
             rig = read_rig(camera, Path(poses), conventions, camera_name)

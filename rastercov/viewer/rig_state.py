@@ -299,10 +299,6 @@ class History:
                 "is_saved": self.is_saved,
             }
 
-    def end_gesture(self) -> None:
-        """Let the next edit be a step of its own."""
-        self._gesture = ""
-
     def undo(self) -> None:
         """Go back by an edit; nothing where there is none."""
         self._go(-1)

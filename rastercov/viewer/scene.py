@@ -216,13 +216,11 @@ def _first_faces(mesh: Mesh) -> list[int]:
     return found
 
 
-def described_state(
-    scene: Scene, state: RigState, history: dict[str, Any], *, can_judge: bool = True
-) -> dict[str, Any]:
+def described_state(scene: Scene, state: RigState, history: dict[str, Any]) -> dict[str, Any]:
     """The state of a rig, ready for JSON; `place` of a station is the constraint it violates."""
     eyes = np.array([each.pose[:3, 3] for each in state.stations]).reshape(-1, 3)
     places = ["allowed"] * len(eyes)
-    if scene.pool is not None and can_judge and len(eyes):
+    if scene.pool is not None and len(eyes):
         from rastercov.placement.improve.pose_space import Place
 
         judged = scene.pool.space.judge(eyes)

@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from rastercov.area.network import AreaNetwork
 from rastercov.errors import ConfigError
 from rastercov.models import MODELS
-from rastercov.network import share_of_faces
 from rastercov.placement.candidates.segments import Segmentation, segment
 from rastercov.placement.improve.pose_space import PoseSpace
 from rastercov.viewer import colours
@@ -283,11 +282,6 @@ class Session:
         if self._segments is None or self._segments[0] != (alpha, beta):
             self._segments = (alpha, beta), segment(self.scene.mesh, alpha, beta)
         return self._segments[1]
-
-    def covered_share(self) -> dict[str, float]:
-        """Faces that the network covers, as `Network.summary` has them."""
-        task_faces = self.scene.mesh.task_mask
-        return share_of_faces(self.scene.mesh, self.figures().covered & task_faces, task_faces)
 
 
 def framed(head: Mapping[str, Any], payload: bytes) -> bytes:
