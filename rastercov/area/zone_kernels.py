@@ -12,16 +12,8 @@ import math
 
 import numpy as np
 
+from rastercov._forest import root_of
 from rastercov._jit import allocation_free, part_with_arrays
-
-
-@part_with_arrays
-def root_of(parent, i):
-    """Root of the tree of i; halves the path to it."""
-    while parent[i] != i:
-        parent[i] = parent[parent[i]]
-        i = parent[i]
-    return i
 
 
 @part_with_arrays

@@ -2,17 +2,9 @@
 
 import numpy as np
 
-from rastercov._jit import compiled, part_with_arrays
+from rastercov._forest import root_of
+from rastercov._jit import compiled
 from rastercov.exact.records import BLOCK, CONSISTENT, NON_MANIFOLD
-
-
-@part_with_arrays
-def first_of(parent, f):
-    """Root of a face in the forest of a block; the path to it is halved on the way."""
-    while parent[f] != f:
-        parent[f] = parent[parent[f]]
-        f = parent[f]
-    return f
 
 
 @compiled
@@ -40,10 +32,10 @@ def find_patches(order, of_face, edges, patch, lowest, patch_starts):
     for e in range(edges.kind.shape[0]):
         f, g = edges.faces[e, 0], edges.faces[e, 1]
         if g >= 0 and edges.kind[e] == CONSISTENT and of_face[f] == of_face[g]:
-            f, g = first_of(parent, f), first_of(parent, g)
+            f, g = root_of(parent, f), root_of(parent, g)
             parent[max(f, g)] = min(f, g)
     for f in range(order.shape[0]):
-        parent[f] = first_of(parent, f)
+        parent[f] = root_of(parent, f)
     for b in range(patch_starts.shape[0] - 1):
         patch_starts[b] = n
         last = min((b + 1) * BLOCK, order.shape[0])

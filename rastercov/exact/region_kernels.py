@@ -10,6 +10,7 @@ R. E. Tarjan. Efficiency of a Good but not Linear Set Union Algorithm. 1975.
 
 import numpy as np
 
+from rastercov._forest import root_of
 from rastercov._jit import allocation_free, part_of, part_with_arrays
 from rastercov.exact.records import (
     BLOCK,
@@ -31,15 +32,6 @@ FEW_BLOCKS = 0.3
 def is_inside(u, v, w, width, height):
     """True if a projected vertex lies in the image."""
     return w > 0 and 0 <= u <= width and 0 <= v <= height
-
-
-@part_with_arrays
-def root_of(parent, f):
-    """Root of a node in the forest of regions; the path to it is halved on the way."""
-    while parent[f] != f:
-        parent[f] = parent[parent[f]]
-        f = parent[f]
-    return f
 
 
 @part_with_arrays
