@@ -1,9 +1,11 @@
 """The command `view`: a page in the browser to see a rig, move its cameras, and understand it."""
 
+import os
 import webbrowser
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from threading import Thread
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
@@ -42,6 +44,8 @@ RigOption = Annotated[
         show_default="none, or that of the result",
     ),
 ]
+DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
+"""Variables of a desktop; without one, Python would open a browser in the terminal."""
 Load = Callable[[list[Path]], Mesh]
 Host = Annotated[
     str, typer.Option(help="Address to bind to; any but loopback needs the next three.")
@@ -136,8 +140,13 @@ def view(
     def started(url: str) -> None:
         print(url, flush=True)
         say("Ctrl-C ends it")
-        if not no_browser:
-            webbrowser.open(url)
+        if no_browser:
+            return
+        if not any(os.environ.get(name) for name in DISPLAYS):
+            say("there is no display here: open the address elsewhere, its port forwarded by ssh")
+            return
+        # The page is answered once this thread serves; a browser may hold the one that opens it.
+        Thread(target=webbrowser.open, args=(url,), daemon=True).start()
 
     serve(session, address, out, started)
 

@@ -2,9 +2,15 @@
 
 import base64
 import json
+import os
 import re
+import signal
+import subprocess
+import sys
+import time
 import tomllib
 
+import httpx
 import numpy as np
 import pytest
 from commands import call, enter
@@ -202,3 +208,33 @@ def test_a_wrong_call_is_one_line(arguments, words, capsys, monkeypatch, tmp_pat
     assert code == 2
     assert len(err.splitlines()) == 1, err
     assert words in err
+
+
+@pytest.mark.parametrize("display", ["", ":0"])
+def test_the_command_serves_until_it_is_interrupted(tmp_path, display):
+    """As a process: an address that answers, a browser only where there is a display, code 130."""
+    script = tmp_path / "www-browser"
+    script.write_text(f'#!/bin/sh\necho "$1" > {tmp_path}/opened\nsleep 3\n')
+    script.chmod(0o755)
+    environment = os.environ | {"DISPLAY": display, "WAYLAND_DISPLAY": "", "BROWSER": str(script)}
+    words = [sys.executable, "-m", "rastercov", "view", "icosahedron", "-c", "khepra"]
+    with subprocess.Popen(
+        words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path,
+        env=environment,
+    ) as program:  # fmt: skip
+        try:
+            program.stdout.readline()
+            address, token = program.stdout.readline().strip().split("/#")
+            headers = {"x-rastercov-token": token}
+            assert httpx.get(f"{address}/api/ping", headers=headers).json() == {"revision": 0}
+            assert httpx.get(f"{address}/api/ping").status_code == 403
+            if display:
+                while not (tmp_path / "opened").exists():
+                    time.sleep(0.05)
+                assert (tmp_path / "opened").read_text().strip() == f"{address}/#{token}"
+        finally:
+            program.send_signal(signal.SIGINT)
+        _, errors = program.communicate(timeout=60)
+    assert program.returncode == 130
+    assert ("no display" in errors) == (not display)
+    assert (tmp_path / "opened").exists() == bool(display)
