@@ -1,6 +1,7 @@
 """Cameras and poses of a result in one file of our own, so that its folder can be opened again."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +27,6 @@ def write_rig(path: Path, camera: Cameras, poses: Poses, names: Sequence[str] = 
     used = np.unique(poses.camera).tolist()
     rig = Rig([cameras[row] for row in used], [names_of(camera)[row] for row in used])
     index = np.searchsorted(used, poses.camera)
-    placed = Poses.of(poses.world_from_camera, camera=index)
+    placed = replace(poses, camera=index.astype(np.int32), rejected={})
     images = tuple(names) or tuple(f"pose {row}" for row in poses.ids.tolist())
     write_json(path, content_of(Views(rig=rig, poses=placed, images=images)))
