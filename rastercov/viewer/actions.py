@@ -1,5 +1,6 @@
 """Edits that a page asks for: their form, and what each does to a state."""
 
+from abc import abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, replace
 from types import MappingProxyType
@@ -35,16 +36,20 @@ SLACK = 1e-3
 
 
 class Action(BaseModel):
-    """An edit; unknown entries and values of another type are errors."""
+    """Request of a page; unknown entries and values of another type are errors."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
+
+class StateEdit(Action):
+    """An edit of a state."""
+
+    @abstractmethod
     def apply(self, state: RigState, settle: Settle) -> tuple[RigState, str]:
         """The state after it, and words for the history."""
-        raise NotImplementedError
 
 
-class Nothing(Action):
+class Nothing(StateEdit):
     """No edit: the faces as they are."""
 
     do: Literal["none"]
@@ -54,7 +59,7 @@ class Nothing(Action):
         return state, ""
 
 
-class SetPose(Action):
+class SetPose(StateEdit):
     """Another pose of a station."""
 
     do: Literal["pose"]
@@ -68,7 +73,7 @@ class SetPose(Action):
         return state.with_pose(own.id, settle(wanted, own.pose)), f"move {own.name}"
 
 
-class Aim(Action):
+class Aim(StateEdit):
     """A station turned so that a point is in the middle of its image."""
 
     do: Literal["aim"]
@@ -85,7 +90,7 @@ class Aim(Action):
         return state.with_pose(own.id, aimed), f"aim {own.name}"
 
 
-class Add(Action):
+class Add(StateEdit):
     """A further station."""
 
     do: Literal["add"]
@@ -98,7 +103,7 @@ class Add(Action):
         return state.with_new(self.camera, settle(wanted, wanted)), "add a camera"
 
 
-class Duplicate(Action):
+class Duplicate(StateEdit):
     """A further station like another."""
 
     do: Literal["duplicate"]
@@ -109,7 +114,7 @@ class Duplicate(Action):
         return state.with_copy(self.station), f"duplicate {state.station(self.station).name}"
 
 
-class Delete(Action):
+class Delete(StateEdit):
     """A station less."""
 
     do: Literal["delete"]
@@ -120,7 +125,7 @@ class Delete(Action):
         return state.without(self.station), f"delete {state.station(self.station).name}"
 
 
-class Rename(Action):
+class Rename(StateEdit):
     """Another name of a station."""
 
     do: Literal["rename"]
@@ -133,7 +138,7 @@ class Rename(Action):
         return state.renamed(self.station, self.name), f"rename {before}"
 
 
-class Switch(Action):
+class Switch(StateEdit):
     """A station that takes part in the network, or does not."""
 
     do: Literal["switch"]
@@ -147,7 +152,7 @@ class Switch(Action):
         return state.with_station(replace(own, is_on=self.is_on)), words
 
 
-class Use(Action):
+class Use(StateEdit):
     """Another camera at a station."""
 
     do: Literal["use"]
@@ -160,7 +165,7 @@ class Use(Action):
         return state.using(own.id, self.camera), f"use {self.camera} at {own.name}"
 
 
-class ChangeCamera(Action):
+class ChangeCamera(StateEdit):
     """Other values of a camera, at all stations that have it."""
 
     do: Literal["camera"]
@@ -176,7 +181,7 @@ class ChangeCamera(Action):
         return state.with_camera(self.camera, made), f"change the lens of {self.camera}"
 
 
-class NewCamera(Action):
+class NewCamera(StateEdit):
     """A further camera, like a preset or another one."""
 
     do: Literal["new_camera"]
@@ -197,7 +202,7 @@ class NewCamera(Action):
         return state.with_camera(self.name, made), f"new camera {self.name}"
 
 
-class ChangeTask(Action):
+class ChangeTask(StateEdit):
     """Other thresholds."""
 
     do: Literal["task"]
@@ -236,7 +241,7 @@ class KeptRig(BaseModel):
     task: dict[str, Number | int | bool | str | None]
 
 
-class Restore(Action):
+class Restore(StateEdit):
     """The rig that a page kept, in place of the present one."""
 
     do: Literal["restore"]

@@ -19,6 +19,7 @@ from rastercov.area.network import AreaNetwork
 from rastercov.area.regions import RegionPass
 from rastercov.camera import Camera
 from rastercov.coverage import evaluate_batches
+from rastercov.engine import Engine
 from rastercov.mesh import Mesh
 from rastercov.network import share_of_faces
 from rastercov.observer import Observer, open_observer
@@ -70,10 +71,14 @@ class Row:
 
 
 class Measurements:
-    """Rows of cameras at their poses, measured on demand; one thread at a time may use it."""
+    """Rows of cameras at their poses, measured on demand; one thread at a time may use it.
+
+    ConfigError for a method that does not exist.
+    """
 
     def __init__(self, mesh: Mesh, method: str = "certified") -> None:
         self.mesh, self.method = mesh, method
+        Engine.of(method)  # refuses what is no method before anything is served
         self._observers: OrderedDict[Camera, Observer] = OrderedDict()
         self._rows: OrderedDict[Key, Row] = OrderedDict()
         self._bytes = 0

@@ -186,6 +186,7 @@ def task_fields() -> list[dict[str, Any]]:
         inner = members[0] if members else hint
         kind = get_args(inner)[0] if get_origin(inner) is not Literal else inner
         is_choice = get_origin(kind) is Literal
+        # Ignored types: annotated_types declares limits as anything that can be compared.
         low = next((float(e.ge) for e in limits if isinstance(e, Ge)), None)  # type: ignore[arg-type]
         if low is None:
             low = next((float(e.gt) for e in limits if isinstance(e, Gt)), None)  # type: ignore[arg-type]

@@ -196,6 +196,7 @@ def test_the_command_writes_a_page(tmp_path, capsys):
         (["teapot-5", "-c", "khepra", "--port", "70000"], "port"),
         (["teapot-5", "-c", "khepra", "-p", "sphere:3", "--export", "page.txt"], ".html"),
         (["nothing.toml"], "nothing.toml"),
+        (["icosahedron", "-c", "khepra", "--method", "fast"], "method"),
         (["tests", "--min-pixels", "4"], "its own thresholds"),
         (["tests"], "is no result"),
     ],
