@@ -5,6 +5,7 @@ The faces that each candidate covers are in the classes derived from `AnyProblem
 """
 
 import math
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -23,7 +24,7 @@ SHARE_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class AnyProblem:
+class AnyProblem(ABC):
     """Needs of each face, costs of the candidates, and the goal of a selection.
 
     A face is covered when at least `views` of the chosen cameras cover it. The faces that each
@@ -77,9 +78,9 @@ class AnyProblem:
             )
 
     @property
+    @abstractmethod
     def n_candidates(self) -> int:
         """Number of candidates C."""
-        raise NotImplementedError
 
     @property
     def has_rigs(self) -> bool:
@@ -128,9 +129,9 @@ class AnyProblem:
         total = int(self.integer_weights.sum())
         return int(self.integer_weights[faces].sum()) / total if total else 1.0
 
+    @abstractmethod
     def faces_of(self, candidate: int) -> NDArray[np.int32]:
         """(N,) faces that a candidate covers, no face twice."""
-        raise NotImplementedError
 
     def covered_by(self, chosen: ArrayLike) -> tuple[IntArray, BoolArray]:
         """(F,) number of chosen cameras that cover each face, and (F,) faces that are covered."""
