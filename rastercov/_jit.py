@@ -29,6 +29,7 @@ from typing import Any
 import numba
 from numba.core import caching, types
 from numba.core.compiler_lock import global_compiler_lock
+from numba.core.registry import CPUDispatcher as _Dispatcher
 from numba.core.serialize import dumps
 from numba.extending import overload
 from numba.misc.appdirs import AppDirs
@@ -234,9 +235,10 @@ def _kept(function: Callable[..., Any], **options: Any) -> Any:
 def _for_any_integer(function: Callable[..., Any], **options: Any) -> Any:
     """Compile a function once for all integers that other loops give it.
 
-    numba would compile it again for each constant, and for 32 and 64 bits.
+    numba would compile it again for each constant, and for 32 and 64 bits. No C program calls it.
     """
-    loop: Any = numba.njit(nogil=True, error_model="numpy", **options)(function)
+    options = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True, **options}
+    loop: Any = numba.njit(**options)(function)
     template = loop.get_call_template
 
     def template_of_widened(args: Any, kws: Any) -> Any:
@@ -253,12 +255,33 @@ def _widened(kind: Any) -> Any:
     return types.int64 if kind in types.signed_domain else kind
 
 
+class _Part(_Dispatcher):
+    """Function that is compiled into the loops that call it, without a wrapper for Python.
+
+    A wrapper would contain the function once more, and take as long to compile. Where Python does
+    call the function, it is compiled by itself.
+    """
+
+    _alone: Any = None
+
+    def __call__(self, *args: Any, **kws: Any) -> Any:
+        if self._alone is None:
+            self._alone = _for_any_integer(self.py_func)
+        return self._alone(*args, **kws)
+
+
+def _part(function: Callable[..., Any], **options: Any) -> Any:
+    loop = _for_any_integer(function, forceinline=True, no_cpython_wrapper=True, **options)
+    loop.__class__ = _Part
+    return loop
+
+
 def part_of(function: Callable[..., Any]) -> Any:
     """Compile into the loop that calls it, by LLVM: for small functions that are called often.
 
     It must not take arrays, whose references would be counted at each call.
     """
-    return _for_any_integer(function, forceinline=True)
+    return _part(function)
 
 
 def part_with_arrays(function: Callable[..., Any]) -> Any:
@@ -268,7 +291,7 @@ def part_with_arrays(function: Callable[..., Any]) -> Any:
     copies the whole function for each call, and all its variables for each block of it: the loops
     of `rastercov.exact` took twice as long to compile.
     """
-    return _for_any_integer(function, forceinline=True, _nrt=False)
+    return _part(function, _nrt=False)
 
 
 def by_type(argument: str, kind: type, other: Callable[..., Any]) -> Callable[..., Any]:
@@ -290,7 +313,10 @@ def by_type(argument: str, kind: type, other: Callable[..., Any]) -> Callable[..
             raise TypeError(f"{function.__name__} is for compiled loops")
 
         functools.update_wrapper(stub, function)
-        options: Any = {"forceinline": True, "_nrt": False, "nogil": True, "error_model": "numpy"}
+        options: Any = {
+            "forceinline": True, "_nrt": False, "nogil": True, "error_model": "numpy",
+            "no_cpython_wrapper": True, "no_cfunc_wrapper": True,
+        }  # fmt: skip
         overload(stub, jit_options=options, strict=False)(chosen)
         return stub
 
