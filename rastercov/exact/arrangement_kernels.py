@@ -5,6 +5,9 @@ where another face passes through it. These lines divide its image into convex c
 the face is wholly visible or wholly hidden, which the faces in front of one point of it decide. A
 face has few such lines, two in the median, whatever number of faces is in front of it.
 
+A face that nothing crosses is one cell. It decides over its region, so three points of it are
+asked, which must agree.
+
 Where rounding could decide - a point that lies too near to an edge or to another surface - the face
 is left to `half_plane_kernels`.
 
@@ -40,6 +43,7 @@ from rastercov.exact.polygon_kernels import (
     store_piece,
 )
 from rastercov.exact.records import (
+    CROSSED,
     DEPTH_TIE_REL,
     DU,
     DV,
@@ -188,16 +192,17 @@ def point_visibility(t, u, v, plane, edges, is_event, camera, projected, grid, w
     farthest = w - error_t - 4 * DEPTH_TIE_REL * w
     at = cell_at(u, v, grid)
     lay_bounds(at, box, grid)
+    rectangle, depths = (u, u, v, v), (farthest, -np.inf, np.inf)
     result, entry, stop, m = VISIBLE, grid.starts[at], grid.starts[at + 1], np.int64(grid.hider[at])
     index, n = np.int64(-1), np.int64(0)
     while index < n or entry < stop:
         if index == n:
             following = min(entry + ENTRIES_AT_A_TIME, stop)
-            n = find_faces(entry, following, u, u, v, v, grid, np.int64(0))
+            n = find_faces(entry, following, rectangle, depths, grid, np.int64(0))
             entry, index = following, np.int64(0)
             continue
         if index >= 0:
-            m = np.int64(grid.faces[index])
+            m = np.int64(grid.found[index])
         index += 1
         if m < 0 or m == t or box[m, W_MAX] < farthest or not state[m] & LIVE:
             continue
@@ -219,6 +224,21 @@ def point_visibility(t, u, v, plane, edges, is_event, camera, projected, grid, w
     return result
 
 
+@part_with_arrays
+def divide_about_centre(target, n, pieces):
+    """Divide a face into triangles about its centre; returns their number."""
+    u = v = 0.0
+    for p in range(n):
+        u, v = u + target[p, U] / n, v + target[p, V] / n
+    for p in range(n):
+        q, corners = p + 1 if p + 1 < n else 0, pieces.corners[p]
+        corners[0, U], corners[0, V] = u, v
+        corners[1, U], corners[1, V] = target[p, U], target[p, V]
+        corners[2, U], corners[2, V] = target[q, U], target[q, V]
+        pieces.n_corners[p] = 3
+    return n
+
+
 @allocation_free
 def arrangement_areas(
     targets,
@@ -235,12 +255,12 @@ def arrangement_areas(
     area_error,
     left,
 ):
-    """Visible areas of crossed faces; returns how many are left to half planes.
+    """Visible areas of faces; returns how many are left to half planes.
 
     Parameters
     ----------
     targets : (N,) int32
-        Crossed faces.
+        Crossed faces, and faces that decide over their regions.
     crossings, edges : Crossings, Edges
     partners : Partners
         Faces in contact with each.
@@ -260,10 +280,11 @@ def arrangement_areas(
     for index in range(targets.shape[0]):
         t = targets[index]
         n_crossings = order_crossings(t, crossings, order)
+        is_crossed = state[t] & CROSSED != 0
         if (
             state[t] & UNFIT
             or n_crossings > MOST_CROSSINGS
-            or (n_crossings == 0 and not state[t] & IN_CONTACT)
+            or (is_crossed and n_crossings == 0 and not state[t] & IN_CONTACT)
         ):
             left[n_left] = t
             n_left += 1
@@ -292,8 +313,11 @@ def arrangement_areas(
                 if n_lines == NOT_KNOWN:
                     fits = False
                     break
-        copy_polygon(target, n, pieces.corners[0])
-        pieces.n_corners[0], count = n, np.int64(1)
+        if is_crossed:
+            copy_polygon(target, n, pieces.corners[0])
+            pieces.n_corners[0], count = n, np.int64(1)
+        else:
+            count = divide_about_centre(target, n, pieces)
         for k in range(n_crossings + n_lines if fits else 0):
             segment = work.intersections[k - n_crossings]
             if k < n_crossings:
@@ -309,7 +333,7 @@ def arrangement_areas(
                 count = divide_piece(pieces, p, count, segment, work)
         plane = plane_of(t, camera, projected)
         n_kept, n_kept_corners = work.kept.used[0], work.kept.used[1]
-        twice = 0.0
+        n_hidden, twice = 0, 0.0
         for p in range(count):
             if not fits:
                 break
@@ -336,10 +360,12 @@ def arrangement_areas(
             seen = point_visibility(t, u, v, plane, edges, is_event, camera, projected, grid, work)
             if seen == UNSURE:
                 fits = False
-            elif seen == VISIBLE:
+            elif seen == HIDDEN:
+                n_hidden += 1
+            else:
                 twice += twice_piece
                 store_piece(t, corners, n, work.kept)
-        if not fits:
+        if not fits or (not is_crossed and n_hidden > 0 and twice > 0):
             drop_pieces(work.kept, n_kept, n_kept_corners)
             left[n_left] = t
             n_left += 1

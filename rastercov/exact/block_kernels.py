@@ -57,22 +57,43 @@ rounding is measured by itself: more than three times `certificate.THIN_TOLERANC
 
 
 @part_with_arrays
+def lay_boxes_of_some(first, stop, projected):
+    """Fill in the boxes of the faces `order[first]` ... `order[stop - 1]`; none is clipped."""
+    faces, uvw, box, order = (
+        projected.faces, projected.uvw, projected.box, projected.blocks.order,
+    )  # fmt: skip
+    for at in range(first, stop):
+        f = order[at]
+        i, j, k = faces[f, 0], faces[f, 1], faces[f, 2]
+        u0, v0, w0 = uvw[i, U], uvw[i, V], uvw[i, W]
+        u1, v1, w1 = uvw[j, U], uvw[j, V], uvw[j, W]
+        u2, v2, w2 = uvw[k, U], uvw[k, V], uvw[k, W]
+        box[f, U_MIN], box[f, U_MAX] = min(u0, u1, u2), max(u0, u1, u2)
+        box[f, V_MIN], box[f, V_MAX] = min(v0, v1, v2), max(v0, v1, v2)
+        box[f, W_MIN], box[f, W_MAX] = min(w0, w1, w2), max(w0, w1, w2)
+
+
+@part_with_arrays
+def rectangle_of_some(first, stop, projected):
+    """Bounds of the same faces together: least and greatest u, least and greatest v."""
+    faces, uvw, order = projected.faces, projected.uvw, projected.blocks.order
+    u_min = v_min = np.inf
+    u_max = v_max = -np.inf
+    for at in range(first, stop):
+        for corner in range(3):
+            i = faces[order[at], corner]
+            u, v = uvw[i, U], uvw[i, V]
+            u_min, u_max, v_min, v_max = min(u_min, u), max(u_max, u), min(v_min, v), max(v_max, v)
+    return u_min, u_max, v_min, v_max
+
+
+@part_with_arrays
 def lay_boxes_of_block(b, projected):
     """Fill in the boxes of the faces of a block, the first time. None of them is clipped."""
     if not projected.has_boxes[b]:
         projected.has_boxes[b] = True
-        faces, uvw, box, order = (
-            projected.faces, projected.uvw, projected.box, projected.blocks.order,
-        )  # fmt: skip
-        for at in range(b * BLOCK, min((b + 1) * BLOCK, order.shape[0])):
-            f = order[at]
-            i, j, k = faces[f, 0], faces[f, 1], faces[f, 2]
-            u0, v0, w0 = uvw[i, U], uvw[i, V], uvw[i, W]
-            u1, v1, w1 = uvw[j, U], uvw[j, V], uvw[j, W]
-            u2, v2, w2 = uvw[k, U], uvw[k, V], uvw[k, W]
-            box[f, U_MIN], box[f, U_MAX] = min(u0, u1, u2), max(u0, u1, u2)
-            box[f, V_MIN], box[f, V_MAX] = min(v0, v1, v2), max(v0, v1, v2)
-            box[f, W_MIN], box[f, W_MAX] = min(w0, w1, w2), max(w0, w1, w2)
+        n_faces = projected.blocks.order.shape[0]
+        lay_boxes_of_some(b * BLOCK, min((b + 1) * BLOCK, n_faces), projected)
 
 
 @allocation_free

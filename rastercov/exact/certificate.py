@@ -26,7 +26,7 @@ from rastercov.exact.event_kernels import ask_for_events, find_event_edges, mark
 from rastercov.exact.grid_kernels import ask_for_faces
 from rastercov.exact.half_plane_kernels import visible_areas
 from rastercov.exact.half_planes import HalfPlaneSolver
-from rastercov.exact.records import LIVE, MIXED, Crossings, Segment
+from rastercov.exact.records import CROSSED, LIVE, MIXED, Crossings, Segment
 from rastercov.exact.region_kernels import find_regions
 from rastercov.exact.surface import Surface, surface_of
 from rastercov.raster import self_test
@@ -131,7 +131,8 @@ class CertificateSolver(HalfPlaneSolver):
                 break
             self._make_room_for_crossings(2 * n_crossings)
         self.n_crossed, self.n_regions = find_regions(
-            events, surface.edges, is_event, self._is_hidden, camera, projected, self.grid.is_whole,
+            events, surface.edges, is_event, self._is_hidden, camera, projected,
+            self.grid.faces[: self.grid.n_faces[0]], self.grid.is_whole,
             self._region, self._number, self._targets,
         )  # fmt: skip
         targets = self._targets[: self.n_crossed + self.n_regions]
@@ -141,18 +142,18 @@ class CertificateSolver(HalfPlaneSolver):
         if len(self._pieces.corners) < MOST_CELLS:
             self._make_room_for_pieces(MOST_CELLS)
         while True:
-            self.n_left = arrangement_areas(
-                self._targets[: self.n_crossed], self._crossings, partners, surface.edges,
+            n_left = arrangement_areas(
+                targets, self._crossings, partners, surface.edges,
                 is_event, camera, projected, self.grid, self._pieces, self._work, self.visible,
                 self.area_error, self._scratch,
             )  # fmt: skip
             if not self._grow_kept():
                 break
             self._work.kept.used[:] = 0
-        self._limit_errors(self._targets[: self.n_crossed])
-        computed = self._scratch[: self.n_left + self.n_regions]
-        computed[self.n_left :] = self.largest_of_regions()
-        self.solve(computed)
+        self._limit_errors(targets)
+        left = self._scratch[:n_left].copy()
+        self.n_left = int(np.count_nonzero(self.state[left] & CROSSED))
+        self.solve(left)
         self.n_doubtful = kernels.classify_regions(
             projected, self._region, self.largest_of_regions(),
             self._decision[: self.n_regions], self.visible, self.is_certified[:n_faces],

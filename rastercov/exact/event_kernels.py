@@ -145,7 +145,7 @@ def mark_in_cell(
     first ... last is the part of the segment in cell c. See `mark_segment` for the others; returns
     the number of crossings.
     """
-    state, box, found = projected.state, projected.box, grid.faces
+    state, box, found = projected.state, projected.box, grid.found
     ranges, a, b = work.ranges, ends[START], ends[END]
     du, dv = segment[END, U] - segment[START, U], segment[END, V] - segment[START, V]
     ua, ub = segment[START, U] + first * du, segment[START, U] + last * du
@@ -154,25 +154,34 @@ def mark_in_cell(
     top, bottom = min(va, vb) - tolerance, max(va, vb) + tolerance
     nearest = max(segment[START, W], segment[END, W])
     farthest = min(segment[START, W], segment[END, W])
+    rectangle = (left, right, top, bottom)
     ranges[0, 0], ranges[0, 1], n, n_found = first, last, 1, np.int64(0)
     lay_bounds(c, box, grid)
     entry, stop, n_kept = grid.starts[c], grid.starts[c + 1], np.int64(0)
+    # Faces wholly in front of the edge come first: they can hide it, and it crosses none of them.
+    in_front = nearest * (1 + 4 * DEPTH_TIE_REL)
+    is_first, depths = True, (farthest, in_front, np.inf)
     # Edges beside each other are often hidden by one face.
     index, m = np.int64(-1), np.int64(grid.hider[c])
-    while index < n_found or entry < stop:
+    while True:
         if index == n_found:
+            if entry == stop:
+                if not is_first:
+                    break
+                is_first, depths, entry = False, (-np.inf, -np.inf, in_front), grid.starts[c]
+                n_kept = np.int64(0)
             following = min(entry + ENTRIES_AT_A_TIME, stop)
-            n_found = find_faces(entry, following, left, right, top, bottom, grid, n_kept)
+            n_found = find_faces(entry, following, rectangle, depths, grid, n_kept)
             entry, index = following, n_kept
+            for k in range(index, n_found):
+                # Without a branch: which of them straddle is not predictable.
+                found[n_kept] = found[k]
+                n_kept += straddles(found[k], segment, tolerance, projected)
+            n_found = n_kept
             continue
         if index >= 0:
             m = np.int64(found[index])
         index += 1
-        if index > 0:
-            if not straddles(m, segment, tolerance, projected):
-                continue
-            found[n_kept] = m
-            n_kept += 1
         if m >= 0 and box[m, W_MAX] >= farthest and state[m] & (LIVE | DOUBTFUL) == LIVE:
             begin, end = hidden_range(
                 m, a, b, segment, first, last, tolerance, edges, is_event, camera, projected

@@ -3,11 +3,17 @@
 import numpy as np
 
 from rastercov._jit import allocation_free, part_with_arrays
-from rastercov.exact.block_kernels import lay_boxes_of_block
-from rastercov.exact.records import BLOCK, LIVE, THIN, U_MAX, U_MIN, V_MAX, V_MIN, W_MAX
+from rastercov.exact.block_kernels import (
+    lay_boxes_of_block,
+    lay_boxes_of_some,
+    rectangle_of_some,
+)
+from rastercov.exact.records import BLOCK, LIVE, THIN, U_MAX, U_MIN, V_MAX, V_MIN, W_MAX, W_MIN
 
 ENTRIES_AT_A_TIME = 64
 """Entries of a cell that are compared at a time."""
+GROUP = 8
+"""Faces of a block, one after another, that are looked at together."""
 BUCKETS = 64
 """Ranges of 1/z by which the faces of a cell are sorted first."""
 
@@ -26,14 +32,20 @@ def cell_at(u, v, grid):
 
 
 @part_with_arrays
+def cells_of_rectangle(u_min, u_max, v_min, v_max, grid):
+    """First and last column, first and last row that a rectangle touches."""
+    return (
+        cell(u_min, grid.left, grid.per_u, grid.columns),
+        cell(u_max, grid.left, grid.per_u, grid.columns),
+        cell(v_min, grid.top, grid.per_v, grid.rows),
+        cell(v_max, grid.top, grid.per_v, grid.rows),
+    )
+
+
+@part_with_arrays
 def cells_of_box(box, f, grid):
     """First and last column, first and last row that the box of a face touches."""
-    return (
-        cell(box[f, U_MIN], grid.left, grid.per_u, grid.columns),
-        cell(box[f, U_MAX], grid.left, grid.per_u, grid.columns),
-        cell(box[f, V_MIN], grid.top, grid.per_v, grid.rows),
-        cell(box[f, V_MAX], grid.top, grid.per_v, grid.rows),
-    )
+    return cells_of_rectangle(box[f, U_MIN], box[f, U_MAX], box[f, V_MIN], box[f, V_MAX], grid)
 
 
 @part_with_arrays
@@ -93,9 +105,9 @@ def n_asked_in(left, right, top, bottom, grid):
 def fill_grid(projected, grid):
     """List the live and thin faces by the cells asked for; returns the number of entries.
 
-    Out: `starts`, `entries`, `is_sorted`, `has_bounds`, `hider`, `faces` and `is_whole` of the
-    grid; where `entries` has too little room, none is listed: call again with more. The faces that
-    are listed have boxes.
+    Out: `starts`, `entries`, `is_sorted`, `has_bounds`, `hider`, `faces`, `n_faces` and `is_whole`
+    of the grid; where `entries` has too little room, none is listed: call again with more. The
+    faces that are listed have boxes.
     """
     state, box, block_box = projected.state, projected.box, projected.block_box
     order, places = projected.blocks.order, grid.places
@@ -115,25 +127,35 @@ def fill_grid(projected, grid):
             left, right, top, bottom = cells_of_box(block_box, b, grid)
             if n_asked_in(left, right, top, bottom, grid) == 0:
                 continue
-        lay_boxes_of_block(b, projected)
-        for k in range(b * BLOCK, min((b + 1) * BLOCK, order.shape[0])):
-            f = order[k]
-            if not state[f] & (LIVE | THIN):
-                continue
-            left, right, top, bottom = cells_of_box(box, f, grid)
-            n_found = n_touched = (right - left + 1) * (bottom - top + 1)
-            if not is_all:
-                n_found = n_asked_in(left, right, top, bottom, grid)
-                if n_found == 0:
+        if is_all:
+            lay_boxes_of_block(b, projected)
+        for first in range(b * BLOCK, min((b + 1) * BLOCK, order.shape[0]), GROUP):
+            stop = min(first + GROUP, order.shape[0])
+            if not projected.has_boxes[b]:
+                u_min, u_max, v_min, v_max = rectangle_of_some(first, stop, projected)
+                left, right, top, bottom = cells_of_rectangle(u_min, u_max, v_min, v_max, grid)
+                if n_asked_in(left, right, top, bottom, grid) == 0:
                     continue
-            grid.is_whole[f] = n_found == n_touched
-            grid.faces[n] = f
-            places[n, 0], places[n, 1], places[n, 2], places[n, 3] = left, right, top, bottom
-            n += 1
-            for row in range(top, bottom + 1):
-                for at in range(row * columns + left, row * columns + right + 1):
-                    if n_found == n_touched or is_asked[at]:
-                        starts[at + 2] += 1
+                lay_boxes_of_some(first, stop, projected)
+            for k in range(first, stop):
+                f = order[k]
+                if not state[f] & (LIVE | THIN):
+                    continue
+                left, right, top, bottom = cells_of_box(box, f, grid)
+                n_found = n_touched = (right - left + 1) * (bottom - top + 1)
+                if not is_all:
+                    n_found = n_asked_in(left, right, top, bottom, grid)
+                    if n_found == 0:
+                        continue
+                grid.is_whole[f] = n_found == n_touched
+                grid.faces[n] = f
+                places[n, 0], places[n, 1], places[n, 2], places[n, 3] = left, right, top, bottom
+                n += 1
+                for row in range(top, bottom + 1):
+                    for at in range(row * columns + left, row * columns + right + 1):
+                        if n_found == n_touched or is_asked[at]:
+                            starts[at + 2] += 1
+    grid.n_faces[0] = n
     for c in range(2, n_cells + 2):
         starts[c] += starts[c - 1]
     total = starts[n_cells + 1]
@@ -160,23 +182,41 @@ def lay_bounds(at, box, grid):
             f = entries[entry]
             bounds[U_MIN, entry], bounds[U_MAX, entry] = box[f, U_MIN], box[f, U_MAX]
             bounds[V_MIN, entry], bounds[V_MAX, entry] = box[f, V_MIN], box[f, V_MAX]
+            bounds[W_MIN, entry], bounds[W_MAX, entry] = box[f, W_MIN], box[f, W_MAX]
 
 
 @part_with_arrays
-def find_faces(first, last, left, right, top, bottom, grid, n):
-    """Add the entries first ... last - 1 whose boxes touch a rectangle to `grid.faces`.
+def find_faces(first, last, rectangle, depths, grid, n):
+    """Add the entries first ... last - 1 in a rectangle and a range of depths to `grid.found`.
 
-    They follow the first n there. Returns how many there are then. `lay_bounds` comes before.
+    Parameters
+    ----------
+    rectangle : tuple
+        Left, right, top, bottom: the box of the face touches it.
+    depths : tuple
+        Least W_MAX, least and greatest W_MIN of the face.
+    n : int
+        They follow the first n there.
+
+    Returns how many there are then. `lay_bounds` comes before.
     """
+    left, right, top, bottom = rectangle
+    least_near, least_far, most_far = depths
     low_u, high_u = grid.bounds[U_MIN, first:last], grid.bounds[U_MAX, first:last]
     low_v, high_v = grid.bounds[V_MIN, first:last], grid.bounds[V_MAX, first:last]
+    low_w, high_w = grid.bounds[W_MIN, first:last], grid.bounds[W_MAX, first:last]
+    n_touching = 0
     for k in range(last - first):
-        grid.touches[k] = (
-            (low_u[k] <= right) & (high_u[k] >= left) & (low_v[k] <= bottom) & (high_v[k] >= top)
-        )
+        touches = (low_u[k] <= right) & (high_u[k] >= left) & (low_v[k] <= bottom)
+        touches &= (high_v[k] >= top) & (high_w[k] >= least_near)
+        touches &= (low_w[k] >= least_far) & (low_w[k] <= most_far)
+        grid.touches[k] = touches
+        n_touching += touches
+    if n_touching == 0:
+        return n
     for k in range(last - first):
         # Without a branch: which boxes touch is not predictable.
-        grid.faces[n] = grid.entries[first + k]
+        grid.found[n] = grid.entries[first + k]
         n += grid.touches[k]
     return n
 
@@ -192,7 +232,7 @@ def sort_cell(at, box, grid):
     grid.is_sorted[at], grid.has_bounds[at] = True, False
     first, last = grid.starts[at], grid.starts[at + 1]
     entries, nearest, n = grid.entries[first:last], grid.nearest[first:last], last - first
-    key, found, ends = grid.bounds[0, first:last], grid.faces, grid.buckets
+    key, found, ends = grid.bounds[0, first:last], grid.found, grid.buckets
     least, most = np.inf, -np.inf
     for i in range(n):
         w = box[entries[i], W_MAX]

@@ -217,6 +217,7 @@ def visible_in_cells(
         projected.box, projected.state, work.lines, work.corners, work.own,
     )  # fmt: skip
     farthest = box[t, W_MIN] * (1 - 2 * DEPTH_TIE_REL)
+    u_t, v_t, w_t, a_t, b_t, error_t = plane_of(t, camera, projected)
     u_min, u_max, v_min, v_max = extent_of(part, n_part)
     copy_polygon(part, n_part, pieces.corners[0])
     pieces.n_corners[0], count = n_part, np.int64(1)
@@ -254,6 +255,14 @@ def visible_in_cells(
                     area_error[t] += 4 * EDGE_ON_FACTOR * (across + down) * error
                 if state[m] & THIN:
                     continue
+            # The plane of t where it is farthest within the box of m: most faces that are before t
+            # somewhere are far behind it here.
+            u = max(box[m, U_MIN], u_min) if a_t > 0 else min(box[m, U_MAX], u_max)
+            v = max(box[m, V_MIN], v_min) if b_t > 0 else min(box[m, V_MAX], v_max)
+            along_u, along_v = a_t * (u - u_t), b_t * (v - v_t)
+            rounding = error_t + 4 * DEPTH_TIE_REL * (abs(w_t) + abs(along_u) + abs(along_v))
+            if box[m, W_MAX] < w_t + along_u + along_v - rounding:
+                continue
             k, n_sides = outline(m, projected, corners, lines)
             if separates(lines, n_sides, target, n) or separates(own, n_own, corners, k):
                 continue

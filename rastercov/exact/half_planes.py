@@ -207,12 +207,14 @@ class HalfPlaneSolver:
             entries=np.empty(2 * n_faces, np.int32),
             nearest=np.empty(2 * n_faces),
             is_sorted=np.empty(0, np.bool_),
-            bounds=np.empty((4, 2 * n_faces)),
+            bounds=np.empty((6, 2 * n_faces)),
             has_bounds=np.empty(0, np.bool_),
             hider=np.empty(0, np.int32),
             touches=np.empty(ENTRIES_AT_A_TIME, np.bool_),
             buckets=np.empty(BUCKETS + 1, np.int64),
             faces=np.empty(n_faces, np.int32),
+            n_faces=np.zeros(1, np.int64),
+            found=np.empty(n_faces, np.int32),
             places=np.empty((n_faces, 4), np.int32),
             is_whole=np.empty(n_faces, np.bool_),
         )
@@ -436,7 +438,7 @@ class HalfPlaneSolver:
             self.grid = self.grid._replace(
                 entries=np.empty(room, np.int32),
                 nearest=np.empty(room),
-                bounds=np.empty((4, room)),
+                bounds=np.empty((6, room)),
             )
         self._is_listed = True
 

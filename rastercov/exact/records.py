@@ -127,7 +127,7 @@ block_state : (N,) uint16
 block_side : (N,) int8
     Side of all faces of a block, or `MIXED`.
 has_boxes : (N,) bool
-    Blocks of which `box` is filled in: boxes are made where one is needed.
+    Blocks of which `box` is filled in for all faces: boxes are made where one is needed.
 """
 
 Blocks = namedtuple(
@@ -185,7 +185,7 @@ planes : (N, 7) float64
 CellGrid = namedtuple(
     "CellGrid",
     "left top per_u per_v columns rows is_asked n_asked starts entries nearest is_sorted bounds "
-    "has_bounds hider touches buckets faces places is_whole",
+    "has_bounds hider touches buckets faces n_faces found places is_whole",
 )
 """Live and thin faces listed by the cells of a regular grid over the image that their boxes touch.
 
@@ -208,16 +208,18 @@ nearest : (N,) float64
     Greatest 1/z of the faces of sorted cells.
 is_sorted : (columns * rows or more,) bool
     Cells whose faces are sorted by their nearest depth, from front to back.
-bounds : (4, N) float64
-    Least and greatest u and v of the faces of cells with bounds, one after another in memory.
+bounds : (6, N) float64
+    Boxes of the faces of cells with bounds, one after another in memory.
 has_bounds : (columns * rows or more,) bool
     Cells of which they are filled in.
 hider : (columns * rows or more,) int32
     A face that hid something in the cell, to be looked at first; -1 for none.
 touches, buckets : (ENTRIES_AT_A_TIME,) bool, (BUCKETS + 1,) int64
     Scratch.
-faces : (F,) int32
-    Scratch: the faces that are listed, or those that are found in a cell.
+faces, n_faces : (F,) int32, (1,) int64
+    The faces that are listed, and their number.
+found : (F,) int32
+    Scratch: faces that are found in a cell.
 places : (F, 4) int32
     Scratch: first and last column, first and last row of the faces that are listed.
 is_whole : (F,) bool

@@ -131,16 +131,33 @@ def list_crossed(projected, targets):
     return n
 
 
+@part_with_arrays
+def take_larger(f, r, area, largest):
+    """Make f the largest face of region r if it is larger, or equal and lower."""
+    g = largest[r]
+    if g < 0 or area[f] > area[g] or (area[f] == area[g] and f < g):
+        largest[r] = f
+
+
+@part_with_arrays
+def find_largest_listed(projected, listed, is_listed, region, largest):
+    """Find the largest face of each region among those that are listed in all their cells."""
+    blocks, n_patches = projected.blocks, projected.blocks.lowest.shape[0]
+    for index in range(listed.shape[0]):
+        f = listed[index]
+        b = blocks.of_face[f]
+        if is_listed[f] and projected.block_state[b] & LIVE:
+            node = blocks.patch[f] if is_of_a_region(b, projected) else n_patches + f
+            if region[node] >= 0:
+                take_larger(f, region[node], projected.area, largest)
+
+
 @allocation_free
-def find_largest(projected, is_listed, in_boxes, region, is_known, largest):
-    """Find the largest face of each region, the lowest of equal ones.
+def find_largest(projected, region, is_known, largest):
+    """Find the largest face of each region that has none yet, the lowest of equal ones.
 
     Parameters
     ----------
-    is_listed : (F,) bool
-        Faces that may be it, in blocks with boxes.
-    in_boxes : bool
-        Look for these; otherwise for any face, of the regions that have none yet.
     region : (C + F,) int32
         Of `find_regions`.
     is_known : (N,) int32
@@ -148,28 +165,25 @@ def find_largest(projected, is_listed, in_boxes, region, is_known, largest):
     largest : (N,) int32
         In and out: -1 for a region of which none is known.
     """
-    blocks, area, n_patches = projected.blocks, projected.area, projected.blocks.lowest.shape[0]
+    blocks, n_patches = projected.blocks, projected.blocks.lowest.shape[0]
     for r in range(largest.shape[0]):
         is_known[r] = largest[r] >= 0
     for b in range(projected.block_state.shape[0]):
-        if not projected.block_state[b] & LIVE or (in_boxes and not projected.has_boxes[b]):
+        if not projected.block_state[b] & LIVE:
             continue
         is_whole = is_of_a_region(b, projected)
-        has_one = is_whole and not in_boxes and is_one_patch(b, blocks)
-        if has_one and is_known[region[blocks.patch_starts[b]]]:
+        if is_whole and is_one_patch(b, blocks) and is_known[region[blocks.patch_starts[b]]]:
             continue
         for k in range(b * BLOCK, min((b + 1) * BLOCK, blocks.order.shape[0])):
             f = blocks.order[k]
             r = region[blocks.patch[f] if is_whole else n_patches + f]
-            if r >= 0 and (is_listed[f] if in_boxes else not is_known[r]):
-                g = largest[r]
-                if g < 0 or area[f] > area[g] or (area[f] == area[g] and f < g):
-                    largest[r] = f
+            if r >= 0 and not is_known[r]:
+                take_larger(f, r, projected.area, largest)
 
 
 @part_with_arrays
 def regions_of_blocks(
-    events, edges, is_event, is_hidden, camera, projected, is_listed, region, number, found
+    events, edges, is_event, is_hidden, camera, projected, listed, is_listed, region, number, found
 ):
     """Collect blocks patch by patch, and the others face by face; returns the number of regions.
 
@@ -248,10 +262,10 @@ def regions_of_blocks(
             for k in range(b * BLOCK, min((b + 1) * BLOCK, n_faces)):
                 node = n_patches + order[k]
                 region[node] = number[parent[node]] if parent[node] >= 0 else -1
-    find_largest(projected, is_listed, True, region, number, largest)
+    find_largest_listed(projected, listed, is_listed, region, largest)
     for r in range(n):
         if largest[r] < 0:
-            find_largest(projected, is_listed, False, region, number, largest)
+            find_largest(projected, region, number, largest)
             break
     return n
 
@@ -310,8 +324,9 @@ def regions_of_faces(
 
 @allocation_free
 def find_regions(
-    events, edges, is_event, is_hidden, camera, projected, is_listed, region, number, targets
-):
+    events, edges, is_event, is_hidden, camera, projected, listed, is_listed, region, number,
+    targets,
+):  # fmt: skip
     """Collect the uncrossed faces into regions; number of crossed faces, and of regions.
 
     A forest of faces, whose roots have the lowest index of their region, is joined edge by edge;
@@ -325,8 +340,11 @@ def find_regions(
         Of `find_event_edges` and `mark_crossed`. What hides an event edge hides both of its faces.
     projected : Projected
         With `CROSSED` in the state; here it is added to `block_state`.
+    listed : (N,) int32
+        Faces that the grid lists.
     is_listed : (F,) bool
-        Faces that are preferred as the largest of a region. They are in blocks with boxes.
+        Those of them that are listed in all their cells, which are preferred as the largest of a
+        region.
     region : (C + F,) int32
         Out: number of each patch's region, in blocks `is_of_a_region`; and of each face's region,
         -1 for none, in other blocks with a live face.
@@ -342,8 +360,8 @@ def find_regions(
         n_whole += is_of_a_region(b, projected)
     if n_whole >= FEW_BLOCKS * n_blocks:
         return n_crossed, regions_of_blocks(
-            events, edges, is_event, is_hidden, camera, projected, is_listed, region, number,
-            targets[n_crossed:],
+            events, edges, is_event, is_hidden, camera, projected, listed, is_listed, region,
+            number, targets[n_crossed:],
         )  # fmt: skip
     for b in range(n_blocks):
         projected.block_state[b] |= UNEVEN
