@@ -53,7 +53,7 @@ def main() -> None:
         for path in sorted(args.meshes.iterdir()):
             if path.suffix.lower() in READERS:
                 cells[path.stem] = Cell(path.stem, 0, *args.size, path=str(path))
-    report = Report()
+    report = Report(prints=not args.json)
     for name, cell in cells.items():
         if not args.only or name in args.only:
             measure(report, name, cell, args)

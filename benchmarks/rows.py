@@ -10,6 +10,7 @@ import platform
 import sys
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 SUPPORT = Path(__file__).parents[1] / "tests" / "support"
 sys.path.append(str(SUPPORT))
@@ -17,9 +18,13 @@ sys.path.append(str(SUPPORT))
 
 @dataclass
 class Report:
-    """Rows of one benchmark, and the correctness checks that failed."""
+    """Rows of one benchmark, and the correctness checks that failed.
 
-    rows: list[dict[str, object]] = field(default_factory=list)
+    With `prints`, each row is printed as it is made, otherwise all of them at the end.
+    """
+
+    prints: bool = False
+    rows: list[dict[str, Any]] = field(default_factory=list)
     failed: list[str] = field(default_factory=list)
 
     def add(
@@ -39,6 +44,8 @@ class Report:
         self.rows.append(
             {"what": what, "value": value, "unit": unit, "must": must, "aim": aim, "holds": holds}
         )
+        if self.prints:
+            _print(self.rows[-1])
 
     def check(self, what: str, passed: bool) -> None:
         """A correctness check: one that fails makes the benchmark exit with 1."""
@@ -54,13 +61,18 @@ class Report:
             print(
                 f"{platform.processor() or platform.machine()}, Python {platform.python_version()}"
             )
-            for row in self.rows:
-                limit = "" if row["must"] is None else f"   must {row['must']:g}"
-                verdict = {None: "", True: "  holds", False: "  DOES NOT HOLD"}[row["holds"]]
-                print(f"{row['what']:<66}{row['value']:>12.4g} {row['unit']}{limit}{verdict}")
+            for row in () if self.prints else self.rows:
+                _print(row)
         for what in self.failed:
             print(f"error: {what}: wrong", file=sys.stderr)
         sys.exit(1 if self.failed else 0)
+
+
+def _print(row: dict[str, Any]) -> None:
+    """Print one row, at once also where the output is no terminal."""
+    limit = "" if row["must"] is None else f"   must {row['must']:g}"
+    verdict = {None: "", True: "  holds", False: "  DOES NOT HOLD"}[row["holds"]]
+    print(f"{row['what']:<66}{row['value']:>12.4g} {row['unit']}{limit}{verdict}", flush=True)
 
 
 def resident_mib() -> float:
