@@ -183,8 +183,19 @@ def bound_of_fraction(seen, row, f, drawn, points, i, j, k, is_cut):
 
 
 @part_with_arrays
-def judge_face(scene, lens, seen, limits, work, row, f, asks_density):
+def areas_of(seen, row, f):
+    """Visible and drawn area of a face, px^2."""
+    visible, drawn = float(seen.visible[row, f]), float(seen.drawn[row, f])
+    if seen.scale != 1:
+        visible, drawn = visible / seen.scale, drawn / seen.scale
+    return visible, drawn
+
+
+@part_with_arrays
+def judge_face(scene, lens, seen, limits, work, row, f, asks_density, asks_facing):
     """Figures of a face in one pose: geometry, areas, and the decision.
+
+    A density that is not asked for is 0.
 
     Returns the cosine of the angle of incidence, the state of all vertices, the part of the image
     of the face that is in the image, its area and both densities; True if it is seen, by definition
@@ -196,7 +207,7 @@ def judge_face(scene, lens, seen, limits, work, row, f, asks_density):
     normal = camera_normal(scene.normals, f, pose)
     cosine = incidence_cosine(points, i, j, k, normal, scene.two_sided[f])
     is_front = cosine > 0 and not scene.degenerate[f]
-    visible, drawn = seen.visible[row, f] / seen.scale, seen.drawn[row, f] / seen.scale
+    visible, drawn = areas_of(seen, row, f)
     # A count is no area.
     known = drawn if seen.kind.size else -1.0
     state, part, area = image_of_face(points, i, j, k, near, lens, work, known)
@@ -210,7 +221,7 @@ def judge_face(scene, lens, seen, limits, work, row, f, asks_density):
     per_m2 = 0.0
     if limits.min_pixels_per_m2 > 0:
         per_m2 = pixels_per_m2(points, i, j, k, normal, lens)
-    facing = facing_density(points, i, j, k, lens)
+    facing = facing_density(points, i, j, k, lens) if asks_facing else 0.0
     figures = resolution, density, facing, per_m2, visibility
     product, reason = judge(
         limits, scene.degenerate[f], is_front, state == INSIDE, is_focused, drawn > 0, figures,
@@ -269,12 +280,13 @@ def judge_poses(rows, scene, lens, seen, work, limits, out):
     the coverage depends on it.
     """
     asks_density = out.pixel_density.size > 0 or limits.min_pixel_density > 0
+    asks_facing = out.facing_density.size > 0 or limits.min_facing_density > 0
     asks_bound = out.visibility_bound.size > 0 or out.visibility_kind.size > 0
     for row in range(rows[0], rows[1]):
         project(scene.vertices, seen.poses[row], seen.near[row], lens, work.points)
         for f in range(scene.faces.shape[0]):
             geometry, is_seen, areas, resolution, is_focused, product, reason = judge_face(
-                scene, lens, seen, limits, work, row, f, asks_density
+                scene, lens, seen, limits, work, row, f, asks_density, asks_facing
             )
             cosine, state, part, area, density, facing = geometry
             visible, drawn, visibility = areas

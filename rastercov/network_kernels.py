@@ -23,6 +23,7 @@ from rastercov.coverage_kernels import (
     kind_of,
 )
 from rastercov.criteria_kernels import (
+    facing_density,
     incidence_angle,
     project,
 )
@@ -164,7 +165,7 @@ def add_pose(row, turn, scene, lens, seen, work, limits, is_scored, sums, covere
     this turn, the rows of the pairs that it asks for.
     """
     points, pose, choice, n_faces = work.points, seen.poses[row], sink.choice, scene.faces.shape[0]
-    asks_density = limits.min_pixel_density > 0
+    asks_density, asks_facing = limits.min_pixel_density > 0, limits.min_facing_density > 0
     x, y, z = pose[0, 3], pose[1, 3], pose[2, 3]
     rounding = PLANE_ROUNDING * (abs(x) + abs(y) + abs(z) + scene.reach)
     project(scene.vertices, pose, seen.near[row], lens, points)
@@ -177,7 +178,7 @@ def add_pose(row, turn, scene, lens, seen, work, limits, is_scored, sums, covere
             is_behind, reason = True, DEGENERATE
         if not is_behind or choice == ALL_PAIRS:
             geometry, is_seen, areas, resolution, is_focused, product, reason = judge_face(
-                scene, lens, seen, limits, work, row, f, asks_density
+                scene, lens, seen, limits, work, row, f, asks_density, asks_facing
             )
             part = geometry[2]
             is_row = choice != NO_PAIRS and (
@@ -193,6 +194,9 @@ def add_pose(row, turn, scene, lens, seen, work, limits, is_scored, sums, covere
                 )
             if is_row:
                 cosine, state, part, area, density, facing = geometry
+                if not asks_facing:
+                    i, j, k = scene.faces[f, 0], scene.faces[f, 1], scene.faces[f, 2]
+                    facing = facing_density(points, i, j, k, lens)
                 if not asks_density:
                     density = density_of(
                         scene, lens, seen, points, row, f, reason > BACK_FACING, state, part

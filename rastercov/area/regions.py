@@ -310,11 +310,10 @@ class _Finder:
         else:
             self.solver = LensSolver(surface, cameras[0], solver_type)
         self._is_of_lens = isinstance(self.solver, LensSolver)
-        # The solver has the targets behind the opaque faces.
+        # The solver has the targets behind the opaque faces, and may have sorted these.
         self._rows = surface.rows
         self._face_of: NDArray[np.int32] = np.arange(surface.n_faces, dtype=np.int32)
-        if surface.targets is not None:
-            self._face_of[surface.targets.rows] = np.arange(mesh.n_faces)
+        self._face_of[: surface.n_faces][surface.rows] = np.arange(mesh.n_faces)
         frames = frames_of(mesh)
         is_asked = mesh.task_mask & (frames.areas > 0)
         self._is_asked, self._read_only = is_asked, read_only

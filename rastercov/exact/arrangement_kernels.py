@@ -193,7 +193,7 @@ def point_visibility(t, u, v, plane, edges, is_event, camera, projected, grid, w
     at = cell_at(u, v, grid)
     lay_bounds(at, box, grid)
     rectangle, depths = (u, u, v, v), (farthest, -np.inf, np.inf)
-    result, entry, stop, m = VISIBLE, grid.starts[at], grid.starts[at + 1], np.int64(grid.hider[at])
+    result, entry, stop, m = VISIBLE, grid.starts[at], grid.stops[at], np.int64(grid.hider[at])
     index, n = np.int64(-1), np.int64(0)
     while index < n or entry < stop:
         if index == n:

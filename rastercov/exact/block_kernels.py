@@ -46,9 +46,9 @@ from rastercov.exact.setup_kernels import (
 )
 
 (
-    U0, V0, W0, U1, V1, W1, U2, V2, W2, TWICE, ERROR, LEAST_U, MOST_U, LEAST_V, MOST_V, LEAST_W,
+    U0, V0, U1, V1, U2, V2, TWICE, ERROR, LEAST_U, MOST_U, LEAST_V, MOST_V, LEAST_W,
     LEAST_TWICE, MOST_TWICE, MARGIN, WIDTHS, HEIGHTS, AREAS, LANES,
-) = range(0, 23 * BLOCK, BLOCK)  # fmt: skip
+) = range(0, 20 * BLOCK, BLOCK)  # fmt: skip
 """Rows of the scratch of `set_up_plain`, of `BLOCK` faces each, and their end. It is one array in
 one dimension, of which LLVM knows that the rows do not overlap."""
 NARROW_FACTOR = 2.0**25
@@ -120,24 +120,29 @@ def describe_block(b, flags, projected):
 
 
 @part_with_arrays
-def gather(b, projected, lanes):
-    """Copy the corners of the faces of a block to `lanes`."""
+def gather(b, projected, with_w, lanes):
+    """Copy the corners of the faces of a block to `lanes`, with 1/z if that is asked for."""
     faces, uvw, order = projected.faces, projected.uvw, projected.blocks.order
+    # Unsigned: loops need not count negative indices from the end.
     for lane in range(BLOCK):
-        f = order[b * BLOCK + lane]
-        i, j, k = faces[f, 0], faces[f, 1], faces[f, 2]
-        lanes[U0 + lane], lanes[V0 + lane], lanes[W0 + lane] = uvw[i, U], uvw[i, V], uvw[i, W]
-        lanes[U1 + lane], lanes[V1 + lane], lanes[W1 + lane] = uvw[j, U], uvw[j, V], uvw[j, W]
-        lanes[U2 + lane], lanes[V2 + lane], lanes[W2 + lane] = uvw[k, U], uvw[k, V], uvw[k, W]
+        f = np.uint32(order[b * BLOCK + lane])
+        i, j, k = np.uint32(faces[f, 0]), np.uint32(faces[f, 1]), np.uint32(faces[f, 2])
+        lanes[U0 + lane], lanes[V0 + lane] = uvw[i, U], uvw[i, V]
+        lanes[U1 + lane], lanes[V1 + lane] = uvw[j, U], uvw[j, V]
+        lanes[U2 + lane], lanes[V2 + lane] = uvw[k, U], uvw[k, V]
+    for lane in range(BLOCK if with_w else 0):
+        f = np.uint32(order[b * BLOCK + lane])
+        i, j, k = np.uint32(faces[f, 0]), np.uint32(faces[f, 1]), np.uint32(faces[f, 2])
+        lanes[LEAST_W + lane] = min(uvw[i, W], uvw[j, W], uvw[k, W])
 
 
 @part_with_arrays
 def measure(pixel_error, most_error, lanes):
     """Twice the signed area, bounds and thinness of the faces in `lanes`, in the order of rows."""
     for lane in range(BLOCK):
-        u0, v0, w0 = lanes[U0 + lane], lanes[V0 + lane], lanes[W0 + lane]
-        u1, v1, w1 = lanes[U1 + lane], lanes[V1 + lane], lanes[W1 + lane]
-        u2, v2, w2 = lanes[U2 + lane], lanes[V2 + lane], lanes[W2 + lane]
+        u0, v0 = lanes[U0 + lane], lanes[V0 + lane]
+        u1, v1 = lanes[U1 + lane], lanes[V1 + lane]
+        u2, v2 = lanes[U2 + lane], lanes[V2 + lane]
         twice = (u1 - u0) * (v2 - v0) - (u2 - u0) * (v1 - v0)
         u_min, u_max = min(u0, u1, u2), max(u0, u1, u2)
         v_min, v_max = min(v0, v1, v2), max(v0, v1, v2)
@@ -146,7 +151,6 @@ def measure(pixel_error, most_error, lanes):
         lanes[ERROR + lane] = min(OUTLINE_ERROR_FACTOR * extent * pixel_error, most_error)
         lanes[LEAST_U + lane], lanes[MOST_U + lane] = u_min, -u_max
         lanes[LEAST_V + lane], lanes[MOST_V + lane] = v_min, -v_max
-        lanes[LEAST_W + lane] = min(w0, w1, w2)
         lanes[LEAST_TWICE + lane], lanes[MOST_TWICE + lane] = twice, -twice
         lanes[MARGIN + lane] = abs(twice) - NARROW_FACTOR * pixel_error * extent
         lanes[WIDTHS + lane], lanes[HEIGHTS + lane] = u_max - u_min, v_max - v_min
@@ -180,11 +184,13 @@ def reduce_rows(lanes):
 
 
 @allocation_free
-def set_up_plain(camera, front_only, projected, area_error, extent, lanes, rest):
+def set_up_plain(camera, front_only, n_out, projected, area_error, extent, lanes, rest):
     """Measure the faces of blocks that lie wholly inside or wholly outside the image.
 
     Parameters
     ----------
+    n_out : int
+        Of `project`: vertices without an image.
     front_only, projected, area_error, extent
         As for `set_up`, with what follows from these blocks.
     lanes : (LANES,) float64
@@ -204,11 +210,12 @@ def set_up_plain(camera, front_only, projected, area_error, extent, lanes, rest)
     extent[U_MIN] = extent[V_MIN] = np.inf
     extent[U_MAX] = extent[V_MAX] = -np.inf
     n_live = n_rest = 0
+    lanes[LEAST_W : LEAST_W + BLOCK] = 1.0
     for b in range(blocks.has_flat.shape[0]):
         first, last = b * BLOCK, min((b + 1) * BLOCK, order.shape[0])
         is_plain = last - first == BLOCK and not blocks.has_flat[b]
         if is_plain:
-            gather(b, projected, lanes)
+            gather(b, projected, n_out > 0, lanes)
             measure(pixel_error, 2 * width * height, lanes)
             reduce_rows(lanes)
             low_u, high_u = lanes[LEAST_U], -lanes[MOST_U]

@@ -2,8 +2,8 @@
 
 A pose sees most blocks from one side, wholly inside or wholly outside the image, and no event edge
 near them. What follows from that for all of their faces is then decided once. Blocks are
-consecutive faces where the order of the mesh is local, as generators and CAD programs write it, or
-where the mesh is small; otherwise they are sorted along a curve that fills space.
+consecutive faces of the surface, in the order of the mesh where that is local, as generators and
+CAD programs write it, or where the mesh is small; otherwise sorted along a curve that fills space.
 
 G. M. Morton. A Computer Oriented Geodetic Data Base and a New Technique in File Sequencing. 1966.
 """
@@ -21,7 +21,7 @@ IntArray = NDArray[np.int32]
 MOST_VERTICES = 96
 """Vertices of the faces of a block, on average, up to which the order of the mesh is local: a strip
 of them has 66, faces in any order 192."""
-LEAST_FACES = 1 << 18
+LEAST_FACES = 1 << 14
 """Faces from which on they are sorted: figures of fewer fit the cache in any order."""
 BITS = 10
 """Bits of each coordinate along the curve."""
@@ -32,16 +32,14 @@ def is_large(n_faces: int) -> bool:
     return n_faces >= LEAST_FACES
 
 
-def local_order(vertices: FloatArray, faces: IntArray) -> IntArray:
-    """(F,) faces in an order in which neighbours are close: that of the mesh if it is local."""
+def local_order(vertices: FloatArray, faces: IntArray) -> IntArray | None:
+    """(F,) faces in an order in which neighbours are close; None where that of the mesh is."""
     n = len(faces) // BLOCK
     if not is_large(len(faces)):
-        return np.arange(len(faces), dtype=np.int32)
+        return None
     used = np.sort(faces[: n * BLOCK].reshape(n, 3 * BLOCK), axis=1)
     n_vertices = n + np.count_nonzero(used[:, 1:] != used[:, :-1])
-    if n_vertices <= MOST_VERTICES * n:
-        return np.arange(len(faces), dtype=np.int32)
-    return _along_curve(vertices, faces)
+    return _along_curve(vertices, faces) if n_vertices > MOST_VERTICES * n else None
 
 
 def blocks_of_targets(flat: BoolArray) -> Blocks:

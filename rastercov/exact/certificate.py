@@ -38,8 +38,10 @@ CERTAIN_AREA_REL = 1e-6
 """Area tolerance when a region's largest face is classified as wholly visible or wholly hidden,
 relative to that face. A partial result means that an event edge was missed; the whole region is
 then computed face by face."""
-CELLS_PER_EVENT = 8
+CELLS_PER_EVENT = 1
 """Cells of the grid for each event edge from which on faces are listed only where they run."""
+MOST_ASKED = 0.5
+"""Share of the cells around event edges above which faces are listed in all."""
 CROSSING_TOLERANCE_REL = 1e-9
 """Distance up to which an edge that passes a face counts as crossing it, relative to
 `HalfPlaneSolver.coordinate_scale`."""
@@ -90,6 +92,7 @@ class CertificateSolver(HalfPlaneSolver):
     """
 
     _contacts: BoolArray | None = None
+    _has_crossings = False
 
     def __init__(self, surface: Surface, camera: Camera) -> None:
         super().__init__(surface, camera)
@@ -121,6 +124,9 @@ class CertificateSolver(HalfPlaneSolver):
             THIN_TOLERANCE_REL * self.coordinate_scale, self._is_at_event,
         )  # fmt: skip
         self._list_around(events)
+        if self._has_crossings:  # a pose was left before its end
+            self._crossings.last.fill(-1)
+        self._has_crossings = True
         while True:
             n_crossings = mark_crossed(
                 events, surface.edges, is_event, surface.vertices, camera, projected, self.grid,
@@ -150,6 +156,9 @@ class CertificateSolver(HalfPlaneSolver):
             if not self._grow_kept():
                 break
             self._work.kept.used[:] = 0
+        # The next pose starts without crossings; only faces among the targets have any.
+        self._crossings.last[targets] = -1
+        self._has_crossings = False
         self._limit_errors(targets)
         left = self._scratch[:n_left].copy()
         self.n_left = int(np.count_nonzero(self.state[left] & CROSSED))
@@ -185,14 +194,12 @@ class CertificateSolver(HalfPlaneSolver):
 
     def _list_around(self, events: IntArray) -> None:
         """List the faces in the cells around event edges, or in all cells if these are not few."""
-        are_few = (
-            self.n_clipped == 0
-            and CELLS_PER_EVENT * len(events) <= self.grid.columns * self.grid.rows
-        )
+        n_cells = self.grid.columns * self.grid.rows
+        are_few = self.n_clipped == 0 and CELLS_PER_EVENT * len(events) <= n_cells
         if not are_few or not ask_for_events(
             events, self.surface.edges, self.surface.vertices, self.camera, self.projected,
             CROSSING_TOLERANCE_REL * self.coordinate_scale, self.grid, self._segment,
-        ):  # fmt: skip
+        ) or np.count_nonzero(self.grid.asked[:n_cells]) > MOST_ASKED * n_cells:  # fmt: skip
             self._ask_for_all()
         self._list_faces()
 

@@ -13,7 +13,13 @@ A. Appel. The Notion of Quantitative Invisibility and the Machine Rendering of S
 import numpy as np
 
 from rastercov._jit import allocation_free, part_with_arrays
-from rastercov.exact.grid_kernels import ENTRIES_AT_A_TIME, cell, find_faces, lay_bounds
+from rastercov.exact.grid_kernels import (
+    ENTRIES_AT_A_TIME,
+    ask_for_cells,
+    cell,
+    find_faces,
+    lay_bounds,
+)
 from rastercov.exact.polygon_kernels import length
 from rastercov.exact.records import (
     BLOCK,
@@ -61,6 +67,8 @@ from rastercov.exact.segment_kernels import (
 
 MOST_CELLS_OF_EDGE = 256
 """Cells in the bounding box of an event edge beyond which all cells are asked for."""
+MARGIN = 0.5
+"""Width of the margin around an event edge in which cells are asked for, in cells."""
 NEAR_PLANE_TOLERANCE_REL = 1e-6
 """Relative difference of 1/z up to which a corner counts as one on the near plane."""
 
@@ -157,7 +165,7 @@ def mark_in_cell(
     rectangle = (left, right, top, bottom)
     ranges[0, 0], ranges[0, 1], n, n_found = first, last, 1, np.int64(0)
     lay_bounds(c, box, grid)
-    entry, stop, n_kept = grid.starts[c], grid.starts[c + 1], np.int64(0)
+    entry, stop, n_kept = grid.starts[c], grid.stops[c], np.int64(0)
     # Faces wholly in front of the edge come first: they can hide it, and it crosses none of them.
     in_front = nearest * (1 + 4 * DEPTH_TIE_REL)
     is_first, depths = True, (farthest, in_front, np.inf)
@@ -320,24 +328,23 @@ def project_event(e, edges, vertices, camera, uvw, segment):
 def ask_for_events(events, edges, vertices, camera, projected, tolerance, grid, segment):
     """Ask for the cells around event edges; False, before the last, if one has too many.
 
-    They are those of its bounding box and the next ones, which hold most of what it crosses.
+    They are those of its bounding box with a margin, which hold most of what it crosses.
     """
     uvw = segment.uvw
     for index in range(events.shape[0]):
         if project_event(events[index], edges, vertices, camera, projected.uvw, segment):
-            left = min(uvw[START, U], uvw[END, U]) - tolerance - 1 / grid.per_u
-            right = max(uvw[START, U], uvw[END, U]) + tolerance + 1 / grid.per_u
-            upper = min(uvw[START, V], uvw[END, V]) - tolerance - 1 / grid.per_v
-            lower = max(uvw[START, V], uvw[END, V]) + tolerance + 1 / grid.per_v
+            across, down = MARGIN / grid.per_u + tolerance, MARGIN / grid.per_v + tolerance
+            left = min(uvw[START, U], uvw[END, U]) - across
+            right = max(uvw[START, U], uvw[END, U]) + across
+            upper = min(uvw[START, V], uvw[END, V]) - down
+            lower = max(uvw[START, V], uvw[END, V]) + down
             first = cell(left, grid.left, grid.per_u, grid.columns)
             last = cell(right, grid.left, grid.per_u, grid.columns)
             top = cell(upper, grid.top, grid.per_v, grid.rows)
             bottom = cell(lower, grid.top, grid.per_v, grid.rows)
             if (last - first + 1) * (bottom - top + 1) > MOST_CELLS_OF_EDGE:
                 return False
-            for row in range(top, bottom + 1):
-                for at in range(row * grid.columns + first, row * grid.columns + last + 1):
-                    grid.is_asked[at] = True
+            ask_for_cells(first, last, top, bottom, grid)
     return True
 
 
@@ -388,7 +395,7 @@ def mark_crossed(
     n_clipped : int
         Of `set_up`: faces that are clipped in space.
     crossings : Crossings
-        Out. `segment` and `work` are scratch.
+        In: without a crossing. Out: all of them. `segment` and `work` are scratch.
     is_hidden : (E,) bool
         Out: event edges that faces in front hide from end to end.
 
@@ -398,7 +405,6 @@ def mark_crossed(
         Number of crossings. If it is more than `crossings` has room for, call again with more.
     """
     uvw, state, clipped = projected.uvw, projected.state, projected.clipped
-    crossings.last[:] = -1
     n_events, n_crossings = events.shape[0], 0
     for index in range(n_events + n_clipped * CORNERS):
         e, is_doubtful = np.int64(NO_EDGE), True

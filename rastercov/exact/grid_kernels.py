@@ -10,6 +10,8 @@ from rastercov.exact.block_kernels import (
 )
 from rastercov.exact.records import BLOCK, LIVE, THIN, U_MAX, U_MIN, V_MAX, V_MIN, W_MAX, W_MIN
 
+NOT_ASKED, ASKED, LISTED = range(3)
+"""States of a cell."""
 ENTRIES_AT_A_TIME = 64
 """Entries of a cell that are compared at a time."""
 GROUP = 8
@@ -55,16 +57,25 @@ def likely_hider(f, box, grid):
     return np.int64(grid.hider[cell_at(u, v, grid)])
 
 
+@part_with_arrays
+def ask_for_cells(left, right, top, bottom, grid):
+    """Ask for the cells of a rectangle; True if one had not been asked for."""
+    is_new = False
+    for row in range(top, bottom + 1):
+        for at in range(row * grid.columns + left, row * grid.columns + right + 1):
+            if grid.asked[at] == NOT_ASKED:
+                grid.asked[at] = ASKED
+                is_new = True
+    return is_new
+
+
 @allocation_free
 def ask_for_faces(faces, box, grid):
     """Ask for the cells that the boxes of some faces touch; True if one had not been asked for."""
     is_new = False
     for index in range(faces.shape[0]):
         left, right, top, bottom = cells_of_box(box, faces[index], grid)
-        for row in range(top, bottom + 1):
-            for at in range(row * grid.columns + left, row * grid.columns + right + 1):
-                is_new = is_new or not grid.is_asked[at]
-                grid.is_asked[at] = True
+        is_new |= ask_for_cells(left, right, top, bottom, grid)
     return is_new
 
 
@@ -78,7 +89,7 @@ def count_asked(grid):
     """
     sums, across, n_all = grid.n_asked, grid.columns + 1, 0
     for c in range(grid.columns * grid.rows):
-        n_all += grid.is_asked[c]
+        n_all += grid.asked[c] == ASKED
     if n_all == grid.columns * grid.rows:
         return n_all
     sums[:across] = 0
@@ -86,7 +97,7 @@ def count_asked(grid):
         n, at = 0, (row + 1) * across
         sums[at] = 0
         for column in range(grid.columns):
-            n += grid.is_asked[row * grid.columns + column]
+            n += grid.asked[row * grid.columns + column] == ASKED
             sums[at + column + 1] = sums[at + column + 1 - across] + n
     return n_all
 
@@ -105,20 +116,20 @@ def n_asked_in(left, right, top, bottom, grid):
 def fill_grid(projected, grid):
     """List the live and thin faces by the cells asked for; returns the number of entries.
 
-    Out: `starts`, `entries`, `is_sorted`, `has_bounds`, `hider`, `faces`, `n_faces` and `is_whole`
-    of the grid; where `entries` has too little room, none is listed: call again with more. The
-    faces that are listed have boxes.
+    Cells that are listed already keep their entries, and those of the others follow. Out: `asked`,
+    `starts`, `stops`, `entries`, `is_sorted`, `has_bounds` and `hider` of these cells; `faces`,
+    `n_faces` and `is_whole`; `n_entries`. Where `entries` has too little room, none is listed: call
+    again with more. The faces that are listed have boxes.
     """
     state, box, block_box = projected.state, projected.box, projected.block_box
-    order, places = projected.blocks.order, grid.places
-    columns, starts, entries, is_asked = grid.columns, grid.starts, grid.entries, grid.is_asked
-    n_cells = columns * grid.rows
-    grid.is_sorted[:n_cells] = grid.has_bounds[:n_cells] = False
-    grid.hider[:n_cells] = -1
+    order, places, asked = projected.blocks.order, grid.places, grid.asked
+    columns, starts, stops, entries = grid.columns, grid.starts, grid.stops, grid.entries
+    n_cells, n = columns * grid.rows, 0
+    for c in range(n_cells):
+        if asked[c] == ASKED:
+            grid.is_sorted[c] = grid.has_bounds[c] = False
+            grid.hider[c], stops[c] = -1, 0
     grid.is_whole[:] = False
-    for c in range(n_cells + 2):
-        starts[c] = 0
-    n = 0
     is_all = count_asked(grid) == n_cells
     for b in range(block_box.shape[0]):
         if not block_box[b, U_MIN] <= block_box[b, U_MAX]:
@@ -153,12 +164,14 @@ def fill_grid(projected, grid):
                 n += 1
                 for row in range(top, bottom + 1):
                     for at in range(row * columns + left, row * columns + right + 1):
-                        if n_found == n_touched or is_asked[at]:
-                            starts[at + 2] += 1
-    grid.n_faces[0] = n
-    for c in range(2, n_cells + 2):
-        starts[c] += starts[c - 1]
-    total = starts[n_cells + 1]
+                        if n_found == n_touched or asked[at] == ASKED:
+                            stops[at] += 1
+    grid.n_faces[0], total = n, grid.n_entries[0]
+    for c in range(n_cells):
+        if asked[c] == ASKED:
+            starts[c] = total
+            total += stops[c]
+            stops[c] = starts[c]
     if total > entries.shape[0]:
         return total
     for index in range(n):
@@ -166,9 +179,13 @@ def fill_grid(projected, grid):
         is_whole = grid.is_whole[f]
         for row in range(places[index, 2], places[index, 3] + 1):
             for at in range(row * columns + left, row * columns + right + 1):
-                if is_whole or is_asked[at]:
-                    entries[starts[at + 1]] = f
-                    starts[at + 1] += 1
+                if is_whole or asked[at] == ASKED:
+                    entries[stops[at]] = f
+                    stops[at] += 1
+    for c in range(n_cells):
+        if asked[c] == ASKED:
+            asked[c] = LISTED
+    grid.n_entries[0] = total
     return total
 
 
@@ -178,7 +195,7 @@ def lay_bounds(at, box, grid):
     bounds, entries = grid.bounds, grid.entries
     if not grid.has_bounds[at]:
         grid.has_bounds[at] = True
-        for entry in range(grid.starts[at], grid.starts[at + 1]):
+        for entry in range(grid.starts[at], grid.stops[at]):
             f = entries[entry]
             bounds[U_MIN, entry], bounds[U_MAX, entry] = box[f, U_MIN], box[f, U_MAX]
             bounds[V_MIN, entry], bounds[V_MAX, entry] = box[f, V_MIN], box[f, V_MAX]
@@ -230,7 +247,7 @@ def sort_cell(at, box, grid):
     D. Shell. A High-Speed Sorting Procedure. 1959.
     """
     grid.is_sorted[at], grid.has_bounds[at] = True, False
-    first, last = grid.starts[at], grid.starts[at + 1]
+    first, last = grid.starts[at], grid.stops[at]
     entries, nearest, n = grid.entries[first:last], grid.nearest[first:last], last - first
     key, found, ends = grid.bounds[0, first:last], grid.found, grid.buckets
     least, most = np.inf, -np.inf

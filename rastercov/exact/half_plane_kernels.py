@@ -228,7 +228,7 @@ def visible_in_cells(
         at = row * grid.columns + column
         if not grid.is_sorted[at]:
             sort_cell(at, box, grid)
-        for entry in range(grid.starts[at], grid.starts[at + 1]):
+        for entry in range(grid.starts[at], grid.stops[at]):
             if grid.nearest[entry] < farthest:
                 break
             m = grid.entries[entry]
@@ -271,7 +271,8 @@ def visible_in_cells(
                 t, m, target, n, n_sides, camera, projected, work, is_first, area_error
             )
             if order == TIED:
-                order = IN_FRONT if m < t and not state[t] & TRANSPARENT else BEHIND
+                is_before = not state[t] & TRANSPARENT and projected.rank[m] < projected.rank[t]
+                order = IN_FRONT if is_before else BEHIND
             if order == BEHIND:
                 continue
             if order == IN_FRONT and contains(lines, n_sides, target, n):

@@ -27,8 +27,10 @@ from rastercov.camera import Camera
 from rastercov.errors import ConfigError
 from rastercov.exact.block_kernels import lay_boxes
 from rastercov.exact.grid_kernels import (
+    ASKED,
     BUCKETS,
     ENTRIES_AT_A_TIME,
+    NOT_ASKED,
     ask_for_faces,
     fill_grid,
 )
@@ -201,10 +203,12 @@ class HalfPlaneSolver:
             per_v=1.0,
             columns=1,
             rows=1,
-            is_asked=np.empty(0, np.bool_),
+            asked=np.empty(0, np.uint8),
             n_asked=np.empty(0, np.int32),
             starts=np.empty(0, np.int64),
+            stops=np.empty(0, np.int64),
             entries=np.empty(2 * n_faces, np.int32),
+            n_entries=np.zeros(1, np.int64),
             nearest=np.empty(2 * n_faces),
             is_sorted=np.empty(0, np.bool_),
             bounds=np.empty((6, 2 * n_faces)),
@@ -293,9 +297,9 @@ class HalfPlaneSolver:
     def write_to(self, visible: FloatArray, area: FloatArray, area_error: FloatArray) -> bool:
         """Take (F,) arrays for the figures of the poses from now on; False if it keeps its own.
 
-        It keeps its own where the surface has targets, whose figures are in another order.
+        It keeps its own where the faces of the surface are in another order than in the mesh.
         """
-        if self._target_image is not None:
+        if self.surface.place is not None:
             return False
         self.visible, self.area, self.area_error = visible, area, area_error
         self.projected = self.projected._replace(area=area)
@@ -369,7 +373,7 @@ class HalfPlaneSolver:
         if ask_for_faces(targets, projected.box, self.grid) or not self._is_listed:
             self._list_faces()
         # Cells asked for so far are listed; others may have to be.
-        self._is_listed = bool(self.grid.is_asked[: self.grid.columns * self.grid.rows].all())
+        self._is_listed = bool(self.grid.asked[: self.grid.columns * self.grid.rows].all())
         announce_compilation(target_areas)
         self._run(target_areas, targets, projected)
 
@@ -419,27 +423,30 @@ class HalfPlaneSolver:
         )
         if len(self.grid.is_sorted) < n_cells:
             self.grid = self.grid._replace(
-                starts=np.empty(n_cells + 2, np.int64),
+                starts=np.empty(n_cells, np.int64),
+                stops=np.empty(n_cells, np.int64),
                 is_sorted=np.empty(n_cells, np.bool_),
                 has_bounds=np.empty(n_cells, np.bool_),
                 hider=np.empty(n_cells, np.int32),
-                is_asked=np.empty(n_cells, np.bool_),
+                asked=np.empty(n_cells, np.uint8),
                 n_asked=np.empty(4 * n_cells, np.int32),
             )
-        self.grid.is_asked[:n_cells] = self._is_listed = False
+        self.grid.asked[:n_cells] = NOT_ASKED
+        self.grid.n_entries[0], self._is_listed = 0, False
 
     def _ask_for_all(self) -> None:
-        self.grid.is_asked[:] = True
+        asked = self.grid.asked
+        asked[asked == NOT_ASKED] = ASKED
 
     def _list_faces(self) -> None:
         """List the faces in the cells asked for."""
         while (needed := fill_grid(self.projected, self.grid)) > len(self.grid.entries):
-            room = needed * 5 // 4
-            self.grid = self.grid._replace(
-                entries=np.empty(room, np.int32),
-                nearest=np.empty(room),
-                bounds=np.empty((6, room)),
-            )
+            grid, room, n = self.grid, needed * 5 // 4, int(self.grid.n_entries[0])
+            entries, nearest, bounds = np.empty(room, np.int32), np.empty(room), np.empty((6, room))
+            entries[:n], nearest[:n], bounds[:, :n] = (
+                grid.entries[:n], grid.nearest[:n], grid.bounds[:, :n],
+            )  # fmt: skip
+            self.grid = grid._replace(entries=entries, nearest=nearest, bounds=bounds)
         self._is_listed = True
 
     def _make_room_for_pieces(self, n: int) -> None:

@@ -84,7 +84,7 @@ class LensSolver:
 
     def write_to(self, visible: FloatArray, area: FloatArray, area_error: FloatArray) -> bool:
         """As of `HalfPlaneSolver`."""
-        if self.surface.targets is not None:
+        if self.surface.place is not None:
             return False
         self.area, self.visible, self.area_error = area, visible, area_error
         self.figures = kernels.Figures(area, visible, area_error, *self.figures[3:])

@@ -58,6 +58,7 @@ def room_for_image(surface: Surface, area: FloatArray) -> Projected:
         vertices = np.concatenate((vertices, surface.targets.vertices))
     return Projected(
         faces=faces,
+        rank=surface.rank,
         uvw=np.empty((len(vertices), 3)),
         side=np.empty(n_all, np.int8),
         state=np.empty(n_all, np.uint16),
@@ -104,10 +105,10 @@ def set_up_image(
     extent: FloatArray,
 ) -> tuple[Projected, int, int]:
     """Project and set up faces; the image, with room for clipped faces, live and clipped ones."""
-    project(surface.vertices, camera, projected.uvw)
+    n_out = project(surface.vertices, camera, projected.uvw)
     rest = np.empty(len(surface.blocks.has_flat), np.int32)
     n_plain, n_rest = set_up_plain(
-        camera, front_only, projected, area_error, extent, np.empty(LANES), rest
+        camera, front_only, n_out, projected, area_error, extent, np.empty(LANES), rest
     )
     while True:
         n_live, n_clipped = set_up(

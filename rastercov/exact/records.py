@@ -96,8 +96,8 @@ border : (4, 5) float64
 
 Projected = namedtuple(
     "Projected",
-    "faces uvw side state box area clipped_index clipped blocks block_box block_state block_side "
-    "has_boxes",
+    "faces rank uvw side state box area clipped_index clipped blocks block_box block_state "
+    "block_side has_boxes",
 )
 """Image of a surface.
 
@@ -105,6 +105,8 @@ Attributes
 ----------
 faces : (F, 3) int32
     Vertices of each face.
+rank : (O,) int32
+    Index of each opaque face in the mesh; where two tie, the lower one is in front.
 uvw : (V, 3) float64
     Projected vertices; w is 0 where a vertex lies before the near plane or too far outside the
     image to be projected, so that faces and edges that use it must be clipped in space.
@@ -184,8 +186,8 @@ planes : (N, 7) float64
 
 CellGrid = namedtuple(
     "CellGrid",
-    "left top per_u per_v columns rows is_asked n_asked starts entries nearest is_sorted bounds "
-    "has_bounds hider touches buckets faces n_faces found places is_whole",
+    "left top per_u per_v columns rows asked n_asked starts stops entries n_entries nearest "
+    "is_sorted bounds has_bounds hider touches buckets faces n_faces found places is_whole",
 )
 """Live and thin faces listed by the cells of a regular grid over the image that their boxes touch.
 
@@ -196,14 +198,14 @@ left, top : float
 per_u, per_v : float
     Columns and rows a pixel.
 columns, rows : int
-is_asked : (columns * rows or more,) bool
-    Cells that are asked for; no face is listed in the others.
+asked : (columns * rows or more,) uint8
+    `grid_kernels.NOT_ASKED`, `ASKED` or `LISTED`: faces are listed in the last only.
 n_asked : ((columns + 1) * (rows + 1) or more,) int32
     Number of such cells before each column and row.
-starts : (columns * rows + 2 or more,) int64
-    The faces of cell c are entries[starts[c]] ... entries[starts[c + 1] - 1].
-entries : (N,) int32
-    Faces, in the order of their index until the cell is sorted.
+starts, stops : (columns * rows or more,) int64
+    The faces of a listed cell c are entries[starts[c]] ... entries[stops[c] - 1].
+entries, n_entries : (N,) int32, (1,) int64
+    Faces, in the order of their index until the cell is sorted; the number of all.
 nearest : (N,) float64
     Greatest 1/z of the faces of sorted cells.
 is_sorted : (columns * rows or more,) bool

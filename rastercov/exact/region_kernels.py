@@ -24,8 +24,9 @@ from rastercov.exact.records import (
     W,
 )
 
-FEW_BLOCKS = 0.3
-"""Share of blocks that can be certified as a whole below which regions are joined edge by edge."""
+FEW_BLOCKS = 0.7
+"""Share of the blocks in view that can be certified as a whole below which regions are joined edge
+by edge."""
 
 
 @part_of
@@ -218,7 +219,10 @@ def regions_of_blocks(
                 if parent[n_patches + order[k]] >= 0:
                     for s in range(3):
                         e = edges.of_face[order[k], s]
-                        if not is_event[e]:
+                        # Once: from the first of its faces, unless the block of that is whole.
+                        g = edges.faces[e, 0]
+                        is_mine = g == order[k] or is_of_a_region(blocks.of_face[g], projected)
+                        if is_mine and not is_event[e]:
                             join_along(e, edges, camera, projected, parent)
     for index in range(events.shape[0]):
         if is_hidden[events[index]]:
@@ -355,10 +359,11 @@ def find_regions(
         listed if any is.
     """
     n_patches, n_blocks = projected.blocks.lowest.shape[0], projected.block_state.shape[0]
-    n_crossed, n_whole = list_crossed(projected, targets), 0
+    n_crossed, n_whole, n_live = list_crossed(projected, targets), 0, 0
     for b in range(n_blocks):
         n_whole += is_of_a_region(b, projected)
-    if n_whole >= FEW_BLOCKS * n_blocks:
+        n_live += projected.block_state[b] & LIVE != 0
+    if n_whole >= FEW_BLOCKS * n_live:
         return n_crossed, regions_of_blocks(
             events, edges, is_event, is_hidden, camera, projected, listed, is_listed, region,
             number, targets[n_crossed:],

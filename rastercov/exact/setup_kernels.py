@@ -52,9 +52,10 @@ W_ARITHMETIC_ERROR_REL = 1e-14
 def project(vertices, camera, uvw):
     """Project (V, 3) world points to (V, 3) `uvw`, pixels and 1/z.
 
-    w is 0 for a vertex before the near plane or beyond `camera.u_min` ... `camera.v_max`.
+    w is 0 for a vertex before the near plane or beyond `camera.u_min` ... `camera.v_max`; returns
+    the number of these.
     """
-    rotation, eye = camera.rotation, camera.centre
+    rotation, eye, n_out = camera.rotation, camera.centre, 0
     for i in range(vertices.shape[0]):
         a = vertices[i, 0] - eye[0]
         b = vertices[i, 1] - eye[1]
@@ -67,9 +68,11 @@ def project(vertices, camera, uvw):
         v = camera.fy * (down * w) + camera.cy
         if not (camera.u_min <= u <= camera.u_max and camera.v_min <= v <= camera.v_max):
             w = 0.0
+        n_out += w == 0
         uvw[i, U] = u
         uvw[i, V] = v
         uvw[i, W] = w
+    return n_out
 
 
 @allocation_free

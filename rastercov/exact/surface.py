@@ -3,7 +3,8 @@
 It depends on the mesh alone, is built once, and is kept as long as the mesh exists.
 """
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from typing import Any
 from weakref import WeakKeyDictionary
 
@@ -14,7 +15,7 @@ from rastercov._once import Once
 from rastercov.exact.blocks import blocks_of, blocks_of_targets, is_large, local_order
 from rastercov.exact.records import CONSISTENT, NON_MANIFOLD, REVERSED, Blocks, Edges
 from rastercov.mesh import Mesh
-from rastercov.mesh.contacts import Contacts
+from rastercov.mesh.contacts import Contacts, Partners
 from rastercov.mesh.topology import edge_table
 
 FloatArray = NDArray[np.float64]
@@ -29,24 +30,60 @@ class Targets:
     Attributes
     ----------
     vertices, faces, flat, blocks
-        As of `Surface`.
-    rows : (F,) int64
-        Place of each face of the mesh: 0 ... for those of the surface, in the order of the mesh,
-        and then for targets.
+        As of `Surface`; faces in the order of the mesh.
     """
 
     vertices: FloatArray
     faces: IntArray
     flat: BoolArray
     blocks: Blocks
-    rows: NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class SortedContacts:
+    """Contacts of the faces of a mesh, sorted as the faces of a surface are.
+
+    Attributes
+    ----------
+    contacts : Contacts
+        Of the mesh.
+    order, place : (F,) int32
+        Face of the mesh of each face of the surface, and the reverse.
+    """
+
+    contacts: Contacts
+    order: IntArray
+    place: IntArray
+    _sorted: dict[int, tuple[Any, Once[Any]]] = field(default_factory=dict, init=False)
+
+    def faces_for(self, distance: float = 0.0) -> BoolArray:
+        """(F,) faces in contact; see `Contacts`."""
+        found: BoolArray = self._once(
+            self.contacts.faces_for(distance), lambda own: own[self.order]
+        )
+        return found
+
+    def partners_for(self, distance: float = 0.0) -> Partners:
+        """Faces in contact with each face; see `Contacts`."""
+        found: Partners = self._once(self.contacts.partners_for(distance), self._sort_partners)
+        return found
+
+    def _sort_partners(self, own: Partners) -> Partners:
+        counts = np.diff(own.starts)[self.order]
+        starts = np.concatenate(([0], np.cumsum(counts)))
+        at = np.repeat(own.starts[self.order] - starts[:-1], counts) + np.arange(starts[-1])
+        return Partners(starts, self.place[own.faces[at]])
+
+    def _once(self, own: Any, sort: Callable[[Any], Any]) -> Any:
+        """Sort what the mesh keeps, once; an entry holds it, so that no other has its id."""
+        return self._sorted.setdefault(id(own), (own, Once()))[1].get(lambda: sort(own))
 
 
 @dataclass(frozen=True, eq=False)
 class Surface:
     """Faces and edges by position: vertices that files repeat along seams are merged.
 
-    All attributes but the last are those of the opaque faces, bit for bit as without targets.
+    All attributes but the last two are those of the opaque faces, bit for bit as without targets.
 
     Attributes
     ----------
@@ -55,18 +92,24 @@ class Surface:
     diagonal : float
         Diagonal of the bounding box, metres.
     vertices : (V, 3) float64
-        Positions that faces use, each once; of a large mesh in the order of their use by `blocks`.
-        Not shifted: a difference of two positions is rounded once.
+        Positions that faces use, each once; of a large mesh in the order of their use. Not shifted:
+        a difference of two positions is rounded once.
     faces : (F, 3) int32
-        Vertices of each face, in the order of the mesh.
+        Vertices of each face. They are in the order of the mesh unless neighbours are far from one
+        another there, see `blocks`.
     flat : (F,) bool
         Faces without area.
     edges : Edges
         Edges by position, see `records.Edges`.
     blocks : Blocks
         Groups of faces that are looked at together, see `records.Blocks`.
-    contacts : Contacts
+    rank : (F,) int32
+        Index of each face among the opaque faces of the mesh, which decides where surfaces tie.
+    contacts : Contacts or SortedContacts
         Faces that touch or cut another one.
+    place : (F,) int64 or None
+        Place of each face of the mesh among the faces of the surface and, after them, the targets;
+        None where it is its own index.
     targets : Targets or None
         The other faces of the mesh, if it has any.
     """
@@ -78,7 +121,9 @@ class Surface:
     flat: BoolArray
     edges: Edges
     blocks: Blocks
-    contacts: Contacts
+    rank: IntArray
+    contacts: Contacts | SortedContacts
+    place: NDArray[np.int64] | None = None
     targets: Targets | None = None
 
     @property
@@ -89,7 +134,7 @@ class Surface:
     @property
     def rows(self) -> Any:
         """Index that puts figures of `n_faces` faces in the order of the mesh."""
-        return slice(None) if self.targets is None else self.targets.rows
+        return slice(None) if self.place is None else self.place
 
 
 _SURFACES: WeakKeyDictionary[Mesh, Once[Surface]] = WeakKeyDictionary()
@@ -102,12 +147,19 @@ def surface_of(mesh: Mesh) -> Surface:
 
 def _build(mesh: Mesh) -> Surface:
     if mesh.has_targets:
-        return replace(surface_of(mesh.opaque), targets=_targets(mesh))
+        opaque = surface_of(mesh.opaque)
+        return replace(opaque, targets=_targets(mesh), place=_place_of_all(mesh, opaque))
+    contacts: Contacts | SortedContacts = mesh.contacts
     faces, is_used = _welded(mesh.positions, mesh.n_vertices)
     vertices, flat = mesh.vertices[is_used], np.ascontiguousarray(mesh.degenerate_mask)
+    rank, place = np.arange(len(faces), dtype=np.int32), None
     order = local_order(vertices, faces)
+    if order is not None:
+        rank, place = order, np.argsort(order)
+        faces, flat = faces[order], flat[order]
+        contacts = SortedContacts(mesh.contacts, order, place.astype(np.int32))
     if is_large(len(faces)):
-        vertices, faces = _by_use(vertices, faces, order)
+        vertices, faces = _by_use(vertices, faces)
     edges = _edges(faces, len(vertices))
     return Surface(
         centre=mesh.bounds.mean(axis=0),
@@ -116,8 +168,10 @@ def _build(mesh: Mesh) -> Surface:
         faces=faces,
         flat=flat,
         edges=edges,
-        blocks=blocks_of(order, flat, edges),
-        contacts=mesh.contacts,
+        blocks=blocks_of(np.arange(len(faces), dtype=np.int32), flat, edges),
+        rank=rank,
+        contacts=contacts,
+        place=place,
     )
 
 
@@ -129,9 +183,9 @@ def _welded(positions: NDArray[np.int64], n_vertices: int) -> tuple[IntArray, Bo
     return row[positions].astype(np.int32), is_used
 
 
-def _by_use(vertices: FloatArray, faces: IntArray, order: IntArray) -> tuple[FloatArray, IntArray]:
+def _by_use(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
     """Vertices in the order in which faces use them first: those of a block are then close."""
-    uses = faces[order].ravel()
+    uses = faces.ravel()
     first = np.empty(len(vertices), np.int64)
     first[uses[::-1]] = np.arange(len(uses))[::-1]  # of equal indices the last one is kept
     by_use = np.argsort(first)
@@ -143,13 +197,18 @@ def _by_use(vertices: FloatArray, faces: IntArray, order: IntArray) -> tuple[Flo
 def _targets(mesh: Mesh) -> Targets:
     is_target = mesh.target_mask
     faces, is_used = _welded(mesh.positions[is_target], mesh.n_vertices)
-    # The opaque part of a mesh of targets only has one face, which is no face of the mesh.
-    n_opaque = mesh.opaque.n_faces
-    rows = np.empty(mesh.n_faces, np.int64)
-    rows[~is_target] = np.arange(np.count_nonzero(~is_target))
-    rows[is_target] = n_opaque + np.arange(len(faces))
     flat = np.ascontiguousarray(mesh.degenerate_mask[is_target])
-    return Targets(mesh.vertices[is_used], faces, flat, blocks_of_targets(flat), rows)
+    return Targets(mesh.vertices[is_used], faces, flat, blocks_of_targets(flat))
+
+
+def _place_of_all(mesh: Mesh, opaque: Surface) -> NDArray[np.int64]:
+    """Place of each face of a mesh with targets, which follow the opaque faces."""
+    is_target = mesh.target_mask
+    place = np.empty(mesh.n_faces, np.int64)
+    # The opaque part of a mesh of targets only has one face, which is no face of the mesh.
+    place[~is_target] = np.arange(len(opaque.faces))[opaque.rows][: np.count_nonzero(~is_target)]
+    place[is_target] = len(opaque.faces) + np.arange(np.count_nonzero(is_target))
+    return place
 
 
 def _edges(faces: IntArray, n_vertices: int) -> Edges:

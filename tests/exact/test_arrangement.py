@@ -173,7 +173,7 @@ def test_a_sorted_cell_lists_its_faces_from_front_to_back(n, largest):
     box[: n // 9, W_MAX] = np.inf
     order = rng.permutation(n).astype(np.int32)
     grid = view.grid._replace(
-        starts=np.array([0, n, n]), entries=order.copy(), nearest=np.empty(n),
+        starts=np.array([0]), stops=np.array([n]), entries=order.copy(), nearest=np.empty(n),
         is_sorted=np.zeros(1, bool), has_bounds=np.ones(1, bool), bounds=np.empty((6, n)),
         found=np.empty(n, np.int32),
     )  # fmt: skip
