@@ -157,8 +157,10 @@ class ExactObserver(OpenObserver):
                     solver.set_pose(matrices[row], near[row], front_only[row])
                     solver.solve_all()
                     if not is_direct:
-                        found = solver.visible, solver.area, solver.area_error
-                        visible[row], area[row], error[row] = (array[rows] for array in found)
+                        # All rows are in range: with another mode `take` makes a copy first.
+                        solver.visible.take(rows, out=visible[row], mode="clip")
+                        solver.area.take(rows, out=area[row], mode="clip")
+                        solver.area_error.take(rows, out=error[row], mode="clip")
                     kind[row][solver.is_certified[rows]] = BoundKind.CERTIFIED
 
             return work
