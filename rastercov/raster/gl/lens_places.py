@@ -145,7 +145,7 @@ class Places:
             self._spare = [self._resources.buffer(TABLES, size=1) for _ in arrays]
         for buffer, array in zip(self._spare, arrays, strict=True):
             buffer.orphan(array.nbytes)
-            buffer.write(array)
+            buffer.write(np.ascontiguousarray(array))
         return self._spare
 
 

@@ -75,8 +75,8 @@ class GLRasterizer(Closing):
 
     Raises
     ------
-    ConfigError, DeviceError, ResourceError
-        For a bad argument; a device that lacks a feature or fails its self-test; lack of memory.
+    CameraError, ConfigError, DeviceError, ResourceError
+        For a lens that the plan does not draw; a bad argument; a device that lacks a feature or fails its self-test; lack of memory.
     """
 
     def __init__(
@@ -123,9 +123,9 @@ class GLRasterizer(Closing):
         reach = max(self.camera.fx, self.camera.fy, abs(self.camera.cx), abs(self.camera.cy))
         if not self.camera.is_pinhole:
             if plan in ("software", "hardware"):
-                raise ConfigError(
-                    f"plan '{plan}' draws pinholes only, got a lens of model {self.camera.model}; "
-                    "take plan 'compute', or --device cpu (backend cpu)"
+                self.camera.check_pinhole(
+                    f"plan '{plan}' draws pinholes only",
+                    "take plan 'compute', or --device cpu (backend cpu)",
                 )
             if not known.has_compute_raster:
                 raise DeviceError(
