@@ -100,6 +100,39 @@ def test_hostile_meshes_are_drawn_as_by_the_cpu(gl_context, seed, lens):
     assert_as_on_the_cpu(gl_context, mesh, camera, poses, **options)
 
 
+@pytest.mark.parametrize("small", [64, -1])
+def test_samples_on_edges_and_corners_belong_to_the_faces_of_the_cpu(device, monkeypatch, small):
+    """A sheet whose corners are places of samples, all numbers of which are exact."""
+    camera = LENSES["strong"]
+    (patch,) = tables_of(camera, 1, 0.0).band(0, 1)
+    assert (patch.frame == np.eye(3)).all()
+    x, y = (each.reshape(-1, 8, 8) for each in lens_places._in_blocks(patch))
+    rng = np.random.default_rng(4)
+    # The first three and the middle samples of each block: edges along samples, and across.
+    corners = np.stack((x, y, np.ones_like(x)), axis=3)[:, [0, 1, 2, 5]][:, :, [0, 1, 2, 5]]
+    corners = corners[np.isfinite(corners).all(axis=(1, 2, 3))]
+    corners = corners * 2.0 ** rng.integers(-1, 2, (len(corners), 4, 4, 1))
+    number = np.arange(corners[..., 0].size).reshape(-1, 4, 4)
+    a, b, c, d = (number[:, i : i + 3, j : j + 3].ravel() for i in (0, 1) for j in (0, 1))
+    faces = np.vstack((np.stack((a, b, d), axis=1), np.stack((a, d, c), axis=1)))
+    points = corners.reshape(-1, 3)
+    # And the same behind the camera, so that the centre of the mesh is 0.
+    mesh = Mesh(
+        vertices=np.vstack((points, -points)), faces=np.vstack((faces, faces + len(points)))
+    )
+    assert (mesh.bounds.mean(axis=0) == 0).all()
+    monkeypatch.setattr(lens_compute, "SMALL", small)
+    with (
+        GLRasterizer(mesh, camera, device=device) as found,
+        LensRasterizer(mesh, camera) as expected,
+    ):
+        counts = everything(found, np.eye(4)[None])
+        assert_same(counts, everything(expected, np.eye(4)[None]))
+    assert counts["visible"].sum() == counts["drawn"].sum()  # none belongs to two
+    # A block has 5 x 5 samples on its sheet, without two borders.
+    assert counts["visible"].sum() >= 25 * len(corners) * 0.8
+
+
 @pytest.mark.parametrize("lens", ["strong", "wide fisheye"])
 @pytest.mark.parametrize(
     "sizes",
@@ -157,7 +190,7 @@ def test_storage_blocks_that_hold_little_change_nothing_or_are_refused(device, m
             GLRasterizer(few, camera, device=device)
 
 
-@pytest.mark.parametrize("n_faces", [60, 400])
+@pytest.mark.parametrize("n_faces", [60, pytest.param(400, marks=pytest.mark.slow)])
 def test_a_queue_that_is_too_small_is_filled_again_with_less(device, monkeypatch, n_faces):
     rng = np.random.default_rng(2)
     middle = np.concatenate(

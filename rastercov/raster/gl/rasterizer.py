@@ -76,7 +76,8 @@ class GLRasterizer(Closing):
     Raises
     ------
     CameraError, ConfigError, DeviceError, ResourceError
-        For a lens that the plan does not draw; a bad argument; a device that lacks a feature or fails its self-test; lack of memory.
+        For a lens that the plan does not draw; a bad argument; a device that lacks a feature or
+        fails its self-test; lack of memory.
     """
 
     def __init__(
