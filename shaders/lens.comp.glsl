@@ -3,7 +3,7 @@
 // A view is a pose and an ideal plane: its samples are those that the plane sees, in blocks of 8 x 8,
 // each at the place of the plane whose ray it sees. Without QUEUED, an invocation takes one face in
 // one view (z), finds in a grid of cells over the plane which samples the face may cover, and fills a
-// face of few samples by itself; larger ones go to a queue, in runs of blocks. With QUEUED, a
+// face of few samples by itself; larger ones go to a queue, set up, in runs of blocks. With QUEUED, a
 // workgroup takes pieces from the queue: first each invocation tests a block against the edges, then
 // all of them fill the blocks that are met, a sample each. With TARGETS nothing is drawn: samples are
 // counted that the faces cover, and those of them that no surface is in front of.
@@ -40,11 +40,24 @@ struct View {
     ivec2 cells;                 // columns and rows of cells of the first level
 };
 
+// A face in a view, set up. Edges are scaled so that their doubt is 1.
+struct Face {
+    dvec3 p;                // corners in axes of the plane
+    double side;            // sign of the inner side of the edges
+    dvec3 q, r;
+    dvec3 edge[3];          // planes (a, b, c) through the eye and p q, q r, r p
+    dvec3 inverse;          // 1/z = inverse . (x, y, 1)
+    float behind, cut;      // 1/z must be above `behind` and not above `cut`
+    float least, greatest;  // 1/z at the corners
+    uint name;              // index + 1
+    uint flags;             // bits of OWNS: samples on an edge are inside; IS_DRAWN
+};
+
 struct Piece {
-    uint face;        // index + 1
-    uint view;        // twice that, plus 1 for a face seen edge-on that is drawn turned round
+    Face face;
     ivec2 from, to;   // first and last sample that the face may cover, from the origin of the view
     int begin, end;   // blocks of that rectangle, row by row
+    uint view;
 };
 
 struct Block {
@@ -69,23 +82,153 @@ const float INFINITE = uintBitsToFloat(0x7f800000u);
 const double LARGEST = 1.7976931348623157e308lf;
 // Bounds of rounding, as in `lens_kernels.py`.
 const double DOUBT_REL = 1e-14lf, DOUBT32_REL = 1e-6lf, ROUNDING_REL = 1e-14lf;
-const double LEAST_DOUBT = 1e-30lf, SLACK = 1e-7lf;
+const double LEAST_DOUBT = 1e-30lf, MOST_SLOPE = 1e30lf, SLACK = 1e-7lf;
 const double TIE = 1.0lf + 1.0lf / 1048576.0lf;  // as in `target_kernels.py`
 const float BLOCK_MARGIN = 2.0;  // doubts of an edge; 1.3 is enough for rounding of a block's test
 
-// A face in a view. Edges are scaled so that their doubt is 1.
-struct Face {
-    dvec3 p, q, r;                // corners in axes of the plane
-    dvec3 edge[3];                // planes (a, b, c) through the eye and p q, q r, r p
-    dvec3 inverse;                // 1/z = inverse . (x, y, 1)
-    vec4 across, down;            // first and second numbers of the three edges and of 1/z
-    double side;                  // sign of the inner side of the edges
-    bvec3 owns;                   // whether samples on an edge are inside
-    float behind, cut;            // 1/z must be above `behind` and not above `cut`
-    float least, greatest;        // 1/z at the corners
-    uint name;                    // index + 1
-    bool is_drawn;                // false for a face that is only counted
+const uint OWNS[3] = uint[](1u, 2u, 4u), IS_DRAWN = 8u;  // without it a face is only counted
+
+// Changes of the three edges and of 1/z with x and y.
+struct Slopes {
+    vec4 across, down;
 };
+
+Slopes slopes_of(Face f) {
+    return Slopes(
+        vec4(f.edge[0].x, f.edge[1].x, f.edge[2].x, f.inverse.x),
+        vec4(f.edge[0].y, f.edge[1].y, f.edge[2].y, f.inverse.y));
+}
+
+// The three edges and 1/z in the middle of a block.
+vec4 in_middle(Face f, dvec2 middle) {
+    precise double pq = f.edge[0].x * middle.x + f.edge[0].y * middle.y + f.edge[0].z;
+    precise double qr = f.edge[1].x * middle.x + f.edge[1].y * middle.y + f.edge[1].z;
+    precise double rp = f.edge[2].x * middle.x + f.edge[2].y * middle.y + f.edge[2].z;
+    precise double w = f.inverse.x * middle.x + f.inverse.y * middle.y + f.inverse.z;
+    return vec4(pq, qr, rp, w);
+}
+
+// False where no sample of a block is inside a face.
+bool meets(Slopes slopes, vec4 value, vec2 reach) {
+    if (reach.x < 0.0) return false;
+    vec3 most = value.xyz + abs(slopes.across.xyz) * reach.x + abs(slopes.down.xyz) * reach.y;
+    return all(greaterThanEqual(most, vec3(-BLOCK_MARGIN)));
+}
+
+// Whether a place is inside a face, without contradiction between faces: (p x q) . (x, y, 1) is the
+// product of the vectors from the place to p and to q. Where all three vectors point the same way, as
+// from a place beside a face that is as thin as rounding, the signs of their products mean nothing.
+bool is_inside(Face f, dvec2 at) {
+    precise dvec2 p = f.p.xy - at * f.p.z, q = f.q.xy - at * f.q.z, r = f.r.xy - at * f.r.z;
+    dvec2 low = min(p, min(q, r)), high = max(p, max(q, r));
+    if (max(low.x, low.y) > 0.0lf || min(high.x, high.y) < 0.0lf) return false;
+    precise double pq = (p.x * q.y - p.y * q.x) * f.side;
+    precise double qr = (q.x * r.y - q.y * r.x) * f.side;
+    precise double rp = (r.x * p.y - r.y * p.x) * f.side;
+    return (pq > 0.0lf || (pq == 0.0lf && (f.flags & OWNS[0]) != 0u))
+        && (qr > 0.0lf || (qr == 0.0lf && (f.flags & OWNS[1]) != 0u))
+        && (rp > 0.0lf || (rp == 0.0lf && (f.flags & OWNS[2]) != 0u));
+}
+
+// Draws a face on a sample of a block, `value` being `in_middle`. Returns 1 if it covers the sample,
+// and with TARGETS another 1 if nothing is in front of it.
+uvec2 draw_sample(Face f, Slopes slopes, uint block, vec4 value, uint of_block, uint sample_) {
+    vec2 at = blocks[block].places[of_block];
+    if (!(at.x < NO_PLACE)) return uvec2(0u);
+    precise vec4 here = slopes.across * at.x + slopes.down * at.y + value;
+    float least = min(here.x, min(here.y, here.z));
+    if (!(least >= -1.0 && here.w > f.behind && here.w <= f.cut)) return uvec2(0u);
+    if (!(least > 1.0)) {
+        precise dvec2 place = dvec2(at) + blocks[block].middle;
+        if (!is_inside(f, place)) return uvec2(0u);
+    }
+    // A sample can lie beyond the corners by rounding; its depth must not.
+    float w = min(max(here.w, f.least), f.greatest);
+#ifdef TARGETS
+#ifdef ATOMIC64
+    uint bits = unpackUint2x32(keys[sample_]).y;
+#else
+    uint bits = keys[2u * sample_ + 1u];
+#endif
+    return uvec2(1u, double(w) * TIE >= double(uintBitsToFloat(bits)) ? 1u : 0u);
+#else
+    if ((f.flags & IS_DRAWN) != 0u) keep_nearest(sample_, w, f.name);
+    return uvec2(1u, 0u);
+#endif
+}
+
+// First sample of a row of a view, in `keys`.
+uint row_of(View view, int row) {
+    return (view.pose * uint(size.y) + uint(view.origin.y + row)) * uint(size.x) + uint(view.origin.x);
+}
+
+// Adds the samples of a face, covered and seen, to its counters.
+void count(View view, uint name, uvec2 found) {
+    uint counter = view.pose * stride + name - first_face;
+#ifdef TARGETS
+    if (found.y > 0u) atomicAdd(counts[first_seen + counter], found.y);
+    if (found.x > 0u) atomicAdd(counts[counter], found.x);
+#else
+    if (with_drawn && found.x > 0u) atomicAdd(counts[counter], found.x);
+#endif
+}
+
+#ifdef QUEUED
+
+shared uint n_met;
+shared uint met[64];    // blocks of the rectangle that the face may cover
+shared vec4 value[64];  // edges and 1/z in their middles
+shared uint total[2];
+
+void main() {
+    uint lane = gl_LocalInvocationIndex;
+    ivec2 of_block = ivec2(lane & 7u, lane >> 3u);
+    uint n = is_full == 0u ? n_pieces : 0u;
+    for (uint i = gl_WorkGroupID.x; i < n; i += gl_NumWorkGroups.x) {
+        Piece piece = pieces[i];
+        Face f = piece.face;
+        Slopes slopes = slopes_of(f);
+        View view = views[piece.view];
+        ivec2 first_block = piece.from >> 3;
+        int columns = (piece.to.x >> 3) - first_block.x + 1;
+        if (lane < 2u) total[lane] = 0u;
+        uvec2 found = uvec2(0u);
+        for (int first = piece.begin; first < piece.end; first += 64) {
+            if (lane == 0u) n_met = 0u;
+            barrier();
+            int at = first + int(lane);
+            if (at < piece.end) {
+                ivec2 place = first_block + ivec2(at % columns, at / columns);
+                uint block = view.first_block + uint(place.y * view.columns + place.x);
+                vec4 here = in_middle(f, blocks[block].middle);
+                if (meets(slopes, here, blocks[block].reach)) {
+                    uint slot = atomicAdd(n_met, 1u);
+                    met[slot] = uint(at);
+                    value[slot] = here;
+                }
+            }
+            barrier();
+            uint n_here = n_met;
+            for (uint k = 0u; k < n_here; ++k) {
+                ivec2 place = first_block + ivec2(int(met[k]) % columns, int(met[k]) / columns);
+                uint block = view.first_block + uint(place.y * view.columns + place.x);
+                ivec2 at_sample = 8 * place + of_block;
+                uint sample_ = row_of(view, at_sample.y) + uint(at_sample.x);
+                found += draw_sample(f, slopes, block, value[k], lane, sample_);
+            }
+            barrier();
+        }
+        if (found.x > 0u) {
+            atomicAdd(total[0], found.x);
+            atomicAdd(total[1], found.y);
+        }
+        barrier();
+        if (lane == 0u) count(view, f.name, uvec2(total[0], total[1]));
+        barrier();
+    }
+}
+
+#else
 
 double largest(dvec3 p) {
     dvec3 size = abs(p);
@@ -131,7 +274,7 @@ Face set_up(View view, dvec3 p, dvec3 q, dvec3 r, double side) {
     f.r = r;
     f.side = side;
     precise dvec3 pq = side * cross_of(p, q), qr = side * cross_of(q, r), rp = side * cross_of(r, p);
-    f.owns = bvec3(owns(pq), owns(qr), owns(rp));
+    f.flags = (owns(pq) ? OWNS[0] : 0u) | (owns(qr) ? OWNS[1] : 0u) | (owns(rp) ? OWNS[2] : 0u);
     double doubt = DOUBT_REL * view.farthest, doubt32 = DOUBT32_REL * view.half_side;
     double size_p = largest(p), size_q = largest(q), size_r = largest(r);
     f.edge[0] = scaled(pq, doubt * size_p * size_q, doubt32);
@@ -150,168 +293,15 @@ Face set_up(View view, dvec3 p, dvec3 q, dvec3 r, double side) {
     double height = height_of(normal, p);
     precise dvec3 inverse = normal / height;
     // Edge-on, 1/z has no plane.
-    bool has_plane = height != 0.0lf && all(lessThanEqual(abs(inverse), dvec3(LARGEST)));
+    bool has_plane = height != 0.0lf && all(lessThanEqual(abs(inverse), dvec3(MOST_SLOPE)));
     f.inverse = has_plane ? inverse : dvec3(0.0lf, 0.0lf, greatest);
-    f.across = vec4(f.edge[0].x, f.edge[1].x, f.edge[2].x, f.inverse.x);
-    f.down = vec4(f.edge[0].y, f.edge[1].y, f.edge[2].y, f.inverse.y);
     return f;
-}
-
-// The three edges and 1/z in the middle of a block.
-vec4 in_middle(Face f, dvec2 middle) {
-    precise double pq = f.edge[0].x * middle.x + f.edge[0].y * middle.y + f.edge[0].z;
-    precise double qr = f.edge[1].x * middle.x + f.edge[1].y * middle.y + f.edge[1].z;
-    precise double rp = f.edge[2].x * middle.x + f.edge[2].y * middle.y + f.edge[2].z;
-    precise double w = f.inverse.x * middle.x + f.inverse.y * middle.y + f.inverse.z;
-    return vec4(pq, qr, rp, w);
-}
-
-// False where no sample of a block is inside a face.
-bool meets(Face f, vec4 value, vec2 reach) {
-    if (reach.x < 0.0) return false;
-    vec3 most = value.xyz + abs(f.across.xyz) * reach.x + abs(f.down.xyz) * reach.y;
-    return all(greaterThanEqual(most, vec3(-BLOCK_MARGIN)));
-}
-
-// Whether a place is inside a face, without contradiction between faces: (p x q) . (x, y, 1) is the
-// product of the vectors from the place to p and to q.
-bool is_inside(Face f, dvec2 at) {
-    precise dvec2 p = f.p.xy - at * f.p.z, q = f.q.xy - at * f.q.z, r = f.r.xy - at * f.r.z;
-    precise double pq = (p.x * q.y - p.y * q.x) * f.side;
-    precise double qr = (q.x * r.y - q.y * r.x) * f.side;
-    precise double rp = (r.x * p.y - r.y * p.x) * f.side;
-    return (pq > 0.0lf || (pq == 0.0lf && f.owns.x))
-        && (qr > 0.0lf || (qr == 0.0lf && f.owns.y))
-        && (rp > 0.0lf || (rp == 0.0lf && f.owns.z));
-}
-
-// Draws a face on a sample of a block, `value` being `in_middle`. Returns 1 if it covers the sample,
-// and with TARGETS another 1 if nothing is in front of it.
-uvec2 draw_sample(Face f, uint block, vec4 value, uint of_block, uint sample_) {
-    vec2 at = blocks[block].places[of_block];
-    if (!(at.x < NO_PLACE)) return uvec2(0u);
-    precise vec4 here = f.across * at.x + f.down * at.y + value;
-    float least = min(here.x, min(here.y, here.z));
-    if (!(least >= -1.0 && here.w > f.behind && here.w <= f.cut)) return uvec2(0u);
-    if (!(least > 1.0)) {
-        precise dvec2 place = dvec2(at) + blocks[block].middle;
-        if (!is_inside(f, place)) return uvec2(0u);
-    }
-    // A sample can lie beyond the corners by rounding; its depth must not.
-    float w = min(max(here.w, f.least), f.greatest);
-#ifdef TARGETS
-#ifdef ATOMIC64
-    uint bits = unpackUint2x32(keys[sample_]).y;
-#else
-    uint bits = keys[2u * sample_ + 1u];
-#endif
-    return uvec2(1u, double(w) * TIE >= double(uintBitsToFloat(bits)) ? 1u : 0u);
-#else
-    if (f.is_drawn) keep_nearest(sample_, w, f.name);
-    return uvec2(1u, 0u);
-#endif
-}
-
-// First sample of a row of a view, in `keys`.
-uint row_of(View view, int row) {
-    return (view.pose * uint(size.y) + uint(view.origin.y + row)) * uint(size.x) + uint(view.origin.x);
-}
-
-// Adds the samples of a face, covered and seen, to its counters.
-void count(View view, uint name, uvec2 found) {
-    uint counter = view.pose * stride + name - first_face;
-#ifdef TARGETS
-    if (found.y > 0u) atomicAdd(counts[first_seen + counter], found.y);
-    if (found.x > 0u) atomicAdd(counts[counter], found.x);
-#else
-    if (with_drawn && found.x > 0u) atomicAdd(counts[counter], found.x);
-#endif
-}
-
-dvec3 corner_in(View view, uint corner_of_face) {
-    return in_axes(
-        corner_of_face, view.right.xyz, view.down.xyz, view.forward.xyz, view.eye.xyz);
-}
-
-// True for a face that is drawn, not only counted. `rounding` is that of its height over the eye,
-// which is positive where it is seen from behind.
-bool is_front(View view, double height, double rounding) {
-#ifdef TARGETS
-    return true;
-#else
-    return view.cull == 0.0lf || !(height > rounding);
-#endif
 }
 
 double rounding_of(dvec3 p, dvec3 q, dvec3 r) {
     double size = max(largest(p), max(largest(q), largest(r)));
     return ROUNDING_REL * size * size * size;
 }
-
-#ifdef QUEUED
-
-shared uint n_met;
-shared uint met[64];    // blocks of the rectangle that the face may cover
-shared vec4 value[64];  // edges and 1/z in their middles
-shared uint total[2];
-
-void main() {
-    uint lane = gl_LocalInvocationIndex;
-    ivec2 of_block = ivec2(lane & 7u, lane >> 3u);
-    uint n = is_full == 0u ? n_pieces : 0u;
-    for (uint i = gl_WorkGroupID.x; i < n; i += gl_NumWorkGroups.x) {
-        Piece piece = pieces[i];
-        View view = views[piece.view >> 1u];
-        uint first_corner = 3u * (piece.face - 1u);
-        dvec3 p = corner_in(view, first_corner);
-        dvec3 q = corner_in(view, first_corner + 1u);
-        dvec3 r = corner_in(view, first_corner + 2u);
-        double height = height_of(normal_of(p, q, r), p);
-        bool is_turned = (piece.view & 1u) == 1u;
-        Face f = set_up(view, p, q, r, (height > 0.0lf) != is_turned ? 1.0lf : -1.0lf);
-        f.name = piece.face;
-        f.is_drawn = is_front(view, height, rounding_of(p, q, r));
-
-        ivec2 first_block = piece.from >> 3;
-        int columns = (piece.to.x >> 3) - first_block.x + 1;
-        if (lane < 2u) total[lane] = 0u;
-        uvec2 found = uvec2(0u);
-        for (int first = piece.begin; first < piece.end; first += 64) {
-            if (lane == 0u) n_met = 0u;
-            barrier();
-            int at = first + int(lane);
-            if (at < piece.end) {
-                ivec2 place = first_block + ivec2(at % columns, at / columns);
-                uint block = view.first_block + uint(place.y * view.columns + place.x);
-                vec4 here = in_middle(f, blocks[block].middle);
-                if (meets(f, here, blocks[block].reach)) {
-                    uint slot = atomicAdd(n_met, 1u);
-                    met[slot] = uint(at);
-                    value[slot] = here;
-                }
-            }
-            barrier();
-            uint n_here = n_met;
-            for (uint k = 0u; k < n_here; ++k) {
-                ivec2 place = first_block + ivec2(int(met[k]) % columns, int(met[k]) / columns);
-                uint block = view.first_block + uint(place.y * view.columns + place.x);
-                ivec2 at_sample = 8 * place + of_block;
-                uint sample_ = row_of(view, at_sample.y) + uint(at_sample.x);
-                found += draw_sample(f, block, value[k], lane, sample_);
-            }
-            barrier();
-        }
-        if (found.x > 0u) {
-            atomicAdd(total[0], found.x);
-            atomicAdd(total[1], found.y);
-        }
-        barrier();
-        if (lane == 0u) count(view, f.name, uvec2(total[0], total[1]));
-        barrier();
-    }
-}
-
-#else
 
 // Box (x0, x1, y0, y1) of what of a face is beyond the near plane, in units of the plane.
 dvec4 box_of(dvec3 corners[3], double near) {
@@ -360,18 +350,20 @@ ivec4 samples_in(View view, dvec4 box) {
 
 // Fills a face of few samples, columns and rows of `at`.
 uvec2 fill(Face f, View view, ivec4 at) {
+    Slopes slopes = slopes_of(f);
     uvec2 found = uvec2(0u);
     for (int top = at.z >> 3; top <= at.w >> 3; ++top) {
         for (int left = at.x >> 3; left <= at.y >> 3; ++left) {
             uint block = view.first_block + uint(top * view.columns + left);
             vec4 here = in_middle(f, blocks[block].middle);
-            if (!meets(f, here, blocks[block].reach)) continue;
+            if (!meets(slopes, here, blocks[block].reach)) continue;
             ivec2 from = max(at.xz, 8 * ivec2(left, top)), to = min(at.yw, 8 * ivec2(left, top) + 7);
             for (int row = from.y; row <= to.y; ++row) {
                 uint row_start = row_of(view, row);
                 for (int column = from.x; column <= to.x; ++column) {
                     uint of_block = uint(8 * (row & 7) + (column & 7));
-                    found += draw_sample(f, block, here, of_block, row_start + uint(column));
+                    uint sample_ = row_start + uint(column);
+                    found += draw_sample(f, slopes, block, here, of_block, sample_);
                 }
             }
         }
@@ -379,14 +371,14 @@ uvec2 fill(Face f, View view, ivec4 at) {
     return found;
 }
 
-void enqueue(uint name, uint view, ivec4 at) {
+void enqueue(Face f, uint view, ivec4 at) {
     ivec2 n_blocks = (at.yw >> 3) - (at.xz >> 3) + 1;
     int end = n_blocks.x * n_blocks.y;
     uint n = uint(end + PIECE_BLOCKS - 1) / uint(PIECE_BLOCKS);
     uint first = take_slots(n);
     for (uint slot = first; slot < min(first + n, capacity); ++slot) {
         int begin = PIECE_BLOCKS * int(slot - first);
-        pieces[slot] = Piece(name, view, at.xz, at.yw, begin, min(begin + PIECE_BLOCKS, end));
+        pieces[slot] = Piece(f, at.xz, at.yw, begin, min(begin + PIECE_BLOCKS, end), view);
     }
 }
 
@@ -396,11 +388,15 @@ void main() {
     uint number = first_view + gl_GlobalInvocationID.z;
     View view = views[number];
     dvec3 corners[3];
-    for (int i = 0; i < 3; ++i) corners[i] = corner_in(view, 3u * face + uint(i));
+    for (int i = 0; i < 3; ++i) {
+        corners[i] = in_axes(
+            3u * face + uint(i), view.right.xyz, view.down.xyz, view.forward.xyz, view.eye.xyz);
+    }
     if (!(max(corners[0].z, max(corners[1].z, corners[2].z)) >= view.near)) return;
     double height = height_of(normal_of(corners[0], corners[1], corners[2]), corners[0]);
     double rounding = rounding_of(corners[0], corners[1], corners[2]);
-    bool is_drawn = is_front(view, height, rounding);
+    // The height of the eye is positive where a face is seen from behind.
+    bool is_drawn = view.cull == 0.0lf || !(height > rounding);
 #if defined(ATOMIC64) || defined(TARGETS)
     bool is_counted = with_drawn;
 #else
@@ -417,15 +413,15 @@ void main() {
     // Edge-on the sign is not known; the samples where all three edges agree are the face.
     int turns = abs(height) <= rounding ? 2 : 1;
     for (int turn = 0; turn < turns; ++turn) {
-        if (n_samples > SMALL) {
-            enqueue(face + 1u, 2u * number + uint(turn), at);
-            continue;
-        }
         double side = (height > 0.0lf) != (turn == 1) ? 1.0lf : -1.0lf;
         Face f = set_up(view, corners[0], corners[1], corners[2], side);
         f.name = face + 1u;
-        f.is_drawn = is_drawn;
-        count(view, f.name, fill(f, view, at));
+        f.flags |= is_drawn ? IS_DRAWN : 0u;
+        if (n_samples > SMALL) {
+            enqueue(f, number, at);
+        } else {
+            count(view, f.name, fill(f, view, at));
+        }
     }
 }
 

@@ -133,6 +133,38 @@ def test_samples_on_edges_and_corners_belong_to_the_faces_of_the_cpu(device, mon
     assert counts["visible"].sum() >= 25 * len(corners) * 0.8
 
 
+@pytest.mark.parametrize("small", [64, -1])
+def test_faces_as_thin_as_rounding_cover_the_samples_of_the_cpu(device, monkeypatch, small):
+    """Faces along the rays of samples, 1e-16 wide, the sign of whose area is that of rounding."""
+    camera = LENSES["strong"].resized(2.5)
+    (patch,) = tables_of(camera, 1, 0.0).band(0, 1)
+    x, y = lens_places._in_blocks(patch)
+    rng = np.random.default_rng(6)
+    is_live = np.isfinite(x) & (rng.random(x.shape) < 0.5)
+    rays = np.stack((x[is_live], y[is_live], np.ones(is_live.sum())), axis=1)[:, None]
+    corners = rays * 2.0 ** rng.integers(-2, 3, (len(rays), 3, 1))
+    corners[..., :2] += rng.normal(size=(len(rays), 3, 2)) * 2e-16
+    points = corners.reshape(-1, 3)
+    faces = np.arange(len(points)).reshape(-1, 3)
+    mesh = Mesh(
+        vertices=np.vstack((points, -points)), faces=np.vstack((faces, faces + len(points)))
+    )
+    assert (mesh.bounds.mean(axis=0) == 0).all()
+    monkeypatch.setattr(lens_compute, "SMALL", small)
+    with (
+        GLRasterizer(mesh, camera, device=device) as found,
+        LensRasterizer(mesh, camera) as expected,
+    ):
+        counts = everything(found, np.eye(4)[None])
+        assert_same(counts, everything(expected, np.eye(4)[None]))
+    assert counts["drawn"].max() == 1
+    assert 100 < counts["drawn"].sum() < 0.9 * len(rays)
+    rows, columns = (each[is_live] for each in lens_places._samples_of(patch))
+    image = counts["face"][0]
+    own = image[rows + 4 * patch.first_row, columns + 4 * patch.first_column]
+    assert (own == np.arange(len(rays))).sum() == (image >= 0).sum()  # none shows beside its ray
+
+
 @pytest.mark.parametrize("lens", ["strong", "wide fisheye"])
 @pytest.mark.parametrize(
     "sizes",

@@ -140,7 +140,7 @@ class Compute:
         fitting = min(in_budget, block // max(key_bytes, counter_bytes))
         self._layers = max(1, min(MAX_POSES, fitting))
 
-        pieces = 2 * self._layers * self._most_faces
+        pieces = min(2 * self._layers * self._most_faces, block // self.piece_bytes)
         self._capacity = max(GROUP_FACES * most.pieces, min(MAX_PIECES, pieces))
         self._faces_at_once, self._poses_at_once = MAX_FACES, MAX_POSES
         self._defines = self._constants()

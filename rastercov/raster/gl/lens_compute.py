@@ -49,7 +49,7 @@ LOOKUPS = 4
 """Cells of a side that are looked up for a face."""
 MOST_PLANES = 6
 """Sides of a cube."""
-PIECE_BYTES = 32
+PIECE_BYTES = 288
 """Bytes of a struct `Piece` of lens.comp."""
 CELLS, BLOCKS = 1, 7
 """Bindings of storage buffers beside those of `compute`; `RUNS` and `CELLS` are not used at once,
