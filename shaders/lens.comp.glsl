@@ -64,6 +64,7 @@ struct Block {
     dvec2 middle;     // place in the plane
     vec2 reach;       // largest distances of a sample from it; negative for a block without samples
     vec2 unused;
+    vec4 tiles[4];    // of 4 x 4 samples: middle of their box, from that of the block, and its reach
     vec2 places[64];  // of the samples from the middle; NO_PLACE or more for none
 };
 
@@ -108,7 +109,7 @@ vec4 in_middle(Face f, dvec2 middle) {
     return vec4(pq, qr, rp, w);
 }
 
-// False where no sample of a block is inside a face.
+// False where no sample of a block or tile is inside a face, `value` being its edges in the middle.
 bool meets(Slopes slopes, vec4 value, vec2 reach) {
     if (reach.x < 0.0) return false;
     vec3 most = value.xyz + abs(slopes.across.xyz) * reach.x + abs(slopes.down.xyz) * reach.y;
@@ -356,14 +357,19 @@ uvec2 fill(Face f, View view, ivec4 at) {
         for (int left = at.x >> 3; left <= at.y >> 3; ++left) {
             uint block = view.first_block + uint(top * view.columns + left);
             vec4 here = in_middle(f, blocks[block].middle);
-            if (!meets(slopes, here, blocks[block].reach)) continue;
-            ivec2 from = max(at.xz, 8 * ivec2(left, top)), to = min(at.yw, 8 * ivec2(left, top) + 7);
-            for (int row = from.y; row <= to.y; ++row) {
-                uint row_start = row_of(view, row);
-                for (int column = from.x; column <= to.x; ++column) {
-                    uint of_block = uint(8 * (row & 7) + (column & 7));
-                    uint sample_ = row_start + uint(column);
-                    found += draw_sample(f, slopes, block, here, of_block, sample_);
+            for (int t = 0; t < 4; ++t) {
+                vec4 tile = blocks[block].tiles[t];
+                vec4 in_tile = here + slopes.across * tile.x + slopes.down * tile.y;
+                if (!meets(slopes, in_tile, tile.zw)) continue;
+                ivec2 first = 8 * ivec2(left, top) + 4 * ivec2(t & 1, t >> 1);
+                ivec2 from = max(at.xz, first), to = min(at.yw, first + 3);
+                for (int row = from.y; row <= to.y; ++row) {
+                    uint row_start = row_of(view, row);
+                    for (int column = from.x; column <= to.x; ++column) {
+                        uint of_block = uint(8 * (row & 7) + (column & 7));
+                        uint sample_ = row_start + uint(column);
+                        found += draw_sample(f, slopes, block, here, of_block, sample_);
+                    }
                 }
             }
         }

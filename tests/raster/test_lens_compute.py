@@ -100,7 +100,7 @@ def test_hostile_meshes_are_drawn_as_by_the_cpu(gl_context, seed, lens):
     assert_as_on_the_cpu(gl_context, mesh, camera, poses, **options)
 
 
-@pytest.mark.parametrize("small", [64, -1])
+@pytest.mark.parametrize("small", [512, -1])
 def test_samples_on_edges_and_corners_belong_to_the_faces_of_the_cpu(device, monkeypatch, small):
     """A sheet whose corners are places of samples, all numbers of which are exact."""
     camera = LENSES["strong"]
@@ -133,7 +133,7 @@ def test_samples_on_edges_and_corners_belong_to_the_faces_of_the_cpu(device, mon
     assert counts["visible"].sum() >= 25 * len(corners) * 0.8
 
 
-@pytest.mark.parametrize("small", [64, -1])
+@pytest.mark.parametrize("small", [512, -1])
 def test_faces_as_thin_as_rounding_cover_the_samples_of_the_cpu(device, monkeypatch, small):
     """Faces along the rays of samples, 1e-16 wide, the sign of whose area is that of rounding."""
     camera = LENSES["strong"].resized(2.5)
@@ -328,7 +328,7 @@ def test_large_images_are_filled_whole(device):
 def test_cells_hold_the_samples_of_the_plane(lens):
     """In each cell of each level: first and last column, first and last row of its samples."""
     tables = tables_of(LENSES[lens], 1, 0.2)
-    (tile,) = lens_places.Places(None, tables).tiles()
+    (whole,) = lens_places.Places(None, tables).tiles()
     patches = tables.band(0, 1)
     _, views, (blocks, cells) = lens_places._arrays(patches, 0)
     n_live = 0
@@ -344,6 +344,10 @@ def test_cells_hold_the_samples_of_the_plane(lens):
         away = np.where(is_live[..., None], np.abs(its["places"]), 0)
         assert (away <= np.maximum(its["reach"], 0)[:, None]).all()
         assert ((its["reach"][:, 0] >= 0) == is_live.any(axis=1)).all()
+        of_sample = np.add.outer(2 * (np.arange(8) // 4), np.arange(8) // 4).ravel()
+        tile = its["tiles"][:, of_sample].astype(np.float64)
+        away = np.where(is_live[..., None], np.abs(its["places"] - tile[..., :2]), 0)
+        assert (away <= np.maximum(tile[..., 2:], 0)).all()
         (width, height), first = view["cells"], view["first_cell"]
         i = np.clip((x[is_live] - view["low"][0]) * view["cells_a_unit"], 0, width - 1).astype(int)
         j = np.clip((y[is_live] - view["low"][1]) * view["cells_a_unit"], 0, height - 1).astype(int)
@@ -359,9 +363,11 @@ def test_cells_hold_the_samples_of_the_plane(lens):
                 break
             first += width * height
             width, height, i, j = (width + 1) // 2, (height + 1) // 2, i // 2, j // 2
-        is_here = (tile[0] <= view["origin"][0] + columns) & (view["origin"][0] + columns < tile[2])
+        is_here = (whole[0] <= view["origin"][0] + columns) & (
+            view["origin"][0] + columns < whole[2]
+        )
         assert is_here[is_live].all()
-    assert n_live > 0.2 * tile[2] * tile[3]
+    assert n_live > 0.2 * whole[2] * whole[3]
 
 
 ATOMICS = "GL_NV_shader_atomic_int64"

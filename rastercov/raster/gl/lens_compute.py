@@ -41,11 +41,11 @@ from rastercov.raster.gl.strategy import (
 from rastercov.raster.sample_grid import Box, SampleGrid
 from rastercov.raster.targets import TargetFaces
 
-SMALL = 64
-"""Samples of the largest rectangle of a face that one invocation fills."""
+SMALL = 512
+"""Samples of the largest rectangle of a face that one invocation fills; it tests whole tiles."""
 PIECE_BLOCKS = 1024
 """Blocks of a larger face that one workgroup fills."""
-LOOKUPS = 4
+LOOKUPS = 6
 """Cells of a side that are looked up for a face."""
 MOST_PLANES = 6
 """Sides of a cube."""
@@ -119,7 +119,7 @@ class LensCompute(Compute):
 
     def _sizes(self, camera: Camera, grid: SampleGrid, limits: DrawLimits, block: int) -> Sizes:
         # Six planes may each have a rectangle as large as the band, with less than 4 bytes of cells
-        # on the 8.5 of a sample.
+        # on the 9.5 of a sample.
         of_sample = MOST_PLANES * 2 * BLOCK_RECORD.itemsize // BLOCK**2
         self._max_table = min(MAX_TABLE, limits.max_tile**2, block // max(KEY_BYTES, of_sample))
         grids = (grid, SampleGrid(camera))

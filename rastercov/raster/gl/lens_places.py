@@ -47,12 +47,15 @@ BLOCK_RECORD = np.dtype(
         ("middle", np.float64, 2),
         ("reach", np.float32, 2),
         ("", np.float32, 2),
+        ("tiles", np.float32, (4, 4)),
         ("places", np.float32, (BLOCK * BLOCK, 2)),
     ]
 )
 """Struct `Block` of lens.comp."""
 NO_PLACE = np.float32(3e38)
 """First coordinate of a sample of another plane, or of none; above NO_PLACE of lens.comp."""
+NO_SAMPLE = np.float32(-1)
+"""Reach of a block or tile without samples."""
 SAMPLES_A_CELL = 4.0
 """Samples in a cell of the grid, on average."""
 EMPTY = np.int32(1 << 30)
@@ -214,7 +217,16 @@ def _blocks_of(patch: Patch) -> NDArray[np.void]:
     for k in range(2):
         found["middle"][:, k] = _by_blocks(centres[..., k], patch)[:, 0]
     reach = np.fmax.reduce(np.abs(places), axis=1)
-    found["reach"] = np.where(np.isnan(reach), np.float32(-1), reach)
+    found["reach"] = np.where(np.isnan(reach), NO_SAMPLE, reach)
+    several = BLOCK // TILE
+    of_tiles = places.reshape(-1, several, TILE, several, TILE, 2).swapaxes(2, 3)
+    of_tiles = of_tiles.reshape(-1, several**2, TILE**2, 2)
+    low, high = (limit.reduce(of_tiles, axis=2) for limit in (np.fmin, np.fmax))
+    middle = low / 2 + high / 2
+    reach = np.nextafter(np.maximum(high - middle, middle - low), np.float32(np.inf))
+    is_empty = np.isnan(middle)
+    found["tiles"][..., :2] = np.where(is_empty, 0, middle)
+    found["tiles"][..., 2:] = np.where(is_empty, NO_SAMPLE, reach)
     found["places"] = np.where(np.isnan(places), NO_PLACE, places)
     return found
 
