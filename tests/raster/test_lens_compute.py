@@ -66,11 +66,18 @@ def assert_as_on_the_cpu(context, mesh, camera, poses, **options):
         assert_same(everything(found, poses), everything(expected, poses))
 
 
-@pytest.mark.parametrize("scene", SCENES)
-@pytest.mark.parametrize("lens", LENSES)
+ALL = [(scene, lens) for lens in LENSES for scene in SCENES]
+EACH_ONCE = [
+    # Quickly, one scene for each lens.
+    pytest.param(*pair, marks=() if row % 3 == row // 3 % 3 else pytest.mark.slow)
+    for row, pair in enumerate(ALL)
+]
+
+
+@pytest.mark.parametrize(("scene", "lens"), EACH_ONCE)
 def test_it_draws_what_the_cpu_draws(device, scene, lens):
     mesh, poses = SCENES[scene]
-    supersample, roll = GRIDS[(list(SCENES).index(scene) + list(LENSES).index(lens)) % len(GRIDS)]
+    supersample, roll = GRIDS[ALL.index((scene, lens)) % len(GRIDS)]
     assert_as_on_the_cpu(device, mesh, LENSES[lens], poses, supersample=supersample, roll=roll)
 
 
@@ -165,7 +172,7 @@ def test_faces_as_thin_as_rounding_cover_the_samples_of_the_cpu(device, monkeypa
     assert (own == np.arange(len(rays))).sum() == (image >= 0).sum()  # none shows beside its ray
 
 
-@pytest.mark.parametrize("lens", ["strong", "wide fisheye"])
+@pytest.mark.parametrize("lens", ["strong", pytest.param("wide fisheye", marks=pytest.mark.slow)])
 @pytest.mark.parametrize(
     "sizes",
     [
@@ -257,7 +264,9 @@ def test_a_queue_that_is_always_full_is_not_waited_for(device, monkeypatch):
 
 
 @pytest.mark.parametrize("lens", ["strong", "equirectangular"])
-@pytest.mark.parametrize("limits", [{}, {"max_faces_a_draw": 7, "max_tile": 32}])
+@pytest.mark.parametrize(
+    "limits", [pytest.param({}, marks=pytest.mark.slow), {"max_faces_a_draw": 7, "max_tile": 32}]
+)
 def test_targets_are_counted_as_on_the_cpu(device, lens, limits):
     rng = np.random.default_rng(5)
     room, poses = SCENES["room"]
