@@ -19,8 +19,9 @@ APT := $(SUDO) env DEBIAN_FRONTEND=noninteractive apt-get -qq
 HAS_OPENGL = $(BIN)/python -c 'from rastercov.raster.gl.context import open_context; open_context().release()'
 HAS_OSMESA = $(BIN)/python -c 'from rastercov.raster.gl.context import open_context; open_context("osmesa").release()'
 OSMESA_EXISTS = apt-cache policy $(OSMESA) 2>/dev/null | grep -q 'Candidate: [0-9]'
-# One Mesa thread a process: tests run in two processes.
-TEST_ENV := LP_NUM_THREADS=1
+# One thread of Mesa and of numpy a process: tests run in two processes. Those that they start find
+# the modules compiled, wherever the environment forbids Python to keep them.
+TEST_ENV := env -u PYTHONDONTWRITEBYTECODE LP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 
 # Two pips must not work on one environment.
 .NOTPARALLEL:

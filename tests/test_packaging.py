@@ -114,7 +114,6 @@ def test_the_wheel_holds_the_package_and_nothing_else(unzipped):
 
 
 @pytest.mark.slow
-@pytest.mark.slow
 def test_the_wheel_names_its_command_and_licence(unzipped):
     (info,) = unzipped.glob("*.dist-info")
     assert "rastercov = rastercov.cli:main" in (info / "entry_points.txt").read_text()
@@ -124,7 +123,6 @@ def test_the_wheel_names_its_command_and_licence(unzipped):
     assert "\nLicense-Expression: MIT\n" in metadata
 
 
-@pytest.mark.slow
 @pytest.mark.slow
 def test_the_sdist_builds_without_the_links(built):
     (sdist,) = built.glob("*.tar.gz")

@@ -21,7 +21,6 @@ from rastercov.views import Views
 FloatArray = NDArray[np.float64]
 
 HEADER = "# Bundle file"
-PER_CAMERA = {"bundler": 15, "bal": 9}
 
 
 def is_bal(text: str) -> bool:

@@ -149,7 +149,6 @@ def project(code, p, X, Y, Z):
 
 EQUATIONS = (based, radial_factor, distorted, imaged, project)
 """In the order in which they call one another."""
-PRIMITIVES = ("sqrt", "atan2", "angle_over_r", "undo_distortion")
 
 
 def bound_to(primitives, compile_one=None, given=EQUATIONS):

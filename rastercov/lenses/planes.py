@@ -7,6 +7,7 @@ a wider one the sides of a cube that it reaches.
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -87,7 +88,7 @@ class IdealPlane:
         float, float
             Infinite where the lens has a pole or a branch that near.
         """
-        x, y, half = self._cells()
+        x, y, half = self._cells
         if self.has_pole:
             # Longitude does not change with the distance from the pole, and latitude changes less
             # and less: the ring from 1/2 outwards bounds all smaller ones, and a few are tried.
@@ -108,8 +109,10 @@ class IdealPlane:
             if is_good.all():
                 return most_u, most_v
             x, y = x[~is_good], y[~is_good]
-            is_hopeless = not np.isfinite(self._reach_at(x, y, radius)).all(axis=0).any()
-            if depth == DEEPEST_CELL or is_hopeless or len(x) > MOST_CELLS:
+            # No size of cells helps where the point itself has no bound.
+            is_own = self.meets(x, y, (0.0, 0.0))
+            is_bound = np.isfinite(self._reach_at(x[is_own], y[is_own], radius)).all()
+            if depth == DEEPEST_CELL or not is_bound or len(x) > MOST_CELLS:
                 break
             # A cell that meets a pole only for its size is divided into four.
             half = (half[0] / 2, half[1] / 2)
@@ -129,10 +132,11 @@ class IdealPlane:
 
         An edge of length L px in the pinhole's image leaves its chord by at most bend L^2 / 8 px.
         """
-        bounds = [2.0 * math.hypot(u, v) / (r * r) for r, u, v in self.reaches()]
+        bounds = [2.0 * math.hypot(u, v) / (r * r) for r, u, v in self.reaches]
         return min(bounds, default=math.inf) / (self.camera.fx * self.camera.fx)
 
-    def reaches(self) -> list[tuple[float, float, float]]:
+    @cached_property
+    def reaches(self) -> tuple[tuple[float, float, float], ...]:
         """Radii with their reach, those at which it is finite."""
         found = []
         for radius in RADII:
@@ -140,8 +144,9 @@ class IdealPlane:
             if not max(across, down) < math.inf:
                 break  # a larger radius meets the same pole
             found.append((radius, across, down))
-        return found
+        return tuple(found)
 
+    @cached_property
     def _cells(self) -> tuple[FloatArray, FloatArray, tuple[float, float]]:
         """Centres of cells that cover the region, and half their sides."""
         low, high = self.region.min(axis=0), self.region.max(axis=0)

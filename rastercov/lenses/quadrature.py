@@ -135,7 +135,7 @@ def edge_table(plane: IdealPlane, tolerance: float = 1e-9) -> EdgeTable:
     CameraError
         If no bound of the lens is found on its valid region: it reaches a pole, or nearly.
     """
-    reaches = plane.reaches()
+    reaches = plane.reaches
     longest = np.zeros(MOST + 1)
     for n in range(FEWEST, MOST + 1):
         longest[n] = max((_longest(tolerance, n, *found) for found in reaches), default=0.0)

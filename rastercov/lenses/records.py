@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.lenses.planes import RADII, IdealPlane
+from rastercov.lenses.planes import IdealPlane
 from rastercov.lenses.quadrature import EdgeTable
 from rastercov.lenses.window import window_of
 
@@ -98,8 +98,8 @@ def _derivatives(plane: IdealPlane) -> tuple[float, float]:
     if plane.has_pole:
         return math.inf, math.inf
     speed = bend = math.inf
-    for radius in RADII:
-        reach = math.hypot(*plane.reach(radius))
+    for radius, across, down in plane.reaches:
+        reach = math.hypot(across, down)
         speed = min(speed, math.sqrt(2) * reach / radius)
         bend = min(bend, 4 * reach / radius**2)
     return speed, bend

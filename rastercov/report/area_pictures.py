@@ -93,15 +93,20 @@ def points_of_pixels(
     columns: NDArray[np.int64],
 ) -> FloatArray:
     """(N, 3) points where the rays through the centres of pixels meet the planes of faces (N,)."""
-    local = rays_of(np.stack((columns + 0.5, rows + 0.5), axis=1), camera)
     rotation, eye = pose[:3, :3], pose[:3, 3]
-    rays = local[:, :1] * rotation[:, 0] + local[:, 1:2] * rotation[:, 1]
-    rays += local[:, 2:] * rotation[:, 2]
-    normals = mesh.normals[face]
-    slope = np.einsum("ni,ni->n", normals, rays)
-    height = np.einsum("ni,ni->n", normals, mesh.vertices[mesh.faces[face, 0]] - eye)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        points: FloatArray = eye + np.nan_to_num(height / slope)[:, None] * rays
+    normals = mesh.normals @ rotation
+    heights = np.einsum("fi,fi->f", mesh.normals, mesh.vertices[mesh.faces[:, 0]] - eye)
+    points = np.empty((len(face), 3))
+    for at in range(0, len(face), PIXELS_AT_A_TIME):
+        part = slice(at, at + PIXELS_AT_A_TIME)
+        rays = rays_of(np.stack((columns[part] + 0.5, rows[part] + 0.5), axis=1), camera)
+        slope = np.einsum("ni,ni->n", normals[face[part]], rays)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            rays *= np.nan_to_num(heights[face[part]] / slope)[:, None]
+        # Column by column: threads of a matrix product wait for each other where cores are busy.
+        for axis in range(3):
+            points[part, axis] = eye[axis] + rays[:, 0] * rotation[axis, 0]
+            points[part, axis] += rays[:, 1] * rotation[axis, 1] + rays[:, 2] * rotation[axis, 2]
     return points
 
 

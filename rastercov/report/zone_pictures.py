@@ -104,20 +104,18 @@ def zones_picture(
     faces &= ~outer_skin(mesh, eyes)
     directions = best_directions(mesh, faces, eyes=eyes)
     scenes = [look(mesh, direction, eyes=eyes) for direction in directions]
-    images = [_numbers_of(zones, scene, scene.buffer.face, len(listed)) for scene in scenes]
+    views = [ZoneView(zones, scene, len(listed)) for scene in scenes]
     seen = np.zeros(len(listed) + 1, np.bool_)
-    for scene, image in zip(scenes, images, strict=True):
-        seen[image[image >= 0]] = True
-        for layer in (scene.targets, scene.beneath):
-            if layer is not None:
-                found = _numbers_of(zones, scene, layer, len(listed))
-                seen[found[found >= 0]] = True
+    for view in views:
+        for layer in view.layers():
+            found = view.numbers(layer)
+            seen[found[found >= 0]] = True
     is_skin = outer_skin(mesh, eyes)[zones.face]
     inside = np.unique(zones.zone[~is_skin])
     unseen = np.flatnonzero(~seen[: len(listed)])
     hidden = unseen[np.isin(unseen, inside)]
     outside = unseen[~np.isin(unseen, inside)]
-    pictures = [_drawn(zones, scene, colours, hidden) for scene in scenes]
+    pictures = [_drawn(view, colours, hidden) for view in views]
     keys = [key("covered", theme.COVERED)]
     drawn = [zone["reason"] for row, zone in enumerate(listed) if row not in outside]
     for reason in dict.fromkeys(drawn):
@@ -136,39 +134,65 @@ def zones_picture(
     return framed(beside(pictures), title, [*keys, *scene_keys(scenes)])
 
 
-def _numbers_of(zones: DeadZones, scene: Scene, face: FaceImage, n: int) -> IntArray:
-    """(H, W) zone at each pixel: its row, n for those without a number, -1 for none."""
-    mesh = zones.mesh
-    found = np.full(face.shape, -1, np.int64)
-    pixel = np.nonzero(np.append(mesh.task_mask, False)[face])
-    points = points_of_pixels(mesh, scene.camera, scene.pose, face[pixel], *pixel)
-    zone = np.full(len(points), -1, np.int64)
-    for at in range(0, len(points), PIXELS_AT_A_TIME):
-        part = slice(at, at + PIXELS_AT_A_TIME)
-        zone[part] = zones_at(zones, face[pixel][part], points[part], n)
-    found[pixel] = zone
-    return found
+class ZoneView:
+    """Zones at the pixels of one view; each layer of faces is asked once.
+
+    Parameters
+    ----------
+    zones : DeadZones
+        Zones, the largest first.
+    scene : Scene
+        The view.
+    n : int
+        Zones with a number.
+    """
+
+    def __init__(self, zones: DeadZones, scene: Scene, n: int) -> None:
+        self.zones, self.scene, self.n = zones, scene, n
+        self._found: list[tuple[FaceImage, IntArray]] = []
+
+    def layers(self) -> list[FaceImage]:
+        """Face images (H, W) of the view, from the lowest to the topmost."""
+        scene = self.scene
+        layers = (scene.buffer.face, scene.beneath, scene.targets)
+        return [layer for layer in layers if layer is not None]
+
+    def numbers(self, face: FaceImage) -> IntArray:
+        """(H, W) zone at each pixel: its row, n for those without a number, -1 for none."""
+        for layer, known in self._found:
+            if layer is face:
+                return known
+        mesh, scene = self.zones.mesh, self.scene
+        found = np.full(face.shape, -1, np.int64)
+        pixel = np.nonzero(np.append(mesh.task_mask, False)[face])
+        of_pixel = face[pixel]
+        points = points_of_pixels(mesh, scene.camera, scene.pose, of_pixel, *pixel)
+        zone = np.full(len(points), -1, np.int64)
+        for at in range(0, len(points), PIXELS_AT_A_TIME):
+            part = slice(at, at + PIXELS_AT_A_TIME)
+            zone[part] = zones_at(self.zones, of_pixel[part], points[part], self.n)
+        found[pixel] = zone
+        self._found.append((face, found))
+        return found
 
 
-def _drawn(
-    zones: DeadZones, scene: Scene, colours: Sequence[Colour], hidden: IntArray
-) -> Image.Image:
+def _drawn(view: ZoneView, colours: Sequence[Colour], hidden: IntArray) -> Image.Image:
     """One view of the zones, with their numbers."""
-    mesh, n = zones.mesh, len(colours)
+    zones, scene, n = view.zones, view.scene, view.n
+    mesh = zones.mesh
     table = np.array([*colours, theme.UNCOVERED, theme.COVERED], np.uint8)
 
     def own(face: FaceImage) -> Pixels:
-        return _coloured(mesh, face, table[_numbers_of(zones, scene, face, n)])
+        return _coloured(mesh, face, table[view.numbers(face)])
 
     pixels = paint(scene, neutral(mesh), own=own)
-    shown = _numbers_of(zones, scene, scene.buffer.face, n)
-    for layer in (scene.beneath, scene.targets):
-        if layer is not None:
-            of_layer = _numbers_of(zones, scene, layer, n)
-            shown = np.where(of_layer >= 0, of_layer, shown)
+    shown = view.numbers(scene.buffer.face)
+    for layer in view.layers()[1:]:
+        of_layer = view.numbers(layer)
+        shown = np.where(of_layer >= 0, of_layer, shown)
     if len(hidden):
         faces = np.unique(zones.face[np.isin(zones.zone, hidden)]).astype(np.int64)
-        behind = _numbers_of(zones, scene, drawn_faces(mesh, scene, faces), n)
+        behind = view.numbers(drawn_faces(mesh, scene, faces)).copy()
         behind[~np.isin(behind, hidden)] = -1
         through = (behind >= 0) & stripes(behind.shape, 3 * FINE)
         pixels[through] = table[behind[through]]
@@ -203,13 +227,14 @@ def _outline(pixels: Pixels, zone: IntArray, n: int) -> None:
 
 def _middle(mask: NDArray[np.bool_]) -> FloatArray:
     """Place (x, y) of the pixel of a mask that is furthest from its outline, in city blocks."""
-    rows, columns = np.nonzero(mask)
-    top, left = rows.min(), columns.min()
-    layer = np.pad(mask[top : rows.max() + 1, left : columns.max() + 1], 1)
-    depth = np.zeros(layer.shape, np.int64)
-    while layer.any():  # an erosion a turn, half as many as the zone is pixels thick
-        depth += layer
-        inner = layer[1:-1, 1:-1] & layer[:-2, 1:-1] & layer[2:, 1:-1]
-        layer = np.pad(inner & layer[1:-1, :-2] & layer[1:-1, 2:], 1)
+    rows, columns = np.nonzero(mask.any(axis=1))[0], np.nonzero(mask.any(axis=0))[0]
+    top, left = rows[0], columns[0]
+    layer = np.pad(mask[top : rows[-1] + 1, left : columns[-1] + 1], 1)
+    depth = np.where(layer, sum(layer.shape), 0)
+    # City blocks add up along the axes: the least along one, then along the other.
+    for axis in (0, 1):
+        steps = np.arange(layer.shape[axis]).reshape((-1, 1) if axis == 0 else (1, -1))
+        back = np.flip(np.minimum.accumulate(np.flip(depth + steps, axis), axis), axis) - steps
+        depth = np.minimum(np.minimum.accumulate(depth - steps, axis) + steps, back)
     row, column = np.unravel_index(int(depth.argmax()), depth.shape)
     return np.array([left + column - 0.5, top + row - 0.5])

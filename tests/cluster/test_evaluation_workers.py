@@ -130,15 +130,25 @@ def test_other_settings_do_not_take_old_shards(tmp_path, monkeypatch):
     assert not (tmp_path / "both" / UNFINISHED).exists()
 
 
-POISONED = 19
+POISONED = 3
+FEW, SMALL = POSES[:6], 2
+"""Poses, and those of each shard, where processes die: each suspect is tried in a process."""
 
 
 def poisoned(folder, number, *, leave_out=(), only=None):
     """`evaluation_shards.make`, which one pose kills."""
-    chosen = set(range(8 * number, 8 * number + 8)) - {8 * number + pose for pose in leave_out}
-    if POISONED in (chosen if only is None else {8 * number + pose for pose in only}):
+    rows = np.arange(SMALL * number, SMALL * (number + 1))
+    chosen = np.delete(rows, list(leave_out)) if only is None else rows[list(only)]
+    if POISONED in chosen:
         os.kill(os.getpid(), signal.SIGKILL)
     return evaluation_shards.make(folder, number, leave_out=leave_out, only=only)
+
+
+@pytest.fixture
+def a_killer(monkeypatch):
+    monkeypatch.setattr(evaluation_shards, "PAIRS_A_SHARD", SMALL * MESH.n_faces)
+    monkeypatch.setattr(evaluation_shards, "FUNCTION", "test_evaluation_workers:poisoned")
+    monkeypatch.syspath_prepend(Path(__file__).parent)
 
 
 @pytest.mark.parametrize("by", ["area", "face"])
@@ -163,22 +173,18 @@ def files(folder):
     return {path.name: path.read_bytes() for path in shards}
 
 
-def test_an_audit_leaves_out_a_pose_that_kills(tmp_path, monkeypatch):
-    monkeypatch.setattr(evaluation_shards, "FUNCTION", "test_evaluation_workers:poisoned")
-    monkeypatch.syspath_prepend(Path(__file__).parent)
-    found = audit(MESH, CAMERA, POSES, by="face", folder=tmp_path, workers=Workers(2))
+def test_an_audit_leaves_out_a_pose_that_kills(tmp_path, a_killer):
+    found = audit(MESH, CAMERA, FEW, by="face", folder=tmp_path, workers=Workers(2))
     assert dict(found.quarantined) == {POISONED: "was killed by SIGKILL"}
-    others = np.delete(np.arange(42), POISONED)
-    alone = audit(MESH, CAMERA, POSES[others], by="face", names=[str(row) for row in others])
+    others = np.delete(np.arange(len(FEW)), POISONED)
+    alone = audit(MESH, CAMERA, FEW[others], by="face", names=[str(row) for row in others])
     assert found.names == alone.names
     np.testing.assert_array_equal(found.lost_m2, alone.lost_m2)
 
 
-def test_a_pose_that_kills_its_worker_is_left_out(tmp_path, monkeypatch):
-    monkeypatch.setattr(evaluation_shards, "FUNCTION", "test_evaluation_workers:poisoned")
-    monkeypatch.syspath_prepend(Path(__file__).parent)
-    found = evaluated(tmp_path / "m", by="face", workers=Workers(2))
+def test_a_pose_that_kills_its_worker_is_left_out(tmp_path, a_killer):
+    found = evaluated(tmp_path / "m", FEW, by="face", workers=Workers(2))
     assert found["quarantined"] == {str(POISONED): "was killed by SIGKILL"}
-    assert found["poses"] == len(POSES) - 1
-    alone = evaluated(tmp_path / "others", np.delete(POSES, POISONED, axis=0), by="face")
+    assert found["poses"] == len(FEW) - 1
+    alone = evaluated(tmp_path / "others", np.delete(FEW, POISONED, axis=0), by="face")
     assert alone["covered"] == found["covered"]

@@ -79,12 +79,14 @@ def test_bounds_of_workers_are_those_of_one_process(tmp_path):
         np.testing.assert_array_equal(getattr(one, name), getattr(many, name))
 
 
-POISONED = 19
+POISONED = 3
+FEW, SMALL = POSES[:6], 2
+"""Poses, and those of each shard, where processes die: each suspect is tried in a process."""
 
 
 def poisoned(folder, number, *, leave_out=(), only=None):
     """`shard_work.make`, which one pose kills."""
-    rows = list(matrix_module.shards_of(len(POSES), 8))[number][1]
+    rows = list(matrix_module.shards_of(len(FEW), SMALL))[number][1]
     chosen = np.delete(np.arange(rows.start, rows.stop), list(leave_out))
     if POISONED in (chosen if only is None else rows.start + np.array(only)):
         os.kill(os.getpid(), signal.SIGKILL)
@@ -94,11 +96,11 @@ def poisoned(folder, number, *, leave_out=(), only=None):
 def test_a_pose_that_kills_its_worker_has_no_pairs(tmp_path, monkeypatch):
     monkeypatch.setattr(matrix_module, "SHARD_FUNCTION", "test_matrix_workers:poisoned")
     monkeypatch.syspath_prepend(Path(__file__).parent)
-    plain = build_matrix((MESH, CAMERA), POSES)
-    left = build_matrix((MESH, CAMERA), POSES, None, tmp_path / "m", poses_a_shard=8,
+    plain = build_matrix((MESH, CAMERA), FEW)
+    left = build_matrix((MESH, CAMERA), FEW, None, tmp_path / "m", poses_a_shard=SMALL,
                         workers=Workers(2))  # fmt: skip
     assert left.quarantined == {POISONED: "was killed by SIGKILL"}
-    for pose in range(len(POSES)):
+    for pose in range(len(FEW)):
         rows = slice(plain.indptr[pose], plain.indptr[pose + 1])
         kept = slice(left.indptr[pose], left.indptr[pose + 1])
         expected = plain.face[rows] if pose != POISONED else []
@@ -106,8 +108,8 @@ def test_a_pose_that_kills_its_worker_has_no_pairs(tmp_path, monkeypatch):
     again = VisibilityMatrix.load(tmp_path / "m")
     assert again.quarantined == left.quarantined
     # A shard that is made again by this process has all its poses, and the note goes.
-    (tmp_path / "m" / "pairs" / "pairs-00002.parquet").unlink()
-    whole = build_matrix((MESH, CAMERA), POSES, None, tmp_path / "m", poses_a_shard=8)
+    (tmp_path / "m" / "pairs" / "pairs-00001.parquet").unlink()
+    whole = build_matrix((MESH, CAMERA), FEW, None, tmp_path / "m", poses_a_shard=SMALL)
     assert not whole.quarantined
     np.testing.assert_array_equal(whole.face, plain.face)
 

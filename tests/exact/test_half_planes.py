@@ -1,12 +1,8 @@
 """The analytic path: scratch memory that grows, odd cameras, extremes, and what culling may do."""
 
-import os
-import subprocess
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
+from bounds_checked import run_checked
 from exact_cases import AHEAD, box, hostile, slivers, triangles, window
 from exact_views import (
     SEEDS,
@@ -42,18 +38,10 @@ SQUARES = joined(square(2, 4), square(0.5, 2))
 
 
 @pytest.mark.slow
-def test_no_scene_reaches_past_the_arrays_of_exact_and_contact_loops(tmp_path):
-    # Both in one process: they compile the same loops. Without optimisation that takes half.
-    checked = {"NUMBA_BOUNDSCHECK": "1", "NUMBA_OPT": "0", "NUMBA_CACHE_DIR": str(tmp_path)}
-    script = Path(__file__).parents[1] / "support" / "bounds_checks.py"
-    done = subprocess.run(
-        [sys.executable, script],
-        env=os.environ | checked,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
+@pytest.mark.compile
+@pytest.mark.parametrize("scenes", ["find_contacts", "look_at_scenes", "cover_scenes"])
+def test_no_scene_reaches_past_the_arrays_of_exact_and_contact_loops(scenes):
+    run_checked(f"import bounds_checks; bounds_checks.{scenes}()", level=1)
 
 
 @on_both_paths

@@ -90,7 +90,7 @@ def test_bound_of_an_edge_holds(name):
     fine = lobatto(FINE)
     tightest = math.inf
     for plane in lens.planes:
-        reaches = plane.reaches()
+        reaches = plane.reaches
         table = edge_table(plane, 1e-6)
         ends = rng.dirichlet(np.full(len(plane.region), 0.05), (2, 4000)) @ plane.region
         a, b = ends

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mesh_files import obj
 from surface_cases import room
 
 import rastercov as rc
@@ -48,9 +49,7 @@ FEWEST = 'goal = "fewest_cameras"\ncoverage = 0.3'
 def folder(tmp_path, monkeypatch):
     """A folder with a room."""
     monkeypatch.chdir(tmp_path)
-    lines = ["v {!r} {!r} {!r}".format(*point) for point in MESH.vertices.tolist()]
-    lines += ["f {} {} {}".format(*face) for face in (MESH.faces + 1).tolist()]
-    Path("room.obj").write_text("\n".join(lines))
+    Path("room.obj").write_bytes(obj(MESH.vertices, MESH.faces))
 
 
 def types(**entries):

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mesh_files import obj
 from surface_cases import room
 from union_greedy import room_candidates
 
@@ -46,9 +47,7 @@ MESH = room()[0]
 @pytest.fixture(autouse=True)
 def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    lines = ["v {!r} {!r} {!r}".format(*point) for point in MESH.vertices.tolist()]
-    lines += ["f {} {} {}".format(*face) for face in (MESH.faces + 1).tolist()]
-    Path("room.obj").write_text("\n".join(lines))
+    Path("room.obj").write_bytes(obj(MESH.vertices, MESH.faces))
     write_poses("candidates.json", room_candidates(30))
     return tmp_path
 

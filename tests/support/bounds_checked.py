@@ -11,17 +11,17 @@ import fcntl
 from processes import TESTS, run_python
 
 KEPT = TESTS.parent / ".pytest_cache" / "bounds-checked"
-SETTINGS = {
-    "NUMBA_BOUNDSCHECK": "1",
-    "NUMBA_CPU_NAME": "generic",
-    "NUMBA_CPU_FEATURES": "",
-    "NUMBA_CACHE_DIR": str(KEPT),
-}
+SETTINGS = {"NUMBA_BOUNDSCHECK": "1", "NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": ""}
 
 
-def run_checked(code, *arguments, paths=()):
-    """Run a program, as `processes.run_python` does; it must succeed."""
-    KEPT.mkdir(parents=True, exist_ok=True)
-    with (KEPT / "lock").open("w") as lock:
+def run_checked(code, *arguments, paths=(), level=3):
+    """Run a program, as `processes.run_python` does; it must succeed.
+
+    Optimisation `level` 1 compiles in less time; of level 0 numba keeps nothing on disk.
+    """
+    kept = KEPT / f"level {level}"
+    kept.mkdir(parents=True, exist_ok=True)
+    settings = SETTINGS | {"NUMBA_OPT": str(level), "NUMBA_CACHE_DIR": str(kept)}
+    with (kept / "lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
-        run_python("-c", code, *arguments, paths=paths, **SETTINGS)
+        run_python("-c", code, *arguments, paths=paths, timeout=900, **settings)

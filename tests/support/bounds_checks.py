@@ -1,4 +1,4 @@
-"""Hostile scenes for the loops of exact/, area/ and mesh/; run with numba's bounds checks."""
+"""Hostile scenes for the loops of exact/, area/ and mesh/, for numba's bounds checks."""
 
 import numpy as np
 from exact_cases import hostile
@@ -51,9 +51,3 @@ def cover_scenes():
         cells = rc.cells(case.mesh, size / 10)
         for part in parts:
             assert (cells.share(part).share <= 1).all(), case
-
-
-if __name__ == "__main__":
-    find_contacts()
-    look_at_scenes()
-    cover_scenes()
