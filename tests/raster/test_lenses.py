@@ -139,6 +139,9 @@ def in_camera(mesh, pose):
     return ((mesh.vertices - pose[:3, 3]) @ pose[:3, :3])[mesh.faces]
 
 
+@pytest.mark.parametrize(
+    "open_lens", ["cpu", pytest.param("compute", marks=pytest.mark.slow)], indirect=True
+)
 @pytest.mark.parametrize("lens", CAMERAS)
 @pytest.mark.parametrize("scene", SCENES)
 def test_each_sample_shows_the_face_its_ray_meets(open_lens, scene, lens):
