@@ -215,6 +215,18 @@ def test_limits_of_the_device_change_nothing(device, monkeypatch, limits):
             assert_same(everything(found, poses), everything(expected, poses))
 
 
+def test_bands_without_a_ray_are_background(device):
+    mesh, poses = SCENES["room"]
+    camera = dataclasses.replace(LENSES["strong"], max_angle_deg=15)
+    with (
+        GLRasterizer(mesh, camera, device=device, max_tile=30) as found,
+        LensRasterizer(mesh, camera) as expected,
+    ):
+        places = found._strategy._places_of(camera, found._scene.grid)
+        assert len(places.band(places.tiles()[0]).views) == 0
+        assert_same(everything(found, poses), everything(expected, poses))
+
+
 def test_storage_blocks_that_hold_little_change_nothing_or_are_refused(device, monkeypatch):
     mesh, poses = SCENES["room"]
     camera = LENSES["strong"]
