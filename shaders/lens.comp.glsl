@@ -79,7 +79,7 @@ uniform uint first_seen;  // counter of the samples of the first face that nothi
 #endif
 
 const float NO_PLACE = 1e30;
-const float INFINITE = uintBitsToFloat(0x7f800000u);
+const float ANY_DEPTH = 3e38;  // 1/z is smaller, see MOST_SLOPE
 const double LARGEST = 1.7976931348623157e308lf;
 // Bounds of rounding, as in `lens_kernels.py`.
 const double DOUBT_REL = 1e-14lf, DOUBT32_REL = 1e-6lf, ROUNDING_REL = 1e-14lf;
@@ -288,8 +288,8 @@ Face set_up(View view, dvec3 p, dvec3 q, dvec3 r, double side) {
     f.least = float(least);
     f.greatest = float(greatest);
     bool is_cut = nearest < view.near;
-    f.behind = is_cut ? 0.0 : -INFINITE;
-    f.cut = is_cut ? f.greatest : INFINITE;
+    f.behind = is_cut ? 0.0 : -ANY_DEPTH;
+    f.cut = is_cut ? f.greatest : ANY_DEPTH;
     dvec3 normal = normal_of(p, q, r);
     double height = height_of(normal, p);
     precise dvec3 inverse = normal / height;
