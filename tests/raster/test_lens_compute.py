@@ -263,6 +263,15 @@ def test_a_queue_that_is_too_small_is_filled_again_with_less(device, monkeypatch
         assert (found._strategy._faces_at_once, found._strategy._poses_at_once) < before
 
 
+def test_the_smallest_queue_holds_the_faces_of_a_narrow_image(device, monkeypatch):
+    for module, name, value in ((compute, "MAX_PIECES", 1), (lens_compute, "SMALL", -1)):
+        monkeypatch.setattr(module, name, value)
+    monkeypatch.setattr(lens_compute, "PIECE_BLOCKS", 1)
+    camera = dataclasses.replace(LENSES["skew"], width=3, height=600, cx=1.3, cy=290)
+    mesh, poses = SCENES["room"]
+    assert_as_on_the_cpu(device, mesh, camera, poses[:1])
+
+
 def test_a_queue_that_is_always_full_is_not_waited_for(device, monkeypatch):
     read = Resources.read_words
 

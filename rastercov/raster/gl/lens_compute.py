@@ -123,17 +123,18 @@ class LensCompute(Compute):
         of_sample = MOST_PLANES * 2 * BLOCK_RECORD.itemsize // BLOCK**2
         self._max_table = min(MAX_TABLE, limits.max_tile**2, block // max(KEY_BYTES, of_sample))
         grids = (grid, SampleGrid(camera))
-        bands = [self._tables(camera, each).rows(0)[1] * each.width for each in grids]
-        widest = max(each.width for each in grids)
+        bands = [(each.width, self._tables(camera, each).rows(0)[1]) for each in grids]
+        widest = max(width for width, _ in bands)
         if widest * BLOCK * KEY_BYTES > block:
             raise ResourceError(
                 f"plan 'compute' needs eight rows of samples in storage blocks of "
                 f"{widest * BLOCK * KEY_BYTES:,} bytes, {self._resources.context.info.renderer} "
                 f"has {block:,}; lower supersample, or take --device cpu (backend cpu)"
             )
-        most_blocks = max(-(-samples // BLOCK**2) for samples in bands)
-        most_blocks += widest + self_test.WIDTH * self_test.HEIGHT  # blocks reach over the border
-        return Sizes(max(bands), 2 * -(-most_blocks // PIECE_BLOCKS))
+        blocks = max(-(-width // BLOCK) * -(-rows // BLOCK) for width, rows in bands)
+        # A face that is seen edge-on is drawn twice.
+        pieces = 2 * -(-max(blocks, self_test.WIDTH * self_test.HEIGHT) // PIECE_BLOCKS)
+        return Sizes(max(width * rows for width, rows in bands), pieces)
 
     def _constants(self) -> dict[str, int]:
         return {"SMALL": SMALL, "PIECE_BLOCKS": PIECE_BLOCKS, "LOOKUPS": LOOKUPS}
