@@ -5,11 +5,14 @@ random pixels there and back, areas of the walls of a turned room, which must ad
 and the longest edges that the quadrature takes to 1e-9 px^2. Then the cost of pixels, rays and
 edges, and of poses by `certified` and by counting samples beside the pinhole (`--only poses` is
 that alone); medians over the rounds, of one thread.
+
+`--device egl:0` counts samples by compute shaders on an OpenGL device instead: lenses beside the
+pinhole on the same plan, wall time, after the counts have been compared with the CPU's.
 """
 
 import statistics
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
@@ -36,6 +39,7 @@ from lens_rooms import on_plane, room
 
 from rastercov import (
     Camera,
+    Mesh,
     look_at,
     open_observer,
     open_rasterizer,
@@ -45,6 +49,8 @@ from rastercov import (
 from rastercov.lenses import formulas, make_lens
 from rastercov.lenses.areas import polygon_areas
 from rastercov.lenses.quadrature import edge_table
+from rastercov.raster.gl import GLRasterizer
+from rastercov.raster.gl.context import open_context
 from rastercov.viewpoints import enclosing_distance
 
 MOST_PX, MOST_RAD, MOST_PX2 = 2e-12, 1e-11, 1e-6
@@ -55,11 +61,16 @@ def main() -> None:
     parser.add_argument("--rays", type=int, default=4000)
     parser.add_argument("--rounds", type=int, default=9)
     parser.add_argument("--only", choices=("poses",), help="cost of poses, no agreement")
+    parser.add_argument("--device", help="OpenGL device whose compute shaders are measured, alone")
+    parser.add_argument("--poses", type=int, default=64, help="poses of a count on the device")
     args = parser.parse_args()
     report = Report()
-    if args.only != "poses":
-        add_models(report, args.rays, args.rounds)
-    add_poses(report, args.rounds)
+    if args.device:
+        add_device(report, args.device, args.poses, args.rounds)
+    else:
+        if args.only != "poses":
+            add_models(report, args.rays, args.rounds)
+        add_poses(report, args.rounds)
     report.finish(args.json)
 
 
@@ -135,15 +146,15 @@ def add_cost(report: Report, name: str, lens: object, rounds: int) -> None:
         report.add(f"{name}: {what}", 1e9 * median(call, rounds) / count, "ns")
 
 
-def add_poses(report: Report, rounds: int) -> None:
-    """CPU time of a pose through lenses, and by that of the pinhole, in alternating runs."""
-    inside = look_at([(0.2, 0.1, 1.5)] * 4, [(1, 1, 1), (-1, 1, 1), (1, -1, 1.3), (-1, 0.3, 1)])
+def scenes(n_poses: int) -> Iterator[tuple[str, Mesh, dict[str, Camera], NDArray[np.float64]]]:
+    """Yield title, mesh, cameras by name, the pinhole first, and poses of each scene."""
     meshes = {
         "torus": shapes.by_name("torus"),
         "aeroplane-9856": shapes.aeroplane(9856),
         "teapot": shapes.by_name("teapot"),
         "room": shapes.by_name("room"),
     }
+    looks = np.resize([(1, 1, 1), (-1, 1, 1), (1, -1, 1.3), (-1, 0.3, 1)], (n_poses, 3))
     for width, height in ((1280, 1024), (640, 512)):
         f = 900 * width / 1280
         pinhole = Camera(width=width, height=height, fx=f, fy=f)
@@ -153,38 +164,82 @@ def add_poses(report: Report, rounds: int) -> None:
         )
         cameras = {"pinhole": pinhole, "brown": brown, "fisheye": fisheye}
         for name, mesh in meshes.items():
-            poses = inside
-            if name != "room":
+            if name == "room":
+                poses = look_at([(0.2, 0.1, 1.5)] * n_poses, looks)
+            else:
                 centre = mesh.bounds.mean(axis=0)
-                poses = sphere_of_poses(centre, enclosing_distance(mesh, pinhole, centre)[1], 4)
-            with ExitStack() as stack:
-                counts, certified = [], []
-                for camera in cameras.values():
-                    rasterizer = open_rasterizer(mesh, camera, "cpu", threads=1)
-                    counter = stack.enter_context(rasterizer)
-                    counts.append(partial(counter.count, poses, drawn=False))
-                    observer = stack.enter_context(open_observer(mesh, camera, threads=1))
-                    certified.append(partial(observer.observe, poses))
-                for what, calls in (("count", counts), ("certified", certified)):
-                    times = alternating(calls, rounds) / len(poses)
-                    for row, lens in enumerate(cameras):
-                        title = f"{name}, {width} x {height}, {lens}: {what}"
-                        report.add(title, 1e3 * statistics.median(times[row]), "ms")
-                        if row:
-                            ratio = statistics.median(times[row] / times[0])
-                            report.add(f"{title} by that of the pinhole", ratio, "")
+                distance = enclosing_distance(mesh, pinhole, centre)[1]
+                poses = sphere_of_poses(centre, distance, n_poses)
+            yield f"{name}, {width} x {height}", mesh, cameras, poses
 
 
-def alternating(calls: Sequence[Callable[[], object]], rounds: int) -> NDArray[np.float64]:
-    """CPU seconds (calls, rounds) of calls in turn; the first of each is not counted."""
+def add_poses(report: Report, rounds: int) -> None:
+    """CPU time of a pose through lenses, and by that of the pinhole, in alternating runs."""
+    for title, mesh, cameras, poses in scenes(4):
+        with ExitStack() as stack:
+            counts, certified = [], []
+            for camera in cameras.values():
+                rasterizer = open_rasterizer(mesh, camera, "cpu", threads=1)
+                counter = stack.enter_context(rasterizer)
+                counts.append(partial(counter.count, poses, drawn=False))
+                observer = stack.enter_context(open_observer(mesh, camera, threads=1))
+                certified.append(partial(observer.observe, poses))
+            for what, calls in (("count", counts), ("certified", certified)):
+                add_beside_pinhole(
+                    report, title, what, list(cameras), alternating(calls, rounds) / len(poses)
+                )
+
+
+def add_device(report: Report, device: str, n_poses: int, rounds: int) -> None:
+    """Wall time of a pose by compute shaders, and by that of the pinhole on the same plan."""
+    for title, mesh, cameras, poses in scenes(n_poses):
+        with ExitStack() as stack:
+            context = stack.enter_context(open_context(device))
+            counts = []
+            for lens, camera in cameras.items():
+                rasterizer = stack.enter_context(
+                    GLRasterizer(mesh, camera, device=context, plan="compute")
+                )
+                with open_rasterizer(mesh, camera, "cpu") as reference:
+                    differ = np.abs(
+                        rasterizer.count(poses[:2]).visible - reference.count(poses[:2]).visible
+                    ).sum()
+                # A division that the device rounds otherwise may decide a near tie.
+                report.check(f"{title}, {lens}: counts of the CPU", bool(differ <= 6))
+                counts.append(partial(rasterizer.count, poses, drawn=False))
+            times = alternating(counts, rounds, time.perf_counter) / len(poses)
+            add_beside_pinhole(report, title, "compute", list(cameras), times)
+
+
+def add_beside_pinhole(
+    report: Report, title: str, what: str, lenses: Sequence[str], times: NDArray[np.float64]
+) -> None:
+    """Rows of the seconds (lenses, rounds) of a pose, and of their ratios to the first lens."""
+    for row, lens in enumerate(lenses):
+        whole = f"{title}, {lens}: {what}"
+        report.add(whole, 1e3 * statistics.median(times[row]), "ms")
+        if row:
+            ratio = statistics.median(times[row] / times[0])
+            report.add(f"{whole} by that of the pinhole", ratio, "")
+
+
+def alternating(
+    calls: Sequence[Callable[[], object]],
+    rounds: int,
+    clock: Callable[[], float] = time.process_time,
+) -> NDArray[np.float64]:
+    """Seconds (calls, rounds) of calls in turn, of CPU time unless a clock is given.
+
+    The first of each is not counted.
+    """
     for call in calls:
         call()
     times = np.empty((len(calls), rounds))
     for turn in range(rounds):
         for row, call in enumerate(calls):
-            start = time.process_time()
+            start = clock()
             call()
-            times[row, turn] = time.process_time() - start
+            times[row, turn] = clock() - start
     return times
 
 

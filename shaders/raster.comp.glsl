@@ -13,11 +13,6 @@
 // sample on an edge belongs to exactly one of the two triangles; 1/z is affine in the image, rounded
 // to a float.
 //
-// The nearest face at a sample, the lowest index of equally near ones, is the maximum of a 64-bit
-// key: the float 1/z, then the complement of index + 1. With 32-bit atomics (no ATOMIC64) the scene
-// is drawn twice: pass 0 finds the depth, pass 1 the face among those at that depth. A maximum does
-// not depend on the order of its operands, so neither does the image.
-//
 // `precise` is used wherever two triangles, two programs or two passes must compute the same bits.
 //
 // J. Pineda. A Parallel Algorithm for Polygon Rasterization. 1988. S. Laine, T. Karras.
@@ -27,8 +22,6 @@
 #extension GL_ARB_gpu_shader_int64 : require
 #extension GL_NV_shader_atomic_int64 : require
 #endif
-
-layout(local_size_x = 64) in;
 
 struct Pose {
     dvec4 right, down, forward;  // camera axes; right and down mixed to rotate the sample grid
@@ -47,46 +40,13 @@ struct Piece {
     double origin, right, down;  // 1/z = origin + right x + down y at sample (x, y) of the canvas
 };
 
-layout(std430, binding = 0) buffer Counts { uint counts[]; };
-layout(std430, binding = 1) readonly buffer Runs { ivec2 runs[]; };  // of each row inside the image
-#ifdef ATOMIC64
-layout(std430, binding = 2) buffer Keys { uint64_t keys[]; };
-#else
-layout(std430, binding = 2) buffer Keys { uint keys[]; };  // two a sample: ~(index + 1), 1/z
-#endif
-layout(std430, binding = 3) coherent buffer Queue {
-    uint groups_x, groups_y, groups_z;  // workgroups of the QUEUED dispatch
-    uint n_pieces;
-    uint is_full;                       // 1 after an overflow
-    Piece pieces[];
-};
+#include "filling.glsl"
 
-uniform ivec2 size;       // samples of the tile
-uniform ivec2 corner;     // top-left of the tile on the canvas
-uniform bool with_drawn;  // count the samples that each face covers alone
-uniform uint first_face;  // first face of the window that `counts` holds
-uniform uint capacity;    // pieces that the queue holds
-uniform uint stride;      // counters a pose: slot 0 is background, then one a face
-#ifndef ATOMIC64
-uniform uint which_pass;
-#endif
+layout(std430, binding = 1) readonly buffer Runs { ivec2 runs[]; };  // of each row inside the image
 
 const int HALF = 128;
 const double STEPS = 256.0lf;
 const double NO_PLANE = 1e300lf;
-
-void keep_nearest(uint sample_, float depth, uint face) {
-    uint bits = floatBitsToUint(depth);  // same order as the floats, since none is negative
-#ifdef ATOMIC64
-    atomicMax(keys[sample_], packUint2x32(uvec2(~face, bits)));
-#else
-    if (which_pass == 0u) {
-        atomicMax(keys[2u * sample_ + 1u], bits);
-    } else if (keys[2u * sample_ + 1u] == bits) {
-        atomicMax(keys[2u * sample_], ~face);
-    }
-#endif
-}
 
 // Crossing of an edge from a down to b with rows: floor((base + slope row) / divisor) is the first
 // sample on the edge or right of it, ceil((X - 128) / 256) with X the crossing in steps.
@@ -160,23 +120,6 @@ void main() {
 #else
 
 layout(std430, binding = 4) readonly buffer Poses { Pose poses[]; };
-layout(std430, binding = 5) readonly buffer Vertices { double vertices[]; };
-layout(std430, binding = 6) readonly buffer Faces { uint faces[]; };
-
-uniform uvec2 faces_to_draw;  // first, and one after the last
-uniform uint first_pose;
-
-dvec3 in_camera(Pose pose, uint corner_of_face) {
-    uint v = 3u * faces[corner_of_face];
-    precise double x = vertices[v] - pose.eye.x;
-    precise double y = vertices[v + 1u] - pose.eye.y;
-    precise double z = vertices[v + 2u] - pose.eye.z;
-    precise double right = x * pose.right.x + y * pose.right.y + z * pose.right.z;
-    precise double down = x * pose.down.x + y * pose.down.y + z * pose.down.z;
-    precise double ahead = x * pose.forward.x + y * pose.forward.y + z * pose.forward.z;
-    return dvec3(right, down, ahead);
-}
-
 // Position in steps from the corner of the canvas, and 1/z.
 dvec3 in_image(Pose pose, dvec3 p) {
     precise double w = 1.0lf / p.z;
@@ -223,15 +166,9 @@ void swap_if_lower(inout ivec2 a, inout ivec2 b) {
 
 void enqueue(Piece p) {
     uint n = uint(p.bottom - p.top + ROWS - 1) / uint(ROWS);
-    // Nothing is added to a full queue, so the number of pieces cannot overflow.
-    uint end = n_pieces < capacity ? atomicAdd(n_pieces, n) + n : capacity + 1u;
-    if (end > capacity) {
-        is_full = 1u;
-        return;
-    }
-    atomicMax(groups_x, min(end, 65535u));
+    uint first = take_slots(n);
     int bottom = p.bottom;
-    for (uint slot = end - n; slot < end; ++slot) {
+    for (uint slot = first; slot < min(first + n, capacity); ++slot) {
         p.bottom = min(p.top + ROWS, bottom);
         pieces[slot] = p;
         p.top = p.bottom;
@@ -318,12 +255,13 @@ void draw(dvec3 a, dvec3 b, dvec3 c, uint face, uint pose, bool can_cull, dvec3 
 void main() {
     uint face = faces_to_draw.x + gl_GlobalInvocationID.x;
     if (face >= faces_to_draw.y) return;
-    uint view = first_pose + gl_GlobalInvocationID.z;
+    uint view = first_view + gl_GlobalInvocationID.z;
     Pose pose = poses[view];
     dvec3 in_space[3], at[3];
     bool is_whole = true;
     for (int i = 0; i < 3; ++i) {
-        in_space[i] = in_camera(pose, 3u * face + uint(i));
+        in_space[i] = in_axes(
+            3u * face + uint(i), pose.right.xyz, pose.down.xyz, pose.forward.xyz, pose.eye.xyz);
         at[i] = in_image(pose, in_space[i]);
         is_whole = is_whole && in_space[i].z >= pose.near && is_near_image(at[i]);
     }

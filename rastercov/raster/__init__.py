@@ -38,8 +38,7 @@ def open_rasterizer(
         Image size and intrinsics.
     backend : {"auto", "cpu", "gl"}
         "cpu" needs no graphics library. "auto" takes a hardware OpenGL device when one opens, and
-        the CPU otherwise: it is several times as fast as OpenGL in software. Cameras that are no
-        pinholes are drawn on the CPU.
+        the CPU otherwise: it is several times as fast as OpenGL in software.
     supersample : int
         S; the samples are a regular S x S grid in each pixel.
     roll : float
@@ -54,8 +53,8 @@ def open_rasterizer(
     Raises
     ------
     ConfigError
-        For an unknown backend, a supersample that is not 1 to 64, a roll that is no angle, or
-        OpenGL for a camera that is no pinhole.
+        For an unknown backend, a supersample that is not 1 to 64, a roll that is no angle, or a
+        plan of OpenGL that draws pinholes only for another camera.
     DeviceError
         When the device cannot be opened or fails its self-test.
     """
@@ -68,31 +67,22 @@ def open_rasterizer(
         raise ConfigError(f"roll must be an angle in radians, got {shown(roll)}")
     common: dict[str, Any] = {"supersample": int(supersample), "roll": float(roll)}
     check_choice("backend", backend, ("auto", "cpu", "gl"))
-    if not camera.is_pinhole:
-        return _open_lens(mesh, camera, backend, common | options)
     if backend == "auto":
         if not options and (hardware := _open_hardware(mesh, camera, common)):
             return hardware
         backend = "gl" if options.keys() - {"threads"} else "cpu"
     if backend == "cpu":
-        from rastercov.raster.cpu import CPURasterizer  # compiles, or loads what was compiled
+        # Each compiles, or loads what was compiled.
+        if not camera.is_pinhole:
+            from rastercov.raster.cpu.lens_rasterizer import LensRasterizer
+
+            return LensRasterizer(mesh, camera, **common, **options)
+        from rastercov.raster.cpu import CPURasterizer
 
         return CPURasterizer(mesh, camera, **common, **options)
     from rastercov.raster.gl import GLRasterizer  # imports OpenGL only when it is wanted
 
     return GLRasterizer(mesh, camera, **common, **options)
-
-
-def _open_lens(mesh: Mesh, camera: Camera, backend: str, options: dict[str, Any]) -> Rasterizer:
-    """Rasteriser of a camera that is no pinhole, on the CPU."""
-    if backend == "gl" or options.keys() - {"supersample", "roll", "threads"}:
-        raise ConfigError(
-            f"OpenGL draws pinholes only, got a lens of model {camera.model}; take --device cpu "
-            "(backend cpu), or method certified"
-        )
-    from rastercov.raster.cpu.lens_rasterizer import LensRasterizer  # compiles, or loads
-
-    return LensRasterizer(mesh, camera, **options)
 
 
 def _open_hardware(mesh: Mesh, camera: Camera, common: dict[str, Any]) -> Rasterizer | None:

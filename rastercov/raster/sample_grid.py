@@ -46,6 +46,8 @@ class SampleGrid:
 
     Attributes
     ----------
+    supersample, roll : int, float
+        As given.
     width, height : int
         Size of the canvas in samples; without a roll, S times that of the image.
     lens : (4,) float64
@@ -53,7 +55,8 @@ class SampleGrid:
     """
 
     def __init__(self, camera: Camera, supersample: int = 1, roll: float = 0.0) -> None:
-        self.supersample = scale = int(supersample)
+        self.supersample, self.roll = int(supersample), float(roll)
+        scale = self.supersample
         angle = math.remainder(roll, math.pi / 2)
         self._c, self._s = c, s = math.cos(angle), math.sin(angle)
         self._ratio = camera.fy / camera.fx

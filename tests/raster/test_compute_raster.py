@@ -5,9 +5,9 @@ import dataclasses
 import hostile_scenes
 import numpy as np
 import pytest
-from image_laws import assert_same_counts
+from image_laws import assert_same, assert_same_counts, everything
 from processes import TESTS, run_python
-from scenes import joined, square
+from scenes import joined, large_and_small, square
 
 from rastercov import shapes
 from rastercov.camera import Camera
@@ -20,16 +20,6 @@ from rastercov.raster.gl.resources import Resources
 from rastercov.viewpoints import look_at, sphere_of_poses
 
 CAMERA = Camera(width=160, height=120, fx=150, fy=140, cx=81.3, cy=58.2)
-
-
-def large_and_small():
-    """Triangles larger than the image, through the eye, and less than a pixel; and views of it."""
-    corners = np.array([(-9, -9, 2), (9, -8, 2.5), (1, 18, 2)], float)
-    through = np.array([(0.3, 0.2, 3), (-4, 0.4, 1), (2, 0.1, -5)])
-    wall = Mesh(vertices=np.concatenate((corners, through)), faces=[(0, 1, 2), (3, 4, 5)])
-    mesh = joined(shapes.torus(24, 12), wall, shapes.sphere(3), square(2.5, -1.5))
-    poses = np.concatenate((sphere_of_poses((0, 0, 0), 4, 3), look_at((0.2, 0, 0.1), (1, 0.3, 1))))
-    return mesh, poses
 
 
 def closed():
@@ -60,27 +50,6 @@ def open_compute(device):
         return GLRasterizer(mesh, camera, device=device, plan="compute", **options)
 
     return open_one
-
-
-def everything(rasterizer, poses):
-    """All counts with and without `drawn`, and all images, as named arrays."""
-    both, alone = rasterizer.count(poses), rasterizer.count(poses, drawn=False)
-    images = [rasterizer.render(pose) for pose in poses]
-    assert alone.drawn is None
-    np.testing.assert_array_equal(alone.visible, both.visible)
-    return {
-        "visible": both.visible,
-        "drawn": both.drawn,
-        "background": both.background,
-        "clipped": both.clipped,
-        "face": np.array([image.face for image in images]),
-        "depth": np.array([image.depth for image in images]),
-    }
-
-
-def assert_same(found, expected):
-    for name, values in expected.items():
-        np.testing.assert_array_equal(found[name], values, err_msg=name)
 
 
 def assert_same_as_cpu(found, expected, slope=0.0):

@@ -1,7 +1,5 @@
 """Tiles that a face may cover, against all tiles: none with a sample of it is left out."""
 
-import importlib
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -11,6 +9,7 @@ from lens_cameras import CAMERAS
 from rastercov import Camera, CameraError, shapes
 from rastercov._jit import allocation_free
 from rastercov.lenses.lane_kernels import lane_scratch
+from rastercov.raster.cpu import CPURasterizer
 from rastercov.raster.cpu import lens_kernels as kernels
 from rastercov.raster.cpu.lens_cover import count_covered
 from rastercov.raster.cpu.lens_rasterizer import LensRasterizer, _listed
@@ -120,8 +119,6 @@ def test_counts_do_not_depend_on_the_size_of_tables(monkeypatch):
     assert whole.background == banded.background
 
 
-@pytest.mark.parametrize("opened", ["CPURasterizer", "GLRasterizer"])
-def test_rasterisers_of_pinholes_say_what_draws_other_lenses(opened):
-    module = importlib.import_module(f"rastercov.raster.{opened[:-10].lower()}")
+def test_the_rasteriser_of_pinholes_says_what_draws_other_lenses():
     with pytest.raises(CameraError, match=r"draws pinholes only, got a lens of model opencv; take"):
-        getattr(module, opened)(shapes.box((1, 1, 1)), CAMERAS["brown"])
+        CPURasterizer(shapes.box((1, 1, 1)), CAMERAS["brown"])

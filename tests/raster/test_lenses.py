@@ -1,6 +1,7 @@
-"""The rasteriser of any lens: each sample shows the face that its ray meets first."""
+"""The rasterisers of any lens: each sample shows the face that its ray meets first."""
 
 import math
+from contextlib import ExitStack
 
 import lens_cases
 import lens_rooms
@@ -10,11 +11,22 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from target_scenes import some_as_targets
 
-from rastercov import Camera, ConfigError, Mesh, look_at, open_observer, open_rasterizer, shapes
+from rastercov import (
+    Camera,
+    CameraError,
+    DeviceError,
+    Mesh,
+    look_at,
+    open_observer,
+    open_rasterizer,
+    shapes,
+)
 from rastercov.lenses.of_camera import lens_of
 from rastercov.observation import BoundKind
 from rastercov.raster.cpu import lens_samples
 from rastercov.raster.cpu.lens_rasterizer import LensRasterizer
+from rastercov.raster.gl import GLRasterizer
+from rastercov.raster.sample_grid import SampleGrid
 from rastercov.viewpoints import sphere_of_poses
 
 SCALE = 0.1
@@ -46,6 +58,25 @@ SCENES = {
     "aeroplane": (shapes.aeroplane(), around(shapes.aeroplane())[1:2]),
     "room": (shapes.room(6), INSIDE),
 }
+
+
+def opened(by, context, mesh, camera, **options):
+    """Rasteriser on the CPU, or by the plan "compute" of OpenGL."""
+    if by == "cpu":
+        return LensRasterizer(mesh, camera, **options)
+    return GLRasterizer(mesh, camera, device=context, plan="compute", **options)
+
+
+BY = pytest.mark.parametrize("by", ["cpu", "compute"])
+
+
+@pytest.fixture(params=["cpu", "compute"])
+def open_lens(request, device):
+    """Open rasterisers of either kind; they are closed when the test ends."""
+    with ExitStack() as stack:
+        yield lambda mesh, camera, **options: stack.enter_context(
+            opened(request.param, device, mesh, camera, **options)
+        )
 
 
 def pixels(camera):
@@ -108,29 +139,32 @@ def in_camera(mesh, pose):
     return ((mesh.vertices - pose[:3, 3]) @ pose[:3, :3])[mesh.faces]
 
 
+@pytest.mark.parametrize(
+    "open_lens", ["cpu", pytest.param("compute", marks=pytest.mark.slow)], indirect=True
+)
 @pytest.mark.parametrize("lens", CAMERAS)
 @pytest.mark.parametrize("scene", SCENES)
-def test_each_sample_shows_the_face_its_ray_meets(scene, lens):
+def test_each_sample_shows_the_face_its_ray_meets(open_lens, scene, lens):
     (mesh, poses), camera = SCENES[scene], CAMERAS[lens]
     directions = rays(camera, pixels(camera))
     is_live = ~np.isnan(directions[:, 0])
-    with open_rasterizer(mesh, camera, "cpu") as rasterizer:
-        for pose in poses:
-            image = rasterizer.render(pose)
-            shown, depth = image.face.ravel(), image.depth.ravel()
-            assert (shown[~is_live] == -1).all()
-            corners = in_camera(mesh, pose)
-            wrong, expected, distance = wrong_samples(
-                camera, corners, directions[is_live], shown[is_live]
-            )
-            assert wrong == []
-            assert (expected >= 0).mean() > (0.99 if scene == "room" else 0.005)
-            same = (shown[is_live] == expected) & (expected >= 0)
-            assert (shown[is_live] != expected).sum() <= 3
-            if lens not in ("wide", "equirectangular"):
-                distance = distance * directions[is_live, 2]
-            np.testing.assert_allclose(depth[is_live][same], distance[same], rtol=1e-6)
-            assert np.isinf(depth[shown < 0]).all()
+    rasterizer = open_lens(mesh, camera)
+    for pose in poses:
+        image = rasterizer.render(pose)
+        shown, depth = image.face.ravel(), image.depth.ravel()
+        assert (shown[~is_live] == -1).all()
+        corners = in_camera(mesh, pose)
+        wrong, expected, distance = wrong_samples(
+            camera, corners, directions[is_live], shown[is_live]
+        )
+        assert wrong == []
+        assert (expected >= 0).mean() > (0.99 if scene == "room" else 0.005)
+        same = (shown[is_live] == expected) & (expected >= 0)
+        assert (shown[is_live] != expected).sum() <= 3
+        if lens not in ("wide", "equirectangular"):
+            distance = distance * directions[is_live, 2]
+        np.testing.assert_allclose(depth[is_live][same], distance[same], rtol=1e-6)
+        assert np.isinf(depth[shown < 0]).all()
 
 
 def test_positions_agree_with_opencv():
@@ -152,12 +186,11 @@ def test_positions_agree_with_opencv():
 
 @pytest.mark.parametrize("lens", CAMERAS)
 @pytest.mark.parametrize(("supersample", "roll"), [(1, 0.0), (2, 0.0), (1, 0.4), (3, -1.1)])
-def test_closed_room_leaves_no_live_sample_without_a_face(lens, supersample, roll):
+def test_closed_room_leaves_no_live_sample_without_a_face(open_lens, lens, supersample, roll):
     corners, camera = lens_rooms.room(5, seed=2), CAMERAS[lens]
     mesh = Mesh(vertices=corners.reshape(-1, 3), faces=np.arange(3 * len(corners)).reshape(-1, 3))
-    with LensRasterizer(mesh, camera, supersample=supersample, roll=roll) as rasterizer:
-        grid = rasterizer._tables.grid
-        counts = rasterizer.count(np.eye(4)[None])
+    grid = SampleGrid(camera, supersample, roll)
+    counts = open_lens(mesh, camera, supersample=supersample, roll=roll).count(np.eye(4)[None])
     places = grid.positions(0, grid.height)
     column = np.arange(grid.width)
     inside = (column >= grid.first[:, None]) & (column < grid.last[:, None])
@@ -170,11 +203,10 @@ def test_closed_room_leaves_no_live_sample_without_a_face(lens, supersample, rol
 
 @pytest.mark.parametrize("lens", ["brown", "wide"])
 @pytest.mark.parametrize(("supersample", "roll"), [(2, 0.0), (1, 0.4)])
-def test_counts_are_of_rays_at_the_samples_of_the_grid(lens, supersample, roll):
+def test_counts_are_of_rays_at_the_samples_of_the_grid(open_lens, lens, supersample, roll):
     (mesh, poses), camera = SCENES["torus"], CAMERAS[lens]
-    with open_rasterizer(mesh, camera, "cpu", supersample=supersample, roll=roll) as rasterizer:
-        counts = rasterizer.count(poses[:1])
-        grid = rasterizer._tables.grid
+    counts = open_lens(mesh, camera, supersample=supersample, roll=roll).count(poses[:1])
+    grid = SampleGrid(camera, supersample, roll)
     c, s = math.cos(roll), math.sin(roll)
     x, y = np.meshgrid(np.arange(grid.width) + 0.5, np.arange(grid.height) + 0.5)
     x, y = x.ravel() - grid.width / 2, y.ravel() - grid.height / 2
@@ -212,9 +244,10 @@ def test_without_distortion_counts_are_those_of_the_pinhole(scene):
     np.testing.assert_allclose(image.depth[same], by_table.depth[same], rtol=1e-5)
 
 
+@BY
 @settings(max_examples=25, deadline=None)
-@given(st.integers(0, 2**32 - 1), st.sampled_from(list(CAMERAS)), st.booleans())
-def test_sample_at_a_corner_of_a_fan_belongs_to_one_face(seed, lens, is_welded):
+@given(seed=st.integers(0, 2**32 - 1), lens=st.sampled_from(list(CAMERAS)), is_welded=st.booleans())
+def test_sample_at_a_corner_of_a_fan_belongs_to_one_face(gl_context, by, seed, lens, is_welded):
     """Corners on the rays of samples: exactly there edges decide."""
     rng = np.random.default_rng(seed)
     camera = CAMERAS[lens]
@@ -232,7 +265,7 @@ def test_sample_at_a_corner_of_a_fan_belongs_to_one_face(seed, lens, is_welded):
     faces = np.array([(0, 1 + i, 1 + (i + 1) % n) for i in range(n)])
     if not is_welded:
         vertices, faces = vertices[faces].reshape(-1, 3), np.arange(3 * n).reshape(n, 3)
-    with LensRasterizer(Mesh(vertices=vertices, faces=faces), camera) as rasterizer:
+    with opened(by, gl_context, Mesh(vertices=vertices, faces=faces), camera) as rasterizer:
         counts = rasterizer.count(np.eye(4)[None])
         image = rasterizer.render(np.eye(4))
     column, row = points.astype(int)
@@ -241,7 +274,7 @@ def test_sample_at_a_corner_of_a_fan_belongs_to_one_face(seed, lens, is_welded):
 
 
 @pytest.mark.parametrize("lens", ["brown", "wide"])
-def test_near_plane_cuts_as_in_the_exact_method(lens):
+def test_near_plane_cuts_as_in_the_exact_method(open_lens, lens):
     camera = CAMERAS[lens]
     # A ramp that begins behind the camera, 0.3 m below it.
     ramp = Mesh(
@@ -252,8 +285,7 @@ def test_near_plane_cuts_as_in_the_exact_method(lens):
         cut = Camera(**{**camera.plain(), "near": near})
         with open_observer(ramp, cut, "certified") as exact:
             area = exact.observe(np.eye(4)[None]).drawn_pixels[0]
-        with open_rasterizer(ramp, cut, "cpu", supersample=4) as rasterizer:
-            counts = rasterizer.count(np.eye(4)[None])
+        counts = open_lens(ramp, cut, supersample=4).count(np.eye(4)[None])
         assert counts.clipped[0] == (near > 0)
         np.testing.assert_allclose(counts.drawn_pixels[0], area, rtol=0.01, atol=2)
         assert area.sum() > 100
@@ -275,7 +307,7 @@ def test_sampled_areas_are_within_their_bound_of_certified_ones(lens):
     assert counts.visible_pixels.sum() == pytest.approx(areas.visible_pixels.sum(), rel=2e-3)
 
 
-def test_targets_hide_nothing_and_are_counted_against_surfaces():
+def test_targets_hide_nothing_and_are_counted_against_surfaces(open_lens):
     camera = CAMERAS["brown"]
     wall = [(-9, -9, 2), (9, -9, 2), (9, 9, 2), (-9, 9, 2)]
     front = [(-0.3, -0.3, 1), (0.3, -0.3, 1), (0.3, 0.3, 1), (-0.3, 0.3, 1)]
@@ -285,10 +317,9 @@ def test_targets_hide_nothing_and_are_counted_against_surfaces():
     all_faces = np.vstack([faces + 4 * k for k in range(3)])
     plain = Mesh(vertices=wall + front + back, faces=all_faces)
     mesh = some_as_targets(plain, np.arange(6) >= 2)
-    with open_rasterizer(mesh, camera, "cpu") as rasterizer:
-        counts, image = rasterizer.count(np.eye(4)[None]), rasterizer.render(np.eye(4))
-    with open_rasterizer(opaque, camera, "cpu") as rasterizer:
-        alone = rasterizer.count(np.eye(4)[None])
+    rasterizer = open_lens(mesh, camera)
+    counts, image = rasterizer.count(np.eye(4)[None]), rasterizer.render(np.eye(4))
+    alone = open_lens(opaque, camera).count(np.eye(4)[None])
     np.testing.assert_array_equal(counts.visible[0, :2], alone.visible[0])
     np.testing.assert_array_equal(counts.background, alone.background)
     assert set(np.unique(image.face)) <= {-1, 0, 1}
@@ -312,22 +343,37 @@ def test_bands_of_rows_add_up_to_the_whole():
     assert no_drawn.drawn is None
 
 
-def test_pixels_without_a_ray_are_background():
+def test_pixels_without_a_ray_are_background(open_lens):
     camera = Camera(
         width=200, height=160, fx=110, fy=110, model="opencv", distortion=(-0.35, 0, 0, 0)
     )
     directions = rays(camera, pixels(camera))
     dead = np.isnan(directions[:, 0]).sum()
     assert dead > 100
-    with open_rasterizer(shapes.room(3), camera, "cpu") as rasterizer:
-        assert rasterizer.count(INSIDE).background[0] == dead
+    assert open_lens(shapes.room(3), camera).count(INSIDE).background[0] == dead
 
 
-def test_opengl_refuses_in_one_line_and_auto_takes_the_cpu():
-    mesh, camera = SCENES["room"][0], CAMERAS["brown"]
-    for options in ({"backend": "gl"}, {"device": "egl:0"}):
-        with pytest.raises(ConfigError, match=r"--device cpu .*or method certified") as caught:
-            open_rasterizer(mesh, camera, **options)
+@pytest.mark.parametrize("plan", ["software", "hardware"])
+@pytest.mark.parametrize("lens", ["brown", "skew"])
+def test_plans_of_the_graphics_pipeline_name_what_draws_a_lens(device, plan, lens):
+    mesh, camera = SCENES["room"][0], CAMERAS[lens]
+    line = rf"plan '{plan}' draws pinholes only, got a lens of .*plan 'compute', or --device cpu"
+    with pytest.raises(CameraError, match=line) as caught:
+        open_rasterizer(mesh, camera, "gl", device=device, plan=plan)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_device_without_compute_shaders_names_the_cpu(device, monkeypatch):
+    monkeypatch.setattr(type(device.info), "has_compute_raster", False)
+    for plan in ("auto", "compute"):
+        with pytest.raises(DeviceError, match=r"needs compute shaders .*--device cpu") as caught:
+            GLRasterizer(SCENES["room"][0], CAMERAS["brown"], device=device, plan=plan)
         assert "\n" not in str(caught.value)
-    with open_rasterizer(mesh, camera) as rasterizer:
+
+
+def test_auto_takes_what_draws_a_lens(device):
+    mesh, camera = SCENES["room"][0], CAMERAS["brown"]
+    with open_rasterizer(mesh, camera, threads=1) as rasterizer:
         assert rasterizer.info.backend == "cpu"
+    with open_rasterizer(mesh, camera, device=device) as rasterizer:
+        assert (rasterizer.info.backend, rasterizer.info.plan) == ("gl", "compute")

@@ -83,9 +83,13 @@ def test_a_report_draws_its_poses_through_the_lens(tmp_path, lens):
     assert (tmp_path / "overview.png").exists()
 
 
-def test_a_report_through_a_lens_on_opengl_is_refused_before_the_work(tmp_path):
-    with pytest.raises(rc.ConfigError, match=r"OpenGL draws pinholes only.*--device cpu"):
-        run(MESH, FLAT, POSES[:1], TASK, tmp_path, Options(device="gl"))
+def test_a_report_through_a_lens_on_opengl_shows_what_it_shows_on_the_cpu(tmp_path, gl_context):
+    camera, pictures = CAMERAS["brown"].resized(0.1), []
+    for device in ("cpu", "surfaceless"):
+        folder = tmp_path / device
+        run(MESH, camera, POSES[:1], TASK, folder, Options(device=device, pictures=1, by="face"))
+        pictures.append((folder / "faces_0.png").read_bytes())
+    assert pictures[0] == pictures[1]
 
 
 @pytest.mark.parametrize("lens", CAMERAS)

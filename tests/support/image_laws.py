@@ -54,3 +54,24 @@ def assert_same_image(found, expected, mesh, camera, pose):
 def assert_same_counts(found, expected):
     for name in ("visible", "drawn", "background", "clipped"):
         np.testing.assert_array_equal(getattr(found, name), getattr(expected, name), err_msg=name)
+
+
+def everything(rasterizer, poses):
+    """All counts with and without `drawn`, and all images, as named arrays."""
+    both, alone = rasterizer.count(poses), rasterizer.count(poses, drawn=False)
+    images = [rasterizer.render(pose) for pose in poses]
+    assert alone.drawn is None
+    np.testing.assert_array_equal(alone.visible, both.visible)
+    return {
+        "visible": both.visible,
+        "drawn": both.drawn,
+        "background": both.background,
+        "clipped": both.clipped,
+        "face": np.array([image.face for image in images]),
+        "depth": np.array([image.depth for image in images]),
+    }
+
+
+def assert_same(found, expected):
+    for name, values in expected.items():
+        np.testing.assert_array_equal(found[name], values, err_msg=name)

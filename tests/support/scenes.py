@@ -1,8 +1,10 @@
-"""Flat scenes that several tests build on."""
+"""Scenes that several tests build on."""
 
 import numpy as np
 
+from rastercov import shapes
 from rastercov.mesh import Mesh
+from rastercov.viewpoints import look_at, sphere_of_poses
 
 
 def sheet(low, high, z):
@@ -23,3 +25,13 @@ def joined(*meshes):
         vertices=np.concatenate([mesh.vertices for mesh in meshes]),
         faces=np.concatenate([m.faces + start for m, start in zip(meshes, starts, strict=True)]),
     )
+
+
+def large_and_small():
+    """Triangles larger than the image, through the eye, and less than a pixel; and views of it."""
+    corners = np.array([(-9, -9, 2), (9, -8, 2.5), (1, 18, 2)], float)
+    through = np.array([(0.3, 0.2, 3), (-4, 0.4, 1), (2, 0.1, -5)])
+    wall = Mesh(vertices=np.concatenate((corners, through)), faces=[(0, 1, 2), (3, 4, 5)])
+    mesh = joined(shapes.torus(24, 12), wall, shapes.sphere(3), square(2.5, -1.5))
+    poses = np.concatenate((sphere_of_poses((0, 0, 0), 4, 3), look_at((0.2, 0, 0.1), (1, 0.3, 1))))
+    return mesh, poses

@@ -17,13 +17,19 @@ def is_inside_exactly(e, x, y):
     (p x q).(x, y, 1) is the product of the vectors from the sample to p and to q. Each vector is
     rounded once for all edges at its corner, so their signs say on which side of the sample each
     edge passes without contradiction: no sample falls between faces at a corner, or in two.
+
+    Where all three vectors point the same way, as from a sample beside a face that is as thin as
+    rounding, so do not the signs of their products: such a sample is outside.
     """
     ax, ay = -(x * e.pz) + e.px, -(y * e.pz) + e.py
     bx, by = -(x * e.qz) + e.qx, -(y * e.qz) + e.qy
     cx, cy = -(x * e.rz) + e.rx, -(y * e.rz) + e.ry
     is_in = (ax * by - ay * bx) * e.side >= e.t0
     is_in = is_in & ((bx * cy - by * cx) * e.side >= e.t1)
-    return is_in & ((cx * ay - cy * ax) * e.side >= e.t2)
+    is_in = is_in & ((cx * ay - cy * ax) * e.side >= e.t2)
+    for a, b, c in ((ax, bx, cx), (ay, by, cy)):
+        is_in = is_in & (a.minimum(b).minimum(c) <= 0.0) & (a.maximum(b).maximum(c) >= 0.0)
+    return is_in
 
 
 def in_block(planes, centre_x, centre_y):

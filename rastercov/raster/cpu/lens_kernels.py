@@ -73,6 +73,9 @@ SLACK = 1e-7
 """Margin of the box of a face for rounding, relative, in units of the plane."""
 LEAST_DOUBT = 1e-30
 """Doubt of an edge at least: its inverse is a float32, and so are its slopes times that."""
+MOST_SLOPE = 1e30
+"""Change of 1/z at most, in 1/m to the unit of the plane: all sums of it are float32, never NaN. A
+face beyond it is seen from its side, and its 1/z is that of its nearest corner."""
 LEAST = 5e-324
 """Smallest positive number: e >= LEAST is e > 0."""
 
@@ -239,7 +242,7 @@ def planes_of(points, i, j, k, height, side, near, patch):
     behind, cut, greatest = -np.inf, np.inf, 1.0 / max(nearest, near)
     if nearest < near:
         behind, cut = 0.0, greatest
-    if not (np.isfinite(a3) and np.isfinite(b3) and np.isfinite(c3)):
+    if not (abs(a3) <= MOST_SLOPE and abs(b3) <= MOST_SLOPE and abs(c3) <= MOST_SLOPE):
         a3, b3, c3 = 0.0, 0.0, greatest
     return FacePlanes(
         a0, b0, c0, d0, a1, b1, c1, d1, a2, b2, c2, d2, a3, b3, c3, behind, cut, least, greatest,

@@ -85,10 +85,14 @@ class SampleTables:
                 self._kept[index] = found
         return found
 
+    def rows(self, index: int) -> tuple[int, int]:
+        """First row of a band, and the one after its last."""
+        top = BLOCK * self._rows * index
+        return top, min(self.grid.height, top + BLOCK * self._rows)
+
     def _make(self, index: int, threads: int) -> tuple[Patch, ...]:
         grid = self.grid
-        top = BLOCK * self._rows * index
-        bottom = min(grid.height, top + BLOCK * self._rows)
+        top, bottom = self.rows(index)
         columns, rows = -(-grid.width // BLOCK), -(-(bottom - top) // BLOCK)
         check_memory(
             f"the places of {(bottom - top) * grid.width:,} samples",
@@ -126,9 +130,11 @@ class SampleTables:
 
 
 @lru_cache(maxsize=8)
-def tables_of(camera: Camera, supersample: int, roll: float) -> SampleTables:
+def tables_of(
+    camera: Camera, supersample: int, roll: float, max_table: int = MAX_TABLE
+) -> SampleTables:
     """Tables of a camera, which rasterisers of one camera share."""
-    return SampleTables(camera, supersample, roll)
+    return SampleTables(camera, supersample, roll, max_table)
 
 
 def _free_radius(records: list[PlaneRecord]) -> float:

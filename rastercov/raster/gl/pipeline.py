@@ -35,10 +35,12 @@ from rastercov.raster.gl.strategy import (
     FloatArray,
     IntArray,
     WordArray,
+    count_targets_by_images,
     without_background,
     workgroups,
 )
 from rastercov.raster.sample_grid import Box, SampleGrid
+from rastercov.raster.targets import TargetFaces
 
 MAX_POSES = 128
 """Poses in one uniform block: 128 records of 96 bytes, or 128 rays of 128 bytes, fit the 16 KiB
@@ -120,6 +122,10 @@ class Pipeline:
         programs, max_faces = self._programs, self._max_faces
         return Scene(self._resources, programs, mesh, camera, grid, max_faces, overlapping)
 
+    def tiles(self, scene: Scene, grid: SampleGrid) -> Iterator[Box]:
+        """Tiles of a grid."""
+        return grid.tiles(self.tile)
+
     def prepare(self, scene: Scene, poses: FloatArray, grid: SampleGrid) -> PreparedPoses:
         """Compute the uniform blocks of the poses."""
         return PreparedPoses(scene, poses, grid, self._resources.is_reversed)
@@ -159,6 +165,12 @@ class Pipeline:
         ids = self._resources.read_faces(self._targets[0], (0, 0, *tile[2:]))
         values = self._resources.read_depth(self._targets[0], (0, 0, *tile[2:]))
         return ids.view(np.int32) - 1, prepared.depth(0, values)
+
+    def count_targets(
+        self, scene: Scene, targets: TargetFaces, poses: FloatArray
+    ) -> tuple[IntArray, IntArray]:
+        """Visible and drawn samples of the targets, (P, N) each."""
+        return count_targets_by_images(self, scene, targets, poses)
 
     def _draw_faces(self, scene: Scene, prepared: PreparedPoses, rows: IntArray, tile: Box) -> None:
         """Draw the nearest faces of a batch into the triangle-ID images."""

@@ -1,11 +1,12 @@
-"""OpenGL rasteriser: the contract of `raster.contract` around one of two strategies, three plans.
+"""OpenGL rasteriser: the contract of `raster.contract` around one of three strategies.
 
 - *software*: graphics pipeline, one pose at a time, counted by numpy; see `pipeline`.
 - *hardware*: graphics pipeline, many poses a draw, counted on the GPU.
 - *compute*: compute shaders, many poses at a time, counted on the GPU; see `compute`.
 
 "auto" is "software" on a software device and "hardware" on a hardware device with the features it
-needs; "compute" for a focal length so long that the graphics pipeline would misplace edges.
+needs; "compute" for a focal length so long that the graphics pipeline would misplace edges, and for
+cameras that are no pinholes, which only that plan draws (`lens_compute`).
 
 A device is tested against a scene with known counts at opening and every `SELF_TEST_INTERVAL`
 poses, with the programs, images and buffers in use.
@@ -24,7 +25,6 @@ from rastercov._closing import Closing
 from rastercov.camera import Camera
 from rastercov.errors import ConfigError, DeviceError
 from rastercov.mesh import Mesh
-from rastercov.near_plane import near_limit
 from rastercov.pose import valid_poses
 from rastercov.raster import self_test
 from rastercov.raster.contract import (
@@ -45,7 +45,7 @@ from rastercov.raster.gl.strategy import (
     DrawLimits,
     Strategy,
 )
-from rastercov.raster.sample_grid import Box, SampleGrid
+from rastercov.raster.sample_grid import SampleGrid
 from rastercov.raster.targets import TargetFaces
 
 PLANS = ("software", "hardware", "compute")
@@ -75,8 +75,9 @@ class GLRasterizer(Closing):
 
     Raises
     ------
-    ConfigError, DeviceError, ResourceError
-        For a bad argument; a device that lacks a feature or fails its self-test; lack of memory.
+    CameraError, ConfigError, DeviceError, ResourceError
+        For a lens that the plan does not draw; a bad argument; a device that lacks a feature or
+        fails its self-test; lack of memory.
     """
 
     def __init__(
@@ -100,9 +101,6 @@ class GLRasterizer(Closing):
             raise ConfigError(
                 f"max_tile, max_faces_a_draw and image_budget must be 1 or more, got {limits}"
             )
-        camera.check_pinhole(
-            "OpenGL draws pinholes only", "take --device cpu (backend cpu), or method certified"
-        )
         self.mesh, self.camera, self.supersample, self.roll = mesh, camera, supersample, roll
         self._is_open = True
         self._owns_context = not isinstance(device, HeadlessContext)
@@ -124,6 +122,19 @@ class GLRasterizer(Closing):
         """Plan to run, "auto" resolved; ConfigError or DeviceError when it cannot run."""
         known = self._context.info
         reach = max(self.camera.fx, self.camera.fy, abs(self.camera.cx), abs(self.camera.cy))
+        if not self.camera.is_pinhole:
+            if plan in ("software", "hardware"):
+                self.camera.check_pinhole(
+                    f"plan '{plan}' draws pinholes only",
+                    "take plan 'compute', or --device cpu (backend cpu)",
+                )
+            if not known.has_compute_raster:
+                raise DeviceError(
+                    f"a lens of model {self.camera.model} needs compute shaders and storage "
+                    f"buffers, which {known.renderer} (OpenGL {known.gl_version}) lacks; take "
+                    "--device cpu (backend cpu)"
+                )
+            return "compute"
         if plan == "auto" and reach > MAX_FOCAL_LENGTH and known.has_compute_raster:
             return "compute"
         if plan != "compute" and reach > MAX_FOCAL_LENGTH:
@@ -151,7 +162,11 @@ class GLRasterizer(Closing):
         grid = SampleGrid(camera, self.supersample, self.roll)
         resources.use()
         self._strategy: Strategy
-        if plan == "compute":
+        if not camera.is_pinhole:
+            from rastercov.raster.gl.lens_compute import LensCompute  # loads numba
+
+            self._strategy = LensCompute(resources, mesh, camera, grid, limits)
+        elif plan == "compute":
             self._strategy = Compute(resources, mesh, camera, grid, limits)
         else:
             is_layered = plan == "hardware"
@@ -183,7 +198,8 @@ class GLRasterizer(Closing):
             counts = self._count(self._scene, matrices, drawn)
             if self._targets is None:
                 return counts
-            return self._targets.added(counts, *self._count_targets(self._targets, matrices))
+            found = self._strategy.count_targets(self._scene, self._targets, matrices)
+            return self._targets.added(counts, *found)
 
     def render(self, pose: ArrayLike) -> VisibilityBuffer:
         """Face index and depth at each pixel centre; see `Rasterizer.render`."""
@@ -196,7 +212,7 @@ class GLRasterizer(Closing):
         with self._current():
             prepared = self._strategy.prepare(self._scene, matrices, self._pixels)
             self._strategy.begin(prepared, np.array([0]))
-            for tile in self._pixels.tiles(self._strategy.tile):
+            for tile in self._strategy.tiles(self._scene, self._pixels):
                 x, y, width, height = tile
                 part = np.s_[y : y + height, x : x + width]
                 face[part], depth[part] = self._strategy.image(self._scene, prepared, tile)
@@ -236,7 +252,7 @@ class GLRasterizer(Closing):
         prepared = strategy.prepare(scene, poses, grid)
         for rows in strategy.batches(prepared):
             strategy.begin(prepared, rows)
-            for tile in grid.tiles(strategy.tile):
+            for tile in strategy.tiles(scene, grid):
                 counts = strategy.count(scene, prepared, rows, tile, drawn=with_drawn)
                 tile_visible, tile_background, tile_drawn = counts
                 visible[rows] += tile_visible
@@ -256,26 +272,6 @@ class GLRasterizer(Closing):
             )
         scale = grid.supersample
         return FaceCounts(visible, drawn, background, prepared.clipped, scale, self.info, self.roll)
-
-    def _count_targets(
-        self, targets: TargetFaces, poses: NDArray[np.float64]
-    ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Visible and drawn samples of the targets, (P, N) each."""
-        visible, drawn = np.empty((2, len(poses), len(targets.rows)), np.int64)
-        grid, near = self._scene.grid, near_limit(self.camera, self._scene.mesh.bounds, poses)
-        for row in range(len(poses)):
-
-            def depths(
-                top: int, bottom: int, row: int = row
-            ) -> Iterator[tuple[Box, NDArray[np.float32]]]:
-                prepared = self._strategy.prepare(self._scene, poses[row : row + 1], grid)
-                self._strategy.begin(prepared, np.array([0]))
-                for tile in grid.tiles(self._strategy.tile):
-                    if tile[1] < bottom and tile[1] + tile[3] > top:
-                        yield tile, self._strategy.image(self._scene, prepared, tile)[1]
-
-            visible[row], drawn[row] = targets.count(grid, poses[row], near[row], depths)
-        return visible, drawn
 
     # --- self-test ------------------------------------------------------------------------------
 

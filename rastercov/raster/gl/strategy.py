@@ -1,7 +1,8 @@
-"""Interface between the OpenGL rasteriser and the two strategies that draw and count.
+"""Interface between the OpenGL rasteriser and the strategies that draw and count.
 
 `rasterizer` owns the contract, the context and the self-test; a strategy owns the programs and the
-images. `pipeline` implements it with the graphics pipeline, `compute` with compute shaders.
+images. `pipeline` implements it with the graphics pipeline, `compute` with compute shaders, and
+`lens_compute` with these for cameras that are no pinholes.
 """
 
 from collections.abc import Iterator
@@ -13,7 +14,9 @@ from numpy.typing import NDArray
 
 from rastercov.camera import Camera
 from rastercov.mesh import Mesh
+from rastercov.near_plane import near_limit
 from rastercov.raster.sample_grid import Box, SampleGrid
+from rastercov.raster.targets import TargetFaces
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -50,15 +53,15 @@ class Strategy(Protocol):
     ----------
     depth : str
         Description of the depth buffer, as in `RasterizerInfo`.
-    tile : (int, int)
-        Width and height, in samples, of the largest part of an image that is drawn at once.
     """
 
     depth: str
-    tile: tuple[int, int]
 
     def scene(self, mesh: Mesh, camera: Camera, grid: SampleGrid) -> Any:
         """Upload a mesh; the result has `mesh`, `camera` and `grid`."""
+
+    def tiles(self, scene: Any, grid: SampleGrid) -> Iterator[Box]:
+        """Parts of a canvas that are drawn at once; together they are all of it."""
 
     def prepare(self, scene: Any, poses: FloatArray, grid: SampleGrid) -> Any:
         """Compute the per-pose data of the shaders; the result has `clipped`, (P,) bool."""
@@ -78,6 +81,32 @@ class Strategy(Protocol):
         self, scene: Any, prepared: Any, tile: Box
     ) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
         """Draw the first pose into a tile: faces and depths, as in `VisibilityBuffer`."""
+
+    def count_targets(
+        self, scene: Any, targets: TargetFaces, poses: FloatArray
+    ) -> tuple[IntArray, IntArray]:
+        """Visible and drawn samples of the targets, (P, N) each."""
+
+
+def count_targets_by_images(
+    strategy: Strategy, scene: Any, targets: TargetFaces, poses: FloatArray
+) -> tuple[IntArray, IntArray]:
+    """`Strategy.count_targets` of pinholes, on the CPU: the depths of each pose are read back."""
+    visible, drawn = np.empty((2, len(poses), len(targets.rows)), np.int64)
+    grid, near = scene.grid, near_limit(scene.camera, scene.mesh.bounds, poses)
+    for row in range(len(poses)):
+
+        def depths(
+            top: int, bottom: int, row: int = row
+        ) -> Iterator[tuple[Box, NDArray[np.float32]]]:
+            prepared = strategy.prepare(scene, poses[row : row + 1], grid)
+            strategy.begin(prepared, np.array([0]))
+            for tile in strategy.tiles(scene, grid):
+                if tile[1] < bottom and tile[1] + tile[3] > top:
+                    yield tile, strategy.image(scene, prepared, tile)[1]
+
+        visible[row], drawn[row] = targets.count(grid, poses[row], near[row], depths)
+    return visible, drawn
 
 
 def face_ranges(n_faces: int, max_faces: int) -> list[tuple[int, int]]:
