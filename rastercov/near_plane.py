@@ -7,6 +7,7 @@ camera is outside a closed mesh, faces seen from behind cannot be the nearest su
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,14 +43,20 @@ def pinholes(camera: Camera, poses: FloatArray) -> list[tuple[Camera, FloatArray
     """Pinholes, each with its poses, that together see all that a camera sees."""
     if camera.is_pinhole:
         return [(camera, poses)]
+    return [(pinhole, poses @ frame) for pinhole, frame in _pinholes_of(camera)]
+
+
+@lru_cache(maxsize=8)
+def _pinholes_of(camera: Camera) -> tuple[tuple[Camera, FloatArray], ...]:
+    """Pinholes and their frames (4, 4), lens_from_plane, of the planes of a camera."""
     from rastercov.lenses.of_camera import planes_of  # loads numba
 
     found = {}
     for plane, _ in planes_of(camera):
         frame = np.eye(4)
         frame[:3, :3] = plane.frame
-        found[plane.frame.tobytes()] = replace(plane.camera, near=camera.near), poses @ frame
-    return list(found.values())
+        found[plane.frame.tobytes()] = replace(plane.camera, near=camera.near), frame
+    return tuple(found.values())
 
 
 def limits_of_poses(

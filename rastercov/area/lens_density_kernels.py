@@ -47,7 +47,7 @@ from rastercov.area.plane_kernels import (
 from rastercov.exact.polygon_kernels import copy_polygon, keep_inside, twice_area
 from rastercov.exact.records import U, V
 from rastercov.lenses.kernels import plane_slopes
-from rastercov.lenses.slopes import bounds_within
+from rastercov.lenses.slopes import bounds_within, sizes_within
 
 PER_M2, DENSE, FACING, DISTANT = 1, 2, 4, 8
 """Bits of the criteria that a piece still has to meet."""
@@ -58,18 +58,21 @@ KNOWN = 5
 """Column of a fitted criterion."""
 STEP_REL, LARGEST_STEP = 1 / 64, 1e-5
 """Step of the differences that give an affine part, relative to the radius; in units of the
-plane. Its error is less than K r^2 / 40."""
+plane. A difference is off by K step / 2, and so the affine part by less than K r^2 / 40."""
 HALF = 0.5 + 0.05
 """Of K r^2: the difference from an affine function."""
+FAR_REL = 1e-6
+"""Of a density: by more than it a piece is beyond the limit, or before it, for sure."""
 ROUNDING = 2.0**-46
 """Of the size of a figure: its rounding and, times the radius over the step, that of its slopes."""
 
 
 @allocation_free
-def figures_at(rules, plane, x, y, out):
+def figures_at(rules, plane, x, y, n_figures, out):
     """Fill `out` with |det A|^(-1/3), the columns of Q A^-1, and those of E A^-1.
 
-    Returns the norm and the least singular value of A, and |det A|.
+    The first alone where `n_figures` is 1. Returns the norm and the least singular value of A, and
+    |det A|.
     """
     a, b, c, d = plane_slopes(rules.code, rules.params, rules.frame, x, y)
     det = a * d - b * c
@@ -79,6 +82,8 @@ def figures_at(rules, plane, x, y, out):
     # A^-1, by rows
     i_11, i_12, i_21, i_22 = d / det, -b / det, -c / det, a / det
     out[0] = abs(det) ** (-1 / 3)
+    if n_figures == 1:
+        return norm, abs(det) / norm, abs(det)
     q_11 = plane[Y_AXIS + 1] - y * plane[Y_AXIS + 2]
     q_12 = x * plane[Y_AXIS + 2] - plane[Y_AXIS]
     q_21 = y * plane[X_AXIS + 2] - plane[X_AXIS + 1]
@@ -152,12 +157,12 @@ def fit_criteria(polygon, n, mask, plane, rules, places, fits):
     low_x = low_y = math.inf
     high_x = high_y = -math.inf
     x = y = 0.0
-    most_w = 0.0
+    least_w, most_w = math.inf, 0.0
     for p in range(n):
         low_x, high_x = min(low_x, places[p, 0]), max(high_x, places[p, 0])
         low_y, high_y = min(low_y, places[p, 1]), max(high_y, places[p, 1])
         x, y = x + places[p, 0] / n, y + places[p, 1] / n
-        most_w = max(most_w, places[p, 2])
+        least_w, most_w = min(least_w, places[p, 2]), max(most_w, places[p, 2])
     r = 0.0
     for p in range(n):
         r = max(r, length2(places[p, 0] - x, places[p, 1] - y))
@@ -179,13 +184,28 @@ def fit_criteria(polygon, n, mask, plane, rules, places, fits):
         fits[3, 3], fits[3, 4], fits[3, KNOWN] = -off, over + off, 1.0
     if not mask & (PER_M2 | DENSE | FACING) or not r > 0:
         return
+    if mask & PER_M2:
+        # Most pieces are far from the border of this criterion: its range in the piece is enough.
+        least_det, most_det = sizes_within(rules.slopes, low_x, high_x, low_y, high_y)
+        h = abs(plane[HEIGHT])
+        doubt = FAR_REL + 8 * plane[ERROR] / h
+        # w >= (R / h)^(1/3) |det A|^(-1/3)
+        if least_w**3 * h * least_det > rules.min_per_m2 * (1 + doubt):
+            set_known(fits, 0, 1.0)
+        elif most_w**3 * h * most_det < rules.min_per_m2 * (1 - doubt):
+            set_known(fits, 0, -1.0)
+        if fits[0, KNOWN] > 0:
+            mask -= PER_M2
+    if not mask & (PER_M2 | DENSE | FACING):
+        return
     w_x, w_y, w_0 = depth_line(plane)
     step = min(STEP_REL * r, LARGEST_STEP)
     second, third = bounds_within(
         rules.slopes, low_x - step, high_x + step, low_y - step, high_y + step
     )
     here, by_x, by_y, there = fits[4], fits[5], fits[6], fits[7]
-    norm, least, det = figures_at(rules, plane, x, y, here)
+    n_figures = N_FIGURES if mask & (DENSE | FACING) else 1
+    norm, least, det = figures_at(rules, plane, x, y, n_figures, here)
     norm += second * r
     least -= second * r
     least_det = det - 2 * norm * second * r
@@ -194,12 +214,9 @@ def fit_criteria(polygon, n, mask, plane, rules, places, fits):
     for axis in range(2):
         dx, dy = (step, 0.0) if axis == 0 else (0.0, step)
         slope = by_x if axis == 0 else by_y
-        for side in range(2):
-            sign = 1.0 if side == 0 else -1.0
-            figures_at(rules, plane, x + sign * dx, y + sign * dy, there)
-            for k in range(N_FIGURES):
-                before = 0.0 if side == 0 else slope[k]
-                slope[k] = before + sign * 0.5 * there[k] / step
+        figures_at(rules, plane, x + dx, y + dy, n_figures, there)
+        for k in range(n_figures):
+            slope[k] = (there[k] - here[k]) / step
     b = 1 / least
     b_1 = b * b * second
     b_2 = b * b * third + 2 * b * b_1 * second
@@ -246,7 +263,15 @@ def fit_criteria(polygon, n, mask, plane, rules, places, fits):
         fits[i, 2] = value - c * at - fits[i, 0] * x - fits[i, 1] * y
         fits[i, 3], fits[i, 4] = -off - c * over, off + square
     for i in range(3):
-        fits[i, KNOWN] = 1.0 if mask >> i & 1 else 0.0
+        if mask >> i & 1:
+            fits[i, KNOWN] = 1.0
+
+
+@part_with_arrays
+def set_known(fits, i, value):
+    """Let a criterion have one value everywhere."""
+    fits[i, 0] = fits[i, 1] = fits[i, 3] = fits[i, 4] = 0.0
+    fits[i, 2], fits[i, KNOWN] = value, 1.0
 
 
 @part_with_arrays

@@ -1,11 +1,14 @@
 """Regions of a pose through a lens: what an ideal plane shows, cut by the criteria of the lens.
 
-`region_kernels.cut_regions` finds what the pinhole of an ideal plane sees. Three loops follow, each
-from a list of pieces to another one; those after the first run only where a task asks for them:
+`region_kernels.cut_regions` finds what the pinhole of an ideal plane sees, within the largest angle
+of incidence. Three loops follow, each from a list of pieces to another one; the first and the last
+run only where a task asks for them:
 
+- `cut_to_discs`: focus up to a distance;
 - `cut_to_view`: the field of view of the lens, and focus by depth;
-- `cut_to_discs`: incidence, and focus up to a distance;
 - `cut_to_densities`: densities through the lens, and focus from a distance.
+
+The curved borders of the field of view make most pieces, so discs come first.
 """
 
 import math
@@ -58,8 +61,10 @@ def limit_bounds(planes, out):
 
 
 @allocation_free
-def cut_to_view(planes, rules, seen, scratch, source, out):
-    """Cut pieces to the field of view of a lens and to the depths that are in focus.
+def cut_to_discs(planes, rules, seen, scratch, source, out):
+    """Cut pieces to the greatest distance in focus, and to the largest angle of incidence.
+
+    Both are discs around the foot of the perpendicular from the camera; the smaller one counts.
 
     Parameters
     ----------
@@ -69,47 +74,6 @@ def cut_to_view(planes, rules, seen, scratch, source, out):
         Pieces in the ideal plane, by face.
     out : Found
         Where `used` is more than there is room for, call again with that much.
-    """
-    plane, lines, polygon = scratch.plane, scratch.lines, scratch.base
-    has_depths = rules.z_n > 0 or rules.z_f < math.inf
-    start_from(source, out)
-    last = -1
-    for piece in range(source.used[0]):
-        f = source.face[piece]
-        if f != last:
-            set_plane(planes, f, seen, plane)
-            last = f
-            if has_depths:
-                z = z_x = z_y = 0.0
-                for k in range(3):
-                    z += rules.axis[k] * plane[ORIGIN + k]
-                    z_x += rules.axis[k] * plane[X_AXIS + k]
-                    z_y += rules.axis[k] * plane[Y_AXIS + k]
-                set_line(lines, 0, z - rules.z_n, z_x, z_y, plane[ERROR])
-                # What is infinitely far away needs no line.
-                set_line(lines, 1, 1.0, 0.0, 0.0, 0.0)
-                if rules.z_f < math.inf:
-                    set_line(lines, 1, rules.z_f - z, -z_x, -z_y, plane[ERROR])
-        n = copy_piece(source, piece, polygon)
-        if has_depths:
-            n, strips = cut_by_lines(polygon, n, lines, 0, 2, scratch.spare)
-            out.bound[f] += strips
-            if n < 3:
-                continue
-        if is_in_view(polygon, n, plane, rules):
-            nearest = max(COINCIDENT_REL * plane[LONGEST], plane[ERROR])
-            append_piece(f, polygon, n, nearest, scratch.tidy, out)
-        else:
-            append_in_view(f, polygon, n, rules, scratch, out)
-    limit_bounds(planes, out)
-
-
-@allocation_free
-def cut_to_discs(planes, rules, seen, scratch, source, out):
-    """Cut pieces to the largest angle of incidence and the greatest distance in focus.
-
-    Both are discs around the foot of the perpendicular from the camera. Parameters are those of
-    `cut_to_view`.
     """
     plane, polygon, own = scratch.plane, scratch.base, rules.pinhole
     start_from(source, out)
@@ -147,8 +111,48 @@ def cut_to_discs(planes, rules, seen, scratch, source, out):
 
 
 @allocation_free
+def cut_to_view(planes, rules, seen, scratch, source, out):
+    """Cut pieces to the field of view of a lens and to the depths that are in focus.
+
+    Parameters are those of `cut_to_discs`.
+    """
+    plane, lines, polygon = scratch.plane, scratch.lines, scratch.base
+    has_depths = rules.z_n > 0 or rules.z_f < math.inf
+    start_from(source, out)
+    last = -1
+    for piece in range(source.used[0]):
+        f = source.face[piece]
+        if f != last:
+            set_plane(planes, f, seen, plane)
+            last = f
+            if has_depths:
+                z = z_x = z_y = 0.0
+                for k in range(3):
+                    z += rules.axis[k] * plane[ORIGIN + k]
+                    z_x += rules.axis[k] * plane[X_AXIS + k]
+                    z_y += rules.axis[k] * plane[Y_AXIS + k]
+                set_line(lines, 0, z - rules.z_n, z_x, z_y, plane[ERROR])
+                # What is infinitely far away needs no line.
+                set_line(lines, 1, 1.0, 0.0, 0.0, 0.0)
+                if rules.z_f < math.inf:
+                    set_line(lines, 1, rules.z_f - z, -z_x, -z_y, plane[ERROR])
+        n = copy_piece(source, piece, polygon)
+        if has_depths:
+            n, strips = cut_by_lines(polygon, n, lines, 0, 2, scratch.spare)
+            out.bound[f] += strips
+            if n < 3:
+                continue
+        if is_in_view(polygon, n, plane, rules):
+            nearest = max(COINCIDENT_REL * plane[LONGEST], plane[ERROR])
+            append_piece(f, polygon, n, nearest, scratch.tidy, out)
+        else:
+            append_in_view(f, polygon, n, rules, scratch, out)
+    limit_bounds(planes, out)
+
+
+@allocation_free
 def cut_to_densities(planes, rules, seen, scratch, source, out):
-    """Cut pieces to where densities through a lens are large enough; as `cut_to_view`."""
+    """Cut pieces to where densities through a lens are large enough; as `cut_to_discs`."""
     plane, polygon = scratch.plane, scratch.base
     start_from(source, out)
     last = -1

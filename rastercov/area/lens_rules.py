@@ -12,8 +12,8 @@ from rastercov.camera_models import MODELS
 from rastercov.criteria_kernels import read_only
 from rastercov.lenses.field import fields_of
 from rastercov.lenses.field_kernels import Tree
-from rastercov.lenses.of_camera import planes_of
-from rastercov.lenses.slopes import Slopes, slopes_of
+from rastercov.lenses.of_camera import planes_of, slopes_of
+from rastercov.lenses.slopes import Slopes
 from rastercov.task import Task
 
 FloatArray = NDArray[np.float64]
@@ -48,8 +48,8 @@ class LensRules(NamedTuple):
 
     @property
     def has_discs(self) -> bool:
-        """True where coverage ends at a circle around the foot of the perpendicular."""
-        return bool(self.pinhole.tan_incidence > 0 or self.farthest < math.inf)
+        """True where coverage ends at a distance; `cut_regions` has ended it at an angle."""
+        return bool(self.farthest < math.inf)
 
     @property
     def has_densities(self) -> bool:

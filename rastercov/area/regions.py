@@ -396,9 +396,9 @@ class _Finder:
         if rules is not pinhole:
             from rastercov.area import lens_kernels
 
-            found = self._run(lens_kernels.cut_to_view, rules, seen, found)
             if rules.has_discs:
                 found = self._run(lens_kernels.cut_to_discs, rules, seen, found)
+            found = self._run(lens_kernels.cut_to_view, rules, seen, found)
             if rules.has_densities:
                 found = self._run(lens_kernels.cut_to_densities, rules, seen, found)
         n, corners = found.used.tolist()

@@ -369,15 +369,6 @@ def jacobian_many(code, p, rays, out):
 
 
 @compiled
-def slopes_many(code, p, frame, points, out):
-    """Derivatives (N, 4) of pixels by the places (N, 2) in a plane; see `plane_slopes`."""
-    for i in range(points.shape[0]):
-        out[i, 0], out[i, 1], out[i, 2], out[i, 3] = plane_slopes(
-            code, p, frame, points[i, 0], points[i, 1]
-        )
-
-
-@compiled
 def unproject_many(code, p, pixels, out):
     """Rays (N, 3) of unit length of pixels (N, 2), NaN where there is none."""
     for i in range(pixels.shape[0]):

@@ -8,6 +8,7 @@ from rastercov.lenses.lens import Lens, make_lens
 from rastercov.lenses.planes import IdealPlane
 from rastercov.lenses.quadrature import edge_table
 from rastercov.lenses.records import PlaneRecord, record_of
+from rastercov.lenses.slopes import Slopes, slopes_in
 
 TOLERANCE = 1e-9
 """Bound of the error of each edge or part of an edge, px^2."""
@@ -44,3 +45,9 @@ def planes_of(camera: Camera) -> tuple[tuple[IdealPlane, PlaneRecord], ...]:
         (plane, record_of(plane, camera.width, camera.height, edge_table(plane, TOLERANCE)))
         for plane in lens_of(camera).planes
     )
+
+
+@lru_cache(maxsize=MOST_LENSES)
+def slopes_of(camera: Camera) -> tuple[Slopes, ...]:
+    """Bounds of derivatives in each plane of a camera, in the order of `planes_of`."""
+    return tuple(slopes_in(plane) for plane, _ in planes_of(camera))

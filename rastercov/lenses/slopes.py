@@ -5,22 +5,21 @@ point bounds the derivatives there: that of order m is at most (m - 1)! M / R^(m
 the equations on complex balls (`balls.slope_reach`), for each cell of a grid over the region; the
 best of some radii counts. These bounds are some ten to a hundred times too large. So each cell is
 divided, differences give the derivatives in the middle of a part, and the bounds of the next orders
-what they are off by, and how much they change in the part.
+what they are off by, and how much they change in the part. Third derivatives have bounds of their
+own (`series`).
 """
 
 import math
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov._jit import allocation_free, announce_compilation
-from rastercov.camera import Camera
+from rastercov._jit import allocation_free
 from rastercov.lenses import balls, formulas
-from rastercov.lenses.kernels import slopes_many
-from rastercov.lenses.of_camera import MOST_LENSES, planes_of
+from rastercov.lenses.kernels import jacobian_many
 from rastercov.lenses.planes import IdealPlane
+from rastercov.lenses.series import derivatives_in_cells
 
 FloatArray = NDArray[np.float64]
 
@@ -28,6 +27,8 @@ CELLS, PARTS = 32, 4
 """Cells of a side of the grid for balls, and parts of the side of a cell."""
 STEP = 1e-3
 """Step of the differences, in units of the plane: far less than the least of the radii."""
+ALMOST_NOTHING = 1e-300
+"""Slope of the cone around -z that a lens is not evaluated in."""
 ORDERS = (2, 3, 4, 5)
 RADII = tuple(np.geomspace(0.01, 0.5, 12).tolist())
 """Radii, in units of the plane, at which bounds are tried."""
@@ -42,6 +43,9 @@ class Slopes(NamedTuple):
         Corner of the grid, and cells a unit.
     second, third : (CELLS PARTS, CELLS PARTS) float64
         By row (y) and column (x); 0 beyond the region.
+    sizes : (2, CELLS, CELLS) float64
+        Least and greatest |det A|, A the first derivative of pixels, px^2, of each cell of PARTS x
+        PARTS parts; infinite and 0 beyond the region; 0 and infinite where nothing is known.
     is_graded : bool
         The plane has a pole at (0, 0): bounds at a distance d from it are the next two numbers,
         over d^2 and d^3.
@@ -54,16 +58,10 @@ class Slopes(NamedTuple):
     per_y: float
     second: FloatArray
     third: FloatArray
+    sizes: FloatArray
     is_graded: bool
     near_pole_2: float
     near_pole_3: float
-
-
-@lru_cache(maxsize=MOST_LENSES)
-def slopes_of(camera: Camera) -> tuple[Slopes, ...]:
-    """Bounds for each plane of a camera, in the order of `planes_of`."""
-    announce_compilation(slopes_many)
-    return tuple(_slopes(plane) for plane, _ in planes_of(camera))
 
 
 def is_affine(plane: IdealPlane) -> bool:
@@ -74,12 +72,14 @@ def is_affine(plane: IdealPlane) -> bool:
     return bool(plane.code == formulas.PINHOLE and is_flat)
 
 
-def _slopes(plane: IdealPlane) -> Slopes:
+def slopes_in(plane: IdealPlane) -> Slopes:
+    """Bounds in the region of a plane."""
     low, high = plane.region.min(axis=0), plane.region.max(axis=0)
     half = (high - low) / (2 * CELLS)
     middle = low[:, None] + half[:, None] * (2 * np.arange(CELLS) + 1)
     x, y = (grid.ravel() for grid in np.meshgrid(*middle))
-    bounds = np.zeros((len(ORDERS), CELLS * CELLS))
+    bounds, sizes = np.zeros((len(ORDERS), CELLS * CELLS)), np.zeros((2, CELLS * CELLS))
+    sizes[1] = np.inf
     pole = 0.0, 0.0
     if plane.has_pole:
         pole = _near_pole(plane)
@@ -95,6 +95,16 @@ def _slopes(plane: IdealPlane) -> Slopes:
             for bound, order in zip(bounds, ORDERS, strict=True):
                 own = math.factorial(order - 1) * change / radius ** (order - 1)
                 bound[rows] = np.minimum(bound[rows], own)
+        sizes[0], sizes[1] = np.inf, 0.0  # which is no limit beyond the region
+        in_cells, sizes[:, rows] = derivatives_in_cells(
+            plane.code,
+            plane.params,
+            plane.frame,
+            x[rows],
+            y[rows],
+            (float(half[0]), float(half[1])),
+        )
+        bounds[1, rows] = np.minimum(bounds[1, rows], in_cells)
     # Of each part of a cell.
     coarse = bounds.reshape(-1, CELLS, CELLS).repeat(PARTS, axis=1).repeat(PARTS, axis=2)
     second, third = coarse[:2]
@@ -107,11 +117,12 @@ def _slopes(plane: IdealPlane) -> Slopes:
         per_y=PARTS / (2 * float(half[1])),
         second=np.ascontiguousarray(second),
         third=np.ascontiguousarray(third),
+        sizes=np.ascontiguousarray(sizes.reshape(2, CELLS, CELLS)),
         is_graded=plane.has_pole,
         near_pole_2=pole[0],
         near_pole_3=pole[1],
     )
-    for grid in (found.second, found.third):
+    for grid in (found.second, found.third, found.sizes):
         grid.flags.writeable = False
     return found
 
@@ -151,9 +162,13 @@ def _sharpened(
 
 def _first_derivatives(plane: IdealPlane, points: FloatArray) -> FloatArray:
     """(N, 4) u_x, u_y, v_x, v_y at points (N, 2) of a plane."""
-    out = np.empty((len(points), 4))
-    slopes_many(plane.code, plane.params, plane.frame, np.ascontiguousarray(points), out)
-    return out
+    everywhere = plane.params.copy()
+    everywhere[formulas.SLOPE] = -ALMOST_NOTHING  # also a step beyond the region
+    rays = points @ plane.frame[:, :2].T + plane.frame[:, 2]
+    out = np.empty((len(points), 2, 3))
+    jacobian_many(plane.code, everywhere, np.ascontiguousarray(rays), out)
+    slopes: FloatArray = (out @ plane.frame[:, :2]).reshape(-1, 4)
+    return slopes
 
 
 def _near_pole(plane: IdealPlane) -> tuple[float, float]:
@@ -191,3 +206,21 @@ def bounds_within(slopes, low_x, high_x, low_y, high_y):
             second = max(second, slopes.second[row, column])
             third = max(third, slopes.third[row, column])
     return second, third
+
+
+@allocation_free
+def sizes_within(slopes, low_x, high_x, low_y, high_y):
+    """Least and greatest `Slopes.sizes` in the region within a box of a plane; 0 at a pole."""
+    if slopes.is_graded:
+        return 0.0, math.inf
+    least, most = math.inf, 0.0
+    n = slopes.sizes.shape[1]
+    left = min(max(int((low_x - slopes.low_x) * slopes.per_x) // PARTS, 0), n - 1)
+    right = min(max(int((high_x - slopes.low_x) * slopes.per_x) // PARTS, 0), n - 1)
+    top = min(max(int((low_y - slopes.low_y) * slopes.per_y) // PARTS, 0), n - 1)
+    bottom = min(max(int((high_y - slopes.low_y) * slopes.per_y) // PARTS, 0), n - 1)
+    for row in range(top, bottom + 1):
+        for column in range(left, right + 1):
+            least = min(least, slopes.sizes[0, row, column])
+            most = max(most, slopes.sizes[1, row, column])
+    return least, most

@@ -19,6 +19,8 @@ FloatArray = NDArray[np.float64]
 
 PARTS = 64
 """Parts of a segment whose images are compared with the image, each with its bend."""
+ROUNDING_PX = 1e-9
+"""More than the rounding of a pixel."""
 FEW_SIDES = 8
 """A region of so few sides is its own window."""
 
@@ -50,7 +52,7 @@ def window_of(plane: IdealPlane, width: float, height: float, bend: float) -> Fl
         start, end = region[first % n], region[last % n]
         t = np.linspace(0.0, 1.0, PARTS + 1)[:, None, None]
         u, v = _pixels(plane, (1 - t) * start + t * end)
-        stray = bend * ((end - start) ** 2).sum(axis=1) / (8 * PARTS**2)
+        stray = bend * ((end - start) ** 2).sum(axis=1) / (8 * PARTS**2) + ROUNDING_PX
         is_out: Any = False
         for value, size in ((u, width), (v, height)):
             low, high = np.minimum(value[1:], value[:-1]), np.maximum(value[1:], value[:-1])

@@ -6,8 +6,8 @@ from lens_cameras import CAMERAS
 
 from rastercov import Camera
 from rastercov.lenses import kernels
-from rastercov.lenses.of_camera import lens_of, planes_of
-from rastercov.lenses.slopes import bounds_within, slopes_of
+from rastercov.lenses.of_camera import lens_of, planes_of, slopes_of
+from rastercov.lenses.slopes import CELLS, bounds_within, sizes_within
 
 STEP = 2e-3
 
@@ -66,3 +66,22 @@ def test_a_lens_without_distortion_has_no_second_derivative():
     (slopes,) = slopes_of(camera)
     assert not slopes.second.any()
     assert not slopes.third.any()
+
+
+@pytest.mark.parametrize("name", CAMERAS)
+def test_determinants_are_in_the_range_of_their_cells(name):
+    camera, rng = CAMERAS[name], np.random.default_rng(4)
+    for (plane, _), slopes in zip(planes_of(camera), slopes_of(camera), strict=True):
+        low, high = plane.region.min(axis=0), plane.region.max(axis=0)
+        points = rng.uniform(low, high, (400, 2))
+        rays = np.column_stack((points, np.ones(len(points)))) @ plane.frame.T
+        jacobian = lens_of(camera).jacobian(rays) @ plane.frame[:, :2]
+        is_in = np.isfinite(jacobian).all(axis=(1, 2))
+        sizes = np.abs(np.linalg.det(jacobian[is_in]))
+        found = [sizes_within(slopes, x, x, y, y) for x, y in points[is_in]]
+        least, most = np.array(found).reshape(-1, 2).T
+        assert (least <= sizes * (1 + 1e-12)).all()
+        assert (most >= sizes * (1 - 1e-12)).all()
+    if name == "brown":
+        middle = slopes.sizes[:, CELLS // 2, CELLS // 2]
+        assert middle[1] < 1.2 * middle[0]

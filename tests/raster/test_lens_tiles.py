@@ -8,14 +8,15 @@ from lens_cameras import CAMERAS
 
 from rastercov import Camera, CameraError, shapes
 from rastercov._jit import allocation_free
-from rastercov.lenses.lane_kernels import lane_scratch
 from rastercov.raster.cpu import CPURasterizer
-from rastercov.raster.cpu import lens_kernels as kernels
+from rastercov.raster.cpu import lens_listing as kernels
+from rastercov.raster.cpu.clusters import group_faces
 from rastercov.raster.cpu.lens_cover import count_covered
-from rastercov.raster.cpu.lens_rasterizer import LensRasterizer, _listed
-from rastercov.raster.cpu.lens_records import SAMPLES, Samples, Seen
+from rastercov.raster.cpu.lens_rasterizer import LensRasterizer, _image
+from rastercov.raster.cpu.lens_records import SAMPLES, Samples, make_workspace
 from rastercov.raster.cpu.lens_samples import SampleTables
-from rastercov.raster.cpu.simd_kernel import pointers
+from rastercov.raster.cpu.memory import LANES
+from rastercov.raster.cpu.simd_kernel import pointer, pointers
 
 NEAR = 1e-3
 PATCHES = {
@@ -25,23 +26,53 @@ PATCHES = {
 
 
 @allocation_free
-def covered_samples(seen, near, patch, listed, counts):
+def covered_samples(mesh, eye, axes, patch, work, image, counts):
     """Samples of each face in (F, 3): in the tiles that are listed, and in all; and 1 for those
-    whose corners are put through the lens."""
-    samples, points = pointers(Samples(patch.centres, patch.x, patch.y)), seen.points
-    for f in range(counts.shape[0]):
-        i, j, k = 3 * f, 3 * f + 1, 3 * f + 2
-        if not max(points[i, 2], points[j, 2], points[k, 2]) >= near:
-            continue
-        height, _ = kernels.height_of(points, i, j, k)
-        side = 1.0 if height > 0.0 else -1.0
-        e = kernels.planes_of(points, i, j, k, height, side, near, patch)
-        for tile in range(patch.x.shape[0]):
-            counts[f, 1] += count_covered(e, tile, samples)
-        counts[f, 2] = seen.is_inside[i] and seen.is_inside[j] and seen.is_inside[k]
-        at = kernels.reach_of(seen, i, j, k, near, patch)
-        for n in range(kernels.list_tiles(e, at, patch, listed, 0)):
-            counts[f, 0] += count_covered(e, listed.tiles[n], samples)
+    that are listed by their chords."""
+    kernels.set_view(patch, eye, axes, NEAR, work.pose)
+    samples, planes = pointers(Samples(patch.centres, patch.x, patch.y)), pointer(work.setup.planes)
+    for cluster in range(mesh.n):
+        kernels.prepare_cluster(mesh, cluster, patch, work)
+        for at in range(0, kernels.slots_of(mesh, cluster), LANES):
+            wanted, _, edge_on, with_chords = kernels.prepare_faces(
+                mesh, cluster, at, 0, NEAR, patch, work
+            )
+            for k in range(LANES):
+                slot = at + k
+                f = mesh.faces[mesh.face_starts[cluster] + slot]
+                if mesh.corners[mesh.face_starts[cluster] + slot] == 0 or edge_on >> k & 1:
+                    continue
+                e = kernels.planes_of(work.setup, slot)
+                for tile in range(patch.x.shape[0]):
+                    counts[f, 1] += count_covered(e, tile, samples, planes)
+                if wanted >> k & 1:
+                    counts[f, 2] = with_chords >> k & 1
+                    nothing = np.int64(0), np.int64(0), np.int64(0)
+                    _, n_tiles, n_whole = kernels.list_face(
+                        work.setup, slot, True, with_chords >> k & 1, np.float32(np.inf), patch,
+                        image, work.listed, nothing,
+                    )  # fmt: skip
+                    for n in range(n_tiles):
+                        counts[f, 0] += count_covered(e, work.listed.tiles[n], samples, planes)
+                    for n in range(n_whole):
+                        for s in range(SAMPLES):
+                            counts[f, 0] += (
+                                patch.x[work.listed.whole[n], s]
+                                == (patch.x[work.listed.whole[n], s])
+                            )
+
+
+def counted(corners, patch):
+    """`covered_samples` of faces (F, 3, 3) in axes of the plane of a patch."""
+    n = len(corners)
+    faces = np.arange(3 * n, dtype=np.int32).reshape(n, 3)
+    mesh = group_faces(np.ascontiguousarray(corners.reshape(-1, 3)), faces, False)
+    counts = np.zeros((n, 3), np.int64)
+    work = make_workspace(mesh.stride, len(patch.x))
+    image = _image(len(patch.x), patch.columns)
+    image.bound[:] = -1.0
+    covered_samples(mesh, np.zeros(3), np.eye(3), patch, work, image, counts)
+    return counts
 
 
 @pytest.mark.parametrize("lens", PATCHES)
@@ -50,36 +81,26 @@ def covered_samples(seen, near, patch, listed, counts):
 def test_every_sample_of_a_face_is_in_a_tile_of_it(lens, seed, size):
     rng = np.random.default_rng(seed)
     middle = rng.uniform((-3, -3, -1), (3, 3, 3), (40, 1, 3))
-    points = (middle + rng.normal(0, size, (40, 3, 3))).reshape(-1, 3)
+    corners = middle + rng.normal(0, size, (40, 3, 3))
     if rng.random() < 0.3:
-        points = np.round(points, 1)  # edges through samples, and faces edge-on
+        corners = np.round(corners, 1)  # edges through samples, and faces edge-on
     n_samples = 0
     for patch in PATCHES[lens]:
-        counts = np.zeros((40, 3), np.int64)
-        of_vertices = points, np.empty((120, 2)), np.empty((120, 2)), np.empty(120, np.bool_)
-        seen = Seen(*of_vertices, lane_scratch())
-        kernels.put_on_canvas(NEAR, patch, seen)
-        covered_samples(seen, NEAR, patch, _listed(len(patch.x)), counts)
+        counts = counted(corners, patch)
         np.testing.assert_array_equal(counts[:, 0], counts[:, 1])
         n_samples += int(np.isfinite(patch.x).sum())
     assert n_samples > 2000
 
 
 @pytest.mark.parametrize("lens", ["brown", "wide fisheye"])
-def test_every_sample_of_a_face_is_in_the_box_of_its_corners(lens):
+def test_every_sample_of_a_face_is_within_its_chords(lens):
     """Faces of a few samples, which reach their tiles through the lens."""
     rng = np.random.default_rng(7)
     patch = PATCHES[lens][0]
     n = 4000
     middle = rng.uniform((-1.2, -1.2, 1), (1.2, 1.2, 1), (n, 1, 3))
     corners = middle + rng.normal(0, 1, (n, 3, 3)) * 10 ** rng.uniform(-2.5, -0.8, (n, 1, 1))
-    points = np.ascontiguousarray(corners.reshape(-1, 3))
-    sizes = (3 * n, 2), (3 * n, 2), 3 * n
-    seen = Seen(points, np.empty(sizes[0]), np.empty(sizes[1]), np.empty(sizes[2], np.bool_),
-                lane_scratch())  # fmt: skip
-    kernels.put_on_canvas(NEAR, patch, seen)
-    counts = np.zeros((n, 3), np.int64)
-    covered_samples(seen, NEAR, patch, _listed(len(patch.x)), counts)
+    counts = counted(corners, patch)
     np.testing.assert_array_equal(counts[:, 0], counts[:, 1])
     assert (counts[:, 2] & (counts[:, 1] > 0)).sum() > 300
 

@@ -377,3 +377,24 @@ def test_auto_takes_what_draws_a_lens(device):
         assert rasterizer.info.backend == "cpu"
     with open_rasterizer(mesh, camera, device=device) as rasterizer:
         assert (rasterizer.info.backend, rasterizer.info.plan) == ("gl", "compute")
+
+
+@pytest.mark.parametrize("lens", ["brown", "kannala"])
+def test_of_equal_faces_the_first_is_shown_whatever_their_order(lens):
+    """Clusters are drawn by their depth, not by the numbers of their faces."""
+    ring, pose = shapes.torus(12, 24), around(shapes.torus(12, 24), 3)
+    order = np.random.default_rng(5).permutation(2 * ring.n_faces)
+    faces = np.concatenate((ring.faces, ring.faces))[order]
+    twice = Mesh(ring.vertices, faces)
+    with open_rasterizer(twice, CAMERAS[lens], "cpu") as rasterizer:
+        counts = rasterizer.count(pose)
+        shown = rasterizer.render(pose[0]).face
+    is_first = np.zeros(len(faces), bool)
+    is_first[np.unique(order % ring.n_faces, return_index=True)[1]] = True
+    assert counts.visible[:, is_first].sum() > 1000
+    assert not counts.visible[:, ~is_first].any()
+    assert is_first[shown[shown >= 0]].all()
+    np.testing.assert_array_equal(
+        counts.drawn[:, is_first][:, np.argsort(order[is_first] % ring.n_faces)],
+        counts.drawn[:, ~is_first][:, np.argsort(order[~is_first] % ring.n_faces)],
+    )

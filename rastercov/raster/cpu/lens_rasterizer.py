@@ -4,9 +4,12 @@
     ------------  -------------------------  ------------------------  ------------
     once:         lens, sample grid          Patch for each plane      lens_samples
     for each band of rows, pose and plane:
-    1 project     vertices, pose             Seen: plane, canvas       lens_kernels
-    2 set up      points of a face           FacePlanes, Reach         lens_kernels
-    3 cover       FacePlanes, Patch          Image: 1/z, face; counts  lens_cover
+    1 cull        Clusters.bounds, pose      clusters, about by depth  lens_setup
+    for each cluster, from front to back:
+    2 project     Clusters.points, pose      Vertices: plane, canvas   lens_setup
+    3 set up      a vector of faces          Setup: planes, tiles      lens_setup
+    4 list        Setup, Patch.boxes         Listed: tiles             lens_listing
+    5 cover       tiles, Patch               Image: 1/z, face; counts  lens_cover
 
 Nothing is rounded to a grid: samples are tested at the places that the lens gives them, to 2^-24 of
 half a block, and depth is compared as float32 1/z. A sample without a ray meets no face and is
@@ -27,7 +30,6 @@ from rastercov._jit import announce_compilation
 from rastercov._threads import ScratchPool, share_poses, thread_count
 from rastercov.camera import Camera
 from rastercov.errors import ConfigError, DeviceError
-from rastercov.lenses.lane_kernels import lane_scratch
 from rastercov.mesh import Mesh
 from rastercov.near_plane import limits, picture_limits
 from rastercov.pose import Poses as AcceptedPoses
@@ -41,17 +43,10 @@ from rastercov.raster.contract import (
     check_picture,
 )
 from rastercov.raster.cpu import lens_kernels as kernels
-from rastercov.raster.cpu.lens_records import (
-    FACES_AT_A_TIME,
-    SAMPLES,
-    TILES_AT_A_TIME,
-    Image,
-    Listed,
-    Patch,
-    Seen,
-)
+from rastercov.raster.cpu.clusters import Clusters, group_faces
+from rastercov.raster.cpu.lens_records import SAMPLES, Image, Patch, make_workspace
 from rastercov.raster.cpu.lens_samples import SampleTables, tables_of
-from rastercov.raster.cpu.memory import LANES, aligned_zeros, bit_table
+from rastercov.raster.cpu.memory import LANES, aligned_zeros
 from rastercov.raster.tie_order import in_one_order
 
 FloatArray = NDArray[np.float64]
@@ -121,7 +116,7 @@ class LensRasterizer(Closing):
         (worker,) = self._scratch.take(1)
         for band in range(tables.n_bands):
             for patch in tables.band(band, self._threads):
-                image, _ = worker.draw(matrix[0], near[0], cull[0], patch, None)
+                image = worker.draw(matrix[0], near[0], cull[0], patch)[0]
                 kernels.read_image(image, patch, by_ray, face, depth)
         self._scratch.give_back([worker])
         return VisibilityBuffer(self._scene.name_of[face], depth)
@@ -159,12 +154,11 @@ class LensRasterizer(Closing):
                 worker: _Worker, patches: tuple[Patch, ...] = patches
             ) -> Callable[[slice], None]:
                 def work(turn: slice) -> None:
-                    for row in range(turn.start, turn.stop):
-                        counts = visible[row], None if drawn is None else drawn[row]
-                        for patch in patches:
-                            filled[row] += worker.count(
-                                poses[row], near[row], cull[row], patch, *counts
-                            )
+                    counts = visible[turn], None if drawn is None else drawn[turn]
+                    for patch in patches:
+                        worker.count(
+                            poses[turn], near[turn], cull[turn], patch, *counts, filled[turn]
+                        )
 
                 return work
 
@@ -207,18 +201,23 @@ class _Scene:
         self.mesh = mesh
         # The centre is that of `Mesh.opaque` in both, so that points are rounded alike.
         self.centre: FloatArray = mesh.opaque.bounds.mean(axis=0)
-        self.vertices = np.ascontiguousarray(mesh.vertices - self.centre)
-        ends = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+        vertices = np.ascontiguousarray(mesh.vertices - self.centre)
+        ends = vertices.min(axis=0), vertices.max(axis=0)
         self.box: FloatArray = np.stack(np.meshgrid(*np.transpose(ends)), axis=-1).reshape(8, 3)
         opaque: IntArray = np.flatnonzero(~mesh.target_mask)
         # Adding to a slice takes a fifth of the time.
         self.opaque: Any = opaque if mesh.has_targets else slice(None)
         self.targets: IntArray = np.flatnonzero(mesh.target_mask)
+        self.n_opaque = len(opaque)
         faces = in_one_order(mesh).astype(np.int32)
         if mesh.has_targets and mesh.opaque.can_cull_back_faces:
             faces = mesh.faces.astype(np.int32)  # winding decides which faces are left out
-        self.faces = np.ascontiguousarray(faces[opaque])
-        self.target_faces = np.ascontiguousarray(faces[self.targets])
+        is_wound = mesh.opaque.can_cull_back_faces
+        self.clusters = group_faces(vertices, np.ascontiguousarray(faces[opaque]), is_wound)
+        self.target_clusters: Clusters | None = None
+        if mesh.has_targets:
+            faces = np.ascontiguousarray(faces[self.targets])
+            self.target_clusters = group_faces(vertices, faces, is_wound)
         self.name_of = np.append(opaque, -1).astype(np.int32)
 
 
@@ -227,88 +226,101 @@ class _Worker:
 
     def __init__(self, scene: _Scene) -> None:
         self.scene = scene
-        n = len(scene.vertices)
-        of_vertices = np.empty((n, 3)), np.empty((n, 2)), np.empty((n, 2)), np.empty(n, np.bool_)
-        self.seen = Seen(*of_vertices, lane_scratch())
-        self.image, self.listed = _image(0), _listed(0)
-        self.visible, self.drawn = np.zeros((2, len(scene.faces)), np.int32)
+        self.image = _image(0, 0)
+        self.n_clusters = max(
+            each.stride for each in (scene.clusters, scene.target_clusters) if each is not None
+        )
+        self.work = make_workspace(self.n_clusters, 0)
+        self.unused = np.zeros((1, scene.n_opaque), np.int32)
 
     def draw(
-        self,
-        pose: FloatArray,
-        near: float,
-        cull: bool,
-        patch: Patch,
-        drawn: NDArray[np.int32] | None,
-    ) -> tuple[Image, int]:
-        """Draw the opaque faces; returns the image, and how many samples show a face.
+        self, pose: FloatArray, near: float, cull: bool, patch: Patch, drawn: bool = False
+    ) -> tuple[Image, int, NDArray[np.int32], NDArray[np.int32]]:
+        """Draw the opaque faces of a pose.
 
-        Adds what shows each face to `visible`, and what it covers to (F,) `drawn`.
+        Returns the image, how many samples show a face, and the samples that show each, (F,), and
+        that it covers.
         """
-        scene, n = self.scene, len(patch.x)
-        if len(self.image.is_touched) < n:
-            self.image, self.listed = _image(n), _listed(n)
-        inverse, face, is_touched = self.image
-        image = Image(inverse[:n], face[:n], is_touched[:n])
-        image.is_touched[:] = False
-        axes = np.ascontiguousarray(pose[:3, :3] @ patch.frame)
-        eye = pose[:3, 3] - scene.centre
-        kernels.put_in_plane(scene.vertices, eye, axes, self.seen.points)
-        kernels.put_on_canvas(float(near), patch, self.seen)
-        with_drawn = drawn is not None
+        image = self._image(patch)
+        eye, axes = self._place(pose[None], patch)
+        visible, covered = np.zeros((2, self.scene.n_opaque), np.int32)
         filled = kernels.draw(
-            self.seen, scene.faces, float(near), bool(cull), patch, self.listed, image,
-            self.visible, self.drawn if drawn is None else drawn, with_drawn,
+            self.scene.clusters, eye[0], axes[0], float(near), bool(cull), patch, self.work, image,
+            visible, covered, drawn,
         )  # fmt: skip
-        return image, int(filled)
+        return image, int(filled), visible, covered
 
     def count(
         self,
+        poses: FloatArray,
+        near: FloatArray,
+        cull: NDArray[np.bool_],
+        patch: Patch,
+        visible: NDArray[Any],
+        drawn: NDArray[Any] | None,
+        filled: IntArray,
+    ) -> None:
+        """Add the samples of a patch in poses to (P, F) counts, and to (P,) those with a face."""
+        scene, is_all = self.scene, not len(self.scene.targets)
+        with_drawn, image = drawn is not None, self._image(patch)
+        if is_all and visible.dtype == np.int32:
+            kernels.count_poses(
+                scene.clusters, scene.box, *self._place(poses, patch), near, cull, patch, self.work,
+                image, visible, self.unused if drawn is None else drawn, with_drawn,
+                filled,
+            )  # fmt: skip
+            return
+        for row, pose in enumerate(poses):
+            image, n, seen, covered = self.draw(pose, near[row], cull[row], patch, with_drawn)
+            filled[row] += n
+            visible[row, scene.opaque] += seen
+            if drawn is not None:
+                drawn[row, scene.opaque] += covered
+            if not is_all:
+                self._count_targets(pose, near[row], patch, image, visible[row],
+                                    None if drawn is None else drawn[row])  # fmt: skip
+
+    def _count_targets(
+        self,
         pose: FloatArray,
         near: float,
-        cull: bool,
         patch: Patch,
-        visible: NDArray[np.integer],
-        drawn: NDArray[np.integer] | None,
-    ) -> int:
-        """Add the samples of a patch to rows (F,) of counts; returns how many show a face."""
+        image: Image,
+        visible: NDArray[Any],
+        drawn: NDArray[Any] | None,
+    ) -> None:
+        """Add the samples of targets to rows (F,) of counts."""
         scene = self.scene
-        corners = (scene.box - pose[:3, 3]) @ (pose[:3, :3] @ patch.frame)
-        if not kernels.sees(patch, float(near), corners):
-            return 0
-        self.visible[:], self.drawn[:] = 0, 0
-        image, filled = self.draw(pose, near, cull, patch, None if drawn is None else self.drawn)
-        visible[scene.opaque] += self.visible
+        seen, covered = np.zeros((2, len(scene.targets)), np.int64)
+        eye, axes = self._place(pose[None], patch)
+        kernels.count_targets(
+            scene.target_clusters, eye[0], axes[0], float(near), patch, self.work, image, seen,
+            covered,
+        )  # fmt: skip
+        visible[scene.targets] += seen
         if drawn is not None:
-            drawn[scene.opaque] += self.drawn
-        if len(scene.targets):
-            seen, covered = np.zeros((2, len(scene.targets)), np.int64)
-            kernels.count_targets(
-                self.seen,
-                scene.target_faces,
-                float(near),
-                patch,
-                self.listed,
-                image,
-                seen,
-                covered,
-            )
-            visible[scene.targets] += seen
-            if drawn is not None:
-                drawn[scene.targets] += covered
-        return filled
+            drawn[scene.targets] += covered
+
+    def _image(self, patch: Patch) -> Image:
+        """Memory for the tiles of a patch."""
+        n, columns = len(patch.x), patch.columns
+        if len(self.image.inverse) < n or len(self.image.bound) < _bounds(n, columns):
+            self.image, self.work = _image(n, columns), make_workspace(self.n_clusters, n)
+        inverse, face, bound = self.image
+        return Image(inverse[:n], face[:n], bound[:n])
+
+    def _place(self, poses: FloatArray, patch: Patch) -> tuple[FloatArray, FloatArray]:
+        """The eyes (P, 3) from the centre of the mesh, and world_from_plane (P, 3, 3)."""
+        axes = np.ascontiguousarray(poses[:, :3, :3] @ patch.frame)
+        return poses[:, :3, 3] - self.scene.centre, axes
 
 
-def _image(n: int) -> Image:
-    """Memory for n tiles."""
+def _image(n: int, columns: int) -> Image:
+    """Memory for n tiles in rows of some columns."""
     inverse, face = (aligned_zeros((n, SAMPLES), kind) for kind in (np.float32, np.int32))
-    return Image(inverse, face, np.empty(n, np.bool_))
+    return Image(inverse, face, aligned_zeros(_bounds(n, columns), np.float32))
 
 
-def _listed(n: int) -> Listed:
-    """Memory for lists of tiles of an image of n."""
-    faces, ends = np.empty((2, FACES_AT_A_TIME), np.int64)
-    heights, sides = np.empty((2, FACES_AT_A_TIME))
-    tiles = np.empty(n + TILES_AT_A_TIME + LANES, np.int32)
-    is_drawn = np.empty(FACES_AT_A_TIME, np.bool_)
-    return Listed(tiles, faces, ends, heights, sides, is_drawn, bit_table())
+def _bounds(n: int, columns: int) -> int:
+    """Length of `Image.bound`, of which whole vectors of four rows are read."""
+    return n + 3 * columns + LANES

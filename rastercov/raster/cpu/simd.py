@@ -248,6 +248,18 @@ def together(*scalars: Scalar) -> Vector:
     return Vector(builder, vector)
 
 
+def joined(*vectors: Vector) -> Vector:
+    """Lanes of 2^n vectors of one length, one after the other."""
+    parts = list(vectors)
+    while len(parts) > 1:
+        picked = ir.Constant(ir.VectorType(WORD, 2 * len(parts[0])), list(range(2 * len(parts[0]))))
+        parts = [
+            Vector(one.builder, one.builder.shuffle_vector(one.value, other.value, picked))
+            for one, other in zip(parts[::2], parts[1::2], strict=True)
+        ]
+    return parts[0]
+
+
 def load(builder: Any, pointer: Any, n: int) -> Vector:
     """Vector of n lanes from an LLVM pointer on."""
     vector = ir.VectorType(pointer.type.pointee, n)
@@ -265,12 +277,15 @@ def gather(pointer: Any, index: Vector) -> Vector:
 
 
 def lookup(context: Any, array: Any, n: int, index: Vector) -> Vector:
-    """Elements of an array of n words or doubles at `LANES` indices.
+    """Elements of an array of n words, floats or doubles at `LANES` indices.
 
     With AVX-512, arrays of at most eight registers are held in them and permuted two registers an
     instruction; elsewhere each lane is loaded.
     """
     builder, kind = index.builder, array.type.pointee
+    if kind == SINGLE:  # moved as words
+        words = lookup(context, builder.bitcast(array, WORD.as_pointer()), n, index)
+        return Vector(builder, builder.bitcast(words.value, ir.VectorType(SINGLE, len(index))))
     width = 512 // (32 if kind == WORD else 64)
     parts = range(0, n, 2 * width)
     if len(parts) > 4 or "+avx512f" not in context.codegen().magic_tuple()[2]:

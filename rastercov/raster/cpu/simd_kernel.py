@@ -52,6 +52,10 @@ class Rows:
         """Value at an offset."""
         return Scalar(self.builder, self.builder.load(self.at(offset).pointer))
 
+    def put(self, offset: Location, value: Scalar) -> None:
+        """Store a value at an offset."""
+        self.builder.store(value.to(self.kind).value, self.at(offset).pointer)
+
     def lane(self, row: int, k: Scalar) -> Vector:
         """Value k of a row, in every lane."""
         return self.value(k + row * LANES).broadcast(LANES)
