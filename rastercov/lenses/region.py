@@ -42,6 +42,9 @@ BELOW_LIMIT = 1 - 1e-6
 """Share of the limit of a base that is used: at the limit itself a radius has half its digits."""
 MARGIN = 1.02
 """Radius of the region over the least that covers the image."""
+SPARE = 1.25
+"""Radius of the proof over the least that covers the image: derivatives are taken in cells of the
+plane, some of which reach beyond the region."""
 FIRST_CELL, LEAST_CELL = 1e-12, 1e-7
 """Length of a cell, and over its place, below which a proof fails."""
 MOST_CELLS = 20_000
@@ -117,10 +120,11 @@ def is_certified(params: Sequence[float], low: float, high: float) -> bool:
     return bool(horizon.high < params[lens.T22])
 
 
-def certified_radius(params: FloatArray, top: float) -> float:
+def certified_radius(params: FloatArray, top: float, enough: float = math.inf) -> float:
     """Largest radius, at most `top`, up to which the distortion is proved to be injective.
 
-    0 where it folds at the axis itself. Found to `LEAST_CELL` of its value.
+    0 where it folds at the axis itself. Found to `LEAST_CELL` of its value, unless the image of a
+    disc that is `SPARE` times smaller has all points up to the distance `enough` from the axis.
     """
     numbers = params.tolist()
     done, cell = 0.0, min(top, 1.0) / 16
@@ -130,6 +134,8 @@ def certified_radius(params: FloatArray, top: float) -> float:
         following = min(done + cell, top)
         if is_certified(numbers, done, following):
             done, cell = following, 2 * cell
+            if forward_radius(params, done / SPARE) >= enough:
+                break
         else:
             cell /= 2
     return done
@@ -192,12 +198,18 @@ def with_region(
     points = np.empty((4 * BORDER, 2))
     if code == lens.BACKWARD:
         reached = _sensor_radius(params, width, height)
+        if not reached < math.inf:
+            raise CameraError(
+                "the tilt of the sensor must leave all of the image in front of the lens: "
+                "check its angles"
+            )
         inner = certified_radius(params, MARGIN * MARGIN * reached)
         # Below the limit by more than rounding, so that the inverse has an answer at the border.
         limit = BELOW_LIMIT * forward_radius(params, inner) if inner > 0.0 else 0.0
         params[lens.LIMIT] = inner
     else:
-        inner = limit = certified_radius(params, edge)
+        reached = _sensor_radius(params, width, height)
+        inner = limit = certified_radius(params, edge, reached)
         params[lens.LIMIT] = inner
     if not limit > 0.0:
         raise CameraError(
@@ -222,17 +234,11 @@ def with_region(
 
 
 def _sensor_radius(params: FloatArray, width: int, height: int) -> float:
-    """Distance of the farthest pixel from the axis, in the distorted plane."""
+    """Distance of the farthest pixel from the axis, in the distorted plane; inf if it has none."""
     undistorted = params.copy()
     undistorted[lens.K1 : lens.T00] = 0.0
     undistorted[lens.LIMIT] = FAR
     points = np.empty((4 * BORDER, 2))
     base_points(lens.PINHOLE, undistorted, border_pixels(width, height), points)
-    sizes = np.hypot(points[:, 0], points[:, 1])
-    farthest = float(sizes.max())
-    if not farthest < math.inf:
-        raise CameraError(
-            "the tilt of the sensor must leave all of the image in front of the lens: "
-            "check its angles"
-        )
-    return farthest
+    farthest = float(np.hypot(points[:, 0], points[:, 1]).max())
+    return farthest if farthest < math.inf else math.inf
