@@ -5,6 +5,7 @@ import logging
 import os
 from collections import Counter
 from contextlib import ExitStack
+from itertools import count
 
 import moderngl
 import pytest
@@ -22,6 +23,9 @@ from rastercov.raster.gl.context import open_context
 settings.register_profile("desk", deadline=None)
 settings.register_profile("ci", deadline=None, derandomize=True)
 settings.load_profile("ci" if os.environ.get("CI") else "desk")
+
+USES, UNFROZEN = count(), 100
+"""Tests on the device; one in so many collects garbage among all objects."""
 
 # Whether loops are compiled depends on what ran before; no test of what is said may.
 logging.getLogger("rastercov").addFilter(lambda record: NOTICE not in record.getMessage())
@@ -83,6 +87,8 @@ def osmesa_context(gl_context):
 def device(gl_context):
     """The context, in good order before and after, with nothing of the test left alive in it."""
     gl_context.make_current()
+    if next(USES) % UNFROZEN == 0:
+        gc.unfreeze()
     gc.collect()
     gc.freeze()  # What was there before costs no collection any more; it is a million objects.
     yield gl_context

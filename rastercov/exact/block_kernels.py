@@ -58,12 +58,9 @@ rounding is measured by itself: more than three times `certificate.THIN_TOLERANC
 
 @part_with_arrays
 def lay_boxes_of_some(first, stop, projected):
-    """Fill in the boxes of the faces `order[first]` ... `order[stop - 1]`; none is clipped."""
-    faces, uvw, box, order = (
-        projected.faces, projected.uvw, projected.box, projected.blocks.order,
-    )  # fmt: skip
-    for at in range(first, stop):
-        f = order[at]
+    """Fill in the boxes of the faces `first` ... `stop` - 1; none is clipped."""
+    faces, uvw, box = projected.faces, projected.uvw, projected.box
+    for f in range(first, stop):
         i, j, k = faces[f, 0], faces[f, 1], faces[f, 2]
         u0, v0, w0 = uvw[i, U], uvw[i, V], uvw[i, W]
         u1, v1, w1 = uvw[j, U], uvw[j, V], uvw[j, W]
@@ -76,12 +73,12 @@ def lay_boxes_of_some(first, stop, projected):
 @part_with_arrays
 def rectangle_of_some(first, stop, projected):
     """Bounds of the same faces together: least and greatest u, least and greatest v."""
-    faces, uvw, order = projected.faces, projected.uvw, projected.blocks.order
+    faces, uvw = projected.faces, projected.uvw
     u_min = v_min = np.inf
     u_max = v_max = -np.inf
-    for at in range(first, stop):
+    for f in range(first, stop):
         for corner in range(3):
-            i = faces[order[at], corner]
+            i = faces[f, corner]
             u, v = uvw[i, U], uvw[i, V]
             u_min, u_max, v_min, v_max = min(u_min, u), max(u_max, u), min(v_min, v), max(v_max, v)
     return u_min, u_max, v_min, v_max
@@ -92,7 +89,7 @@ def lay_boxes_of_block(b, projected):
     """Fill in the boxes of the faces of a block, the first time. None of them is clipped."""
     if not projected.has_boxes[b]:
         projected.has_boxes[b] = True
-        n_faces = projected.blocks.order.shape[0]
+        n_faces = projected.blocks.patch.shape[0]
         lay_boxes_of_some(b * BLOCK, min((b + 1) * BLOCK, n_faces), projected)
 
 
@@ -100,20 +97,20 @@ def lay_boxes_of_block(b, projected):
 def lay_boxes(faces, projected):
     """Fill in the boxes of some faces, and of the others of their blocks."""
     for index in range(faces.shape[0]):
-        lay_boxes_of_block(projected.blocks.of_face[faces[index]], projected)
+        lay_boxes_of_block(faces[index] // BLOCK, projected)
 
 
 @part_with_arrays
 def describe_block(b, flags, projected):
     """Fill in `block_state` and `block_side` from the faces of a block, with some flags more."""
-    order, state, side = projected.blocks.order, projected.state, projected.side
-    first, last = b * BLOCK, min((b + 1) * BLOCK, order.shape[0])
-    common = side[order[first]]
-    for at in range(first, last):
-        flags |= state[order[at]]
-        if not state[order[at]] & LIVE:
+    state, side = projected.state, projected.side
+    first, last = b * BLOCK, min((b + 1) * BLOCK, projected.blocks.patch.shape[0])
+    common = side[first]
+    for f in range(first, last):
+        flags |= state[f]
+        if not state[f] & LIVE:
             flags |= ABSENT
-        if side[order[at]] != common:
+        if side[f] != common:
             common = MIXED
     projected.block_state[b] = flags
     projected.block_side[b] = MIXED if flags & DOUBTFUL else common
@@ -122,16 +119,16 @@ def describe_block(b, flags, projected):
 @part_with_arrays
 def gather(b, projected, with_w, lanes):
     """Copy the corners of the faces of a block to `lanes`, with 1/z if that is asked for."""
-    faces, uvw, order = projected.faces, projected.uvw, projected.blocks.order
+    faces, uvw = projected.faces, projected.uvw
     # Unsigned: loops need not count negative indices from the end.
     for lane in range(BLOCK):
-        f = np.uint32(order[b * BLOCK + lane])
+        f = np.uint32(b * BLOCK + lane)
         i, j, k = np.uint32(faces[f, 0]), np.uint32(faces[f, 1]), np.uint32(faces[f, 2])
         lanes[U0 + lane], lanes[V0 + lane] = uvw[i, U], uvw[i, V]
         lanes[U1 + lane], lanes[V1 + lane] = uvw[j, U], uvw[j, V]
         lanes[U2 + lane], lanes[V2 + lane] = uvw[k, U], uvw[k, V]
     for lane in range(BLOCK if with_w else 0):
-        f = np.uint32(order[b * BLOCK + lane])
+        f = np.uint32(b * BLOCK + lane)
         i, j, k = np.uint32(faces[f, 0]), np.uint32(faces[f, 1]), np.uint32(faces[f, 2])
         lanes[LEAST_W + lane] = min(uvw[i, W], uvw[j, W], uvw[k, W])
 
@@ -204,7 +201,7 @@ def set_up_plain(camera, front_only, n_out, projected, area_error, extent, lanes
         Live faces; other blocks.
     """
     side, state, area = projected.side, projected.state, projected.area
-    blocks, order = projected.blocks, projected.blocks.order
+    blocks = projected.blocks
     width, height, pixel_error = camera.width, camera.height, camera.pixel_error
     extent[:] = 0.0
     extent[U_MIN] = extent[V_MIN] = np.inf
@@ -212,7 +209,7 @@ def set_up_plain(camera, front_only, n_out, projected, area_error, extent, lanes
     n_live = n_rest = 0
     lanes[LEAST_W : LEAST_W + BLOCK] = 1.0
     for b in range(blocks.has_flat.shape[0]):
-        first, last = b * BLOCK, min((b + 1) * BLOCK, order.shape[0])
+        first, last = b * BLOCK, min((b + 1) * BLOCK, blocks.patch.shape[0])
         is_plain = last - first == BLOCK and not blocks.has_flat[b]
         if is_plain:
             gather(b, projected, n_out > 0, lanes)
@@ -236,22 +233,16 @@ def set_up_plain(camera, front_only, n_out, projected, area_error, extent, lanes
         is_live = not (is_out or is_culled)
         flags, some = np.uint16(LIVE if is_live else 0), 0.0 if is_out else 0.5
         is_uncertain = is_culled and not is_out
-        if blocks.is_in_order:
-            side[first:last], state[first:last] = common, flags
-            its_area, its_error = area[first:last], area_error[first:last]
-            its_error[:] = 0.0
-            for lane in range(BLOCK):
-                its_area[lane] = abs(lanes[TWICE + lane]) * some
-            for lane in range(BLOCK if is_uncertain else 0):
-                its_error[lane] = lanes[ERROR + lane]
-        else:
-            for lane in range(BLOCK):
-                f = order[first + lane]
-                side[f], state[f], area[f] = common, flags, abs(lanes[TWICE + lane]) * some
-                area_error[f] = lanes[ERROR + lane] if is_uncertain else 0.0
+        side[first:last], state[first:last] = common, flags
+        its_area, its_error = area[first:last], area_error[first:last]
+        its_error[:] = 0.0
+        for lane in range(BLOCK):
+            its_area[lane] = abs(lanes[TWICE + lane]) * some
+        for lane in range(BLOCK if is_uncertain else 0):
+            its_error[lane] = lanes[ERROR + lane]
         if is_mixed:
             for lane in range(BLOCK):
-                side[order[first + lane]] = 1 if lanes[TWICE + lane] < 0 else -1
+                side[first + lane] = 1 if lanes[TWICE + lane] < 0 else -1
         projected.block_state[b] = LIVE if is_live else ABSENT
         projected.block_side[b] = MIXED if is_mixed else common
         projected.has_boxes[b] = False
@@ -295,7 +286,7 @@ def set_up(vertices, is_flat, rest, camera, front_only, projected, area_error, e
     """
     faces, uvw, side, state = projected.faces, projected.uvw, projected.side, projected.state
     box, area, clipped = projected.box, projected.area, projected.clipped
-    block_box, order = projected.block_box, projected.blocks.order
+    block_box, n_faces = projected.block_box, projected.blocks.patch.shape[0]
     clipped_index = projected.clipped_index
     width, height, pixel_error = camera.width, camera.height, camera.pixel_error
     corners, low, normals = np.empty((3, 3)), np.empty((3, 3)), np.empty((5, 3))
@@ -309,8 +300,7 @@ def set_up(vertices, is_flat, rest, camera, front_only, projected, area_error, e
         projected.has_boxes[b] = True
         block_box[b, U_MIN] = block_box[b, V_MIN] = np.inf
         block_box[b, U_MAX] = block_box[b, V_MAX] = -np.inf
-        for at in range(b * BLOCK, min((b + 1) * BLOCK, order.shape[0])):
-            f = order[at]
+        for f in range(b * BLOCK, min((b + 1) * BLOCK, n_faces)):
             state[f] = 0
             side[f] = 0
             area[f] = area_error[f] = 0.0

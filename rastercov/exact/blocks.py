@@ -44,28 +44,23 @@ def local_order(vertices: FloatArray, faces: IntArray) -> IntArray | None:
 
 def blocks_of_targets(flat: BoolArray) -> Blocks:
     """Blocks of targets, which no result spreads over."""
-    no_edges = Edges(
-        np.empty((0, 2), np.int32), np.empty((0, 2), np.int32), np.empty(0, np.int8),
-        np.empty((0, 3), np.int32),
-    )  # fmt: skip
-    return _with_faces(np.arange(len(flat), dtype=np.int32), flat, no_edges)
+    return _with_faces(flat)
 
 
-def blocks_of(order: IntArray, flat: BoolArray, edges: Edges) -> Blocks:
-    """Blocks of the faces of a surface, in an order of `local_order`."""
-    blocks = _with_faces(order, flat, edges)
-    order, of_face, patch = blocks.order, blocks.of_face, blocks.patch
-    lowest = np.empty(len(order), np.int32)
-    n = kernels.find_patches(order, of_face, edges, patch, lowest, blocks.patch_starts)
+def blocks_of(flat: BoolArray, edges: Edges) -> Blocks:
+    """Blocks of the faces of a surface, which are in an order of `local_order`."""
+    blocks = _with_faces(flat)
+    patch, lowest = blocks.patch, np.empty(len(flat), np.int32)
+    n = kernels.find_patches(edges, patch, lowest, blocks.patch_starts)
     met, joins = np.empty(n, np.int32), np.empty((len(edges.kind), 2), np.int32)
-    n_joins = kernels.list_joins(order, of_face, edges, patch, met, joins)
+    n_joins = kernels.list_joins(edges, patch, met, joins)
     if n_joins > len(joins):
         joins = np.empty((n_joins, 2), np.int32)
-        kernels.list_joins(order, of_face, edges, patch, met, joins)
+        kernels.list_joins(edges, patch, met, joins)
     is_plain = np.empty(-(-len(edges.kind) // BLOCK), np.bool_)
     starts, met = np.empty(len(is_plain) + 1, np.int32), np.empty(len(blocks.has_flat), np.int32)
     of_edges = np.empty(2 * len(edges.kind), np.int32)
-    n_blocks = kernels.list_blocks_of_edges(of_face, edges, met, is_plain, starts, of_edges)
+    n_blocks = kernels.list_blocks_of_edges(edges, met, is_plain, starts, of_edges)
     return blocks._replace(
         of_patch=np.repeat(np.arange(len(blocks.has_flat)), np.diff(blocks.patch_starts)).astype(
             np.int32
@@ -78,19 +73,14 @@ def blocks_of(order: IntArray, flat: BoolArray, edges: Edges) -> Blocks:
     )
 
 
-def _with_faces(order: IntArray, flat: BoolArray, edges: Edges) -> Blocks:
-    """Blocks of faces in an order, without what follows from their edges."""
-    n = -(-len(order) // BLOCK)
-    of_face = np.empty(len(order), np.int32)
-    of_face[order] = np.arange(len(order), dtype=np.int32) // BLOCK
+def _with_faces(flat: BoolArray) -> Blocks:
+    """Blocks of faces, without what follows from their edges."""
+    n = -(-len(flat) // BLOCK)
     has_flat = np.zeros(n, np.bool_)
-    has_flat[of_face[flat]] = True
+    has_flat[np.flatnonzero(flat) // BLOCK] = True
     return Blocks(
-        order=order,
-        is_in_order=bool((order == np.arange(len(order))).all()),
-        of_face=of_face,
         has_flat=has_flat,
-        patch=np.zeros(len(order), np.int32),
+        patch=np.zeros(len(flat), np.int32),
         patch_starts=np.zeros(n + 1, np.int32),
         of_patch=np.empty(0, np.int32),
         lowest=np.empty(0, np.int32),

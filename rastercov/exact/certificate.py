@@ -26,7 +26,7 @@ from rastercov.exact.event_kernels import ask_for_events, find_event_edges, mark
 from rastercov.exact.grid_kernels import ask_for_faces
 from rastercov.exact.half_plane_kernels import visible_areas
 from rastercov.exact.half_planes import HalfPlaneSolver
-from rastercov.exact.records import CROSSED, LIVE, MIXED, Crossings, Segment
+from rastercov.exact.records import BLOCK, CROSSED, LIVE, MIXED, Crossings, Segment
 from rastercov.exact.region_kernels import find_regions
 from rastercov.exact.surface import Surface, surface_of
 from rastercov.raster import self_test
@@ -178,7 +178,7 @@ class CertificateSolver(HalfPlaneSolver):
         if contacts is not self._contacts:
             blocks = self.surface.blocks
             self._contacts, self._has_contact = contacts, np.zeros(len(blocks.has_flat), np.bool_)
-            self._has_contact[blocks.of_face[contacts]] = True
+            self._has_contact[np.flatnonzero(contacts) // BLOCK] = True
         return self._has_contact
 
     @property
@@ -187,7 +187,7 @@ class CertificateSolver(HalfPlaneSolver):
         blocks, state, side = (
             self.surface.blocks, self.projected.block_state, self.projected.block_side,
         )  # fmt: skip
-        is_whole = ((state == LIVE) & (side != MIXED))[blocks.of_face]
+        is_whole = ((state == LIVE) & (side != MIXED)).repeat(BLOCK)[: len(blocks.patch)]
         by_patch, by_face = np.split(self._region, [len(blocks.lowest)])
         found = np.where(is_whole, by_patch[blocks.patch], by_face)
         return np.where(self.is_certified[: len(found)], found, np.int32(-1))

@@ -59,7 +59,7 @@ def mark_uncertifiable(
         Scratch.
     """
     faces, state, box, area = projected.faces, projected.state, projected.box, projected.area
-    order = projected.blocks.order
+    n_faces = projected.blocks.patch.shape[0]
     is_at_event[:] = False
     for index in range(events.shape[0]):
         is_at_event[edges.vertices[events[index], 0]] = True
@@ -68,8 +68,7 @@ def mark_uncertifiable(
         if not (has_contact[b] or projected.block_state[b] & ~np.uint16(LIVE | ABSENT)):
             continue
         lay_boxes_of_block(b, projected)
-        for k in range(b * BLOCK, min((b + 1) * BLOCK, order.shape[0])):
-            f = order[k]
+        for f in range(b * BLOCK, min((b + 1) * BLOCK, n_faces)):
             if state[f] & LIVE:
                 extent = box[f, U_MAX] - box[f, U_MIN] + box[f, V_MAX] - box[f, V_MIN]
                 unfit = state[f] & CLIPPED or area[f] < thinnest * extent
@@ -112,7 +111,7 @@ def classify_regions(
         Tolerance of that decision, relative to the area of the largest face.
     """
     n, blocks, area = 0, projected.blocks, projected.area
-    order, n_patches = blocks.order, blocks.lowest.shape[0]
+    n_patches = blocks.lowest.shape[0]
     is_certified[:] = False
     for r in range(largest.shape[0]):
         t = largest[r]
@@ -120,22 +119,21 @@ def classify_regions(
         is_hidden = visible[t] <= certain * area[t]
         decision[r] = VISIBLE if is_visible else HIDDEN if is_hidden else IN_DOUBT
     for b in range(projected.block_state.shape[0]):
-        first, last = b * BLOCK, min((b + 1) * BLOCK, order.shape[0])
+        first, last = b * BLOCK, min((b + 1) * BLOCK, blocks.patch.shape[0])
         if not projected.block_state[b] & LIVE:
-            for k in range(first, last):
-                if not projected.state[order[k]] & THIN:
-                    visible[order[k]] = 0.0
+            for f in range(first, last):
+                if not projected.state[f] & THIN:
+                    visible[f] = 0.0
             continue
         is_whole = is_of_a_region(b, projected)
-        if is_whole and blocks.is_in_order and is_one_patch(b, blocks):
+        if is_whole and is_one_patch(b, blocks):
             decided = decision[region[blocks.patch_starts[b]]]
             if decided != IN_DOUBT:
                 is_certified[first:last] = True
                 for f in range(first, last):
                     visible[f] = area[f] if decided == VISIBLE else 0.0
                 continue
-        for k in range(first, last):
-            f = order[k]
+        for f in range(first, last):
             r = region[blocks.patch[f] if is_whole else n_patches + f]
             if r < 0:
                 if not projected.state[f] & (LIVE | THIN):

@@ -122,7 +122,7 @@ def fill_grid(projected, grid):
     again with more. The faces that are listed have boxes.
     """
     state, box, block_box = projected.state, projected.box, projected.block_box
-    order, places, asked = projected.blocks.order, grid.places, grid.asked
+    n_faces, places, asked = projected.blocks.patch.shape[0], grid.places, grid.asked
     columns, starts, stops, entries = grid.columns, grid.starts, grid.stops, grid.entries
     n_cells, n = columns * grid.rows, 0
     for c in range(n_cells):
@@ -140,16 +140,15 @@ def fill_grid(projected, grid):
                 continue
         if is_all:
             lay_boxes_of_block(b, projected)
-        for first in range(b * BLOCK, min((b + 1) * BLOCK, order.shape[0]), GROUP):
-            stop = min(first + GROUP, order.shape[0])
+        for first in range(b * BLOCK, min((b + 1) * BLOCK, n_faces), GROUP):
+            stop = min(first + GROUP, n_faces)
             if not projected.has_boxes[b]:
                 u_min, u_max, v_min, v_max = rectangle_of_some(first, stop, projected)
                 left, right, top, bottom = cells_of_rectangle(u_min, u_max, v_min, v_max, grid)
                 if n_asked_in(left, right, top, bottom, grid) == 0:
                     continue
                 lay_boxes_of_some(first, stop, projected)
-            for k in range(first, stop):
-                f = order[k]
+            for f in range(first, stop):
                 if not state[f] & (LIVE | THIN):
                     continue
                 left, right, top, bottom = cells_of_box(box, f, grid)

@@ -331,7 +331,7 @@ class HalfPlaneSolver:
                 surface.targets, self.camera, False, self._target_image.own,
                 self.area_error[n_faces:], np.empty(7),
             )  # fmt: skip
-            lay_boxes(its_image.blocks.order, its_image)
+            lay_boxes(np.arange(len(its_image.blocks.patch), dtype=np.int32), its_image)
             self._target_image = self._target_image.beside(self.projected, its_image)
         self._marks.fill(-1)
         self._work.kept.used[:] = 0

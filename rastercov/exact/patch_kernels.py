@@ -8,13 +8,11 @@ from rastercov.exact.records import BLOCK, CONSISTENT, NON_MANIFOLD
 
 
 @compiled
-def find_patches(order, of_face, edges, patch, lowest, patch_starts):
+def find_patches(edges, patch, lowest, patch_starts):
     """Divide each block into patches: faces joined by edges that two of them use consistently.
 
     Parameters
     ----------
-    order, of_face : (F,) int32
-        Faces, block by block; block of each face.
     edges : Edges
     patch, lowest : (F,) int32
         Out: patch of each face; lowest face of each patch.
@@ -27,36 +25,37 @@ def find_patches(order, of_face, edges, patch, lowest, patch_starts):
         Number of patches.
     """
     n, parent = 0, patch
-    for f in range(order.shape[0]):
+    n_faces = patch.shape[0]
+    for f in range(n_faces):
         parent[f] = f
     for e in range(edges.kind.shape[0]):
         f, g = edges.faces[e, 0], edges.faces[e, 1]
-        if g >= 0 and edges.kind[e] == CONSISTENT and of_face[f] == of_face[g]:
+        if g >= 0 and edges.kind[e] == CONSISTENT and f // BLOCK == g // BLOCK:
             f, g = root_of(parent, f), root_of(parent, g)
             parent[max(f, g)] = min(f, g)
-    for f in range(order.shape[0]):
+    for f in range(n_faces):
         parent[f] = root_of(parent, f)
     for b in range(patch_starts.shape[0] - 1):
         patch_starts[b] = n
-        last = min((b + 1) * BLOCK, order.shape[0])
-        for k in range(b * BLOCK, last):
-            if parent[order[k]] == order[k]:
-                lowest[n] = order[k]
+        last = min((b + 1) * BLOCK, n_faces)
+        for f in range(b * BLOCK, last):
+            if parent[f] == f:
+                lowest[n] = f
                 n += 1
         # From roots to numbers: below zero until all faces of the block have theirs.
         for c in range(patch_starts[b], n):
             parent[lowest[c]] = ~np.int32(c)
-        for k in range(b * BLOCK, last):
-            if parent[order[k]] >= 0:
-                parent[order[k]] = parent[parent[order[k]]]
-        for k in range(b * BLOCK, last):
-            patch[order[k]] = ~parent[order[k]]
+        for f in range(b * BLOCK, last):
+            if parent[f] >= 0:
+                parent[f] = parent[parent[f]]
+        for f in range(b * BLOCK, last):
+            patch[f] = ~parent[f]
     patch_starts[patch_starts.shape[0] - 1] = n
     return n
 
 
 @compiled
-def list_joins(order, of_face, edges, patch, met, joins):
+def list_joins(edges, patch, met, joins):
     """List the pairs of patches that share an edge of two faces; returns their number.
 
     Parameters
@@ -70,8 +69,7 @@ def list_joins(order, of_face, edges, patch, met, joins):
     """
     n = 0
     met[:] = -1
-    for k in range(order.shape[0]):
-        f = order[k]
+    for f in range(patch.shape[0]):
         for s in range(3):
             e = edges.of_face[f, s]
             if edges.kind[e] == NON_MANIFOLD or edges.faces[e, 1] < 0:
@@ -90,7 +88,7 @@ def list_joins(order, of_face, edges, patch, met, joins):
 
 
 @compiled
-def list_blocks_of_edges(of_face, edges, met, is_plain, starts, blocks):
+def list_blocks_of_edges(edges, met, is_plain, starts, blocks):
     """List the blocks of faces that each `BLOCK` consecutive edges belong to; their number.
 
     Parameters
@@ -114,7 +112,7 @@ def list_blocks_of_edges(of_face, edges, met, is_plain, starts, blocks):
                 break
         for e in range(m * BLOCK, min((m + 1) * BLOCK, edges.kind.shape[0])):
             for s in range(2 if is_plain[m] else 0):
-                b = of_face[edges.faces[e, s]]
+                b = edges.faces[e, s] // BLOCK
                 if met[b] != m:
                     met[b] = m
                     if n < blocks.shape[0]:

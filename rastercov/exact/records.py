@@ -133,9 +133,7 @@ has_boxes : (N,) bool
 """
 
 Blocks = namedtuple(
-    "Blocks",
-    "order is_in_order of_face has_flat patch patch_starts of_patch lowest joins is_plain starts "
-    "of_edges",
+    "Blocks", "has_flat patch patch_starts of_patch lowest joins is_plain starts of_edges"
 )
 """Blocks of `BLOCK` faces of a surface, and of `BLOCK` consecutive edges.
 
@@ -144,12 +142,6 @@ directions.
 
 Attributes
 ----------
-order : (F,) int32
-    The faces, block by block.
-is_in_order : bool
-    They are in the order of the mesh: those of a block follow one another in memory.
-of_face : (F,) int32
-    Block of each face.
 has_flat : (N,) bool
     Blocks with a face without area.
 patch : (F,) int32

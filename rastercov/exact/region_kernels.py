@@ -54,7 +54,7 @@ def node_of(f, parent, projected):
     Nodes are the patches, of blocks `is_of_a_region`, and after them the faces, of other blocks.
     """
     blocks = projected.blocks
-    b = blocks.of_face[f]
+    b = f // BLOCK
     if is_of_a_region(b, projected):
         return blocks.patch[f]
     node = blocks.lowest.shape[0] + f
@@ -128,7 +128,7 @@ def list_crossed(projected, targets):
                 if state[f] & CROSSED:
                     targets[n] = f
                     n += 1
-                    projected.block_state[projected.blocks.of_face[f]] |= CROSSED
+                    projected.block_state[f // BLOCK] |= CROSSED
     return n
 
 
@@ -146,7 +146,7 @@ def find_largest_listed(projected, listed, is_listed, region, largest):
     blocks, n_patches = projected.blocks, projected.blocks.lowest.shape[0]
     for index in range(listed.shape[0]):
         f = listed[index]
-        b = blocks.of_face[f]
+        b = f // BLOCK
         if is_listed[f] and projected.block_state[b] & LIVE:
             node = blocks.patch[f] if is_of_a_region(b, projected) else n_patches + f
             if region[node] >= 0:
@@ -175,8 +175,7 @@ def find_largest(projected, region, is_known, largest):
         is_whole = is_of_a_region(b, projected)
         if is_whole and is_one_patch(b, blocks) and is_known[region[blocks.patch_starts[b]]]:
             continue
-        for k in range(b * BLOCK, min((b + 1) * BLOCK, blocks.order.shape[0])):
-            f = blocks.order[k]
+        for f in range(b * BLOCK, min((b + 1) * BLOCK, blocks.patch.shape[0])):
             r = region[blocks.patch[f] if is_whole else n_patches + f]
             if r >= 0 and not is_known[r]:
                 take_larger(f, r, projected.area, largest)
@@ -191,16 +190,16 @@ def regions_of_blocks(
     See `regions_of_faces` for `found`, and `find_regions` for the others.
     """
     state, parent, blocks = projected.state, region, projected.blocks
-    order, lowest, joins = blocks.order, blocks.lowest, blocks.joins
-    n_faces, n_patches, n_blocks = order.shape[0], lowest.shape[0], projected.block_state.shape[0]
+    lowest, joins, n_blocks = blocks.lowest, blocks.joins, projected.block_state.shape[0]
+    n_faces, n_patches = blocks.patch.shape[0], lowest.shape[0]
     for b in range(n_blocks):
         if is_of_a_region(b, projected):
             for c in range(blocks.patch_starts[b], blocks.patch_starts[b + 1]):
                 parent[c] = c
         elif projected.block_state[b] & LIVE:
-            for k in range(b * BLOCK, min((b + 1) * BLOCK, n_faces)):
-                node = n_patches + order[k]
-                parent[node] = node if state[order[k]] & (LIVE | CROSSED) == LIVE else -1
+            for f in range(b * BLOCK, min((b + 1) * BLOCK, n_faces)):
+                node = n_patches + f
+                parent[node] = node if state[f] & (LIVE | CROSSED) == LIVE else -1
     for k in range(joins.shape[0]):
         is_reversed = joins[k, 1] < 0
         c, d = joins[k, 0], ~joins[k, 1] if is_reversed else joins[k, 1]
@@ -215,13 +214,13 @@ def regions_of_blocks(
             join(c, d, parent)
     for b in range(n_blocks):
         if projected.block_state[b] & LIVE and not is_of_a_region(b, projected):
-            for k in range(b * BLOCK, min((b + 1) * BLOCK, n_faces)):
-                if parent[n_patches + order[k]] >= 0:
+            for f in range(b * BLOCK, min((b + 1) * BLOCK, n_faces)):
+                if parent[n_patches + f] >= 0:
                     for s in range(3):
-                        e = edges.of_face[order[k], s]
+                        e = edges.of_face[f, s]
                         # Once: from the first of its faces, unless the block of that is whole.
                         g = edges.faces[e, 0]
-                        is_mine = g == order[k] or is_of_a_region(blocks.of_face[g], projected)
+                        is_mine = g == f or is_of_a_region(g // BLOCK, projected)
                         if is_mine and not is_event[e]:
                             join_along(e, edges, camera, projected, parent)
     for index in range(events.shape[0]):
@@ -237,10 +236,10 @@ def regions_of_blocks(
                     found[n], number[c] = c, lowest[c]
                     n += 1
         elif projected.block_state[b] & LIVE:
-            for k in range(b * BLOCK, min((b + 1) * BLOCK, n_faces)):
-                node = n_patches + order[k]
+            for f in range(b * BLOCK, min((b + 1) * BLOCK, n_faces)):
+                node = n_patches + f
                 if parent[node] == node:
-                    found[n], number[node] = node, order[k]
+                    found[n], number[node] = node, f
                     n += 1
     for b in range(n_blocks):
         if is_of_a_region(b, projected):
@@ -248,11 +247,11 @@ def regions_of_blocks(
                 parent[c] = root_of(parent, c)
                 number[parent[c]] = min(number[parent[c]], lowest[c])
         elif projected.block_state[b] & LIVE:
-            for k in range(b * BLOCK, min((b + 1) * BLOCK, n_faces)):
-                node = n_patches + order[k]
+            for f in range(b * BLOCK, min((b + 1) * BLOCK, n_faces)):
+                node = n_patches + f
                 if parent[node] >= 0:
                     parent[node] = root_of(parent, node)
-                    number[parent[node]] = min(number[parent[node]], order[k])
+                    number[parent[node]] = min(number[parent[node]], f)
     largest = found[:n]
     sort(largest, n, number)
     for r in range(n):
@@ -263,8 +262,8 @@ def regions_of_blocks(
             for c in range(blocks.patch_starts[b], blocks.patch_starts[b + 1]):
                 region[c] = number[parent[c]]
         elif projected.block_state[b] & LIVE:
-            for k in range(b * BLOCK, min((b + 1) * BLOCK, n_faces)):
-                node = n_patches + order[k]
+            for f in range(b * BLOCK, min((b + 1) * BLOCK, n_faces)):
+                node = n_patches + f
                 region[node] = number[parent[node]] if parent[node] >= 0 else -1
     find_largest_listed(projected, listed, is_listed, region, largest)
     for r in range(n):

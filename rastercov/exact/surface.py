@@ -168,7 +168,7 @@ def _build(mesh: Mesh) -> Surface:
         faces=faces,
         flat=flat,
         edges=edges,
-        blocks=blocks_of(np.arange(len(faces), dtype=np.int32), flat, edges),
+        blocks=blocks_of(flat, edges),
         rank=rank,
         contacts=contacts,
         place=place,
