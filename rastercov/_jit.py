@@ -96,13 +96,21 @@ class _CheckedFile(caching.IndexDataCacheFile):
             file.write(hashlib.sha256(data).digest() + data)
 
     def _read(self, name: str) -> Any:
-        """Content of a file, None if it is missing, truncated or of another program."""
+        """Content of a file, None if it is missing, truncated or of another program.
+
+        What another version left may name types that are gone.
+        """
         try:
             data = file_bytes(self._data_path(name), LARGEST_LOOP)
         except UnreadableError:
             return None
         digest, data = data[:32], data[32:]
-        return pickle.loads(data) if hashlib.sha256(data).digest() == digest else None
+        if hashlib.sha256(data).digest() != digest:
+            return None
+        try:
+            return pickle.loads(data)
+        except Exception:
+            return None
 
 
 class _Place(caching.CompileResultCacheImpl):

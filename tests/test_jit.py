@@ -1,5 +1,6 @@
 """Compiled loops on disk: what is torn or stale is not believed, and no disk is no error."""
 
+import hashlib
 import logging
 import os
 import resource
@@ -95,7 +96,13 @@ def removed(path):
     path.unlink()
 
 
-DAMAGES = (truncated, flipped, emptied, garbled, removed)
+def outdated(path):
+    """As an earlier version of the library left it, with a type that is gone."""
+    data = b"crastercov._jit\nTypeThatIsGone\n."
+    path.write_bytes(hashlib.sha256(data).digest() + data)
+
+
+DAMAGES = (truncated, flipped, emptied, garbled, removed, outdated)
 WHICH = {"index": [0], "data": [1], "both": [0, 1]}
 
 
