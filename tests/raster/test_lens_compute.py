@@ -438,7 +438,7 @@ def test_a_graphics_card_sees_through_a_lens_what_the_cpu_sees(scene, lens):
     try:
         context = open_context(require_hardware=True)
     except DeviceError as error:
-        pytest.skip(str(error))
+        pytest.skip(str(error))  # It asks a GPU; the tests above ask the same of Mesa.
     mesh, poses = SCENES[scene]
     with (
         context,
