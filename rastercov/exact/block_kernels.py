@@ -8,6 +8,7 @@ them together. `set_up` measures the others one by one. Boxes of plain blocks ar
 import numpy as np
 
 from rastercov._jit import allocation_free, compiled, part_with_arrays
+from rastercov.exact.block_measures import measure_block
 from rastercov.exact.polygon_kernels import clip, twice_area
 from rastercov.exact.records import (
     ABSENT,
@@ -44,13 +45,8 @@ from rastercov.exact.setup_kernels import (
     store_clipped,
     to_camera,
 )
+from rastercov.raster.cpu.simd_kernel import pointer
 
-(
-    U0, V0, U1, V1, U2, V2, TWICE, ERROR, LEAST_U, MOST_U, LEAST_V, MOST_V, LEAST_W,
-    LEAST_TWICE, MOST_TWICE, MARGIN, WIDTHS, HEIGHTS, AREAS, LANES,
-) = range(0, 20 * BLOCK, BLOCK)  # fmt: skip
-"""Rows of the scratch of `set_up_plain`, of `BLOCK` faces each, and their end. It is one array in
-one dimension, of which LLVM knows that the rows do not overlap."""
 NARROW_FACTOR = 2.0**25
 """A face that has less than this many pixels of twice its area for each pixel of extent and of
 rounding is measured by itself: more than three times `certificate.THIN_TOLERANCE_REL`."""
@@ -117,71 +113,17 @@ def describe_block(b, flags, projected):
 
 
 @part_with_arrays
-def gather(b, projected, with_w, lanes):
-    """Copy the corners of the faces of a block to `lanes`, with 1/z if that is asked for."""
+def least_w_of_block(b, projected):
+    """Least 1/z of the corners of a block: 0 where one of them has no image."""
     faces, uvw = projected.faces, projected.uvw
-    # Unsigned: loops need not count negative indices from the end.
-    for lane in range(BLOCK):
-        f = np.uint32(b * BLOCK + lane)
-        i, j, k = np.uint32(faces[f, 0]), np.uint32(faces[f, 1]), np.uint32(faces[f, 2])
-        lanes[U0 + lane], lanes[V0 + lane] = uvw[i, U], uvw[i, V]
-        lanes[U1 + lane], lanes[V1 + lane] = uvw[j, U], uvw[j, V]
-        lanes[U2 + lane], lanes[V2 + lane] = uvw[k, U], uvw[k, V]
-    for lane in range(BLOCK if with_w else 0):
-        f = np.uint32(b * BLOCK + lane)
-        i, j, k = np.uint32(faces[f, 0]), np.uint32(faces[f, 1]), np.uint32(faces[f, 2])
-        lanes[LEAST_W + lane] = min(uvw[i, W], uvw[j, W], uvw[k, W])
-
-
-@part_with_arrays
-def measure(pixel_error, most_error, lanes):
-    """Twice the signed area, bounds and thinness of the faces in `lanes`, in the order of rows."""
-    for lane in range(BLOCK):
-        u0, v0 = lanes[U0 + lane], lanes[V0 + lane]
-        u1, v1 = lanes[U1 + lane], lanes[V1 + lane]
-        u2, v2 = lanes[U2 + lane], lanes[V2 + lane]
-        twice = (u1 - u0) * (v2 - v0) - (u2 - u0) * (v1 - v0)
-        u_min, u_max = min(u0, u1, u2), max(u0, u1, u2)
-        v_min, v_max = min(v0, v1, v2), max(v0, v1, v2)
-        extent = u_max - u_min + v_max - v_min
-        lanes[TWICE + lane] = twice
-        lanes[ERROR + lane] = min(OUTLINE_ERROR_FACTOR * extent * pixel_error, most_error)
-        lanes[LEAST_U + lane], lanes[MOST_U + lane] = u_min, -u_max
-        lanes[LEAST_V + lane], lanes[MOST_V + lane] = v_min, -v_max
-        lanes[LEAST_TWICE + lane], lanes[MOST_TWICE + lane] = twice, -twice
-        lanes[MARGIN + lane] = abs(twice) - NARROW_FACTOR * pixel_error * extent
-        lanes[WIDTHS + lane], lanes[HEIGHTS + lane] = u_max - u_min, v_max - v_min
-        lanes[AREAS + lane] = (u_max - u_min) * (v_max - v_min)
-
-
-@part_with_arrays
-def eighth(lanes):
-    """An eighth of a block, which LLVM does not know: it would not vectorise the loop."""
-    return lanes.shape[0] // (LANES // 8)
-
-
-@part_with_arrays
-def reduce_rows(lanes):
-    """Put the least values, or the sums, of the rows that `measure` filled at their starts."""
-    for row in range(LEAST_U, WIDTHS, BLOCK):
-        for k in range(row, row + eighth(lanes)):
-            first = min(min(lanes[k], lanes[k + 8]), min(lanes[k + 16], lanes[k + 24]))
-            second = min(min(lanes[k + 32], lanes[k + 40]), min(lanes[k + 48], lanes[k + 56]))
-            lanes[k] = min(first, second)
-        first = min(min(lanes[row], lanes[row + 1]), min(lanes[row + 2], lanes[row + 3]))
-        second = min(min(lanes[row + 4], lanes[row + 5]), min(lanes[row + 6], lanes[row + 7]))
-        lanes[row] = min(first, second)
-    for row in range(WIDTHS, LANES, BLOCK):
-        for k in range(row, row + eighth(lanes)):
-            first = (lanes[k] + lanes[k + 8]) + (lanes[k + 16] + lanes[k + 24])
-            second = (lanes[k + 32] + lanes[k + 40]) + (lanes[k + 48] + lanes[k + 56])
-            lanes[k] = first + second
-        first = (lanes[row] + lanes[row + 1]) + (lanes[row + 2] + lanes[row + 3])
-        lanes[row] = first + ((lanes[row + 4] + lanes[row + 5]) + (lanes[row + 6] + lanes[row + 7]))
+    least = np.inf
+    for f in range(b * BLOCK, (b + 1) * BLOCK):
+        least = min(least, uvw[faces[f, 0], W], uvw[faces[f, 1], W], uvw[faces[f, 2], W])
+    return least
 
 
 @allocation_free
-def set_up_plain(camera, front_only, n_out, projected, area_error, extent, lanes, rest):
+def set_up_plain(camera, front_only, n_out, projected, area_error, extent, measures, rest):
     """Measure the faces of blocks that lie wholly inside or wholly outside the image.
 
     Parameters
@@ -190,8 +132,8 @@ def set_up_plain(camera, front_only, n_out, projected, area_error, extent, lanes
         Of `project`: vertices without an image.
     front_only, projected, area_error, extent
         As for `set_up`, with what follows from these blocks.
-    lanes : (LANES,) float64
-        Scratch.
+    measures : (2 BLOCK,) float64
+        Scratch: twice the areas of the faces of a block, and their extents.
     rest : (N,) int32
         Out: the other blocks, which `set_up` is for.
 
@@ -207,23 +149,22 @@ def set_up_plain(camera, front_only, n_out, projected, area_error, extent, lanes
     extent[U_MIN] = extent[V_MIN] = np.inf
     extent[U_MAX] = extent[V_MAX] = -np.inf
     n_live = n_rest = 0
-    lanes[LEAST_W : LEAST_W + BLOCK] = 1.0
+    faces_at, uvw_at = pointer(projected.faces), pointer(projected.uvw)
+    narrow, most_error = NARROW_FACTOR * pixel_error, 2 * width * height
     for b in range(blocks.has_flat.shape[0]):
         first, last = b * BLOCK, min((b + 1) * BLOCK, blocks.patch.shape[0])
         is_plain = last - first == BLOCK and not blocks.has_flat[b]
         if is_plain:
-            gather(b, projected, n_out > 0, lanes)
-            measure(pixel_error, 2 * width * height, lanes)
-            reduce_rows(lanes)
-            low_u, high_u = lanes[LEAST_U], -lanes[MOST_U]
-            low_v, high_v = lanes[LEAST_V], -lanes[MOST_V]
-            least_w, margin = lanes[LEAST_W], lanes[MARGIN]
-            least, most = lanes[LEAST_TWICE], -lanes[MOST_TWICE]
+            (
+                low_u, high_u, low_v, high_v, least, most, margin, its_widths, its_heights,
+                its_areas,
+            ) = measure_block(first, faces_at, uvw_at, narrow, pointer(measures))  # fmt: skip
             is_out = high_u <= 0 or high_v <= 0 or low_u >= width or low_v >= height
             is_in = low_u >= 0 and low_v >= 0 and high_u <= width and high_v <= height
-            is_plain = least_w > 0 and (is_in or is_out) and margin >= 0
+            is_plain = (is_in or is_out) and margin >= 0
             is_mixed = least < 0 < most
             is_plain = is_plain and not (is_mixed and front_only)
+            is_plain = is_plain and (n_out == 0 or least_w_of_block(b, projected) > 0)
         if not is_plain:
             rest[n_rest] = b
             n_rest += 1
@@ -237,12 +178,13 @@ def set_up_plain(camera, front_only, n_out, projected, area_error, extent, lanes
         its_area, its_error = area[first:last], area_error[first:last]
         its_error[:] = 0.0
         for lane in range(BLOCK):
-            its_area[lane] = abs(lanes[TWICE + lane]) * some
+            its_area[lane] = abs(measures[lane]) * some
         for lane in range(BLOCK if is_uncertain else 0):
-            its_error[lane] = lanes[ERROR + lane]
+            error = OUTLINE_ERROR_FACTOR * measures[BLOCK + lane] * pixel_error
+            its_error[lane] = min(error, most_error)
         if is_mixed:
             for lane in range(BLOCK):
-                side[first + lane] = 1 if lanes[TWICE + lane] < 0 else -1
+                side[first + lane] = 1 if measures[lane] < 0 else -1
         projected.block_state[b] = LIVE if is_live else ABSENT
         projected.block_side[b] = MIXED if is_mixed else common
         projected.has_boxes[b] = False
@@ -254,9 +196,9 @@ def set_up_plain(camera, front_only, n_out, projected, area_error, extent, lanes
             extent[U_MIN], extent[U_MAX] = min(extent[U_MIN], low_u), max(extent[U_MAX], high_u)
             extent[V_MIN], extent[V_MAX] = min(extent[V_MIN], low_v), max(extent[V_MAX], high_v)
             n_live += BLOCK
-            extent[SUM_OF_WIDTHS] += lanes[WIDTHS]
-            extent[SUM_OF_HEIGHTS] += lanes[HEIGHTS]
-            extent[SUM_OF_AREAS] += lanes[AREAS]
+            extent[SUM_OF_WIDTHS] += its_widths
+            extent[SUM_OF_HEIGHTS] += its_heights
+            extent[SUM_OF_AREAS] += its_areas
     return n_live, n_rest
 
 

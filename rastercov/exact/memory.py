@@ -5,8 +5,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.exact.block_kernels import LANES, set_up, set_up_plain
+from rastercov.exact.block_kernels import set_up, set_up_plain
 from rastercov.exact.records import (
+    BLOCK,
     CORNERS,
     SIDES,
     TRANSPARENT,
@@ -108,7 +109,7 @@ def set_up_image(
     n_out = project(surface.vertices, camera, projected.uvw)
     rest = np.empty(len(surface.blocks.has_flat), np.int32)
     n_plain, n_rest = set_up_plain(
-        camera, front_only, n_out, projected, area_error, extent, np.empty(LANES), rest
+        camera, front_only, n_out, projected, area_error, extent, np.empty(2 * BLOCK), rest
     )
     while True:
         n_live, n_clipped = set_up(

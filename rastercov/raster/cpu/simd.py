@@ -217,7 +217,14 @@ class Vector(Value):
 
     def lanes(self, start: int, n: int) -> "Vector":
         """Vector of n lanes from `start` on."""
-        picked = ir.Constant(ir.VectorType(WORD, n), list(range(start, start + n)))
+        return self._picked(range(start, start + n))
+
+    def every(self, step: int, start: int) -> "Vector":
+        """Vector of one lane in `step`, from `start` on."""
+        return self._picked(range(start, len(self), step))
+
+    def _picked(self, lanes: range) -> "Vector":
+        picked = ir.Constant(ir.VectorType(WORD, len(lanes)), list(lanes))
         return Vector(self.builder, self.builder.shuffle_vector(self.value, self.value, picked))
 
     def bits(self) -> Scalar:
