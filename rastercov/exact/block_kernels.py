@@ -8,7 +8,7 @@ them together. `set_up` measures the others one by one. Boxes of plain blocks ar
 import numpy as np
 
 from rastercov._jit import allocation_free, compiled, part_with_arrays
-from rastercov.exact.block_measures import measure_block
+from rastercov.exact.block_measures import lay_box, measure_block
 from rastercov.exact.polygon_kernels import clip, twice_area
 from rastercov.exact.records import (
     ABSENT,
@@ -55,29 +55,9 @@ rounding is measured by itself: more than three times `certificate.THIN_TOLERANC
 @part_with_arrays
 def lay_boxes_of_some(first, stop, projected):
     """Fill in the boxes of the faces `first` ... `stop` - 1; none is clipped."""
-    faces, uvw, box = projected.faces, projected.uvw, projected.box
+    faces, uvw, box = pointer(projected.faces), pointer(projected.uvw), pointer(projected.box)
     for f in range(first, stop):
-        i, j, k = faces[f, 0], faces[f, 1], faces[f, 2]
-        u0, v0, w0 = uvw[i, U], uvw[i, V], uvw[i, W]
-        u1, v1, w1 = uvw[j, U], uvw[j, V], uvw[j, W]
-        u2, v2, w2 = uvw[k, U], uvw[k, V], uvw[k, W]
-        box[f, U_MIN], box[f, U_MAX] = min(u0, u1, u2), max(u0, u1, u2)
-        box[f, V_MIN], box[f, V_MAX] = min(v0, v1, v2), max(v0, v1, v2)
-        box[f, W_MIN], box[f, W_MAX] = min(w0, w1, w2), max(w0, w1, w2)
-
-
-@part_with_arrays
-def rectangle_of_some(first, stop, projected):
-    """Bounds of the same faces together: least and greatest u, least and greatest v."""
-    faces, uvw = projected.faces, projected.uvw
-    u_min = v_min = np.inf
-    u_max = v_max = -np.inf
-    for f in range(first, stop):
-        for corner in range(3):
-            i = faces[f, corner]
-            u, v = uvw[i, U], uvw[i, V]
-            u_min, u_max, v_min, v_max = min(u_min, u), max(u_max, u), min(v_min, v), max(v_max, v)
-    return u_min, u_max, v_min, v_max
+        lay_box(f, faces, uvw, box)
 
 
 @part_with_arrays
@@ -161,31 +141,32 @@ def set_up_plain(camera, front_only, n_out, projected, area_error, extent, measu
             ) = measure_block(first, faces_at, uvw_at, narrow, pointer(measures))  # fmt: skip
             is_out = high_u <= 0 or high_v <= 0 or low_u >= width or low_v >= height
             is_in = low_u >= 0 and low_v >= 0 and high_u <= width and high_v <= height
-            is_plain = (is_in or is_out) and margin >= 0
-            is_mixed = least < 0 < most
-            is_plain = is_plain and not (is_mixed and front_only)
+            is_plain = (is_in or is_out) and margin > 0
             is_plain = is_plain and (n_out == 0 or least_w_of_block(b, projected) > 0)
         if not is_plain:
             rest[n_rest] = b
             n_rest += 1
             continue
-        is_culled = front_only and least > 0
-        common = 0 if is_culled else 1 if least < 0 else -1
+        is_mixed, is_culled = least < 0 < most, front_only and least > 0
         is_live = not (is_out or is_culled)
+        behind = 0 if front_only else -1
+        common = 1 if least < 0 else behind
         flags, some = np.uint16(LIVE if is_live else 0), 0.0 if is_out else 0.5
-        is_uncertain = is_culled and not is_out
         side[first:last], state[first:last] = common, flags
         its_area, its_error = area[first:last], area_error[first:last]
         its_error[:] = 0.0
         for lane in range(BLOCK):
             its_area[lane] = abs(measures[lane]) * some
-        for lane in range(BLOCK if is_uncertain else 0):
-            error = OUTLINE_ERROR_FACTOR * measures[BLOCK + lane] * pixel_error
-            its_error[lane] = min(error, most_error)
         if is_mixed:
             for lane in range(BLOCK):
-                side[first + lane] = 1 if measures[lane] < 0 else -1
-        projected.block_state[b] = LIVE if is_live else ABSENT
+                side[first + lane] = 1 if measures[lane] < 0 else behind
+        if front_only and most > 0 and not is_out:
+            for lane in range(BLOCK):
+                error = OUTLINE_ERROR_FACTOR * measures[BLOCK + lane] * pixel_error
+                its_error[lane] = min(error, most_error) if measures[lane] > 0 else 0.0
+                state[first + lane] = LIVE if measures[lane] < 0 else 0
+        has_all = is_live and not (is_mixed and front_only)
+        projected.block_state[b] = flags if has_all else flags | np.uint16(ABSENT)
         projected.block_side[b] = MIXED if is_mixed else common
         projected.has_boxes[b] = False
         projected.block_box[b, U_MIN] = projected.block_box[b, V_MIN] = np.inf

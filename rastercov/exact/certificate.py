@@ -23,7 +23,7 @@ from rastercov.exact import certificate_kernels as kernels
 from rastercov.exact.arrangement_kernels import MOST_CELLS, arrangement_areas
 from rastercov.exact.block_kernels import lay_boxes
 from rastercov.exact.event_kernels import ask_for_events, find_event_edges, mark_crossed
-from rastercov.exact.grid_kernels import ask_for_faces
+from rastercov.exact.grid_kernels import ask_for_all, ask_for_faces
 from rastercov.exact.half_plane_kernels import visible_areas
 from rastercov.exact.half_planes import HalfPlaneSolver
 from rastercov.exact.records import BLOCK, CROSSED, LIVE, MIXED, Crossings, Segment
@@ -199,8 +199,8 @@ class CertificateSolver(HalfPlaneSolver):
         if not are_few or not ask_for_events(
             events, self.surface.edges, self.surface.vertices, self.camera, self.projected,
             CROSSING_TOLERANCE_REL * self.coordinate_scale, self.grid, self._segment,
-        ) or np.count_nonzero(self.grid.asked[:n_cells]) > MOST_ASKED * n_cells:  # fmt: skip
-            self._ask_for_all()
+        ) or self.grid.n_fresh[0] > MOST_ASKED * n_cells:  # fmt: skip
+            ask_for_all(self.grid)
         self._list_faces()
 
     def _make_room_for_crossings(self, n: int) -> None:

@@ -67,7 +67,7 @@ from rastercov.exact.segment_kernels import (
 
 MOST_CELLS_OF_EDGE = 256
 """Cells in the bounding box of an event edge beyond which all cells are asked for."""
-MARGIN = 0.5
+MARGIN = 0.0
 """Width of the margin around an event edge in which cells are asked for, in cells."""
 NEAR_PLANE_TOLERANCE_REL = 1e-6
 """Relative difference of 1/z up to which a corner counts as one on the near plane."""
@@ -333,7 +333,7 @@ def ask_for_events(events, edges, vertices, camera, projected, tolerance, grid, 
     uvw = segment.uvw
     for index in range(events.shape[0]):
         if project_event(events[index], edges, vertices, camera, projected.uvw, segment):
-            across, down = MARGIN / grid.per_u + tolerance, MARGIN / grid.per_v + tolerance
+            across, down = MARGIN / grid.per_u + 4 * tolerance, MARGIN / grid.per_v + 4 * tolerance
             left = min(uvw[START, U], uvw[END, U]) - across
             right = max(uvw[START, U], uvw[END, U]) + across
             upper = min(uvw[START, V], uvw[END, V]) - down

@@ -3,19 +3,20 @@
 import numpy as np
 
 from rastercov._jit import allocation_free, part_with_arrays
-from rastercov.exact.block_kernels import (
-    lay_boxes_of_block,
-    lay_boxes_of_some,
-    rectangle_of_some,
+from rastercov.exact.block_kernels import lay_boxes_of_block
+from rastercov.exact.block_measures import (
+    AT_A_TIME,
+    entries_that_touch,
+    faces_near,
+    lay_box,
 )
 from rastercov.exact.records import BLOCK, LIVE, THIN, U_MAX, U_MIN, V_MAX, V_MIN, W_MAX, W_MIN
+from rastercov.raster.cpu.simd_kernel import lowest_bit, pointer
 
 NOT_ASKED, ASKED, LISTED = range(3)
 """States of a cell."""
 ENTRIES_AT_A_TIME = 64
 """Entries of a cell that are compared at a time."""
-GROUP = 8
-"""Faces of a block, one after another, that are looked at together."""
 BUCKETS = 64
 """Ranges of 1/z by which the faces of a cell are sorted first."""
 
@@ -58,58 +59,98 @@ def likely_hider(f, box, grid):
 
 
 @part_with_arrays
+def bits_of_word(word, first, last):
+    """Bits of 64-bit word `word` of a row that are those of columns first ... last."""
+    bits = ~np.uint64(0)
+    if word == first >> 6:
+        bits &= ~np.uint64(0) << np.uint64(first & 63)
+    if word == last >> 6:
+        bits &= ~np.uint64(0) >> np.uint64(63 - (last & 63))
+    return bits
+
+
+@part_with_arrays
+def mark_near(row, column, is_near, grid):
+    """Mark a cell and those before it in its row, and the row above, in `grid.is_near`."""
+    for i in range(max(row - 1, 0), row + 1):
+        for j in range(max(column - 1, 0), column + 1):
+            grid.is_near[i * grid.columns + j] = is_near
+
+
+@part_with_arrays
 def ask_for_cells(left, right, top, bottom, grid):
-    """Ask for the cells of a rectangle; True if one had not been asked for."""
-    is_new = False
+    """Ask for the cells of a rectangle."""
+    fresh, n = grid.fresh, grid.n_fresh[0]
     for row in range(top, bottom + 1):
-        for at in range(row * grid.columns + left, row * grid.columns + right + 1):
+        for column in range(left, right + 1):
+            at = row * grid.columns + column
             if grid.asked[at] == NOT_ASKED:
                 grid.asked[at] = ASKED
-                is_new = True
-    return is_new
+                grid.fresh_bits[row, column >> 6] |= np.uint64(1) << np.uint64(column & 63)
+                mark_near(row, column, True, grid)
+                fresh[n] = at
+                n += 1
+    grid.n_fresh[0] = n
+
+
+@allocation_free
+def ask_for_all(grid):
+    """Ask for all cells."""
+    ask_for_cells(0, grid.columns - 1, 0, grid.rows - 1, grid)
 
 
 @allocation_free
 def ask_for_faces(faces, box, grid):
     """Ask for the cells that the boxes of some faces touch; True if one had not been asked for."""
-    is_new = False
     for index in range(faces.shape[0]):
         left, right, top, bottom = cells_of_box(box, faces[index], grid)
-        is_new |= ask_for_cells(left, right, top, bottom, grid)
-    return is_new
+        ask_for_cells(left, right, top, bottom, grid)
+    return grid.n_fresh[0] > 0
 
 
 @part_with_arrays
-def count_asked(grid):
-    """Number of the cells asked for, and in each rectangle of cells that starts at the first one.
+def has_fresh(left, right, top, bottom, grid):
+    """True if a cell of a rectangle is asked for and not listed."""
+    for row in range(top, bottom + 1):
+        for word in range(left >> 6, (right >> 6) + 1):
+            if grid.fresh_bits[row, word] & bits_of_word(word, left, right):
+                return True
+    return False
 
-    The table is left as it is if all are asked for.
 
-    F. C. Crow. Summed-Area Tables for Texture Mapping. 1984.
+@part_with_arrays
+def list_pair(n, row, column, is_touched, f, grid):
+    """Add a face and a cell to the first n of `grid.pairs` if it is asked for; their number then.
+
+    Without a branch: which cells are asked for is not predictable.
     """
-    sums, across, n_all = grid.n_asked, grid.columns + 1, 0
-    for c in range(grid.columns * grid.rows):
-        n_all += grid.asked[c] == ASKED
-    if n_all == grid.columns * grid.rows:
-        return n_all
-    sums[:across] = 0
-    for row in range(grid.rows):
-        n, at = 0, (row + 1) * across
-        sums[at] = 0
-        for column in range(grid.columns):
-            n += grid.asked[row * grid.columns + column] == ASKED
-            sums[at + column + 1] = sums[at + column + 1 - across] + n
-    return n_all
+    at = row * grid.columns + column
+    grid.pairs[n, 0], grid.pairs[n, 1] = at, f
+    return n + (is_touched & (grid.asked[at] == ASKED))
 
 
 @part_with_arrays
-def n_asked_in(left, right, top, bottom, grid):
-    """Number of the cells in a rectangle that are asked for, after `count_asked`."""
-    sums, across = grid.n_asked, grid.columns + 1
-    above, below = top * across, (bottom + 1) * across
-    return (
-        sums[below + right + 1] - sums[below + left] - sums[above + right + 1] + sums[above + left]
-    )
+def list_pairs(n, f, box, grid):
+    """Add a face and its cells that are asked for to the first n of `grid.pairs`; their number.
+
+    If there is too little room, that is more than there is room for.
+    """
+    left, right, top, bottom = cells_of_box(box, f, grid)
+    n_touched, room = (right - left + 1) * (bottom - top + 1), grid.pairs.shape[0]
+    if n + max(n_touched, 4) > room:
+        return room + n_touched
+    before = n
+    if right - left <= 1 and bottom - top <= 1:
+        n = list_pair(n, top, left, True, f, grid)
+        n = list_pair(n, top, right, right > left, f, grid)
+        n = list_pair(n, bottom, left, bottom > top, f, grid)
+        n = list_pair(n, bottom, right, (right > left) & (bottom > top), f, grid)
+    else:
+        for row in range(top, bottom + 1):
+            for column in range(left, right + 1):
+                n = list_pair(n, row, column, True, f, grid)
+    grid.is_whole[f] = n - before == n_touched
+    return n
 
 
 @allocation_free
@@ -118,73 +159,74 @@ def fill_grid(projected, grid):
 
     Cells that are listed already keep their entries, and those of the others follow. Out: `asked`,
     `starts`, `stops`, `entries`, `is_sorted`, `has_bounds` and `hider` of these cells; `faces`,
-    `n_faces` and `is_whole`; `n_entries`. Where `entries` has too little room, none is listed: call
-    again with more. The faces that are listed have boxes.
+    `n_faces` and `is_whole`; `n_entries`. Where `entries` has too little room, none is listed, and
+    the result is more than that: call again with more. The faces that are listed have boxes.
     """
     state, box, block_box = projected.state, projected.box, projected.block_box
-    n_faces, places, asked = projected.blocks.patch.shape[0], grid.places, grid.asked
-    columns, starts, stops, entries = grid.columns, grid.starts, grid.stops, grid.entries
-    n_cells, n = columns * grid.rows, 0
-    for c in range(n_cells):
-        if asked[c] == ASKED:
-            grid.is_sorted[c] = grid.has_bounds[c] = False
-            grid.hider[c], stops[c] = -1, 0
-    grid.is_whole[:] = False
-    is_all = count_asked(grid) == n_cells
+    faces, uvw, boxes = pointer(projected.faces), pointer(projected.uvw), pointer(box)
+    is_near, n_faces = pointer(grid.is_near), state.shape[0]
+    starts, stops, pairs, room = grid.starts, grid.stops, grid.pairs, grid.entries.shape[0]
+    fresh = grid.fresh[: grid.n_fresh[0]]
+    is_all = fresh.shape[0] == grid.columns * grid.rows
+    for index in range(grid.n_faces[0]):
+        grid.is_whole[grid.faces[index]] = False
+    n_pairs = n_listed = 0
     for b in range(block_box.shape[0]):
         if not block_box[b, U_MIN] <= block_box[b, U_MAX]:
             continue
-        if not is_all:
-            left, right, top, bottom = cells_of_box(block_box, b, grid)
-            if n_asked_in(left, right, top, bottom, grid) == 0:
-                continue
         if is_all:
             lay_boxes_of_block(b, projected)
-        for first in range(b * BLOCK, min((b + 1) * BLOCK, n_faces), GROUP):
-            stop = min(first + GROUP, n_faces)
-            if not projected.has_boxes[b]:
-                u_min, u_max, v_min, v_max = rectangle_of_some(first, stop, projected)
-                left, right, top, bottom = cells_of_rectangle(u_min, u_max, v_min, v_max, grid)
-                if n_asked_in(left, right, top, bottom, grid) == 0:
-                    continue
-                lay_boxes_of_some(first, stop, projected)
-            for f in range(first, stop):
+        else:
+            left, right, top, bottom = cells_of_box(block_box, b, grid)
+            if not has_fresh(left, right, top, bottom, grid):
+                continue
+        has_boxes = projected.has_boxes[b]
+        for first in range(b * BLOCK, min((b + 1) * BLOCK, n_faces), AT_A_TIME):
+            # A block without boxes is full.
+            near = (1 << min(AT_A_TIME, n_faces - first)) - 1
+            if not has_boxes:
+                near = faces_near(
+                    first, faces, uvw, grid.left, grid.top, grid.per_u, grid.per_v, grid.columns,
+                    grid.rows, is_near,
+                )  # fmt: skip
+            while near:
+                f = first + lowest_bit(near)
+                near &= near - 1
                 if not state[f] & (LIVE | THIN):
                     continue
-                left, right, top, bottom = cells_of_box(box, f, grid)
-                n_found = n_touched = (right - left + 1) * (bottom - top + 1)
-                if not is_all:
-                    n_found = n_asked_in(left, right, top, bottom, grid)
-                    if n_found == 0:
-                        continue
-                grid.is_whole[f] = n_found == n_touched
-                grid.faces[n] = f
-                places[n, 0], places[n, 1], places[n, 2], places[n, 3] = left, right, top, bottom
-                n += 1
-                for row in range(top, bottom + 1):
-                    for at in range(row * columns + left, row * columns + right + 1):
-                        if n_found == n_touched or asked[at] == ASKED:
-                            stops[at] += 1
-    grid.n_faces[0], total = n, grid.n_entries[0]
-    for c in range(n_cells):
-        if asked[c] == ASKED:
-            starts[c] = total
-            total += stops[c]
-            stops[c] = starts[c]
-    if total > entries.shape[0]:
+                if not has_boxes:
+                    lay_box(f, faces, uvw, boxes)
+                before = n_pairs
+                n_pairs = list_pairs(n_pairs, f, box, grid)
+                grid.faces[n_listed] = f
+                n_listed += n_pairs > before
+                if n_pairs > pairs.shape[0]:
+                    grid.n_faces[0] = n_listed
+                    return 2 * room
+    grid.n_faces[0], total = n_listed, grid.n_entries[0] + n_pairs
+    if total > room:
         return total
-    for index in range(n):
-        f, left, right = grid.faces[index], places[index, 0], places[index, 1]
-        is_whole = grid.is_whole[f]
-        for row in range(places[index, 2], places[index, 3] + 1):
-            for at in range(row * columns + left, row * columns + right + 1):
-                if is_whole or asked[at] == ASKED:
-                    entries[stops[at]] = f
-                    stops[at] += 1
-    for c in range(n_cells):
-        if asked[c] == ASKED:
-            asked[c] = LISTED
-    grid.n_entries[0] = total
+    for k in range(fresh.shape[0]):
+        c = fresh[k]
+        grid.is_sorted[c] = grid.has_bounds[c] = False
+        grid.hider[c], stops[c] = -1, 0
+    for k in range(n_pairs):
+        stops[pairs[k, 0]] += 1
+    at = grid.n_entries[0]
+    for k in range(fresh.shape[0]):
+        c = fresh[k]
+        starts[c] = at
+        at += stops[c]
+        stops[c] = starts[c]
+        grid.asked[c] = LISTED
+        row, column = c // grid.columns, c % grid.columns
+        grid.fresh_bits[row, column >> 6] = 0
+        mark_near(row, column, False, grid)
+    for k in range(n_pairs):
+        c = pairs[k, 0]
+        grid.entries[stops[c]] = pairs[k, 1]
+        stops[c] += 1
+    grid.n_fresh[0], grid.n_entries[0] = 0, total
     return total
 
 
@@ -218,22 +260,16 @@ def find_faces(first, last, rectangle, depths, grid, n):
     """
     left, right, top, bottom = rectangle
     least_near, least_far, most_far = depths
-    low_u, high_u = grid.bounds[U_MIN, first:last], grid.bounds[U_MAX, first:last]
-    low_v, high_v = grid.bounds[V_MIN, first:last], grid.bounds[V_MAX, first:last]
-    low_w, high_w = grid.bounds[W_MIN, first:last], grid.bounds[W_MAX, first:last]
-    n_touching = 0
-    for k in range(last - first):
-        touches = (low_u[k] <= right) & (high_u[k] >= left) & (low_v[k] <= bottom)
-        touches &= (high_v[k] >= top) & (high_w[k] >= least_near)
-        touches &= (low_w[k] >= least_far) & (low_w[k] <= most_far)
-        grid.touches[k] = touches
-        n_touching += touches
-    if n_touching == 0:
-        return n
-    for k in range(last - first):
-        # Without a branch: which boxes touch is not predictable.
-        grid.found[n] = grid.entries[first + k]
-        n += grid.touches[k]
+    bits = entries_that_touch(
+        pointer(grid.bounds), grid.bounds.shape[1], first, last - first, left, right, top, bottom,
+        least_near, least_far, most_far,
+    )  # fmt: skip
+    if last - first < ENTRIES_AT_A_TIME:
+        bits &= (np.int64(1) << (last - first)) - 1
+    while bits:
+        grid.found[n] = grid.entries[first + lowest_bit(bits)]
+        bits &= bits - 1
+        n += 1
     return n
 
 

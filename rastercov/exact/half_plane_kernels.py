@@ -64,6 +64,8 @@ MOST_PIECES = 48
 """Pieces of a part of a face beyond which it is halved: each occluder is taken from each piece."""
 MOST_HALVINGS = 6
 """Times that a part is halved: occluders with a common corner are not separated by any number."""
+MOST_NUMBERS = 2**31 - 1
+"""Numbers of targets, see `take_number`."""
 NO_ROOM, ALL_HIDDEN, TOO_MANY = -1, -2, -3
 """Results of `visible_in_cells` other than an area."""
 
@@ -221,7 +223,7 @@ def visible_in_cells(
     u_min, u_max, v_min, v_max = extent_of(part, n_part)
     copy_polygon(part, n_part, pieces.corners[0])
     pieces.n_corners[0], count = n_part, np.int64(1)
-    last = np.int64(-1)
+    last, number = np.int64(-1), marks[marks.shape[0] - 1]
     left, right, top, bottom = cells
     for at_cell in range((right - left + 1) * (bottom - top + 1)):
         column, row = left + at_cell % (right - left + 1), top + at_cell // (right - left + 1)
@@ -245,12 +247,12 @@ def visible_in_cells(
                 own, n_own, box[m, U_MIN], box[m, U_MAX], box[m, V_MIN], box[m, V_MAX]
             ):
                 continue
-            is_first = marks[m] != t
+            is_first = marks[m] != number
             across = min(box[t, U_MAX], box[m, U_MAX]) - max(box[t, U_MIN], box[m, U_MIN])
             down = min(box[t, V_MAX], box[m, V_MAX]) - max(box[t, V_MIN], box[m, V_MIN])
             if state[m] & DOUBTFUL:
                 if is_first:
-                    marks[m] = t
+                    marks[m] = number
                     error = outline_error(m, camera, projected)
                     area_error[t] += 4 * EDGE_ON_FACTOR * (across + down) * error
                 if state[m] & THIN:
@@ -266,7 +268,7 @@ def visible_in_cells(
             k, n_sides = outline(m, projected, corners, lines)
             if separates(lines, n_sides, target, n) or separates(own, n_own, corners, k):
                 continue
-            marks[m] = t
+            marks[m] = number
             order = depth_order(
                 t, m, target, n, n_sides, camera, projected, work, is_first, area_error
             )
@@ -318,6 +320,18 @@ def halve(top, work):
             levels[top + n_halves] = level
             n_halves += 1
     return n_halves
+
+
+@part_with_arrays
+def take_number(marks):
+    """Take the next number for a target, the last of `marks`, which are of zeros at first.
+
+    The others are the numbers of the targets for which each face was looked at last.
+    """
+    last = marks.shape[0] - 1
+    if marks[last] == MOST_NUMBERS:
+        marks[:] = 0
+    marks[last] += 1
 
 
 @part_with_arrays
@@ -384,8 +398,8 @@ def visible_areas(
         Those before this one are done.
     projected : Projected
         As filled by `set_up`.
-    marks : (F,) int32
-        Scratch: below 0 at the start of each pose. `pieces` and `work` are scratch, too.
+    marks : (F + 1,) int32
+        Scratch, see `take_number`. `pieces` and `work` are scratch, too.
     visible : (F,) float64
         Out: visible px^2 inside the image, for the targets.
     area_error : (F,) float64
@@ -416,12 +430,12 @@ def visible_areas(
         hider = likely_hider(t, box, grid)
         if hider >= 0 and hides_all(hider, t, target, n, camera, projected, work, area_error):
             continue
+        take_number(marks)
         twice = visible_twice_area(
             t, target, n, n_own, camera, projected, grid, marks, pieces, work, area_error
         )
         if twice == NO_ROOM or kept.used[2]:
             drop_pieces(kept, n_kept, n_kept_corners)
-            marks[:] = -1
             return index
         # Remainders up to the rounding count as nothing, both of the visible and the hidden part.
         tolerance = camera.pixel_error * (

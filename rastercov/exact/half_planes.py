@@ -27,10 +27,9 @@ from rastercov.camera import Camera
 from rastercov.errors import ConfigError
 from rastercov.exact.block_kernels import lay_boxes
 from rastercov.exact.grid_kernels import (
-    ASKED,
     BUCKETS,
-    ENTRIES_AT_A_TIME,
     NOT_ASKED,
+    ask_for_all,
     ask_for_faces,
     fill_grid,
 )
@@ -50,6 +49,7 @@ from rastercov.exact.records import (
     LIVE,
     PIECE_ROOM,
     SIDES,
+    SPARE_ENTRIES,
     STACK_ROOM,
     THIN,
     CellGrid,
@@ -186,7 +186,7 @@ class HalfPlaneSolver:
         self.set_camera(camera)
         self.area, self.visible, self.area_error = np.empty((3, n_all))
         self.is_certified: BoolArray = np.zeros(n_all, np.bool_)
-        self._marks, self._extent = np.empty(n_faces, np.int32), np.empty(7)
+        self._marks, self._extent = np.zeros(n_faces + 1, np.int32), np.empty(7)
         self.projected = room_for_image(surface, self.area)
         self._target_image = None
         if surface.targets is not None:
@@ -204,23 +204,25 @@ class HalfPlaneSolver:
             columns=1,
             rows=1,
             asked=np.empty(0, np.uint8),
-            n_asked=np.empty(0, np.int32),
+            is_near=np.empty(0, np.bool_),
+            fresh_bits=np.empty((0, 0), np.uint64),
+            fresh=np.empty(0, np.int32),
+            n_fresh=np.zeros(1, np.int64),
             starts=np.empty(0, np.int64),
             stops=np.empty(0, np.int64),
             entries=np.empty(2 * n_faces, np.int32),
             n_entries=np.zeros(1, np.int64),
             nearest=np.empty(2 * n_faces),
             is_sorted=np.empty(0, np.bool_),
-            bounds=np.empty((6, 2 * n_faces)),
+            bounds=np.empty((6, 2 * n_faces + SPARE_ENTRIES)),
             has_bounds=np.empty(0, np.bool_),
             hider=np.empty(0, np.int32),
-            touches=np.empty(ENTRIES_AT_A_TIME, np.bool_),
             buckets=np.empty(BUCKETS + 1, np.int64),
             faces=np.empty(n_faces, np.int32),
             n_faces=np.zeros(1, np.int64),
             found=np.empty(n_faces, np.int32),
-            places=np.empty((n_faces, 4), np.int32),
-            is_whole=np.empty(n_faces, np.bool_),
+            pairs=np.empty((2 * n_faces + SPARE_ENTRIES, 2), np.int32),
+            is_whole=np.zeros(n_faces, np.bool_),
         )
         self._is_listed = False
         self._make_room_for_pieces(64)
@@ -333,7 +335,6 @@ class HalfPlaneSolver:
             )  # fmt: skip
             lay_boxes(np.arange(len(its_image.blocks.patch), dtype=np.int32), its_image)
             self._target_image = self._target_image.beside(self.projected, its_image)
-        self._marks.fill(-1)
         self._work.kept.used[:] = 0
         self._lay_grid(n_live)
 
@@ -343,7 +344,7 @@ class HalfPlaneSolver:
         opaque = targets[is_opaque]
         if len(opaque):
             if not self._is_listed:
-                self._ask_for_all()
+                ask_for_all(self.grid)
                 self._list_faces()
             self._run(visible_areas_kernel, opaque, self.projected)
         # Last, so that nothing they leave in the grid changes the figures of opaque faces.
@@ -419,7 +420,13 @@ class HalfPlaneSolver:
         """Take a grid of which no cell is asked for, and no face listed."""
         n_cells = columns * rows
         self.grid = self.grid._replace(
-            left=left, top=top, per_u=per_u, per_v=per_v, columns=columns, rows=rows
+            left=left,
+            top=top,
+            per_u=per_u,
+            per_v=per_v,
+            columns=columns,
+            rows=rows,
+            fresh_bits=np.zeros((rows, (columns + 63) // 64), np.uint64),
         )
         if len(self.grid.is_sorted) < n_cells:
             self.grid = self.grid._replace(
@@ -429,24 +436,24 @@ class HalfPlaneSolver:
                 has_bounds=np.empty(n_cells, np.bool_),
                 hider=np.empty(n_cells, np.int32),
                 asked=np.empty(n_cells, np.uint8),
-                n_asked=np.empty(4 * n_cells, np.int32),
+                is_near=np.empty(n_cells, np.bool_),
+                fresh=np.empty(n_cells, np.int32),
             )
-        self.grid.asked[:n_cells] = NOT_ASKED
-        self.grid.n_entries[0], self._is_listed = 0, False
-
-    def _ask_for_all(self) -> None:
-        asked = self.grid.asked
-        asked[asked == NOT_ASKED] = ASKED
+        self.grid.asked[:n_cells], self.grid.is_near[:n_cells] = NOT_ASKED, False
+        self.grid.n_fresh[0] = self.grid.n_entries[0] = 0
+        self._is_listed = False
 
     def _list_faces(self) -> None:
         """List the faces in the cells asked for."""
         while (needed := fill_grid(self.projected, self.grid)) > len(self.grid.entries):
             grid, room, n = self.grid, needed * 5 // 4, int(self.grid.n_entries[0])
-            entries, nearest, bounds = np.empty(room, np.int32), np.empty(room), np.empty((6, room))
+            entries, nearest = np.empty(room, np.int32), np.empty(room)
+            bounds = np.empty((6, room + SPARE_ENTRIES))
             entries[:n], nearest[:n], bounds[:, :n] = (
                 grid.entries[:n], grid.nearest[:n], grid.bounds[:, :n],
             )  # fmt: skip
-            self.grid = grid._replace(entries=entries, nearest=nearest, bounds=bounds)
+            pairs = np.empty((room + SPARE_ENTRIES, 2), np.int32)
+            self.grid = grid._replace(entries=entries, nearest=nearest, bounds=bounds, pairs=pairs)
         self._is_listed = True
 
     def _make_room_for_pieces(self, n: int) -> None:

@@ -51,6 +51,8 @@ BEHIND, IN_FRONT, IN_FRONT_IN_PART, TIED = range(4)
 
 DEPTH_TIE_REL = 1e-10
 """Relative difference of 1/z up to which two surfaces coincide: the lower index is in front."""
+SPARE_ENTRIES = 8
+"""Values behind the bounds of the last entry of a grid, which may be read with them."""
 BLOCK = 64
 """Faces, or edges, that are looked at together."""
 MIXED = 2
@@ -178,8 +180,9 @@ planes : (N, 7) float64
 
 CellGrid = namedtuple(
     "CellGrid",
-    "left top per_u per_v columns rows asked n_asked starts stops entries n_entries nearest "
-    "is_sorted bounds has_bounds hider touches buckets faces n_faces found places is_whole",
+    "left top per_u per_v columns rows asked is_near fresh_bits fresh n_fresh starts stops entries "
+    "n_entries nearest is_sorted bounds has_bounds hider buckets faces n_faces found "
+    "pairs is_whole",
 )
 """Live and thin faces listed by the cells of a regular grid over the image that their boxes touch.
 
@@ -192,8 +195,13 @@ per_u, per_v : float
 columns, rows : int
 asked : (columns * rows or more,) uint8
     `grid_kernels.NOT_ASKED`, `ASKED` or `LISTED`: faces are listed in the last only.
-n_asked : ((columns + 1) * (rows + 1) or more,) int32
-    Number of such cells before each column and row.
+is_near : (columns * rows or more,) bool
+    Cells of which that one, the next, or one of these two in the next row is asked for and not
+    listed.
+fresh_bits : (rows, (columns + 63) // 64) uint64
+    Bits of the cells that are asked for and not listed, those of the first columns lowest.
+fresh, n_fresh : (columns * rows or more,) int32, (1,) int64
+    The same cells, and their number.
 starts, stops : (columns * rows or more,) int64
     The faces of a listed cell c are entries[starts[c]] ... entries[stops[c] - 1].
 entries, n_entries : (N,) int32, (1,) int64
@@ -202,20 +210,20 @@ nearest : (N,) float64
     Greatest 1/z of the faces of sorted cells.
 is_sorted : (columns * rows or more,) bool
     Cells whose faces are sorted by their nearest depth, from front to back.
-bounds : (6, N) float64
+bounds : (6, N + SPARE_ENTRIES) float64
     Boxes of the faces of cells with bounds, one after another in memory.
 has_bounds : (columns * rows or more,) bool
     Cells of which they are filled in.
 hider : (columns * rows or more,) int32
     A face that hid something in the cell, to be looked at first; -1 for none.
-touches, buckets : (ENTRIES_AT_A_TIME,) bool, (BUCKETS + 1,) int64
+buckets : (BUCKETS + 1,) int64
     Scratch.
 faces, n_faces : (F,) int32, (1,) int64
     The faces that are listed, and their number.
 found : (F,) int32
     Scratch: faces that are found in a cell.
-places : (F, 4) int32
-    Scratch: first and last column, first and last row of the faces that are listed.
+pairs : (N + SPARE_ENTRIES, 2) int32
+    Scratch: cells, and faces to be listed there.
 is_whole : (F,) bool
     Live and thin faces that are listed in all cells that their boxes touch.
 """
