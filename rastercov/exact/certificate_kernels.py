@@ -47,8 +47,8 @@ def mark_uncertifiable(
     events : (N,) int32
         Event edges.
     projected : Projected
-        `CROSSED` is added to the state, with `UNFIT` or `IN_CONTACT`. The faces in contact get
-        boxes.
+        `CROSSED` is added to the states of blocks and, with `UNFIT` or `IN_CONTACT`, of faces.
+        The faces in contact get boxes.
     in_contact, has_contact : (F,), (B,) bool
         Faces that another one touches or cuts; blocks with such a face.
     partners : Partners
@@ -82,6 +82,7 @@ def mark_uncertifiable(
                     state[f] |= CROSSED | UNFIT
             elif state[f] & THIN:
                 state[f] |= CROSSED | UNFIT  # so that its area error is computed
+            projected.block_state[b] |= state[f] & CROSSED
 
 
 @allocation_free

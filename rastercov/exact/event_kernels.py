@@ -209,6 +209,7 @@ def mark_in_cell(
                 )
                 if begin <= end:
                     state[f] |= CROSSED | UNFIT if is_doubtful else CROSSED
+                    projected.block_state[f // BLOCK] |= CROSSED
                     n_crossings = record_crossing(
                         f, edge, segment, begin, end, crossings, n_crossings
                     )
@@ -387,7 +388,8 @@ def mark_crossed(
         Of `find_event_edges`.
     vertices : (V, 3) float64
     projected : Projected
-        `CROSSED` is added to the state, and `UNFIT` where rounding decides what crosses.
+        `CROSSED` is added to the states of faces and blocks, and `UNFIT` to those of faces where
+        rounding decides what crosses.
     extent : (7,) float64
         Of `set_up`.
     tolerance : float

@@ -116,19 +116,14 @@ def sort(numbers, n, key):
 
 @part_with_arrays
 def list_crossed(projected, targets):
-    """List the crossed faces, and add the bit to their blocks; returns their number."""
+    """List the crossed faces; returns their number."""
     state, n = projected.state, 0
-    for start in range(0, state.shape[0], BLOCK):
-        stop = min(start + BLOCK, state.shape[0])
-        flags = np.uint16(0)
-        for f in range(start, stop):
-            flags |= state[f]
-        if flags & CROSSED:
-            for f in range(start, stop):
+    for b in range(projected.block_state.shape[0]):
+        if projected.block_state[b] & CROSSED:
+            for f in range(b * BLOCK, min((b + 1) * BLOCK, state.shape[0])):
                 if state[f] & CROSSED:
                     targets[n] = f
                     n += 1
-                    projected.block_state[f // BLOCK] |= CROSSED
     return n
 
 
@@ -144,13 +139,20 @@ def take_larger(f, r, area, largest):
 def find_largest_listed(projected, listed, is_listed, region, largest):
     """Find the largest face of each region among those that are listed in all their cells."""
     blocks, n_patches = projected.blocks, projected.blocks.lowest.shape[0]
+    block, is_whole, of_block = np.int64(-1), False, np.int64(-1)
     for index in range(listed.shape[0]):
         f = listed[index]
-        b = f // BLOCK
-        if is_listed[f] and projected.block_state[b] & LIVE:
-            node = blocks.patch[f] if is_of_a_region(b, projected) else n_patches + f
-            if region[node] >= 0:
-                take_larger(f, region[node], projected.area, largest)
+        if f // BLOCK != block:  # the faces of a block follow one another
+            block, of_block = np.int64(f // BLOCK), np.int64(-1)
+            is_whole = is_of_a_region(block, projected)
+            if is_whole and is_one_patch(block, blocks):
+                of_block = np.int64(region[blocks.patch_starts[block]])
+        if is_listed[f] and projected.block_state[block] & LIVE:
+            r = of_block
+            if r < 0:
+                r = np.int64(region[blocks.patch[f] if is_whole else n_patches + f])
+            if r >= 0:
+                take_larger(f, r, projected.area, largest)
 
 
 @allocation_free
@@ -342,7 +344,7 @@ def find_regions(
     is_event, is_hidden : (E,) bool
         Of `find_event_edges` and `mark_crossed`. What hides an event edge hides both of its faces.
     projected : Projected
-        With `CROSSED` in the state; here it is added to `block_state`.
+        With `CROSSED` in the states of faces and blocks.
     listed : (N,) int32
         Faces that the grid lists.
     is_listed : (F,) bool
