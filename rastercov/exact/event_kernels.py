@@ -67,8 +67,9 @@ from rastercov.exact.segment_kernels import (
 
 MOST_CELLS_OF_EDGE = 256
 """Cells in the bounding box of an event edge beyond which all cells are asked for."""
-MARGIN = 0.0
-"""Width of the margin around an event edge in which cells are asked for, in cells."""
+MARGIN = 4
+"""Width of the margin around an event edge in which cells are asked for, in tolerances: more than
+`mark_segment` looks at."""
 NEAR_PLANE_TOLERANCE_REL = 1e-6
 """Relative difference of 1/z up to which a corner counts as one on the near plane."""
 
@@ -329,16 +330,16 @@ def project_event(e, edges, vertices, camera, uvw, segment):
 def ask_for_events(events, edges, vertices, camera, projected, tolerance, grid, segment):
     """Ask for the cells around event edges; False, before the last, if one has too many.
 
-    They are those of its bounding box with a margin, which hold most of what it crosses.
+    They are those of its bounding box with a margin.
     """
     uvw = segment.uvw
     for index in range(events.shape[0]):
         if project_event(events[index], edges, vertices, camera, projected.uvw, segment):
-            across, down = MARGIN / grid.per_u + 4 * tolerance, MARGIN / grid.per_v + 4 * tolerance
-            left = min(uvw[START, U], uvw[END, U]) - across
-            right = max(uvw[START, U], uvw[END, U]) + across
-            upper = min(uvw[START, V], uvw[END, V]) - down
-            lower = max(uvw[START, V], uvw[END, V]) + down
+            margin = MARGIN * tolerance
+            left = min(uvw[START, U], uvw[END, U]) - margin
+            right = max(uvw[START, U], uvw[END, U]) + margin
+            upper = min(uvw[START, V], uvw[END, V]) - margin
+            lower = max(uvw[START, V], uvw[END, V]) + margin
             first = cell(left, grid.left, grid.per_u, grid.columns)
             last = cell(right, grid.left, grid.per_u, grid.columns)
             top = cell(upper, grid.top, grid.per_v, grid.rows)
