@@ -1,0 +1,18 @@
+"""Workers of this folder's tests, as copies of one process that has imported what they need."""
+
+import dask
+import pytest
+from distributed.utils import get_mp_context
+
+MODULES = ["distributed", "rastercov.evaluation_shards", "rastercov.placement.shard_work"]
+
+
+@pytest.fixture(autouse=True, scope="session")
+def workers_start_as_copies():
+    """A worker costs a fork, not two seconds of imports.
+
+    Heads that tests start as programs or commands start their workers as those of users do.
+    """
+    with dask.config.set({"distributed.worker.multiprocessing-method": "forkserver"}):
+        get_mp_context().set_forkserver_preload(MODULES)
+        yield
