@@ -2,6 +2,7 @@
 
 import dask
 import pytest
+from coarse_pictures import coarse_pictures  # noqa: F401 # a fixture for every test
 from distributed.utils import get_mp_context
 
 MODULES = ["distributed", "rastercov.evaluation_shards", "rastercov.placement.shard_work"]
