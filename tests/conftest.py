@@ -40,6 +40,11 @@ def reasons_of(skipped):
     return reasons.most_common()
 
 
+def pytest_collection_modifyitems(items):
+    """Tests that compile for a minute go first: what the processes share at the end is short."""
+    items.sort(key=lambda item: item.get_closest_marker("compile") is None)
+
+
 def pytest_terminal_summary(terminalreporter):
     """Say at the end what was not tested here, and why."""
     skipped = terminalreporter.stats.get("skipped", [])
