@@ -3,7 +3,6 @@
 import gc
 import logging
 import os
-from collections import Counter
 from contextlib import ExitStack
 from itertools import count
 
@@ -11,6 +10,7 @@ import moderngl
 import pytest
 from hypothesis import settings
 from notices import NOTICE
+from skips import reasons_of
 
 from rastercov.errors import DeviceError
 from rastercov.mesh import Mesh
@@ -31,13 +31,9 @@ USES, UNFROZEN = count(), 100
 logging.getLogger("rastercov").addFilter(lambda record: NOTICE not in record.getMessage())
 
 
-def reasons_of(skipped):
-    """How many tests were skipped for each reason, the most frequent first."""
-    reasons = Counter()
-    for report in skipped:
-        _, _, reason = report.longrepr
-        reasons[" ".join(reason.removeprefix("Skipped: ").split())] += 1
-    return reasons.most_common()
+def pytest_collection_modifyitems(items):
+    """Tests that compile for a minute go first: what the processes share at the end is short."""
+    items.sort(key=lambda item: item.get_closest_marker("compile") is None)
 
 
 def pytest_terminal_summary(terminalreporter):

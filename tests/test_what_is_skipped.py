@@ -6,8 +6,8 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from conftest import reasons_of
 from processes import python
+from skips import reasons_of
 
 ROOT = Path(__file__).parents[1]
 
@@ -25,7 +25,7 @@ def test_skips_are_counted_by_reason():
 
 @pytest.mark.slow
 def test_a_run_ends_with_its_skips(tmp_path):
-    for name in ("conftest.py", "support/notices.py"):
+    for name in ("conftest.py", "support/notices.py", "support/skips.py"):
         (tmp_path / Path(name).name).write_text((ROOT / "tests" / name).read_text())
     (tmp_path / "test_some.py").write_text(
         "import pytest\n"

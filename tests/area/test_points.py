@@ -49,6 +49,7 @@ def test_no_points_and_no_poses_are_no_error():
 def test_pixels_show_the_area_that_is_covered():
     """In a picture from a camera, the share of covered pixels is that of its own regions."""
     mesh, camera, poses = room()
+    camera = camera.resized(0.25)
     regions = rc.regions(mesh, camera, poses, TASK)
     with rc.open_rasterizer(mesh, camera, "cpu") as rasterizer:
         buffer = rasterizer.render(poses[0])

@@ -34,7 +34,7 @@ def small_shards(monkeypatch):
 
 
 def evaluated(out, poses=POSES, camera=CAMERA, task=None, workers=None, **options):
-    options = Options(**{"pictures": 3, **options})
+    options = Options(**{"pictures": 0, **options})
     return run(MESH, camera, poses, task or rc.Task(), out, options, workers=workers)
 
 
@@ -60,11 +60,11 @@ def same(one, other):
 
 
 CASES = {
-    "area": {},
-    "face": {"by": "face"},
+    "area": {"pictures": 3},
+    "face": {"by": "face", "pictures": 3},
     "sampled": {"method": "sampled:cpu@2"},
     "no table": {"table": "none"},
-    "two cameras": {"poses": PLACED, "camera": CAMERAS},
+    "two cameras": {"poses": PLACED, "camera": CAMERAS, "pictures": 3},
 }
 
 

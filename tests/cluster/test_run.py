@@ -71,16 +71,16 @@ def test_a_killed_worker_costs_a_shard_at_most(tmp_path):
 
 def test_poses_that_kill_are_found_and_left_out(tmp_path):
     folder = tmp_path / "job"
-    job, missing = cluster_job.prepared(folder, 6, kill=[11, 12, 39])
+    job, missing = cluster_job.prepared(folder, 6, poses=4, kill=[5, 6, 19])
     watch = Watch()
     run(job, missing, watch)
     assert watch.numbers == list(range(6))
     found = quarantined(folder, 6)
-    assert {n: set(poses) for n, poses in found.items()} == {1: {3, 4}, 4: {7}}
+    assert {n: set(poses) for n, poses in found.items()} == {1: {1, 2}, 4: {3}}
     assert set(found[1].values()) == {"was killed by SIGKILL"}
     assert {made.number: made.quarantined for made in watch.made if made.quarantined} == found
-    left = {name: set(range(8)) - set(poses) for name, poses in shards(folder).items()}
-    assert {int(name): poses for name, poses in left.items() if poses} == {1: {3, 4}, 4: {7}}
+    left = {name: set(range(4)) - set(poses) for name, poses in shards(folder).items()}
+    assert {int(name): poses for name, poses in left.items() if poses} == {1: {1, 2}, 4: {3}}
     assert any("worker died" in line for line in watch.lines)
 
 

@@ -1,5 +1,7 @@
 """Tiles that a face may cover, against all tiles: none with a sample of it is left out."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -19,10 +21,12 @@ from rastercov.raster.cpu.memory import LANES
 from rastercov.raster.cpu.simd_kernel import pointer, pointers
 
 NEAR = 1e-3
-PATCHES = {
-    lens: SampleTables(CAMERAS[lens].resized(0.05), 1, 0.2).band(0, 1)
-    for lens in ("brown", "wide fisheye", "equirectangular")
-}
+LENSES = ("brown", "wide fisheye", "equirectangular")
+
+
+@cache
+def patches_of(lens):
+    return SampleTables(CAMERAS[lens].resized(0.05), 1, 0.2).band(0, 1)
 
 
 @allocation_free
@@ -75,7 +79,7 @@ def counted(corners, patch):
     return counts
 
 
-@pytest.mark.parametrize("lens", PATCHES)
+@pytest.mark.parametrize("lens", LENSES)
 @settings(max_examples=25)
 @given(seed=st.integers(0, 2**32 - 1), size=st.floats(0.003, 3.0))
 def test_every_sample_of_a_face_is_in_a_tile_of_it(lens, seed, size):
@@ -85,7 +89,7 @@ def test_every_sample_of_a_face_is_in_a_tile_of_it(lens, seed, size):
     if rng.random() < 0.3:
         corners = np.round(corners, 1)  # edges through samples, and faces edge-on
     n_samples = 0
-    for patch in PATCHES[lens]:
+    for patch in patches_of(lens):
         counts = counted(corners, patch)
         np.testing.assert_array_equal(counts[:, 0], counts[:, 1])
         n_samples += int(np.isfinite(patch.x).sum())
@@ -96,7 +100,7 @@ def test_every_sample_of_a_face_is_in_a_tile_of_it(lens, seed, size):
 def test_every_sample_of_a_face_is_within_its_chords(lens):
     """Faces of a few samples, which reach their tiles through the lens."""
     rng = np.random.default_rng(7)
-    patch = PATCHES[lens][0]
+    patch = patches_of(lens)[0]
     n = 4000
     middle = rng.uniform((-1.2, -1.2, 1), (1.2, 1.2, 1), (n, 1, 3))
     corners = middle + rng.normal(0, 1, (n, 3, 3)) * 10 ** rng.uniform(-2.5, -0.8, (n, 1, 1))
@@ -105,9 +109,9 @@ def test_every_sample_of_a_face_is_within_its_chords(lens):
     assert (counts[:, 2] & (counts[:, 1] > 0)).sum() > 300
 
 
-@pytest.mark.parametrize("lens", PATCHES)
+@pytest.mark.parametrize("lens", LENSES)
 def test_boxes_hold_the_samples_of_their_tiles(lens):
-    for patch in PATCHES[lens]:
+    for patch in patches_of(lens):
         n = len(patch.x)
         assert patch.boxes.shape[1] >= n + SAMPLES
         low_x, high_x, low_y, high_y = patch.boxes[:, :n].astype(np.float64)

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from coarse_pictures import coarse_pictures  # noqa: F401 # a fixture for every test
 from PIL import Image
 
 from rastercov import shaders, shapes

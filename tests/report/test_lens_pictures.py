@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from coarse_pictures import coarse_pictures  # noqa: F401 # a fixture for every test
 from lens_cameras import CAMERAS
 from PIL import Image, ImageDraw
 from surface_cases import room
