@@ -15,6 +15,7 @@ A. Appel. The Notion of Quantitative Invisibility and the Machine Rendering of S
 
 import math
 from collections.abc import Callable
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -156,6 +157,39 @@ def visible_areas(
     return visible, area, bound
 
 
+@lru_cache(maxsize=64)
+def pinhole_of(camera: Camera) -> tuple[Pinhole, float]:
+    """Record of a pinhole, at the origin, and the largest number that positions come from, px."""
+    width, height = float(camera.width), float(camera.height)
+    fx, fy, cx, cy = map(float, (camera.fx, camera.fy, camera.cx, camera.cy))
+    # Off the axis, rounding of z moves a point in proportion to its distance from the axis.
+    across, down = max(cx, width - cx), max(cy, height - cy)
+    steep = max(width * width / fx, height * height / fy, across * across / fx, down * down / fy)
+    scale = max(width, height, fx, fy, abs(cx), abs(cy), steep)
+    x, y = 1.5 * across / fx, 1.5 * down / fy
+    longest_ray = math.sqrt(1.0 + x * x + y * y)
+    pinhole = Pinhole(
+        rotation=np.eye(3),
+        centre=np.zeros(3),
+        near=1.0,
+        fx=fx,
+        fy=fy,
+        cx=cx,
+        cy=cy,
+        width=width,
+        height=height,
+        u_min=-CLIP_MARGIN * width - 1,
+        u_max=(1 + CLIP_MARGIN) * width + 1,
+        v_min=-CLIP_MARGIN * height - 1,
+        v_max=(1 + CLIP_MARGIN) * height + 1,
+        longest_ray=longest_ray,
+        pixel_error=UNIT_ROUNDING * scale,
+        w_error_rel=UNIT_ROUNDING * (longest_ray / 2),
+        border=border_of(width, height),
+    )
+    return pinhole, scale
+
+
 class HalfPlaneSolver:
     """Exact visible areas of a surface, one pose at a time, with the scratch memory of one thread.
 
@@ -245,33 +279,7 @@ class HalfPlaneSolver:
         if camera is self._camera:
             return
         self._camera = camera
-        width, height = float(camera.width), float(camera.height)
-        fx, fy, cx, cy = map(float, (camera.fx, camera.fy, camera.cx, camera.cy))
-        # Off the axis, rounding of z moves a point in proportion to its distance from the axis.
-        steep = max(width * width / fx, height * height / fy)
-        self.coordinate_scale = max(width, height, fx, fy, abs(cx), abs(cy), steep)
-        across, down = max(cx, width - cx), max(cy, height - cy)
-        x, y = 1.5 * across / fx, 1.5 * down / fy
-        longest_ray = math.sqrt(1.0 + x * x + y * y)
-        self.camera = Pinhole(
-            rotation=np.eye(3),
-            centre=np.zeros(3),
-            near=1.0,
-            fx=fx,
-            fy=fy,
-            cx=cx,
-            cy=cy,
-            width=width,
-            height=height,
-            u_min=-CLIP_MARGIN * width - 1,
-            u_max=(1 + CLIP_MARGIN) * width + 1,
-            v_min=-CLIP_MARGIN * height - 1,
-            v_max=(1 + CLIP_MARGIN) * height + 1,
-            longest_ray=longest_ray,
-            pixel_error=UNIT_ROUNDING * self.coordinate_scale,
-            w_error_rel=UNIT_ROUNDING * (longest_ray / 2),
-            border=border_of(width, height),
-        )
+        self.camera, self.coordinate_scale = pinhole_of(camera)
 
     def keep_pieces(self) -> None:
         """Keep the visible pieces of all faces that are partly visible from now on."""

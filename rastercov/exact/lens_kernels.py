@@ -17,12 +17,13 @@ from rastercov.lenses.polygon_kernels import (
     MOST_CORNERS,
     cut_to_region,
     is_in_region,
+    parts_of_edge,
 )
 
 FloatArray = NDArray[np.float64]
 
-MOST_SIDES = 8
-"""Sides of a region that a vertex is compared with; a region of more is nearly a disc."""
+MOST_SIDES = 12
+"""Sides of a window that a vertex is compared with; a window of more is nearly a disc."""
 OUTLINE, PIECE = 0, 1
 """Kinds of polygons: the whole of a face in the plane, or a visible part of it."""
 EDGE_ROUNDING = 2.0**-46
@@ -47,7 +48,7 @@ class Seen(NamedTuple):
     """Images of the vertices and edges of a surface in one plane.
 
     `xy` and `uv`, (V, 2), are in units of the plane and in px, `is_inside`, (V,), vertices of its
-    region, and `bulge`, (E,), areas between the image of an edge and its chord; NaN where unknown.
+    window, and `bulge`, (E,), areas between the image of an edge and its chord; NaN where unknown.
     """
 
     xy: FloatArray
@@ -128,18 +129,47 @@ def append_cut(polygon, n, face, kind, plane, spare, found):
 
 
 @allocation_free
-def vertices_in_plane(uvw, camera, plane, xy, is_inside):
-    """Vertices (V, 2) in units of a plane, and (V,) whether they are inside its region.
+def is_beside(points, rotation, centre, image, margin):
+    """True where all of some points (N, 3) are behind a plane, or beyond one side of its image.
 
-    A vertex next to a curved border of the region may count as outside; with a hole all do.
+    Parameters
+    ----------
+    rotation, centre : (3, 3), (3,) float64
+        World from the axes of the plane.
+    image : (4,) float64
+        Left, right, top and bottom of the image, in units of the plane.
+    margin : float
+        Distance that is no rounding, times the steepness of a side.
     """
-    region = plane.region
-    m = region.shape[0]
+    meets_front = meets_left = meets_right = meets_top = meets_bottom = False
+    for i in range(points.shape[0]):
+        a, b, c = points[i, 0] - centre[0], points[i, 1] - centre[1], points[i, 2] - centre[2]
+        x = a * rotation[0, 0] + b * rotation[1, 0] + c * rotation[2, 0]
+        y = a * rotation[0, 1] + b * rotation[1, 1] + c * rotation[2, 1]
+        z = a * rotation[0, 2] + b * rotation[1, 2] + c * rotation[2, 2]
+        meets_front = meets_front or z >= -margin
+        meets_left = meets_left or x - image[0] * z >= -margin
+        meets_right = meets_right or image[1] * z - x >= -margin
+        meets_top = meets_top or y - image[2] * z >= -margin
+        meets_bottom = meets_bottom or image[3] * z - y >= -margin
+        if meets_front and meets_left and meets_right and meets_top and meets_bottom:
+            return False
+    return True
+
+
+@allocation_free
+def vertices_in_plane(uvw, camera, plane, xy, is_inside):
+    """Vertices (V, 2) in units of a plane, and (V,) whether they are inside its window.
+
+    A vertex next to a curved border of the window may count as outside; with a hole all do.
+    """
+    window = plane.window
+    m = window.shape[0]
     is_disc, radius2 = m > MOST_SIDES, np.inf
     for s in range(m):
         t = s + 1 if s + 1 < m else 0
-        dx, dy = region[t, 0] - region[s, 0], region[t, 1] - region[s, 1]
-        height = dx * region[s, 1] - dy * region[s, 0]
+        dx, dy = window[t, 0] - window[s, 0], window[t, 1] - window[s, 1]
+        height = dx * window[s, 1] - dy * window[s, 0]
         size = dx * dx + dy * dy
         if size > 0:
             radius2 = min(radius2, height * height / size)
@@ -155,8 +185,8 @@ def vertices_in_plane(uvw, camera, plane, xy, is_inside):
         is_inside[i] = True
         for s in range(m):
             t = s + 1 if s + 1 < m else 0
-            dx, dy = region[t, 0] - region[s, 0], region[t, 1] - region[s, 1]
-            if dx * (y - region[s, 1]) - dy * (x - region[s, 0]) < 0:
+            dx, dy = window[t, 0] - window[s, 0], window[t, 1] - window[s, 1]
+            if dx * (y - window[s, 1]) - dy * (x - window[s, 0]) < 0:
                 is_inside[i] = False
 
 
@@ -187,7 +217,7 @@ def measure_simple(faces, sides, is_flat, state, seen, plane, own, is_done, out)
         i, j, k = faces[f, 0], faces[f, 1], faces[f, 2]
         u0, v0, u1, v1, u2, v2 = uv[i, 0], uv[i, 1], uv[j, 0], uv[j, 1], uv[k, 0], uv[k, 1]
         if is_done[f] or u0 + u1 + u2 != u0 + u1 + u2:
-            continue  # NaN for a vertex outside the region
+            continue  # NaN for a vertex outside the window
         ax, ay, bx, by = xy[i, 0], xy[i, 1], xy[j, 0], xy[j, 1]
         cx, cy = xy[k, 0], xy[k, 1]
         longest2 = max(
@@ -214,7 +244,8 @@ def measure_simple(faces, sides, is_flat, state, seen, plane, own, is_done, out)
             out.area[f] += own[f]
             # No side is longer than the box, and a bulge, is wide and high.
             around = 2 * (high_u - low_u + high_v - low_v) + 6 * stray
-            out.area_error[f] += 3 * plane.tolerance + rounding * around
+            parts = 3 * parts_of_edge(plane, longest2)
+            out.area_error[f] += parts * plane.tolerance + rounding * around
 
 
 @part_with_arrays
@@ -287,21 +318,6 @@ def outline_in_space(vertices, faces, f, camera, region, points, spare, polygon)
     return np.int64(n)
 
 
-@part_with_arrays
-def is_out_of_image(uvw, faces, f, camera):
-    """True where all of a projected face is beyond one side of the pinhole's image."""
-    left = right = above = below = True
-    for p in range(3):
-        i = faces[f, p]
-        if not uvw[i, W] > 0:
-            return False
-        left = left and uvw[i, U] <= 0
-        right = right and uvw[i, U] >= camera.width
-        above = above and uvw[i, V] <= 0
-        below = below and uvw[i, V] >= camera.height
-    return left or right or above or below
-
-
 @allocation_free
 def collect(vertices, is_done, projected, kept, camera, plane, scratch, found):
     """List the outlines of the other faces, and the kept pieces, in units of an ideal plane.
@@ -328,8 +344,8 @@ def collect(vertices, is_done, projected, kept, camera, plane, scratch, found):
         if is_done[f]:
             continue
         if not state[f] & LIVE:
-            # Out of sight, or seen from behind and left out.
-            if not is_out_of_image(uvw, faces, f, camera):
+            # Seen from behind and left out; others have nothing in the image of the pinhole.
+            if projected.area[f] > 0.0:
                 n = outline_in_space(
                     vertices, faces, f, camera, plane.window, points, spare_points, polygon
                 )

@@ -19,8 +19,7 @@ from rastercov.exact.records import Edges
 from rastercov.exact.surface import Surface
 from rastercov.lenses import lane_kernels
 from rastercov.lenses.of_camera import planes_of
-from rastercov.lenses.planes import IdealPlane
-from rastercov.lenses.polygon_kernels import edge_scratch, measure_polygons
+from rastercov.lenses.polygon_kernels import bulges_by_parts, edge_scratch, measure_polygons
 from rastercov.lenses.records import PlaneRecord
 
 FloatArray = NDArray[np.float64]
@@ -55,7 +54,7 @@ class LensSolver:
         announce_compilation(kernels.collect)
         n = surface.n_faces
         self.surface = surface
-        self._camera, self._planes = camera, planes_of(camera)
+        self._take_camera(camera)
         self._solver = solver_type(surface, self._pinhole)
         self._solver.keep_pieces()
         self.figures = kernels.Figures(*np.empty((3, n)), *np.empty((3, n), np.int8))
@@ -73,7 +72,7 @@ class LensSolver:
         self._is_done = np.empty(n, np.bool_)
         self._own, self._scratch = np.empty(n), kernels.scratch()
         self._found = kernels.room_for_polygons(1024, 8192)
-        self._images, self._edges = np.empty((1024, 3)), edge_scratch()
+        self._measured, self._edges = np.empty((1024, 3)), edge_scratch()
         self._flat: NDArray[np.bool_] = surface.flat
         self._vertices: FloatArray = surface.vertices
         if surface.targets is not None:
@@ -93,7 +92,11 @@ class LensSolver:
     def set_camera(self, camera: Camera) -> None:
         """Take another camera, for the poses from now on."""
         if camera is not self._camera:
-            self._camera, self._planes = camera, planes_of(camera)
+            self._take_camera(camera)
+
+    def _take_camera(self, camera: Camera) -> None:
+        self._camera, self._planes = camera, planes_of(camera)
+        self._images = [image_of(plane.camera) for plane, _ in self._planes]
 
     @property
     def _pinhole(self) -> Camera:
@@ -127,29 +130,32 @@ class LensSolver:
             array[:] = 0
         solved: FloatArray | None = None
         for index, (plane, record) in enumerate(self._planes):
-            if visit is None and self._is_beside(plane):
+            is_needed = visit is not None or self._may_see(plane.frame, record, index)
+            if not is_needed:
                 continue
             if solved is None or not np.array_equal(plane.frame, solved):
                 self._solve(plane.camera, plane.frame)
                 solved = plane.frame
             if visit is not None:
                 visit(index, self._solver)
-            if is_measured:
+            if is_measured and len(record.window):
                 self._measure(record)
         largest = 2.0 * self._camera.width * self._camera.height
         kernels.settle(self.figures, largest, self.is_certified)
 
-    def _is_beside(self, plane: IdealPlane) -> bool:
-        """True where all of the surface is beyond one side of the image of a plane."""
-        pose, camera = self._pose[0], plane.camera
-        left, top = camera.cx / camera.fx, camera.cy / camera.fy
-        right, bottom = camera.width / camera.fx - left, camera.height / camera.fy - top
-        sides = np.array(
-            [(0, 0, 1), (1, 0, left), (-1, 0, right), (0, 1, top), (0, -1, bottom)], np.float64
-        )
-        points = (self._box - pose[:3, 3]) @ (pose[:3, :3] @ plane.frame)
-        margin = BESIDE_REL * float(np.abs(points).max()) * np.abs(sides).sum(axis=1)
-        return bool(((points @ sides.T).max(axis=0) < -margin).any())
+    def _may_see(self, frame: FloatArray, record: PlaneRecord, index: int) -> bool:
+        """False where the image shows nothing of a plane, or all of the surface is beside it."""
+        if len(record.window) == 0:
+            return False
+        pose, image = self._pose[0], self._images[index]
+        rotation, centre = pose[:3, :3] @ frame, pose[:3, 3]
+        far = float(np.abs(self._box - centre).max())
+        margin = BESIDE_REL * far * (1 + float(np.abs(image).max()))
+        # Most planes that see nothing are known by the corners of the box; all by the vertices.
+        for points in (self._box, self._vertices):
+            if kernels.is_beside(points, rotation, centre, image, margin):
+                return False
+        return True
 
     def _solve(self, camera: Camera, frame: FloatArray) -> None:
         """Visibility in one pinhole."""
@@ -171,6 +177,7 @@ class LensSolver:
         lane_kernels.edge_bulges(
             record, surface.edges.vertices, seen.xy, seen.uv, lanes, seen.bulge
         )
+        bulges_by_parts(record, surface.edges.vertices, seen.xy, seen.uv, self._edges, seen.bulge)
         kernels.measure_simple(
             surface.faces, self._sides, self._flat, projected.state, seen, record, own, is_done,
             self.figures,
@@ -185,12 +192,19 @@ class LensSolver:
             if n <= len(found.face) and corners <= len(found.corners):
                 break
             self._found = kernels.room_for_polygons(n * 5 // 4, corners * 5 // 4)
-        if len(self._images) < n:
-            self._images = np.empty((n * 5 // 4, 3))
-        images = self._images[:n]
+        if len(self._measured) < n:
+            self._measured = np.empty((n * 5 // 4, 3))
+        images = self._measured[:n]
         measure_polygons(record, found.corners, found.starts, self._edges, images)
         pinhole = solver.visible, solver.area_error, solver.is_certified
         kernels.add_areas(found, images, projected, kept, pinhole, record, own, self.figures)
+
+
+def image_of(pinhole: Camera) -> FloatArray:
+    """Left, right, top and bottom of the image of a plane, (4,), in its units."""
+    left, top = -pinhole.cx / pinhole.fx, -pinhole.cy / pinhole.fy
+    right, bottom = left + pinhole.width / pinhole.fx, top + pinhole.height / pinhole.fy
+    return np.array([left, right, top, bottom])
 
 
 def directed_sides(faces: IntArray, edges: Edges) -> IntArray:
