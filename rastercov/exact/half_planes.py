@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rastercov._direct import DirectCalls
 from rastercov._jit import announce_compilation
 from rastercov._memory import check_memory
 from rastercov._threads import share_poses, thread_count
@@ -216,6 +217,7 @@ class HalfPlaneSolver:
 
     def __init__(self, surface: Surface, camera: Camera) -> None:
         self.surface = surface
+        self._call, self._call_for_targets = DirectCalls(), DirectCalls()
         n_faces, n_all = len(surface.faces), surface.n_faces
         self.set_camera(camera)
         self.area, self.visible, self.area_error = np.empty((3, n_all))
@@ -331,11 +333,13 @@ class HalfPlaneSolver:
         )
         n_faces = len(surface.faces)
         self.projected, n_live, self.n_clipped = set_up_image(
+            self._call,
             surface, self.camera, front_only, self.projected, self.area_error[:n_faces],
             self._extent,
         )  # fmt: skip
         if self._target_image is not None and surface.targets is not None:
             its_image, *_ = set_up_image(
+                self._call_for_targets,
                 surface.targets, self.camera, False, self._target_image.own,
                 self.area_error[n_faces:], np.empty(7),
             )  # fmt: skip
@@ -389,7 +393,8 @@ class HalfPlaneSolver:
         """Compute some faces by a kernel, with more scratch memory as it needs it."""
         done = 0
         while True:
-            done = kernel(
+            done = self._call(
+                kernel,
                 faces, done, self.camera, projected, self.grid, self._marks, self._pieces,
                 self._work, self.visible, self.area_error,
             )  # fmt: skip
@@ -448,7 +453,7 @@ class HalfPlaneSolver:
 
     def _list_faces(self) -> None:
         """List the faces in the cells asked for."""
-        while (needed := fill_grid(self.projected, self.grid)) > len(self.grid.entries):
+        while (needed := self._call(fill_grid, self.projected, self.grid)) > len(self.grid.entries):
             grid, room, n = self.grid, needed * 5 // 4, int(self.grid.n_entries[0])
             entries, nearest, bounds = np.empty(room, np.int32), np.empty(room), np.empty((6, room))
             entries[:n], nearest[:n], bounds[:, :n] = (

@@ -128,19 +128,9 @@ def append_cut(polygon, n, face, kind, plane, spare, found):
             append(spare, n, face, kind, found)
 
 
-@allocation_free
-def is_beside(points, rotation, centre, image, margin):
-    """True where all of some points (N, 3) are behind a plane, or beyond one side of its image.
-
-    Parameters
-    ----------
-    rotation, centre : (3, 3), (3,) float64
-        World from the axes of the plane.
-    image : (4,) float64
-        Left, right, top and bottom of the image, in units of the plane.
-    margin : float
-        Distance that is no rounding, times the steepness of a side.
-    """
+@part_with_arrays
+def are_beyond(points, rotation, centre, image, margin):
+    """True where all points are beyond one side, see `is_beside`."""
     meets_front = meets_left = meets_right = meets_top = meets_bottom = False
     for i in range(points.shape[0]):
         a, b, c = points[i, 0] - centre[0], points[i, 1] - centre[1], points[i, 2] - centre[2]
@@ -155,6 +145,26 @@ def is_beside(points, rotation, centre, image, margin):
         if meets_front and meets_left and meets_right and meets_top and meets_bottom:
             return False
     return True
+
+
+@allocation_free
+def is_beside(box, points, rotation, centre, image, margin):
+    """True where all of some points (N, 3) are behind a plane, or beyond one side of its image.
+
+    Parameters
+    ----------
+    box : (8, 3) float64
+        Corners of a box around the points, which decide in most cases.
+    rotation, centre : (3, 3), (3,) float64
+        World from the axes of the plane.
+    image : (4,) float64
+        Left, right, top and bottom of the image, in units of the plane.
+    margin : float
+        Distance that is no rounding, times the steepness of a side.
+    """
+    return are_beyond(box, rotation, centre, image, margin) or are_beyond(
+        points, rotation, centre, image, margin
+    )
 
 
 @allocation_free

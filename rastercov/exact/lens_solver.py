@@ -11,6 +11,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov._direct import DirectCalls
 from rastercov._jit import announce_compilation
 from rastercov.camera import Camera
 from rastercov.exact import lens_kernels as kernels
@@ -53,7 +54,7 @@ class LensSolver:
     ) -> None:
         announce_compilation(kernels.collect)
         n = surface.n_faces
-        self.surface = surface
+        self.surface, self._call = surface, DirectCalls()
         self._take_camera(camera)
         self._solver = solver_type(surface, self._pinhole)
         self._solver.keep_pieces()
@@ -141,7 +142,7 @@ class LensSolver:
             if is_measured and len(record.window):
                 self._measure(record)
         largest = 2.0 * self._camera.width * self._camera.height
-        kernels.settle(self.figures, largest, self.is_certified)
+        self._call(kernels.settle, self.figures, largest, self.is_certified)
 
     def _may_see(self, frame: FloatArray, record: PlaneRecord, index: int) -> bool:
         """False where the image shows nothing of a plane, or all of the surface is beside it."""
@@ -151,11 +152,10 @@ class LensSolver:
         rotation, centre = pose[:3, :3] @ frame, pose[:3, 3]
         far = float(np.abs(self._box - centre).max())
         margin = BESIDE_REL * far * (1 + float(np.abs(image).max()))
-        # Most planes that see nothing are known by the corners of the box; all by the vertices.
-        for points in (self._box, self._vertices):
-            if kernels.is_beside(points, rotation, centre, image, margin):
-                return False
-        return True
+        is_beside: bool = self._call(
+            kernels.is_beside, self._box, self._vertices, rotation, centre, image, margin
+        )
+        return not is_beside
 
     def _solve(self, camera: Camera, frame: FloatArray) -> None:
         """Visibility in one pinhole."""
@@ -172,19 +172,24 @@ class LensSolver:
         projected, kept = solver.image_of_all, solver.kept_pieces
         surface, n_vertices = self.surface, len(self.surface.vertices)
         own, is_done, uvw = self._own, self._is_done, projected.uvw[:n_vertices]
-        kernels.vertices_in_plane(uvw, solver.camera, record, seen.xy, seen.is_inside)
-        lane_kernels.vertex_images(record, seen.xy, seen.is_inside, lanes, seen.uv)
-        lane_kernels.edge_bulges(
-            record, surface.edges.vertices, seen.xy, seen.uv, lanes, seen.bulge
-        )
-        bulges_by_parts(record, surface.edges.vertices, seen.xy, seen.uv, self._edges, seen.bulge)
-        kernels.measure_simple(
+        self._call(kernels.vertices_in_plane, uvw, solver.camera, record, seen.xy, seen.is_inside)
+        self._call(lane_kernels.vertex_images, record, seen.xy, seen.is_inside, lanes, seen.uv)
+        edges = surface.edges.vertices
+        self._call(
+            lane_kernels.edge_bulges, record, edges, seen.xy, seen.uv, lanes, seen.bulge
+        )  # fmt: skip
+        self._call(
+            bulges_by_parts, record, edges, seen.xy, seen.uv, self._edges, seen.bulge
+        )  # fmt: skip
+        self._call(
+            kernels.measure_simple,
             surface.faces, self._sides, self._flat, projected.state, seen, record, own, is_done,
             self.figures,
         )  # fmt: skip
         while True:
             found = self._found
-            kernels.collect(
+            self._call(
+                kernels.collect,
                 self._vertices, is_done, projected, kept, solver.camera, record, self._scratch,
                 found,
             )  # fmt: skip
@@ -195,9 +200,11 @@ class LensSolver:
         if len(self._measured) < n:
             self._measured = np.empty((n * 5 // 4, 3))
         images = self._measured[:n]
-        measure_polygons(record, found.corners, found.starts, self._edges, images)
+        self._call(measure_polygons, record, found.corners, found.starts, self._edges, images)
         pinhole = solver.visible, solver.area_error, solver.is_certified
-        kernels.add_areas(found, images, projected, kept, pinhole, record, own, self.figures)
+        self._call(
+            kernels.add_areas, found, images, projected, kept, pinhole, record, own, self.figures
+        )
 
 
 def image_of(pinhole: Camera) -> FloatArray:

@@ -103,18 +103,39 @@ def _atan(z: Ball) -> Ball:
 
 def _angle_over_r(r2: Ball, z: Any) -> Ball:
     z = Ball.of(z)
-    # Near the axis: h(s) / z, h(s) = integral of 1 / (1 + s t^2) over t in [0, 1], s = r2 / z^2;
-    # |h'| <= 1 / (3 m^2), m the least of |1 + s t^2|.
+    near = _by_tangent(r2, z)
+    # tan(theta / 2) = r / (z + rho) is not large at the horizon, where z is 0.
+    half = 2.0 * _by_tangent(r2, z + _sqrt(r2 + z * z))
+    r = _sqrt(r2)
+    return _smaller(_smaller(near, half), (np.pi / 2 - _atan(z / r)) / r)
+
+
+def _by_tangent(r2: Ball, z: Ball) -> Ball:
+    """Angle of a tangent r / z, over r: h(s) / z, s = r2 / z^2.
+
+    h(s) is the integral of 1 / (1 + s t^2) over t in [0, 1]. |1 + s t^2| is 1 + sigma t^2 or more
+    where sigma is the least real part of s, so |h'| is largest at sigma.
+    """
     s = r2 / (z * z)
-    least = np.minimum(1.0, 1.0 + s.centre.real - s.radius)
     root = np.sqrt(s.centre)
     is_small = np.abs(root) < 1e-4
     t = s.centre
     series = 1 - t / 3 + t * t / 5
     h = np.where(is_small, series, np.arctan(root) / np.where(is_small, 1, root))
-    near = _ball(h, s.radius / (3 * least * least), (least > 0) & (z.centre.real > z.radius)) / z
-    r = _sqrt(r2)
-    return _smaller(near, (np.pi / 2 - _atan(z / r)) / r)
+    sigma = s.centre.real - s.radius
+    is_good = (sigma > -1) & (z.centre.real > z.radius)
+    return _ball(h, s.radius * _steepest(np.where(is_good, sigma, 0.0)), is_good) / z
+
+
+def _steepest(s: FloatArray) -> FloatArray:
+    """-h'(s) for real s > -1, see `_by_tangent`."""
+    is_small = np.abs(s) < 0.01
+    away = np.where(is_small, 1.0, s)
+    root = np.sqrt(away + 0j)
+    slope = ((np.arctan(root) / root).real - 1 / (1 + away)) / (2 * away)
+    series = 1 / 3 - s * (2 / 5 - s * (3 / 7 - s * (4 / 9 - s * 5 / 11)))
+    result: FloatArray = np.where(is_small, series, slope)
+    return result
 
 
 def _atan2(y: Ball, x: Ball) -> Ball:
