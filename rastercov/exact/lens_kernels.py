@@ -129,41 +129,52 @@ def append_cut(polygon, n, face, kind, plane, spare, found):
 
 
 @part_with_arrays
-def are_beyond(points, rotation, centre, image, margin):
-    """True where all points are beyond one side, see `is_beside`."""
+def are_beyond(points, pose, frame, image, margin):
+    """True where all of some points are beyond one side of a plane, see `is_beside`.
+
+    Sides are moved outwards by `margin` times the distance of the farthest point so far.
+    """
     meets_front = meets_left = meets_right = meets_top = meets_bottom = False
+    far = 0.0
     for i in range(points.shape[0]):
-        a, b, c = points[i, 0] - centre[0], points[i, 1] - centre[1], points[i, 2] - centre[2]
-        x = a * rotation[0, 0] + b * rotation[1, 0] + c * rotation[2, 0]
-        y = a * rotation[0, 1] + b * rotation[1, 1] + c * rotation[2, 1]
-        z = a * rotation[0, 2] + b * rotation[1, 2] + c * rotation[2, 2]
-        meets_front = meets_front or z >= -margin
-        meets_left = meets_left or x - image[0] * z >= -margin
-        meets_right = meets_right or image[1] * z - x >= -margin
-        meets_top = meets_top or y - image[2] * z >= -margin
-        meets_bottom = meets_bottom or image[3] * z - y >= -margin
+        a, b, c = points[i, 0] - pose[0, 3], points[i, 1] - pose[1, 3], points[i, 2] - pose[2, 3]
+        X = a * pose[0, 0] + b * pose[1, 0] + c * pose[2, 0]
+        Y = a * pose[0, 1] + b * pose[1, 1] + c * pose[2, 1]
+        Z = a * pose[0, 2] + b * pose[1, 2] + c * pose[2, 2]
+        x = X * frame[0, 0] + Y * frame[1, 0] + Z * frame[2, 0]
+        y = X * frame[0, 1] + Y * frame[1, 1] + Z * frame[2, 1]
+        z = X * frame[0, 2] + Y * frame[1, 2] + Z * frame[2, 2]
+        far = max(far, abs(a), abs(b), abs(c))
+        slack = margin * far
+        meets_front = meets_front or z >= -slack
+        meets_left = meets_left or x - image[0] * z >= -slack
+        meets_right = meets_right or image[1] * z - x >= -slack
+        meets_top = meets_top or y - image[2] * z >= -slack
+        meets_bottom = meets_bottom or image[3] * z - y >= -slack
         if meets_front and meets_left and meets_right and meets_top and meets_bottom:
             return False
     return True
 
 
 @allocation_free
-def is_beside(box, points, rotation, centre, image, margin):
+def is_beside(box, points, pose, frame, image, margin):
     """True where all of some points (N, 3) are behind a plane, or beyond one side of its image.
 
     Parameters
     ----------
     box : (8, 3) float64
         Corners of a box around the points, which decide in most cases.
-    rotation, centre : (3, 3), (3,) float64
-        World from the axes of the plane.
+    pose, frame : (4, 4), (3, 3) float64
+        World from camera, and camera from plane.
     image : (4,) float64
         Left, right, top and bottom of the image, in units of the plane.
     margin : float
-        Distance that is no rounding, times the steepness of a side.
+        Distance relative to that of a point that is no rounding.
     """
-    return are_beyond(box, rotation, centre, image, margin) or are_beyond(
-        points, rotation, centre, image, margin
+    steep = 1 + max(abs(image[0]), abs(image[1]), abs(image[2]), abs(image[3]))
+    slack = margin * steep
+    return are_beyond(box, pose, frame, image, slack) or are_beyond(
+        points, pose, frame, image, slack
     )
 
 
@@ -409,8 +420,8 @@ def add_areas(found, images, projected, kept, pinhole, plane, own, out):
     Parameters
     ----------
     found : Polygons
-    images : (M, 3) float64
-        Of `rastercov.lenses.polygon_kernels.measure_polygons`.
+    images : (M, 2) float64
+        Of `rastercov.lenses.polygon_kernels.measure_insides`.
     pinhole : tuple
         Visible area (F,), error (F,) and certificates (F,) of the pinhole, px^2 of its image.
     own : (F,) float64
@@ -422,8 +433,8 @@ def add_areas(found, images, projected, kept, pinhole, plane, own, out):
     rounding = EDGE_ROUNDING * (plane.width + plane.height) * plane.speed
     # A face with pieces is partly visible; one without is wholly visible or wholly hidden.
     for i in range(found.used[0]):
-        f, inside = found.face[i], images[i, 1]
-        out.area_error[f] += images[i, 2] * plane.tolerance + rounding * length_of(
+        f, inside = found.face[i], images[i, 0]
+        out.area_error[f] += images[i, 1] * plane.tolerance + rounding * length_of(
             found.corners, found.starts[i], found.starts[i + 1], plane
         )
         if found.kind[i] == OUTLINE:

@@ -20,7 +20,7 @@ from rastercov.exact.records import Edges
 from rastercov.exact.surface import Surface
 from rastercov.lenses import lane_kernels
 from rastercov.lenses.of_camera import planes_of
-from rastercov.lenses.polygon_kernels import bulges_by_parts, edge_scratch, measure_polygons
+from rastercov.lenses.polygon_kernels import bulges_by_parts, edge_scratch, measure_insides
 from rastercov.lenses.records import PlaneRecord
 
 FloatArray = NDArray[np.float64]
@@ -73,7 +73,7 @@ class LensSolver:
         self._is_done = np.empty(n, np.bool_)
         self._own, self._scratch = np.empty(n), kernels.scratch()
         self._found = kernels.room_for_polygons(1024, 8192)
-        self._measured, self._edges = np.empty((1024, 3)), edge_scratch()
+        self._measured, self._edges = np.empty((1024, 2)), edge_scratch()
         self._flat: NDArray[np.bool_] = surface.flat
         self._vertices: FloatArray = surface.vertices
         if surface.targets is not None:
@@ -148,13 +148,10 @@ class LensSolver:
         """False where the image shows nothing of a plane, or all of the surface is beside it."""
         if len(record.window) == 0:
             return False
-        pose, image = self._pose[0], self._images[index]
-        rotation, centre = pose[:3, :3] @ frame, pose[:3, 3]
-        far = float(np.abs(self._box - centre).max())
-        margin = BESIDE_REL * far * (1 + float(np.abs(image).max()))
         is_beside: bool = self._call(
-            kernels.is_beside, self._box, self._vertices, rotation, centre, image, margin
-        )
+            kernels.is_beside, self._box, self._vertices, self._pose[0], frame,
+            self._images[index], BESIDE_REL,
+        )  # fmt: skip
         return not is_beside
 
     def _solve(self, camera: Camera, frame: FloatArray) -> None:
@@ -198,9 +195,9 @@ class LensSolver:
                 break
             self._found = kernels.room_for_polygons(n * 5 // 4, corners * 5 // 4)
         if len(self._measured) < n:
-            self._measured = np.empty((n * 5 // 4, 3))
+            self._measured = np.empty((n * 5 // 4, 2))
         images = self._measured[:n]
-        self._call(measure_polygons, record, found.corners, found.starts, self._edges, images)
+        self._call(measure_insides, record, found.corners, found.starts, self._edges, images)
         pinhole = solver.visible, solver.area_error, solver.is_certified
         self._call(
             kernels.add_areas, found, images, projected, kept, pinhole, record, own, self.figures

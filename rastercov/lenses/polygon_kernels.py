@@ -88,6 +88,12 @@ def polygon_image(plane, corners, first, last, scratch):
     rules : int
         Edges and parts of them that were integrated.
     """
+    return _image(plane, corners, first, last, scratch, True)
+
+
+@allocation_free
+def _image(plane, corners, first, last, scratch, is_whole_asked):
+    """`polygon_image`, whose `whole` may be NaN at the border of the image and beyond it."""
     if plane.is_graded:
         return _image_by_edges(plane, corners, first, last, scratch)
     parts, stray = _lay_nodes(plane, corners, first, last, scratch)
@@ -107,14 +113,17 @@ def polygon_image(plane, corners, first, last, scratch):
     for k in range(nodes):
         low_u, high_u = min(low_u, u[k]), max(high_u, u[k])
         low_v, high_v = min(low_v, v[k]), max(high_v, v[k])
-    whole, at = 0.0, 0
-    for part in range(parts):
-        n = rules[part]
-        whole += under_edge(n, u[at : at + n + 1], v[at : at + n + 1], u[0])
-        at += n
     stray = plane.bend * stray * stray / 8
     W, H = plane.width, plane.height
-    if low_u > stray and low_v > stray and high_u < W - stray and high_v < H - stray:
+    is_in = low_u > stray and low_v > stray and high_u < W - stray and high_v < H - stray
+    whole, at = math.nan, 0
+    if is_in or is_whole_asked:
+        whole = 0.0
+        for part in range(parts):
+            n = rules[part]
+            whole += under_edge(n, u[at : at + n + 1], v[at : at + n + 1], u[0])
+            at += n
+    if is_in:
         return whole, whole, parts
     if high_u < -stray or high_v < -stray or low_u > W + stray or low_v > H + stray:
         return whole, 0.0, parts
@@ -261,6 +270,17 @@ def measure_polygons(plane, corners, starts, scratch, out):
     for i in range(out.shape[0]):
         whole, inside, rules = polygon_image(plane, corners, starts[i], starts[i + 1], scratch)
         out[i, 0], out[i, 1], out[i, 2] = whole, inside, rules
+
+
+@allocation_free
+def measure_insides(plane, corners, starts, scratch, out):
+    """Fill `out`, (M, 2), with the area inside the image, and the edges, of polygons.
+
+    As `measure_polygons`.
+    """
+    for i in range(out.shape[0]):
+        _, inside, rules = _image(plane, corners, starts[i], starts[i + 1], scratch, False)
+        out[i, 0], out[i, 1] = inside, rules
 
 
 @allocation_free
