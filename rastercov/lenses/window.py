@@ -47,10 +47,10 @@ def window_of(plane: IdealPlane, width: float, height: float, bend: float) -> Fl
     -------
     (K, 2) float64
         Some corners of the region, in its order, cut by lines along x and y; all of the region if
-        nothing is proved. None if it is proved that the image shows nothing of it.
+        nothing is proved, or it has a hole. No corner if it is proved that the image shows nothing.
     """
     region = plane.region
-    if not bend < math.inf:
+    if plane.hole is not None or not bend < math.inf:
         return region
 
     def misses(start: FloatArray, end: FloatArray) -> NDArray[np.bool_]:
@@ -114,11 +114,11 @@ def _trimmed(window: FloatArray, a: float, b: float, misses: Misses) -> FloatArr
 
 
 def _is_elsewhere(plane: IdealPlane, u: float, v: float) -> bool:
-    """True where a pixel has a ray that is outside a region without a hole."""
+    """True where a pixel has a ray that is outside the region of a plane."""
     ray = np.empty((1, 3))
     unproject_many(plane.code, plane.params, np.array([[u, v]]), ray)
     x, y, z = ray[0] @ plane.frame
-    if plane.hole is not None or not np.isfinite(z):
+    if not np.isfinite(z):
         return False
     start, side = plane.region, np.roll(plane.region, -1, axis=0) - plane.region
     inner = side[:, 0] * (y - start[:, 1] * z) - side[:, 1] * (x - start[:, 0] * z)
