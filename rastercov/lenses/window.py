@@ -46,8 +46,9 @@ def window_of(plane: IdealPlane, width: float, height: float, bend: float) -> Fl
     Returns
     -------
     (K, 2) float64
-        Some corners of the region, in its order, cut by lines along x and y; all of the region if
-        nothing is proved, or it has a hole. No corner if it is proved that the image shows nothing.
+        Some corners of the region, in its order, and where these are few, cut by lines along x and
+        y; all of the region if nothing is proved, or it has a hole. No corner if it is proved that
+        the image shows nothing.
     """
     region = plane.region
     if plane.hole is not None or not bend < math.inf:
@@ -70,6 +71,8 @@ def window_of(plane: IdealPlane, width: float, height: float, bend: float) -> Fl
         is_free = misses(region, np.roll(region, -1, axis=0)).all()
         is_empty = is_free and _is_elsewhere(plane, width / 2, height / 2)
         return np.empty((0, 2)) if is_empty else region
+    if len(window) > FEW_SIDES:
+        return window  # the region ends in the image
     for a, b in ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)):
         trimmed = _trimmed(window, a, b, misses)
         if _shows(plane, trimmed, width, height):

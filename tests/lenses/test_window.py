@@ -80,7 +80,7 @@ def test_a_region_that_ends_in_the_image_keeps_its_sides_there():
 
 WIDE = {
     "fisheye": ("opencv_fisheye", 1280, 1024, 600, (0.03, -0.012, 0.004, -0.001)),
-    "low fisheye": ("opencv_fisheye", 1280, 512, 600, (0.03, -0.012, 0.004, -0.001)),
+    "low fisheye": ("opencv_fisheye", 1280, 512, 400, (0.03, -0.012, 0.004, -0.001)),
     "beyond 90 degrees": ("opencv_fisheye", 640, 512, 200, ()),
 }
 
@@ -109,10 +109,11 @@ def test_pinholes_of_a_wide_lens_hold_what_the_image_shows(name):
             continue
         pixels = points * (pinhole.fx, pinhole.fy) + (pinhole.cx, pinhole.cy)
         assert (heights(points, record.window) >= -1e-12).all()
-        assert (pixels >= 0).all() and (pixels <= (pinhole.width, pinhole.height)).all()
+        assert (pixels >= 0).all()
+        assert (pixels <= (pinhole.width, pinhole.height)).all()
         seen += len(points)
     assert seen == whole > 0.9 * len(rays)
-    if name != "beyond 90 degrees":
+    if name == "fisheye":
         # The front is needed as a whole, the side planes up to where the image ends.
         assert sum(sizes[1:3]) < 0.8 * sizes[0]
     if name == "low fisheye":
