@@ -103,7 +103,7 @@ def _between_chords(region: FloatArray, misses: Misses) -> FloatArray:
 
 
 def _trimmed(window: FloatArray, a: float, b: float, misses: Misses) -> FloatArray:
-    """What is left of a window where most of a x + b y > c that misses the image is cut off."""
+    """Part of a window with a x + b y <= c, for about the least c beyond which nothing is shown."""
     value = window @ (a, b)
     low, high, found = float(value.min()), float(value.max()), window
     for _ in range(TRIMMINGS):
