@@ -33,9 +33,8 @@ def limits(
 ) -> tuple[FloatArray, NDArray[np.bool_], NDArray[np.bool_]]:
     """Near plane, whether back faces can be left out, and whether a surface is cut; (P,) each."""
     mesh = mesh.opaque
-    clipped = np.zeros(len(poses), np.bool_)
-    for pinhole, its_poses in pinholes(camera, poses):
-        clipped |= near_cuts(mesh.vertices, mesh.faces, mesh.bounds, pinhole, its_poses)
+    views = pinholes(camera, poses)
+    clipped = near_cuts(mesh.vertices, mesh.faces, mesh.bounds, views)
     return near_limit(camera, mesh.bounds, poses), can_cull(mesh, poses, clipped), clipped
 
 
@@ -85,10 +84,8 @@ def picture_limits(
     """The first two of `limits`, which take less time without the third."""
     mesh = mesh.opaque
     cull = can_cull(mesh, poses, np.zeros(len(poses), np.bool_))
-    outside, cut = poses[cull], np.zeros(int(cull.sum()), np.bool_)
-    for pinhole, its_poses in pinholes(camera, outside):
-        cut |= near_cuts(mesh.vertices, mesh.faces, mesh.bounds, pinhole, its_poses)
-    cull[cull] = ~cut
+    views = pinholes(camera, poses[cull])
+    cull[cull] = ~near_cuts(mesh.vertices, mesh.faces, mesh.bounds, views)
     return near_limit(camera, mesh.bounds, poses), cull
 
 
@@ -117,23 +114,35 @@ def depth_from_near(points: FloatArray, camera: Camera) -> FloatArray:
 
 
 def near_cuts(
-    vertices: FloatArray, faces: IntArray, bounds: FloatArray, camera: Camera, poses: FloatArray
+    vertices: FloatArray,
+    faces: IntArray,
+    bounds: FloatArray,
+    views: Sequence[tuple[Camera, FloatArray]],
 ) -> BoolArray:
     """Poses in which the near plane cuts away a surface in view, (P,) bool.
 
     Only faces within reach of the eye can: the depth of a point in view is never less than its
     distance times the cosine of the widest view ray. So their bounding boxes decide nearly always.
-    Arguments are those of `depth_range`.
+
+    Parameters
+    ----------
+    vertices, faces, bounds
+        As for `depth_range`.
+    views : sequence of (Camera, (P, 4, 4) float64)
+        Of `pinholes`: they differ in their rotations.
     """
-    limit = near_limit(camera, bounds, poses)
-    widest = np.hypot(
-        max(camera.cx, camera.width - camera.cx) / camera.fx,
-        max(camera.cy, camera.height - camera.cy) / camera.fy,
-    )
+    limit = near_limit(views[0][0], bounds, views[0][1])
+    widest = max(
+        float(np.hypot(
+            max(camera.cx, camera.width - camera.cx) / camera.fx,
+            max(camera.cy, camera.height - camera.cy) / camera.fy,
+        ))
+        for camera, _ in views
+    )  # fmt: skip
     reach = (limit * np.sqrt(1 + widest**2))[:, None]
-    eyes = poses[:, :3, 3]
+    eyes = views[0][1][:, :3, 3]
     close = ((eyes > bounds[0] - reach) & (eyes < bounds[1] + reach)).all(axis=1)
-    cut = np.zeros(len(poses), dtype=bool)
+    cut = np.zeros(len(eyes), dtype=bool)
     if close.any():
         # Whole rows of corners: ten times as fast as three numbers of each face.
         corners = vertices.T[:, np.ascontiguousarray(faces.T)]
@@ -144,8 +153,11 @@ def near_cuts(
         maybe = (low[0] - r < x) & (x < high[0] + r) & (low[1] - r < y) & (y < high[1] + r)
         maybe &= (low[2] - r < z) & (z < high[2] + r)
         if maybe.any():
-            local = to_camera(vertices[faces[maybe]], poses[row])
-            cut[row] = nearest_depth_in_view(local, camera, 0.0) < limit[row]
+            close_faces = vertices[faces[maybe]]
+            cut[row] = any(
+                nearest_depth_in_view(to_camera(close_faces, poses[row]), camera, 0.0) < limit[row]
+                for camera, poses in views
+            )
     return cut
 
 
@@ -214,7 +226,7 @@ def depth_range(
             nearest[row] = nearest_depth_in_view(local[faces], camera, limit[row])
     # Nearer by 1e-5, so that rounding on the device cannot cut what is exactly at the plane.
     near = np.clip(nearest * (1 - 1e-5), limit, np.maximum(farthest / 2, limit))
-    clipped = near_cuts(vertices, faces, bounds, camera, poses)
+    clipped = near_cuts(vertices, faces, bounds, [(camera, poses)])
     return near, np.maximum(farthest * (1 + 1e-5), near * 2), clipped
 
 

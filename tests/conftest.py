@@ -12,6 +12,7 @@ from hypothesis import settings
 from notices import NOTICE
 from skips import reasons_of
 
+from rastercov._direct import DirectCalls
 from rastercov.errors import DeviceError
 from rastercov.mesh import Mesh
 from rastercov.raster.cpu import CPURasterizer
@@ -23,6 +24,9 @@ from rastercov.raster.gl.context import open_context
 settings.register_profile("desk", deadline=None)
 settings.register_profile("ci", deadline=None, derandomize=True)
 settings.load_profile("ci" if os.environ.get("CI") else "desk")
+
+# Wrong types in a call that does not look at them would be wrong memory.
+DirectCalls.is_checked = True
 
 USES, UNFROZEN = count(), 100
 """Tests on the device; one in so many collects garbage among all objects."""

@@ -117,9 +117,12 @@ class CertificateSolver(HalfPlaneSolver):
         contacts = surface.contacts.faces_for(reach)
         partners = surface.contacts.partners_for(reach)
         is_event = self._is_event
-        self.n_events = find_event_edges(surface.edges, projected, is_event, self._events)
+        self.n_events = self._call(
+            find_event_edges, surface.edges, projected, is_event, self._events
+        )
         events = self._events[: self.n_events]
-        kernels.mark_uncertifiable(
+        self._call(
+            kernels.mark_uncertifiable,
             events, surface.edges, projected, contacts, self._blocks_in(contacts), partners,
             THIN_TOLERANCE_REL * self.coordinate_scale, self._is_at_event,
         )  # fmt: skip
@@ -128,7 +131,8 @@ class CertificateSolver(HalfPlaneSolver):
             self._crossings.last.fill(-1)
         self._has_crossings = True
         while True:
-            n_crossings = mark_crossed(
+            n_crossings = self._call(
+                mark_crossed,
                 events, surface.edges, is_event, surface.vertices, camera, projected, self.grid,
                 self._extent, CROSSING_TOLERANCE_REL * self.coordinate_scale, self.n_clipped,
                 self._segment, self._work, self._crossings, self._is_hidden,
@@ -136,19 +140,21 @@ class CertificateSolver(HalfPlaneSolver):
             if n_crossings <= len(self._crossings.edge):
                 break
             self._make_room_for_crossings(2 * n_crossings)
-        self.n_crossed, self.n_regions = find_regions(
+        self.n_crossed, self.n_regions = self._call(
+            find_regions,
             events, surface.edges, is_event, self._is_hidden, camera, projected,
             self.grid.faces[: self.grid.n_faces[0]], self.grid.is_whole,
             self._region, self._number, self._targets,
         )  # fmt: skip
         targets = self._targets[: self.n_crossed + self.n_regions]
-        lay_boxes(targets, projected)
-        if ask_for_faces(targets, projected.box, self.grid):
+        self._call(lay_boxes, targets, projected)
+        if self._call(ask_for_faces, targets, projected.box, self.grid):
             self._list_faces()
         if len(self._pieces.corners) < MOST_CELLS:
             self._make_room_for_pieces(MOST_CELLS)
         while True:
-            n_left = arrangement_areas(
+            n_left = self._call(
+                arrangement_areas,
                 targets, self._crossings, partners, surface.edges,
                 is_event, camera, projected, self.grid, self._pieces, self._work, self.visible,
                 self.area_error, self._scratch,
@@ -163,7 +169,8 @@ class CertificateSolver(HalfPlaneSolver):
         left = self._scratch[:n_left].copy()
         self.n_left = int(np.count_nonzero(self.state[left] & CROSSED))
         self.solve(left)
-        self.n_doubtful = kernels.classify_regions(
+        self.n_doubtful = self._call(
+            kernels.classify_regions,
             projected, self._region, self.largest_of_regions(),
             self._decision[: self.n_regions], self.visible, self.is_certified[:n_faces],
             self._scratch, CERTAIN_AREA_REL,
@@ -196,11 +203,12 @@ class CertificateSolver(HalfPlaneSolver):
         """List the faces in the cells around event edges, or in all cells if these are not few."""
         n_cells = self.grid.columns * self.grid.rows
         are_few = self.n_clipped == 0 and CELLS_PER_EVENT * len(events) <= n_cells
-        if not are_few or not ask_for_events(
+        if not are_few or not self._call(
+            ask_for_events,
             events, self.surface.edges, self.surface.vertices, self.camera, self.projected,
             CROSSING_TOLERANCE_REL * self.coordinate_scale, self.grid, self._segment,
         ) or self.grid.n_fresh[0] > MOST_ASKED * n_cells:  # fmt: skip
-            ask_for_all(self.grid)
+            self._call(ask_for_all, self.grid)
         self._list_faces()
 
     def _make_room_for_crossings(self, n: int) -> None:

@@ -15,11 +15,13 @@ A. Appel. The Notion of Quantitative Invisibility and the Machine Rendering of S
 
 import math
 from collections.abc import Callable
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rastercov._direct import DirectCalls
 from rastercov._jit import announce_compilation
 from rastercov._memory import check_memory
 from rastercov._threads import share_poses, thread_count
@@ -156,6 +158,39 @@ def visible_areas(
     return visible, area, bound
 
 
+@lru_cache(maxsize=64)
+def pinhole_of(camera: Camera) -> tuple[Pinhole, float]:
+    """Record of a pinhole, at the origin, and the largest number that positions come from, px."""
+    width, height = float(camera.width), float(camera.height)
+    fx, fy, cx, cy = map(float, (camera.fx, camera.fy, camera.cx, camera.cy))
+    # Off the axis, rounding of z moves a point in proportion to its distance from the axis.
+    across, down = max(cx, width - cx), max(cy, height - cy)
+    steep = max(width * width / fx, height * height / fy, across * across / fx, down * down / fy)
+    scale = max(width, height, fx, fy, abs(cx), abs(cy), steep)
+    x, y = 1.5 * across / fx, 1.5 * down / fy
+    longest_ray = math.sqrt(1.0 + x * x + y * y)
+    pinhole = Pinhole(
+        rotation=np.eye(3),
+        centre=np.zeros(3),
+        near=1.0,
+        fx=fx,
+        fy=fy,
+        cx=cx,
+        cy=cy,
+        width=width,
+        height=height,
+        u_min=-CLIP_MARGIN * width - 1,
+        u_max=(1 + CLIP_MARGIN) * width + 1,
+        v_min=-CLIP_MARGIN * height - 1,
+        v_max=(1 + CLIP_MARGIN) * height + 1,
+        longest_ray=longest_ray,
+        pixel_error=UNIT_ROUNDING * scale,
+        w_error_rel=UNIT_ROUNDING * (longest_ray / 2),
+        border=border_of(width, height),
+    )
+    return pinhole, scale
+
+
 class HalfPlaneSolver:
     """Exact visible areas of a surface, one pose at a time, with the scratch memory of one thread.
 
@@ -182,6 +217,7 @@ class HalfPlaneSolver:
 
     def __init__(self, surface: Surface, camera: Camera) -> None:
         self.surface = surface
+        self._call, self._call_for_targets = DirectCalls(), DirectCalls()
         n_faces, n_all = len(surface.faces), surface.n_faces
         self.set_camera(camera)
         self.area, self.visible, self.area_error = np.empty((3, n_all))
@@ -247,33 +283,7 @@ class HalfPlaneSolver:
         if camera is self._camera:
             return
         self._camera = camera
-        width, height = float(camera.width), float(camera.height)
-        fx, fy, cx, cy = map(float, (camera.fx, camera.fy, camera.cx, camera.cy))
-        # Off the axis, rounding of z moves a point in proportion to its distance from the axis.
-        steep = max(width * width / fx, height * height / fy)
-        self.coordinate_scale = max(width, height, fx, fy, abs(cx), abs(cy), steep)
-        across, down = max(cx, width - cx), max(cy, height - cy)
-        x, y = 1.5 * across / fx, 1.5 * down / fy
-        longest_ray = math.sqrt(1.0 + x * x + y * y)
-        self.camera = Pinhole(
-            rotation=np.eye(3),
-            centre=np.zeros(3),
-            near=1.0,
-            fx=fx,
-            fy=fy,
-            cx=cx,
-            cy=cy,
-            width=width,
-            height=height,
-            u_min=-CLIP_MARGIN * width - 1,
-            u_max=(1 + CLIP_MARGIN) * width + 1,
-            v_min=-CLIP_MARGIN * height - 1,
-            v_max=(1 + CLIP_MARGIN) * height + 1,
-            longest_ray=longest_ray,
-            pixel_error=UNIT_ROUNDING * self.coordinate_scale,
-            w_error_rel=UNIT_ROUNDING * (longest_ray / 2),
-            border=border_of(width, height),
-        )
+        self.camera, self.coordinate_scale = pinhole_of(camera)
 
     def keep_pieces(self) -> None:
         """Keep the visible pieces of all faces that are partly visible from now on."""
@@ -325,11 +335,13 @@ class HalfPlaneSolver:
         )
         n_faces = len(surface.faces)
         self.projected, n_live, self.n_clipped = set_up_image(
+            self._call,
             surface, self.camera, front_only, self.projected, self.area_error[:n_faces],
             self._extent,
         )  # fmt: skip
         if self._target_image is not None and surface.targets is not None:
             its_image, *_ = set_up_image(
+                self._call_for_targets,
                 surface.targets, self.camera, False, self._target_image.own,
                 self.area_error[n_faces:], np.empty(7),
             )  # fmt: skip
@@ -344,7 +356,7 @@ class HalfPlaneSolver:
         opaque = targets[is_opaque]
         if len(opaque):
             if not self._is_listed:
-                ask_for_all(self.grid)
+                self._call(ask_for_all, self.grid)
                 self._list_faces()
             self._run(visible_areas_kernel, opaque, self.projected)
         # Last, so that nothing they leave in the grid changes the figures of opaque faces.
@@ -382,7 +394,8 @@ class HalfPlaneSolver:
         """Compute some faces by a kernel, with more scratch memory as it needs it."""
         done = 0
         while True:
-            done = kernel(
+            done = self._call(
+                kernel,
                 faces, done, self.camera, projected, self.grid, self._marks, self._pieces,
                 self._work, self.visible, self.area_error,
             )  # fmt: skip
@@ -445,7 +458,7 @@ class HalfPlaneSolver:
 
     def _list_faces(self) -> None:
         """List the faces in the cells asked for."""
-        while (needed := fill_grid(self.projected, self.grid)) > len(self.grid.entries):
+        while (needed := self._call(fill_grid, self.projected, self.grid)) > len(self.grid.entries):
             grid, room, n = self.grid, needed * 5 // 4, int(self.grid.n_entries[0])
             entries, nearest = np.empty(room, np.int32), np.empty(room)
             bounds = np.empty((6, room + SPARE_ENTRIES))

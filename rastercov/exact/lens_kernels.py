@@ -17,12 +17,13 @@ from rastercov.lenses.polygon_kernels import (
     MOST_CORNERS,
     cut_to_region,
     is_in_region,
+    parts_of_edge,
 )
 
 FloatArray = NDArray[np.float64]
 
-MOST_SIDES = 8
-"""Sides of a region that a vertex is compared with; a region of more is nearly a disc."""
+MOST_SIDES = 12
+"""Sides of a window that a vertex is compared with; a window of more is nearly a disc."""
 OUTLINE, PIECE = 0, 1
 """Kinds of polygons: the whole of a face in the plane, or a visible part of it."""
 EDGE_ROUNDING = 2.0**-46
@@ -47,7 +48,7 @@ class Seen(NamedTuple):
     """Images of the vertices and edges of a surface in one plane.
 
     `xy` and `uv`, (V, 2), are in units of the plane and in px, `is_inside`, (V,), vertices of its
-    region, and `bulge`, (E,), areas between the image of an edge and its chord; NaN where unknown.
+    window, and `bulge`, (E,), areas between the image of an edge and its chord; NaN where unknown.
     """
 
     xy: FloatArray
@@ -127,19 +128,69 @@ def append_cut(polygon, n, face, kind, plane, spare, found):
             append(spare, n, face, kind, found)
 
 
+@part_with_arrays
+def are_beyond(points, pose, frame, image, margin):
+    """True where all of some points are beyond one side of a plane, see `is_beside`.
+
+    Sides are moved outwards by `margin` times the distance of the farthest point so far.
+    """
+    meets_front = meets_left = meets_right = meets_top = meets_bottom = False
+    far = 0.0
+    for i in range(points.shape[0]):
+        a, b, c = points[i, 0] - pose[0, 3], points[i, 1] - pose[1, 3], points[i, 2] - pose[2, 3]
+        X = a * pose[0, 0] + b * pose[1, 0] + c * pose[2, 0]
+        Y = a * pose[0, 1] + b * pose[1, 1] + c * pose[2, 1]
+        Z = a * pose[0, 2] + b * pose[1, 2] + c * pose[2, 2]
+        x = X * frame[0, 0] + Y * frame[1, 0] + Z * frame[2, 0]
+        y = X * frame[0, 1] + Y * frame[1, 1] + Z * frame[2, 1]
+        z = X * frame[0, 2] + Y * frame[1, 2] + Z * frame[2, 2]
+        far = max(far, abs(a), abs(b), abs(c))
+        slack = margin * far
+        meets_front = meets_front or z >= -slack
+        meets_left = meets_left or x - image[0] * z >= -slack
+        meets_right = meets_right or image[1] * z - x >= -slack
+        meets_top = meets_top or y - image[2] * z >= -slack
+        meets_bottom = meets_bottom or image[3] * z - y >= -slack
+        if meets_front and meets_left and meets_right and meets_top and meets_bottom:
+            return False
+    return True
+
+
+@allocation_free
+def is_beside(box, points, pose, frame, image, margin):
+    """True where all of some points (N, 3) are behind a plane, or beyond one side of its image.
+
+    Parameters
+    ----------
+    box : (8, 3) float64
+        Corners of a box around the points, which decide in most cases.
+    pose, frame : (4, 4), (3, 3) float64
+        World from camera, and camera from plane.
+    image : (4,) float64
+        Left, right, top and bottom of the image, in units of the plane.
+    margin : float
+        Distance relative to that of a point that is no rounding.
+    """
+    steep = 1 + max(abs(image[0]), abs(image[1]), abs(image[2]), abs(image[3]))
+    slack = margin * steep
+    return are_beyond(box, pose, frame, image, slack) or are_beyond(
+        points, pose, frame, image, slack
+    )
+
+
 @allocation_free
 def vertices_in_plane(uvw, camera, plane, xy, is_inside):
-    """Vertices (V, 2) in units of a plane, and (V,) whether they are inside its region.
+    """Vertices (V, 2) in units of a plane, and (V,) whether they are inside its window.
 
-    A vertex next to a curved border of the region may count as outside; with a hole all do.
+    A vertex next to a curved border of the window may count as outside; with a hole all do.
     """
-    region = plane.region
-    m = region.shape[0]
+    window = plane.window
+    m = window.shape[0]
     is_disc, radius2 = m > MOST_SIDES, np.inf
     for s in range(m):
         t = s + 1 if s + 1 < m else 0
-        dx, dy = region[t, 0] - region[s, 0], region[t, 1] - region[s, 1]
-        height = dx * region[s, 1] - dy * region[s, 0]
+        dx, dy = window[t, 0] - window[s, 0], window[t, 1] - window[s, 1]
+        height = dx * window[s, 1] - dy * window[s, 0]
         size = dx * dx + dy * dy
         if size > 0:
             radius2 = min(radius2, height * height / size)
@@ -155,8 +206,8 @@ def vertices_in_plane(uvw, camera, plane, xy, is_inside):
         is_inside[i] = True
         for s in range(m):
             t = s + 1 if s + 1 < m else 0
-            dx, dy = region[t, 0] - region[s, 0], region[t, 1] - region[s, 1]
-            if dx * (y - region[s, 1]) - dy * (x - region[s, 0]) < 0:
+            dx, dy = window[t, 0] - window[s, 0], window[t, 1] - window[s, 1]
+            if dx * (y - window[s, 1]) - dy * (x - window[s, 0]) < 0:
                 is_inside[i] = False
 
 
@@ -187,7 +238,7 @@ def measure_simple(faces, sides, is_flat, state, seen, plane, own, is_done, out)
         i, j, k = faces[f, 0], faces[f, 1], faces[f, 2]
         u0, v0, u1, v1, u2, v2 = uv[i, 0], uv[i, 1], uv[j, 0], uv[j, 1], uv[k, 0], uv[k, 1]
         if is_done[f] or u0 + u1 + u2 != u0 + u1 + u2:
-            continue  # NaN for a vertex outside the region
+            continue  # NaN for a vertex outside the window
         ax, ay, bx, by = xy[i, 0], xy[i, 1], xy[j, 0], xy[j, 1]
         cx, cy = xy[k, 0], xy[k, 1]
         longest2 = max(
@@ -214,7 +265,8 @@ def measure_simple(faces, sides, is_flat, state, seen, plane, own, is_done, out)
             out.area[f] += own[f]
             # No side is longer than the box, and a bulge, is wide and high.
             around = 2 * (high_u - low_u + high_v - low_v) + 6 * stray
-            out.area_error[f] += 3 * plane.tolerance + rounding * around
+            parts = 3 * parts_of_edge(plane, longest2)
+            out.area_error[f] += parts * plane.tolerance + rounding * around
 
 
 @part_with_arrays
@@ -287,21 +339,6 @@ def outline_in_space(vertices, faces, f, camera, region, points, spare, polygon)
     return np.int64(n)
 
 
-@part_with_arrays
-def is_out_of_image(uvw, faces, f, camera):
-    """True where all of a projected face is beyond one side of the pinhole's image."""
-    left = right = above = below = True
-    for p in range(3):
-        i = faces[f, p]
-        if not uvw[i, W] > 0:
-            return False
-        left = left and uvw[i, U] <= 0
-        right = right and uvw[i, U] >= camera.width
-        above = above and uvw[i, V] <= 0
-        below = below and uvw[i, V] >= camera.height
-    return left or right or above or below
-
-
 @allocation_free
 def collect(vertices, is_done, projected, kept, camera, plane, scratch, found):
     """List the outlines of the other faces, and the kept pieces, in units of an ideal plane.
@@ -328,8 +365,8 @@ def collect(vertices, is_done, projected, kept, camera, plane, scratch, found):
         if is_done[f]:
             continue
         if not state[f] & LIVE:
-            # Out of sight, or seen from behind and left out.
-            if not is_out_of_image(uvw, faces, f, camera):
+            # Seen from behind and left out; others have nothing in the image of the pinhole.
+            if projected.area[f] > 0.0:
                 n = outline_in_space(
                     vertices, faces, f, camera, plane.window, points, spare_points, polygon
                 )
@@ -383,8 +420,8 @@ def add_areas(found, images, projected, kept, pinhole, plane, own, out):
     Parameters
     ----------
     found : Polygons
-    images : (M, 3) float64
-        Of `rastercov.lenses.polygon_kernels.measure_polygons`.
+    images : (M, 2) float64
+        Of `rastercov.lenses.polygon_kernels.measure_insides`.
     pinhole : tuple
         Visible area (F,), error (F,) and certificates (F,) of the pinhole, px^2 of its image.
     own : (F,) float64
@@ -396,8 +433,8 @@ def add_areas(found, images, projected, kept, pinhole, plane, own, out):
     rounding = EDGE_ROUNDING * (plane.width + plane.height) * plane.speed
     # A face with pieces is partly visible; one without is wholly visible or wholly hidden.
     for i in range(found.used[0]):
-        f, inside = found.face[i], images[i, 1]
-        out.area_error[f] += images[i, 2] * plane.tolerance + rounding * length_of(
+        f, inside = found.face[i], images[i, 0]
+        out.area_error[f] += images[i, 1] * plane.tolerance + rounding * length_of(
             found.corners, found.starts[i], found.starts[i + 1], plane
         )
         if found.kind[i] == OUTLINE:

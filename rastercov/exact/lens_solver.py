@@ -11,6 +11,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov._direct import DirectCalls
 from rastercov._jit import announce_compilation
 from rastercov.camera import Camera
 from rastercov.exact import lens_kernels as kernels
@@ -19,8 +20,7 @@ from rastercov.exact.records import Edges
 from rastercov.exact.surface import Surface
 from rastercov.lenses import lane_kernels
 from rastercov.lenses.of_camera import planes_of
-from rastercov.lenses.planes import IdealPlane
-from rastercov.lenses.polygon_kernels import edge_scratch, measure_polygons
+from rastercov.lenses.polygon_kernels import bulges_by_parts, edge_scratch, measure_insides
 from rastercov.lenses.records import PlaneRecord
 
 FloatArray = NDArray[np.float64]
@@ -54,8 +54,8 @@ class LensSolver:
     ) -> None:
         announce_compilation(kernels.collect)
         n = surface.n_faces
-        self.surface = surface
-        self._camera, self._planes = camera, planes_of(camera)
+        self.surface, self._call = surface, DirectCalls()
+        self._take_camera(camera)
         self._solver = solver_type(surface, self._pinhole)
         self._solver.keep_pieces()
         self.figures = kernels.Figures(*np.empty((3, n)), *np.empty((3, n), np.int8))
@@ -73,7 +73,7 @@ class LensSolver:
         self._is_done = np.empty(n, np.bool_)
         self._own, self._scratch = np.empty(n), kernels.scratch()
         self._found = kernels.room_for_polygons(1024, 8192)
-        self._images, self._edges = np.empty((1024, 3)), edge_scratch()
+        self._measured, self._edges = np.empty((1024, 2)), edge_scratch()
         self._flat: NDArray[np.bool_] = surface.flat
         self._vertices: FloatArray = surface.vertices
         if surface.targets is not None:
@@ -93,7 +93,11 @@ class LensSolver:
     def set_camera(self, camera: Camera) -> None:
         """Take another camera, for the poses from now on."""
         if camera is not self._camera:
-            self._camera, self._planes = camera, planes_of(camera)
+            self._take_camera(camera)
+
+    def _take_camera(self, camera: Camera) -> None:
+        self._camera, self._planes = camera, planes_of(camera)
+        self._images = [image_of(plane.camera) for plane, _ in self._planes]
 
     @property
     def _pinhole(self) -> Camera:
@@ -127,29 +131,28 @@ class LensSolver:
             array[:] = 0
         solved: FloatArray | None = None
         for index, (plane, record) in enumerate(self._planes):
-            if visit is None and self._is_beside(plane):
+            is_needed = visit is not None or self._may_see(plane.frame, record, index)
+            if not is_needed:
                 continue
             if solved is None or not np.array_equal(plane.frame, solved):
                 self._solve(plane.camera, plane.frame)
                 solved = plane.frame
             if visit is not None:
                 visit(index, self._solver)
-            if is_measured:
+            if is_measured and len(record.window):
                 self._measure(record)
         largest = 2.0 * self._camera.width * self._camera.height
-        kernels.settle(self.figures, largest, self.is_certified)
+        self._call(kernels.settle, self.figures, largest, self.is_certified)
 
-    def _is_beside(self, plane: IdealPlane) -> bool:
-        """True where all of the surface is beyond one side of the image of a plane."""
-        pose, camera = self._pose[0], plane.camera
-        left, top = camera.cx / camera.fx, camera.cy / camera.fy
-        right, bottom = camera.width / camera.fx - left, camera.height / camera.fy - top
-        sides = np.array(
-            [(0, 0, 1), (1, 0, left), (-1, 0, right), (0, 1, top), (0, -1, bottom)], np.float64
-        )
-        points = (self._box - pose[:3, 3]) @ (pose[:3, :3] @ plane.frame)
-        margin = BESIDE_REL * float(np.abs(points).max()) * np.abs(sides).sum(axis=1)
-        return bool(((points @ sides.T).max(axis=0) < -margin).any())
+    def _may_see(self, frame: FloatArray, record: PlaneRecord, index: int) -> bool:
+        """False where the image shows nothing of a plane, or all of the surface is beside it."""
+        if len(record.window) == 0:
+            return False
+        is_beside: bool = self._call(
+            kernels.is_beside, self._box, self._vertices, self._pose[0], frame,
+            self._images[index], BESIDE_REL,
+        )  # fmt: skip
+        return not is_beside
 
     def _solve(self, camera: Camera, frame: FloatArray) -> None:
         """Visibility in one pinhole."""
@@ -166,18 +169,24 @@ class LensSolver:
         projected, kept = solver.image_of_all, solver.kept_pieces
         surface, n_vertices = self.surface, len(self.surface.vertices)
         own, is_done, uvw = self._own, self._is_done, projected.uvw[:n_vertices]
-        kernels.vertices_in_plane(uvw, solver.camera, record, seen.xy, seen.is_inside)
-        lane_kernels.vertex_images(record, seen.xy, seen.is_inside, lanes, seen.uv)
-        lane_kernels.edge_bulges(
-            record, surface.edges.vertices, seen.xy, seen.uv, lanes, seen.bulge
-        )
-        kernels.measure_simple(
+        self._call(kernels.vertices_in_plane, uvw, solver.camera, record, seen.xy, seen.is_inside)
+        self._call(lane_kernels.vertex_images, record, seen.xy, seen.is_inside, lanes, seen.uv)
+        edges = surface.edges.vertices
+        self._call(
+            lane_kernels.edge_bulges, record, edges, seen.xy, seen.uv, lanes, seen.bulge
+        )  # fmt: skip
+        self._call(
+            bulges_by_parts, record, edges, seen.xy, seen.uv, self._edges, seen.bulge
+        )  # fmt: skip
+        self._call(
+            kernels.measure_simple,
             surface.faces, self._sides, self._flat, projected.state, seen, record, own, is_done,
             self.figures,
         )  # fmt: skip
         while True:
             found = self._found
-            kernels.collect(
+            self._call(
+                kernels.collect,
                 self._vertices, is_done, projected, kept, solver.camera, record, self._scratch,
                 found,
             )  # fmt: skip
@@ -185,12 +194,21 @@ class LensSolver:
             if n <= len(found.face) and corners <= len(found.corners):
                 break
             self._found = kernels.room_for_polygons(n * 5 // 4, corners * 5 // 4)
-        if len(self._images) < n:
-            self._images = np.empty((n * 5 // 4, 3))
-        images = self._images[:n]
-        measure_polygons(record, found.corners, found.starts, self._edges, images)
+        if len(self._measured) < n:
+            self._measured = np.empty((n * 5 // 4, 2))
+        images = self._measured[:n]
+        self._call(measure_insides, record, found.corners, found.starts, self._edges, images)
         pinhole = solver.visible, solver.area_error, solver.is_certified
-        kernels.add_areas(found, images, projected, kept, pinhole, record, own, self.figures)
+        self._call(
+            kernels.add_areas, found, images, projected, kept, pinhole, record, own, self.figures
+        )
+
+
+def image_of(pinhole: Camera) -> FloatArray:
+    """Left, right, top and bottom of the image of a plane, (4,), in its units."""
+    left, top = -pinhole.cx / pinhole.fx, -pinhole.cy / pinhole.fy
+    right, bottom = left + pinhole.width / pinhole.fx, top + pinhole.height / pinhole.fy
+    return np.array([left, right, top, bottom])
 
 
 def directed_sides(faces: IntArray, edges: Edges) -> IntArray:

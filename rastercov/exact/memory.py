@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov._direct import DirectCalls
 from rastercov.exact.block_kernels import set_up, set_up_plain
 from rastercov.exact.records import (
     BLOCK,
@@ -98,6 +99,7 @@ def part_of(everything: Projected, part: slice, faces: IntArray, blocks: Blocks)
 
 
 def set_up_image(
+    call: DirectCalls,
     surface: Surface | Targets,
     camera: Pinhole,
     front_only: bool,
@@ -106,13 +108,15 @@ def set_up_image(
     extent: FloatArray,
 ) -> tuple[Projected, int, int]:
     """Project and set up faces; the image, with room for clipped faces, live and clipped ones."""
-    n_out = project(surface.vertices, camera, projected.uvw)
+    n_out = call(project, surface.vertices, camera, projected.uvw)
     rest = np.empty(len(surface.blocks.has_flat), np.int32)
-    n_plain, n_rest = set_up_plain(
-        camera, front_only, n_out, projected, area_error, extent, np.empty(2 * BLOCK), rest
-    )
+    n_plain, n_rest = call(
+        set_up_plain,
+        camera, front_only, n_out, projected, area_error, extent, np.empty(2 * BLOCK), rest,
+    )  # fmt: skip
     while True:
-        n_live, n_clipped = set_up(
+        n_live, n_clipped = call(
+            set_up,
             surface.vertices, surface.flat, rest[:n_rest], camera, front_only, projected,
             area_error, extent,
         )  # fmt: skip

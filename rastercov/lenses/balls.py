@@ -102,19 +102,40 @@ def _atan(z: Ball) -> Ball:
 
 
 def _angle_over_r(r2: Ball, z: Any) -> Ball:
+    """Theta / r, the integral of 1 / (r^2 + t^2) over t > z."""
     z = Ball.of(z)
-    # Near the axis: h(s) / z, h(s) = integral of 1 / (1 + s t^2) over t in [0, 1], s = r2 / z^2;
-    # |h'| <= 1 / (3 m^2), m the least of |1 + s t^2|.
-    s = r2 / (z * z)
-    least = np.minimum(1.0, 1.0 + s.centre.real - s.radius)
-    root = np.sqrt(s.centre)
-    is_small = np.abs(root) < 1e-4
-    t = s.centre
-    series = 1 - t / 3 + t * t / 5
-    h = np.where(is_small, series, np.arctan(root) / np.where(is_small, 1, root))
-    near = _ball(h, s.radius / (3 * least * least), (least > 0) & (z.centre.real > z.radius)) / z
+    # First along z at each r2, where the derivative is -1 / (r2 + z^2); then along r2 at the centre
+    # of z, where it is the integral of -1 / (r2 + t^2)^2, whose size is largest at the least real
+    # part of r2, because |r2 + t^2| is at least that and t^2.
+    c, least = z.centre.real, r2.centre.real - r2.radius
+    square = r2 + z * z
+    is_good = (least + np.where(c > 0, c * c, 0.0) > 0) & (z.centre.imag == 0)
+    is_good &= np.abs(square.centre) > square.radius
+    radius = z.radius / np.where(is_good, np.abs(square.centre) - square.radius, 1.0)
+    radius = radius + r2.radius * _steepest(np.where(is_good, least, 1.0), c)
+    found = _ball(_angle(r2.centre, c), radius, is_good)
     r = _sqrt(r2)
-    return _smaller(near, (np.pi / 2 - _atan(z / r)) / r)
+    return _smaller(found, (np.pi / 2 - _atan(z / r)) / r)
+
+
+def _angle(r2: Any, z: FloatArray) -> Any:
+    """Theta / r of complex r^2 and real z."""
+    is_small = (np.abs(r2) < 1e-8 * z * z) & (z > 0)
+    t = r2 / np.where(is_small, z * z, 1.0)
+    r = np.sqrt(np.where(is_small, 1.0, r2) + 0j)
+    series = (1 - t / 3 + t * t / 5) / np.where(is_small, z, 1.0)
+    return np.where(is_small, series, (np.pi / 2 - np.arctan(z / r)) / r)
+
+
+def _steepest(r2: FloatArray, z: FloatArray) -> FloatArray:
+    """Integral of 1 / (r^2 + t^2)^2 over t > z, for real r^2 > -z^2, or > 0 where z <= 0."""
+    square = z * z
+    is_small = (np.abs(r2) < 0.01 * square) & (z > 0)
+    away, s = np.where(is_small, 1.0, r2), r2 / np.where(is_small, square, 1.0)
+    slope = (_angle(away, z).real - z / (away + square)) / (2 * away)
+    series = 1 / 3 - s * (2 / 5 - s * (3 / 7 - s * (4 / 9 - s * 5 / 11)))
+    result: FloatArray = np.where(is_small, series / np.where(is_small, square * z, 1.0), slope)
+    return result
 
 
 def _atan2(y: Ball, x: Ball) -> Ball:

@@ -99,11 +99,17 @@ def bernstein_of(n, values, level, coefficients):
 
 
 @part_with_arrays
-def may_cross(n, values, level):
-    """False where the polynomial through values at the nodes cannot take a level on its edge."""
+def may_cross(n, values, level, stray):
+    """False where an edge with values at its nodes cannot take a level.
+
+    Neither can the polynomial through them, nor an arc between two nodes, which leaves its chord by
+    the stray at most.
+    """
     low = high = values[0]
     for k in range(1, n + 1):
         low, high = min(low, values[k]), max(high, values[k])
+    if low - stray > level or high + stray < level:
+        return False
     return abs(level - 0.5 * (low + high)) <= GROWTH[n] * 0.5 * (high - low)
 
 
@@ -212,7 +218,7 @@ def edge_is_inside(n, U, V, W, H, stack, low, spare, out, kinds):
     count = 0
     for side in range(4):
         level, values = (0.0, W, 0.0, H)[side], U if side < 2 else V
-        if may_cross(n, values, level):
+        if may_cross(n, values, level, math.inf):
             bernstein_of(n, values, level, stack[0])
             count = roots(n, stack, low, spare, out, kinds, LEVEL_U, count)
     return count == 0
@@ -220,11 +226,12 @@ def edge_is_inside(n, U, V, W, H, stack, low, spare, out, kinds):
 
 @allocation_free
 def clamped_edge(
-    code, p, frame, ax, ay, bx, by, n, W, H, U, V, stack, low, spare, cuts, kinds, nodes
+    code, p, frame, ax, ay, bx, by, n, W, H, stray, U, V, stack, low, spare, cuts, kinds, nodes
 ):
     """Integral of clamp(u, 0, W) d clamp(v, 0, H) along the image of an edge, px^2, and its pieces.
 
-    U, V are the values at the nodes of the edge, with room for `NODE_ROOM`, and lost.
+    U, V are the values at the nodes of the edge, with room for `NODE_ROOM`, and lost. An arc
+    between two nodes leaves its chord by `stray` at most, px.
     """
     is_in = True
     for k in range(n + 1):
@@ -232,7 +239,7 @@ def clamped_edge(
     count = 0
     for side in range(4):
         level, values = (0.0, W, 0.0, H)[side], U if side < 2 else V
-        if may_cross(n, values, level):
+        if may_cross(n, values, level, stray):
             kind = LEVEL_U if side < 2 else LEVEL_V
             bernstein_of(n, values, level, stack[0])
             count = roots(n, stack, low, spare, cuts, kinds, kind, count)

@@ -284,7 +284,7 @@ def bulges_of(plane, n, lanes):
 def edge_bulges(plane, ends, xy, uv, lanes, bulge):
     """Area between the image of each edge and its chord, px^2, from its first end to its second.
 
-    Consecutive edges are integrated together, by the rule for the longest of them.
+    Edges that follow one another are integrated together, by the rule for the longest of them.
 
     Parameters
     ----------
@@ -299,22 +299,23 @@ def edge_bulges(plane, ends, xy, uv, lanes, bulge):
         Out; NaN for an edge with an end outside the region, and for one too long for any rule.
     """
     limit2 = 4.0 * plane.longest[MOST] * plane.longest[MOST]
-    at = lanes.ends
-    for start in range(0, ends.shape[0], LANES):
-        m, longest2 = min(LANES, ends.shape[0] - start), 0.0
-        for i in range(m):
-            a, b = ends[start + i, 0], ends[start + i, 1]
+    at, m, longest2 = lanes.ends, 0, 0.0
+    for e in range(ends.shape[0]):
+        a, b = ends[e, 0], ends[e, 1]
+        u0, u1, bulge[e] = uv[a, 0], uv[b, 0], math.nan
+        if u0 + u1 == u0 + u1:
             ax, ay, bx, by = xy[a, 0], xy[a, 1], xy[b, 0], xy[b, 1]
-            u0, u1 = uv[a, 0], uv[b, 0]
             length2 = (bx - ax) * (bx - ax) + (by - ay) * (by - ay)
-            if u0 + u1 != u0 + u1 or not length2 <= limit2:
-                ax, ay, bx, by, u0, length2 = 0.0, 0.0, 0.0, 0.0, math.nan, 0.0
-            longest2 = max(longest2, length2)
-            at[0, i], at[1, i], at[2, i], at[3, i] = ax, ay, bx, by
-            at[4, i], at[5, i], at[6, i], at[7, i] = u0, uv[a, 1], u1, uv[b, 1]
-        n = FEWEST
-        while n < MOST and longest2 > 4.0 * plane.longest[n] * plane.longest[n]:
-            n += 1
-        bulges_of(plane, n, lanes)
-        for i in range(m):
-            bulge[start + i] = lanes.total[i]
+            if length2 <= limit2:
+                at[0, m], at[1, m], at[2, m], at[3, m] = ax, ay, bx, by
+                at[4, m], at[5, m], at[6, m], at[7, m] = u0, uv[a, 1], u1, uv[b, 1]
+                lanes.row[m], longest2 = e, max(longest2, length2)
+                m += 1
+        if m == LANES or (m > 0 and e == ends.shape[0] - 1):
+            n = FEWEST
+            while n < MOST and longest2 > 4.0 * plane.longest[n] * plane.longest[n]:
+                n += 1
+            bulges_of(plane, n, lanes)
+            for i in range(m):
+                bulge[lanes.row[i]] = lanes.total[i]
+            m, longest2 = 0, 0.0

@@ -1,6 +1,10 @@
 """Lens of a camera, with all that loops over its images need."""
 
+from dataclasses import replace
 from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
 
 from rastercov.camera import Camera
 from rastercov.camera_models import lens_terms
@@ -9,6 +13,8 @@ from rastercov.lenses.planes import IdealPlane
 from rastercov.lenses.quadrature import edge_table
 from rastercov.lenses.records import PlaneRecord, record_of
 from rastercov.lenses.slopes import Slopes, slopes_in
+
+FloatArray = NDArray[np.float64]
 
 TOLERANCE = 1e-9
 """Bound of the error of each edge or part of an edge, px^2."""
@@ -40,11 +46,36 @@ def lens_of(camera: Camera) -> Lens:
 
 @lru_cache(maxsize=MOST_LENSES)
 def planes_of(camera: Camera) -> tuple[tuple[IdealPlane, PlaneRecord], ...]:
-    """Ideal planes of the lens of a camera, and the same for the loops."""
-    return tuple(
-        (plane, record_of(plane, camera.width, camera.height, edge_table(plane, TOLERANCE)))
-        for plane in lens_of(camera).planes
-    )
+    """Ideal planes of the lens of a camera, and the same for the loops.
+
+    Their pinholes end where the image of the lens does: those of one frame together, because they
+    are solved once.
+    """
+    planes = lens_of(camera).planes
+    records = [
+        record_of(plane, camera.width, camera.height, edge_table(plane, TOLERANCE))
+        for plane in planes
+    ]
+    found = []
+    for plane, record in zip(planes, records, strict=True):
+        windows = [other.window for other in records if np.array_equal(other.frame, record.frame)]
+        pinhole = cropped(plane.camera, np.concatenate(windows))
+        own = record._replace(cx=float(pinhole.cx), cy=float(pinhole.cy))
+        found.append((replace(plane, camera=pinhole), own))
+    return tuple(found)
+
+
+def cropped(pinhole: Camera, points: FloatArray) -> Camera:
+    """Pinhole with the pixels of its image that hold some points of its plane; all for none."""
+    if len(points) == 0:
+        return pinhole
+    size = np.array([pinhole.width, pinhole.height])
+    pixels = points * (pinhole.fx, pinhole.fy) + (pinhole.cx, pinhole.cy)
+    low = np.maximum(np.floor(pixels.min(axis=0)), 0).astype(int)
+    high = np.minimum(np.ceil(pixels.max(axis=0)), size).astype(int)
+    width, height = np.maximum(high - low, 1).tolist()
+    left, top = low.tolist()
+    return replace(pinhole, width=width, height=height, cx=pinhole.cx - left, cy=pinhole.cy - top)
 
 
 @lru_cache(maxsize=MOST_LENSES)

@@ -88,6 +88,12 @@ def polygon_image(plane, corners, first, last, scratch):
     rules : int
         Edges and parts of them that were integrated.
     """
+    return _image(plane, corners, first, last, scratch, True)
+
+
+@allocation_free
+def _image(plane, corners, first, last, scratch, is_whole_asked):
+    """`polygon_image`, whose `whole` may be NaN at the border of the image and beyond it."""
     if plane.is_graded:
         return _image_by_edges(plane, corners, first, last, scratch)
     parts, stray = _lay_nodes(plane, corners, first, last, scratch)
@@ -107,14 +113,17 @@ def polygon_image(plane, corners, first, last, scratch):
     for k in range(nodes):
         low_u, high_u = min(low_u, u[k]), max(high_u, u[k])
         low_v, high_v = min(low_v, v[k]), max(high_v, v[k])
-    whole, at = 0.0, 0
-    for part in range(parts):
-        n = rules[part]
-        whole += under_edge(n, u[at : at + n + 1], v[at : at + n + 1], u[0])
-        at += n
     stray = plane.bend * stray * stray / 8
     W, H = plane.width, plane.height
-    if low_u > stray and low_v > stray and high_u < W - stray and high_v < H - stray:
+    is_in = low_u > stray and low_v > stray and high_u < W - stray and high_v < H - stray
+    whole, at = math.nan, 0
+    if is_in or is_whole_asked:
+        whole = 0.0
+        for part in range(parts):
+            n = rules[part]
+            whole += under_edge(n, u[at : at + n + 1], v[at : at + n + 1], u[0])
+            at += n
+    if is_in:
         return whole, whole, parts
     if high_u < -stray or high_v < -stray or low_u > W + stray or low_v > H + stray:
         return whole, 0.0, parts
@@ -126,6 +135,12 @@ def polygon_image(plane, corners, first, last, scratch):
         pieces += more
         at += n
     return whole, inside, pieces
+
+
+@part_with_arrays
+def _stray(plane, n, length2):
+    """Distance by which an arc between two nodes of an edge may leave its chord, px."""
+    return plane.bend * length2 * GAP[n] * GAP[n] / 8
 
 
 @allocation_free
@@ -143,8 +158,7 @@ def _part_inside(plane, part, at, scratch):
     for k in range(at + 1, at + n + 1):
         low_u, high_u = min(low_u, u[k]), max(high_u, u[k])
         low_v, high_v = min(low_v, v[k]), max(high_v, v[k])
-    length2 = (x1 - x0) * (x1 - x0) + (y1 - y0) * (y1 - y0)
-    stray = plane.bend * length2 * GAP[n] * GAP[n] / 8
+    stray = _stray(plane, n, (x1 - x0) * (x1 - x0) + (y1 - y0) * (y1 - y0))
     if high_u < -stray or high_v < -stray or low_v > H + stray:
         return 0.0, 1
     if low_u > W + stray:
@@ -154,9 +168,25 @@ def _part_inside(plane, part, at, scratch):
     for k in range(n + 1):
         scratch.U[k], scratch.V[k] = u[at + k], v[at + k]
     return clamped_edge(
-        plane.code, plane.params, plane.frame, x0, y0, x1, y1, n, W, H, scratch.U, scratch.V,
-        scratch.stack, scratch.low, scratch.spare, scratch.cuts, scratch.kinds, scratch.nodes,
+        plane.code, plane.params, plane.frame, x0, y0, x1, y1, n, W, H, stray, scratch.U,
+        scratch.V, scratch.stack, scratch.low, scratch.spare, scratch.cuts, scratch.kinds,
+        scratch.nodes,
     )  # fmt: skip
+
+
+@part_with_arrays
+def _lay_edge(ax, ay, bx, by, n, parts, listed, nodes, scratch):
+    """List the parts of an edge, and their nodes, behind those that are listed."""
+    x, y, ends, rules = scratch.x, scratch.y, scratch.ends, scratch.rules
+    for part in range(parts):
+        x0, y0, x1, y1 = _ends(ax, ay, bx, by, part / parts, (part + 1) / parts)
+        ends[listed, 0], ends[listed, 1], ends[listed, 2], ends[listed, 3] = x0, y0, x1, y1
+        rules[listed] = n
+        listed += 1
+        for k in range(n):
+            t, s = NODES[n, k], NODES[n, n - k]
+            x[nodes], y[nodes] = s * x0 + t * x1, s * y0 + t * y1
+            nodes += 1
 
 
 @allocation_free
@@ -165,7 +195,7 @@ def _lay_nodes(plane, corners, first, last, scratch):
 
     Returns the number of parts, -1 where there is no room for them, and the length of the longest.
     """
-    x, y, ends, rules = scratch.x, scratch.y, scratch.ends, scratch.rules
+    x, y = scratch.x, scratch.y
     listed, nodes, longest = 0, 0, 0.0
     for i in range(first, last):
         j = i + 1 if i + 1 < last else first
@@ -177,15 +207,8 @@ def _lay_nodes(plane, corners, first, last, scratch):
         longest = max(longest, length / parts)
         if parts > MOST_PARTS - listed or n * parts > MOST_NODES - nodes:
             return -1, longest
-        for part in range(parts):
-            x0, y0, x1, y1 = _ends(ax, ay, bx, by, part / parts, (part + 1) / parts)
-            ends[listed, 0], ends[listed, 1], ends[listed, 2], ends[listed, 3] = x0, y0, x1, y1
-            rules[listed] = n
-            listed += 1
-            for k in range(n):
-                t, s = NODES[n, k], NODES[n, n - k]
-                x[nodes], y[nodes] = s * x0 + t * x1, s * y0 + t * y1
-                nodes += 1
+        _lay_edge(ax, ay, bx, by, n, parts, listed, nodes, scratch)
+        listed, nodes = listed + parts, nodes + n * parts
     for k in range(nodes, nodes + GROUP):
         x[k], y[k] = x[0], y[0]
     return listed, longest
@@ -250,6 +273,66 @@ def measure_polygons(plane, corners, starts, scratch, out):
 
 
 @allocation_free
+def measure_insides(plane, corners, starts, scratch, out):
+    """Fill `out`, (M, 2), with the area inside the image, and the edges, of polygons.
+
+    As `measure_polygons`.
+    """
+    for i in range(out.shape[0]):
+        _, inside, rules = _image(plane, corners, starts[i], starts[i + 1], scratch, False)
+        out[i, 0], out[i, 1] = inside, rules
+
+
+@allocation_free
+def bulges_by_parts(plane, ends, xy, uv, scratch, bulge):
+    """Fill in what `lane_kernels.edge_bulges` left: edges too long for one rule.
+
+    Parameters
+    ----------
+    plane : PlaneRecord
+    ends : (E, 2) int32
+    xy, uv : (V, 2) float64
+        Of `lane_kernels.vertex_images`.
+    scratch : EdgeScratch
+    bulge : (E,) float64
+        In and out; NaN remains for an edge with an end outside the region, and on a plane with a
+        pole.
+    """
+    x, y, u, v = scratch.x, scratch.y, scratch.u, scratch.v
+    if plane.is_graded:
+        return
+    for e in range(ends.shape[0]):
+        a, b = ends[e, 0], ends[e, 1]
+        u0, v0, u1, v1 = uv[a, 0], uv[a, 1], uv[b, 0], uv[b, 1]
+        if bulge[e] == bulge[e] or u0 + u1 != u0 + u1:
+            continue
+        ax, ay, bx, by = xy[a, 0], xy[a, 1], xy[b, 0], xy[b, 1]
+        half = 0.5 * math.sqrt((bx - ax) * (bx - ax) + (by - ay) * (by - ay))
+        n, parts = nodes_for(half, plane.longest, plane.parts_of)
+        nodes = n * parts
+        if parts > MOST_PARTS or nodes > MOST_NODES:
+            continue
+        _lay_edge(ax, ay, bx, by, n, parts, 0, 0, scratch)
+        for k in range(nodes, nodes + GROUP):
+            x[k], y[k] = bx, by
+        project_lanes(
+            plane.code, plane.params, plane.frame, x, y, scratch.z, nodes + 1, u, v
+        )  # fmt: skip
+        total = 0.0
+        for at in range(0, nodes, n):
+            total += under_edge(n, u[at : at + n + 1], v[at : at + n + 1], u0)
+        bulge[e] = total - 0.5 * (u1 - u0) * (v1 - v0)
+
+
+@part_with_arrays
+def parts_of_edge(plane, length2):
+    """Parts that the longest edge of a face is cut into at most, from its length squared."""
+    if length2 <= 4 * plane.longest[MOST] * plane.longest[MOST]:
+        return 1
+    return math.ceil(0.5 * math.sqrt(length2) / plane.longest[plane.parts_of])
+
+
+@allocation_free
 def _clamped(plane, corners, first, last, scratch):
     """Area of the part inside the image, and the pieces of edges that were integrated."""
     inside, rules = 0.0, 0
@@ -274,10 +357,11 @@ def _clamped(plane, corners, first, last, scratch):
                 edge_values(
                     plane.code, plane.params, plane.frame, x0, y0, x1, y1, n, scratch.U, scratch.V
                 )
+                stray = _stray(plane, n, (x1 - x0) * (x1 - x0) + (y1 - y0) * (y1 - y0))
                 own, pieces = clamped_edge(
                     plane.code, plane.params, plane.frame, x0, y0, x1, y1, n, plane.width,
-                    plane.height, scratch.U, scratch.V, scratch.stack, scratch.low, scratch.spare,
-                    scratch.cuts, scratch.kinds, scratch.nodes,
+                    plane.height, stray, scratch.U, scratch.V, scratch.stack, scratch.low,
+                    scratch.spare, scratch.cuts, scratch.kinds, scratch.nodes,
                 )  # fmt: skip
                 inside += own
                 rules += pieces

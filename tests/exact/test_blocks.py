@@ -130,8 +130,8 @@ def assert_same(together, apart):
         assert np.array_equal(getattr(together, name), getattr(apart, name)), name
     assert together.n_events == apart.n_events
     assert np.array_equal(together.region, apart.region)
-    # The grids may differ, and with them the order of sums: in the last bit, or where a block counts
-    # faces seen from behind.
+    # The grids may differ, and with them the order of sums: in the last bit, or where a block
+    # counts faces seen from behind.
     state = together.projected.block_state
     if not (state & (LIVE | ABSENT | UNEVEN) == LIVE | ABSENT).any():
         np.testing.assert_allclose(together._extent, apart._extent, rtol=1e-12)

@@ -8,8 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from lens_cases import HEIGHT, WIDTH, of_all_kinds
 
+from rastercov import Camera
 from rastercov.errors import CameraError
 from rastercov.lenses import make_lens
+from rastercov.lenses.of_camera import lens_of, planes_of
 from rastercov.lenses.quadrature import edge_table
 from rastercov.lenses.records import record_of
 
@@ -74,6 +76,48 @@ def test_a_region_that_ends_in_the_image_keeps_its_sides_there():
         if tuple(one) not in kept or tuple(other) not in kept:
             u, v = lens.project(0.999 * middle * (1, 1, 1 / 0.999))
             assert not (0 < u < WIDTH and 0 < v < HEIGHT)
+
+
+WIDE = {
+    "fisheye": ("opencv_fisheye", 1280, 1024, 600, (0.03, -0.012, 0.004, -0.001)),
+    "low fisheye": ("opencv_fisheye", 1280, 512, 450, (0.03, -0.012, 0.004, -0.001)),
+    "beyond 90 degrees": ("opencv_fisheye", 640, 512, 200, ()),
+}
+
+
+@pytest.mark.parametrize("name", WIDE)
+def test_pinholes_of_a_wide_lens_hold_what_the_image_shows(name):
+    model, width, height, focal, distortion = WIDE[name]
+    camera = Camera(
+        width=width, height=height, fx=focal, fy=focal, model=model, distortion=distortion
+    )
+    grid = np.stack(np.meshgrid(np.linspace(0, width, 97), np.linspace(0, height, 83)))
+    lens, whole, seen = lens_of(camera), 0, 0
+    rays = lens.unproject(grid.reshape(2, -1).T)
+    rays = rays[np.isfinite(rays).all(axis=1)]
+    sizes = []
+    for plane, record in planes_of(camera):
+        on_plane = rays @ plane.frame
+        points = on_plane[on_plane[:, 2] > 0]
+        points = points[:, :2] / points[:, 2:]
+        points = points[heights(points, plane.region) > 1e-12]
+        whole += len(points)
+        pinhole = plane.camera
+        sizes.append(pinhole.width * pinhole.height)
+        if len(record.window) == 0:
+            assert len(points) == 0
+            continue
+        pixels = points * (pinhole.fx, pinhole.fy) + (pinhole.cx, pinhole.cy)
+        assert (heights(points, record.window) >= -1e-12).all()
+        assert (pixels >= 0).all()
+        assert (pixels <= (pinhole.width, pinhole.height)).all()
+        seen += len(points)
+    assert seen == whole > 0.9 * len(rays)
+    if name == "fisheye":
+        # The front is needed as a whole, the side planes up to where the image ends.
+        assert sum(sizes[1:3]) < 0.8 * sizes[0]
+    if name == "low fisheye":
+        assert [len(record.window) for _, record in planes_of(camera)][3:] == [0, 0]
 
 
 @settings(max_examples=20)

@@ -1,0 +1,53 @@
+"""Calls of loops that do not look at the types of their arguments."""
+
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from rastercov._direct import DirectCalls
+from rastercov._jit import allocation_free
+
+
+class Pair(NamedTuple):
+    """Two arrays."""
+
+    first: np.ndarray
+    second: np.ndarray
+
+
+@allocation_free
+def inner(pair, factor):
+    """Factor times the inner product of a pair of arrays."""
+    total = 0.0
+    for i in range(pair.first.shape[0]):
+        total += pair.first[i] * pair.second[i]
+    return factor * total
+
+
+def test_each_call_is_that_of_the_loop():
+    call, rng = DirectCalls(), np.random.default_rng(0)
+    for n in (3, 0, 5):
+        pair = Pair(rng.normal(size=n), rng.integers(0, 9, n).astype(np.int32))
+        assert call(inner, pair, 2.0) == inner(pair, 2.0)
+        assert call(inner, pair, np.float64(3)) == inner(pair, 3.0)
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        Pair(np.ones(2, np.float32), np.ones(2, np.int32)),
+        Pair(np.ones(4)[::2], np.ones(2, np.int32)),
+        Pair(np.ones(2), np.ones(2)),
+    ],
+)
+def test_a_check_finds_other_types(other):
+    call = DirectCalls()
+    assert call.is_checked  # in all tests
+    call(inner, Pair(np.ones(2), np.ones(2, np.int32)), 1.0)
+    with pytest.raises(TypeError, match="inner was called with arguments of other types"):
+        call(inner, other, 1.0)
+
+
+def test_where_loops_are_python_functions_they_are_called():
+    assert DirectCalls()(lambda value: value + 1, 2) == 3
