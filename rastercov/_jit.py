@@ -27,7 +27,10 @@ from pathlib import Path
 from typing import Any
 
 import numba
+from llvmlite.binding import Linkage
 from numba.core import caching, types
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import Compiler
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import CPUDispatcher as _Dispatcher
 from numba.core.serialize import dumps
@@ -263,6 +266,49 @@ def _widened(kind: Any) -> Any:
     return types.int64 if kind in types.signed_domain else kind
 
 
+class _PartLibrary(JITCodeLibrary):
+    """LLVM code of a part, for the loops that call it: they optimise it, and make machine code.
+
+    By itself it is simplified only: optimising it here took as long as optimising it there.
+    """
+
+    def finalize(self) -> None:
+        self._finalized = True
+
+    def get_pointer_to_function(self, name: str) -> int:
+        """0: there is no machine code."""
+        return 0
+
+    @property
+    def codegen(self) -> Any:
+        """This library, as far as numba asks for `set_env`."""
+        return self
+
+    def set_env(self, name: str, environment: Any) -> None:
+        """Accept the Python objects that a function refers to, of which a part has none."""
+        if environment.consts:
+            raise ValueError(f"a part of a compiled loop refers to Python objects: {name}")
+
+    def _get_module_for_linking(self) -> Any:
+        """LLVM code of the part, and of what it calls."""
+        if self._shared_module is None:
+            module = self._final_module
+            for function in module.functions:
+                if not function.is_declaration and function.linkage == Linkage.external:
+                    function.linkage = "linkonce_odr"  # dropped once it is inlined
+            for library in dict.fromkeys(self._linking_libraries):
+                module.link_in(library._get_module_for_linking(), preserve=True)
+            self._shared_module = module
+        return self._shared_module
+
+
+class _PartCompiler(Compiler):
+    """numba's compiler, up to the LLVM code of a part."""
+
+    def __init__(self, typing: Any, target: Any, library: Any, *options: Any) -> None:
+        super().__init__(typing, target, _PartLibrary(target.codegen(), "part"), *options)
+
+
 class _Part(_Dispatcher):
     """Function that is compiled into the loops that call it, without a wrapper for Python.
 
@@ -279,7 +325,8 @@ class _Part(_Dispatcher):
 
 
 def _part(function: Callable[..., Any], **options: Any) -> Any:
-    loop = _for_any_integer(function, forceinline=True, no_cpython_wrapper=True, **options)
+    options = {"forceinline": True, "no_cpython_wrapper": True, **options}
+    loop = _for_any_integer(function, pipeline_class=_PartCompiler, **options)
     loop.__class__ = _Part
     return loop
 
@@ -323,7 +370,7 @@ def by_type(argument: str, kind: type, other: Callable[..., Any]) -> Callable[..
         functools.update_wrapper(stub, function)
         options: Any = {
             "forceinline": True, "_nrt": False, "nogil": True, "error_model": "numpy",
-            "no_cpython_wrapper": True, "no_cfunc_wrapper": True,
+            "no_cpython_wrapper": True, "no_cfunc_wrapper": True, "pipeline_class": _PartCompiler,
         }  # fmt: skip
         overload(stub, jit_options=options, strict=False)(chosen)
         return stub
