@@ -27,16 +27,16 @@ from pathlib import Path
 from typing import Any
 
 import numba
-from llvmlite.binding import Linkage
 from numba.core import caching, types
-from numba.core.codegen import JITCodeLibrary
-from numba.core.compiler import Compiler
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import CPUDispatcher as _Dispatcher
 from numba.core.serialize import dumps
+from numba.core.targetconfig import ConfigStack
 from numba.extending import overload
 from numba.misc.appdirs import AppDirs
 
+from rastercov import _compiler
+from rastercov._compiler import LoopCompiler, LoopFlags, PartCompiler
 from rastercov._files import UnreadableError, file_bytes
 
 # A process forked while another thread compiles would find the compiler locked for ever, in the
@@ -213,7 +213,7 @@ def _source_digest(path: Path) -> str:
     function or a constant from another file has changed. Imports of this module are not followed.
     """
     digests: dict[Path, bytes] = {}
-    waiting = [path]
+    waiting = [path, Path(_compiler.__file__)]
     while waiting:
         file = waiting.pop()
         if file not in digests:
@@ -249,10 +249,11 @@ def _for_any_integer(function: Callable[..., Any], **options: Any) -> Any:
     numba would compile it again for each constant, and for 32 and 64 bits. No C program calls it.
     """
     options = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True, **options}
-    loop: Any = numba.njit(**options)(function)
+    loop: Any = numba.njit(**{"pipeline_class": LoopCompiler, **options})(function)
     template = loop.get_call_template
 
     def template_of_widened(args: Any, kws: Any) -> Any:
+        _check_caller(function.__name__, args)
         widened = {name: _widened(kind) for name, kind in dict(kws).items()}
         return template(tuple(map(_widened, args)), widened)
 
@@ -260,53 +261,18 @@ def _for_any_integer(function: Callable[..., Any], **options: Any) -> Any:
     return loop
 
 
+def _check_caller(name: str, kinds: Any) -> None:
+    """Accept a call by a loop that passes named tuples as `LoopCompiler` does."""
+    flags = ConfigStack.top_or_none()
+    is_known = flags is None or isinstance(flags, LoopFlags)
+    if not is_known and any(isinstance(kind, types.NamedTuple) for kind in kinds):
+        raise TypeError(f"{name} takes a named tuple; call it from a loop of rastercov._jit")
+
+
 def _widened(kind: Any) -> Any:
     """Type of an argument, without its value; 64 bits for a signed integer."""
     kind = types.unliteral(kind)
     return types.int64 if kind in types.signed_domain else kind
-
-
-class _PartLibrary(JITCodeLibrary):
-    """LLVM code of a part, for the loops that call it: they optimise it, and make machine code.
-
-    By itself it is simplified only: optimising it here took as long as optimising it there.
-    """
-
-    def finalize(self) -> None:
-        self._finalized = True
-
-    def get_pointer_to_function(self, name: str) -> int:
-        """0: there is no machine code."""
-        return 0
-
-    @property
-    def codegen(self) -> Any:
-        """This library, as far as numba asks for `set_env`."""
-        return self
-
-    def set_env(self, name: str, environment: Any) -> None:
-        """Accept the Python objects that a function refers to, of which a part has none."""
-        if environment.consts:
-            raise ValueError(f"a part of a compiled loop refers to Python objects: {name}")
-
-    def _get_module_for_linking(self) -> Any:
-        """LLVM code of the part, and of what it calls."""
-        if self._shared_module is None:
-            module = self._final_module
-            for function in module.functions:
-                if not function.is_declaration and function.linkage == Linkage.external:
-                    function.linkage = "linkonce_odr"  # dropped once it is inlined
-            for library in dict.fromkeys(self._linking_libraries):
-                module.link_in(library._get_module_for_linking(), preserve=True)
-            self._shared_module = module
-        return self._shared_module
-
-
-class _PartCompiler(Compiler):
-    """numba's compiler, up to the LLVM code of a part."""
-
-    def __init__(self, typing: Any, target: Any, library: Any, *options: Any) -> None:
-        super().__init__(typing, target, _PartLibrary(target.codegen(), "part"), *options)
 
 
 class _Part(_Dispatcher):
@@ -326,7 +292,7 @@ class _Part(_Dispatcher):
 
 def _part(function: Callable[..., Any], **options: Any) -> Any:
     options = {"forceinline": True, "no_cpython_wrapper": True, **options}
-    loop = _for_any_integer(function, pipeline_class=_PartCompiler, **options)
+    loop = _for_any_integer(function, pipeline_class=PartCompiler, **options)
     loop.__class__ = _Part
     return loop
 
@@ -370,7 +336,7 @@ def by_type(argument: str, kind: type, other: Callable[..., Any]) -> Callable[..
         functools.update_wrapper(stub, function)
         options: Any = {
             "forceinline": True, "_nrt": False, "nogil": True, "error_model": "numpy",
-            "no_cpython_wrapper": True, "no_cfunc_wrapper": True, "pipeline_class": _PartCompiler,
+            "no_cpython_wrapper": True, "no_cfunc_wrapper": True, "pipeline_class": PartCompiler,
         }  # fmt: skip
         overload(stub, jit_options=options, strict=False)(chosen)
         return stub
