@@ -31,9 +31,12 @@ from numba.core import caching, types
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import CPUDispatcher as _Dispatcher
 from numba.core.serialize import dumps
+from numba.core.targetconfig import ConfigStack
 from numba.extending import overload
 from numba.misc.appdirs import AppDirs
 
+from rastercov import _compiler
+from rastercov._compiler import LoopCompiler, LoopFlags, PartCompiler
 from rastercov._files import UnreadableError, file_bytes
 
 # A process forked while another thread compiles would find the compiler locked for ever, in the
@@ -210,7 +213,7 @@ def _source_digest(path: Path) -> str:
     function or a constant from another file has changed. Imports of this module are not followed.
     """
     digests: dict[Path, bytes] = {}
-    waiting = [path]
+    waiting = [path, Path(_compiler.__file__)]
     while waiting:
         file = waiting.pop()
         if file not in digests:
@@ -246,15 +249,24 @@ def _for_any_integer(function: Callable[..., Any], **options: Any) -> Any:
     numba would compile it again for each constant, and for 32 and 64 bits. No C program calls it.
     """
     options = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True, **options}
-    loop: Any = numba.njit(**options)(function)
+    loop: Any = numba.njit(**{"pipeline_class": LoopCompiler, **options})(function)
     template = loop.get_call_template
 
     def template_of_widened(args: Any, kws: Any) -> Any:
+        _check_caller(function.__name__, args)
         widened = {name: _widened(kind) for name, kind in dict(kws).items()}
         return template(tuple(map(_widened, args)), widened)
 
     loop.get_call_template = template_of_widened
     return loop
+
+
+def _check_caller(name: str, kinds: Any) -> None:
+    """Accept a call by a loop that passes named tuples as `LoopCompiler` does."""
+    flags = ConfigStack.top_or_none()
+    is_known = flags is None or isinstance(flags, LoopFlags)
+    if not is_known and any(isinstance(kind, types.NamedTuple) for kind in kinds):
+        raise TypeError(f"{name} takes a named tuple; call it from a loop of rastercov._jit")
 
 
 def _widened(kind: Any) -> Any:
@@ -279,7 +291,8 @@ class _Part(_Dispatcher):
 
 
 def _part(function: Callable[..., Any], **options: Any) -> Any:
-    loop = _for_any_integer(function, forceinline=True, no_cpython_wrapper=True, **options)
+    options = {"forceinline": True, "no_cpython_wrapper": True, **options}
+    loop = _for_any_integer(function, pipeline_class=PartCompiler, **options)
     loop.__class__ = _Part
     return loop
 
@@ -323,7 +336,7 @@ def by_type(argument: str, kind: type, other: Callable[..., Any]) -> Callable[..
         functools.update_wrapper(stub, function)
         options: Any = {
             "forceinline": True, "_nrt": False, "nogil": True, "error_model": "numpy",
-            "no_cpython_wrapper": True, "no_cfunc_wrapper": True,
+            "no_cpython_wrapper": True, "no_cfunc_wrapper": True, "pipeline_class": PartCompiler,
         }  # fmt: skip
         overload(stub, jit_options=options, strict=False)(chosen)
         return stub

@@ -1,5 +1,6 @@
 """Compiled loops on disk: what is torn or stale is not believed, and no disk is no error."""
 
+import gc
 import hashlib
 import logging
 import os
@@ -7,6 +8,7 @@ import resource
 import shutil
 import subprocess
 import sys
+from collections import namedtuple
 from pathlib import Path
 
 import numba
@@ -377,3 +379,89 @@ def test_unsigned_integers_and_truth_values_stay_what_they_are():
 
     assert loop(np.uint16(1)) == 2
     assert part.signatures == [(numba.uint16, numba.boolean)]
+
+
+# --- what the compiler changes --------------------------------------------------------------------
+
+Record = namedtuple("Record", "values inner number")
+Inner = namedtuple("Inner", "table at")
+
+
+def element_of(record, row, column):
+    table = record.inner.table
+    return record.values[row] + record.number * table[row, column] + record.inner.at[0]
+
+
+def test_fields_of_records_and_elements_are_those_that_python_reads():
+    part = compiled.part_with_arrays(element_of)
+
+    @compiled.allocation_free
+    def loop(record, rows, columns, out):
+        for k in range(len(rows)):
+            out[k] = part(record, rows[k], columns[k])
+            out[-1] += 1
+
+    rng = np.random.default_rng(0)
+    tables = (
+        rng.random((3, 4)),
+        np.asfortranarray(rng.random((3, 4))),
+        rng.random((6, 8))[::2, 1::2],
+    )
+    for table in (*tables, (100 * tables[0]).astype(np.uint8), tables[0] > 0.5):
+        record = Record(rng.random(9)[::-3], Inner(table, np.array([7], np.int8)), 2.5)
+        rows, columns = np.array([0, 2, -1, -3, 1]), np.array([-4, 3, -1, 0, 2], np.int32)
+        out = np.zeros(6)
+        loop(record, rows, columns, out)
+        expected = [element_of(record, *at) for at in zip(rows, columns, strict=True)]
+        assert out.tolist() == [*expected, 5.0]
+
+
+def test_a_part_has_no_machine_code_and_its_errors_arrive():
+    @compiled.part_of
+    def part(number):
+        if number < 0:
+            raise ValueError("less than 0")
+        return number * 2
+
+    @compiled.compiled
+    def loop(number):
+        return part(number) + 1
+
+    assert loop(3) == 7
+    with pytest.raises(ValueError, match="less than 0"):
+        loop(-1)
+    (result,) = part.overloads.values()
+    assert result.library.get_pointer_to_function(result.fndesc.mangled_name) == 0
+    assert part(4) == 8  # compiled by itself where Python calls it
+
+
+def test_a_record_is_refused_from_a_loop_of_another_compiler():
+    # Two conventions for the same function would read one another's arguments wrongly.
+    part = compiled.part_with_arrays(element_of)
+
+    @numba.njit
+    def loop(record):
+        return part(record, 0, 0)
+
+    with pytest.raises(TypeError, match="element_of takes a named tuple"):
+        loop(Record(np.ones(1), Inner(np.ones((1, 1)), np.ones(1)), 1.0))
+
+
+def test_the_search_for_garbage_goes_on_after_a_compilation():
+    @compiled.compiled
+    def loop(number):
+        return number + is_searching()[0]
+
+    @compiled.compiled
+    def is_searching():
+        return (1, 2.0)
+
+    assert gc.isenabled()
+    assert loop(1) == 2
+    assert gc.isenabled()
+    gc.disable()
+    try:
+        assert loop(1.5) == 2.5
+        assert not gc.isenabled()
+    finally:
+        gc.enable()
