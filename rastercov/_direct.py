@@ -7,8 +7,6 @@ than its work on a few faces; the call itself takes one or two.
 
 from typing import Any
 
-import numba
-
 
 class DirectCalls:
     """Calls of loops whose arguments always have the same types, from the first call of each on.
@@ -30,9 +28,16 @@ class DirectCalls:
         if entry is None:
             result = loop(*args)
             if hasattr(loop, "get_overload"):  # not where numba is disabled
-                types = tuple(map(numba.typeof, args))
+                types = _types_of(args)
                 self._entries[loop], self._types[loop] = loop.get_overload(types), types
             return result
-        if self.is_checked and tuple(map(numba.typeof, args)) != self._types[loop]:
+        if self.is_checked and _types_of(args) != self._types[loop]:
             raise TypeError(f"{loop.__name__} was called with arguments of other types")
         return entry(*args)
+
+
+def _types_of(args: tuple[Any, ...]) -> tuple[Any, ...]:
+    """Types of arguments in compiled loops."""
+    import numba
+
+    return tuple(map(numba.typeof, args))

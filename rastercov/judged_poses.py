@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov._direct import DirectCalls
 from rastercov.coverage import Coverage
 from rastercov.face_pass import Measured, Scope
 from rastercov.mesh import Mesh
@@ -152,6 +153,7 @@ class Part:
         self._is_scored = self._read_only(mesh.task_mask, np.bool_)
         self._scored = None if mesh.task_mask.all() else np.flatnonzero(mesh.task_mask)
         self._coverage, self._drawn = np.empty((2, n))
+        self._calls: dict[int, DirectCalls] = {}
 
     def add_coverage(self, coverage: Coverage) -> None:
         """Add all poses of the batch."""
@@ -177,8 +179,9 @@ class Part:
         arguments, coverage = scope(index), self._coverage
         seen = arguments[2]
         own = self._is_scored, self.sums, self.covered_faces, coverage
+        call = self._calls.setdefault(index, DirectCalls())
         for row in range(rows.start, rows.stop):
-            self.kernels.add_pose(row, rows.start, *arguments, limits[index], *own, sink)
+            call(self.kernels.add_pose, row, rows.start, *arguments, limits[index], *own, sink)
             drawn = seen.drawn[row]
             if seen.scale != 1 or drawn.dtype != np.float64:
                 drawn = np.divide(drawn, seen.scale, out=self._drawn)
