@@ -6,7 +6,7 @@ from importlib.metadata import version
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rastercov._closing import Closing
 from rastercov._memory import check_memory
@@ -77,13 +77,6 @@ def _check_figures(n_poses: int, n_faces: int, bytes_a_pair: int) -> None:
         bytes_a_pair * n_poses * n_faces,
         "observe fewer poses at a time",
     )
-
-
-def _write_kinds(is_certified: NDArray[np.bool_], kind: NDArray[np.uint8]) -> None:
-    """Write `CERTIFIED` or `EXACT` for each face: by arithmetic, since masks take far longer."""
-    step = BoundKind.EXACT - BoundKind.CERTIFIED
-    np.multiply(is_certified.view(np.uint8), np.uint8(step), out=kind)
-    np.subtract(np.uint8(BoundKind.EXACT), kind, out=kind)
 
 
 class SampledObserver(OpenObserver):
@@ -168,7 +161,9 @@ class ExactObserver(OpenObserver):
                         solver.visible.take(rows, out=visible[row], mode="clip")
                         solver.area.take(rows, out=area[row], mode="clip")
                         solver.area_error.take(rows, out=error[row], mode="clip")
-                    _write_kinds(solver.is_certified[rows], kind[row])
+                    # `EXACT` less 1 is `CERTIFIED`; assignment by a mask takes far longer.
+                    is_certified = solver.is_certified[rows].view(np.uint8)
+                    np.subtract(np.uint8(BoundKind.EXACT), is_certified, out=kind[row])
 
             return work
 

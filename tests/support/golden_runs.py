@@ -26,7 +26,7 @@ from rastercov import cli, shapes
 GOLDEN = Path(__file__).parents[1] / "golden"
 DIGITS = 10
 HISTOGRAMS = ("errors", "ratios")
-VOLATILE = {"poses_per_second", "versions", "renderer", "driver", "sha256"}
+VOLATILE = {"poses_per_second", "versions", "machine", "renderer", "driver", "sha256"}
 """And every key with "seconds" in it."""
 CAMERA = "width = 120\nheight = 90\nfx = 110\nfy = 110\n"
 PLAN = """
