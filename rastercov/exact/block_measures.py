@@ -1,4 +1,4 @@
-"""Areas and bounds of the faces of a block by SIMD: a part of `block_kernels`."""
+"""SIMD over the faces of a block and the entries of a cell: for `block_kernels`, `grid_kernels`."""
 
 import functools
 import math

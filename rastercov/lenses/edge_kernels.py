@@ -115,7 +115,7 @@ def may_cross(n, values, level, stray):
 
 @part_with_arrays
 def _changes(n, row):
-    """Changes of sign along coefficients, and True where all of these are next to 0."""
+    """Changes of sign along coefficients, and the largest of these."""
     changes, last, largest = 0, 0.0, 0.0
     for k in range(n + 1):
         c = row[k]
@@ -124,7 +124,7 @@ def _changes(n, row):
             if last != 0.0 and (c > 0.0) != (last > 0.0):
                 changes += 1
             last = c
-    return changes, largest <= FLAT
+    return changes, largest
 
 
 @part_with_arrays
@@ -178,10 +178,13 @@ def roots(n, stack, low, spare, out, kinds, kind, count):
         top -= 1
         row = stack[top]
         start, length = low[top, 0], low[top, 1]
-        changes, is_flat = _changes(n, row)
+        changes, largest = _changes(n, row)
+        is_flat = largest <= FLAT
         if changes == 0 or (is_flat and length == 1.0):
             continue
-        if changes == 1 and row[0] != 0.0 and row[n] != 0.0 and not is_flat:
+        # The search would take an end that is next to 0 for the root.
+        least_end = min(abs(row[0]), abs(row[n]))
+        if changes == 1 and least_end > ROUNDING_REL * largest and not is_flat:
             t = _only_root(n, row, spare)
             if count < out.shape[0] - 1:
                 out[count], kinds[count] = start + length * t, kind

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from lens_cases import HEIGHT, WIDTH, of_all_kinds
 from numpy.polynomial import chebyshev
@@ -169,6 +169,7 @@ class Room:
     st.floats(0.1, 1000),
     st.floats(-100, 100),
 )
+@example(2, [0.5, -(2.0**-1022)], 1.0, 0.0)  # it is next to 0 at an end, which is not the root
 def test_roots_are_found(n, places, scale, level):
     places = np.sort(places[:n])
     t = NODES[n, : n + 1]
