@@ -8,19 +8,25 @@ edge and its chord is
 S constant and antisymmetric: S_ij = (w_i D_ij - w_j D_ji) / 2, w the weights and D the derivatives
 of the Lagrange polynomials. It is exact where the degrees of u and v add up to 2 n at most.
 
-Bound. Let u, v be analytic in the ellipse of Bernstein with sum of half axes rho around the edge,
-and |u - u0| <= M_u, |v - v0| <= M_v in it. Their Chebyshev coefficients are at most 2 M rho^-k. The
-integral of half (T_a dT_b - T_b dT_a) is at most a + b in size, because T_a varies by 2 a; the
-rule's value at most sum |S_ij| <= 8 n. So a pair of degrees a + b = s > 2 n is off by at most
-2 s + 8 n, there are s + 1 such pairs, and
+Bound. With Chebyshev coefficients u_a and v_b of u and v along the edge, the rule is off by
 
-    |error| <= 4 M_u M_v sum over s > 2 n of (s + 1) (2 s + 8 n) rho^-s.
+    sum over a, b of e_ab u_a v_b,
 
-Points of the ellipse are within R = h (rho + 1 / rho) / 2 of the middle of an edge, h half its
-length.
+e_ab what it is off by for T_a and T_b. That is 0 for a + b <= 2 n; for a + b even, where both the
+rule and the integral are 0, because the nodes are symmetric and the ends change the sign; and for a
+or b = 0. For the others up to DEGREES it is computed, and beyond it is at most 2 (a + b) + 8 n: the
+integral of half (T_a dT_b - T_b dT_a) is at most a + b in size, because T_a varies by 2 a, and the
+rule's value at most sum |S_ij| <= 8 n.
+
+h half the length of an edge, |u_a| <= 2 (h / 2)^a C_a, C_a a bound of the derivative of order a
+over a! on it (`expansions`). And where u is analytic in the ellipse of Bernstein with sum of half
+axes rho around it, and |u - u0| <= M in there, |u_a| <= 2 M rho^-a. Points of the ellipse are
+within R = h (rho + 1 / rho) / 2 of the middle of the edge, so a bound M of what is within R is
+enough.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,12 +34,18 @@ from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
 from rastercov.errors import CameraError
+from rastercov.lenses.expansions import coefficient_bounds
 from rastercov.lenses.planes import IdealPlane
 
 FloatArray = NDArray[np.float64]
 
 FEWEST, MOST = 2, 11
 """Least and largest n."""
+DEGREES = 60
+"""Degrees a + b up to which e_ab is computed."""
+PAIR_ROUNDING = 1e-10
+"""More than the rounding of e_ab."""
+HALVINGS = 40
 
 
 def lobatto(n: int) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -72,36 +84,89 @@ GROWTH = np.abs(BERNSTEIN).sum(axis=2).max(axis=1)
 """By n: largest Bernstein coefficient of a polynomial that is at most 1 at the nodes."""
 
 
-def error_bound(reach_u: float, reach_v: float, radius: float, half: float, n: int) -> float:
-    """Bound of the error of the bulge of an edge, px^2.
+def _pair_errors(n: int) -> FloatArray:
+    """(DEGREES + 1, DEGREES + 1) bounds of |e_ab| of a rule, 0 beyond a + b = DEGREES."""
+    degree = np.arange(DEGREES + 1)
+    places, weights = legendre.leggauss(DEGREES + 2)  # exact for products of T_a and T_b'
+    angle = np.arccos(places)
+    values, slopes = np.cos(degree[:, None] * angle), np.sin(degree[:, None] * angle)
+    slopes *= degree[:, None] / np.sin(angle)
+    first = (-1.0) ** degree[:, None]
+    whole = (weights * (values - first)) @ slopes.T
+    own = np.arccos(np.clip(2 * NODES[n, : n + 1] - 1, -1, 1))
+    at = np.cos(degree[:, None] * own) - first
+    # u_j v_i - u_i v_j with j < i, as the rule has it, of S antisymmetric
+    error = np.abs(at @ RULE[n, : n + 1, : n + 1] @ at.T - (whole - whole.T) / 2) + PAIR_ROUNDING
+    total = degree[:, None] + degree
+    is_off = (total > 2 * n) & (total % 2 == 1) & (total <= DEGREES)
+    is_off &= (degree[:, None] > 0) & (degree > 0)
+    return np.where(is_off, error, 0.0)
+
+
+PAIR_ERRORS = np.stack(
+    [np.zeros((DEGREES + 1,) * 2)] + [_pair_errors(n) for n in range(1, MOST + 1)]
+)
+"""By n: bounds of |e_ab|."""
+
+
+class EdgeBounds:
+    """What is known of a lens along the edges of a plane, for `error_bound`.
 
     Parameters
     ----------
-    reach_u, reach_v : float
-        M_u and M_v, px, of complex points within `radius` of the middle of the edge.
-    radius : float
-    half : float
-        Half the length of the edge, in the unit of `radius`.
-    n : int
-        The rule has n + 1 nodes.
-
-    Returns
-    -------
-    float
-        Infinite where the edge is no shorter than twice `radius`.
+    reaches : sequence of (float, float, float)
+        Radii, and M_u and M_v, px, of complex points within them of a point of the edge.
+    coefficients : (2, K) float64
+        C_a of u and v in column a, px per (unit of the radii)^a; they may be infinite.
     """
-    ratio = radius / half if half > 0 else math.inf
-    size = reach_u * reach_v
-    if not ratio > 1 or not size < math.inf:
-        return math.inf
-    x = 1 / (ratio + math.sqrt(ratio * ratio - 1))
-    # s = m + j, m = 2 n + 1: (m + 1 + j) (2 m + 8 n + 2 j), summed over j.
-    m = 2 * n + 1
+
+    def __init__(
+        self, reaches: Sequence[tuple[float, float, float]], coefficients: FloatArray
+    ) -> None:
+        self._radii, *sizes = np.array(reaches, np.float64).reshape(-1, 3).T
+        self._sizes = np.stack(sizes)
+        self._coefficients = coefficients
+
+    def error(self, half: float, n: int) -> float:
+        """Bound of the error of the bulge of an edge of half a length by rule n, px^2.
+
+        Infinite where the edge is no shorter than twice all radii.
+        """
+        is_wide = self._radii > half
+        if not is_wide.any():
+            return math.inf
+        ratio, sizes = self._radii[is_wide] / max(half, 1e-300), self._sizes[:, is_wide]
+        x = 1 / (ratio + np.sqrt(ratio * ratio - 1))
+        degree = np.arange(DEGREES + 1)
+        bounds = 2 * (sizes[:, :, None] * x[:, None] ** degree).min(axis=1)
+        own = slice(1, self._coefficients.shape[1])
+        by_order = 2 * (half / 2) ** degree[own] * self._coefficients[:, own]
+        bounds[:, own] = np.fmin(bounds[:, own], by_order)
+        beyond = 4 * sizes[0] * sizes[1] * _tail(n, x)
+        return float(bounds[0] @ PAIR_ERRORS[n] @ bounds[1] + beyond.min())
+
+    def longest(self, tolerance: float, n: int) -> float:
+        """Half the longest edge that a rule integrates to the tolerance; 0 if none."""
+        low, high = 0.0, float(self._radii.max(initial=0.0))
+        for _ in range(HALVINGS):
+            middle = (low + high) / 2
+            if self.error(middle, n) <= tolerance:
+                low = middle
+            else:
+                high = middle
+        return low
+
+
+def _tail(n: int, x: FloatArray) -> FloatArray:
+    """Sum over s > DEGREES of (s + 1) (2 s + 8 n) x^s, 0 < x < 1."""
+    # s = m + j: (m + 1 + j) (2 m + 8 n + 2 j), summed over j.
+    m = DEGREES + 1
     first, second = m + 1, 2 * m + 8 * n
     rest = 1 - x
-    series = first * second / rest
+    series: FloatArray = first * second / rest
     series += (2 * first + second) * x / rest**2 + 2 * x * (1 + x) / rest**3
-    return 4 * size * series * x**m
+    series *= x**m
+    return series
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,10 +200,12 @@ def edge_table(plane: IdealPlane, tolerance: float = 1e-9) -> EdgeTable:
     CameraError
         If no bound of the lens is found on its valid region: it reaches a pole, or nearly.
     """
-    reaches = plane.reaches
+    bounds = EdgeBounds(plane.reaches, coefficient_bounds(plane))
     longest = np.zeros(MOST + 1)
     for n in range(FEWEST, MOST + 1):
-        longest[n] = max((_longest(tolerance, n, *found) for found in reaches), default=0.0)
+        longest[n] = bounds.longest(tolerance, n)
+    # More nodes are good for all edges that fewer are good for.
+    longest[FEWEST:] = np.minimum.accumulate(longest[: FEWEST - 1 : -1])[::-1]
     if not longest[MOST] > 0:
         raise CameraError(
             "the lens must be bounded around its valid region, which reaches a pole of it, or "
@@ -147,15 +214,3 @@ def edge_table(plane: IdealPlane, tolerance: float = 1e-9) -> EdgeTable:
     # Cost of a length: values are n a part, and products n^2 / 2, which are a tenth of a value.
     cost = [n * (1 + n / 20) / max(longest[n], 1e-300) for n in range(FEWEST, MOST + 1)]
     return EdgeTable(tolerance, longest, FEWEST + int(np.argmin(cost)), plane.has_pole)
-
-
-def _longest(tolerance: float, n: int, radius: float, reach_u: float, reach_v: float) -> float:
-    """Half the longest edge that a rule integrates to the tolerance, by one radius; 0 if none."""
-    low, high = 0.0, radius
-    for _ in range(40):
-        middle = (low + high) / 2
-        if error_bound(reach_u, reach_v, radius, middle, n) <= tolerance:
-            low = middle
-        else:
-            high = middle
-    return low
