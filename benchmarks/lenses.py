@@ -48,6 +48,7 @@ from rastercov import (
 )
 from rastercov.lenses import formulas, make_lens
 from rastercov.lenses.areas import polygon_areas
+from rastercov.lenses.of_camera import planes_of
 from rastercov.lenses.quadrature import edge_table
 from rastercov.raster.gl import GLRasterizer
 from rastercov.raster.gl.context import open_context
@@ -174,20 +175,62 @@ def scenes(n_poses: int) -> Iterator[tuple[str, Mesh, dict[str, Camera], NDArray
 
 
 def add_poses(report: Report, rounds: int) -> None:
-    """CPU time of a pose through lenses, and by that of the pinhole, in alternating runs."""
+    """CPU time of a pose through lenses, and by that of the pinhole, in alternating runs.
+
+    A fisheye sees more faces than the pinhole beside it. So its time is also compared with that of
+    its ideal pinholes: plain cameras that see the same directions, see `ideal_pinholes`.
+    """
     for title, mesh, cameras, poses in scenes(4):
         with ExitStack() as stack:
             counts, certified = [], []
-            for camera in cameras.values():
-                rasterizer = open_rasterizer(mesh, camera, "cpu", threads=1)
-                counter = stack.enter_context(rasterizer)
-                counts.append(partial(counter.count, poses, drawn=False))
-                observer = stack.enter_context(open_observer(mesh, camera, threads=1))
-                certified.append(partial(observer.observe, poses))
+            for views in [
+                *([(camera, poses)] for camera in cameras.values()),
+                *(ideal_pinholes(mesh, camera, poses) for camera in list(cameras.values())[1:]),
+            ]:
+                counters, observers = [], []
+                for camera, own in views:
+                    rasterizer = open_rasterizer(mesh, camera, "cpu", threads=1)
+                    counter = stack.enter_context(rasterizer)
+                    counters.append(partial(counter.count, own, drawn=False))
+                    observer = stack.enter_context(open_observer(mesh, camera, threads=1))
+                    observers.append(partial(observer.observe, own))
+                counts.append(partial(call_all, counters))
+                certified.append(partial(call_all, observers))
+            n = len(cameras)
             for what, calls in (("count", counts), ("certified", certified)):
-                add_beside_pinhole(
-                    report, title, what, list(cameras), alternating(calls, rounds) / len(poses)
-                )
+                times = alternating(calls, rounds) / len(poses)
+                add_beside_pinhole(report, title, what, list(cameras), times[:n])
+                for lens, own, ideal in zip(list(cameras)[1:], times[1:n], times[n:], strict=True):
+                    ratio = statistics.median(own / ideal)
+                    whole = f"{title}, {lens}: {what} by that of its ideal pinholes"
+                    report.add(whole, ratio, "")
+
+
+def ideal_pinholes(
+    mesh: Mesh, camera: Camera, poses: NDArray[np.float64]
+) -> list[tuple[Camera, NDArray[np.float64]]]:
+    """Plain pinholes that see what a lens sees, each with its poses.
+
+    They have the sizes and the resolutions of the planes of the lens, and only those poses in
+    which they see some face.
+    """
+    views = []
+    for plane, record in planes_of(camera):
+        if not len(record.window):
+            continue
+        turned = poses.copy()
+        turned[:, :3, :3] = poses[:, :3, :3] @ plane.frame
+        with open_observer(mesh, plane.camera, threads=1) as observer:
+            is_seen = (observer.observe(turned).drawn_pixels > 0).any(axis=1)
+        if is_seen.any():
+            views.append((plane.camera, turned[is_seen]))
+    return views
+
+
+def call_all(calls: Sequence[Callable[[], object]]) -> None:
+    """Make some calls one after another."""
+    for call in calls:
+        call()
 
 
 def add_device(report: Report, device: str, n_poses: int, rounds: int) -> None:
