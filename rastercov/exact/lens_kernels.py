@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from rastercov._jit import allocation_free, part_with_arrays
 from rastercov.exact.polygon_kernels import twice_area
 from rastercov.exact.records import CLIPPED, LIVE, THIN, U, V, W
+from rastercov.lenses.lane_kernels import X, Y
 from rastercov.lenses.polygon_kernels import (
     MOST_CORNERS,
     cut_to_region,
@@ -47,12 +48,12 @@ class Polygons(NamedTuple):
 class Seen(NamedTuple):
     """Images of the vertices and edges of a surface in one plane.
 
-    `xy` and `uv`, (V, 2), are in units of the plane and in px, `is_inside`, (V,), vertices of its
-    window, and `bulge`, (E,), areas between the image of an edge and its chord; NaN where unknown.
+    `places`, (V, 4), are x, y in units of the plane and u, v in px, `is_inside`, (V,), vertices of
+    its window, and `bulge`, (E,), areas between the image of an edge and its chord; NaN where
+    unknown.
     """
 
-    xy: FloatArray
-    uv: FloatArray
+    places: FloatArray
     is_inside: NDArray[np.bool_]
     bulge: FloatArray
 
@@ -179,8 +180,8 @@ def is_beside(box, points, pose, frame, image, margin):
 
 
 @allocation_free
-def vertices_in_plane(uvw, camera, plane, xy, is_inside):
-    """Vertices (V, 2) in units of a plane, and (V,) whether they are inside its window.
+def vertices_in_plane(uvw, camera, plane, places, is_inside):
+    """Fill in x and y of the places of vertices, (V, 4), and (V,) whether they are in the window.
 
     A vertex next to a curved border of the window may count as outside; with a hole all do.
     """
@@ -199,7 +200,7 @@ def vertices_in_plane(uvw, camera, plane, xy, is_inside):
         if not uvw[i, W] > 0 or plane.hole.shape[0] > 0:
             continue
         x, y = (uvw[i, U] - camera.cx) / camera.fx, (uvw[i, V] - camera.cy) / camera.fy
-        xy[i, 0], xy[i, 1] = x, y
+        places[i, X], places[i, Y] = x, y
         if is_disc:
             is_inside[i] = x * x + y * y <= radius2
             continue
@@ -229,18 +230,17 @@ def measure_simple(faces, sides, is_flat, state, seen, plane, own, is_done, out)
         Out: faces that are measured, or need not be.
     out : Figures
     """
-    xy, uv, bulge = seen.xy, seen.uv, seen.bulge
+    at, bulge = seen.places, seen.bulge
     W_, H_ = plane.width, plane.height
     rounding = EDGE_ROUNDING * (W_ + H_)
     for f in range(own.shape[0]):
         own[f], is_done[f] = 0.0, bool(is_flat[f]) or state[f] & THIN != 0
     for f in range(faces.shape[0]):
         i, j, k = faces[f, 0], faces[f, 1], faces[f, 2]
-        u0, v0, u1, v1, u2, v2 = uv[i, 0], uv[i, 1], uv[j, 0], uv[j, 1], uv[k, 0], uv[k, 1]
+        u0, v0, u1, v1, u2, v2 = at[i, 2], at[i, 3], at[j, 2], at[j, 3], at[k, 2], at[k, 3]
         if is_done[f] or u0 + u1 + u2 != u0 + u1 + u2:
             continue  # NaN for a vertex outside the window
-        ax, ay, bx, by = xy[i, 0], xy[i, 1], xy[j, 0], xy[j, 1]
-        cx, cy = xy[k, 0], xy[k, 1]
+        ax, ay, bx, by, cx, cy = at[i, X], at[i, Y], at[j, X], at[j, Y], at[k, X], at[k, Y]
         longest2 = max(
             (bx - ax) * (bx - ax) + (by - ay) * (by - ay),
             (cx - bx) * (cx - bx) + (cy - by) * (cy - by),

@@ -63,12 +63,12 @@ class LensSolver:
         self.is_certified = np.zeros(n, np.bool_)
         n_vertices, n_edges = len(surface.vertices), len(surface.edges.kind)
         self._seen = kernels.Seen(
-            xy=np.empty((n_vertices, 2)),
-            uv=np.empty((n_vertices, 2)),
+            places=np.empty((n_vertices, 4)),
             is_inside=np.empty(n_vertices, np.bool_),
             bulge=np.empty(n_edges),
         )
         self._sides = directed_sides(surface.faces, surface.edges)
+        self._longer = np.empty(n_edges, np.int32)
         self._lanes = lane_kernels.lane_scratch()
         self._is_done = np.empty(n, np.bool_)
         self._own, self._scratch = np.empty(n), kernels.scratch()
@@ -169,15 +169,15 @@ class LensSolver:
         projected, kept = solver.image_of_all, solver.kept_pieces
         surface, n_vertices = self.surface, len(self.surface.vertices)
         own, is_done, uvw = self._own, self._is_done, projected.uvw[:n_vertices]
-        self._call(kernels.vertices_in_plane, uvw, solver.camera, record, seen.xy, seen.is_inside)
-        self._call(lane_kernels.vertex_images, record, seen.xy, seen.is_inside, lanes, seen.uv)
-        edges = surface.edges.vertices
-        self._call(
-            lane_kernels.edge_bulges, record, edges, seen.xy, seen.uv, lanes, seen.bulge
-        )  # fmt: skip
-        self._call(
-            bulges_by_parts, record, edges, seen.xy, seen.uv, self._edges, seen.bulge
-        )  # fmt: skip
+        places, edges = seen.places, surface.edges.vertices
+        self._call(kernels.vertices_in_plane, uvw, solver.camera, record, places, seen.is_inside)
+        self._call(lane_kernels.vertex_images, record, places, seen.is_inside, lanes)
+        n_longer = self._call(
+            lane_kernels.edge_bulges, record, edges, places, lanes, seen.bulge, self._longer
+        )
+        if n_longer:
+            longer = self._longer[:n_longer]
+            self._call(bulges_by_parts, record, longer, edges, places, self._edges, seen.bulge)
         self._call(
             kernels.measure_simple,
             surface.faces, self._sides, self._flat, projected.state, seen, record, own, is_done,

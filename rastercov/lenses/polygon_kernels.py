@@ -20,7 +20,7 @@ from rastercov.lenses.edge_kernels import (
     nodes_for,
     under_edge,
 )
-from rastercov.lenses.lane_kernels import GROUP, project_lanes
+from rastercov.lenses.lane_kernels import GROUP, U, V, X, Y, project_lanes
 from rastercov.lenses.quadrature import GAP, MOST, NODES
 
 FloatArray = NDArray[np.float64]
@@ -284,29 +284,28 @@ def measure_insides(plane, corners, starts, scratch, out):
 
 
 @allocation_free
-def bulges_by_parts(plane, ends, xy, uv, scratch, bulge):
+def bulges_by_parts(plane, edges, ends, places, scratch, bulge):
     """Fill in what `lane_kernels.edge_bulges` left: edges too long for one rule.
 
     Parameters
     ----------
     plane : PlaneRecord
+    edges : (N,) int32
+        The edges.
     ends : (E, 2) int32
-    xy, uv : (V, 2) float64
+    places : (V, 4) float64
         Of `lane_kernels.vertex_images`.
     scratch : EdgeScratch
     bulge : (E,) float64
-        In and out; NaN remains for an edge with an end outside the region, and on a plane with a
-        pole.
+        In and out; NaN remains for an edge of too many parts, and on a plane with a pole.
     """
     x, y, u, v = scratch.x, scratch.y, scratch.u, scratch.v
     if plane.is_graded:
         return
-    for e in range(ends.shape[0]):
+    for index in range(edges.shape[0]):
+        e = edges[index]
         a, b = ends[e, 0], ends[e, 1]
-        u0, v0, u1, v1 = uv[a, 0], uv[a, 1], uv[b, 0], uv[b, 1]
-        if bulge[e] == bulge[e] or u0 + u1 != u0 + u1:
-            continue
-        ax, ay, bx, by = xy[a, 0], xy[a, 1], xy[b, 0], xy[b, 1]
+        ax, ay, bx, by = places[a, X], places[a, Y], places[b, X], places[b, Y]
         half = 0.5 * math.sqrt((bx - ax) * (bx - ax) + (by - ay) * (by - ay))
         n, parts = nodes_for(half, plane.longest, plane.parts_of)
         nodes = n * parts
@@ -320,8 +319,8 @@ def bulges_by_parts(plane, ends, xy, uv, scratch, bulge):
         )  # fmt: skip
         total = 0.0
         for at in range(0, nodes, n):
-            total += under_edge(n, u[at : at + n + 1], v[at : at + n + 1], u0)
-        bulge[e] = total - 0.5 * (u1 - u0) * (v1 - v0)
+            total += under_edge(n, u[at : at + n + 1], v[at : at + n + 1], places[a, U])
+        bulge[e] = total - 0.5 * (places[b, U] - places[a, U]) * (places[b, V] - places[a, V])
 
 
 @part_with_arrays
