@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov._jit import allocation_free, part_with_arrays
+from rastercov.exact.lens_measures import AT_A_TIME, measure_faces, place_vertices
 from rastercov.exact.polygon_kernels import twice_area
 from rastercov.exact.records import CLIPPED, LIVE, THIN, U, V, W
 from rastercov.lenses.lane_kernels import X, Y
@@ -18,8 +19,9 @@ from rastercov.lenses.polygon_kernels import (
     MOST_CORNERS,
     cut_to_region,
     is_in_region,
-    parts_of_edge,
 )
+from rastercov.lenses.quadrature import MOST
+from rastercov.raster.cpu.simd_kernel import pointer
 
 FloatArray = NDArray[np.float64]
 
@@ -80,6 +82,21 @@ class Figures(NamedTuple):
     n_certified: NDArray[np.int8]
     n_visible: NDArray[np.int8]
     n_computed: NDArray[np.int8]
+
+
+class FaceRule(NamedTuple):
+    """What measuring a face takes from a plane.
+
+    `one` is the square of the longest edge in one part, and half of others in `part` are parts.
+    For the others see `PlaneRecord`.
+    """
+
+    width: float
+    height: float
+    bend: float
+    tolerance: float
+    one: float
+    part: float
 
 
 def room_for_polygons(n: int, corners: int) -> Polygons:
@@ -195,17 +212,21 @@ def vertices_in_plane(uvw, camera, plane, places, is_inside):
         size = dx * dx + dy * dy
         if size > 0:
             radius2 = min(radius2, height * height / size)
-    for i in range(uvw.shape[0]):
-        is_inside[i] = False
-        if not uvw[i, W] > 0 or plane.hole.shape[0] > 0:
-            continue
+    if plane.hole.shape[0] > 0:
+        is_inside[:] = False
+        return
+    n, n_sides = uvw.shape[0], 0 if is_disc else m
+    whole = n - n % AT_A_TIME
+    for first in range(0, whole, AT_A_TIME):
+        place_vertices(
+            first, pointer(uvw), camera, pointer(window), n_sides,
+            radius2 if is_disc else np.inf, pointer(places), pointer(is_inside),
+        )  # fmt: skip
+    for i in range(whole, n):
         x, y = (uvw[i, U] - camera.cx) / camera.fx, (uvw[i, V] - camera.cy) / camera.fy
         places[i, X], places[i, Y] = x, y
-        if is_disc:
-            is_inside[i] = x * x + y * y <= radius2
-            continue
-        is_inside[i] = True
-        for s in range(m):
+        is_inside[i] = uvw[i, W] > 0 and (not is_disc or x * x + y * y <= radius2)
+        for s in range(n_sides):
             t = s + 1 if s + 1 < m else 0
             dx, dy = window[t, 0] - window[s, 0], window[t, 1] - window[s, 1]
             if dx * (y - window[s, 1]) - dy * (x - window[s, 0]) < 0:
@@ -230,43 +251,60 @@ def measure_simple(faces, sides, is_flat, state, seen, plane, own, is_done, out)
         Out: faces that are measured, or need not be.
     out : Figures
     """
-    at, bulge = seen.places, seen.bulge
-    W_, H_ = plane.width, plane.height
-    rounding = EDGE_ROUNDING * (W_ + H_)
-    for f in range(own.shape[0]):
+    rounding = EDGE_ROUNDING * (plane.width + plane.height)
+    rule = FaceRule(
+        plane.width, plane.height, plane.bend, plane.tolerance,
+        4 * plane.longest[MOST] * plane.longest[MOST], plane.longest[plane.parts_of],
+    )  # fmt: skip
+    n = faces.shape[0]
+    whole = n - n % AT_A_TIME
+    for first in range(0, whole, AT_A_TIME):
+        measure_faces(
+            first, pointer(faces), pointer(sides), pointer(is_flat), pointer(state),
+            pointer(seen.places), pointer(seen.bulge), rule, rounding, pointer(own),
+            pointer(is_done), pointer(out.area), pointer(out.area_error),
+        )  # fmt: skip
+    for f in range(whole, own.shape[0]):
         own[f], is_done[f] = 0.0, bool(is_flat[f]) or state[f] & THIN != 0
-    for f in range(faces.shape[0]):
-        i, j, k = faces[f, 0], faces[f, 1], faces[f, 2]
-        u0, v0, u1, v1, u2, v2 = at[i, 2], at[i, 3], at[j, 2], at[j, 3], at[k, 2], at[k, 3]
-        if is_done[f] or u0 + u1 + u2 != u0 + u1 + u2:
-            continue  # NaN for a vertex outside the window
-        ax, ay, bx, by, cx, cy = at[i, X], at[i, Y], at[j, X], at[j, Y], at[k, X], at[k, Y]
-        longest2 = max(
-            (bx - ax) * (bx - ax) + (by - ay) * (by - ay),
-            (cx - bx) * (cx - bx) + (cy - by) * (cy - by),
-            (ax - cx) * (ax - cx) + (ay - cy) * (ay - cy),
-        )
-        total = 0.0
-        for p in range(3):
-            e = sides[f, p]
-            total += bulge[e] if e >= 0 else -bulge[~e]
-        low_u, high_u = min(u0, u1, u2), max(u0, u1, u2)
-        low_v, high_v = min(v0, v1, v2), max(v0, v1, v2)
-        stray = plane.bend * longest2 / 8
-        if high_u < -stray or high_v < -stray or low_u > W_ + stray or low_v > H_ + stray:
-            is_done[f] = True
-            continue
-        is_in = low_u > stray and low_v > stray and high_u < W_ - stray and high_v < H_ - stray
-        total += 0.5 * ((u1 - u0) * (v2 - v0) - (u2 - u0) * (v1 - v0))
-        if is_in and total == total:
-            is_done[f] = True
-            twice = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay)
-            own[f] = total if twice > 0 else -total
+        if f < n and not is_done[f]:
+            own[f], is_done[f], error = measure_face(f, faces, sides, seen, rule, rounding)
             out.area[f] += own[f]
-            # No side is longer than the box, and a bulge, is wide and high.
-            around = 2 * (high_u - low_u + high_v - low_v) + 6 * stray
-            parts = 3 * parts_of_edge(plane, longest2)
-            out.area_error[f] += parts * plane.tolerance + rounding * around
+            out.area_error[f] += error
+
+
+@part_with_arrays
+def measure_face(f, faces, sides, seen, rule, rounding):
+    """Area of a face, px^2, 0 if it is not measured; whether it need not be; and its bound."""
+    at, bulge = seen.places, seen.bulge
+    i, j, k = faces[f, 0], faces[f, 1], faces[f, 2]
+    u0, v0, u1, v1, u2, v2 = at[i, 2], at[i, 3], at[j, 2], at[j, 3], at[k, 2], at[k, 3]
+    if u0 + u1 + u2 != u0 + u1 + u2:
+        return 0.0, False, 0.0  # NaN for a vertex outside the window
+    ax, ay, bx, by, cx, cy = at[i, X], at[i, Y], at[j, X], at[j, Y], at[k, X], at[k, Y]
+    longest2 = max(
+        (bx - ax) * (bx - ax) + (by - ay) * (by - ay),
+        (cx - bx) * (cx - bx) + (cy - by) * (cy - by),
+        (ax - cx) * (ax - cx) + (ay - cy) * (ay - cy),
+    )
+    total = 0.0
+    for p in range(3):
+        e = sides[f, p]
+        total += bulge[e] if e >= 0 else -bulge[~e]
+    low_u, high_u = min(u0, u1, u2), max(u0, u1, u2)
+    low_v, high_v = min(v0, v1, v2), max(v0, v1, v2)
+    stray, W_, H_ = longest2 * rule.bend / 8, rule.width, rule.height
+    if high_u < -stray or high_v < -stray or low_u > W_ + stray or low_v > H_ + stray:
+        return 0.0, True, 0.0
+    is_in = low_u > stray and low_v > stray and high_u < W_ - stray and high_v < H_ - stray
+    total += 0.5 * ((u1 - u0) * (v2 - v0) - (u2 - u0) * (v1 - v0))
+    if not is_in or total != total:
+        return 0.0, False, 0.0
+    twice = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay)
+    # No side is longer than the box, and a bulge, is wide and high.
+    around = 2.0 * ((high_u - low_u) + (high_v - low_v)) + 6.0 * stray
+    parts = 1.0 if longest2 <= rule.one else np.ceil(0.5 * np.sqrt(longest2) / rule.part)
+    bound = 3.0 * parts * rule.tolerance + rounding * around
+    return total if twice > 0 else -total, True, bound
 
 
 @part_with_arrays
