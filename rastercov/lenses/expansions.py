@@ -67,7 +67,8 @@ class Expansion:
         return Expansion(-self.centre, self.radius)
 
     def __sub__(self, other: Any) -> "Expansion":
-        return self + -other
+        result: Expansion = self + -other
+        return result
 
     def __rsub__(self, other: Any) -> "Expansion":
         result: Expansion = -self + other

@@ -323,14 +323,6 @@ def bulges_by_parts(plane, edges, ends, places, scratch, bulge):
         bulge[e] = total - 0.5 * (places[b, U] - places[a, U]) * (places[b, V] - places[a, V])
 
 
-@part_with_arrays
-def parts_of_edge(plane, length2):
-    """Parts that the longest edge of a face is cut into at most, from its length squared."""
-    if length2 <= 4 * plane.longest[MOST] * plane.longest[MOST]:
-        return 1
-    return math.ceil(0.5 * math.sqrt(length2) / plane.longest[plane.parts_of])
-
-
 @allocation_free
 def _clamped(plane, corners, first, last, scratch):
     """Area of the part inside the image, and the pieces of edges that were integrated."""
