@@ -85,10 +85,10 @@ class Figures(NamedTuple):
 
 
 class FaceRule(NamedTuple):
-    """What measuring a face takes from a plane.
+    """Numbers of a plane by which faces are measured.
 
-    `one` is the square of the longest edge in one part, and half of others in `part` are parts.
-    For the others see `PlaneRecord`.
+    `one` is the square of the length of the longest edge in one part; longer ones have parts of
+    twice `part` at most. For the others see `PlaneRecord`.
     """
 
     width: float

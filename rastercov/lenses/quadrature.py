@@ -110,7 +110,7 @@ PAIR_ERRORS = np.stack(
 
 
 class EdgeBounds:
-    """What is known of a lens along the edges of a plane, for `error_bound`.
+    """Bounds of a lens along the edges of a plane, and of the error of their rules.
 
     Parameters
     ----------
