@@ -45,7 +45,7 @@ DEGREES = 60
 """Degrees a + b up to which e_ab is computed."""
 PAIR_ROUNDING = 1e-10
 """More than the rounding of e_ab."""
-HALVINGS = 40
+HALVINGS = 24
 
 
 def lobatto(n: int) -> tuple[FloatArray, FloatArray, FloatArray]:
