@@ -102,7 +102,7 @@ def record(arrays: Mapping[str, NDArray[Any]]) -> Figures:
 
 
 @part_of
-def judge(limits, is_degenerate, is_front, is_inside, is_focused, is_sampled, figures, cosine):
+def judge(limits, is_degenerate, is_front, is_inside, is_focused, is_sampled, figures, is_oblique):
     """Coverage (3.6) of a face and its `Reason`.
 
     `limits` is a `rastercov.task.Limits`; `figures` are resolution, pixels a metre of the surface
@@ -130,15 +130,22 @@ def judge(limits, is_degenerate, is_front, is_inside, is_focused, is_sampled, fi
     product *= visibility if visibility >= limits.min_visibility else 0.0
     if reason == COVERED and (product < limits.min_coverage or product == 0):
         reason = OCCLUDED
-    # The arccosine takes longest here, so cosines decide, except where they are equal to rounding.
-    is_oblique = cosine < limits.least_cosine
-    if abs(cosine - limits.least_cosine) < COSINE_ROUNDING:
-        is_oblique = not incidence_angle(cosine) <= limits.max_incidence
     if is_oblique and product != 0:
         product = 0.0
         if reason == COVERED:
             reason = TOO_OBLIQUE
     return product, reason
+
+
+@part_of
+def exceeds_incidence(cosine, limits):
+    """True if the angle of incidence is greater than the task allows.
+
+    The arccosine takes long, so cosines decide, except where they are equal to rounding.
+    """
+    if abs(cosine - limits.least_cosine) < COSINE_ROUNDING:
+        return not incidence_angle(cosine) <= limits.max_incidence
+    return cosine < limits.least_cosine
 
 
 @part_with_arrays
@@ -183,6 +190,14 @@ def bound_of_fraction(seen, row, f, drawn, points, i, j, k, is_cut):
 
 
 @part_with_arrays
+def cosine_of(scene, seen, points, row, f):
+    """Cosine of the angle of incidence of a face in one pose."""
+    i, j, k = scene.faces[f, 0], scene.faces[f, 1], scene.faces[f, 2]
+    normal = camera_normal(scene.normals, f, seen.poses[row])
+    return incidence_cosine(points, i, j, k, normal, scene.two_sided[f])
+
+
+@part_with_arrays
 def areas_of(seen, row, f):
     """Visible and drawn area of a face, px^2."""
     visible, drawn = float(seen.visible[row, f]), float(seen.drawn[row, f])
@@ -192,21 +207,19 @@ def areas_of(seen, row, f):
 
 
 @part_with_arrays
-def judge_face(scene, lens, seen, limits, work, row, f, asks_density, asks_facing):
+def judge_face(
+    scene, lens, seen, limits, work, row, f, is_front, is_oblique, asks_density, asks_facing
+):
     """Figures of a face in one pose: geometry, areas, and the decision.
 
     A density that is not asked for is 0.
 
-    Returns the cosine of the angle of incidence, the state of all vertices, the part of the image
-    of the face that is in the image, its area and both densities; True if it is seen, by definition
-    not from behind or outside the image; visible and drawn area, and visible fraction; resolution,
-    focus, coverage and reason.
+    Returns the state of all vertices, the part of the image of the face that is in the image, its
+    area and both densities; True if it is seen, by definition not from behind or outside the image;
+    visible and drawn area, and visible fraction; resolution, focus, coverage and reason.
     """
-    points, pose, near = work.points, seen.poses[row], seen.near[row]
+    points, near = work.points, seen.near[row]
     i, j, k = scene.faces[f, 0], scene.faces[f, 1], scene.faces[f, 2]
-    normal = camera_normal(scene.normals, f, pose)
-    cosine = incidence_cosine(points, i, j, k, normal, scene.two_sided[f])
-    is_front = cosine > 0 and not scene.degenerate[f]
     visible, drawn = areas_of(seen, row, f)
     # A count is no area.
     known = drawn if seen.kind.size else -1.0
@@ -220,14 +233,15 @@ def judge_face(scene, lens, seen, limits, work, row, f, asks_density, asks_facin
     is_focused = in_focus(points, i, j, k, lens, limits)
     per_m2 = 0.0
     if limits.min_pixels_per_m2 > 0:
+        normal = camera_normal(scene.normals, f, seen.poses[row])
         per_m2 = pixels_per_m2(points, i, j, k, normal, lens)
     facing = facing_density(points, i, j, k, lens) if asks_facing else 0.0
     figures = resolution, density, facing, per_m2, visibility
     product, reason = judge(
         limits, scene.degenerate[f], is_front, state == INSIDE, is_focused, drawn > 0, figures,
-        cosine,
+        is_oblique,
     )  # fmt: skip
-    geometry = cosine, state, part, area, density, facing
+    geometry = state, part, area, density, facing
     return geometry, is_seen, (visible, drawn, visibility), resolution, is_focused, product, reason
 
 
@@ -255,12 +269,11 @@ def find_fractions(rows, scene, lens, seen, work, value, bound, kind):
     """Fill rows of visible fractions, their bounds and kinds; see `FacePass.fractions`."""
     points = work.points
     for row in range(rows[0], rows[1]):
-        pose, near = seen.poses[row], seen.near[row]
-        project(scene.vertices, pose, near, lens, points)
+        near = seen.near[row]
+        project(scene.vertices, seen.poses[row], near, lens, points)
         for f in range(scene.faces.shape[0]):
             i, j, k = scene.faces[f, 0], scene.faces[f, 1], scene.faces[f, 2]
-            normal = camera_normal(scene.normals, f, pose)
-            cosine = incidence_cosine(points, i, j, k, normal, scene.two_sided[f])
+            cosine = cosine_of(scene, seen, points, row, f)
             visible, drawn = seen.visible[row, f] / seen.scale, seen.drawn[row, f] / seen.scale
             known = drawn if seen.kind.size else -1.0
             state, part, _ = image_of_face(points, i, j, k, near, lens, work, known)
@@ -273,22 +286,34 @@ def find_fractions(rows, scene, lens, seen, work, value, bound, kind):
 
 
 @allocation_free
+def replace_by_angles(cosines):
+    """Put angles of incidence in place of their cosines, (P, F): a loop that is vectorised."""
+    for row in range(cosines.shape[0]):
+        for f in range(cosines.shape[1]):
+            cosines[row, f] = incidence_angle(cosines[row, f])
+
+
+@allocation_free
 def judge_poses(rows, scene, lens, seen, work, limits, out):
     """Fill rows of `out` with the figures of poses `rows[0]` to `rows[1] - 1`.
 
     A `rastercov.task.Limits` holds the thresholds. What is not asked for is not computed, unless
-    the coverage depends on it.
+    the coverage depends on it. `incidence` becomes the cosine, see `replace_by_angles`.
     """
     asks_density = out.pixel_density.size > 0 or limits.min_pixel_density > 0
     asks_facing = out.facing_density.size > 0 or limits.min_facing_density > 0
     asks_bound = out.visibility_bound.size > 0 or out.visibility_kind.size > 0
+    n_faces = scene.faces.shape[0]
     for row in range(rows[0], rows[1]):
         project(scene.vertices, seen.poses[row], seen.near[row], lens, work.points)
-        for f in range(scene.faces.shape[0]):
+        for f in range(n_faces):
+            cosine = cosine_of(scene, seen, work.points, row, f)
+            is_front = cosine > 0 and not scene.degenerate[f]
             geometry, is_seen, areas, resolution, is_focused, product, reason = judge_face(
-                scene, lens, seen, limits, work, row, f, asks_density, asks_facing
-            )
-            cosine, state, part, area, density, facing = geometry
+                scene, lens, seen, limits, work, row, f, is_front,
+                exceeds_incidence(cosine, limits), asks_density, asks_facing,
+            )  # fmt: skip
+            state, part, area, density, facing = geometry
             visible, drawn, visibility = areas
             bound, kind = 0.0, EXACT
             if asks_bound:
@@ -320,7 +345,7 @@ def judge_poses(rows, scene, lens, seen, work, limits, out):
             if out.visibility_kind.size:
                 out.visibility_kind[row, f] = kind
             if out.incidence.size:
-                out.incidence[row, f] = incidence_angle(cosine)
+                out.incidence[row, f] = cosine
             if out.coverage.size:
                 out.coverage[row, f] = product
             if out.reason.size:

@@ -33,8 +33,12 @@ class CoveragePass(FacePass):
         out = self.kernels.record(figures)
 
         def worker(scope: Scope) -> Worker:
-            return lambda rows, index: self.kernels.judge_poses(
-                (rows.start, rows.stop), *scope(index), self.limits[index], out
-            )
+            def work(rows: slice, index: int) -> None:
+                limits = self.limits[index]
+                self.kernels.judge_poses((rows.start, rows.stop), *scope(index), limits, out)
+                if out.incidence.size:
+                    self.kernels.replace_by_angles(out.incidence[rows])
+
+            return work
 
         self.share(measured, poses, worker)

@@ -18,7 +18,9 @@ from rastercov.coverage_kernels import (
     EXACT,
     PLANE_ROUNDING,
     bound_and_kind,
+    cosine_of,
     density_of,
+    exceeds_incidence,
     judge_face,
     kind_of,
 )
@@ -27,10 +29,15 @@ from rastercov.criteria_kernels import (
     incidence_angle,
     project,
 )
-from rastercov.vertex_columns import INSIDE
+from rastercov.vertex_columns import INSIDE, X, Y, Z
 
 NO_PAIRS, COVERED_PAIRS, SEEN_PAIRS, ALL_PAIRS = range(4)
 """Indices of `rastercov.pairs.CHOICES`."""
+
+
+CLEAR_REL = 1e-5
+"""Relative difference from which squares of cosines decide. Their own error is less where a tenth
+of it, times the height of a camera above a plane, exceeds the rounding of that height."""
 
 
 class Sums(NamedTuple):
@@ -156,6 +163,29 @@ def add_row(at, pose_id, f, geometry, is_focused, resolution, areas, bound, kind
     rows.coverage[at], rows.reason[at] = decision
 
 
+@part_with_arrays
+def orientation(scene, seen, limits, points, row, f, height, rounding):
+    """True if a face is seen from the front; True if its angle of incidence is too great.
+
+    `height` is that of the camera centre above the plane of the face, which the cosine of the angle
+    is to the distance of the centroid. Squares decide, without a root or a quotient, unless they
+    are equal to `CLEAR_REL` or the height to its rounding: then the cosine does.
+    """
+    i, j, k = scene.faces[f, 0], scene.faces[f, 1], scene.faces[f, 2]
+    x = points[i, X] + points[j, X] + points[k, X]
+    y = points[i, Y] + points[j, Y] + points[k, Y]
+    z = points[i, Z] + points[j, Z] + points[k, Z]
+    squared = 9 * (height * height)
+    least = limits.least_cosine * limits.least_cosine * (x * x + y * y + z * z)
+    if 0.1 * CLEAR_REL * abs(height) > rounding and (
+        squared > (1 + CLEAR_REL) * least or squared < (1 - CLEAR_REL) * least
+    ):
+        is_front = (height > 0 or scene.two_sided[f]) and not scene.degenerate[f]
+        return is_front, squared < least
+    cosine = cosine_of(scene, seen, points, row, f)
+    return cosine > 0 and not scene.degenerate[f], exceeds_incidence(cosine, limits)
+
+
 @allocation_free
 def add_pose(row, turn, scene, lens, seen, work, limits, is_scored, sums, covered_faces, coverage,
              sink):  # fmt: skip
@@ -177,10 +207,14 @@ def add_pose(row, turn, scene, lens, seen, work, limits, is_scored, sums, covere
         if scene.degenerate[f]:
             is_behind, reason = True, DEGENERATE
         if not is_behind or choice == ALL_PAIRS:
-            geometry, is_seen, areas, resolution, is_focused, product, reason = judge_face(
-                scene, lens, seen, limits, work, row, f, asks_density, asks_facing
+            is_front, is_oblique = orientation(
+                scene, seen, limits, points, row, f, height, rounding
             )
-            part = geometry[2]
+            geometry, is_seen, areas, resolution, is_focused, product, reason = judge_face(
+                scene, lens, seen, limits, work, row, f, is_front, is_oblique, asks_density,
+                asks_facing,
+            )  # fmt: skip
+            part = geometry[1]
             is_row = choice != NO_PAIRS and (
                 choice == ALL_PAIRS
                 or reason == COVERED
@@ -190,10 +224,10 @@ def add_pose(row, turn, scene, lens, seen, work, limits, is_scored, sums, covere
             bound, kind = 1.0, kind_of(seen, row, f) if is_seen else EXACT
             if is_row or sums.bounds[0] < 1 or (reason == COVERED and sums.bounds[1] < 1):
                 bound, kind = bound_and_kind(
-                    scene, seen, points, row, f, areas[1], geometry[1], is_seen
+                    scene, seen, points, row, f, areas[1], geometry[0], is_seen
                 )
             if is_row:
-                cosine, state, part, area, density, facing = geometry
+                state, part, area, density, facing = geometry
                 if not asks_facing:
                     i, j, k = scene.faces[f, 0], scene.faces[f, 1], scene.faces[f, 2]
                     facing = facing_density(points, i, j, k, lens)
@@ -201,6 +235,7 @@ def add_pose(row, turn, scene, lens, seen, work, limits, is_scored, sums, covere
                     density = density_of(
                         scene, lens, seen, points, row, f, reason > BACK_FACING, state, part
                     )
+                cosine = cosine_of(scene, seen, points, row, f)
                 geometry = cosine, state, part, area, density, facing
                 at = turn * n_faces + sink.counts[turn]
                 sink.counts[turn] += 1

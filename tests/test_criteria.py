@@ -11,6 +11,7 @@ from scenes import square
 from rastercov import shapes
 from rastercov.camera import Camera
 from rastercov.criteria import face_geometry, in_focus
+from rastercov.criteria_kernels import incidence_angle
 from rastercov.mesh import Group, Mesh
 from rastercov.near_plane import near_limit
 from rastercov.projection import clip_near, polygon_area, to_camera, to_image
@@ -247,6 +248,13 @@ def test_edge_on_is_front_from_neither_side():
 def test_incidence_is_the_tilt_on_the_axis(degrees):
     view = face_geometry(tilted(math.radians(degrees)), CAMERA, AHEAD)
     assert np.degrees(view.incidence) == pytest.approx([degrees], abs=1e-5)
+
+
+@given(st.floats(-1, 1) | st.sampled_from([1 - 2.0**-52, 2.0**-52 - 1, 0.5, -0.5, 5e-324]))
+def test_an_angle_of_incidence_is_the_arccosine(cosine):
+    angle = incidence_angle(cosine)
+    assert angle == pytest.approx(math.acos(cosine), rel=5e-16, abs=0)
+    assert incidence_angle(math.nextafter(cosine, 2)) <= angle * (1 + 2.0**-51)
 
 
 def test_incidence_is_measured_to_the_camera_centre():
