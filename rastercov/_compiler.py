@@ -7,6 +7,7 @@ five hundred functions, nearly all of them parts of a few loops. What it changes
 - A named tuple is one argument, and its fields and the elements of arrays are read in few
   instructions. numba passes each number of each array of it by itself, and copies the whole of it
   to read a field; LLVM removed that afterwards.
+- A function that is `called_whole` stays one: it is not copied into the loops that call it.
 - The types of operators are found once, not once for each place in the source.
 - Python does not search for garbage meanwhile.
 """
@@ -157,6 +158,11 @@ class _Lower(Lower):
     operator with constants first. LLVM removes all that; making and removing it took half of the
     time.
     """
+
+    def setup_function(self, description: Any) -> None:
+        super().setup_function(description)
+        if getattr(self.func_ir.func_id.func, "is_called_whole", False):
+            self.function.attributes.add("noinline")
 
     def lower_expr(self, kind: Any, expression: Any) -> Any:
         if expression.op == "getattr":

@@ -236,6 +236,17 @@ def allocation_free(function: Callable[..., Any]) -> Any:
     return _kept(function, _nrt=False)
 
 
+def called_whole(function: Callable[..., Any]) -> Any:
+    """Compile as `allocation_free`, and leave it a function in the loops that call it.
+
+    For much code that a loop does not need for each face, or for each face once: LLVM copies it to
+    each place that calls it, and optimises the copies with what is around them. The loop that
+    judges faces took two minutes to compile through a lens, and takes ten seconds.
+    """
+    function.is_called_whole = True  # type: ignore[attr-defined]
+    return allocation_free(function)
+
+
 def _kept(function: Callable[..., Any], **options: Any) -> Any:
     loop = _for_any_integer(function, **options)
     with suppress(RuntimeError, OSError):  # nowhere to write: compile in every process
@@ -248,7 +259,11 @@ def _for_any_integer(function: Callable[..., Any], **options: Any) -> Any:
 
     numba would compile it again for each constant, and for 32 and 64 bits. No C program calls it.
     """
-    options = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True, **options}
+    # What is not said of inlining here, a function takes over from the part that calls it.
+    options = {
+        "nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True, "forceinline": False,
+        **options,
+    }  # fmt: skip
     loop: Any = numba.njit(**{"pipeline_class": LoopCompiler, **options})(function)
     template = loop.get_call_template
 

@@ -435,6 +435,35 @@ def test_a_part_has_no_machine_code_and_its_errors_arrive():
     assert part(4) == 8  # compiled by itself where Python calls it
 
 
+def test_only_parts_are_copied_whatever_calls_them(monkeypatch):
+    """A function took over from the part that calls it that it must be copied."""
+    monkeypatch.setattr(compiled._Kept, "load_overload", lambda *_: None)  # compile it here
+
+    @compiled.allocation_free
+    def loop_of(x):
+        return 3.0 * x
+
+    @compiled.called_whole
+    def whole_of(x):
+        return 5.0 * x
+
+    @compiled.part_of
+    def part_of(x):
+        return loop_of(x) + whole_of(x)
+
+    @compiled.allocation_free
+    def calls(x):
+        return part_of(x) + 1.0
+
+    assert calls(2.0) == 17
+    (llvm,) = calls.inspect_llvm().values()
+    called = [line for line in llvm.splitlines() if " call " in line]
+    assert any("whole_of" in line for line in called)
+    assert not any("part_of" in line for line in called)
+    (llvm,) = loop_of.inspect_llvm().values()
+    assert "alwaysinline" not in llvm
+
+
 def test_a_record_is_refused_from_a_loop_of_another_compiler():
     # Two conventions for the same function would read one another's arguments wrongly.
     part = compiled.part_with_arrays(element_of)

@@ -11,7 +11,7 @@ polygons that share one agree on it to the last bits.
 
 import math
 
-from rastercov._jit import allocation_free, part_with_arrays
+from rastercov._jit import allocation_free, called_whole, part_with_arrays
 from rastercov.lenses.kernels import project
 from rastercov.lenses.lane_kernels import GROUP, project_lanes
 from rastercov.lenses.quadrature import BERNSTEIN, FEWEST, GROWTH, MOST, NODES, RULE
@@ -227,7 +227,7 @@ def edge_is_inside(n, U, V, W, H, stack, low, spare, out, kinds):
     return count == 0
 
 
-@allocation_free
+@called_whole
 def clamped_edge(
     code, p, frame, ax, ay, bx, by, n, W, H, stray, U, V, stack, low, spare, cuts, kinds, nodes
 ):

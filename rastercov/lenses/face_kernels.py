@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov._jit import allocation_free
+from rastercov._jit import allocation_free, called_whole
 from rastercov.camera import Camera
 from rastercov.camera_models import MODELS
 from rastercov.lenses import kernels
@@ -134,6 +134,11 @@ def read_only(array: NDArray[Any]) -> NDArray[Any]:
 
 def project(vertices, pose, near, lens, points):
     """Transform the vertices to camera axes and project those in the valid region of the lens."""
+    _project(vertices, pose, near, lens, points)
+
+
+@called_whole
+def _project(vertices, pose, near, lens, points):
     is_wide = lens.frames.shape[0] > 1
     for i in range(vertices.shape[0]):
         a = vertices[i, 0] - pose[0, 3]
@@ -238,7 +243,7 @@ def _turned(points, p, frame):
     )
 
 
-@allocation_free
+@called_whole
 def curved_areas(points, i, j, k, near, lens, work):
     """Area of the image of a face in the valid region, and of its part in the image, px^2."""
     whole = inside = 0.0
@@ -313,6 +318,12 @@ def pixel_density(points, i, j, k, normal, lens):
     return worst
 
 
+@called_whole
+def _slopes(code, params, X_, Y_, Z_):
+    """Derivative of a lens, see `kernels.jacobian`."""
+    return kernels.jacobian(code, params, X_, Y_, Z_)
+
+
 @allocation_free
 def density_of_ray(lens, X_, Y_, Z_, x, y, z):
     """Least singular value of J (e_1 e_2), px/m.
@@ -323,7 +334,7 @@ def density_of_ray(lens, X_, Y_, Z_, x, y, z):
     sign = math.copysign(1.0, z)
     a = -1.0 / (sign + z)
     b = x * y * a
-    ux, uy, uz, vx, vy, vz = kernels.jacobian(lens.code, lens.params, X_, Y_, Z_)
+    ux, uy, uz, vx, vy, vz = _slopes(lens.code, lens.params, X_, Y_, Z_)
     first = 1 + sign * x * x * a, sign * b, -sign * x
     second = b, sign + y * y * a, -y
     return _least_singular(
@@ -355,7 +366,7 @@ def facing_density(points, i, j, k, lens):
     worst = math.inf
     for s in range(3):
         p = i if s == 0 else j if s == 1 else k
-        ux, uy, uz, vx, vy, vz = kernels.jacobian(
+        ux, uy, uz, vx, vy, vz = _slopes(
             lens.code, lens.params, points[p, X], points[p, Y], points[p, Z]
         )
         # Eigenvalues of J J^T.
@@ -379,7 +390,7 @@ def pixels_per_m2(points, i, j, k, normal, lens):
     worst = math.inf
     for s in range(3):
         p = i if s == 0 else j if s == 1 else k
-        ux, uy, uz, vx, vy, vz = kernels.jacobian(
+        ux, uy, uz, vx, vy, vz = _slopes(
             lens.code, lens.params, points[p, X], points[p, Y], points[p, Z]
         )
         det = (

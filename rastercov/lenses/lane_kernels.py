@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov._jit import allocation_free, part_of
+from rastercov._jit import allocation_free, called_whole, part_of
 from rastercov.lenses.formulas import (
     B0,
     B1,
@@ -179,7 +179,7 @@ def base_lanes(code, b0, b1, b2, x, y, z, n):
                 x[i], y[i] = x[i] * g, y[i] * g
 
 
-@allocation_free
+@called_whole
 def project_lanes(code, p, frame, x, y, z, m, u, v):
     """Project the first m points (x, y) of a plane into u, v; x, y and z are lost.
 

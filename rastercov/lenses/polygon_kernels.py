@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov._jit import allocation_free, part_with_arrays
+from rastercov._jit import allocation_free, called_whole, part_with_arrays
 from rastercov.lenses.edge_kernels import (
     DEEPEST,
     MOST_CUTS,
@@ -69,7 +69,7 @@ def edge_scratch() -> EdgeScratch:
     return EdgeScratch._make([*of_one, *of_polygon, ends, rules])
 
 
-@allocation_free
+@called_whole
 def polygon_image(plane, corners, first, last, scratch):
     """Image of the polygon corners[first] ... corners[last - 1], in units of a plane.
 
@@ -91,7 +91,7 @@ def polygon_image(plane, corners, first, last, scratch):
     return _image(plane, corners, first, last, scratch, True)
 
 
-@allocation_free
+@called_whole
 def _image(plane, corners, first, last, scratch, is_whole_asked):
     """`polygon_image`, whose `whole` may be NaN at the border of the image and beyond it."""
     if plane.is_graded:
@@ -214,7 +214,7 @@ def _lay_nodes(plane, corners, first, last, scratch):
     return listed, longest
 
 
-@allocation_free
+@called_whole
 def _image_by_edges(plane, corners, first, last, scratch):
     """Image of a polygon as `polygon_image`, of any number of parts, on any plane."""
     rules, u0, whole, stray = 0, 0.0, 0.0, 0.0
@@ -323,7 +323,7 @@ def bulges_by_parts(plane, edges, ends, places, scratch, bulge):
         bulge[e] = total - 0.5 * (places[b, U] - places[a, U]) * (places[b, V] - places[a, V])
 
 
-@allocation_free
+@called_whole
 def _clamped(plane, corners, first, last, scratch):
     """Area of the part inside the image, and the pieces of edges that were integrated."""
     inside, rules = 0.0, 0

@@ -196,7 +196,8 @@ def set_slab(placed, faces, f, points, slabs, i):
     length = dot(points, 5, 5)
     if not length > LEAST_AXIS_SQUARED:
         points[5] = 0.0
-    slabs[i, :3] = points[5]
+    for k in range(3):
+        slabs[i, k] = points[5, k]
     slabs[i, 3] = np.sqrt(length)
     # An interval, not a value: rounding may have rotated the normal of a needle.
     p, q, r = dot(points, 0, 5), dot(points, 1, 5), dot(points, 2, 5)
