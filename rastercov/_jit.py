@@ -183,15 +183,17 @@ _IMPORT = re.compile(
 def _read_module(path: Path) -> tuple[bytes, tuple[Path, ...]]:
     """SHA-256 of a module file, and the files that it imports from its own top-level package.
 
-    Recognised are absolute imports that start in the first column.
+    A module in no package, such as a test, is taken as one of this package. Recognised are absolute
+    imports that start in the first column.
     """
     source = path.read_bytes()
     folder = path.parent
     while (folder / "__init__.py").exists():
         folder = folder.parent
-    if folder == path.parent:  # in no package
-        return hashlib.sha256(source).digest(), ()
-    package = path.relative_to(folder).parts[0]
+    if folder == path.parent:
+        folder, package = Path(__file__).parents[1], "rastercov"
+    else:
+        package = path.relative_to(folder).parts[0]
     files = []
     for parent, names, module in _IMPORT.findall(source.decode()):
         parts = (parent or module).split(".")

@@ -208,11 +208,12 @@ def areas_of(seen, row, f):
 
 @part_with_arrays
 def judge_face(
-    scene, lens, seen, limits, work, row, f, is_front, is_oblique, asks_density, asks_facing
-):
+    scene, lens, seen, limits, work, row, f, is_front, is_oblique, asks_area, asks_density,
+    asks_facing,
+):  # fmt: skip
     """Figures of a face in one pose: geometry, areas, and the decision.
 
-    A density that is not asked for is 0.
+    A density that is not asked for is 0, and an area may be any positive number in place of itself.
 
     Returns the state of all vertices, the part of the image of the face that is in the image, its
     area and both densities; True if it is seen, by definition not from behind or outside the image;
@@ -222,7 +223,7 @@ def judge_face(
     i, j, k = scene.faces[f, 0], scene.faces[f, 1], scene.faces[f, 2]
     visible, drawn = areas_of(seen, row, f)
     # A count is no area.
-    known = drawn if seen.kind.size else -1.0
+    known = drawn if seen.kind.size or not asks_area else -1.0
     state, part, area = image_of_face(points, i, j, k, near, lens, work, known)
     density = 0.0
     if asks_density:
@@ -275,8 +276,7 @@ def find_fractions(rows, scene, lens, seen, work, value, bound, kind):
             i, j, k = scene.faces[f, 0], scene.faces[f, 1], scene.faces[f, 2]
             cosine = cosine_of(scene, seen, points, row, f)
             visible, drawn = seen.visible[row, f] / seen.scale, seen.drawn[row, f] / seen.scale
-            known = drawn if seen.kind.size else -1.0
-            state, part, _ = image_of_face(points, i, j, k, near, lens, work, known)
+            state, part, _ = image_of_face(points, i, j, k, near, lens, work, drawn)
             is_front = cosine > 0 and not scene.degenerate[f]
             is_seen = is_front and (part != 0 or state == INSIDE)
             value[row, f] = visible / drawn if is_seen and drawn > 0 else 0.0
@@ -300,6 +300,7 @@ def judge_poses(rows, scene, lens, seen, work, limits, out):
     A `rastercov.task.Limits` holds the thresholds. What is not asked for is not computed, unless
     the coverage depends on it. `incidence` becomes the cosine, see `replace_by_angles`.
     """
+    asks_area = out.projected_area.size > 0
     asks_density = out.pixel_density.size > 0 or limits.min_pixel_density > 0
     asks_facing = out.facing_density.size > 0 or limits.min_facing_density > 0
     asks_bound = out.visibility_bound.size > 0 or out.visibility_kind.size > 0
@@ -311,7 +312,7 @@ def judge_poses(rows, scene, lens, seen, work, limits, out):
             is_front = cosine > 0 and not scene.degenerate[f]
             geometry, is_seen, areas, resolution, is_focused, product, reason = judge_face(
                 scene, lens, seen, limits, work, row, f, is_front,
-                exceeds_incidence(cosine, limits), asks_density, asks_facing,
+                exceeds_incidence(cosine, limits), asks_area, asks_density, asks_facing,
             )  # fmt: skip
             state, part, area, density, facing = geometry
             visible, drawn, visibility = areas

@@ -26,6 +26,7 @@ from rastercov.coverage_kernels import (
 )
 from rastercov.criteria_kernels import (
     facing_density,
+    image_of_face,
     incidence_angle,
     project,
 )
@@ -211,8 +212,8 @@ def add_pose(row, turn, scene, lens, seen, work, limits, is_scored, sums, covere
                 scene, seen, limits, points, row, f, height, rounding
             )
             geometry, is_seen, areas, resolution, is_focused, product, reason = judge_face(
-                scene, lens, seen, limits, work, row, f, is_front, is_oblique, asks_density,
-                asks_facing,
+                scene, lens, seen, limits, work, row, f, is_front, is_oblique, False,
+                asks_density, asks_facing,
             )  # fmt: skip
             part = geometry[1]
             is_row = choice != NO_PAIRS and (
@@ -228,8 +229,11 @@ def add_pose(row, turn, scene, lens, seen, work, limits, is_scored, sums, covere
                 )
             if is_row:
                 state, part, area, density, facing = geometry
+                i, j, k = scene.faces[f, 0], scene.faces[f, 1], scene.faces[f, 2]
+                if not seen.kind.size:  # counted, and no area has been asked for
+                    near = seen.near[row]
+                    state, part, area = image_of_face(points, i, j, k, near, lens, work, -1.0)
                 if not asks_facing:
-                    i, j, k = scene.faces[f, 0], scene.faces[f, 1], scene.faces[f, 2]
                     facing = facing_density(points, i, j, k, lens)
                 if not asks_density:
                     density = density_of(

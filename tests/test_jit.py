@@ -435,6 +435,13 @@ def test_a_part_has_no_machine_code_and_its_errors_arrive():
     assert part(4) == 8  # compiled by itself where Python calls it
 
 
+def test_a_loop_outside_the_package_is_compiled_anew_when_what_it_calls_changes(tmp_path):
+    path = tmp_path / "program.py"
+    path.write_text("from rastercov.criteria_kernels import project, scene_of\nimport numpy\n")
+    _, imported = compiled._read_module(path)
+    assert [file.name for file in imported] == ["criteria_kernels.py"]
+
+
 def test_only_parts_are_copied_whatever_calls_them(monkeypatch):
     """A function took over from the part that calls it that it must be copied."""
     monkeypatch.setattr(compiled._Kept, "load_overload", lambda *_: None)  # compile it here

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov._jit import allocation_free, called_whole
+from rastercov._jit import allocation_free, called_whole, part_of, part_with_arrays
 from rastercov.camera import Camera
 from rastercov.camera_models import MODELS
 from rastercov.lenses import kernels
@@ -30,6 +30,9 @@ FloatArray = NDArray[np.float64]
 
 MOST_SIDES = 132
 """Room for the sides of a region: a cone of 128 sides cut by a square."""
+SLOPES = 8
+"""First of six columns of a vertex, behind those of `vertex_columns`: the derivative of the lens,
+found when a density asks for it; NaN before."""
 OUTSIDE_TOLERANCE = 1e-9
 """Area outside the image, px^2 and relative to the face, up to which a face is inside it."""
 
@@ -77,7 +80,7 @@ class CurvedLens(NamedTuple):
 
 
 class CurvedWorkspace(NamedTuple):
-    """Memory of one thread: the projected vertices (V, 8), and polygons of a plane."""
+    """Memory of one thread: the projected vertices (V, 14), and polygons of a plane."""
 
     points: FloatArray
     polygon: FloatArray
@@ -121,7 +124,7 @@ def curved_lens(camera: Camera) -> CurvedLens:
 
 def curved_workspace(n_vertices: int) -> CurvedWorkspace:
     """Memory for one thread."""
-    sizes = [(n_vertices, 8)] + [(MOST_CORNERS, 2)] * 2 + [(MOST_CORNERS, 3)] * 2
+    sizes = [(n_vertices, SLOPES + 6)] + [(MOST_CORNERS, 2)] * 2 + [(MOST_CORNERS, 3)] * 2
     return CurvedWorkspace._make([*(np.empty(size) for size in sizes), edge_scratch()])
 
 
@@ -157,7 +160,7 @@ def _project(vertices, pose, near, lens, points):
                 state = INSIDE
         points[i, X], points[i, Y], points[i, Z] = x, y, z
         points[i, U], points[i, V] = u, v
-        points[i, STATE] = state
+        points[i, STATE], points[i, SLOPES] = state, math.nan
 
 
 def image_of_face(points, i, j, k, near, lens, work, drawn):
@@ -167,7 +170,7 @@ def image_of_face(points, i, j, k, near, lens, work, drawn):
     is the area in the image where that is known; negative otherwise.
     """
     worst = min(points[i, STATE], points[j, STATE], points[k, STATE])
-    if worst == INSIDE and drawn > 0 and _stays_inside(points, i, j, k, lens):
+    if worst == INSIDE and drawn > 0 and _stays_inside(points, i, j, k, near, lens):
         return worst, 1.0, drawn
     if worst == BEHIND and _is_out_of_sight(points, i, j, k, near, lens):
         return worst, 0.0, 0.0
@@ -183,30 +186,58 @@ def image_of_face(points, i, j, k, near, lens, work, drawn):
 
 
 @allocation_free
-def _stays_inside(points, i, j, k, lens):
+def _stays_inside(points, i, j, k, near, lens):
     """True where no edge of a face can leave the image, because its corners are far from it.
 
     A line of length L in a plane leaves its chord in the image by at most bend L^2 / 8.
     """
-    if lens.frames.shape[0] > 1:
-        return False
     low_u, high_u = min(points[i, U], points[j, U], points[k, U]), 0.0
     high_u = max(points[i, U], points[j, U], points[k, U])
     low_v = min(points[i, V], points[j, V], points[k, V])
     high_v = max(points[i, V], points[j, V], points[k, V])
-    longest2 = 0.0
-    for s in range(3):
-        p = i if s == 0 else j if s == 1 else k
-        q = j if s == 0 else k if s == 1 else i
-        x = points[p, X] / points[p, Z] - points[q, X] / points[q, Z]
-        y = points[p, Y] / points[p, Z] - points[q, Y] / points[q, Z]
-        longest2 = max(longest2, x * x + y * y)
-    stray = lens.bends[0] * longest2 / 8
-    return (
-        low_u >= stray
-        and low_v >= stray
-        and high_u <= lens.width - stray
-        and high_v <= lens.height - stray
+    for n in range(lens.frames.shape[0]):
+        longest2 = _longest_edge(points, i, j, k, near, lens, n)
+        if longest2 < math.inf:
+            stray = lens.bends[n] * longest2 / 8
+            return (
+                low_u >= stray
+                and low_v >= stray
+                and high_u <= lens.width - stray
+                and high_v <= lens.height - stray
+            )
+    return False
+
+
+@part_with_arrays
+def _longest_edge(points, i, j, k, near, lens, n):
+    """Squared length of the longest edge of a face in a plane; infinite for one not all in it.
+
+    The valid vertices of a lens with one plane are in it.
+    """
+    frame, sides = lens.frames[n], lens.region_sides[n]
+    x, y, z = _turned(points, i, frame)
+    u, v, w = _turned(points, j, frame)
+    r, s, t = _turned(points, k, frame)
+    if not min(z, w, t) > 0:
+        return math.inf
+    x, y, u, v, r, s = x / z, y / z, u / w, v / w, r / t, s / t
+    if lens.frames.shape[0] > 1:
+        if min(z, w, t) < near or lens.hole_sides[n] > 0:
+            return math.inf
+        for side in range(sides):
+            following = side + 1 if side + 1 < sides else 0
+            x0, y0 = lens.regions[n, side, 0], lens.regions[n, side, 1]
+            dx, dy = lens.regions[n, following, 0] - x0, lens.regions[n, following, 1] - y0
+            if (
+                dx * (y - y0) - dy * (x - x0) < 0
+                or dx * (v - y0) - dy * (u - x0) < 0
+                or dx * (s - y0) - dy * (r - x0) < 0
+            ):
+                return math.inf
+    return max(
+        (x - u) * (x - u) + (y - v) * (y - v),
+        (u - r) * (u - r) + (v - s) * (v - s),
+        (r - x) * (r - x) + (s - y) * (s - y),
     )
 
 
@@ -310,31 +341,49 @@ def pixel_density(points, i, j, k, normal, lens):
     worst = math.inf
     for s in range(3):
         p = i if s == 0 else j if s == 1 else k
-        least = density_of_ray(
-            lens, points[p, X], points[p, Y], points[p, Z], normal[0], normal[1], normal[2]
-        )
+        least = _density(_slopes_at(points, p, lens), normal[0], normal[1], normal[2])
         if not least >= worst:
             worst = least
     return worst
 
 
+@part_with_arrays
+def _slopes_at(points, p, lens):
+    """Derivative of the lens at a vertex, see `kernels.jacobian`; six faces share a vertex."""
+    if math.isnan(points[p, SLOPES]):
+        _find_slopes(points, p, lens.code, lens.params)
+    return (
+        points[p, SLOPES], points[p, SLOPES + 1], points[p, SLOPES + 2],
+        points[p, SLOPES + 3], points[p, SLOPES + 4], points[p, SLOPES + 5],
+    )  # fmt: skip
+
+
 @called_whole
-def _slopes(code, params, X_, Y_, Z_):
-    """Derivative of a lens, see `kernels.jacobian`."""
-    return kernels.jacobian(code, params, X_, Y_, Z_)
+def _find_slopes(points, p, code, params):
+    ux, uy, uz, vx, vy, vz = kernels.jacobian(
+        code, params, points[p, X], points[p, Y], points[p, Z]
+    )
+    points[p, SLOPES], points[p, SLOPES + 1], points[p, SLOPES + 2] = ux, uy, uz
+    points[p, SLOPES + 3], points[p, SLOPES + 4], points[p, SLOPES + 5] = vx, vy, vz
 
 
-@allocation_free
+@called_whole
 def density_of_ray(lens, X_, Y_, Z_, x, y, z):
     """Least singular value of J (e_1 e_2), px/m.
 
     J is the (2, 3) derivative of pixels at the point (X_, Y_, Z_) in camera axes, and e_1, e_2 are
     tangents of a plane with the normal (x, y, z).
     """
+    return _density(kernels.jacobian(lens.code, lens.params, X_, Y_, Z_), x, y, z)
+
+
+@part_of
+def _density(slopes, x, y, z):
+    """Density by the derivative of a lens, in a plane with the normal (x, y, z)."""
     sign = math.copysign(1.0, z)
     a = -1.0 / (sign + z)
     b = x * y * a
-    ux, uy, uz, vx, vy, vz = _slopes(lens.code, lens.params, X_, Y_, Z_)
+    ux, uy, uz, vx, vy, vz = slopes
     first = 1 + sign * x * x * a, sign * b, -sign * x
     second = b, sign + y * y * a, -y
     return _least_singular(
@@ -345,7 +394,7 @@ def density_of_ray(lens, X_, Y_, Z_, x, y, z):
     )
 
 
-@allocation_free
+@part_of
 def _least_singular(a1, a2, b1, b2):
     """Least singular value of ((a1, a2), (b1, b2))."""
     total = a1 * a1 + a2 * a2 + b1 * b1 + b2 * b2
@@ -366,9 +415,7 @@ def facing_density(points, i, j, k, lens):
     worst = math.inf
     for s in range(3):
         p = i if s == 0 else j if s == 1 else k
-        ux, uy, uz, vx, vy, vz = _slopes(
-            lens.code, lens.params, points[p, X], points[p, Y], points[p, Z]
-        )
+        ux, uy, uz, vx, vy, vz = _slopes_at(points, p, lens)
         # Eigenvalues of J J^T.
         uu, vv = ux * ux + uy * uy + uz * uz, vx * vx + vy * vy + vz * vz
         uv = ux * vx + uy * vy + uz * vz
@@ -390,9 +437,7 @@ def pixels_per_m2(points, i, j, k, normal, lens):
     worst = math.inf
     for s in range(3):
         p = i if s == 0 else j if s == 1 else k
-        ux, uy, uz, vx, vy, vz = _slopes(
-            lens.code, lens.params, points[p, X], points[p, Y], points[p, Z]
-        )
+        ux, uy, uz, vx, vy, vz = _slopes_at(points, p, lens)
         det = (
             (uy * vz - uz * vy) * normal[0]
             + (uz * vx - ux * vz) * normal[1]

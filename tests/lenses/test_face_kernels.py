@@ -1,0 +1,58 @@
+"""Field of view of a face through a lens, with its area known and without."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from lens_cameras import CAMERAS
+
+from rastercov._jit import allocation_free
+from rastercov.criteria_kernels import image_of_face, lens_of, project, scene_of, workspace
+from rastercov.mesh import Mesh
+from rastercov.rays import rays_of
+from rastercov.vertex_columns import INSIDE
+
+NEAR = 0.05
+
+
+@allocation_free
+def fields_of_view(scene, pose, lens, work, known, out):
+    project(scene.vertices, pose, NEAR, lens, work.points)
+    for f in range(scene.faces.shape[0]):
+        i, j, k = scene.faces[f, 0], scene.faces[f, 1], scene.faces[f, 2]
+        state, part, area = image_of_face(work.points, i, j, k, NEAR, lens, work, known[f])
+        out[f, 0], out[f, 1], out[f, 2] = state, part, area
+
+
+@pytest.mark.parametrize("lens", [*CAMERAS])
+@settings(max_examples=10)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_a_known_area_changes_no_field_of_view(lens, seed):
+    """With it faces are decided by their corners, where no edge can leave the image."""
+    camera, rng, n = CAMERAS[lens], np.random.default_rng(seed), 300
+    centres = rng.normal(size=(n, 1, 3))
+    centres[::2, :, 2] = abs(centres[::2, :, 2])
+    sizes = 10 ** rng.uniform(-3, 0.7, (n, 1, 1))
+    corners = centres + sizes * rng.normal(size=(n, 3, 3))
+    # Every third has an edge along a side of the image, from which the lens bends it.
+    pixels = rng.uniform(0, 1, (n // 3, 3, 2)) * (camera.width, camera.height)
+    size, side = (camera.width, camera.height), rng.integers(0, 2, n // 3)
+    inward = 10 ** rng.uniform(-3, 1.5, (n // 3, 2))
+    for row, axis in enumerate(side):
+        at_end = rng.uniform() < 0.5
+        pixels[row, :2, axis] = size[axis] - inward[row] if at_end else inward[row]
+    corners[::3] = rays_of(pixels, camera) * rng.uniform(0.5, 4, (n // 3, 1, 1))
+    corners[::3][~np.isfinite(corners[::3]).all(axis=(1, 2))] = 0
+    mesh = Mesh(corners.reshape(-1, 3), np.arange(3 * n).reshape(-1, 3))
+    numbers = lens_of(camera)
+    scene, work = scene_of(mesh), workspace(mesh.n_vertices, numbers)
+    measured, decided = np.empty((2, n, 3))
+    fields_of_view(scene, np.eye(4), numbers, work, np.full(n, -1.0), measured)
+    known = 2 * measured[:, 2]  # unlike any that is measured
+    fields_of_view(scene, np.eye(4), numbers, work, known, decided)
+    np.testing.assert_array_equal(decided[:, :2], measured[:, :2])
+    is_short = (decided[:, 2] == known) & (known > 0)
+    assert (decided[is_short, 0] == INSIDE).all()
+    np.testing.assert_array_equal(decided[~is_short], measured[~is_short])
+    small = (measured[:, 0] == INSIDE) & (sizes.ravel() < 0.01)
+    assert is_short[small].any() or small.sum() < 20
