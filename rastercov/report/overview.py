@@ -243,21 +243,17 @@ def _plan_picture(shown: CameraColours, camera: Cameras) -> tuple[FloorPlan, Ima
         colours[pixel] = shown.of_points(faces, points)
         return colours
 
-    image = paint_plan(plan, own)
+    image, task = paint_plan(plan, own), Image.fromarray(plan.shows_task())
+    draw = ImageDraw.Draw(image)
     for wedge, colour in zip(outlines, shown.colours, strict=True):
         places = [tuple(place) for place in plan.places(wedge).tolist()]
         if len(places) > 2:
-            mask = Image.new("L", image.size)
-            ImageDraw.Draw(mask).polygon(places, round(255 * WEDGE))
-            mask.paste(0, (0, 0), Image.fromarray(plan.shows_task()))
-            image.paste(colour, (0, 0), mask)
-        draw = ImageDraw.Draw(image)
+            _tint(image, places, colour, task)
         draw.line([*places, places[0]], theme.PAPER, 4 * FINE, "curve")
         draw.line([*places, places[0]], colour, 2 * FINE, "curve")
     eyes = plan.places(shown.eyes)
     write_labels(image, eyes, list(shown.names), shown.colours, shown.font, FINE)
     foot = FOOT * FINE
-    draw = ImageDraw.Draw(image)
     draw.rectangle((0, HEIGHT * FINE - foot, *image.size), theme.EXTERIOR)
     corner = (0.05 * WIDTH * FINE, HEIGHT * FINE - 0.35 * foot)
     font = font_for(FINE * 750)
@@ -266,6 +262,22 @@ def _plan_picture(shown: CameraColours, camera: Cameras) -> tuple[FloorPlan, Ima
     text = f"from above{cut}; x to the right, y up"
     draw.text((0.95 * WIDTH * FINE, corner[1]), text, theme.INK, font, anchor="rs")
     return plan, smooth(image)
+
+
+def _tint(
+    image: Image.Image, places: Sequence[tuple[float, ...]], colour: Colour, task: Image.Image
+) -> None:
+    """Tint a polygon with a colour, but for the pixels of the task."""
+    (x0, y0), (x1, y1) = np.floor(np.min(places, axis=0)), np.ceil(np.max(places, axis=0)) + 1
+    left, top = max(0, int(x0)), max(0, int(y0))
+    right, bottom = min(image.width, int(x1)), min(image.height, int(y1))
+    if left >= right or top >= bottom:
+        return
+    mask = Image.new("L", (right - left, bottom - top))
+    moved = [(place[0] - left, place[1] - top) for place in places]
+    ImageDraw.Draw(mask).polygon(moved, round(255 * WEDGE))
+    mask.paste(0, (0, 0), task.crop((left, top, right, bottom)))
+    image.paste(colour, (left, top), mask)
 
 
 def _pyramid(camera: Camera, pose: FloatArray, reach: float) -> FloatArray:
