@@ -28,9 +28,8 @@ from rastercov._threads import share_poses, thread_count
 from rastercov.camera import Camera
 from rastercov.errors import ConfigError
 from rastercov.exact.block_kernels import lay_boxes
+from rastercov.exact.cell_grid import first_grid, grid_over, with_room
 from rastercov.exact.grid_kernels import (
-    BUCKETS,
-    NOT_ASKED,
     ask_for_all,
     ask_for_faces,
     fill_grid,
@@ -51,10 +50,8 @@ from rastercov.exact.records import (
     LIVE,
     PIECE_ROOM,
     SIDES,
-    SPARE_ENTRIES,
     STACK_ROOM,
     THIN,
-    CellGrid,
     Pinhole,
     Projected,
     VisiblePieces,
@@ -72,13 +69,6 @@ IntArray = NDArray[np.int32]
 
 MOST_RANGES = 16
 """Visible parts of an event edge in a cell that are kept apart."""
-MOST_CELLS = 1 << 14
-"""Columns, or rows, of the grid."""
-LEAST_EXTENT = 1e-100
-"""Pixels; width and height that the grid covers at least."""
-CELLS_PER_FACE = 1
-"""Cells of the grid for each face, unless that makes more entries than `ENTRIES_PER_FACE`."""
-ENTRIES_PER_FACE = 3
 
 
 def visible_areas(
@@ -232,34 +222,7 @@ class HalfPlaneSolver:
             its_image = part_of(everything, slice(n_faces, n_all), targets.faces, targets.blocks)
             self._target_image = TargetImage(everything, its_image)
         self.side, self.state = self.projected.side, self.projected.state
-        self.grid = CellGrid(
-            left=0.0,
-            top=0.0,
-            per_u=1.0,
-            per_v=1.0,
-            columns=1,
-            rows=1,
-            asked=np.empty(0, np.uint8),
-            is_near=np.empty(0, np.bool_),
-            fresh_bits=np.empty((0, 0), np.uint64),
-            fresh=np.empty(0, np.int32),
-            n_fresh=np.zeros(1, np.int64),
-            starts=np.empty(0, np.int64),
-            stops=np.empty(0, np.int64),
-            entries=np.empty(2 * n_faces, np.int32),
-            n_entries=np.zeros(1, np.int64),
-            nearest=np.empty(2 * n_faces),
-            is_sorted=np.empty(0, np.bool_),
-            bounds=np.empty((6, 2 * n_faces + SPARE_ENTRIES)),
-            has_bounds=np.empty(0, np.bool_),
-            hider=np.empty(0, np.int32),
-            buckets=np.empty(BUCKETS + 1, np.int64),
-            faces=np.empty(n_faces, np.int32),
-            n_faces=np.zeros(1, np.int64),
-            found=np.empty(n_faces, np.int32),
-            pairs=np.empty((2 * n_faces + SPARE_ENTRIES, 2), np.int32),
-            is_whole=np.zeros(n_faces, np.bool_),
-        )
+        self.grid = first_grid(n_faces)
         self._is_listed = False
         self._make_room_for_pieces(64)
         self._work = Work(
@@ -348,7 +311,8 @@ class HalfPlaneSolver:
             lay_boxes(np.arange(len(its_image.blocks.patch), dtype=np.int32), its_image)
             self._target_image = self._target_image.beside(self.projected, its_image)
         self._work.kept.used[:] = 0
-        self._lay_grid(n_live)
+        self.grid = grid_over(self.grid, n_live, self._extent)
+        self._is_listed = False
 
     def solve(self, targets: IntArray) -> None:
         """Compute `visible` and `area_error` of some faces, given by index."""
@@ -410,63 +374,10 @@ class HalfPlaneSolver:
         largest = 2 * (self.camera.width * self.camera.height)
         self.area_error[faces] = np.minimum(self.area_error[faces], largest)
 
-    def _lay_grid(self, n_live: int) -> None:
-        """Lay a grid over the live faces, of as many cells as the entries of large ones allow."""
-        extent = self._extent.tolist() if n_live else (0.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0)
-        left, right, top, bottom, widths, heights, areas = extent
-        wide, high = max(right - left, LEAST_EXTENT), max(bottom - top, LEAST_EXTENT)
-        cells = CELLS_PER_FACE * n_live + 1.0
-        while True:
-            columns = int(min(max(1.0, math.sqrt(cells * (wide / high))), MOST_CELLS))
-            rows = int(min(max(1.0, cells / columns), MOST_CELLS))
-            per_u, per_v = columns / wide, rows / high
-            # A box w wide and h high touches (1 + w per_u)(1 + h per_v) cells, on average.
-            entries = n_live + widths * per_u + heights * per_v + areas * per_u * per_v
-            if entries <= ENTRIES_PER_FACE * n_live or columns * rows == 1:
-                break
-            cells /= 2
-        self._take_grid(left, top, per_u, per_v, columns, rows)
-
-    def _take_grid(
-        self, left: float, top: float, per_u: float, per_v: float, columns: int, rows: int
-    ) -> None:
-        """Take a grid of which no cell is asked for, and no face listed."""
-        n_cells = columns * rows
-        self.grid = self.grid._replace(
-            left=left,
-            top=top,
-            per_u=per_u,
-            per_v=per_v,
-            columns=columns,
-            rows=rows,
-            fresh_bits=np.zeros((rows, (columns + 63) // 64), np.uint64),
-        )
-        if len(self.grid.is_sorted) < n_cells:
-            self.grid = self.grid._replace(
-                starts=np.empty(n_cells, np.int64),
-                stops=np.empty(n_cells, np.int64),
-                is_sorted=np.empty(n_cells, np.bool_),
-                has_bounds=np.empty(n_cells, np.bool_),
-                hider=np.empty(n_cells, np.int32),
-                asked=np.empty(n_cells, np.uint8),
-                is_near=np.empty(n_cells, np.bool_),
-                fresh=np.empty(n_cells, np.int32),
-            )
-        self.grid.asked[:n_cells], self.grid.is_near[:n_cells] = NOT_ASKED, False
-        self.grid.n_fresh[0] = self.grid.n_entries[0] = 0
-        self._is_listed = False
-
     def _list_faces(self) -> None:
         """List the faces in the cells asked for."""
         while (needed := self._call(fill_grid, self.projected, self.grid)) > len(self.grid.entries):
-            grid, room, n = self.grid, needed * 5 // 4, int(self.grid.n_entries[0])
-            entries, nearest = np.empty(room, np.int32), np.empty(room)
-            bounds = np.empty((6, room + SPARE_ENTRIES))
-            entries[:n], nearest[:n], bounds[:, :n] = (
-                grid.entries[:n], grid.nearest[:n], grid.bounds[:, :n],
-            )  # fmt: skip
-            pairs = np.empty((room + SPARE_ENTRIES, 2), np.int32)
-            self.grid = grid._replace(entries=entries, nearest=nearest, bounds=bounds, pairs=pairs)
+            self.grid = with_room(self.grid, needed * 5 // 4)
         self._is_listed = True
 
     def _make_room_for_pieces(self, n: int) -> None:

@@ -15,6 +15,7 @@ from rastercov._direct import DirectCalls
 from rastercov._jit import announce_compilation
 from rastercov.camera import Camera
 from rastercov.exact import lens_kernels as kernels
+from rastercov.exact import lens_outlines as outlines
 from rastercov.exact.half_planes import HalfPlaneSolver
 from rastercov.exact.records import Edges
 from rastercov.exact.surface import Surface
@@ -52,7 +53,7 @@ class LensSolver:
     def __init__(
         self, surface: Surface, camera: Camera, solver_type: type[HalfPlaneSolver]
     ) -> None:
-        announce_compilation(kernels.collect)
+        announce_compilation(outlines.collect)
         n = surface.n_faces
         self.surface, self._call = surface, DirectCalls()
         self._take_camera(camera)
@@ -71,8 +72,8 @@ class LensSolver:
         self._longer = np.empty(n_edges, np.int32)
         self._lanes = lane_kernels.lane_scratch()
         self._is_done = np.empty(n, np.bool_)
-        self._own, self._scratch = np.empty(n), kernels.scratch()
-        self._found = kernels.room_for_polygons(1024, 8192)
+        self._own, self._scratch = np.empty(n), outlines.scratch()
+        self._found = outlines.room_for_polygons(1024, 8192)
         self._measured, self._edges = np.empty((1024, 2)), edge_scratch()
         self._flat: NDArray[np.bool_] = surface.flat
         self._vertices: FloatArray = surface.vertices
@@ -186,14 +187,14 @@ class LensSolver:
         while True:
             found = self._found
             self._call(
-                kernels.collect,
+                outlines.collect,
                 self._vertices, is_done, projected, kept, solver.camera, record, self._scratch,
                 found,
             )  # fmt: skip
             n, corners = found.used.tolist()
             if n <= len(found.face) and corners <= len(found.corners):
                 break
-            self._found = kernels.room_for_polygons(n * 5 // 4, corners * 5 // 4)
+            self._found = outlines.room_for_polygons(n * 5 // 4, corners * 5 // 4)
         if len(self._measured) < n:
             self._measured = np.empty((n * 5 // 4, 2))
         images = self._measured[:n]

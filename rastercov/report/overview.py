@@ -267,7 +267,7 @@ def _plan_picture(shown: CameraColours, camera: Cameras) -> tuple[FloorPlan, Ima
 def _tint(
     image: Image.Image, places: Sequence[tuple[float, ...]], colour: Colour, task: Image.Image
 ) -> None:
-    """Tint a polygon with a colour, but for the pixels of the task."""
+    """Tint a polygon with a colour, except the pixels of the task."""
     (x0, y0), (x1, y1) = np.floor(np.min(places, axis=0)), np.ceil(np.max(places, axis=0)) + 1
     left, top = max(0, int(x0)), max(0, int(y0))
     right, bottom = min(image.width, int(x1)), min(image.height, int(y1))
