@@ -3,8 +3,8 @@
 Each camera of tests/support/lens_cases.py: pixels of random rays against cv2 and pycolmap, rays of
 random pixels there and back, areas of the walls of a turned room, which must add up to the image,
 and the longest edges that the quadrature takes to 1e-9 px^2. Then the cost of pixels, rays and
-edges, and of poses by `certified` and by counting samples beside the pinhole (`--only poses` is
-that alone); medians over the rounds, of one thread.
+edges, and of poses by `certified`, by counting samples and by evaluating figures beside the pinhole
+(`--only poses` is that alone); medians over the rounds, of one thread.
 
 `--device egl:0` counts samples by compute shaders on an OpenGL device instead: lenses beside the
 pinhole on the same plan, wall time, after the counts have been compared with the CPU's.
@@ -12,7 +12,7 @@ pinhole on the same plan, wall time, after the counts have been compared with th
 
 import statistics
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
@@ -40,6 +40,7 @@ from lens_rooms import on_plane, room
 from rastercov import (
     Camera,
     Mesh,
+    evaluate_batches,
     look_at,
     open_observer,
     open_rasterizer,
@@ -197,6 +198,9 @@ def add_poses(report: Report, rounds: int) -> None:
                 counts.append(partial(call_all, counters))
                 certified.append(partial(call_all, observers))
             n = len(cameras)
+            for what, calls in evaluations(stack, mesh, cameras.values(), poses).items():
+                times = alternating(calls, rounds) / len(poses)
+                add_beside_pinhole(report, title, what, list(cameras), times)
             for what, calls in (("count", counts), ("certified", certified)):
                 times = alternating(calls, rounds) / len(poses)
                 add_beside_pinhole(report, title, what, list(cameras), times[:n])
@@ -225,6 +229,26 @@ def ideal_pinholes(
         if is_seen.any():
             views.append((plane.camera, turned[is_seen]))
     return views
+
+
+def evaluations(
+    stack: ExitStack, mesh: Mesh, cameras: Iterable[Camera], poses: NDArray[np.float64]
+) -> dict[str, list[Callable[[], object]]]:
+    """Calls that find all figures, and the coverage alone, of open observers of the cameras."""
+    found: dict[str, list[Callable[[], object]]] = {}
+    for method, options in (("certified", {}), ("sampled", {"backend": "cpu"})):
+        observers = [
+            stack.enter_context(open_observer(mesh, camera, method, threads=1, **options))
+            for camera in cameras
+        ]
+        for what, fields in (("all figures", None), ("coverage", ["coverage"])):
+            found[f"{what}, {method}"] = [
+                lambda observer=observer, fields=fields: list(
+                    evaluate_batches(observer, poses, fields=fields)
+                )
+                for observer in observers
+            ]
+    return found
 
 
 def call_all(calls: Sequence[Callable[[], object]]) -> None:
