@@ -243,8 +243,9 @@ def called_whole(function: Callable[..., Any]) -> Any:
 
     For much code that a loop does not need for each face, or for each face once: LLVM copies it to
     each place that calls it, and optimises the copies with what is around them. The loop that
-    judges faces took two minutes to compile through a lens, and takes ten seconds.
+    judges faces took 121 CPU-s to compile through a lens, and takes 4.
     """
+    # A mark that the compiler looks for; the type of a function has no field for it.
     function.is_called_whole = True  # type: ignore[attr-defined]
     return allocation_free(function)
 

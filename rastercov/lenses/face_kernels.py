@@ -142,6 +142,7 @@ def project(vertices, pose, near, lens, points):
 
 @called_whole
 def _project(vertices, pose, near, lens, points):
+    """See `project`, which numba copies into its callers."""
     is_wide = lens.frames.shape[0] > 1
     for i in range(vertices.shape[0]):
         a = vertices[i, 0] - pose[0, 3]
@@ -191,7 +192,7 @@ def _stays_inside(points, i, j, k, near, lens):
 
     A line of length L in a plane leaves its chord in the image by at most bend L^2 / 8.
     """
-    low_u, high_u = min(points[i, U], points[j, U], points[k, U]), 0.0
+    low_u = min(points[i, U], points[j, U], points[k, U])
     high_u = max(points[i, U], points[j, U], points[k, U])
     low_v = min(points[i, V], points[j, V], points[k, V])
     high_v = max(points[i, V], points[j, V], points[k, V])
@@ -360,6 +361,7 @@ def _slopes_at(points, p, lens):
 
 @called_whole
 def _find_slopes(points, p, code, params):
+    """Put the derivative of the lens at a vertex into its row."""
     ux, uy, uz, vx, vy, vz = kernels.jacobian(
         code, params, points[p, X], points[p, Y], points[p, Z]
     )

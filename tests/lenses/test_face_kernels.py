@@ -6,11 +6,20 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from lens_cameras import CAMERAS
 
+from rastercov import shapes
 from rastercov._jit import allocation_free
-from rastercov.criteria_kernels import image_of_face, lens_of, project, scene_of, workspace
+from rastercov.criteria_kernels import (
+    facing_density,
+    image_of_face,
+    lens_of,
+    project,
+    scene_of,
+    workspace,
+)
 from rastercov.mesh import Mesh
 from rastercov.rays import rays_of
 from rastercov.vertex_columns import INSIDE
+from rastercov.viewpoints import sphere_of_poses
 
 NEAR = 0.05
 
@@ -56,3 +65,24 @@ def test_a_known_area_changes_no_field_of_view(lens, seed):
     np.testing.assert_array_equal(decided[~is_short], measured[~is_short])
     small = (measured[:, 0] == INSIDE) & (sizes.ravel() < 0.01)
     assert is_short[small].any() or small.sum() < 20
+
+
+@allocation_free
+def densities(scene, pose, lens, work, out):
+    project(scene.vertices, pose, NEAR, lens, work.points)
+    for f in range(scene.faces.shape[0]):
+        i, j, k = scene.faces[f, 0], scene.faces[f, 1], scene.faces[f, 2]
+        out[f] = facing_density(work.points, i, j, k, lens)
+
+
+def test_no_derivative_is_left_from_another_pose():
+    """It is found once for each vertex, and kept until the next pose."""
+    mesh, numbers = shapes.box(), lens_of(next(iter(CAMERAS.values())))
+    scene, kept = scene_of(mesh), workspace(mesh.n_vertices, numbers)
+    poses = sphere_of_poses((0, 0, 0), 5.0, 4)
+    found, fresh = np.empty((2, len(poses), mesh.n_faces))
+    for pose, one, other in zip(poses, found, fresh, strict=True):
+        densities(scene, pose, numbers, kept, one)
+        densities(scene, pose, numbers, workspace(mesh.n_vertices, numbers), other)
+    np.testing.assert_array_equal(found, fresh)
+    assert len(np.unique(fresh[fresh > 0])) > 4
