@@ -95,7 +95,7 @@ def add_models(report: Report, n_rays: int, rounds: int) -> None:
     for name in ("opencv brown", "opencv prism", "opencv fisheye", "kalibr ds", "backward"):
         plane = lenses[name].planes[0]
         table = edge_table(plane)
-        for n in (3, 5, 7, 9, 11):
+        for n in (3, 4, 5, 7, 11):
             length = 2 * table.longest[n] * plane.camera.fx
             report.add(f"{name}: longest edge with n = {n}", length, "px")
     for name in ("opencv brown", "opencv prism", "opencv fisheye", "kalibr ds"):
