@@ -10,9 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from commands import ENTRY, call, enter, refusal
+from copied_workers import workers_start_as_copies  # noqa: F401 # a fixture
 
 import rastercov as rc
-from rastercov import shapes
+from rastercov import evaluation_shards, shapes
 
 pytestmark = [pytest.mark.slow, pytest.mark.compile]
 PLAN = """
@@ -59,7 +60,7 @@ def test_place_by_workers_is_place(capsys):
     assert {"per_second", "seconds_left"} < of_matrix[-1].keys()
 
 
-def test_evaluate_by_workers_is_evaluate(capsys):
+def test_evaluate_by_workers_is_evaluate(capsys, workers_start_as_copies):  # noqa: F811
     words = "evaluate teapot-5 -c icube-ns4133bu-8mm -p sphere:12 --pictures 2"
     for out, more in (("plain", ""), ("workers", "--workers 2")):
         code, _, err = call(capsys, f"{words} -o {out} {more}")
@@ -86,30 +87,41 @@ def test_wrong_choices_are_one_line_and_leave_nothing(capsys, command, words, li
     assert not Path("out").exists()
 
 
-def test_a_killed_evaluation_goes_on_where_it_was():
+POSES, SHARD = 3000, 150
+"""Poses of an evaluation that is killed, and those of a shard."""
+
+
+def test_a_killed_evaluation_goes_on_where_it_was(capsys, monkeypatch, workers_start_as_copies):  # noqa: F811
     """The head is killed after some shards; the same command then makes only the others."""
     mesh = shapes.aeroplane()
-    poses = rc.sphere_of_poses(mesh.bounds.mean(axis=0), 38.0, 8000)
-    np.save("poses.npy", poses)
-    words = [sys.executable, "-c", ENTRY, "evaluate", "aeroplane", "-c", "khepra", "-p",
-             "poses.npy", "-o", "out",
-             "--by", "face", "--table", "none", "--pictures", "0", "--workers", "2"]  # fmt: skip
+    np.save("poses.npy", rc.sphere_of_poses(mesh.bounds.mean(axis=0), 38.0, POSES))
+    line = (
+        "evaluate aeroplane -c khepra -p poses.npy -o out --by face --table none --pictures 0 "
+        "--workers 2"
+    )
+    pairs = SHARD * mesh.n_faces
+    small = f"from rastercov import evaluation_shards; evaluation_shards.PAIRS_A_SHARD = {pairs}; "
+    words = [sys.executable, "-c", small + ENTRY, *line.split()]
     head = subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     deadline = time.monotonic() + 300
-    while len(shards := sorted(Path("out").glob("unfinished/*/shards/*.npz"))) < 1:
+    while len(shards := shards_made()) < 1:
         assert head.poll() is None
         assert time.monotonic() < deadline
         time.sleep(0.01)
     head.send_signal(signal.SIGKILL)
     head.wait()
     time.sleep(1)
-    made = len(sorted(Path("out").glob("unfinished/*/shards/*.npz")))
-    assert made >= len(shards)
+    made = len(shards_made())
+    assert POSES // SHARD > made >= len(shards)
     assert not Path("out/summary.json").exists()
-    again = subprocess.run(words, capture_output=True, text=True, check=False)
-    assert again.returncode == 0, again.stderr
-    counts = [int(line.split()[2]) for line in again.stderr.splitlines() if "worker " in line]
-    whole = -(-8000 // ((1 << 22) // mesh.n_faces))
-    assert sum(counts) <= whole - made
-    assert len(summary_of("out")["per_pose"]) == 8000
+    monkeypatch.setattr(evaluation_shards, "PAIRS_A_SHARD", pairs)
+    code, _, err = call(capsys, line)
+    assert code == 0, err
+    counts = [int(line.split()[2]) for line in err.splitlines() if "worker " in line]
+    assert 0 < sum(counts) <= POSES // SHARD - made
+    assert len(summary_of("out")["per_pose"]) == POSES
     assert not Path("out/unfinished").exists()
+
+
+def shards_made():
+    return sorted(Path("out").glob("unfinished/*/shards/*.npz"))

@@ -1,20 +1,10 @@
-"""Workers of this folder's tests, as copies of one process that has imported what they need."""
+"""Workers of this folder's tests start as copies of one process; pictures are coarse."""
 
 import pytest
 from coarse_pictures import coarse_pictures  # noqa: F401 # a fixture for every test
+from copied_workers import workers_start_as_copies  # noqa: F401 # a fixture
 
-MODULES = ["distributed", "rastercov.evaluation_shards", "rastercov.placement.shard_work"]
 
-
-@pytest.fixture(autouse=True, scope="session")
-def workers_start_as_copies():
-    """A worker costs a fork, not two seconds of imports.
-
-    Heads that tests start as programs or commands start their workers as those of users do.
-    """
-    import dask
-    from distributed.utils import get_mp_context
-
-    with dask.config.set({"distributed.worker.multiprocessing-method": "forkserver"}):
-        get_mp_context().set_forkserver_preload(MODULES)
-        yield
+@pytest.fixture(autouse=True, scope="module")
+def copies(workers_start_as_copies):  # noqa: F811
+    """For every test."""
