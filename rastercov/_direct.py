@@ -5,7 +5,10 @@ compiled for it. Of a loop over records with some hundred arrays that takes 20 m
 than its work on a few faces; the call itself takes one or two.
 """
 
+from collections.abc import Hashable
 from typing import Any
+
+import numpy as np
 
 
 class DirectCalls:
@@ -21,6 +24,7 @@ class DirectCalls:
     def __init__(self) -> None:
         self._entries: dict[Any, Any] = {}
         self._types: dict[Any, tuple[Any, ...]] = {}
+        self._right: dict[Any, set[Hashable]] = {}
 
     def __call__(self, loop: Any, *args: Any) -> Any:
         """Call a loop."""
@@ -30,10 +34,23 @@ class DirectCalls:
             if hasattr(loop, "get_overload"):  # not where numba is disabled
                 types = _types_of(args)
                 self._entries[loop], self._types[loop] = loop.get_overload(types), types
+                self._right[loop] = set()
             return result
-        if self.is_checked and _types_of(args) != self._types[loop]:
-            raise TypeError(f"{loop.__name__} was called with arguments of other types")
+        if self.is_checked:
+            self._check(loop, args)
         return entry(*args)
+
+    def _check(self, loop: Any, args: tuple[Any, ...]) -> None:
+        """Raise a TypeError where a loop was compiled for arguments of other types.
+
+        numba is asked once for each kind of arguments: it takes a hundred times as long.
+        """
+        kind = _kind_of(args)
+        if kind in self._right[loop]:
+            return
+        if _types_of(args) != self._types[loop]:
+            raise TypeError(f"{loop.__name__} was called with arguments of other types")
+        self._right[loop].add(kind)
 
 
 def _types_of(args: tuple[Any, ...]) -> tuple[Any, ...]:
@@ -41,3 +58,16 @@ def _types_of(args: tuple[Any, ...]) -> tuple[Any, ...]:
     import numba
 
     return tuple(map(numba.typeof, args))
+
+
+def _kind_of(value: Any) -> Hashable:
+    """What the type of an argument in compiled loops depends on, and nothing that changes often."""
+    if isinstance(value, np.ndarray):
+        return value.dtype, value.ndim, value.flags.num, type(value)
+    if isinstance(value, tuple):
+        return type(value), *map(_kind_of, value)
+    if isinstance(value, int):
+        return type(value), value.bit_length()
+    if isinstance(value, float | np.generic):
+        return type(value)
+    return type(value), value
