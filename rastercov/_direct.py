@@ -69,5 +69,5 @@ def _kind_of(value: Any) -> Hashable:
     if isinstance(value, int):
         return type(value), value.bit_length()
     if isinstance(value, float | np.generic):
-        return type(value)
+        return (type(value),)
     return type(value), value
