@@ -49,6 +49,8 @@ def names(folder):
 QUICK = "evaluate box -c camera.toml -p sphere:2 --pictures 0"
 MODELS = "compare box -c camera.toml -p sphere:2 --models"
 LONG = "evaluate sphere -c camera.toml -p sphere:40000 --table seen -o report"
+SHARD = 400 * shapes.by_name("sphere").n_faces
+"""Pairs of a shard of it, which then has a hundred."""
 
 
 # --- help -----------------------------------------------------------------------------------------
@@ -619,8 +621,9 @@ def test_a_locale_without_the_letters_of_a_name_and_a_home_are_not_needed():
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupt_keeps_what_is_done(number):
     out = Path("report")
+    small = f"from rastercov import evaluation_shards; evaluation_shards.PAIRS_A_SHARD = {SHARD}; "
     with subprocess.Popen(
-        [sys.executable, "-c", ENTRY, *LONG.split()],
+        [sys.executable, "-c", small + ENTRY, *LONG.split()],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         # A shell's background job would have the signal ignored.
@@ -629,7 +632,7 @@ def test_an_interrupt_keeps_what_is_done(number):
         # Ended in a shard, the run keeps those before it.
         while len(list(out.glob("unfinished/*/shards/shard-*.npz"))) < 2:
             assert child.poll() is None
-            time.sleep(0.05)
+            time.sleep(0.01)
         child.send_signal(number)
         _, err = child.communicate(timeout=60)
     assert child.returncode == 130

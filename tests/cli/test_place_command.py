@@ -337,8 +337,8 @@ def test_an_interrupt_after_the_selection_keeps_it(capsys, monkeypatch):
     assert len(read_poses("plan/poses.json")) == len(told["cameras"])
 
 
-SHARD = 600_000
-"""Pairs a shard: 60 poses of the plan below, which then has five."""
+SHARD = 300_000
+"""Pairs a shard: 30 poses of the plan below, which then has five."""
 CHILD = [
     *(sys.executable, "-W", "error", "-c"),
     f"from rastercov.placement import shards; shards.PAIRS_A_SHARD = {SHARD}; {ENTRY}",
@@ -354,7 +354,7 @@ fx = 600
 fy = 600
 [[candidates]]
 generator = "on_sphere"
-count = 300
+count = 150
 distances = [5]
 [selection]
 goal = "best_coverage"
@@ -503,8 +503,8 @@ def wait_for(pattern, process):
 def test_two_runs_into_one_folder_are_one_run_and_a_refusal(capsys):
     """Of another plan, too, whose matrix the second would take for an old one."""
     assert call(capsys, "place plan.toml")[0] == 0  # loads what the refusal needs
-    Path("long.toml").write_text(LONG.replace("count = 300", "count = 150"))
-    Path("other.toml").write_text(LONG)
+    Path("long.toml").write_text(LONG)
+    Path("other.toml").write_text(LONG.replace("count = 150", "count = 160"))
     with child("long.toml --out out") as first:
         wait_for("out/matrix/*/header.json", first)
         text = refusal(capsys, "place other.toml --out out")
@@ -735,7 +735,7 @@ def short_search(monkeypatch):
     def few(*scene, faces, **options):
         return openings(*scene, faces=faces & (np.cumsum(faces) <= 20), **options)
 
-    monkeypatch.setattr(plan_run, "refine", partial(plan_run.refine, budget=1000))
+    monkeypatch.setattr(plan_run, "refine", partial(plan_run.refine, budget=200))
     monkeypatch.setattr("rastercov.plan.prepare.openings", few)
 
 
