@@ -4,7 +4,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import trimesh
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
@@ -97,6 +96,8 @@ def _coloured_soup(
     triangles: FloatArray, entry: NDArray[np.int64], is_target: NDArray[np.bool_]
 ) -> Any:
     """Separate triangles with vertex colours, in their order."""
+    import trimesh  # takes as long as all other modules of a command, some of which write no mesh
+
     colours = np.full((len(triangles), 4), 255, np.uint8)
     colours[:, :3] = theme.coverage_colours()[entry]
     colours[is_target, 3] = round(255 * OPACITY)
@@ -111,6 +112,8 @@ def _coloured_scene(
     mesh: Mesh, triangles: FloatArray, group_of: NDArray[Any], entry: NDArray[np.int64]
 ) -> Any:
     """One node a group, turned from z up to y up, with the palette as texture."""
+    import trimesh
+
     visual: Any = trimesh.visual  # its classes are not annotated
 
     def material(name: str, **fields: Any) -> Any:

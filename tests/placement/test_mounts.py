@@ -300,7 +300,7 @@ def test_a_rig_is_moved_for_its_cameras_as_views(need, least):
     with rc.open_observer(MESH, mounts.rig) as observer:
         objective = Objective.of(observer, task, mounts=mounts)
         space = PoseSpace(mesh=MESH, boxes=MESH.bounds + np.array([[-4.0], [4.0]]))
-        found = refine(objective, space, placed, budget=600)
+        found = refine(objective, space, placed, budget=150)
         cameras, _ = mounts.cameras(rc.Poses.of(found.poses, camera=placed.camera))
         coverage = rc.evaluate(MESH, mounts.rig, cameras, task)
         spread = tolerance(objective, placed, InstallationError(position_mm=0.0), draws=2)

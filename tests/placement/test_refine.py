@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from nightly import examples, nightly
+from nightly import IS_NIGHTLY, examples, nightly
 from test_search import CAMERA, KEPT_OUT, MESH, SPACE, TASK, holds
 
 from rastercov._lists import Lists
@@ -19,6 +19,7 @@ from rastercov.placement.improve.refine import refine
 from rastercov.task import Task
 from rastercov.viewpoints import sphere_of_poses
 
+BUDGET = 800 if IS_NIGHTLY else 300
 TASK_BY_AREA = Task(max_incidence_deg=70, min_pixels_per_m2=300)
 
 
@@ -41,11 +42,11 @@ def network(count, seed, space=SPACE):
 def test_refinement_is_never_worse_and_keeps_every_constraint(objective, seed, cameras, views):
     each = replace(objective, need=np.full_like(objective.need, views))
     start = network(cameras, seed)
-    result = refine(each, SPACE, start, halvings=2, budget=800)
+    result = refine(each, SPACE, start, halvings=2, budget=BUDGET)
     assert result.share >= result.start_share == each.share_of(start)
     assert result.share == each.share_of(result.poses)
     assert holds(SPACE, result.poses[:, :3, 3])
-    assert result.evaluations <= 800
+    assert result.evaluations <= BUDGET
     assert (np.diff(result.trace) > 0).all()
     assert (result.trace[0], result.trace[-1]) == (result.start_share, result.share)
     np.testing.assert_array_equal(result.moved, (result.poses != start).any(axis=(1, 2)))

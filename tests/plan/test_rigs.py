@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from coarse_pictures import coarse_pictures  # noqa: F401 # a fixture for every test
 from mesh_files import obj
 from surface_cases import room
 
