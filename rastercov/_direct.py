@@ -24,7 +24,6 @@ class DirectCalls:
     def __init__(self) -> None:
         self._entries: dict[Any, Any] = {}
         self._types: dict[Any, tuple[Any, ...]] = {}
-        self._right: dict[Any, set[Hashable]] = {}
 
     def __call__(self, loop: Any, *args: Any) -> Any:
         """Call a loop."""
@@ -34,30 +33,29 @@ class DirectCalls:
             if hasattr(loop, "get_overload"):  # not where numba is disabled
                 types = _types_of(args)
                 self._entries[loop], self._types[loop] = loop.get_overload(types), types
-                self._right[loop] = set()
             return result
-        if self.is_checked:
-            self._check(loop, args)
+        if self.is_checked and _types_of(args) is not self._types[loop]:
+            raise TypeError(f"{loop.__name__} was called with arguments of other types")
         return entry(*args)
 
-    def _check(self, loop: Any, args: tuple[Any, ...]) -> None:
-        """Raise a TypeError where a loop was compiled for arguments of other types.
 
-        numba is asked once for each kind of arguments: it takes a hundred times as long.
-        """
-        kind = _kind_of(args)
-        if kind in self._right[loop]:
-            return
-        if _types_of(args) != self._types[loop]:
-            raise TypeError(f"{loop.__name__} was called with arguments of other types")
-        self._right[loop].add(kind)
+_of_kind: dict[Hashable, tuple[Any, ...]] = {}
+_same: dict[tuple[Any, ...], tuple[Any, ...]] = {}
 
 
 def _types_of(args: tuple[Any, ...]) -> tuple[Any, ...]:
-    """Types of arguments in compiled loops."""
-    import numba
+    """Types of arguments in compiled loops; the same object for the same types.
 
-    return tuple(map(numba.typeof, args))
+    numba is asked once for each kind of arguments: it takes a hundred times as long.
+    """
+    kind = _kind_of(args)
+    types = _of_kind.get(kind)
+    if types is None:
+        import numba
+
+        types = tuple(map(numba.typeof, args))
+        types = _of_kind[kind] = _same.setdefault(types, types)
+    return types
 
 
 def _kind_of(value: Any) -> Hashable:

@@ -4,6 +4,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from coarse_pictures import coarse_pictures  # noqa: F401 # a fixture for every test
 
 BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
 # tests/test_threads.py runs all parts of the attack on threads.

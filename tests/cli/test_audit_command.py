@@ -6,6 +6,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from commands import call, enter
+from mesh_files import obj
 
 from rastercov import shapes
 from rastercov.audits import audit
@@ -17,7 +18,7 @@ from rastercov.task import Task
 from rastercov.viewpoints import sphere_of_poses
 from rastercov.views import Views
 
-MESH = shapes.by_name("torus")
+MESH = shapes.torus(40, 20)
 CAMERAS = (
     Camera(width=640, height=480, fx=500, fy=500, model="opencv", distortion=(-0.2, 0.02, 0, 0)),
     Camera(width=400, height=400, fx=400, fy=400),
@@ -29,12 +30,13 @@ IMAGES = tuple(f"image {row}.jpg" for row in range(8))
 @pytest.fixture
 def here(tmp_path, monkeypatch):
     enter(tmp_path, monkeypatch)
+    (tmp_path / "torus.obj").write_bytes(obj(MESH.vertices, MESH.faces))
     write_views("sparse", Views(Rig(CAMERAS, ["wide", "long"]), POSES, IMAGES))
     return tmp_path
 
 
 def test_an_audit_of_a_reconstruction_is_that_of_the_function(here, capsys):
-    line = "audit sparse torus --pose-unit 1 --min-pixels 4 -o out --json"
+    line = "audit sparse torus.obj --pose-unit 1 --min-pixels 4 -o out --json"
     code, printed, error = call(capsys, line)
     assert code == 0, error
     found = audit(MESH, CAMERAS, POSES, Task(min_pixels=4), names=IMAGES)
@@ -63,7 +65,7 @@ def test_an_audit_of_a_reconstruction_is_that_of_the_function(here, capsys):
 
 def test_pinholes_are_audited_by_area(here, capsys):
     write_views("transforms.json", Views(Rig(CAMERAS[1:]), Poses.of(np.array(POSES)), IMAGES))
-    code, printed, error = call(capsys, "audit transforms.json torus --pose-unit 1 -o out")
+    code, printed, error = call(capsys, "audit transforms.json torus.obj --pose-unit 1 -o out")
     assert code == 0, error
     assert "8 images cover" in printed
     assert "cells" in printed
@@ -71,11 +73,11 @@ def test_pinholes_are_audited_by_area(here, capsys):
 
 
 def test_what_cannot_be_audited_is_refused_in_one_line(here, capsys):
-    code, _, error = call(capsys, "audit sparse torus -o out")
+    code, _, error = call(capsys, "audit sparse torus.obj -o out")
     assert code == 2
     assert "give --pose-unit" in error
     assert not (here / "out").exists()
     np.save("poses.npy", np.array(POSES))
-    code, _, error = call(capsys, "audit poses.npy torus --pose-unit 1 -o out")
+    code, _, error = call(capsys, "audit poses.npy torus.obj --pose-unit 1 -o out")
     assert code == 2
     assert "no cameras" in error

@@ -116,7 +116,7 @@ def changed(before, after):
 def test_a_table_above_the_limit_is_left_out_with_a_line_unless_it_is_asked_for(
     tmp_path, monkeypatch, caplog
 ):
-    poses = around(60)
+    poses = around(200)
     seen = len(rows_of(evaluate(MESH, CAMERA, poses, TASK), "seen").pose)
     monkeypatch.setattr("rastercov.report.coverage.MOST_ROWS", seen // 2)
     assert run(MESH, CAMERA, poses, TASK, tmp_path, PLAIN)["table"] == {"pairs": "none", "rows": 0}
