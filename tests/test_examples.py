@@ -4,20 +4,11 @@ import re
 from pathlib import Path
 
 import pytest
-from nightly import IS_NIGHTLY
 from notices import without_notices
 from processes import python
 
 FOLDER = Path(__file__).parents[1] / "examples"
 EXAMPLES = sorted(FOLDER.glob("*.py"))
-SHORT = """
-import functools, runpy, sys
-from rastercov.plan import run
-run.refine = functools.partial(run.refine, budget=200)
-sys.argv = sys.argv[1:]
-runpy.run_path(sys.argv[0], run_name="__main__")
-"""
-"""An example with few trials of a refinement, which takes a minute of one of them."""
 
 
 def test_there_are_examples():
@@ -27,8 +18,7 @@ def test_there_are_examples():
 @pytest.mark.slow
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
 def test_the_example_runs(path, tmp_path):
-    words = [] if IS_NIGHTLY else ["-c", SHORT]
-    result = python("-W", "error", *words, path, cwd=tmp_path)
+    result = python("-W", "error", path, cwd=tmp_path)
     assert (result.returncode, without_notices(result.stderr)) == (0, "")
     shares = [float(share) for share in re.findall(r"([-\d.]+) %", result.stdout)]
     assert shares
