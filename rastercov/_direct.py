@@ -59,7 +59,7 @@ def _types_of(args: tuple[Any, ...]) -> tuple[Any, ...]:
 
 
 def _kind_of(value: Any) -> Hashable:
-    """Facts that the type of an argument in compiled loops depends on; few of them for all calls."""
+    """Facts that the type of an argument in compiled loops depends on; few for all calls."""
     if isinstance(value, np.ndarray):
         return value.dtype, value.ndim, value.flags.num, type(value)
     if isinstance(value, tuple):
