@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from nightly import examples
 
 from rastercov import shapes
 from rastercov.area.regions import regions
@@ -98,7 +99,7 @@ def test_every_figure_is_its_definition(seed, count, views, by):
         assert found.seen_m2[row] == pytest.approx(weights[covers[row]].sum(), abs=1e-12)
 
 
-@settings(max_examples=8)
+@examples(4, at_night=8)
 @given(seed=st.integers(0, 10_000), views=st.integers(1, 2), least=st.sampled_from([0, 20, 60]))
 def test_the_subset_covers_what_all_cameras_cover(seed, views, least):
     task = Task(views=views, min_angle_deg=least)

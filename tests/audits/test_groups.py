@@ -5,8 +5,9 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from nightly import examples
 from test_audit import CAMERAS, MESH, looking_in, pairs_of
 
 import rastercov as rc
@@ -14,7 +15,7 @@ from rastercov.audits import audit
 from rastercov.audits.groups import groups_of
 
 
-@settings(max_examples=10, deadline=None)
+@examples(5, at_night=10)
 @given(
     seed=st.integers(0, 10_000),
     views=st.integers(1, 3),

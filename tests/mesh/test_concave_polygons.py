@@ -7,6 +7,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from mesh_files import WRITERS
+from nightly import amount
 
 from rastercov.mesh import ear_kernels
 from rastercov.mesh.ear_clipping import cut_concave
@@ -98,7 +99,7 @@ def simple_polygon(seed: int, n: int) -> np.ndarray:
 
 
 @settings(max_examples=25)
-@given(seed=st.integers(0, 2**32 - 1), n=st.integers(4, 60))
+@given(seed=st.integers(0, 2**32 - 1), n=st.integers(4, amount(30, at_night=60)))
 def test_simple_polygons_are_covered_exactly_once(seed, n):
     check_covers_once(simple_polygon(seed, n), seed)
 

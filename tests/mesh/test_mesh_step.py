@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from nightly import examples
 
 from rastercov.errors import MeshError, RastercovError
 from rastercov.mesh.formats import step
@@ -79,8 +80,10 @@ def _cascadio():
 
 
 @pytest.mark.usefixtures("_cascadio")
-@pytest.mark.parametrize("name", ["a.step", "a.STP"])
-@pytest.mark.parametrize(("prefix", "metres"), [("$", 1), (".MILLI.", 1e-3), (".CENTI.", 1e-2)])
+@pytest.mark.parametrize(
+    ("name", "prefix", "metres"),
+    [("a.step", "$", 1), ("a.STP", ".MILLI.", 1e-3), ("a.step", ".CENTI.", 1e-2)],
+)
 def test_a_solid_is_read_in_its_own_unit(name, prefix, metres, load):
     mesh = load(name, crate(np.array([1, 2, 3]) / metres, prefix))
     np.testing.assert_allclose(mesh.bounds, [[0, 0, 0], [1, 2, 3]], atol=1e-6)
@@ -120,7 +123,7 @@ def test_no_line_of_the_converter_reaches_the_terminal(load, capfd):
 
 @pytest.mark.usefixtures("_cascadio")
 @pytest.mark.slow
-@settings(max_examples=20, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(examples(5, at_night=20), suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(cut=st.integers(1, len(crate()) - 1))
 def test_cut_files_load_whole_or_raise_mesh_error(cut, load):
     with suppress(RastercovError):

@@ -172,7 +172,7 @@ def test_counted_samples_are_within_the_sampling_bound(seed):
 
 @pytest.mark.slow
 def test_teapot_agrees_from_the_front():
-    mesh, camera = shapes.teapot(5), Camera(width=1280, height=960, fx=1400, fy=1400)
+    mesh, camera = shapes.teapot(4), Camera(width=1280, height=960, fx=1400, fy=1400)
     pose = look_at((0.35, 0.25, 0.3), (0, 0, 0.07))[0]
     by_polygons = reference.visible_area(mesh, camera, pose, cull=True)
     by_fractions = rational.visible_area(mesh, camera, pose, cull=True)
