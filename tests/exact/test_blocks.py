@@ -8,6 +8,7 @@ import pytest
 from exact_views import SEEDS, assert_agree, look, see_again, soup
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from nightly import examples
 from scenes import joined
 
 from rastercov import shapes
@@ -109,7 +110,7 @@ def test_patches_joins_and_blocks_of_edges_are_those_of_the_faces(seed, is_sorte
 
 
 @given(seed=SEEDS, front_only=st.booleans())
-@settings(max_examples=25)
+@examples(12, at_night=25)
 def test_blocks_change_no_figure(seed, front_only):
     rng = np.random.default_rng(seed)
     mesh = scene(rng)
@@ -190,7 +191,7 @@ def test_most_blocks_of_a_fine_mesh_are_decided_together():
 
 
 @given(seed=SEEDS)
-@settings(max_examples=10)
+@examples(4, at_night=10)
 def test_the_order_of_the_faces_does_not_matter(seed):
     rng = np.random.default_rng(seed)
     mesh = scene(rng)

@@ -6,7 +6,7 @@ from exact_cases import AHEAD, box, triangles, window
 from exact_views import SEEDS, assert_agree, assert_within_bounds, look, on_both_paths
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from nightly import examples
+from nightly import amount, examples
 from scenes import joined, square
 
 import rastercov as rc
@@ -74,7 +74,7 @@ def test_a_camera_that_the_least_number_of_all_divides_from_a_corner():
     # Products of such numbers underflow, and with them the bounds of relative errors.
     solid, other = box((0, 0, 0), (0.5, 0.5, 0.25)), box((1.25, -1, -0.5), (2, 0.5, 0.5))
     mesh, rng = joined(solid, other), np.random.default_rng(0)
-    for _ in range(500):
+    for _ in range(amount(100, at_night=500)):
         eye, target = rng.integers(-3, 4, 3) * 5e-324, rng.uniform(*other.bounds)
         pose = look_at(eye, target, rng.normal(size=3))[0]
         assert_agree(mesh, CAMERA, pose)
@@ -85,7 +85,7 @@ def test_a_camera_that_the_least_number_of_all_divides_from_a_corner():
 @example(seed=1402)
 @example(seed=2873)
 @example(seed=3805)
-@examples(200, at_night=20_000)
+@examples(60, at_night=20_000)
 def test_a_camera_in_the_plane_of_the_first_face_of_a_strip(seed):
     # That face is a sliver, which is clipped, and passes through the last one.
     rng = np.random.default_rng(seed)

@@ -119,7 +119,7 @@ def maimed(mesh, rng):
 
 @pytest.mark.slow
 @given(seed=SEEDS)
-@settings(max_examples=25)
+@examples(10, at_night=25)
 def test_no_certificate_is_wrong_on_folded_and_maimed_meshes(seed):
     rng = np.random.default_rng(seed)
     mesh = (folded(rng), shapes.sphere(1), joined(folded(rng), shapes.sphere(1, 0.4)))[seed % 3]
@@ -136,7 +136,7 @@ def test_no_certificate_is_wrong_on_hostile_scenes(seed):
 @given(seed=SEEDS)
 @example(seed=581)  # a seam of two faces in the plane of a third: one before it, one behind
 @example(seed=2236038)  # a face passes through another one along one of its own edges
-@examples(1000, at_night=50_000)
+@examples(250, at_night=50_000)
 def test_no_certificate_is_wrong_between_points_of_a_lattice(seed):
     # Edges over edges and corners over corners in the image, at all depths, from a welded mesh.
     rng = np.random.default_rng(seed)

@@ -9,6 +9,7 @@ from exact_cases import triangles
 from hostile_scenes import scene
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from nightly import amount
 from processes import TESTS, run_python
 
 from rastercov import shapes
@@ -374,7 +375,8 @@ def test_no_scene_writes_past_its_scratch_memory():
 @pytest.mark.compile
 @pytest.mark.parametrize("is_rolled", [False, True])
 def test_no_scene_reaches_past_the_scratch_memory(is_rolled):
-    run_checked(f"import hostile_scenes; hostile_scenes.check_scenes(250, {is_rolled})")
+    n = amount(100, at_night=250)
+    run_checked(f"import hostile_scenes; hostile_scenes.check_scenes({n}, {is_rolled})")
 
 
 @pytest.mark.compile

@@ -3,12 +3,13 @@
 import numpy as np
 from exact_cases import hostile
 from exact_views import PATHS, look
+from nightly import amount
 
 import rastercov as rc
 from rastercov.area.zone_report import summary_of
 from rastercov.mesh.contacts import touching_faces
 
-SCENES = 100
+SCENES = amount(40, at_night=100)
 
 
 def look_at_scenes():
