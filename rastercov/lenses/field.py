@@ -14,7 +14,7 @@ from rastercov.camera import Camera
 from rastercov.lenses import field_kernels as kernels
 from rastercov.lenses.field_cells import side_of_image
 from rastercov.lenses.kernels import project_many
-from rastercov.lenses.of_camera import MOST_LENSES, planes_of
+from rastercov.lenses.of_camera import MOST_LENSES, optics_of, planes_of
 from rastercov.lenses.planes import IdealPlane, keep
 from rastercov.lenses.polygon_kernels import edge_scratch
 from rastercov.lenses.records import PlaneRecord
@@ -30,9 +30,13 @@ GUARDS, GUARD_STEPS = 16, 2.0
 """Directions of the lines around it, and their distance from it, in steps between points."""
 
 
-@lru_cache(maxsize=MOST_LENSES)
 def fields_of(camera: Camera, tolerance: float = TOLERANCE) -> tuple[kernels.Tree, ...]:
     """Field of view of a camera in each of its ideal planes, in the order of `planes_of`."""
+    return _fields_of(optics_of(camera), tolerance)
+
+
+@lru_cache(maxsize=MOST_LENSES)
+def _fields_of(camera: Camera, tolerance: float) -> tuple[kernels.Tree, ...]:
     announce_compilation(kernels.divide)
     return tuple(field_of(plane, record, tolerance) for plane, record in planes_of(camera))
 

@@ -22,6 +22,25 @@ MOST_LENSES = 1024
 """Lenses that are kept: a reconstruction may have one for each image."""
 
 
+def optics_of(camera: Camera) -> Camera:
+    """A camera with the same lens that is in focus everywhere and has no near plane.
+
+    Cameras that differ in those alone share what is found of their lens, which takes seconds.
+    """
+    return Camera(
+        width=camera.width,
+        height=camera.height,
+        fx=camera.fx,
+        fy=camera.fy,
+        cx=camera.cx,
+        cy=camera.cy,
+        skew=camera.skew,
+        model=camera.model,
+        distortion=camera.distortion,
+        max_angle_deg=camera.max_angle_deg,
+    )
+
+
 @lru_cache(maxsize=MOST_LENSES)
 def lens_of(camera: Camera) -> Lens:
     """Lens of a camera, the pinhole's own for one without distortion.
@@ -31,6 +50,8 @@ def lens_of(camera: Camera) -> Lens:
     CameraError
         For coefficients that make no lens, or one that folds at its axis.
     """
+    if (optics := optics_of(camera)) != camera:
+        return lens_of(optics)
     return make_lens(
         width=camera.width,
         height=camera.height,
@@ -51,6 +72,8 @@ def planes_of(camera: Camera) -> tuple[tuple[IdealPlane, PlaneRecord], ...]:
     Their pinholes end where the image of the lens does: those of one frame together, because they
     are solved once.
     """
+    if (optics := optics_of(camera)) != camera:
+        return planes_of(optics)
     planes = lens_of(camera).planes
     records = [
         record_of(plane, camera.width, camera.height, edge_table(plane, TOLERANCE))
@@ -81,4 +104,7 @@ def cropped(pinhole: Camera, points: FloatArray) -> Camera:
 @lru_cache(maxsize=MOST_LENSES)
 def slopes_of(camera: Camera) -> tuple[Slopes, ...]:
     """Bounds of derivatives in each plane of a camera, in the order of `planes_of`."""
-    return tuple(slopes_in(plane) for plane, _ in planes_of(camera))
+    if (optics := optics_of(camera)) != camera:
+        return slopes_of(optics)
+    # Those planes that `planes_of` has asked for its records, whose slopes are kept.
+    return tuple(slopes_in(plane) for plane in lens_of(camera).planes)

@@ -28,6 +28,7 @@ enough.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -45,6 +46,8 @@ DEGREES = 60
 """Degrees a + b up to which e_ab is computed."""
 PAIR_ROUNDING = 1e-10
 """More than the rounding of e_ab."""
+MOST_TABLES = 256
+"""Tables of planes that are kept."""
 HALVINGS = 24
 
 
@@ -192,6 +195,7 @@ class EdgeTable:
     is_graded: bool
 
 
+@lru_cache(maxsize=MOST_TABLES)
 def edge_table(plane: IdealPlane, tolerance: float = 1e-9) -> EdgeTable:
     """Table of a plane for edges that are off by at most `tolerance`, px^2.
 

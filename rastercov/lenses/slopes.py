@@ -10,6 +10,7 @@ own (`series`).
 """
 
 import math
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -32,6 +33,8 @@ ALMOST_NOTHING = 1e-300
 ORDERS = (2, 3, 4, 5)
 RADII = tuple(np.geomspace(0.01, 0.5, 12).tolist())
 """Radii, in units of the plane, at which bounds are tried."""
+MOST_PLANES = 64
+"""Planes whose slopes are kept from the record of a plane to its first use, 280 kB each."""
 
 
 class Slopes(NamedTuple):
@@ -72,6 +75,7 @@ def is_affine(plane: IdealPlane) -> bool:
     return bool(plane.code == formulas.PINHOLE and is_flat)
 
 
+@lru_cache(maxsize=MOST_PLANES)
 def slopes_in(plane: IdealPlane) -> Slopes:
     """Bounds in the region of a plane."""
     low, high = plane.region.min(axis=0), plane.region.max(axis=0)

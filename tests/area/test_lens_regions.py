@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from lens_cameras import CAMERAS
-from nightly import examples
+from nightly import amount, examples
 from surface_cases import assert_pointwise, building, cut_at_random, hostile_scene, room
 
 import rastercov as rc
@@ -26,6 +26,7 @@ TASKS = {
     "facing": rc.Task(min_facing_density=150),
     "all": rc.Task(max_incidence_deg=70, min_pixels_per_m2=4000, min_pixel_density=55),
 }
+N_POINTS = amount(1500, at_night=5000)
 FEW = ("brown", "fisheye", "equirectangular")
 
 
@@ -40,12 +41,12 @@ def flat(camera):
 @pytest.mark.slow
 @pytest.mark.parametrize("lens", CAMERAS)
 def test_a_point_is_in_a_region_exactly_if_the_image_of_the_lens_shows_it(lens):
-    assert_pointwise(MESH, CAMERAS[lens], POSES[:3], TASKS["visible"], 5_000)
+    assert_pointwise(MESH, CAMERAS[lens], POSES[:3], TASKS["visible"], N_POINTS)
 
 
 @pytest.mark.parametrize("task", ["oblique", "all"])
 def test_a_point_is_in_a_region_exactly_if_it_meets_every_criterion(task):
-    assert_pointwise(MESH, CAMERAS["brown"], POSES[:2], TASKS[task], 5_000)
+    assert_pointwise(MESH, CAMERAS["brown"], POSES[:2], TASKS[task], N_POINTS)
 
 
 @pytest.mark.slow
@@ -53,7 +54,7 @@ def test_a_point_is_in_a_region_exactly_if_it_meets_every_criterion(task):
 @pytest.mark.parametrize("task", TASKS)
 def test_every_criterion_is_that_of_the_lens(lens, task):
     camera = replace(CAMERAS[lens], focus_range=(1.0, 6.0))
-    assert_pointwise(MESH, camera, POSES[:1], TASKS[task], 4_000)
+    assert_pointwise(MESH, camera, POSES[:1], TASKS[task], N_POINTS)
 
 
 @pytest.mark.slow

@@ -1,5 +1,7 @@
 """Exact areas through lenses: laws that hold for any lens, and the pinhole as a lens."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -14,7 +16,9 @@ from rastercov.exact.certificate import CertificateSolver
 from rastercov.exact.half_planes import HalfPlaneSolver
 from rastercov.exact.lens_solver import LensSolver
 from rastercov.exact.surface import surface_of
-from rastercov.lenses.of_camera import lens_of, planes_of
+from rastercov.lenses.field import fields_of
+from rastercov.lenses.of_camera import lens_of, optics_of, planes_of, slopes_of
+from rastercov.lenses.slopes import slopes_in
 from rastercov.mesh import Group, Mesh
 from rastercov.near_plane import limits
 from rastercov.observation import BoundKind
@@ -238,7 +242,23 @@ def test_targets_hide_nothing_and_are_measured():
 
 
 def test_planes_of_a_lens_are_found_once():
-    assert planes_of(CAMERAS["brown"]) is planes_of(CAMERAS["brown"])
+    camera, planes = CAMERAS["brown"], planes_of(CAMERAS["brown"])
+    assert planes_of(CAMERAS["brown"]) is planes
+    # Slopes that the records needed are those of the loops.
+    assert slopes_of(camera)[0] is slopes_in(lens_of(camera).planes[0])
+    for other in (replace(camera, near=0.1), replace(camera, focus_range=(1.0, 6.0))):
+        assert planes_of(other) is planes
+        assert slopes_of(other) is slopes_of(camera)
+        assert fields_of(other) is fields_of(camera)
+        assert lens_of(other) is lens_of(camera)
+    for changed in ({"fx": 901}, {"max_angle_deg": 20.0}, {"cy": 500.0}, {"width": 1281}):
+        assert planes_of(replace(camera, **changed)) is not planes
+
+
+@each_lens
+def test_optics_keep_all_that_a_lens_is_made_of(name):
+    near = replace(CAMERAS[name], near=0.5, focus_range=(1.0, 6.0))
+    assert optics_of(near) == CAMERAS[name]
 
 
 @pytest.mark.parametrize("name", ["wide fisheye", "equirectangular"])

@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from lens_cameras import CAMERAS
+from nightly import examples
 
 from rastercov import shapes
 from rastercov._jit import allocation_free
@@ -34,7 +35,7 @@ def fields_of_view(scene, pose, lens, work, known, out):
 
 
 @pytest.mark.parametrize("lens", [*CAMERAS])
-@settings(max_examples=10)
+@examples(4, at_night=10)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_a_known_area_changes_no_field_of_view(lens, seed):
     """With it faces are decided by their corners, where no edge can leave the image."""

@@ -4,9 +4,10 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from lens_cases import HEIGHT, WIDTH, of_all_kinds
+from nightly import examples
 
 from rastercov import Camera
 from rastercov.errors import CameraError
@@ -120,7 +121,7 @@ def test_pinholes_of_a_wide_lens_hold_what_the_image_shows(name):
         assert [len(record.window) for _, record in planes_of(camera)][3:] == [0, 0]
 
 
-@settings(max_examples=20)
+@examples(8, at_night=20)
 @given(
     k1=st.floats(-0.4, 0.4),
     k2=st.floats(-0.1, 0.2),

@@ -45,10 +45,9 @@ LENSES = {
 }
 LENSES = {name: camera.resized(0.08) for name, camera in LENSES.items()}
 GRIDS = [(1, 0.0), (2, 0.0), (1, 0.4), (3, -1.1)]
-
-
+LARGE_AND_SMALL = large_and_small()
 SCENES = {
-    "large and small": large_and_small(),
+    "large and small": (LARGE_AND_SMALL[0], LARGE_AND_SMALL[1][::3]),
     "closed": (
         shapes.torus(20, 10),
         look_at([(4, 0, 1), (1, 0, 0.1), (0, 3, 2), (0.9, 0.2, 0)], [(0, 0, 0), (0, 1, 0)] * 2),

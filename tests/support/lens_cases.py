@@ -1,5 +1,7 @@
 """Lenses that the tests of `rastercov.lenses` share, and rays for them."""
 
+from functools import cache
+
 import numpy as np
 
 from rastercov.lenses import make_lens, sources
@@ -39,6 +41,7 @@ COLMAP = {
 """A camera of each of COLMAP's models."""
 
 
+@cache
 def of_all_kinds():
     """Lenses of all bases and distortions by name, each of which sees the whole image."""
     lenses = {
