@@ -171,15 +171,17 @@ def test_faces_as_thin_as_rounding_cover_the_samples_of_the_cpu(device, monkeypa
     assert (own == np.arange(len(rays))).sum() == (image >= 0).sum()  # none shows beside its ray
 
 
-@pytest.mark.parametrize("lens", ["strong", pytest.param("wide fisheye", marks=pytest.mark.slow)])
 @pytest.mark.parametrize(
-    "sizes",
+    ("sizes", "lens"),
     [
-        {"SMALL": -1},  # all by way of the queue
-        {"SMALL": 1 << 30},  # none
-        {"SMALL": -1, "PIECE_BLOCKS": 1},
-        {"PIECE_BLOCKS": 3, "LOOKUPS": 1},
-        {"LOOKUPS": 1 << 20},
+        ({"SMALL": -1}, "strong"),  # all by way of the queue
+        ({"SMALL": 1 << 30}, "strong"),  # none
+        ({"SMALL": -1, "PIECE_BLOCKS": 1}, "strong"),
+        ({"PIECE_BLOCKS": 3, "LOOKUPS": 1}, "strong"),
+        ({"LOOKUPS": 1 << 20}, "strong"),
+        # A lens of many planes, by both ways.
+        pytest.param({"SMALL": -1, "PIECE_BLOCKS": 1}, "wide fisheye", marks=pytest.mark.slow),
+        pytest.param({"SMALL": 1 << 30, "LOOKUPS": 1}, "wide fisheye", marks=pytest.mark.slow),
     ],
 )
 def test_how_faces_are_shared_out_changes_nothing(device, monkeypatch, lens, sizes):
