@@ -83,7 +83,7 @@ def test_it_draws_what_the_cpu_draws(device, scene, lens):
 HOSTILE = {name: camera.resized(0.4) for name, camera in LENSES.items()}
 
 
-@examples(20)
+@examples(12)
 @given(seed=st.integers(0, 2**32 - 1), lens=st.sampled_from(list(HOSTILE)))
 def test_hostile_meshes_are_drawn_as_by_the_cpu(gl_context, seed, lens):
     """Slivers, faces edge-on, behind, through the near cube and over the border of the image."""
@@ -433,7 +433,7 @@ with open_context("surfaceless") as context:
             for context.info in (wide, narrow):
                 with t.GLRasterizer(mesh, t.LENSES["strong"], device=context) as rasterizer:
                     assert rasterizer._strategy._n_passes == (2 if context.info is narrow else 1)
-                t.assert_as_on_the_cpu(context, mesh, t.LENSES["wide fisheye"], poses)
+                t.assert_as_on_the_cpu(context, mesh, t.LENSES["wide fisheye"], poses[:1])
 """
     override = {"MESA_EXTENSION_OVERRIDE": f"+{ATOMICS}"}
     run = run_python("-c", code, paths=[TESTS / "raster"], **override)
