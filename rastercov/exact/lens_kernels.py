@@ -11,17 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov._jit import allocation_free, part_with_arrays
-from rastercov.exact.lens_measures import AT_A_TIME, measure_faces, place_vertices
+from rastercov.exact.lens_measures import AT_A_TIME, measure_faces
 from rastercov.exact.lens_outlines import OUTLINE
-from rastercov.exact.records import LIVE, THIN, U, V, W
+from rastercov.exact.records import LIVE, THIN
 from rastercov.lenses.lane_kernels import X, Y
 from rastercov.lenses.quadrature import MOST
 from rastercov.raster.cpu.simd_kernel import pointer
 
 FloatArray = NDArray[np.float64]
 
-MOST_SIDES = 12
-"""Sides of a window that a vertex is compared with; a window of more is nearly a disc."""
 EDGE_ROUNDING = 2.0**-46
 """Rounding of the area under an edge, relative to its length and the size of the image: positions
 to 2^-50 of the size, some ten times over."""
@@ -71,6 +69,17 @@ class FaceRule(NamedTuple):
 
 
 @part_with_arrays
+def axis_of(pose, frame, k):
+    """Axis k of a plane in the world."""
+    a, b, c = frame[0, k], frame[1, k], frame[2, k]
+    return (
+        pose[0, 0] * a + pose[0, 1] * b + pose[0, 2] * c,
+        pose[1, 0] * a + pose[1, 1] * b + pose[1, 2] * c,
+        pose[2, 0] * a + pose[2, 1] * b + pose[2, 2] * c,
+    )
+
+
+@part_with_arrays
 def are_beyond(points, pose, frame, image, margin):
     """True where all of some points are beyond one side of a plane, see `is_beside`.
 
@@ -78,14 +87,13 @@ def are_beyond(points, pose, frame, image, margin):
     """
     meets_front = meets_left = meets_right = meets_top = meets_bottom = False
     far = 0.0
+    right, down = axis_of(pose, frame, 0), axis_of(pose, frame, 1)
+    ahead = axis_of(pose, frame, 2)
     for i in range(points.shape[0]):
         a, b, c = points[i, 0] - pose[0, 3], points[i, 1] - pose[1, 3], points[i, 2] - pose[2, 3]
-        X = a * pose[0, 0] + b * pose[1, 0] + c * pose[2, 0]
-        Y = a * pose[0, 1] + b * pose[1, 1] + c * pose[2, 1]
-        Z = a * pose[0, 2] + b * pose[1, 2] + c * pose[2, 2]
-        x = X * frame[0, 0] + Y * frame[1, 0] + Z * frame[2, 0]
-        y = X * frame[0, 1] + Y * frame[1, 1] + Z * frame[2, 1]
-        z = X * frame[0, 2] + Y * frame[1, 2] + Z * frame[2, 2]
+        x = a * right[0] + b * right[1] + c * right[2]
+        y = a * down[0] + b * down[1] + c * down[2]
+        z = a * ahead[0] + b * ahead[1] + c * ahead[2]
         far = max(far, abs(a), abs(b), abs(c))
         slack = margin * far
         meets_front = meets_front or z >= -slack
@@ -118,43 +126,6 @@ def is_beside(box, points, pose, frame, image, margin):
     return are_beyond(box, pose, frame, image, slack) or are_beyond(
         points, pose, frame, image, slack
     )
-
-
-@allocation_free
-def vertices_in_plane(uvw, camera, plane, places, is_inside):
-    """Fill in x and y of the places of vertices, (V, 4), and (V,) whether they are in the window.
-
-    A vertex next to a curved border of the window may count as outside; with a hole all do.
-    """
-    window = plane.window
-    m = window.shape[0]
-    is_disc, radius2 = m > MOST_SIDES, np.inf
-    for s in range(m):
-        t = s + 1 if s + 1 < m else 0
-        dx, dy = window[t, 0] - window[s, 0], window[t, 1] - window[s, 1]
-        height = dx * window[s, 1] - dy * window[s, 0]
-        size = dx * dx + dy * dy
-        if size > 0:
-            radius2 = min(radius2, height * height / size)
-    if plane.hole.shape[0] > 0:
-        is_inside[:] = False
-        return
-    n, n_sides = uvw.shape[0], 0 if is_disc else m
-    whole = n - n % AT_A_TIME
-    for first in range(0, whole, AT_A_TIME):
-        place_vertices(
-            first, pointer(uvw), camera, pointer(window), n_sides,
-            radius2 if is_disc else np.inf, pointer(places), pointer(is_inside),
-        )  # fmt: skip
-    for i in range(whole, n):
-        x, y = (uvw[i, U] - camera.cx) / camera.fx, (uvw[i, V] - camera.cy) / camera.fy
-        places[i, X], places[i, Y] = x, y
-        is_inside[i] = uvw[i, W] > 0 and (not is_disc or x * x + y * y <= radius2)
-        for s in range(n_sides):
-            t = s + 1 if s + 1 < m else 0
-            dx, dy = window[t, 0] - window[s, 0], window[t, 1] - window[s, 1]
-            if dx * (y - window[s, 1]) - dy * (x - window[s, 0]) < 0:
-                is_inside[i] = False
 
 
 @allocation_free

@@ -17,22 +17,31 @@ AT_A_TIME = 8
 BYTE = ir.IntType(8)
 
 
-@simd(returns=types.void)
-def place_vertices(first, uvw, camera, window, n_sides, radius2, places, is_inside):
+@simd(returns=types.int64)
+def place_vertices(first, uvw, pinhole, window, n_sides, radius2, places, is_inside, at, x, y):
     """Fill in x and y of the places of `AT_A_TIME` vertices, and whether they are in the window.
 
     Parameters
     ----------
     uvw, window, places, is_inside : pointers
-        To the data of the arrays of `lens_kernels.vertices_in_plane`.
+        To the data of the arrays of `lens_edges.vertex_images`.
     n_sides : int
         Sides of the window that they are compared with.
     radius2 : float
         Square of the radius of a disc that they must be in.
+    at : int
+    x, y : pointers
+        Out, from `at` on: x and y of those in the window, 0 for the others.
+
+    Returns
+    -------
+    int
+        Not 0 if any is in the window.
     """
+    to_x, to_y = x, y
     image = load(first.builder, uvw.at(first * 3).pointer, 3 * AT_A_TIME)
     u, v, w = (image.every(3, column) for column in (U, V, W))
-    x, y = (u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy
+    x, y = (u - pinhole.cx) / pinhole.fx, (v - pinhole.cy) / pinhole.fy
     least = Variable(x.like(math.inf))
     with loop(Scalar(first.builder, LONG(0)), n_sides, 1) as s:
         t = (s + 1).where(s + 1 < n_sides, 0)
@@ -45,6 +54,22 @@ def place_vertices(first, uvw, camera, window, n_sides, radius2, places, is_insi
     both = joined(x, y)
     for k in range(AT_A_TIME):
         both.every(AT_A_TIME, k).store(places.at((first + k) * 4 + X).pointer)
+    x.where(is_in, 0.0).store(to_x.at(at).pointer)
+    y.where(is_in, 0.0).store(to_y.at(at).pointer)
+    return is_in.bits()
+
+
+@simd(returns=types.void)
+def put_images(first, at, u, v, is_inside, places):
+    """Complete the places of `AT_A_TIME` vertices by their images; NaN outside the window."""
+    builder = first.builder
+    is_in = load(builder, is_inside.at(first).pointer, AT_A_TIME) > 0
+    images = [
+        load(builder, image.at(at).pointer, AT_A_TIME).where(is_in, math.nan) for image in (u, v)
+    ]
+    both = joined(*images)
+    for k in range(AT_A_TIME):
+        both.every(AT_A_TIME, k).store(places.at((first + k) * 4 + IMAGE_U).pointer)
 
 
 @simd(returns=types.void)
@@ -56,7 +81,7 @@ def measure_faces(
     Arrays are pointers to the data of its arguments; the results are the same bits.
     """
     builder = first.builder
-    corners = [_places(faces.at(first * 3), s, places) for s in range(3)]
+    corners = [columns_at(faces.at(first * 3), 3, s, places) for s in range(3)]
     (x0, y0, u0, v0), (x1, y1, u1, v1), (x2, y2, u2, v2) = corners
     total = u0.like(0.0)
     for p in range(3):
@@ -96,12 +121,12 @@ def measure_faces(
     (load(builder, error.at(first).pointer, AT_A_TIME) + bound).store(error.at(first).pointer)
 
 
-def _places(vertices, s, places):
-    """Columns of the places of one corner of `AT_A_TIME` faces, each a single load."""
-    rows = joined(
+def columns_at(rows, step, s, places):
+    """Columns of the places of vertex s of `AT_A_TIME` rows of `step`, each a single load."""
+    found = joined(
         *(
-            load(places.builder, places.at(vertices.value(3 * k + s).to(LONG) * 4).pointer, 4)
+            load(places.builder, places.at(rows.value(step * k + s).to(LONG) * 4).pointer, 4)
             for k in range(AT_A_TIME)
         )
     )
-    return tuple(rows.every(4, column) for column in (X, Y, IMAGE_U, IMAGE_V))
+    return tuple(found.every(4, column) for column in (X, Y, IMAGE_U, IMAGE_V))

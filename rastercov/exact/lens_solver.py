@@ -17,12 +17,13 @@ from rastercov.camera import Camera
 from rastercov.exact import lens_kernels as kernels
 from rastercov.exact import lens_outlines as outlines
 from rastercov.exact.half_planes import HalfPlaneSolver
+from rastercov.exact.lens_edges import edge_bulges, edge_lists, vertex_images, whole_groups
 from rastercov.exact.records import Edges
 from rastercov.exact.surface import Surface
-from rastercov.lenses import lane_kernels
 from rastercov.lenses.of_camera import planes_of
 from rastercov.lenses.polygon_kernels import bulges_by_parts, edge_scratch, measure_insides
 from rastercov.lenses.records import PlaneRecord
+from rastercov.raster.cpu.memory import aligned_zeros
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int32]
@@ -62,15 +63,15 @@ class LensSolver:
         self.figures = kernels.Figures(*np.empty((3, n)), *np.empty((3, n), np.int8))
         self.area, self.visible, self.area_error = self.figures[:3]
         self.is_certified = np.zeros(n, np.bool_)
-        n_vertices, n_edges = len(surface.vertices), len(surface.edges.kind)
-        self._seen = kernels.Seen(
-            places=np.empty((n_vertices, 4)),
-            is_inside=np.empty(n_vertices, np.bool_),
-            bulge=np.empty(n_edges),
-        )
         self._sides = directed_sides(surface.faces, surface.edges)
-        self._longer = np.empty(n_edges, np.int32)
-        self._lanes = lane_kernels.lane_scratch()
+        self._ends, self._lists = whole_groups(surface.edges.vertices), edge_lists()
+        self._longer = np.empty(len(self._ends), np.int32)
+        n_vertices = len(surface.vertices)
+        self._seen = kernels.Seen(
+            places=aligned_zeros((n_vertices, 4), np.float64),
+            is_inside=np.empty(n_vertices, np.bool_),
+            bulge=np.empty(len(self._ends)),
+        )
         self._is_done = np.empty(n, np.bool_)
         self._own, self._scratch = np.empty(n), outlines.scratch()
         self._found = outlines.room_for_polygons(1024, 8192)
@@ -166,16 +167,13 @@ class LensSolver:
 
     def _measure(self, record: PlaneRecord) -> None:
         """Add the images of all faces and pieces in one plane."""
-        solver, seen, lanes = self._solver, self._seen, self._lanes
+        solver, seen, lists = self._solver, self._seen, self._lists
         projected, kept = solver.image_of_all, solver.kept_pieces
         surface, n_vertices = self.surface, len(self.surface.vertices)
         own, is_done, uvw = self._own, self._is_done, projected.uvw[:n_vertices]
-        places, edges = seen.places, surface.edges.vertices
-        self._call(kernels.vertices_in_plane, uvw, solver.camera, record, places, seen.is_inside)
-        self._call(lane_kernels.vertex_images, record, places, seen.is_inside, lanes)
-        n_longer = self._call(
-            lane_kernels.edge_bulges, record, edges, places, lanes, seen.bulge, self._longer
-        )
+        places, edges = seen.places, self._ends
+        self._call(vertex_images, uvw, record, places, seen.is_inside, lists)
+        n_longer = self._call(edge_bulges, record, edges, places, lists, seen.bulge, self._longer)
         if n_longer:
             longer = self._longer[:n_longer]
             self._call(bulges_by_parts, record, longer, edges, places, self._edges, seen.bulge)

@@ -53,7 +53,6 @@ from rastercov.lenses.formulas import (
     UNIFIED,
 )
 from rastercov.lenses.kernels import project
-from rastercov.lenses.quadrature import FEWEST, MOST, NODES, RULE
 
 LANES = 64
 """Rays that are projected together."""
@@ -64,49 +63,29 @@ X, Y, U, V = range(4)
 
 
 class LaneScratch(NamedTuple):
-    """Scratch for `LANES` rays or edges: nodes of edges are (MOST + 1, LANES).
-
-    Edges wait by their rule: `ends`, (MOST + 1, 8, LANES), has the places of both ends of each,
-    `row`, (MOST + 1, LANES), its number, and `waiting`, (MOST + 1,), counts them.
-    """
+    """Scratch for `LANES` rays; all numbers are finite, also those of unused lanes."""
 
     x: NDArray[np.float64]
     y: NDArray[np.float64]
     z: NDArray[np.float64]
-    total: NDArray[np.float64]
     u: NDArray[np.float64]
     v: NDArray[np.float64]
-    X: NDArray[np.float64]
-    Y: NDArray[np.float64]
-    U: NDArray[np.float64]
-    V: NDArray[np.float64]
-    ends: NDArray[np.float64]
-    row: NDArray[np.int64]
-    waiting: NDArray[np.int64]
 
 
 def lane_scratch() -> LaneScratch:
-    """Memory for `LANES` rays or edges; all numbers are finite, also those of unused lanes."""
-    x, y, z, u, v = np.zeros((5, (MOST + 1) * LANES))
-    X, Y, U, V = (each.reshape(MOST + 1, LANES) for each in (x, y, u, v))
-    ends, row = np.zeros((MOST + 1, 8, LANES)), np.zeros((MOST + 1, LANES), np.int64)
-    waiting = np.zeros(MOST + 1, np.int64)
-    return LaneScratch(x, y, z, np.zeros(LANES), u, v, X, Y, U, V, ends, row, waiting)
+    """Memory for `LANES` rays."""
+    return LaneScratch(*np.zeros((5, LANES)))
 
 
 @part_of
-def angle_over_r(r2, z):
-    """Angle from the z axis over r, of a point at distance r = sqrt(r2) from the axis.
+def atan_over(q):
+    """atan(t) / t for q = t^2 <= 1, by a polynomial of SLEEF; without a branch, also at 0.
 
-    tan(a / 2) = tan(a) / (1 + sqrt(1 + tan(a)^2)), twice, and a polynomial of SLEEF for atan up to
-    1: without a branch, also at r = 0. The error is a few units in the last place.
+    The error is a unit in the last place.
 
     N. Shibata, F. Petrogalli. SLEEF: A Portable Vectorized Library of C Standard Mathematical
     Functions. 2020.
     """
-    c = 1.0 / (z + math.sqrt(r2 + z * z))
-    c = c / (1.0 + math.sqrt(1.0 + r2 * c * c))
-    q = r2 * c * c  # tan^2 of a quarter, at most 1
     # Four chains, because the processor would wait for each step of one.
     r, s = q * q, (q * q) * (q * q)
     a = -0.333333333333311110369124 + s * (
@@ -138,13 +117,39 @@ def angle_over_r(r2, z):
         + s * (0.0337852580001353069993897 + s * 0.00370026744188713119232403)
     )
     p = a + q * b + r * (d + q * e)
-    return 4.0 * c * (1.0 + q * p)
+    return 1.0 + q * p
+
+
+@part_of
+def angle_over_r(r2, z):
+    """Angle from the z axis over r, of a point at distance r = sqrt(r2) from the axis.
+
+    tan(a / 2) = tan(a) / (1 + sqrt(1 + tan(a)^2)), twice: a quarter of an angle is at most 45
+    degrees. The error is a few units in the last place.
+    """
+    c = 1.0 / (z + math.sqrt(r2 + z * z))
+    c = c / (1.0 + math.sqrt(1.0 + r2 * c * c))
+    return 4.0 * c * atan_over(r2 * c * c)
+
+
+@part_of
+def angle_ahead_over_r(r2):
+    """`angle_over_r` for z = 1: the angle is less than 90 degrees, and halved once."""
+    c = 1.0 / (1.0 + math.sqrt(r2 + 1.0))
+    return 2.0 * c * atan_over(r2 * c * c)
 
 
 @allocation_free
-def base_lanes(code, b0, b1, b2, x, y, z, n):
-    """Bases that have a closed form, see `formulas.based`; rays (x, y, z) in place."""
-    if code == EQUIDISTANT:
+def base_lanes(code, b0, b1, b2, is_ahead, x, y, z, n):
+    """Bases that have a closed form, see `formulas.based`; rays (x, y, z) in place.
+
+    All z are 1 where `is_ahead`.
+    """
+    if code == EQUIDISTANT and is_ahead:
+        for i in range(n):
+            g = angle_ahead_over_r(x[i] * x[i] + y[i] * y[i])
+            x[i], y[i] = x[i] * g, y[i] * g
+    elif code == EQUIDISTANT:
         for i in range(n):
             g = angle_over_r(x[i] * x[i] + y[i] * y[i], z[i])
             x[i], y[i] = x[i] * g, y[i] * g
@@ -170,7 +175,7 @@ def base_lanes(code, b0, b1, b2, x, y, z, n):
             x[i], y[i] = x[i] * w, y[i] * w
         if code == FOV:
             for i in range(n):
-                g = b1 * angle_over_r((x[i] * x[i] + y[i] * y[i]) * (b0 * b0), 1.0)
+                g = b1 * angle_ahead_over_r((x[i] * x[i] + y[i] * y[i]) * (b0 * b0))
                 x[i], y[i] = x[i] * g, y[i] * g
         elif code == DIVISION:
             for i in range(n):
@@ -205,7 +210,7 @@ def project_lanes(code, p, frame, x, y, z, m, u, v):
             Y = f10 * x[i] + f11 * y[i] + f12
             z[i] = f20 * x[i] + f21 * y[i] + f22
             x[i], y[i] = X, Y
-        base_lanes(code, p[B0], p[B1], p[B2], x, y, z, n)
+        base_lanes(code, p[B0], p[B1], p[B2], is_ahead, x, y, z, n)
     k1, k2, k3, k4, k5, k6 = p[K1], p[K2], p[K3], p[K4], p[K5], p[K6]
     d1, d2, d3 = p[D1], p[D2], p[D3]
     is_polynomial = d1 == 0.0 and d2 == 0.0 and d3 == 0.0
@@ -247,142 +252,3 @@ def project_lanes(code, p, frame, x, y, z, m, u, v):
         a = fx * u[i] + skew * v[i] + cx
         v[i] = fy * v[i] + cy
         u[i] = a
-
-
-@allocation_free
-def vertex_images(plane, places, is_inside, lanes):
-    """Project vertices of a plane that are inside its region; NaN for the others.
-
-    Parameters
-    ----------
-    plane : PlaneRecord
-    places : (V, 4) float64
-        In: x, y. Out: u, v.
-    is_inside : (V,) bool
-    lanes : LaneScratch
-    """
-    rows, last = lanes.row[0], places.shape[0] - 1
-    m = 0
-    for i in range(last + 1):
-        if is_inside[i]:
-            rows[m], lanes.x[m], lanes.y[m] = i, places[i, X], places[i, Y]
-            m += 1
-        else:
-            places[i, U] = places[i, V] = math.nan
-        if m == LANES or (m > 0 and i == last):
-            project_lanes(
-                plane.code,
-                plane.params,
-                plane.frame,
-                lanes.x,
-                lanes.y,
-                lanes.z,
-                m,
-                lanes.u,
-                lanes.v,
-            )
-            for k in range(m):
-                places[rows[k], U], places[rows[k], V] = lanes.u[k], lanes.v[k]
-            m = 0
-
-
-@allocation_free
-def bulges_of(plane, n, lanes):
-    """Fill `lanes.total` with the bulges of the edges that wait for rule n."""
-    ends = lanes.ends[n]
-    ax, ay, u0, v0 = ends[X], ends[Y], ends[U], ends[V]
-    bx, by, u1, v1 = ends[4 + X], ends[4 + Y], ends[4 + U], ends[4 + V]
-    for k in range(1, n):
-        t, s, x, y = NODES[n, k], NODES[n, n - k], lanes.X[k - 1], lanes.Y[k - 1]
-        for i in range(LANES):
-            x[i] = s * ax[i] + t * bx[i]
-        for i in range(LANES):
-            y[i] = s * ay[i] + t * by[i]
-    # The nodes 1 ... n - 1 of all edges are projected together.
-    inner = LANES * (n - 1)
-    project_lanes(
-        plane.code, plane.params, plane.frame, lanes.x, lanes.y, lanes.z, inner, lanes.u, lanes.v
-    )
-    nodes_u, nodes_v, total = lanes.U, lanes.V, lanes.total
-    for i in range(LANES):
-        nodes_u[n - 1, i] = u1[i]
-    for i in range(LANES):
-        nodes_v[n - 1, i] = v1[i]
-    for k in range(n):
-        u, v = nodes_u[k], nodes_v[k]
-        for i in range(LANES):
-            u[i] -= u0[i]
-        for i in range(LANES):
-            v[i] -= v0[i]
-    for i in range(LANES):
-        total[i] = 0.0
-    for k in range(2, n + 1):
-        for j in range(1, k):
-            weight = RULE[n, k, j]
-            ku, kv, ju, jv = nodes_u[k - 1], nodes_v[k - 1], nodes_u[j - 1], nodes_v[j - 1]
-            for i in range(LANES):
-                total[i] += weight * (ku[i] * jv[i] - ju[i] * kv[i])
-
-
-@allocation_free
-def edge_bulges(plane, ends, places, lanes, bulge, longer):
-    """Area between the image of each edge and its chord, px^2, from its first end to its second.
-
-    Edges of one rule are integrated together.
-
-    Parameters
-    ----------
-    plane : PlaneRecord
-        Without a pole.
-    ends : (E, 2) int32
-        Vertices of the edges.
-    places : (V, 4) float64
-        Of `vertex_images`.
-    lanes : LaneScratch
-    bulge : (E,) float64
-        Out; NaN for an edge with an end outside the region, and for one too long for any rule.
-    longer : (E,) int32
-        Out: edges that are too long.
-
-    Returns
-    -------
-    int
-        Number of these.
-    """
-    longest, n_longer, last = plane.longest, 0, ends.shape[0] - 1
-    lanes.waiting[:] = 0
-    for e in range(last + 1):
-        a, b = ends[e, 0], ends[e, 1]
-        u0, u1, bulge[e] = places[a, U], places[b, U], math.nan
-        if u0 + u1 != u0 + u1:
-            continue
-        ax, ay, bx, by = places[a, X], places[a, Y], places[b, X], places[b, Y]
-        quarter2 = 0.25 * ((bx - ax) * (bx - ax) + (by - ay) * (by - ay))
-        n = FEWEST
-        while n <= MOST and quarter2 > longest[n] * longest[n]:
-            n += 1
-        if n > MOST:
-            longer[n_longer] = e
-            n_longer += 1
-            continue
-        at, m = lanes.ends[n], lanes.waiting[n]
-        at[X, m], at[Y, m], at[U, m], at[V, m] = ax, ay, u0, places[a, V]
-        at[4 + X, m], at[4 + Y, m], at[4 + U, m], at[4 + V, m] = bx, by, u1, places[b, V]
-        lanes.row[n, m] = e
-        m += 1
-        if m == LANES:
-            m = _integrate(plane, n, m, lanes, bulge)
-        lanes.waiting[n] = m
-    for n in range(FEWEST, MOST + 1):
-        if lanes.waiting[n] > 0:
-            _integrate(plane, n, lanes.waiting[n], lanes, bulge)
-    return n_longer
-
-
-@allocation_free
-def _integrate(plane, n, m, lanes, bulge):
-    """Fill in the bulges of the m edges that wait for rule n; returns 0 of them."""
-    bulges_of(plane, n, lanes)
-    for i in range(m):
-        bulge[lanes.row[n, i]] = lanes.total[i]
-    return 0

@@ -1,4 +1,7 @@
-"""Vertices and faces that are measured eight at a time have the bits of those measured alone."""
+"""Vertices and faces that are measured eight at a time have the bits of those measured alone.
+
+Edges take the rule that the longest of eight needs, so theirs agree within their tolerance.
+"""
 
 import numpy as np
 import pytest
@@ -7,10 +10,13 @@ from lens_cameras import CAMERAS
 from rastercov import look_at, shapes
 from rastercov.exact import lens_kernels
 from rastercov.exact.certificate import CertificateSolver
+from rastercov.exact.lens_edges import edge_bulges, edge_lists, vertex_images, whole_groups
 from rastercov.exact.lens_measures import AT_A_TIME
 from rastercov.exact.lens_solver import LensSolver
 from rastercov.exact.surface import surface_of
+from rastercov.lenses.edge_kernels import bulge, edge_values
 from rastercov.lenses.of_camera import planes_of
+from rastercov.lenses.quadrature import MOST
 
 MESHES = {"torus": shapes.by_name("torus"), "room": shapes.by_name("room")}
 EYES = {"torus": (2.2, 1.4, 1.5), "room": (0.2, 0.1, 1.5)}
@@ -45,16 +51,13 @@ def test_eight_at_a_time_have_the_same_bits_as_one(name, camera):
         solver._solve(plane.camera, plane.frame)
         solver._measure(record)
         uvw = solver._solver.image_of_all.uvw[: len(surface.vertices)]
-        call = lens_kernels.vertices_in_plane
-        places, is_inside = seen.places.copy(), np.empty(len(uvw), np.bool_)
-        call(uvw, solver._solver.camera, record, places, is_inside)
-        assert (is_inside == seen.is_inside).all()
         for i in rng.integers(0, len(uvw), 60):
             one, inside = np.empty((1, 4)), np.empty(1, np.bool_)
-            call(uvw[i : i + 1], solver._solver.camera, record, one, inside)
-            assert inside[0] == is_inside[i]
+            vertex_images(uvw[i : i + 1], record, one, inside, edge_lists())
+            assert inside[0] == seen.is_inside[i]
             if inside[0]:
-                assert (one[0, :2] == places[i, :2]).all()
+                assert (one[0] == seen.places[i]).all()
+            assert np.isnan(one[0, 2:]).all() == (not inside[0])
         own, is_done, out = np.empty(n), np.empty(n, np.bool_), figures(n)
         lens_kernels.measure_simple(
             surface.faces, solver._sides, flat, state, seen, record, own, is_done, out
@@ -70,3 +73,43 @@ def test_eight_at_a_time_have_the_same_bits_as_one(name, camera):
             assert (alone.area[0], alone.area_error[0]) == (out.area[f], out.area_error[f])
         measured += (own > 0).sum()
     assert measured > 0 or name == "room"
+
+
+@pytest.mark.parametrize("camera", CAMERAS)
+def test_edges_of_any_lengths_agree_with_the_best_rule(camera):
+    """Random places: neighbours in a list need other rules, have no image or are too long."""
+    rng, lists = np.random.default_rng(2), edge_lists()
+    rules, n_taken = set(), 0
+    for _, record in planes_of(CAMERAS[camera]):
+        if not len(record.window) or len(record.hole) or record.is_graded:
+            continue
+        limits = record.longest[record.longest > 0]
+        if not limits[-1] < np.inf:
+            continue
+        half = np.exp(rng.uniform(np.log(limits[0]) - 2, np.log(limits[-1]) + 0.5, 900))
+        middle = record.window.min(axis=0) + rng.random((900, 2)) * np.ptp(record.window, axis=0)
+        turn = rng.uniform(0, 2 * np.pi, 900)
+        step = half[:, None] * np.column_stack((np.cos(turn), np.sin(turn)))
+        both = np.concatenate((middle - step, middle + step))
+        uvw = np.ones((len(both), 3))
+        uvw[:, :2] = both * (record.fx, record.fy) + (record.cx, record.cy)
+        places, inside = np.empty((len(both), 4)), np.empty(len(both), np.bool_)
+        vertex_images(uvw, record, places, inside, lists)
+        ends = whole_groups(np.arange(len(both), dtype=np.int32).reshape(2, -1).T.copy())
+        found, longer = np.empty(len(ends)), np.empty(len(ends), np.int32)
+        n_longer = edge_bulges(record, ends, places, lists, found, longer)
+        length = np.linalg.norm(places[ends[:, 0], :2] - places[ends[:, 1], :2], axis=1)
+        known = inside[ends].all(axis=1)
+        assert set(longer[:n_longer]) == set(np.flatnonzero(known & (length / 2 > limits[-1])))
+        assert (np.isnan(found) == (~known | (length / 2 > limits[-1]))).all()
+        rounding = lens_kernels.EDGE_ROUNDING * (record.width + record.height)
+        for e in np.flatnonzero(~np.isnan(found)):
+            (ax, ay), (bx, by) = places[ends[e, 0], :2], places[ends[e, 1], :2]
+            values = np.empty((2, MOST + 1))
+            edge_values(record.code, record.params, record.frame, ax, ay, bx, by, MOST, *values)
+            size = np.abs(np.diff(values)).sum() + 1
+            error = abs(found[e] - bulge.py_func(MOST, *values))
+            assert error <= 2 * record.tolerance + rounding * size
+            rules.add(int(np.searchsorted(record.longest, length[e] / 2)))
+            n_taken += 1
+    assert (n_taken > 100 and len(rules) > 3) or camera in ("skew", "equirectangular")
