@@ -65,12 +65,9 @@ class Pinhole(NamedTuple):
 
 def edge_lists() -> EdgeLists:
     """Lists without an edge."""
-    return EdgeLists(
-        *aligned_zeros((5, TABLE, MOST * LANES), np.float64),
-        ends=aligned_zeros((TABLE, 4, LANES), np.float64),
-        first=np.zeros((TABLE, GROUPS), np.int64),
-        waiting=np.zeros(TABLE, np.int64),
-    )
+    x, y, z, u, v = aligned_zeros((5, TABLE, MOST * LANES), np.float64)
+    ends, first = aligned_zeros((TABLE, 4, LANES), np.float64), np.zeros((TABLE, GROUPS), np.int64)
+    return EdgeLists(x, y, z, u, v, ends, first, np.zeros(TABLE, np.int64))
 
 
 def whole_groups(edges: NDArray[np.int32]) -> NDArray[np.int32]:
