@@ -425,6 +425,7 @@ def folder(tmp_path_factory):
     return tmp_path_factory.mktemp("cameras")
 
 
+@pytest.mark.slow
 @given(
     st.one_of(
         lenses,

@@ -156,6 +156,7 @@ SLANTED = Mesh(vertices=[(-1, -0.5, 4), (-1, 0.5, 4), (1, 0, 9)], faces=[(0, 1, 
 FOCUSED = replace(CAMERA, focus_range=(3, 5))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("reason", "mesh", "camera", "task"),
     [
@@ -261,6 +262,7 @@ def test_near_clipped_poses_are_marked(how):
 # --- runs of any size -----------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pairs", [1, 1 << 9, 1 << 11, 1 << 19])
 def test_batches_make_up_the_whole(how, monkeypatch, pairs):
     whole = evaluate(TEAPOT, SMALL, POSES, **how)

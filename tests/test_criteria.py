@@ -57,6 +57,7 @@ def test_area_of_a_frontal_square_is_fx_fy_area_over_depth_squared(camera, z):
     )
 
 
+@pytest.mark.slow
 @given(seeds)
 def test_area_has_no_sign(rng):
     mesh, pose = random_mesh(rng), random_pose(rng)
@@ -85,6 +86,7 @@ def test_behind_the_camera_there_is_nothing():
     assert not view.is_front.any()
 
 
+@pytest.mark.slow
 @given(seeds)
 def test_moving_mesh_and_camera_together_changes_nothing(rng):
     mesh, pose, motion = random_mesh(rng), random_pose(rng), random_pose(rng)
@@ -123,6 +125,7 @@ def test_fraction_of_a_wall_around_the_image_is_its_share():
     assert not view.in_view.any()
 
 
+@pytest.mark.slow
 @given(seeds, st.integers(1, 639))
 def test_fractions_of_two_half_images_add_up_to_the_whole(rng, middle):
     mesh, pose = random_mesh(rng), random_pose(rng)
@@ -192,6 +195,7 @@ def test_thesis_table_5_4_ends_a_metre_early():
 # --- facing ---------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @given(seeds)
 def test_front_is_the_sign_of_the_projected_area(rng):
     mesh, pose = random_mesh(rng), random_pose(rng)
@@ -250,6 +254,7 @@ def test_incidence_is_the_tilt_on_the_axis(degrees):
     assert np.degrees(view.incidence) == pytest.approx([degrees], abs=1e-5)
 
 
+@pytest.mark.slow
 @given(st.floats(-1, 1) | st.sampled_from([1 - 2.0**-52, 2.0**-52 - 1, 0.5, -0.5, 5e-324]))
 def test_an_angle_of_incidence_is_the_arccosine(cosine):
     angle = incidence_angle(cosine)
@@ -263,6 +268,7 @@ def test_incidence_is_measured_to_the_camera_centre():
     assert np.degrees(view.incidence) == pytest.approx([45])
 
 
+@pytest.mark.slow
 @given(seeds)
 def test_incidence_from_behind_is_the_supplement(rng):
     mesh, pose = random_mesh(rng), random_pose(rng)
@@ -302,6 +308,7 @@ def numeric_density(corners, camera, step=1e-6):
     return worst
 
 
+@pytest.mark.slow
 @given(seeds)
 def test_density_is_the_least_singular_value_of_finite_differences(rng):
     mesh = triangles(rng.uniform((-2, -2, 1), (2, 2, 5), size=(60, 3)))
@@ -381,6 +388,7 @@ def test_beyond_the_hyperfocal_distance_everything_is_in_focus():
 nasty = st.sampled_from([0.0, -0.0, 1.0, -1.0, 1e-12, 2.0, 1e-160, 1e30, -1e30, 3.0, 0.1, 1e-6])
 
 
+@pytest.mark.slow
 @given(
     st.lists(st.tuples(nasty, nasty, nasty), min_size=3, max_size=12),
     st.booleans(),

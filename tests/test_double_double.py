@@ -60,6 +60,7 @@ def test_the_product_of_two_doubles_is_exact(a, b):
     assert exact(product_of_two(a, b)) == Fraction(a) * Fraction(b)
 
 
+@pytest.mark.slow
 @given(a=NUMBERS, b=NUMBERS, s=TINY, t=TINY)
 def test_sums_of_pairs_lose_no_more_than_they_say(a, b, s, t):
     one, other = pair(a, s), pair(b, t)
@@ -67,6 +68,7 @@ def test_sums_of_pairs_lose_no_more_than_they_say(a, b, s, t):
     assert off <= 3 * max(abs(exact(one)), abs(exact(other))) / 2**105
 
 
+@pytest.mark.slow
 @given(a=NUMBERS, b=NUMBERS, s=TINY, t=TINY)
 def test_products_of_pairs_lose_no_more_than_they_say(a, b, s, t):
     one, other = pair(a, s), pair(b, t)
@@ -74,6 +76,7 @@ def test_products_of_pairs_lose_no_more_than_they_say(a, b, s, t):
     assert off <= 5 * abs(exact(one) * exact(other)) / 2**106
 
 
+@pytest.mark.slow
 @given(a=NUMBERS, b=NUMBERS, c=NUMBERS, d=NUMBERS)
 def test_exchanging_rows_negates_a_determinant_to_the_bit(a, b, c, d):
     high, low = determinant(a, d, b, c)

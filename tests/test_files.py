@@ -222,6 +222,7 @@ def test_json_says_one_thing_or_is_refused(tmp_path, content, match):
 TABLE = "width = 64\nheight = 48\nfx = 50.0\nfy = 50.0\n"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("content", "match"),
     [

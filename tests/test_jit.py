@@ -167,6 +167,7 @@ def test_data_of_another_signature_is_not_believed(tmp_path):
     assert first.load("int64") is None
 
 
+@pytest.mark.slow
 @given(st.data())
 def test_no_damage_to_a_file_is_believed(tmp_path_factory, data):
     folder = tmp_path_factory.mktemp("kept")
@@ -392,6 +393,7 @@ def element_of(record, row, column):
     return record.values[row] + record.number * table[row, column] + record.inner.at[0]
 
 
+@pytest.mark.slow
 def test_fields_of_records_and_elements_are_those_that_python_reads():
     part = compiled.part_with_arrays(element_of)
 

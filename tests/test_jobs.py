@@ -56,6 +56,7 @@ def as_stored(figures):
     return json.loads(json.dumps(figures, default=lambda value: np.asarray(value).tolist()))
 
 
+@pytest.mark.slow
 def test_place_writes_nothing_and_finds_what_the_command_finds(capsys):
     placed = rc.place(PLAN)
     assert placed.is_met
@@ -128,6 +129,7 @@ def test_check_takes_several_cameras():
         rc.check(PLAN, poses)
 
 
+@pytest.mark.slow
 def test_audit_is_the_command(capsys):
     mesh = rc.Mesh.load("part.obj")
     camera = rc.Camera(**CAMERA)

@@ -215,6 +215,7 @@ def test_figures_of_faces_in_view_are_counted_by_kind():
 # --- batches, nothing, JSON -----------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @given(st.integers(0, 2**32 - 1), st.lists(st.integers(0, 12), max_size=6))
 def test_poses_in_any_batches_make_the_same_network(seed, cuts):
     rng = np.random.default_rng(seed)
@@ -302,6 +303,7 @@ def test_occluders_hide_though_nobody_scores_them():
 # --- measured and added up in threads -------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["certified", "sampled"])
 @pytest.mark.parametrize("threads", [1, 3])
 def test_poses_added_in_threads_make_the_network_of_their_coverage(method, threads, monkeypatch):
@@ -324,6 +326,7 @@ def test_poses_added_in_threads_make_the_network_of_their_coverage(method, threa
     assert found.summary() == expected.summary()
 
 
+@pytest.mark.slow
 @given(
     limit=st.sampled_from([5, 30, 60, 89.999, 90]),
     turn=st.floats(0, 6.28),

@@ -43,6 +43,7 @@ def see(device):
 # --- exactly 0 and 1 ------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [8, 9, 33, 128])
 @pytest.mark.parametrize("pose", [AHEAD, ROLLED], ids=["upright", "rolled"])
 def test_unhidden_is_exactly_1_and_hidden_exactly_0_at_any_resolution(see, size, pose):
@@ -258,6 +259,7 @@ def test_every_pose_has_its_row_and_no_pose_has_none(method):
     assert empty.value.shape == empty.bound.shape == empty.kind.shape == (0, 2)
 
 
+@pytest.mark.slow
 def test_edges_along_the_rows_of_the_image_are_sampled_without_bias():
     # Upright on an upright grid all errors of a row add up; the bound is for generic position.
     held = 0

@@ -32,6 +32,7 @@ def modules(monkeypatch):
     return embree_packets, same_faces
 
 
+@pytest.mark.slow
 def test_packets_of_embree_count_our_faces(modules):
     packets, same = modules
     torus = shapes.torus(20, 10)

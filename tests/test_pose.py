@@ -36,6 +36,7 @@ def assert_rigid(poses: np.ndarray, tolerance: float = 1e-12) -> None:
 # --- look_at --------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @given(points, points, points)
 def test_look_at_shows_the_target_at_the_principal_point_and_up_above_it(eye, target, up):
     view = target - eye
@@ -61,6 +62,7 @@ def test_look_at_along_y_has_x_to_the_right_and_z_upwards():
     assert image((0, 5, 1), pose)[1] < 250
 
 
+@pytest.mark.slow
 @given(points, points)
 def test_look_at_is_the_thesis_frame_turned_half_round_its_view(eye, target):
     # (6.8)-(6.11): Z along the view, X = Up x Z to the left, Y = Z x X upwards.
@@ -88,6 +90,7 @@ def test_where_up_says_nothing_another_axis_is_up(sign, along, spare, up):
     assert np.array_equal(pose[:3, 1], -axes[spare])
 
 
+@pytest.mark.slow
 @given(hnp.arrays(np.float64, 3, elements=st.floats(-1e-10, 1e-10)))
 def test_noise_does_not_decide_which_axis_is_up(noise):
     # Straight down, as over a table: y is up, however the last digits of the target fall.
@@ -250,6 +253,7 @@ def test_good_poses_pass_bit_for_bit():
     assert np.array_equal(checked, good)
 
 
+@pytest.mark.slow
 @given(st.floats(-1e-7, 1e-7), st.integers(0, 8))
 def test_small_drift_is_taken_out(size, entry):
     good = look_at((1, 2, 3), (0, 0, 0))
@@ -289,6 +293,7 @@ def test_what_is_no_array_of_poses_is_refused(poses, match):
         check_poses(poses)
 
 
+@pytest.mark.slow
 @given(hnp.arrays(np.float64, (2, 4, 4)))
 def test_any_matrix_is_checked_without_a_warning(poses):
     checked, faults = check_poses(poses)
@@ -299,6 +304,7 @@ def test_any_matrix_is_checked_without_a_warning(poses):
 # --- inverse --------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @given(points, points)
 def test_inverse_undoes_the_pose(eye, target):
     assume(np.linalg.norm(target - eye) > 1e-3)
@@ -444,6 +450,7 @@ def folder(tmp_path_factory):
     return tmp_path_factory.mktemp("poses")
 
 
+@pytest.mark.slow
 @given(st.lists(st.tuples(st.integers(0, 127), st.integers(0, 255)), min_size=1, max_size=4))
 def test_a_damaged_header_gives_poses_or_a_pose_error(folder, damage):
     path = folder / "poses.npy"

@@ -47,6 +47,7 @@ def random_pose(rng: np.random.Generator, spread: float = 3.0) -> np.ndarray:
 # --- projection -----------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @given(seeds)
 def test_projection_is_k_times_r_t_in_exact_arithmetic(rng):
     pose, point = random_pose(rng), rng.normal(size=3) * 3
@@ -104,6 +105,7 @@ def test_area_is_positive_clockwise_in_the_image():
     assert polygon_area(triangle + 1e9, np.array([3])) == [6]
 
 
+@pytest.mark.slow
 @given(triangles)
 def test_area_is_equation_3_9_but_for_its_sign(corners):
     (ax, ay), (bx, by), (cx, cy) = corners.transpose(1, 2, 0)
@@ -116,6 +118,7 @@ def test_fewer_than_three_corners_have_no_area():
     assert np.array_equal(polygon_area(corners, np.array([0, 1, 2])), (0, 0, 0))
 
 
+@pytest.mark.slow
 @given(triangles, lines)
 def test_the_two_sides_of_a_cut_make_up_the_whole(corners, line):
     distance = side_of(line, corners)
@@ -129,6 +132,7 @@ def test_the_two_sides_of_a_cut_make_up_the_whole(corners, line):
         assert total == pytest.approx(polygon_area(corners, three(corners)), abs=1e-9)
 
 
+@pytest.mark.slow
 @given(triangles, lines)
 def test_nothing_is_left_beyond_the_cut_and_the_rest_repeats_the_last_corner(corners, line):
     part, counts = clip_polygons(corners, three(corners), side_of(line, corners))
@@ -137,6 +141,7 @@ def test_nothing_is_left_beyond_the_cut_and_the_rest_repeats_the_last_corner(cor
         assert count == 0 or (polygon[count:] == polygon[count - 1]).all()
 
 
+@pytest.mark.slow
 @given(triangles, lines, lines)
 def test_the_four_quarters_of_two_cuts_make_up_the_whole(corners, first, second):
     total = 0
@@ -219,6 +224,7 @@ def test_clip_to_image_keeps_the_half_inside():
     assert (cut[counts > 0] <= 200).all()
 
 
+@pytest.mark.slow
 @given(hnp.arrays(np.int64, (3, 3, 2), elements=st.integers(-200, 400)).map(np.float64))
 def test_neighbouring_images_share_a_face_without_loss(corners):
     total = 0
@@ -262,6 +268,7 @@ def least_depth_by_linear_program(face: np.ndarray, camera: Camera, near: float)
     return best
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("camera", [CAMERA, SKEWED])
 @given(rng=seeds, n=st.integers(1, 6), size=st.sampled_from([0.1, 1.0, 10.0]))
 def test_nearest_depth_is_the_least_over_all_faces_in_view(camera, rng, n, size):
@@ -283,6 +290,7 @@ def in_view(points: np.ndarray, camera: Camera, near: float) -> np.ndarray:
     return points[(points @ rows[:, :3].T + rows[:, 3] >= 0).all(axis=1)]
 
 
+@pytest.mark.slow
 @given(rng=seeds, n=st.integers(1, 8))
 def test_no_point_in_view_is_nearer_than_the_nearest_depth(rng, n):
     faces = rng.normal(size=(n, 1, 3)) * 2 + rng.normal(size=(n, 3, 3))
@@ -312,6 +320,7 @@ def bounds_of(vertices: np.ndarray) -> np.ndarray:
     return np.stack((vertices.min(axis=0), vertices.max(axis=0)))
 
 
+@pytest.mark.slow
 @given(rng=seeds, offset=st.sampled_from([0.0, 3.0, 100.0]), near=st.sampled_from([0.0, 0.3]))
 def test_depth_range_holds_every_depth_in_view(rng, offset, near):
     camera = Camera(width=200, height=150, fx=100, fy=120, near=near)
@@ -371,6 +380,7 @@ def test_a_surface_in_view_that_is_wholly_nearer_than_near_is_cut():
     assert 2 <= near[0] <= 4 <= far[0]
 
 
+@pytest.mark.slow
 @given(rng=seeds, spread=st.sampled_from([0.5, 3.0, 30.0]))
 def test_image_boxes_hold_every_projected_vertex_in_the_image(rng, spread):
     vertices = rng.normal(size=(30, 3))
@@ -454,6 +464,7 @@ def test_a_polygon_in_the_plane_of_the_cut_may_alternate_in_sign():
     assert counts[0] <= part.shape[1]
 
 
+@pytest.mark.slow
 @given(rng=seeds)
 def test_walls_edge_on_at_the_image_border_have_a_depth(rng):
     # The wall x = -z of the view, turned into the world and back.

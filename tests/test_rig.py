@@ -35,6 +35,7 @@ def rows_of(indices, camera):
     return np.flatnonzero(np.array(indices) == camera)
 
 
+@pytest.mark.slow
 @methods
 @given(indices=assignments)
 def test_each_pose_has_the_figures_of_its_own_camera(method, indices):
@@ -58,6 +59,7 @@ def test_a_network_adds_up_cameras_of_several_kinds(method):
     np.testing.assert_array_equal(added.best_pose, judged.best_pose)
 
 
+@pytest.mark.slow
 @given(indices=assignments)
 def test_each_pose_has_the_regions_of_its_own_camera(indices):
     together = regions(MESH, CAMERAS, Poses.of(POSES, camera=indices))
@@ -81,6 +83,7 @@ def test_an_observer_of_regions_takes_several_cameras():
     np.testing.assert_array_equal(found.regions.areas(), regions(MESH, CAMERAS, poses).areas())
 
 
+@pytest.mark.slow
 def test_more_cameras_than_open_rasterisers():
     cameras = [Camera(width=20 + k, height=30, fx=40, fy=40) for k in range(20)]
     poses = np.repeat(POSES[:1], 40, axis=0)

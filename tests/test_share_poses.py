@@ -116,6 +116,7 @@ def test_threads_change_not_one_bit(method, name):
         assert_same(one, observe(mesh, poses, method, threads=threads))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["certified", "exact"])
 def test_neither_batches_nor_their_order_change_a_bit(method):
     mesh = shapes.room(4)
@@ -130,6 +131,7 @@ def test_neither_batches_nor_their_order_change_a_bit(method):
         assert_same(together, observer.observe(poses[7]), slice(7, 8))
 
 
+@pytest.mark.slow
 def test_observers_of_one_mesh_work_side_by_side():
     # They share its surface, and the contacts that each finds are those of the other.
     mesh = shapes.torus(40, 30)

@@ -41,6 +41,7 @@ def test_faces_are_spread_where_the_reference_has_them_so(seed, n, angle):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("angle", [0.0, 70.0, 130.0])
 @pytest.mark.parametrize("views", [1, 3])
 def test_a_network_covers_what_placement_covers(views, angle):

@@ -36,6 +36,7 @@ def scene(seed=0):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 def test_coverage_of_the_room_has_the_same_bits_with_and_without_targets(method):
     mesh = scene()
@@ -47,6 +48,7 @@ def test_coverage_of_the_room_has_the_same_bits_with_and_without_targets(method)
         )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 def test_coverage_of_a_target_has_the_same_bits_with_and_without_others(method):
     mesh = scene()
@@ -59,6 +61,7 @@ def test_coverage_of_a_target_has_the_same_bits_with_and_without_others(method):
         )
 
 
+@pytest.mark.slow
 @given(seed=st.integers(0, 2**32 - 1))
 @examples(20)
 def test_visibility_of_hostile_scenes_has_the_same_bits(seed):
@@ -76,6 +79,7 @@ def test_visibility_of_hostile_scenes_has_the_same_bits(seed):
             )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 def test_a_sheet_is_covered_from_its_front_only_unless_it_is_two_sided(method):
     below = rc.look_at([(0, 0.1, 0.5)], [(0, 0, 3)])

@@ -277,6 +277,7 @@ def test_no_two_calls_have_the_same_scratch_memory():
     assert in_threads(6, work) == [None] * 6
 
 
+@pytest.mark.slow
 @on_every_kind
 def test_idle_scratch_memory_does_not_grow_with_the_threads_that_ever_called(kind):
     thing = OPENERS[kind](MESH, CAMERA, threads=2)
@@ -470,6 +471,7 @@ RESULTS = {  # with the bytes that they take for each pose and face
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", RESULTS)
 def test_results_larger_than_memory_are_refused_with_their_bytes_and_a_remedy(monkeypatch, kind):
     monkeypatch.setattr(memory, "free_memory", lambda: POOR)

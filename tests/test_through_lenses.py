@@ -63,6 +63,7 @@ def test_without_distortion_all_is_as_through_the_pinhole(rng):
     np.testing.assert_array_equal(depth_from_near(points, ZERO), points[:, 2])
 
 
+@pytest.mark.slow
 @every_lens
 @settings(max_examples=15)
 @given(seed=seeds)
@@ -112,6 +113,7 @@ def test_a_sphere_of_poses_sees_all_of_the_mesh(lens):
         assert is_in_image(camera, to_camera(mesh.vertices, pose)).all()
 
 
+@pytest.mark.slow
 @every_lens
 @settings(max_examples=10)
 @given(seed=seeds, size=st.floats(0.01, 2.0))
@@ -160,6 +162,7 @@ def test_the_border_of_a_view_ends_with_the_region_of_the_lens():
     assert away.min() < 0.99 * limit
 
 
+@pytest.mark.slow
 def test_wide_lenses_have_a_cube_of_near_planes():
     points = np.array([(0.1, 0.2, -3.0), (-2.0, 0.1, 0.5)])
     assert depth_from_near(points, CAMERAS["wide fisheye"]).tolist() == [3.0, 2.0]

@@ -58,6 +58,7 @@ def test_what_cannot_be_by_area_is_refused(by, task, method, words):
 # --- sums -----------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("views", [1, 2, 3])
 def test_closed_faces_change_nothing(views):
     mesh, camera, poses = room()
@@ -69,6 +70,7 @@ def test_closed_faces_change_nothing(views):
     assert closing.summary()["percent"] == pytest.approx(whole.summary()["percent"], abs=1e-7)
 
 
+@pytest.mark.slow
 def test_groups_add_up_to_the_whole():
     mesh, camera, poses = room()
     task = rc.Task(views=2)
@@ -103,6 +105,7 @@ def test_groups_may_need_views_of_their_own():
     assert found["groups"][1]["covered_area"]["percent"] == pytest.approx(100)
 
 
+@pytest.mark.slow
 @given(seed=SEEDS)
 @settings(max_examples=15)
 def test_an_observer_of_regions_measures_what_an_exact_observer_does(seed):
@@ -120,6 +123,7 @@ def test_an_observer_of_regions_measures_what_an_exact_observer_does(seed):
 # --- the rest -------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("views", [1, 3])
 def test_covered_parts_and_the_rest_make_up_the_faces(views):
     mesh, camera, poses = room()

@@ -14,6 +14,7 @@ from rastercov.reference.regions import points_on
 TASK = rc.Task(max_incidence_deg=70, min_pixels_per_m2=2000)
 
 
+@pytest.mark.slow
 @given(size=st.floats(0.05, 30))
 @settings(max_examples=25)
 def test_cells_divide_their_faces_and_are_no_larger_than_asked(size):
@@ -30,6 +31,7 @@ def test_cells_divide_their_faces_and_are_no_larger_than_asked(size):
     assert (np.diff(cells.source_face) >= 0).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scene", [room, building])
 def test_shares_add_up_to_the_area_of_the_regions(scene):
     mesh, camera, poses = scene()
@@ -62,6 +64,7 @@ def test_a_cell_in_a_region_is_whole_and_one_outside_has_no_share():
     assert (share > 1 - 1e-12).sum() > 0.5 * inside.sum()
 
 
+@pytest.mark.slow
 def test_shares_are_those_of_points_in_cells():
     mesh, camera, poses = room()
     regions = rc.regions(mesh, camera, poses[:2], TASK)
@@ -89,6 +92,7 @@ def test_occluders_have_no_cells():
     assert set(rc.cells(mesh, 0.2).source_face.tolist()) == {2, 3}
 
 
+@pytest.mark.slow
 def test_too_small_cells_are_refused_with_a_size_that_fits():
     mesh, _, _ = room()
     with pytest.raises(ResourceError, match=r"more than 5,000,000; 0\.0\d+ m fits") as caught:

@@ -38,6 +38,7 @@ def expected(cells, camera, task, poses):
     return covers_points(cells.mesh, camera, poses, task, centres, cells.source_face)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SCENES)
 @pytest.mark.parametrize("task", TASKS)
 @given(seed=st.integers(0, 2**32 - 1))

@@ -44,6 +44,7 @@ def test_a_point_is_in_a_region_exactly_if_the_image_of_the_lens_shows_it(lens):
     assert_pointwise(MESH, CAMERAS[lens], POSES[:3], TASKS["visible"], N_POINTS)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("task", ["oblique", "all"])
 def test_a_point_is_in_a_region_exactly_if_it_meets_every_criterion(task):
     assert_pointwise(MESH, CAMERAS["brown"], POSES[:2], TASKS[task], N_POINTS)
@@ -84,6 +85,7 @@ def test_the_covered_share_of_a_building_is_that_of_its_points(lens):
 # --- laws -----------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("task", ["visible", "oblique", "all"])
 def test_a_lens_without_distortion_has_the_regions_of_the_pinhole(task):
     pinhole = rc.regions(MESH, PINHOLE, POSES, TASKS[task])
@@ -94,6 +96,7 @@ def test_a_lens_without_distortion_has_the_regions_of_the_pinhole(task):
         assert off.sum() <= 1e-9 * pinhole.area.sum()
 
 
+@pytest.mark.slow
 def test_an_equirectangular_image_sees_all_of_an_empty_room():
     vertices = np.array([(x, y, z) for x in (0, 4) for y in (0, 5) for z in (0, 3)], float)
     quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
@@ -105,6 +108,7 @@ def test_an_equirectangular_image_sees_all_of_an_empty_room():
     assert found.bound.sum() <= 1e-9 * mesh.areas.sum()
 
 
+@pytest.mark.slow
 def test_two_lenses_cover_at_least_as_much_as_one_and_at_most_the_sum():
     cameras = [CAMERAS["brown"], CAMERAS["fisheye"]]
     poses = rc.Poses.of(POSES[:2], camera=[0, 1])
@@ -116,6 +120,7 @@ def test_two_lenses_cover_at_least_as_much_as_one_and_at_most_the_sum():
     assert np.isclose(covered.area.sum(), each.sum(), rtol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lens", FEW)
 def test_the_same_surface_in_other_triangles_has_the_same_area(lens):
     other, origin = cut_at_random(MESH, 5, 60)
@@ -138,6 +143,7 @@ def test_bounds_shrink_with_the_tolerance(monkeypatch):
     assert bounds[2] < 0.3 * bounds[1]
 
 
+@pytest.mark.slow
 def test_pieces_are_ordered_by_face_and_add_up_to_its_area():
     found = rc.regions(MESH, CAMERAS["wide fisheye"], POSES[:2])
     for row in range(2):

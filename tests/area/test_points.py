@@ -32,6 +32,7 @@ def test_poses_cover_the_points_in_their_pieces():
     assert not found.all(axis=0).any()
 
 
+@pytest.mark.slow
 @given(seed=SEEDS)
 @settings(max_examples=15)
 def test_poses_cover_the_points_in_their_pieces_of_hostile_scenes(seed):
@@ -46,6 +47,7 @@ def test_no_points_and_no_poses_are_no_error():
     assert covering_poses(regions, [], np.empty((0, 3))).shape == (0, len(poses))
 
 
+@pytest.mark.slow
 def test_pixels_show_the_area_that_is_covered():
     """In a picture from a camera, the share of covered pixels is that of its own regions."""
     mesh, camera, poses = room()

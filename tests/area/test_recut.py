@@ -24,6 +24,7 @@ def shares(mesh, camera, poses, task, views):
     return np.array(percent), covered.area[0], 100 * covered.bound.sum() / total
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("task", TASKS, ids=["per m^2", "density", "facing"])
 @pytest.mark.parametrize("scene", [room, building])
 def test_another_cut_of_the_same_surface_has_the_same_covered_area(scene, task):

@@ -43,12 +43,14 @@ TASKS = {
 # --- what is covered ------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", TASKS)
 def test_a_point_is_in_a_region_exactly_if_it_meets_every_criterion(name):
     mesh, camera, poses = room()
     assert_pointwise(mesh, camera, poses, TASKS[name], 20_000)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["certified", "exact"])
 def test_regions_of_a_building_hold_its_covered_points(method):
     mesh, camera, poses = building()
@@ -56,6 +58,7 @@ def test_regions_of_a_building_hold_its_covered_points(method):
     assert_pointwise(mesh, camera, poses, task, 20_000, method=method)
 
 
+@pytest.mark.slow
 @given(seed=SEEDS)
 @settings(max_examples=40)
 def test_regions_of_hostile_scenes_hold_their_covered_points(seed):
@@ -70,6 +73,7 @@ def test_regions_of_hostile_scenes_hold_their_covered_points(seed):
         assert_pointwise(mesh, camera, pose[None], task, 3000, seed % 1000)
 
 
+@pytest.mark.slow
 @given(seed=SEEDS, scale=st.sampled_from([1e-6, 1e-3, 1.0, 1e3, 1e6]))
 @settings(max_examples=20)
 def test_regions_of_any_scale_hold_their_covered_points(seed, scale):
@@ -95,6 +99,7 @@ def test_a_face_wholly_visible_has_its_own_area():
     assert np.allclose(found, expected, rtol=1e-12, atol=0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", known_cases(), ids=repr)
 def test_regions_have_the_visible_area_in_the_image(case):
     # Seen from either side, without other criteria: all that the engine sees, and no more.
@@ -102,6 +107,7 @@ def test_regions_have_the_visible_area_in_the_image(case):
     assert_visible_area(mesh, case.camera, case.pose[None])
 
 
+@pytest.mark.slow
 @given(seed=SEEDS)
 @settings(max_examples=30)
 def test_regions_of_hostile_scenes_have_the_visible_area_in_the_image(seed):
@@ -319,6 +325,7 @@ def test_counting_samples_has_no_regions():
         rc.regions(square(1, 2), CAMERA, AHEAD, method="sampled")
 
 
+@pytest.mark.slow
 def test_ctrl_c_ends_a_long_run_between_two_poses():
     mesh, camera, poses = room()
     many = np.repeat(poses, 5000, axis=0)

@@ -35,6 +35,7 @@ def split(seed):
     return mesh, is_target, case.camera, np.asarray(case.pose, float).reshape(-1, 4, 4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["certified", "exact"])
 def test_a_sheet_above_a_floor_is_covered_where_the_reference_says(method):
     assert_pointwise(*room_with_sheet(), TASK, 20_000, method=method)
@@ -48,6 +49,7 @@ def test_regions_of_the_room_are_those_without_the_sheet():
     assert (found[:, bare.n_faces :] > 0).any()
 
 
+@pytest.mark.slow
 @given(seed=SEEDS)
 @settings(max_examples=40)
 def test_targets_change_no_region_of_the_surface(seed):
@@ -59,6 +61,7 @@ def test_targets_change_no_region_of_the_surface(seed):
     assert found.areas()[:, ~is_target] == pytest.approx(expected.areas(), rel=1e-9, abs=1e-300)
 
 
+@pytest.mark.slow
 @given(seed=SEEDS)
 @settings(max_examples=25)
 def test_regions_of_hostile_targets_hold_their_covered_points(seed):

@@ -28,6 +28,7 @@ def test_the_union_agrees_with_clipper2(scene):
     assert 0.01 < covered.share() < 0.99
 
 
+@pytest.mark.slow
 @given(seed=SEEDS)
 @settings(max_examples=20)
 def test_the_union_of_hostile_scenes_agrees_with_clipper2(seed):
@@ -110,6 +111,7 @@ def test_a_face_that_k_cameras_cover_as_a_whole_is_closed():
     assert covered.share(3) == pytest.approx(1, rel=1e-12)
 
 
+@pytest.mark.slow
 def test_what_is_whole_for_one_camera_and_a_part_for_another_is_counted():
     wall = square(0.5, 2)
     part = rc.regions(wall, CAMERA, np.eye(4), rc.Task(max_incidence_deg=10))
@@ -120,6 +122,7 @@ def test_what_is_whole_for_one_camera_and_a_part_for_another_is_counted():
         assert covered.area[1].sum() == pytest.approx(part.area.sum(), rel=1e-9)
 
 
+@pytest.mark.slow
 def test_pieces_of_a_partition_do_not_overlap_and_know_their_views():
     mesh, camera, poses = room()
     regions = rc.regions(mesh, camera, poses, TASK)
@@ -164,6 +167,7 @@ def test_a_camera_twice_covers_as_much_and_twice_as_often(seed):
     assert np.abs(twice.area - once.areas()).max() <= 1e-8 * mesh.areas.max()
 
 
+@pytest.mark.slow
 @given(seed=SEEDS)
 @example(seed=8287)  # a needle with a short side along a long one: 1.3e-5 too much
 @settings(max_examples=25)

@@ -74,6 +74,7 @@ def test_areas_add_up_on_hostile_scenes(seed):
     assert abs(zones.area.sum() - missing) <= covered.bound.sum() + 1e-9 * mesh.areas.sum()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("views", [1, 2])
 @pytest.mark.parametrize("scene", [room, building])
 def test_another_cut_of_the_same_surface_has_the_same_zones(scene, views):
@@ -269,6 +270,7 @@ def test_a_covered_scene_has_no_zones():
     assert found["other_dead_zones"]["area_m2"] == pytest.approx(0, abs=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(6))
 def test_zones_of_a_plane_are_the_parts_of_its_union_by_geos(seed):
     shapely = pytest.importorskip("shapely", reason="GEOS is not installed")

@@ -58,6 +58,7 @@ def angle(a, b):
     return 2 * math.asin(min(1.0, np.linalg.norm(a - b) / 2))
 
 
+@pytest.mark.slow
 @settings(max_examples=8)
 @given(
     seed=st.integers(0, 10_000),
@@ -99,6 +100,7 @@ def test_every_figure_is_its_definition(seed, count, views, by):
         assert found.seen_m2[row] == pytest.approx(weights[covers[row]].sum(), abs=1e-12)
 
 
+@pytest.mark.slow
 @examples(4, at_night=8)
 @given(seed=st.integers(0, 10_000), views=st.integers(1, 2), least=st.sampled_from([0, 20, 60]))
 def test_the_subset_covers_what_all_cameras_cover(seed, views, least):

@@ -72,6 +72,7 @@ def test_cameras_of_a_rig_have_figures_by_name():
     assert "by_camera" not in audit(MESH, CAMERAS[0], poses.world_from_camera).summary()
 
 
+@pytest.mark.slow
 def test_a_report_has_frames(tmp_path):
     poses = looking_in(4, 8)
     rig = rc.Rig(CAMERAS, ["wide", "long"])

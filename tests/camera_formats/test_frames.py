@@ -63,6 +63,7 @@ def test_frames_of_one_image_each_say_nothing(tmp_path):
     assert read_views(tmp_path).frames == ()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", ["colmap", "colmap-text"])
 @settings(max_examples=12, deadline=None)
 @given(

@@ -106,6 +106,7 @@ def test_good_files_are_read(good, name):
     assert views.cameras()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_cut_files_are_read_or_refused_in_one_line(good, name):
     path, data = good[name]
@@ -117,6 +118,7 @@ def test_cut_files_are_read_or_refused_in_one_line(good, name):
         path.write_bytes(data)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 @settings(
     max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
@@ -158,6 +160,7 @@ def test_damaged_files_are_read_or_refused_in_one_line(good, name, data):
         path.write_bytes(whole)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["a.json", "a.yaml", "a.xml", "a.txt", "a.npy", "a.glb", "a.out"])
 @pytest.mark.parametrize(
     "content",

@@ -96,6 +96,7 @@ LENSES = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lens", LENSES, ids=lambda lens: f"{lens[0]}-{lens[2]}")
 def test_every_lens_of_kalibr_follows_its_equations(tmp_path, lens):
     views = read_views(camchain(tmp_path / "camchain.yaml", (*lens, {})))

@@ -87,6 +87,7 @@ def test_each_fault_of_a_scene_is_one_line(tmp_path, nodes, lens, words):
         read_views(path, conventions=SIZE)
 
 
+@pytest.mark.slow
 def test_deep_scenes_do_not_recurse(tmp_path):
     nodes = [{"children": [row + 1]} for row in range(5000)] + [{"camera": 0}]
     assert len(read_views(scene(tmp_path / "s.gltf", nodes), conventions=SIZE).poses) == 1

@@ -35,6 +35,7 @@ def here(tmp_path, monkeypatch):
     return tmp_path
 
 
+@pytest.mark.slow
 def test_an_audit_of_a_reconstruction_is_that_of_the_function(here, capsys):
     line = "audit sparse torus.obj --pose-unit 1 --min-pixels 4 -o out --json"
     code, printed, error = call(capsys, line)
@@ -63,6 +64,7 @@ def test_an_audit_of_a_reconstruction_is_that_of_the_function(here, capsys):
     assert page.count("data:image/png") == 3
 
 
+@pytest.mark.slow
 def test_pinholes_are_audited_by_area(here, capsys):
     write_views("transforms.json", Views(Rig(CAMERAS[1:]), Poses.of(np.array(POSES)), IMAGES))
     code, printed, error = call(capsys, "audit transforms.json torus.obj --pose-unit 1 -o out")

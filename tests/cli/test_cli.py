@@ -114,6 +114,7 @@ def test_help_does_not_load_what_it_does_not_need():
 # --- bad usage and bad input ----------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("line", "words"),
     [
@@ -229,6 +230,7 @@ def test_the_traceback_can_be_had(capsys, monkeypatch):
         call(capsys, QUICK)
 
 
+@pytest.mark.slow
 def test_poses_at_fault_end_the_run_or_are_left_out(capsys):
     poses = sphere_of_poses((0, 0, 0), 4, 12)
     poses[3, 0, 0] = np.nan
@@ -249,6 +251,7 @@ def test_poses_at_fault_end_the_run_or_are_left_out(capsys):
 # --- what a run leaves and prints -----------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_files_units_and_groups(capsys):
     line = "evaluate part.obj --unit mm -c camera.toml -p sphere:4 --occluder lid --two-sided rest"
     code, out, err = call(capsys, line)
@@ -264,6 +267,7 @@ def test_files_units_and_groups(capsys):
     assert roles == {"lid": "occluder", "rest": "task"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("options", "size"),
     [
@@ -307,6 +311,7 @@ def test_an_occluder_may_be_a_file(capsys):
     assert "occluded" in summary["not_covered_because"]
 
 
+@pytest.mark.slow
 def test_a_target_may_be_a_file_or_a_group(capsys):
     write_part("fixture.obj", side=3000.0)  # closed around the part, and hides nothing
     write_part("case.obj", side=2000.0, names={0: "case"})
@@ -330,6 +335,7 @@ def test_a_target_may_be_a_file_or_a_group(capsys):
     assert by_name["fixture/rest"]["covered"]["faces"] > 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("line", [QUICK, "render box -c camera.toml -p sphere:2", "demo --poses 1"])
 def test_json_is_all_there_is_on_standard_output(capsys, line):
     code, out, _ = call(capsys, line + " --json")
@@ -359,6 +365,7 @@ def test_a_table_that_is_too_large_is_left_out_with_a_line(capsys, monkeypatch):
     assert "coverage.parquet" not in names("report")
 
 
+@pytest.mark.slow
 def test_names_are_shown_as_they_are(capsys):
     name, out_folder = "<script>[bold]x[] é", "a [red]b[] é"
     Path("part.obj").rename(f"{name}.obj")
@@ -383,6 +390,7 @@ def test_no_poses_is_a_run_that_covers_nothing(capsys):
     assert pq.read_table("report/coverage.parquet").num_rows == 0
 
 
+@pytest.mark.slow
 def test_one_pose_one_pixel_and_a_mesh_behind(capsys):
     Path("pixel.json").write_text('{"width": 1, "height": 1, "fx": 1, "fy": 1}')
     away = sphere_of_poses((0, 0, 0), 4, 1)
@@ -395,6 +403,7 @@ def test_one_pose_one_pixel_and_a_mesh_behind(capsys):
         assert picture.size == (1, 1)
 
 
+@pytest.mark.slow
 def test_another_run_into_the_folder_replaces_all_of_it(capsys):
     call(capsys, "evaluate box -c camera.toml -p sphere:12 --pictures 3")
     for name in ("pose_notes.png", "notes.txt"):
@@ -470,6 +479,7 @@ def test_closed_streams_are_no_error():
     assert subprocess.run(["bash", "-c", words], check=False).returncode == 0
 
 
+@pytest.mark.slow
 def test_a_full_disk_is_one_line_that_names_the_file_and_the_old_report_stays(capsys):
     """A limit on the size of a file is what a test can set anywhere."""
     line = QUICK.replace("box", "sphere").replace("--pictures 0", "--pictures 2")
@@ -503,6 +513,7 @@ INTO = {
 """Commands that leave a report, and a file that it may have."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["", "' '"])
 @pytest.mark.parametrize("line", [*INTO, "place plan.toml"])
 def test_an_empty_name_of_a_folder_is_not_the_current_one(capsys, line, name):
@@ -514,6 +525,7 @@ def test_an_empty_name_of_a_folder_is_not_the_current_one(capsys, line, name):
     assert content(".") == before
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("line", "name"), INTO.items())
 def test_a_file_of_nobody_is_refused_and_kept(capsys, line, name):
     Path("out").mkdir()
@@ -528,6 +540,7 @@ def test_a_file_of_nobody_is_refused_and_kept(capsys, line, name):
     assert names("out") == {name}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("line", INTO)
 def test_a_folder_in_use_is_refused_and_kept(capsys, line):
     Path("out").mkdir()
@@ -543,6 +556,7 @@ def test_a_folder_in_use_is_refused_and_kept(capsys, line):
     assert Path("out").stat().st_mtime_ns == stamp
 
 
+@pytest.mark.slow
 def test_a_report_with_a_note_of_its_reader_or_without_its_manifest_is_refused_and_kept(capsys):
     """The second as one of a version that wrote none."""
     call(capsys, QUICK)

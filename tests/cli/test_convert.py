@@ -42,6 +42,7 @@ def test_a_model_passes_through_every_format_with_poses(here, capsys):
     np.testing.assert_allclose(poses[:, :3, :3], wanted[:, :3, :3], atol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("line", "words"),
     [
@@ -94,6 +95,7 @@ def rendered(capsys, line):
     return json.loads(out)["pixels_covered"]
 
 
+@pytest.mark.slow
 def test_one_file_gives_camera_and_poses_to_a_command(here, capsys):
     right = "--camera-name 'camera 2' --pose-unit m"
     wanted = rendered(capsys, f"-c model -p model {right}")
@@ -105,6 +107,7 @@ def test_one_file_gives_camera_and_poses_to_a_command(here, capsys):
     assert rendered(capsys, f"-c model -p p.npy {right.replace('--pose-unit m', '')}") == wanted
 
 
+@pytest.mark.slow
 def test_bare_poses_have_the_convention_that_is_named(here, capsys):
     poses = rig().poses.world_from_camera
     rc.write_poses("ours.npy", poses)
@@ -114,6 +117,7 @@ def test_bare_poses_have_the_convention_that_is_named(here, capsys):
     assert rendered(capsys, "-c khepra -p opengl.npy") != wanted
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("line", "words"),
     [
@@ -146,6 +150,7 @@ def test_evaluate_leaves_out_bad_poses_of_any_file(here, capsys):
     assert json.loads(out)["poses"] == 1
 
 
+@pytest.mark.slow
 def test_a_camera_may_be_entries_on_the_command_line(here, capsys):
     (here / "c.toml").write_text('preset = "khepra"\nnear = 0.5\nhfov_deg = 40\n')
     wanted = rendered(capsys, "-c c.toml -p sphere:3")
@@ -183,6 +188,7 @@ D2: [0, 0, 0, 0]
 """
 
 
+@pytest.mark.slow
 def test_a_plan_takes_files_of_other_programs_and_its_own_answers(here, capsys):
     (here / "calibration.yaml").write_text(CALIBRATION)
     views = rig().of_camera("right")

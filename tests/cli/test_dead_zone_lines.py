@@ -69,6 +69,7 @@ def test_evaluate_lists_dead_zones(capsys):
     assert "dead_zones" not in json.loads(out)
 
 
+@pytest.mark.slow
 def test_place_and_check_list_dead_zones(capsys):
     code, out = call(capsys, "place plan.toml --json -o out")
     assert code == 0

@@ -120,6 +120,7 @@ def test_a_process_for_each_device_answers_as_this_one(examined):
     assert time.monotonic() - start < 60  # about 2.5 s on two quiet cores
 
 
+@pytest.mark.slow
 def test_every_device_that_opens_passes_its_self_test(report):
     rows = report["reports"]
     assert rows
@@ -131,6 +132,7 @@ def test_every_device_that_opens_passes_its_self_test(report):
     assert doctor.exit_code(report) == 0
 
 
+@pytest.mark.slow
 def test_each_row_tells_the_plan_and_depth_that_its_device_runs(report):
     for row in report["reports"]:
         label = row["device"]["label"]
@@ -216,6 +218,7 @@ def test_environment_is_printed_with_its_effect(report):
 # --- the self-test --------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_self_test_runs_every_plan_the_device_has(device, monkeypatch):
     plans, start = [], GLRasterizer.__init__
 
@@ -255,12 +258,14 @@ def test_one_wrong_count_fails_the_self_test(device, monkeypatch, row):
         diagnose.verify_device("surfaceless")
 
 
+@pytest.mark.slow
 def test_a_wrong_count_is_reported_as_the_line_that_failed(device, monkeypatch):
     monkeypatch.setattr(self_test, "DRAWN", self_test.DRAWN + 1)
     with pytest.raises(DeviceError, match=r"plan software, known scene: llvmpipe .* wrongly"):
         diagnose.verify_device("surfaceless")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("when", ["open_device", "verify_device"])
 @pytest.mark.parametrize(
     ("script", "problem"),

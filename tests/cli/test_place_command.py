@@ -126,6 +126,7 @@ def test_figures_hold_everything_that_made_them(capsys):
     assert "selection" in told["seconds"]["steps"]
 
 
+@pytest.mark.slow
 def test_the_same_plan_gives_the_same_bytes_but_for_the_time(capsys):
     text = QUICK.replace("[outputs]", "refine = true\n[outputs]").replace("1.0", "0.7")
     text += "[selection.tolerance]\nposition_mm = 50\nangle_deg = 2\ndraws = 10\n"
@@ -161,6 +162,7 @@ def test_requirements_of_groups_are_told_one_by_one(capsys):
     assert "holds: group lid: 100.0 % covered, 100.0 % wanted" in out
 
 
+@pytest.mark.slow
 def test_the_network_is_counted_as_the_selection_was(capsys):
     own = 'min_pixels = 2\nweight_by = "count"\nmin_angle_deg = 60\nviews = { lid = 3 }'
     text = QUICK.replace("min_pixels = 2", own)
@@ -243,6 +245,7 @@ def test_a_transform_of_a_plan_is_that_of_the_command_line(capsys):
     assert json.loads(out)["size_m"] == told["size_m"]
 
 
+@pytest.mark.slow
 def test_the_page_is_written_and_a_stale_one_removed(capsys):
     code, out, _ = placed(capsys, QUICK.replace("page = false", ""))
     assert code == 0
@@ -261,6 +264,7 @@ def test_the_schema_can_be_had_without_a_plan(capsys):
     assert json.loads(out) == json.loads(docs.read_text(encoding="utf-8"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("text", "lines"),
     [
@@ -299,6 +303,7 @@ def test_each_error_of_a_plan_is_a_line_and_nothing_is_written(capsys, text, lin
 # --- ended runs -----------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_second_run_measures_nothing_again(capsys, monkeypatch):
     call(capsys, "place plan.toml")
     shards = {path: path.stat().st_mtime_ns for path in Path("plan/matrix").rglob("*.parquet")}
@@ -309,6 +314,7 @@ def test_a_second_run_measures_nothing_again(capsys, monkeypatch):
     }
 
 
+@pytest.mark.slow
 def test_a_matrix_that_the_plan_no_longer_needs_is_removed_and_nothing_else(capsys):
     call(capsys, "place plan.toml")
     (old,) = Path("plan/matrix").iterdir()
@@ -397,6 +403,7 @@ def stopped(capsys, monkeypatch, step, error):
     return None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("step", "name"), STEPS.items())
 def test_a_kill_in_a_step_leaves_a_report_that_names_it_where_there_was_none(
     capsys, monkeypatch, step, name
@@ -408,6 +415,7 @@ def test_a_kill_in_a_step_leaves_a_report_that_names_it_where_there_was_none(
     assert not Path("plan/page.html").exists()
 
 
+@pytest.mark.slow
 def test_a_kill_or_an_error_in_a_step_leaves_an_earlier_report_as_it_was(
     capsys, monkeypatch, no_pages
 ):
@@ -422,6 +430,7 @@ def test_a_kill_or_an_error_in_a_step_leaves_an_earlier_report_as_it_was(
         assert content("plan") == before, step
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("step", "has_page"),
     [("rastercov.plan.run.refine", True), ("rastercov.report.placement.page", False)],
@@ -459,6 +468,7 @@ def test_an_interrupt_of_check_writes_nothing(capsys, monkeypatch, step):
     assert not Path("out.xml").exists()
 
 
+@pytest.mark.slow
 def test_the_page_after_an_interrupt_names_the_step(capsys, monkeypatch):
     Path("plan.toml").write_text(EACH_STEP)
     code, *_ = stopped(capsys, monkeypatch, "rastercov.plan.run.tolerance", KeyboardInterrupt())
@@ -529,6 +539,7 @@ def test_a_file_of_nobody_is_refused_before_the_work_and_kept(capsys, monkeypatc
     assert content("out") == {Path("out", name): b"mine"}
 
 
+@pytest.mark.slow
 def test_what_is_no_matrix_of_an_earlier_plan_stays(capsys):
     """Folders of such a name, files within one, and a matrix that another process is writing to."""
     for count in (20, 21):
@@ -592,6 +603,7 @@ def test_a_rig_that_covers_enough_passes(capsys):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n_gone", [1, 2, 6])
 def test_a_rig_that_lost_cameras_fails_by_as_much_as_they_covered(capsys, n_gone):
     write_poses("rig.json", axis_poses()[n_gone:])
@@ -611,6 +623,7 @@ def test_a_rig_that_lost_cameras_fails_by_as_much_as_they_covered(capsys, n_gone
     assert call(capsys, f"check plan.toml -p rig.json --min-coverage {share}")[0] == 0
 
 
+@pytest.mark.slow
 def test_views_and_groups_of_the_command_take_the_place_of_those_of_the_plan(capsys):
     line = "check plan.toml -p rig.json --min-coverage 0"
     assert call(capsys, line + " --views 2")[0] == 0
@@ -675,6 +688,7 @@ def test_junit_holds_names_that_xml_has_no_way_to_write(capsys):
     assert ElementTree.parse("out.xml").getroot().get("failures") == "0"
 
 
+@pytest.mark.slow
 def test_junit_replaces_an_outcome_and_nothing_else(capsys):
     line = "check plan.toml -p rig.json --junit "
     Path("empty.xml").write_text("")
@@ -700,6 +714,7 @@ def test_junit_goes_through_links_and_pipes(capsys):
     assert Path("pipe").is_fifo()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("line", "words"),
     [

@@ -69,6 +69,7 @@ def test_poses_may_name_their_cameras():
     assert (again.camera_names, again.poses.camera.tolist()) == (("wide", "long"), INDICES)
 
 
+@pytest.mark.slow
 def test_named_cameras_are_those_of_one_file(capsys):
     by_name = result(capsys, EVALUATE + "-c long=long.json -c wide=wide.json -p named.json")
     of_file = result(capsys, EVALUATE + "-p rig.json")
@@ -79,6 +80,7 @@ def test_named_cameras_are_those_of_one_file(capsys):
     assert figures(other) == figures(of_file)
 
 
+@pytest.mark.slow
 def test_one_camera_may_be_chosen_of_several(capsys):
     chosen = result(capsys, EVALUATE + "-p rig.json --camera-name long")
     assert "by_camera" not in chosen
@@ -96,6 +98,7 @@ def test_a_terminal_has_a_line_for_each_camera(capsys):
     assert all(name in out for name in ("wide", "long"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("line", "words"),
     [
@@ -140,6 +143,7 @@ def checked(capsys, cameras, line):
     return result(capsys, "check plan.toml --json " + line)
 
 
+@pytest.mark.slow
 def test_check_takes_cameras_of_the_plan_of_the_file_or_of_options(capsys):
     wanted = result(capsys, EVALUATE + "-p rig.json")["covered_area"]
     several = (
@@ -159,6 +163,7 @@ def test_check_takes_cameras_of_the_plan_of_the_file_or_of_options(capsys):
     assert chosen["cameras"] == 3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("cameras", "line", "words"),
     [

@@ -7,6 +7,7 @@ from rastercov.cluster.address import check_address
 from rastercov.errors import ConfigError
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "address", ["tcp://127.0.0.1:8786", "tcp://localhost:1", "tcp://[::1]:8786", "tls://host:8786"]
 )

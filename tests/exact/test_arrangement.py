@@ -45,6 +45,7 @@ def test_an_edge_that_a_wall_hides_in_part_crosses_where_it_is_seen():
     assert (view.visible[2:4] > 0).any()
 
 
+@pytest.mark.slow
 @given(seed=SEEDS)
 @settings(max_examples=60)
 def test_half_planes_agree_with_arrangements(seed):
@@ -52,6 +53,7 @@ def test_half_planes_agree_with_arrangements(seed):
     assert_agree(case.mesh, case.camera, case.pose)
 
 
+@pytest.mark.slow
 @given(seed=SEEDS)
 @settings(max_examples=10)
 def test_half_planes_agree_in_a_crowd(seed):
@@ -84,6 +86,7 @@ def test_faces_that_pass_through_each_other_are_divided_along_their_intersection
     assert view.n_left == 0
 
 
+@pytest.mark.slow
 @given(seed=SEEDS)
 @settings(max_examples=30)
 def test_half_planes_agree_where_many_faces_pass_through_each_other(seed):
@@ -92,6 +95,7 @@ def test_half_planes_agree_where_many_faces_pass_through_each_other(seed):
     assert_agree(mesh, window(), AHEAD)
 
 
+@pytest.mark.slow
 @given(seed=SEEDS)
 @settings(max_examples=10)
 def test_faces_that_pass_through_each_other_are_as_good_as_their_bounds(seed):
@@ -118,6 +122,7 @@ def test_a_sheet_that_passes_through_a_face_along_a_seam_is_left_to_half_planes(
     assert view.visible[:2].sum() == pytest.approx(1250)  # half of 50 x 50 px
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("width", [1e-12, 1e-11, 1e-10, 1e-8, 1e-5, -1e-11, -1e-8])
 @given(tilt=st.floats(-0.3, 0.3))
 @settings(max_examples=10)
@@ -138,6 +143,7 @@ def test_a_sheet_that_passes_through_a_face_by_a_sliver_hides_its_part(width, ti
     assert_within_bounds(mesh, window(), AHEAD)
 
 
+@pytest.mark.slow
 @given(seed=SEEDS)
 @settings(max_examples=15)
 def test_partners_are_the_faces_that_touch(seed):

@@ -74,6 +74,7 @@ def one_by_one(mesh):
     return replace(surface, blocks=apart)
 
 
+@pytest.mark.slow
 @given(seed=SEEDS, is_sorted=st.booleans())
 @settings(max_examples=20)
 def test_patches_joins_and_blocks_of_edges_are_those_of_the_faces(seed, is_sorted):
@@ -109,6 +110,7 @@ def test_patches_joins_and_blocks_of_edges_are_those_of_the_faces(seed, is_sorte
             assert set(listed) == set(of_face[edges.faces[part].ravel()])
 
 
+@pytest.mark.slow
 @given(seed=SEEDS, front_only=st.booleans())
 @examples(12, at_night=25)
 def test_blocks_change_no_figure(seed, front_only):
@@ -146,6 +148,7 @@ def assert_same(together, apart):
     assert np.array_equal(together.projected.box[some], apart.projected.box[some])
 
 
+@pytest.mark.slow
 @given(seed=SEEDS, front_only=st.booleans())
 @settings(max_examples=15)
 def test_regions_end_where_whole_blocks_of_two_sides_meet(seed, front_only):
@@ -190,6 +193,7 @@ def test_most_blocks_of_a_fine_mesh_are_decided_together():
         assert view.n_regions < 10
 
 
+@pytest.mark.slow
 @given(seed=SEEDS)
 @examples(4, at_night=10)
 def test_the_order_of_the_faces_does_not_matter(seed):

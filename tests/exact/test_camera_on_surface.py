@@ -45,6 +45,7 @@ def place_on(mesh, rng):
     return eye
 
 
+@pytest.mark.slow
 def test_certified_and_exact_agree_from_the_middle_of_a_face_of_a_torus():
     mesh, rng = shapes.torus(), np.random.default_rng(0)
     poses = []
@@ -59,6 +60,7 @@ def test_certified_and_exact_agree_from_the_middle_of_a_face_of_a_torus():
     assert (apart <= certified.bound + exact.bound + 1e-9).all()
 
 
+@pytest.mark.slow
 @given(seed=SEEDS)
 @settings(max_examples=12)
 def test_solids_seen_from_their_own_surface_are_seen_as_fractions_say(seed):
@@ -70,6 +72,7 @@ def test_solids_seen_from_their_own_surface_are_seen_as_fractions_say(seed):
     assert_within_bounds(mesh, CAMERA, pose, rng.permutation(mesh.n_faces)[:10])
 
 
+@pytest.mark.slow
 def test_a_camera_that_the_least_number_of_all_divides_from_a_corner():
     # Products of such numbers underflow, and with them the bounds of relative errors.
     solid, other = box((0, 0, 0), (0.5, 0.5, 0.25)), box((1.25, -1, -0.5), (2, 0.5, 0.5))
@@ -80,6 +83,7 @@ def test_a_camera_that_the_least_number_of_all_divides_from_a_corner():
         assert_agree(mesh, CAMERA, pose)
 
 
+@pytest.mark.slow
 @given(seed=SEEDS)
 @example(seed=757)
 @example(seed=1402)
@@ -98,6 +102,7 @@ def test_a_camera_in_the_plane_of_the_first_face_of_a_strip(seed):
     assert_agree(mesh, CAMERA, pose)
 
 
+@pytest.mark.slow
 @given(seed=SEEDS, power=st.floats(-20, -8))
 @settings(max_examples=12)
 def test_a_camera_that_comes_closer_and_closer_to_a_wall(seed, power):
@@ -139,6 +144,7 @@ def test_bounds_inside_a_room_are_small_on_every_face_larger_than_a_pixel():
     assert (seen.area_error[large] / seen.drawn_pixels[large]).max() < 1e-6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("height", [0.0, 5e-324, 1e-300, 1e-17, 1e-12, 1e-8, 1e-5])
 def test_a_camera_on_the_outside_of_a_solid_looks_through_the_face_it_is_on(height):
     # It is outside the bounding box, and nothing was found cut: back faces had been left out, and

@@ -126,6 +126,7 @@ def test_no_certificate_is_wrong_on_folded_and_maimed_meshes(seed):
     assert wrong_certificates(maimed(mesh, rng), 14, rng)[0] == []
 
 
+@pytest.mark.slow
 @given(seed=st.integers(0, 1_000_000))
 @settings(max_examples=25)
 def test_no_certificate_is_wrong_on_hostile_scenes(seed):
@@ -133,6 +134,7 @@ def test_no_certificate_is_wrong_on_hostile_scenes(seed):
     agree(case.mesh, case.camera, case.pose)
 
 
+@pytest.mark.slow
 @given(seed=SEEDS)
 @example(seed=581)  # a seam of two faces in the plane of a third: one before it, one behind
 @example(seed=2236038)  # a face passes through another one along one of its own edges
@@ -147,6 +149,7 @@ def test_no_certificate_is_wrong_between_points_of_a_lattice(seed):
     agree(Mesh(vertices=points, faces=faces), window(150, 150, 120), AHEAD)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", known_cases(), ids=lambda case: case.name)
 def test_what_is_certified_on_paper_scenes_is_exact(case):
     view = look(case.mesh, case.camera, case.pose)
@@ -422,6 +425,7 @@ def test_thresholds_leave_room_for_rounding():
     assert 0 < CERTAIN_AREA_REL < 1e-3
 
 
+@pytest.mark.slow
 @given(seed=SEEDS, field=st.floats(0.3, 2.5))
 @settings(max_examples=15)
 def test_narrow_images_and_wide_ones_agree(seed, field):

@@ -54,6 +54,7 @@ def rolled(angle):
 # --- 1 to 7, 9, 17: answers known on paper --------------------------------------------------------
 
 
+@pytest.mark.slow
 @on_both_paths
 @pytest.mark.parametrize("case", KNOWN, ids=lambda case: case.name)
 def test_areas_worked_out_on_paper(case, path):
@@ -62,6 +63,7 @@ def test_areas_worked_out_on_paper(case, path):
     assert np.abs(view.visible - expected).max() <= 2e-11
 
 
+@pytest.mark.slow
 @on_both_paths
 @pytest.mark.parametrize("case", STURDY, ids=lambda case: case.name)
 def test_areas_worked_out_on_paper_hold_in_any_frame(case, path):
@@ -93,6 +95,7 @@ def cylinder(n=24):
 CONVEX = {"cube": shapes.box(), "icosphere": shapes.sphere(3), "cylinder": cylinder()}
 
 
+@pytest.mark.slow
 @on_both_paths
 @pytest.mark.parametrize("name", CONVEX)
 @given(seed=SEEDS)
@@ -110,6 +113,7 @@ def test_a_convex_body_shows_its_front_whole_and_its_back_not_at_all(path, name,
 # --- 10: nothing is lost, nothing is counted twice ------------------------------------------------
 
 
+@pytest.mark.slow
 @for_seeds_on_both_paths
 def test_visible_areas_add_up_to_the_union_of_all_images(path, seed):
     rng = np.random.default_rng(seed)
@@ -119,6 +123,7 @@ def test_visible_areas_add_up_to_the_union_of_all_images(path, seed):
     assert look(mesh, camera, AHEAD, path).visible.sum() == pytest.approx(union, rel=1e-12)
 
 
+@pytest.mark.slow
 @for_seeds_on_both_paths
 def test_a_room_seen_from_within_fills_the_image(path, seed):
     rng = np.random.default_rng(seed)
@@ -132,6 +137,7 @@ def test_a_room_seen_from_within_fills_the_image(path, seed):
 # --- 11, 12: what must not matter -----------------------------------------------------------------
 
 
+@pytest.mark.slow
 @for_seeds_on_both_paths
 def test_parts_of_a_divided_face_add_up_to_it(path, seed):
     rng = np.random.default_rng(seed)
@@ -146,6 +152,7 @@ def test_parts_of_a_divided_face_add_up_to_it(path, seed):
     assert np.abs(summed - whole).max() <= 2e-10
 
 
+@pytest.mark.slow
 @for_seeds_on_both_paths
 def test_neither_the_order_of_faces_nor_their_first_vertex_matters(path, seed):
     rng = np.random.default_rng(seed)
@@ -157,6 +164,7 @@ def test_neither_the_order_of_faces_nor_their_first_vertex_matters(path, seed):
     assert np.abs(two - one[order]).max() <= 7e-11
 
 
+@pytest.mark.slow
 @for_seeds_on_both_paths
 def test_neither_the_order_of_vertices_nor_unused_ones_nor_seams_matter(path, seed):
     rng = np.random.default_rng(seed)
@@ -174,6 +182,7 @@ def test_neither_the_order_of_vertices_nor_unused_ones_nor_seams_matter(path, se
         assert np.array_equal(view.is_certified, expected.is_certified)
 
 
+@pytest.mark.slow
 @on_both_paths
 @given(seed=SEEDS, angle=st.floats(0, 6.3))
 @settings(max_examples=10)
@@ -186,6 +195,7 @@ def test_rolling_the_camera_about_the_middle_of_a_round_image_matters_not(path, 
     assert np.abs(one.visible - two.visible).max() <= 1e-9
 
 
+@pytest.mark.slow
 @on_both_paths
 @given(seed=SEEDS, power=st.integers(-280, 90))
 @settings(max_examples=10)
@@ -197,6 +207,7 @@ def test_scaling_everything_by_a_power_of_two_changes_not_one_bit(path, seed, po
     assert np.array_equal(one.is_certified, two.is_certified)
 
 
+@pytest.mark.slow
 @for_seeds_on_both_paths
 def test_mesh_and_camera_ten_times_as_large_look_the_same(path, seed):
     rng = np.random.default_rng(seed)
@@ -233,6 +244,7 @@ def test_more_occluders_never_show_more(path, seed):
 # --- 14: exact arithmetic -------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", range(len(KINDS)), ids=lambda kind: KINDS[kind].__name__)
 @given(turn=st.integers(0, 10_000))
 @settings(max_examples=2)
@@ -244,6 +256,7 @@ def test_hostile_scenes_come_out_as_in_exact_arithmetic(kind, turn):
         assert off.max() <= 1e-9, (case, path.__name__, int(off.argmax()))
 
 
+@pytest.mark.slow
 @given(seed=SEEDS)
 @settings(max_examples=2)
 def test_random_faces_of_ten_thousand_come_out_as_in_exact_arithmetic(seed):
@@ -357,6 +370,7 @@ def test_slivers_between_the_samples_leave_the_face_behind_uncertified():
 # --- figures --------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", range(len(KINDS)), ids=lambda kind: KINDS[kind].__name__)
 def test_bounds_of_exact_figures_hold(kind):
     # A certified 0 or 1 has no bound to hide behind: where the areas are known to 1e-9 px^2 only,

@@ -85,6 +85,7 @@ def test_room_for_pieces_changes_no_answer(path, seed, room):
     assert np.array_equal(view.visible, expected)
 
 
+@pytest.mark.slow
 @on_both_paths
 def test_large_faces_among_small_ones_fill_the_grid_and_make_it_coarser(path):
     # Sheets over the whole image lie in every cell that 2,000 specks ask for.
@@ -106,6 +107,7 @@ def clump(n, rng):
     return triangles(*(np.stack((-ends, ends, ends + width), axis=1) + np.array((0, 0, 6))))
 
 
+@pytest.mark.slow
 @on_both_paths
 def test_hundreds_of_needles_through_one_place(path):
     mesh = clump(150, np.random.default_rng(11))
@@ -139,6 +141,7 @@ def test_eight_thousand_boxes_on_one_ground(path):
     assert 0.2 * view.area[0] < boxes < 0.4 * view.area[0]
 
 
+@pytest.mark.slow
 @for_seeds_on_both_paths
 def test_the_grid_changes_no_answer(path, seed):
     # One cell, or a thousand times as many as asked for.
@@ -248,6 +251,7 @@ def test_faces_of_no_area_hide_nothing_and_break_no_neighbour(path):
 # --- culling --------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @on_both_paths
 @pytest.mark.parametrize("name", ["aeroplane", "torus", "sphere"])
 @given(seed=SEEDS)
@@ -294,6 +298,7 @@ def test_culled_back_faces_neither_hide_nor_are_seen(path):
 # --- what is visible is a part of what there is ---------------------------------------------------
 
 
+@pytest.mark.slow
 @on_both_paths
 @given(seed=st.integers(0, 100_000))
 @settings(max_examples=20)
@@ -380,6 +385,7 @@ def test_a_small_thing_before_a_vast_one_keeps_its_digits():
 # --- many poses, chosen faces ---------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_chosen_faces_of_many_poses_are_those_of_all():
     mesh, camera = shapes.torus(20, 12), Camera(width=160, height=120, fx=130, fy=130)
     poses = sphere_of_poses((0, 0, 0), 4, 9)
@@ -394,6 +400,7 @@ def test_chosen_faces_of_many_poses_are_those_of_all():
         assert np.abs(some[row] - exact).max() <= 1e-9
 
 
+@pytest.mark.slow
 def test_back_faces_are_left_out_where_asked_for():
     mesh, camera = shapes.teapot(4), Camera(width=160, height=120, fx=130, fy=130)
     pose = look_at((0.2, 0.5, 0.3), (0, 0, 0.08))

@@ -34,6 +34,7 @@ def solver_with_pieces(mesh, camera, pose, path):
     return solver
 
 
+@pytest.mark.slow
 @on_both_paths
 @given(seed=SEEDS)
 @settings(max_examples=25)

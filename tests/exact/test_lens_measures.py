@@ -36,6 +36,7 @@ def figures(n):
     return lens_kernels.Figures(*np.zeros((3, n)), *np.zeros((3, n), np.int8))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("camera", CAMERAS)
 @pytest.mark.parametrize("name", MESHES)
 def test_eight_at_a_time_have_the_same_bits_as_one(name, camera):
@@ -75,6 +76,7 @@ def test_eight_at_a_time_have_the_same_bits_as_one(name, camera):
     assert measured > 0 or name == "room"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("camera", CAMERAS)
 def test_edges_of_any_lengths_agree_with_the_best_rule(camera):
     """Random places: neighbours in a list need other rules, have no image or are too long."""

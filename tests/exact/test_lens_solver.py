@@ -50,6 +50,7 @@ def solved(mesh, camera, pose, kind=CertificateSolver, near=1e-3):
     return solver
 
 
+@pytest.mark.slow
 @each_lens
 @pytest.mark.parametrize("seed", range(3))
 def test_visible_areas_in_a_closed_room_add_up_to_the_image(name, seed):
@@ -72,6 +73,7 @@ def test_half_planes_and_the_certificate_agree(name):
         np.testing.assert_allclose(one.area, other.area, atol=1e-7)
 
 
+@pytest.mark.slow
 @each_lens
 def test_turning_scene_and_camera_together_changes_no_area(name):
     camera, pose = CAMERAS[name], inside(ROOM, 5)
@@ -83,6 +85,7 @@ def test_turning_scene_and_camera_together_changes_no_area(name):
     np.testing.assert_allclose(one.area, other.area, atol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["certified", "exact"])
 def test_a_pinhole_as_a_lens_has_the_figures_of_a_pinhole(method):
     poses = sphere_of_poses((0, 0, 0), 2.4, 5)
@@ -138,6 +141,7 @@ def pixel_areas(mesh, camera, pose, per_side=3):
     return np.bincount(face[face >= 0], minlength=mesh.n_faces) * step**2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", ["brown", "rational and prism", "wide fisheye", "double sphere", "equirectangular"]
 )
@@ -165,6 +169,7 @@ def test_what_is_hidden_has_no_area_and_a_lone_face_has_all_of_it(name):
     assert np.all(found.area[2:] > 50)
 
 
+@pytest.mark.slow
 def test_a_bulging_edge_leaves_the_image_though_its_corners_do_not():
     barrel = Camera(
         width=200, height=200, fx=150, fy=150, model="opencv", distortion=(-0.15, 0.01, 0, 0)
@@ -179,6 +184,7 @@ def test_a_bulging_edge_leaves_the_image_though_its_corners_do_not():
     assert evaluate(smaller, barrel, np.eye(4)[None]).in_view.all()
 
 
+@pytest.mark.slow
 def test_pixels_without_a_ray_see_nothing():
     folding = Camera(
         width=640, height=480, fx=300, fy=300, model="opencv", distortion=(-0.35, 0, 0, 0)
@@ -192,6 +198,7 @@ def test_pixels_without_a_ray_see_nothing():
     assert found.visible.sum() < 640 * 480 - 100
 
 
+@pytest.mark.slow
 @settings(max_examples=15)
 @given(
     seed=st.integers(0, 10_000),
@@ -212,6 +219,7 @@ def test_the_law_of_the_room_holds_for_random_lenses(seed, k1, k2, p1, tau, foca
     assert abs(found.visible.sum() - 800 * 600) < 1e-6
 
 
+@pytest.mark.slow
 def test_a_rig_of_pinholes_and_lenses():
     rig = Rig([PINHOLE, CAMERAS["brown"].resized(0.5), CAMERAS["wide fisheye"].resized(0.25)])
     poses = rig.poses(sphere_of_poses((0, 0, 0), 2.4, 3))
@@ -241,6 +249,7 @@ def test_targets_hide_nothing_and_are_measured():
     np.testing.assert_allclose(seen.visible_pixels[0, 2:], alone.visible_pixels[0], rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_planes_of_a_lens_are_found_once():
     camera = replace(CAMERAS["brown"], fx=902)  # no other test has asked for its planes
     planes = planes_of(camera)

@@ -71,6 +71,7 @@ def test_areas_of_hostile_scenes_are_within_their_bound(path, seed):
     assert (off <= bound).all()
 
 
+@pytest.mark.slow
 @on_both_paths
 @few
 @given(seed=SEEDS, power=st.floats(-9, 0))

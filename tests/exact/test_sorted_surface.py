@@ -35,12 +35,14 @@ def scene(seed):
     return mesh, copy
 
 
+@pytest.mark.slow
 @given(seed=SEEDS, method=st.sampled_from(["certified", "exact"]))
 @settings(max_examples=20)
 def test_sorted_faces_have_the_figures_of_the_mesh(seed, method):
     assert_same(seed, WINDOW, method)
 
 
+@pytest.mark.slow
 @given(seed=SEEDS)
 @settings(max_examples=5)
 def test_sorted_faces_have_the_figures_of_the_mesh_through_a_lens(seed):
@@ -69,6 +71,7 @@ def test_sorted_faces_have_the_regions_of_the_mesh(seed):
     np.testing.assert_allclose(one.areas(), other.areas(), rtol=1e-9, atol=1e-9 + bound)
 
 
+@pytest.mark.slow
 @given(seed=SEEDS)
 @settings(max_examples=10)
 def test_sorted_faces_have_the_contacts_of_the_mesh(seed):

@@ -69,6 +69,7 @@ def test_every_position_in_use_stands_once_and_faces_stay_where_they_are(seed):
     assert found.diagonal == pytest.approx(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["teapot-5", "torus", "room"])
 def test_a_mesh_torn_apart_along_all_edges_is_the_same_surface(name):
     mesh = shapes.by_name(name)

@@ -35,6 +35,7 @@ def split(seed):
     return case, is_target, some_as_targets(case.mesh, is_target)
 
 
+@pytest.mark.slow
 @on_both_paths
 @given(seed=SEEDS)
 @examples(60)
@@ -47,6 +48,7 @@ def test_opaque_faces_have_the_bits_of_the_mesh_without_targets(path, seed):
         np.testing.assert_array_equal(found[name][~is_target], expected[name], err_msg=name)
 
 
+@pytest.mark.slow
 @on_both_paths
 @given(seed=SEEDS)
 @examples(60)
@@ -61,6 +63,7 @@ def test_a_target_has_the_same_bits_whatever_other_targets_there_are(path, seed)
         np.testing.assert_array_equal(found[name][stays], expected[name], err_msg=name)
 
 
+@pytest.mark.slow
 @on_both_paths
 @given(seed=SEEDS)
 @examples(40)
@@ -74,6 +77,7 @@ def test_areas_of_targets_are_within_their_bounds_of_the_exact_ones(path, seed):
     assert (off <= found["area_error"][rows] + 1e-12).all()
 
 
+@pytest.mark.slow
 @given(seed=SEEDS)
 @examples(20)
 def test_both_references_agree_about_targets(seed):

@@ -39,6 +39,7 @@ def test_pixels_are_those_of_opencv_fisheye(cv2):
     assert np.abs(lens.project(given) - theirs).max() <= TOLERANCE_PX
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", COLMAP)
 def test_pixels_are_those_of_colmap(pycolmap, model):
     lens = sources.colmap(model, WIDTH, HEIGHT, COLMAP[model])

@@ -26,6 +26,7 @@ SLOW_TOO = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SLOW_TOO)
 def test_the_region_covers_the_image(name):
     lens = LENSES[name]
@@ -33,6 +34,7 @@ def test_the_region_covers_the_image(name):
     assert abs(blind_area(lens)) <= 1e-8
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SLOW_TOO)
 def test_walls_of_a_room_add_up_to_the_image(name):
     lens = LENSES[name]
@@ -48,6 +50,7 @@ def test_walls_of_a_room_add_up_to_the_image(name):
     assert bound < 1e-4
 
 
+@pytest.mark.slow
 def test_a_room_seen_by_a_folding_lens_adds_up_to_what_is_not_blind():
     lens = make_lens("pinhole", WIDTH, HEIGHT, fx=900, fy=900, radial=(-0.2,))
     blind = blind_area(lens)
@@ -64,6 +67,7 @@ def test_a_room_seen_by_a_folding_lens_adds_up_to_what_is_not_blind():
     assert abs(total + blind - WIDTH * HEIGHT) <= 1e-6
 
 
+@pytest.mark.slow
 def test_longer_edges_than_the_table_allows_are_cut():
     lens, triangles = LENSES["opencv brown"], room(1)
     (plane,) = lens.planes
@@ -75,6 +79,7 @@ def test_longer_edges_than_the_table_allows_are_cut():
     assert np.abs(fine.inside - coarse.inside).max() <= 1e-7
 
 
+@pytest.mark.slow
 def test_without_distortion_areas_are_those_of_the_reference():
     matrix = K - [[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]]
     lens = sources.opencv(matrix, WIDTH, HEIGHT)
@@ -106,6 +111,7 @@ def densified(plane, polygon, n):
     return np.array((whole.area, inside.area))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["opencv prism", "kalibr omni", "wide equidistant"])
 def test_areas_are_those_of_polygons_of_many_corners(name):
     lens = LENSES[name]
@@ -127,6 +133,7 @@ def test_areas_are_those_of_polygons_of_many_corners(name):
             assert error[1] <= 0.1 * np.abs(fine - coarse).max() + 1e-6
 
 
+@pytest.mark.slow
 def test_reversed_polygons_have_the_negative_area():
     lens = LENSES["opencv prism"]
     (plane,) = lens.planes
@@ -147,6 +154,7 @@ def test_edges_along_the_border_of_the_image():
     assert np.abs(areas.inside - [1e6, 2.5e5, 5e5, 992.5**2]).max() <= 1e-8
 
 
+@pytest.mark.slow
 @settings(max_examples=25)
 @given(st.integers(0, 2**32 - 1), st.sampled_from(sorted(LENSES)))
 def test_parts_of_a_polygon_add_up(seed, name):
@@ -174,6 +182,7 @@ def test_a_lens_with_a_pole_in_its_region_has_no_table():
         edge_table(bad)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("limit", [None, 95.0])
 def test_image_circle_of_a_fisheye_leaves_the_corners_blind(limit):
     lens = make_lens("equidistant", 900, 800, fx=120, fy=120, max_angle_deg=limit)
@@ -184,6 +193,7 @@ def test_image_circle_of_a_fisheye_leaves_the_corners_blind(limit):
     assert 900 * 800 - blind_area(lens) == pytest.approx(circle, rel=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("base", ["fov", "division"])
 def test_lenses_on_a_plane_may_see_up_to_its_horizon(base):
     lens = make_lens(base, 1280, 1024, fx=90, fy=90, of_base=(0.9,) if base == "fov" else (-0.2,))
@@ -196,6 +206,7 @@ def test_lenses_on_a_plane_may_see_up_to_its_horizon(base):
     assert abs(total + blind_area(lens) - 1280 * 1024) <= 1e-6
 
 
+@pytest.mark.slow
 def test_pixels_beyond_a_panorama_see_nothing():
     lens = sources.equirectangular(1000, 500, 900, 450)
     assert not lens.is_whole
@@ -206,6 +217,7 @@ def test_pixels_beyond_a_panorama_see_nothing():
     assert abs(blind_area(part)) < 1e-8
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", LENSES)
 def test_regions_and_holes_are_convex_with_edges_that_have_a_direction(name):
     for plane in LENSES[name].planes:

@@ -52,6 +52,7 @@ def points_of(plane, n, rng):
     return points
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name in LENSES if name != "backward"])
 def test_values_at_complex_points_are_within_reach(name):
     lens, rng = LENSES[name], np.random.default_rng(7)
@@ -78,6 +79,7 @@ def test_values_at_complex_points_are_within_reach(name):
                 assert plane.reach(radius)[k] >= reach[k].max(initial=0.0) * (1 - 1e-9)
 
 
+@pytest.mark.slow
 def test_bounds_of_small_balls_are_close_to_the_derivative(lens):
     rng = np.random.default_rng(8)
     plane = lens.planes[0]
@@ -92,6 +94,7 @@ def test_bounds_of_small_balls_are_close_to_the_derivative(lens):
         assert np.median(reach[k] / largest) < 12
 
 
+@pytest.mark.slow
 def test_an_edge_bends_no_more_than_its_bound(lens):
     rng = np.random.default_rng(9)
     for plane in lens.planes:

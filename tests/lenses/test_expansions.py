@@ -40,6 +40,7 @@ def chebyshev_coefficients(plane, middle, along):
     return 2 / NODES * np.einsum("kj,cjn->ckn", np.cos(k[:, None] * angle), np.stack(values))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", LENSES)
 def test_no_coefficient_is_above_its_bound(name):
     rng, k = np.random.default_rng(3), np.arange(1, ORDER + 1)
@@ -56,6 +57,7 @@ def test_no_coefficient_is_above_its_bound(name):
             assert (found[:, 1 : ORDER + 1] <= allowed[:, :, None] + 1e-9).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["opencv brown", "opencv fisheye", "kalibr ds", "colmap FOV"])
 def test_bounds_are_near_the_truth(name):
     rng, k = np.random.default_rng(4), np.arange(1, 5)

@@ -34,6 +34,7 @@ def fields_of_view(scene, pose, lens, work, known, out):
         out[f, 0], out[f, 1], out[f, 2] = state, part, area
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lens", [*CAMERAS])
 @examples(4, at_night=10)
 @given(seed=st.integers(0, 2**32 - 1))

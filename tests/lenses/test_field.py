@@ -61,6 +61,7 @@ def test_points_are_on_the_side_of_the_image_that_their_cell_says(name):
     assert check_cells(CAMERAS[name], 0) < 0.01
 
 
+@pytest.mark.slow
 @given(
     seed=st.integers(0, 2**32 - 1),
     k=st.tuples(st.floats(-0.4, 0.4), st.floats(-0.1, 0.2)),
@@ -89,6 +90,7 @@ def test_a_lens_without_distortion_has_four_lines_and_no_band():
     np.testing.assert_array_equal(leaves_at(tree, points[rows]) == kernels.INSIDE, inside[rows])
 
 
+@pytest.mark.slow
 def test_undecided_cells_are_as_narrow_as_the_tolerance():
     plane, record = planes_of(CAMERAS["brown"])[0]
     counts = [len(field_of(plane, record, tolerance).lines) for tolerance in (1e-2, 1e-4, 1e-6)]

@@ -18,6 +18,7 @@ def lens(request):
     return LENSES[request.param]
 
 
+@pytest.mark.slow
 def test_pixel_to_ray_and_back(lens):
     given = pixels(4000)
     found = lens.unproject(given)

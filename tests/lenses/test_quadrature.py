@@ -43,6 +43,7 @@ def exact(a, b):
     return chebyshev.chebval(1, whole) - chebyshev.chebval(-1, whole)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n", range(FEWEST, MOST + 1))
 def test_rule_is_exact_to_its_degree_and_bounded_beyond(n):
     x, rule, _ = lobatto(n)
@@ -64,6 +65,7 @@ def test_nodes_are_symmetric(n):
     assert (NODES[n, 0], NODES[n, n]) == (0, 1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n", range(FEWEST, MOST + 1))
 def test_errors_of_pairs_are_those_of_the_rule(n):
     x, rule, _ = lobatto(n)
@@ -116,6 +118,7 @@ def bulges(plane, a, b, n, rule, nodes):
     return np.einsum("in,ij,jn->n", u, rule, v)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
     [pytest.param(name, marks=() if name in QUICK else pytest.mark.slow) for name in LENSES],
@@ -245,6 +248,7 @@ def test_a_flat_edge_has_no_root():
     assert len(room.roots(5, values, 0.0)) == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["opencv brown", "opencv prism", "colmap DIVISION"])
 def test_faces_with_all_corners_in_the_image_may_leave_it(name):
     """`edge_is_inside` against places along the edge; corners alone are not enough."""

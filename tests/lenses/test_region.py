@@ -66,6 +66,7 @@ def test_region_ends_at_the_fold_or_at_the_image(folding):
         assert plane <= 1.021 * np.hypot(*(border[:, :2] / border[:, 2:]).T).max()
 
 
+@pytest.mark.slow
 def test_no_ray_outside_the_region_is_answered(folding):
     lens, fold, _ = folding
     given = rays(200_000)
@@ -100,6 +101,7 @@ def test_region_is_no_larger_than_it_is_allowed():
     assert not lens.is_whole
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", LENSES)
 def test_map_is_injective_on_the_region(name):
     """Determinants of the derivative along the sphere keep one sign."""
@@ -143,6 +145,7 @@ COEFFICIENT = st.one_of(
 )
 
 
+@pytest.mark.slow
 @settings(max_examples=25)
 @given(
     st.sampled_from(["pinhole", "equidistant", "equisolid", "backward"]),

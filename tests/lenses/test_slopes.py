@@ -33,6 +33,7 @@ def differences(plane, points):
     return most
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CAMERAS)
 def test_no_difference_is_above_its_bound(name):
     camera, rng = CAMERAS[name], np.random.default_rng(2)

@@ -52,6 +52,7 @@ def check(lens):
     return n
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["opencv brown", "opencv prism", "kalibr ds", "colmap FOV"])
 def test_all_that_the_image_shows_is_in_the_window(name):
     assert check(LENSES[name]) > 8000
@@ -86,6 +87,7 @@ WIDE = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", WIDE)
 def test_pinholes_of_a_wide_lens_hold_what_the_image_shows(name):
     model, width, height, focal, distortion = WIDE[name]
@@ -121,6 +123,7 @@ def test_pinholes_of_a_wide_lens_hold_what_the_image_shows(name):
         assert [len(record.window) for _, record in planes_of(camera)][3:] == [0, 0]
 
 
+@pytest.mark.slow
 @examples(8, at_night=20)
 @given(
     k1=st.floats(-0.4, 0.4),

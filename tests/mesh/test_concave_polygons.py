@@ -275,6 +275,7 @@ def test_dropping_a_corner_leaves_polygons_that_are_cut_right(load):
     assert (mesh.normals[:, 2] > 0).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", [star, comb, spiral])
 def test_ten_thousand_corners_take_no_minutes(shape):
     rng = np.random.default_rng(3)

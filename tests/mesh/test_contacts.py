@@ -170,6 +170,7 @@ PAIRS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", PAIRS)
 def test_two_faces_touch_when_they_meet_outside_their_joint(case):
     one, other, expected = PAIRS[case]
@@ -203,6 +204,7 @@ def test_a_soup_touches_where_exact_arithmetic_says(vertices):
     assert np.array_equal(touching(vertices, faces), exactly_touching(vertices, faces))
 
 
+@pytest.mark.slow
 @given(vertices=GRID, data=st.data())
 @settings(max_examples=50)
 def test_a_mesh_touches_where_exact_arithmetic_says(vertices, data):
@@ -214,6 +216,7 @@ def test_a_mesh_touches_where_exact_arithmetic_says(vertices, data):
     assert np.array_equal(touching(vertices, faces), exactly_touching(vertices, faces))
 
 
+@pytest.mark.slow
 @given(
     pair=hnp.arrays(np.int64, (6, 3), elements=st.integers(-9, 9)),
     shared=st.integers(0, 2),
@@ -271,6 +274,7 @@ def nearest(one, other):
     return min(found)
 
 
+@pytest.mark.slow
 @given(seed=st.integers(0, 2**32), thin=st.floats(0, 6), flat=st.booleans())
 @settings(max_examples=50)
 def test_no_pair_within_the_tolerance_is_missed(seed, thin, flat):
@@ -437,6 +441,7 @@ CLEAN = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CLEAN)
 def test_a_part_that_does_not_cross_itself_has_no_contacts(name):
     mesh = CLEAN[name]()
@@ -460,6 +465,7 @@ def test_a_part_and_its_copy_touch_all_over():
     assert of_mesh(joined(mesh, mesh)).all()
 
 
+@pytest.mark.slow
 def test_a_wall_through_a_ball_touches_the_faces_on_both_sides_of_it():
     ball = shapes.sphere(6)
     corners = np.array([(-9, -8, 0.2), (9, -9, 0.2), (0.5, 9, 0.2)]) @ rotation(8)
@@ -512,6 +518,7 @@ def calls(monkeypatch, mesh, steps):
     return len(count)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("where", ["first", "last"])
 @pytest.mark.parametrize("tilted", [False, True])
 def test_walls_about_a_fine_mesh_cost_little(monkeypatch, where, tilted):
@@ -543,6 +550,7 @@ def test_many_copies_cost_no_more_than_as_many_faces(monkeypatch):
     assert of_mesh(copies).all()
 
 
+@pytest.mark.slow
 def test_a_fine_part_in_one_spot_of_a_large_scene_costs_no_more(monkeypatch):
     fine = shapes.torus(200, 100)
     spot = Mesh(vertices=fine.vertices * 1e-4, faces=fine.faces)

@@ -424,6 +424,7 @@ def test_a_long_strip_of_faces_is_one_component():
         assert not Mesh(points, strip).topology.components().any()
 
 
+@pytest.mark.slow
 def test_a_hundred_thousand_faces_are_diagnosed_quickly():
     mesh = Mesh(*torus(500, 100))
     start = time.process_time()

@@ -150,6 +150,7 @@ def test_ply_strip_indices_are_checked(load):
         load("a.ply", strips([[0, 1, 2, 4]]))
 
 
+@pytest.mark.slow
 @every_order
 @pytest.mark.parametrize("more", [[], [[0, 1, 2]]])
 def test_list_rows_count_against_the_budget(order, more, load):

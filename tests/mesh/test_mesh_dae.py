@@ -206,6 +206,7 @@ HOLE = "<ph><p>0 1 2</p><h>0 1 2</h></ph>"
 HERE = '<instance_geometry url="{}"/>'
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("data", "text"),
     [
@@ -256,6 +257,7 @@ def test_a_broken_file_is_refused_in_one_line(data, text, load):
         load("a.dae", data)
 
 
+@pytest.mark.slow
 def test_many_instances_are_refused_before_they_are_made(load):
     #  each node of a library holds the next one twice: 2^60 instances in a few kilobytes
     twice = '<instance_node url="#m{0}"/><instance_node url="#m{0}"/>'
@@ -281,6 +283,7 @@ def test_an_own_budget_bounds_the_text(load):
         load("a.dae", dae(), memory_budget=1000)
 
 
+@pytest.mark.slow
 @settings(max_examples=200, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_cut_and_damaged_files_load_whole_or_raise_mesh_error(data, load):

@@ -396,6 +396,7 @@ def test_budget_is_held_against_an_estimate(name, load):
         load(name, VALID[name], memory_budget=1199)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name in VALID if name not in ("binary.stl", "big.ply")])
 def test_vertices_count_against_the_budget(name, load):
     """Vertices that no face uses; in an STL there are none, so faces count there."""
@@ -447,6 +448,7 @@ def promised(name: str, content: bytes) -> int | None:
     return 4 if content[:size] == VALID[name][:size] else None
 
 
+@pytest.mark.slow
 @every_format
 @settings(max_examples=25, suppress_health_check=TMP_PATH_IS_SHARED)
 @given(data=st.data())
@@ -490,6 +492,7 @@ def test_random_bytes_never_raise_anything_else(extension, content, load):
         load(f"a.{extension}", start + content)
 
 
+@pytest.mark.slow
 @every_format
 @settings(max_examples=10, suppress_health_check=TMP_PATH_IS_SHARED)
 @given(seed=st.integers(0, 2**32 - 1))

@@ -490,6 +490,7 @@ def test_instances_of_one_mesh_count_against_the_budget(glb, load):
         load(glb, memory_budget=300 * 3999)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("what", ["nodes", "primitives", "targets", "points"])
 def test_shared_data_is_counted_before_it_is_read(what, load):
     n = 4000
@@ -512,6 +513,7 @@ def test_shared_data_is_counted_before_it_is_read(what, load):
         load(glb)
 
 
+@pytest.mark.slow
 def test_meshes_without_triangles_cost_nothing_a_node(glb, load):
     """Nodes times primitives would be 10^8 steps: minutes."""
     n = 10_000

@@ -117,6 +117,7 @@ def test_no_json_is_refused(load):
         assert refusal(load, "a.gltf", data).endswith(("again", "got list", "points"))
 
 
+@pytest.mark.slow
 @settings(max_examples=100, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_cut_and_damaged_files_load_whole_or_raise_mesh_error(data, load, part):

@@ -142,6 +142,7 @@ def test_ten_megabytes_of_continued_lines_take_about_a_second(piece, tmp_path):
     assert time.process_time() - start < 5
 
 
+@pytest.mark.slow
 def test_a_short_file_makes_no_twenty_million_faces(tmp_path):
     """1.2 MB of overlapping accessors and of instances."""
     n = 60_000

@@ -79,6 +79,7 @@ def _cascadio():
     pytest.importorskip("cascadio", reason="cascadio is not installed", exc_type=ImportError)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("_cascadio")
 @pytest.mark.parametrize(
     ("name", "prefix", "metres"),
@@ -92,6 +93,7 @@ def test_a_solid_is_read_in_its_own_unit(name, prefix, metres, load):
     assert [note for note in mesh.warnings if "triangulated by Open CASCADE" not in note] == []
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("_cascadio")
 def test_every_cad_face_is_a_group(load):
     mesh = load("a.step", crate())
@@ -100,6 +102,7 @@ def test_every_cad_face_is_a_group(load):
         np.testing.assert_allclose(mesh.normals[mesh.face_group == side], [normal] * 2, atol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("_cascadio")
 def test_a_unit_given_beside_is_not_applied_and_noted(load):
     mesh = load("a.step", crate(), unit="mm")
@@ -107,6 +110,7 @@ def test_a_unit_given_beside_is_not_applied_and_noted(load):
     assert any("the unit given was not applied" in note for note in mesh.notes)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("_cascadio")
 @pytest.mark.parametrize("data", [b"hello", b"ISO-10303-21;\n", crate()[:1500], HEADER.encode()])
 def test_what_is_no_step_file_is_refused_in_one_line(data, load):
@@ -114,6 +118,7 @@ def test_what_is_no_step_file_is_refused_in_one_line(data, load):
         load("a.step", data)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("_cascadio")
 def test_no_line_of_the_converter_reaches_the_terminal(load, capfd):
     with pytest.raises(MeshError, match=r"cannot read the STEP file \(.*ERR"):

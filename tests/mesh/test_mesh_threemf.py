@@ -148,11 +148,13 @@ def test_only_the_two_compressions_of_the_format_are_read(load):
         load("a.3mf", stream.getvalue())
 
 
+@pytest.mark.slow
 def test_a_bomb_is_not_unpacked(load):
     with pytest.raises(RastercovError, match="the budget is"):
         load("a.3mf", archive(" " * 40_000_000))
 
 
+@pytest.mark.slow
 @settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_cut_and_damaged_files_load_whole_or_raise_mesh_error(data, load):

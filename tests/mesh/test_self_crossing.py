@@ -87,6 +87,7 @@ def test_prisms_over_any_ring_are_seen_as_fractions_say(seed):
     assert_right(mesh, rc.look_at(eyes, (0, 0, 0)))
 
 
+@pytest.mark.slow
 @given(seed=st.integers(0, 2**32 - 1))
 @settings(max_examples=15)
 def test_culling_changes_no_area_of_solids_that_cross_one_another(seed):

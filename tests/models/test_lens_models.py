@@ -45,6 +45,7 @@ def test_the_others_refuse_in_one_line_with_the_reason(name):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ANY_LENS)
 @settings(max_examples=15)
 @given(seed=st.integers(0, 10**9))

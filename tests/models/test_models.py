@@ -381,6 +381,7 @@ def test_a_ramp_is_linear_between_its_limits_and_a_step_where_they_are_one():
 # --- laws ----------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @every_model
 @settings(max_examples=10)
 @given(seed=seeds)
@@ -390,6 +391,7 @@ def test_coverage_lies_between_0_and_1(name, seed):
     assert (values <= 1).all()
 
 
+@pytest.mark.slow
 @every_model
 @settings(max_examples=10)
 @given(seed=seeds)
@@ -401,6 +403,7 @@ def test_faces_seen_from_behind_are_not_covered(name, seed):
     assert ((values == 0) | (covered(name, turned(mesh))[0] == 0)).all()
 
 
+@pytest.mark.slow
 @every_model
 @settings(max_examples=10)
 @given(seed=seeds)
@@ -417,6 +420,7 @@ def test_a_two_sided_face_is_covered_from_either_side_alike(name, seed):
     assert found[0][0, front] == pytest.approx(covered(name, mesh)[0, front], abs=1e-9)
 
 
+@pytest.mark.slow
 @every_model
 @settings(max_examples=10)
 @given(seed=seeds)
@@ -436,6 +440,7 @@ def test_moving_mesh_and_camera_together_changes_nothing(name, seed):
     assert after == pytest.approx(before, abs=1e-7)
 
 
+@pytest.mark.slow
 @every_model
 @pytest.mark.parametrize("kind", [{"min_pixels": 50.0}, {"max_blur": 0.5}])
 @settings(max_examples=10)
@@ -488,6 +493,7 @@ def test_mavrinac_falls_as_its_limits_tighten(seed, ideal, between, what):
     assert (found(ideal, ideal + between / 2) <= base + 1e-12).all()
 
 
+@pytest.mark.slow
 @every_model
 @settings(max_examples=10)
 @given(seed=seeds)
@@ -500,6 +506,7 @@ def test_more_faces_cover_no_other_better(name, seed):
     assert (all_of_them <= covered(name, fewer, **options) + 1e-9).all()
 
 
+@pytest.mark.slow
 @settings(max_examples=10)
 @given(seed=seeds)
 def test_occlusion_is_0_or_1_where_it_is_bivalent(seed):
@@ -584,6 +591,7 @@ def test_both_tracers_agree_but_for_a_hair_s_breadth(seed, n):
     assert all(doubtful(mesh, mesh.vertices[i], eye) for i in np.flatnonzero(found[0] != found[1]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["teapot", "aeroplane", "torus", "room"])
 def test_both_tracers_agree_on_parts(name):
     mesh = shapes.by_name(name)
@@ -851,6 +859,7 @@ def test_the_place_that_is_enlarged_is_where_they_differ():
     assert closer.camera.fx > 2 * whole.camera.fx
 
 
+@pytest.mark.slow
 def test_a_part_that_fills_more_than_the_image_is_drawn_as_far_as_it_goes():
     near = joined(square(9.0, 4.0), square(0.5, -3.0))
     look = look_at_part(near, CAMERA, AHEAD[0])
@@ -861,6 +870,7 @@ def test_a_part_that_fills_more_than_the_image_is_drawn_as_far_as_it_goes():
     assert occlusion_sheet(look, looked, np.ones(4), np.ones(4)).width > 1000
 
 
+@pytest.mark.slow
 def test_sheets_have_a_picture_for_each_model():
     look = look_at_part(HALF, CAMERA, AHEAD[0])
     three = models_sheet(look, {str(i): np.ones(3) for i in range(3)}, ["a", "b", "c"])

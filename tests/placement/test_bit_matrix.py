@@ -81,6 +81,7 @@ def test_the_shards_are_those_of_a_plain_run(tmp_path):
     assert VisibilityMatrix.load(tmp_path / "bits").n_poses == N_POSES
 
 
+@pytest.mark.slow
 def test_selection_from_a_matrix_of_bits_is_that_from_lists(tmp_path, lists):
     matrix = BitMatrix.of(measure(tmp_path))
     for goal in (BestCoverage(3), BestCoverage(budget=4.0)):

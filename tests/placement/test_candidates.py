@@ -454,6 +454,7 @@ def solid_angle(mesh, point, faces=slice(None)):
     return np.arctan2(over, under).sum() / (2 * np.pi)
 
 
+@pytest.mark.slow
 @given(noise=st.floats(0, 0.5), seed=st.integers(0, 10**6), scale=st.sampled_from((1e-3, 1, 1e4)))
 @examples(10)
 def test_inside_is_where_the_surface_fills_the_view(noise, seed, scale):

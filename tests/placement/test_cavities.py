@@ -59,6 +59,7 @@ def test_the_pixels_of_a_dome_are_the_half_space(side):
         assert mean == pytest.approx([0, 0, 0.5], abs=1 / side**2)
 
 
+@pytest.mark.slow
 @given(
     direction=st.tuples(*3 * [st.floats(-1, 1)]).filter(lambda d: np.linalg.norm(d) > 0.01),
     side=st.sampled_from([2, 4, 32]),
@@ -72,6 +73,7 @@ def test_a_cone_as_wide_as_can_be_missed_holds_a_direction(direction, side):
         assert nearest <= hemicube.missed
 
 
+@pytest.mark.slow
 @given(seed=st.integers(0, 1000))
 @examples(8)
 def test_a_ray_ends_where_the_wall_of_a_room_is(seed):
@@ -98,6 +100,7 @@ def test_open_space_has_no_end_and_is_all_open():
     assert covered_by(mesh, found.candidates.poses, [0, 1]).all()
 
 
+@pytest.mark.slow
 def test_the_ground_of_a_blind_hole_is_reached_where_views_from_around_miss_it():
     mesh = scenes.blind_hole()
     ground = scenes.faces_at(mesh, (2.5, 2.5, 1.0), (0, 0, 1))

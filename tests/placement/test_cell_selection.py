@@ -34,6 +34,7 @@ def chosen_on_cells(mesh, size=SIZE, poses=POSES):
     return poses[found.chosen], found.share
 
 
+@pytest.mark.slow
 def test_cells_choose_as_well_as_greedy_on_exact_areas():
     _, best = greedy_by_area(MESH, CAMERA, POSES, TASK, CAMERAS)
     network, share = chosen_on_cells(MESH)
@@ -56,12 +57,14 @@ def best_of_60(seed):
     return greedy_by_area(MESH, CAMERA, room_candidates(60, seed), TASK, CAMERAS)[1]
 
 
+@pytest.mark.slow
 def test_the_choice_does_not_depend_on_the_triangles():
     finer = [MESH, cut_at_random(MESH, 1, 200)[0], bisected(MESH, DIAGONAL / 8)[0]]
     shares = [area_of(MESH, CAMERA, chosen_on_cells(mesh)[0], TASK) for mesh in finer]
     assert max(shares) - min(shares) <= 0.01
 
 
+@pytest.mark.slow
 def test_shares_of_cells_add_up_to_the_exact_area_of_each_pose():
     cells = rc.cells(MESH, SIZE)
     regions = rc.regions(MESH, CAMERA, POSES, TASK)

@@ -42,6 +42,7 @@ def on_bits(problem, n_parts=1):
     return BitProblem(bits=bits, **{name: getattr(problem, name) for name in names})
 
 
+@pytest.mark.slow
 @examples(30)
 @given(problems(**LARGER), st.integers(1, 3))
 def test_the_lazy_rule_takes_the_cameras_of_the_plain_rule(problem, n_parts):
@@ -56,6 +57,7 @@ def test_the_lazy_rule_takes_the_cameras_of_the_plain_rule(problem, n_parts):
             assert (lazy.bound, lazy.status) == (plain.bound, plain.status)
 
 
+@pytest.mark.slow
 @examples(25)
 @given(problems(**LARGER))
 def test_where_all_candidates_fit_the_selection_is_that_of_lists(problem):
@@ -75,6 +77,7 @@ def test_presolve_of_bits_is_that_of_lists(problem):
     assert (large.sizes >= np.diff(wanted.indptr)).all()
 
 
+@pytest.mark.slow
 @examples(25)
 @given(problems(angles=(0,), max_views=3))
 def test_no_selection_is_better_than_a_bound_from_a_small_core(problem):
@@ -90,6 +93,7 @@ def test_no_selection_is_better_than_a_bound_from_a_small_core(problem):
         assert best >= found.objective - 1e-6
 
 
+@pytest.mark.slow
 @examples(25)
 @given(
     problems(**LARGER),
@@ -149,6 +153,7 @@ def value_of(problem, price):
     return np.minimum(costs - earned, 0).sum() + (needed * taken).sum()
 
 
+@pytest.mark.slow
 @examples(25)
 @given(problems(**LARGER), st.integers(0, 2**32 - 1))
 def test_a_price_proves_what_the_relaxation_says(problem, seed):
@@ -197,6 +202,7 @@ def caps(n_candidates, n_faces, seed=0):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("goal", "views"),
     [
@@ -226,6 +232,7 @@ def test_a_core_of_a_tenth_bounds_all_candidates_about_as_well(goal, views):
         assert found.objective <= plain.objective + 1
 
 
+@pytest.mark.slow
 def test_a_camera_reads_a_part_of_the_candidates():
     problem = problem_of_matrix(caps(1500, 4000), BestCoverage(10))
     large = presolve_bits(on_bits(problem))

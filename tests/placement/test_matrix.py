@@ -345,6 +345,7 @@ def test_what_is_no_folder_of_ours_is_refused(tmp_path):
         build_matrix((MESH, CAMERA), np.zeros((1, 4, 4)), TASK)
 
 
+@pytest.mark.slow
 @given(
     st.just(0.0) | st.floats(1e-30, 1),
     st.lists(st.floats(0, 1), min_size=1, max_size=20),

@@ -67,6 +67,7 @@ def by_camera(matrix, owner, n_faces):
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["faces", "cells"])
 @settings(max_examples=12, deadline=None)
 @given(seed=st.integers(0, 1000), index=st.lists(st.integers(0, 2), min_size=8, max_size=8))
@@ -216,6 +217,7 @@ def test_bits_of_rigs_are_those_of_the_united_matrix(tmp_path):
     assert not one.has_rigs
 
 
+@pytest.mark.slow
 def test_a_rig_moves_as_a_whole():
     mesh, camera, _ = room()
     pair = rc.Rig([camera, camera], ["a", "b"], [place_of(1), place_of(2)])
@@ -252,6 +254,7 @@ def seen_by(mesh, coverage, cameras, need, least):
     return np.array(out) & mesh.task_mask
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("need", "least"), [(1, 0), (2, 0), (3, 0), (1, 8), (2, 25)])
 @settings(max_examples=6, deadline=None)
 @given(seed=st.integers(0, 1000), index=st.lists(st.integers(0, 2), min_size=2, max_size=5))
@@ -292,6 +295,7 @@ def test_cameras_of_rigs_are_views_of_an_objective(need, least, seed, index):
             assert added[row] == weights[after].sum() - weights[before].sum()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("need", "least"), [(2, 0), (1, 15)])
 def test_a_rig_is_moved_for_its_cameras_as_views(need, least):
     mounts = mounts_of(2)

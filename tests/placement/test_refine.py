@@ -87,12 +87,14 @@ def test_from_a_local_optimum_no_move_that_is_tried_gains(objective, seed, monke
             assert objective.share(objective.worth(together)).max() <= result.share
 
 
+@pytest.mark.slow
 def test_refining_again_from_the_result_never_loses(objective):
     once = refine(objective, SPACE, network(2, 3), halvings=1)
     again = refine(objective, SPACE, once.poses, halvings=1)
     assert again.start_share == once.share <= again.share
 
 
+@pytest.mark.slow
 def test_a_camera_that_looks_away_a_little_is_turned_to_the_part(objective):
     eye = np.array([[0.0, 0.0, 2.4]])
     assert SPACE.allows(eye).all()
@@ -128,6 +130,7 @@ def test_cameras_are_exchanged_for_candidates_that_cover_more(objective):
     assert nowhere.share >= nowhere.start_share
 
 
+@pytest.mark.slow
 def test_exchange_alone_ends_where_no_candidate_gains(objective):
     around = sphere_of_poses((0, 0, 0), 3.0, 16)
     around = around[SPACE.allows(around[:, :3, 3])]
@@ -211,6 +214,7 @@ def test_estimates_that_mislead_never_lose_anything(on_cells, seed):
     assert (np.diff(result.trace) > 0).all()
 
 
+@pytest.mark.slow
 def test_an_interrupt_while_trials_are_measured_keeps_the_best_so_far(on_cells):
     ends = []
 

@@ -92,6 +92,7 @@ def rig_problems(draw, **options):
     return problem
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SELECTORS)
 @examples(60)
 @given(problem=rig_problems(sizes=(5, 3, 6, 1)))
@@ -120,6 +121,7 @@ def test_selections_are_what_they_say_and_bounds_hold(name, problem):
         assert found.objective == pytest.approx(best, abs=1e-5)
 
 
+@pytest.mark.slow
 @examples(40)
 @given(problem=rig_problems(sizes=(3, 5, 7)), seed=st.integers(0, 2**32 - 1), finish=st.booleans())
 def test_gains_are_differences_of_worth_after_any_changes(problem, seed, finish):
@@ -148,6 +150,7 @@ def test_gains_are_differences_of_worth_after_any_changes(problem, seed, finish)
         assert fresh.worth == state.worth
 
 
+@pytest.mark.slow
 @examples(25)
 @given(problem=problems(max_views=3, angles=(0, 20, 60)), seed=st.integers(0, 2**32 - 1))
 def test_rigs_of_one_camera_are_that_camera(problem, seed):
@@ -172,6 +175,7 @@ def test_rigs_of_one_camera_are_that_camera(problem, seed):
         assert found.share == pytest.approx(wanted.share, abs=1e-9)
 
 
+@pytest.mark.slow
 @examples(25)
 @given(problem=rig_problems())
 def test_the_curve_counts_every_camera(problem):
@@ -191,6 +195,7 @@ def test_the_curve_counts_every_camera(problem):
         assert curve[n - 1] == pytest.approx(share(problem, covers_faces(problem, order[:n])))
 
 
+@pytest.mark.slow
 def test_two_cameras_of_one_rig_are_two_views():
     base = with_rigs_by_hand(views=2)
     assert select_integer(base).cost == 1

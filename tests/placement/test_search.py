@@ -62,6 +62,7 @@ def holds(space, eyes):
     )
 
 
+@pytest.mark.slow
 def test_every_method_spends_the_same_budget_a_generation_a_batch(objective, method, monkeypatch):
     sizes = []
     plain = objective_module.evaluate_batches
@@ -91,6 +92,7 @@ def test_the_same_seed_gives_the_same_network(objective, method):
     np.testing.assert_array_equal(np.random.get_state()[1], state)  # noqa: NPY002
 
 
+@pytest.mark.slow
 def test_constraints_hold_and_the_share_is_that_of_the_poses(objective, method):
     result = optimise(objective, SPACE, 2, method, budget=48, population=8, seed=1)
     assert holds(SPACE, result.poses[:, :3, 3])
@@ -99,6 +101,7 @@ def test_constraints_hold_and_the_share_is_that_of_the_poses(objective, method):
     assert (np.diff(result.trace) >= 0).all()
 
 
+@pytest.mark.slow
 def test_all_methods_begin_with_the_same_networks(objective):
     traces = [
         optimise(objective, SPACE, 2, method, budget=16, population=8).trace for method in METHODS
@@ -151,6 +154,7 @@ def test_searching_beats_drawing_at_random(objective):
     assert min(means["pso"], means["ga"], means["de"]) > means["random"]
 
 
+@pytest.mark.slow
 def test_first_networks_may_come_from_candidates(objective):
     around = sphere_of_poses((0, 0, 0), 3.0, 40)
     allowed = around[SPACE.allows(around[:, :3, 3])]
@@ -162,6 +166,7 @@ def test_first_networks_may_come_from_candidates(objective):
         optimise(objective, SPACE, 2, "random", candidates=np.eye(4)[None])
 
 
+@pytest.mark.slow
 def test_without_pymoo_one_line_says_what_to_install(objective, monkeypatch):
     monkeypatch.setitem(sys.modules, "pymoo.core.problem", None)
     monkeypatch.setitem(sys.modules, "pymoo.algorithms.soo.nonconvex.de", None)
@@ -170,6 +175,7 @@ def test_without_pymoo_one_line_says_what_to_install(objective, monkeypatch):
     assert optimise(objective, SPACE, 2, "random", budget=16, population=8).evaluations == 16
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -282,6 +288,7 @@ def test_no_place_at_all_is_an_error():
 # What a network is worth
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("weight_by", ["area", "count"])
 @pytest.mark.parametrize(("views", "angle"), [(1, 0), ({"a": 2, "b": 1}, 0), (2, 40)])
 def test_a_network_is_worth_what_selection_says(weight_by, views, angle):

@@ -240,6 +240,7 @@ def test_views_from_one_direction_do_not_make_a_pair():
         problem_of_matrix(covers, min_angle_deg=46, eyes=eyes, centroids=[[0, 0, 0]])
 
 
+@pytest.mark.slow
 def test_two_cameras_that_help_only_together_are_found():
     #   1   0   2      all near 0, but 1 and 2 far from one another; 0 is also the only one
     #    \  |  /      to cover the second face, so that it comes first
@@ -305,6 +306,7 @@ def test_nothing_to_cover_takes_no_camera():
         assert select(out_of_reach).objective == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n_points", [9, 15, *(pytest.param(n, marks=nightly) for n in (27, 45))])
 def test_triple_systems_take_the_published_number(n_points):
     selection = select_integer(problem_of_matrix(steiner(n_points)), time_limit=600)
@@ -349,6 +351,7 @@ def test_a_file_of_another_kind_is_refused_in_one_line(tmp_path, text):
         read_set_cover(tmp_path / "missing.txt")
 
 
+@pytest.mark.slow
 def test_the_time_limit_gives_what_was_found_and_a_bound():
     selection = select_integer(problem_of_matrix(steiner(45)), time_limit=0.5)
     assert selection.status == "time_limit"
@@ -389,6 +392,7 @@ def test_a_solver_that_is_left_behind_is_not_in_the_way_of_the_next(loaded):
     assert select_integer(problem_of_matrix(steiner(15))).objective == COVERS[15]
 
 
+@pytest.mark.slow
 def test_what_the_solver_proves_in_time_is_proved_in_time(loaded, full_start):
     for name in ("scp41", "scp42"):  # HiGHS takes 0.02 s, the whole greedy start some seconds
         selection = select_integer(read_set_cover(FOLDER / f"{name}.txt.xz"), time_limit=2)
@@ -421,6 +425,7 @@ class Looks(Deadline):
             raise TimeUpError
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("goal", [FewestCameras(), BestCoverage(10)])
 def test_improvement_ended_at_any_moment_leaves_a_whole_selection(goal):
     reduced = presolve(problem_of_matrix(steiner(27), goal))
@@ -450,6 +455,7 @@ def test_a_part_of_no_end_is_no_end():
         Deadline(0.0).check()
 
 
+@pytest.mark.slow
 @examples(25)
 @given(problems(max_views=3, sizes=(7, 14)), st.data())
 def test_cameras_are_in_the_order_of_what_each_adds(problem, data):
@@ -495,6 +501,7 @@ def test_an_interrupt_gives_what_was_found(monkeypatch):
     assert selection.bound <= COVERS[45] <= selection.objective
 
 
+@pytest.mark.slow
 def test_a_missing_solver_is_said_in_one_line(monkeypatch):
     monkeypatch.setitem(sys.modules, "highspy", None)
     with pytest.raises(ConfigError, match="needs highspy; pip install"):

@@ -66,6 +66,7 @@ def test_lines_of_sight_pass_through_targets(tracer):
     assert found.any()
 
 
+@pytest.mark.slow
 def test_columns_of_the_matrix_are_those_without_targets(tmp_path):
     poses = on_box(ROOM, CAMERA, spacing=1.5, aim=at_point((0, 0, 1)), outward=-0.3).poses
     task, rows = rc.Task(min_coverage=0.3), {}

@@ -54,6 +54,7 @@ def test_leaving_a_camera_out_is_what_the_others_cover(objective):
         assert camera.own_faces == (whole & ~left).sum()
 
 
+@pytest.mark.slow
 def test_every_draw_is_what_its_disturbed_poses_cover(objective):
     result = tolerance(objective, POSES, SOME, draws=6, seed=8)
     disturbed = disturbed_poses(POSES, SOME, 6, np.random.default_rng(8))
@@ -71,6 +72,7 @@ def test_every_draw_is_what_its_disturbed_poses_cover(objective):
     assert result.evaluations == 4 * 7
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_draws_however_they_are_batched(objective, monkeypatch):
     one, other = (tolerance(objective, POSES, SOME, draws=7, seed=seed) for seed in (2, 3))
     monkeypatch.setattr(tolerance_module, "PAIRS_AT_ONCE", 1)
@@ -90,6 +92,7 @@ def test_greater_errors_leave_less(objective):
     assert means[0] > means[1] > means[2]
 
 
+@pytest.mark.slow
 @given(shares=st.lists(st.floats(0, 1), min_size=1, max_size=50))
 def test_quantiles_are_draws_in_order_and_the_first_is_the_worst(shares):
     spread = Spread.of(np.array(shares))

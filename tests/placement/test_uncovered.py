@@ -54,6 +54,7 @@ def around(count, seed, radius=3.0):
     return rc.look_at(eyes, rng.uniform(-0.2, 0.2, (count, 3)))
 
 
+@pytest.mark.slow
 @given(seed=st.integers(0, 10_000), cameras=st.integers(1, 6))
 @examples(8)
 def test_the_reason_is_that_of_the_nearest_camera_and_no_camera_gets_further(seed, cameras):
@@ -195,6 +196,7 @@ def test_candidates_are_counted_as_in_a_matrix_of_them():
     assert (one.n_covering[one.left] == counts[one.left]).all()
 
 
+@pytest.mark.slow
 def test_no_more_than_two_batches_of_candidates_are_held_at_a_time(monkeypatch):
     mesh, poses = shapes.torus(10, 8), around(300, 5, 4.0)
     batches, alive = [], []

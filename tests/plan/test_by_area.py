@@ -77,6 +77,7 @@ def exact_share(found):
 # --- selection ------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_plan_by_area_chooses_about_as_well_as_greedy_on_exact_areas():
     found = placed(PLAN)
     _, best = greedy_by_area(MESH, CAMERA, POSES, TASK, 4)
@@ -88,6 +89,7 @@ def test_a_plan_by_area_chooses_about_as_well_as_greedy_on_exact_areas():
     assert exact_share(by_face) < found.cameras.share - 0.05
 
 
+@pytest.mark.slow
 def test_shares_on_cells_and_of_the_exact_area_are_both_named():
     found = placed(PLAN)
     told = report.summary(found)
@@ -101,6 +103,7 @@ def test_shares_on_cells_and_of_the_exact_area_are_both_named():
     assert "\nexact area: " in text
 
 
+@pytest.mark.slow
 def test_the_size_of_cells_is_chosen_from_the_scene():
     found = placed(PLAN.replace("resolution_of_result = 0.5", ""))
     assert 2_000 <= report.summary(found)["matrix"]["cells"] <= 10_096
@@ -112,6 +115,7 @@ def test_a_plan_by_face_does_as_if_there_were_no_cells():
     assert "covered_area" not in told
 
 
+@pytest.mark.slow
 def test_a_plan_by_face_names_what_it_leaves_out():
     by_face = PLAN.replace("resolution_of_result = 0.5", 'by = "face"')
     found = placed(by_face)
@@ -123,6 +127,7 @@ def test_a_plan_by_face_names_what_it_leaves_out():
     assert "point by point" not in "\n".join(report.lines(placed(PLAN)))
 
 
+@pytest.mark.slow
 def test_a_matrix_is_used_again_and_one_of_other_cells_is_not():
     folders = []
     for size in (0.5, 0.5, 0.4):
@@ -137,6 +142,7 @@ def test_a_matrix_is_used_again_and_one_of_other_cells_is_not():
 # --- goals and requirements -----------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("share", [0.5, 0.6, 0.65, 0.7])
 @pytest.mark.parametrize("size", [0.5, 2.0])
 def test_a_goal_that_can_be_reached_is_met_by_exact_area(share, size):
@@ -180,6 +186,7 @@ def test_nothing_that_can_be_covered_is_a_network_without_cameras():
 OF_REACHABLE = FEWEST.replace("0.7", "0.9\nof_reachable = true")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("views", ["1", "2", "{ boxes = 2 }"])
 def test_a_share_of_what_is_reachable_is_of_the_exact_area_of_all_candidates(views):
     found = placed(
@@ -200,6 +207,7 @@ def test_a_share_of_what_is_reachable_is_of_the_exact_area_of_all_candidates(vie
     assert "of the area that all candidates cover, 90.0 % wanted" in required.words()
 
 
+@pytest.mark.slow
 def test_a_share_of_what_is_reachable_is_judged_on_cells_where_the_area_is_not_known(monkeypatch):
     monkeypatch.setattr(plan_run, "MOST_PAIRS", 0)
     found = placed(OF_REACHABLE)
@@ -237,6 +245,7 @@ def test_a_required_area_holds_fails_or_is_not_decided(views):
             assert ("not decided" in found.words()) == (status == UNDECIDED)
 
 
+@pytest.mark.slow
 def test_check_judges_by_exact_area_and_place_agrees():
     found = placed(FEWEST)
     write_poses("rig.json", found.cameras.poses)
@@ -265,6 +274,7 @@ draws = 5
 """
 
 
+@pytest.mark.slow
 def test_later_steps_work_on_cells_and_never_lose_exact_area(monkeypatch):
     plain, short = plan_run.refine, {"halvings": 1}
     monkeypatch.setattr(plan_run, "refine", lambda *given, **more: plain(*given, **more, **short))
@@ -280,6 +290,7 @@ def test_later_steps_work_on_cells_and_never_lose_exact_area(monkeypatch):
     assert text.startswith("Faces of which some part is not covered")
 
 
+@pytest.mark.slow
 def test_progress_of_a_refinement_has_its_budget_as_total():
     seen = []
 
@@ -298,6 +309,7 @@ def test_progress_of_a_refinement_has_its_budget_as_total():
     assert found.refined.status == "budget spent"
 
 
+@pytest.mark.slow
 def test_moves_that_lose_exact_area_are_not_taken(monkeypatch):
     def worse(objective, space, poses, **_):
         found = plain(objective, space, poses, budget=len(poses), seed=0)
@@ -317,6 +329,7 @@ def test_moves_that_lose_exact_area_are_not_taken(monkeypatch):
     assert report.summary(found)["improvement"]["refinement"]["taken"] is False
 
 
+@pytest.mark.slow
 def test_an_interrupt_while_the_area_is_measured_keeps_the_selection():
     @contextmanager
     def step(name):
@@ -336,6 +349,7 @@ def test_an_interrupt_while_the_area_is_measured_keeps_the_selection():
 # --- refusals -------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("entries", "line"),
     [
@@ -365,6 +379,7 @@ def test_a_resolution_that_cannot_be_is_one_line(entries, line):
     assert not Path("out").exists()
 
 
+@pytest.mark.slow
 def test_the_size_that_is_named_fits():
     with pytest.raises(PlanError) as caught:
         placed(PLAN.replace("= 0.5", "= 1e-5"))
@@ -372,6 +387,7 @@ def test_the_size_that_is_named_fits():
     assert len(rc.cells(MESH, size)) <= 5_000_000
 
 
+@pytest.mark.slow
 def test_cells_larger_than_the_scene_are_whole_faces():
     found = placed(PLAN.replace("= 0.5", "= 1e6"))
     assert report.summary(found)["matrix"]["cells"] == MESH.n_faces

@@ -71,6 +71,7 @@ def names_of(found):
     return [found.prepared.camera.names[row] for row in found.cameras.placed.camera]
 
 
+@pytest.mark.slow
 def test_a_plan_of_one_type_is_the_plan_of_its_camera():
     refined = FEWEST + "\nrefine = true\nrefine_budget = 400\n[selection.tolerance]\ndraws = 3"
     one = placed("[camera]\n" + WIDE, refined)
@@ -87,6 +88,7 @@ def plain(value):
     return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("goal", [FEWEST, BUDGET.format(3)])
 def test_of_two_equal_types_the_cheap_one_is_chosen(goal):
     dear, cheap = f"{WIDE}cost = 2", f"{WIDE}cost = 1"
@@ -97,6 +99,7 @@ def test_of_two_equal_types_the_cheap_one_is_chosen(goal):
     assert found.cameras.share == alone.cameras.share
 
 
+@pytest.mark.slow
 def test_types_are_chosen_by_what_they_give_for_their_cost():
     cameras = types(wide=f"{WIDE}cost = 1", long=f"{LONG}cost = {{}}")
     near = placed(cameras.format(4), BUDGET.format(4))
@@ -109,6 +112,7 @@ def test_types_are_chosen_by_what_they_give_for_their_cost():
     assert far.selection.cost == sum(costs[name] for name in names_of(far))
 
 
+@pytest.mark.slow
 def test_the_choice_within_a_budget_is_the_best_of_all():
     cameras = types(wide=f"{WIDE}cost = 2", long=f"{LONG}cost = 3")
     goal = BUDGET.format(5) + '\nmethod = "integer"'
@@ -168,6 +172,7 @@ def test_poses_of_a_file_may_name_their_cameras():
     ]  # fmt: skip
 
 
+@pytest.mark.slow
 def test_check_and_evaluate_read_back_what_place_has_written():
     cameras = types(wide=f"{WIDE}cost = 1", long=f"{LONG}cost = 2")
     found = placed(cameras, BUDGET.format(5), density=1500)
@@ -189,6 +194,7 @@ def test_check_and_evaluate_read_back_what_place_has_written():
     assert [each["poses"] for each in apart] == [names_of(found).count(n) for n in plan.rig.names]
 
 
+@pytest.mark.slow
 def test_moved_cameras_keep_their_types():
     cameras = types(wide=f"{WIDE}cost = 1", long=f"{LONG}cost = 2")
     goal = BUDGET.format(5) + "\nrefine = true\nrefine_budget = 500\n[selection.tolerance]\ndraws=2"

@@ -57,6 +57,7 @@ def placed(text, out):
     return place(read_plan("plan.toml"), Path(out))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "text",
     [
@@ -92,6 +93,7 @@ def test_bits_choose_the_cameras_of_lists(monkeypatch, text):
         assert report.summary(found)["matrix"]["held_as"] == words
 
 
+@pytest.mark.slow
 def test_a_further_matrix_may_make_the_first_one_bits(monkeypatch):
     lists = placed(CAVITIES, "lists")
     monkeypatch.setattr(held_module, "MOST_LISTED_PAIRS", lists.prepared.pairs - 1)
@@ -100,6 +102,7 @@ def test_a_further_matrix_may_make_the_first_one_bits(monkeypatch):
     np.testing.assert_array_equal(bits.selection.chosen, lists.selection.chosen)
 
 
+@pytest.mark.slow
 def test_an_angle_and_the_integer_program_take_lists_of_any_size(monkeypatch):
     monkeypatch.setattr(held_module, "MOST_LISTED_PAIRS", 0)
     angle = BY_FACE.replace("min_pixels = 20", "min_pixels = 20\nviews = 2\nmin_angle_deg = 10")

@@ -96,6 +96,7 @@ def checked(plan, found, share):
     return check(plan, Path("poses.json"), limits(plan, share, []))
 
 
+@pytest.mark.slow
 def test_a_plan_without_distortion_chooses_and_moves_the_cameras_of_the_pinhole():
     _, pinhole = placed(OUTSIDE, PINHOLE)
     plan, flat = placed(OUTSIDE, FLAT)
@@ -132,6 +133,7 @@ def test_what_is_placed_with_a_lens_holds_in_a_check(scene, camera):
     assert not checked(plan, found, min(1.0, share + 0.02)).is_met
 
 
+@pytest.mark.slow
 def test_a_camera_that_sees_to_all_sides_replaces_several():
     _, wide = placed(INSIDE, PANORAMA)
     _, narrow = placed(INSIDE.replace("aim =", "aim = [{{ middle = true }}] #"), PINHOLE)

@@ -436,6 +436,7 @@ def masks():
     return st.lists(st.tuples(*[st.booleans()] * 3), min_size=12, max_size=12)
 
 
+@pytest.mark.slow
 @given(masks(), st.floats(0, 1))
 def test_a_requirement_holds_fails_or_is_not_decided(rows, limit):
     mesh = shapes.box()
@@ -466,6 +467,7 @@ def altered(coverage, visibility):
     return gates & (product >= task.min_coverage) & (product > 0)
 
 
+@pytest.mark.slow
 @settings(max_examples=25)
 @given(
     st.integers(0, 10_000),

@@ -73,6 +73,7 @@ def is_steady(calls):
     return done == sorted(done) and all(total > 0 and n <= total for n, total in calls)
 
 
+@pytest.mark.slow
 def test_every_long_step_of_place_has_a_total(plan, tmp_path):
     steps = Watcher()
     placed = place(plan, tmp_path, steps)
@@ -96,6 +97,7 @@ def test_both_steps_of_check_have_a_total(plan, tmp_path):
         assert steps.calls[name][-1][0] == steps.calls[name][-1][1] > 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("step", "poses"), [("search", 0), ("search", 13), ("refinement", 200), ("tolerance", 4)]
 )

@@ -77,6 +77,7 @@ def figures(found):
     return json.loads(json.dumps(summary, default=lambda value: np.asarray(value).tolist()))
 
 
+@pytest.mark.slow
 def test_a_rig_of_one_camera_is_placed_as_that_camera():
     goal = TWO + "\nrefine = true\nrefine_budget = 300"
     alone = placed(EYE, goal)
@@ -88,6 +89,7 @@ def test_a_rig_of_one_camera_is_placed_as_that_camera():
     assert set(rig.cameras.placed.camera) == {1}  # a camera on a rig is no candidate of its own
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("task", [BY_AREA, 'by = "face"\nmin_pixels = 4'])
 def test_two_rigs_are_four_cameras(task):
     goal = TWO + "\nrefine = true\nrefine_budget = 300\n[selection.tolerance]\ndraws = 2"
@@ -115,6 +117,7 @@ def test_two_rigs_are_four_cameras(task):
     }  # fmt: skip
 
 
+@pytest.mark.slow
 def test_rigs_compete_with_lone_cameras_by_cost():
     def names(cost):
         rigs = PAIR + f"[rigs.pair]\ncost = {cost}\n"
@@ -126,6 +129,7 @@ def test_rigs_compete_with_lone_cameras_by_cost():
     assert names(1.0) == ["pair", "pair"]
 
 
+@pytest.mark.slow
 def test_check_reads_the_cameras_of_rigs_back():
     found = placed(EYE + PAIR)
     content = json.loads(
@@ -154,6 +158,7 @@ def test_a_rig_may_be_a_file():
     assert len(place(plan, None).cameras.placed) == 4
 
 
+@pytest.mark.slow
 def test_the_page_has_the_cameras_of_rigs(tmp_path):
     goal = TWO + "\n[selection.tolerance]\ndraws = 2"
     plan = plan_of(EYE + PAIR, goal, page="true")
@@ -199,6 +204,7 @@ def seen_again(found):
     return check(plan, Path("poses.json"), limits(plan, 0.001, [])).cameras
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("task", ["views = 2", "min_angle_deg = 4", "views = 2\nmin_angle_deg = 6"])
 @pytest.mark.parametrize("method", ["greedy", "integer"])
 def test_two_cameras_of_a_rig_are_two_views_of_a_face(task, method):
@@ -217,6 +223,7 @@ def test_two_cameras_of_a_rig_are_two_views_of_a_face(task, method):
     np.testing.assert_array_equal(seen_again(found).covered, found.cameras.covered)
 
 
+@pytest.mark.slow
 def test_views_by_area_are_those_of_the_cameras():
     task = BY_AREA + "\nviews = 2"
     one = placed(EYE + TWIN, ONE, task=task, entry='cameras = ["twin"]')
@@ -231,6 +238,7 @@ def test_views_by_area_are_those_of_the_cameras():
     )
 
 
+@pytest.mark.slow
 def test_a_plan_with_rigs_and_views_resumes_from_its_shards(tmp_path):
     plan = plan_of(EYE + TWIN, task=BY_AREA + "\nviews = 2")
     first = place(plan, tmp_path / "out")

@@ -63,6 +63,7 @@ def assert_same_as_cpu(found, expected, slope=0.0):
     assert_same(found, {name: expected[name] for name in expected if name != "depth"})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("supersample", "roll"), [(1, 0.0), (2, 0.0), (1, 0.4), (3, -1.1)])
 def test_it_fills_what_the_cpu_fills(open_compute, scene, supersample, roll):
     mesh, poses = scene
@@ -135,6 +136,7 @@ def test_large_images_are_filled_whole(open_compute, many_large):
     assert counts.drawn.max() > 1_000_000
 
 
+@pytest.mark.slow
 def test_a_queue_that_is_always_full_is_not_waited_for(open_compute, monkeypatch):
     read = Resources.read_words
 
@@ -317,6 +319,7 @@ def test_mesh_beyond_the_largest_storage_block_is_refused(device, monkeypatch):
         GLRasterizer(mesh, CAMERA, device=device, plan="compute")
 
 
+@pytest.mark.slow
 def test_storage_blocks_that_hold_little_change_nothing(device, monkeypatch):
     mesh, poses = large_and_small()
     with GLRasterizer(mesh, CAMERA, device=device, plan="compute") as rasterizer:

@@ -62,6 +62,7 @@ def test_any_assembly_of_coplanar_faces_is_seen_as_by_the_reference(open_raster,
         assert len(wrong) <= 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("options", [{"supersample": 2}, {"supersample": 2, "roll": 0.4}])
 def test_overlaps_are_counted_as_they_are_drawn(open_raster, options):
     # The lower sheet hides the upper one wherever both are.
@@ -88,6 +89,7 @@ def test_draws_and_tiles_change_nothing_where_faces_overlap(open_gl, limits):
             assert (face == whole.render(pose).face).mean() > 0.99
 
 
+@pytest.mark.slow
 def test_a_body_that_stands_on_another_is_hidden_where_they_touch(open_raster):
     # Closed, so that back faces are left out; the camera below sees the undersides.
     lower = shapes.box((1, 1, 1))
@@ -99,6 +101,7 @@ def test_a_body_that_stands_on_another_is_hidden_where_they_touch(open_raster):
             assert not len(wrong_samples(mesh, CAMERA, pose, rasterizer.render(pose).face))
 
 
+@pytest.mark.slow
 def test_an_edge_on_face_does_not_come_before_what_hides_it(open_gl):
     # Two panels of one plane through the eye, behind a screen: their edges may not shine through.
     panel = np.array(((0, -1, 3), (0, 1, 3), (0, 1, 5), (0, -1, 3), (0, 1, 5), (0, -1, 5.0)))

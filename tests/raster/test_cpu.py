@@ -240,6 +240,7 @@ def owned(corners, width, height):
     return inside, turn < 0
 
 
+@pytest.mark.slow
 @given(
     st.sampled_from(IMAGES),
     st.lists(TRIANGLES, min_size=1, max_size=24),

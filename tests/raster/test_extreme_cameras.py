@@ -64,6 +64,7 @@ LONG_LENSES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lens", LENSES)
 def test_any_lens_is_right_on_all_rasterisers(open_raster, lens):
     camera = Camera(width=64, height=48, **LENSES[lens])

@@ -276,6 +276,7 @@ def test_forced_software_skips_hardware_devices(monkeypatch):
     assert devices.candidates("auto")[0][0] == GPU
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "environment",
     [
@@ -376,6 +377,7 @@ def test_use_after_release_is_an_error(context):
             attempt()
 
 
+@pytest.mark.slow
 def test_a_forked_child_is_told_instead_of_hanging(context):
     code = """
 import os, warnings
@@ -436,6 +438,7 @@ def test_a_forgotten_context_warns_and_is_released(context):
     context.make_current()
 
 
+@pytest.mark.slow
 def test_an_open_context_does_not_disturb_the_exit_of_python(context):
     code = (
         "from rastercov.raster.gl.context import open_context\n"
@@ -445,6 +448,7 @@ def test_an_open_context_does_not_disturb_the_exit_of_python(context):
     assert (done.returncode, done.stderr) == (0, "")
 
 
+@pytest.mark.slow
 def test_thirty_contexts_one_after_another_keep_memory_flat(context):
     code = """
 from pathlib import Path

@@ -73,6 +73,7 @@ EACH_ONCE = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("scene", "lens"), EACH_ONCE)
 def test_it_draws_what_the_cpu_draws(device, scene, lens):
     mesh, poses = SCENES[scene]
@@ -83,6 +84,7 @@ def test_it_draws_what_the_cpu_draws(device, scene, lens):
 HOSTILE = {name: camera.resized(0.4) for name, camera in LENSES.items()}
 
 
+@pytest.mark.slow
 @examples(12)
 @given(seed=st.integers(0, 2**32 - 1), lens=st.sampled_from(list(HOSTILE)))
 def test_hostile_meshes_are_drawn_as_by_the_cpu(gl_context, seed, lens):
@@ -106,6 +108,7 @@ def test_hostile_meshes_are_drawn_as_by_the_cpu(gl_context, seed, lens):
     assert_as_on_the_cpu(gl_context, mesh, camera, poses, **options)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("small", [512, -1])
 def test_samples_on_edges_and_corners_belong_to_the_faces_of_the_cpu(device, monkeypatch, small):
     """A sheet whose corners are places of samples, all numbers of which are exact."""
@@ -139,6 +142,7 @@ def test_samples_on_edges_and_corners_belong_to_the_faces_of_the_cpu(device, mon
     assert counts["visible"].sum() >= 25 * len(corners) * 0.8
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("small", [512, -1])
 def test_faces_as_thin_as_rounding_cover_the_samples_of_the_cpu(device, monkeypatch, small):
     """Faces along the rays of samples, 1e-16 wide, the sign of whose area is that of rounding."""
@@ -171,6 +175,7 @@ def test_faces_as_thin_as_rounding_cover_the_samples_of_the_cpu(device, monkeypa
     assert (own == np.arange(len(rays))).sum() == (image >= 0).sum()  # none shows beside its ray
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("sizes", "lens"),
     [
@@ -192,6 +197,7 @@ def test_how_faces_are_shared_out_changes_nothing(device, monkeypatch, lens, siz
     assert_as_on_the_cpu(device, mesh, LENSES[lens], poses)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "limits",
     [
@@ -216,6 +222,7 @@ def test_limits_of_the_device_change_nothing(device, monkeypatch, limits):
             assert_same(everything(found, poses), everything(expected, poses))
 
 
+@pytest.mark.slow
 def test_bands_without_a_ray_are_background(device):
     mesh, poses = SCENES["room"]
     camera = dataclasses.replace(LENSES["strong"], max_angle_deg=15)
@@ -242,6 +249,7 @@ def test_storage_blocks_that_hold_little_change_nothing_or_are_refused(device, m
             GLRasterizer(few, camera, device=device)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n_faces", [60, pytest.param(400, marks=nightly)])
 def test_a_queue_that_is_too_small_is_filled_again_with_less(device, monkeypatch, n_faces):
     rng = np.random.default_rng(2)
@@ -285,6 +293,7 @@ def test_a_queue_that_is_always_full_is_not_waited_for(device, monkeypatch):
         GLRasterizer(shapes.box(), LENSES["strong"], device=device)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lens", ["strong", "equirectangular"])
 @pytest.mark.parametrize(
     "limits", [pytest.param({}, marks=pytest.mark.slow), {"max_faces_a_draw": 7, "max_tile": 32}]
@@ -311,6 +320,7 @@ def test_targets_are_counted_as_on_the_cpu(device, lens, limits):
     assert 0 < (visible[:, hidden] < drawn[:, hidden]).sum() < 60
 
 
+@pytest.mark.slow
 def test_each_pose_of_a_rig_has_the_counts_of_its_camera(device):
     mesh, _ = SCENES["closed"]
     pinhole = Camera(width=100, height=80, fx=90, fy=95)
@@ -363,6 +373,7 @@ def test_large_images_are_filled_whole(device):
     assert counts.drawn.max() > 0.9 * camera.width * camera.height
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lens", LENSES)
 def test_cells_hold_the_samples_of_the_plane(lens):
     """In each cell of each level: first and last column, first and last row of its samples."""
@@ -440,6 +451,7 @@ with open_context("surfaceless") as context:
     assert run.stdout == "True False\n"
 
 
+@pytest.mark.slow
 @pytest.mark.hardware
 @pytest.mark.parametrize("lens", LENSES)
 @pytest.mark.parametrize("scene", SCENES)

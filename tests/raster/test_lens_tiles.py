@@ -79,6 +79,7 @@ def counted(corners, patch):
     return counts
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lens", LENSES)
 @settings(max_examples=25)
 @given(seed=st.integers(0, 2**32 - 1), size=st.floats(0.003, 3.0))
@@ -96,6 +97,7 @@ def test_every_sample_of_a_face_is_in_a_tile_of_it(lens, seed, size):
     assert n_samples > 2000
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lens", ["brown", "wide fisheye"])
 def test_every_sample_of_a_face_is_within_its_chords(lens):
     """Faces of a few samples, which reach their tiles through the lens."""
@@ -109,6 +111,7 @@ def test_every_sample_of_a_face_is_within_its_chords(lens):
     assert (counts[:, 2] & (counts[:, 1] > 0)).sum() > 300
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lens", LENSES)
 def test_boxes_hold_the_samples_of_their_tiles(lens):
     for patch in patches_of(lens):
@@ -129,6 +132,7 @@ def test_boxes_hold_the_samples_of_their_tiles(lens):
         assert (y[is_live] <= patch.high[1]).all()
 
 
+@pytest.mark.slow
 def test_counts_do_not_depend_on_the_size_of_tables(monkeypatch):
     mesh = shapes.torus(20, 30)
     pose = np.eye(4)

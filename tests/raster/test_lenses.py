@@ -139,6 +139,7 @@ def in_camera(mesh, pose):
     return ((mesh.vertices - pose[:3, 3]) @ pose[:3, :3])[mesh.faces]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "open_lens", ["cpu", pytest.param("compute", marks=pytest.mark.slow)], indirect=True
 )
@@ -167,6 +168,7 @@ def test_each_sample_shows_the_face_its_ray_meets(open_lens, scene, lens):
         assert np.isinf(depth[shown < 0]).all()
 
 
+@pytest.mark.slow
 def test_positions_agree_with_opencv():
     cv2 = pytest.importorskip("cv2")
     camera = CAMERAS["brown"]
@@ -184,6 +186,7 @@ def test_positions_agree_with_opencv():
     assert (expected >= 0).mean() > 0.1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lens", CAMERAS)
 @pytest.mark.parametrize(("supersample", "roll"), [(1, 0.0), (2, 0.0), (1, 0.4), (3, -1.1)])
 def test_closed_room_leaves_no_live_sample_without_a_face(open_lens, lens, supersample, roll):
@@ -201,6 +204,7 @@ def test_closed_room_leaves_no_live_sample_without_a_face(open_lens, lens, super
     assert counts.drawn.sum() == counts.visible.sum()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lens", ["brown", "wide"])
 @pytest.mark.parametrize(("supersample", "roll"), [(2, 0.0), (1, 0.4)])
 def test_counts_are_of_rays_at_the_samples_of_the_grid(open_lens, lens, supersample, roll):
@@ -220,6 +224,7 @@ def test_counts_are_of_rays_at_the_samples_of_the_grid(open_lens, lens, supersam
     assert counts.visible.sum() + counts.background[0] == grid.n_samples
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scene", SCENES)
 def test_without_distortion_counts_are_those_of_the_pinhole(scene):
     mesh, poses = SCENES[scene]
@@ -244,6 +249,7 @@ def test_without_distortion_counts_are_those_of_the_pinhole(scene):
     np.testing.assert_allclose(image.depth[same], by_table.depth[same], rtol=1e-5)
 
 
+@pytest.mark.slow
 @BY
 @settings(max_examples=25, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), lens=st.sampled_from(list(CAMERAS)), is_welded=st.booleans())
@@ -273,6 +279,7 @@ def test_sample_at_a_corner_of_a_fan_belongs_to_one_face(gl_context, by, seed, l
     assert counts.drawn.sum() == counts.visible.sum() == (image.face >= 0).sum()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lens", ["brown", "wide"])
 def test_near_plane_cuts_as_in_the_exact_method(open_lens, lens):
     camera = CAMERAS[lens]
@@ -291,6 +298,7 @@ def test_near_plane_cuts_as_in_the_exact_method(open_lens, lens):
         assert area.sum() > 100
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lens", ["brown", "kannala", "wide"])
 def test_sampled_areas_are_within_their_bound_of_certified_ones(lens):
     (mesh, poses), camera = SCENES["torus"], CAMERAS[lens]
@@ -328,6 +336,7 @@ def test_targets_hide_nothing_and_are_counted_against_surfaces(open_lens):
     assert (counts.visible[0, 4:] == 0).all()
 
 
+@pytest.mark.slow
 def test_bands_of_rows_add_up_to_the_whole():
     (mesh, poses), camera = SCENES["torus"], CAMERAS["wide"]
     with LensRasterizer(mesh, camera, supersample=2, roll=0.3) as rasterizer:
@@ -343,6 +352,7 @@ def test_bands_of_rows_add_up_to_the_whole():
     assert no_drawn.drawn is None
 
 
+@pytest.mark.slow
 def test_pixels_without_a_ray_are_background(open_lens):
     camera = Camera(
         width=200, height=160, fx=110, fy=110, model="opencv", distortion=(-0.35, 0, 0, 0)

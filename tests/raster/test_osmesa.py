@@ -25,6 +25,7 @@ def images(mesh, camera, poses, device, plan):
         return [rasterizer.render(pose) for pose in poses], rasterizer.count(poses)
 
 
+@pytest.mark.slow
 def test_osmesa_gives_the_bits_of_egl(osmesa_context, gl_context, plan, scene):
     mesh, poses = scene
     if osmesa_context.info.version != gl_context.info.version:
@@ -47,6 +48,7 @@ def test_osmesa_sees_what_the_reference_sees(osmesa_context, plan, scene):
         assert_same_image(found.face, expected.face, mesh, CAMERA, pose)
 
 
+@pytest.mark.slow
 def test_osmesa_differs_from_the_cpu_at_few_samples_and_all_of_these_are_ambiguous(
     osmesa_context, plan, scene
 ):

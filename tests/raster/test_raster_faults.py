@@ -228,6 +228,7 @@ def test_every_method_of_a_closed_rasteriser_says_so(open_raster):
         again.count(POSES)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("take", [copy.copy, copy.deepcopy, pickle.dumps])
 def test_what_holds_a_device_or_scratch_memory_cannot_be_copied_or_pickled(open_raster, take):
     rasterizer = open_raster(MESH, CAMERA)
@@ -262,6 +263,7 @@ def test_rasteriser_leaves_the_callers_context_open(device):
     assert device.gl.error == "GL_NO_ERROR"
 
 
+@pytest.mark.slow
 def test_rasterisers_take_turns_on_one_context(open_gl):
     first, second = open_gl(MESH, CAMERA), open_gl(shapes.box(), CAMERA, supersample=2)
     expected = first.count(POSES), second.count(POSES)
@@ -273,6 +275,7 @@ def test_rasterisers_take_turns_on_one_context(open_gl):
     np.testing.assert_array_equal(second.count(POSES).drawn, expected[1].drawn)
 
 
+@pytest.mark.slow
 def test_rasterisers_take_turns_on_two_contexts(open_gl):
     first = open_gl(MESH, CAMERA)
     expected = first.count(POSES)
@@ -412,6 +415,7 @@ def test_face_that_does_not_exist_is_refused(device, monkeypatch):
             rasterizer.count(POSES)
 
 
+@pytest.mark.slow
 def test_interrupted_counting_leaves_the_next_one_right(rasterizer, monkeypatch):
     expected = rasterizer.count(POSES)
     steps = ((Resources, "read_words"), (Scene, "draw"), (Compute, "_fill"), (Resources, "poll"))

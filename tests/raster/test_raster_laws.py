@@ -128,6 +128,7 @@ def test_counts_equal_reference_within_ambiguous_samples(open_raster, scene):
         assert np.abs(counts.drawn[row] - view.drawn).sum() <= 0.02 * view.drawn.sum()
 
 
+@pytest.mark.slow
 def test_render_is_what_count_counts(open_raster, scene):
     mesh, poses = scene
     with open_raster(mesh, CAMERA) as rasterizer:
@@ -139,6 +140,7 @@ def test_render_is_what_count_counts(open_raster, scene):
             assert found[0] == counts.background[row]
 
 
+@pytest.mark.slow
 def test_faces_and_background_add_up_to_all_samples(open_raster, scene):
     (mesh, poses), supersample = scene, 2
     with open_raster(mesh, CAMERA, supersample=supersample) as rasterizer:
@@ -161,6 +163,7 @@ def test_finer_samples_are_those_of_a_larger_image(open_raster):
         assert_same_counts(fine.count(poses), whole.count(poses))
 
 
+@pytest.mark.slow
 @shown_by_two
 def test_lone_face_is_fully_visible(open_raster):
     rng = np.random.default_rng(1)
@@ -170,6 +173,7 @@ def test_lone_face_is_fully_visible(open_raster):
         np.testing.assert_array_equal(counts.visible, counts.drawn)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "supersample"), [(0, 1), (1, 2), (2, 3)])
 def test_shared_edge_samples_belong_to_exactly_one_face(open_raster, seed, supersample):
     mesh = shapes.tessellated_plane(30, 20, 4.0, 3.0, seed=seed)
@@ -360,6 +364,7 @@ def test_rolled_counts_are_those_of_tiles_and_draws_together(open_gl, options):
             assert_rolled_counts(rasterizer.count(pose), mesh, SMALL, pose, 1, 0.4)
 
 
+@pytest.mark.slow
 @shown_by_two
 def test_wide_and_narrow_images_are_counted_whole_when_rolled(open_raster):
     mesh = square(1e3, 1)
@@ -677,6 +682,7 @@ def test_both_sides_of_an_open_sheet_are_drawn(open_raster):
     np.testing.assert_array_equal(counts.visible, counts.drawn)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("mesh", "eye"), [(shapes.box(n=3), 0.1), (shapes.sphere(2), 0.3)])
 def test_camera_inside_a_closed_body_sees_its_inner_side(open_raster, mesh, eye):
     pose = look_at((eye, 0, 0), (1, 2, 0.5))
@@ -707,6 +713,7 @@ def test_culling_back_faces_changes_no_clear_sample(open_raster, name):
 # --- the near plane -------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_face_through_the_near_plane_is_cut_there(open_raster):
     mesh = triangles(((-0.5, 0.25, 3), (0.5, 0.25, 3), (0, 0.25, -1)))
     camera = Camera(width=400, height=400, fx=100, fy=100, cx=200, cy=100, near=1 / 8)
@@ -736,6 +743,7 @@ def test_near_plane_cuts_as_in_the_reference(open_raster, near):
         assert counts.clipped[0] == is_cut
 
 
+@pytest.mark.slow
 def test_clipped_says_whether_a_surface_in_view_was_cut(open_raster):
     camera = Camera(width=200, height=200, fx=100, fy=100, near=1.0)
     meshes = {
@@ -753,6 +761,7 @@ def test_clipped_says_whether_a_surface_in_view_was_cut(open_raster):
             assert rasterizer.count(AHEAD).clipped[0] == expected, name
 
 
+@pytest.mark.slow
 @shown_by_two
 def test_mesh_behind_the_camera_is_not_seen(open_raster, scene):
     mesh, _ = scene
@@ -837,6 +846,7 @@ def test_tiles_make_the_whole_image(open_gl, scene):
     np.testing.assert_array_equal(counts.clipped, expected.clipped)
 
 
+@pytest.mark.slow
 def test_image_beyond_the_largest_tile_of_the_device(open_raster):
     mesh = shapes.tessellated_plane(40, 2, 3000.0, 1.0)
     camera = Camera(width=17000, height=5, fx=5, fy=5)

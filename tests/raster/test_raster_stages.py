@@ -78,6 +78,7 @@ def camera_of(rng):
     return camera
 
 
+@pytest.mark.slow
 @given(SEEDS, st.integers(1, 8), st.booleans())
 @settings(max_examples=25, deadline=None)
 @np.errstate(all="ignore")  # points in the plane of the camera
@@ -101,6 +102,7 @@ def test_vertices_are_projected_alike(seed, n_vectors, is_safe):
     assert box == (x.min(), x.max(), y.min(), y.max())
 
 
+@pytest.mark.slow
 @given(SEEDS, st.booleans())
 @settings(max_examples=25, deadline=None)
 def test_clusters_are_culled_alike(seed, hides_backs):
@@ -238,6 +240,7 @@ def rows(array, n):
     return array[: n * LANES].reshape(n, LANES)
 
 
+@pytest.mark.slow
 @given(SEEDS, st.sampled_from((1, 3, 12, 60)), st.booleans())
 @settings(max_examples=25, deadline=None)
 def test_faces_are_culled_and_binned_alike(seed, scale, is_flawed):
@@ -250,6 +253,7 @@ def test_faces_are_culled_and_binned_alike(seed, scale, is_flawed):
     assert_equal(scratch.coverage_2x2[:LANES][small], covered[small])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["edges", "edges_64_bit"])
 @given(SEEDS, st.sampled_from((1, 3, 12, 60)))
 @settings(max_examples=25, deadline=None)
@@ -352,6 +356,7 @@ def test_cells_and_clusters_are_bounded_alike(seed):
     assert_equal(split(later, 1)[0], twin.samples_of_later_faces(owner, face))
 
 
+@pytest.mark.slow
 @given(SEEDS)
 @settings(max_examples=25, deadline=None)
 def test_depths_are_tested_alike(seed):

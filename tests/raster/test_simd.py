@@ -247,6 +247,7 @@ def look_up(kind, n):
     return loop
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n", [64, 256])
 @pytest.mark.parametrize("kind", [np.int32, np.float64])
 def test_lanes_are_looked_up_and_gathered_alike(kind, n):
@@ -260,6 +261,7 @@ def test_lanes_are_looked_up_and_gathered_alike(kind, n):
         assert np.array_equal(found[1], table[index])
 
 
+@pytest.mark.slow
 def test_every_mask_is_made_of_bits_and_back():
     loop = by_lanes([lambda a, bits: from_mask(bits).bits()], 2)
     a, bits, found = np.zeros(LANES, np.int32), np.zeros(LANES, np.int64), np.zeros(1, np.int64)
@@ -287,6 +289,7 @@ def list_all(bit_indices, starts, listed):
     return lengths
 
 
+@pytest.mark.slow
 def test_every_mask_is_listed_in_order_behind_what_was_there():
     n_masks, room = 1 << LANES, 3 * LANES
     bit_indices = make_scratch().bit_indices
@@ -325,6 +328,7 @@ def give(owner, at, bits, face):
     return samples_of_face(pointer(owner), at, face)
 
 
+@pytest.mark.slow
 @given(arrays(np.int32, 48, elements=st.integers(0, 3)), st.integers(0, 32), st.integers(0, 65535))
 def test_samples_go_to_a_face_and_no_others_do(owner, at, bits):
     expected, block = owner.copy(), slice(at, at + LANES)

@@ -52,6 +52,7 @@ def ambiguous_counts(mesh, camera, pose, row):
     return int((view.edge_distance <= EDGE).sum() + (view.depth_gap <= 2 * TIE_REL).sum())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("options", [{}, {"supersample": 2, "roll": 0.4}], ids=["plain", "rolled"])
 def test_counts_of_opaque_faces_are_those_without_targets(open_raster, options):
     mesh = in_room(1)
@@ -84,6 +85,7 @@ def reference_counts():
     return found
 
 
+@pytest.mark.slow
 def test_counts_of_targets_equal_those_of_the_reference(open_raster):
     mesh = in_room(2)
     counts = open_raster(mesh, SMALL).count(VIEWS)
@@ -93,6 +95,7 @@ def test_counts_of_targets_equal_those_of_the_reference(open_raster):
     assert counts.visible[:, mesh.target_mask].any()
 
 
+@pytest.mark.slow
 def test_all_devices_count_the_same(open_raster):
     mesh = in_room(3)
     with CPURasterizer(mesh, SMALL, supersample=3, roll=0.3) as rasterizer:
@@ -104,6 +107,7 @@ def test_all_devices_count_the_same(open_raster):
     assert differing.max() <= 2  # where the depths of a surface differ in their last digits
 
 
+@pytest.mark.slow
 def test_tiles_of_an_image_add_up(open_gl):
     mesh = in_room(4)
     whole, tiled = open_gl(mesh, SMALL), open_gl(mesh, SMALL, max_tile=16)
@@ -118,6 +122,7 @@ def test_counts_without_drawn_are_those_with_it(open_raster):
     np.testing.assert_array_equal(alone.visible, rasterizer.count(VIEWS).visible)
 
 
+@pytest.mark.slow
 @given(seed=st.integers(0, 2**32 - 1))
 @examples(60)
 def test_drawn_samples_are_those_of_a_face_that_hides(seed):
@@ -138,6 +143,7 @@ def test_drawn_samples_are_those_of_a_face_that_hides(seed):
     np.testing.assert_array_equal(found.clipped, limits(frame, camera, poses)[2])
 
 
+@pytest.mark.slow
 @given(seed=st.integers(0, 2**32 - 1))
 @examples(60)
 def test_opaque_faces_and_other_targets_keep_their_counts(seed):
@@ -160,6 +166,7 @@ def test_opaque_faces_and_other_targets_keep_their_counts(seed):
     assert (found.visible <= found.drawn).all()
 
 
+@pytest.mark.slow
 def test_two_targets_at_the_same_place_both_count_in_full(open_raster):
     mesh = beside(square(3, 5), square(0.4, 2), square(0.4, 2))
     counts = open_raster(mesh, SQUARE).count([AHEAD])
@@ -168,6 +175,7 @@ def test_two_targets_at_the_same_place_both_count_in_full(open_raster):
     assert (counts.visible[0, 2:] > 0).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("targets_first", [False, True])
 def test_a_target_on_a_surface_is_visible_and_so_is_the_surface(open_raster, targets_first):
     # At an odd distance and angle, so that the depths of the two are rounded differently.
@@ -180,6 +188,7 @@ def test_a_target_on_a_surface_is_visible_and_so_is_the_surface(open_raster, tar
     assert (counts.visible > 0).all()
 
 
+@pytest.mark.slow
 def test_a_scene_of_targets_alone_is_wholly_visible(open_raster):
     mesh = some_as_targets(joined(square(1, 3), square(1, 2), square(2, 4)), np.ones(6, bool))
     rasterizer = open_raster(mesh, SQUARE)
@@ -190,6 +199,7 @@ def test_a_scene_of_targets_alone_is_wholly_visible(open_raster):
     assert (rasterizer.render(AHEAD).face == -1).all()
 
 
+@pytest.mark.slow
 def test_images_name_the_faces_of_the_mesh(open_raster):
     mesh = joined(square(0.4, 2), square(1, 3))
     mesh = some_as_targets(mesh, [True, True, False, False])
@@ -204,6 +214,7 @@ def test_a_camera_inside_a_target_sees_through_it(open_raster):
     assert counts.visible[0, :2].sum() == counts.drawn[0, :2].sum() > 0
 
 
+@pytest.mark.slow
 @given(seed=st.integers(0, 2**32 - 1))
 @examples(200)
 def test_samples_of_a_triangle_are_those_of_the_twin(seed):

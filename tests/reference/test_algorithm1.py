@@ -287,6 +287,7 @@ def area_of(points):
     return abs((bx - ax) * (cy - ay) - (by - ay) * (cx - ax)) / 2
 
 
+@pytest.mark.slow
 @settings(max_examples=30)
 @given(mesh=frontal_sheets(), self_occlusion=st.sampled_from(["definition3", "perspective", None]))
 def test_centroid_sort_is_right_for_sheets_parallel_to_the_image(mesh, self_occlusion):
@@ -294,6 +295,7 @@ def test_centroid_sort_is_right_for_sheets_parallel_to_the_image(mesh, self_occl
     assert same(hidden, *exact(mesh))
 
 
+@pytest.mark.slow
 @settings(max_examples=30)
 @given(mesh=frontal_sheets(), data=st.data())
 def test_centroid_sort_does_not_hang_on_the_numbering(mesh, data):

@@ -142,6 +142,7 @@ def assert_judged(found, task, poses, seen):
                 np.testing.assert_array_equal(one, other, err_msg=name)
 
 
+@pytest.mark.slow
 @given(seeds)
 def test_the_loop_gives_what_its_twin_gives(seed):
     rng = np.random.default_rng(seed)
@@ -156,6 +157,7 @@ def test_a_part_has_the_same_geometry_from_its_twin(name):
         assert_same(mesh, Camera(width=640, height=480, fx=500, fy=450), hostile_pose(rng, mesh))
 
 
+@pytest.mark.slow
 @given(seeds)
 def test_any_observation_is_judged_as_by_the_twin(seed):
     rng = np.random.default_rng(seed)
@@ -166,6 +168,7 @@ def test_any_observation_is_judged_as_by_the_twin(seed):
     assert_judged(found, task, poses, seen)
 
 
+@pytest.mark.slow
 @given(seeds, st.integers(1, 3))
 def test_visible_fractions_are_those_of_the_twin(seed, threads):
     rng = np.random.default_rng(seed)
@@ -222,6 +225,7 @@ def test_a_figure_does_not_depend_on_what_else_is_asked_for(seed, names):
         np.testing.assert_array_equal(getattr(some, name), getattr(whole, name), err_msg=name)
 
 
+@pytest.mark.slow
 @given(seeds, st.sampled_from(CHOICES), st.integers(1, 3))
 def test_rows_of_a_table_are_the_chosen_figures_whatever_the_threads(seed, choice, threads):
     rng = np.random.default_rng(seed)
@@ -244,6 +248,7 @@ def test_rows_of_a_table_are_the_chosen_figures_whatever_the_threads(seed, choic
     np.testing.assert_array_equal(with_rows.reason, network.reason)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["certified", "sampled"])
 @pytest.mark.parametrize("task", [Task(max_incidence_deg=70, min_pixel_density=60), Task.thesis()])
 def test_a_part_is_judged_as_by_the_twin_in_any_number_of_threads(method, task):

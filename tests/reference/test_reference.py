@@ -61,11 +61,13 @@ def exact(case, mesh=None, **options):
 # --- known answers -------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", KNOWN, ids=repr)
 def test_rational_answers_are_exact(case):
     assert exact(case) == list(case.expected)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", KNOWN, ids=repr)
 def test_polygons_answers_are_right(case):
     area = reference.visible_area(case.mesh, case.camera, case.pose)
@@ -161,6 +163,7 @@ def sampling_bound(polygon, spacing):
     return bound
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(8))
 def test_counted_samples_are_within_the_sampling_bound(seed):
     case = hostile(seed)
@@ -220,6 +223,7 @@ def test_visible_areas_add_up_exactly_where_depths_are_exact(case):
     assert sum(exact(case)) == rational.union_area(case.mesh, case.camera, case.pose)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", KNOWN, ids=repr)
 def test_known_areas_add_up(case):
     assert sum(case.expected) == rational.union_area(case.mesh, case.camera, case.pose)
@@ -350,6 +354,7 @@ def is_front(case):
     return np.array(front)
 
 
+@pytest.mark.slow
 @given(of_kind(*exact_cases.KINDS[:6], exact_cases.near_plane, exact_cases.flipped))
 @some
 def test_culling_is_leaving_back_faces_out(case):
@@ -405,6 +410,7 @@ def test_faces_come_in_the_order_asked(module):
     )
 
 
+@pytest.mark.slow
 def test_blocks_of_faces_do_not_show(monkeypatch):
     case = hostile(2)
     everything = polygons.visible_area(case.mesh, case.camera, case.pose)
@@ -436,6 +442,7 @@ def test_exact_areas_are_fractions():
     assert rational.visible_area(case.mesh, case.camera, case.pose).dtype == np.float64
 
 
+@pytest.mark.slow
 def test_without_gmpy2_the_answers_are_the_same(monkeypatch):
     monkeypatch.setitem(sys.modules, "gmpy2", None)
     spec = importlib.util.spec_from_file_location("rational_without_gmpy2", rational.__file__)
@@ -449,6 +456,7 @@ def test_without_gmpy2_the_answers_are_the_same(monkeypatch):
         assert area.tolist() == exact(case)
 
 
+@pytest.mark.slow
 def test_the_package_does_not_need_its_reference():
     program = "import sys, rastercov; print([m for m in sys.modules if 'rastercov.reference' in m])"
     assert run_python("-c", program).stdout.strip() == "[]"

@@ -83,6 +83,7 @@ def test_by_face_the_report_is_that_of_faces(tmp_path):
     assert not (tmp_path / "r" / "areas.parquet").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n_colours", [60, 2])
 def test_the_network_and_its_dead_zones_are_drawn(tmp_path, monkeypatch, n_colours):
     mesh, camera, poses = room()
@@ -95,6 +96,7 @@ def test_the_network_and_its_dead_zones_are_drawn(tmp_path, monkeypatch, n_colou
         assert len(colours) > 10
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pairs", ["covered", "seen", "all"])
 def test_the_table_of_pairs_has_the_exact_area_of_each(tmp_path, pairs):
     mesh, camera, poses = room()

@@ -32,6 +32,7 @@ def alone(summary, own):
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("by", TASKS)
 @pytest.mark.parametrize("table", ["none", "seen"])
 def test_each_camera_has_the_figures_of_its_poses_alone(by, table, tmp_path):
@@ -87,6 +88,7 @@ def test_one_camera_has_the_report_it_always_had(tmp_path):
     assert "camera" not in pq.read_table(tmp_path / "a" / "coverage.parquet").schema.names
 
 
+@pytest.mark.slow
 def test_poses_are_drawn_through_their_own_cameras(tmp_path):
     from PIL import Image
 

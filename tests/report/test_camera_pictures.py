@@ -36,6 +36,7 @@ def test_regions_of_one_pose_are_those_it_has_alone():
         assert one.areas() == pytest.approx(alone.areas())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("row", [0, 5])
 def test_pixels_are_covered_exactly_where_their_points_are(row):
     regions = of_pose(rc.regions(MESH, CAMERA, POSES, TASK), row)
@@ -73,6 +74,7 @@ def scene():
     return beside(mesh, sheet_at((-0.4, -2.5), (0.4, -2.0), 0.0), is_two_sided=True)
 
 
+@pytest.mark.slow
 def test_an_occluder_is_marked_where_it_hides_the_task_and_a_target_where_it_is():
     mesh = scene()
     camera = rc.Camera(width=320, height=240, fx=200, fy=200)

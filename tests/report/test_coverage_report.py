@@ -70,6 +70,7 @@ def stop_after(done_at):
 # --- what is written ------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_files_hold_what_evaluate_gives(tmp_path, small_batches):
     poses = around(10)
     summary = run(MESH, CAMERA, poses, TASK, tmp_path / "a" / "b", Options(pictures=3))
@@ -89,6 +90,7 @@ def test_the_files_hold_what_evaluate_gives(tmp_path, small_batches):
     assert summary["poses_per_second"] == pytest.approx(10 / summary["seconds"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("choice", CHOICES)
 def test_the_table_holds_the_pairs_asked_for_and_changes_nothing_else(
     tmp_path, small_batches, choice
@@ -113,6 +115,7 @@ def changed(before, after):
     return {key for key in before if before[key] != after[key]}
 
 
+@pytest.mark.slow
 def test_a_table_above_the_limit_is_left_out_with_a_line_unless_it_is_asked_for(
     tmp_path, monkeypatch, caplog
 ):
@@ -167,6 +170,7 @@ def test_the_header_says_what_made_the_report(tmp_path):
     assert header["versions"]["numpy"] == np.__version__
 
 
+@pytest.mark.slow
 def test_every_input_changes_the_header(tmp_path):
     def header(mesh=MESH, poses=around(2), camera=CAMERA, task=TASK):  # noqa: B008
         summary = run(mesh, camera, poses, task, tmp_path, PLAIN)
@@ -182,6 +186,7 @@ def test_every_input_changes_the_header(tmp_path):
     assert header(task=Task()) != same
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("wanted", "drawn"), [(0, []), (1, [0]), (3, [0, 4, 9]), (10, range(10)), (99, range(10))]
 )
@@ -195,6 +200,7 @@ def test_pictures_are_spread_evenly(tmp_path, wanted, drawn):
     )
 
 
+@pytest.mark.slow
 def test_pictures_of_a_large_camera_are_small(tmp_path):
     large = Camera(width=4000, height=1000, fx=4000, fy=4000)
     run(MESH, large, around(1), TASK, tmp_path, Options(pictures=1))
@@ -202,6 +208,7 @@ def test_pictures_of_a_large_camera_are_small(tmp_path):
         assert picture.size == (1280, 320)
 
 
+@pytest.mark.slow
 def test_a_second_run_replaces_the_report_and_nothing_else(tmp_path):
     run(MESH, CAMERA, around(12), TASK, tmp_path, Options(pictures=4))
     for name in ("notes.txt", "pose_of_mine.png"):
@@ -224,6 +231,7 @@ def test_a_second_run_replaces_the_report_and_nothing_else(tmp_path):
 # --- when something is wrong ----------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_run_that_fails_leaves_the_old_report(tmp_path, small_batches):
     run(MESH, CAMERA, around(6), TASK, tmp_path, Options(pictures=2))
     before = content(tmp_path)
@@ -237,6 +245,7 @@ def test_a_run_that_fails_leaves_the_old_report(tmp_path, small_batches):
     assert content(tmp_path) == before
 
 
+@pytest.mark.slow
 def test_an_interrupt_before_the_first_batch_leaves_the_old_report(tmp_path, small_batches):
     run(MESH, CAMERA, around(6), TASK, tmp_path, Options(pictures=2))
     before = content(tmp_path)
@@ -259,12 +268,14 @@ def test_an_interrupt_keeps_whole_batches(tmp_path, small_batches, done_at):
     assert kept.equals(rows.filter(np.asarray(rows["pose"]) < done))
 
 
+@pytest.mark.slow
 def test_an_interrupt_draws_only_what_is_done(tmp_path, small_batches):
     run(MESH, CAMERA, around(12), TASK, tmp_path, Options(pictures=12), stop_after(4))
     assert {f"pose_{pose}.png" for pose in range(4)} <= names(tmp_path)
     assert "pose_4.png" not in names(tmp_path)
 
 
+@pytest.mark.slow
 def test_an_interrupt_while_drawing_leaves_out_the_rest_and_says_so(tmp_path, monkeypatch):
     run(MESH, CAMERA, around(5), TASK, tmp_path, Options(pictures=5))
     drawn = []
@@ -299,6 +310,7 @@ def test_an_interrupt_while_the_table_is_closed_comes_after_it(tmp_path, monkeyp
     assert names(tmp_path) == {"coverage.parquet", "rig.json", "summary.json", "network.glb"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "step", ["coverage_picture", "contact_sheet", "overview_picture", "write_coloured_mesh"]
 )
@@ -316,6 +328,7 @@ def test_a_run_that_fails_after_the_last_pose_leaves_the_old_report(tmp_path, mo
     assert content(tmp_path) == before
 
 
+@pytest.mark.slow
 def test_a_disk_that_fails_at_any_file_leaves_the_old_report_and_names_the_file(
     tmp_path, monkeypatch
 ):
@@ -399,6 +412,7 @@ def test_a_disk_that_fails_while_the_table_is_written_leaves_the_old_report(tmp_
     assert content(tmp_path) == before
 
 
+@pytest.mark.slow
 def test_bad_poses_are_refused_or_left_out(tmp_path):
     poses = around(6)
     poses[2, 0, 3] = np.inf

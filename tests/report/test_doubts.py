@@ -29,6 +29,7 @@ def around(mesh, n=20, distance=3.0):
     return sphere_of_poses(mesh.bounds.mean(axis=0), distance * size, n)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["box", "sphere", "teapot", "torus"])
 def test_only_a_mesh_that_is_inside_out_has_a_line(name):
     mesh = shapes.by_name(name)

@@ -35,6 +35,7 @@ def test_the_share_is_what_the_exact_area_has_and_whole_faces_have_not(views):
     assert line.endswith("use --by area")
 
 
+@pytest.mark.slow
 def test_the_share_is_that_of_the_exact_area_through_a_lens():
     lens = CAMERAS["brown"]
     task = rc.Task(max_incidence_deg=75, min_pixels=2000)

@@ -39,6 +39,7 @@ every_lens = pytest.mark.parametrize(
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("row", [0, 5])
 def test_without_distortion_a_picture_is_that_of_the_pinhole(row):
     images = [camera_image(MESH, each, POSES[row], TASK, side=320) for each in (CAMERA, FLAT)]
@@ -47,6 +48,7 @@ def test_without_distortion_a_picture_is_that_of_the_pinhole(row):
     assert images[0].faces == images[1].faces
 
 
+@pytest.mark.slow
 @every_lens
 def test_a_pixel_of_a_camera_picture_has_the_state_of_the_face_that_its_ray_meets(lens):
     camera, pose = CAMERAS[lens], POSES[4]
@@ -64,6 +66,7 @@ def test_a_pixel_of_a_camera_picture_has_the_state_of_the_face_that_its_ray_meet
     assert inside.all()
 
 
+@pytest.mark.slow
 @every_lens
 def test_a_report_draws_its_poses_through_the_lens(tmp_path, lens):
     camera = CAMERAS[lens].resized(0.1)
@@ -84,6 +87,7 @@ def test_a_report_draws_its_poses_through_the_lens(tmp_path, lens):
     assert (tmp_path / "overview.png").exists()
 
 
+@pytest.mark.slow
 def test_a_report_through_a_lens_on_opengl_shows_what_it_shows_on_the_cpu(tmp_path, gl_context):
     camera, pictures = CAMERAS["brown"].resized(0.1), []
     for device in ("cpu", "surfaceless"):
@@ -122,6 +126,7 @@ def test_without_distortion_an_overview_is_that_of_the_pinhole():
         assert (np.abs(one - other).max(axis=2) > 30).mean() < 0.003  # lines in other pieces
 
 
+@pytest.mark.slow
 def test_the_exponent_of_square_metres_is_drawn():
     regions = rc.regions(MESH, CAMERA, POSES[0], TASK)
     font = font_for(720)
@@ -144,6 +149,7 @@ def test_the_exponent_of_square_metres_is_drawn():
     assert (title < 128).any()
 
 
+@pytest.mark.slow
 def test_faces_that_a_wide_lens_sees_from_behind_are_doubted():
     mesh = shapes.by_name("torus")
     turned = rc.Mesh(mesh.vertices, mesh.faces[:, ::-1])

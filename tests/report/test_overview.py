@@ -49,6 +49,7 @@ def hue_of(pixels, colours):
     return (along / np.maximum(np.linalg.norm(pixels, axis=1), 1)[:, None]).argmax(axis=1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("direction", [(1, -1.5, 1), (-1, 1.5, -1)])
 def test_every_pixel_of_a_cameras_colour_is_of_a_point_that_it_covers(direction):
     shown = shown_of()
@@ -201,6 +202,7 @@ def top_below(mesh, rows, cut, x, y):
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mesh", [MESH, shapes.teapot(3), shapes.room(2)], ids=str)
 def test_a_plan_shows_the_highest_surface_under_the_cut(mesh):
     low, high = mesh.bounds
@@ -235,6 +237,7 @@ def test_a_ceiling_is_cut_off_and_a_thick_roof_too():
     assert plan.height[plan.face >= 0].min() == pytest.approx(0, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_a_plan_has_the_colours_of_its_legend():
     shown = shown_of()
     keys = shown.keys()
@@ -287,6 +290,7 @@ def test_parts_below_and_above_a_height_make_up_the_triangles(seed):
 # Labels
 
 
+@pytest.mark.slow
 @examples(15)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_labels_do_not_overlap_and_stay_in_the_picture(seed):

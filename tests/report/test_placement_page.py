@@ -101,6 +101,7 @@ def whole(report, without_pictures):
     return page(report)
 
 
+@pytest.mark.slow
 def test_every_figure_that_counts_is_told(whole, report):
     words = " ".join(read_alone(whole).words)
     told, left = report.network.summary(), report.leftover.summary()
@@ -233,6 +234,7 @@ def test_every_reason_has_a_colour_and_words_and_colours_differ():
     assert apart.min() > 30
 
 
+@pytest.mark.slow
 def test_a_face_hidden_from_both_sides_shows_through(report):
     inside = shapes.box((0.6, 0.6, 0.6))
     shell = shapes.box((1, 1, 1))
@@ -263,6 +265,7 @@ def test_segments_have_colours_of_their_own():
         pictures.segments_picture(shapes.box(), segment(mesh, 10, None))
 
 
+@pytest.mark.slow
 def test_each_camera_is_drawn_in_its_colour_inside_the_picture(report):
     image = pixels_of(network_picture(report.colours, CAMERA))
     bare = pixels_of(network_picture(camera_colours(report.mesh, report.poses[:0]), CAMERA))
@@ -283,6 +286,7 @@ def test_colours_of_cameras_are_told_apart():
     assert apart.min() > 50
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("direction", DIRECTIONS.tolist())
 def test_all_of_the_mesh_is_in_the_picture_from_everywhere(direction):
     mesh = Mesh(vertices=shapes.aeroplane().vertices * 1e-3 + 100, faces=shapes.aeroplane().faces)
@@ -294,6 +298,7 @@ def test_all_of_the_mesh_is_in_the_picture_from_everywhere(direction):
     assert (np.ptp(places, axis=0) / size).max() > 0.85
 
 
+@pytest.mark.slow
 def test_one_looks_into_a_room_through_its_walls_and_not_into_a_box():
     room, box = shapes.room(4), shapes.box()
     for direction in DIRECTIONS:
@@ -307,6 +312,7 @@ def test_one_looks_into_a_room_through_its_walls_and_not_into_a_box():
     assert names == {"room", "crates"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("axis", [0, 1, 2])
 @pytest.mark.parametrize("sign", [-1, 1])
 def test_one_looks_from_where_the_faces_in_question_are_seen(axis, sign):
@@ -328,6 +334,7 @@ def test_paint_gives_a_face_its_colour_lit_by_the_eye():
     assert np.median(share) > 0.6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("colours", [LIGHT, DARK])
 def test_bars_are_as_long_as_their_shares(colours):
     mesh = shapes.room(4)
@@ -381,6 +388,7 @@ def matrix(report):
     return build_matrix((report.mesh, CAMERA), report.candidates.poses, TASK)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("goal", [BestCoverage(cameras=3), FewestCameras(0.9, of_reachable=True)])
 def test_the_curve_is_drawn_for_either_goal(report, matrix, goal):
     found = select_greedy(problem_of(matrix, report.mesh, goal))
@@ -447,6 +455,7 @@ assert "matplotlib.pyplot" not in sys.modules
     assert done.stderr.splitlines()[-1] == "[]"
 
 
+@pytest.mark.slow
 def test_coverage_is_red_where_it_is_nothing():
     mesh = shapes.box()
     nothing = pixels_of(pictures.coverage_picture(mesh, np.zeros(12)))[60:600]

@@ -473,6 +473,7 @@ def test_picture_is_as_wide_as_the_image_and_shows_it_one_to_one():
     assert title.min() < 100 < title.max() == 255
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [(1, 1), (64, 48), (5, 900), (2000, 3)])
 def test_small_images_are_enlarged_so_that_words_fit(size):
     width, height = size
@@ -540,6 +541,7 @@ def test_near_is_bright_in_the_depth_picture():
     assert grey[0, -1] < 60
 
 
+@pytest.mark.slow
 def test_contact_sheet_shows_each_picture_at_its_place():
     colours = [(200, 0, 0), (0, 200, 0), (0, 0, 200), (90, 90, 0), (0, 90, 90)]
     images = [Image.new("RGB", (640, 480), colour) for colour in colours]

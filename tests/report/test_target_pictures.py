@@ -64,6 +64,7 @@ def test_outlines_are_stronger_than_the_inside():
     assert (pixels[:, [1, 4]] == 20).all()
 
 
+@pytest.mark.slow
 def test_pictures_of_a_placement_draw_targets_over_the_part():
     room = shapes.room(4)
     mesh = beside(room, shapes.box((1, 1, 1)))

@@ -111,6 +111,7 @@ def no_numbers(seen):
 # --- the verdict ----------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("against", ["exact", "polygons", "rational"])
 def test_a_right_candidate_passes(against):
     names = ["certified", "sampled@2"] + ["exact"] * (against != "exact")
@@ -129,6 +130,7 @@ LIES = (
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("lie", "against"), [*((lie, "exact") for lie in LIES), (a_millionth_less, "polygons")]
 )
@@ -275,6 +277,7 @@ ROW = st.tuples(
 )
 
 
+@pytest.mark.slow
 @settings(max_examples=25)
 @given(st.lists(st.lists(ROW, min_size=1, max_size=12), min_size=1, max_size=4))
 @example([[(4.0, 0.5, 0.9, 0.5, 0)] * 3 + [(4.0, 0.5, 0.51, 0.001, 0)]])
@@ -344,6 +347,7 @@ class Stop:
             raise KeyboardInterrupt
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("at", [1, 4, 6])
 def test_an_interrupt_keeps_the_poses_that_are_done(at):
     poses = around(7)
@@ -520,6 +524,7 @@ def test_each_picture_is_in_the_folder_and_on_the_page(written):
             assert min(picture.size) > 150
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("without_plots")
 def test_a_failed_check_is_written_on_the_page(monkeypatch, tmp_path):
     altered(monkeypatch, "certified", flip_a_certified_face)
@@ -545,6 +550,7 @@ def without_plots(monkeypatch):
     monkeypatch.setattr("rastercov.report.methods.comparison_plots", lambda *_: {})
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("without_plots")
 def test_a_second_comparison_replaces_the_first_and_nothing_else(tmp_path):
     for worst in (2, 1):
@@ -556,6 +562,7 @@ def test_a_second_comparison_replaces_the_first_and_nothing_else(tmp_path):
     assert (tmp_path / "mine.png").read_text() == "mine"
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("without_plots")
 def test_an_interrupt_while_drawing_leaves_a_whole_page(tmp_path):
     found = compare(OVERLAP, CAMERA, AHEAD[None], ["sampled"], convergence=False, worst=2)
@@ -599,6 +606,7 @@ def test_the_neighbourhood_of_a_face_holds_all_that_hides_it():
         assert around_it.seen.area + around_it.hidden.area == pytest.approx(whole, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_a_picture_is_mostly_green_where_a_face_is_seen_and_orange_where_it_is_hidden():
     mesh = joined(square(0.2, 2), sheet((0.0, -0.3), (0.3, 0.3), 1.0))
     found = compare(mesh, CAMERA, AHEAD[None], ["sampled"], "polygons", convergence=False)
@@ -741,6 +749,7 @@ def test_files_of_nobody_are_refused_before_the_work(capsys, monkeypatch, name):
     assert [path.read_text() for path in Path("compare").iterdir()] == ["mine"]
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("folder", "without_plots")
 def test_a_liar_ends_the_command_with_1(capsys, monkeypatch):
     altered(monkeypatch, "certified", flip_a_certified_face)
@@ -750,6 +759,7 @@ def test_a_liar_ends_the_command_with_1(capsys, monkeypatch):
     assert json.loads(Path("compare/compare.json").read_bytes())["passed"] is False
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("folder")
 @pytest.mark.parametrize(
     "more",
@@ -780,6 +790,7 @@ def test_bad_usage_is_one_line_and_2(capsys, more):
     assert not Path("compare").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("folder")
 def test_an_interrupted_command_leaves_what_is_done(capsys, monkeypatch):
     @contextmanager

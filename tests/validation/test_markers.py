@@ -134,6 +134,7 @@ def test_corners_found_in_the_picture_are_where_the_camera_model_puts_them(rende
     assert np.abs(np.mean(errors, axis=(0, 1))).max() < 0.06
 
 
+@pytest.mark.slow
 def test_areas_in_the_picture_are_those_of_the_engine(open_renderer):
     """Black plates, one partly hidden: the light that is missing is the area that is seen."""
     behind = Plate(plate_pose((0.05, 0.02, 3), 0.4, 1.0, 0.3), 0)
@@ -371,6 +372,7 @@ def test_figures_of_a_plate_are_those_of_its_faces():
     assert figures.coverage(requirement) == pytest.approx(expected)
 
 
+@pytest.mark.slow
 def test_slack_is_negative_where_the_prediction_is_no():
     for number in range(25):
         case, _ = random_scene(9, number)
@@ -408,6 +410,7 @@ def test_random_scenes_come_back_the_same(renderer):
     assert not np.array_equal(first.scene.mesh.vertices, other.scene.mesh.vertices)
 
 
+@pytest.mark.slow
 def test_every_model_judges_every_scene(renderer):
     study = run_random(renderer, 6, 5, models())
     names = {OURS, "tarabanis", "scott", "mavrinac", "alarcon", "zhang", "image_space"}
@@ -429,6 +432,7 @@ def resolution_found(one_renderer, gl_context):
     return resolution(one_renderer)
 
 
+@pytest.mark.slow
 def test_the_resolution_table_ends_where_the_printed_one_does(resolution_found):
     found = resolution_found
     assert found.as_printed == 15

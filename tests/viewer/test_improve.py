@@ -34,6 +34,7 @@ def covered_area(state):
     return float(MESH.areas[network.covered].sum())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("views", [1, 2])
 def test_the_next_camera_is_the_best_of_all_tried(measurements, views):
     state = state_of(MESH, 3, task=rc.Task(views=views, min_pixels=4))
@@ -50,6 +51,7 @@ def test_the_next_camera_is_the_best_of_all_tried(measurements, views):
         assert covered_area(made) - covered_area(state) == pytest.approx(gain)
 
 
+@pytest.mark.slow
 def test_a_refined_camera_covers_more_and_the_others_stay(measurements):
     state = state_of(MESH, 3)
     aside = state.station(0).pose.copy()
@@ -63,6 +65,7 @@ def test_a_refined_camera_covers_more_and_the_others_stay(measurements):
         assert made.stations[row] is state.stations[row]
 
 
+@pytest.mark.slow
 def test_refinement_never_loses(measurements):
     for views in (1, 2, 3):
         state = state_of(MESH, 4, task=rc.Task(views=views, min_angle_deg=30.0 * (views > 1)))
@@ -71,6 +74,7 @@ def test_refinement_never_loses(measurements):
         assert (gain > 0) == (made is not state)
 
 
+@pytest.mark.slow
 def test_places_tried_are_allowed_and_look_at_what_is_not_covered(measurements):
     state = state_of(MESH, 2)
     space = default_space(MESH, state)
@@ -110,6 +114,7 @@ def finished(work):
     return work.described()
 
 
+@pytest.mark.slow
 def test_work_becomes_one_step_of_the_history():
     session = session_of(MESH, 2)
     work = Work(session)
@@ -129,6 +134,7 @@ def test_work_becomes_one_step_of_the_history():
     session.close()
 
 
+@pytest.mark.slow
 def test_work_that_was_overtaken_is_dropped(monkeypatch):
     session = session_of(MESH, 2)
     work, goes_on = Work(session), threading.Event()
@@ -186,6 +192,7 @@ def test_work_on_what_is_gone_is_said():
         assert words in said["words"]
 
 
+@pytest.mark.slow
 def test_a_camera_at_a_forbidden_place_is_refined_from_the_nearest_allowed_one(measurements):
     from rastercov.placement.improve.pose_space import PoseSpace
 

@@ -32,6 +32,7 @@ VALUES = st.recursive(
 )
 
 
+@pytest.mark.slow
 @given(st.dictionaries(st.text(), VALUES, max_size=4))
 def test_toml_is_read_back(table):
     assert tomllib.loads(toml_text(table)) == table
@@ -66,6 +67,7 @@ def test_a_saved_rig_is_the_rig(tmp_path):
     session.close()
 
 
+@pytest.mark.slow
 def test_a_saved_plan_gives_the_same_coverage(tmp_path):
     (tmp_path / "plan.toml").write_text(
         'meshes = [{ built_in = "teapot-5" }]\n[camera]\npreset = "khepra"\nnear = 0.001\n'
@@ -129,6 +131,7 @@ def test_a_folder_that_is_no_result(tmp_path):
         open_result(tmp_path, lambda names: part())
 
 
+@pytest.mark.slow
 def test_a_report_is_that_of_evaluate(tmp_path):
     session = session_of()
     head, _ = acted(session)
@@ -187,6 +190,7 @@ def test_the_command_writes_a_page(tmp_path, capsys):
     assert "3 cameras" in out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -210,6 +214,7 @@ def test_a_wrong_call_is_one_line(arguments, words, capsys, monkeypatch, tmp_pat
     assert words in err
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("display", ["", ":0"])
 def test_the_command_serves_until_it_is_ended(tmp_path, display):
     """As a process: an address that answers, a browser only where there is a display, code 130."""

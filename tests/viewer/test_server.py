@@ -85,6 +85,7 @@ API = ("scene", "soup", "groups", "state", "ping", "zones", "job", "image?statio
        "download?what=rig")  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", API)
 @pytest.mark.parametrize(
     "headers",

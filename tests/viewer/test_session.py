@@ -53,6 +53,7 @@ def test_the_summary_is_what_the_library_says(session):
         assert head["summary"][name] == expected[name]
 
 
+@pytest.mark.slow
 @settings(max_examples=12)
 @given(
     st.lists(st.integers(0, 3), min_size=1, max_size=4),
@@ -352,6 +353,7 @@ def test_sliders_have_the_limits_of_the_task():
     assert fields["views"]["kind"] == "int"
 
 
+@pytest.mark.slow
 def test_rows_are_forgotten_where_memory_runs_out(session, monkeypatch):
     from rastercov.viewer import measurements
 
@@ -397,6 +399,7 @@ def test_groups_that_need_several_cameras():
     session.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("task", "words"),
     [({"min_pixels": 1e4}, " px: come"), ({"min_pixel_density": 1e5}, " px/m: come"),
