@@ -33,6 +33,7 @@ U0, V0, U1, V1 = range(4)
 TOO_LONG_BITS = 8
 """Bits of a result above which it has a bit for each edge that is too long."""
 TABLE = MOST + 1
+"""Rows of a table by n."""
 
 
 class EdgeLists(NamedTuple):
@@ -118,9 +119,7 @@ def vertex_images(uvw, plane, places, is_inside, lists):
         if any_inside:
             project_lanes(plane.code, plane.params, plane.frame, x, y, z, last - first, u, v)
         for i in range(first, whole, AT_A_TIME):
-            put_images(
-                i, i - first, pointer(u), pointer(v), pointer(is_inside), pointer(places)
-            )  # fmt: skip
+            put_images(i, i - first, pointer(u), pointer(v), pointer(is_inside), pointer(places))
         for i in range(whole, last):
             places[i, U] = u[i - first] if is_inside[i] else math.nan
             places[i, V] = v[i - first] if is_inside[i] else math.nan
@@ -202,10 +201,7 @@ def edge_bulges(plane, ends, places, lists, bulge, longer):
 def _integrate(plane, n, lists, bulge):
     """Fill in the bulges of the edges that wait for rule n."""
     x, y, z, u, v = lists.x[n], lists.y[n], lists.z[n], lists.u[n], lists.v[n]
-    project_lanes(
-        plane.code, plane.params, plane.frame, x, y, z, LANES * (n - 1),
-        u, v,
-    )  # fmt: skip
+    project_lanes(plane.code, plane.params, plane.frame, x, y, z, LANES * (n - 1), u, v)
     for group in range(lists.waiting[n]):
         sum_up(
             group * AT_A_TIME, n, pointer(RULE), pointer(u), pointer(v), pointer(lists.ends),
@@ -236,13 +232,14 @@ def take_edges(first, ends, places, longest, nodes, x, y, images, firsts, waitin
     bx, by, u1, v1 = columns_at(ends.at(first * 2), 2, 1, places)
     dx, dy = bx - ax, by - ay
     quarter2 = (dx * dx + dy * dy) * 0.25
-    ends_known = (u0 + u1).equals(u0 + u1)
+    has_image = (u0 + u1).equals(u0 + u1)
     limit = longest.value(MOST)
-    is_longer = ends_known & (quarter2 > limit * limit)
-    is_taken = ends_known & (quarter2 <= limit * limit)
+    is_longer = has_image & (quarter2 > limit * limit)
+    is_taken = has_image & (quarter2 <= limit * limit)
     greatest = quarter2.where(is_taken, 0.0).reduce("maximum")
-    steps = load(builder, longest.pointer, TABLE)
-    rule = (greatest.broadcast(TABLE) > steps * steps).bits().count_bits()
+    lengths = load(builder, longest.pointer, TABLE)
+    # Each rule takes longer edges than the one before, so that too short ones are counted.
+    rule = (greatest.broadcast(TABLE) > lengths * lengths).bits().count_bits()
     rule = rule.where(rule > FEWEST, rule.like(FEWEST))
     is_any = is_taken.bits() > 0
     with when(~is_any):

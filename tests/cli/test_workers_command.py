@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from commands import ENTRY, call, enter, refusal
-from copied_workers import workers_start_as_copies  # noqa: F401 # a fixture
+from copied_workers import workers_start_as_copies  # noqa: F401 # a fixture, used by its name
 
 import rastercov as rc
 from rastercov import evaluation_shards, shapes
@@ -60,7 +60,8 @@ def test_place_by_workers_is_place(capsys):
     assert {"per_second", "seconds_left"} < of_matrix[-1].keys()
 
 
-def test_evaluate_by_workers_is_evaluate(capsys, workers_start_as_copies):  # noqa: F811
+@pytest.mark.usefixtures("workers_start_as_copies")
+def test_evaluate_by_workers_is_evaluate(capsys):
     words = "evaluate teapot-5 -c icube-ns4133bu-8mm -p sphere:12 --pictures 2"
     for out, more in (("plain", ""), ("workers", "--workers 2")):
         code, _, err = call(capsys, f"{words} -o {out} {more}")
@@ -91,7 +92,8 @@ POSES, SHARD = 3000, 150
 """Poses of an evaluation that is killed, and those of a shard."""
 
 
-def test_a_killed_evaluation_goes_on_where_it_was(capsys, monkeypatch, workers_start_as_copies):  # noqa: F811
+@pytest.mark.usefixtures("workers_start_as_copies")
+def test_a_killed_evaluation_goes_on_where_it_was(capsys, monkeypatch):
     """The head is killed after some shards; the same command then makes only the others."""
     mesh = shapes.aeroplane()
     np.save("poses.npy", rc.sphere_of_poses(mesh.bounds.mean(axis=0), 38.0, POSES))
