@@ -94,15 +94,19 @@ def forget(folder: Path, number: int) -> None:
     (folder / FOLDER / f"shard-{number}.json").unlink(missing_ok=True)
 
 
+def quarantined_of(folder: Path, number: int) -> dict[int, str]:
+    """Poses left out of a shard, by their number within it, and why."""
+    path = folder / FOLDER / f"shard-{number}.json"
+    if not path.exists():
+        return {}
+    entries = json.loads(path.read_text(encoding="utf-8"))
+    return {int(pose): str(why) for pose, why in entries.items()}
+
+
 def quarantined(folder: Path, n_shards: int) -> dict[int, dict[int, str]]:
-    """Poses left out of each shard of a folder, by their number within it, and why."""
-    found = {}
-    for number in range(n_shards) if (folder / FOLDER).is_dir() else ():
-        path = folder / FOLDER / f"shard-{number}.json"
-        if path.exists():
-            entries = json.loads(path.read_text(encoding="utf-8"))
-            found[number] = {int(pose): str(why) for pose, why in entries.items()}
-    return found
+    """Poses left out of each shard of a folder that lacks some, as `quarantined_of`."""
+    numbers = range(n_shards) if (folder / FOLDER).is_dir() else ()
+    return {number: found for number in numbers if (found := quarantined_of(folder, number))}
 
 
 def _main() -> int:

@@ -5,11 +5,12 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
+from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any
 
 from rastercov.cluster.job import Job, Made, work
-from rastercov.cluster.quarantine import alone
+from rastercov.cluster.quarantine import alone, quarantined_of
 from rastercov.cluster.workers import Workers
 from rastercov.errors import ConfigError, RastercovError
 
@@ -19,6 +20,8 @@ FOLDER_PATIENCE = 300.0
 """Seconds without any shard made after which a lost folder ends the run."""
 SCHEDULER_PATIENCE = 60.0
 """Seconds to wait for a lost scheduler to come back, and for a first worker."""
+LOST = "lost"
+"""Name for the worker of a shard that is in the folder, but whose cost was never heard of."""
 FULL = (errno.ENOSPC, errno.EDQUOT)
 Note = Callable[[str], None]
 
@@ -43,7 +46,7 @@ def make_shards(
     missing : callable
         Gives the number of poses of each missing shard; asked again after a scheduler was lost.
     done : callable
-        Called with each shard that was made, in any order.
+        Called once with each shard that was made, in any order.
     note : callable
         Called with a line on what went wrong and was mended.
 
@@ -53,11 +56,26 @@ def make_shards(
         Where no scheduler answers or has workers, the folder stays lost or its disk is full, or a
         shard cannot be made. Shards that were made stay.
     """
+    heard: set[int] = set()
+
+    def heard_of(made: Made) -> None:
+        if made.number not in heard:
+            heard.add(made.number)
+            done(made)
+
+    asked: dict[int, int] = {}
     until = None
-    while shards := missing():
+    while True:
+        shards = missing()
+        for number in asked.keys() - shards.keys() - heard:  # made, but the scheduler was lost
+            left_out = quarantined_of(Path(job.folder), number)
+            heard_of(Made(number, asked[number], LOST, 0.0, 0.0, left_out))
+        if not shards:
+            return
+        asked |= shards
         try:
             with workers.client() as client:
-                _Run(client, job, shards, done, note).make()
+                _Run(client, job, shards, heard_of, note).make()
         except _SchedulerLostError:
             until = time.monotonic() + SCHEDULER_PATIENCE
             note(f"{workers.scheduler}: the scheduler is lost; waiting for it to come back")

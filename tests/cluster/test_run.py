@@ -7,7 +7,7 @@ import subprocess
 import sys
 import threading
 import time
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from pathlib import Path
 
 import cluster_job
@@ -15,7 +15,8 @@ import pytest
 
 from rastercov.cluster import Workers, make_shards
 from rastercov.cluster import run as run_module
-from rastercov.cluster.quarantine import quarantined
+from rastercov.cluster.job import work
+from rastercov.cluster.quarantine import _note, quarantined
 from rastercov.errors import ConfigError, RastercovError
 
 pytestmark = pytest.mark.slow
@@ -204,8 +205,39 @@ def test_a_lost_scheduler_is_waited_for(tmp_path, port):
         run(job, missing, watch, Workers(scheduler=f"tcp://127.0.0.1:{port}"))
         assert any("the scheduler is lost" in line for line in watch.lines)
     assert len(shards(tmp_path / "job")) == 16
-    # A shard that the workers finished while nobody listened is not made again.
-    assert len(set(watch.numbers)) == len(watch.numbers)
+    # A shard that the workers finished while nobody listened is not made again, but counted.
+    assert watch.numbers == list(range(16))
+
+
+class NoWorkers:
+    """Workers whose client is never used."""
+
+    scheduler = "nowhere"
+
+    def client(self):
+        return nullcontext()
+
+
+def test_a_shard_whose_report_was_lost_is_counted_once(tmp_path, monkeypatch):
+    job, missing = cluster_job.prepared(tmp_path / "job", 6, poses=4)
+
+    def make(self):
+        for number in sorted(self.shards):
+            made = work(job, number)
+            if number == 2:
+                _note(tmp_path / "job", number, {3: "was killed by SIGKILL"})
+                raise run_module._SchedulerLostError
+            self.done(made)
+            self.done(made)
+
+    monkeypatch.setattr(run_module._Run, "make", make)
+    watch = Watch()
+    run(job, missing, watch, NoWorkers())
+    assert watch.numbers == list(range(6))
+    lost = [made for made in watch.made if made.worker == run_module.LOST]
+    assert [(made.number, made.n_poses, made.quarantined) for made in lost] == [
+        (2, 4, {3: "was killed by SIGKILL"})
+    ]
 
 
 def test_a_scheduler_without_workers_ends_the_run(tmp_path, port, monkeypatch):
