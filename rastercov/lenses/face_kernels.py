@@ -15,6 +15,8 @@ from rastercov._jit import allocation_free, called_whole, part_of, part_with_arr
 from rastercov.camera import Camera
 from rastercov.camera_models import MODELS
 from rastercov.lenses import kernels
+from rastercov.lenses.edge_kernels import bulge, nodes_for
+from rastercov.lenses.lane_kernels import GROUP, project_lanes
 from rastercov.lenses.of_camera import lens_of, planes_of
 from rastercov.lenses.polygon_kernels import (
     MOST_CORNERS,
@@ -23,6 +25,7 @@ from rastercov.lenses.polygon_kernels import (
     edge_scratch,
     polygon_image,
 )
+from rastercov.lenses.quadrature import NODES
 from rastercov.lenses.records import PlaneRecord
 from rastercov.vertex_columns import AHEAD, BEHIND, INSIDE, STATE, U, V, X, Y, Z
 
@@ -33,6 +36,8 @@ MOST_SIDES = 132
 SLOPES = 8
 """First of six columns of a vertex, behind those of `vertex_columns`: the derivative of the lens,
 found when a density asks for it; NaN before."""
+NOWHERE = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+"""Corners of a face that is not in a plane."""
 OUTSIDE_TOLERANCE = 1e-9
 """Area outside the image, px^2 and relative to the face, up to which a face is inside it."""
 
@@ -171,8 +176,14 @@ def image_of_face(points, i, j, k, near, lens, work, drawn):
     is the area in the image where that is known; negative otherwise.
     """
     worst = min(points[i, STATE], points[j, STATE], points[k, STATE])
-    if worst == INSIDE and drawn > 0 and _stays_inside(points, i, j, k, near, lens):
-        return worst, 1.0, drawn
+    if worst == INSIDE:
+        n, longest2, corners = _plane_inside(points, i, j, k, near, lens)
+        if n >= 0:
+            area = drawn
+            if not drawn > 0:
+                area = _area_inside(points, i, j, k, lens, n, longest2, corners, work)
+            if area > 0:
+                return worst, 1.0, area
     if worst == BEHIND and _is_out_of_sight(points, i, j, k, near, lens):
         return worst, 0.0, 0.0
     whole, inside = curved_areas(points, i, j, k, near, lens, work)
@@ -187,44 +198,81 @@ def image_of_face(points, i, j, k, near, lens, work, drawn):
 
 
 @allocation_free
-def _stays_inside(points, i, j, k, near, lens):
-    """True where no edge of a face can leave the image, because its corners are far from it.
+def _plane_inside(points, i, j, k, near, lens):
+    """Plane that has all of a face whose image stays inside; its longest edge squared, its corners.
 
-    A line of length L in a plane leaves its chord in the image by at most bend L^2 / 8.
+    -1 where an edge may leave the image, or the face a plane. A line of length L in a plane leaves
+    its chord in the image by at most bend L^2 / 8.
     """
     low_u = min(points[i, U], points[j, U], points[k, U])
     high_u = max(points[i, U], points[j, U], points[k, U])
     low_v = min(points[i, V], points[j, V], points[k, V])
     high_v = max(points[i, V], points[j, V], points[k, V])
     for n in range(lens.frames.shape[0]):
-        longest2 = _longest_edge(points, i, j, k, near, lens, n)
+        longest2, corners = _longest_edge(points, i, j, k, near, lens, n)
         if longest2 < math.inf:
             stray = lens.bends[n] * longest2 / 8
-            return (
+            is_inside = (
                 low_u >= stray
                 and low_v >= stray
                 and high_u <= lens.width - stray
                 and high_v <= lens.height - stray
             )
-    return False
+            return n if is_inside else -1, longest2, corners
+    return -1, math.inf, NOWHERE
+
+
+@called_whole
+def _area_inside(points, i, j, k, lens, n, longest2, corners, work):
+    """Area of the image of a face that is all in plane n, px^2: its triangle and three bulges.
+
+    0 where its longest edge is too long for one rule, on a plane with a pole, and where the image
+    has no area.
+    """
+    frame, longest = lens.frames[n], lens.longest[n]
+    rule, parts = nodes_for(0.5 * math.sqrt(longest2), longest, lens.parts_of[n])
+    if parts > 1 or lens.is_graded[n]:
+        return 0.0
+    x, y, z, u, v = work.edges.x, work.edges.y, work.edges.z, work.edges.u, work.edges.v
+    U_, V_, inner = work.edges.U, work.edges.V, rule - 1
+    nodes = 3 * inner
+    x0, y0, x1, y1, x2, y2 = corners
+    for m in range(inner):
+        t, s = NODES[rule, m + 1], NODES[rule, inner - m]
+        x[m], y[m] = s * x0 + t * x1, s * y0 + t * y1
+        x[inner + m], y[inner + m] = s * x1 + t * x2, s * y1 + t * y2
+        x[2 * inner + m], y[2 * inner + m] = s * x2 + t * x0, s * y2 + t * y0
+    for m in range(nodes, nodes + GROUP):
+        x[m], y[m] = x[0], y[0]
+    project_lanes(lens.code, lens.own_params[n], frame, x, y, z, nodes, u, v)
+    u0, v0 = points[i, U], points[i, V]
+    u1, v1, u2, v2 = points[j, U], points[j, V], points[k, U], points[k, V]
+    area = 0.5 * ((u1 - u0) * (v2 - v0) - (u2 - u0) * (v1 - v0))
+    for s in range(3):
+        p, q = (i, j) if s == 0 else (j, k) if s == 1 else (k, i)
+        U_[0], V_[0], U_[rule], V_[rule] = points[p, U], points[p, V], points[q, U], points[q, V]
+        for m in range(1, rule):
+            U_[m], V_[m] = u[s * inner + m - 1], v[s * inner + m - 1]
+        area += bulge(rule, U_, V_)
+    return abs(area)
 
 
 @part_with_arrays
 def _longest_edge(points, i, j, k, near, lens, n):
-    """Squared length of the longest edge of a face in a plane; infinite for one not all in it.
+    """Squared length of the longest edge of a face in a plane, and the corners in its units.
 
-    The valid vertices of a lens with one plane are in it.
+    The length is infinite for a face not all in the plane. The valid vertices of a lens with one plane are in it.
     """
     frame, sides = lens.frames[n], lens.region_sides[n]
     x, y, z = _turned(points, i, frame)
     u, v, w = _turned(points, j, frame)
     r, s, t = _turned(points, k, frame)
     if not min(z, w, t) > 0:
-        return math.inf
+        return math.inf, NOWHERE
     x, y, u, v, r, s = x / z, y / z, u / w, v / w, r / t, s / t
     if lens.frames.shape[0] > 1:
         if min(z, w, t) < near or lens.hole_sides[n] > 0:
-            return math.inf
+            return math.inf, NOWHERE
         for side in range(sides):
             following = side + 1 if side + 1 < sides else 0
             x0, y0 = lens.regions[n, side, 0], lens.regions[n, side, 1]
@@ -234,12 +282,13 @@ def _longest_edge(points, i, j, k, near, lens, n):
                 or dx * (v - y0) - dy * (u - x0) < 0
                 or dx * (s - y0) - dy * (r - x0) < 0
             ):
-                return math.inf
-    return max(
+                return math.inf, NOWHERE
+    longest2 = max(
         (x - u) * (x - u) + (y - v) * (y - v),
         (u - r) * (u - r) + (v - s) * (v - s),
         (r - x) * (r - x) + (s - y) * (s - y),
     )
+    return longest2, (x, y, u, v, r, s)
 
 
 @allocation_free
