@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from rastercov._jit import allocation_free, part_of, part_with_arrays
 from rastercov.criteria_kernels import (
+    AT_A_TIME,
     camera_normal,
     facing_density,
     focus_depth,
@@ -26,22 +27,45 @@ from rastercov.criteria_kernels import (
     pixels_per_m2,
     project,
 )
+from rastercov.face_blocks import (
+    AREA,
+    BACK_FACING,
+    BOUND,
+    COSINE,
+    COSINE_ROUNDING,
+    COVERAGE,
+    COVERED,
+    DEGENERATE,
+    DENSITY,
+    DRAWN,
+    EXACT,
+    FACING,
+    FOCUSED,
+    KIND,
+    LARGEST_RESOLUTION,
+    OCCLUDED,
+    ONE,
+    OUT_OF_FOCUS,
+    OUTSIDE,
+    PART,
+    REASON,
+    RESOLUTION,
+    ROUNDING,
+    STATISTICAL,
+    TOO_COARSE,
+    TOO_OBLIQUE,
+    UNSAMPLED,
+    VISIBILITY,
+    VISIBLE,
+    copy_lanes,
+    judge_block,
+)
+from rastercov.raster.cpu.simd_kernel import pointer
 from rastercov.vertex_columns import BEHIND, INSIDE
 
-STATISTICAL, EXACT = 0, 2
-"""Values of `rastercov.BoundKind`."""
-ROUNDING = 2.0**-52
-"""Rounding of a quotient."""
-COSINE_ROUNDING = 1e-14
-"""Greater than the error of a cosine, and of the cosine of its arccosine."""
 PLANE_ROUNDING = 1e-12
 """Of the distance of a point from a plane, to the sum of their coordinates: greater than the error,
 so that a point beyond it is behind the face in any order of operations."""
-LARGEST_RESOLUTION = 1e300
-"""Of one face; a smaller R_min gives no more."""
-DEGENERATE, BACK_FACING, OUTSIDE, OUT_OF_FOCUS = 0, 1, 2, 3
-UNSAMPLED, TOO_COARSE, OCCLUDED, TOO_OBLIQUE, COVERED = 4, 5, 6, 7, 8
-"""Values of `rastercov.Reason`."""
 
 
 class Seen(NamedTuple):
@@ -293,6 +317,41 @@ def replace_by_angles(cosines):
             cosines[row, f] = incidence_angle(cosines[row, f])
 
 
+@part_with_arrays
+def copy_block(block, at, out):
+    """Put the figures of a block where they are asked for, into flat arrays from `at` on."""
+    if out.in_view.size:
+        copy_lanes(ONE, pointer(block), at, pointer(out.in_view))
+    if out.in_view_fraction.size:
+        copy_lanes(PART, pointer(block), at, pointer(out.in_view_fraction))
+    if out.projected_area.size:
+        copy_lanes(AREA, pointer(block), at, pointer(out.projected_area))
+    if out.visible_pixels.size:
+        copy_lanes(VISIBLE, pointer(block), at, pointer(out.visible_pixels))
+    if out.drawn_pixels.size:
+        copy_lanes(DRAWN, pointer(block), at, pointer(out.drawn_pixels))
+    if out.resolution.size:
+        copy_lanes(RESOLUTION, pointer(block), at, pointer(out.resolution))
+    if out.pixel_density.size:
+        copy_lanes(DENSITY, pointer(block), at, pointer(out.pixel_density))
+    if out.facing_density.size:
+        copy_lanes(FACING, pointer(block), at, pointer(out.facing_density))
+    if out.in_focus.size:
+        copy_lanes(FOCUSED, pointer(block), at, pointer(out.in_focus))
+    if out.visibility.size:
+        copy_lanes(VISIBILITY, pointer(block), at, pointer(out.visibility))
+    if out.visibility_bound.size:
+        copy_lanes(BOUND, pointer(block), at, pointer(out.visibility_bound))
+    if out.visibility_kind.size:
+        copy_lanes(KIND, pointer(block), at, pointer(out.visibility_kind))
+    if out.incidence.size:
+        copy_lanes(COSINE, pointer(block), at, pointer(out.incidence))
+    if out.coverage.size:
+        copy_lanes(COVERAGE, pointer(block), at, pointer(out.coverage))
+    if out.reason.size:
+        copy_lanes(REASON, pointer(block), at, pointer(out.reason))
+
+
 @allocation_free
 def judge_poses(rows, scene, lens, seen, work, limits, out):
     """Fill rows of `out` with the figures of poses `rows[0]` to `rows[1] - 1`.
@@ -307,7 +366,16 @@ def judge_poses(rows, scene, lens, seen, work, limits, out):
     n_faces = scene.faces.shape[0]
     for row in range(rows[0], rows[1]):
         project(scene.vertices, seen.poses[row], seen.near[row], lens, work.points)
+        is_judged = False
         for f in range(n_faces):
+            if f % AT_A_TIME == 0:
+                is_judged = judge_block(
+                    f, scene, lens, seen, row, limits, work, asks_density, asks_facing, asks_bound
+                )
+                if is_judged:
+                    copy_block(work.block, row * n_faces + f, out)
+            if is_judged:
+                continue
             cosine = cosine_of(scene, seen, work.points, row, f)
             is_front = cosine > 0 and not scene.degenerate[f]
             geometry, is_seen, areas, resolution, is_focused, product, reason = judge_face(

@@ -35,6 +35,12 @@ MOST_CORNERS = 20
 most n - c/2 of themselves, so that n becomes n + c/2 at most: 3, 4, 6, 9, 13, 19."""
 
 
+AT_A_TIME = 8
+"""Faces of a block: doubles of the longest registers."""
+BLOCK_ROWS = 15
+"""Measures of a face in a block."""
+
+
 class Scene(NamedTuple):
     """Arrays of a mesh, read-only."""
 
@@ -59,11 +65,15 @@ class Lens(NamedTuple):
 
 
 class Workspace(NamedTuple):
-    """Memory of one thread: the projected vertices (V, 8), and two polygons (MOST_CORNERS, 2)."""
+    """Memory of one thread: the projected vertices (V, 8), and two polygons (MOST_CORNERS, 2).
+
+    And the measures of a few faces, see `rastercov.face_blocks`.
+    """
 
     points: NDArray[np.float64]
     polygon: NDArray[np.float64]
     spare: NDArray[np.float64]
+    block: NDArray[np.float64]
 
 
 class FaceArrays(NamedTuple):
@@ -113,7 +123,8 @@ def workspace(n_vertices: int, lens: Any = None) -> Workspace | face_kernels.Cur
     """Memory for one thread, for a lens."""
     if isinstance(lens, face_kernels.CurvedLens):
         return face_kernels.curved_workspace(n_vertices)
-    return Workspace(np.empty((n_vertices, 8)), *np.empty((2, MOST_CORNERS, 2)))
+    polygons = np.empty((2, MOST_CORNERS, 2))
+    return Workspace(np.empty((n_vertices, 8)), *polygons, np.empty((BLOCK_ROWS, AT_A_TIME)))
 
 
 def read_only(array: NDArray[Any], dtype: type) -> NDArray[Any]:
@@ -171,11 +182,11 @@ def camera_normal(normals, f, pose):
 def incidence_cosine(points, i, j, k, normal, is_two_sided):
     """Cosine between the normal and the ray from the centroid to the camera centre.
 
-    In camera axes the ray is minus the centroid itself.
+    In camera axes the ray is minus the centroid itself, and three times that has its direction.
     """
-    x = (points[i, X] + points[j, X] + points[k, X]) / 3
-    y = (points[i, Y] + points[j, Y] + points[k, Y]) / 3
-    z = (points[i, Z] + points[j, Z] + points[k, Z]) / 3
+    x = points[i, X] + points[j, X] + points[k, X]
+    y = points[i, Y] + points[j, Y] + points[k, Y]
+    z = points[i, Z] + points[j, Z] + points[k, Z]
     against = -(normal[0] * x + normal[1] * y + normal[2] * z)
     reach = math.sqrt(x * x + y * y + z * z)
     cosine = against / reach if reach > 0 else 0.0
@@ -339,8 +350,8 @@ def pixel_density(points, i, j, k, normal, lens):
         det = abs(a1 * b2 - a2 * b1)
         gap = total * total - 4 * (det * det)
         greatest = math.sqrt((total + math.sqrt(gap if gap > 0 else 0.0)) / 2)
-        # Depth comes last: its square would overflow for a very small mesh.
-        density = det / greatest / points[p, Z]
+        # The square of the depth would underflow for a very small mesh.
+        density = det / (greatest * points[p, Z])
         worst = worst if density >= worst else density
     return worst
 

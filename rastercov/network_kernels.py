@@ -25,11 +25,33 @@ from rastercov.coverage_kernels import (
     kind_of,
 )
 from rastercov.criteria_kernels import (
+    AT_A_TIME,
     facing_density,
     image_of_face,
     incidence_angle,
     project,
 )
+from rastercov.face_blocks import (
+    AREA,
+    BOUND,
+    COSINE,
+    COVERAGE,
+    DENSITY,
+    DRAWN,
+    FACING,
+    FOCUSED,
+    KIND,
+    PART,
+    REASON,
+    RESOLUTION,
+    VISIBILITY,
+    VISIBLE,
+    add_backs,
+    add_lanes,
+    are_behind,
+    judge_block,
+)
+from rastercov.raster.cpu.simd_kernel import pointer, pointers
 from rastercov.vertex_columns import INSIDE, X, Y, Z
 
 NO_PAIRS, COVERED_PAIRS, SEEN_PAIRS, ALL_PAIRS = range(4)
@@ -187,6 +209,55 @@ def orientation(scene, seen, limits, points, row, f, height, rounding):
     return cosine > 0 and not scene.degenerate[f], exceeds_incidence(cosine, limits)
 
 
+@part_with_arrays
+def add_block(first, row, turn, scene, lens, seen, work, limits, is_scored, sums, covered_faces,
+              coverage, sink, rounding):  # fmt: skip
+    """Add `AT_A_TIME` faces from `first` on, as `add_pose` does each; False where it must."""
+    choice, block, pose = sink.choice, work.block, seen.poses[row]
+    has_rows, n_faces = choice != NO_PAIRS, scene.faces.shape[0]
+    if choice != ALL_PAIRS and first + AT_A_TIME <= n_faces and are_behind(
+        first, pointer(scene.normals), pointer(scene.offsets), pointer(scene.two_sided),
+        pose[0, 3], pose[1, 3], pose[2, 3], rounding,
+    ):  # fmt: skip
+        add_backs(first, pointer(scene.degenerate), pointer(sums.reason), pointer(coverage))
+        return True
+    # The sums hold the largest bounds, and none exceeds 1.
+    asks_bound = seen.kind.size > 0 or has_rows or min(sums.bounds[0], sums.bounds[1]) < 1
+    if not judge_block(
+        first, scene, lens, seen, row, limits, work, has_rows or limits.min_pixel_density > 0,
+        has_rows or limits.min_facing_density > 0, asks_bound,
+    ):  # fmt: skip
+        return False
+    n_covered, best = add_lanes(
+        first, row, pointer(is_scored), pointers(sums), pointer(coverage), pointer(block)
+    )
+    covered_faces[row] += n_covered
+    for lane in range(AT_A_TIME):
+        f = first + lane
+        if best >> lane & 1:
+            sums.best[f], sums.best_row[f] = block[COVERAGE, lane], row
+        reason, part = np.int64(block[REASON, lane]), block[PART, lane]
+        if choice == ALL_PAIRS or (
+            has_rows
+            and (
+                reason == COVERED or (choice == SEEN_PAIRS and reason > BACK_FACING and part > 0)
+            )
+        ):
+            at = turn * n_faces + sink.counts[turn]
+            sink.counts[turn] += 1
+            geometry = (
+                block[COSINE, lane], INSIDE, part, block[AREA, lane], block[DENSITY, lane],
+                block[FACING, lane],
+            )  # fmt: skip
+            areas = block[VISIBLE, lane], block[DRAWN, lane], block[VISIBILITY, lane]
+            add_row(
+                at, sink.pose_ids[row], f, geometry, block[FOCUSED, lane] > 0,
+                block[RESOLUTION, lane], areas, block[BOUND, lane], np.int64(block[KIND, lane]),
+                (block[COVERAGE, lane], reason), sink.rows,
+            )  # fmt: skip
+    return True
+
+
 @allocation_free
 def add_pose(row, turn, scene, lens, seen, work, limits, is_scored, sums, covered_faces, coverage,
              sink):  # fmt: skip
@@ -200,9 +271,16 @@ def add_pose(row, turn, scene, lens, seen, work, limits, is_scored, sums, covere
     x, y, z = pose[0, 3], pose[1, 3], pose[2, 3]
     rounding = PLANE_ROUNDING * (abs(x) + abs(y) + abs(z) + scene.reach)
     project(scene.vertices, pose, seen.near[row], lens, points)
+    normals, is_added = scene.normals, False
     for f in range(n_faces):
+        if f % AT_A_TIME == 0:
+            is_added = add_block(
+                f, row, turn, scene, lens, seen, work, limits, is_scored, sums, covered_faces,
+                coverage, sink, rounding,
+            )  # fmt: skip
+        if is_added:
+            continue
         product, reason, bound, kind, part = 0.0, BACK_FACING, 0.0, EXACT, 0.0
-        normals = scene.normals
         height = normals[f, 0] * x + normals[f, 1] * y + normals[f, 2] * z - scene.offsets[f]
         is_behind = height < -rounding and not scene.two_sided[f]
         if scene.degenerate[f]:

@@ -59,9 +59,10 @@ def face_geometry(mesh: Mesh, camera: Camera, pose: FloatArray) -> FaceGeometry:
         area[partly] = whole
         fraction[partly] = np.divide(shown, whole, out=np.zeros_like(whole), where=whole > 0)
 
-    # In camera axes the ray from the centroid to the centre is minus the centroid itself.
+    # In camera axes the ray from the centroid to the centre is minus the centroid itself, and three
+    # times the centroid has its direction.
     normals = _turned(mesh.normals, pose)
-    x, y, z = (_sum3(column[corners]) / 3 for column in points.T)
+    x, y, z = (_sum3(column[corners]) for column in points.T)
     against = -(normals[:, 0] * x + normals[:, 1] * y + normals[:, 2] * z)
     reach = np.sqrt(x * x + y * y + z * z)
     cosine = np.divide(against, reach, out=np.zeros_like(reach), where=reach > 0)
@@ -129,6 +130,6 @@ def _pixel_density(
         total = a1 * a1 + a2 * a2 + b1 * b1 + b2 * b2
         det = np.abs(a1 * b2 - a2 * b1)
         greatest = np.sqrt((total + np.sqrt(np.maximum(total**2 - 4 * det**2, 0))) / 2)
-        # Depth comes last: its square would overflow for a very small mesh.
-        worst = np.minimum(worst, det / greatest / w)
+        # The square of the depth would underflow for a very small mesh.
+        worst = np.minimum(worst, det / (greatest * w))
     return worst

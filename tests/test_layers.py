@@ -17,6 +17,7 @@ LAYERS = (
     "camera_formats image_boxes viewpoints projection rays shapes",
     "near_plane criteria criteria_kernels",
     "raster",
+    "face_blocks",
     "observation coverage_kernels network_kernels spread_kernels spread face_pass exact engine",
     "_observers",
     "observer task",

@@ -85,7 +85,10 @@ class CurvedLens(NamedTuple):
 
 
 class CurvedWorkspace(NamedTuple):
-    """Memory of one thread: the projected vertices (V, 14), and polygons of a plane."""
+    """Memory of one thread: the projected vertices (V, 14), and polygons of a plane.
+
+    `block`, (0, 0), stands for that of a pinhole.
+    """
 
     points: FloatArray
     polygon: FloatArray
@@ -93,6 +96,7 @@ class CurvedWorkspace(NamedTuple):
     corners: FloatArray
     spare_corners: FloatArray
     edges: EdgeScratch
+    block: FloatArray
 
 
 def curved_lens(camera: Camera) -> CurvedLens:
@@ -130,7 +134,7 @@ def curved_lens(camera: Camera) -> CurvedLens:
 def curved_workspace(n_vertices: int) -> CurvedWorkspace:
     """Memory for one thread."""
     sizes = [(n_vertices, SLOPES + 6)] + [(MOST_CORNERS, 2)] * 2 + [(MOST_CORNERS, 3)] * 2
-    return CurvedWorkspace._make([*(np.empty(size) for size in sizes), edge_scratch()])
+    return CurvedWorkspace._make([*(np.empty(size) for size in sizes), edge_scratch(), np.empty((0, 0))])
 
 
 def read_only(array: NDArray[Any]) -> NDArray[Any]:

@@ -169,13 +169,13 @@ class Vector(Value):
         numbers = [float(number) if self.is_float else number for number in numbers]
         return Vector(self.builder, ir.Constant(self.value.type, numbers))
 
-    def _call(self, operation: str) -> "Vector":
-        """Result of an LLVM operation on one vector of floats."""
-        vector = self.value.type
+    def _call(self, operation: str, *others: "Vector") -> "Vector":
+        """Result of an LLVM operation on vectors of floats."""
+        vector, operands = self.value.type, [self.value, *(other.value for other in others)]
         name = f"llvm.{operation}.v{len(self)}f{32 if self.kind == SINGLE else 64}"
-        kind = ir.FunctionType(vector, [vector])
+        kind = ir.FunctionType(vector, [vector] * len(operands))
         function = cgutils.get_or_insert_function(self.builder.module, kind, name)
-        return Vector(self.builder, self.builder.call(function, [self.value]))
+        return Vector(self.builder, self.builder.call(function, operands))
 
     def floor(self) -> "Vector":
         """Greatest integer not above."""
@@ -188,6 +188,10 @@ class Vector(Value):
     def absolute(self) -> "Vector":
         """Absolute value."""
         return self._call("fabs")
+
+    def sign(self) -> "Vector":
+        """1 with the sign of each lane, also of -0.0."""
+        return self.like(1.0)._call("copysign", self)
 
     def zero_extended(self, kind: Any) -> "Vector":
         """Unsigned integers in a longer type."""
