@@ -31,6 +31,7 @@ def scene(rng):
     torus = shapes.torus(rng.integers(6, 30), rng.integers(5, 12))
     n = int(rng.integers(1, 40))
     size = 10 ** rng.uniform(-3, 0.3, (n, 1, 1))
+    size[rng.uniform(size=n) < 0.2] = 10 ** rng.uniform(-15.5, -11)  # next to no image
     corners = rng.normal(size=(n, 1, 3)) + size * rng.normal(size=(n, 3, 3))
     corners[rng.uniform(size=n) < 0.1, 1] = 0
     corners[rng.uniform(size=n) < 0.1, 2] = corners[0, 0]
@@ -92,7 +93,10 @@ def test_eight_faces_are_judged_as_one_is(method, seed):
                 for batch in networks[-1].judge(observer, poses, pairs=pairs, keep=(0, 2)):
                     rows.append((batch.rows, batch.kept))
                     networks[-1].add(batch)
+            whole = Network(mesh, once)
+            whole.add(found)
             np.testing.assert_equal(sums(networks[0]), sums(networks[1]))
+            np.testing.assert_equal(sums(networks[0]), sums(whole))
             np.testing.assert_equal(rows[0], rows[1])
 
 
