@@ -32,7 +32,8 @@ def json_text(data: Any) -> str:
 
 def json_bytes(data: Any, indent: int | None = None) -> bytes:
     """Content that `write_json` writes, without the line end."""
-    text = json.dumps(_plain(data), indent=indent, ensure_ascii=False, allow_nan=False)
+    plain = _plain(data)
+    text = _line(plain) if indent is None else _indented(plain, indent)
     # File names need not be Unicode; an undecodable byte becomes \udcXX, which is valid JSON.
     return text.encode("utf-8", errors="backslashreplace")
 
@@ -92,6 +93,29 @@ def named(path: Path) -> Iterator[None]:
         raise OSError(error.errno, error.strerror or str(error), str(path)) from error
 
 
+_line = json.JSONEncoder(ensure_ascii=False, allow_nan=False).encode
+
+
+def _indented(plain: Any, indent: int, depth: int = 0) -> str:
+    """JSON over several lines, but a list of numbers on one.
+
+    The encoder of the standard library that indents is written in Python, and a report has as many
+    matrices as poses.
+    """
+    if isinstance(plain, dict) and plain:
+        brackets = "{}"
+        lines = [f"{_line(key)}: {_indented(plain[key], indent, depth + 1)}" for key in plain]
+    elif isinstance(plain, list):
+        if {*map(type, plain)} <= {int, float}:
+            return _line(plain)
+        brackets = "[]"
+        lines = [_indented(value, indent, depth + 1) for value in plain]
+    else:
+        return _line(plain)
+    start = "\n" + " " * (indent * (depth + 1))
+    return brackets[0] + start + f",{start}".join(lines) + start[:-indent] + brackets[1]
+
+
 def _plain(data: Any) -> Any:
     """The same data in types that JSON has."""
     if isinstance(data, np.ndarray | np.generic):
@@ -101,6 +125,8 @@ def _plain(data: Any) -> Any:
     if isinstance(data, Mapping):
         return {str(key): _plain(value) for key, value in data.items()}
     if isinstance(data, list | tuple):
+        if {*map(type, data)} == {float} and all(map(math.isfinite, data)):
+            return list(data)
         return [_plain(value) for value in data]
     if dataclasses.is_dataclass(data) and not isinstance(data, type):
         return {f.name: _plain(getattr(data, f.name)) for f in dataclasses.fields(data)}
