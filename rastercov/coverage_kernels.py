@@ -28,44 +28,24 @@ from rastercov.criteria_kernels import (
     project,
 )
 from rastercov.face_blocks import (
-    AREA,
     BACK_FACING,
-    BOUND,
-    COSINE,
     COSINE_ROUNDING,
-    COVERAGE,
     COVERED,
     DEGENERATE,
-    DENSITY,
-    DRAWN,
     EXACT,
-    FACING,
-    FOCUSED,
-    KIND,
     LARGEST_RESOLUTION,
     OCCLUDED,
-    ONE,
     OUT_OF_FOCUS,
     OUTSIDE,
-    PART,
-    REASON,
-    RESOLUTION,
     ROUNDING,
     STATISTICAL,
     TOO_COARSE,
     TOO_OBLIQUE,
     UNSAMPLED,
-    VISIBILITY,
-    VISIBLE,
-    copy_lanes,
+    copy_block,
     judge_block,
 )
-from rastercov.raster.cpu.simd_kernel import pointer
 from rastercov.vertex_columns import BEHIND, INSIDE
-
-PLANE_ROUNDING = 1e-12
-"""Of the distance of a point from a plane, to the sum of their coordinates: greater than the error,
-so that a point beyond it is behind the face in any order of operations."""
 
 
 class Seen(NamedTuple):
@@ -315,41 +295,6 @@ def replace_by_angles(cosines):
     for row in range(cosines.shape[0]):
         for f in range(cosines.shape[1]):
             cosines[row, f] = incidence_angle(cosines[row, f])
-
-
-@part_with_arrays
-def copy_block(block, at, out):
-    """Put the figures of a block where they are asked for, into flat arrays from `at` on."""
-    if out.in_view.size:
-        copy_lanes(ONE, pointer(block), at, pointer(out.in_view))
-    if out.in_view_fraction.size:
-        copy_lanes(PART, pointer(block), at, pointer(out.in_view_fraction))
-    if out.projected_area.size:
-        copy_lanes(AREA, pointer(block), at, pointer(out.projected_area))
-    if out.visible_pixels.size:
-        copy_lanes(VISIBLE, pointer(block), at, pointer(out.visible_pixels))
-    if out.drawn_pixels.size:
-        copy_lanes(DRAWN, pointer(block), at, pointer(out.drawn_pixels))
-    if out.resolution.size:
-        copy_lanes(RESOLUTION, pointer(block), at, pointer(out.resolution))
-    if out.pixel_density.size:
-        copy_lanes(DENSITY, pointer(block), at, pointer(out.pixel_density))
-    if out.facing_density.size:
-        copy_lanes(FACING, pointer(block), at, pointer(out.facing_density))
-    if out.in_focus.size:
-        copy_lanes(FOCUSED, pointer(block), at, pointer(out.in_focus))
-    if out.visibility.size:
-        copy_lanes(VISIBILITY, pointer(block), at, pointer(out.visibility))
-    if out.visibility_bound.size:
-        copy_lanes(BOUND, pointer(block), at, pointer(out.visibility_bound))
-    if out.visibility_kind.size:
-        copy_lanes(KIND, pointer(block), at, pointer(out.visibility_kind))
-    if out.incidence.size:
-        copy_lanes(COSINE, pointer(block), at, pointer(out.incidence))
-    if out.coverage.size:
-        copy_lanes(COVERAGE, pointer(block), at, pointer(out.coverage))
-    if out.reason.size:
-        copy_lanes(REASON, pointer(block), at, pointer(out.reason))
 
 
 @allocation_free

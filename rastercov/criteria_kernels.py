@@ -123,8 +123,9 @@ def workspace(n_vertices: int, lens: Any = None) -> Workspace | face_kernels.Cur
     """Memory for one thread, for a lens."""
     if isinstance(lens, face_kernels.CurvedLens):
         return face_kernels.curved_workspace(n_vertices)
-    polygons = np.empty((2, MOST_CORNERS, 2))
-    return Workspace(np.empty((n_vertices, 8)), *polygons, np.empty((BLOCK_ROWS, AT_A_TIME)))
+    polygon, spare = np.empty((2, MOST_CORNERS, 2))
+    block = np.empty((BLOCK_ROWS, AT_A_TIME))
+    return Workspace(np.empty((n_vertices, 8)), polygon, spare, block)
 
 
 def read_only(array: NDArray[Any], dtype: type) -> NDArray[Any]:

@@ -54,13 +54,13 @@ def judge_block(first, scene, lens, seen, row, limits, work, asks_density, asks_
     -------
     bool
         False where that must be done face by face: one is not wholly in the image, or at the limit
-        of incidence; there is a limit of pixels on a square metre; bounds of counts are asked for.
-        The block is undefined then.
+        of incidence; a rare threshold is set, see `rastercov.task.Limits`; bounds of counts are
+        asked for. The block is undefined then.
     """
     n_faces, is_counted = scene.faces.shape[0], seen.kind.size == 0
-    if first + AT_A_TIME > n_faces or limits.min_pixels_per_m2 > 0 or (is_counted and asks_bound):
+    if first + AT_A_TIME > n_faces or limits.one_by_one or (is_counted and asks_bound):
         return False
-    is_judged = measure_block(
+    return measure_block(
         first, pointer(scene.faces), pointer(scene.normals), pointer(scene.two_sided),
         pointer(work.points), pointer(seen.poses[row]), lens, limits,
         np.int64(asks_density), np.int64(asks_facing), pointer(work.block),
@@ -70,7 +70,6 @@ def judge_block(first, scene, lens, seen, row, limits, work, asks_density, asks_
         np.int64(asks_bound), np.int64(is_counted), np.int64(seen.area_error.size > 0),
         pointer(work.block),
     )  # fmt: skip
-    return is_judged
 
 
 @simd(returns=types.boolean)
@@ -178,6 +177,41 @@ def copy_lanes(row, block, at, array):
     """Put a row of a block into an array from `at` on, as its type; both are pointers."""
     value = load(at.builder, block.at(row * AT_A_TIME).pointer, AT_A_TIME)
     value.to(array.kind).store(array.at(at).pointer)
+
+
+@part_with_arrays
+def copy_block(block, at, out):
+    """Put the figures of a block where they are asked for, into flat arrays from `at` on."""
+    if out.in_view.size:
+        copy_lanes(ONE, pointer(block), at, pointer(out.in_view))
+    if out.in_view_fraction.size:
+        copy_lanes(PART, pointer(block), at, pointer(out.in_view_fraction))
+    if out.projected_area.size:
+        copy_lanes(AREA, pointer(block), at, pointer(out.projected_area))
+    if out.visible_pixels.size:
+        copy_lanes(VISIBLE, pointer(block), at, pointer(out.visible_pixels))
+    if out.drawn_pixels.size:
+        copy_lanes(DRAWN, pointer(block), at, pointer(out.drawn_pixels))
+    if out.resolution.size:
+        copy_lanes(RESOLUTION, pointer(block), at, pointer(out.resolution))
+    if out.pixel_density.size:
+        copy_lanes(DENSITY, pointer(block), at, pointer(out.pixel_density))
+    if out.facing_density.size:
+        copy_lanes(FACING, pointer(block), at, pointer(out.facing_density))
+    if out.in_focus.size:
+        copy_lanes(FOCUSED, pointer(block), at, pointer(out.in_focus))
+    if out.visibility.size:
+        copy_lanes(VISIBILITY, pointer(block), at, pointer(out.visibility))
+    if out.visibility_bound.size:
+        copy_lanes(BOUND, pointer(block), at, pointer(out.visibility_bound))
+    if out.visibility_kind.size:
+        copy_lanes(KIND, pointer(block), at, pointer(out.visibility_kind))
+    if out.incidence.size:
+        copy_lanes(COSINE, pointer(block), at, pointer(out.incidence))
+    if out.coverage.size:
+        copy_lanes(COVERAGE, pointer(block), at, pointer(out.coverage))
+    if out.reason.size:
+        copy_lanes(REASON, pointer(block), at, pointer(out.reason))
 
 
 @simd(returns=types.boolean)

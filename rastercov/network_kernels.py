@@ -12,11 +12,6 @@ from numpy.typing import NDArray
 
 from rastercov._jit import allocation_free, part_with_arrays
 from rastercov.coverage_kernels import (
-    BACK_FACING,
-    COVERED,
-    DEGENERATE,
-    EXACT,
-    PLANE_ROUNDING,
     bound_and_kind,
     cosine_of,
     density_of,
@@ -33,11 +28,15 @@ from rastercov.criteria_kernels import (
 )
 from rastercov.face_blocks import (
     AREA,
+    BACK_FACING,
     BOUND,
     COSINE,
     COVERAGE,
+    COVERED,
+    DEGENERATE,
     DENSITY,
     DRAWN,
+    EXACT,
     FACING,
     FOCUSED,
     KIND,
@@ -58,6 +57,9 @@ NO_PAIRS, COVERED_PAIRS, SEEN_PAIRS, ALL_PAIRS = range(4)
 """Indices of `rastercov.pairs.CHOICES`."""
 
 
+PLANE_ROUNDING = 1e-12
+"""Of the distance of a point from a plane, to the sum of their coordinates: greater than the error,
+so that a point beyond it is behind the face in any order of operations."""
 CLEAR_REL = 1e-5
 """Relative difference from which squares of cosines decide. Their own error is less where a tenth
 of it, times the height of a camera above a plane, exceeds the rounding of that height."""
@@ -239,9 +241,7 @@ def add_block(first, row, turn, scene, lens, seen, work, limits, is_scored, sums
         reason, part = np.int64(block[REASON, lane]), block[PART, lane]
         if choice == ALL_PAIRS or (
             has_rows
-            and (
-                reason == COVERED or (choice == SEEN_PAIRS and reason > BACK_FACING and part > 0)
-            )
+            and (reason == COVERED or (choice == SEEN_PAIRS and reason > BACK_FACING and part > 0))
         ):
             at = turn * n_faces + sink.counts[turn]
             sink.counts[turn] += 1

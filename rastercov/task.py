@@ -23,8 +23,6 @@ from rastercov.camera import Camera
 from rastercov.criteria import FaceGeometry
 from rastercov.densities import PX_PER_M
 
-FloatArray = NDArray[np.float64]
-
 
 class Reason(IntEnum):
     """First criterion that a face fails, in this order."""
@@ -53,8 +51,8 @@ class Reason(IntEnum):
 class Limits(NamedTuple):
     """Thresholds of a task for one camera, as plain numbers for compiled loops.
 
-    `z_n` and `z_f` are the depth of field in metres, `max_incidence` is in radians, and
-    `least_cosine` its cosine.
+    `z_n` and `z_f` are the depth of field in metres, `max_incidence` is in radians, `least_cosine`
+    its cosine; `one_by_one` says that one is set that `face_blocks` does not know, the last ones.
     """
 
     min_pixels: float
@@ -65,10 +63,11 @@ class Limits(NamedTuple):
     least_cosine: float
     min_pixel_density: float
     min_facing_density: float
-    min_pixels_per_m2: float
     min_coverage: float
     focus_of_centroid: bool
     cap_resolution: bool
+    one_by_one: bool
+    min_pixels_per_m2: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -159,6 +158,7 @@ class Task:
     def limits(self, camera: Camera) -> Limits:
         """Thresholds that `rastercov.coverage_kernels.judge` decides by."""
         z_n, z_f = camera.depth_of_field(self.max_blur)
+        rare = {"min_pixels_per_m2": self.min_pixels_per_m2}
         return Limits(
             min_pixels=self.min_pixels,
             min_visibility=self.min_visibility,
@@ -168,10 +168,11 @@ class Task:
             least_cosine=math.cos(math.radians(self.max_incidence_deg)),
             min_pixel_density=self.min_pixel_density,
             min_facing_density=self.min_facing_density,
-            min_pixels_per_m2=self.min_pixels_per_m2,
             min_coverage=self.min_coverage,
             focus_of_centroid=self.focus_rule == "centroid",
             cap_resolution=self.cap_resolution,
+            one_by_one=any(rare.values()),
+            **rare,
         )
 
     def judge(
@@ -179,7 +180,7 @@ class Task:
         is_degenerate: NDArray[np.bool_],
         geometry: FaceGeometry,
         figures: Mapping[str, NDArray[Any]],
-    ) -> tuple[FloatArray, NDArray[np.uint8]]:
+    ) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
         """Former place of `rastercov.reference.coverage.judge`."""
         from rastercov.reference.coverage import judge
 

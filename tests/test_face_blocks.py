@@ -9,8 +9,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from nightly import examples
 
-from rastercov import Camera, Mesh, Task, evaluate, open_observer, shapes, sphere_of_poses
-from rastercov import criteria_kernels
+from rastercov import (
+    Camera,
+    Mesh,
+    Task,
+    criteria_kernels,
+    evaluate,
+    open_observer,
+    shapes,
+    sphere_of_poses,
+)
 from rastercov import face_blocks as blocks
 from rastercov.coverage import FIGURES
 from rastercov.network import Network

@@ -87,7 +87,7 @@ class CurvedLens(NamedTuple):
 class CurvedWorkspace(NamedTuple):
     """Memory of one thread: the projected vertices (V, 14), and polygons of a plane.
 
-    `block`, (0, 0), stands for that of a pinhole.
+    `block`, (0, 0), is for a pinhole only.
     """
 
     points: FloatArray
@@ -134,7 +134,9 @@ def curved_lens(camera: Camera) -> CurvedLens:
 def curved_workspace(n_vertices: int) -> CurvedWorkspace:
     """Memory for one thread."""
     sizes = [(n_vertices, SLOPES + 6)] + [(MOST_CORNERS, 2)] * 2 + [(MOST_CORNERS, 3)] * 2
-    return CurvedWorkspace._make([*(np.empty(size) for size in sizes), edge_scratch(), np.empty((0, 0))])
+    return CurvedWorkspace._make(
+        [*(np.empty(size) for size in sizes), edge_scratch(), np.empty((0, 0))]
+    )
 
 
 def read_only(array: NDArray[Any]) -> NDArray[Any]:
@@ -265,7 +267,8 @@ def _area_inside(points, i, j, k, lens, n, longest2, corners, work):
 def _longest_edge(points, i, j, k, near, lens, n):
     """Squared length of the longest edge of a face in a plane, and the corners in its units.
 
-    The length is infinite for a face not all in the plane. The valid vertices of a lens with one plane are in it.
+    The length is infinite for a face not all in the plane. The valid vertices of a lens with one
+    plane are in it.
     """
     frame, sides = lens.frames[n], lens.region_sides[n]
     x, y, z = _turned(points, i, frame)

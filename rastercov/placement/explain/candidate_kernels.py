@@ -1,7 +1,7 @@
 """Compiled loop of `candidate_visibility`; `rastercov.reference.views` is the twin."""
 
 from rastercov._jit import compiled
-from rastercov.coverage_kernels import COVERED, STATISTICAL
+from rastercov.face_blocks import COVERED, STATISTICAL
 
 
 @compiled
