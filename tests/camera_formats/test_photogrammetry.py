@@ -315,6 +315,33 @@ def test_bundler_and_bal_follow_the_manual(tmp_path, write):
         np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-9)
 
 
+@pytest.mark.parametrize("unit", ["focal length", "pixels"])
+@pytest.mark.parametrize("n_points", [20, 3])
+def test_observations_of_bal_tell_the_unit_of_its_radii(tmp_path, unit, n_points):
+    """The published problems have coefficients as small as -3e-7: of radii in pixels."""
+    points, f, k1, k2, rvec = POINTS[:n_points], 500.0, -0.1, 0.02, [0.1, 0.2, 0.3]
+    rotation, _ = cv2.Rodrigues(np.array(rvec))
+    wanted = snavely(points, rotation, AWAY, f, k1, k2)
+    noise = RNG.normal(scale=0.02, size=wanted.shape)
+    seen = (wanted + noise - (320, 240)) * (1, -1)
+    if unit == "pixels":
+        k1, k2 = k1 / f**2, k2 / f**4
+    lines = [f"1 {len(points)} {len(points)}"]
+    lines += [f"0 {row} {u!r} {v!r}" for row, (u, v) in enumerate(seen.tolist())]
+    lines += [repr(float(value)) for value in (*rvec, *AWAY, f, k1, k2, *points.ravel())]
+    (tmp_path / "problem.txt").write_text("\n".join(lines) + "\n")
+    views = read_views(tmp_path / "problem.txt", conventions=SIZE)
+    is_told = unit == "pixels" and n_points > 8
+    assert any("radii in pixels" in note for note in views.notes) == is_told
+    found = lens_of(views.cameras()[0]).project(
+        points @ rotation.T * (1, -1, -1) + AWAY * (1, -1, -1)
+    )
+    if is_told or unit == "focal length":
+        np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-9)
+    else:  # too few to tell
+        assert np.abs(found - wanted).max() > 0.02
+
+
 @pytest.mark.parametrize("write", [bundler, bal])
 def test_cut_and_broken_texts_are_one_line(tmp_path, write):
     path = write(tmp_path / "cameras.out")
