@@ -40,7 +40,6 @@ UNSAMPLED, TOO_COARSE, OCCLUDED, TOO_OBLIQUE, COVERED = 4, 5, 6, 7, 8
 BYTE = ir.IntType(8)
 
 
-@part_with_arrays
 def _by_face(first, scene, lens, seen, row, limits, work, asks_density, asks_facing, asks_bound):
     """See `judge_block`: through a lens faces are judged one by one."""
     return False
