@@ -55,8 +55,8 @@ def read_bundler(text: str, border: Border) -> Views:
 def read_bal(text: str, border: Border) -> Views:
     """Cameras and poses of a problem of BAL.
 
-    The documented radii are in units of the focal length; files with coefficients of radii in
-    pixels are told by their observations, see `_by_focal_length`.
+    The documented radii are in units of the focal length; the observations of a file show where
+    its coefficients are of radii in pixels, see `_by_focal_length`.
     """
     words = text.split(maxsplit=3)
     n_cameras, n_points, n_observations = _counts(words[:3], "cameras, points and observations")
