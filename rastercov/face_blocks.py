@@ -10,7 +10,7 @@ from llvmlite import ir
 from numba.core import types
 
 from rastercov._jit import by_type, part_with_arrays
-from rastercov.criteria_kernels import AT_A_TIME
+from rastercov.criteria_kernels import AT_A_TIME, BLOCK_ROWS
 from rastercov.lenses.face_kernels import CurvedLens
 from rastercov.raster.cpu.simd import DOUBLE, LONG, joined, load
 from rastercov.raster.cpu.simd_kernel import Variable, pointer, simd, when
@@ -19,7 +19,7 @@ from rastercov.vertex_columns import DOWN, INSIDE, RIGHT, STATE, U, V, X, Y, Z
 (
     COSINE, PART, AREA, DENSITY, FACING, VISIBLE, DRAWN, VISIBILITY, RESOLUTION, FOCUSED, BOUND,
     KIND, COVERAGE, REASON, ONE,
-) = range(15)  # fmt: skip
+) = range(BLOCK_ROWS)  # fmt: skip
 """Rows of a block, see `rastercov.Coverage`: the cosine of the angle of incidence, figures in
 order, True and False and codes as 1, 0 and themselves, and 1 for each face. What is not asked for
 is 0."""
@@ -125,7 +125,7 @@ def decide_block(
     at the limit of incidence, and for a bound of counts.
     """
     builder = first.builder
-    cosine, has_image = _row(block, COSINE), _row(block, PART) > 0
+    cosine = _row(block, COSINE)
     is_degenerate = load(builder, degenerate.at(first).pointer, AT_A_TIME) > 0
     is_front = (cosine > 0) & ~is_degenerate
     visible, drawn = _areas(at, visible, drawn, scale)
@@ -160,12 +160,11 @@ def decide_block(
     ):  # fmt: skip
         reason = reason.like(value).where(fails, reason)
 
-    is_seen = is_front
     for row, values in (
         (VISIBLE, visible), (DRAWN, drawn), (VISIBILITY, visibility), (RESOLUTION, resolution),
-        (BOUND, bound.now.where(is_seen, 0.0)), (COVERAGE, product), (REASON, reason),
-        (KIND, code.now.where(is_seen, EXACT).to(DOUBLE)),
-        (DENSITY, _row(block, DENSITY).where(is_front & has_image, 0.0)),
+        (BOUND, bound.now.where(is_front, 0.0)), (COVERAGE, product), (REASON, reason),
+        (KIND, code.now.where(is_front, EXACT).to(DOUBLE)),
+        (DENSITY, _row(block, DENSITY).where(is_front, 0.0)),
     ):  # fmt: skip
         _put(block, row, values)
     return is_unclear.bits().equals(0)

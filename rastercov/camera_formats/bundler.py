@@ -96,10 +96,10 @@ def _by_focal_length(
 ) -> FloatArray:
     """f, k1 and k2 of cameras, (N, 3), of radii in units of the focal length.
 
-    The published problems named "pre" have k1 and k2 of radii in pixels, whatever the formula of
-    their page: with it, observations near the border are missed by tens of pixels. So both readings
-    project the points, and that of pixels is taken where it meets the observations (camera, point,
-    u, v) clearly better.
+    A published problem, dubrovnik-3-7-pre.txt, has k1 and k2 of radii in pixels, whatever the
+    formula of its page: with it, observations near the border are missed by tens of pixels. So both
+    readings project the points, and that of pixels is taken where it meets the observations
+    (camera, point, u, v) clearly better.
     """
     which = np.nan_to_num(observations[:, :2], nan=-1).clip(-1, 2**31 - 1).astype(np.int64)
     exists = ((which >= 0) & (which < [len(lenses), len(points)])).all(axis=1)

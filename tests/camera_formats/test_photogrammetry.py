@@ -318,7 +318,7 @@ def test_bundler_and_bal_follow_the_manual(tmp_path, write):
 @pytest.mark.parametrize("unit", ["focal length", "pixels"])
 @pytest.mark.parametrize("n_points", [20, 3])
 def test_observations_of_bal_tell_the_unit_of_its_radii(tmp_path, unit, n_points):
-    """The published problems have coefficients as small as -3e-7: of radii in pixels."""
+    """A published problem has coefficients as small as -7e-8: of radii in pixels."""
     points, f, k1, k2, rvec = POINTS[:n_points], 500.0, -0.1, 0.02, [0.1, 0.2, 0.3]
     rotation, _ = cv2.Rodrigues(np.array(rvec))
     wanted = snavely(points, rotation, AWAY, f, k1, k2)
