@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov._jit import allocation_free, by_type, part_of, part_with_arrays
-from rastercov.lenses import face_kernels
+from rastercov.lenses import density_kernels, face_kernels
 from rastercov.vertex_columns import (
     AHEAD,
     BEHIND,
@@ -325,7 +325,7 @@ def perimeter(points, i, j, k):
     return total
 
 
-@by_lens(face_kernels.pixel_density)
+@by_lens(density_kernels.pixel_density)
 def pixel_density(points, i, j, k, normal, lens):
     """Least singular value of the projection restricted to the face's plane, px/m.
 
@@ -357,7 +357,7 @@ def pixel_density(points, i, j, k, normal, lens):
     return worst
 
 
-@by_lens(face_kernels.facing_density)
+@by_lens(density_kernels.facing_density)
 def facing_density(points, i, j, k, lens):
     """Pixels a metre, worst direction, of a target that faces the camera at the deepest vertex.
 
@@ -372,7 +372,7 @@ def facing_density(points, i, j, k, lens):
     return min(lens.fx, lens.fy) / max(points[i, Z], points[j, Z], points[k, Z])
 
 
-@by_lens(face_kernels.pixels_per_m2)
+@by_lens(density_kernels.pixels_per_m2)
 def pixels_per_m2(points, i, j, k, normal, lens):
     """Pixels on a square metre of a face at its deepest vertex, where they are fewest.
 

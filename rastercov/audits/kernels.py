@@ -8,7 +8,7 @@ import math
 
 from rastercov._jit import allocation_free
 from rastercov.criteria_kernels import by_lens
-from rastercov.lenses.face_kernels import density_of_ray
+from rastercov.lenses.density_kernels import density_of_ray
 from rastercov.lenses.kernels import is_valid
 
 
