@@ -7,9 +7,7 @@ its top; and, below it, glTF's own camera.
 Source: Khronos Group. glTF 2.0 Specification. 2021, sections 3.5.3 and 3.10.
 """
 
-import json
 import math
-import struct
 from typing import Any
 
 import numpy as np
@@ -19,14 +17,12 @@ from rastercov.camera import Camera
 from rastercov.camera_formats.conventions import OPENGL_AXES
 from rastercov.camera_formats.gltf import WORLD
 from rastercov.errors import CameraError
-from rastercov.mesh.formats.glb_container import BINARY_CHUNK, JSON_CHUNK
+from rastercov.mesh.formats.glb_writer import Y_UP, GlbBuffer
 from rastercov.rays import view_border
 from rastercov.views import Views
 
 FloatArray = NDArray[np.float64]
 
-Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
-"""Turn from z up to y up, as in network.glb of a report."""
 PARTS = 12
 """Parts of each side of the image, so that the border of a distorted image is a curve."""
 LENGTH_REL = 0.4
@@ -59,13 +55,13 @@ def glb_of(views: Views, length: float | None = None) -> bytes:
     size = _usual_length(poses[:, :3, 3]) if length is None else length
     used = np.unique(views.poses.camera).tolist()
     pieces = [_pyramid(rig.cameras[row], size) for row in used]
-    buffer = _Buffer()
+    buffer = GlbBuffer()
     meshes, cameras = [], []
     for row, (points, lines) in zip(used, pieces, strict=True):
         name, camera = rig.names[row], rig.cameras[row]
         primitive = {
-            "attributes": {"POSITION": buffer.add(points.astype("<f4"), "VEC3")},
-            "indices": buffer.add(lines.astype("<u4"), "SCALAR"),
+            "attributes": {"POSITION": buffer.add(points.astype(np.float32))},
+            "indices": buffer.add(lines.astype(np.uint32)),
             "mode": 1,  # lines
             "material": 0,
         }
@@ -89,7 +85,6 @@ def glb_of(views: Views, length: float | None = None) -> bytes:
     nodes += [{"camera": row_of[index]} for index in views.poses.camera.tolist()]
     colour = {"baseColorFactor": [0.9, 0.35, 0.1, 1.0], "metallicFactor": 0.0}
     scene = {
-        "asset": {"version": "2.0", "generator": "rastercov"},
         "scene": 0,
         "scenes": [{"nodes": [0]}],
         "nodes": nodes,
@@ -103,51 +98,8 @@ def glb_of(views: Views, length: float | None = None) -> bytes:
             }
         ],
         "extensionsUsed": ["KHR_materials_unlit"],
-        **buffer.tables(),
     }
-    text = json.dumps(scene, allow_nan=False).encode()
-    text += b" " * (-len(text) % 4)
-    body = bytes(buffer.data) + bytes(-len(buffer.data) % 4)
-    total = 12 + 8 + len(text) + 8 + len(body)
-    return b"".join(
-        (
-            struct.pack("<4sII", b"glTF", 2, total),
-            struct.pack("<II", len(text), JSON_CHUNK) + text,
-            struct.pack("<II", len(body), BINARY_CHUNK) + body,
-        )
-    )
-
-
-class _Buffer:
-    """Binary chunk of a file, its views and accessors."""
-
-    def __init__(self) -> None:
-        self.data = bytearray()
-        self._views: list[dict[str, Any]] = []
-        self._accessors: list[dict[str, Any]] = []
-
-    def add(self, array: NDArray[Any], kind: str) -> int:
-        """Index of a new accessor."""
-        self._views.append({"buffer": 0, "byteOffset": len(self.data), "byteLength": array.nbytes})
-        accessor: dict[str, Any] = {
-            "bufferView": len(self._views) - 1,
-            "componentType": 5126 if array.dtype.kind == "f" else 5125,
-            "count": len(array),
-            "type": kind,
-        }
-        if kind == "VEC3":  # required of positions
-            accessor |= {"min": array.min(axis=0).tolist(), "max": array.max(axis=0).tolist()}
-        self._accessors.append(accessor)
-        self.data += array.tobytes()
-        return len(self._accessors) - 1
-
-    def tables(self) -> dict[str, Any]:
-        length = len(self.data) + -len(self.data) % 4
-        return {
-            "buffers": [{"byteLength": length}],
-            "bufferViews": self._views,
-            "accessors": self._accessors,
-        }
+    return buffer.file(scene)
 
 
 def _usual_length(centres: FloatArray) -> float:

@@ -1,5 +1,6 @@
 """Mesh files with each face in the colour of its coverage."""
 
+import io
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from rastercov.area.rest import with_rest
 from rastercov.area.union import Covered
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
+from rastercov.mesh.formats.glb_writer import Y_UP, GlbBuffer
 from rastercov.report import theme
 from rastercov.report.target_pictures import OPACITY
 
@@ -86,63 +88,81 @@ def _write(
         raise ConfigError(f"{path}: a coloured mesh is saved as .glb or .ply")
     if suffix == ".ply":
         is_target = np.array([each.is_target for each in mesh.groups])[group]
-        content = _coloured_soup(triangles, entry, is_target)
+        content = _ply(triangles, entry, is_target)
     else:
-        content = _coloured_scene(mesh, triangles, group, entry)
-    write_bytes(path, content.export(file_type=suffix[1:]))
+        content = _glb(mesh, triangles, group, entry)
+    write_bytes(path, content)
 
 
-def _coloured_soup(
-    triangles: FloatArray, entry: NDArray[np.int64], is_target: NDArray[np.bool_]
-) -> Any:
+def _ply(triangles: FloatArray, entry: NDArray[np.int64], is_target: NDArray[np.bool_]) -> bytes:
     """Separate triangles with vertex colours, in their order."""
-    import trimesh  # takes as long as all other modules of a command, some of which write no mesh
-
-    colours = np.full((len(triangles), 4), 255, np.uint8)
+    n = len(triangles)
+    vertices = np.empty(3 * n, [("place", "<f4", 3), ("colour", "u1", 4)])
+    vertices["place"] = triangles.reshape(-1, 3)
+    colours = np.full((n, 4), 255, np.uint8)
     colours[:, :3] = theme.coverage_colours()[entry]
     colours[is_target, 3] = round(255 * OPACITY)
-    corners = np.arange(3 * len(triangles)).reshape(-1, 3)
-    return trimesh.Trimesh(
-        triangles.reshape(-1, 3), corners, vertex_colors=np.repeat(colours, 3, axis=0),
-        process=False,
-    )  # fmt: skip
+    vertices["colour"] = np.repeat(colours, 3, axis=0)
+    faces = np.empty(n, [("count", "u1"), ("corners", "<i4", 3)])
+    faces["count"] = 3
+    faces["corners"] = np.arange(3 * n).reshape(-1, 3)
+    header = [
+        *("ply", "format binary_little_endian 1.0", f"element vertex {3 * n}"),
+        *(f"property float {name}" for name in "xyz"),
+        *(f"property uchar {name}" for name in ("red", "green", "blue", "alpha")),
+        *(f"element face {n}", "property list uchar int vertex_indices", "end_header", ""),
+    ]
+    return "\n".join(header).encode() + vertices.tobytes() + faces.tobytes()
 
 
-def _coloured_scene(
+def _glb(
     mesh: Mesh, triangles: FloatArray, group_of: NDArray[Any], entry: NDArray[np.int64]
-) -> Any:
+) -> bytes:
     """One node a group, turned from z up to y up, with the palette as texture."""
-    import trimesh
-
-    visual: Any = trimesh.visual  # its classes are not annotated
-
-    def material(name: str, **fields: Any) -> Any:
-        return visual.material.PBRMaterial(
-            name=name,
-            baseColorTexture=Image.fromarray(theme.coverage_colours()[None]),
-            metallicFactor=0.0,
-            roughnessFactor=1.0,
-            doubleSided=True,
-            **fields,
-        )
-
-    opaque = material("coverage")
-    white = [255, 255, 255, round(255 * OPACITY)]
-    translucent = material("coverage of targets", alphaMode="BLEND", baseColorFactor=white)
+    buffer = GlbBuffer()
+    texture = io.BytesIO()
+    Image.fromarray(theme.coverage_colours()[None]).save(texture, "PNG")
+    shine = {"baseColorTexture": {"index": 0}, "metallicFactor": 0.0, "roughnessFactor": 1.0}
+    faint = shine | {"baseColorFactor": [1.0, 1.0, 1.0, OPACITY]}
+    materials: list[dict[str, Any]] = [
+        {"name": "coverage", "pbrMetallicRoughness": shine, "doubleSided": True},
+        {
+            "name": "coverage of targets",
+            "pbrMetallicRoughness": faint,
+            "doubleSided": True,
+            "alphaMode": "BLEND",
+        },
+    ]
     centre = mesh.bounds.mean(axis=0)
-    turn = np.array([[1, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]], np.float64)
+    turn = Y_UP.copy()
     turn[:3, 3] = turn[:3, :3] @ centre
-    root = "root" + "_" * max(len(group.name) for group in mesh.groups)  # no group has this name
-    scene = trimesh.Scene(base_frame=root)
+    nodes: list[dict[str, Any]] = []
+    meshes: list[dict[str, Any]] = []
     for index, group in enumerate(mesh.groups):
         members = np.flatnonzero(group_of == index)
-        if members.size:
-            points = (triangles[members] - centre).reshape(-1, 3)
-            corners = np.arange(len(points)).reshape(-1, 3)
-            # The middle of a texel, the same for all three corners: independent of the filter.
-            u = (np.repeat(entry[members], 3) + 0.5) / theme.PALETTE
-            skin_of = translucent if group.is_target else opaque
-            skin = visual.TextureVisuals(np.stack((u, np.full_like(u, 0.5)), axis=1), skin_of)
-            part = trimesh.Trimesh(points, corners, visual=skin, process=False)
-            scene.add_geometry(part, group.name, group.name, transform=turn)
-    return scene
+        if not members.size:
+            continue
+        points = (triangles[members] - centre).reshape(-1, 3).astype(np.float32)
+        # The middle of a texel, the same for all three corners: independent of the filter.
+        uv = np.full((len(points), 2), 0.5, np.float32)
+        uv[:, 0] = (np.repeat(entry[members], 3) + 0.5) / theme.PALETTE
+        primitive = {
+            "attributes": {"POSITION": buffer.add(points), "TEXCOORD_0": buffer.add(uv)},
+            "material": int(group.is_target),
+        }
+        nodes.append({"name": group.name, "mesh": len(meshes), "matrix": turn.T.ravel().tolist()})
+        meshes.append({"name": group.name, "primitives": [primitive]})
+    return buffer.file(
+        {
+            "scene": 0,
+            "scenes": [{"nodes": list(range(len(nodes)))}],
+            "nodes": nodes,
+            "meshes": meshes,
+            "materials": materials,
+            "textures": [{"source": 0, "sampler": 0}],
+            "samplers": [{}],
+            "images": [
+                {"bufferView": buffer.add_bytes(texture.getvalue()), "mimeType": "image/png"}
+            ],
+        }
+    )

@@ -443,7 +443,7 @@ import rastercov.cli, rastercov.validation.methods, rastercov.report.methods
 import rastercov.report.plan, rastercov.report.models, rastercov.report.placement
 from rastercov.cli import command
 assert command(["demo", "--shape", "box", "--poses", "2", "--device", "cpu", "--json"]) == 0
-print(sorted({"jinja2", "matplotlib"} & sys.modules.keys()), file=sys.stderr)
+print(sorted({"jinja2", "matplotlib", "trimesh"} & sys.modules.keys()), file=sys.stderr)
 from rastercov.report import placement_plots as network_plots
 from rastercov.report import plots, theme
 plots.image_of(plots.bar_plot("t", [("a", 0.5, "b")], theme.LIGHT))

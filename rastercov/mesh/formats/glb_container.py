@@ -17,7 +17,7 @@ from rastercov.mesh.formats.polygons import check_budget
 
 JSON_CHUNK, BINARY_CHUNK = 0x4E4F534A, 0x004E4942
 COMPONENTS = {5120: "i1", 5121: "u1", 5122: "i2", 5123: "u2", 5125: "u4", 5126: "f4"}
-N_COLUMNS = {"SCALAR": 1, "VEC3": 3, "VEC4": 4}
+N_COLUMNS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 
 
 def chunks(data: bytes) -> tuple[dict[str, Any], memoryview, list[str]]:
