@@ -30,6 +30,7 @@ import numba
 from numba.core import caching, types
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import CPUDispatcher as _Dispatcher
+from numba.core.runtime import rtsys
 from numba.core.serialize import dumps
 from numba.core.targetconfig import ConfigStack
 from numba.extending import overload
@@ -141,8 +142,14 @@ class _Kept(caching.FunctionCache):
         self._cache_file = _CheckedFile(self.cache_path, self._impl.filename_base, digest)
 
     def load_overload(self, signature: Any, context: Any) -> Any:
+        """Return the loop on disk, None if there is none.
+
+        numba would first load its rules of all functions, and scipy for some of them, half a
+        second; only compilation needs them. A loop that runs needs its memory management alone.
+        """
         try:
-            return super().load_overload(signature, context)
+            rtsys.initialize(context)
+            return self._load_overload(signature, context)
         except Exception:  # whatever LLVM makes of what another version of it left
             return None
 
