@@ -2,7 +2,8 @@
 
 A ball is a centre and a radius, complex numbers within the radius of the centre; an operation gives
 a ball that holds all its results. Values are arrays: many balls are computed at once. Where a
-ball meets a pole or a branch, the radius is infinite.
+ball meets a pole or a branch, the radius is infinite. Real constants remain plain numbers, so that
+what is 0, as most coefficients of a lens are, costs nothing.
 
 By Cauchy's estimate a bound M of |u - u0| within R of a point bounds the derivatives there: the
 second is at most 2 M / R^2. By Bernstein's, it bounds the error of a quadrature (`edge_rule`).
@@ -38,6 +39,8 @@ class Ball:
         return value if isinstance(value, Ball) else Ball(value, 0.0)
 
     def __add__(self, other: Any) -> "Ball":
+        if isinstance(other, float):
+            return self if other == 0.0 else Ball(self.centre + other, self.radius)
         other = Ball.of(other)
         return Ball(self.centre + other.centre, self.radius + other.radius)
 
@@ -47,12 +50,18 @@ class Ball:
         return Ball(-self.centre, self.radius)
 
     def __sub__(self, other: Any) -> "Ball":
-        return self + -Ball.of(other)
+        return self + -other
 
     def __rsub__(self, other: Any) -> "Ball":
-        return Ball.of(other) + -self
+        return -self + other
 
-    def __mul__(self, other: Any) -> "Ball":
+    def __mul__(self, other: Any) -> Any:
+        """Product; the number 0.0 for a factor of 0.0, where no ball is without limit."""
+        if isinstance(other, float):
+            if other != 0.0:
+                return Ball(self.centre * other, self.radius * abs(other))
+            is_limited = self.radius < np.inf
+            return 0.0 if is_limited.all() else Ball(0.0, np.where(is_limited, 0.0, np.inf))
         other = Ball.of(other)
         a, b = np.abs(self.centre), np.abs(other.centre)
         radius = a * other.radius + b * self.radius + self.radius * other.radius
@@ -65,11 +74,11 @@ class Ball:
         is_good = size > self.radius
         return _ball(1 / self.centre, self.radius / (size * (size - self.radius)), is_good)
 
-    def __truediv__(self, other: Any) -> "Ball":
+    def __truediv__(self, other: Any) -> Any:
         return self * Ball.of(other)._inverse()
 
-    def __rtruediv__(self, other: Any) -> "Ball":
-        return Ball.of(other) * self._inverse()
+    def __rtruediv__(self, other: Any) -> Any:
+        return self._inverse() * other
 
 
 def _ball(centre: Any, radius: Any, is_good: Any) -> Ball:
@@ -101,9 +110,9 @@ def _atan(z: Ball) -> Ball:
     return _ball(np.arctan(z.centre), z.radius / (to_i * to_minus_i), is_good)
 
 
-def _angle_over_r(r2: Ball, z: Any) -> Ball:
+def _angle_over_r(r2: Any, z: Any) -> Ball:
     """Theta / r, the integral of 1 / (r^2 + t^2) over t > z."""
-    z = Ball.of(z)
+    r2, z = Ball.of(r2), Ball.of(z)
     # First along z at each r2, where the derivative is -1 / (r2 + z^2); then along r2 at the centre
     # of z, where it is the integral of -1 / (r2 + t^2)^2, whose size is largest at the least real
     # part of r2, because |r2 + t^2| is at least that and t^2.
@@ -138,7 +147,8 @@ def _steepest(r2: FloatArray, z: FloatArray) -> FloatArray:
     return result
 
 
-def _atan2(y: Ball, x: Ball) -> Ball:
+def _atan2(y: Any, x: Any) -> Ball:
+    y, x = Ball.of(y), Ball.of(x)
     # Valid on the half plane x > 0 and around the y axis; a base turns the longitude to be there.
     right = _atan(y / x)
     right = _ball(right.centre, right.radius, x.centre.real > x.radius)
@@ -164,11 +174,11 @@ def _undo_distortion(p: FloatArray, x: Ball, y: Ball) -> tuple[Ball, Ball]:
     f, g = _distorted(p, Ball(a, zero), Ball(b, zero))
 
     def slopes(radius: FloatArray) -> list[Ball]:
-        one, none = Ball(1.0 + zero, zero), Ball(zero, zero)
         left, right = Ball(a, radius), Ball(b, radius)
-        by_a = _distorted(p, Jet(left, one), Jet(right, none))
-        by_b = _distorted(p, Jet(left, none), Jet(right, one))
-        return [by_a[0].slope, by_b[0].slope, by_a[1].slope, by_b[1].slope]
+        by_a = _distorted(p, Jet(left, 1.0), Jet(right, 0.0))
+        by_b = _distorted(p, Jet(left, 0.0), Jet(right, 1.0))
+        found = by_a[0].slope, by_b[0].slope, by_a[1].slope, by_b[1].slope
+        return [Ball.of(slope) for slope in found]
 
     fa, fb, ga, gb = (ball.centre for ball in slopes(zero))
     det = fa * gb - fb * ga
@@ -206,18 +216,18 @@ def _sqrt_slope(z: Jet) -> Jet:
 
 
 def _atan2_slope(y: Jet, x: Jet) -> Jet:
-    square = x.value * x.value + y.value * y.value
+    square = Ball.of(x.value * x.value + y.value * y.value)
     slope = (x.value * y.slope - y.value * x.slope) / square
     return Jet(_atan2(y.value, x.value), slope)
 
 
 def _angle_over_r_slope(r2: Jet, z: Any) -> Jet:
     z = Jet.of(z)
-    deep = Ball.of(z.value)
-    value, square = _angle_over_r(r2.value, deep), r2.value + deep * deep
+    wide, deep = Ball.of(r2.value), Ball.of(z.value)
+    value, square = _angle_over_r(wide, deep), wide + deep * deep
     # By r2: (z / square - value) / (2 r2), or next to the axis h'(s) / z^3 (see `_angle_over_r`),
     # |h''| <= 2 / (5 m^3); by z: -1 / square.
-    s = r2.value / (deep * deep)
+    s = wide / (deep * deep)
     least = np.minimum(1.0, 1.0 + s.centre.real - s.radius)
     t = s.centre
     is_small = np.abs(t) < 1e-4
@@ -229,19 +239,18 @@ def _angle_over_r_slope(r2: Jet, z: Any) -> Jet:
     )
     is_good = (least > 0) & (deep.centre.real > deep.radius)
     near = _ball(slope, 2 * s.radius / (5 * least**3), is_good) / (deep * deep * deep)
-    by_r2 = _smaller(near, (deep / square - value) / (2.0 * r2.value))
-    return Jet(value, by_r2 * r2.slope + Ball.of(z.slope) * (-1.0 / square))
+    by_r2 = _smaller(near, (deep / square - value) / (2.0 * wide))
+    return Jet(value, by_r2 * r2.slope + z.slope * (-1.0 / square))
 
 
 def _undo_distortion_slope(p: FloatArray, x: Jet, y: Jet) -> tuple[Jet, Jet]:
     """Inverse, and its derivative over balls that hold it."""
     a, b = _undo_distortion(p, x.value, y.value)
-    one, none = Ball(np.ones(a.centre.shape), 0.0), Ball(np.zeros(a.centre.shape), 0.0)
-    fa, ga = _distorted(p, Jet(a, one), Jet(b, none))
-    fb, gb = _distorted(p, Jet(a, none), Jet(b, one))
-    det = fa.slope * gb.slope - fb.slope * ga.slope
-    da = (gb.slope * x.slope - fb.slope * y.slope) / det
-    db = (fa.slope * y.slope - ga.slope * x.slope) / det
+    fa, ga = (Ball.of(jet.slope) for jet in _distorted(p, Jet(a, 1.0), Jet(b, 0.0)))
+    fb, gb = (Ball.of(jet.slope) for jet in _distorted(p, Jet(a, 0.0), Jet(b, 1.0)))
+    det = fa * gb - fb * ga
+    da = (gb * x.slope - fb * y.slope) / det
+    db = (fa * y.slope - ga * x.slope) / det
     return Jet(a, da), Jet(b, db)
 
 
@@ -268,14 +277,12 @@ def slope_reach(
         Root of the sum of the squares of the bounds of |u_x - a|, |u_y - b|, |v_x - c| and
         |v_y - d|, with some a, b, c, d for each point, px per unit of the plane.
     """
-    zero = np.zeros(np.shape(x))
-    one, none = Ball(1.0 + zero, zero), Ball(zero, zero)
-    total = zero.copy()
+    total = np.zeros(np.shape(x))
+    near = radius + total
     with np.errstate(all="ignore"):
-        for along in ((one, none), (none, one)):
-            X = Jet(Ball(x, radius + zero), along[0])
-            Y = Jet(Ball(y, radius + zero), along[1])
-            rays = [float(f[0]) * X + float(f[1]) * Y + Jet(float(f[2]) * one, none) for f in frame]
+        for along in ((1.0, 0.0), (0.0, 1.0)):
+            X, Y = Jet(Ball(x, near), along[0]), Jet(Ball(y, near), along[1])
+            rays = [float(f[0]) * X + float(f[1]) * Y + float(f[2]) for f in frame]
             for jet in _project_slopes(code, params, *rays):
                 total = total + Ball.of(jet.slope).radius ** 2
         return _limited(np.sqrt(total))
@@ -303,11 +310,11 @@ def reach(
         u0, v0 is the pixel of (x, y); infinite where the lens has a pole or a branch that near.
     """
     zero = np.zeros(np.shape(x))
-    X, Y, Z = Ball(x, radius + zero), Ball(y, radius + zero), Ball(1.0 + zero, zero)
-    rays = [frame[i, 0] * X + frame[i, 1] * Y + frame[i, 2] * Z for i in range(3)]
+    X, Y = Ball(x, radius + zero), Ball(y, radius + zero)
+    rays = [float(f[0]) * X + float(f[1]) * Y + float(f[2]) for f in frame]
     with np.errstate(all="ignore"):
         u, v = _project(code, params, *rays)
-    return _limited(u.radius), _limited(v.radius)
+    return _limited(Ball.of(u).radius + zero), _limited(Ball.of(v).radius + zero)
 
 
 def _limited(radius: FloatArray) -> FloatArray:

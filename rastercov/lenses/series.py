@@ -38,7 +38,7 @@ class Series:
     @staticmethod
     def of(value: Any) -> "Series":
         """The value itself, or a constant."""
-        return value if isinstance(value, Series) else Series(Ball.of(value))
+        return value if isinstance(value, Series) else Series(value)
 
     def __add__(self, other: Any) -> "Series":
         one, two = self.terms, Series.of(other).terms
@@ -72,7 +72,7 @@ class Series:
         a, b = self.terms, Series.of(other).terms
         found: list[Any] = []
         for k in range(ORDER + 1):
-            rest: Any = a[k] if k < len(a) else Ball.of(0.0)
+            rest: Any = a[k] if k < len(a) else 0.0
             for j in range(1, min(k, len(b) - 1) + 1):
                 rest = rest - b[j] * found[k - j]
             found.append(rest / b[0])
@@ -87,7 +87,7 @@ def _root(value: Any) -> Series:
     a = Series.of(value).terms
     found = [_sqrt(a[0])]
     for k in range(1, ORDER + 1):
-        rest: Any = a[k] if k < len(a) else Ball.of(0.0)
+        rest: Any = a[k] if k < len(a) else 0.0
         for j in range(1, k):
             rest = rest - found[j] * found[k - j]
         found.append(rest / (2.0 * found[0]))
@@ -129,8 +129,7 @@ def derivatives_in_cells(
     zero = np.zeros(np.shape(x))
 
     def along(dx: float, dy: float) -> list[Ball]:
-        X = Series(Ball(x, half[0] + zero), Ball(dx + zero, zero))
-        Y = Series(Ball(y, half[1] + zero), Ball(dy + zero, zero))
+        X, Y = Series(Ball(x, half[0] + zero), dx), Series(Ball(y, half[1] + zero), dy)
         rays = [float(f[0]) * X + float(f[1]) * Y + float(f[2]) for f in frame]
         return [Ball.of(pixel.terms[k]) for pixel in _project(code, params, *rays) for k in (3, 1)]
 
