@@ -30,7 +30,7 @@ import numba
 from numba.core import caching, types
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import CPUDispatcher as _Dispatcher
-from numba.core.runtime import rtsys
+from numba.core.runtime.nrt import rtsys
 from numba.core.serialize import dumps
 from numba.core.targetconfig import ConfigStack
 from numba.extending import overload

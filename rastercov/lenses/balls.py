@@ -38,7 +38,7 @@ class Ball:
         """The value itself, or numbers as balls of radius 0."""
         return value if isinstance(value, Ball) else Ball(value, 0.0)
 
-    def __add__(self, other: Any) -> "Ball":
+    def __add__(self, other: "Ball | float | NDArray[Any]") -> "Ball":
         if isinstance(other, float):
             return self if other == 0.0 else Ball(self.centre + other, self.radius)
         other = Ball.of(other)
@@ -49,10 +49,10 @@ class Ball:
     def __neg__(self) -> "Ball":
         return Ball(-self.centre, self.radius)
 
-    def __sub__(self, other: Any) -> "Ball":
+    def __sub__(self, other: "Ball | float | NDArray[Any]") -> "Ball":
         return self + -other
 
-    def __rsub__(self, other: Any) -> "Ball":
+    def __rsub__(self, other: "float | NDArray[Any]") -> "Ball":
         return -self + other
 
     def __mul__(self, other: Any) -> Any:
