@@ -6,6 +6,7 @@ import os
 from contextlib import ExitStack
 from itertools import count
 
+import by_day
 import moderngl
 import pytest
 from hypothesis import settings
@@ -35,8 +36,19 @@ USES, UNFROZEN = count(), 100
 logging.getLogger("rastercov").addFilter(lambda record: NOTICE not in record.getMessage())
 
 
-def pytest_collection_modifyitems(items):
-    """Tests that compile for a minute go first: what the processes share at the end is short."""
+def pytest_addoption(parser):
+    text = "of each test with more than three slow cases, run a third"
+    parser.addoption("--by-day", action="store_true", help=text)
+
+
+def pytest_collection_modifyitems(config, items):
+    """Leave out cases by day.
+
+    Tests that compile for a minute go first: what the processes share at the end is short.
+    """
+    if config.getoption("by_day"):
+        items[:], left_out = by_day.split(items, by_day.seed_of())
+        config.hook.pytest_deselected(items=left_out)
     items.sort(key=lambda item: item.get_closest_marker("compile") is None)
 
 

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from nightly import nightly
 from notices import NOTICE
 from processes import python
 
@@ -297,6 +298,7 @@ def test_without_a_home_there_is_no_folder_called_tilde(monkeypatch):
     assert compiled.caching.UserWideCacheLocator not in compiled._Place._locator_classes.fget(None)
 
 
+@nightly
 @pytest.mark.slow
 def test_a_rasteriser_runs_where_nothing_can_be_written(public, plain_python):
     package = public / "package"

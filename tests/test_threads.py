@@ -13,6 +13,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from nightly import amount
 from processes import python
 
 import rastercov as rc
@@ -95,7 +96,7 @@ PROCESSES = {
     "forked": [("forked",)],
 }
 """Parts of the attack by the process that runs them."""
-RUNS = 6
+RUNS = amount(2, 6)
 
 
 @pytest.mark.slow

@@ -48,7 +48,7 @@ def names(folder):
 
 QUICK = "evaluate box -c camera.toml -p sphere:2 --pictures 0"
 MODELS = "compare box -c camera.toml -p sphere:2 --models"
-LONG = "evaluate sphere -c camera.toml -p sphere:40000 --table seen -o report"
+LONG = "evaluate sphere -c camera.toml -p sphere:40000 --table seen --pictures 1 -o report"
 SHARD = 400 * shapes.by_name("sphere").n_faces
 """Pairs of a shard of it, which then has a hundred."""
 

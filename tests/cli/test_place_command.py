@@ -750,7 +750,7 @@ def short_search(monkeypatch):
     def few(*scene, faces, **options):
         return openings(*scene, faces=faces & (np.cumsum(faces) <= 20), **options)
 
-    monkeypatch.setattr(plan_run, "refine", partial(plan_run.refine, budget=200))
+    monkeypatch.setattr(plan_run, "refine", partial(plan_run.refine, budget=60))
     monkeypatch.setattr("rastercov.plan.prepare.openings", few)
 
 
