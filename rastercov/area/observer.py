@@ -25,7 +25,8 @@ class RegionObservation(Observation):
 class RegionObserver(ExactObserver):
     """Observer by method "certified" or "exact" whose observations are `RegionObservation`.
 
-    One thread at a time may use it.
+    One thread at a time may use it. With `only_task`, nothing is known of the visibility of
+    occluders, by their bounds.
 
     Attributes
     ----------
@@ -33,9 +34,17 @@ class RegionObserver(ExactObserver):
         Faces whose regions are left out from now on, such as those of `RegionUnion.closed`.
     """
 
-    def __init__(self, mesh: Mesh, camera: Cameras, task: Task, engine: Engine) -> None:
+    def __init__(
+        self,
+        mesh: Mesh,
+        camera: Cameras,
+        task: Task,
+        engine: Engine,
+        *,
+        only_task: bool = False,
+    ) -> None:
         super().__init__(mesh, camera, engine.method, engine.threads)
-        self._finder = RegionPass(mesh, camera, task, method=engine)
+        self._finder = RegionPass(mesh, camera, task, method=engine, only_task=only_task)
         self.closed: NDArray[np.bool_] = np.zeros(mesh.n_faces, np.bool_)
 
     def observe(self, poses: ArrayLike | Poses) -> RegionObservation:

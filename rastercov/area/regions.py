@@ -173,7 +173,9 @@ def regions(
 class RegionPass:
     """Regions of one mesh through its cameras by one task; any number of threads may use it.
 
-    Parameters are those of `regions`.
+    Parameters are those of `regions`, and `only_task`: occluders need no figures in `find`. Where
+    faces need neither regions nor figures, their visibility is not computed, which is most of the
+    work in a scene of many occluders.
     """
 
     def __init__(
@@ -184,6 +186,7 @@ class RegionPass:
         *,
         method: str | Engine = "certified",
         threads: int | None = None,
+        only_task: bool = False,
     ) -> None:
         check_scene(mesh, camera)
         cameras = cameras_of(camera)
@@ -204,7 +207,7 @@ class RegionPass:
         self.threads = thread_count(engine.threads if threads is None else threads)
         is_certified = engine.method == "certified"
         self._scratch: ScratchPool[_Finder] = ScratchPool(
-            lambda: _Finder(mesh, cameras, task, is_certified), self.threads
+            lambda: _Finder(mesh, cameras, task, is_certified, only_task), self.threads
         )
 
     def find(
@@ -224,7 +227,7 @@ class RegionPass:
             Faces whose regions are left out.
         areas, kind : (3, P, F) float64, (P, F) uint8, optional
             Out: visible area, area and bound of each face in the image, px^2, and the `BoundKind`,
-            as in an `Observation`.
+            as in an `Observation`. With `only_task` nothing is known of occluders, by their bounds.
         """
         matrices = poses.world_from_camera
         n_poses = len(matrices)
@@ -233,7 +236,7 @@ class RegionPass:
         found: list[Any] = [None] * n_poses
 
         def worker(finder: _Finder) -> Callable[[slice], None]:
-            finder.leave_out(closed)
+            finder.leave_out(closed, is_measured=areas is not None)
 
             def work(turn: slice) -> None:
                 for row in range(n_poses)[turn]:
@@ -289,7 +292,12 @@ class _Finder:
     """Regions one pose at a time, with the scratch memory of one thread."""
 
     def __init__(
-        self, mesh: Mesh, cameras: Sequence[Camera], task: Task, is_certified: bool
+        self,
+        mesh: Mesh,
+        cameras: Sequence[Camera],
+        task: Task,
+        is_certified: bool,
+        only_task: bool,
     ) -> None:
         from rastercov.area import plane_kernels, region_kernels
         from rastercov.criteria_kernels import read_only
@@ -317,6 +325,9 @@ class _Finder:
         frames = frames_of(mesh)
         is_asked = mesh.task_mask & (frames.areas > 0)
         self._is_asked, self._read_only = is_asked, read_only
+        # Figures through a lens are sums over planes, of all faces.
+        has_figures = mesh.task_mask | (not only_task or self._is_of_lens)
+        self._has_no_figures = None if has_figures.all() else ~has_figures
         self.planes = plane_kernels.Planes._make(
             [
                 *(read_only(array, np.float64) for array in frames),
@@ -350,10 +361,11 @@ class _Finder:
             self._rules[key] = found
         return self._rules[key]
 
-    def leave_out(self, closed: NDArray[np.bool_] | None) -> None:
-        """Find no regions of some faces, (F,) bool, from now on."""
+    def leave_out(self, closed: NDArray[np.bool_] | None, *, is_measured: bool) -> None:
+        """Find no regions of some faces, (F,) bool, from now on; or, not measured, nothing else."""
         is_asked = self._is_asked if closed is None else self._is_asked & ~closed
         self.planes = self.planes._replace(is_asked=self._read_only(is_asked, np.bool_))
+        self.solver.leave_out(self._has_no_figures if is_measured else ~is_asked)
 
     def copy_areas(self, areas: FloatArray, kind: NDArray[np.uint8]) -> None:
         """Copy the figures of the last pose, (3, F) and (F,); see `RegionPass.find`."""

@@ -111,6 +111,10 @@ class CertificateSolver(HalfPlaneSolver):
         """Compute `visible`, `area_error` and `is_certified` of every face."""
         surface, camera, projected = self.surface, self.camera, self.projected
         n_faces = len(surface.faces)
+        if self._left_out is not None and self._left_out[:n_faces].all():
+            self.is_certified[:n_faces] = False
+            super().solve_all()
+            return
         self.visible[n_faces:] = 0.0
         distance = float(np.linalg.norm(camera.centre - surface.centre))
         reach = distance + surface.diagonal / 2
@@ -146,7 +150,8 @@ class CertificateSolver(HalfPlaneSolver):
             self.grid.faces[: self.grid.n_faces[0]], self.grid.is_whole,
             self._region, self._number, self._targets,
         )  # fmt: skip
-        targets = self._targets[: self.n_crossed + self.n_regions]
+        crossed = self._targets[: self.n_crossed]
+        targets = np.concatenate((self._measured(crossed), self.largest_of_regions()))
         self._call(lay_boxes, targets, projected)
         if self._call(ask_for_faces, targets, projected.box, self.grid):
             self._list_faces()
@@ -163,7 +168,7 @@ class CertificateSolver(HalfPlaneSolver):
                 break
             self._work.kept.used[:] = 0
         # The next pose starts without crossings; only faces among the targets have any.
-        self._crossings.last[targets] = -1
+        self._crossings.last[self._targets[: self.n_crossed + self.n_regions]] = -1
         self._has_crossings = False
         self._limit_errors(targets)
         left = self._scratch[:n_left].copy()
@@ -176,7 +181,7 @@ class CertificateSolver(HalfPlaneSolver):
             self._scratch, CERTAIN_AREA_REL,
         )  # fmt: skip
         self._is_listed = self.n_doubtful == 0
-        self.solve(self._scratch[: self.n_doubtful])
+        self.solve(self._measured(self._scratch[: self.n_doubtful]))
 
         self.solve_targets()
 

@@ -204,6 +204,7 @@ class HalfPlaneSolver:
     """
 
     _camera: Camera | None = None
+    _left_out: BoolArray | None = None
 
     def __init__(self, surface: Surface, camera: Camera) -> None:
         self.surface = surface
@@ -247,6 +248,18 @@ class HalfPlaneSolver:
             return
         self._camera = camera
         self.camera, self.coordinate_scale = pinhole_of(camera)
+
+    def leave_out(self, faces: BoolArray | None) -> None:
+        """Measure some opaque faces no more, (F,) bool in the order of the mesh; None for none.
+
+        They hide what they hid. Their visible area is 0 from now on, within their area in the
+        image.
+        """
+        if faces is None:
+            self._left_out = None
+            return
+        self._left_out = np.zeros(self.surface.n_faces, np.bool_)
+        self._left_out[self.surface.rows] = faces
 
     def keep_pieces(self) -> None:
         """Keep the visible pieces of all faces that are partly visible from now on."""
@@ -329,8 +342,19 @@ class HalfPlaneSolver:
     def solve_all(self) -> None:
         """Compute `visible` and `area_error` of every face."""
         self.visible.fill(0.0)
-        self.solve(np.flatnonzero(self.state & (LIVE | THIN)).astype(np.int32))
+        self.solve(self._measured(np.flatnonzero(self.state & (LIVE | THIN)).astype(np.int32)))
         self.solve_targets()
+
+    def _measured(self, faces: IntArray) -> IntArray:
+        """Those of some opaque faces that are not left out."""
+        if self._left_out is None:
+            return faces
+        is_left_out = self._left_out[faces] & (self.state[faces] & LIVE > 0)
+        others = faces[is_left_out]
+        self.visible[others] = 0.0
+        self.area_error[others] += self.area[others]
+        rest: IntArray = faces[~is_left_out]
+        return rest
 
     def solve_targets(self) -> None:
         """Compute `visible` and `area_error` of every target."""

@@ -106,6 +106,10 @@ class LensSolver:
         """The camera if it is a pinhole, otherwise that of its first plane."""
         return self._camera if self._camera.is_pinhole else self._planes[0][0].camera
 
+    def leave_out(self, faces: NDArray[np.bool_] | None) -> None:
+        """As of `HalfPlaneSolver`; through a lens, figures of such faces are none."""
+        self._solver.leave_out(faces)
+
     def set_pose(self, pose: FloatArray, near: float, front_only: bool) -> None:
         """Take a pose; arguments are those of `HalfPlaneSolver.set_pose`."""
         self._pose = pose, near, front_only

@@ -157,7 +157,7 @@ def region_observer(observer: Observer, cells: Cells, task: Task) -> RegionObser
     if not isinstance(observer, ExactObserver):
         raise ConfigError("cells need method certified or exact, got sampled")
     engine = Engine(observer.info.plan, threads=observer.threads)
-    return RegionObserver(observer.mesh, observer.camera, task, engine)
+    return RegionObserver(observer.mesh, observer.camera, task, engine, only_task=True)
 
 
 def _of_faces(
