@@ -13,7 +13,9 @@ from rastercov.mesh import Mesh
 from rastercov.mesh.formats.glb_writer import Y_UP, GlbBuffer
 
 COORDINATES = st.floats(-1e3, 1e3, width=32)
-NAMES = st.text(min_size=1, max_size=12).filter(lambda name: name.isprintable() and name.strip())
+NAMES = st.text(min_size=1, max_size=12).filter(
+    lambda name: name.isprintable() and name == name.strip()
+)
 
 
 def file_of(points, name, junk):
