@@ -12,10 +12,11 @@ from rastercov._closing import Closing
 from rastercov._memory import check_memory
 from rastercov._threads import ScratchPool, share_poses, thread_count
 from rastercov.errors import DeviceError
+from rastercov.exact.figures import Figures
 from rastercov.face_pass import FacePass, Measured
 from rastercov.mesh import Mesh
 from rastercov.near_plane import limits_of_poses
-from rastercov.observation import BoundKind, Observation, Visibility
+from rastercov.observation import Observation, Visibility
 from rastercov.pose import Poses
 from rastercov.raster.contract import FaceCounts, RasterizerInfo
 from rastercov.raster.several import Rasterizers
@@ -142,28 +143,17 @@ class ExactObserver(OpenObserver):
         n_poses, n_faces = len(matrices), self.mesh.n_faces
         self._check_memory(n_poses)
         cameras = cameras_of(self.camera)
-        near, front_only, clipped = limits_of_poses(self.mesh, cameras, accepted)
-        # Not one array of three: the allocator uses memory of less than 32 MiB again, where fresh
-        # pages take a tenth of the time of a large pose.
-        visible, area, error = (np.empty((n_poses, n_faces)) for _ in range(3))
-        kind = np.empty((n_poses, n_faces), np.uint8)
-        rows = self._surface.rows
+        figures = Figures.room(n_poses, n_faces)
+        near, front_only, figures.clipped[:] = limits_of_poses(self.mesh, cameras, accepted)
 
         def worker(solver: Any) -> Any:
             def work(turn: slice) -> None:
                 for row in range(n_poses)[turn]:
-                    is_direct = solver.write_to(visible[row], area[row], error[row])
+                    is_lent = figures.lend(solver, row)
                     solver.set_camera(cameras[accepted.camera[row]])
                     solver.set_pose(matrices[row], near[row], front_only[row])
                     solver.solve_all()
-                    if not is_direct:
-                        # All rows are in range: with another mode `take` makes a copy first.
-                        solver.visible.take(rows, out=visible[row], mode="clip")
-                        solver.area.take(rows, out=area[row], mode="clip")
-                        solver.area_error.take(rows, out=error[row], mode="clip")
-                    # `EXACT` less 1 is `CERTIFIED`; assignment by a mask takes far longer.
-                    is_certified = solver.is_certified[rows].view(np.uint8)
-                    np.subtract(np.uint8(BoundKind.EXACT), is_certified, out=kind[row])
+                    figures.take(solver, row, is_lent=is_lent)
 
             return work
 
@@ -172,7 +162,9 @@ class ExactObserver(OpenObserver):
         for solver in solvers:  # so that they keep no result alive
             solver.write_to(*np.empty((3, 0)))
         self._scratch.give_back(solvers)
-        return Observation(visible, area, kind, error, clipped)
+        return Observation(
+            figures.visible, figures.area, figures.kind, figures.error, figures.clipped
+        )
 
     def close(self) -> None:
         self._is_open = False

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov._observers import ExactObserver
 from rastercov.area.regions import RegionPass, Regions
 from rastercov.engine import Engine
+from rastercov.exact.figures import Figures
 from rastercov.mesh import Mesh
 from rastercov.observation import Observation
 from rastercov.pose import Poses
@@ -52,12 +53,10 @@ class RegionObserver(ExactObserver):
         accepted = self._accepted(poses)
         n_poses, n_faces = len(accepted), self.mesh.n_faces
         self._check_memory(n_poses)
-        areas = np.empty((3, n_poses, n_faces))
-        kind = np.empty((n_poses, n_faces), np.uint8)
-        found = self._finder.find(accepted, closed=self.closed, areas=areas, kind=kind)
-        clipped = self._finder.clipped(accepted)
-        visible, drawn, error = areas
-        return RegionObservation(visible, drawn, kind, error, clipped, regions=found)
+        figures = Figures.room(n_poses, n_faces)
+        found = self._finder.find(accepted, closed=self.closed, figures=figures)
+        visible, area, error, kind, clipped = figures
+        return RegionObservation(visible, area, kind, error, clipped, regions=found)
 
     def close(self) -> None:
         """Release the memory."""

@@ -21,9 +21,9 @@ from rastercov.camera import Camera
 from rastercov.coverage import batch_size
 from rastercov.engine import Engine
 from rastercov.errors import ConfigError
+from rastercov.exact.figures import Figures
 from rastercov.mesh import Mesh
 from rastercov.near_plane import limits_of_poses
-from rastercov.observation import BoundKind
 from rastercov.pose import Poses
 from rastercov.rig import Cameras, cameras_of, check_scene
 from rastercov.task import Task
@@ -48,6 +48,13 @@ OF_A_FACE = {
     "cap_resolution": "cap_resolution is of a face; by area nothing is graded",
 }
 """Thresholds of a task that depend on the triangles: by area they must have their defaults."""
+
+
+NOTHING_FOUND = (
+    np.empty((0, 2)), np.empty(0, np.int64), np.empty(0, np.int32),
+    np.empty(0, np.int32), np.empty(0), np.empty(0),
+)  # fmt: skip
+"""Pieces, and faces with an area or a bound, of a pose that sees none; see `_Finder.find`."""
 
 
 def check_pointwise(task: Task) -> None:
@@ -214,8 +221,7 @@ class RegionPass:
         self,
         poses: Poses,
         closed: NDArray[np.bool_] | None = None,
-        areas: FloatArray | None = None,
-        kind: NDArray[np.uint8] | None = None,
+        figures: Figures | None = None,
     ) -> Regions:
         """Regions of some poses.
 
@@ -225,38 +231,39 @@ class RegionPass:
             P poses.
         closed : (F,) bool, optional
             Faces whose regions are left out.
-        areas, kind : (3, P, F) float64, (P, F) uint8, optional
-            Out: visible area, area and bound of each face in the image, px^2, and the `BoundKind`,
-            as in an `Observation`. With `only_task` nothing is known of occluders, by their bounds.
+        figures : Figures, optional
+            Out: those of all faces. With `only_task` nothing is known of occluders, by their
+            bounds.
         """
         matrices = poses.world_from_camera
         n_poses = len(matrices)
         poses.check_cameras(len(self.cameras))
-        near, front_only, _ = limits_of_poses(self.mesh, self.cameras, poses)
+        near, front_only, clipped = limits_of_poses(self.mesh, self.cameras, poses)
+        if figures is not None:
+            figures.clipped[:] = clipped
         found: list[Any] = [None] * n_poses
 
         def worker(finder: _Finder) -> Callable[[slice], None]:
-            finder.leave_out(closed, is_measured=areas is not None)
+            finder.leave_out(closed, is_measured=figures is not None)
 
             def work(turn: slice) -> None:
                 for row in range(n_poses)[turn]:
                     finder.take_camera(poses.camera[row])
+                    is_lent = figures is not None and figures.lend(finder.solver, row)
                     found[row] = finder.find(
-                        matrices[row], near[row], front_only[row], is_measured=areas is not None
+                        matrices[row], near[row], front_only[row], is_measured=figures is not None
                     )
-                    if areas is not None and kind is not None:
-                        finder.copy_areas(areas[:, row], kind[row])
+                    if figures is not None:
+                        figures.take(finder.solver, row, is_lent=is_lent)
 
             return work
 
         finders = self._scratch.take(max(1, min(self.threads, n_poses)))
         share_poses(n_poses, [worker(finder) for finder in finders])
+        for finder in finders:
+            finder.take_back()
         self._scratch.give_back(finders)
         return self._joined(poses, found)
-
-    def clipped(self, poses: Poses) -> NDArray[np.bool_]:
-        """(P,) whether the near plane cuts away a surface in view."""
-        return limits_of_poses(self.mesh, self.cameras, poses)[2]
 
     def close(self) -> None:
         """Release the scratch memory."""
@@ -318,6 +325,7 @@ class _Finder:
         else:
             self.solver = LensSolver(surface, cameras[0], solver_type)
         self._is_of_lens = isinstance(self.solver, LensSolver)
+        self._own = self.solver.visible, self.solver.area, self.solver.area_error
         # The solver has the targets behind the opaque faces, and may have sorted these.
         self._rows = surface.rows
         self._face_of: NDArray[np.int32] = np.arange(surface.n_faces, dtype=np.int32)
@@ -365,21 +373,19 @@ class _Finder:
         """Find no regions of some faces, (F,) bool, from now on; or, not measured, nothing else."""
         is_asked = self._is_asked if closed is None else self._is_asked & ~closed
         self.planes = self.planes._replace(is_asked=self._read_only(is_asked, np.bool_))
+        self._asks_nothing = not is_asked.any()
         self.solver.leave_out(self._has_no_figures if is_measured else ~is_asked)
 
-    def copy_areas(self, areas: FloatArray, kind: NDArray[np.uint8]) -> None:
-        """Copy the figures of the last pose, (3, F) and (F,); see `RegionPass.find`."""
-        solver, rows = self.solver, self._rows
-        areas[0], areas[1] = solver.visible[rows], solver.area[rows]
-        areas[2] = solver.area_error[rows]
-        kind[:] = np.where(solver.is_certified[rows], BoundKind.CERTIFIED, BoundKind.EXACT)
+    def take_back(self) -> None:
+        """Have the solver write to its own arrays again, so that it keeps no result alive."""
+        self.solver.write_to(*self._own)
 
     def find(
         self, pose: FloatArray, near: float, front_only: bool, *, is_measured: bool
     ) -> tuple[Any, ...]:
         """Corners, corner counts and faces of the pieces of a pose; faces, areas and bounds.
 
-        Without `is_measured` there may be no figures for `copy_areas`.
+        Without `is_measured` there may be no figures of faces.
         """
         parts: list[tuple[Any, ...]] = []
 
@@ -387,6 +393,10 @@ class _Finder:
             parts.append(self._cut(solver, near, self._rules_of(plane, solver)))
 
         self.solver.set_pose(pose, near, front_only)
+        if self._asks_nothing:
+            if is_measured:
+                self.solver.solve_all()
+            return NOTHING_FOUND
         if self._is_of_lens:
             self.solver.solve_all(visit, is_measured=is_measured)
         else:

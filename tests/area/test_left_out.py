@@ -10,6 +10,7 @@ from surface_cases import hostile_scene
 import rastercov as rc
 from rastercov.area.regions import RegionPass
 from rastercov.exact.certificate import CertificateSolver
+from rastercov.exact.figures import Figures
 from rastercov.mesh import Group, Mesh
 from rastercov.observation import BoundKind
 from rastercov.pose import Poses
@@ -31,10 +32,10 @@ def in_groups(mesh, rng):
 
 
 def measured(finder, poses, **options):
-    """Regions with the figures of all faces."""
-    shape = len(poses), finder.mesh.n_faces
-    areas, kind = np.empty((3, *shape)), np.empty(shape, np.uint8)
-    return finder.find(poses, areas=areas, kind=kind, **options), areas, kind
+    """Regions with the figures of all faces: visible, area and bound (3, P, F), and their kind."""
+    figures = Figures.room(len(poses), finder.mesh.n_faces)
+    found = finder.find(poses, figures=figures, **options)
+    return found, np.stack(figures[:3]), figures.kind
 
 
 def assert_same_regions(found, others):

@@ -15,6 +15,7 @@ from rastercov.area import regions as area_regions
 from rastercov.area.centres import CentrePass
 from rastercov.area.failures import first_failures
 from rastercov.area.regions import RegionPass
+from rastercov.exact.figures import Figures
 from rastercov.reference.regions import covers_points, points_on
 
 MESH, PINHOLE, POSES = room()
@@ -165,12 +166,13 @@ def test_a_mixed_rig_has_the_regions_of_each_camera():
 
 def test_observed_areas_are_those_of_an_observer_without_regions():
     finder = RegionPass(MESH, CAMERAS["fisheye"], threads=1)
-    areas, kind = np.empty((3, 2, MESH.n_faces)), np.empty((2, MESH.n_faces), np.uint8)
-    finder.find(rc.Poses.of(POSES[:2]), areas=areas, kind=kind)
+    figures = Figures.room(2, MESH.n_faces)
+    finder.find(rc.Poses.of(POSES[:2]), figures=figures)
     with rc.open_observer(MESH, CAMERAS["fisheye"], threads=1) as observer:
         seen = observer.observe(POSES[:2])
-    np.testing.assert_array_equal(areas[0], seen.visible_pixels)
-    np.testing.assert_array_equal(areas[2], seen.area_error)
+    np.testing.assert_array_equal(figures.visible, seen.visible_pixels)
+    np.testing.assert_array_equal(figures.error, seen.area_error)
+    np.testing.assert_array_equal(figures.clipped, seen.clipped)
 
 
 # --- single points --------------------------------------------------------------------------------
