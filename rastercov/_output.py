@@ -93,6 +93,7 @@ def named(path: Path) -> Iterator[None]:
         raise OSError(error.errno, error.strerror or str(error), str(path)) from error
 
 
+SCALARS = {str, int, bool, type(None)}
 _line = json.JSONEncoder(ensure_ascii=False, allow_nan=False).encode
 
 
@@ -107,7 +108,7 @@ def _indented(plain: Any, indent: int, depth: int = 0) -> str:
         lines = [f"{_line(key)}: {_indented(plain[key], indent, depth + 1)}" for key in plain]
     elif isinstance(plain, list):
         if {*map(type, plain)} <= {int, float}:
-            return _line(plain)
+            return f"[{', '.join(map(repr, plain))}]"  # as the encoder writes finite numbers
         brackets = "[]"
         lines = [_indented(value, indent, depth + 1) for value in plain]
     else:
@@ -118,7 +119,9 @@ def _indented(plain: Any, indent: int, depth: int = 0) -> str:
 
 def _plain(data: Any) -> Any:
     """The same data in types that JSON has."""
-    if isinstance(data, np.ndarray | np.generic):
+    if type(data) in SCALARS:
+        return data
+    if isinstance(data, (np.ndarray, np.generic)):
         data = data.tolist()
     if isinstance(data, float):
         return data if math.isfinite(data) else None
