@@ -50,7 +50,7 @@ OF_A_FACE = {
 """Thresholds of a task that depend on the triangles: by area they must have their defaults."""
 
 
-NOTHING_FOUND = (
+_NOTHING_FOUND = (
     np.empty((0, 2)), np.empty(0, np.int64), np.empty(0, np.int32),
     np.empty(0, np.int32), np.empty(0), np.empty(0),
 )  # fmt: skip
@@ -396,7 +396,7 @@ class _Finder:
         if self._asks_nothing:
             if is_measured:
                 self.solver.solve_all()
-            return NOTHING_FOUND
+            return _NOTHING_FOUND
         if self._is_of_lens:
             self.solver.solve_all(visit, is_measured=is_measured)
         else:
