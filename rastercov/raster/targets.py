@@ -49,10 +49,6 @@ class TargetFaces:
         """Targets of a mesh; None where it has none."""
         if not mesh.has_targets:
             return None
-        from rastercov._jit import announce_compilation
-        from rastercov.raster import target_kernels  # loads numba
-
-        announce_compilation(target_kernels.count_targets)
         rows = np.flatnonzero(mesh.target_mask)
         centre = mesh.opaque.bounds.mean(axis=0)
         corners = mesh.vertices[mesh.faces[rows]]
@@ -76,8 +72,10 @@ class TargetFaces:
         depths : callable
             Called once if a target is in view.
         """
-        from rastercov.raster import target_kernels as kernels
+        from rastercov._jit import announce_compilation
+        from rastercov.raster import target_kernels as kernels  # loads numba
 
+        announce_compilation(kernels.rows_of_targets)
         axes = np.ascontiguousarray(grid.axes(pose[None])[0, :3, :3])
         view = self.corners, axes, pose[:3, 3] - self.centre, grid.lens, float(near)
         visible, drawn = np.zeros((2, len(self.rows)), np.int64)
