@@ -8,7 +8,6 @@ import subprocess
 import sys
 import time
 from contextlib import contextmanager, suppress
-from functools import partial
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -19,6 +18,7 @@ from notices import without_notices
 
 import rastercov as rc
 from rastercov.placement.candidates.cavities import openings
+from rastercov.placement.improve.refine import refine
 from rastercov.placement.shards import locked
 from rastercov.plan import run as plan_run
 from rastercov.pose_file import read_poses, write_poses
@@ -750,7 +750,10 @@ def short_search(monkeypatch):
     def few(*scene, faces, **options):
         return openings(*scene, faces=faces & (np.cumsum(faces) <= 20), **options)
 
-    monkeypatch.setattr(plan_run, "refine", partial(plan_run.refine, budget=60))
+    def short(*task, budget, **options):
+        return refine(*task, budget=min(budget, 200), **options)
+
+    monkeypatch.setattr(plan_run, "refine", short)
     monkeypatch.setattr("rastercov.plan.prepare.openings", few)
 
 
