@@ -789,7 +789,7 @@ def test_the_room_is_watched_from_its_walls_and_ceiling(capsys, no_pages, short_
     assert code == 0
     assert len(told["cameras"]) <= 6
     assert told["selection"]["cost"] <= 7
-    assert told["share"] >= told["selection"]["share"]
+    assert told["share"] > told["selection"]["share"] - 0.01  # one is exact, the other on cells
     for x, y, z in read_poses("room/poses.json")[:, :3, 3]:
         assert abs(abs(x) - 2.9) < 1e-9 or abs(abs(y) - 2.4) < 1e-9 or abs(z - 2.7) < 1e-9
         assert not (x >= 2 and abs(y) <= 0.6)  # over the door
