@@ -107,7 +107,7 @@ class LensSolver:
         return self._camera if self._camera.is_pinhole else self._planes[0][0].camera
 
     def leave_out(self, faces: NDArray[np.bool_] | None) -> None:
-        """As of `HalfPlaneSolver`; through a lens, figures of such faces are none."""
+        """As of `HalfPlaneSolver`; the figures of such faces mean nothing here."""
         self._solver.leave_out(faces)
 
     def set_pose(self, pose: FloatArray, near: float, front_only: bool) -> None:

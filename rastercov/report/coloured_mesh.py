@@ -1,6 +1,5 @@
 """Mesh files with each face in the colour of its coverage."""
 
-import io
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +14,7 @@ from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.mesh.formats.glb_writer import Y_UP, GlbBuffer
 from rastercov.report import theme
+from rastercov.report.images import png
 from rastercov.report.target_pictures import OPACITY
 
 FloatArray = NDArray[np.float64]
@@ -120,8 +120,7 @@ def _glb(
 ) -> bytes:
     """One node a group, turned from z up to y up, with the palette as texture."""
     buffer = GlbBuffer()
-    texture = io.BytesIO()
-    Image.fromarray(theme.coverage_colours()[None]).save(texture, "PNG")
+    texture = png(Image.fromarray(theme.coverage_colours()[None]))
     shine = {"baseColorTexture": {"index": 0}, "metallicFactor": 0.0, "roughnessFactor": 1.0}
     faint = shine | {"baseColorFactor": [1.0, 1.0, 1.0, OPACITY]}
     materials: list[dict[str, Any]] = [
@@ -161,8 +160,6 @@ def _glb(
             "materials": materials,
             "textures": [{"source": 0, "sampler": 0}],
             "samplers": [{}],
-            "images": [
-                {"bufferView": buffer.add_bytes(texture.getvalue()), "mimeType": "image/png"}
-            ],
+            "images": [{"bufferView": buffer.add_bytes(texture), "mimeType": "image/png"}],
         }
     )
