@@ -4,11 +4,18 @@ Linux gives memory that it does not have and ends the process when it is used, s
 comes too late or never.
 """
 
+import math
 import os
 from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
 
 from rastercov.errors import ResourceError
 
+CACHE_LINE = 64
+"""Bytes of a cache line."""
 UNCHECKED = 1 << 28
 """Bytes up to which results are not held against the machine: to ask it takes 0.1 ms."""
 _MEMINFO = Path("/proc/meminfo")
@@ -16,6 +23,15 @@ _CONTAINER_LIMITS = (
     Path("/sys/fs/cgroup/memory.max"),
     Path("/sys/fs/cgroup/memory/memory.limit_in_bytes"),
 )
+
+
+def aligned_array(shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
+    """Array of any values that starts at a cache line: a row of one line is then in one."""
+    n_bytes = math.prod(shape) * np.dtype(dtype).itemsize
+    memory = np.empty(n_bytes + CACHE_LINE, np.uint8)
+    start = -memory.ctypes.data % CACHE_LINE
+    array: NDArray[Any] = memory[start : start + n_bytes].view(dtype).reshape(shape)
+    return array
 
 
 def check_memory(what: str, n_bytes: int, remedy: str) -> None:

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov._arguments import check_kind
 from rastercov._checks import shown
+from rastercov._memory import aligned_array
 from rastercov._threads import threads_of
 from rastercov.coverage_pass import CoveragePass
 from rastercov.errors import ConfigError, ResourceError
@@ -285,7 +286,7 @@ def judged(
 
 
 def _arrays(names: Sequence[str], shape: tuple[int, int]) -> dict[str, NDArray[Any]]:
-    return {name: np.empty(shape, FIGURES[name]) for name in names}
+    return {name: aligned_array(shape, FIGURES[name]) for name in names}
 
 
 def _coverage(

@@ -298,11 +298,13 @@ def replace_by_angles(cosines):
 
 
 @allocation_free
-def judge_poses(rows, scene, lens, seen, work, limits, out):
+def judge_poses(rows, scene, lens, seen, work, limits, out, skew):
     """Fill rows of `out` with the figures of poses `rows[0]` to `rows[1] - 1`.
 
     A `rastercov.task.Limits` holds the thresholds. What is not asked for is not computed, unless
     the coverage depends on it. `incidence` becomes the cosine, see `replace_by_angles`.
+
+    Blocks begin at cache lines: `skew` float64 lie between one and the arrays of float64 of `out`.
     """
     asks_area = out.projected_area.size > 0
     asks_density = out.pixel_density.size > 0 or limits.min_pixel_density > 0
@@ -313,7 +315,7 @@ def judge_poses(rows, scene, lens, seen, work, limits, out):
         project(scene.vertices, seen.poses[row], seen.near[row], lens, work.points)
         is_judged = False
         for f in range(n_faces):
-            if f % AT_A_TIME == 0:
+            if (skew + row * n_faces + f) % AT_A_TIME == 0:
                 is_judged = judge_block(
                     f, scene, lens, seen, row, limits, work, asks_density, asks_facing, asks_bound
                 )

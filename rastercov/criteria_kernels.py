@@ -15,10 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov._jit import allocation_free, by_type, part_of, part_with_arrays
+from rastercov._memory import aligned_array
 from rastercov.lenses import density_kernels, face_kernels
+from rastercov.raster.cpu.simd_kernel import pointer
+from rastercov.vertex_blocks import project_vertices
 from rastercov.vertex_columns import (
-    AHEAD,
     BEHIND,
+    COLUMNS,
     DOWN,
     INSIDE,
     RIGHT,
@@ -124,8 +127,8 @@ def workspace(n_vertices: int, lens: Any = None) -> Workspace | face_kernels.Cur
     if isinstance(lens, face_kernels.CurvedLens):
         return face_kernels.curved_workspace(n_vertices)
     polygon, spare = np.empty((2, MOST_CORNERS, 2))
-    block = np.empty((BLOCK_ROWS, AT_A_TIME))
-    return Workspace(np.empty((n_vertices, 8)), polygon, spare, block)
+    block = aligned_array((BLOCK_ROWS, AT_A_TIME), np.float64)
+    return Workspace(aligned_array((n_vertices, COLUMNS), np.float64), polygon, spare, block)
 
 
 def read_only(array: NDArray[Any], dtype: type) -> NDArray[Any]:
@@ -146,26 +149,9 @@ def project(vertices, pose, near, lens, points):
 
     The others have the image of a point on the optical axis, which no caller uses.
     """
-    for i in range(vertices.shape[0]):
-        a = vertices[i, 0] - pose[0, 3]
-        b = vertices[i, 1] - pose[1, 3]
-        c = vertices[i, 2] - pose[2, 3]
-        x = a * pose[0, 0] + b * pose[1, 0] + c * pose[2, 0]
-        y = a * pose[0, 1] + b * pose[1, 1] + c * pose[2, 1]
-        z = a * pose[0, 2] + b * pose[1, 2] + c * pose[2, 2]
-        right = down = 0.0
-        state = BEHIND
-        if z >= near:
-            right, down = x / z, y / z
-            state = AHEAD
-        u = right * lens.fx + lens.cx
-        v = down * lens.fy + lens.cy
-        if state == AHEAD and 0 <= u <= lens.width and 0 <= v <= lens.height:
-            state = INSIDE
-        points[i, X], points[i, Y], points[i, Z] = x, y, z
-        points[i, RIGHT], points[i, DOWN] = right, down
-        points[i, U], points[i, V] = u, v
-        points[i, STATE] = state
+    project_vertices(
+        vertices.shape[0], pointer(vertices), pointer(pose), near, lens, pointer(points)
+    )
 
 
 @part_with_arrays

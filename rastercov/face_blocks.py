@@ -12,9 +12,10 @@ from numba.core import types
 from rastercov._jit import by_type, part_with_arrays
 from rastercov.criteria_kernels import AT_A_TIME, BLOCK_ROWS
 from rastercov.lenses.face_kernels import CurvedLens
-from rastercov.raster.cpu.simd import DOUBLE, LONG, joined, load
+from rastercov.raster.cpu.simd import DOUBLE, LONG, load
 from rastercov.raster.cpu.simd_kernel import Variable, pointer, simd, when
-from rastercov.vertex_columns import DOWN, INSIDE, RIGHT, STATE, U, V, X, Y, Z
+from rastercov.vertex_blocks import transposed
+from rastercov.vertex_columns import COLUMNS, DOWN, INSIDE, RIGHT, STATE, U, V, X, Y, Z
 
 (
     COSINE, PART, AREA, DENSITY, FACING, VISIBLE, DRAWN, VISIBILITY, RESOLUTION, FOCUSED, BOUND,
@@ -23,9 +24,6 @@ from rastercov.vertex_columns import DOWN, INSIDE, RIGHT, STATE, U, V, X, Y, Z
 """Rows of a block, see `rastercov.Coverage`: the cosine of the angle of incidence, figures in
 order, True and False and codes as 1, 0 and themselves, and 1 for each face. What is not asked for
 is 0."""
-COLUMNS = 8
-"""Of a projected vertex, see `vertex_columns`."""
-HALF = COLUMNS // 2
 ROUNDING = 2.0**-52
 """Rounding of a quotient."""
 COSINE_ROUNDING = 1e-14
@@ -235,14 +233,11 @@ def add_backs(first, degenerate, reasons, coverage):
     before.like(0).to(DOUBLE).store(coverage.at(first).pointer)
 
 
-@simd(returns=types.UniTuple(types.int64, 2))
+@simd(returns=types.int64)
 def add_lanes(first, pose, is_scored, sums, coverage, block):
     """Add a block to the sums of a network and to the coverage of a pose; arrays are pointers.
 
-    See `network_kernels.add_pair`, but the best pose of a face is left to the caller.
-
-    Returns the number of faces that are scored and covered, and a bit for each face that has no
-    better pose.
+    See `network_kernels.add_pair`. Returns the number of faces that are scored and covered.
     """
     builder = first.builder
 
@@ -252,9 +247,11 @@ def add_lanes(first, pose, is_scored, sums, coverage, block):
     product, reason, bound = (_row(block, row) for row in (COVERAGE, REASON, BOUND))
     is_covered, counts = reason.equals(COVERED), of_faces(is_scored) > 0
     (of_faces(sums.views) + is_covered.to(LONG)).store(sums.views.at(first).pointer)
-    best = of_faces(sums.best)
-    is_tie = product.equals(best) & (of_faces(sums.best_row) > pose)
+    best, best_row = of_faces(sums.best), of_faces(sums.best_row)
+    is_tie = product.equals(best) & (best_row > pose)
     is_best = (product > 0) & ((product > best) | is_tie)
+    product.where(is_best, best).store(sums.best.at(first).pointer)
+    best_row.like(pose).where(is_best, best_row).store(sums.best_row.at(first).pointer)
     before = of_faces(sums.reason)
     code = reason.to(BYTE)
     code.maximum(before).store(sums.reason.at(first).pointer)
@@ -268,7 +265,7 @@ def add_lanes(first, pose, is_scored, sums, coverage, block):
     for place, chosen in ((0, in_view), (1, is_covered)):
         largest = bound.where(chosen, 0.0).reduce("maximum")
         sums.bounds.put(place, largest.maximum(sums.bounds.value(place)))
-    return is_covered.bits().count_bits(), is_best.bits()
+    return is_covered.bits().count_bits()
 
 
 def _row(block, row):
@@ -281,14 +278,11 @@ def _put(block, row, value):
 
 def _corners(faces, points):
     """Columns of the projected vertices of faces, three vectors each."""
-    builder, found = points.builder, []
+    found = []
     for s in range(3):
-        places = [faces.value(3 * k + s) * COLUMNS for k in range(AT_A_TIME)]
-        columns = []
-        for first in (0, HALF):
-            rows = [load(builder, points.at(place + first).pointer, HALF) for place in places]
-            columns += [joined(*rows).every(HALF, column) for column in range(HALF)]
-        found.append(columns)
+        places = (faces.value(3 * k + s) * COLUMNS for k in range(AT_A_TIME))
+        rows = [load(points.builder, points.at(at).pointer, COLUMNS) for at in places]
+        found.append(transposed(rows))
     return [[corner[column] for corner in found] for column in (X, Y, Z, RIGHT, DOWN, U, V, STATE)]
 
 

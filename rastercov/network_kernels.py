@@ -230,18 +230,15 @@ def add_block(first, row, turn, scene, lens, seen, work, limits, is_scored, sums
         has_rows or limits.min_facing_density > 0, asks_bound,
     ):  # fmt: skip
         return False
-    n_covered, best = add_lanes(
+    covered_faces[row] += add_lanes(
         first, row, pointer(is_scored), pointers(sums), pointer(coverage), pointer(block)
     )
-    covered_faces[row] += n_covered
-    for lane in range(AT_A_TIME):
-        f = first + lane
-        if best >> lane & 1:
-            sums.best[f], sums.best_row[f] = block[COVERAGE, lane], row
+    for lane in range(AT_A_TIME if has_rows else 0):
         reason, part = np.int64(block[REASON, lane]), block[PART, lane]
-        if choice == ALL_PAIRS or (
-            has_rows
-            and (reason == COVERED or (choice == SEEN_PAIRS and reason > BACK_FACING and part > 0))
+        if (
+            choice == ALL_PAIRS
+            or reason == COVERED
+            or (choice == SEEN_PAIRS and reason > BACK_FACING and part > 0)
         ):
             at = turn * n_faces + sink.counts[turn]
             sink.counts[turn] += 1
@@ -251,7 +248,7 @@ def add_block(first, row, turn, scene, lens, seen, work, limits, is_scored, sums
             )  # fmt: skip
             areas = block[VISIBLE, lane], block[DRAWN, lane], block[VISIBILITY, lane]
             add_row(
-                at, sink.pose_ids[row], f, geometry, block[FOCUSED, lane] > 0,
+                at, sink.pose_ids[row], first + lane, geometry, block[FOCUSED, lane] > 0,
                 block[RESOLUTION, lane], areas, block[BOUND, lane], np.int64(block[KIND, lane]),
                 (block[COVERAGE, lane], reason), sink.rows,
             )  # fmt: skip

@@ -20,7 +20,9 @@ from rastercov import (
     sphere_of_poses,
 )
 from rastercov import face_blocks as blocks
+from rastercov._memory import CACHE_LINE, aligned_array
 from rastercov.coverage import FIGURES
+from rastercov.coverage_pass import CoveragePass
 from rastercov.network import Network
 from rastercov.observation import BoundKind
 from rastercov.pairs import CHOICES
@@ -113,6 +115,25 @@ def test_codes_are_those_of_the_package():
         assert getattr(blocks, code.name) == code
     for code in Reason:
         assert getattr(blocks, code.name) == code
+
+
+@pytest.mark.parametrize("skew", [0, 1, 3, 7])
+def test_figures_are_the_same_in_any_place(skew):
+    """Blocks begin at cache lines, wherever the arrays of the figures do."""
+    mesh = shapes.torus(9, 7)
+    poses = Poses.of(sphere_of_poses(mesh.bounds.mean(axis=0), 3 * np.ptp(mesh.bounds), 5))
+    with open_observer(mesh, CAMERA) as observer:
+        seen = observer.observe(poses)
+        judge, expected = CoveragePass(observer, Task()), evaluate(mesh, CAMERA, poses)
+        shape = len(poses), mesh.n_faces
+        figures = {
+            name: aligned_array((8 + shape[0] * shape[1],), kind)[skew : skew - 8].reshape(shape)
+            for name, kind in FIGURES.items()
+        }
+        judge.fill(seen, poses, figures)
+    for name, found in figures.items():
+        np.testing.assert_array_equal(found, getattr(expected, name))
+        assert getattr(expected, name).ctypes.data % CACHE_LINE == 0
 
 
 def test_faces_in_the_image_are_judged_in_blocks(monkeypatch):
