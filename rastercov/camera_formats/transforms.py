@@ -43,6 +43,14 @@ INTRINSICS = (
 )
 
 
+ALTERNATIVES = (
+    ({"fl_x", "fl_y", "camera_angle_x", "camera_angle_y", "x_fov", "y_fov"},) * 2,
+    ({"camera_model", "is_fisheye"},) * 2,
+    ({"k1", "k2", "k3", "k4", "p1", "p2"}, {"distortion_params"}),
+)
+"""Entries of a frame, and those of the file that they replace."""
+
+
 def is_mine(content: Any) -> bool:
     """True for JSON with frames that have a transform_matrix."""
     return isinstance(content, dict) and isinstance(content.get("frames"), list)
@@ -59,7 +67,9 @@ def read(source: Source, border: Border) -> Views:
     times: list[float | None] = []
     for row, frame in content.tables("frames"):
         own = {name: frame.get(name) for name in INTRINSICS if name in frame}
-        camera = _camera(Entries(shared | own, frame.where if own else content.where), border)
+        replaced = {name for given, others in ALTERNATIVES if given & own.keys() for name in others}
+        inherited = {name: value for name, value in shared.items() if name not in replaced}
+        camera = _camera(Entries(inherited | own, frame.where if own else content.where), border)
         index.append(cameras.setdefault(camera, len(cameras)))
         images.append(frame.text("file_path", f"frame {row}"))
         times.append(frame.number("time") if "time" in frame else None)

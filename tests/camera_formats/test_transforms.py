@@ -84,6 +84,28 @@ def test_frames_may_have_their_own_intrinsics(tmp_path):
     assert len(views.rig) == 2
 
 
+@pytest.mark.parametrize(
+    ("shared", "own"),
+    [
+        ({"fl_x": 500.0, "fl_y": 500.0}, {"camera_angle_x": 0.9}),
+        ({"fl_x": 500.0, "fl_y": 480.0}, {"fl_x": 600.0}),
+        ({"camera_angle_x": 0.9, "camera_angle_y": 0.6}, {"x_fov": 40.0}),
+        ({"fl_x": 500.0, "distortion_params": [0.1, 0, 0, 0, 0, 0]}, {"k1": 0.2, "p2": 0.01}),
+        ({"fl_x": 500.0, "k1": 0.1}, {"distortion_params": [0.2, 0, 0, 0, 0, 0]}),
+        ({"fl_x": 500.0, "is_fisheye": True}, {"camera_model": "OPENCV", "k1": 0.1}),
+        ({"fl_x": 500.0, "camera_model": "OPENCV"}, {"is_fisheye": True, "k1": 0.1}),
+    ],
+    ids=lambda entries: " ".join(entries),
+)
+def test_an_entry_of_a_frame_replaces_its_alternatives_in_the_file(tmp_path, shared, own):
+    size = {"w": 640, "h": 480}
+    frame = {"file_path": "a.png", "transform_matrix": pose(0)}
+    mixed = read_views(write(tmp_path / "transforms.json", [frame | own], **size, **shared))
+    rest = {"fl_x": 500.0} if not {"fl_x", "camera_angle_x", "x_fov"} & own.keys() else {}
+    alone = read_views(write(tmp_path / "transforms.json", [frame | own | rest], **size))
+    assert mixed.cameras() == alone.cameras()
+
+
 def test_angles_give_the_focal_length(tmp_path):
     path = write(tmp_path / "t.json", w=640, h=480, camera_angle_x=2 * math.atan(0.5))
     camera = read_views(path).camera()
