@@ -275,14 +275,14 @@ class Border:
 
 
 def inverse_of(matrices: FloatArray) -> FloatArray:
-    """Inverse of motions whose rotation may have drifted; NaN where there is none."""
-    found = inverse(matrices)
+    """Inverse of motions whose rotation may have drifted.
+
+    What is no motion stays none, for the check of `Poses` to name it: the transpose of a matrix is
+    as far from orthonormal as the matrix, and the last row is kept.
+    """
     with np.errstate(all="ignore"):
-        drift = np.abs(matrices[:, :3, :3] @ found[:, :3, :3] - np.eye(3)).max(
-            axis=(1, 2), initial=0
-        )
-    # The transpose is the inverse of a rotation only; of others, let the check name them.
-    found[~(drift <= DRIFT_OF_FILES)] = np.nan
+        found = inverse(matrices)
+    found[:, 3] = matrices[:, 3]
     return found
 
 
