@@ -124,6 +124,32 @@ def test_metashape_images_and_chunks_that_are_disabled_are_left_out(tmp_path):
     assert read_views(path).images == ("OLD_0", "OLD_1")
 
 
+def test_metashape_groups_may_be_within_groups(tmp_path):
+    path = metashape(tmp_path / "c.xml")
+    whole, text = read_views(path), path.read_text()
+    text = text.replace("<group ", '<group id="9" label="outer"><group ')
+    path.write_text(text.replace("</group>", "</group></group>"))
+    assert read_views(path).images == whole.images == ("IMG_0", "IMG_1")
+
+
+def test_metashape_terms_without_a_model_are_not_left_out(tmp_path):
+    path = metashape(tmp_path / "c.xml")
+    whole, text = read_views(path), path.read_text()
+    path.write_text(text.replace("<p1>", "<p3>0</p3><p1>"))
+    assert read_views(path).cameras() == whole.cameras()
+    path.write_text(text.replace("<p1>", "<p3>0.25</p3><p1>"))
+    with pytest.raises(rc.CameraError, match=r"its term p3 has no model here, got 0\.25"):
+        read_views(path)
+
+
+def test_metashape_cameras_of_a_rig_without_a_transform_are_counted(tmp_path):
+    path = metashape(tmp_path / "c.xml")
+    path.write_text(path.read_text().replace('label="IMG_2"', 'label="IMG_2" master_id="1"'))
+    views = read_views(path)
+    assert views.images == ("IMG_0", "IMG_1")
+    assert any("1 images of further cameras of a rig left out" in note for note in views.notes)
+
+
 def test_metashape_without_a_transform_has_no_unit(tmp_path):
     path = metashape(tmp_path / "c.xml")
     text = path.read_text()
