@@ -171,6 +171,11 @@ def _of_folder(path: Path, format: str | None) -> tuple[Path, str]:
     for name, its in IN_FOLDERS.items():
         if format in (None, its) and (path / name).is_file():
             return path / name, its
+    if format is None and not (mvsnet.files_of(path) or mvsnet.files_of(path / "cams")):
+        raise CameraError(
+            f"a COLMAP model, {', '.join(IN_FOLDERS)}, or {mvsnet.PATTERN} of MVSNet wanted, got a "
+            "folder without any; name the file itself"
+        )
     if format in (None, "mvsnet"):
         return path, "mvsnet"
     return path, format or ""
@@ -178,7 +183,7 @@ def _of_folder(path: Path, format: str | None) -> tuple[Path, str]:
 
 def _of_content(source: Source) -> str:
     start = source.data[:4000].removeprefix(b"\xef\xbb\xbf").lstrip()
-    if start.startswith(b"<") or source.data[:2] in (b"\xff\xfe", b"\xfe\xff"):
+    if source.is_xml:
         return "metashape" if metashape.is_mine(source.xml) else "opencv"
     if source.path.suffix.lower() == ".json" or start.startswith(b"{"):
         return _of_json(source.json)

@@ -389,10 +389,9 @@ def read_source(source: Source, border: Border) -> Views:
 
 def _content(source: Source) -> Mapping[str, Any]:
     """Table of a storage."""
-    start = source.data[:200].removeprefix(b"\xef\xbb\xbf").lstrip()
-    if start.startswith((b"<", b"\xff\xfe", b"\xfe\xff")):
+    if source.is_xml:
         return of_xml(source.xml)
-    content = source.json if start.startswith(b"{") else source.yaml
+    content = source.json if source.text.lstrip().startswith("{") else source.yaml
     if not isinstance(content, Mapping):
         raise CameraError(f"a table with a camera matrix wanted, got {shown(content)}")
     return content
