@@ -63,6 +63,8 @@ def read(content: Any, border: Border) -> Views:
     chain = Entries(content, "camchain")
     found = [name for name in content if CAMERA_NAME.fullmatch(name)]
     names = [f"cam{row}" for row in range(len(found))]
+    if not found:
+        raise CameraError("cameras cam0, cam1, ... wanted, got none")
     if set(names) != set(found):
         raise CameraError(
             f"cameras {', '.join(names[:MOST_SHOWN])} wanted, each with its place from the one "

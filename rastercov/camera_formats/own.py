@@ -78,6 +78,11 @@ def read(content: Any, border: Border) -> Views:
             index = [names.index(name) for name in index]
         if not is_list or not all(type(i) is int and 0 <= i < len(cameras) for i in index):
             raise PoseError(f"camera must be {wanted}, got {shown(index)}")
+    elif len(poses) and len(cameras) > 1:
+        raise PoseError(
+            f"the poses do not say which of {len(cameras)} cameras each is of; add camera, a list "
+            f"of {len(poses)} indices or names"
+        )
     images, frames = (_texts(entries, name, len(poses)) for name in ("images", "frame"))
     places = None
     if "rig_from_camera" in entries:

@@ -197,6 +197,14 @@ def test_text_in_utf_16_is_said_to_be_so(good):
             path.write_bytes(data)
 
 
+@pytest.mark.parametrize("form", sorted({*READERS} - {"rastercov", "colmap"}))
+def test_a_file_named_for_another_format_is_one_line_of_that_format(good, form):
+    path, _ = good["rastercov"]
+    wanted = "wanted, got|is missing|must be|is no XML"  # and no error of what is done later
+    with pytest.raises(rc.CameraError, match=rf"^[^\n]*({wanted})[^\n]*$"):
+        read_views(path, format=form, conventions=ANSWERS)
+
+
 def test_a_folder_without_cameras_is_told_what_was_looked_for(tmp_path):
     with pytest.raises(
         rc.CameraError, match=r"COLMAP model, transforms\.json, .* wanted, got a fold"
