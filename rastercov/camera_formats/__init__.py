@@ -131,7 +131,9 @@ def read_through(path: StrPath, border: Border, format: str | None = None) -> Vi
     name = printable(str(path))
     try:
         place, found = _recognised(place, format)
-        return READERS[found](Source(place), border)
+        # What overflows is not finite, and is refused by a line of its own, not by numpy's warning.
+        with np.errstate(all="ignore"):
+            return READERS[found](Source(place), border)
     except PoseError as error:
         prefix = "" if str(error).startswith(name) else f"{name}: "
         raise PoseError(f"{prefix}{error}", error.pose_ids) from None

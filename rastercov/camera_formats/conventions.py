@@ -280,8 +280,7 @@ def inverse_of(matrices: FloatArray) -> FloatArray:
     What is no motion stays none, for the check of `Poses` to name it: the transpose of a matrix is
     as far from orthonormal as the matrix, and the last row is kept.
     """
-    with np.errstate(all="ignore"):
-        found = inverse(matrices)
+    found = inverse(matrices)
     found[:, 3] = matrices[:, 3]
     return found
 

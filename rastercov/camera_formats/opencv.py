@@ -279,10 +279,8 @@ def _omnidirectional(
 ) -> Camera:
     """Camera of cv2.omnidir, Mei's model: K, xi, and k1 k2 p1 p2."""
     given = content["xi"]
-    if isinstance(given, Mapping | list):
-        given = _matrix("xi", given).ravel().tolist() if isinstance(given, Mapping) else given
-        given = given[0] if len(given) == 1 else given
-    xi = finite_number(given)
+    numbers = _matrix("xi", given).ravel().tolist() if _is_matrix(given) else given
+    xi = finite_number(numbers[0] if isinstance(numbers, list) and len(numbers) == 1 else numbers)
     if math.isnan(xi) or len(coefficients) not in (0, 4):
         raise CameraError(
             f"a number xi and 4 coefficients of cv2.omnidir wanted, got {shown(given)} and "

@@ -58,9 +58,14 @@ def read(content: Any, border: Border) -> Views:
         return of_matrices(_matrices(entries), border, entries.get("camera"))
     cameras: list[Camera] = []
     names: list[str] = []
+    given = entries.get("cameras")
+    if not isinstance(given, list):
+        raise CameraError(
+            f"cameras must be a list of tables, each with its name, got {shown(given)}"
+        )
     for number, each in entries.tables("cameras"):
         names.append(each.text("name", f"camera {number}"))
-        fields = {k: v for k, v in entries.get("cameras")[len(cameras)].items() if k != "name"}
+        fields = {k: v for k, v in given[len(cameras)].items() if k != "name"}
         try:
             cameras.append(Camera.from_dict(fields))
         except CameraError as error:

@@ -371,3 +371,15 @@ def test_calibrations_of_omnidir_have_their_own_model(tmp_path, suffix, xi):
     storage(path, **SIZED, D=BROWN[:5], xi=xi)
     with pytest.raises(rc.CameraError, match=r"xi and 4 coefficients of cv2\.omnidir wanted"):
         read_views(path)
+    storage(path, **SIZED, D=d, xi="wide")
+    with pytest.raises(rc.CameraError, match=r"cv2\.omnidir wanted, got 'wide' and 4"):
+        read_views(path)
+
+
+@pytest.mark.filterwarnings("error")
+def test_numbers_that_overflow_are_one_line(tmp_path):
+    k = K.copy()
+    k[0, 0] = 1e308
+    path = storage(tmp_path / "c.yml", **SIZED | {"camera_matrix": k}, D=BROWN[:5])
+    with pytest.raises(rc.CameraError, match=r"fx must be .*, got 1e\+308"):
+        read_views(path)

@@ -247,6 +247,7 @@ def test_views_of_one_camera_are_its_poses():
     ("entries", "words"),
     [
         ({"cameras": []}, "at least one camera wanted"),
+        ({"cameras": {"a": {"width": 3}}}, "cameras must be a list of tables, each with its name"),
         ({"cameras": [{"name": "a", "width": 3}]}, "camera 'a': missing height"),
         ({"cameras": [{"name": 3}]}, "name must be a text"),
         ({"camera": [0]}, "camera must be 5 indices or names of 2 cameras"),
