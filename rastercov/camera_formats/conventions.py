@@ -15,7 +15,7 @@ from rastercov._arguments import check_choice, flag
 from rastercov._checks import finite_number, image_side, shown, two
 from rastercov._files import printable
 from rastercov.camera import Camera
-from rastercov.errors import CameraError, ConfigError
+from rastercov.errors import CameraError, ConfigError, PoseError
 from rastercov.mesh.formats import METRES
 from rastercov.pose import DRIFT_TOLERANCE, Poses, inverse
 from rastercov.rig import Rig
@@ -219,11 +219,17 @@ class Border:
         if metres is None and has_lengths:
             metres = self.metres()
         factor = scale * (1.0 if metres is None else metres)
-        poses = Poses.of(
-            self._rigid(matrices, factor, drift),
-            camera=camera,
-            skip_bad=self._given.skip_bad_poses,
-        )
+        try:
+            poses = Poses.of(
+                self._rigid(matrices, factor, drift),
+                camera=camera,
+                skip_bad=self._given.skip_bad_poses,
+            )
+        except PoseError as error:
+            if images is None or not error.pose_ids:
+                raise
+            name = shown(printable(images[error.pose_ids[0]]))
+            raise PoseError(f"{error}: image {name}", error.pose_ids) from None
         rig = None
         if cameras is not None:
             places = None

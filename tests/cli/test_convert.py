@@ -2,6 +2,7 @@
 
 import json
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -143,11 +144,32 @@ def test_evaluate_leaves_out_bad_poses_of_any_file(here, capsys):
     content["frames"][1]["transform_matrix"][0][0] = 9
     (here / "transforms.json").write_text(json.dumps(content))
     line = "evaluate box -p transforms.json --pose-unit m --pictures 0 --json -o out"
-    assert "pose 1 is not a rotation" in refusal(capsys, line)
+    assert re.search(r"pose 1 is not a rotation .*: image '2\.png'", refusal(capsys, line))
     code, out, err = call(capsys, line + " --skip-bad-poses")
     assert code == 0
     assert "pose 1 left out: it is not a rotation" in err
     assert json.loads(out)["poses"] == 1
+
+
+def test_convert_says_which_poses_it_leaves_out(here, capsys):
+    content = json.loads(json.dumps(own_content()))
+    for row in range(7):
+        content["world_from_camera"][row][0][0] = 9
+    (here / "rig.json").write_text(json.dumps(content))
+    line = "convert rig.json out.json --skip-bad-poses --json"
+    code, out, err = call(capsys, line)
+    assert code == 0
+    found = json.loads(out)
+    assert found["poses"] == 1
+    for text in ("pose 0 left out: it is not a rotation", "2 more poses left out"):
+        assert text in err
+        assert any(text in note for note in found["notes"])
+
+
+def own_content():
+    """Eight poses of one camera."""
+    write_views("eight.json", rig(16).of_camera("left"))
+    return json.loads(Path("eight.json").read_text(encoding="utf-8"))
 
 
 @pytest.mark.slow
