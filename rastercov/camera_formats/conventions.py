@@ -240,6 +240,7 @@ class Border:
             rig = Rig(cameras, unique(labels), places)
         if images is None:
             images = [f"pose {row}" for row in range(len(matrices))]
+        names_of_frames = _apart(frames)
         return Views(
             rig=rig,
             poses=poses,
@@ -247,7 +248,7 @@ class Border:
             notes=tuple(self.notes),
             has_unit=metres is not None or not has_lengths,
             camera_names=tuple(camera_names),
-            frames=tuple(printable(frames[row]) for row in poses.ids) if frames else (),
+            frames=tuple(names_of_frames[row] for row in poses.ids) if frames else (),
         )
 
     def _rigid(self, matrices: FloatArray, factor: float, most: float) -> FloatArray:
@@ -291,12 +292,19 @@ def inverse_of(matrices: FloatArray) -> FloatArray:
     return found
 
 
-def unique(names: Sequence[str]) -> list[str]:
+def _apart(frames: Sequence[str]) -> list[str]:
+    """Printable names, as different from one another as those of the file."""
+    names = list(dict.fromkeys(frames))
+    printed = dict(zip(names, unique(names, "frame"), strict=True))
+    return [printed[frame] for frame in frames]
+
+
+def unique(names: Sequence[str], what: str = "camera") -> list[str]:
     """Printable names, none of them empty or twice: " #2" is appended to the second."""
     found: dict[str, None] = {}
     repeats: dict[str, int] = {}
     for row, given in enumerate(names):
-        name = base = printable(given) or f"camera {row}"
+        name = base = printable(given) or f"{what} {row}"
         while name in found:
             repeats[base] = repeats.get(base, 1) + 1
             name = f"{base} #{repeats[base]}"

@@ -72,6 +72,9 @@ def read(content: Any, border: Border) -> Views:
             raise CameraError(f"camera {shown(names[-1])}: {error}") from None
     if not cameras:
         raise CameraError("at least one camera wanted, got none")
+    if len(set(names)) < len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        raise CameraError(f"two cameras are named {shown(twice)}; give each a name of its own")
     poses: NDArray[Any] = np.zeros((0, 4, 4))
     if "world_from_camera" in entries:
         poses = border.of_convention(as_matrices(_matrices(entries)))

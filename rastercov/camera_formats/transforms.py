@@ -106,7 +106,8 @@ def _frames(times: Sequence[float | None]) -> list[str]:
     known = [time for time in times if time is not None]
     if len(known) < len(times) or len(set(known)) == len(known):
         return []
-    return [f"time {time:.10g}" for time in known]
+    # All digits, as it may be seconds since 1970.
+    return [f"time {time!r}".removesuffix(".0") for time in known]
 
 
 def _in_world(poses: NDArray[np.float64], content: Entries, border: Border) -> Any:

@@ -227,3 +227,29 @@ def test_instances_of_an_opensfm_rig_are_frames(tmp_path):
     path.write_text(json.dumps([content]))
     with pytest.raises(rc.CameraError, match="rig_camera_ids must be a table of images"):
         read_views(path)
+
+
+def test_frames_with_names_that_print_alike_stay_apart(tmp_path):
+    long = "x" * 250
+    frames = [f"{long}1", f"{long}1", f"{long}2", f"{long}2", "a", "a ", "", "\n"]
+    table = {
+        "cameras": [CAMERA.plain()],
+        "world_from_camera": np.tile(np.eye(4), (8, 1, 1)).tolist(),
+        "frame": frames,
+    }
+    path = tmp_path / "rig.json"
+    path.write_text(json.dumps(table))
+    found = read_views(path).frames
+    assert [found.index(name) for name in found] == [frames.index(name) for name in frames]
+    assert all(name.isprintable() and name for name in found)
+
+
+def test_times_in_seconds_since_1970_are_frames_of_their_own(tmp_path):
+    frames = [
+        {"file_path": f"{row}.png", "transform_matrix": np.eye(4).tolist(), "time": time}
+        for row, time in enumerate([1.7e9 + 0.1, 1.7e9 + 0.1, 1.7e9 + 0.2, 1.7e9 + 0.3])
+    ]
+    path = tmp_path / "transforms.json"
+    path.write_text(json.dumps({"fl_x": 500, "w": 640, "h": 480, "frames": frames}))
+    found = read_views(path, conventions=rc.Conventions(pose_unit="m")).frames
+    assert [found.index(name) for name in found] == [0, 0, 2, 3]

@@ -250,6 +250,10 @@ def test_views_of_one_camera_are_its_poses():
         ({"cameras": {"a": {"width": 3}}}, "cameras must be a list of tables, each with its name"),
         ({"cameras": [{"name": "a", "width": 3}]}, "camera 'a': missing height"),
         ({"cameras": [{"name": 3}]}, "name must be a text"),
+        (
+            {"cameras": [{"name": "a", "width": 9, "height": 9, "fx": 9, "fy": 9}] * 2},
+            "two cameras are named 'a'",
+        ),
         ({"camera": [0]}, "camera must be 5 indices or names of 2 cameras"),
         ({"camera": None}, "do not say which of 2 cameras each is of; add camera, a list of 5"),
         ({"camera": [0, 1, 2, 0, 1]}, "camera must be 5 indices or names of 2 cameras"),
