@@ -143,6 +143,11 @@ def _camera(element: Element, kind: str, label: str, sensor: Element | None = No
         raise CameraError(f"sensor {shown(label)}: its width and height wanted, got {shown(words)}")
     width, height = (image_side("side", int(word[:20])) for word in words)
     if kind == "spherical":
+        if width != 2 * height:
+            raise CameraError(
+                f"sensor {shown(label)}: a spherical image of 2:1 wanted, which is of all "
+                f"directions, got {width} x {height}; its scale is not in the file"
+            )
         return panorama(width, height)
     if children(element, "fx"):
         raise CameraError(

@@ -8,6 +8,7 @@ Source: OpenSfM documentation, "Coordinate Systems", "Camera Models"; opensfm/io
 opensfm/src/geometry/camera_distortions_functions.h.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -18,7 +19,7 @@ from rastercov._checks import shown
 from rastercov.camera import Camera
 from rastercov.camera_formats.conventions import Border, inverse_of
 from rastercov.camera_formats.entries import Entries
-from rastercov.camera_formats.equivalents import brown, panorama
+from rastercov.camera_formats.equivalents import brown
 from rastercov.camera_formats.rotations import from_vectors
 from rastercov.errors import CameraError
 from rastercov.views import Views
@@ -135,9 +136,12 @@ def _camera(entries: Entries) -> Camera:
         )
     width, height = entries.side("width"), entries.side("height")
     ours, order = MODELS[kind]
-    if ours == "equirectangular":
-        return panorama(width, height)
     side = max(width, height)
+    if ours == "equirectangular":
+        # Longitude and latitude over 2 pi are both parts of the longer side, also where the image
+        # is a part of the sphere.
+        f = side / (2 * math.pi)
+        return Camera(width=width, height=height, fx=f, fy=f, model=ours)
     if "focal_x" in entries:
         fx, fy = entries.number("focal_x"), entries.number("focal_y")
     else:

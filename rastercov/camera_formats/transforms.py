@@ -143,10 +143,16 @@ def _camera(entries: Entries, border: Border) -> Camera:
         size = entries.side("w"), entries.side("h")
     else:
         size = border.image_size(entries.where)
-    if kind == "equirectangular":
+    if kind == "equirectangular" and not entries.any_of("fl_x", "fl_y"):
         return panorama(*size)
     fx, fy = _focal_lengths(entries, *size)
-    lens = _lens(entries, kind)
+    lens: tuple[str, tuple[float, ...]] = kind, ()
+    if (
+        kind == "equirectangular"
+    ):  # longitude and latitude are pi (u - cx) / fl_x, pi (v - cy) / fl_y
+        fx, fy = fx / math.pi, fy / math.pi
+    else:
+        lens = _lens(entries, kind)
     return Camera(
         width=size[0],
         height=size[1],
@@ -238,7 +244,7 @@ def _table(camera: Camera, name: str) -> dict[str, Any]:
         found["is_fisheye"] = True  # read by instant-ngp
     elif camera.model == "rad_tan_thin_prism_fisheye":
         model, found = "FISHEYE624", {"distortion_params": list(c.values())}
-    elif is_whole_panorama(camera):
+    elif camera.model == "equirectangular":
         model = "EQUIRECTANGULAR"
     elif camera.model == "metashape":
         terms = (c["k1"], c["k2"], c["k3"], c["k4"], c["p2"], c["p1"])
@@ -255,8 +261,10 @@ def _table(camera: Camera, name: str) -> dict[str, Any]:
             "or write another format"
         )
     fx, fy = camera.fx, camera.fy
-    if model == "EQUIRECTANGULAR":  # as nerfstudio wants it
-        fx = fy = camera.width / 2
+    if model == "EQUIRECTANGULAR":
+        fx, fy = fx * math.pi, fy * math.pi
+        if is_whole_panorama(camera):
+            fx, fy = camera.width / 2, float(camera.height)
     return {
         "camera_model": model,
         "fl_x": fx,

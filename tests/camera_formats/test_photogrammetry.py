@@ -124,6 +124,15 @@ def test_metashape_images_and_chunks_that_are_disabled_are_left_out(tmp_path):
     assert read_views(path).images == ("OLD_0", "OLD_1")
 
 
+def test_metashape_panoramas_are_of_all_directions(tmp_path):
+    path = metashape(tmp_path / "c.xml", "spherical")
+    with pytest.raises(rc.CameraError, match=r"a spherical image of 2:1 wanted, .*got 640 x 480"):
+        read_views(path)
+    path.write_text(path.read_text().replace('height="480"', 'height="320"'))
+    found = lens_of(read_views(path).camera()).project([[0, 0, 1.0], [1, 0, 0], [0, 1, 1]])
+    np.testing.assert_allclose(found, [[320, 160], [480, 160], [320, 240]], atol=1e-9)
+
+
 def test_metashape_groups_may_be_within_groups(tmp_path):
     path = metashape(tmp_path / "c.xml")
     whole, text = read_views(path), path.read_text()
@@ -241,6 +250,18 @@ def test_every_lens_of_opensfm_follows_its_equations(tmp_path, camera):
     views = read_views(opensfm(tmp_path / "reconstruction.json", camera))
     wanted = opensfm_pixels(camera, RAYS) + 0.5
     np.testing.assert_allclose(lens_of(views.camera()).project(RAYS), wanted, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("size", [(1000, 500), (1000, 400), (640, 480)])
+def test_panoramas_of_opensfm_have_one_scale_across_and_down(tmp_path, size):
+    camera = {"projection_type": "spherical", "width": size[0], "height": size[1]}
+    views = read_views(opensfm(tmp_path / "reconstruction.json", camera))
+    X, Y, Z = (RAYS * (1, 1, -1)).T
+    across, down = np.arctan2(X, Z), np.arctan2(Y, np.hypot(X, Z))
+    # Parts of the longer side, from the middle of the pixels: (w - 1) / 2 is 0.
+    wanted = np.column_stack([across, down]) / (2 * np.pi) * max(size) + (np.array(size) - 1) / 2
+    found = lens_of(views.camera()).project(RAYS * (1, 1, -1))
+    np.testing.assert_allclose(found, wanted + 0.5, rtol=0, atol=1e-9)
 
 
 def test_camera_models_of_opensfm_are_cameras_alone(tmp_path):
