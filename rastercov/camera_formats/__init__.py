@@ -301,7 +301,7 @@ def _contents(path: Path, views: Views, target: str) -> tuple[dict[str, bytes], 
     notes: list[str] = []
     n_poses = len(views.poses)
     if target == "rastercov" and path.suffix.lower() == ".npy":
-        if views.rig is not None:
+        if views.rig is not None or views.camera_names:
             notes.append(".npy holds poses alone: cameras and names of images are left out")
         buffer = io.BytesIO()
         np.save(buffer, views.poses.world_from_camera)
@@ -309,9 +309,12 @@ def _contents(path: Path, views: Views, target: str) -> tuple[dict[str, bytes], 
     if target == "rastercov":
         # Not `json_bytes`, which has no infinity: a camera may be in focus as far as that.
         return {"": (json.dumps(own.content_of(views), indent=1) + "\n").encode()}, notes
-    rig = views.cameras()  # an error where there is none
     its = views.rig
-    assert its is not None
+    if its is None:
+        raise CameraError(
+            "cameras wanted, got poses alone; put both into a .json file of ours, or write one"
+        )
+    rig = its.cameras
     for camera, name in zip(rig, its.names, strict=True):
         if fields := lost(camera):
             notes.append(f"{name}: left out: {', '.join(fields)}")

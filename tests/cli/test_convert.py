@@ -56,6 +56,8 @@ def test_a_model_passes_through_every_format_with_poses(here, capsys):
         ("convert model x --from colmp", "format must be rastercov, colmap, "),
         ("convert model model", "it is what is read"),
         ("convert model taken", "cameras.bin is there already"),
+        ("convert bare.json text --to colmap", "text: cameras wanted, got poses alone; put both"),
+        ("convert bare.json transforms.json", "transforms.json: cameras wanted, got poses alone"),
         ("convert model taken.json --pose-unit m", "taken.json: it is there already"),
         ("convert model nowhere/out.json --pose-unit m", "its folder does not exist"),
         ("convert model nowhere/out", "nowhere/out: cannot be written"),
@@ -68,9 +70,17 @@ def test_a_model_passes_through_every_format_with_poses(here, capsys):
 def test_each_bad_line_is_refused_and_leaves_nothing(here, capsys, line, words):
     write_views("taken", rig())
     write_views("taken.json", rig())
+    rc.write_poses("bare.json", rig().poses.world_from_camera)
     before = {path: path.stat().st_mtime_ns for path in here.rglob("*")}
     assert re.search(words, refusal(capsys, line))
     assert {path: path.stat().st_mtime_ns for path in here.rglob("*")} == before
+
+
+def test_names_of_cameras_that_are_not_kept_are_said(here, capsys):
+    rc.write_poses("named.json", rig().poses.world_from_camera, ["left", "right"] * 2)
+    code, _, err = call(capsys, "convert named.json out.npy")
+    assert code == 0
+    assert "cameras and names of images are left out" in err
 
 
 def test_overwrite_replaces_a_model_as_a_whole(here, capsys):
