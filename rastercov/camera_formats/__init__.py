@@ -131,7 +131,9 @@ def read_through(path: StrPath, border: Border, format: str | None = None) -> Vi
     name = printable(str(path))
     try:
         place, found = _recognised(place, format)
-        return READERS[found](Source(place), border)
+        # What overflows is not finite, and is refused by a line of its own, not by numpy's warning.
+        with np.errstate(all="ignore"):
+            return READERS[found](Source(place), border)
     except PoseError as error:
         prefix = "" if str(error).startswith(name) else f"{name}: "
         raise PoseError(f"{prefix}{error}", error.pose_ids) from None
@@ -171,6 +173,11 @@ def _of_folder(path: Path, format: str | None) -> tuple[Path, str]:
     for name, its in IN_FOLDERS.items():
         if format in (None, its) and (path / name).is_file():
             return path / name, its
+    if format is None and not (mvsnet.files_of(path) or mvsnet.files_of(path / "cams")):
+        raise CameraError(
+            f"a COLMAP model, {', '.join(IN_FOLDERS)}, or {mvsnet.PATTERN} of MVSNet wanted, got a "
+            "folder without any; name the file itself"
+        )
     if format in (None, "mvsnet"):
         return path, "mvsnet"
     return path, format or ""
@@ -178,7 +185,7 @@ def _of_folder(path: Path, format: str | None) -> tuple[Path, str]:
 
 def _of_content(source: Source) -> str:
     start = source.data[:4000].removeprefix(b"\xef\xbb\xbf").lstrip()
-    if start.startswith(b"<") or source.data[:2] in (b"\xff\xfe", b"\xfe\xff"):
+    if source.is_xml:
         return "metashape" if metashape.is_mine(source.xml) else "opencv"
     if source.path.suffix.lower() == ".json" or start.startswith(b"{"):
         return _of_json(source.json)
@@ -294,7 +301,7 @@ def _contents(path: Path, views: Views, target: str) -> tuple[dict[str, bytes], 
     notes: list[str] = []
     n_poses = len(views.poses)
     if target == "rastercov" and path.suffix.lower() == ".npy":
-        if views.rig is not None:
+        if views.rig is not None or views.camera_names:
             notes.append(".npy holds poses alone: cameras and names of images are left out")
         buffer = io.BytesIO()
         np.save(buffer, views.poses.world_from_camera)
@@ -302,9 +309,12 @@ def _contents(path: Path, views: Views, target: str) -> tuple[dict[str, bytes], 
     if target == "rastercov":
         # Not `json_bytes`, which has no infinity: a camera may be in focus as far as that.
         return {"": (json.dumps(own.content_of(views), indent=1) + "\n").encode()}, notes
-    rig = views.cameras()  # an error where there is none
     its = views.rig
-    assert its is not None
+    if its is None:
+        raise CameraError(
+            "cameras wanted, got poses alone; put both into a .json file of ours, or write one"
+        )
+    rig = its.cameras
     for camera, name in zip(rig, its.names, strict=True):
         if fields := lost(camera):
             notes.append(f"{name}: left out: {', '.join(fields)}")

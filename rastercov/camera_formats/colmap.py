@@ -18,10 +18,9 @@ from rastercov._checks import image_side, shown
 from rastercov._files import StrPath, UnreadableError, open_file, printable
 from rastercov.camera import Camera
 from rastercov.camera_formats.colmap_models import BY_ID, IDS, ColmapModel, camera_of
-from rastercov.camera_formats.conventions import Border
+from rastercov.camera_formats.conventions import Border, inverse_of
 from rastercov.camera_formats.rotations import from_quaternions
 from rastercov.errors import CameraError, PoseError
-from rastercov.pose import inverse
 from rastercov.views import Views
 
 LARGEST_FILE = 1 << 36
@@ -73,7 +72,11 @@ def read(path: Path, border: Border) -> Views:
         )
     else:
         border.note(f"there is no images{suffix}: cameras alone")
+    numbers: set[int] = set()
     for image in images:
+        if image.image_id in numbers:
+            raise CameraError(f"image {image.image_id} comes twice in images{suffix}; leave one")
+        numbers.add(image.image_id)
         if image.camera_id not in row_of:
             raise CameraError(
                 f"image {shown(image.name)} is of camera {image.camera_id}, which is not in "
@@ -92,7 +95,7 @@ def read(path: Path, border: Border) -> Views:
     return border.views(
         cameras,
         _names(sorted(table)),
-        world_from_camera=inverse(motions),
+        world_from_camera=inverse_of(motions),
         camera=[row_of[image.camera_id] for image in images],
         images=[image.name for image in images],
         frames=_names_of_frames(images, frame_of),
@@ -161,7 +164,9 @@ def _lines(file: BinaryIO) -> Iterator[tuple[int, str]]:
         number += 1
         if len(raw) == LONGEST_LINE:
             raise CameraError(f"line {number} is longer than {LONGEST_LINE} bytes")
-        text = raw.decode("utf-8", errors="replace").strip()
+        if number == 1 and raw.startswith((b"\xff\xfe", b"\xfe\xff")):
+            raise CameraError("text in UTF-8 wanted, got UTF-16; save it as UTF-8")
+        text = raw.decode("utf-8-sig" if number == 1 else "utf-8", errors="replace").strip()
         if not text.startswith("#"):
             yield number, text
 
@@ -235,7 +240,8 @@ def _text_images(file: BinaryIO) -> list[Image]:
         images.append(Image(quaternion, translation, camera_id, name, image_id))
         after, points = next(lines, (number + 1, ""))
         found = points.split()
-        if len(found) % 3 or not all(_is_whole(word) for word in found[2:9:3]):
+        # The ids of the first points and of the last: a line of an image may look like points.
+        if len(found) % 3 or not all(_is_whole(word) for word in (*found[2:9:3], *found[-1:])):
             raise CameraError(
                 f"line {after}: the points of image {shown(images[-1].name)} wanted, got "
                 f"{shown(points)}; leave an empty line where an image has none"
@@ -391,7 +397,7 @@ def _places(rigs: Rigs, row_of: dict[int, int], border: Border) -> Any:
                 border.note(f"camera {camera_id} has no place on its rig; the rig's origin is used")
             elif place:
                 motion = from_quaternions([place[:4]], [place[4:]])
-                places[row_of[camera_id]] = inverse(motion)[0]
+                places[row_of[camera_id]] = inverse_of(motion)[0]
     if len(rigs) > 1:
         border.note(f"places of cameras are those on {len(rigs)} rigs, each with its own origin")
     return places

@@ -29,7 +29,7 @@ def contents_of(views: Views, *, as_text: bool, notes: list[str]) -> dict[str, b
     found = [colmap_of(camera, name) for camera, name in zip(rig.cameras, rig.names, strict=True)]
     motions = inverse(views.poses.world_from_camera)
     quaternions = to_quaternions(motions[:, :3, :3])
-    images = unique([printable(name).replace("\0", "") for name in views.images])
+    images = unique([printable(name).replace("\0", "") for name in views.images], "image")
     if images != list(views.images):
         notes.append("names of images are made different from one another")
     index = views.poses.camera.tolist()

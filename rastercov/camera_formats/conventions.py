@@ -15,7 +15,7 @@ from rastercov._arguments import check_choice, flag
 from rastercov._checks import finite_number, image_side, shown, two
 from rastercov._files import printable
 from rastercov.camera import Camera
-from rastercov.errors import CameraError, ConfigError
+from rastercov.errors import CameraError, ConfigError, PoseError
 from rastercov.mesh.formats import METRES
 from rastercov.pose import DRIFT_TOLERANCE, Poses, inverse
 from rastercov.rig import Rig
@@ -219,11 +219,17 @@ class Border:
         if metres is None and has_lengths:
             metres = self.metres()
         factor = scale * (1.0 if metres is None else metres)
-        poses = Poses.of(
-            self._rigid(matrices, factor, drift),
-            camera=camera,
-            skip_bad=self._given.skip_bad_poses,
-        )
+        try:
+            poses = Poses.of(
+                self._rigid(matrices, factor, drift),
+                camera=camera,
+                skip_bad=self._given.skip_bad_poses,
+            )
+        except PoseError as error:
+            if images is None or not error.pose_ids:
+                raise
+            name = shown(printable(images[error.pose_ids[0]]))
+            raise PoseError(f"{error}: image {name}", error.pose_ids) from None
         rig = None
         if cameras is not None:
             places = None
@@ -234,6 +240,7 @@ class Border:
             rig = Rig(cameras, unique(labels), places)
         if images is None:
             images = [f"pose {row}" for row in range(len(matrices))]
+        names_of_frames = _apart(frames)
         return Views(
             rig=rig,
             poses=poses,
@@ -241,7 +248,7 @@ class Border:
             notes=tuple(self.notes),
             has_unit=metres is not None or not has_lengths,
             camera_names=tuple(camera_names),
-            frames=tuple(printable(frames[row]) for row in poses.ids) if frames else (),
+            frames=tuple(names_of_frames[row] for row in poses.ids) if frames else (),
         )
 
     def _rigid(self, matrices: FloatArray, factor: float, most: float) -> FloatArray:
@@ -275,23 +282,29 @@ class Border:
 
 
 def inverse_of(matrices: FloatArray) -> FloatArray:
-    """Inverse of motions whose rotation may have drifted; NaN where there is none."""
+    """Inverse of motions whose rotation may have drifted.
+
+    What is no motion stays none, for the check of `Poses` to name it: the transpose of a matrix is
+    as far from orthonormal as the matrix, and the last row is kept.
+    """
     found = inverse(matrices)
-    with np.errstate(all="ignore"):
-        drift = np.abs(matrices[:, :3, :3] @ found[:, :3, :3] - np.eye(3)).max(
-            axis=(1, 2), initial=0
-        )
-    # The transpose is the inverse of a rotation only; of others, let the check name them.
-    found[~(drift <= DRIFT_OF_FILES)] = np.nan
+    found[:, 3] = matrices[:, 3]
     return found
 
 
-def unique(names: Sequence[str]) -> list[str]:
+def _apart(frames: Sequence[str]) -> list[str]:
+    """Printable names, as different from one another as those of the file."""
+    names = list(dict.fromkeys(frames))
+    printed = dict(zip(names, unique(names, "frame"), strict=True))
+    return [printed[frame] for frame in frames]
+
+
+def unique(names: Sequence[str], what: str = "camera") -> list[str]:
     """Printable names, none of them empty or twice: " #2" is appended to the second."""
     found: dict[str, None] = {}
     repeats: dict[str, int] = {}
     for row, given in enumerate(names):
-        name = base = printable(given) or f"camera {row}"
+        name = base = printable(given) or f"{what} {row}"
         while name in found:
             repeats[base] = repeats.get(base, 1) + 1
             name = f"{base} #{repeats[base]}"

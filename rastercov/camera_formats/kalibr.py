@@ -2,11 +2,13 @@
 
 Axes are ours, lengths are metres (those of its target), and pixels are counted from their centres,
 as the detectors of its targets do. Poses are those of the chain: in the frame of cam0, or of the
-IMU where there are T_cam_imu alone.
+IMU where there are T_cam_imu, or their inverse T_imu_cam of OpenVINS, alone.
 
-Source: Kalibr, kalibr_common/ConfigReader.py; wiki, "Yaml formats", "Supported models".
+Sources: Kalibr, kalibr_common/ConfigReader.py; wiki, "Yaml formats", "Supported models". OpenVINS,
+config/*/kalibr_imucam_chain.yaml.
 """
 
+import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -20,7 +22,9 @@ from rastercov.camera_models import MODELS
 from rastercov.errors import CameraError
 from rastercov.views import Views
 
-MOST_CAMERAS = 1000
+CAMERA_NAME = re.compile(r"cam(0|[1-9][0-9]{0,5})")
+MOST_SHOWN = 8
+"""Names of cameras in a message."""
 INTRINSICS = {
     "pinhole": "fx fy cx cy",
     "omni": "xi fx fy cx cy",
@@ -47,17 +51,25 @@ OURS = {
 
 
 def is_mine(content: Any) -> bool:
-    """True for a table with a cam0."""
-    cam0 = content.get("cam0") if isinstance(content, Mapping) else None
-    return isinstance(cam0, Mapping) and "camera_model" in cam0
+    """True for a table with a cam0, or another camera by number."""
+    return isinstance(content, Mapping) and any(
+        CAMERA_NAME.fullmatch(name) and isinstance(value, Mapping) and "camera_model" in value
+        for name, value in content.items()
+    )
 
 
 def read(content: Any, border: Border) -> Views:
     """Cameras of a chain, with their places."""
     chain = Entries(content, "camchain")
-    names: list[str] = []
-    while f"cam{len(names)}" in chain and len(names) < MOST_CAMERAS:
-        names.append(f"cam{len(names)}")
+    found = [name for name in content if CAMERA_NAME.fullmatch(name)]
+    names = [f"cam{row}" for row in range(len(found))]
+    if not found:
+        raise CameraError("cameras cam0, cam1, ... wanted, got none")
+    if set(names) != set(found):
+        raise CameraError(
+            f"cameras {', '.join(names[:MOST_SHOWN])} wanted, each with its place from the one "
+            f"before, got {', '.join(found[:MOST_SHOWN])}; number them from 0 without a gap"
+        )
     entries = [chain.table(name) for name in names]
     cameras = [_camera(each) for each in entries]
     border.note("pixels are taken to be counted from their centres, as Kalibr's detectors do")
@@ -67,11 +79,14 @@ def read(content: Any, border: Border) -> Views:
         for each in later:
             places.append(places[-1] @ _inverse(each, "T_cn_cnm1"))
         frame = "cam0"
-    elif all("T_cam_imu" in each for each in entries):
-        places = [_inverse(each, "T_cam_imu") for each in entries]
+    elif all(each.any_of("T_cam_imu", "T_imu_cam") for each in entries):
+        places = [
+            _inverse(each, "T_cam_imu") if "T_cam_imu" in each else _motion(each, "T_imu_cam")
+            for each in entries
+        ]
         frame = "the IMU"
     else:
-        border.note("the chain has no T_cn_cnm1: cameras without places")
+        border.note("the chain has no T_cn_cnm1 or T_cam_imu of each: cameras without places")
         return border.views(cameras, names)
     border.note(f"poses are in the frame of {frame}")
     return border.views(
@@ -85,9 +100,13 @@ def read(content: Any, border: Border) -> Views:
     )
 
 
-def _inverse(entries: Entries, name: str) -> Any:
+def _motion(entries: Entries, name: str) -> Any:
     # Some tools that write chains by hand have the 16 numbers in one row.
-    return inverse_of(entries.array(name, (4, 4), (16,)).reshape(1, 4, 4))[0]
+    return entries.array(name, (4, 4), (16,)).reshape(4, 4)
+
+
+def _inverse(entries: Entries, name: str) -> Any:
+    return inverse_of(_motion(entries, name)[None])[0]
 
 
 def _camera(entries: Entries) -> Camera:

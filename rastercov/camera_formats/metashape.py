@@ -7,6 +7,7 @@ are OpenCV's p2 and p1, and B1, B2 are affinity and skew.
 Source: Agisoft Metashape Professional manual 2.1, appendix C, "Camera models"; its files.
 """
 
+import re
 from typing import Any
 from xml.etree.ElementTree import Element
 
@@ -32,6 +33,8 @@ MODELS = {
     "spherical": "equirectangular",
 }
 TERMS = ("k1", "k2", "k3", "k4", "p1", "p2")
+UNKNOWN_TERM = re.compile(r"[a-z][0-9]")
+"""A coefficient; p3 and p4, of older versions, change the tangential terms."""
 
 
 def is_mine(root: Element) -> bool:
@@ -55,13 +58,16 @@ def read(root: Element, border: Border) -> Views:
     cameras, names, row_of = _sensors(chunk, border)
     index, images, matrices, scales = [], [], [], set()
     places = _places(chunk)
-    n_left = n_disabled = 0
+    n_left = n_disabled = n_slaves = 0
     for element in _each(chunk, "cameras", "camera"):
         label = element.get("label", f"camera {element.get('id', '')}")
         transform = _text(element, "transform", "")
         sensor = element.get("sensor_id", "")
         if not _is_enabled(element):
             n_disabled += 1
+            continue
+        if not transform and "master_id" in element.attrib:
+            n_slaves += 1
             continue
         if not transform or sensor not in row_of:
             n_left += 1
@@ -75,6 +81,11 @@ def read(root: Element, border: Border) -> Views:
         images.append(label)
     if n_disabled:
         border.note(f"{n_disabled} images left out: they are disabled")
+    if n_slaves:
+        border.note(
+            f"{n_slaves} images of further cameras of a rig left out: only their master has a "
+            "transform"
+        )
     if n_left:
         border.note(f"{n_left} images left out: they have no transform, or no calibrated sensor")
     if None in scales and len(scales) > 1:
@@ -132,6 +143,11 @@ def _camera(element: Element, kind: str, label: str, sensor: Element | None = No
         raise CameraError(f"sensor {shown(label)}: its width and height wanted, got {shown(words)}")
     width, height = (image_side("side", int(word[:20])) for word in words)
     if kind == "spherical":
+        if width != 2 * height:
+            raise CameraError(
+                f"sensor {shown(label)}: a spherical image of 2:1 wanted, which is of all "
+                f"directions, got {width} x {height}; its scale is not in the file"
+            )
         return panorama(width, height)
     if children(element, "fx"):
         raise CameraError(
@@ -143,6 +159,13 @@ def _camera(element: Element, kind: str, label: str, sensor: Element | None = No
         return float(_numbers(_text(element, name, default), f"{label}: {name}", (1,))[0])
 
     c = {name: of(name) for name in TERMS}
+    for each in element:
+        name = local_name(each)
+        if UNKNOWN_TERM.fullmatch(name) and name not in (*TERMS, "b1", "b2") and of(name):
+            raise CameraError(
+                f"sensor {shown(label)}: its term {name} has no model here, got {of(name):g}; "
+                "calibrate again without it, or undistort the photos"
+            )
     b1, f = of("b1"), of("f", "")
     model, values = MODELS[kind], tuple(c.values())
     if model == "metashape" and not c["k4"]:
@@ -190,12 +213,13 @@ def _place(owner: Element) -> tuple[FloatArray, float | None]:
 def _each(owner: Element, group: str, name: str) -> list[Element]:
     """Elements of a group in the order of the file, also those in groups within it."""
     found: list[Element] = []
-    for holder in children(owner, group):
-        for element in holder:
-            if local_name(element) == name:
-                found.append(element)
-            elif local_name(element) == "group":
-                found += children(element, name)
+    stack = children(owner, group)[::-1]
+    while stack:
+        element = stack.pop()
+        if local_name(element) == name:
+            found.append(element)
+        else:
+            stack += children(element, name, "group")[::-1]
     return found
 
 

@@ -10,7 +10,8 @@ calibration With OpenCV"; samples/cpp/tutorial_code/calib3d/camera_calibration.
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 from xml.etree.ElementTree import Element
 
@@ -19,21 +20,24 @@ from numpy.typing import NDArray
 
 from rastercov._checks import finite_number, shown
 from rastercov.camera import Camera
-from rastercov.camera_formats.conventions import Border
+from rastercov.camera_formats.conventions import Border, inverse_of
 from rastercov.camera_formats.equivalents import as_fisheye, as_opencv, opencv_length
 from rastercov.camera_formats.rotations import from_vectors, motions
 from rastercov.camera_formats.source import Source
 from rastercov.errors import CameraError
 from rastercov.mesh.formats.xml_tree import local_name
-from rastercov.pose import inverse
 from rastercov.views import Views
 
 FloatArray = NDArray[np.float64]
 
 SIDES = ("left", "right", "l", "r", "rgb", "color", "depth", "ir")
 """Words of a name that tell cameras apart, beside numbers."""
-COEFFICIENT_NAME = re.compile(r"(?i)dist|coef|^d_?[0-9]*$|^kc")
-"""Names that distortion coefficients usually have."""
+FIRST_AND_SECOND = (("left", "right"), ("l", "r"))
+"""Sides whose order is OpenCV's; numbers have one as well."""
+COEFFICIENT_WORD = re.compile(r"d|k|kc|dist(?!ance).*|coef.*")
+"""Words of the names that distortion coefficients usually have."""
+LENGTHS = (4, 5, 8, 12, 14)
+"""Numbers of coefficients of Brown's model; a fisheye has the first."""
 WIDTHS = ("image_width", "imageWidth", "image_Width", "width", "cols", "img_width")
 HEIGHTS = ("image_height", "imageHeight", "image_Height", "height", "rows", "img_height")
 SIZES = ("image_size", "imageSize", "img_size", "size", "resolution")
@@ -66,7 +70,7 @@ def _xml_value(element: Element, depth: int) -> Any:
         table = {local_name(each): _xml_value(each, depth + 1) for each in element}
         if "data" in table and element.get("type_id", "").startswith("opencv"):
             data = table["data"]
-            table["data"] = data if isinstance(data, list) else [data]
+            table["data"] = data if isinstance(data, list) else [data] if data != "" else []
         return table
     words = [_number(word) for word in text.split()]
     if words and all(not isinstance(word, str) for word in words):
@@ -75,6 +79,8 @@ def _xml_value(element: Element, depth: int) -> Any:
 
 
 def _number(word: str) -> Any:
+    if word.lower().lstrip("+-") in (".nan", ".inf"):
+        word = word.replace(".", "")
     try:
         value = float(word if "_" not in word else "x")
     except ValueError:
@@ -91,39 +97,89 @@ def read(content: Mapping[str, Any], border: Border) -> Views:
             "a camera matrix [[fx, skew, cx], [0, fy, cy], [0, 0, 1]] wanted, got none among "
             f"{', '.join(map(shown, found)) or 'no matrices'}"
         )
-    vectors = {
-        name: value.ravel()
-        for name, value in found.items()
-        if 1 in value.shape and value.size in (4, 5, 8, 12, 14)
-    }
     labelled = {_label(name): name for name in matrices}
     if len(labelled) < len(matrices):
         raise CameraError(
             f"one camera matrix a camera wanted, got {', '.join(matrices)}; rename those to use "
             "camera_matrix1, camera_matrix2"
         )
-    of_label = {_label(name): name for name in vectors}
-    cameras, names = [], []
-    for label, name in sorted(labelled.items()):
-        key = of_label.get(label)
-        if key is None and len(matrices) == 1 and len(vectors) == 1:
-            key = next(iter(vectors))
-        if key is None and vectors:
+    cameras, labels = [], sorted(labelled, key=_order)
+    for label in labels:
+        name = labelled[label]
+        key = _key_of_coefficients(content, found, label, name, is_only=len(matrices) == 1)
+        coefficients = np.zeros(0) if key is None else found[key].ravel()
+        cameras.append(_camera(content, label, matrices[name], coefficients, key or name, border))
+    return _views(found, cameras, labels, border)
+
+
+def _order(label: str) -> tuple[bool, int, str]:
+    """Numbers by their value, and before words."""
+    is_number = label.isdecimal() and len(label) < 20
+    return not is_number, int(label) if is_number else 0, label
+
+
+def _key_of_coefficients(
+    content: Mapping[str, Any],
+    found: Mapping[str, FloatArray],
+    label: str,
+    matrix: str,
+    *,
+    is_only: bool,
+) -> str | None:
+    """Name of the coefficients beside a camera matrix; None where the file has none of it.
+
+    Other vectors may have as many numbers, such as the reprojection errors of 12 images: only a
+    name like D or distortion_coefficients is taken for one of coefficients.
+    """
+    named = [name for name, value in content.items() if _is_of_coefficients(name, value)]
+    # A number by itself is none, such as n_coeffs beside D; k1 and k2 alone are not understood.
+    named = [name for name in named if isinstance(content[name], Mapping | list)] or named
+    own = [name for name in named if _label(name) == label] or (named if is_only else [])
+    if len(own) > 1:
+        raise CameraError(
+            f"one vector of distortion coefficients for {matrix} wanted, got {', '.join(own)}; "
+            "leave one"
+        )
+    wanted = f"distortion_coefficients{label}"
+    if not own and named:
+        raise CameraError(
+            f"distortion of {matrix} wanted, got {', '.join(named)}; rename it {wanted}"
+        )
+    if not own:
+        nameless = [name for name, value in found.items() if _is_vector(value, LENGTHS)]
+        if nameless:
             raise CameraError(
-                f"distortion of {name} wanted, got {', '.join(vectors)}; rename it "
-                f"distortion_coefficients{label}"
+                f"distortion of {matrix} wanted by a name like D or dist, got {nameless[0]}; "
+                f"rename it {wanted} if it is that, and leave it out if not"
             )
-        if key is None:
-            if others := [name for name in content if COEFFICIENT_NAME.search(name)]:
-                raise CameraError(
-                    f"4, 5, 8, 12 or 14 distortion coefficients wanted, got {others[0]}: "
-                    f"{shown(content[others[0]])}; correct it"
-                )
-            border.note(f"{name} has no distortion coefficients beside it: a pinhole")
-        coefficients = vectors[key] if key is not None else np.zeros(0)
-        cameras.append(_camera(content, label, matrices[name], coefficients, key, border))
-        names.append(f"camera {label}" if label else "camera")
-    return _views(content, found, cameras, names, border)
+        return None
+    (key,) = own
+    if content[key] in (None, "", []) or (key in found and not found[key].size):
+        return None  # empty, as OpenCV writes what is not there
+    if key not in found or not _is_vector(found[key], LENGTHS):
+        raise CameraError(
+            f"4, 5, 8, 12 or 14 distortion coefficients wanted, got {key}: "
+            f"{shown(content[key])}; correct it"
+        )
+    return key
+
+
+def _is_of_coefficients(name: str, value: Any) -> bool:
+    """True for a value that is no text or flag, and a name that coefficients usually have."""
+    is_named = any(COEFFICIENT_WORD.fullmatch(word.lower()) for word in _words(name))
+    is_matrix = isinstance(value, Mapping | list | int | float) and not isinstance(value, bool)
+    return is_named and (is_matrix or value in (None, "")) and not _is_square(value)
+
+
+def _is_square(value: Any) -> bool:
+    """True for a matrix of 3 rows, such as K, or `K_dist` of a distorted image."""
+    if isinstance(value, Mapping):
+        return value.get("rows") == value.get("cols") == 3
+    return isinstance(value, list) and len(value) == 3 and isinstance(value[0], list)
+
+
+def _is_vector(value: FloatArray, lengths: Sequence[int]) -> bool:
+    return 1 in value.shape and value.size in lengths
 
 
 def _arrays(content: Mapping[str, Any]) -> dict[str, FloatArray]:
@@ -180,8 +236,13 @@ def _is_camera_matrix(value: FloatArray) -> bool:
 
 def _label(name: str) -> str:
     """Part of a name that tells cameras apart: "1" of cameraMatrix1, "left" of K_left."""
-    words = re.findall(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|[0-9]+", name)
+    words = _words(name)
     return " ".join(w.lower() for w in words if w.isdecimal() or w.lower() in SIDES)
+
+
+def _words(name: str) -> list[str]:
+    """Words and numbers of a name in any of the usual forms."""
+    return re.findall(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|[0-9]+", name)
 
 
 def _camera(
@@ -189,33 +250,60 @@ def _camera(
     label: str,
     matrix: FloatArray,
     coefficients: FloatArray,
-    key: str | None,
+    key: str,
     border: Border,
 ) -> Camera:
-    """Camera of a matrix and its coefficients, named `key`."""
+    """Camera of a matrix and its coefficients, named `key`; without any, `key` names the matrix."""
     size = _size(content, label)
     width, height = border.image_size() if size is None else size
-    fisheye = False
-    if len(coefficients) == 4 and coefficients.any():
-        fisheye = _is_fisheye(content, border, f"the coefficients in {key}")
-    elif _says_fisheye(content) and len(coefficients) not in (0, 4):
-        raise CameraError(f"a fisheye has 4 coefficients, got {len(coefficients)}")
-    return Camera.from_opencv(matrix, width, height, coefficients.tolist(), fisheye=fisheye)
+    count = len(coefficients)
+    fisheye = _says_fisheye(content)
+    if fisheye and count not in (0, 4):
+        raise CameraError(f"a fisheye has 4 coefficients, got {count} in {key}; correct them")
+    if "xi" in content and not fisheye:
+        return _omnidirectional(content, matrix, (width, height), coefficients)
+    if fisheye is None and count == 4:  # also where all are 0: such a fisheye is no pinhole
+        fisheye = border.is_fisheye(f"the coefficients in {key}")
+    if not count:
+        lens = "a fisheye" if fisheye else "a pinhole"
+        border.note(f"{key} has no distortion coefficients beside it: {lens}")
+    values = coefficients.tolist() or ([0.0] * 4 if fisheye else [])
+    return Camera.from_opencv(matrix, width, height, values, fisheye=bool(fisheye))
 
 
-def _says_fisheye(content: Mapping[str, Any]) -> bool:
-    return content.get("fisheye_model") in (1, True) or content.get("fisheye") in (1, True)
+def _omnidirectional(
+    content: Mapping[str, Any],
+    matrix: FloatArray,
+    size: tuple[Any, Any],
+    coefficients: FloatArray,
+) -> Camera:
+    """Camera of cv2.omnidir, Mei's model: K, xi, and k1 k2 p1 p2."""
+    given = content["xi"]
+    numbers = _matrix("xi", given).ravel().tolist() if _is_matrix(given) else given
+    xi = finite_number(numbers[0] if isinstance(numbers, list) and len(numbers) == 1 else numbers)
+    if math.isnan(xi) or len(coefficients) not in (0, 4):
+        raise CameraError(
+            f"a number xi and 4 coefficients of cv2.omnidir wanted, got {shown(given)} and "
+            f"{len(coefficients)}; correct them, or leave xi out"
+        )
+    camera = Camera.from_opencv(matrix, *size)
+    values = coefficients.tolist() or [0.0] * 4
+    return replace(camera, model="omni", distortion=(xi, *values))
 
 
-def _is_fisheye(content: Mapping[str, Any], border: Border, what: str) -> bool:
-    if "fisheye_model" in content or "fisheye" in content:
-        return _says_fisheye(content)
+def _says_fisheye(content: Mapping[str, Any]) -> bool | None:
+    """True for a fisheye, False for Brown's model, None where the file does not say."""
+    for name in ("fisheye_model", "fisheye"):
+        flag = content.get(name)
+        if flag is not None:
+            if flag not in (0, 1):
+                raise CameraError(f"{name} must be 0 or 1, got {shown(flag)}; correct it")
+            return bool(flag)
     model = str(content.get("distortion_model", content.get("camera_model", ""))).lower()
     if "fisheye" in model or model in ("equidistant", "kannala_brandt"):
         return True
-    if model in ("plumb_bob", "radtan", "brown", "pinhole"):
-        return False
-    return border.is_fisheye(what)
+    is_brown = model in ("plumb_bob", "radtan", "brown", "pinhole", "rational_polynomial")
+    return False if is_brown else None
 
 
 def _size(content: Mapping[str, Any], label: str) -> tuple[Any, Any] | None:
@@ -236,18 +324,24 @@ def _size(content: Mapping[str, Any], label: str) -> tuple[Any, Any] | None:
 
 
 def _views(
-    content: Mapping[str, Any],
-    found: dict[str, FloatArray],
-    cameras: list[Camera],
-    names: list[str],
-    border: Border,
+    found: dict[str, FloatArray], cameras: list[Camera], labels: list[str], border: Border
 ) -> Views:
     """Views with the poses that a storage may have beside its cameras."""
+    names = [f"camera {label}" if label else "camera" for label in labels]
     rotation, translation = found.get("R"), found.get("T")
-    if len(cameras) == 2 and rotation is not None and translation is not None:
+    is_pair = len(cameras) == 2 and rotation is not None and translation is not None
+    if is_pair and not (tuple(labels) in FIRST_AND_SECOND or all(map(str.isdecimal, labels))):
+        border.note(
+            f"R and T are left out: they lead from the first camera to the second, and the file "
+            f"does not say whether {labels[0]} is the first; rename {labels[0]} and {labels[1]} to "
+            "1 and 2"
+        )
+    elif is_pair:
+        assert rotation is not None
+        assert translation is not None
         if rotation.shape != (3, 3) or translation.size != 3:
             raise CameraError("R of 3 x 3 and T of 3 numbers wanted, from camera 1 to camera 2")
-        second = inverse(motions([rotation], [translation.ravel()]))
+        second = inverse_of(motions([rotation], [translation.ravel()]))
         places = np.concatenate([np.eye(4)[None], second])
         border.note("poses are in the frame of the first camera")
         return border.views(
@@ -258,10 +352,11 @@ def _views(
             images=names,
             rig_from_camera=places,
         )
-    boards = found.get("extrinsic_parameters")
+    # OpenCV 2.4 and 3.0 began the words with capitals.
+    boards = found.get("extrinsic_parameters", found.get("Extrinsic_Parameters"))
     if boards is not None and boards.shape[1] == 6 and len(cameras) == 1:
         border.note("poses are those of extrinsic_parameters, in the frame of the pattern")
-        poses = inverse(from_vectors(boards[:, :3], boards[:, 3:]))
+        poses = inverse_of(from_vectors(boards[:, :3], boards[:, 3:]))
         return border.views(
             cameras,
             names,
@@ -292,10 +387,9 @@ def read_source(source: Source, border: Border) -> Views:
 
 def _content(source: Source) -> Mapping[str, Any]:
     """Table of a storage."""
-    start = source.data[:200].lstrip()
-    if start.startswith((b"<", b"\xef\xbb\xbf<")):
+    if source.is_xml:
         return of_xml(source.xml)
-    content = source.json if start.startswith(b"{") else source.yaml
+    content = source.json if source.text.lstrip().startswith("{") else source.yaml
     if not isinstance(content, Mapping):
         raise CameraError(f"a table with a camera matrix wanted, got {shown(content)}")
     return content

@@ -1,22 +1,27 @@
 """Reconstructions of OpenSfM: reconstruction.json with cameras and shots, and camera_models.json.
 
 Poses are camera_from_world as rotation vectors; axes are ours; lengths in the image are parts of
-its longer side, from the middle; there is no unit that the file states.
+its longer side, from the middle; there is no unit that the file states. Every shot has its own
+pose; instances of a rig give the frames, and the poses of its cameras are camera_from_rig.
 
 Source: OpenSfM documentation, "Coordinate Systems", "Camera Models"; opensfm/io.py;
 opensfm/src/geometry/camera_distortions_functions.h.
 """
 
+import math
+from collections.abc import Mapping, Sequence
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from rastercov._checks import shown
 from rastercov.camera import Camera
-from rastercov.camera_formats.conventions import Border
+from rastercov.camera_formats.conventions import Border, inverse_of
 from rastercov.camera_formats.entries import Entries
-from rastercov.camera_formats.equivalents import brown, panorama
+from rastercov.camera_formats.equivalents import brown
 from rastercov.camera_formats.rotations import from_vectors
 from rastercov.errors import CameraError
-from rastercov.pose import inverse
 from rastercov.views import Views
 
 FISHEYE_62 = "k1 k2 k3 k4 k5 k6 p1 p2"
@@ -75,13 +80,51 @@ def read(content: Any, border: Border) -> Views:
         images.append(name)
     if not cameras:
         raise CameraError("a reconstruction with cameras wanted, got none")
+    frames, rig_cameras = _instances(entries, images)
     return border.views(
         cameras,
         list(row_of),
-        world_from_camera=inverse(from_vectors(vectors, translations)),
+        world_from_camera=inverse_of(from_vectors(vectors, translations)),
         camera=index,
         images=images,
+        frames=frames,
+        rig_from_camera=_places(entries, rig_cameras, index, len(cameras)) if frames else None,
     )
+
+
+def _instances(entries: Entries, images: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Rig instance of each image and its camera on the rig; none where each has one image."""
+    of_image: dict[str, tuple[str, str]] = {}
+    if "rig_instances" in entries:
+        for name, instance in entries.tables("rig_instances"):
+            ids = instance.get("rig_camera_ids", {})
+            if not isinstance(ids, Mapping):
+                raise CameraError(f"{instance.where}: rig_camera_ids must be a table of images")
+            of_image |= {str(image): (name, str(camera)) for image, camera in ids.items()}
+    found = [of_image.get(image, (f"image {image}", "")) for image in images]
+    frames = [instance for instance, _ in found]
+    if len(set(frames)) == len(frames):
+        return [], []
+    return frames, [camera for _, camera in found]
+
+
+def _places(
+    entries: Entries, rig_cameras: Sequence[str], index: Sequence[int], n_cameras: int
+) -> NDArray[np.float64] | None:
+    """(N, 4, 4) rig_from_camera; None where a camera is at several places of a rig, or at none."""
+    if "rig_cameras" not in entries:
+        return None
+    table = dict(entries.tables("rig_cameras"))
+    on_rig = [{name for name, own in zip(rig_cameras, index, strict=True) if own == row}
+              for row in range(n_cameras)]  # fmt: skip
+    if any(len(names) != 1 or not names <= table.keys() for names in on_rig):
+        return None
+    poses = [table[name] for names in on_rig for name in names]
+    motions = from_vectors(
+        [pose.array("rotation", (3,)) for pose in poses],
+        [pose.array("translation", (3,)) for pose in poses],
+    )
+    return inverse_of(motions)
 
 
 def _camera(entries: Entries) -> Camera:
@@ -93,9 +136,12 @@ def _camera(entries: Entries) -> Camera:
         )
     width, height = entries.side("width"), entries.side("height")
     ours, order = MODELS[kind]
-    if ours == "equirectangular":
-        return panorama(width, height)
     side = max(width, height)
+    if ours == "equirectangular":
+        # Longitude and latitude over 2 pi are both parts of the longer side, also where the image
+        # is a part of the sphere.
+        f = side / (2 * math.pi)
+        return Camera(width=width, height=height, fx=f, fy=f, model=ours)
     if "focal_x" in entries:
         fx, fy = entries.number("focal_x"), entries.number("focal_y")
     else:

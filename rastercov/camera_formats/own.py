@@ -58,15 +58,23 @@ def read(content: Any, border: Border) -> Views:
         return of_matrices(_matrices(entries), border, entries.get("camera"))
     cameras: list[Camera] = []
     names: list[str] = []
+    given = entries.get("cameras")
+    if not isinstance(given, list):
+        raise CameraError(
+            f"cameras must be a list of tables, each with its name, got {shown(given)}"
+        )
     for number, each in entries.tables("cameras"):
         names.append(each.text("name", f"camera {number}"))
-        fields = {k: v for k, v in entries.get("cameras")[len(cameras)].items() if k != "name"}
+        fields = {k: v for k, v in given[len(cameras)].items() if k != "name"}
         try:
             cameras.append(Camera.from_dict(fields))
         except CameraError as error:
             raise CameraError(f"camera {shown(names[-1])}: {error}") from None
     if not cameras:
         raise CameraError("at least one camera wanted, got none")
+    if len(set(names)) < len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        raise CameraError(f"two cameras are named {shown(twice)}; give each a name of its own")
     poses: NDArray[Any] = np.zeros((0, 4, 4))
     if "world_from_camera" in entries:
         poses = border.of_convention(as_matrices(_matrices(entries)))
@@ -78,6 +86,11 @@ def read(content: Any, border: Border) -> Views:
             index = [names.index(name) for name in index]
         if not is_list or not all(type(i) is int and 0 <= i < len(cameras) for i in index):
             raise PoseError(f"camera must be {wanted}, got {shown(index)}")
+    elif len(poses) and len(cameras) > 1:
+        raise PoseError(
+            f"the poses do not say which of {len(cameras)} cameras each is of; add camera, a list "
+            f"of {len(poses)} indices or names"
+        )
     images, frames = (_texts(entries, name, len(poses)) for name in ("images", "frame"))
     places = None
     if "rig_from_camera" in entries:

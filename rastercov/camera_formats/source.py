@@ -34,6 +34,13 @@ class Source:
         return file_bytes(self.path, LARGEST_ARRAY)
 
     @cached_property
+    def is_xml(self) -> bool:
+        """True for text that begins with "<", in UTF-8 or UTF-16."""
+        start = self.data[:4000]
+        marks = (b"\xff\xfe<\0", b"\xfe\xff\0<")
+        return start.removeprefix(b"\xef\xbb\xbf").lstrip().startswith(b"<") or start[:4] in marks
+
+    @cached_property
     def text(self) -> str:
         """Its text."""
         try:

@@ -43,6 +43,14 @@ INTRINSICS = (
 )
 
 
+ALTERNATIVES = (
+    ({"fl_x", "fl_y", "camera_angle_x", "camera_angle_y", "x_fov", "y_fov"},) * 2,
+    ({"camera_model", "is_fisheye"},) * 2,
+    ({"k1", "k2", "k3", "k4", "p1", "p2"}, {"distortion_params"}),
+)
+"""Entries of a frame, and those of the file that they replace."""
+
+
 def is_mine(content: Any) -> bool:
     """True for JSON with frames that have a transform_matrix."""
     return isinstance(content, dict) and isinstance(content.get("frames"), list)
@@ -59,7 +67,9 @@ def read(source: Source, border: Border) -> Views:
     times: list[float | None] = []
     for row, frame in content.tables("frames"):
         own = {name: frame.get(name) for name in INTRINSICS if name in frame}
-        camera = _camera(Entries(shared | own, frame.where if own else content.where), border)
+        replaced = {name for given, others in ALTERNATIVES if given & own.keys() for name in others}
+        inherited = {name: value for name, value in shared.items() if name not in replaced}
+        camera = _camera(Entries(inherited | own, frame.where if own else content.where), border)
         index.append(cameras.setdefault(camera, len(cameras)))
         images.append(frame.text("file_path", f"frame {row}"))
         times.append(frame.number("time") if "time" in frame else None)
@@ -96,7 +106,8 @@ def _frames(times: Sequence[float | None]) -> list[str]:
     known = [time for time in times if time is not None]
     if len(known) < len(times) or len(set(known)) == len(known):
         return []
-    return [f"time {time:.10g}" for time in known]
+    # All digits, as it may be seconds since 1970.
+    return [f"time {time!r}".removesuffix(".0") for time in known]
 
 
 def _in_world(poses: NDArray[np.float64], content: Entries, border: Border) -> Any:
@@ -132,10 +143,16 @@ def _camera(entries: Entries, border: Border) -> Camera:
         size = entries.side("w"), entries.side("h")
     else:
         size = border.image_size(entries.where)
-    if kind == "equirectangular":
+    if kind == "equirectangular" and not entries.any_of("fl_x", "fl_y"):
         return panorama(*size)
     fx, fy = _focal_lengths(entries, *size)
-    lens = _lens(entries, kind)
+    lens: tuple[str, tuple[float, ...]] = kind, ()
+    if (
+        kind == "equirectangular"
+    ):  # longitude and latitude are pi (u - cx) / fl_x, pi (v - cy) / fl_y
+        fx, fy = fx / math.pi, fy / math.pi
+    else:
+        lens = _lens(entries, kind)
     return Camera(
         width=size[0],
         height=size[1],
@@ -227,7 +244,7 @@ def _table(camera: Camera, name: str) -> dict[str, Any]:
         found["is_fisheye"] = True  # read by instant-ngp
     elif camera.model == "rad_tan_thin_prism_fisheye":
         model, found = "FISHEYE624", {"distortion_params": list(c.values())}
-    elif is_whole_panorama(camera):
+    elif camera.model == "equirectangular":
         model = "EQUIRECTANGULAR"
     elif camera.model == "metashape":
         terms = (c["k1"], c["k2"], c["k3"], c["k4"], c["p2"], c["p1"])
@@ -244,8 +261,10 @@ def _table(camera: Camera, name: str) -> dict[str, Any]:
             "or write another format"
         )
     fx, fy = camera.fx, camera.fy
-    if model == "EQUIRECTANGULAR":  # as nerfstudio wants it
-        fx = fy = camera.width / 2
+    if model == "EQUIRECTANGULAR":
+        fx, fy = fx * math.pi, fy * math.pi
+        if is_whole_panorama(camera):
+            fx, fy = camera.width / 2, float(camera.height)
     return {
         "camera_model": model,
         "fl_x": fx,

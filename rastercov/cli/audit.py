@@ -12,6 +12,7 @@ from rastercov.camera_formats.conventions import Border, Conventions
 from rastercov.cli import options
 from rastercov.cli.console import progress_bar, say, warn
 from rastercov.cli.inputs import read_scene
+from rastercov.cli.views import left_out
 from rastercov.cluster import Tally, Workers
 from rastercov.errors import CameraError, PoseError
 from rastercov.task import Task
@@ -75,7 +76,8 @@ def audit(
             f"{source}: the poses have no unit, and the mesh is in metres; give --pose-unit, 1 if "
             "they are in metres"
         )
-    warn([*scene.warnings, *views.notes, *border.unused()])
+    notes = [*views.notes, *left_out(views.poses)]
+    warn([*scene.warnings, *notes, *border.unused()])
     with progress_bar() as progress:
         options: Any = {
             "by": by,
@@ -93,16 +95,16 @@ def audit(
             )  # fmt: skip
 
         is_kept = staff is not None or is_long(len(poses), scene.n_faces)
-        _, summary = write(made, out, options, views.notes, is_kept=is_kept)
-    left_out = summary["quarantined"]
-    warn(f"pose {pose} left out: its process {end}" for pose, end in left_out.items())
+        _, summary = write(made, out, options, notes, is_kept=is_kept)
+    quarantined = summary["quarantined"]
+    warn(f"pose {pose} left out: its process {end}" for pose, end in quarantined.items())
     if as_json:
         print(json_text(summary))
     else:
         _print(summary, out)
         for line in tally.lines():
             say(line)
-    if left_out and not skip_bad_poses:
+    if quarantined and not skip_bad_poses:
         raise typer.Exit(1)
 
 

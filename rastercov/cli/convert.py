@@ -11,6 +11,7 @@ from rastercov.camera_formats import READERS, WRITERS, format_of, read_views, wr
 from rastercov.camera_formats.conventions import Conventions
 from rastercov.cli import options
 from rastercov.cli.console import warn
+from rastercov.cli.views import left_out
 from rastercov.errors import ConfigError
 
 
@@ -59,7 +60,8 @@ def convert(
         views = views.of_camera(camera_name)
     if source.resolve() == target.resolve():
         raise ConfigError(f"{target}: it is what is read; give another name")
-    warn(f"{source}: {note}" for note in views.notes)
+    notes = [*views.notes, *left_out(views.poses)]
+    warn(f"{source}: {note}" for note in notes)
     lost = write_views(target, views, format=write_as, overwrite=overwrite)
     warn(f"{target}: {note}" for note in lost)
     names = [] if views.rig is None else list(views.rig.names)
@@ -68,7 +70,7 @@ def convert(
         "poses": len(views.poses),
         "has_unit": views.has_unit,
         "format": write_as or format_of(target),
-        "notes": [*views.notes, *lost],
+        "notes": [*notes, *lost],
         "file": str(target),
     }
     if as_json:

@@ -14,7 +14,7 @@ from rastercov.camera_formats.conventions import Conventions
 from rastercov.cli import options
 from rastercov.cli.console import progress_bar, say, warn
 from rastercov.cli.inputs import read_scene
-from rastercov.cli.views import read_eyes
+from rastercov.cli.views import left_out, read_eyes
 from rastercov.cluster import Tally, Workers
 from rastercov.errors import PoseError
 from rastercov.mesh import Mesh
@@ -23,9 +23,6 @@ from rastercov.rig import Cameras
 from rastercov.task import Task
 
 FloatArray = NDArray[np.float64]
-
-MOST_WARNINGS = 5
-"""Rejected poses that are named one by one."""
 
 Method = Annotated[
     str, typer.Option(help="How occlusion is found: certified, exact (slower) or sampled.")
@@ -134,10 +131,7 @@ def run_and_print(
 
     accepted, tally = Poses.of(poses), Tally()
     warn(mesh.warnings)
-    skipped = sorted(accepted.rejected.items())
-    warn(f"pose {row} left out: it {text}" for row, text in skipped[:MOST_WARNINGS])
-    if skipped[MOST_WARNINGS:]:
-        warn([f"{len(skipped) - MOST_WARNINGS} more poses left out, see summary.json"])
+    warn(left_out(accepted, ", see summary.json"))
     if not len(accepted):
         warn(["there are no poses, so nothing is covered"])
     with progress_bar() as progress:

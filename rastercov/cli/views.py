@@ -23,6 +23,17 @@ from rastercov.pose import Poses
 from rastercov.rig import Rig
 from rastercov.views import Views
 
+MOST_WARNINGS = 5
+"""Rejected poses that are named one by one."""
+
+
+def left_out(poses: Poses, more: str = "") -> list[str]:
+    """Lines on poses that are no rigid motion and were left out; `more` ends that of many."""
+    rejected = sorted(poses.rejected.items())
+    lines = [f"pose {row} left out: it {text}" for row, text in rejected[:MOST_WARNINGS]]
+    others = len(rejected) - MOST_WARNINGS
+    return lines + ([f"{others} more poses left out{more}"] if others > 0 else [])
+
 
 def read_eyes(
     mesh: Mesh,

@@ -188,6 +188,8 @@ IMAGE = "1 1 0 0 0 0 0 1 1 a.png"
         (None, "1 nan 0 0 0 0 0 1 1 a.png\n\n", "pose 0 is not finite"),
         (None, "1 1 0 0 0 0 0 1 1", "is missing points"),
         (None, f"{IMAGE}\n{IMAGE}\n", "line 2: the points of image 'a.png' wanted"),
+        # A line of 12 words whose every third could be the id of a point, but for the last.
+        (None, f"{IMAGE} a b\n{IMAGE.replace('0 1 1', '1 2 7')} a b\n", "line 2: the points"),
     ],
 )
 def test_each_fault_of_a_text_model_is_one_line(tmp_path, cameras, images, words):
@@ -200,6 +202,44 @@ def test_each_fault_of_a_text_model_is_one_line(tmp_path, cameras, images, words
         read_views(tmp_path)
     assert words in str(caught.value)
     assert str(tmp_path) in str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["cameras", "images"])
+def test_text_files_may_begin_with_a_byte_order_mark(tmp_path, name):
+    files = {"cameras": "1 PINHOLE 640 480 500 500 320 240\n", "images": f"{IMAGE}\n\n"}
+    for each, text in files.items():
+        (tmp_path / f"{each}.txt").write_text(text)
+    wanted = read_views(tmp_path)
+    path = tmp_path / f"{name}.txt"
+    for head in ("", "# a comment\n"):
+        path.write_text(f"\ufeff{head}{files[name]}")
+        assert read_views(tmp_path).cameras() == wanted.cameras()
+        assert read_views(tmp_path).images == wanted.images == ("a.png",)
+    path.write_bytes(files[name].encode("utf-16"))
+    with pytest.raises(rc.CameraError, match=rf"{name}\.txt: .* got UTF-16; save it as UTF-8"):
+        read_views(tmp_path)
+
+
+@pytest.mark.filterwarnings("error")
+def test_lengths_that_are_not_finite_are_one_line(tmp_path):
+    (tmp_path / "cameras.txt").write_text("1 PINHOLE 640 480 500 500 320 240\n")
+    (tmp_path / "images.txt").write_text("1 1 0 0 0 inf 0 1 1 a.png\n\n")
+    with pytest.raises(rc.PoseError, match="pose 0 is not finite"):
+        read_views(tmp_path)
+
+
+@pytest.mark.parametrize("form", ["colmap", "colmap-text"])
+def test_an_image_that_comes_twice_is_an_error(tmp_path, form):
+    camera = rc.Camera(width=640, height=480, fx=500, fy=500)
+    poses = rc.Poses.of(np.tile(np.eye(4), (2, 1, 1)))
+    write_views(tmp_path / "m", rc.Views(rc.Rig([camera]), poses, ("a", "b")), format=form)
+    path = next((tmp_path / "m").glob("images.*"))
+    new, old = (b"\n1 1.0", b"\n2 1.0") if form == "colmap-text" else (b"\1\0\0\0", b"\2\0\0\0")
+    before, found, after = path.read_bytes().rpartition(old)
+    assert found
+    path.write_bytes(before + new + after)
+    with pytest.raises(rc.CameraError, match=r"image 1 comes twice in images\.\w+; leave one"):
+        read_views(tmp_path / "m")
 
 
 def test_huge_counts_and_cut_files_are_refused_at_once(tmp_path):

@@ -1,9 +1,10 @@
-"""Frames: images taken at the same instant, in COLMAP's models, our JSON and `Views`."""
+"""Frames: images of one instant, in COLMAP's and OpenSfM's models, our JSON and `Views`."""
 
 import itertools
 import json
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pycolmap
 import pytest
@@ -170,3 +171,85 @@ def test_images_of_a_scene_in_motion_have_the_frame_of_their_time(tmp_path, time
         content["frames"].append(entry if time is None else entry | {"time": time})
     (tmp_path / "transforms.json").write_text(json.dumps(content))
     assert read_views(tmp_path / "transforms.json").frames == frames
+
+
+def test_instances_of_an_opensfm_rig_are_frames(tmp_path):
+    camera = {"projection_type": "perspective", "width": 640, "height": 480, "focal": 0.8}
+    on_rig = {"left": ([0.1, 0, 0], [0, 0, 0.5]), "right": ([0, 0.3, 0], [1, 2, 3])}
+    instances = {"x": ([0.1, 0.2, 0.3], [3, 2, 1]), "y": ([0.3, 0, -0.2], [5, 6, 7])}
+
+    def pose(rvec, translation):
+        return {"rotation": rvec, "translation": translation}
+
+    def matrix(rvec, translation):
+        return np.block(
+            [[cv2.Rodrigues(np.array(rvec, float))[0], np.c_[translation]], [0, 0, 0, 1]]
+        )
+
+    shots, ids = {}, {}
+    for name, instance in instances.items():
+        for side, place in on_rig.items():
+            both = matrix(*place) @ matrix(*instance)  # camera_from_rig, rig_from_world
+            rvec = cv2.Rodrigues(both[:3, :3])[0].ravel().tolist()
+            shots[f"{name} {side}"] = pose(rvec, both[:3, 3].tolist()) | {"camera": side}
+            ids.setdefault(name, {})[f"{name} {side}"] = side
+    content = {
+        "cameras": dict.fromkeys(on_rig, camera),
+        "shots": shots,
+        "rig_cameras": {side: pose(*place) for side, place in on_rig.items()},
+        "rig_instances": {k: pose(*v) | {"rig_camera_ids": ids[k]} for k, v in instances.items()},
+    }
+    path = tmp_path / "reconstruction.json"
+    path.write_text(json.dumps([content]))
+    views = read_views(path)
+    assert views.frames == ("x", "x", "y", "y")
+    np.testing.assert_allclose(
+        views.rig.rig_from_camera @ [matrix(*place) for place in on_rig.values()],
+        np.tile(np.eye(4), (2, 1, 1)),
+        atol=1e-12,
+    )
+    # So that COLMAP gets the rig.
+    write_views(tmp_path / "model", views)
+    assert (tmp_path / "model" / "frames.bin").exists()
+    again = read_views(tmp_path / "model").poses.world_from_camera
+    np.testing.assert_allclose(again, views.poses.world_from_camera, atol=1e-12)
+    # One lens at two places of the rig has no place of its own, and frames of one image are none.
+    for shot in shots.values():
+        shot["camera"] = "left"
+    path.write_text(json.dumps([content]))
+    assert read_views(path).frames == views.frames
+    np.testing.assert_array_equal(read_views(path).rig.rig_from_camera[0], np.eye(4))
+    for name, its in ids.items():
+        its.pop(f"{name} right")
+    path.write_text(json.dumps([content]))
+    assert read_views(path).frames == ()
+    content["rig_instances"]["x"]["rig_camera_ids"] = ["x left"]
+    path.write_text(json.dumps([content]))
+    with pytest.raises(rc.CameraError, match="rig_camera_ids must be a table of images"):
+        read_views(path)
+
+
+def test_frames_with_names_that_print_alike_stay_apart(tmp_path):
+    long = "x" * 250
+    frames = [f"{long}1", f"{long}1", f"{long}2", f"{long}2", "a", "a ", "", "\n"]
+    table = {
+        "cameras": [CAMERA.plain()],
+        "world_from_camera": np.tile(np.eye(4), (8, 1, 1)).tolist(),
+        "frame": frames,
+    }
+    path = tmp_path / "rig.json"
+    path.write_text(json.dumps(table))
+    found = read_views(path).frames
+    assert [found.index(name) for name in found] == [frames.index(name) for name in frames]
+    assert all(name.isprintable() and name for name in found)
+
+
+def test_times_in_seconds_since_1970_are_frames_of_their_own(tmp_path):
+    frames = [
+        {"file_path": f"{row}.png", "transform_matrix": np.eye(4).tolist(), "time": time}
+        for row, time in enumerate([1.7e9 + 0.1, 1.7e9 + 0.1, 1.7e9 + 0.2, 1.7e9 + 0.3])
+    ]
+    path = tmp_path / "transforms.json"
+    path.write_text(json.dumps({"fl_x": 500, "w": 640, "h": 480, "frames": frames}))
+    found = read_views(path, conventions=rc.Conventions(pose_unit="m")).frames
+    assert [found.index(name) for name in found] == [0, 0, 2, 3]

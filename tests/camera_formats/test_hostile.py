@@ -184,6 +184,34 @@ def test_what_is_no_file_is_one_line(path):
         read_views(3)
 
 
+def test_text_in_utf_16_is_said_to_be_so(good):
+    for name in ("nerfstudio", "opencv", "ros", "kalibr", "bundler", "mvsnet"):
+        path, data = good[name]
+        try:
+            path.write_bytes(data.decode().encode("utf-16"))
+            with pytest.raises(
+                (rc.CameraError, rc.PoseError), match=r"^[^\n]*save it as UTF-8\)?$"
+            ):
+                read_views(path, conventions=ANSWERS)
+        finally:
+            path.write_bytes(data)
+
+
+@pytest.mark.parametrize("form", sorted({*READERS} - {"rastercov", "colmap"}))
+def test_a_file_named_for_another_format_is_one_line_of_that_format(good, form):
+    path, _ = good["rastercov"]
+    wanted = "wanted, got|is missing|must be|is no XML"  # and no error of what is done later
+    with pytest.raises(rc.CameraError, match=rf"^[^\n]*({wanted})[^\n]*$"):
+        read_views(path, format=form, conventions=ANSWERS)
+
+
+def test_a_folder_without_cameras_is_told_what_was_looked_for(tmp_path):
+    with pytest.raises(
+        rc.CameraError, match=r"COLMAP model, transforms\.json, .* wanted, got a fold"
+    ):
+        read_views(tmp_path)
+
+
 def test_names_from_a_file_lead_nowhere(tmp_path):
     frames = [
         {"file_path": "../../../etc/passwd\n\x1b[31m", "transform_matrix": np.eye(4).tolist()}

@@ -240,3 +240,146 @@ def test_entities_of_xml_are_refused(tmp_path):
     )
     with pytest.raises(rc.CameraError, match="declares a document type"):
         read_views(path)
+
+
+FORMS = pytest.mark.parametrize("suffix", [".yml", ".xml", ".json"])
+SIZED = {"image_width": 640, "image_height": 480, "camera_matrix": K}
+
+
+@FORMS
+@pytest.mark.parametrize("n", [4, 5, 8, 12, 14])
+def test_errors_of_as_many_images_as_there_are_coefficients_are_no_coefficients(
+    tmp_path, suffix, n
+):
+    others = {
+        "per_view_reprojection_errors": np.ones((n, 1)),
+        "roi": np.ones((1, 4)),
+        "n_coeffs": 5,
+    }
+    path = storage(tmp_path / f"c{suffix}", **SIZED, D=BROWN[:5], **others)
+    assert read_views(path).camera().distortion == tuple(BROWN[:5])
+    path = storage(tmp_path / f"d{suffix}", **SIZED, per_view_reprojection_errors=np.ones((n, 1)))
+    with pytest.raises(rc.CameraError, match="a name like D or dist, got per_view_reprojection"):
+        read_views(path)
+    path = storage(tmp_path / f"e{suffix}", **SIZED, D=BROWN[:5], distCoeffs=BROWN[:5])
+    with pytest.raises(rc.CameraError, match=r"one vector of distortion .*, got D, distCoeffs"):
+        read_views(path)
+
+
+@FORMS
+def test_a_fisheye_whose_coefficients_are_0_is_no_pinhole(tmp_path, suffix):
+    wanted = cv_pixels(rays(), K, np.zeros(4), fisheye=True)
+    zeros, flag = {"D": np.zeros((4, 1))}, {"fisheye_model": 1}
+    path = tmp_path / f"c{suffix}"
+    for values, answer in ((zeros | flag, None), (flag, None), (zeros, "fisheye")):
+        storage(path, **SIZED, **values)
+        camera = read_views(path, conventions=Conventions(lens_model=answer)).camera()
+        np.testing.assert_allclose(lens_of(camera).project(rays()), wanted, rtol=0, atol=1e-9)
+    with pytest.raises(rc.CameraError, match=r"in D are four.*--lens-model"):
+        read_views(path)
+    brown = Conventions(lens_model="brown")
+    assert read_views(path, conventions=brown).camera().is_pinhole
+    storage(path, **SIZED, D=BROWN[:5], camera_model="equidistant")
+    with pytest.raises(rc.CameraError, match="a fisheye has 4 coefficients, got 5 in D"):
+        read_views(path)
+    storage(path, **SIZED, D=np.ones(4), fisheye_model=2)
+    with pytest.raises(rc.CameraError, match="fisheye_model must be 0 or 1, got 2"):
+        read_views(path)
+
+
+def test_a_fisheye_without_distortion_is_written_and_read_as_it_is(tmp_path):
+    camera = rc.Camera(width=640, height=480, fx=300, fy=300, model="opencv_fisheye")
+    views = rc.Views(rc.Rig([camera]), rc.Poses.of(np.zeros((0, 4, 4))))
+    write_views(tmp_path / "c.yaml", views)
+    found = lens_of(read_views(tmp_path / "c.yaml").camera()).project(rays())
+    np.testing.assert_array_equal(found, lens_of(camera).project(rays()))
+
+
+@FORMS
+def test_an_empty_matrix_of_coefficients_is_a_pinhole(tmp_path, suffix):
+    views = read_views(storage(tmp_path / f"c{suffix}", **SIZED, D=np.zeros((0, 0))))
+    assert views.camera().is_pinhole
+    assert any("has no distortion coefficients" in note for note in views.notes)
+
+
+@FORMS
+def test_matrices_that_are_not_finite_are_named(tmp_path, suffix):
+    path = storage(tmp_path / f"c{suffix}", **SIZED, D=np.full(5, np.nan))
+    with pytest.raises(rc.CameraError, match=r"D must have finite|not valid JSON"):
+        read_views(path)
+
+
+def test_single_coefficients_are_not_left_out(tmp_path):
+    path = storage(tmp_path / "c.yml", **SIZED, k1=0.1, k2=0.2)
+    with pytest.raises(rc.CameraError, match=r"one vector of distortion .*, got k1, k2"):
+        read_views(path)
+    path.write_text("image_size: [640, 480]\nK: [[9, 0, 3], [0, 9, 2], [0, 0, 1]]\nD: [1, 2, 3]\n")
+    with pytest.raises(rc.CameraError, match=r"coefficients wanted, got D: \[1, 2, 3\]"):
+        read_views(path)
+
+
+@FORMS
+def test_a_pair_whose_order_the_file_does_not_say_has_no_places(tmp_path, suffix):
+    r, _ = cv2.Rodrigues(np.array([0.02, -0.1, 0.03]))
+    t = np.array([[-0.12], [0.01], [0.002]])
+    values = {
+        "K_rgb": K,
+        "D_rgb": BROWN[:5],
+        "K_depth": 2 * K,
+        "D_depth": BROWN[:8],
+        "R": r,
+        "T": t,
+    }
+    values["K_depth"][2, 2] = 1
+    views = read_views(storage(tmp_path / f"c{suffix}", **values), conventions=GIVEN)
+    assert [camera.fx for camera in views.cameras()] == [1400, 700]
+    assert len(views.poses) == 0
+    assert any(
+        "does not say whether depth is the first; rename depth and rgb to 1 and 2" in note
+        for note in views.notes
+    )
+
+
+def test_poses_of_older_samples_are_read(tmp_path):
+    boards = np.array([[0.1, 0.2, 0.3, 0, 0, 2], [0, 0.1, 0, 0.1, 0, 3]])
+    new = storage(tmp_path / "new.yml", **SIZED, D=BROWN[:5], extrinsic_parameters=boards)
+    old = storage(
+        tmp_path / "old.xml", image_Width=640, image_Height=480, Camera_Matrix=K,
+        Distortion_Coefficients=BROWN[:5], Extrinsic_Parameters=boards,
+    )  # fmt: skip
+    views, wanted = (read_views(path, conventions=GIVEN) for path in (old, new))
+    assert views.cameras() == wanted.cameras()
+    np.testing.assert_array_equal(views.poses.world_from_camera, wanted.poses.world_from_camera)
+    assert len(views.poses) == 2
+
+
+@FORMS
+@pytest.mark.parametrize("xi", [0.9, np.array([[1.4]])])
+def test_calibrations_of_omnidir_have_their_own_model(tmp_path, suffix, xi):
+    d = BROWN[:4]
+    path = storage(tmp_path / f"c{suffix}", **SIZED, distortion_coefficients=d[None], xi=xi)
+    camera = read_views(path).camera()
+    # C. Mei, P. Rives. 2007: onto the unit sphere, then by a pinhole xi behind its centre.
+    sphere = rays() / np.linalg.norm(rays(), axis=1, keepdims=True)
+    x, y = (sphere[:, :2] / (sphere[:, 2:] + np.asarray(xi).ravel())).T
+    r2 = x * x + y * y
+    g = 1 + d[0] * r2 + d[1] * r2 * r2
+    u = x * g + 2 * d[2] * x * y + d[3] * (r2 + 2 * x * x)
+    v = y * g + d[2] * (r2 + 2 * y * y) + 2 * d[3] * x * y
+    wanted = np.column_stack([700 * u + 318.25, 710 * v + 241.5]) + 0.5
+    np.testing.assert_allclose(lens_of(camera).project(rays()), wanted, rtol=0, atol=1e-9)
+    storage(path, **SIZED, D=BROWN[:5], xi=xi)
+    with pytest.raises(rc.CameraError, match=r"xi and 4 coefficients of cv2\.omnidir wanted"):
+        read_views(path)
+    storage(path, **SIZED, D=d, xi="wide")
+    with pytest.raises(rc.CameraError, match=r"cv2\.omnidir wanted, got 'wide' and 4"):
+        read_views(path)
+
+
+@pytest.mark.filterwarnings("error")
+def test_numbers_that_overflow_are_one_line(tmp_path):
+    k = K.copy()
+    k[0, 0] = 1e308
+    path = storage(tmp_path / "c.yml", **SIZED | {"camera_matrix": k}, D=BROWN[:5])
+    with pytest.raises(rc.CameraError, match=r"fx must be .*, got 1e\+308"):
+        read_views(path)

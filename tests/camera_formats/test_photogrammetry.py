@@ -124,6 +124,41 @@ def test_metashape_images_and_chunks_that_are_disabled_are_left_out(tmp_path):
     assert read_views(path).images == ("OLD_0", "OLD_1")
 
 
+def test_metashape_panoramas_are_of_all_directions(tmp_path):
+    path = metashape(tmp_path / "c.xml", "spherical")
+    with pytest.raises(rc.CameraError, match=r"a spherical image of 2:1 wanted, .*got 640 x 480"):
+        read_views(path)
+    path.write_text(path.read_text().replace('height="480"', 'height="320"'))
+    found = lens_of(read_views(path).camera()).project([[0, 0, 1.0], [1, 0, 0], [0, 1, 1]])
+    np.testing.assert_allclose(found, [[320, 160], [480, 160], [320, 240]], atol=1e-9)
+
+
+def test_metashape_groups_may_be_within_groups(tmp_path):
+    path = metashape(tmp_path / "c.xml")
+    whole, text = read_views(path), path.read_text()
+    text = text.replace("<group ", '<group id="9" label="outer"><group ')
+    path.write_text(text.replace("</group>", "</group></group>"))
+    assert read_views(path).images == whole.images == ("IMG_0", "IMG_1")
+
+
+def test_metashape_terms_without_a_model_are_not_left_out(tmp_path):
+    path = metashape(tmp_path / "c.xml")
+    whole, text = read_views(path), path.read_text()
+    path.write_text(text.replace("<p1>", "<p3>0</p3><p1>"))
+    assert read_views(path).cameras() == whole.cameras()
+    path.write_text(text.replace("<p1>", "<p3>0.25</p3><p1>"))
+    with pytest.raises(rc.CameraError, match=r"its term p3 has no model here, got 0\.25"):
+        read_views(path)
+
+
+def test_metashape_cameras_of_a_rig_without_a_transform_are_counted(tmp_path):
+    path = metashape(tmp_path / "c.xml")
+    path.write_text(path.read_text().replace('label="IMG_2"', 'label="IMG_2" master_id="1"'))
+    views = read_views(path)
+    assert views.images == ("IMG_0", "IMG_1")
+    assert any("1 images of further cameras of a rig left out" in note for note in views.notes)
+
+
 def test_metashape_without_a_transform_has_no_unit(tmp_path):
     path = metashape(tmp_path / "c.xml")
     text = path.read_text()
@@ -215,6 +250,18 @@ def test_every_lens_of_opensfm_follows_its_equations(tmp_path, camera):
     views = read_views(opensfm(tmp_path / "reconstruction.json", camera))
     wanted = opensfm_pixels(camera, RAYS) + 0.5
     np.testing.assert_allclose(lens_of(views.camera()).project(RAYS), wanted, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("size", [(1000, 500), (1000, 400), (640, 480)])
+def test_panoramas_of_opensfm_have_one_scale_across_and_down(tmp_path, size):
+    camera = {"projection_type": "spherical", "width": size[0], "height": size[1]}
+    views = read_views(opensfm(tmp_path / "reconstruction.json", camera))
+    X, Y, Z = (RAYS * (1, 1, -1)).T
+    across, down = np.arctan2(X, Z), np.arctan2(Y, np.hypot(X, Z))
+    # Parts of the longer side, from the middle of the pixels: (w - 1) / 2 is 0.
+    wanted = np.column_stack([across, down]) / (2 * np.pi) * max(size) + (np.array(size) - 1) / 2
+    found = lens_of(views.camera()).project(RAYS * (1, 1, -1))
+    np.testing.assert_allclose(found, wanted + 0.5, rtol=0, atol=1e-9)
 
 
 def test_camera_models_of_opensfm_are_cameras_alone(tmp_path):

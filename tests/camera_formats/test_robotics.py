@@ -146,6 +146,31 @@ def test_places_come_from_the_imu_where_there_is_no_chain(tmp_path):
     assert any("frame of the IMU" in note for note in views.notes)
 
 
+def test_places_on_the_imu_are_read_in_either_direction(tmp_path):
+    # OpenVINS has the inverse of Kalibr's matrix.
+    steps = [motion([0.2, 0, 0.1 * i], [i, -0.1, 0.3]) for i in (1, 2)]
+    found = []
+    for name, matrices in (("T_cam_imu", steps), ("T_imu_cam", map(np.linalg.inv, steps))):
+        cameras = [(*LENSES[0], {name: matrix.tolist()}) for matrix in matrices]
+        views = read_views(camchain(tmp_path / f"{name}.yaml", *cameras))
+        found.append(views.poses.world_from_camera)
+        assert any("frame of the IMU" in note for note in views.notes)
+    np.testing.assert_allclose(*found, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(found[1] @ steps, np.tile(np.eye(4), (2, 1, 1)), atol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("names", "words"),
+    [("cam0 cam2", "cam0, cam1 wanted, .* got cam0, cam2"), ("cam1", "cam0 wanted, .* got cam1")],
+)
+def test_no_camera_of_a_chain_with_a_gap_is_left_out(tmp_path, names, words):
+    path = camchain(tmp_path / "c.yaml", (*LENSES[0], {}))
+    (camera,) = yaml.safe_load(path.read_text()).values()
+    path.write_text(yaml.safe_dump(dict.fromkeys(names.split(), camera | {"T_cn_cnm1": [[1]]})))
+    with pytest.raises(rc.CameraError, match=rf"{words}; number them from 0 without a gap"):
+        read_views(path)
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -158,7 +183,8 @@ def test_places_come_from_the_imu_where_there_is_no_chain(tmp_path):
         ({"intrinsics": [458.6, 457.3, 367.2, float("nan")]}, "intrinsics must be 4 finite"),
         ({"intrinsics": "many"}, "intrinsics must be up to 100 numbers"),
         ({"T_cam_imu": [[1, 0], [0, 1]]}, "T_cam_imu must be 4 x 4 or 16 finite numbers"),
-        ({"T_cam_imu": np.diag([1, 1, 2, 1]).tolist()}, "pose 0 is not finite"),
+        ({"T_cam_imu": np.diag([1, 1, 2, 1]).tolist()}, "pose 0 is not a rotation"),
+        ({"T_cam_imu": np.diag([1, 1, 1, 2]).tolist()}, "pose 0 must end in the row 0 0 0 1"),
     ],
 )
 def test_each_fault_of_a_chain_is_one_line(tmp_path, change, words):

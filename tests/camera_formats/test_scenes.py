@@ -247,9 +247,15 @@ def test_views_of_one_camera_are_its_poses():
     ("entries", "words"),
     [
         ({"cameras": []}, "at least one camera wanted"),
+        ({"cameras": {"a": {"width": 3}}}, "cameras must be a list of tables, each with its name"),
         ({"cameras": [{"name": "a", "width": 3}]}, "camera 'a': missing height"),
         ({"cameras": [{"name": 3}]}, "name must be a text"),
+        (
+            {"cameras": [{"name": "a", "width": 9, "height": 9, "fx": 9, "fy": 9}] * 2},
+            "two cameras are named 'a'",
+        ),
         ({"camera": [0]}, "camera must be 5 indices or names of 2 cameras"),
+        ({"camera": None}, "do not say which of 2 cameras each is of; add camera, a list of 5"),
         ({"camera": [0, 1, 2, 0, 1]}, "camera must be 5 indices or names of 2 cameras"),
         ({"images": ["a"]}, "images must be 5 texts"),
         ({"rig_from_camera": [[1]]}, "rig_from_camera must be 2 x 4 x 4"),

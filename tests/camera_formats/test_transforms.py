@@ -62,6 +62,37 @@ def test_lenses_are_those_of_cv2(tmp_path, model):
     np.testing.assert_allclose(found, wanted.reshape(-1, 2), rtol=0, atol=1e-9)
 
 
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"w": 1000, "h": 500},
+        {"w": 1000, "h": 500, "fl_x": 500, "fl_y": 500, "cx": 500, "cy": 250},
+        {"w": 1000, "h": 400, "fl_x": 500, "fl_y": 500, "cx": 480, "cy": 210},
+        {"w": 640, "h": 480, "fl_x": 320, "fl_y": 480},
+    ],
+)
+def test_panoramas_are_those_of_nerfstudio(tmp_path, given):
+    path = write(tmp_path / "transforms.json", camera_model="EQUIRECTANGULAR", **given)
+    views = read_views(path, conventions=Conventions(pose_unit="m"))
+    # nerfstudio, cameras.py: directions of pixels, y up and -z forward.
+    w, h = given["w"], given["h"]
+    u, v = np.meshgrid(np.linspace(0.1, 0.9, 7) * w, np.linspace(0.3, 0.7, 5) * h)
+    x = (u - given.get("cx", w / 2)) / given.get("fl_x", w / 2)
+    y = -(v - given.get("cy", h / 2)) / given.get("fl_y", h)
+    theta, phi = -np.pi * x, np.pi * (0.5 - y)
+    rays = [-np.sin(theta) * np.sin(phi), -np.cos(phi), np.cos(theta) * np.sin(phi)]
+    found = lens_of(views.camera()).project(np.stack(rays, axis=-1).reshape(-1, 3))
+    np.testing.assert_allclose(found, np.stack([u, v], axis=-1).reshape(-1, 2), rtol=0, atol=1e-9)
+    write_views(tmp_path / "transforms_again.json", views)
+    again = read_views(tmp_path / "transforms_again.json").camera()
+    assert (again.width, again.height) == (w, h)
+    np.testing.assert_allclose(
+        (again.fx, again.fy, again.cx, again.cy),
+        [getattr(views.camera(), name) for name in ("fx", "fy", "cx", "cy")],
+        rtol=1e-15,
+    )
+
+
 def test_k4_of_a_brown_lens_is_of_r8(tmp_path):
     k = {"k1": -0.1, "k2": 0.02, "k3": 0.003, "k4": 0.04, "p1": 0.001, "p2": -0.002}
     views = read_views(write(tmp_path / "transforms.json", **INTRINSICS, **k))
@@ -82,6 +113,28 @@ def test_frames_may_have_their_own_intrinsics(tmp_path):
     views = read_views(write(tmp_path / "transforms.json", frames, **INTRINSICS))
     assert [views.cameras()[row].fx for row in views.poses.camera] == [500, 900, 500]
     assert len(views.rig) == 2
+
+
+@pytest.mark.parametrize(
+    ("shared", "own"),
+    [
+        ({"fl_x": 500.0, "fl_y": 500.0}, {"camera_angle_x": 0.9}),
+        ({"fl_x": 500.0, "fl_y": 480.0}, {"fl_x": 600.0}),
+        ({"camera_angle_x": 0.9, "camera_angle_y": 0.6}, {"x_fov": 40.0}),
+        ({"fl_x": 500.0, "distortion_params": [0.1, 0, 0, 0, 0, 0]}, {"k1": 0.2, "p2": 0.01}),
+        ({"fl_x": 500.0, "k1": 0.1}, {"distortion_params": [0.2, 0, 0, 0, 0, 0]}),
+        ({"fl_x": 500.0, "is_fisheye": True}, {"camera_model": "OPENCV", "k1": 0.1}),
+        ({"fl_x": 500.0, "camera_model": "OPENCV"}, {"is_fisheye": True, "k1": 0.1}),
+    ],
+    ids=lambda entries: " ".join(entries),
+)
+def test_an_entry_of_a_frame_replaces_its_alternatives_in_the_file(tmp_path, shared, own):
+    size = {"w": 640, "h": 480}
+    frame = {"file_path": "a.png", "transform_matrix": pose(0)}
+    mixed = read_views(write(tmp_path / "transforms.json", [frame | own], **size, **shared))
+    rest = {"fl_x": 500.0} if not {"fl_x", "camera_angle_x", "x_fov"} & own.keys() else {}
+    alone = read_views(write(tmp_path / "transforms.json", [frame | own | rest], **size))
+    assert mixed.cameras() == alone.cameras()
 
 
 def test_angles_give_the_focal_length(tmp_path):

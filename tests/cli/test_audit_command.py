@@ -67,11 +67,19 @@ def test_an_audit_of_a_reconstruction_is_that_of_the_function(here, capsys):
 @pytest.mark.slow
 def test_pinholes_are_audited_by_area(here, capsys):
     write_views("transforms.json", Views(Rig(CAMERAS[1:]), Poses.of(np.array(POSES)), IMAGES))
-    code, printed, error = call(capsys, "audit transforms.json torus.obj --pose-unit 1 -o out")
+    content = json.loads((here / "transforms.json").read_text())
+    content["frames"][3]["transform_matrix"][0][0] = 9  # no rotation
+    (here / "transforms.json").write_text(json.dumps(content))
+    line = "audit transforms.json torus.obj --pose-unit 1 -o out --skip-bad-poses"
+    code, printed, error = call(capsys, line)
     assert code == 0, error
-    assert "8 images cover" in printed
+    assert "7 images cover" in printed
     assert "cells" in printed
-    assert json.loads((here / "out/audit.json").read_text())["covered_area"]["m2"] > 0
+    summary = json.loads((here / "out/audit.json").read_text())
+    assert summary["covered_area"]["m2"] > 0
+    assert [entry["name"] for entry in summary["per_camera"]] == [*IMAGES[:3], *IMAGES[4:]]
+    assert "pose 3 left out: it is not a rotation" in error
+    assert any("pose 3 left out" in note for note in summary["notes"])
 
 
 def test_what_cannot_be_audited_is_refused_in_one_line(here, capsys):

@@ -2,6 +2,7 @@
 
 import json
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -55,6 +56,8 @@ def test_a_model_passes_through_every_format_with_poses(here, capsys):
         ("convert model x --from colmp", "format must be rastercov, colmap, "),
         ("convert model model", "it is what is read"),
         ("convert model taken", "cameras.bin is there already"),
+        ("convert bare.json text --to colmap", "text: cameras wanted, got poses alone; put both"),
+        ("convert bare.json transforms.json", "transforms.json: cameras wanted, got poses alone"),
         ("convert model taken.json --pose-unit m", "taken.json: it is there already"),
         ("convert model nowhere/out.json --pose-unit m", "its folder does not exist"),
         ("convert model nowhere/out", "nowhere/out: cannot be written"),
@@ -67,9 +70,17 @@ def test_a_model_passes_through_every_format_with_poses(here, capsys):
 def test_each_bad_line_is_refused_and_leaves_nothing(here, capsys, line, words):
     write_views("taken", rig())
     write_views("taken.json", rig())
+    rc.write_poses("bare.json", rig().poses.world_from_camera)
     before = {path: path.stat().st_mtime_ns for path in here.rglob("*")}
     assert re.search(words, refusal(capsys, line))
     assert {path: path.stat().st_mtime_ns for path in here.rglob("*")} == before
+
+
+def test_names_of_cameras_that_are_not_kept_are_said(here, capsys):
+    rc.write_poses("named.json", rig().poses.world_from_camera, ["left", "right"] * 2)
+    code, _, err = call(capsys, "convert named.json out.npy")
+    assert code == 0
+    assert "cameras and names of images are left out" in err
 
 
 def test_overwrite_replaces_a_model_as_a_whole(here, capsys):
@@ -143,11 +154,32 @@ def test_evaluate_leaves_out_bad_poses_of_any_file(here, capsys):
     content["frames"][1]["transform_matrix"][0][0] = 9
     (here / "transforms.json").write_text(json.dumps(content))
     line = "evaluate box -p transforms.json --pose-unit m --pictures 0 --json -o out"
-    assert "pose 1 is not a rotation" in refusal(capsys, line)
+    assert re.search(r"pose 1 is not a rotation .*: image '2\.png'", refusal(capsys, line))
     code, out, err = call(capsys, line + " --skip-bad-poses")
     assert code == 0
     assert "pose 1 left out: it is not a rotation" in err
     assert json.loads(out)["poses"] == 1
+
+
+def test_convert_says_which_poses_it_leaves_out(here, capsys):
+    content = json.loads(json.dumps(own_content()))
+    for row in range(7):
+        content["world_from_camera"][row][0][0] = 9
+    (here / "rig.json").write_text(json.dumps(content))
+    line = "convert rig.json out.json --skip-bad-poses --json"
+    code, out, err = call(capsys, line)
+    assert code == 0
+    found = json.loads(out)
+    assert found["poses"] == 1
+    for text in ("pose 0 left out: it is not a rotation", "2 more poses left out"):
+        assert text in err
+        assert any(text in note for note in found["notes"])
+
+
+def own_content():
+    """Eight poses of one camera."""
+    write_views("eight.json", rig(16).of_camera("left"))
+    return json.loads(Path("eight.json").read_text(encoding="utf-8"))
 
 
 @pytest.mark.slow
@@ -183,8 +215,8 @@ CALIBRATION = """%YAML:1.0
 ---
 K1: [[50.0, 0, 31.5], [0, 50, 23.5], [0, 0, 1]]
 K2: [[60.0, 0, 31.5], [0, 60, 23.5], [0, 0, 1]]
-D1: [0, 0, 0, 0]
-D2: [0, 0, 0, 0]
+D1: [0, 0, 0, 0, 0]
+D2: [0, 0, 0, 0, 0]
 """
 
 
