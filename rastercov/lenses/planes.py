@@ -28,6 +28,8 @@ INVERSE_CELLS = 64
 """The same for a lens that is inverted by Krawczyk's test, which needs smaller cells."""
 SAME_CORNER = 1e-9
 """Distance of corners of a region that are one, in units of the plane."""
+SAME_SIDE = 1e-12
+"""Distance of a side of a hole from that of a region that it lies on, in units of the plane."""
 DEEPEST_CELL, MOST_CELLS = 6, 20_000
 """Divisions of a cell that is too large for a bound, and cells at which they end."""
 RADII = tuple(np.geomspace(1e-3, 1.5, 24).tolist())
@@ -162,20 +164,29 @@ class IdealPlane:
         """True for cells that may have a point of the region, by their centres."""
         is_near: NDArray[np.bool_] = _distance(self.region, x, y) <= math.hypot(*half)
         if self.hole is not None:
-            is_near &= _distance(self.hole, x, y) >= -math.hypot(*half)
+            # No sides of the hole that end the region as well: nothing of it is beyond them.
+            is_border = _across(self.hole, *self.region.T).max(axis=0) <= SAME_SIDE
+            own = _across(self.hole, x, y)[:, ~is_border]
+            is_near &= own.max(axis=1, initial=-math.inf) >= -math.hypot(*half)
         return is_near
 
 
 def _distance(polygon: FloatArray, x: FloatArray, y: FloatArray) -> FloatArray:
     """Greatest signed distance of points from the sides of a convex polygon, < 0 inside."""
+    result: FloatArray = _across(polygon, x, y).max(axis=1)
+    return result
+
+
+def _across(polygon: FloatArray, x: FloatArray, y: FloatArray) -> FloatArray:
+    """Signed distances (N, K) of points from the sides of a convex polygon, < 0 inside."""
     start = polygon
     side = np.roll(polygon, -1, axis=0) - start
     size = np.hypot(side[:, 0], side[:, 1])
     side, start = side[size > 0] / size[size > 0, None], start[size > 0]
     # The polygon runs from x to y, so its inside is at the side (-dy, dx) of an edge.
-    across = (x[:, None] - start[:, 0]) * side[:, 1] - (y[:, None] - start[:, 1]) * side[:, 0]
-    result: FloatArray = across.max(axis=1)
-    return result
+    across: FloatArray = (x[:, None] - start[:, 0]) * side[:, 1]
+    across -= (y[:, None] - start[:, 1]) * side[:, 0]
+    return across
 
 
 def keep(polygon: FloatArray, a: float, b: float, c: float) -> FloatArray:

@@ -11,9 +11,11 @@ from lens_cases import HEIGHT, WIDTH, of_all_kinds
 from nightly import amount
 from numpy.polynomial import chebyshev
 
+from rastercov.camera import Camera
 from rastercov.lenses import edge_kernels as kernels
 from rastercov.lenses import formulas
 from rastercov.lenses.expansions import coefficient_bounds
+from rastercov.lenses.of_camera import lens_of
 from rastercov.lenses.quadrature import (
     DEGREES,
     FEWEST,
@@ -167,6 +169,36 @@ def test_bound_of_an_edge_holds(name):
             tightest = min(tightest, ratio.min(initial=math.inf))
     # Edges are long enough to show an error, unless straight ones stay straight.
     assert tightest < 1e9 or "PINHOLE" in name
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("model", "distortion"), [("omni", (0.4,)), ("eucm", (0.3, 1.0)), ("double_sphere", (0.3, 0.3))]
+)
+def test_a_pole_behind_a_wide_lens_does_not_end_its_bounds(model, distortion):
+    lens = lens_of(
+        Camera(
+            width=1000, height=1000, fx=150, fy=150, model=model, distortion=distortion,
+            max_angle_deg=95,
+        )
+    )  # fmt: skip
+    assert math.degrees(lens.valid_angle) == pytest.approx(95)
+    for plane in lens.planes:
+        assert edge_table(plane).longest.max() > 0.01
+    side = next(plane for plane in lens.planes if plane.hole is not None)
+    # All places of the region are in cells that are kept, and no cell is kept for others.
+    half = (0.02, 0.02)
+    middle = np.arange(-0.98, 1, 0.04)
+    x, y = (grid.ravel() for grid in np.meshgrid(middle, middle))
+    points = np.random.default_rng(1).uniform(-1, 1, (40_000, 2))
+    rays = np.column_stack((points, np.ones(len(points)))) @ side.frame.T
+    points = points[~np.isnan(lens.project(rays)[:, 0])]
+    cells = np.round((points + 0.98) / 0.04).astype(int)
+    is_kept = side.meets(x, y, half).reshape(50, 50)
+    assert is_kept[cells[:, 1], cells[:, 0]].all()
+    rays = np.column_stack((x, y, np.ones(len(x)))) @ side.frame.T
+    cosine = rays[:, 2] / np.linalg.norm(rays, axis=1)
+    assert cosine[is_kept.ravel()].min() > math.cos(math.radians(99))
 
 
 def test_tables_allow_longer_edges_with_more_nodes():

@@ -57,6 +57,10 @@ def of_all_kinds():
     lenses["kalibr omni"] = sources.kalibr(
         *("omni", [1.2, 1000, 1010, 640, 512], "radtan", [-0.2, 0.05, 1e-3, -2e-3]), (WIDTH, HEIGHT)
     )
+    # Beyond 90 degrees, with a pole behind the image that sides of the cube reach.
+    lenses["kalibr wide omni"] = sources.kalibr(
+        *("omni", [0.6, 380, 385, 640, 512], "none", []), (WIDTH, HEIGHT)
+    )
     lenses["kalibr ds"] = sources.kalibr(
         *("ds", [-0.2, 0.55, 420, 425, 640, 512], "none", []), (WIDTH, HEIGHT)
     )
