@@ -186,7 +186,7 @@ def test_a_pole_behind_a_wide_lens_does_not_end_its_bounds(model, distortion):
     for plane in lens.planes:
         assert edge_table(plane).longest.max() > 0.01
     side = next(plane for plane in lens.planes if plane.hole is not None)
-    # All places of the region are in cells that are kept, and no cell is kept for others.
+    # All places of the region are in cells that are kept, and cells far from it are not.
     half = (0.02, 0.02)
     middle = np.arange(-0.98, 1, 0.04)
     x, y = (grid.ravel() for grid in np.meshgrid(middle, middle))
