@@ -80,6 +80,16 @@ def of_all_kinds():
     return lenses
 
 
+def is_outside_hole(plane, points, margin=0.0):
+    """True for points (N, 2) that are farther than a margin from the hole of a plane."""
+    if plane.hole is None:
+        return np.ones(len(points), np.bool_)
+    side = np.roll(plane.hole, -1, axis=0) - plane.hole
+    side /= np.hypot(*side.T)[:, None]
+    away = points[:, None] - plane.hole
+    return (away[..., 0] * side[:, 1] - away[..., 1] * side[:, 0]).max(axis=1) > margin
+
+
 def pixels(n, seed=0, margin=0.0):
     """`n` random pixels of the image, (n, 2), at least a margin from its border."""
     rng = np.random.default_rng(seed)
