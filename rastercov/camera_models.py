@@ -75,7 +75,7 @@ RANGES: Mapping[tuple[str, str], tuple[Callable[[float], bool], str]] = {
     ("double_sphere", "xi"): (lambda value: -1 < value <= 1, "above -1 and at most 1"),
     ("double_sphere", "alpha"): (lambda value: 0 <= value <= 1, "0 to 1"),
 }
-"""What coefficients must be for the equations of their model to be a lens."""
+"""Ranges of coefficients in which the equations of their model are a lens."""
 
 
 def checked_model(model: Any, distortion: Any) -> tuple[str, tuple[float, ...]]:
