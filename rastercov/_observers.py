@@ -18,6 +18,7 @@ from rastercov.mesh import Mesh
 from rastercov.near_plane import limits_of_poses
 from rastercov.observation import Observation, Visibility
 from rastercov.pose import Poses
+from rastercov.raster import backend_of
 from rastercov.raster.contract import FaceCounts, RasterizerInfo
 from rastercov.raster.several import Rasterizers
 from rastercov.rig import Cameras, cameras_of
@@ -86,11 +87,14 @@ class SampledObserver(OpenObserver):
     def __init__(
         self, mesh: Mesh, camera: Cameras, backend: str, supersample: int, options: dict[str, Any]
     ) -> None:
+        self.threads = thread_count(options.get("threads"))
+        others = {name: value for name, value in options.items() if name != "threads"}
+        if backend_of(backend, others)[0] == "gl":  # which takes none; they judge what it counts
+            options = others
         self._rasterizers = Rasterizers(
             mesh, cameras_of(camera), backend, supersample=supersample, roll=ROLL, **options
         )
         self.mesh, self.camera, self.info = mesh, camera, self._rasterizers.info
-        self.threads = thread_count(options.get("threads"))
 
     def observe(self, poses: ArrayLike | Poses) -> Observation:
         accepted = self._accepted(poses)

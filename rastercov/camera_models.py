@@ -4,7 +4,8 @@ Equations are in docs/cameras.md. A ray (x, y) = (X/Z, Y/Z), or its angle for a 
 radial, tangential and thin-prism terms, and fx, fy, cx, cy and the skew make pixels of it.
 """
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from rastercov._checks import coefficients_of, number, shown
@@ -60,6 +61,22 @@ MODELS: Mapping[str, Model] = {
 COLMAP's THIN_PRISM_FISHEYE, RAD_TAN_THIN_PRISM_FISHEYE, FOV and DIVISION; "fisheye62" OpenSfM's
 fisheye62 and fisheye624; "omni", "eucm" and "double_sphere" Kalibr's with radtan distortion."""
 
+LARGEST = 1e12
+"""Coefficient of any model at most."""
+MOST_TILT = 1.05
+"""Tilt of a sensor at most, radians."""
+RANGES: Mapping[tuple[str, str], tuple[Callable[[float], bool], str]] = {
+    ("opencv", "tau_x"): (lambda value: abs(value) <= MOST_TILT, f"within {MOST_TILT} rad"),
+    ("opencv", "tau_y"): (lambda value: abs(value) <= MOST_TILT, f"within {MOST_TILT} rad"),
+    ("fov", "omega"): (lambda value: 0 <= value < math.pi, "0 to below pi radians"),
+    ("omni", "xi"): (lambda value: value >= 0, "0 or more"),
+    ("eucm", "alpha"): (lambda value: 0 <= value <= 1, "0 to 1"),
+    ("eucm", "beta"): (lambda value: value > 0, "positive"),
+    ("double_sphere", "xi"): (lambda value: -1 < value <= 1, "above -1 and at most 1"),
+    ("double_sphere", "alpha"): (lambda value: 0 <= value <= 1, "0 to 1"),
+}
+"""Ranges of coefficients in which the equations of their model are a lens."""
+
 
 def checked_model(model: Any, distortion: Any) -> tuple[str, tuple[float, ...]]:
     """Model and its coefficients; a model "opencv" whose coefficients are all 0 is a pinhole.
@@ -67,7 +84,8 @@ def checked_model(model: Any, distortion: Any) -> tuple[str, tuple[float, ...]]:
     Raises
     ------
     CameraError
-        For a model that does not exist, or another number of coefficients than it has.
+        For a model that does not exist, another number of coefficients than it has, or one that is
+        out of its range.
     """
     if not isinstance(model, str) or model not in MODELS:
         raise CameraError(f"model must be one of {', '.join(MODELS)}, got {shown(model)}")
@@ -90,6 +108,16 @@ def checked_model(model: Any, distortion: Any) -> tuple[str, tuple[float, ...]]:
             f"distortion of model {model} must be {words} numbers"
             f"{f' ({its.coefficients})' if names else ''}, got {len(values)}"
         )
+    for name, value in zip(names, values, strict=False):
+        if abs(value) > LARGEST:
+            raise CameraError(
+                f"{name} of model {model} must be within {LARGEST:g}, got {value:g}; check its unit"
+            )
+        is_good, wanted = RANGES.get((model, name), (None, ""))
+        if is_good is not None and not is_good(value):
+            raise CameraError(
+                f"{name} of model {model} must be {wanted}, got {value:g}; correct distortion"
+            )
     return model, values
 
 

@@ -11,10 +11,10 @@ from rastercov._arguments import check_kind
 from rastercov._checks import finite_number, shown
 from rastercov._threads import thread_count
 from rastercov.errors import ConfigError
+from rastercov.raster import BACKENDS
 from rastercov.raster.contract import MAX_SUPERSAMPLE
 
 METHODS = ("certified", "exact", "sampled")
-BACKENDS = ("auto", "cpu", "gl")
 
 
 @dataclass(frozen=True)
@@ -110,8 +110,8 @@ class Engine:
 
     @property
     def rasterizer_options(self) -> dict[str, Any]:
-        """Keyword arguments of `open_rasterizer` for the device and the threads."""
-        options: dict[str, Any] = {} if self.threads is None else {"threads": self.threads}
-        if self.device in BACKENDS:
-            return options | {"backend": self.device}
-        return options | {"backend": "gl", "device": self.device}
+        """Keyword arguments of `open_rasterizer` for the device and the threads of the CPU's."""
+        if self.device not in BACKENDS:
+            return {"backend": "gl", "device": self.device}
+        has_threads = self.threads is not None and self.device != "gl"
+        return {"backend": self.device} | ({"threads": self.threads} if has_threads else {})

@@ -92,8 +92,8 @@ def open_observer(
         Method, see this module; or an `Engine` or its text form, such as "sampled:cpu@4", which
         then replaces the other arguments.
     backend, supersample, **options
-        As for `open_rasterizer`, for method "sampled". The others take `threads`, and no
-        `supersample`: they have no samples.
+        As for `open_rasterizer`, for method "sampled"; with OpenGL, `threads` are those that judge
+        what it counts. The others take `threads`, and no `supersample`: they have no samples.
 
     Raises
     ------
@@ -112,7 +112,7 @@ def open_observer(
         if engine.method == "sampled":
             options = engine.rasterizer_options | options
             backend = options.pop("backend")
-        elif engine.threads is not None:
+        if engine.threads is not None:
             options = options | {"threads": engine.threads}
     if engine.method == "sampled":
         return SampledObserver(mesh, camera, backend, supersample, options)

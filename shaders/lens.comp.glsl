@@ -293,9 +293,9 @@ Face set_up(View view, dvec3 p, dvec3 q, dvec3 r, double side) {
     dvec3 normal = normal_of(p, q, r);
     double height = height_of(normal, p);
     precise dvec3 inverse = normal / height;
-    // Edge-on, 1/z has no plane.
+    // Edge-on, 1/z has no plane; with the eye in the face all of it is before the near plane.
     bool has_plane = height != 0.0lf && all(lessThanEqual(abs(inverse), dvec3(MOST_SLOPE)));
-    f.inverse = has_plane ? inverse : dvec3(0.0lf, 0.0lf, greatest);
+    f.inverse = has_plane ? inverse : dvec3(0.0lf, 0.0lf, is_cut ? 2.0lf * greatest : greatest);
     return f;
 }
 

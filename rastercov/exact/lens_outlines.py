@@ -12,7 +12,13 @@ from numpy.typing import NDArray
 from rastercov._jit import allocation_free, part_with_arrays
 from rastercov.exact.polygon_kernels import twice_area
 from rastercov.exact.records import CLIPPED, LIVE, U, V
-from rastercov.lenses.polygon_kernels import MOST_CORNERS, cut_to_region, is_in_region
+from rastercov.lenses.polygon_kernels import (
+    MOST_CORNERS,
+    beyond_side_of,
+    cut_to_region,
+    cut_to_side_of,
+    is_in_region,
+)
 
 FloatArray = NDArray[np.float64]
 
@@ -78,15 +84,19 @@ def append_cut(polygon, n, face, kind, plane, spare, found):
         n = cut_to_region(polygon, n, plane.window, spare)
     if n < 3:
         return
-    append(polygon, n, face, kind, found)
-    m = plane.hole.shape[0]
-    if m > 0:
-        # The image of what is in the hole is taken off: it is listed the other way round.
-        n = cut_to_region(polygon, n, plane.hole, spare)
-        if n >= 3:
-            for p in range(n):
-                spare[p, 0], spare[p, 1] = polygon[n - 1 - p, 0], polygon[n - 1 - p, 1]
-            append(spare, n, face, kind, found)
+    # Nothing in the hole is ever put through the lens, which may have a pole or fold there: the
+    # rest is listed side by side, what is beyond the first side, then beyond the second, ...
+    sides = plane.hole.shape[0]
+    if sides == 0:
+        append(polygon, n, face, kind, found)
+        return
+    for i in range(sides):
+        m = beyond_side_of(polygon, n, plane.hole, i, spare)
+        if m >= 3:
+            append(spare, m, face, kind, found)
+        n = cut_to_side_of(polygon, n, plane.hole, i, spare)
+        if n < 3:
+            return
 
 
 @part_with_arrays

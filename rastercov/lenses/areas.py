@@ -70,6 +70,5 @@ def blind_area(lens: Lens) -> float:
     """Area of the image whose pixels see nothing, px^2: no ray of the valid region meets them."""
     seen = 0.0
     for plane in lens.planes:
-        border = [plane.region] if plane.hole is None else [plane.region, plane.hole[::-1]]
-        seen += float(polygon_areas(lens, plane, border).inside.sum())
+        seen += float(polygon_areas(lens, plane, plane.parts()).inside.sum())
     return lens.width * lens.height - seen

@@ -21,7 +21,9 @@ from rastercov.lenses.of_camera import lens_of, planes_of
 from rastercov.lenses.polygon_kernels import (
     MOST_CORNERS,
     EdgeScratch,
+    beyond_side_of,
     cut_to_region,
+    cut_to_side_of,
     edge_scratch,
     polygon_image,
 )
@@ -352,18 +354,22 @@ def curved_areas(points, i, j, k, near, lens, work):
         m = cut_to_region(polygon, m, plane.region, work.spare)
         if m < 3:
             continue
-        area, part, _ = polygon_image(plane, polygon, 0, m, work.edges)
-        sign = 1.0
-        if area < 0:
-            sign = -1.0
-        whole += sign * area
-        inside += sign * part
-        if lens.hole_sides[n] > 0:
-            m = cut_to_region(polygon, m, plane.hole, work.spare)
-            if m >= 3:
-                area, part, _ = polygon_image(plane, polygon, 0, m, work.edges)
-                whole -= sign * area
-                inside -= sign * part
+        sides = lens.hole_sides[n]
+        if sides == 0:
+            area, part, _ = polygon_image(plane, polygon, 0, m, work.edges)
+            sign = -1.0 if area < 0 else 1.0
+            whole += sign * area
+            inside += sign * part
+        for side in range(sides):  # what is outside the hole, as in `exact.lens_outlines`
+            beyond = beyond_side_of(polygon, m, plane.hole, side, work.spare)
+            if beyond >= 3:
+                area, part, _ = polygon_image(plane, work.spare, 0, beyond, work.edges)
+                sign = -1.0 if area < 0 else 1.0
+                whole += sign * area
+                inside += sign * part
+            m = cut_to_side_of(polygon, m, plane.hole, side, work.spare)
+            if m < 3:
+                break
     return whole, inside
 
 

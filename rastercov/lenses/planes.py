@@ -28,6 +28,9 @@ INVERSE_CELLS = 64
 """The same for a lens that is inverted by Krawczyk's test, which needs smaller cells."""
 SAME_CORNER = 1e-9
 """Distance of corners of a region that are one, in units of the plane."""
+HOLE_SCALE = 2.0
+"""Size of the box that holes are cut to, in that of the region: sides of a hole that are not those
+of the valid cone are far from the region, so that no sliver is left between the two."""
 DEEPEST_CELL, MOST_CELLS = 6, 20_000
 """Divisions of a cell that is too large for a bound, and cells at which they end."""
 RADII = tuple(np.geomspace(1e-3, 1.5, 24).tolist())
@@ -58,7 +61,8 @@ class IdealPlane:
     region : (K, 2) float64
         Convex polygon in units of the plane, (X / Z, Y / Z); nothing beyond it has a pixel.
     hole : (K, 2) float64 or None
-        Convex polygon to be taken out of the region, as by a face in front of everything.
+        Convex polygon to be taken out of the region, as by a face in front of everything; it may
+        reach beyond the region.
     code : int
     params : (32,) float64
         The lens for the kernels, with longitudes that are continuous on this plane.
@@ -73,6 +77,20 @@ class IdealPlane:
     code: int
     params: FloatArray
     has_pole: bool = False
+
+    def parts(self) -> list[FloatArray]:
+        """Convex polygons that are the region without the hole."""
+        if self.hole is None:
+            return [self.region]
+        found, rest = [], self.region
+        for i in range(len(self.hole)):
+            (x0, y0), (x1, y1) = self.hole[i], self.hole[(i + 1) % len(self.hole)]
+            line = y0 - y1, x1 - x0, (y1 - y0) * x0 - (x1 - x0) * y0  # inside is positive
+            found.append(keep(rest, *(-value for value in line)))
+            rest = keep(rest, *line)
+            if len(rest) < 3:
+                break
+        return [part for part in found if len(part) >= 3]
 
     def reach(self, radius: float) -> tuple[float, float]:
         """Bounds of |u - u0| and |v - v0|, px, of complex points near a real one of the region.
@@ -234,8 +252,8 @@ def ideal_planes(
                 if is_inside:
                     region = polygon
                 elif len(polygon) >= 3:
-                    hole = polygon
-            is_all = hole is not None and abs(_area(hole) - _area(region)) < 1e-12
+                    hole = _on_plane(params[formulas.SLOPE], frame, HOLE_SCALE * box)[0]
+            is_all = hole is not None and abs(_area(polygon) - _area(region)) < 1e-12
             if len(region) >= 3 and not is_all:
                 has_pole = code == formulas.EQUIRECT and frame[1, 2] != 0
                 planes.append(IdealPlane(frame, camera, region, hole, code, own, has_pole))

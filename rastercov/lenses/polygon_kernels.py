@@ -421,13 +421,30 @@ def cut_to_side(polygon, n, x0, y0, dx, dy, out):
 @part_with_arrays
 def cut_to_region(polygon, n, region, spare):
     """Cut a polygon in place to a convex region; returns its corner count."""
-    m = region.shape[0]
-    for i in range(m):
-        j = i + 1 if i + 1 < m else 0
-        x0, y0 = region[i, 0], region[i, 1]
-        n = cut_to_side(polygon, n, x0, y0, region[j, 0] - x0, region[j, 1] - y0, spare)
-        for p in range(n):
-            polygon[p, 0], polygon[p, 1] = spare[p, 0], spare[p, 1]
+    for i in range(region.shape[0]):
+        n = cut_to_side_of(polygon, n, region, i, spare)
         if n < 3:
             return 0
     return n
+
+
+@part_with_arrays
+def cut_to_side_of(polygon, n, region, i, spare):
+    """Cut a polygon in place to one side of a convex region; returns its corner count."""
+    j = i + 1 if i + 1 < region.shape[0] else 0
+    x0, y0 = region[i, 0], region[i, 1]
+    n = cut_to_side(polygon, n, x0, y0, region[j, 0] - x0, region[j, 1] - y0, spare)
+    for p in range(n):
+        polygon[p, 0], polygon[p, 1] = spare[p, 0], spare[p, 1]
+    return n
+
+
+@part_with_arrays
+def beyond_side_of(polygon, n, region, i, out):
+    """Copy the part of a polygon beyond one side of a convex region; returns its corner count.
+
+    Its corners on that side are those of `cut_to_side_of`, bit for bit.
+    """
+    j = i + 1 if i + 1 < region.shape[0] else 0
+    x0, y0 = region[i, 0], region[i, 1]
+    return cut_to_side(polygon, n, x0, y0, x0 - region[j, 0], y0 - region[j, 1], out)

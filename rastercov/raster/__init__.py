@@ -1,6 +1,7 @@
 """Rasterisers: samples of each face in each pose, counted on the CPU or by OpenGL."""
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 from rastercov._arguments import check_choice, check_scene
@@ -17,6 +18,16 @@ from rastercov.raster.contract import (
 )
 
 __all__ = ["FaceCounts", "Rasterizer", "RasterizerInfo", "VisibilityBuffer", "open_rasterizer"]
+
+BACKENDS = ("auto", "cpu", "gl")
+OPTIONS = {
+    "cpu": ("threads",),
+    "gl": (
+        *("device", "plan", "require_hardware"),
+        *("max_tile", "max_faces_a_draw", "image_budget"),
+    ),
+}
+"""Options of `open_rasterizer` that each backend takes."""
 
 
 def open_rasterizer(
@@ -48,13 +59,14 @@ def open_rasterizer(
         rows and columns of pixels, as those of manufactured parts do.
     **options
         Passed on: `threads` to `rastercov.raster.cpu.CPURasterizer`; `device`, `plan` and more to
-        `rastercov.raster.gl.GLRasterizer`, which "auto" then means.
+        `rastercov.raster.gl.GLRasterizer`, which "auto" then means. A device "auto", "cpu" or "gl"
+        is the backend of this name, as `--device` is on the command line.
 
     Raises
     ------
     ConfigError
-        For an unknown backend, a supersample that is not 1 to 64, a roll that is no angle, or a
-        plan of OpenGL that draws pinholes only for another camera.
+        For an unknown backend, an option that it does not take, a supersample that is not 1 to 64,
+        a roll that is no angle, or a plan of OpenGL that draws pinholes only for another camera.
     DeviceError
         When the device cannot be opened or fails its self-test.
     """
@@ -66,11 +78,11 @@ def open_rasterizer(
     if math.isnan(finite_number(roll)):
         raise ConfigError(f"roll must be an angle in radians, got {shown(roll)}")
     common: dict[str, Any] = {"supersample": int(supersample), "roll": float(roll)}
-    check_choice("backend", backend, ("auto", "cpu", "gl"))
+    backend, options = backend_of(backend, options)
     if backend == "auto":
-        if not options and (hardware := _open_hardware(mesh, camera, common)):
+        if hardware := _open_hardware(mesh, camera, common):
             return hardware
-        backend = "gl" if options.keys() - {"threads"} else "cpu"
+        backend = "cpu"
     if backend == "cpu":
         # Each compiles, or loads what was compiled.
         if not camera.is_pinhole:
@@ -83,6 +95,38 @@ def open_rasterizer(
     from rastercov.raster.gl import GLRasterizer  # imports OpenGL only when it is wanted
 
     return GLRasterizer(mesh, camera, **common, **options)
+
+
+def backend_of(backend: Any, options: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
+    """Backend that options of `open_rasterizer` leave, and those to pass to it.
+
+    It is "auto" only where there are none. A device "auto", "cpu" or "gl" is the backend of this
+    name.
+
+    Raises
+    ------
+    ConfigError
+        For a backend that does not exist, another one than the device, and for an option that the
+        backend does not take.
+    """
+    check_choice("backend", backend, BACKENDS)
+    left = dict(options)
+    device = left.get("device")
+    if isinstance(device, str) and device in BACKENDS:
+        del left["device"]
+        if "auto" not in (backend, device) and device != backend:
+            raise ConfigError(
+                f"device must be one of backend {backend}, got {device!r}; leave out one of the two"
+            )
+        backend = device if backend == "auto" else backend
+    if backend == "auto" and left:
+        backend = "cpu" if left.keys() <= {*OPTIONS["cpu"]} else "gl"
+    if unknown := left.keys() - OPTIONS.get(backend, ()):
+        takes = "; ".join(f"{each} takes {', '.join(names)}" for each, names in OPTIONS.items())
+        raise ConfigError(
+            f"backend {backend} takes no option {', '.join(sorted(unknown))}; {takes}"
+        )
+    return backend, left
 
 
 def _open_hardware(mesh: Mesh, camera: Camera, common: dict[str, Any]) -> Rasterizer | None:

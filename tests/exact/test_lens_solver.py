@@ -1,5 +1,6 @@
 """Exact areas through lenses: laws that hold for any lens, and the pinhole as a lens."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -16,6 +17,7 @@ from rastercov.exact.certificate import CertificateSolver
 from rastercov.exact.half_planes import HalfPlaneSolver
 from rastercov.exact.lens_solver import LensSolver
 from rastercov.exact.surface import surface_of
+from rastercov.lenses.areas import blind_area
 from rastercov.lenses.field import fields_of
 from rastercov.lenses.of_camera import lens_of, optics_of, planes_of, slopes_of
 from rastercov.lenses.slopes import slopes_in
@@ -58,6 +60,47 @@ def test_visible_areas_in_a_closed_room_add_up_to_the_image(name, seed):
     found = solved(ROOM, camera, inside(ROOM, seed))
     assert abs(found.visible.sum() - camera.width * camera.height) < 1e-6
     assert np.all(found.visible <= found.area + found.area_error + 1e-9)
+
+
+BEHIND = {
+    "fisheye to 130": ("opencv_fisheye", (0, 0, 0, 0), 130),
+    "fisheye to 150": ("opencv_fisheye", (-0.02, 0.005, -0.002, 0.0003), 150),
+    "omni, its pole behind": ("omni", (0.85,), 130),
+    "omni, its pole beside": ("omni", (0.4,), 95),
+    "eucm, its pole beside": ("eucm", (0.3, 1.0), 95),
+    "double sphere, its pole beside": ("double_sphere", (0.3, 0.3), 95),
+}
+"""Lenses that see beyond 90 degrees, and whose equations end or fold where they do not see."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", BEHIND)
+def test_edges_that_run_where_a_wide_lens_does_not_see_change_nothing(name):
+    model, distortion, angle = BEHIND[name]
+    camera = Camera(
+        width=300, height=300, fx=50, fy=50, model=model, distortion=distortion,
+        max_angle_deg=angle,
+    )  # fmt: skip
+    walls = shapes.box((4, 5, 3))
+    room = Mesh(walls.vertices, walls.faces[:, ::-1])
+    rng = np.random.default_rng(1)
+    blind, poses = blind_area(lens_of(camera)), []
+    for _ in range(40):
+        # The direction opposite to the axis is at an edge, or so near to one.
+        start, end = room.vertices[room.faces[rng.integers(12)]][:2]
+        offset = rng.normal(size=3) * 10.0 ** rng.uniform(-6, -1)
+        eye, edge = rng.normal(0, 0.2, 3), start + (end - start) * rng.uniform(0.2, 0.8) + offset
+        poses.append(look_at(eye, 2 * eye - edge, rng.normal(size=3))[0])
+        found = solved(room, camera, poses[-1])
+        seen = found.visible.sum()
+        assert abs(seen + blind - 300**2) <= 1e-6 + found.area_error.sum()
+        assert np.all(found.visible <= found.area + found.area_error + 1e-9)
+    figures = evaluate(room, camera, poses, fields=("projected_area", "drawn_pixels"))
+    assert np.all(figures.projected_area >= figures.drawn_pixels - 1e-5)
+    all_seen = figures.projected_area.sum(axis=1)
+    if name == "fisheye to 130":  # whose image is a disc of this radius
+        disc = 50 * math.radians(130)
+        assert np.allclose(all_seen, math.pi * disc**2, rtol=1e-3)
 
 
 @pytest.mark.slow

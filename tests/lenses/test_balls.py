@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from lens_cases import of_all_kinds
+from lens_cases import is_outside_hole, of_all_kinds
 
 from rastercov.lenses import balls, formulas
 from rastercov.lenses.balls import Ball
@@ -45,11 +45,7 @@ def points_of(plane, n, rng):
     """Random points of the region of a plane, outside its hole."""
     weights = rng.dirichlet(np.full(len(plane.region), 0.05), n)
     points = weights @ plane.region
-    if plane.hole is not None:
-        middle = plane.hole.mean(axis=0)
-        size = np.abs(plane.hole - middle).max()
-        points = points[np.abs(points - middle).max(axis=1) > size]
-    return points
+    return points[is_outside_hole(plane, points)]
 
 
 @pytest.mark.slow

@@ -6,7 +6,7 @@ times the greatest Taylor coefficient on it, and nearly that for a short one.
 
 import numpy as np
 import pytest
-from lens_cases import of_all_kinds
+from lens_cases import is_outside_hole, of_all_kinds
 
 from rastercov.lenses import expansions, formulas
 from rastercov.lenses.expansions import DIRECTIONS, ORDER, Expansion, coefficient_bounds
@@ -24,9 +24,7 @@ def segments(plane, half, n, rng):
     for sign in (-1, 1):
         is_good &= plane.meets(*(points + sign * along).T, (0.0, 0.0))
     is_good &= plane.meets(*points.T, (0.0, 0.0))
-    if plane.hole is not None:
-        far = np.abs(points - plane.hole.mean(axis=0)).max(axis=1)
-        is_good &= far > np.abs(plane.hole - plane.hole.mean(axis=0)).max() + half
+    is_good &= is_outside_hole(plane, points, half)
     return points[is_good], along[is_good]
 
 

@@ -7,13 +7,15 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from lens_cases import HEIGHT, WIDTH, of_all_kinds
+from lens_cases import HEIGHT, WIDTH, is_outside_hole, of_all_kinds
 from nightly import amount
 from numpy.polynomial import chebyshev
 
+from rastercov.camera import Camera
 from rastercov.lenses import edge_kernels as kernels
 from rastercov.lenses import formulas
 from rastercov.lenses.expansions import coefficient_bounds
+from rastercov.lenses.of_camera import lens_of
 from rastercov.lenses.quadrature import (
     DEGREES,
     FEWEST,
@@ -140,10 +142,8 @@ def test_bound_of_an_edge_holds(name):
         a, b = a[is_edge], b[is_edge]
         half = 10 ** rng.uniform(-3.5, -0.3, (len(a), 1))
         b = a + 2 * half * (b - a) / np.hypot(*(b - a).T)[:, None]
-        if plane.hole is not None:
-            size = np.abs(plane.hole - plane.hole.mean(axis=0)).max()
-            far = np.abs((a + b) / 2 - plane.hole.mean(axis=0)).max(axis=1) > size + half[:, 0]
-            a, b, half = a[far], b[far], half[far]
+        far = is_outside_hole(plane, (a + b) / 2, half[:, 0])
+        a, b, half = a[far], b[far], half[far]
         rays = [np.column_stack((z, np.ones(len(z)))) @ plane.frame.T for z in (a, b, (a + b) / 2)]
         inside = np.isfinite([lens.project(ray) for ray in rays]).all(axis=(0, 2))
         inside &= np.abs(b).max(axis=1) <= np.abs(plane.region).max()
@@ -167,6 +167,36 @@ def test_bound_of_an_edge_holds(name):
             tightest = min(tightest, ratio.min(initial=math.inf))
     # Edges are long enough to show an error, unless straight ones stay straight.
     assert tightest < 1e9 or "PINHOLE" in name
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("model", "distortion"), [("omni", (0.4,)), ("eucm", (0.3, 1.0)), ("double_sphere", (0.3, 0.3))]
+)
+def test_a_pole_behind_a_wide_lens_does_not_end_its_bounds(model, distortion):
+    lens = lens_of(
+        Camera(
+            width=1000, height=1000, fx=150, fy=150, model=model, distortion=distortion,
+            max_angle_deg=95,
+        )
+    )  # fmt: skip
+    assert math.degrees(lens.valid_angle) == pytest.approx(95)
+    for plane in lens.planes:
+        assert edge_table(plane).longest.max() > 0.01
+    side = next(plane for plane in lens.planes if plane.hole is not None)
+    # All places of the region are in cells that are kept, and cells far from it are not.
+    half = (0.02, 0.02)
+    middle = np.arange(-0.98, 1, 0.04)
+    x, y = (grid.ravel() for grid in np.meshgrid(middle, middle))
+    points = np.random.default_rng(1).uniform(-1, 1, (40_000, 2))
+    rays = np.column_stack((points, np.ones(len(points)))) @ side.frame.T
+    points = points[~np.isnan(lens.project(rays)[:, 0])]
+    cells = np.round((points + 0.98) / 0.04).astype(int)
+    is_kept = side.meets(x, y, half).reshape(50, 50)
+    assert is_kept[cells[:, 1], cells[:, 0]].all()
+    rays = np.column_stack((x, y, np.ones(len(x)))) @ side.frame.T
+    cosine = rays[:, 2] / np.linalg.norm(rays, axis=1)
+    assert cosine[is_kept.ravel()].min() > math.cos(math.radians(99))
 
 
 def test_tables_allow_longer_edges_with_more_nodes():

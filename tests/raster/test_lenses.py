@@ -299,6 +299,28 @@ def test_near_plane_cuts_as_in_the_exact_method(open_lens, lens):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("lens", ["brown", "wide"])
+def test_eye_within_a_face_does_not_see_it(open_lens, lens):
+    mesh = shapes.box((1, 1.3, 0.7))
+    rng = np.random.default_rng(3)
+    turns, _ = np.linalg.qr(rng.normal(size=(60, 3, 3)))
+    poses = np.broadcast_to(np.eye(4), (60, 4, 4)).copy()
+    poses[:, :3, :3] = turns * np.sign(np.linalg.det(turns))[:, None, None]
+    poses[:, :3, 3] = mesh.vertices[mesh.faces[0]].mean(axis=0)
+    corners = (mesh.vertices[mesh.faces[0]] - poses[:, None, :3, 3]) @ poses[:, :3, :3]
+    heights = np.einsum("pi,pi->p", np.cross(corners[:, 0], corners[:, 1]), corners[:, 2])
+    assert 5 < (heights == 0).sum() < 55  # in its plane, and beside it by rounding
+    counts = open_lens(mesh, CAMERAS[lens]).count(poses)
+    assert counts.drawn[:, 0].max() == 0
+    assert counts.visible[:, 0].max() == 0
+    with open_observer(mesh, CAMERAS[lens], "exact") as observer:
+        observed = observer.observe(poses)
+    off = np.abs(counts.visible - observed.visible_pixels)
+    assert (off <= 0.05 * observed.drawn_pixels + 30).all()
+    assert counts.visible.any()
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("lens", ["brown", "kannala", "wide"])
 def test_sampled_areas_are_within_their_bound_of_certified_ones(lens):
     (mesh, poses), camera = SCENES["torus"], CAMERAS[lens]

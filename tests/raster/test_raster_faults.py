@@ -16,6 +16,7 @@ from processes import run_python
 
 from rastercov import shaders, shapes
 from rastercov.camera import Camera
+from rastercov.engine import Engine
 from rastercov.errors import ConfigError, DeviceError, PoseError, ResourceError
 from rastercov.mesh import Mesh
 from rastercov.observer import open_observer
@@ -123,6 +124,49 @@ def test_backend_and_plan_are_known_names(device):
         open_rasterizer(MESH, CAMERA, "vulkan")
     with pytest.raises(ConfigError, match=r"plan must be .* got 'fast'"):
         open_rasterizer(MESH, CAMERA, "gl", device=device, plan="fast")
+
+
+@pytest.mark.parametrize(
+    ("backend", "options", "words"),
+    [
+        ("auto", {"speed": 1}, "takes no option speed; cpu takes threads; gl takes device, plan"),
+        ("cpu", {"plan": "compute"}, "backend cpu takes no option plan"),
+        ("gl", {"threads": 1}, "backend gl takes no option threads"),
+        ("auto", {"threads": 1, "plan": "compute"}, "backend gl takes no option threads"),
+        ("gl", {"device": "cpu"}, "device must be one of backend gl, got 'cpu'"),
+        ("gl", {"max_tile": "8"}, "must be 1 or more, in whole numbers"),
+        ("gl", {"require_hardware": "no"}, "require_hardware must be True or False, got 'no'"),
+    ],
+)
+@pytest.mark.parametrize("lens", [{}, {"skew": 1.0}], ids=["pinhole", "lens"])
+def test_an_option_that_a_backend_does_not_know_is_refused(backend, options, words, lens):
+    camera = dataclasses.replace(CAMERA, **lens)
+    with pytest.raises(ConfigError, match=words):
+        open_rasterizer(MESH, camera, backend, **options)
+    if "threads" not in options:  # which an observer has of its own
+        with pytest.raises(ConfigError, match=words):
+            open_observer(MESH, camera, "sampled", backend=backend, **options)
+
+
+def test_a_device_may_be_the_name_of_a_backend():
+    with open_rasterizer(MESH, CAMERA, device="cpu", threads=1) as rasterizer:
+        assert rasterizer.info.backend == "cpu"
+    with open_rasterizer(MESH, CAMERA, "cpu", device="auto") as rasterizer:
+        assert rasterizer.info.backend == "cpu"
+    with open_observer(MESH, CAMERA, "sampled", device="cpu", threads=1) as observer:
+        assert (observer.info.backend, observer.threads) == ("cpu", 1)
+    with pytest.raises(ConfigError, match="takes no option roll"):
+        open_observer(MESH, CAMERA, "sampled", roll=0.1)
+
+
+@pytest.mark.parametrize("lens", [{}, {"skew": 1.0}], ids=["pinhole", "lens"])
+def test_threads_of_an_observer_judge_what_opengl_counts(lens):
+    camera = dataclasses.replace(CAMERA, **lens)
+    for options in ({"backend": "gl"}, {"device": "gl"}, {"device": "surfaceless"}):
+        with open_observer(MESH, camera, "sampled", threads=2, **options) as observer:
+            assert (observer.info.backend, observer.threads) == ("gl", 2)
+    with open_observer(MESH, camera, Engine("sampled", "gl", threads=2)) as observer:
+        assert (observer.info.backend, observer.threads) == ("gl", 2)
 
 
 @pytest.mark.parametrize("name", ["max_tile", "max_faces_a_draw", "image_budget"])

@@ -57,6 +57,10 @@ def of_all_kinds():
     lenses["kalibr omni"] = sources.kalibr(
         *("omni", [1.2, 1000, 1010, 640, 512], "radtan", [-0.2, 0.05, 1e-3, -2e-3]), (WIDTH, HEIGHT)
     )
+    # Beyond 90 degrees, with a pole behind the image that sides of the cube reach.
+    lenses["kalibr wide omni"] = sources.kalibr(
+        *("omni", [0.6, 380, 385, 640, 512], "none", []), (WIDTH, HEIGHT)
+    )
     lenses["kalibr ds"] = sources.kalibr(
         *("ds", [-0.2, 0.55, 420, 425, 640, 512], "none", []), (WIDTH, HEIGHT)
     )
@@ -74,6 +78,16 @@ def of_all_kinds():
         *("backward", WIDTH, HEIGHT), fx=1100, fy=1090, radial=(-0.1, 0.02), tangential=(1e-3, 5e-4)
     )
     return lenses
+
+
+def is_outside_hole(plane, points, margin=0.0):
+    """True for points (N, 2) that are farther than a margin from the hole of a plane."""
+    if plane.hole is None:
+        return np.ones(len(points), np.bool_)
+    side = np.roll(plane.hole, -1, axis=0) - plane.hole
+    side /= np.hypot(*side.T)[:, None]
+    away = points[:, None] - plane.hole
+    return (away[..., 0] * side[:, 1] - away[..., 1] * side[:, 0]).max(axis=1) > margin
 
 
 def pixels(n, seed=0, margin=0.0):

@@ -247,6 +247,12 @@ def calls():
     placed = scene | {"framing": Framing()}
     found = [
         Call("Camera", rc.Camera, lens | whole | {"distortion": ()}),
+        Call(
+            "Camera of a lens",
+            rc.Camera,
+            lens
+            | {"model": "opencv", "distortion": (0.1, 0, 0, 0), "skew": 1.0, "max_angle_deg": 60.0},
+        ),
         Call("Camera in focus", rc.Camera, lens | {"focus_range": (0.1, 2.0)}),
         Call(
             "Camera.from_lens",
@@ -363,6 +369,29 @@ def calls():
             "open_rasterizer",
             lambda **named: closed(rc.open_rasterizer(**named)),
             scene | {"backend": "cpu", "supersample": 1, "roll": 0.1, "threads": 1},
+        ),
+        Call(
+            "open_rasterizer, OpenGL",
+            lambda **named: closed(rc.open_rasterizer(**named)),
+            scene
+            | {"device": "auto", "plan": "auto", "require_hardware": False}
+            | {"max_tile": 64, "max_faces_a_draw": 100, "image_budget": 1 << 20, "backend": "gl"},
+        ),
+        Call(
+            "Engine",
+            rc.Engine,
+            {"method": "sampled", "device": "cpu", "supersample": 1, "threads": 1},
+        ),
+        Call(
+            "Rig",
+            rc.Rig,
+            {"cameras": [CAMERA, CAMERA], "names": ["a", "b"], "rig_from_camera": POSES},
+        ),
+        Call("Rig.poses", rc.Rig([CAMERA]).poses, {"world_from_rig": POSES}),
+        Call(
+            "Poses.of",
+            rc.Poses.of,
+            {"poses": POSES, "camera": [0, 1], "skip_bad": False},
         ),
         Call("Rasterizer.count", rasterizer.count, {"poses": POSES, "drawn": True}),
         Call("Rasterizer.render", rasterizer.render, {"pose": POSES[0]}),

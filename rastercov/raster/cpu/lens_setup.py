@@ -333,12 +333,14 @@ def set_up_faces(mesh, first_slot, at, front_only, vertices, view, setup):
     is_finite = depth[0].like(0.0) < 1.0
     for value in depth:
         is_finite = is_finite & (value.absolute() <= MOST_SLOPE)
+    is_cut = nearest < near
+    # Of a face with the eye in it every sample is at the eye, before the near plane.
+    instead = greatest + greatest.where(is_cut, 0.0)
     depth = [value.where(is_finite, 0.0) for value in depth[:2]] + [
-        depth[2].where(is_finite, greatest)
+        depth[2].where(is_finite, instead)
     ]
     for row, value in zip((SLOPE_X, SLOPE_Y, VALUE), depth, strict=True):
         put(setup.planes, row + 3, value)
-    is_cut = nearest < near
     infinite = float("inf")
     put(setup.bounds, LEAST, height.like(1.0) / far)
     put(setup.bounds, GREATEST, greatest)

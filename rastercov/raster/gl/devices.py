@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+from rastercov._checks import shown
 from rastercov.errors import DeviceError
 from rastercov.raster.gl.libraries import (
     EGL_EXTENSIONS,
@@ -243,13 +244,14 @@ def list_devices() -> list[DeviceInfo]:
 def candidates(device: str | int) -> tuple[list[DeviceInfo], list[str]]:
     """Devices to try for a request of `open_context`, best first, and reasons for missing ones."""
     index = _egl_index(device)
-    if device == "osmesa":
+    name = device if isinstance(device, str) else ""  # an array is neither equal nor unequal to one
+    if name == "osmesa":
         return [OSMESA], []
     missing = []
     try:
         egl = egl_devices()
     except DeviceError as error:
-        if device != "auto":
+        if name != "auto":
             raise
         egl, missing = [], [str(error)]
     hardware = [d for d in egl if d.index is not None and not d.is_software]
@@ -257,9 +259,9 @@ def candidates(device: str | int) -> tuple[list[DeviceInfo], list[str]]:
     surfaceless = [d for d in egl if d.index is None]
     if is_software_wanted() and index is None:
         hardware = []
-    if device == "auto":
+    if name == "auto":
         found = [*hardware, *surfaceless, *software, OSMESA]
-    elif device == "surfaceless":
+    elif name == "surfaceless":
         found = surfaceless + software  # same renderer, if surfaceless EGL prefers hardware
     else:
         found = [d for d in hardware + software if index in (None, d.index)]
@@ -269,12 +271,13 @@ def candidates(device: str | int) -> tuple[list[DeviceInfo], list[str]]:
     if not has_egl_devices and (index is None or index >= 0):
         surface = "; or ask for 'surfaceless'" if surfaceless else ""
         raise DeviceError(
-            f"no device {device!r}: EGL announces no device; {install_line('egl')}; in a container"
-            " with an NVIDIA GPU set NVIDIA_DRIVER_CAPABILITIES=all (or graphics) and provide"
+            f"no device {shown(device)}: EGL announces no device; {install_line('egl')}; "
+            "in a container with an NVIDIA GPU "
+            "set NVIDIA_DRIVER_CAPABILITIES=all (or graphics) and provide"
             f" /usr/share/glvnd/egl_vendor.d/10_nvidia.json{surface}"
         )
     known_devices = ", ".join(map(str, list_devices())) or f"none; {install_line('egl')}"
-    raise DeviceError(f"no device {device!r}; there are: {known_devices}")
+    raise DeviceError(f"no device {shown(device)}; there are: {known_devices}")
 
 
 def _egl_index(device: str | int) -> int | None:

@@ -20,7 +20,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov import shaders
-from rastercov._arguments import flag
+from rastercov._arguments import check_choice, flag
+from rastercov._checks import shown
 from rastercov._closing import Closing
 from rastercov.camera import Camera
 from rastercov.errors import ConfigError, DeviceError
@@ -94,12 +95,13 @@ class GLRasterizer(Closing):
         max_faces_a_draw: int = MAX_FACES_A_DRAW,
         image_budget: int = IMAGE_BUDGET,
     ) -> None:
-        if plan not in ("auto", *PLANS):
-            raise ConfigError(f"plan must be auto, {', '.join(PLANS)}, got {plan!r}")
+        check_choice("plan", plan, ("auto", *PLANS))
+        require_hardware = flag("require_hardware", require_hardware)
         limits = (max_tile, max_faces_a_draw, image_budget)
-        if min(limits) < 1:
+        if not all(isinstance(each, int | np.integer) and each >= 1 for each in limits):
             raise ConfigError(
-                f"max_tile, max_faces_a_draw and image_budget must be 1 or more, got {limits}"
+                "max_tile, max_faces_a_draw and image_budget must be 1 or more, in whole numbers, "
+                f"got {shown(list(limits))}"
             )
         self.mesh, self.camera, self.supersample, self.roll = mesh, camera, supersample, roll
         self._is_open = True
@@ -112,7 +114,7 @@ class GLRasterizer(Closing):
             self._context = open_context(device, require_hardware=require_hardware)
         self._resources = Resources(self._context)
         try:
-            self._prepare(self._choose(plan), DrawLimits(*limits))
+            self._prepare(self._choose(plan), DrawLimits(*map(int, limits)))
             self._run_self_test()
         except BaseException:
             self.close()
