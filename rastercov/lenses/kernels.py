@@ -27,6 +27,7 @@ from rastercov.lenses.formulas import (
     FOV,
     FX,
     FY,
+    LATE,
     LIMIT,
     P1,
     P2,
@@ -51,6 +52,8 @@ STEP = 1e-100
 """Imaginary part of a complex step: its square is lost in any sum."""
 NEWTON_STEPS = 40
 CONTINUATIONS = 32
+BEYOND_REL = 1e-6
+"""Margin of `reach_of`: more than `_newton` allows beyond LIMIT, and than rounding."""
 ROUNDING = 1e-11
 """Residual of Newton's method, of the length of its target, that further steps need not lessen."""
 
@@ -115,6 +118,14 @@ def is_radial(p):
     """True where the distortion has no tangential and no prism term."""
     plain = p[P1] == 0.0 and p[P2] == 0.0 and p[S1] == 0.0 and p[S2] == 0.0
     return plain and p[S3] == 0.0 and p[S4] == 0.0
+
+
+@part_with_arrays
+def reach_of(p, top):
+    """Radius that nothing within LIMIT is moved beyond, `top` that of radial distortion alone."""
+    m = top if p[LATE] != 0.0 else p[LIMIT]
+    tangential = 4.0 * (abs(p[P1]) + abs(p[P2])) + abs(p[S1]) + abs(p[S3])
+    return (top + m * m * (tangential + m * m * (abs(p[S2]) + abs(p[S4])))) * (1.0 + BEYOND_REL)
 
 
 @allocation_free
@@ -187,6 +198,8 @@ def undo_distortion(p, a, b):
         ratio = undo_radial(p, size) / size
         return a * ratio, b * ratio
     top = p[LIMIT] * radial_factor(p, p[LIMIT] * p[LIMIT])
+    if size > reach_of(p, top):  # Newton's method would take long to find nothing
+        return math.nan, math.nan
     ratio = undo_radial(p, min(size, top)) / size
     x, y, is_good = _newton(p, a, b, a * ratio, b * ratio)
     if not is_good:

@@ -58,7 +58,7 @@ from rastercov.report.areas import write_areas
 from rastercov.report.by_camera import ByCamera
 from rastercov.report.coloured_mesh import write_coloured_mesh, write_covered_mesh
 from rastercov.report.coverage_table import CoverageTable
-from rastercov.report.doubts import doubts
+from rastercov.report.doubts import dead_pixels, doubts
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.half_covered import half_covered
 from rastercov.report.pose_pictures import draw_network, draw_poses
@@ -290,6 +290,7 @@ def _run(
         "run": header,
         "size_m": np.ptp(mesh.bounds, axis=0).tolist(),
         "warnings": list(mesh.warnings),
+        "dead_pixels": dead_pixels(camera),
         "doubts": [*doubts(network, camera, measured_poses), *halves],
         "per_pose": [
             {"pose": pose, "covered_faces": covered, "mean_coverage": mean}

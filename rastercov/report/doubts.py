@@ -4,6 +4,7 @@ Between a finished network and the commands that print it. Every line is a guess
 scene, says so by the figure, and names what to try.
 """
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -11,13 +12,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov.camera import Camera
 from rastercov.camera_formats.pose_doubts import convention_doubts
+from rastercov.lenses.of_camera import lens_of
 from rastercov.mesh import Mesh
 from rastercov.mesh.diagnosis import size_in_words
 from rastercov.near_plane import depth_from_near, near_limits
 from rastercov.network import Network
 from rastercov.pose import Poses
 from rastercov.projection import to_camera, to_image
-from rastercov.rig import Cameras, cameras_of
+from rastercov.rig import Cameras, cameras_of, names_of
 
 UNLIKELY_RATIO = 300.0
 """Size of the mesh by the range of the cameras above which the unit is asked for, or below its
@@ -29,6 +31,10 @@ LEAST_UNSEEN_SHARE = 0.5
 """Share of the area with coverage 0 in every camera above which its sides are looked at."""
 LEAST_SHARE_FROM_BEHIND = 0.8
 """Share seen from behind, of all area that is seen, above which there is a line about normals."""
+LEAST_DEAD_SHARE, WIDE = 0.01, math.radians(80)
+"""Share of an image without rays above which there is a line; a lens that sees that far from its
+axis is a fisheye, whose image may be a disc, and has a line above `MOST_DEAD_SHARE` alone."""
+MOST_DEAD_SHARE = 0.9
 MOST_FACES, MOST_POSES = 2000, 16
 """Faces and cameras whose lines of sight are traced, spread evenly: about 0.1 s."""
 
@@ -48,12 +54,47 @@ def doubts(network: Network, camera: Cameras, poses: ArrayLike | Poses) -> list[
     placed, cameras = Poses.of(poses), cameras_of(camera)
     if not len(placed):
         return []
-    far = max(cameras[index].depth_of_field()[1] for index in np.unique(placed.camera))
+    used = np.unique(placed.camera)
+    far = max(cameras[index].depth_of_field()[1] for index in used)
     return [
         *_unit(network.mesh, float(far), placed.world_from_camera[:, :3, 3]),
         *_sides(network, cameras, placed[_spread(len(placed), MOST_POSES)]),
         *convention_doubts(network.mesh, cameras, placed),
+        *_lenses([cameras[index] for index in used], [names_of(camera)[index] for index in used]),
     ]
+
+
+def dead_pixels(camera: Cameras) -> dict[str, float]:
+    """Area of the image without rays, px^2, of each camera that has any, by its name.
+
+    No direction in the valid region of the lens is seen there, see docs/cameras.md.
+    """
+    cameras = zip(names_of(camera), cameras_of(camera), strict=True)
+    return {name: area for name, each in cameras if (area := _dead_area(each)) > 0}
+
+
+def _dead_area(camera: Camera) -> float:
+    if camera.is_pinhole or lens_of(camera).is_whole:
+        return 0.0
+    from rastercov.lenses.areas import blind_area  # compiles loops
+
+    return blind_area(lens_of(camera))
+
+
+def _lenses(cameras: Sequence[Camera], names: Sequence[str]) -> list[str]:
+    """Lines on cameras whose lens gives no rays for a part of the image that is no border."""
+    lines = []
+    for name, camera in zip(names, cameras, strict=True):
+        share = _dead_area(camera) / (camera.width * camera.height)
+        if share <= LEAST_DEAD_SHARE:
+            continue
+        angle = lens_of(camera).valid_angle
+        if angle < WIDE or share > MOST_DEAD_SHARE:
+            lines.append(
+                f"{share:.0%} of the image of {name} sees nothing: its lens is known to "
+                f"{math.degrees(angle):.0f} degrees from its axis: check its model and coefficients"
+            )
+    return lines
 
 
 def _spread(n_rows: int, most: int) -> NDArray[np.int64]:

@@ -5,9 +5,10 @@ import pytest
 
 import rastercov as rc
 from rastercov import shapes
+from rastercov.lenses.of_camera import lens_of
 from rastercov.mesh import Mesh
 from rastercov.network import Network
-from rastercov.report.doubts import doubts
+from rastercov.report.doubts import dead_pixels, doubts
 from rastercov.viewpoints import sphere_of_poses
 
 CAMERA = rc.Camera(width=200, height=200, fx=200, fy=200)
@@ -98,3 +99,25 @@ def test_a_mesh_far_beyond_the_depth_of_field_asks_for_its_unit():
 def test_no_poses_no_lines():
     mesh = shapes.by_name("box")
     assert doubts(Network(mesh, rc.Task()), CAMERA, np.empty((0, 4, 4))) == []
+
+
+def test_a_lens_that_gives_no_rays_for_a_part_of_its_image_has_a_line():
+    mesh, size = shapes.by_name("sphere"), {"width": 200, "height": 160}
+    folding = rc.Camera(**size, fx=90, fy=90, model="opencv", distortion=(-0.35, 0, 0.002, -0.001))
+    disc = rc.Camera(
+        **size, fx=40, fy=40, model="opencv_fisheye", distortion=(0, 0, 0, 0), max_angle_deg=90
+    )
+    y, x = np.mgrid[:160, :200]
+    rays = lens_of(folding).unproject(np.stack([x + 0.5, y + 0.5], axis=-1))
+    dead = np.isnan(rays[..., 0]).sum()
+    rig = rc.Rig([CAMERA, folding, disc], ["plain", "bent", "round"])
+    found = dead_pixels(rig)
+    assert list(found) == ["bent", "round"]
+    assert found["bent"] == pytest.approx(dead, abs=100)  # counted by centres, a border of 500 px
+    assert found["round"] == pytest.approx(200 * 160 - np.pi * (40 * np.pi / 2) ** 2, rel=1e-3)
+    given = np.repeat(around(mesh)[:2], 3, axis=0)
+    (line,) = lines(mesh, rc.Poses.of(given, camera=[0, 1, 2] * 2), rig)
+    assert line.startswith(f"{dead / (200 * 160):.0%} of the image of bent sees nothing: ")
+    assert dead_pixels(CAMERA) == {}
+    assert lines(mesh, around(mesh)[:2], folding)[0].startswith("6")
+    assert lines(mesh, around(mesh)[:2], disc) == []
