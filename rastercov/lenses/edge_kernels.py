@@ -21,6 +21,11 @@ FLAT = 1e-10
 ROOT_TOLERANCE, MOST_STEPS = 1e-15, 240
 """Error of the place of a root, in lengths of its part, and steps of the search for it: one in four
 is a bisection."""
+CORRECTIONS, SECANT = 3, 2.0**-10
+"""Steps from the root of a polynomial to that of the lens, and the part of the edge along which its
+slope is found; the root is not moved by more."""
+CROSSED = 1e-11
+"""Pixels: a coordinate that is this near to a border is on it."""
 ROUNDING_REL = 2.0**-50
 """Rounding of a polynomial relative to its coefficients: less is 0."""
 DEEPEST = 48
@@ -32,15 +37,20 @@ NO_LEVEL, LEVEL_U, LEVEL_V = 0, 1, 2
 """Kinds of the cuts of an edge: an end of it, a border crossed by u, one crossed by v."""
 
 
-@allocation_free
-def node_value(code, p, frame, ax, ay, bx, by, n, k):
-    """Pixel (u, v) of node k of the n + 1 nodes of the edge from (ax, ay) to (bx, by)."""
-    t, s = NODES[n, k], NODES[n, n - k]
-    x, y = s * ax + t * bx, s * ay + t * by
+@part_with_arrays
+def plane_value(code, p, frame, x, y):
+    """Pixel (u, v) of a point of a plane."""
     X = frame[0, 0] * x + frame[0, 1] * y + frame[0, 2]
     Y = frame[1, 0] * x + frame[1, 1] * y + frame[1, 2]
     Z = frame[2, 0] * x + frame[2, 1] * y + frame[2, 2]
     return project(code, p, X, Y, Z)
+
+
+@allocation_free
+def node_value(code, p, frame, ax, ay, bx, by, n, k):
+    """Pixel (u, v) of node k of the n + 1 nodes of the edge from (ax, ay) to (bx, by)."""
+    t, s = NODES[n, k], NODES[n, n - k]
+    return plane_value(code, p, frame, s * ax + t * bx, s * ay + t * by)
 
 
 @allocation_free
@@ -213,6 +223,37 @@ def roots(n, stack, low, spare, out, kinds, kind, count):
 
 
 @allocation_free
+def height_at(code, p, frame, ax, ay, bx, by, t, is_u, level):
+    """Pixels by which u, or v, of the point at t on an edge is above a level."""
+    x, y = (1.0 - t) * ax + t * bx, (1.0 - t) * ay + t * by
+    u, v = plane_value(code, p, frame, x, y)
+    return (u if is_u else v) - level
+
+
+@allocation_free
+def crossing(code, p, frame, ax, ay, bx, by, t, is_u, level):
+    """Place where the image of an edge takes a level of u, or of v, next to a root t.
+
+    The root is that of the polynomial through the nodes, which is next to the lens by area, but may
+    be off by much more in its place; steps of the secant method follow while they come nearer.
+    """
+    step = SECANT if t < 0.5 else -SECANT
+    height = height_at(code, p, frame, ax, ay, bx, by, t, is_u, level)
+    for _ in range(CORRECTIONS):
+        if abs(height) < CROSSED:
+            break
+        change = height_at(code, p, frame, ax, ay, bx, by, t + step, is_u, level) - height
+        move = -step * (height / change) if change != 0.0 else 1.0
+        if not abs(move) < SECANT or not 0.0 < t + move < 1.0:
+            break
+        following = height_at(code, p, frame, ax, ay, bx, by, t + move, is_u, level)
+        if not abs(following) < abs(height):
+            break
+        t, height = t + move, following
+    return t
+
+
+@allocation_free
 def edge_is_inside(n, U, V, W, H, stack, low, spare, out, kinds):
     """True where the image of an edge stays within 0 <= u <= W and 0 <= v <= H."""
     for k in range(n + 1):
@@ -245,7 +286,10 @@ def clamped_edge(
         if may_cross(n, values, level, stray):
             kind = LEVEL_U if side < 2 else LEVEL_V
             bernstein_of(n, values, level, stack[0])
+            found = count
             count = roots(n, stack, low, spare, cuts, kinds, kind, count)
+            for i in range(found, count):
+                cuts[i] = crossing(code, p, frame, ax, ay, bx, by, cuts[i], side < 2, level)
     total = 0.0
     if count == 0 and is_in:
         total = under_edge(n, U, V, 0.0)

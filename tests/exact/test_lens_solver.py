@@ -104,6 +104,23 @@ def test_edges_that_run_where_a_wide_lens_does_not_see_change_nothing(name):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("focal", [60, 80])
+def test_edges_next_to_the_horizon_cross_the_border_where_the_lens_does(focal):
+    """There a polynomial by area is off by much in its place."""
+    camera = Camera(width=300, height=300, fx=focal, fy=focal, model="eucm", distortion=(0.25, 1.2))
+    walls, inner = shapes.box((4, 5, 3)), shapes.box((0.6, 0.5, 0.8))
+    room = Mesh(
+        np.concatenate((walls.vertices, inner.vertices + np.array([0.9, 0.4, -0.7]))),
+        np.concatenate((walls.faces[:, ::-1], inner.faces + len(walls.vertices))),
+    )
+    rng = np.random.default_rng(5)
+    for _ in range(12):
+        eye = rng.normal(0, 0.2, 3)
+        pose = look_at(eye, eye + rng.normal(size=3), rng.normal(size=3))[0]
+        assert abs(solved(room, camera, pose).visible.sum() - 300**2) <= 1e-8
+
+
+@pytest.mark.slow
 @each_lens
 def test_half_planes_and_the_certificate_agree(name):
     camera = CAMERAS[name]
