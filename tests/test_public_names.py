@@ -39,7 +39,7 @@ SURFACE = {
         *("EVALUATE_BUDGET", "FIGURES", "PAIRS_A_BATCH", "POSES_A_BATCH", "UNITS"),
         *("batch_size", "check_observer", "judged", "measurements"),
     },
-    "engine": {"BACKENDS", "METHODS"},
+    "engine": {"METHODS"},
     "cluster.workers": {
         *("CONNECT_SECONDS", "ENVIRONMENT", "LOGS", "MOST_WORKERS", "SETTINGS"),
     },
@@ -51,7 +51,7 @@ SURFACE = {
         *("renumbered", "valid_poses"),
     },
     "pose_file": set(),
-    "raster.__init__": set(),
+    "raster.__init__": {"BACKENDS", "backend_of"},
     "rig": {"Cameras", "MOST_CAMERAS", "cameras_of", "check_scene", "names_of", "only_camera"},
     "raster.contract": {"MAX_RENDERED", "MAX_SUPERSAMPLE", "check_counts", "check_picture"},
     "observation": set(),

@@ -20,7 +20,7 @@ from rastercov.raster.contract import (
 __all__ = ["FaceCounts", "Rasterizer", "RasterizerInfo", "VisibilityBuffer", "open_rasterizer"]
 
 BACKENDS = ("auto", "cpu", "gl")
-OPTIONS = {
+_OPTIONS = {
     "cpu": ("threads",),
     "gl": (
         *("device", "plan", "require_hardware"),
@@ -120,9 +120,9 @@ def backend_of(backend: Any, options: Mapping[str, Any]) -> tuple[str, dict[str,
             )
         backend = device if backend == "auto" else backend
     if backend == "auto" and left:
-        backend = "cpu" if left.keys() <= {*OPTIONS["cpu"]} else "gl"
-    if unknown := left.keys() - OPTIONS.get(backend, ()):
-        takes = "; ".join(f"{each} takes {', '.join(names)}" for each, names in OPTIONS.items())
+        backend = "cpu" if left.keys() <= {*_OPTIONS["cpu"]} else "gl"
+    if unknown := left.keys() - _OPTIONS.get(backend, ()):
+        takes = "; ".join(f"{each} takes {', '.join(names)}" for each, names in _OPTIONS.items())
         raise ConfigError(
             f"backend {backend} takes no option {', '.join(sorted(unknown))}; {takes}"
         )
