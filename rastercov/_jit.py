@@ -17,9 +17,11 @@ import logging
 import os
 import pickle
 import re
+import shutil
 import subprocess
 import sys
 import tempfile
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import cache
@@ -34,7 +36,6 @@ from numba.core.runtime.nrt import rtsys
 from numba.core.serialize import dumps
 from numba.core.targetconfig import ConfigStack
 from numba.extending import overload
-from numba.misc.appdirs import AppDirs
 
 from rastercov import _compiler
 from rastercov._compiler import LoopCompiler, LoopFlags, PartCompiler
@@ -55,6 +56,8 @@ LARGEST_LOOP = 64 << 20
 """Bytes of one compiled loop on disk; real ones have less than one MiB."""
 ROOM = 8 << 20
 """Bytes that all compiled loops need on disk, and a little more."""
+UNUSED_S = 14 * 24 * 3600
+"""Seconds after which loops that no process has loaded are removed."""
 
 _said: dict[str, object] = {}
 
@@ -117,16 +120,87 @@ class _CheckedFile(caching.IndexDataCacheFile):
             return None
 
 
+@cache
+def _loops_folder(named: str | None) -> Path | None:
+    """Folder of this user for all compiled loops, None if none can be trusted and written.
+
+    A loop is machine code: a folder that somebody else may write, or that belongs to somebody else
+    (HOME kept by sudo), is not used.
+    """
+    # Without HOME, and for a user without an entry, the latter is the relative path "~/.cache".
+    own = Path(os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser())
+    folder = Path(named) if named else own / "rastercov" / "loops"
+    if not named and not folder.is_absolute():
+        return None
+    try:
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        status = folder.stat()
+        if not named and (status.st_uid != os.geteuid() or status.st_mode & 0o022):
+            return None
+        tempfile.TemporaryFile(dir=folder).close()
+    except OSError:
+        return None
+    return folder
+
+
+class _UserFolder(caching._CacheLocator):
+    """Folder of a module's loops, named after the digest of its sources and of numba's settings.
+
+    Another checkout with the same sources, a worker, or a run of the tests finds them there.
+    """
+
+    def __init__(self, folder: Path, function: Callable[..., Any]) -> None:
+        self._line = function.__code__.co_firstlineno
+        self._stamp = _source_digest(Path(function.__code__.co_filename))
+        made_by = f"{self._stamp} {_settings()}"
+        self._folder = folder / hashlib.sha256(made_by.encode()).hexdigest()[:32]
+
+    @classmethod
+    def from_function(cls, function: Callable[..., Any], path: str) -> "_UserFolder | None":
+        """Return the folder of a loop, None if no folder of this user can be written."""
+        folder = _loops_folder(os.environ.get("NUMBA_CACHE_DIR"))
+        return cls(folder, function) if folder and Path(path).exists() else None
+
+    def get_cache_path(self) -> str:
+        return str(self._folder)
+
+    def get_source_stamp(self) -> str:
+        return self._stamp
+
+    def get_disambiguator(self) -> str:
+        return str(self._line)
+
+
+@cache
+def _settings() -> list[tuple[str, str]]:
+    """Environment variables by which numba may make other machine code, bounds checks for one."""
+    others = ("NUMBA_CACHE_DIR", "NUMBA_NUM_THREADS")
+    return sorted(
+        one for one in os.environ.items() if one[0].startswith("NUMBA_") and one[0] not in others
+    )
+
+
+def _drop_unused(folder: Path) -> None:
+    """Remove loops of sources that no process has loaded for `UNUSED_S`."""
+    limit = time.time() - UNUSED_S
+    for path in folder.iterdir():
+        if re.fullmatch("[0-9a-f]{32}", path.name) and path.stat().st_mtime < limit:
+            shutil.rmtree(path, ignore_errors=True)
+
+
+@cache
+def _touch(folder: str) -> None:
+    """Mark a folder of loops as used, once per process."""
+    with suppress(OSError):
+        os.utime(folder)
+
+
 class _Place(caching.CompileResultCacheImpl):
-    """Folders in which numba may keep a loop, except one called "~"."""
+    """Folders in which a loop may be kept: that of the user, else the one beside its source."""
 
     @property
     def _locator_classes(self) -> list[Any]:  # type: ignore[override] # numba has an attribute
-        places = list(caching.CacheImpl._locator_classes)
-        # Without HOME, and for a user without an entry, this is the relative path "~/.cache".
-        if not Path(AppDirs(appname="numba", appauthor=False).user_cache_dir).is_absolute():
-            places = [place for place in places if place is not caching.UserWideCacheLocator]
-        return places
+        return [_UserFolder, caching.InTreeCacheLocator]
 
 
 class _Kept(caching.FunctionCache):
@@ -149,7 +223,9 @@ class _Kept(caching.FunctionCache):
         """
         try:
             rtsys.initialize(context)
-            return self._load_overload(signature, context)
+            found = self._load_overload(signature, context)
+            _touch(self.cache_path)
+            return found
         except Exception:  # whatever LLVM makes of what another version of it left
             return None
 
@@ -169,6 +245,9 @@ class _Kept(caching.FunctionCache):
         """True if the folder has room for all loops; if not, nothing is kept."""
         if _Kept.is_writable:
             try:
+                self._impl.locator.ensure_cache_path()
+                if isinstance(self._impl.locator, _UserFolder):
+                    _drop_unused(Path(self.cache_path).parent)
                 with tempfile.TemporaryFile(dir=self.cache_path) as file:
                     file.write(bytes(ROOM))
             except OSError as error:

@@ -294,8 +294,25 @@ def test_a_plain_user_of_an_installation_by_root_needs_no_home(public, plain_pyt
 
 
 def test_without_a_home_there_is_no_folder_called_tilde(monkeypatch):
-    monkeypatch.setattr(compiled.AppDirs, "user_cache_dir", "~/.cache/numba")
-    assert compiled.caching.UserWideCacheLocator not in compiled._Place._locator_classes.fget(None)
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    monkeypatch.setattr(compiled.Path, "expanduser", lambda path: path)
+    assert compiled._loops_folder.__wrapped__(None) is None
+
+
+@pytest.mark.parametrize("mode", [0o770, 0o702])
+def test_a_folder_that_others_may_write_keeps_no_loops(monkeypatch, tmp_path, mode):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    folder = compiled._loops_folder.__wrapped__(None)
+    assert folder == tmp_path / "rastercov" / "loops"
+    assert folder.stat().st_mode & 0o777 == 0o700
+    folder.chmod(mode)
+    assert compiled._loops_folder.__wrapped__(None) is None
+
+
+def test_a_folder_of_another_user_keeps_no_loops(monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(compiled.os, "geteuid", lambda: 12345)
+    assert compiled._loops_folder.__wrapped__(None) is None
 
 
 @nightly
@@ -354,7 +371,48 @@ def test_what_is_kept_runs_as_what_was_compiled(module, tmp_path):
         module.write_text(LOOP.format(factor=factor))
         assert run(module, cache)[0] == (7 * factor, 0, 1)
         assert run(module, cache)[0] == (7 * factor, 1, 0)
-    assert np.array_equal(sorted(path.suffix for path in files(cache)), [".nbc", ".nbi"])
+    # Each source has a folder of its own: going back to the first compiles nothing.
+    module.write_text(LOOP.format(factor=3))
+    assert run(module, cache)[0] == (21, 1, 0)
+
+
+@pytest.mark.slow
+def test_another_checkout_compiles_nothing(module, tmp_path):
+    run(module, tmp_path / "cache")
+    copy = shutil.copytree(module.parent, tmp_path / "elsewhere" / "package") / module.name
+    assert run(copy, tmp_path / "cache") == ((21, 1, 0), "")
+
+
+@pytest.mark.slow
+def test_settings_of_numba_make_other_loops(module, tmp_path, monkeypatch):
+    run(module, tmp_path / "cache")
+    monkeypatch.setenv("NUMBA_BOUNDSCHECK", "1")
+    assert run(module, tmp_path / "cache")[0] == (21, 0, 1)
+
+
+@pytest.mark.slow
+def test_loops_that_no_process_loads_are_removed(module, tmp_path):
+    cache = tmp_path / "cache"
+    run(module, cache)
+    (old,) = cache.iterdir()
+    other = cache / "notes"
+    other.mkdir()
+    for path in (old, other):
+        os.utime(path, (0, 0))
+    module.write_text(LOOP.format(factor=5))
+    assert run(module, cache)[0] == (35, 0, 1)
+    assert other.exists()
+    assert not old.exists()
+
+
+@pytest.mark.slow
+def test_loops_that_are_loaded_are_not_removed(module, tmp_path):
+    cache = tmp_path / "cache"
+    run(module, cache)
+    (old,) = cache.iterdir()
+    os.utime(old, (0, 0))
+    run(module, cache)
+    assert old.stat().st_mtime > 0
 
 
 def test_a_part_is_compiled_once_for_all_signed_integers():
