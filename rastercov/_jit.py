@@ -496,7 +496,7 @@ def compiled_aside(function: Callable[[], None]) -> Iterator[None]:
     aside = None
     with suppress(OSError):
         aside = subprocess.Popen(
-            [sys.executable, "-c", program],
+            [sys.executable, "-P", "-c", program],  # -P: no modules from the working directory
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
