@@ -1,9 +1,5 @@
 """Graded per-face visibility and coverage of a mesh by cameras, and camera placement."""
 
-import warnings as _warnings
-from typing import Any as _Any
-
-from rastercov import _moved as _moved
 from rastercov.area.cells import Cells, CellShares, cells
 from rastercov.area.regions import Regions, regions
 from rastercov.area.union import Covered, RegionUnion, unite
@@ -97,10 +93,3 @@ __all__ = [
     "write_views",
 ]
 __version__ = "0.1.0"
-
-
-def __getattr__(name: str) -> _Any:
-    if name == "Kind":
-        _warnings.warn("rastercov.Kind is now BoundKind", DeprecationWarning, stacklevel=2)
-        return BoundKind
-    raise AttributeError(f"module 'rastercov' has no attribute {name!r}")

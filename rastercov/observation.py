@@ -12,10 +12,9 @@ error grows with their length.
 D. G. Kendall. On the Number of Lattice Points Inside a Random Oval. 1948, for the square-root law.
 """
 
-import warnings
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Self, TypeVar
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +23,6 @@ from rastercov.raster.contract import FaceCounts, RasterizerInfo
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
-_Value = TypeVar("_Value")
 
 
 class BoundKind(IntEnum):
@@ -72,16 +70,6 @@ class Observation:
         area_error = np.broadcast_to(0.0, kind.shape)
         return cls(*areas, kind, area_error, counts.clipped, counts.supersample**2)
 
-    @property
-    def blur(self) -> FloatArray:
-        """Former name of `area_error`."""
-        return _renamed("blur", "area_error", self.area_error)
-
-    @property
-    def samples(self) -> int:
-        """Former name of `samples_per_pixel`."""
-        return _renamed("samples", "samples_per_pixel", self.samples_per_pixel)
-
 
 @dataclass(frozen=True, eq=False)
 class Visibility:
@@ -105,8 +93,3 @@ class Visibility:
     bound: FloatArray
     kind: NDArray[np.uint8]
     info: RasterizerInfo
-
-
-def _renamed(old: str, new: str, value: _Value) -> _Value:
-    warnings.warn(f"Observation.{old} is now {new}", DeprecationWarning, stacklevel=3)
-    return value

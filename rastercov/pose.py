@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov._arguments import LARGEST_COORDINATE, checked_array, flag, owned
-from rastercov._moved import former_names
 from rastercov.errors import PoseError
 
 FloatArray = NDArray[np.float64]
@@ -224,12 +223,3 @@ def real_numbers(name: str, values: ArrayLike, shape: str) -> NDArray[Any]:
     """Array of real numbers of any shape, not copied; PoseError names the wanted one."""
     wanted = f"numbers and must have shape {shape}"
     return checked_array(name, values, "iuf", wanted, PoseError)
-
-
-__getattr__ = former_names(
-    __name__,
-    {
-        "rastercov.viewpoints": "look_at sphere_of_poses",
-        "rastercov.pose_file": "read_poses write_poses",
-    },
-)

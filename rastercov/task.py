@@ -7,20 +7,15 @@ E. S. Eissa. Image Space Coverage Model for Deployment of Multi-Camera Networks.
 """
 
 import math
-import warnings
-from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Annotated, Any, Literal, NamedTuple, Self
 
-import numpy as np
 from annotated_types import Ge, Gt, Le
-from numpy.typing import NDArray
 from typing_extensions import Doc
 
 from rastercov._limits import check_limits
 from rastercov.camera import Camera
-from rastercov.criteria import FaceGeometry
 from rastercov.densities import PX_PER_M
 
 
@@ -174,19 +169,6 @@ class Task:
             one_by_one=any(rare.values()),
             **rare,
         )
-
-    def judge(
-        self,
-        is_degenerate: NDArray[np.bool_],
-        geometry: FaceGeometry,
-        figures: Mapping[str, NDArray[Any]],
-    ) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
-        """Former place of `rastercov.reference.coverage.judge`."""
-        from rastercov.reference.coverage import judge
-
-        text = "Task.judge is now rastercov.reference.coverage.judge"
-        warnings.warn(text, DeprecationWarning, stacklevel=2)
-        return judge(self, is_degenerate, geometry, figures)
 
 
 THESIS: dict[str, Any] = {"cap_resolution": False, "focus_rule": "centroid", "min_coverage": 0.0}

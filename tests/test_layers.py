@@ -10,7 +10,7 @@ import rastercov
 ROOT = Path(rastercov.__file__).parent
 LAYERS = (
     "_compiler",
-    "_moved errors _files _format _jit _once _interrupts _closing _memory _checks _output _threads",
+    "errors _files _format _jit _once _interrupts _closing _memory _checks _output _threads",
     "_direct _double_double _forest _arguments _limits _typed",
     "camera camera_file camera_models densities pose pose_file rig views mesh",
     "lenses vertex_columns cluster",

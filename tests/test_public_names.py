@@ -201,17 +201,3 @@ def test_codes_fit_the_arrays_that_hold_them_and_each_is_explained(kind):
     for entry, text in zip(body[1::2], body[2::2], strict=True):
         assert isinstance(entry, ast.Assign)
         assert isinstance(text, ast.Expr)
-
-
-def test_a_former_name_warns_and_gives_the_new_one():
-    with pytest.warns(DeprecationWarning, match="rastercov.Kind is now BoundKind"):
-        assert rastercov.Kind is rastercov.BoundKind
-    mesh = rastercov.shapes.box()
-    camera = rastercov.Camera(width=8, height=8, fx=8, fy=8)
-    seen = rastercov.open_observer(mesh, camera).observe(np.eye(4))
-    with pytest.warns(DeprecationWarning, match="Observation.blur is now area_error"):
-        assert seen.blur is seen.area_error
-    with pytest.warns(DeprecationWarning, match="Observation.samples is now samples_per_pixel"):
-        assert seen.samples == seen.samples_per_pixel
-    with pytest.raises(AttributeError, match="no attribute 'Kin'"):
-        _ = rastercov.Kin

@@ -29,7 +29,6 @@ from rastercov.placement import (
     per_segment,
     segment,
 )
-from rastercov.placement.candidates.clearance import kept
 from rastercov.placement.candidates.mounting import (
     along,
     at_middle,
@@ -592,13 +591,6 @@ def test_a_keep_out_volume_may_be_anything_that_contains_points():
         standing_at([(5, 0, 0.5), (5, 0, 1.5)]), shapes.box(), 0, [Above()]
     )
     assert dropped.summary()["kept_out"] == {"above": 1}
-
-
-def test_the_old_name_warns_and_gives_the_same():
-    box = shapes.box()
-    with pytest.warns(DeprecationWarning, match="filter_candidates"):
-        _, dropped = kept(standing_at([(0, 0, 0.1), (3, 0, 0)]), box, clearance=0.1)
-    assert dropped.kept_mask.tolist() == [False, True]
 
 
 def test_no_candidates_are_no_error():

@@ -201,17 +201,6 @@ def test_counts_are_judged_as_the_areas_that_they_are(dtype):
     assert (of_counts[0] > 0).any()
 
 
-def test_the_former_place_of_the_twin_of_judge_says_where_it_is():
-    mesh, camera, pose = shapes.box(), Camera(width=9, height=9, fx=9, fy=9), np.eye(4)
-    seen = Observation(*np.ones((2, 1, 12)), np.ones((1, 12), np.uint8), np.zeros((1, 12)), [False])
-    figures = coverage_twin.figures_of_pose(mesh, camera, Task(), pose, seen, 0)
-    geometry = twin.face_geometry(mesh, camera, pose)
-    with pytest.warns(DeprecationWarning, match=r"reference\.coverage\.judge"):
-        coverage, reason = Task().judge(mesh.degenerate_mask, geometry, figures)
-    np.testing.assert_array_equal(coverage, figures["coverage"])
-    np.testing.assert_array_equal(reason, figures["reason"])
-
-
 @settings(max_examples=10)
 @given(seeds, st.lists(st.sampled_from(list(FIGURES)), unique=True))
 def test_a_figure_does_not_depend_on_what_else_is_asked_for(seed, names):

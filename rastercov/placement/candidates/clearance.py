@@ -5,7 +5,6 @@ time for each candidate. A tree of boxes finds nearest surfaces and counts the c
 which give winding numbers.
 """
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
@@ -211,13 +210,6 @@ def filter_candidates(
     rejection[in_solid(mesh, eyes)] = Rejection.IN_SOLID
     dropped = Dropped(rejection, volume, tuple(each.name for each in keep_out), float(clearance))
     return candidates.take(dropped.kept_mask), dropped
-
-
-def kept(*arguments: Any, **options: Any) -> tuple[Candidates, Dropped]:
-    """Deprecated name of `filter_candidates`."""
-    warnings.warn("kept() is now filter_candidates()", DeprecationWarning, stacklevel=2)
-    filtered: tuple[Candidates, Dropped] = filter_candidates(*arguments, **options)
-    return filtered
 
 
 @dataclass(frozen=True, eq=False)
