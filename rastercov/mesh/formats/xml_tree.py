@@ -131,7 +131,7 @@ def look_at_names(root: Element, schema: Schema, found: UnknownNames) -> None:
             found.look(
                 where, {key.rpartition("}")[2] for key in owner.attrib}, attributes, harmless
             )
-            if known is not None:
+            if known is not None and tags:
                 texts = (owner.text, *(each.tail for each in owner))
                 has_text = any(text and not text.isspace() for text in texts)
                 names = {*tags.values(), *(["text"] if has_text else [])}
