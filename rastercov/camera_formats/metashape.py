@@ -60,7 +60,7 @@ SCHEMA = schema_of(
         ),
         "components": ("component", "next_id active_id"),
         "component": ("transform region partition camera_ids", "id label enabled active"),
-        "transform": ("rotation translation scale", "locked effective active"),
+        "transform": ("rotation translation scale text", "locked effective active"),
         "calibration": (
             f"resolution projection width height date {_TERMS} p3 p4 k5 k6 covariance params fx fy "
             "skew",

@@ -25,13 +25,19 @@ ROWS = "".join(f'<triangle v1="{a}" v2="{b}" v3="{c}"/>' for a, b, c in FACES)
 MESH = f"<mesh><vertices>{VERTICES}</vertices><triangles>{ROWS}</triangles></mesh>"
 
 
-def threemf(objects="", build='<item objectid="1"/>', inside=MESH, more=""):
+def threemf(
+    objects="",
+    build='<item objectid="1"/>',
+    inside=MESH,
+    more="",
+    compression=zipfile.ZIP_DEFLATED,
+):
     model = (
         f'<model xmlns="{CORE}" unit="meter">{more}<resources>'
         f'<object id="1">{inside}</object>{objects}</resources><build>{build}</build></model>'
     )
     stream = io.BytesIO()
-    with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as file:
+    with zipfile.ZipFile(stream, "w", compression) as file:
         file.writestr("_rels/.rels", RELATIONSHIPS)
         file.writestr("3D/a.model", model)
     return stream.getvalue()

@@ -106,8 +106,8 @@ def children(owner: Element, *names: str) -> list[Element]:
 
 
 Schema = Mapping[str, tuple[frozenset[str] | None, frozenset[str], frozenset[str]]]
-"""Names of the children of an element (None for any), of its attributes, and of those among both
-that no triangle depends on."""
+"""Names of the children of an element (None for any; "text" for words), of its attributes, and of
+those among both that no triangle depends on."""
 
 
 def schema_of(harmless: str, elements: Mapping[str, tuple[str | None, str]]) -> Schema:
@@ -131,7 +131,7 @@ def look_at_names(root: Element, schema: Schema, found: UnknownNames) -> None:
             found.look(
                 where, {key.rpartition("}")[2] for key in owner.attrib}, attributes, harmless
             )
-            if known is not None and tags:
+            if known is not None:
                 texts = (owner.text, *(each.tail for each in owner))
                 has_text = any(text and not text.isspace() for text in texts)
                 names = {*tags.values(), *(["text"] if has_text else [])}
