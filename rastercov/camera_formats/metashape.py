@@ -51,6 +51,7 @@ SCHEMA = schema_of(
             "id label enabled active version next_id",
         ),
         "sensors": ("sensor", "next_id"),
+        "sensor": (None, "id label type master_id layer_index"),
         "cameras": ("camera group", "next_id next_group_id"),
         "group": ("camera group", "id label type"),
         "camera": (
