@@ -226,7 +226,8 @@ def attack(report: Report, effort: float) -> None:
         for name, data in files.items():
             path = Path(folder) / name.rpartition(" ")[2]
             what, n_whole, notes = outcome(path, data)
-            report.check(f"{name}: the whole file is read", what == "loaded" and n_whole > 0)
+            if what != "loaded" or not n_whole:
+                foreign.append(f"{name}: the whole file is {what}")
             bits = np.ravel(places(name, data)[:, None] * 8 + np.arange(8))
             for bit in rng.permutation(bits)[:per_file].tolist():
                 flipped = bytearray(data)

@@ -10,6 +10,7 @@ calibration With OpenCV"; samples/cpp/tutorial_code/calib3d/camera_calibration.
 
 import math
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -65,6 +66,9 @@ def _is_matrix(value: Any) -> bool:
 
 def of_xml(root: Element) -> dict[str, Any]:
     """Table of an XML storage, with its values as those of YAML."""
+    names = Counter(local_name(each) for each in root)
+    if twice := [name for name, n in names.items() if n > 1]:
+        raise CameraError(f"{shown(twice[0])} comes twice in one table; leave one")
     return {local_name(each): _xml_value(each, 0) for each in root}
 
 
