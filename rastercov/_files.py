@@ -58,8 +58,11 @@ def suffix_of(path: StrPath) -> str:
 
 
 def printable(text: str, most: int = 200) -> str:
-    """Printable part of `text`, not too long: names end up in terminals, tables and pictures."""
-    return "".join(c for c in text if c.isprintable()).strip()[:most]
+    """Printable part of `text`, not too long: names end up in terminals, tables and pictures.
+
+    Only its beginning is looked at, as many images may share a long name.
+    """
+    return "".join(c for c in text[: 20 * most] if c.isprintable()).strip()[:most]
 
 
 @contextmanager
@@ -117,7 +120,7 @@ def read_json(path: StrPath, most: int = LARGEST_TEXT) -> Any:
 
 def parsed_json(data: bytes) -> Any:
     """Content of JSON, as `read_json` reads it."""
-    return _parsed("JSON", lambda text: json.loads(text, object_pairs_hook=_table), data)
+    return _parsed("JSON", lambda text: json.loads(text, object_pairs_hook=unique_names), data)
 
 
 def read_toml(path: StrPath, most: int = LARGEST_TEXT) -> dict[str, Any]:
@@ -143,7 +146,8 @@ def _parsed(form: str, parse: Callable[[str], Any], data: bytes) -> Any:
         raise UnparsedError(form, one_line(error)) from None
 
 
-def _table(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+def unique_names(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Table of names and values of JSON; ValueError for a name that comes twice."""
     table = dict(pairs)
     if len(table) < len(pairs):  # the standard takes the last one, without a word
         [(twice, _)] = Counter(name for name, _ in pairs).most_common(1)

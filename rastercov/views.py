@@ -143,8 +143,9 @@ class Views:
                 "name them under camera in the pose file, or choose one by --camera-name"
             )
         used = np.unique(self.poses.camera).tolist()
+        row_of = {name: row for row, name in enumerate(rig.names)}
         if unknown := [
-            name for name in map(self.camera_names.__getitem__, used) if name not in rig.names
+            name for name in map(self.camera_names.__getitem__, used) if name not in row_of
         ]:
             raise PoseError(
                 f"the poses are of a camera {shown(unknown[0])}, and cameras are {known}; give it, "
@@ -152,7 +153,7 @@ class Views:
             )
         index = np.zeros(len(self.camera_names), np.int32)
         for row in used:
-            index[row] = rig.names.index(self.camera_names[row])
+            index[row] = row_of[self.camera_names[row]]
         poses = replace(self.poses, camera=index[self.poses.camera])
         return replace(self, rig=rig, poses=poses)
 

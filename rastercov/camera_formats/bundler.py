@@ -38,8 +38,15 @@ def read_bundler(text: str, border: Border) -> Views:
     """Cameras and poses of a bundle.out; cameras with focal length 0 were not found."""
     lines = text.split("\n", 1)
     words = (lines[1] if lines[1:] else "").split(maxsplit=2)
-    n_cameras = _counts(words[:2], "cameras and points")[0]
-    values = _numbers(words[2] if words[2:] else "", n_cameras, 15)
+    n_cameras, n_points = _counts(words[:2], "cameras and points")
+    rest = words[2] if words[2:] else ""
+    values = _numbers(rest, n_cameras, 15)
+    n_lines = sum(bool(line.strip()) for line in rest.split("\n"))
+    if n_lines != (wanted := 5 * n_cameras + 3 * n_points):
+        border.note(
+            f"{n_cameras} cameras and {n_points} points have {wanted} lines, {n_lines} are there; "
+            "cameras may be missing"
+        )
     is_found = values[:, 0] != 0
     if not is_found.any():
         raise CameraError("cameras with a focal length wanted, got none")

@@ -7,6 +7,7 @@ and frames for the images that were taken at the same instant.
 Source: COLMAP documentation, "Output Format"; src/colmap/scene/reconstruction_io.cc.
 """
 
+import re
 import struct
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -28,6 +29,9 @@ LARGEST_FILE = 1 << 36
 LONGEST_LINE = 1 << 28
 """Bytes of a line of points."""
 LONGEST_NAME = 4096
+LONGEST_COMMENT = 1000
+PROMISE = re.compile(r"#\s*number of (\w+)\s*[:=]\s*([0-9]{1,15})\b", re.IGNORECASE)
+"""Line by which COLMAP begins a text: # Number of images: 12, mean observations ..."""
 SUBFOLDERS = ("sparse/0", "sparse", "0")
 """Folders of a project that COLMAP's pipelines put a model in."""
 
@@ -53,7 +57,7 @@ def model_folder(path: Path) -> Path | None:
 def read(path: Path, border: Border) -> Views:
     """Cameras and poses of a folder; cameras alone of a file `cameras.bin` or `cameras.txt`."""
     if path.is_file():
-        table = _one_file(path, _cameras_of(path.suffix == ".bin"))
+        table = _one_file(path, _cameras_of(path.suffix == ".bin"), border)
         cameras, _ = _ordered(table)
         return border.views(cameras, _names(sorted(table)))
     if not path.exists():
@@ -63,12 +67,12 @@ def read(path: Path, border: Border) -> Views:
         raise CameraError("a COLMAP model wanted, got a folder without cameras.bin or cameras.txt")
     is_binary = (folder / "cameras.bin").is_file()
     suffix = ".bin" if is_binary else ".txt"
-    table = _one_file(folder / f"cameras{suffix}", _cameras_of(is_binary))
+    table = _one_file(folder / f"cameras{suffix}", _cameras_of(is_binary), border)
     cameras, row_of = _ordered(table)
     images: list[Image] = []
     if (folder / f"images{suffix}").is_file():
         images = _one_file(
-            folder / f"images{suffix}", _binary_images if is_binary else _text_images
+            folder / f"images{suffix}", _binary_images if is_binary else _text_images, border
         )
     else:
         border.note(f"there is no images{suffix}: cameras alone")
@@ -84,13 +88,15 @@ def read(path: Path, border: Border) -> Views:
             )
     places = None
     if (folder / f"rigs{suffix}").is_file():
-        found = _one_file(folder / f"rigs{suffix}", _binary_rigs if is_binary else _text_rigs)
+        parse = _binary_rigs if is_binary else _text_rigs
+        found = _one_file(folder / f"rigs{suffix}", parse, border)
         places = _places(found, row_of, border)
-    frame_of: dict[int, int] = {}
+    frames: list[tuple[int, list[int]]] = []
     if (folder / f"frames{suffix}").is_file():
-        frame_of = _one_file(
-            folder / f"frames{suffix}", _binary_frames if is_binary else _text_frames
+        frames = _one_file(
+            folder / f"frames{suffix}", _binary_frames if is_binary else _text_frames, border
         )
+    frame_of = {image: frame for frame, images_of_it in frames for image in images_of_it}
     motions = from_quaternions([i.quaternion for i in images], [i.translation for i in images])
     return border.views(
         cameras,
@@ -127,12 +133,16 @@ def _ordered(table: dict[int, Camera]) -> tuple[list[Camera], dict[int, int]]:
     return [table[number] for number in ids], {number: row for row, number in enumerate(ids)}
 
 
-def _one_file(path: StrPath, parse: Any) -> Any:
+def _one_file(path: StrPath, parse: Any, border: Border) -> Any:
     """Result of `parse` on a file; errors name the file."""
     name = printable(Path(path).name)
     try:
         with open_file(path, LARGEST_FILE) as file:
-            return parse(file)
+            found = parse(file)
+            if Path(path).suffix == ".txt":
+                file.seek(0)
+                _check_promise(_promised(file), len(found), name, border)
+            return found
     except UnreadableError as error:
         raise CameraError(f"{name}: {error}") from None
     except (CameraError, PoseError) as error:
@@ -155,6 +165,26 @@ def _add(table: dict[int, Camera], number: int, model: ColmapModel, *values: Any
 
 
 # Text.
+
+
+def _promised(file: BinaryIO) -> tuple[int, str]:
+    """Number that the comments at the start of a file promise, and of what; -1 without any."""
+    while (line := file.readline(LONGEST_COMMENT)).startswith(b"#") or line.isspace():
+        if found := PROMISE.match(line.decode("utf-8", errors="replace")):
+            return int(found[2]), found[1]
+    return -1, ""
+
+
+def _check_promise(promised: tuple[int, str], count: int, name: str, border: Border) -> None:
+    """Hold the number in a file's header against what was read."""
+    number, what = promised
+    if number > count:
+        raise CameraError(
+            f"the header promises {number} {what}, {count} are there; the file is truncated or "
+            "damaged, export it again, or correct its header"
+        )
+    if 0 <= number < count:
+        border.note(f"{name}: the header promises {number} {what}, {count} are there and read")
 
 
 def _lines(file: BinaryIO) -> Iterator[tuple[int, str]]:
@@ -278,9 +308,9 @@ def _text_rigs(file: BinaryIO) -> Rigs:
     return rigs
 
 
-def _text_frames(file: BinaryIO) -> dict[int, int]:
-    """Number of the frame of each image, by the image's id."""
-    frame_of: dict[int, int] = {}
+def _text_frames(file: BinaryIO) -> list[tuple[int, list[int]]]:
+    """Number of each frame, and the ids of its images."""
+    frames: list[tuple[int, list[int]]] = []
     for number, text in _lines(file):
         if not text:
             continue
@@ -288,11 +318,12 @@ def _text_frames(file: BinaryIO) -> dict[int, int]:
         frame_id = words.whole("the frame's id")
         words.whole("the rig's id")
         words.reals("rig_from_world", 7)
+        frames.append((frame_id, []))
         for _ in range(words.whole("the number of images")):
             kind, _, image_id = (words.take("a sensor"), *(words.whole("an id") for _ in "12"))
             if kind == "CAMERA":
-                frame_of[image_id] = frame_id
-    return frame_of
+                frames[-1][1].append(image_id)
+    return frames
 
 
 # Binary, little-endian.
@@ -372,16 +403,17 @@ def _binary_rigs(file: BinaryIO) -> Rigs:
     return rigs
 
 
-def _binary_frames(file: BinaryIO) -> dict[int, int]:
-    """Number of the frame of each image, by the image's id."""
-    frame_of: dict[int, int] = {}
+def _binary_frames(file: BinaryIO) -> list[tuple[int, list[int]]]:
+    """Number of each frame, and the ids of its images."""
+    frames: list[tuple[int, list[int]]] = []
     for _ in range(_count(file, "frames", 68)):
         frame_id, _, *_, n_images = _unpack(file, "II7dI", "a frame")
+        frames.append((frame_id, []))
         for _ in range(n_images):
             kind, _, image_id = _unpack(file, "iIQ", "a frame")
             if kind == 0:  # a camera
-                frame_of[image_id] = frame_id
-    return frame_of
+                frames[-1][1].append(image_id)
+    return frames
 
 
 def _places(rigs: Rigs, row_of: dict[int, int], border: Border) -> Any:
@@ -389,15 +421,19 @@ def _places(rigs: Rigs, row_of: dict[int, int], border: Border) -> Any:
     if all(len(rig) < 2 for rig in rigs):
         return None
     places = np.tile(np.eye(4), (len(row_of), 1, 1))
+    without: list[int] = []
     for rig in rigs:
         for camera_id, place in rig.items():
             if camera_id not in row_of:
                 raise CameraError(f"a rig has camera {camera_id}, which is not among the cameras")
             if place is None:
-                border.note(f"camera {camera_id} has no place on its rig; the rig's origin is used")
+                without.append(camera_id)
             elif place:
                 motion = from_quaternions([place[:4]], [place[4:]])
                 places[row_of[camera_id]] = inverse_of(motion)[0]
+    if without:
+        more = f" (and {len(without) - 1} others)" if len(without) > 1 else ""
+        border.note(f"camera {without[0]}{more} has no place on its rig; the rig's origin is used")
     if len(rigs) > 1:
         border.note(f"places of cameras are those on {len(rigs)} rigs, each with its own origin")
     return places

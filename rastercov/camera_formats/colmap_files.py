@@ -59,7 +59,9 @@ def contents_of(views: Views, *, as_text: bool, notes: list[str]) -> dict[str, b
             for line in (f"{' '.join(map(repr, row))} {image}", "")
         ]
         head = "# Camera list: CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]"
+        head += f"\n# Number of cameras: {len(cameras)}"
         image_head = "# Image list: IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME; POINTS2D"
+        image_head += f"\n# Number of images: {len(images)}"
         return {
             "cameras.txt": "\n".join([head, *cameras, ""]).encode(),
             "images.txt": "\n".join([image_head, *lines, ""]).encode(),

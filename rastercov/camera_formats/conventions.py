@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov._arguments import check_choice, flag
 from rastercov._checks import finite_number, image_side, shown, two
 from rastercov._files import printable
+from rastercov._names import UnknownNames
 from rastercov.camera import Camera
 from rastercov.errors import CameraError, ConfigError, PoseError
 from rastercov.mesh.formats import METRES
@@ -113,19 +114,21 @@ class Border:
 
     Attributes
     ----------
-    notes : list of str
-        Lines for people.
+    notes : dict of str
+        Lines for people, in order.
+    unknown : UnknownNames
+        Names that the formats of the files do not have.
     """
 
     def __init__(self, given: Conventions) -> None:
         self._given = given
         self._asked = {"skip_bad_poses"}
-        self.notes: list[str] = []
+        self.notes: dict[str, None] = {}
+        self.unknown = UnknownNames(CameraError)
 
     def note(self, text: str) -> None:
         """Add a line, once."""
-        if text not in self.notes:
-            self.notes.append(text)
+        self.notes[text] = None
 
     def image_size(self, what: str = "the file") -> tuple[int, int]:
         """Width and height, where the file has none."""
@@ -245,7 +248,7 @@ class Border:
             rig=rig,
             poses=poses,
             images=tuple(printable(images[row]) for row in poses.ids),
-            notes=tuple(self.notes),
+            notes=(*self.notes, *self.unknown.notes()),
             has_unit=metres is not None or not has_lengths,
             camera_names=tuple(camera_names),
             frames=tuple(names_of_frames[row] for row in poses.ids) if frames else (),

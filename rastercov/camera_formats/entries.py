@@ -23,6 +23,10 @@ class Entries:
     def __contains__(self, name: str) -> bool:
         return self._table.get(name) is not None
 
+    def names(self) -> list[str]:
+        """Names of the table, as texts."""
+        return [str(name) for name in self._table]
+
     def get(self, name: str, default: Any = None) -> Any:
         """The value as it came; `default` where it is missing or null."""
         value = self._table.get(name)

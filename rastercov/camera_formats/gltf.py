@@ -20,6 +20,7 @@ from rastercov.camera_formats.rotations import from_quaternions
 from rastercov.camera_formats.source import Source
 from rastercov.errors import CameraError, MeshError
 from rastercov.mesh.formats.glb_container import chunks
+from rastercov.mesh.formats.gltf_names import unknown_names
 from rastercov.views import Views
 
 FloatArray = NDArray[np.float64]
@@ -46,6 +47,8 @@ def read(source: Source, border: Border) -> Views:
     else:
         content = source.json
     scene = Entries(content, "scene")
+    for note in unknown_names(content, CameraError):
+        border.note(note)
     lenses = [each for _, each in scene.tables("cameras")] if "cameras" in scene else []
     nodes = [each for _, each in scene.tables("nodes")] if "nodes" in scene else []
     found = _nodes_with_cameras(nodes)

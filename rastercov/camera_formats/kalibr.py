@@ -38,6 +38,14 @@ DISTORTIONS = {
     "equidistant": "k1 k2 k3 k4",
     "fov": "omega",
 }
+HARMLESS = frozenset(
+    {"rostopic", "cam_overlaps", "timeshift_cam_imu", "line_delay", "shutter_type"}
+)
+KNOWN = HARMLESS | {
+    *("camera_model", "intrinsics", "distortion_model", "distortion_coeffs", "resolution"),
+    *("T_cn_cnm1", "T_cam_imu", "T_imu_cam"),
+}
+"""Entries of a camera."""
 OURS = {
     ("pinhole", "none"): "pinhole",
     ("pinhole", "radtan"): "opencv",
@@ -65,12 +73,22 @@ def read(content: Any, border: Border) -> Views:
     names = [f"cam{row}" for row in range(len(found))]
     if not found:
         raise CameraError("cameras cam0, cam1, ... wanted, got none")
+    for name in content.keys() - set(found):
+        value = content[name]
+        if isinstance(value, Mapping) and not value.keys().isdisjoint(KNOWN):
+            raise CameraError(
+                f"cameras cam0, cam1, ... wanted, got a table {shown(name)} beside them; rename "
+                "it, or leave it out"
+            )
+    border.unknown.look("the chain", [*content], frozenset(found))
     if set(names) != set(found):
         raise CameraError(
             f"cameras {', '.join(names[:MOST_SHOWN])} wanted, each with its place from the one "
             f"before, got {', '.join(found[:MOST_SHOWN])}; number them from 0 without a gap"
         )
     entries = [chain.table(name) for name in names]
+    for each in entries:
+        border.unknown.look(each.where, each.names(), KNOWN, HARMLESS)
     cameras = [_camera(each) for each in entries]
     border.note("pixels are taken to be counted from their centres, as Kalibr's detectors do")
     later = entries[1:]

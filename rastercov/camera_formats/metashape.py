@@ -20,7 +20,7 @@ from rastercov.camera_formats.conventions import Border
 from rastercov.camera_formats.entries import checked
 from rastercov.camera_formats.equivalents import brown, panorama
 from rastercov.errors import CameraError
-from rastercov.mesh.formats.xml_tree import children, local_name
+from rastercov.mesh.formats.xml_tree import children, local_name, look_at_names, schema_of
 from rastercov.views import Views
 
 FloatArray = NDArray[np.float64]
@@ -37,6 +37,41 @@ UNKNOWN_TERM = re.compile(r"[a-z][0-9]")
 """A coefficient; p3 and p4, of older versions, change the tangential terms."""
 
 
+_TERMS = "k1 k2 k3 k4 p1 p2 b1 b2 cx cy f"
+_OTHERS = "settings meta region markers scalebars frames images shapes model depth_maps point_cloud"
+SCHEMA = schema_of(
+    f"version id label type enabled active class date date_time fx fy skew name {_OTHERS} "
+    "next_id properties bands covariance params data_type black_level sensitivity photo_params "
+    "projections master_id layer_index orientation rotation_covariance location_covariance "
+    "camera_groups component_ids partition regions pixel_width pixel_height focal_length",
+    {
+        "document": ("chunk meta", "version"),
+        "chunk": (
+            f"sensors cameras components reference transform {_OTHERS} markers_groups",
+            "id label enabled active version next_id",
+        ),
+        "sensors": ("sensor", "next_id"),
+        "sensor": (None, "id label type master_id layer_index"),
+        "cameras": ("camera group", "next_id next_group_id"),
+        "group": ("camera group", "id label type"),
+        "camera": (
+            "transform reference orientation rotation_covariance location_covariance meta sensor "
+            "photo frames",
+            "id label sensor_id component_id master_id enabled layer_index",
+        ),
+        "components": ("component", "next_id active_id"),
+        "component": ("transform region partition camera_ids", "id label enabled active"),
+        "transform": ("rotation translation scale text", "locked effective active"),
+        "calibration": (
+            f"resolution projection width height date {_TERMS} p3 p4 k5 k6 covariance params fx fy "
+            "skew",
+            "class type",
+        ),
+    },
+)
+"""Names of the elements that are read: those of their children and attributes."""
+
+
 def is_mine(root: Element) -> bool:
     """True for a document with chunks, and for a calibration."""
     return local_name(root) in ("document", "chunk", "calibration")
@@ -44,6 +79,7 @@ def is_mine(root: Element) -> bool:
 
 def read(root: Element, border: Border) -> Views:
     """Cameras and poses of the first chunk, or the camera of a calibration."""
+    look_at_names(root, SCHEMA, border.unknown)
     if local_name(root) == "calibration":
         return border.views([_camera(root, _text(root, "projection", "frame"), "calibration")])
     chunks = [root] if local_name(root) == "chunk" else children(root, "chunk")
@@ -113,17 +149,21 @@ def _sensors(chunk: Element, border: Border) -> tuple[list[Camera], list[str], d
     cameras: list[Camera] = []
     names: list[str] = []
     row_of: dict[str, int] = {}
+    without: list[str] = []
     for sensor in _each(chunk, "sensors", "sensor"):
         label = sensor.get("label", f"sensor {sensor.get('id', '')}")
         kind = sensor.get("type", "frame")
         found = children(sensor, "calibration")
         adjusted = [each for each in found if each.get("class") == "adjusted"]
         if not found and kind != "spherical":
-            border.note(f"sensor {shown(label)} left out: it has no calibration")
+            without.append(label)
             continue
         row_of[sensor.get("id", "")] = len(cameras)
         cameras.append(_camera((adjusted or found or [sensor])[0], kind, label, sensor))
         names.append(label)
+    if without:
+        more = f" (and {len(without) - 1} others)" if len(without) > 1 else ""
+        border.note(f"sensor {shown(without[0])}{more} left out: it has no calibration")
     if not cameras:
         raise CameraError("a sensor with a calibration wanted, got none; align the photos first")
     return cameras, names, row_of
@@ -161,9 +201,12 @@ def _camera(element: Element, kind: str, label: str, sensor: Element | None = No
     c = {name: of(name) for name in TERMS}
     for each in element:
         name = local_name(each)
-        if UNKNOWN_TERM.fullmatch(name) and name not in (*TERMS, "b1", "b2") and of(name):
+        if not UNKNOWN_TERM.fullmatch(name) or name in (*TERMS, "b1", "b2"):
+            continue
+        text = (each.text or "").strip() or "0"
+        if value := _numbers(text, f"{label}: {name}", (1,))[0]:
             raise CameraError(
-                f"sensor {shown(label)}: its term {name} has no model here, got {of(name):g}; "
+                f"sensor {shown(label)}: its term {name} has no model here, got {value:g}; "
                 "calibrate again without it, or undistort the photos"
             )
     b1, f = of("b1"), of("f", "")

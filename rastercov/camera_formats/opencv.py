@@ -10,6 +10,7 @@ calibration With OpenCV"; samples/cpp/tutorial_code/calib3d/camera_calibration.
 
 import math
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -41,6 +42,14 @@ LENGTHS = (4, 5, 8, 12, 14)
 WIDTHS = ("image_width", "imageWidth", "image_Width", "width", "cols", "img_width")
 HEIGHTS = ("image_height", "imageHeight", "image_Height", "height", "rows", "img_height")
 SIZES = ("image_size", "imageSize", "img_size", "size", "resolution")
+POSES = ("R", "T", "extrinsic_parameters", "Extrinsic_Parameters")
+"""Matrices that say where cameras are."""
+OTHERS = (
+    *("E", "F", "H", "Q", "R1", "R2", "P", "P1", "P2", "roi1", "roi2", "rvecs", "tvecs"),
+    *("image_points", "grid_points", "per_view_reprojection_errors"),
+    *("Image_points", "Grid_points", "Per_View_Reprojection_Errors"),
+)
+"""Matrices that often come beside those of cameras."""
 MOST_VALUES = 10_000_000
 """Values of a matrix that is looked at."""
 
@@ -57,6 +66,9 @@ def _is_matrix(value: Any) -> bool:
 
 def of_xml(root: Element) -> dict[str, Any]:
     """Table of an XML storage, with its values as those of YAML."""
+    names = Counter(local_name(each) for each in root)
+    if twice := [name for name, n in names.items() if n > 1]:
+        raise CameraError(f"{shown(twice[0])} comes twice in one table; leave one")
     return {local_name(each): _xml_value(each, 0) for each in root}
 
 
@@ -103,12 +115,24 @@ def read(content: Mapping[str, Any], border: Border) -> Views:
             f"one camera matrix a camera wanted, got {', '.join(matrices)}; rename those to use "
             "camera_matrix1, camera_matrix2"
         )
+    known = {*matrices, *POSES, *OTHERS, *SIZES}
     cameras, labels = [], sorted(labelled, key=_order)
+    named = [name for name, value in content.items() if _is_of_coefficients(name, value)]
+    # A number by itself is none, such as n_coeffs beside D; k1 and k2 alone are not understood.
+    named = [name for name in named if isinstance(content[name], Mapping | list)] or named
+    own_of: dict[str, list[str]] = {}
+    for name in named:
+        own_of.setdefault(_label(name), []).append(name)
     for label in labels:
         name = labelled[label]
-        key = _key_of_coefficients(content, found, label, name, is_only=len(matrices) == 1)
+        own = own_of.get(label) or (named if len(matrices) == 1 else [])
+        key = _key_of_coefficients(
+            content, found, f"distortion_coefficients{label}", name, own, named
+        )
         coefficients = np.zeros(0) if key is None else found[key].ravel()
+        known.update(own)
         cameras.append(_camera(content, label, matrices[name], coefficients, key or name, border))
+    border.unknown.look("the file", [*found], frozenset(known), frozenset(known.difference(POSES)))
     return _views(found, cameras, labels, border)
 
 
@@ -121,26 +145,24 @@ def _order(label: str) -> tuple[bool, int, str]:
 def _key_of_coefficients(
     content: Mapping[str, Any],
     found: Mapping[str, FloatArray],
-    label: str,
+    wanted: str,
     matrix: str,
-    *,
-    is_only: bool,
+    own: Sequence[str],
+    named: Sequence[str],
 ) -> str | None:
     """Name of the coefficients beside a camera matrix; None where the file has none of it.
+
+    `own` are the names of coefficients that belong to the matrix by their label, `named` those of
+    all, and `wanted` is a name for those of the matrix.
 
     Other vectors may have as many numbers, such as the reprojection errors of 12 images: only a
     name like D or distortion_coefficients is taken for one of coefficients.
     """
-    named = [name for name, value in content.items() if _is_of_coefficients(name, value)]
-    # A number by itself is none, such as n_coeffs beside D; k1 and k2 alone are not understood.
-    named = [name for name in named if isinstance(content[name], Mapping | list)] or named
-    own = [name for name in named if _label(name) == label] or (named if is_only else [])
     if len(own) > 1:
         raise CameraError(
             f"one vector of distortion coefficients for {matrix} wanted, got {', '.join(own)}; "
             "leave one"
         )
-    wanted = f"distortion_coefficients{label}"
     if not own and named:
         raise CameraError(
             f"distortion of {matrix} wanted, got {', '.join(named)}; rename it {wanted}"

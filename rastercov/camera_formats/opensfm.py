@@ -40,6 +40,14 @@ MODELS = {
 """Our model by OpenSfM's projection_type, empty for Brown's, and its coefficients in our order."""
 
 
+KNOWN_OF_CAMERA = frozenset(
+    {"projection_type", "width", "height", "focal", "focal_x", "focal_y", "c_x", "c_y"}
+    | {name for _, order in MODELS.values() for name in order.split()}
+)
+OTHERS = frozenset({"points", "biases", "reference_lla", "main_component"})
+"""Further entries of a reconstruction."""
+
+
 def is_mine(content: Any) -> bool:
     """True for reconstructions, and for a table of cameras alone."""
     first = content[0] if isinstance(content, list) and content else content
@@ -64,10 +72,14 @@ def read(content: Any, border: Border) -> Views:
     if isinstance(content, dict) and _is_table_of_cameras(content):
         content = {"cameras": content, "shots": {}}
     entries = Entries(content, "reconstruction")
+    known = OTHERS | {"cameras", "shots", "rig_instances", "rig_cameras"}
+    border.unknown.look("the reconstruction", entries.names(), known, OTHERS)
     row_of: dict[str, int] = {}
     cameras: list[Camera] = []
     for name, each in entries.tables("cameras"):
         row_of[name] = len(cameras)
+        names = [word for word in each.names() if not word.endswith("_prior")]
+        border.unknown.look(each.where, names, KNOWN_OF_CAMERA)
         cameras.append(_camera(each))
     index, vectors, translations, images = [], [], [], []
     for name, shot in entries.tables("shots"):
@@ -115,8 +127,9 @@ def _places(
     if "rig_cameras" not in entries:
         return None
     table = dict(entries.tables("rig_cameras"))
-    on_rig = [{name for name, own in zip(rig_cameras, index, strict=True) if own == row}
-              for row in range(n_cameras)]  # fmt: skip
+    on_rig: list[set[str]] = [set() for _ in range(n_cameras)]
+    for name, row in zip(rig_cameras, index, strict=True):
+        on_rig[row].add(name)
     if any(len(names) != 1 or not names <= table.keys() for names in on_rig):
         return None
     poses = [table[name] for names in on_rig for name in names]

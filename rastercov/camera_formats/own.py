@@ -9,6 +9,7 @@ camera of each pose; a file of poses alone may have names of cameras that anothe
 `read_poses` reads the poses of such files, too. Lengths are metres.
 """
 
+from collections import Counter
 from collections.abc import Mapping
 from typing import Any
 
@@ -22,6 +23,9 @@ from rastercov.camera_formats.entries import Entries
 from rastercov.errors import CameraError, PoseError
 from rastercov.pose import DRIFT_TOLERANCE, as_matrices, real_numbers
 from rastercov.views import Views
+
+KNOWN = frozenset({"cameras", "rig_from_camera", "world_from_camera", "camera", "images", "frame"})
+"""Entries of a file of cameras and poses."""
 
 
 def is_mine(content: Any) -> bool:
@@ -39,10 +43,11 @@ def of_matrices(matrices: NDArray[Any], border: Border, names: Any = None) -> Vi
         if not isinstance(names, list) or len(names) != len(found) or not _are_names(names):
             raise PoseError(f"camera must be {len(found)} names of cameras, got {shown(names)}")
         known = list(dict.fromkeys(names))
+        row_of = {name: row for row, name in enumerate(known)}
     return border.views(
         None,
         world_from_camera=border.of_convention(found),
-        camera=None if names is None else [known.index(name) for name in names],
+        camera=None if names is None else [row_of[name] for name in names],
         camera_names=known,
         metres=border.metres(1.0),
         drift=DRIFT_TOLERANCE,
@@ -52,6 +57,8 @@ def of_matrices(matrices: NDArray[Any], border: Border, names: Any = None) -> Vi
 def read(content: Any, border: Border) -> Views:
     """Views of a JSON or TOML table."""
     entries = Entries(content, "the file")
+    if entries.any_of("cameras", "world_from_camera"):  # a camera by itself has its own check
+        border.unknown.look("the file", entries.names(), KNOWN, frozenset({"images"}))
     if "cameras" not in entries:
         if "world_from_camera" not in entries:
             return border.views([Camera.from_dict(content)], metres=1.0)
@@ -72,8 +79,9 @@ def read(content: Any, border: Border) -> Views:
             raise CameraError(f"camera {shown(names[-1])}: {error}") from None
     if not cameras:
         raise CameraError("at least one camera wanted, got none")
-    if len(set(names)) < len(names):
-        twice = next(name for name in names if names.count(name) > 1)
+    row_of = {name: row for row, name in enumerate(names)}
+    if len(row_of) < len(names):
+        [(twice, _)] = Counter(names).most_common(1)
         raise CameraError(f"two cameras are named {shown(twice)}; give each a name of its own")
     poses: NDArray[Any] = np.zeros((0, 4, 4))
     if "world_from_camera" in entries:
@@ -82,8 +90,8 @@ def read(content: Any, border: Border) -> Views:
     if index is not None:
         wanted = f"{len(poses)} indices or names of {len(cameras)} cameras"
         is_list = isinstance(index, list) and len(index) == len(poses)
-        if is_list and index and _are_names(index) and set(index) <= set(names):
-            index = [names.index(name) for name in index]
+        if is_list and index and _are_names(index) and row_of.keys() >= set(index):
+            index = [row_of[name] for name in index]
         if not is_list or not all(type(i) is int and 0 <= i < len(cameras) for i in index):
             raise PoseError(f"camera must be {wanted}, got {shown(index)}")
     elif len(poses) and len(cameras) > 1:

@@ -30,6 +30,17 @@ COUNTS = {
 """Numbers of coefficients by distortion_model."""
 
 
+HARMLESS = frozenset(
+    {"camera_name", "header", "R", "r", "rectification_matrix", "P", "p", "projection_matrix"}
+    | {"binning_x", "binning_y", "roi"}
+)
+KNOWN = HARMLESS | {
+    *("image_width", "image_height", "width", "height", "camera_matrix", "K", "k"),
+    *("distortion_model", "distortion_coefficients", "D", "d"),
+}
+"""Entries of a camera_info."""
+
+
 def is_mine(content: Any) -> bool:
     """True for a camera_info, as a file or as a message."""
     return (
@@ -42,6 +53,7 @@ def is_mine(content: Any) -> bool:
 def read(content: Any, border: Border) -> Views:
     """The camera of a camera_info."""
     info = Entries(content, "camera_info")
+    border.unknown.look("camera_info", info.names(), KNOWN, HARMLESS)
     is_file = "camera_matrix" in info
     width, height = ("image_width", "image_height") if is_file else ("width", "height")
     matrix = _numbers(info, info.any_of("camera_matrix", "K", "k") or "K", 9).reshape(3, 3)

@@ -51,6 +51,30 @@ ALTERNATIVES = (
 """Entries of a frame, and those of the file that they replace."""
 
 
+_OTHERS = (
+    *("aabb_scale", "aabb", "scale", "offset", "from_na", "up", "ply_file_path", "render_aabb"),
+    *("orientation_override", "auto_scale_poses_factor", "fisheye_crop_radius", "sharpness"),
+    *("train_filenames", "val_filenames", "test_filenames", "depth_unit_scale_factor"),
+    *(
+        "integer_depth_scale",
+        "enable_depth_loading",
+        "enable_ray_loading",
+        "n_extra_learnable_dims",
+    ),
+    *("white_transparent", "black_transparent", "mask_color", "sh_degree", "sensor_width"),
+    *("depth_file_path", "mask_path", "colmap_im_id", "rotation", "exposure", "light_direction"),
+    *("rolling_shutter", "semantic_path", "timestamp", "camera_index", "frame_index", "is_hdr"),
+)
+HARMLESS = frozenset(_OTHERS)
+KNOWN = HARMLESS.union(
+    INTRINSICS,
+    ("frames", "applied_transform", "applied_scale", "is_latlong"),
+    (f"ftheta_p{row}" for row in range(5)),
+)
+KNOWN_OF_FRAME = HARMLESS.union(INTRINSICS, ("file_path", "transform_matrix", "time"))
+"""Entries of a file and of a frame; `HARMLESS` says nothing of cameras and poses."""
+
+
 def is_mine(content: Any) -> bool:
     """True for JSON with frames that have a transform_matrix."""
     return isinstance(content, dict) and isinstance(content.get("frames"), list)
@@ -61,11 +85,13 @@ def read(source: Source, border: Border) -> Views:
     content = Entries(source.json, "transforms.json")
     if "ftheta_p0" in content or content.get("is_latlong"):
         raise CameraError("instant-ngp's f-theta and latlong lenses are not read; undistort first")
+    border.unknown.look("the file", content.names(), KNOWN, HARMLESS)
     shared = {name: content.get(name) for name in INTRINSICS if name in content}
     cameras: dict[Camera, int] = {}
     index, images, matrices = [], [], []
     times: list[float | None] = []
     for row, frame in content.tables("frames"):
+        border.unknown.look(frame.where, frame.names(), KNOWN_OF_FRAME, HARMLESS | {"file_path"})
         own = {name: frame.get(name) for name in INTRINSICS if name in frame}
         replaced = {name for given, others in ALTERNATIVES if given & own.keys() for name in others}
         inherited = {name: value for name, value in shared.items() if name not in replaced}

@@ -28,6 +28,7 @@ from rastercov._files import UnparsedError, one_line
 MOST_VALUES = 2_000_000
 """Values of a file, each alias counted as all that it repeats."""
 DEEPEST = 50
+MOST_DIRECTIVES = 100
 INTEGER = re.compile(r"[-+]?[0-9]{1,40}")
 REAL = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
 NOT_FINITE = re.compile(r"[-+]?\.inf|\.nan", re.IGNORECASE)
@@ -47,6 +48,8 @@ def parsed_yaml(text: str) -> Any:
     text = re.sub(r"\A(\s*%[^\n]*\n)+", "", text)
     text = re.sub(r"\n---\s*\Z", "\n", text)  # with which `rostopic echo` ends a message
     try:
+        if text.count("\n%") > MOST_DIRECTIVES:  # libyaml compares each one with all others
+            raise _FaultError(f"at most {MOST_DIRECTIVES} directives wanted")
         return _Tree(yaml.parse(text, Loader=_Parser)).document()
     except (yaml.YAMLError, _FaultError) as error:
         raise UnparsedError("YAML", one_line(error)) from None

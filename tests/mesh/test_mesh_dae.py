@@ -189,7 +189,7 @@ def test_what_is_left_out_is_noted(load):
         (dae(geometry(TRIANGLES + "<bricks/>")), "not read: bricks of 'part'"),
         (dae(geometry(TRIANGLES).replace("</mesh>", "</mesh><brep/>")), "not read: brep of 'part'"),
         (dae(nodes=f"<node name='n'>{INSTANCE}<instance_door/></node>"), "instance_door of 'n'"),
-        (dae(nodes=f"{NODE} node"), "not read: text of the scene"),
+        (dae(nodes=f"{NODE} node"), "not read: text of 'scene'"),
     ],
 )
 def test_unknown_elements_are_noted(data, text, load):

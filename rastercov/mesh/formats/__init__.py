@@ -10,6 +10,7 @@ entry in `READERS`. Only glTF opens other files, those of its buffers: `_Beside`
 
 import hashlib
 import os
+import posixpath
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -20,7 +21,7 @@ import numpy as np
 
 from rastercov._arguments import members
 from rastercov._checks import finite_number, shown
-from rastercov._files import StrPath, UnreadableError, file_bytes
+from rastercov._files import StrPath, UnreadableError, file_bytes, printable
 from rastercov.errors import MeshError, ResourceError
 from rastercov.mesh.arrays import check_coordinates, some, unusable_points
 from rastercov.mesh.ear_clipping import cut_concave
@@ -81,15 +82,15 @@ def read_files(
     names: list[str] = []
     notes: list[str] = []
     for one, metres in zip(paths, scales, strict=True):
-        shown = _clean(str(one))
+        shown = printable(str(one))
         try:
             with np.errstate(all="ignore"):  # an overflow is caught as an invalid coordinate
                 polygons, digest = _read_file(one, metres, drop_invalid, max_bytes, memory_budget)
         except (MeshError, ResourceError) as error:
             raise type(error)(f"{shown}: {error}") from error
         parts.append(polygons)
-        files.append((_clean(Path(one).name), digest, len(polygons.faces)))
-        stem = _clean(Path(one).stem) or "mesh"
+        files.append((printable(Path(one).name), digest, len(polygons.faces)))
+        stem = printable(Path(one).stem) or "mesh"
         for name in polygons.group_names:
             full = stem if name is None else f"{stem}/{name}" if len(paths) > 1 else name
             names.append(full[:LONGEST_NAME])
@@ -166,13 +167,14 @@ class _Beside:
 
     def read(self, name: str) -> bytes:
         """Bytes of the file of a relative name; MeshError where it is not in the folder."""
-        shown = _clean(name)[:80]
+        shown = printable(name)[:80]
         is_outside = name.startswith(("/", "\\")) or ".." in re.split(r"[/\\]", name)
         if is_outside or re.match(r"[A-Za-z][A-Za-z0-9+.-]*:", name):
             raise MeshError(
                 f"a buffer in the folder of the file wanted, got {shown!r}, which is never "
                 "opened; put it beside the file, or export a self-contained .glb"
             )
+        name = posixpath.normpath(name)  # a file is read once, however its name is written
         if name not in self.contents:
             advice = "simplify the mesh, or raise max_bytes"
             try:
@@ -244,14 +246,9 @@ def _without_invalid(polygons: Polygons) -> Polygons:
 def _with_tidy_groups(polygons: Polygons) -> Polygons:
     """Polygons without empty groups, and with printable names of the others."""
     used, face_group = np.unique(polygons.face_group, return_inverse=True)
-    names = [polygons.group_names[i] for i in used]
-    names = [None if name is None else _clean(name) or None for name in names]
+    given = [polygons.group_names[i] for i in used]
+    names = [None if name is None else printable(name) or None for name in given]
     return replace(polygons, face_group=face_group, group_names=names)
-
-
-def _clean(name: str) -> str:
-    """Printable part of `name`, shortened: names are shown in terminals, tables and images."""
-    return "".join(c for c in name if c.isprintable()).strip()[:LONGEST_NAME]
 
 
 def _unique(names: list[str]) -> list[str]:

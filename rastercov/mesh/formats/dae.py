@@ -7,39 +7,89 @@ is not read is a note, or an error where the rest would be wrong without it.
 Source: Khronos Group. COLLADA - Digital Asset Schema Release 1.4.1. 2008.
 """
 
-from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
 from xml.etree.ElementTree import Element
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov._names import UnknownNames
 from rastercov.errors import MeshError
 from rastercov.mesh.arrays import rotation_about
+from rastercov.mesh.formats import assembly
+from rastercov.mesh.formats.assembly import Assembly, Shape
 from rastercov.mesh.formats.glb import broken_files_refused
-from rastercov.mesh.formats.polygons import Polygons, check_budget, fan_polygons
+from rastercov.mesh.formats.polygons import Polygons, check_budget
 from rastercov.mesh.formats.xml_tree import (
     children,
     floats,
     integers,
     local_name,
+    look_at_names,
     parsed,
-    unknown_children,
+    schema_of,
 )
 
 POLYGONS = ("triangles", "polylist", "polygons")
 STRIPS = ("trifans", "tristrips")
 LINES = ("lines", "linestrips")
-NO_SURFACE = ("source", "vertices", "extra")
 TRANSFORMS = ("matrix", "translate", "rotate", "scale", "lookat", "skew")
-INSTANCES = ("instance_node", "instance_geometry", "instance_controller")
-NO_PART = ("asset", "extra", "instance_camera", "instance_light")
-BYTES_PER_INSTANCE = 1000
-"""Memory and work that a node counts for; a short file may ask for many instances."""
+_INSTANCES = "instance_node instance_geometry instance_controller"
+_NO_PART = "asset extra instance_camera instance_light"
+_LIBRARIES = (
+    "library_animations library_animation_clips library_cameras library_controllers "
+    "library_geometries library_effects library_force_fields library_images library_lights "
+    "library_materials library_nodes library_physics_materials library_physics_models "
+    "library_physics_scenes library_visual_scenes library_articulated_systems library_formulas "
+    "library_joints library_kinematics_models library_kinematics_scenes"
+)
+_ARRAYS = "Name_array IDREF_array SIDREF_array token_array int_array bool_array technique"
+SCHEMA = schema_of(
+    f"name sid id type layer proxy version base schemaLocation set material {_NO_PART} {_ARRAYS} "
+    f"{_LIBRARIES} evaluate_scene instance_physics_scene instance_kinematics_scene contributor "
+    "created coverage keywords modified revision subject title up_axis digits magnitude",
+    {
+        "COLLADA": (f"asset scene extra {_LIBRARIES}", "version base schemaLocation"),
+        "asset": (
+            "unit contributor created coverage extra keywords modified revision subject title "
+            "up_axis",
+            "",
+        ),
+        "unit": (None, "meter name"),
+        "scene": (
+            "instance_visual_scene instance_physics_scene instance_kinematics_scene extra",
+            "",
+        ),
+        "instance_visual_scene": (None, "url name sid"),
+        "library_visual_scenes": ("visual_scene asset extra", "id name"),
+        "visual_scene": ("node asset extra evaluate_scene", "id name"),
+        "library_nodes": ("node asset extra", "id name"),
+        "node": (
+            f"node {' '.join(TRANSFORMS)} {_INSTANCES} {_NO_PART}",
+            "id name sid type layer",
+        ),
+        **dict.fromkeys(_INSTANCES.split(), (None, "url name sid proxy")),
+        "library_geometries": ("geometry asset extra", "id name"),
+        "geometry": ("mesh asset extra", "id name"),
+        "mesh": (f"source vertices extra {' '.join((*POLYGONS, *STRIPS, *LINES))}", ""),
+        **dict.fromkeys(POLYGONS, ("input p vcount ph extra", "count name material")),
+        **dict.fromkeys(STRIPS, ("input p extra", "count name material")),
+        "input": (None, "offset semantic source set"),
+        "vertices": ("input extra", "id name"),
+        "source": (f"float_array technique_common asset {_ARRAYS}", "id name"),
+        "float_array": (None, "id name count digits magnitude"),
+        "accessor": ("param", "source count offset stride"),
+        "library_controllers": ("controller asset extra", "id name"),
+        "controller": ("skin morph asset extra", "id name"),
+        "skin": ("bind_shape_matrix source joints vertex_weights extra", "source"),
+        "morph": ("source targets extra", "source method"),
+    },
+)
+"""Names of the elements that are read: those of their children and attributes."""
 AFFINE_ROW_TOLERANCE = 1e-6
 
 IntArray = NDArray[np.int64]
-_Shape = tuple[NDArray[np.float64], IntArray, IntArray]
-"""Points of a geometry, corners of all its polygons, and the number of corners of each."""
 
 
 def read(data: bytes, budget: int) -> Polygons:
@@ -58,7 +108,7 @@ class _Scene:
     """Elements of a file by their ids, and what its nodes have been made of so far."""
 
     def __init__(self, root: Element, budget: int) -> None:
-        self._root, self._budget, self._bytes_left = root, budget, budget
+        self._root, self._budget = root, budget
         self._by_id: dict[str, Element] = {}
         self._repeated: set[str] = set()
         for element in root.iter():
@@ -66,38 +116,21 @@ class _Scene:
                 if key in self._by_id:
                     self._repeated.add(key)
                 self._by_id.setdefault(key, element)
-        self._shapes: dict[str, _Shape] = {}
+        self._shapes: dict[str, Shape] = {}
+        self._controlled: dict[Element, tuple[Element, NDArray[np.float64]] | None] = {}
         self._points: dict[str, NDArray[np.float64]] = {}
-        self._vertices, self._corners = [np.empty((0, 3))], [np.empty(0, np.int64)]
-        self._n_corners, self._labels = [np.empty(0, np.int64)], [np.empty(0, np.int64)]
-        self._names: list[str] = []
-        self._n_vertices = self._n_faces = self._n_lines = 0
-        self._skinned: list[str] = []
-        self._left_out: list[str] = []
+        self._sources: dict[str, NDArray[np.float64]] = {}
+        self._numbers: dict[Element, NDArray[np.float64]] = {}
+        self._n_lines = 0
+        self._skinned: dict[str, None] = {}
+        self._unknown = UnknownNames(MeshError)
+        look_at_names(root, SCHEMA, self._unknown)
 
     def polygons(self) -> Polygons:
         """All polygons that the nodes of the scene name."""
-        scene = self._visual_scene()
-        known = ("node", "asset", "extra", "evaluate_scene")
-        self._left_out += [f"{name} of the scene" for name in unknown_children(scene, *known)]
-        for node in children(scene, "node"):
-            self._add(node, np.eye(4), ())
-        metres = self._metres_per_unit()
-        found = fan_polygons(
-            np.concatenate(self._vertices) * (1.0 if metres is None else metres),
-            np.concatenate(self._corners),
-            np.concatenate(self._n_corners),
-            self._budget,
-        )
-        return Polygons(
-            found.vertices,
-            found.faces,
-            found.source_face,
-            np.concatenate(self._labels)[found.source_face],
-            self._names or [None],
-            self._notes(),
-            is_in_metres=metres is not None,
-        )
+        roots = [(np.eye(4), node) for node in children(self._visual_scene(), "node")]
+        found = Assembly(self._node, self._budget).polygons(roots, self._metres_per_unit())
+        return replace(found, notes=self._notes())
 
     def _metres_per_unit(self) -> float | None:
         """Metres in a unit of the file, None where it states none."""
@@ -142,69 +175,51 @@ class _Scene:
             raise MeshError(f"the id {key[:80]!r} comes twice; correct it")
         return element
 
-    def _add(
-        self, node: Element, world_from_parent: NDArray[np.float64] | None, above: Sequence[Element]
-    ) -> None:
-        """Take in a node and those below it, as one group each."""
-        self._bytes_left -= BYTES_PER_INSTANCE
-        check_budget(0, self._bytes_left, n_bytes=BYTES_PER_INSTANCE)
-        if any(node is each for each in above):
-            raise MeshError(f"node {_name(node)!r} is a part of itself; correct it")
-        above = (*above, node)
+    def _node(self, node: Any) -> assembly.Element:
+        """A node: the geometries and the nodes that it holds or names."""
         step = _parent_from_node(node)
-        is_known = world_from_parent is not None and step is not None
-        world_from_node = world_from_parent @ step if is_known else None  # type: ignore[operator] # not None
-        known = ("node", *TRANSFORMS, *INSTANCES, *NO_PART)
-        self._left_out += [f"{name} of {_name(node)!r}" for name in unknown_children(node, *known)]
-        label = len(self._names)
-        self._names.append("")
+        pieces: list[tuple[NDArray[np.float64] | None, Any]] = []
+        name = _name(node)
         for each in node:
             kind, url = local_name(each), each.get("url", "")
             if kind == "node":
-                self._add(each, world_from_node, above)
+                pieces.append((step, each))
             elif kind == "instance_node":
-                self._add(self._target(url, "node"), world_from_node, above)
+                pieces.append((step, self._target(url, "node")))
             elif kind in ("instance_geometry", "instance_controller"):
                 geometry, node_from_shape = self._geometry(url, kind == "instance_controller")
-                self._names[label] = _name(node) or _name(geometry) or f"node{label}"
-                if world_from_node is None:
-                    raise MeshError(
-                        f"node {self._names[label]!r} is placed by lookat or skew, which is not "
-                        "supported; export it with matrices"
-                    )
-                self._place(self._shape(geometry), world_from_node @ node_from_shape, label)
+                name = name or _name(geometry)
+                placed = None if step is None else step @ node_from_shape
+                pieces.append((placed, self._shape(geometry)))
+        why = "is placed by lookat or skew, which is not supported; export it with matrices"
+        return assembly.Element(name, f"node {name!r}", pieces, why)
 
     def _geometry(self, url: str, is_controlled: bool) -> tuple[Element, NDArray[np.float64]]:
         """Geometry of an instance, and its place in the node."""
         if not is_controlled:
             return self._target(url, "geometry"), np.eye(4)
-        node_from_shape: NDArray[np.float64] = np.eye(4)
-        seen: list[Element] = []
-        element = self._target(url, "controller")
-        while local_name(element) == "controller":  # a skin of a morph of a geometry
-            if any(element is each for each in seen):
-                raise MeshError(f"controller {_name(element)!r} is a part of itself; correct it")
-            seen.append(element)
-            (changed,) = children(element, "skin", "morph")
-            for matrix in children(changed, "bind_shape_matrix"):
-                node_from_shape = _matrix(matrix.text) @ node_from_shape
-            self._skinned.append(_name(element))
-            element = self._target(changed.attrib["source"], "geometry", "controller")
-        return element, node_from_shape
+        return self._of_controller(self._target(url, "controller"))
 
-    def _place(self, shape: _Shape, world_from_shape: NDArray[np.float64], label: int) -> None:
-        points, corners, n_corners = shape
-        self._n_faces += int((n_corners - 2).sum())
-        check_budget(self._n_faces, self._budget, self._n_vertices + len(points))
-        if np.linalg.det(world_from_shape[:3, :3]) < 0:  # mirrored: it would face inwards
-            corners = corners[_reversed_rows(n_corners)]
-        self._vertices.append(points @ world_from_shape[:3, :3].T + world_from_shape[:3, 3])
-        self._corners.append(corners + self._n_vertices)
-        self._n_corners.append(n_corners)
-        self._labels.append(np.full(len(n_corners), label))
-        self._n_vertices += len(points)
+    def _of_controller(self, controller: Element) -> tuple[Element, NDArray[np.float64]]:
+        """Geometry of a controller, such as a skin of a morph, and its place; found once."""
+        if controller in self._controlled:
+            known = self._controlled[controller]
+            if known is None:
+                raise MeshError(f"controller {_name(controller)!r} is a part of itself; correct it")
+            return known
+        self._controlled[controller] = None
+        self._skinned[_name(controller)] = None
+        (changed,) = children(controller, "skin", "morph")
+        target = self._target(changed.attrib["source"], "geometry", "controller")
+        place: NDArray[np.float64] = np.eye(4)
+        if local_name(target) == "controller":
+            target, place = self._of_controller(target)
+        for matrix in children(changed, "bind_shape_matrix"):
+            place = _matrix(matrix.text) @ place
+        self._controlled[controller] = target, place
+        return target, place
 
-    def _shape(self, geometry: Element) -> _Shape:
+    def _shape(self, geometry: Element) -> Shape:
         """Shape of a geometry, read once."""
         key = geometry.get("id", "")
         if key in self._shapes:
@@ -213,10 +228,6 @@ class _Scene:
         n_corners = [np.empty(0, np.int64)]
         first_of: dict[str, int] = {}
         n_points = n_faces = 0
-        left_out = unknown_children(geometry, "mesh", "asset", "extra")
-        for mesh in children(geometry, "mesh"):
-            left_out += unknown_children(mesh, *POLYGONS, *STRIPS, *LINES, *NO_SURFACE)
-        self._left_out += [f"{name} of {_name(geometry)!r}" for name in left_out]
         primitives = [each for mesh in children(geometry, "mesh") for each in mesh]
         for primitive in primitives:
             if local_name(primitive) in LINES:
@@ -228,7 +239,7 @@ class _Scene:
                 continue
             own = self._positions(source)
             n_faces += int((counts - 2).sum())
-            check_budget(n_faces, self._bytes_left, n_points + (source not in first_of) * len(own))
+            check_budget(n_faces, self._budget, n_points + (source not in first_of) * len(own))
             if not (indices.min() >= 0 and indices.max() < len(own)):
                 raise MeshError(
                     f"geometry {_name(geometry)!r}: vertex indices must lie in 0 ... "
@@ -240,9 +251,10 @@ class _Scene:
                 n_points += len(own)
             corners.append(indices + first_of[source])
             n_corners.append(counts)
-        shape = np.concatenate(points), np.concatenate(corners), np.concatenate(n_corners)
-        self._shapes[key] = shape
-        return shape
+        self._shapes[key] = Shape(
+            np.concatenate(points), np.concatenate(corners), np.concatenate(n_corners), n_faces
+        )
+        return self._shapes[key]
 
     def _primitive(self, primitive: Element, owner: str) -> tuple[IntArray, IntArray, str]:
         """Vertex of each corner, corners of each polygon, and the URL of the vertices."""
@@ -298,7 +310,10 @@ class _Scene:
                 for each in children(self._target(url, "vertices"), "input")
                 if each.get("semantic") == "POSITION"
             ]
-            self._points[url] = self._source(entry.attrib["source"])
+            source = entry.attrib["source"]
+            if source not in self._sources:
+                self._sources[source] = self._source(source)
+            self._points[url] = self._sources[source]
         return self._points[url]
 
     def _source(self, url: str) -> NDArray[np.float64]:
@@ -310,7 +325,9 @@ class _Scene:
             for each in children(common, "accessor")
         ]
         array = self._target(accessor.attrib["source"], "float_array")
-        values = floats(array.text)
+        if array not in self._numbers:
+            self._numbers[array] = floats(array.text)
+        values = self._numbers[array]
         if len(values) != (promised := int(array.attrib["count"])):
             raise MeshError(
                 f"source {url[:80]!r} promises {promised} numbers, {len(values)} are there; it is "
@@ -336,9 +353,10 @@ class _Scene:
         notes = []
         if self._skinned:
             more = f" (and {len(self._skinned) - 1} others)" if len(self._skinned) > 1 else ""
-            notes.append(f"{self._skinned[0]!r}{more} is skinned or morphed; it is read unposed")
-        if self._left_out:
-            notes.append(f"not read: {', '.join(self._left_out[:5])}; the shape may be incomplete")
+            notes.append(
+                f"{next(iter(self._skinned))!r}{more} is skinned or morphed; it is read unposed"
+            )
+        notes += self._unknown.notes()
         if self._n_lines:
             notes.append(f"{self._n_lines} sets of lines were not read")
         moved = [
@@ -411,11 +429,3 @@ def _strip(row: IntArray, alternates: bool) -> IntArray:
     if alternates:
         return row[np.stack([i, i + 1 + i % 2, i + 2 - i % 2], axis=1)].ravel()
     return row[np.stack([0 * i, i + 1, i + 2], axis=1)].ravel()
-
-
-def _reversed_rows(n_corners: IntArray) -> IntArray:
-    """Indices that reverse the corners of each polygon but its first one."""
-    polygon = np.repeat(np.arange(len(n_corners)), n_corners)
-    first = (np.cumsum(n_corners) - n_corners)[polygon]
-    place = np.arange(len(polygon)) - first
-    return first + (n_corners[polygon] - place) % n_corners[polygon]

@@ -21,13 +21,14 @@ from rastercov.mesh.formats.glb_container import (
     chunks,
     json_count,
     json_list,
+    json_name,
     json_numbers,
     json_object,
 )
+from rastercov.mesh.formats.gltf_names import INSTANCING, unknown_names, unread_data
 from rastercov.mesh.formats.polygons import Polygons
 
 TRIANGLES, STRIP, FAN = 4, 5, 6
-INSTANCING = "EXT_mesh_gpu_instancing"
 CAD_FACES = "TM_brep_faces"
 """Extension that numbers the CAD face of each triangle."""
 HARMLESS = (
@@ -35,11 +36,10 @@ HARMLESS = (
     "KHR_texture_",
     "EXT_texture_",
     "KHR_lights_",
-    "KHR_mesh_quantization",
-    CAD_FACES,
-    INSTANCING,
 )
-"""Extensions without influence on the shape, or read here."""
+"""Beginnings of extensions without influence on the shape."""
+READ = ("KHR_mesh_quantization", CAD_FACES, INSTANCING)
+"""Extensions that are read here."""
 OPTIONAL = (
     "EXT_lights_",
     "EXT_mesh_features",
@@ -94,9 +94,12 @@ def scene_polygons(
     "node/face 1" and so on.
     """
     needed = [str(e) for e in json_list(header, "extensionsRequired")]
-    foreign = [e for e in needed if not e.startswith(HARMLESS)]
+    foreign = [e[:80] for e in needed if not (e in READ or e.startswith(HARMLESS))]
     if foreign:
-        raise MeshError(f"extensions {foreign} are required, not supported; export without them")
+        raise MeshError(
+            f"extensions {foreign[:5]} are required, not supported; export without them"
+        )
+    notes = [*notes, *unknown_names(header), *unread_data(header)]
     nodes = _nodes(header)
     accessors = Accessors(header, buffers, budget)
     shapes = _Shapes(accessors)
@@ -107,10 +110,10 @@ def scene_polygons(
     for node, world_from_node in nodes:
         mesh = json_object(header, "meshes", node["mesh"])
         points, triangles, cad_faces = shapes.of(node, mesh)
-        name = str(node.get("name") or mesh.get("name") or f"node{len(node_names)}")
+        name = json_name(node) or json_name(mesh) or f"node{len(node_names)}"
         node_names.append(name)
-        world_from_instance = world_from_node @ shapes.instances(node)
-        n = len(world_from_instance) if len(triangles) else 0
+        world_from_instance = world_from_node @ shapes.instances(node, len(triangles))
+        n = len(world_from_instance)
         accessors.reserve(n * len(triangles), n * len(points))
         if n:
             moved = points @ world_from_instance[:, :3, :3].transpose(0, 2, 1)
@@ -121,8 +124,9 @@ def scene_polygons(
             first = n_vertices + len(points) * np.arange(n)
             faces.append((first[:, None, None] + turned).reshape(-1, 3))
             if by_cad_face and cad_faces.min() >= 0:
-                labels.append(np.tile(len(names) + cad_faces, n))
-                names += [f"{name}/face {face + 1}" for face in range(cad_faces.max() + 1)]
+                known, row = np.unique(cad_faces, return_inverse=True)
+                labels.append(np.tile(len(names) + row, n))
+                names += [f"{name}/face {face + 1}" for face in known.tolist()]
             else:
                 labels.append(np.full(n * len(triangles), len(names)))
                 names.append(name)
@@ -255,6 +259,14 @@ def _triangles(corners: NDArray[np.int64], mode: int) -> NDArray[np.int64]:
 
 _Shape = tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]
 """Points and triangles of a mesh, and the CAD face of each triangle, -1 where none is given."""
+_Surfaces = tuple[list[dict[str, Any]], tuple[float, ...], set[int]]
+"""Primitives of a mesh with triangles, its weights, and the numbers of their morph targets."""
+
+
+def _weights(owner: dict[str, Any]) -> tuple[float, ...]:
+    """Weights of the morph targets of a mesh or node."""
+    n_weights = len(json_list(owner, "weights"))
+    return tuple(json_numbers(owner, "weights", (0.0,) * n_weights).tolist())
 
 
 class _Shapes:
@@ -262,23 +274,36 @@ class _Shapes:
 
     def __init__(self, accessors: Accessors) -> None:
         self._accessors = accessors
-        self._known: dict[tuple[int, tuple[float, ...]], _Shape] = {}
+        self._meshes: dict[int, _Surfaces] = {}
+        self._known: dict[tuple[int, tuple[float, ...] | None], _Shape] = {}
         self._foreign: set[str] = set()
         self._n_skipped = self._n_empty = 0
 
     def of(self, node: dict[str, Any], mesh: dict[str, Any]) -> _Shape:
         """Shape of a node's mesh, in the coordinates of the node."""
         self._look_for_extensions(node)
-        owner = node if "weights" in node else mesh
-        n_weights = len(json_list(owner, "weights"))
-        weights = tuple(json_numbers(owner, "weights", (0.0,) * n_weights).tolist())
-        key = (node["mesh"], weights)
-        if key not in self._known:
-            self._known[key] = self._read(node["mesh"], mesh, weights)
-        return self._known[key]
+        index = node["mesh"]
+        if index not in self._meshes:
+            self._meshes[index] = self._surfaces(index, mesh)
+        surfaces, weights, n_targets = self._meshes[index]
+        own = _weights(node) if "weights" in node else None
+        weights = weights if own is None else own
+        if weights and n_targets and n_targets != {len(weights)}:
+            raise MeshError(
+                f"mesh {index}: a weight for each of {max(n_targets)} morph targets wanted, got "
+                f"{len(weights)}; correct the weights"
+            )
+        if (index, own) not in self._known:
+            self._known[index, own] = self._read(index, surfaces, weights)
+        return self._known[index, own]
 
-    def instances(self, node: dict[str, Any]) -> NDArray[np.float64]:
-        """(N, 4, 4) node_from_instance; the identity for a node without instances."""
+    def instances(self, node: dict[str, Any], n_triangles: int) -> NDArray[np.float64]:
+        """(N, 4, 4) node_from_instance; the identity for a node without instances.
+
+        Nothing is computed of instances without triangles: N is 0.
+        """
+        if not n_triangles:
+            return np.empty((0, 4, 4))
         extension = node.get("extensions", {}).get(INSTANCING)
         if extension is None:
             return np.eye(4)[None]
@@ -290,6 +315,7 @@ class _Shapes:
                 f"{counts}; export it again"
             )
         self._accessors.reserve(0, 0, counts[0] * BYTES_PER_INSTANCE)
+        self._accessors.check(counts[0] * n_triangles, 0)
         rest = (("VEC3", (0, 0, 0)), ("VEC4", (0, 0, 0, 1)), ("VEC3", (1, 1, 1)))
         return _affine(
             *(
@@ -315,15 +341,15 @@ class _Shapes:
 
     def _look_for_extensions(self, owner: dict[str, Any]) -> None:
         names = owner.get("extensions", ())
-        self._foreign |= {n[:80] for n in names if not n.startswith((*HARMLESS, *OPTIONAL))}
+        self._foreign |= {
+            n[:80] for n in names if not (n in READ or n.startswith((*HARMLESS, *OPTIONAL)))
+        }
 
-    def _read(self, index: int, mesh: dict[str, Any], weights: tuple[float, ...]) -> _Shape:
-        """Shape of a mesh. Its primitives may share their vertices."""
+    def _surfaces(self, index: int, mesh: dict[str, Any]) -> _Surfaces:
+        """Primitives of a mesh with triangles, checked once; the others are counted for a note."""
         self._look_for_extensions(mesh)
-        points, triangles = [np.empty((0, 3))], [np.empty((0, 3), np.int64)]
-        cad_faces = [np.empty(0, np.int64)]
-        first_of: dict[tuple[Any, ...], int] = {}
-        n_points = n_triangles = 0
+        surfaces: list[dict[str, Any]] = []
+        n_targets: set[int] = set()
         for primitive in json_list(mesh, "primitives"):
             self._look_for_extensions(primitive)
             mode = primitive.get("mode", TRIANGLES)
@@ -337,24 +363,47 @@ class _Shapes:
             position = primitive.get("attributes", {}).get("POSITION")
             if position is None:
                 raise MeshError(f"mesh {index}: a primitive without POSITION; export it again")
-            deltas = self._deltas(index, primitive, weights)
+            n_targets.add(len(json_list(primitive, "targets")))
+            if self._accessors.count(primitive.get("indices", position)):
+                surfaces.append(primitive)
+            else:
+                self._n_empty += 1
+        if not json_list(mesh, "primitives"):
+            raise MeshError(f"mesh {index} has no primitives; export it again")
+        return surfaces, _weights(mesh), n_targets
+
+    def _read(
+        self, index: int, surfaces: list[dict[str, Any]], weights: tuple[float, ...]
+    ) -> _Shape:
+        """Shape of a mesh with these weights. Its primitives may share their vertices."""
+        points, triangles = [np.empty((0, 3))], [np.empty((0, 3), np.int64)]
+        cad_faces = [np.empty(0, np.int64)]
+        first_of: dict[tuple[Any, ...], int] = {}
+        n_points = n_triangles = 0
+        active = [(target, weight) for target, weight in enumerate(weights) if weight]
+        for primitive in surfaces:
+            mode, position = primitive.get("mode", TRIANGLES), primitive["attributes"]["POSITION"]
+            targets = json_list(primitive, "targets")
+            deltas = [
+                (weight, targets[target]["POSITION"])
+                for target, weight in active
+                if "POSITION" in targets[target]
+            ]
             key = (position, *deltas)
             n_new = self._accessors.count(position)
             n_corners = self._accessors.count(primitive.get("indices", position))
             n_triangles += n_corners // 3 if mode == TRIANGLES else max(n_corners - 2, 0)
-            self._n_empty += not n_corners
             self._accessors.check(n_triangles, n_points + (key not in first_of) * n_new)
             if key not in first_of:
                 first_of[key] = n_points
                 n_points += n_new
                 points.append(self._points(position, deltas))
-            corners = np.arange(n_new)
             if "indices" in primitive:
                 corners = self._corners(index, primitive["indices"], n_new)
+            else:
+                corners = np.arange(n_new)
             triangles.append(first_of[key] + _triangles(corners, mode))
             cad_faces.append(self._cad_faces(index, primitive, len(triangles[-1])))
-        if len(points) == 1 and not json_list(mesh, "primitives"):
-            raise MeshError(f"mesh {index} has no primitives; export it again")
         return np.concatenate(points), np.concatenate(triangles), np.concatenate(cad_faces)
 
     def _cad_faces(
@@ -373,22 +422,6 @@ class _Shapes:
             )
         return values.astype(np.int64)
 
-    def _deltas(
-        self, index: int, primitive: dict[str, Any], weights: tuple[float, ...]
-    ) -> list[tuple[float, Any]]:
-        """Weight and accessor of each morph target that moves the points."""
-        targets = json_list(primitive, "targets")
-        if weights and len(weights) != len(targets):
-            raise MeshError(
-                f"mesh {index}: a weight for each of {len(targets)} morph targets wanted, got "
-                f"{len(weights)}; correct the weights"
-            )
-        return [
-            (weight, target["POSITION"])
-            for weight, target in zip(weights, targets, strict=False)
-            if weight and "POSITION" in target
-        ]
-
     def _points(self, position: Any, deltas: list[tuple[float, Any]]) -> NDArray[np.float64]:
         points = self._accessors.read(position, "VEC3").astype(np.float64)
         for weight, target in deltas:
@@ -398,7 +431,7 @@ class _Shapes:
                     f"{len(points)}; export it again"
                 )
             # Targets may share their bytes, so a short file could demand unlimited work.
-            self._accessors.reserve(0, 0, len(points) * BYTES_PER_DELTA)
+            self._accessors.reserve(0, 0, BYTES_PER_INSTANCE + len(points) * BYTES_PER_DELTA)
             points += weight * self._accessors.read(target, "VEC3")
         return points
 

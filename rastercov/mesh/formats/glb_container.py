@@ -12,11 +12,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov._files import unique_names
 from rastercov.errors import MeshError
 from rastercov.mesh.formats.polygons import check_budget
 
 JSON_CHUNK, BINARY_CHUNK = 0x4E4F534A, 0x004E4942
 COMPONENTS = {5120: "i1", 5121: "u1", 5122: "i2", 5123: "u2", 5125: "u4", 5126: "f4"}
+LONGEST_NAME = 1000
 N_COLUMNS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 
 
@@ -55,7 +57,9 @@ def chunks(data: bytes) -> tuple[dict[str, Any], memoryview, list[str]]:
 def json_header(text: bytes, what: str) -> dict[str, Any]:
     """JSON object of a glTF 2.0 scene; `what` names the text in errors."""
     try:
-        header = json.loads(text.decode("utf-8-sig"), parse_constant=_no_number)
+        header = json.loads(
+            text.decode("utf-8-sig"), parse_constant=_no_number, object_pairs_hook=unique_names
+        )
     except (ValueError, RecursionError) as error:
         raise MeshError(f"no readable {what} ({error}); export it again") from error
     if not isinstance(header, dict):
@@ -87,6 +91,14 @@ def json_object(header: dict[str, Any], key: str, index: Any) -> dict[str, Any]:
         raise MeshError(f"{key!r} has {len(items)} objects, number {index!r} was asked; correct it")
     found: dict[str, Any] = items[index]
     return found
+
+
+def json_name(owner: dict[str, Any]) -> str:
+    """Name of an object, shortened, as many nodes may show that of one mesh; "" without one."""
+    name = owner.get("name") or ""
+    if not isinstance(name, str):
+        raise MeshError(f"a name must be a text, got {type(name).__name__}; correct it")
+    return name[:LONGEST_NAME]
 
 
 def json_count(owner: dict[str, Any], key: str, default: int | None = None) -> int:

@@ -42,11 +42,14 @@ def read(data: bytes, budget: int) -> Polygons:
     lines = Lines(data, budget, comment=b"#", joins=True)
     coordinates, corners, n_corners = array("d"), array("q"), array("q")
     groups, face_line, current = array("q"), array("q"), 0
+    doubtful = array("q")  # lines that are a face but for one bit
     number_of: dict[str | None, int] = {None: 0}
     most_coordinates = 3 * (budget // PEAK_BYTES_PER_VERTEX)
     for words in lines:
         keyword = words[0]
         if keyword == b"v":
+            if face_line and face_line[-1] == lines.number - 1 and _may_be_face(words):
+                doubtful.append(lines.number)
             coordinates.extend(lines.point(words[1:], EXTRA_NUMBERS))
             if len(coordinates) > most_coordinates:
                 check_budget(len(n_corners), budget, len(coordinates) // 3)
@@ -57,6 +60,8 @@ def read(data: bytes, budget: int) -> Polygons:
             face_line.append(lines.number)
             check_budget(len(corners) - 2 * len(n_corners), budget, len(coordinates) // 3)
         elif keyword in (b"g", b"o"):
+            if _may_be_face(words):
+                doubtful.append(lines.number)
             name = b" ".join(words[1:]).decode("utf-8", "replace") or None
             current = number_of.setdefault(name, len(number_of))
         elif keyword not in IGNORED:
@@ -70,9 +75,19 @@ def read(data: bytes, budget: int) -> Polygons:
             f"got {corners[beyond[0]] + 1}; correct the face"
         )
     notes = [CUT_NOTE] if lines.ends_inside_line else []
+    if doubtful:
+        more = f" (and {len(doubtful) - 1} others)" if len(doubtful) > 1 else ""
+        notes.append(
+            f"line {doubtful[0]}{more} may be a face, its keyword is not f: not read as one"
+        )
     polygons = fan_polygons(coordinates, corners, n_corners, budget, notes)
     face_group = np.asarray(groups, dtype=np.int64)[polygons.source_face]
     return replace(polygons, face_group=face_group, group_names=list(number_of))
+
+
+def _may_be_face(words: list[bytes]) -> bool:
+    """True for a line of three corners or more, but for its keyword."""
+    return len(words) > 3 and CORNERS.fullmatch(b" " + b" ".join(words[1:])) is not None
 
 
 def _corners(lines: Lines, words: list[bytes], n_vertices: int) -> list[int]:

@@ -96,6 +96,13 @@ def read(data: bytes, budget: int) -> Polygons:
         raise MeshError(f"no triangles: elements vertex and face wanted, got {list(elements)}")
     vertex = elements["vertex"]
     axes = [("vertex", vertex.index((axis,), "iuf", False)) for axis in "xyz"]
+    others = [
+        each.name[:40]
+        for each in elements.values()
+        if each.name not in surfaces
+        and each.count
+        and any(each.properties[i].name in LIST_NAMES for i in each.lists)
+    ]
     lists = [(name, elements[name].index(LIST_NAMES, "iu", True)) for name in surfaces]
     n_faces = elements["face"].count if "face" in elements else 0
     check_budget(n_faces, budget, vertex.count)
@@ -105,6 +112,8 @@ def read(data: bytes, budget: int) -> Polygons:
     else:
         body = Lines(data[end.end() :], budget, number=lines.number)
         columns, notes = _text(body, elements, [*axes, *lists], budget)
+    if others:
+        notes = [*notes, f"elements {', '.join(map(repr, others[:5]))} have vertices, not read"]
     coordinates = np.stack([columns[key].values for key in axes], axis=1)
     polygons = [SURFACES[key[0]](columns[key], budget) for key in lists]
     return fan_polygons(

@@ -12,12 +12,17 @@ import posixpath
 import struct
 import zipfile
 import zlib
+from dataclasses import replace
+from typing import Any
 from xml.etree.ElementTree import Element
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov._names import UnknownNames
 from rastercov.errors import MeshError, ResourceError
+from rastercov.mesh.formats import assembly
+from rastercov.mesh.formats.assembly import Assembly, Shape
 from rastercov.mesh.formats.glb import broken_files_refused
 from rastercov.mesh.formats.polygons import Polygons, check_budget
 from rastercov.mesh.formats.xml_tree import (
@@ -25,9 +30,10 @@ from rastercov.mesh.formats.xml_tree import (
     attribute,
     children,
     floats,
+    look_at_names,
     parsed,
+    schema_of,
     table,
-    unknown_children,
 )
 
 METRES = {
@@ -53,13 +59,37 @@ DAMAGED = (
     struct.error,
 )
 """Errors of the standard library about a damaged or encrypted archive."""
-NO_SHAPE = ("metadatagroup", "metadata")
+_MATERIALS = "basematerials texture2d texture2dgroup colorgroup compositematerials multiproperties"
+_SLICES = "slicestackid slicepath meshresolution"
+SCHEMA = schema_of(
+    f"metadata metadatagroup pid pindex name partnumber thumbnail UUID type lang printable "
+    f"recommendedextensions slicestack {_MATERIALS} {_SLICES}",
+    {
+        "model": (
+            "metadata metadatagroup resources build",
+            "unit lang requiredextensions recommendedextensions",
+        ),
+        "resources": (f"object slicestack {_MATERIALS}", ""),
+        "object": (
+            "mesh components metadata metadatagroup",
+            f"id type pid pindex name partnumber thumbnail UUID {_SLICES}",
+        ),
+        "mesh": ("vertices triangles trianglesets", ""),
+        "vertices": ("vertex", ""),
+        "triangles": ("triangle", ""),
+        "trianglesets": ("triangleset", ""),
+        "components": ("component", ""),
+        "component": ("", "objectid transform path UUID"),
+        "build": ("item", "UUID"),
+        "item": ("metadatagroup", "objectid transform path UUID partnumber printable"),
+    },
+)
+"""Names of the elements that are read: those of their children and attributes."""
 COMPRESSIONS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 """Those that the Open Packaging Conventions permit."""
-BYTES_PER_INSTANCE = 1000
-"""Memory and work that a component counts for; a short file may ask for many instances."""
 
-_Shape = tuple[NDArray[np.float64], NDArray[np.int64]]
+_Key = tuple[str, str]
+"""Path of a part, and the id of an object in it."""
 
 
 def read(data: bytes, budget: int) -> Polygons:
@@ -82,13 +112,9 @@ class _Model:
         self._archive, self._budget = archive, budget
         self._bytes_left = budget
         self._parts: dict[str, Element] = {}
-        self._objects: dict[tuple[str, str], Element] = {}
-        self._shapes: dict[tuple[str, str], _Shape] = {}
-        self._vertices, self._faces = [np.empty((0, 3))], [np.empty((0, 3), np.int64)]
-        self._labels: list[NDArray[np.int64]] = []
-        self._names: list[str | None] = []
-        self._n_vertices = self._n_faces = 0
-        self._left_out: list[str] = []
+        self._objects: dict[_Key, Element] = {}
+        self._read: set[_Key] = set()
+        self._unknown = UnknownNames(MeshError)
 
     def polygons(self) -> Polygons:
         """All instances of the build."""
@@ -98,33 +124,25 @@ class _Model:
         if unit not in METRES:
             raise MeshError(f"a unit of {', '.join(METRES)} wanted, got {unit[:40]!r}; correct it")
         needed = root.get("requiredextensions", "").split()
-        if foreign := [name for name in needed if name not in KNOWN_EXTENSIONS]:
-            raise MeshError(f"extensions {foreign} are required, not supported; export without")
-        for build in children(root, "build"):
-            self._left_out += unknown_children(build, "item")
-            for item in children(build, "item"):
-                where = attribute(item, "path") or path
-                self._add((where.lstrip("/"), item.attrib["objectid"]), _transform(item), ())
-        labels = np.concatenate(self._labels) if self._labels else np.empty(0, np.int64)
-        return Polygons(
-            np.concatenate(self._vertices) * METRES[unit],
-            np.concatenate(self._faces),
-            np.arange(self._n_faces),
-            labels,
-            self._names or [None],
-            self._notes(),
-            is_in_metres=True,
-        )
+        if foreign := [name[:80] for name in needed if name not in KNOWN_EXTENSIONS]:
+            raise MeshError(f"extensions {foreign[:5]} are required, not supported; export without")
+        items = [item for build in children(root, "build") for item in children(build, "item")]
+        roots = [(_transform(item), self._key(item, path)) for item in items]
+        polygons = Assembly(self._object, self._budget).polygons(roots, METRES[unit])
+        return replace(polygons, notes=self._notes())
+
+    def _key(self, reference: Element, path: str) -> _Key:
+        """Object that an item or a component names, in this part unless it names another one."""
+        where = attribute(reference, "path") or path
+        return where.lstrip("/"), reference.attrib["objectid"]
 
     def _notes(self) -> list[str]:
         """Notes on content that is not read."""
         notes = []
         left = [key for key, owner in self._objects.items() if children(owner, "mesh")]
-        if n_unused := sum(key not in self._shapes for key in left):
+        if n_unused := sum(key not in self._read for key in left):
             notes.append(f"{n_unused} objects are not in the build, not read")
-        if left_out := sorted(set(self._left_out)):
-            notes.append(f"not read: {', '.join(left_out[:5])}; the shape may be incomplete")
-        return notes
+        return notes + self._unknown.notes()
 
     def _model_path(self) -> str:
         """Path of the part that the archive names as its model."""
@@ -149,74 +167,43 @@ class _Model:
             text = file.read(info.file_size + 1)
         root = self._parts[path] = parsed(text, f"its part {path[:80]!r}", self._bytes_left)
         self._bytes_left -= info.file_size * BYTES_PER_XML_BYTE
+        look_at_names(root, SCHEMA, self._unknown)
         for resources in children(root, "resources"):
             for each in children(resources, "object"):
                 if self._objects.setdefault((path, each.attrib["id"]), each) is not each:
                     raise MeshError(f"object {each.attrib['id'][:40]!r} comes twice; correct it")
         return root
 
-    def _add(
-        self,
-        key: tuple[str, str],
-        world_from_object: NDArray[np.float64],
-        above: tuple[tuple[str, str], ...],
-    ) -> None:
-        """Take in an object and those that it is made of."""
+    def _object(self, key: Any) -> assembly.Element:
+        """An object: its triangles, and the objects that it is made of."""
         path, number = key
         self._part(path)
+        title = f"object {number[:40]!r}"
         if key not in self._objects:
-            raise MeshError(f"object {number[:40]!r} is not there; export it again")
-        if key in above:
-            raise MeshError(f"object {number[:40]!r} is a part of itself; correct it")
+            raise MeshError(f"{title} is not there; export it again")
         owner = self._objects[key]
-        self._left_out += unknown_children(owner, "mesh", "components", *NO_SHAPE)
-        for mesh in children(owner, "mesh"):
-            if key not in self._shapes:
-                self._shapes[key] = self._shape(mesh)
-            name = owner.get("name") or f"object {number}"
-            self._place(*self._shapes[key], world_from_object, name)
+        self._read.add(key)
+        meshes = children(owner, "mesh")
+        if len(meshes) > 1:
+            raise MeshError(f"{title} has {len(meshes)} meshes, one wanted; export it again")
+        pieces: list[tuple[NDArray[np.float64], Any]] = [(np.eye(4), _shape(m)) for m in meshes]
         for components in children(owner, "components"):
-            self._left_out += unknown_children(components, "component")
             for each in children(components, "component"):
-                where = (attribute(each, "path") or path).lstrip("/")
-                # A short file may ask for many instances: each one counts, even without triangles.
-                self._bytes_left -= BYTES_PER_INSTANCE
-                check_budget(0, self._bytes_left, n_bytes=BYTES_PER_INSTANCE)
-                placed = world_from_object @ _transform(each)
-                self._add((where, each.attrib["objectid"]), placed, (*above, key))
+                pieces.append((_transform(each), self._key(each, path)))
+        return assembly.Element(owner.get("name") or f"object {number}", title, pieces)
 
-    def _shape(self, mesh: Element) -> _Shape:
-        self._left_out += unknown_children(mesh, "vertices", "triangles", "trianglesets")
-        for each in mesh:
-            self._left_out += unknown_children(each, "vertex", "triangle", "triangleset")
-        vertices = [v for each in children(mesh, "vertices") for v in children(each, "vertex")]
-        triangles = [t for each in children(mesh, "triangles") for t in children(each, "triangle")]
-        points = table(vertices, ("x", "y", "z"), np.float64)
-        faces = table(triangles, ("v1", "v2", "v3"), np.int64)
-        if len(faces) and not (faces.min() >= 0 and faces.max() < len(points)):
-            raise MeshError(
-                f"vertex indices must lie in 0 ... {len(points) - 1}, got {faces.min()} ... "
-                f"{faces.max()}; correct the triangles"
-            )
-        return points, faces
 
-    def _place(
-        self,
-        points: NDArray[np.float64],
-        faces: NDArray[np.int64],
-        world_from_object: NDArray[np.float64],
-        name: str,
-    ) -> None:
-        check_budget(self._n_faces + len(faces), self._budget, self._n_vertices + len(points))
-        matrix = world_from_object[:3, :3]
-        if np.linalg.det(matrix) < 0:  # mirrored: its triangles would face inwards
-            faces = faces[:, [0, 2, 1]]
-        self._vertices.append(points @ matrix.T + world_from_object[:3, 3])
-        self._faces.append(faces + self._n_vertices)
-        self._labels.append(np.full(len(faces), len(self._names)))
-        self._names.append(name)
-        self._n_vertices += len(points)
-        self._n_faces += len(faces)
+def _shape(mesh: Element) -> Shape:
+    vertices = [v for each in children(mesh, "vertices") for v in children(each, "vertex")]
+    triangles = [t for each in children(mesh, "triangles") for t in children(each, "triangle")]
+    points = table(vertices, ("x", "y", "z"), np.float64)
+    faces = table(triangles, ("v1", "v2", "v3"), np.int64)
+    if len(faces) and not (faces.min() >= 0 and faces.max() < len(points)):
+        raise MeshError(
+            f"vertex indices must lie in 0 ... {len(points) - 1}, got {faces.min()} ... "
+            f"{faces.max()}; correct the triangles"
+        )
+    return Shape(points, faces.ravel(), np.full(len(faces), 3), len(faces))
 
 
 def _transform(owner: Element) -> NDArray[np.float64]:

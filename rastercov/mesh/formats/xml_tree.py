@@ -6,7 +6,7 @@ files or multiply a short text. The text is decoded first, so that no encoding h
 
 import codecs
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
@@ -15,6 +15,7 @@ from xml.parsers import expat
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov._names import UnknownNames
 from rastercov.errors import MeshError
 from rastercov.mesh.formats.polygons import check_budget
 
@@ -104,11 +105,39 @@ def children(owner: Element, *names: str) -> list[Element]:
     return [each for each in owner if local_name(each) in names]
 
 
-def unknown_children(owner: Element, *names: str) -> list[str]:
-    """Names of children other than these, and "text" for words between them, for a note."""
-    found = [local_name(each)[:40] for each in owner if local_name(each) not in names]
-    has_text = any(text and not text.isspace() for text in (owner.text, *(e.tail for e in owner)))
-    return [*found, "text"] if has_text else found
+Schema = Mapping[str, tuple[frozenset[str] | None, frozenset[str], frozenset[str]]]
+"""Names of the children of an element (None for any; "text" for words), of its attributes, and of
+those among both that no triangle depends on."""
+
+
+def schema_of(harmless: str, elements: Mapping[str, tuple[str | None, str]]) -> Schema:
+    """Schema of names in words: of children, or None for any, and of attributes."""
+    apart = frozenset(harmless.split())
+    return {
+        kind: (None if names is None else frozenset(names.split()), frozenset(own.split()), apart)
+        for kind, (names, own) in elements.items()
+    }
+
+
+def look_at_names(root: Element, schema: Schema, found: UnknownNames) -> None:
+    """Look at the names of the elements of a schema, once each, down to those that it has not."""
+    stack = [(root, "the file")]
+    while stack:
+        owner, where = stack.pop()
+        where = next((repr(each[:40]) for key in ("name", "id") if (each := owner.get(key))), where)
+        tags = {tag: tag.rpartition("}")[2] for tag in {each.tag for each in owner}}
+        if local_name(owner) in schema:
+            known, attributes, harmless = schema[local_name(owner)]
+            found.look(
+                where, {key.rpartition("}")[2] for key in owner.attrib}, attributes, harmless
+            )
+            if known is not None:
+                texts = (owner.text, *(each.tail for each in owner))
+                has_text = any(text and not text.isspace() for text in texts)
+                names = {*tags.values(), *(["text"] if has_text else [])}
+                found.look(where, names, known, harmless)
+        if inner := {tag for tag, name in tags.items() if name in schema}:
+            stack += [(each, where) for each in reversed(owner) if each.tag in inner]
 
 
 def attribute(owner: Element, name: str) -> str | None:

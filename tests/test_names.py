@@ -1,0 +1,249 @@
+"""Names that a format does not have: noted once each, and refused one slip away from what matters.
+
+Each case is a good file with one bit of a name flipped, or a name misspelt, that used to load with
+fewer faces, poses or terms of a lens, and without a word.
+"""
+
+import json
+
+import numpy as np
+import pytest
+from mesh_files import FACES, POINTS, Glb, obj, ply
+from repeated_parts import CAMERA, CAMERAS, HERE, KALIBR, dae, metashape, opensfm, scene, threemf
+
+import rastercov as rc
+from rastercov._names import UnknownNames, is_slip
+from rastercov.camera_formats.conventions import Conventions
+from rastercov.errors import CameraError, MeshError
+from rastercov.mesh import Mesh
+
+ANSWERS = Conventions(image_size=(640, 480), pixel_centre=0.5, lens_model="brown", pose_unit="m")
+
+
+def noted_or_refused(path, data):
+    """Notes of a file, or the line that refuses it."""
+    path.write_bytes(data)
+    try:
+        if path.suffix in (".glb", ".3mf", ".dae", ".obj", ".ply"):
+            return " ".join(Mesh.load(path).notes)
+        return " ".join(rc.read_views(path, conventions=ANSWERS).notes)
+    except (MeshError, CameraError, rc.PoseError) as error:
+        return "two lines" * ("\n" in str(error)) or str(error)
+
+
+def flips(name):
+    """A name with each of its bits flipped that gives a character of JSON."""
+    for at in range(len(name)):
+        for bit in range(7):
+            changed = chr(ord(name[at]) ^ (1 << bit))
+            if changed.isprintable() and changed not in '"\\':
+                yield name[:at] + changed + name[at + 1 :]
+
+
+def two_nodes():
+    """Two nodes of one mesh with two primitives, one node below the other."""
+    glb = Glb()
+    glb.header["meshes"][0]["primitives"] *= 2
+    glb.header["meshes"][0]["primitives"] = json.loads(
+        json.dumps(glb.header["meshes"][0]["primitives"])
+    )
+    glb.header["nodes"] = [{"mesh": 0, "children": [1]}, {"mesh": 0, "translation": [1, 2, 3]}]
+    return glb
+
+
+PLACES = [
+    *((("nodes", 1), name) for name in ("mesh", "translation")),
+    *((("nodes", 0), name) for name in ("mesh", "children")),
+    (("meshes", 0), "primitives"),
+    *((("meshes", 0, "primitives", 1), name) for name in ("attributes", "indices")),
+    (("meshes", 0, "primitives", 1, "attributes"), "POSITION"),
+    *((("accessors", 1), name) for name in ("bufferView", "count", "type", "componentType")),
+    *((("bufferViews", 1), name) for name in ("buffer", "byteOffset", "byteLength")),
+    *(((), name) for name in ("nodes", "meshes", "accessors", "bufferViews", "buffers", "scenes")),
+    (("scenes", 0), "nodes"),
+]
+
+
+@pytest.mark.parametrize(("keys", "name"), PLACES)
+def test_a_flipped_bit_in_a_name_of_a_scene_is_noted_or_refused(keys, name, tmp_path):
+    whole = Mesh.load(written(tmp_path / "a.glb", two_nodes().data()))
+    assert whole.notes == ()
+    for changed in flips(name):
+        glb = two_nodes()
+        owner = glb.header
+        for key in keys:
+            owner = owner[key]
+        owner[changed] = owner.pop(name)
+        assert noted_or_refused(tmp_path / "a.glb", glb.data()), changed
+
+
+def written(path, data):
+    path.write_bytes(data)
+    return path
+
+
+def test_names_of_users_are_noted_once_and_read_around(tmp_path):
+    glb = two_nodes()
+    for node in glb.header["nodes"]:
+        node |= {"customer": 7, "extras": {"nodes": 1}}
+    mesh = Mesh.load(written(tmp_path / "a.glb", glb.data()))
+    assert mesh.n_faces == 4 * len(FACES)
+    assert [note.partition(": ")[2] for note in mesh.notes] == [
+        "not read: customer of node 0; content may be missing"
+    ]
+
+
+def test_a_name_that_comes_twice_is_refused(tmp_path):
+    data = two_nodes().data().replace(b'"name"', b'"mesh"')
+    data = data.replace(b'{"mesh": 0, "children"', b'{"mesh":0,"mesh":0,"children"', 1)
+    path = tmp_path / "a.gltf"
+    path.write_text('{"asset": {"version": "2.0"}, "nodes": [{"mesh": 0, "mesh": 1}]}')
+    with pytest.raises(MeshError, match="'mesh' comes twice"):
+        Mesh.load(path)
+
+
+def test_indices_that_are_fewer_than_their_bytes_are_noted(tmp_path):
+    """Of 30 indices a bit makes "3 ", 10 triangles are one."""
+    glb = Glb(POINTS, np.tile(FACES[:2], (5, 1)))
+    data = glb.data()
+    assert data.count(b'"count": 30') == 1
+    text = noted_or_refused(tmp_path / "a.glb", data.replace(b'"count": 30', b'"count": 3 '))
+    assert "54 bytes beside the elements of accessors belong to none" in text
+    assert noted_or_refused(tmp_path / "a.glb", data) == ""
+
+
+def test_an_accessor_that_nothing_names_is_noted(tmp_path):
+    glb = two_nodes()
+    few = glb.accessor(np.ravel(FACES[:1]), "<u2")
+    glb.header["meshes"][0]["primitives"][1]["indices"] = few
+    many = glb.accessor(np.ravel(FACES), "<u2")
+    assert "1 accessors belong to nothing" in noted_or_refused(tmp_path / "a.glb", glb.data())
+    glb.header["meshes"][0]["primitives"][1]["indices"] = many
+    assert "1 accessors belong to nothing" in noted_or_refused(tmp_path / "a.glb", glb.data())
+
+
+MOVED = '<item objectid="1" transform="1 0 0 0 1 0 0 0 1 1 2 3"/>'
+TWO = f"<node>{HERE}</node><node><translate>1 2 3</translate>{HERE}</node>"
+UNIT = '<asset><unit meter="0.01"/></asset>'
+OWN = {"cameras": [{"name": "a", **CAMERA}], "rig_from_camera": [np.eye(4).tolist()]}
+ROS = (
+    "image_width: 640\nimage_height: 480\ncamera_matrix: {rows: 3, cols: 3, "
+    "data: [5, 0, 3, 0, 5, 2, 0, 0, 1]}\ndistortion_model: plumb_bob\n"
+    "distortion_coefficients: {rows: 1, cols: 5, data: [0.1, 0, 0, 0, 0]}\n"
+)
+STEREO = CAMERAS["cv.yaml", "matrices"](2).decode() + (
+    "R: !!opencv-matrix\n  rows: 3\n  cols: 3\n  dt: d\n  data: [1, 0, 0, 0, 1, 0, 0, 0, 1]\n"
+    "T: !!opencv-matrix\n  rows: 3\n  cols: 1\n  dt: d\n  data: [1, 0, 0]\n"
+)
+TWO_CAMERAS = KALIBR.format(0) + KALIBR.format(1)
+SHAPE = obj(POINTS, FACES)
+
+
+@pytest.mark.parametrize(
+    ("name", "data", "text"),
+    [
+        ("a.3mf", threemf(build=MOVED.replace("transform", "tranrform")), "and no 'transform'"),
+        ("a.3mf", threemf(build=MOVED + MOVED.replace("item", "itam")), "not read: itam of"),
+        ("a.3mf", threemf(build=MOVED.replace("transform", "moved")), "not read: moved of"),
+        ("a.3mf", threemf(), None),
+        ("a.dae", dae(TWO.replace("translate", "trans")), "not read: trans of"),
+        ("a.dae", dae(TWO.replace("translate", "tranrlate")), "and no 'translate'"),
+        ("a.dae", dae(TWO, more=UNIT.replace("meter", "mater")), "and no 'meter'"),
+        ("a.dae", dae(TWO, more=UNIT.replace("unit", "uoit")), "and no 'unit'"),
+        ("a.dae", dae(TWO, more=UNIT.replace("asset", "bsset")), "not read: bsset of the file"),
+        ("a.dae", dae(TWO, more=UNIT), None),
+        ("a.obj", SHAPE.replace(b"f 1//1 2//1 4//1", b"g 1//1 2//1 4//1"), "may be a face"),
+        ("b.obj", SHAPE.replace(b"//1", b"").replace(b"f 1 2 4", b"v 1 2 4"), "may be a face"),
+        ("a.obj", SHAPE, None),
+        ("a.ply", ply(POINTS, FACES).replace(
+            b"element extra 1\nproperty int a", b"element fabe 1\nproperty list uchar int "
+            b"vertex_index").replace(b"\n9\n", b"\n3 0 1 2\n"), "'fabe' have vertices, not read"),
+        ("k.yaml", (TWO_CAMERAS.replace("cam1", "cbm1")).encode(), "got a table 'cbm1'"),
+        ("k.yaml", (TWO_CAMERAS.replace("cam1", "cam01")).encode(), "got a table 'cam01'"),
+        ("k.yaml", (TWO_CAMERAS.replace("cam1", "Camera1")).encode(), "got a table 'Camera1'"),
+        ("k.yaml", (KALIBR.format(0) + "cam1: {}\n").encode(), "camera_model is missing"),
+        ("k.yaml", (KALIBR.format(0) + "cam1: [1]\n").encode(), "a table of names and values"),
+        ("k.yaml", (KALIBR.format(0) + "cam1:\n").encode(), "cam1 is missing"),
+        ("k.yaml", (KALIBR.format(0) + "imu0: {rate: 200}\n").encode(), "not read: imu0"),
+        ("k.yaml", TWO_CAMERAS.replace("distortion_coeffs", "distortion_coefgs", 1).encode(),
+         "and no 'distortion_coeffs'"),
+        ("ros.yaml", ROS.replace("distortion_coef", "distortion_boef").encode(),
+         "and no 'distortion_coefficients'"),
+        ("cv.yaml", STEREO.replace("R:", "S:").encode(), "not read: S of the file"),
+        ("transforms.json", CAMERAS["transforms.json", "frames"](2).replace(
+            b'"h"', b'"k1": 0, "j1": 0.5, "h"'), "not read: j1 of the file"),
+        ("o.json", json.dumps(opensfm(1, 2)).replace("rig_instances", "rig_instbnces").encode(),
+         "and no 'rig_instances'"),
+        ("m.xml", metashape(1, 2, "<k1>0.1</k1>").replace(b"k1>", b"j1>"), "j1 has no model here"),
+        ("m.xml", metashape(1, 2, "<cx>0.1</cx>").replace(b"cx>", b"bx>"), "not read: bx of"),
+        ("m.xml", metashape(1, 2).replace(b'<camera id="1"', b'<cbmera id="1"').replace(
+            b"</camera></cameras>", b"</cbmera></cameras>"), "not read: cbmera of"),
+        ("own.json", json.dumps(OWN).replace("rig_from", "rig_frol").encode(),
+         "and no 'rig_from_camera'"),
+        ("a.gltf", json.dumps(scene(2)).replace('"camera": 0}]', '"cbmera": 0}]').encode(),
+         "and no 'camera'"),
+    ],
+)  # fmt: skip
+def test_a_misspelt_name_is_noted_or_refused(name, data, text, tmp_path):
+    said = noted_or_refused(tmp_path / name, data)
+    assert (text in said) if text else (said == "")
+
+
+@pytest.mark.parametrize(
+    ("promised", "there", "text"),
+    [(3, 3, None), (4, 3, "promises 4 images, 3 are there"), (2, 3, "promises 2 images, 3 are")],
+)
+def test_the_header_of_colmap_is_held_against_what_was_read(promised, there, text, tmp_path):
+    (tmp_path / "cameras.txt").write_text("# Number of cameras: 1\n1 PINHOLE 9 9 1 1 1 1\n")
+    rows = "".join(f"{i} 1 0 0 0 0 0 {i} 1 a{i}\n\n" for i in range(1, there + 1))
+    head = f"# Image list\n# Number of images: {promised}, mean observations per image: 0\n"
+    (tmp_path / "images.txt").write_text(head + rows)
+    if promised > there:
+        with pytest.raises(CameraError, match=rf"images\.txt: the header {text}"):
+            rc.read_views(tmp_path, conventions=ANSWERS)
+    else:
+        notes = " ".join(rc.read_views(tmp_path).notes)
+        assert (text in notes) if text else (notes == "")
+
+
+def test_a_camera_that_became_a_comment_is_missed(tmp_path):
+    path = tmp_path / "cameras.txt"
+    rows = "".join(f"{i} PINHOLE 9 9 1 1 1 1\n" for i in (1, 2, 3))
+    path.write_text("# Number of cameras: 3\n" + rows.replace("3 PIN", "# PIN"))
+    with pytest.raises(CameraError, match="promises 3 cameras, 2 are there"):
+        rc.read_views(path)
+
+
+def test_our_own_text_models_promise_what_they_hold(tmp_path):
+    poses = rc.look_at(eyes=[(1.0, 2, 3), (3, 2, 1)], targets=(0, 0, 0))
+    views = rc.Views(rc.Rig([rc.Camera(**CAMERA)]), rc.Poses.of(poses), ("a", "b"))
+    rc.write_views(tmp_path / "a", views, format="colmap-text")
+    text = (tmp_path / "a" / "images.txt").read_text()
+    assert "# Number of images: 2" in text
+    (tmp_path / "a" / "images.txt").write_text(text[: text.rindex("\n2 ") + 1])
+    with pytest.raises(CameraError, match="promises 2 images, 1 are there"):
+        rc.read_views(tmp_path / "a")
+
+
+def test_a_slip_is_one_character_two_in_turn_or_upper_case():
+    for name in ("mesi", "mes", "meshh", "emsh", "MESH", "Mesh", "eesh"):
+        assert is_slip(name, "mesh"), name
+    for name in ("meshes", "name", "mehhs", "shme", "k1"):
+        assert not is_slip(name, "mesh"), name
+    assert not is_slip("k1", "k2")  # any two names of two characters are that near
+
+
+def test_a_slip_beside_the_right_name_is_only_noted():
+    found = UnknownNames(MeshError)
+    found.look("node 0", ["mesh", "mesi"], frozenset({"mesh"}))
+    assert found.notes() == ["not read: mesi of node 0; content may be missing"]
+    with pytest.raises(MeshError, match=r"node 1 has 'mesi', which the format .* no 'mesh'"):
+        found.look("node 1", ["mesi"], frozenset({"mesh"}))
+
+
+def test_many_unknown_names_are_one_short_note():
+    found = UnknownNames(MeshError)
+    found.look("a", [f"name {i} {'x' * 500}" for i in range(100)], frozenset({"mesh"}))
+    (note,) = found.notes()
+    assert "and 95 others" in note.replace(", 95", " and 95")
+    assert len(note) < 400

@@ -1,0 +1,160 @@
+"""Doubling any repeated part of a file, and its instances with it, doubles the work at most.
+
+Work is calls of functions of Python and of C, not seconds.
+"""
+
+import sys
+import tracemalloc
+
+import numpy as np
+import pytest
+from repeated_parts import CAMERAS, DAE, MESHES, THREEMF, exploding, unplaced_rigs
+
+import rastercov as rc
+from rastercov.camera_formats.conventions import Conventions
+from rastercov.errors import ResourceError
+from rastercov.mesh import Mesh
+
+SIZE = 100
+MOST_GROWTH = 2.5
+"""Work that is added by the second doubling, by that of the first; linear is 2, quadratic 4."""
+FEW_CALLS = 400
+"""Calls that a set or an array, which grows by itself, may add."""
+ANSWERS = Conventions(image_size=(640, 480), pixel_centre=0.5, lens_model="brown", pose_unit="m")
+
+
+def read_cameras(path):
+    return rc.read_views(path, conventions=ANSWERS)
+
+
+def calls_of(read, path):
+    """Calls while a file is read."""
+    n = 0
+
+    def count(frame, event, argument):
+        nonlocal n
+        n += event in ("call", "c_call")
+
+    sys.setprofile(count)
+    try:
+        read(path)
+    finally:
+        sys.setprofile(None)
+    return n
+
+
+def peak_of(read, path):
+    tracemalloc.start()
+    try:
+        read(path)
+        return tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+
+
+def refused(path):
+    with pytest.raises(ResourceError):
+        Mesh.load(path)
+
+
+def doublings(read, make, path, measure, size=SIZE):
+    """What the first and the second doubling add."""
+    found = []
+    for k in (1, 2, 4):
+        path.write_bytes(make(k * size))
+        found.append(measure(read, path))
+    return found[1] - found[0], found[2] - found[1]
+
+
+CASES = [(Mesh.load, *key, make) for key, make in MESHES.items()]
+CASES += [(read_cameras, *key, make) for key, make in CAMERAS.items()]
+NAMES = [f"{name} {part}" for _, name, part, _ in CASES]
+
+
+@pytest.mark.parametrize(("read", "name", "part", "make"), CASES, ids=NAMES)
+def test_a_part_twice_as_often_is_twice_the_work_at_most(read, name, part, make, tmp_path):
+    path = tmp_path / name
+    path.write_bytes(make(10))
+    read(path)  # imports, compiles
+    first, second = doublings(read, make, path, calls_of)
+    assert second <= MOST_GROWTH * max(first, 0) + FEW_CALLS
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("read", "name", "part", "make"), CASES, ids=NAMES)
+def test_a_part_twice_as_often_is_twice_the_memory_at_most(read, name, part, make, tmp_path):
+    path = tmp_path / name
+    path.write_bytes(make(10))
+    read(path)
+    first, second = doublings(read, make, path, peak_of)
+    assert second <= 3 * max(first, 0) + (1 << 16)
+
+
+def test_quadratic_work_is_seen(tmp_path):
+    def read(path):
+        n = len(path.read_bytes())
+        return [len("") for _ in range(n) for _ in range(n)]
+
+    first, second = doublings(read, lambda n: b"a" * n, tmp_path / "a", calls_of)
+    assert second > MOST_GROWTH * first + FEW_CALLS
+
+
+def test_rigs_without_places_are_one_note(tmp_path):
+    def make(n):
+        rows = [f"{i} PINHOLE 640 480 500 500 320 240\n" for i in range(2 * n)]
+        (tmp_path / "cameras.txt").write_text("".join(rows))
+        (tmp_path / "images.txt").write_text("1 1 0 0 0 0 0 0 0 a\n\n")
+        return unplaced_rigs(n).encode()
+
+    first, second = doublings(read_cameras, make, tmp_path / "rigs.txt", calls_of)
+    assert second <= MOST_GROWTH * first
+    notes = [note for note in read_cameras(tmp_path).notes if "no place" in note]
+    assert len(notes) == 1
+    assert "and 399 others" in notes[0]
+
+
+@pytest.mark.parametrize("name", ["a.3mf", "a.dae"])
+def test_instances_beyond_the_budget_are_refused_before_any_is_made(name, tmp_path):
+    path = tmp_path / name
+    for k in (25, 100, 400):
+        path.write_bytes(exploding(k)[name])
+        with pytest.raises(ResourceError, match=r"^[^\n]{,300}the budget is[^\n]{,200}$"):
+            Mesh.load(path)
+    assert calls_of(refused, path) < 100_000
+    assert peak_of(refused, path) < 10_000_000
+    path.write_bytes(exploding(4)[name])
+    assert Mesh.load(path).n_faces == 4 * 2**4
+
+
+def test_instances_are_where_their_nodes_put_them_one_by_one(tmp_path):
+    """A chain of elements with one part each is one step."""
+    from repeated_parts import dae, shared
+
+    rng = np.random.default_rng(0)
+    moves = [f"<rotate>0 0.6 0.8 {a}</rotate><translate>{a} 1 2</translate>" for a in rng.random(5)]
+    here = '<instance_geometry url="#g"/>'
+    nested = "".join(f"<node>{move}" for move in moves) + here + "</node>" * 5
+    in_one = f"<node>{''.join(moves)}{here}</node>"
+    corners = []
+    for data in (shared(2, nested), dae(in_one * 2)):
+        (tmp_path / "a.dae").write_bytes(data)
+        mesh = Mesh.load(tmp_path / "a.dae")
+        corners.append(mesh.vertices[mesh.faces])
+    np.testing.assert_allclose(*corners, rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("name", "data"),
+    [
+        ("a.3mf", THREEMF["unknown elements"](50)),
+        ("a.dae", DAE["unknown elements"](50)),
+        ("a.dae", DAE["unknown names"](50)),
+    ],
+    ids=["3mf", "dae", "names"],
+)
+def test_unknown_elements_are_one_note(name, data, tmp_path):
+    (tmp_path / name).write_bytes(data)
+    mesh = Mesh.load(tmp_path / name)
+    (note,) = [note for note in mesh.notes if "not read" in note]
+    assert note.count("a of") <= 1
+    assert len(note) < 400
