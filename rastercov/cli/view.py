@@ -3,6 +3,7 @@
 import os
 import webbrowser
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from threading import Thread
@@ -97,6 +98,7 @@ def view(
     [bold]A page to send[/]: rastercov view teapot -c khepra -p sphere:8 --export page.html
     """
     from rastercov.viewer.export import check_name, export_page
+    from rastercov.viewer.redirect import redirect
     from rastercov.viewer.server import Address, serve
     from rastercov.viewer.session import Session
 
@@ -137,18 +139,25 @@ def view(
         print(export_page(session, export))
         return
 
-    def started(url: str) -> None:
-        print(url, flush=True)
-        say("Ctrl-C ends it")
-        if no_browser:
-            return
-        if not any(os.environ.get(name) for name in DISPLAYS):
-            say("there is no display here: open the address elsewhere, its port forwarded by ssh")
-            return
-        # The page is answered once this thread serves; a browser may hold the one that opens it.
-        Thread(target=webbrowser.open, args=(url,), daemon=True).start()
+    with ExitStack() as redirecting:
 
-    serve(session, address, out, started)
+        def started(url: str) -> None:
+            print(url, flush=True)
+            say("Ctrl-C ends it")
+            if no_browser:
+                return
+            if not any(os.environ.get(name) for name in DISPLAYS):
+                say("there is no display: open the address elsewhere, its port forwarded by ssh")
+                return
+            try:
+                page = redirecting.enter_context(redirect(url)).as_uri()
+            except OSError as error:
+                say(f"no browser is opened ({error.strerror}); open the address")
+                return
+            # The page is answered once this thread serves; a browser may hold its own.
+            Thread(target=webbrowser.open, args=(page,), daemon=True).start()
+
+        serve(session, address, out, started, arrived=redirecting.close)
 
 
 def _of_plan(path: Path, rig: Views | None) -> "Scene":
