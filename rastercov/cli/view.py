@@ -2,7 +2,7 @@
 
 import os
 import webbrowser
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -16,7 +16,7 @@ from rastercov import shapes
 from rastercov.camera_formats.conventions import Border, Conventions
 from rastercov.cli import options
 from rastercov.cli.console import say, size_line, warn
-from rastercov.cli.inputs import read_scene
+from rastercov.cli.inputs import are_arguments, read_again, read_scene
 from rastercov.cli.views import read_cameras, read_eyes, read_rig
 from rastercov.errors import CameraError, ConfigError, MeshError
 from rastercov.mesh import Mesh
@@ -109,6 +109,8 @@ def view(
     def load(meshes: list[Path]) -> Mesh:
         return read_scene(meshes, unit, transform, occluder, two_sided, drop_invalid, target)
 
+    is_told = bool(transform or occluder or two_sided or target or drop_invalid or unit != ["m"])
+
     first = sources[0]
     is_plan = first.suffix.lower() == ".toml"
     if (is_plan or first.is_dir()) and poses is not None and poses.startswith("sphere:"):
@@ -129,7 +131,7 @@ def view(
             raise ConfigError("a plan names its meshes; give the plan alone")
         scene = _of_plan(first, rig)
     elif first.is_dir():
-        scene = _of_result(first, sources[1:], load, rig)
+        scene = _of_result(first, sources[1:], load, rig, is_told)
     else:
         scene = _of_meshes(sources, load, camera, poses, conventions, camera_name, task, unit)
     warn([*scene.mesh.warnings, *scene.notes])
@@ -172,11 +174,20 @@ def _of_plan(path: Path, rig: Views | None) -> "Scene":
         raise typer.Exit(2) from None
 
 
-def _of_result(folder: Path, meshes: list[Path], load: Load, rig: Views | None) -> "Scene":
-    """Scene of a result; its meshes are looked for beside it unless they are given."""
-    from rastercov.viewer.opening import open_result
+def _of_result(
+    folder: Path, meshes: list[Path], load: Load, rig: Views | None, is_told: bool
+) -> "Scene":
+    """Scene of a result, from its own arguments unless others are told.
+
+    Its meshes are looked for where they were, and beside it, unless they are given.
+    """
+    from rastercov.viewer.opening import open_result, run_of
 
     def found(names: list[str]) -> Mesh:
+        options = run_of(folder).get("options")
+        arguments = options.get("scene") if isinstance(options, Mapping) else None
+        if arguments is not None and are_arguments(arguments) and not is_told:
+            return read_again(folder, arguments, names, meshes)
         if meshes:
             return load(meshes)
         paths = []
