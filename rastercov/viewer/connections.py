@@ -96,10 +96,12 @@ class Listener(socket.socket):
         known = self.connections.get(number)
         if known is not None and known.is_open:
             return known
-        self.connections = {k: each for k, each in self.connections.items() if each.is_open}
-        if len(self.connections) >= MOST_CONNECTIONS:
+        self.connections.pop(number, None)
+        while len(self.connections) >= MOST_CONNECTIONS:
             anonymous = (k for k, each in self.connections.items() if not each.is_authenticated)
-            self.connections.pop(next(anonymous, next(iter(self.connections)))).close()
+            oldest = self.connections.pop(next(anonymous, next(iter(self.connections))))
+            if oldest.is_open:
+                oldest.close()
         made = self.connections[number] = Connection(of, monotonic())
         return made
 
@@ -107,8 +109,9 @@ class Listener(socket.socket):
         """Close connections whose time is over; for once a second."""
         asyncio.get_running_loop().set_exception_handler(_noted)
         now = monotonic()
-        for each in list(self.connections.values()):
-            if each.is_open and each.is_late(now):
+        self.connections = {k: each for k, each in self.connections.items() if each.is_open}
+        for each in self.connections.values():
+            if each.is_late(now):
                 each.close()
 
 

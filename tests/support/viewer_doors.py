@@ -37,7 +37,7 @@ def half_opened(kind, port):
         "head": f"GET / HTTP/1.1\r\n{host}x-a: ",
         "body": f"POST /api/act HTTP/1.1\r\n{host}content-length: 900000\r\n\r\n{{",
         "no HTTP": "\x16\x03\x01\x02\x00\x01\x00\x01",
-        "unread": f"GET /static/style.css HTTP/1.1\r\n{host}\r\n" * 5,
+        "unread": f"GET /static/style.css HTTP/1.1\r\n{host}\r\n",
     }
     made.sendall(starts[kind].encode("latin-1"))
     return made
