@@ -6,6 +6,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
+ABANDONED = "rastercov-abandoned"
+"""Prefix of the names of threads that an interrupted program does not wait for."""
+
 
 @contextmanager
 def interrupts_held() -> Iterator[None]:

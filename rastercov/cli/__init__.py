@@ -68,7 +68,11 @@ def main() -> None:
     # Names of files may hold what the terminal cannot show.
     if isinstance(sys.stdout, TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")
-    leave(command(sys.argv[1:]))
+    try:
+        code = command(sys.argv[1:])
+    except KeyboardInterrupt:  # a second one, while the first was reported
+        code = 130
+    leave(code)
 
 
 def command(arguments: Sequence[str]) -> int:

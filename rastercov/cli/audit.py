@@ -11,7 +11,7 @@ from rastercov.camera_formats import read_through
 from rastercov.camera_formats.conventions import Border, Conventions
 from rastercov.cli import options
 from rastercov.cli.console import progress_bar, say, warn
-from rastercov.cli.inputs import read_scene
+from rastercov.cli.inputs import arguments_of, read_scene
 from rastercov.cli.views import left_out
 from rastercov.cluster import Tally, Workers
 from rastercov.errors import CameraError, PoseError
@@ -95,7 +95,11 @@ def audit(
             )  # fmt: skip
 
         is_kept = staff is not None or is_long(len(poses), scene.n_faces)
-        _, summary = write(made, out, options, notes, is_kept=is_kept)
+        inputs = arguments_of(
+            out, meshes, unit=unit, transform=transform, occluders=occluder, two_sided=two_sided,
+            drop_invalid=drop_invalid, targets=target,
+        )  # fmt: skip
+        _, summary = write(made, out, options | {"scene": inputs}, notes, is_kept=is_kept)
     quarantined = summary["quarantined"]
     warn(f"pose {pose} left out: its process {end}" for pose, end in quarantined.items())
     if as_json:

@@ -7,7 +7,9 @@ import json
 import logging
 import math
 import os
+import signal
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -17,6 +19,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import typer
 from rich.console import Console
 
+from rastercov._interrupts import ABANDONED
 from rastercov.errors import RastercovError
 
 if TYPE_CHECKING:
@@ -94,8 +97,11 @@ def say(text: str, code: int = 2) -> int:
 def leave(code: int) -> NoReturn:
     """End the process with this exit code, whatever is left in the buffers of its streams.
 
-    Python writes them once more when it ends, and exits with 120 where that fails.
+    Python writes them once more when it ends, and exits with 120 where that fails; it would wait
+    for the threads that an interrupt leaves alone.
     """
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # nothing is left to interrupt
     for stream in (sys.stdout, sys.stderr):
         try:
             if stream is not None:
@@ -104,6 +110,8 @@ def leave(code: int) -> NoReturn:
             nowhere = os.open(os.devnull, os.O_WRONLY)
             os.dup2(nowhere, stream.fileno())
             os.close(nowhere)
+    if any(thread.name.startswith(ABANDONED) for thread in threading.enumerate()):
+        os._exit(code)
     sys.exit(code)
 
 

@@ -13,7 +13,7 @@ from rich.console import Console
 from rastercov.camera_formats.conventions import Conventions
 from rastercov.cli import options
 from rastercov.cli.console import progress_bar, say, warn
-from rastercov.cli.inputs import read_scene
+from rastercov.cli.inputs import arguments_of, read_scene
 from rastercov.cli.views import left_out, read_eyes
 from rastercov.cluster import Tally, Workers
 from rastercov.errors import PoseError
@@ -97,7 +97,11 @@ def evaluate(
         table=table,
         pictures=pictures,
         skip_bad_poses=skip_bad_poses,
-    )
+        scene=arguments_of(
+            out, meshes, unit=unit, transform=transform, occluders=occluder, two_sided=two_sided,
+            drop_invalid=drop_invalid, targets=target,
+        ),
+    )  # fmt: skip
     assert eyes.rig is not None
     run_and_print(scene, eyes.rig, eyes.poses, task, out, settings, as_json, staff)
 

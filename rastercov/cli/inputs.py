@@ -3,7 +3,10 @@
 Between `cli` and the chain: files and built-in meshes. `views` has cameras and pose files.
 """
 
+import os
 import tomllib
+from collections.abc import Collection, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -73,6 +76,69 @@ def read_scene(
     if not mesh.task_mask.any():
         raise MeshError("every group is an occluder; leave at least one to be covered")
     return mesh
+
+
+def arguments_of(out: Path, meshes: list[Path], **options: Any) -> dict[str, Any]:
+    """Arguments of `read_scene`, with the working folder, for the report in a folder.
+
+    The working folder is named as it is seen from there, so that both may move together.
+    """
+    folder = str(Path.cwd())
+    with suppress(ValueError):  # on another drive
+        folder = os.path.relpath(folder, out.resolve())
+    return {"folder": folder, "meshes": list(map(str, meshes)), **options}
+
+
+def are_arguments(value: Any) -> bool:
+    """True for what `arguments_of` gives, after a way through JSON."""
+    lists = {"meshes", "unit", "transform", "occluders", "two_sided", "targets"}
+    return (
+        isinstance(value, dict)
+        and value.keys() == lists | {"folder", "drop_invalid"}
+        and isinstance(value["folder"], str)
+        and isinstance(value["drop_invalid"], bool)
+        and all(isinstance(value[name], list) for name in lists)
+        and all(isinstance(entry, str) for name in lists for entry in value[name])
+    )
+
+
+def read_again(
+    result: Path, arguments: Mapping[str, Any], names: Collection[str], given: list[Path]
+) -> Mesh:
+    """Scene of `arguments_of` a result's folder, whose files have these names.
+
+    Files that are not where they were are looked for by their names in the working folder, in the
+    result's and beside it; `given` ones, in the order of the names or with the same, come first.
+    """
+    kept = dict(arguments)
+    places = [result.resolve() / kept.pop("folder"), Path.cwd(), result, result.resolve().parent]
+    files = [*kept["meshes"], *kept["occluders"], *kept["targets"]]
+    files = [file for file in files if Path(file).name in names and file not in shapes.NAMES]
+    found = {path.name: path for path in given}
+    if len(given) == len(files):
+        found = dict(zip([Path(file).name for file in files], given, strict=True)) | found
+    now: dict[str, str] = {}
+    for file in files:
+        name = Path(file).name
+        tries = [places[0] / file, *(place / name for place in places)]
+        if name in found:
+            tries = [found[name]]
+        near = next(filter(_is_file, tries), None)
+        if near is None:
+            raise MeshError(
+                f"{file} of {result} is neither where it was nor near; name it after the folder"
+            )
+        now[file] = str(near.resolve())
+
+    def moved(entry: str) -> str:
+        name, colon, value = entry.rpartition(":")
+        return now[name] + colon + value if name in now else now.get(entry, entry)
+
+    for name, entries in kept.items():
+        if isinstance(entries, list):
+            kept[name] = [moved(entry) for entry in entries]
+    kept["meshes"] = [Path(mesh) for mesh in kept["meshes"]]
+    return read_scene(**kept)
 
 
 def _is_file(name: str | Path) -> bool:

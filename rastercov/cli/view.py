@@ -2,7 +2,8 @@
 
 import os
 import webbrowser
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from threading import Thread
@@ -15,7 +16,7 @@ from rastercov import shapes
 from rastercov.camera_formats.conventions import Border, Conventions
 from rastercov.cli import options
 from rastercov.cli.console import say, size_line, warn
-from rastercov.cli.inputs import read_scene
+from rastercov.cli.inputs import are_arguments, read_again, read_scene
 from rastercov.cli.views import read_cameras, read_eyes, read_rig
 from rastercov.errors import CameraError, ConfigError, MeshError
 from rastercov.mesh import Mesh
@@ -97,6 +98,7 @@ def view(
     [bold]A page to send[/]: rastercov view teapot -c khepra -p sphere:8 --export page.html
     """
     from rastercov.viewer.export import check_name, export_page
+    from rastercov.viewer.redirect import redirect
     from rastercov.viewer.server import Address, serve
     from rastercov.viewer.session import Session
 
@@ -106,6 +108,8 @@ def view(
 
     def load(meshes: list[Path]) -> Mesh:
         return read_scene(meshes, unit, transform, occluder, two_sided, drop_invalid, target)
+
+    is_told = bool(transform or occluder or two_sided or target or drop_invalid or unit != ["m"])
 
     first = sources[0]
     is_plan = first.suffix.lower() == ".toml"
@@ -127,7 +131,7 @@ def view(
             raise ConfigError("a plan names its meshes; give the plan alone")
         scene = _of_plan(first, rig)
     elif first.is_dir():
-        scene = _of_result(first, sources[1:], load, rig)
+        scene = _of_result(first, sources[1:], load, rig, is_told)
     else:
         scene = _of_meshes(sources, load, camera, poses, conventions, camera_name, task, unit)
     warn([*scene.mesh.warnings, *scene.notes])
@@ -137,18 +141,25 @@ def view(
         print(export_page(session, export))
         return
 
-    def started(url: str) -> None:
-        print(url, flush=True)
-        say("Ctrl-C ends it")
-        if no_browser:
-            return
-        if not any(os.environ.get(name) for name in DISPLAYS):
-            say("there is no display here: open the address elsewhere, its port forwarded by ssh")
-            return
-        # The page is answered once this thread serves; a browser may hold the one that opens it.
-        Thread(target=webbrowser.open, args=(url,), daemon=True).start()
+    with ExitStack() as redirecting:
 
-    serve(session, address, out, started)
+        def started(url: str) -> None:
+            print(url, flush=True)
+            say("Ctrl-C ends it")
+            if no_browser:
+                return
+            if not any(os.environ.get(name) for name in DISPLAYS):
+                say("there is no display: open the address elsewhere, its port forwarded by ssh")
+                return
+            try:
+                page = redirecting.enter_context(redirect(url)).as_uri()
+            except OSError as error:
+                say(f"no browser is opened ({error.strerror}); open the address")
+                return
+            # The page is answered once this thread serves; a browser may hold its own.
+            Thread(target=webbrowser.open, args=(page,), daemon=True).start()
+
+        serve(session, address, out, started, arrived=redirecting.close)
 
 
 def _of_plan(path: Path, rig: Views | None) -> "Scene":
@@ -163,11 +174,20 @@ def _of_plan(path: Path, rig: Views | None) -> "Scene":
         raise typer.Exit(2) from None
 
 
-def _of_result(folder: Path, meshes: list[Path], load: Load, rig: Views | None) -> "Scene":
-    """Scene of a result; its meshes are looked for beside it unless they are given."""
-    from rastercov.viewer.opening import open_result
+def _of_result(
+    folder: Path, meshes: list[Path], load: Load, rig: Views | None, is_told: bool
+) -> "Scene":
+    """Scene of a result, from its own arguments unless others are told.
+
+    Its meshes are looked for where they were, and beside it, unless they are given.
+    """
+    from rastercov.viewer.opening import open_result, run_of
 
     def found(names: list[str]) -> Mesh:
+        options = run_of(folder).get("options")
+        arguments = options.get("scene") if isinstance(options, Mapping) else None
+        if arguments is not None and are_arguments(arguments) and not is_told:
+            return read_again(folder, arguments, names, meshes)
         if meshes:
             return load(meshes)
         paths = []

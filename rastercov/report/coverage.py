@@ -94,6 +94,7 @@ class Options:
     table: str | None = None  # of `pairs.CHOICES`; None: "seen", but none above `MOST_ROWS`
     pictures: int = 12  # poses to draw, spread evenly over the run; 0 for none
     skip_bad_poses: bool = False  # leave out poses that are no rigid motion
+    scene: Mapping[str, Any] | None = None  # arguments of the command that give the mesh again
 
     def __post_init__(self) -> None:
         if self.table is not None and self.table not in CHOICES:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from rastercov._checks import shown
+from rastercov._files import printable
 from rastercov.camera import Camera
 from rastercov.camera_file import PRESETS
 from rastercov.errors import ConfigError
@@ -316,10 +317,13 @@ def request_of(entries: Mapping[str, Any]) -> Request:
     try:
         return _REQUEST.validate_python(entries)
     except ValidationError as error:
-        first = error.errors(include_url=False, include_context=False)[0]
-        place = ".".join(str(each) for each in first["loc"])
+        first = error.errors(include_url=False)[0]
+        place = ".".join(printable(str(each), 40) for each in first["loc"])
         got = shown(first.get("input"))
-        raise ConfigError(f"{place or 'request'}: {first['msg']}, got {got}") from None
+        wanted = first["msg"]
+        if first["type"] == "union_tag_invalid":  # whose message has the whole tag
+            wanted = f"do must be one of {first['ctx']['expected_tags']}"
+        raise ConfigError(f"{place or 'request'}: {wanted}, got {got}") from None
 
 
 def straightened(pose: FloatArray) -> FloatArray:

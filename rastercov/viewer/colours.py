@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rastercov._checks import shown
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.report import theme
@@ -264,5 +265,5 @@ def _scaled(
 def mode_of(name: str, known: Sequence[str]) -> str:
     """The name of a mode; ConfigError where there is none of that name."""
     if name not in known:
-        raise ConfigError(f"mode must be one of {', '.join(known)}, got {name!r}")
+        raise ConfigError(f"mode must be one of {', '.join(known)}, got {shown(name)}")
     return name

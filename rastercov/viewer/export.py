@@ -14,7 +14,7 @@ from typing import Any
 from rastercov._output import write_text
 from rastercov.errors import ConfigError, RastercovError, ResourceError
 from rastercov.viewer.colours import NETWORK_MODES
-from rastercov.viewer.page_files import page_text, static_file
+from rastercov.viewer.page_files import digest_of, page_text, static_file
 from rastercov.viewer.session import Session, unframed
 
 MODES = (*NETWORK_MODES, "area", "segments")
@@ -97,36 +97,57 @@ def _shaders() -> dict[str, str]:
 
 
 def _embedded(data: dict[str, Any]) -> str:
-    """The page with its style, modules and data inside."""
-    text = page_text()
-    folder = files("rastercov.viewer") / "page"
-    modules = {
-        f"rastercov/{each.name}": "data:text/javascript;base64,"
-        + base64.b64encode(each.read_bytes()).decode()
-        for each in folder.iterdir()
-        if each.name.endswith(".js")
-    }
-    imports = json.dumps({"imports": modules})
-    style = (static_file("style.css") or b"").decode()
+    """The page with its style, modules and data inside; its policy lets it load nothing."""
+    style, script = (static_file("style.css") or b"").decode(), _script("main")
+    policy = (
+        f"default-src 'none'; script-src {digest_of(script)}; style-src {digest_of(style)}; "
+        "img-src blob: data:; connect-src 'none'; base-uri 'none'; form-action 'none'"
+    )
     inside, shaders = (_inside(each) for each in (data, _shaders()))
-    text = re.sub(
-        r'<script type="importmap">.*?</script>',
-        lambda found: (
-            f'<script type="importmap">{imports}</script>\n'
+    parts = {
+        '<meta charset="utf-8">': '<meta charset="utf-8">\n'
+        f'<meta http-equiv="Content-Security-Policy" content="{policy}">',
+        r'<link[^>]*href="/static/style\.css"[^>]*>': f"<style>{style}</style>",
+        r'<script type="importmap">.*?</script>': (
             f'<script type="application/json" id="shaders">{shaders}</script>\n'
             f'<script type="application/json" id="export">{inside}</script>'
         ),
-        text,
-        flags=re.DOTALL,
-    )
-    text = re.sub(
-        r'<link[^>]*href="/static/style\.css"[^>]*>', lambda found: f"<style>{style}</style>", text
-    )
-    return re.sub(
-        r'<script type="module" src="/static/([a-z0-9_]+\.js)"></script>',
-        lambda found: f'<script type="module">import "rastercov/{found.group(1)}";</script>',
-        text,
-    )
+        r'<script type="module" src="/static/main\.js"></script>': (
+            f'<script type="module">{script}</script>'
+        ),
+    }
+    text = page_text()
+    for pattern, part in parts.items():
+        before, after = re.split(pattern, text, flags=re.DOTALL)
+        text = before + part + after
+    return text
+
+
+_IMPORT = re.compile(r'^import (\{.*?\}) from "rastercov/(\w+)\.js";$', re.DOTALL | re.MULTILINE)
+_EXPORT = re.compile(r"^export ((?:async )?(?:class|function|const) (\w+))", re.MULTILINE)
+
+
+def _script(name: str) -> str:
+    """A module and those that it imports as one script, which a policy can name by its hash.
+
+    A module becomes a function that gives its exports, called once, after those that it imports.
+    """
+    made: dict[str, str] = {}
+
+    def add(module: str) -> None:
+        text = (static_file(f"{module}.js") or b"").decode()
+        for imported in _IMPORT.findall(text):
+            if imported[1] not in made:
+                add(imported[1])
+        exports = ", ".join(found[1] for found in _EXPORT.findall(text))
+        text = _IMPORT.sub(lambda found: f"const {found[1]} = {found[2]}_js;", text)
+        made[module] = (
+            f"const {module}_js = (() => {{\n{_EXPORT.sub(lambda found: found[1], text)}\n"
+            f"return {{ {exports} }};\n}})();\n"
+        )
+
+    add(name)
+    return "".join(made.values())
 
 
 def _inside(data: Any) -> str:

@@ -84,6 +84,19 @@ def kind_of(folder: Path) -> str | None:
     return None
 
 
+def run_of(folder: Path) -> Mapping[str, Any]:
+    """Provenance of the result in a folder; ConfigError where there is none."""
+    name = next((name for name in RESULTS if (folder / name).is_file()), None)
+    if name is None:
+        known = ", ".join(RESULTS)
+        raise ConfigError(f"{printable(str(folder))} is no result: it has none of {known}")
+    content = _read(folder / name)
+    run = content.get("run") or content.get("made_from") or {}
+    if not isinstance(run, Mapping) or "scene" not in run:
+        raise ConfigError(f"{folder / name} does not say what it is of; make it again")
+    return run
+
+
 def open_result(folder: Path, load: Callable[[list[str]], Mesh]) -> Scene:
     """Scene of the folder of a result.
 
@@ -99,17 +112,17 @@ def open_result(folder: Path, load: Callable[[list[str]], Mesh]) -> Scene:
     ConfigError
         For another folder, one without its cameras, and a mesh that is not that of the result.
     """
-    kind = kind_of(folder)
-    if kind is None:
-        known = ", ".join(RESULTS)
-        raise ConfigError(f"{printable(str(folder))} is no result: it has none of {known}")
-    name = next(name for name, (each, _) in RESULTS.items() if each == kind)
-    content = _read(folder / name)
-    run = content.get("run") or content.get("made_from") or {}
-    if not isinstance(run, Mapping) or "scene" not in run:
-        raise ConfigError(f"{folder / name} does not say what it is of; make it again")
+    run = run_of(folder)
+    kind, title = next(each for name, each in RESULTS.items() if (folder / name).is_file())
     files = [str(each["name"]) for each in run.get("mesh", ())]
     mesh = _with_roles(load(files), run["scene"])
+    before = {(each["name"], each.get("sha256")) for each in run.get("mesh", ())}
+    for now in mesh.sources:
+        if now.name in files and (now.name, now.sha256) not in before:
+            raise ConfigError(
+                f"{now.name} is not the file that {folder} was made of; make it again, or name "
+                "that file after the folder"
+            )
     if sha256(mesh.vertices, mesh.faces, mesh.face_group) != run["scene"]["sha256"]:
         other = f"; or give the plan, with --poses {folder / RIGS[kind]}" if kind == "place" else ""
         raise ConfigError(
@@ -125,7 +138,7 @@ def open_result(folder: Path, load: Callable[[list[str]], Mesh]) -> Scene:
         named = bool(views.camera_names)
         views = views.with_cameras(rig) if named else replace(views, rig=rig)
     task = Task(**{k: v for k, v in run.get("task", {}).items() if k in Task.__dataclass_fields__})
-    words = f"{RESULTS[name][1]} in {folder}"
+    words = f"{title} in {folder}"
     return Scene(
         folder.resolve().name, mesh, _state(views, task), result={"kind": kind, "words": words}
     )

@@ -1,5 +1,7 @@
 """Files of the page: its modules, style and shaders, which hold no data."""
 
+import base64
+import hashlib
 import re
 from importlib.resources import files
 from pathlib import Path
@@ -22,3 +24,8 @@ def static_file(name: str) -> bytes | None:
     folder = "rastercov" if name.startswith("shaders/") else "rastercov.viewer"
     place = files(folder) / name if folder == "rastercov" else files(folder) / "page" / name
     return place.read_bytes() if place.is_file() else None
+
+
+def digest_of(text: str) -> str:
+    """Source of a content security policy: a text inside the page itself."""
+    return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"

@@ -6,22 +6,23 @@ refused, so that a page elsewhere cannot reach it by a name of its own (DNS rebi
 address needs a certificate and a token of the user's.
 """
 
-import base64
-import hashlib
+import asyncio
 import hmac
 import ipaddress
 import json
+import logging
 import re
 import secrets
-import socket
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rastercov._files import StrPath
+from rastercov._files import StrPath, one_line
+from rastercov._interrupts import ABANDONED
 from rastercov.errors import ConfigError, ResourceError
-from rastercov.viewer.page_files import TYPES, page_text, static_file
+from rastercov.viewer.page_files import TYPES, digest_of, page_text, static_file
 from rastercov.viewer.saving import Saving
 from rastercov.viewer.session import Session, StaleError
 from rastercov.viewer.work import BusyError, Work
@@ -31,8 +32,15 @@ if TYPE_CHECKING:
     from starlette.requests import Request
     from starlette.responses import Response
 
+LOG = logging.getLogger("rastercov")
+Answer = Callable[[Any, Any], "Response"]
+"""Answer to a query and a body."""
 MOST_BYTES = 1 << 20
 """Longest request: poses and thresholds have some hundred bytes."""
+LONGEST_ERROR = 300
+"""Characters of an error, of which a request may have chosen most."""
+SECONDS_TO_CLOSE = 1.0
+"""Time that an answer has to end when the program does."""
 LEAST_TOKEN = 22
 """Characters of a token of the user's: 128 bits in base 64."""
 INSTALL = "the viewer needs starlette and uvicorn; install rastercov[view]"
@@ -127,9 +135,16 @@ def _read_token(path: Path) -> str:
 
 
 def application(
-    session: Session, address: Address, port: int, out: Path | None = None
+    session: Session,
+    address: Address,
+    port: int,
+    out: Path | None = None,
+    arrived: Callable[[], None] = lambda: None,
 ) -> "Starlette":
     """ASGI application of a session that is reached at a port.
+
+    `out` is the folder for what the page saves; `arrived` is called at the first request with the
+    token.
 
     Raises
     ------
@@ -142,12 +157,13 @@ def application(
     except ImportError:
         raise ResourceError(INSTALL) from None
     routes = _Routes(session, Work(session), Saving(session, out))
+    threads = ThreadPoolExecutor(thread_name_prefix=ABANDONED)
     made = [Route("/", _page), Route("/static/{name:path}", _static)]
     for path, method, answer in routes.table():
-        made.append(Route(f"/api/{path}", answer, methods=[method]))
+        made.append(Route(f"/api/{path}", _endpoint(threads, answer), methods=[method]))
     app = Starlette(routes=made)
     guard: Any = _Guard
-    app.add_middleware(guard, hosts=_hosts(address, port), token=address.token)
+    app.add_middleware(guard, hosts=_hosts(address, port), token=address.token, arrived=arrived)
     return app
 
 
@@ -162,8 +178,11 @@ def _hosts(address: Address, port: int) -> tuple[str, ...]:
 class _Guard:
     """Middleware that refuses other hosts, origins and tokens, and sets headers of safety."""
 
-    def __init__(self, app: Any, hosts: Sequence[str], token: str) -> None:
+    def __init__(
+        self, app: Any, hosts: Sequence[str], token: str, arrived: Callable[[], None]
+    ) -> None:
         self.app, self.hosts, self.token = app, set(hosts), token.encode()
+        self.arrived: Callable[[], None] | None = arrived
         self.origins = {f"{scheme}://{host}" for host in hosts for scheme in ("http", "https")}
 
     async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
@@ -179,12 +198,23 @@ class _Guard:
             await _error(403, fault)(scope, receive, send)
             return
 
+        if scope["path"].startswith("/api/"):
+            self._authenticated(scope)
+
         async def with_headers(message: Any) -> None:
             if message["type"] == "http.response.start":
                 message["headers"] = [*message["headers"], *_SAFETY]
             await send(message)
 
         await self.app(scope, receive, with_headers)
+
+    def _authenticated(self, scope: Any) -> None:
+        """Take note of a request with the token."""
+        if (connection := scope.get("state", {}).get("connection")) is not None:
+            connection.is_authenticated = True
+        if self.arrived is not None:
+            arrived, self.arrived = self.arrived, None
+            arrived()
 
     def _fault(self, path: str, headers: dict[bytes, bytes]) -> str:
         host = headers.get(b"host", b"").decode("latin-1").lower()
@@ -209,19 +239,19 @@ _SAFETY = [
 ]
 
 
-def _error(status: int, text: str, **more: Any) -> "Response":
+def _error(status: int, text: str) -> "Response":
     from starlette.responses import JSONResponse
 
-    return JSONResponse({"error": text, **more}, status_code=status)
+    line = text if len(text) <= LONGEST_ERROR else f"{text[: LONGEST_ERROR - 1]}…"
+    return JSONResponse({"error": line}, status_code=status)
 
 
 def policy(page: str) -> str:
     """Content security policy of a page: its own files, and the import map by its hash."""
     found = _IMPORT_MAP.search(page)
-    digest = hashlib.sha256((found.group(1) if found else "").encode()).digest()
     return (
         "default-src 'none'; script-src 'self' "
-        f"'sha256-{base64.b64encode(digest).decode()}'; style-src 'self'; "
+        f"{digest_of(found.group(1) if found else '')}; style-src 'self'; "
         "img-src 'self' blob: data:; connect-src 'self'; base-uri 'none'; form-action 'none'; "
         "frame-ancestors 'none'"
     )
@@ -250,24 +280,24 @@ class _Routes:
     def __init__(self, session: Session, work: Work, saving: Saving) -> None:
         self.session, self.work, self.saving = session, work, saving
 
-    def table(self) -> list[tuple[str, str, Any]]:
+    def table(self) -> list[tuple[str, str, Answer]]:
         """Path, method and function of each answer."""
         session, work, saving = self.session, self.work, self.saving
         return [
             ("scene", "GET", _json(lambda query, body: session.described())),
-            ("soup", "GET", _answer(self._soup)),
-            ("groups", "GET", _answer(lambda query, body: _octets(session.scene.groups()))),
+            ("soup", "GET", self._soup),
+            ("groups", "GET", lambda query, body: _octets(session.scene.groups())),
             ("state", "GET", _json(lambda query, body: session.described_state())),
             ("ping", "GET", _json(lambda query, body: {"revision": session.history.revision})),
-            ("act", "POST", _answer(lambda query, body: _octets(session.act(body)))),
-            ("image", "GET", _answer(self._image)),
+            ("act", "POST", lambda query, body: _octets(session.act(body))),
+            ("image", "GET", self._image),
             ("why", "GET", _json(lambda query, body: session.why(_whole(query, "face")))),
             ("zones", "GET", _json(lambda query, body: session.zones())),
             ("job", "POST", _json(lambda query, body: {"id": work.start(body)})),
             ("job", "GET", _json(lambda query, body: work.described())),
             ("job/cancel", "POST", _json(self._cancel)),
             ("save", "POST", _json(lambda query, body: saving.save(_what(body)))),
-            ("download", "GET", _answer(self._download)),
+            ("download", "GET", self._download),
         ]
 
     def _soup(self, query: Any, body: Any) -> "Response":
@@ -287,13 +317,13 @@ class _Routes:
         return _octets(data, {"content-disposition": f'attachment; filename="{name}"'})
 
 
-def _json(answer: Callable[[Any, Any], Any]) -> Any:
+def _json(answer: Callable[[Any, Any], Any]) -> Answer:
     def text(query: Any, body: Any) -> "Response":
         from starlette.responses import Response
 
         return Response(json.dumps(answer(query, body)), media_type="application/json")
 
-    return _answer(text)
+    return text
 
 
 def _octets(data: bytes, headers: dict[str, str] | None = None) -> "Response":
@@ -302,29 +332,38 @@ def _octets(data: bytes, headers: dict[str, str] | None = None) -> "Response":
     return Response(data, media_type="application/octet-stream", headers=headers)
 
 
-def _answer(answer: Callable[[Any, Any], "Response"]) -> Any:
-    """Endpoint that reads the body, answers in a thread, and reports errors in one line."""
+def _endpoint(threads: ThreadPoolExecutor, answer: Answer) -> Any:
+    """Endpoint that reads the body, answers in a thread, and reports errors in one line.
+
+    A server that ends does not wait for `threads`, as it would for those of Starlette.
+    """
 
     async def endpoint(request: "Request") -> "Response":
-        from starlette.concurrency import run_in_threadpool
+        from starlette.requests import ClientDisconnect
+        from starlette.responses import Response
 
         from rastercov.errors import RastercovError
 
+        loop = asyncio.get_running_loop()
         try:
             body = await _body(request) if request.method == "POST" else None
-            return await run_in_threadpool(answer, request.query_params, body)
+            return await loop.run_in_executor(threads, answer, request.query_params, body)
+        except ClientDisconnect:
+            return Response()  # to no one
         except _TooLong:
             refused = _error(413, f"a request has at most {MOST_BYTES:,} bytes")
             refused.headers["connection"] = "close"  # the rest is not read
             return refused
-        except StaleError as error:
-            return _error(409, str(error))
-        except BusyError as error:
+        except (StaleError, BusyError) as error:
             return _error(409, str(error))
         except (RastercovError, MemoryError) as error:
             return _error(400, str(error) or type(error).__name__)
         except OSError as error:
             return _error(400, f"{error.filename or 'file'}: {error.strerror or error}")
+        except Exception as error:
+            fault = f"{type(error).__name__}: {one_line(error)} (a defect of rastercov)"
+            LOG.warning("viewer: %s", fault)
+            return _error(500, fault)
 
     return endpoint
 
@@ -369,35 +408,23 @@ def _what(body: dict[str, Any]) -> str:
     return str(body["what"])
 
 
-def bound(address: Address) -> socket.socket:
-    """A socket that is bound to the address, of a free port where it is 0.
-
-    Raises
-    ------
-    ConfigError
-        For a port that is taken, or an address that this machine does not have.
-    """
-    family = socket.AF_INET6 if ":" in address.host else socket.AF_INET
-    made = socket.socket(family, socket.SOCK_STREAM)
-    made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-    try:
-        made.bind((address.host, address.port))
-    except OSError as error:
-        made.close()
-        raise ConfigError(
-            f"{address.host}:{address.port} cannot be bound ({error.strerror or error}); take "
-            "another --port, 0 for a free one"
-        ) from None
-    return made
-
-
 def serve(
     session: Session,
     address: Address,
     out: Path | None = None,
     started: Callable[[str], None] = lambda url: None,
+    arrived: Callable[[], None] = lambda: None,
 ) -> None:
-    """Serve a session until Ctrl-C; `started` gets the URL when it can be opened.
+    """Serve a session until Ctrl-C.
+
+    Parameters
+    ----------
+    session, address, out
+        As for `application`.
+    started : callable
+        Gets the URL when it can be opened.
+    arrived : callable
+        Called when a page with the token has come.
 
     Raises
     ------
@@ -408,19 +435,17 @@ def serve(
     """
     try:
         import uvicorn
+
+        from rastercov.viewer.connections import bound, settings
     except ImportError:
         raise ResourceError(INSTALL) from None
-    with bound(address) as made:
-        port = made.getsockname()[1]
-        config = uvicorn.Config(
-            application(session, address, port, out),
-            log_level="warning", access_log=False, server_header=False, ws="none",
-            lifespan="off", ssl_certfile=address.certificate, ssl_keyfile=address.key,
-            timeout_graceful_shutdown=2, limit_concurrency=64,
-        )  # fmt: skip
-        made.listen(64)
+    with bound(address.host, address.port) as listener:
+        port = listener.getsockname()[1]
+        app = application(session, address, port, out, arrived)
+        config = settings(app, listener, address.certificate, address.key)
+        listener.listen()
         started(address.url(port))
         try:
-            uvicorn.Server(config).run(sockets=[made])
+            uvicorn.Server(config).run(sockets=[listener])
         finally:
-            session.close()
+            session.close(SECONDS_TO_CLOSE)

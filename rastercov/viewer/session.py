@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov._checks import shown
 from rastercov.area.network import AreaNetwork
 from rastercov.errors import ConfigError
 from rastercov.models import MODELS
@@ -66,10 +67,13 @@ class Session:
         """The present state."""
         return self.history.state
 
-    def close(self) -> None:
-        """Give back what measures."""
-        with self.lock:
-            self.measurements.close()
+    def close(self, seconds: float = -1) -> None:
+        """Give back what measures, unless an answer takes more than `seconds`; -1 waits for it."""
+        if self.lock.acquire(timeout=seconds):
+            try:
+                self.measurements.close()
+            finally:
+                self.lock.release()
 
     def described(self) -> dict[str, Any]:
         """The scene, ready for JSON."""
@@ -268,7 +272,7 @@ class Session:
     def _by_model(self, state: RigState, name: str) -> NetworkFigures:
         """Figures with the coverage of a model in place of ours."""
         if name not in MODELS:
-            raise ConfigError(f"model must be one of {', '.join(MODELS)}, got {name!r}")
+            raise ConfigError(f"model must be one of {', '.join(MODELS)}, got {shown(name)}")
         figures = NetworkFigures(self.scene.mesh, state, self.measurements.rows(state, state.on))
         figures.best[:] = 0
         for station in state.on:
@@ -302,5 +306,5 @@ def _option(known: tuple[dict[str, Any], ...], given: Mapping[str, Any], name: s
     value = given.get(name, default)
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
     if is_number != isinstance(default, float):
-        raise ConfigError(f"{name} must be like {default!r}, got {value!r}")
+        raise ConfigError(f"{name} must be like {default!r}, got {shown(value)}")
     return value

@@ -8,6 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from rastercov._checks import shown
 from rastercov._format import area
+from rastercov._interrupts import ABANDONED
 from rastercov.errors import ConfigError, RastercovError
 from rastercov.viewer.improve import Cancelled, Progress, poses_of_camera, refined, tries, with_next
 from rastercov.viewer.measurements import Measurements, exact_area
@@ -86,7 +87,7 @@ class Work:
                 "words": "",
             }  # fmt: skip
             self._cancel.clear()
-            self._thread = Thread(target=self._run, args=(asked,), daemon=True)
+            self._thread = Thread(target=self._run, args=(asked,), daemon=True, name=ABANDONED)
             self._thread.start()
         return number
 

@@ -6,7 +6,6 @@ something, so contexts bypass it; `test_server.py` checks the policy itself.
 """
 
 import shutil
-import socket
 import threading
 import time
 from contextlib import contextmanager
@@ -19,7 +18,9 @@ TOKEN = "a-token-of-the-tests-0123456789"
 class Program:
     """A server of a session on a port of its own, as `rastercov view` runs it."""
 
-    def __init__(self, session, port=0, token=TOKEN, out=None):
+    def __init__(self, session, port=0, token=TOKEN, out=None, files=(None, None)):
+        self.files = files  # certificate and key
+        self.arrived = lambda: None
         self.session, self.token, self.out = session, token, out
         self.port, self._server, self._thread = port, None, None
 
@@ -30,18 +31,15 @@ class Program:
     def start(self):
         import uvicorn
 
+        from rastercov.viewer.connections import bound, settings
         from rastercov.viewer.server import Address, application
 
-        made = socket.socket()
-        made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        made.bind(("127.0.0.1", self.port))
+        made = bound("127.0.0.1", self.port)
         made.listen()
         self.port = made.getsockname()[1]
-        app = application(self.session, Address(token=self.token), self.port, self.out)
-        config = uvicorn.Config(
-            app, log_level="error", lifespan="off", ws="none", timeout_graceful_shutdown=1
-        )
-        self._server = uvicorn.Server(config)
+        address = Address(token=self.token)
+        app = application(self.session, address, self.port, self.out, self.arrived)
+        self._server = uvicorn.Server(settings(app, made, *self.files))
         self._thread = threading.Thread(
             target=self._server.run, kwargs={"sockets": [made]}, daemon=True
         )
@@ -75,9 +73,15 @@ class Tab:
         self.faults, self.requests = [], []
         self.page.on("pageerror", lambda error: self.faults.append(str(error)))
         self.page.on("request", lambda request: self.requests.append(request.url))
+        self.page.on("console", self._heard)
         self.page.goto(url)
-        self.page.wait_for_function("window.rastercov?.session.figures !== undefined")
+        while not self.js("window.rastercov?.session.figures !== undefined"):
+            self.page.wait_for_timeout(50)
         self.idle()
+
+    def _heard(self, message):
+        if message.type == "error" and "Content Security Policy" in message.text:
+            self.faults.append(message.text)
 
     def idle(self):
         """Wait until no answer and no picture is due."""

@@ -386,3 +386,46 @@ def test_a_static_page_shows_and_changes_colours_without_a_program(context, prog
     tab.page.locator(".why .figures").wait_for()
     assert [url for url in tab.requests if not url.startswith(("file:", "data:", "blob:"))] == []
     assert tab.faults == []
+
+
+INJECTED = """() => {
+  window.ran = [];
+  const text = document.createElement("script");
+  text.textContent = "window.ran.push('inline')";
+  const data = document.createElement("script");
+  data.src = "data:text/javascript,window.ran.push('data')";
+  const image = document.createElement("img");
+  image.src = "http://example.org/image.png";
+  const button = document.createElement("button");
+  button.setAttribute("onclick", "window.ran.push('attribute')");
+  document.body.append(text, data, image, button);
+  button.click();
+}"""
+"""What a page does with markup that reached it in spite of everything."""
+
+
+@pytest.mark.parametrize("is_served", [True, False])
+def test_the_policy_of_a_page_stops_what_is_not_its_own(browser, program, tmp_path, is_served):
+    """With the policy in force, as in no other test: the page works, and nothing is injected."""
+    from rastercov.viewer.export import export_page
+
+    url = program.url if is_served else export_page(program.session, tmp_path / "a.html").as_uri()
+    context = browser.new_context(viewport={"width": 1180, "height": 620})
+    try:
+        tab = Tab(context, url)
+        assert tab.levels() == program.session.frame("reason", {})[-ROOM.n_faces :]
+        for panel in ("Object", "Cameras", "Camera", "Image", "Network"):
+            tab.open(panel)
+        tab.idle()
+        assert tab.faults == []
+        own = (url.partition("/#")[0], "data:", "blob:")
+        assert [each for each in tab.requests if not each.startswith(own)] == []
+        tab.js(INJECTED)
+        tab.page.wait_for_timeout(500)
+        assert tab.js("window.ran") == []
+        said = tab.js("fetch('http://example.org/').then(() => 'sent', (error) => error.name)")
+        assert said == "TypeError"
+        for name in ("http://example.org/image.png", "http://example.org/'"):
+            assert any(name in fault for fault in tab.faults)
+    finally:
+        context.close()

@@ -1,6 +1,7 @@
 """What the viewer saves and opens: rigs, plans, reports, results, and pages of one file."""
 
 import base64
+import hashlib
 import json
 import os
 import re
@@ -8,6 +9,7 @@ import subprocess
 import sys
 import time
 import tomllib
+from importlib.resources import files
 
 import httpx
 import numpy as np
@@ -156,11 +158,14 @@ def test_nothing_is_saved_without_a_folder_or_a_camera(tmp_path):
 def test_a_page_of_one_file_has_all_its_modules_and_data():
     session = session_of()
     page = exported(session)
-    imports = json.loads(re.search(r'<script type="importmap">(.*?)</script>', page, re.S)[1])
-    for name, url in imports["imports"].items():
-        text = base64.b64decode(url.removeprefix("data:text/javascript;base64,")).decode()
-        for wanted in re.findall(r'^(?:import|export)[^;]*?from "([^"]+)"', text, re.M):
-            assert wanted in imports["imports"], (name, wanted)
+    [script] = re.findall(r'<script type="module">(.*?)</script>', page, re.S)
+    assert re.findall(r"^(?:import|export)\b.*", script, re.M) == []
+    modules = re.findall(r"^const (\w+)_js = \(", script, re.M)
+    folder = files("rastercov.viewer") / "page"
+    assert sorted(modules) == sorted(x.name[:-3] for x in folder.iterdir() if x.suffix == ".js")
+    for row, name in enumerate(modules):  # each after those that it uses
+        text = script.partition(f"const {name}_js = (")[2].partition("\n})();\n")[0]
+        assert set(re.findall(r"^const \{[^}]*\} = (\w+)_js;", text, re.M)) <= {*modules[:row]}
     assert 'src="/' not in page
     assert 'href="/' not in page
     inside = re.search(r'<script type="application/json" id="export">(.*?)</script>', page, re.S)[1]
@@ -170,6 +175,22 @@ def test_a_page_of_one_file_has_all_its_modules_and_data():
         assert base64.b64decode(frame["levels"]) == levels
     assert set(data["frames"]) >= {"reason", "camera", "area"}
     assert not data["scene"]["can_edit"]
+    session.close()
+
+
+def test_the_policy_of_a_page_of_one_file_names_its_script_and_style():
+    session = session_of()
+    page = exported(session)
+    [policy] = re.findall(r'http-equiv="Content-Security-Policy" content="([^"]*)"', page)
+    assert page.index(policy) < page.index("<script")
+    assert "unsafe" not in policy
+    rules = dict(each.strip().split(" ", 1) for each in policy.split(";"))
+    assert rules["default-src"] == rules["connect-src"] == "'none'"
+    assert rules["base-uri"] == rules["form-action"] == "'none'"
+    for tag, rule in (("script", "script-src"), ("style", "style-src")):
+        run = re.findall(rf"<{tag}(?![^>]*application/json)[^>]*>(.*?)</{tag}>", page, re.S)
+        digests = [base64.b64encode(hashlib.sha256(x.encode()).digest()).decode() for x in run]
+        assert rules[rule] == " ".join(f"'sha256-{each}'" for each in digests)
     session.close()
 
 

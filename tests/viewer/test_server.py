@@ -11,6 +11,7 @@ import pytest
 from rigs_to_view import around, moved, part, session_of
 
 from rastercov import ConfigError
+from rastercov.viewer.connections import bound, settings
 from rastercov.viewer.page_files import page_text, static_file
 from rastercov.viewer.server import Address, application, policy, serve
 from rastercov.viewer.session import unframed
@@ -31,10 +32,11 @@ def session():
 @contextmanager
 def running(session, out=None):
     """A server on a free port; gives the port."""
-    made = socket.create_server(("127.0.0.1", 0))
+    made = bound("127.0.0.1", 0)
+    made.listen()
     port = made.getsockname()[1]
     app = application(session, ADDRESS, port, out)
-    server = uvicorn.Server(uvicorn.Config(app, log_level="error", lifespan="off", ws="none"))
+    server = uvicorn.Server(settings(app, made, None, None))
     thread = threading.Thread(target=server.run, kwargs={"sockets": [made]}, daemon=True)
     thread.start()
     while not server.started:

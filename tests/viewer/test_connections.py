@@ -1,0 +1,222 @@
+"""What a user without the token can do to the server: nothing that its owner notices."""
+
+import shutil
+import socket
+import subprocess
+import time
+
+import httpx
+import pytest
+from browser import TOKEN, Program
+from rigs_to_view import session_of
+from viewer_doors import KINDS, half_opened, interrupted, many_half_opened, seconds_to_close
+
+pytest.importorskip("uvicorn", reason="the viewer needs rastercov[view]")
+from rastercov.viewer import connections
+from rastercov.viewer.scene import Scene
+
+OWN = {"x-rastercov-token": TOKEN}
+EDIT = {"revision": 0, "mode": "reason", "action": {"do": "none"}}
+SOON = 2.0
+"""Seconds of CPU time, of the server and what asks it: other work on the machine does not count."""
+
+
+@pytest.fixture
+def program():
+    session = session_of(count=2)
+    running = Program(session)
+    running.start()
+    yield running
+    running.stop()
+    session.close()
+
+
+@pytest.fixture
+def quick(monkeypatch):
+    """Limits of time of a second."""
+    monkeypatch.setattr(connections, "ANONYMOUS_SECONDS", 1.0)
+    monkeypatch.setattr(connections, "REQUEST_SECONDS", 1.0)
+
+
+def asked(program, path="/api/ping"):
+    began = time.process_time()
+    answer = httpx.get(f"http://127.0.0.1:{program.port}{path}", headers=OWN, timeout=60)
+    assert answer.status_code == 200
+    return time.process_time() - began
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_half_open_connections_do_not_shut_out_the_owner(program, kind):
+    asked(program)
+    with many_half_opened(300, program.port, [kind]):
+        assert asked(program) < SOON
+        assert asked(program, "/") < SOON
+        assert asked(program, "/api/scene") < SOON
+
+
+@pytest.mark.slow
+def test_ten_thousand_half_open_connections_do_not_shut_out_the_owner(program):
+    asked(program)
+    with many_half_opened(10_000, program.port):
+        for _ in range(5):
+            assert asked(program) < SOON
+            assert asked(program, "/") < SOON
+
+
+def test_a_connection_with_the_token_keeps_its_place(program):
+    with httpx.Client(headers=OWN, timeout=30) as client:
+        url = f"http://127.0.0.1:{program.port}/api/ping"
+        client.get(url)
+        place = client.get(url).extensions["network_stream"].get_extra_info("client_addr")
+        with many_half_opened(300, program.port):
+            answer = client.get(url)
+        assert answer.extensions["network_stream"].get_extra_info("client_addr") == place
+
+
+@pytest.mark.parametrize(("kind", "trickle"), [
+    ("silent", b""), ("silent", b"G"), ("head", b"a"), ("body", b" "), ("unread", b"")
+])  # fmt: skip
+def test_a_connection_without_the_token_has_little_time(program, quick, kind, trickle):
+    """A body is read to no end although its request was refused."""
+    with half_opened(kind, program.port) as line:
+        assert seconds_to_close(line, 20, trickle) < 10
+
+
+def test_a_body_with_the_token_has_a_limit_of_time(program, quick):
+    head = (
+        f"POST /api/act HTTP/1.1\r\nHost: 127.0.0.1:{program.port}\r\nContent-Length: 9000\r\n"
+        f"Content-Type: application/json\r\nX-Rastercov-Token: {TOKEN}\r\n\r\n"
+    )
+    with socket.create_connection(("127.0.0.1", program.port)) as line:
+        line.sendall(head.encode())
+        assert seconds_to_close(line, 20, b" ") < 10
+
+
+def test_an_answer_may_take_any_time(program, quick, monkeypatch):
+    session = program.session
+    act = session.act
+    monkeypatch.setattr(session, "act", lambda body: time.sleep(4) or act(body))
+    url = f"http://127.0.0.1:{program.port}/api/act"
+    assert httpx.post(url, json=EDIT, headers=OWN, timeout=60).status_code == 200
+
+
+def test_a_large_answer_that_is_read_slowly_is_not_cut(program, quick, monkeypatch):
+    data = bytes(20 << 20)
+    monkeypatch.setattr(Scene, "groups", lambda scene: data)
+    url, got = f"http://127.0.0.1:{program.port}/api/groups", 0
+    with httpx.stream("GET", url, headers=OWN, timeout=60) as answer:
+        time.sleep(4)
+        got = sum(map(len, answer.iter_bytes()))
+    assert got == len(data)
+
+
+@pytest.mark.skipif(shutil.which("openssl") is None, reason="a certificate is made by openssl")
+def test_handshakes_that_do_not_end_have_little_time_too(tmp_path, quick):
+    key, certificate = tmp_path / "key.pem", tmp_path / "cert.pem"
+    line = "openssl req -x509 -newkey rsa:2048 -nodes -days 2 -subj /CN=localhost"
+    made = [*line.split(), "-keyout", str(key), "-out", str(certificate)]
+    subprocess.run(made, check=True, capture_output=True)
+    session = session_of(count=2)
+    program = Program(session, files=(str(certificate), str(key)))
+    program.start()
+    try:
+        with many_half_opened(300, program.port, ["silent"]) as lines:
+            url = f"https://127.0.0.1:{program.port}/api/ping"
+            began = time.process_time()
+            assert httpx.get(url, headers=OWN, verify=False, timeout=30).status_code == 200
+            assert time.process_time() - began < SOON
+            assert seconds_to_close(lines[-1], 20) < 10
+    finally:
+        program.stop()
+        session.close()
+
+
+def test_nothing_is_printed_when_a_page_closes_in_a_request(program, capfd, monkeypatch):
+    """In its head, in its body, while its answer is computed, and while that is sent."""
+    session = program.session
+    act = session.act
+    monkeypatch.setattr(session, "act", lambda body: time.sleep(0.5) or act(body))
+    monkeypatch.setattr(Scene, "groups", lambda scene: bytes(20 << 20))
+    head = f"Host: 127.0.0.1:{program.port}\r\nX-Rastercov-Token: {TOKEN}\r\n"
+    text = '{"revision": 0, "mode": "reason", "action": {"do": "none"}}'
+    post = f"POST /api/act HTTP/1.1\r\n{head}Content-Type: application/json\r\n"
+    whole = f"{post}Content-Length: {len(text)}\r\n\r\n{text}"
+    sent = [
+        *(whole[:size] for size in (1, 20, len(whole) - len(text), len(whole) - 3, len(whole))),
+        f"{post}Transfer-Encoding: chunked\r\n\r\n5\r\n{text[:5]}\r\n",
+        f"{post}Transfer-Encoding: chunked\r\n\r\nzz\r\n",
+        f"GET /api/groups HTTP/1.1\r\n{head}\r\n",
+        f"GET / HTTP/1.1\r\n{head}Connection: upgrade\r\nUpgrade: websocket\r\n\r\n",
+        "nonsense\r\n\r\n",
+    ]
+    for each in sent:
+        for wait in (0, 0.2):
+            with socket.create_connection(("127.0.0.1", program.port)) as line:
+                line.sendall(each.encode())
+                time.sleep(wait)
+    time.sleep(1)
+    asked(program)
+    program.stop()
+    out, err = capfd.readouterr()
+    assert (out, err) == ("", "")
+
+
+@pytest.mark.parametrize("gaps", [(), (0.2,), (0.05, 0.5, 0.5)])
+def test_ctrl_c_in_a_request_ends_in_one_line(gaps):
+    began = time.monotonic()
+    code, said = interrupted(1.5, gaps)
+    assert time.monotonic() - began < 45  # the answer takes a minute
+    assert code == 130
+    lines = [line for line in said.splitlines() if not line.startswith("warning: ")]
+    assert lines == ["Ctrl-C ends it", "interrupted"]
+
+
+LONG = "lengthy " * 4000
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        {**EDIT, "mode": LONG},
+        {**EDIT, "mode": "model", "options": {"model": LONG}},
+        {**EDIT, "mode": "segments", "options": {"beta_deg": LONG}},
+        {**EDIT, "options": {LONG: [1]}},
+        {**EDIT, LONG: 1},
+        {**EDIT, "revision": LONG},
+        {**EDIT, "action": {"do": LONG}},
+        {**EDIT, "action": {"do": "none", LONG: 1}},
+        {**EDIT, "action": {"do": "rename", "station": 0, "name": LONG}},
+        {**EDIT, "action": {"do": "use", "station": 0, "camera": LONG}},
+        {**EDIT, "action": {"do": "camera", "camera": "eye", "changes": {LONG: 1}}},
+        {**EDIT, "action": {"do": "task", "changes": {LONG: 1}}},
+        {**EDIT, "action": {"do": "task", "changes": {"mode": LONG}}},
+        {**EDIT, "action": {"do": "restore", "rig": {"stations": [], "cameras": {}, LONG: 1}}},
+        {
+            **EDIT,
+            "action": {
+                "do": "restore",
+                "rig": {"stations": [], "cameras": {"a": {"plain": {LONG: LONG}}}, "task": {}},
+            },
+        },
+    ],
+)
+@pytest.mark.parametrize("path", ["act", "job", "save"])
+def test_an_error_quotes_a_short_part_of_a_request(program, path, body):
+    url = f"http://127.0.0.1:{program.port}/api/{path}"
+    answer = httpx.post(url, json=body, headers=OWN, timeout=30)
+    assert answer.status_code in (400, 409)
+    text = answer.json()["error"]
+    assert len(text) <= 300
+    assert "\n" not in text
+    assert text.count("lengthy") < 12
+
+
+def test_a_defect_is_one_line(program, monkeypatch, capfd):
+    def failing():
+        raise KeyError(LONG)
+
+    monkeypatch.setattr(program.session, "described_state", failing)
+    answer = httpx.get(f"http://127.0.0.1:{program.port}/api/state", headers=OWN, timeout=30)
+    assert answer.status_code == 500
+    assert answer.json()["error"].startswith("KeyError: ")
+    assert "Traceback" not in "".join(capfd.readouterr())
