@@ -28,6 +28,11 @@ def has_sums(folder: Path) -> bool:
     return any((folder / SUMS).glob("*.sha256"))
 
 
+def has_sum(folder: Path, name: str) -> bool:
+    """True when there is the checksum of a file, which may be missing itself."""
+    return _sum_file(folder, name).exists()
+
+
 def contents(folder: Path, name: str) -> bytes | None:
     """Bytes of a file of a matrix, None where it is missing.
 
@@ -57,6 +62,12 @@ def store(folder: Path, name: str, data: bytes | memoryview) -> None:
     _write(folder / name, data)
 
 
+def discard(folder: Path, name: str) -> None:
+    """Remove a file of a matrix, and its checksum; again it does nothing."""
+    (folder / name).unlink(missing_ok=True)
+    _sum_file(folder, name).unlink(missing_ok=True)
+
+
 def _sum_file(folder: Path, name: str) -> Path:
     return folder / SUMS / f"{Path(name).name}.sha256"
 
@@ -67,14 +78,20 @@ def _sum_line(name: str, data: bytes | memoryview) -> bytes:
 
 
 def _write(path: Path, data: bytes | memoryview) -> None:
-    """Write a file atomically: it appears under its name when it is complete and on the disk."""
+    """Write a file atomically: it appears under its name when it is complete and on the disk.
+
+    An error of the disk names the file; that of the system names none where it comes in the middle.
+    """
     part = path.with_name(f".{secrets.token_hex(6)}.part")
     try:
+        path.parent.mkdir(exist_ok=True)
         with part.open("wb") as file:
             file.write(data)
             file.flush()
             os.fsync(file.fileno())
         os.replace(part, path)  # noqa: PTH105 - the atomic one by name
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(path)) from None
     finally:
         part.unlink(missing_ok=True)
     folder = os.open(path.parent, os.O_RDONLY)
