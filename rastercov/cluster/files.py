@@ -10,6 +10,7 @@ import os
 import secrets
 from pathlib import Path
 
+from rastercov._output import named
 from rastercov.errors import ConfigError
 
 SUMS = "sha256"
@@ -78,24 +79,20 @@ def _sum_line(name: str, data: bytes | memoryview) -> bytes:
 
 
 def _write(path: Path, data: bytes | memoryview) -> None:
-    """Write a file atomically: it appears under its name when it is complete and on the disk.
-
-    An error of the disk names the file; that of the system names none where it comes in the middle.
-    """
+    """Write a file atomically: it appears under its name when it is complete and on the disk."""
     part = path.with_name(f".{secrets.token_hex(6)}.part")
-    try:
+    with named(path):
         path.parent.mkdir(exist_ok=True)
-        with part.open("wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(part, path)  # noqa: PTH105 - the atomic one by name
-    except OSError as error:
-        raise OSError(error.errno, error.strerror, str(path)) from None
-    finally:
-        part.unlink(missing_ok=True)
-    folder = os.open(path.parent, os.O_RDONLY)
-    try:
-        os.fsync(folder)  # makes the new name durable
-    finally:
-        os.close(folder)
+        try:
+            with part.open("wb") as file:
+                file.write(data)
+                file.flush()
+                os.fsync(file.fileno())
+            os.replace(part, path)  # noqa: PTH105 - the atomic one by name
+        finally:
+            part.unlink(missing_ok=True)
+        folder = os.open(path.parent, os.O_RDONLY)
+        try:
+            os.fsync(folder)  # makes the new name durable
+        finally:
+            os.close(folder)

@@ -1,5 +1,6 @@
 """Shards made by workers that are killed, and from folders that are lost."""
 
+import errno
 import json
 import os
 import signal
@@ -15,6 +16,7 @@ import pytest
 
 from rastercov.cluster import Workers, make_shards
 from rastercov.cluster import run as run_module
+from rastercov.cluster.files import store
 from rastercov.cluster.job import work
 from rastercov.cluster.quarantine import _note, quarantined
 from rastercov.errors import ConfigError, RastercovError
@@ -111,7 +113,7 @@ def test_a_folder_that_stays_lost_ends_the_run(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("what", "error", "words"),
     [("config", ConfigError, "shard 5 is not to be had"),
-     ("disk", ConfigError, "the disk is full; shards that were made stay"),
+     ("disk", ConfigError, "job/shards/5: the disk is full; shards that were made stay"),
      ("other", RastercovError, "a worker failed: ZeroDivisionError: a defect")],
 )  # fmt: skip
 def test_an_error_ends_the_run_in_one_line_and_shards_stay(tmp_path, what, error, words):
@@ -207,6 +209,20 @@ def test_a_lost_scheduler_is_waited_for(tmp_path, port):
     assert len(shards(tmp_path / "job")) == 16
     # A shard that the workers finished while nobody listened is not made again, but counted.
     assert watch.numbers == list(range(16))
+
+
+@pytest.mark.parametrize("call", ["fsync", "replace"])
+def test_a_full_disk_names_the_file_that_was_written(tmp_path, monkeypatch, call):
+    def full(*arguments):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, call, full)
+    with pytest.raises(
+        OSError, match=r"No space left on device: .*/sha256/shard-5\.sha256"
+    ) as error:
+        store(tmp_path, "shard-5", b"content")
+    assert error.value.errno == errno.ENOSPC
+    assert not [path for path in tmp_path.rglob("*") if path.is_file()]
 
 
 class NoWorkers:
