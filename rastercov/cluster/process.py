@@ -47,7 +47,7 @@ class Process(Closing):
         # A session of its own: Ctrl-C is for this process, which then ends the other.
         self._child = subprocess.Popen(
             [sys.executable, "-c", PROGRAM], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-            env=child_environment() | environment, start_new_session=True,
+            env={**child_environment(), **environment}, start_new_session=True,
         )  # fmt: skip
 
     def call(self, function: Callable[..., Any], *arguments: Any) -> Any:

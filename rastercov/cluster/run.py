@@ -9,6 +9,7 @@ from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any
 
+from rastercov._format import plural
 from rastercov.cluster.address import risk
 from rastercov.cluster.job import Job, Made, work
 from rastercov.cluster.process import ProcessEndedError
@@ -114,8 +115,8 @@ class _Run:
             suspects = self._all_of(sorted(self.shards), self._usual)
             if suspects:
                 self.note(
-                    f"a worker died; {len(suspects)} shards are made once more, each in a process "
-                    "of its own"
+                    f"a worker died; {plural(len(suspects), 'shard')} to make once more, each in a "
+                    "process of its own"
                 )
                 again = self._all_of(suspects, self._alone)
                 if again:

@@ -45,6 +45,7 @@ COMMANDS = (
 )
 """Lines with every command, in an order in which they find what they read."""
 ENTRY = "import sys\nfrom rastercov.cli import main\nsys.argv[0] = 'rastercov'\nmain()\n"
+SCRIPT = ".programs/rastercov"
 MARK = """
 import os, sys
 with open({place!r}, "a") as file:
@@ -54,7 +55,8 @@ with open({place!r}, "a") as file:
 
 def fill(folder):
     """Files named after the modules of Python, of all packages installed, and of ours."""
-    for name, text in INPUTS.items():
+    (folder / SCRIPT).parent.mkdir()
+    for name, text in {**INPUTS, SCRIPT: ENTRY}.items():
         (folder / name).write_text(text, encoding="utf-8")
     names = {*sys.stdlib_module_names, *packages_distributions(), "rastercov", "reference"}
     names |= {"sitecustomize", "usercustomize", "shaders"}
@@ -64,14 +66,11 @@ def fill(folder):
             (folder / f"{name}.py").write_text(code, encoding="utf-8")
 
 
-def command(folder, words, *, python=sys.executable, **options):
+def command(folder, words):
     """Run a command in a folder, as its script in a folder of programs does."""
-    programs = folder / ".programs"
-    programs.mkdir(exist_ok=True)
-    (programs / "rastercov").write_text(ENTRY, encoding="utf-8")
     return subprocess.run(
-        [python, programs / "rastercov", *words], cwd=folder, capture_output=True, text=True,
-        check=False, stdin=subprocess.DEVNULL, timeout=600, **options,
+        [sys.executable, folder / SCRIPT, *words], cwd=folder, capture_output=True, text=True,
+        check=False, stdin=subprocess.DEVNULL, timeout=600,
     )  # fmt: skip
 
 
