@@ -3,6 +3,7 @@
 import errno
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -12,6 +13,7 @@ from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from pathlib import Path
 
 import cluster_job
+import dask
 import pytest
 
 from rastercov.cluster import Workers, make_shards
@@ -171,13 +173,13 @@ def process(*words):
         started.wait()
 
 
-def scheduler(port):
-    return process("scheduler", "--host", "127.0.0.1", "--port", str(port), "--no-dashboard",
-                   "--no-show")  # fmt: skip
+def scheduler(port, *words):
+    where = "--host", "127.0.0.1", "--port", str(port)
+    return process("scheduler", *words, *where, "--no-dashboard", "--no-show")
 
 
-def worker(port, folder):
-    address, local = f"tcp://127.0.0.1:{port}", str(folder)
+def worker(port, folder, protocol="tcp"):
+    address, local = f"{protocol}://127.0.0.1:{port}", str(folder)
     return process("worker", address, "--host", "127.0.0.1", "--nthreads", "1", "--no-dashboard",
                    "--memory-limit", "0", "--local-directory", local)  # fmt: skip
 
@@ -223,6 +225,47 @@ def test_a_full_disk_names_the_file_that_was_written(tmp_path, monkeypatch, call
         store(tmp_path, "shard-5", b"content")
     assert error.value.errno == errno.ENOSPC
     assert not [path for path in tmp_path.rglob("*") if path.is_file()]
+
+
+AUTHORITY = "req -x509 -newkey rsa:2048 -nodes -keyout ca.key -out ca.pem -days 2 -subj /CN=own"
+REQUEST = "req -newkey rsa:2048 -nodes -keyout key.pem -out request.pem -subj /CN=cluster"
+SIGN = "x509 -req -in request.pem -CA ca.pem -CAkey ca.key -CAcreateserial -out cert.pem -days 2"
+
+
+@pytest.fixture
+def certificates(tmp_path, monkeypatch):
+    """Dask's configuration of TLS, as docs/scale.md has it, of this process and those it starts."""
+    if shutil.which("openssl") is None:
+        pytest.skip("no openssl")
+    for line in (AUTHORITY, REQUEST, SIGN):
+        subprocess.run(["openssl", *line.split()], cwd=tmp_path, check=True, capture_output=True)
+    pair = {"cert": str(tmp_path / "cert.pem"), "key": str(tmp_path / "key.pem")}
+    tls = {"ca-file": str(tmp_path / "ca.pem"), "scheduler": pair, "worker": pair, "client": pair}
+    comm = {"require-encryption": True, "tls": tls}
+    (tmp_path / "dask").mkdir()
+    (tmp_path / "dask/tls.yaml").write_text(json.dumps({"distributed": {"comm": comm}}))
+    monkeypatch.setenv("DASK_CONFIG", str(tmp_path / "dask"))
+    own = {"ca-file": tls["ca-file"], "client.cert": pair["cert"], "client.key": pair["key"]}
+    with dask.config.set({f"distributed.comm.tls.{name}": path for name, path in own.items()}):
+        yield
+
+
+def test_a_scheduler_with_certificates_is_used_without_a_warning(tmp_path, port, certificates):
+    job, missing = cluster_job.prepared(tmp_path / "job", 4)
+    watch = Watch()
+    with scheduler(port, "--protocol", "tls"), worker(port, tmp_path / "w", "tls"):
+        run(job, missing, watch, Workers(scheduler=f"tls://127.0.0.1:{port}"))
+    assert watch.numbers == list(range(4))
+    assert not watch.lines
+
+
+def test_an_open_scheduler_is_used_with_one_line_on_its_risk(tmp_path, port):
+    job, missing = cluster_job.prepared(tmp_path / "job", 4)
+    watch = Watch()
+    with scheduler(port), worker(port, tmp_path / "w"):
+        run(job, missing, watch, Workers(scheduler=f"tcp://127.0.0.1:{port}"))
+    (line,) = watch.lines
+    assert "every user of this machine can run programs as you through it" in line
 
 
 class NoWorkers:
