@@ -1,4 +1,4 @@
-"""What is open to others: ports and pipes of a run, and modules in the folder it works in."""
+"""Doors to other users and to others' files: ports and pipes of a run, modules in its folder."""
 
 import inspect
 import os

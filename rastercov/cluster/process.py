@@ -79,12 +79,12 @@ class Process(Closing):
         self._child.kill()
         self._child.wait()
         for pipe in (self._child.stdin, self._child.stdout):
-            with suppress(OSError):  # what was asked of it, and not read
+            with suppress(OSError):  # a call that it has not read
                 pipe.close()  # type: ignore[union-attr] # there is one
 
 
 class Answer(Future[Any]):
-    """What will come of a call, as `distributed.Future`, as far as `run` uses that."""
+    """Outcome of a call, as `distributed.Future`, as far as `run` uses that."""
 
     def __init__(self, key: str, call: tuple[Any, ...]) -> None:
         super().__init__()

@@ -75,7 +75,7 @@ def command(folder, words):
 
 
 def executed(folder):
-    """What was executed of them, a line each time."""
+    """Lines that they wrote, one each time that one of them was executed."""
     return _place(folder).read_text().splitlines() if _place(folder).exists() else []
 
 

@@ -1,4 +1,4 @@
-"""What the processes of a run leave open to the other users of the machine."""
+"""Doors that the processes of a run leave open to the other users of the machine."""
 
 import re
 import subprocess
