@@ -67,3 +67,11 @@ def short(value: float) -> str:
 def plural(count: int, noun: str) -> str:
     """A count and its noun: "1 pose", "1,200 poses"."""
     return f"{count:,} {noun}{'' if count == 1 else 's'}"
+
+
+def shortened(text: str, most: int) -> str:
+    """A text of at most `most` characters: begin and end, with "..." for what is between."""
+    if len(text) <= most:
+        return text
+    begin = (most - 3) // 2
+    return f"{text[:begin]}...{text[len(text) - (most - 3 - begin) :]}"

@@ -1,10 +1,23 @@
-"""Ctrl-C held back while something is done that must not be left half done."""
+"""Ctrl-C: noted where it comes, and held back while something must not be left half done."""
 
 import signal
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, NoReturn
+
+_came: list[int] = []
+
+
+def interrupt(number: int, frame: object) -> NoReturn:
+    """Raise KeyboardInterrupt, as a handler of signals, and note it for `was_interrupted`."""
+    _came.append(number)
+    raise KeyboardInterrupt
+
+
+def was_interrupted() -> bool:
+    """True once a signal came, whatever error the code that it met made of it."""
+    return bool(_came)
 
 ABANDONED = "rastercov-abandoned"
 """Prefix of the names of threads that an interrupted program does not wait for."""
@@ -17,7 +30,7 @@ def interrupts_held() -> Iterator[None]:
     before: dict[signal.Signals, Any] = {}
     if threading.current_thread() is threading.main_thread():  # the only one that is interrupted
         for name in (signal.SIGINT, signal.SIGTERM):
-            if signal.getsignal(name) is signal.default_int_handler:
+            if signal.getsignal(name) in (signal.default_int_handler, interrupt):
                 before[name] = signal.signal(name, lambda number, frame: held.append(number))
     try:
         yield
@@ -25,4 +38,4 @@ def interrupts_held() -> Iterator[None]:
         for name, handler in before.items():
             signal.signal(name, handler)
     if held:
-        raise KeyboardInterrupt
+        interrupt(held[0], None)

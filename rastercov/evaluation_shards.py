@@ -28,7 +28,7 @@ from rastercov.cluster import Job, Made, Workers, make_shards
 from rastercov.cluster.files import SUMS, DamagedError, contents, store
 from rastercov.cluster.job import FolderLostError
 from rastercov.cluster.quarantine import FOLDER as QUARANTINE
-from rastercov.cluster.quarantine import forget, quarantined
+from rastercov.cluster.quarantine import drop_damaged, forget, quarantined
 from rastercov.cluster.scene_file import read_scene, scene_bytes
 from rastercov.engine import Engine
 from rastercov.judged_poses import JudgedPoses, from_plain, joined, plain
@@ -140,6 +140,10 @@ class EvaluationShards:
             for pose, end in poses.items()
         }
 
+    def drop_damaged(self, note: Callable[[str], None]) -> None:
+        """Remove shards whose note on poses that were left out is damaged."""
+        drop_damaged(self.folder, [_name(number) for number in range(len(self.shards))], note)
+
     def made_by(self, workers: Workers, done: Callable[[Made], None], note: Any) -> None:
         """Have the missing shards made by workers."""
         make_shards(workers, Job.of(self.folder, FUNCTION), lambda: self.missing, done, note)
@@ -226,6 +230,8 @@ class Source:
         """
         total, done = len(self.poses), 0
         progress(done, total)
+        if self.shards is not None:
+            self.shards.drop_damaged(note)
         if self.shards is None or workers is None:
             for part in self._own(note):
                 yield part

@@ -41,7 +41,7 @@ SURFACE = {
     },
     "engine": {"METHODS"},
     "cluster.workers": {
-        *("CONNECT_SECONDS", "ENVIRONMENT", "LOGS", "MOST_WORKERS", "SETTINGS"),
+        *("CONNECT_SECONDS", "ENVIRONMENT", "LOGS", "MOST_WORKERS"),
     },
     "errors": set(),
     "jobs": set(),

@@ -13,6 +13,7 @@ from typing import Annotated
 import typer
 
 import rastercov
+from rastercov._interrupts import interrupt
 from rastercov.cli import (
     audit,
     compare,
@@ -64,7 +65,9 @@ def main() -> None:
     """Run the command as a process of its own."""
     signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # `| head` ends it without a word
     # As Ctrl-C: what is done is kept.
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    signal.signal(signal.SIGTERM, interrupt)
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # not ignored by a shell
+        signal.signal(signal.SIGINT, interrupt)
     # Names of files may hold what the terminal cannot show.
     if isinstance(sys.stdout, TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")

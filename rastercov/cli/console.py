@@ -19,11 +19,16 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import typer
 from rich.console import Console
 
-from rastercov._interrupts import ABANDONED
+from rastercov._format import shortened
+from rastercov._interrupts import ABANDONED, was_interrupted
 from rastercov.errors import RastercovError
 
 if TYPE_CHECKING:
     from rastercov.mesh import Mesh
+
+
+LONGEST_WORD, LONGEST_LINE = 200, 600
+"""Characters that are printed of a name or value without spaces, and of a line."""
 
 
 def exit_code(app: Callable[..., Any], arguments: Sequence[str]) -> int:
@@ -62,6 +67,8 @@ def _outcome(app: Callable[..., Any], arguments: Sequence[str]) -> int:
             return say(f"error: {error.format_message().rstrip('.')}; see {path} --help")
         if os.environ.get("RASTERCOV_TRACEBACK"):
             raise
+        if was_interrupted():  # a compiler, for one, makes another error of it
+            return say("interrupted", 130)
         return say(
             f"error: {type(error).__name__}: {error} (a defect of rastercov; please report it, "
             "with what RASTERCOV_TRACEBACK=1 shows)"
@@ -87,8 +94,13 @@ def notices_shown() -> Iterator[None]:
 
 
 def say(text: str, code: int = 2) -> int:
-    """Print one line on standard error, whatever the names in it hold; gives the exit code."""
+    """Print one line on standard error, whatever the names in it hold; gives the exit code.
+
+    A long word is shortened in its middle wherever it comes, and so is the line.
+    """
     line = "".join(c if c.isprintable() else " " if c.isspace() else ascii(c)[1:-1] for c in text)
+    words = (shortened(word, LONGEST_WORD) for word in line.split(" "))
+    line = shortened(" ".join(words), LONGEST_LINE)
     with suppress(OSError):  # there is no stream left to report it
         print(line, file=sys.stderr, flush=True)
     return code

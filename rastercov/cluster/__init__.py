@@ -5,12 +5,13 @@
 
 Nothing but numbers passes through the scheduler. What a shard depends on lies in the folder, which
 all processes share; so a worker that dies loses its shard at most, and the bytes of a shard do not
-depend on the process that made it. Needs the extra `cluster` (dask, distributed).
+depend on the process that made it. A scheduler needs the extra `cluster` (dask, distributed).
 
 address.py      the addresses that are safe to connect to
 workers.py      `Workers`: the choice of processes, and their client
 job.py          `Job`: a folder and a function; what a worker does with a number
 run.py          `make_shards`: numbers in flight, retries, a scheduler that is lost
+process.py      processes of this machine, called through pipes
 quarantine.py   the poses of a shard that kill their process
 tally.py        where the time went, by worker
 files.py        files with checksums

@@ -1,7 +1,9 @@
 """Addresses of schedulers that are safe to connect to.
 
-Whoever reaches an open scheduler can run any program on its workers. So an address is of this
-machine, or of TLS with certificates on both sides.
+Whoever reaches an open scheduler can run any program on its workers, and whoever answers in its
+place can run one in this process. So an address is of this machine, or of TLS with certificates on
+both sides. On this machine its other users reach an open one, too: `risk` says so, and does not
+refuse, because a machine or container with one user has no others.
 """
 
 import ipaddress
@@ -33,6 +35,16 @@ def check_address(address: str) -> None:
             f"{address}: refused, because anyone who reaches an open scheduler can run programs on "
             "its workers; use tls:// with certificates, or a tunnel to 127.0.0.1 (docs/scale.md)"
         )
+
+
+def risk(address: str) -> str:
+    """Line on the users of this machine, empty for TLS."""
+    if not address.startswith("tcp:"):
+        return ""
+    return (
+        f"{address}: every user of this machine can run programs as you through it; where there "
+        "are others use --workers, or tls:// with certificates (docs/scale.md)"
+    )
 
 
 def _is_loopback(host: str) -> bool:

@@ -10,6 +10,7 @@ import os
 import secrets
 from pathlib import Path
 
+from rastercov._output import named
 from rastercov.errors import ConfigError
 
 SUMS = "sha256"
@@ -26,6 +27,11 @@ class DamagedError(ConfigError):
 def has_sums(folder: Path) -> bool:
     """True when a file of a folder has a checksum, as every file of this format has."""
     return any((folder / SUMS).glob("*.sha256"))
+
+
+def has_sum(folder: Path, name: str) -> bool:
+    """True when there is the checksum of a file, which may be missing itself."""
+    return _sum_file(folder, name).exists()
 
 
 def contents(folder: Path, name: str) -> bytes | None:
@@ -57,6 +63,12 @@ def store(folder: Path, name: str, data: bytes | memoryview) -> None:
     _write(folder / name, data)
 
 
+def discard(folder: Path, name: str) -> None:
+    """Remove a file of a matrix, and its checksum; again it does nothing."""
+    (folder / name).unlink(missing_ok=True)
+    _sum_file(folder, name).unlink(missing_ok=True)
+
+
 def _sum_file(folder: Path, name: str) -> Path:
     return folder / SUMS / f"{Path(name).name}.sha256"
 
@@ -69,16 +81,18 @@ def _sum_line(name: str, data: bytes | memoryview) -> bytes:
 def _write(path: Path, data: bytes | memoryview) -> None:
     """Write a file atomically: it appears under its name when it is complete and on the disk."""
     part = path.with_name(f".{secrets.token_hex(6)}.part")
-    try:
-        with part.open("wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(part, path)  # noqa: PTH105 - the atomic one by name
-    finally:
-        part.unlink(missing_ok=True)
-    folder = os.open(path.parent, os.O_RDONLY)
-    try:
-        os.fsync(folder)  # makes the new name durable
-    finally:
-        os.close(folder)
+    with named(path):
+        path.parent.mkdir(exist_ok=True)
+        try:
+            with part.open("wb") as file:
+                file.write(data)
+                file.flush()
+                os.fsync(file.fileno())
+            os.replace(part, path)  # noqa: PTH105 - the atomic one by name
+        finally:
+            part.unlink(missing_ok=True)
+        folder = os.open(path.parent, os.O_RDONLY)
+        try:
+            os.fsync(folder)  # makes the new name durable
+        finally:
+            os.close(folder)

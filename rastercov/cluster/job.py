@@ -131,10 +131,11 @@ def _compiled_once() -> Iterator[Any]:
         yield
         return
     try:
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            fcntl.flock(descriptor, fcntl.LOCK_SH)
+        if os.fstat(descriptor).st_uid == os.geteuid():  # another user could lock it for ever
+            try:
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                fcntl.flock(descriptor, fcntl.LOCK_SH)
         yield
         _is_warm = True
     finally:

@@ -6,20 +6,16 @@ in the folder before the shard is written, and left out of it.
 """
 
 import json
-import os
-import signal
-import subprocess
-import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from rastercov.cluster.job import FolderLostError, Job, Made, work
-from rastercov.errors import ConfigError, RastercovError
+from rastercov.cluster.files import DamagedError, contents, discard, has_sum, store
+from rastercov.cluster.job import Job, Made, work
+from rastercov.cluster.process import Process, ProcessEndedError
+from rastercov.errors import RastercovError
 
 FOLDER = "quarantine"
 """Folder in that of the job; a file for each shard with poses that were left out."""
-FAILED, LOST = 3, 4
-"""Exit codes of a process that ended by itself, with an error; of a folder that is lost."""
 
 
 def alone(job: Job, number: int, n_poses: int) -> Made:
@@ -62,68 +58,57 @@ def _in_process(
     RastercovError, FolderLostError
         For an error that the process reports.
     """
-    poses = None if only is None else list(only)
-    asked = json.dumps([list(job), number, list(leave_out), poses])
-    command = [sys.executable, "-m", "rastercov.cluster.quarantine"]
-    done = subprocess.run(
-        command, input=asked, capture_output=True, text=True, check=False,
-        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
-    )  # fmt: skip
-    last = (done.stderr.strip().splitlines() or ["without a word"])[-1]
-    if done.returncode == 0:
-        return Made(*json.loads(done.stdout.splitlines()[-1]))
-    if done.returncode < 0:
-        return f"was killed by {signal.Signals(-done.returncode).name}"
-    if done.returncode == FAILED:
-        raise ConfigError(last)
-    if done.returncode == LOST:
-        raise FolderLostError(last)
-    raise RastercovError(f"a worker failed: {last}")
+    with Process() as process:
+        try:
+            made: Made = process.call(work, job, number, leave_out, only)
+        except ProcessEndedError as error:
+            if not error.was_killed:
+                raise RastercovError(f"a worker failed: its process {error}") from None
+            return str(error)
+    return made
 
 
 def _note(folder: Path, number: int, guilty: dict[int, str]) -> None:
-    path = folder / FOLDER / f"shard-{number}.json"
-    path.parent.mkdir(exist_ok=True)
-    part = path.with_suffix(".part")
-    part.write_text(json.dumps(guilty, indent=2) + "\n", encoding="utf-8")
-    part.replace(path)
+    store(folder, _name(number), (json.dumps(guilty, indent=2) + "\n").encode())
 
 
 def forget(folder: Path, number: int) -> None:
     """Remove the note on a shard that has all its poses."""
-    (folder / FOLDER / f"shard-{number}.json").unlink(missing_ok=True)
+    discard(folder, _name(number))
 
 
 def quarantined_of(folder: Path, number: int) -> dict[int, str]:
-    """Poses left out of a shard, by their number within it, and why."""
-    path = folder / FOLDER / f"shard-{number}.json"
-    if not path.exists():
-        return {}
-    entries = json.loads(path.read_text(encoding="utf-8"))
+    """Poses left out of a shard, by their number within it, and why.
+
+    Raises
+    ------
+    DamagedError
+        Where the note on them has changed, or was removed and its checksum was not.
+    """
+    name = _name(number)
+    data = contents(folder, name)
+    if data is None and has_sum(folder, name):
+        raise DamagedError(folder / name, "it is missing")
+    entries = {} if data is None else json.loads(data)
     return {int(pose): str(why) for pose, why in entries.items()}
 
 
 def quarantined(folder: Path, n_shards: int) -> dict[int, dict[int, str]]:
     """Poses left out of each shard of a folder that lacks some, as `quarantined_of`."""
-    numbers = range(n_shards) if (folder / FOLDER).is_dir() else ()
-    return {number: found for number in numbers if (found := quarantined_of(folder, number))}
+    every = {number: quarantined_of(folder, number) for number in range(n_shards)}
+    return {number: found for number, found in every.items() if found}
 
 
-def _main() -> int:
-    job, number, leave_out, only = json.loads(sys.stdin.read())
-    try:
-        made = work(Job(*job), number, leave_out, only)
-        if not leave_out and only is None:
-            forget(Path(job[0]), number)
-    except RastercovError as error:
-        sys.stderr.write(f"{error}\n")
-        return FAILED
-    except OSError as error:
-        sys.stderr.write(f"{error}\n")
-        return LOST
-    sys.stdout.write(json.dumps(list(made)) + "\n")
-    return 0
+def drop_damaged(folder: Path, shards: Sequence[str], note: Callable[[str], None]) -> None:
+    """Remove damaged notes with their shards, which are then made again; a line on each."""
+    for number, shard in enumerate(shards):
+        try:
+            quarantined_of(folder, number)
+        except DamagedError as error:
+            note(f"{error}; its poses are measured again")
+            forget(folder, number)
+            discard(folder, shard)
 
 
-if __name__ == "__main__":
-    sys.exit(_main())
+def _name(number: int) -> str:
+    return f"{FOLDER}/shard-{number}.json"

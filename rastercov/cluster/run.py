@@ -9,8 +9,11 @@ from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any
 
+from rastercov._format import plural
+from rastercov.cluster.address import risk
 from rastercov.cluster.job import Job, Made, work
-from rastercov.cluster.quarantine import alone, quarantined_of
+from rastercov.cluster.process import ProcessEndedError
+from rastercov.cluster.quarantine import alone, forget, quarantined_of
 from rastercov.cluster.workers import Workers
 from rastercov.errors import ConfigError, RastercovError
 
@@ -48,7 +51,7 @@ def make_shards(
     done : callable
         Called once with each shard that was made, in any order.
     note : callable
-        Called with a line on what went wrong and was mended.
+        Called with a line on what went wrong and was mended, and on an open scheduler.
 
     Raises
     ------
@@ -65,6 +68,8 @@ def make_shards(
 
     asked: dict[int, int] = {}
     until = None
+    if line := risk(workers.scheduler or ""):
+        note(line)
     while True:
         shards = missing()
         for number in asked.keys() - shards.keys() - heard:  # made, but the scheduler was lost
@@ -110,8 +115,8 @@ class _Run:
             suspects = self._all_of(sorted(self.shards), self._usual)
             if suspects:
                 self.note(
-                    f"a worker died; {len(suspects)} shards are made once more, each in a process "
-                    "of its own"
+                    f"a worker died; {plural(len(suspects), 'shard')} to make once more, each in a "
+                    "process of its own"
                 )
                 again = self._all_of(suspects, self._alone)
                 if again:
@@ -155,16 +160,18 @@ class _Run:
 
     def _outcome(self, future: Any) -> str:
         """Result of a shard: "made", "killed" with its worker, or "again"."""
-        from distributed.scheduler import KilledWorker
-
         if future.status == "finished":
-            self.done(future.result())
+            made = future.result()
+            if not made.quarantined:
+                forget(Path(self.job.folder), made.number)
+            self.done(made)
             self.last_made = time.monotonic()
             return "made"
         if future.status != "error":  # cancelled, or lost
             raise _SchedulerLostError
         error = future.exception()
-        if isinstance(error, KilledWorker):
+        # The second is of Dask, which need not be installed.
+        if isinstance(error, ProcessEndedError) or type(error).__name__ == "KilledWorker":
             return "killed"
         if isinstance(error, RastercovError):
             raise error
@@ -172,8 +179,8 @@ class _Run:
             raise RastercovError(f"a worker failed: {type(error).__name__}: {error}") from error
         if error.errno in FULL:
             raise ConfigError(
-                f"{self.job.folder}: the disk is full; shards that were made stay: free some "
-                "space and run again"
+                f"{error.filename or self.job.folder}: the disk is full; shards that were made "
+                "stay: free some space and run again"
             )
         if time.monotonic() - self.last_made > FOLDER_PATIENCE:
             raise ConfigError(

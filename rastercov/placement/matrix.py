@@ -32,7 +32,7 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov._typed import typed
 from rastercov.area.cells import Cells
 from rastercov.cluster import Job, Made, Workers, make_shards
-from rastercov.cluster.quarantine import forget
+from rastercov.cluster.quarantine import drop_damaged, forget
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.observer import Observer, open_observer
@@ -359,6 +359,7 @@ def _measured(
         with locked(Path(folder)) as place:
             kept = claim(place, header, placed, poses_a_shard is not None, note)
             shards = list(shards_of(len(placed), kept["poses_a_shard"]))
+            drop_damaged(place, [shard for shard, _ in shards], note)
             sizes = {shard: rows_in(place, shard, kept, note) for shard, _ in shards}
             missing = [(shard, rows) for shard, rows in shards if sizes[shard] is None]
             done = len(placed) - sum(rows.stop - rows.start for _, rows in missing)

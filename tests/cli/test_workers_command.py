@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from commands import ENTRY, call, enter, refusal
-from copied_workers import workers_start_as_copies  # noqa: F401 # a fixture, used by its name
 
 import rastercov as rc
 from rastercov import evaluation_shards, shapes
@@ -60,7 +59,6 @@ def test_place_by_workers_is_place(capsys):
     assert {"per_second", "seconds_left"} < of_matrix[-1].keys()
 
 
-@pytest.mark.usefixtures("workers_start_as_copies")
 def test_evaluate_by_workers_is_evaluate(capsys):
     words = "evaluate teapot-5 -c icube-ns4133bu-8mm -p sphere:12 --pictures 2"
     for out, more in (("plain", ""), ("workers", "--workers 2")):
@@ -92,7 +90,6 @@ POSES, SHARD = 3000, 150
 """Poses of an evaluation that is killed, and those of a shard."""
 
 
-@pytest.mark.usefixtures("workers_start_as_copies")
 def test_a_killed_evaluation_goes_on_where_it_was(capsys, monkeypatch):
     """The head is killed after some shards; the same command then makes only the others."""
     mesh = shapes.aeroplane()

@@ -1,19 +1,17 @@
 """Visibility matrices made by workers: the same bytes as those of this process."""
 
-import os
-import signal
-from pathlib import Path
+import shutil
 
+import killing_shards
 import numpy as np
 import pytest
+from killing_shards import POISONED, SMALL
 
 import rastercov as rc
 from rastercov import shapes
 from rastercov.area.cells import cells
 from rastercov.cluster import Workers
 from rastercov.errors import ConfigError
-from rastercov.placement import matrix as matrix_module
-from rastercov.placement import shard_work
 from rastercov.placement.explain.candidate_visibility import CandidateBounds
 from rastercov.placement.matrix import VisibilityMatrix, build_matrix
 from rastercov.placement.mounts import Mounts
@@ -79,26 +77,12 @@ def test_bounds_of_workers_are_those_of_one_process(tmp_path):
         np.testing.assert_array_equal(getattr(one, name), getattr(many, name))
 
 
-POISONED = 3
-FEW, SMALL = POSES[:6], 2
-"""Poses, and those of each shard, where processes die: each suspect is tried in a process."""
+FEW = POSES[:6]
 
 
-def poisoned(folder, number, *, leave_out=(), only=None):
-    """`shard_work.make`, which one pose kills."""
-    rows = list(matrix_module.shards_of(len(FEW), SMALL))[number][1]
-    chosen = np.delete(np.arange(rows.start, rows.stop), list(leave_out))
-    if POISONED in (chosen if only is None else rows.start + np.array(only)):
-        os.kill(os.getpid(), signal.SIGKILL)
-    return shard_work.make(folder, number, leave_out=leave_out, only=only)
-
-
-def test_a_pose_that_kills_its_worker_has_no_pairs(tmp_path, monkeypatch):
-    monkeypatch.setattr(matrix_module, "SHARD_FUNCTION", "test_matrix_workers:poisoned")
-    monkeypatch.syspath_prepend(Path(__file__).parent)
+def test_a_pose_that_kills_its_worker_has_no_pairs(tmp_path):
     plain = build_matrix((MESH, CAMERA), FEW)
-    left = build_matrix((MESH, CAMERA), FEW, None, tmp_path / "m", poses_a_shard=SMALL,
-                        workers=Workers(2))  # fmt: skip
+    left = killing_shards.build((MESH, CAMERA), FEW, None, tmp_path / "m", workers=Workers(2))
     assert left.quarantined == {POISONED: "was killed by SIGKILL"}
     for pose in range(len(FEW)):
         rows = slice(plain.indptr[pose], plain.indptr[pose + 1])
@@ -112,6 +96,56 @@ def test_a_pose_that_kills_its_worker_has_no_pairs(tmp_path, monkeypatch):
     whole = build_matrix((MESH, CAMERA), FEW, None, tmp_path / "m", poses_a_shard=SMALL)
     assert not whole.quarantined
     np.testing.assert_array_equal(whole.face, plain.face)
+
+
+@pytest.fixture(scope="module")
+def with_note(tmp_path_factory):
+    """A matrix with a pose left out."""
+    folder = tmp_path_factory.mktemp("with_note") / "m"
+    killing_shards.build((MESH, CAMERA), FEW, None, folder, workers=Workers(1))
+    assert (folder / NOTE).exists()
+    return folder
+
+
+NOTE, ITS_SUM = "quarantine/shard-1.json", "sha256/shard-1.json.sha256"
+DAMAGE = {
+    "cut": lambda folder: (folder / NOTE).write_bytes((folder / NOTE).read_bytes()[:-9]),
+    "empty": lambda folder: (folder / NOTE).write_bytes(b""),
+    "no JSON": lambda folder: (folder / NOTE).write_bytes(b"\xff\x00[["),
+    "other JSON": lambda folder: (folder / NOTE).write_bytes(b"[1, 2]"),
+    "another pose": lambda folder: (folder / NOTE).write_bytes(b'{"0": "was killed"}'),
+    "missing": lambda folder: (folder / NOTE).unlink(),
+    "without a sum": lambda folder: (folder / ITS_SUM).unlink(),
+    "of another shard": lambda folder: (folder / NOTE).rename(folder / "quarantine/shard-0.json"),
+}
+
+
+@pytest.mark.parametrize("kind", DAMAGE)
+def test_a_damaged_note_on_poses_left_out_is_named_and_its_shard_made_again(
+    tmp_path, with_note, kind
+):
+    folder, lines = tmp_path / "m", []
+    shutil.copytree(with_note, folder)
+    DAMAGE[kind](folder)
+    with pytest.raises(ConfigError, match=r"quarantine/shard-\d\.json: damaged, .* build_matrix"):
+        VisibilityMatrix.load(folder).quarantined  # noqa: B018 - read at once, or when asked for
+    whole = build_matrix((MESH, CAMERA), FEW, None, folder, poses_a_shard=SMALL, note=lines.append)
+    assert all("quarantine/shard-" in line and "measured again" in line for line in lines)
+    assert lines
+    assert not whole.quarantined
+    np.testing.assert_array_equal(whole.face, build_matrix((MESH, CAMERA), FEW).face)
+    assert not list(folder.glob("quarantine/*"))
+
+
+def test_workers_find_the_pose_again_whose_note_was_damaged(tmp_path, with_note):
+    folder, lines = tmp_path / "m", []
+    shutil.copytree(with_note, folder)
+    (folder / NOTE).write_bytes(b"")
+    inputs = (MESH, CAMERA), FEW, None, folder
+    again = killing_shards.build(*inputs, workers=Workers(1), note=lines.append)
+    assert again.quarantined == {POISONED: "was killed by SIGKILL"}
+    assert NOTE in lines[0]
+    assert (folder / NOTE).read_bytes() == (with_note / NOTE).read_bytes()
 
 
 def test_workers_need_a_folder():

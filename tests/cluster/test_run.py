@@ -1,7 +1,9 @@
 """Shards made by workers that are killed, and from folders that are lost."""
 
+import errno
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -11,10 +13,12 @@ from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from pathlib import Path
 
 import cluster_job
+import dask
 import pytest
 
 from rastercov.cluster import Workers, make_shards
 from rastercov.cluster import run as run_module
+from rastercov.cluster.files import store
 from rastercov.cluster.job import work
 from rastercov.cluster.quarantine import _note, quarantined
 from rastercov.errors import ConfigError, RastercovError
@@ -111,7 +115,7 @@ def test_a_folder_that_stays_lost_ends_the_run(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("what", "error", "words"),
     [("config", ConfigError, "shard 5 is not to be had"),
-     ("disk", ConfigError, "the disk is full; shards that were made stay"),
+     ("disk", ConfigError, "job/shards/5: the disk is full; shards that were made stay"),
      ("other", RastercovError, "a worker failed: ZeroDivisionError: a defect")],
 )  # fmt: skip
 def test_an_error_ends_the_run_in_one_line_and_shards_stay(tmp_path, what, error, words):
@@ -169,13 +173,13 @@ def process(*words):
         started.wait()
 
 
-def scheduler(port):
-    return process("scheduler", "--host", "127.0.0.1", "--port", str(port), "--no-dashboard",
-                   "--no-show")  # fmt: skip
+def scheduler(port, *words):
+    where = "--host", "127.0.0.1", "--port", str(port)
+    return process("scheduler", *words, *where, "--no-dashboard", "--no-show")
 
 
-def worker(port, folder):
-    address, local = f"tcp://127.0.0.1:{port}", str(folder)
+def worker(port, folder, protocol="tcp"):
+    address, local = f"{protocol}://127.0.0.1:{port}", str(folder)
     return process("worker", address, "--host", "127.0.0.1", "--nthreads", "1", "--no-dashboard",
                    "--memory-limit", "0", "--local-directory", local)  # fmt: skip
 
@@ -207,6 +211,61 @@ def test_a_lost_scheduler_is_waited_for(tmp_path, port):
     assert len(shards(tmp_path / "job")) == 16
     # A shard that the workers finished while nobody listened is not made again, but counted.
     assert watch.numbers == list(range(16))
+
+
+@pytest.mark.parametrize("call", ["fsync", "replace"])
+def test_a_full_disk_names_the_file_that_was_written(tmp_path, monkeypatch, call):
+    def full(*arguments):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, call, full)
+    with pytest.raises(
+        OSError, match=r"No space left on device: .*/sha256/shard-5\.sha256"
+    ) as error:
+        store(tmp_path, "shard-5", b"content")
+    assert error.value.errno == errno.ENOSPC
+    assert not [path for path in tmp_path.rglob("*") if path.is_file()]
+
+
+AUTHORITY = "req -x509 -newkey rsa:2048 -nodes -keyout ca.key -out ca.pem -days 2 -subj /CN=own"
+REQUEST = "req -newkey rsa:2048 -nodes -keyout key.pem -out request.pem -subj /CN=cluster"
+SIGN = "x509 -req -in request.pem -CA ca.pem -CAkey ca.key -CAcreateserial -out cert.pem -days 2"
+
+
+@pytest.fixture
+def certificates(tmp_path, monkeypatch):
+    """Dask's configuration of TLS, as docs/scale.md has it, of this process and those it starts."""
+    if shutil.which("openssl") is None:
+        pytest.skip("no openssl")
+    for line in (AUTHORITY, REQUEST, SIGN):
+        subprocess.run(["openssl", *line.split()], cwd=tmp_path, check=True, capture_output=True)
+    pair = {"cert": str(tmp_path / "cert.pem"), "key": str(tmp_path / "key.pem")}
+    tls = {"ca-file": str(tmp_path / "ca.pem"), "scheduler": pair, "worker": pair, "client": pair}
+    comm = {"require-encryption": True, "tls": tls}
+    (tmp_path / "dask").mkdir()
+    (tmp_path / "dask/tls.yaml").write_text(json.dumps({"distributed": {"comm": comm}}))
+    monkeypatch.setenv("DASK_CONFIG", str(tmp_path / "dask"))
+    own = {"ca-file": tls["ca-file"], "client.cert": pair["cert"], "client.key": pair["key"]}
+    with dask.config.set({f"distributed.comm.tls.{name}": path for name, path in own.items()}):
+        yield
+
+
+def test_a_scheduler_with_certificates_is_used_without_a_warning(tmp_path, port, certificates):
+    job, missing = cluster_job.prepared(tmp_path / "job", 4)
+    watch = Watch()
+    with scheduler(port, "--protocol", "tls"), worker(port, tmp_path / "w", "tls"):
+        run(job, missing, watch, Workers(scheduler=f"tls://127.0.0.1:{port}"))
+    assert watch.numbers == list(range(4))
+    assert not watch.lines
+
+
+def test_an_open_scheduler_is_used_with_one_line_on_its_risk(tmp_path, port):
+    job, missing = cluster_job.prepared(tmp_path / "job", 4)
+    watch = Watch()
+    with scheduler(port), worker(port, tmp_path / "w"):
+        run(job, missing, watch, Workers(scheduler=f"tcp://127.0.0.1:{port}"))
+    (line,) = watch.lines
+    assert "every user of this machine can run programs as you through it" in line
 
 
 class NoWorkers:

@@ -47,7 +47,7 @@ def make(folder, number, *, leave_out=(), only=None):
     if what == "config":
         raise ConfigError("shard 5 is not to be had")
     if what == "disk":
-        raise OSError(errno.ENOSPC, "No space left on device")
+        raise OSError(errno.ENOSPC, "No space left on device", f"{folder}/shards/{number}")
     if what == "other":
         raise ZeroDivisionError("a defect")
     if only is None:

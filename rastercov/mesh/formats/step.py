@@ -14,6 +14,7 @@ from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 
+from rastercov._child import child_environment
 from rastercov.errors import MeshError
 from rastercov.mesh.formats.glb import broken_files_refused, scene_polygons
 from rastercov.mesh.formats.glb_container import chunks
@@ -67,8 +68,10 @@ def _converted(data: bytes, deflection: float) -> bytes:
         path = Path(folder) / "scene.glb"
         # cascadio takes the deflection in millimetres, whatever the unit of the file.
         numbers = [str(deflection * 1e3), str(ANGULAR_DEFLECTION)]
-        command = [sys.executable, "-P", "-c", CONVERT, str(path), *numbers]
-        ended = subprocess.run(command, input=data, capture_output=True, check=False)
+        command = [sys.executable, "-c", CONVERT, str(path), *numbers]
+        ended = subprocess.run(
+            command, input=data, capture_output=True, check=False, env=child_environment()
+        )
         glb = path.read_bytes() if path.exists() else b""
     if ended.returncode or not glb:
         raise MeshError(

@@ -14,13 +14,13 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import asdict
 from importlib.metadata import PackageNotFoundError, version
-from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
 
 import rastercov
 from rastercov import shaders, shapes
+from rastercov._child import child_environment
 from rastercov.camera import Camera
 from rastercov.errors import DeviceError, RastercovError
 from rastercov.raster import self_test
@@ -271,11 +271,9 @@ def ask(question: Callable[[str], Report], label: str, timeout_s: float) -> Repo
     """
     code = f"from {question.__module__} import {question.__name__} as question\n"
     code += f"from {__name__} import _answer; _answer(question, {label!r})"
-    root = str(Path(rastercov.__file__).parents[1])
-    path = os.pathsep.join(filter(None, (root, os.environ.get("PYTHONPATH"))))
     child = subprocess.Popen(
-        [sys.executable, "-P", "-c", code],  # -P: no modules from the working directory
-        env={**os.environ, "PYTHONPATH": path},
+        [sys.executable, "-c", code],
+        env=child_environment(),
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,

@@ -1,0 +1,133 @@
+"""Doors to other users and to others' files: ports and pipes of a run, modules in its folder."""
+
+import inspect
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import cluster_job
+import pytest
+from hostile_folder import COMMANDS, INPUTS, command, executed, fill
+from open_doors import family, listening, opened_by_others
+
+from rastercov._jit import compiled_aside
+from rastercov.camera import Camera
+from rastercov.camera_formats import write_views
+from rastercov.cluster.process import Process
+from rastercov.pose import Poses
+from rastercov.rig import Rig
+from rastercov.viewpoints import sphere_of_poses
+from rastercov.views import Views
+
+SUPPORT = Path(cluster_job.__file__).parent
+HEAD = """
+import sys
+from pathlib import Path
+import cluster_job
+from rastercov.cluster import Job, Workers, make_shards
+folder = Path(sys.argv[1])
+missing = lambda: {n: 8 for n in range(40) if not (folder / f"shards/{n}").exists()}
+make_shards(Workers(2), Job.of(folder, cluster_job.FUNCTION), missing, lambda made: None, print)
+"""
+
+
+@pytest.fixture
+def head(tmp_path):
+    """A run by two workers, after its first shards; it kills one of them now and then."""
+    _, missing = cluster_job.prepared(tmp_path / "job", 40, seconds=0.3, kill=[100])
+    program = tmp_path / "head.py"
+    program.write_text(HEAD)
+    paths = os.pathsep.join([str(SUPPORT.parents[1]), str(SUPPORT)])
+    environment = os.environ | {"PYTHONPATH": paths}
+    with subprocess.Popen([sys.executable, program, tmp_path / "job"], env=environment) as head:
+        try:
+            while len(missing()) > 36:
+                assert head.poll() is None
+                time.sleep(0.05)
+            yield head
+        finally:
+            head.kill()
+
+
+@pytest.mark.slow
+def test_no_process_of_a_run_listens_and_no_other_user_can_call_one(head):
+    found = family(head.pid)
+    assert len(found) >= 3  # the workers
+    assert listening(found) == []
+    if os.geteuid() != 0:
+        pytest.skip("only root can act as another user")
+    assert opened_by_others(found) == []
+
+
+def test_an_open_door_is_found():
+    import socket
+
+    with socket.socket() as tcp, socket.socket(socket.AF_UNIX) as unix:
+        assert listening([os.getpid()]) == []
+        tcp.bind(("127.0.0.1", 0))
+        tcp.listen()
+        unix.bind("\0rastercov-test-door")
+        unix.listen()
+        assert len(listening([os.getpid()])) == 2
+
+
+@pytest.fixture(scope="module")
+def hostile(tmp_path_factory):
+    """A folder of modules that must not be executed, and what the commands read."""
+    folder = tmp_path_factory.mktemp("hostile")
+    fill(folder)
+    poses = Poses.of(sphere_of_poses((0, 0, 0), 4.0, 4))
+    names = tuple(f"{row}.jpg" for row in range(4))
+    views = Views(Rig([Camera(width=96, height=72, fx=90, fy=90)], ["one"]), poses, names)
+    write_views(folder / "model", views)
+    return folder
+
+
+def test_a_module_in_the_folder_would_be_executed(hostile):
+    """By Python's own `-c`: the modules are found where the path leads to them."""
+    subprocess.run([sys.executable, "-c", "import inspect"], cwd=hostile, check=False)
+    assert executed(hostile)
+    (hostile / "executed.txt").unlink()
+
+
+@pytest.mark.slow
+@pytest.mark.compile
+@pytest.mark.parametrize("line", COMMANDS)
+def test_a_file_in_the_folder_is_not_executed(hostile, line):
+    done = command(hostile, line.split())
+    assert executed(hostile) == []
+    is_refused = "part.step" in line
+    assert done.returncode in ((2,) if is_refused else (0, 1)), done.stderr
+    assert "Traceback" not in done.stderr
+
+
+@pytest.mark.slow
+def test_processes_of_the_library_execute_no_file_in_the_folder(hostile, monkeypatch):
+    monkeypatch.chdir(hostile)
+    monkeypatch.syspath_prepend("")  # as for `python -c`
+    with Process() as process:
+        assert process.call(os.getcwd) == str(hostile)
+        # What the libraries start there, such as those of multiprocessing.
+        assert process.call(subprocess.call, [sys.executable, "-c", "import inspect"]) == 0
+    with compiled_aside(inspect.currentframe):
+        pass
+    assert executed(hostile) == []
+
+
+@pytest.mark.slow
+def test_quarantine_executes_no_file_in_the_folder(hostile, tmp_path):
+    cluster_job.prepared(tmp_path / "job", 40, poses=2, kill=[3])
+    (tmp_path / "head.py").write_text(HEAD)
+    environment = os.environ | {
+        "PYTHONPATH": os.pathsep.join([str(SUPPORT.parents[1]), str(SUPPORT)])
+    }
+    words = [sys.executable, tmp_path / "head.py", tmp_path / "job"]
+    subprocess.run(words, cwd=hostile, env=environment, check=True, capture_output=True)
+    assert (tmp_path / "job/quarantine/shard-1.json").exists()
+    assert executed(hostile) == []
+
+
+def test_inputs_of_the_commands_are_in_the_folder(hostile):
+    assert all((hostile / name).exists() for name in INPUTS)
