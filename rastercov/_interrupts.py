@@ -19,6 +19,7 @@ def was_interrupted() -> bool:
     """True once a signal came, whatever error the code that it met made of it."""
     return bool(_came)
 
+
 ABANDONED = "rastercov-abandoned"
 """Prefix of the names of threads that an interrupted program does not wait for."""
 
