@@ -18,8 +18,9 @@ from numpy.typing import ArrayLike
 from rastercov._output import write_bytes
 from rastercov.area.zone_report import ZONES
 from rastercov.camera_formats import read_views
-from rastercov.errors import ConfigError, PoseError
+from rastercov.errors import ConfigError, MeshError, PoseError
 from rastercov.mesh import Mesh
+from rastercov.mesh.names import Names, listed, quoted
 from rastercov.placement.explain.uncovered import Leftover
 from rastercov.placement.improve.objective import Objective
 from rastercov.plan.errors import PlanError
@@ -35,7 +36,7 @@ from rastercov.plan.network import (
 )
 from rastercov.plan.prepare import Step, quiet
 from rastercov.plan.requirements import HOLDS, Requirement, counting, judge, judge_areas, limits_of
-from rastercov.plan.scene import scene
+from rastercov.plan.scene import named_scene
 from rastercov.pose import Poses, renumbered
 from rastercov.task import Task
 from rastercov.views import Views
@@ -191,11 +192,9 @@ def check(
     rig = renumbered(given)
     rig.check_cameras(len(plan.rig))
     with step("scene"):
-        mesh = scene(plan)
+        mesh, plan, names = named_scene(plan)
     scored = [group.name for group in mesh.groups if not group.is_occluder]
-    if unknown := [name for name in limits if name is not None and name not in scored]:
-        known = f"to cover; there are {', '.join(scored)}"
-        raise PlanError(plan.name, [f"there is no group {name!r} {known}" for name in unknown])
+    limits = _by_group(plan, limits, names, scored)
     task = plan.build_task(views)
     counted = counting(plan.task) | ({"views": views} if views else {})
     with observer_of(plan, mesh) as observer:
@@ -226,6 +225,25 @@ def check(
         leftover=leftover,
         asked_views=views,
     )
+
+
+def _by_group(
+    plan: Plan, limits: Limits, names: Names, scored: Sequence[str]
+) -> dict[str | None, float]:
+    """Limits by group from limits by name, of groups that are scored; PlanError for others."""
+    by_name = {name: limit for name, limit in limits.items() if name is not None}
+    lines = []
+    for name in by_name:
+        try:
+            if set(names.groups_of(name)).isdisjoint(scored):
+                lines.append(f"group {quoted(name)} is an occluder; to cover are {listed(scored)}")
+        except MeshError as error:
+            lines.append(str(error))
+    if lines:
+        raise PlanError(plan.name, lines)
+    every = names.by_group(by_name)
+    whole = {None: limits[None]} if None in limits else {}
+    return whole | {name: limit for name, limit in every.items() if name in scored}
 
 
 def seen_by_cameras(plan: Plan, views: Views) -> tuple[Plan, Poses]:

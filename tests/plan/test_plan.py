@@ -282,8 +282,9 @@ def test_several_meshes_are_one_scene_each_with_its_unit():
     write_part("arm.obj", names={})
     text = (
         '[[meshes]]\npath = "part.obj"\nunit = "mm"\n'
-        '[[meshes]]\npath = "arm.obj"\nrole = "occluder"\n'
+        '[[meshes]]\npath = "arm.obj"\nrole = "occluder"\ntransform = { scale = 2 }\n'
         '[[meshes]]\nbuilt_in = "box"\nrole = "occluder"\ntwo_sided = true\n'
+        "transform = { scale = 3 }\n"
         '[[meshes]]\nbuilt_in = "box"\nrole = "occluder"\n' + CAMERA
     )
     mesh = scene(plan_of(text))
