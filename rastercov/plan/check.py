@@ -15,6 +15,7 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rastercov._checks import share_meant
 from rastercov._output import write_bytes
 from rastercov.area.zone_report import ZONES
 from rastercov.camera_formats import read_views
@@ -130,6 +131,11 @@ def limits(
     """
     found = limits_of(plan.selection)
     if min_coverage is not None:
+        if not 0 <= min_coverage <= 1:
+            raise ConfigError(
+                f"--min-coverage wants a share of 0 to 1, got {min_coverage:g}"
+                f"{share_meant(min_coverage)}"
+            )
         found[None] = min_coverage
     for text in groups:
         name, _, share = text.rpartition("=")
@@ -138,7 +144,9 @@ def limits(
         except ValueError:
             value = -1.0
         if not name or not 0 <= value <= 1:
-            raise ConfigError(f"--group wants NAME=SHARE with a share of 0 to 1, got {text!r}")
+            raise ConfigError(
+                f"--group wants NAME=SHARE with a share of 0 to 1, got {text!r}{share_meant(value)}"
+            )
         found[name] = value
     if not found:
         raise ConfigError(
@@ -316,6 +324,23 @@ def write_junit(path: Path, checked: Checked) -> None:
         else:
             words = {"type": each.status, "message": _xml(each.words())}
             ElementTree.SubElement(case, "failure", words).text = _xml(text)
+    _write(path, suites)
+
+
+def write_junit_error(path: Path, plan: Path, lines: Sequence[str]) -> None:
+    """Write JUnit XML with one test case, an error: the check could not be made."""
+    counts = {"tests": "1", "failures": "0", "errors": "1"}
+    suites = ElementTree.Element("testsuites", {"name": "rastercov"} | counts)
+    words = {"name": _xml(f"rastercov check {plan.name}"), "skipped": "0"}
+    suite = ElementTree.SubElement(suites, "testsuite", words | counts)
+    words = {"classname": _xml(f"rastercov.{plan.stem}"), "name": "input"}
+    case = ElementTree.SubElement(suite, "testcase", words)
+    words = {"type": "error", "message": _xml(lines[0])}
+    ElementTree.SubElement(case, "error", words).text = _xml("\n".join(lines))
+    _write(path, suites)
+
+
+def _write(path: Path, suites: ElementTree.Element) -> None:
     ElementTree.indent(suites)
     document: bytes = ElementTree.tostring(suites, encoding="utf-8", xml_declaration=True)
     write_bytes(path, document + b"\n")
