@@ -30,7 +30,7 @@ from rastercov._checks import (
     two,
 )
 from rastercov._files import StrPath
-from rastercov.camera_file import OPTICS, arguments_of, naming, read_entries, write_entries
+from rastercov.camera_file import arguments_of, check_optics, naming, read_entries, write_entries
 from rastercov.camera_models import MODELS, checked_model
 from rastercov.errors import CameraError
 
@@ -294,10 +294,7 @@ class Camera:
 
     def with_optics(self, entries: Mapping[str, Any]) -> "Camera":
         """Camera with depth of field and near limit of the entries of a camera file, `OPTICS`."""
-        if others := ", ".join(sorted(map(str, entries.keys() - set(OPTICS)))):
-            raise CameraError(
-                f"file stands beside {', '.join(OPTICS)}, got {others} too; put them into the file"
-            )
+        check_optics(entries)
         return Camera.from_dict(self.plain() | dict(entries)) if entries else self
 
     def plain(self) -> dict[str, Any]:

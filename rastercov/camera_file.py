@@ -109,6 +109,14 @@ def arguments_of(entries: Any, fields: Sequence[str]) -> dict[str, Any]:
     return _checked(given)
 
 
+def check_optics(entries: Mapping[str, Any]) -> None:
+    """CameraError for an entry beside `file` that a calibration has itself."""
+    if others := ", ".join(sorted(map(str, entries.keys() - set(OPTICS)))):
+        raise CameraError(
+            f"file stands beside {', '.join(OPTICS)}, got {others} too; put them into the file"
+        )
+
+
 def _checked(entries: dict[str, Any]) -> dict[str, Any]:
     """Arguments of a constructor, from entries that exist."""
     if not entries.keys().isdisjoint(ANGLES):

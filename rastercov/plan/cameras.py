@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pydantic import AfterValidator, Field, ValidationInfo, model_validator
 
 from rastercov.camera import Camera
-from rastercov.camera_file import PRESETS
+from rastercov.camera_file import PRESETS, check_optics
 from rastercov.camera_formats import read_views
 from rastercov.camera_formats.conventions import Conventions
 from rastercov.errors import CameraError, RastercovError
@@ -98,6 +98,7 @@ class CameraSection(fields_of(Camera, is_optional=True, leave_out=OF_A_LIST)):  
         if self.file is None:
             return Camera.from_dict(entries)
         optics = {k: v for k, v in entries.items() if k not in ("file", "name", *OF_FILES)}
+        check_optics(optics)
         try:
             given = {name: entries[name] for name in OF_FILES if name in entries}
             conventions = Conventions(**given)
