@@ -124,3 +124,9 @@ def is_inf(value: Any) -> bool:
 def shown(value: Any) -> str:
     """`value` in a few characters on one line, whatever it is."""
     return " ".join(reprlib.repr(value).split())
+
+
+def share_meant(value: Any) -> str:
+    """End of a line about a share above 1, which was probably given in percent."""
+    is_percent = is_number(value) and 1 < value <= 100
+    return f"; {value / 100:g} for {value:g} %?" if is_percent else ""

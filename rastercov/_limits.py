@@ -15,7 +15,7 @@ from annotated_types import Ge, Gt, Le
 from typing_extensions import Doc
 
 from rastercov._arguments import check_choice, flag
-from rastercov._checks import finite_number, shown
+from rastercov._checks import finite_number, share_meant, shown
 from rastercov.errors import ConfigError
 
 
@@ -97,8 +97,10 @@ def _checked(name: str, value: Any, hint: Any) -> Any:
             raise ConfigError(f"{name} must be {error}") from None
     number, limits = finite_number(value), metadata_of(hint)
     is_whole = kind is not int or number.is_integer()
+    is_share = any(isinstance(limit, Le) and limit.le == 1 for limit in limits)
+    meant = share_meant(number) if is_share else ""
     if math.isnan(number) or not is_whole or not all(_holds(limit, number) for limit in limits):
-        raise ConfigError(f"{name} must be {_words(kind, limits)}, got {shown(given)}")
+        raise ConfigError(f"{name} must be {_words(kind, limits)}, got {shown(given)}{meant}")
     return kind(number)
 
 

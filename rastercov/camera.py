@@ -30,7 +30,7 @@ from rastercov._checks import (
     two,
 )
 from rastercov._files import StrPath
-from rastercov.camera_file import arguments_of, naming, read_entries, write_entries
+from rastercov.camera_file import arguments_of, check_optics, naming, read_entries, write_entries
 from rastercov.camera_models import MODELS, checked_model
 from rastercov.errors import CameraError
 
@@ -291,6 +291,11 @@ class Camera:
     def save(self, path: StrPath) -> None:
         """Write the camera as a `.json` file that `load` reads back to an equal camera."""
         write_entries(path, self.plain())
+
+    def with_optics(self, entries: Mapping[str, Any]) -> "Camera":
+        """Camera with depth of field and near limit of the entries of a camera file, `OPTICS`."""
+        check_optics(entries)
+        return Camera.from_dict(self.plain() | dict(entries)) if entries else self
 
     def plain(self) -> dict[str, Any]:
         """Arguments of the constructor that are set, ready for JSON; `model` unless a pinhole."""

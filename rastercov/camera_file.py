@@ -44,6 +44,11 @@ PRESETS: dict[str, dict[str, Any]] = {
 }
 """Arguments of `Camera.from_lens` for the cameras of the thesis."""
 OF_LENS = ("principal_point", "f_number")
+OPTICS = (
+    *("near", "focal_length", "pixel_size", "aperture", "f_number", "focus_distance"),
+    *("max_blur", "focus_range"),
+)
+"""Entries that a calibration lacks, and that may stand beside `file`."""
 ANGLES = ("hfov_deg", "vfov_deg")
 """Entries that give fx and fy by the angles between opposite sides of the image."""
 MOST_DIFFERENCE_REL = 0.05
@@ -102,6 +107,14 @@ def arguments_of(entries: Any, fields: Sequence[str]) -> dict[str, Any]:
         if given.get(name, 0) is None:
             del given[name]
     return _checked(given)
+
+
+def check_optics(entries: Mapping[str, Any]) -> None:
+    """CameraError for an entry beside `file` that a calibration has itself."""
+    if others := ", ".join(sorted(map(str, entries.keys() - set(OPTICS)))):
+        raise CameraError(
+            f"file stands beside {', '.join(OPTICS)}, got {others} too; put them into the file"
+        )
 
 
 def _checked(entries: dict[str, Any]) -> dict[str, Any]:

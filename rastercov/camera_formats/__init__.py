@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from rastercov._arguments import check_choice, check_kind, flag
+from rastercov._checks import shown
 from rastercov._files import StrPath, UnreadableError, one_line, printable
 from rastercov._format import plural
 from rastercov._output import json_bytes, write_bytes
@@ -39,6 +40,7 @@ from rastercov.camera_formats.equivalents import lost
 from rastercov.camera_formats.source import Source
 from rastercov.errors import CameraError, ConfigError, PoseError, RastercovError
 from rastercov.pose_file import read_poses
+from rastercov.rig import Rig
 from rastercov.views import Views
 
 __all__ = ["POSE_CONVENTIONS", "READERS", "WRITERS", "Conventions", "read_views", "write_views"]
@@ -50,7 +52,22 @@ def _own(source: Source, border: Border) -> Views:
     if source.path.suffix.lower() == ".npy":
         return own.of_matrices(read_poses(source.path), border)
     is_toml = source.path.suffix.lower() == ".toml"
-    return own.read(source.toml if is_toml else source.json, border)
+    content = source.toml if is_toml else source.json
+    if isinstance(content, Mapping) and "file" in content:
+        return _with_optics(source.path.parent, content, border)
+    return own.read(content, border)
+
+
+def _with_optics(folder: Path, content: Mapping[str, Any], border: Border) -> Views:
+    """Views of the file that our own names, whose camera has the optics beside it."""
+    file, others = content["file"], {k: v for k, v in content.items() if k != "file"}
+    if not isinstance(file, str) or Path(file).suffix.lower() == ".toml":
+        raise CameraError(f"file must name a file of another program, got {shown(file)}")
+    views = read_through(folder / file, border)
+    cameras = [camera.with_optics(others) for camera in views.cameras()]
+    assert views.rig is not None
+    rig = Rig(cameras, views.rig.names, views.rig.rig_from_camera)
+    return replace(views, rig=rig)
 
 
 def _mvsnet(source: Source, border: Border) -> Views:
@@ -231,14 +248,20 @@ def format_of(path: StrPath) -> str:
     suffix = place.suffix.lower()
     if suffix == ".json":
         return "nerfstudio" if place.stem.startswith("transforms") else "rastercov"
-    by_suffix = {".npy": "rastercov", ".glb": "gltf", ".yaml": "opencv", ".yml": "opencv"}
+    by_suffix = {
+        ".npy": "rastercov",
+        ".toml": "rastercov",
+        ".glb": "gltf",
+        ".yaml": "opencv",
+        ".yml": "opencv",
+    }
     if suffix in by_suffix:
         return by_suffix[suffix]
     if not suffix or place.is_dir():
         return "colmap"
     raise ConfigError(
-        f"{printable(str(path))}: a name that ends in .json, .npy, .glb or .yaml, or a folder for "
-        "COLMAP, wanted; name the format by --to"
+        f"{printable(str(path))}: a name that ends in .json, .toml, .npy, .glb or .yaml, or a "
+        "folder for COLMAP, wanted; name the format by --to"
     )
 
 
@@ -306,6 +329,10 @@ def _contents(path: Path, views: Views, target: str) -> tuple[dict[str, bytes], 
         buffer = io.BytesIO()
         np.save(buffer, views.poses.world_from_camera)
         return {"": buffer.getvalue()}, notes
+    if target == "rastercov" and path.suffix.lower() == ".toml":
+        if n_poses:
+            notes.append(f"left out: {plural(n_poses, 'pose')}: a .toml file holds one camera")
+        return {"": own.toml_of(views.camera()).encode()}, notes
     if target == "rastercov":
         # Not `json_bytes`, which has no infinity: a camera may be in focus as far as that.
         return {"": (json.dumps(own.content_of(views), indent=1) + "\n").encode()}, notes

@@ -9,6 +9,7 @@ camera of each pose; a file of poses alone may have names of cameras that anothe
 `read_poses` reads the poses of such files, too. Lengths are metres.
 """
 
+import json
 from collections import Counter
 from collections.abc import Mapping
 from typing import Any
@@ -134,6 +135,18 @@ def _are_names(values: list[Any]) -> bool:
 
 def _matrices(entries: Entries) -> NDArray[Any]:
     return real_numbers("poses", entries.need("world_from_camera"), "(P, 4, 4)")
+
+
+def toml_of(camera: Camera) -> str:
+    """Camera file of one camera, as people write it."""
+
+    def value(each: Any) -> str:
+        if isinstance(each, (list, tuple)):
+            return f"[{', '.join(map(value, each))}]"
+        # repr: json writes infinity in another way.
+        return json.dumps(each) if isinstance(each, (str, bool)) else repr(each)
+
+    return "".join(f"{name} = {value(each)}\n" for name, each in camera.plain().items())
 
 
 def content_of(views: Views) -> dict[str, Any]:

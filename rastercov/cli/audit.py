@@ -9,6 +9,7 @@ import typer
 from rastercov._format import area, percent, plural
 from rastercov.camera_formats import read_through
 from rastercov.camera_formats.conventions import Border, Conventions
+from rastercov.camera_formats.unit_doubts import unit_doubts
 from rastercov.cli import options
 from rastercov.cli.console import progress_bar, say, warn
 from rastercov.cli.inputs import arguments_of, read_scene
@@ -77,7 +78,8 @@ def audit(
             "they are in metres"
         )
     notes = [*views.notes, *left_out(views.poses)]
-    warn([*scene.warnings, *notes, *border.unused()])
+    doubts = unit_doubts(scene, views.rig, views.poses)
+    warn([*scene.warnings, *notes, *border.unused(), *doubts])
     with progress_bar() as progress:
         options: Any = {
             "by": by,

@@ -10,12 +10,14 @@ from rich.console import Console
 
 from rastercov.camera import Camera
 from rastercov.camera_formats.conventions import Conventions
+from rastercov.camera_formats.unit_doubts import unit_doubts
 from rastercov.cli import options
 from rastercov.cli.console import out_option, progress_bar, size_line, warn
 from rastercov.cli.inputs import read_scene
 from rastercov.cli.views import read_eyes
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
+from rastercov.pose import Poses
 
 COMPARED = ["certified", "sampled", "sampled@4"]
 
@@ -63,7 +65,7 @@ def compare(
     scene = read_scene(meshes, unit, transform, [], two_sided, drop_invalid)
     eyes = read_eyes(scene, camera, poses, conventions, camera_name)
     eye, matrices = eyes.camera(), eyes.poses.world_from_camera
-    warn(eyes.notes)
+    warn([*eyes.notes, *unit_doubts(scene, eye, Poses.of(matrices))])
     if models:
         if method != COMPARED or against != "exact":
             raise ConfigError("--models takes neither --method nor --against; leave them out")

@@ -30,8 +30,8 @@ def convert(
         Path,
         typer.Argument(
             metavar="OUT",
-            help="File to write; by its name: .json, transforms.json, .yaml (OpenCV), .glb "
-            "(frusta), .npy (poses), or a folder (COLMAP).",
+            help="File to write; by its name: .json, .toml (one camera), transforms.json, .yaml "
+            "(OpenCV), .glb (frusta), .npy (poses), or a folder (COLMAP).",
             show_default=False,
         ),
     ],

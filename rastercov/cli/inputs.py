@@ -19,6 +19,9 @@ from rastercov.camera import Camera
 from rastercov.errors import ConfigError, MeshError, PoseError
 from rastercov.mesh import Mesh
 from rastercov.mesh.formats import READERS
+from rastercov.mesh.groups import named
+from rastercov.mesh.mesh import names_of
+from rastercov.mesh.names import FileGroups, Names, by_file, files_named
 from rastercov.viewpoints import enclosing_distance, sphere_of_poses
 
 
@@ -33,12 +36,10 @@ def read_scene(
 ) -> Mesh:
     """Scene of the named files; an occluder or target may be a further file or a group of these.
 
-    Entries of `unit` and `transform` are for all files, or for one: FILE:UNIT.
+    Entries of `unit` and `transform` are for all files, or by name: NAME:UNIT; see `mesh.names`.
     """
     roles = {"--occluder": occluders, "--target": targets or []}
-    files = {role: [name for name in names if _is_file(name)] for role, names in roles.items()}
-    groups_of = {role: [n for n in names if n not in files[role]] for role, names in roles.items()}
-    further = [name for names in files.values() for name in names]
+    further = [name for names in roles.values() for name in names if _is_further(name, meshes)]
     for name in map(str, meshes):
         if _is_file(name):
             continue
@@ -49,30 +50,19 @@ def read_scene(
             )
         if name in shapes.NAMES and (len(meshes) > 1 or further or unit != ["m"]):
             raise ConfigError(f"{name} is built in: it takes no --unit and no other mesh files")
+    paths = [*meshes, *dict.fromkeys(map(Path, further))]
+    places = [_transform(each) for each in by_file("--transform", _named(transform), paths, "")]
     if str(meshes[0]) in shapes.NAMES and not _is_file(meshes[0]):
-        mesh = shapes.by_name(str(meshes[0]))
-        mesh = _placed(mesh, [meshes[0]], [mesh.n_faces], transform)
+        mesh = shapes.by_name(str(meshes[0])).moved(**places[0])
+        groups = [group.name for group in mesh.groups]
+        names = Names(groups, [FileGroups(meshes[0], groups)])
     else:
-        paths = [*meshes, *map(Path, further)]
-        units = [_unit(each) for each in _for_each("unit", unit, paths, "m")]
-        mesh = Mesh.load(paths, units, drop_invalid=drop_invalid)
-        mesh = _placed(mesh, paths, [source.n_faces for source in mesh.sources], transform)
-        ends = np.cumsum([0, *(source.n_faces for source in mesh.sources)])
-        start = len(meshes)
-        for role, names in files.items():
-            faces = slice(ends[start], ends[start + len(names)])
-            rows = np.unique(mesh.face_group[faces])
-            groups_of[role] += [mesh.groups[index].name for index in rows]
-            start += len(names)
-    groups = [group.name for group in mesh.groups]
-    for role, names in groups_of.items():
-        if unknown := [name for name in names if name not in groups]:
-            raise MeshError(
-                f"{role} {unknown[0]}: there is no such file, nor a group of that name; "
-                f"groups are {', '.join(groups)}"
-            )
-    both = "all" if "all" in two_sided else two_sided
-    mesh = mesh.with_groups(groups_of["--occluder"], both, groups_of["--target"])
+        units = [_unit(each) for each in by_file("--unit", _named(unit), paths, "m")]
+        mesh = Mesh.load(paths, units, transforms=places, drop_invalid=drop_invalid)
+        names = names_of(mesh, paths)
+    both = "all" if "all" in two_sided else named("--two-sided", two_sided, names)
+    hiding, transparent = (named(role, given, names) for role, given in roles.items())
+    mesh = mesh.with_groups(hiding, both, transparent)
     if not mesh.task_mask.any():
         raise MeshError("every group is an occluder; leave at least one to be covered")
     return mesh
@@ -141,6 +131,18 @@ def read_again(
     return read_scene(**kept)
 
 
+def _is_further(name: str, meshes: list[Path]) -> bool:
+    """True for a mesh file that is not among the meshes.
+
+    ConfigError where it is a file of that name here, and one of the meshes has the name, too.
+    """
+    if not _is_file(name) or any(path.exists() and path.samefile(name) for path in meshes):
+        return False
+    if Path(name).name == name and (rows := files_named(name, meshes)[0]):
+        raise ConfigError(f"{name} may be {meshes[rows[0]]} or ./{name}; give the path")
+    return True
+
+
 def _is_file(name: str | Path) -> bool:
     """True for a file of that name, and no folder; False for a name too long."""
     try:
@@ -149,42 +151,10 @@ def _is_file(name: str | Path) -> bool:
         return False
 
 
-def _for_each(option: str, values: list[str], paths: list[Path], default: str) -> list[str]:
-    """Value of an option for each file, from entries VALUE for all files and FILE:VALUE for one."""
-    found: dict[int | None, str] = {}
-    for entry in values:
-        name, colon, value = entry.rpartition(":")
-        row = _row(option, entry, name, paths) if colon else None
-        if row in found:
-            of = "all files" if row is None else paths[row].name
-            raise ConfigError(f"--{option} is given twice for {of}; leave one, or name the file")
-        found[row] = value
-    return [found.get(row, found.get(None, default)) for row in range(len(paths))]
-
-
-def _row(option: str, entry: str, name: str, paths: list[Path]) -> int:
-    """Row of the file that an entry names by its path, its name, or its name without suffix."""
-    for own in (str, lambda path: path.name, lambda path: path.stem):
-        rows = [row for row, path in enumerate(paths) if own(path) == name]
-        if len(rows) == 1:
-            return rows[0]
-        if rows:
-            raise ConfigError(f"--{option} {entry}: {len(rows)} files have that name; give a path")
-    known = ", ".join(map(str, paths))
-    raise ConfigError(f"--{option} {entry}: there is no mesh file {name!r}; files are {known}")
-
-
-def _placed(mesh: Mesh, paths: list[Path], n_faces: list[int], transform: list[str]) -> Mesh:
-    """The mesh with the faces of each file where its transform puts them."""
-    if not transform:
-        return mesh
-    first = 0
-    for text, count in zip(_for_each("transform", transform, paths, ""), n_faces, strict=True):
-        if text:
-            rows = np.unique(mesh.face_group[first : first + count])
-            mesh = mesh.moved(**_transform(text), groups=[mesh.groups[row].name for row in rows])
-        first += count
-    return mesh
+def _named(values: list[str]) -> list[tuple[str | None, str]]:
+    """Names and values of entries NAME:VALUE; None for VALUE alone."""
+    parts = (entry.rpartition(":") for entry in values)
+    return [(name if colon else None, value) for name, colon, value in parts]
 
 
 def _transform(text: str) -> dict[str, Any]:
@@ -194,6 +164,8 @@ def _transform(text: str) -> dict[str, Any]:
     from rastercov.plan.errors import lines_of
     from rastercov.plan.sections import TransformEntry
 
+    if not text:
+        return {}
     inside = text.strip().removeprefix("{").removesuffix("}")
     try:
         table = tomllib.loads(f"transform = {{ {inside} }}")["transform"]

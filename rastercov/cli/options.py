@@ -61,7 +61,7 @@ Out = Annotated[Path, out_option("Folder for the report.")]
 Unit = Annotated[
     list[str],
     typer.Option(
-        help="Unit of the mesh files: m, mm, cm, um, in, ft, or metres per unit; FILE:UNIT for one "
+        help="Unit of the mesh files: m, mm, cm, um, in, ft, or metres per unit; NAME:UNIT for one "
         "of them. Files that state their unit keep it."
     ),
 ]
@@ -69,7 +69,7 @@ Transform = Annotated[
     list[str],
     typer.Option(
         help="Place of the mesh, as in plan files: 'scale = 1, axis = [0, 0, 1], angle_deg = 90, "
-        "translation = [0, 0, 1.5]', any of them; FILE:... for one of several files. Metres, "
+        "translation = [0, 0, 1.5]', any of them; NAME:... for one of several files. Metres, "
         "after --unit."
     ),
 ]
@@ -77,14 +77,16 @@ UNIT = ["m"]
 """Default of `Unit`; typer copies it."""
 Occluders = Annotated[
     list[str],
-    typer.Option("--occluder", help="Mesh file, or group, that hides but is not scored."),
+    typer.Option(
+        "--occluder", help="Mesh file or group, wildcards too, that hides but is not scored."
+    ),
 ]
 Targets = Annotated[
     list[str],
-    typer.Option("--target", help="Mesh file, or group, that is scored but hides nothing."),
+    typer.Option("--target", help="Mesh file or group that is scored but hides nothing."),
 ]
 TwoSided = Annotated[
-    list[str], typer.Option(help="Group that counts from either side; 'all' for every group.")
+    list[str], typer.Option(help="Mesh file or group that counts from either side; 'all' for all.")
 ]
 DropInvalid = Annotated[bool, typer.Option(help="Drop faces that are not finite, with a warning.")]
 Device = Annotated[str, typer.Option(help="auto, cpu, or OpenGL: egl:0, surfaceless, osmesa.")]

@@ -2,7 +2,7 @@
 
 import json
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -11,6 +11,7 @@ import typer
 from rich.console import Console
 
 from rastercov.camera_formats.conventions import Conventions
+from rastercov.camera_formats.unit_doubts import unit_doubts
 from rastercov.cli.console import out_option, progress_bar, say, size_line, warn
 from rastercov.cli.options import (
     AsJson,
@@ -22,6 +23,7 @@ from rastercov.cli.options import (
     with_conventions,
 )
 from rastercov.cli.views import read_rig
+from rastercov.errors import RastercovError
 
 if TYPE_CHECKING:
     from rastercov.plan.file import Plan
@@ -81,7 +83,12 @@ def place(
     with _errors_by_line():
         placed = report.run_into(asked, folder, _step, staff)
     warn(placed.prepared.mesh.warnings)
-    warn(_doubts(asked, placed.cameras))
+    prepared = placed.prepared
+    doubts = _doubts(asked, placed.cameras)
+    if not len(placed.cameras.placed):  # nothing is covered from any candidate
+        pool = prepared.pool.candidates.placed
+        doubts = _of_plan(unit_doubts(prepared.mesh, prepared.plan.rig, pool))
+    warn(doubts)
     if as_json:
         print(json_text(report.summary(placed)))
     else:
@@ -125,7 +132,7 @@ def check(
     camera_name: CameraName = None,
     min_coverage: Annotated[
         float | None,
-        typer.Option(min=0, max=1, help="Share to cover; the plan's own unless given."),
+        typer.Option(help="Share to cover, 0 to 1; the plan's own unless given."),
     ] = None,
     group: Annotated[
         list[str], typer.Option(help="NAME=SHARE: share to cover of a group. Repeat it for more.")
@@ -144,14 +151,15 @@ def check(
 
     [bold]Example[/]: rastercov check plan.toml --poses rig.json --min-coverage 0.98 --views 2
     """
-    asked = _plan(plan)
     from rastercov.plan import check as plan_check
+    from rastercov.plan.file import read_plan
     from rastercov.report.by_camera import camera_table
     from rastercov.report.half_covered import half_covered_lines
 
     if junit is not None:
         plan_check.refuse_junit(junit)
-    with _errors_by_line():
+    with _errors_by_line(), _junit_of_errors(junit, plan):
+        asked = read_plan(plan)
         limits = plan_check.limits(asked, min_coverage, group)
         eyes = read_rig(camera, Path(poses), conventions, camera_name)
         if camera and eyes.rig is not None:
@@ -177,10 +185,12 @@ def _doubts(plan: "Plan", cameras: "Measured") -> list[str]:
     """Lines about the unit of the meshes, and the side that their faces show."""
     from rastercov.report.doubts import doubts
 
-    return [
-        line.replace("--unit", "unit of [[meshes]]")
-        for line in doubts(cameras.network, plan.rig, cameras.placed)
-    ]
+    return _of_plan(doubts(cameras.network, plan.rig, cameras.placed))
+
+
+def _of_plan(lines: Iterable[str]) -> list[str]:
+    """Lines that name the entry of a plan for the option of a command."""
+    return [line.replace("--unit", "unit of [[meshes]]") for line in lines]
 
 
 def _plan(path: Path) -> "Plan":
@@ -188,6 +198,19 @@ def _plan(path: Path) -> "Plan":
 
     with _errors_by_line():
         return read_plan(path)
+
+
+@contextmanager
+def _junit_of_errors(junit: Path | None, plan: Path) -> Iterator[None]:
+    """Write what is wrong with the input as JUnit, too, where that is wanted."""
+    from rastercov.plan.check import write_junit_error
+
+    try:
+        yield
+    except (RastercovError, OSError) as error:
+        if junit is not None:
+            write_junit_error(junit, plan, getattr(error, "lines", None) or [str(error)])
+        raise
 
 
 @contextmanager

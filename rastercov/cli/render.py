@@ -9,11 +9,13 @@ import numpy as np
 import typer
 
 from rastercov.camera_formats.conventions import Conventions
+from rastercov.camera_formats.unit_doubts import unit_doubts
 from rastercov.cli import options
 from rastercov.cli.console import out_option, size_line, warn
 from rastercov.cli.inputs import read_scene
 from rastercov.cli.views import read_eyes
 from rastercov.errors import PoseError
+from rastercov.pose import Poses
 
 
 @options.with_conventions
@@ -50,7 +52,7 @@ def render(
     scene = read_scene(meshes, unit, transform, occluder, [], drop_invalid, target)
     eyes = read_eyes(scene, camera, poses, conventions, camera_name)
     eye, matrices = eyes.camera(), eyes.poses.world_from_camera
-    warn(eyes.notes)
+    warn([*eyes.notes, *unit_doubts(scene, eye, Poses.of(matrices))])
     if pose >= len(matrices):
         raise PoseError(f"--pose {pose} is not there: {poses} has {len(matrices)} poses, from 0")
     warn(scene.warnings)

@@ -14,6 +14,7 @@ import typer
 
 from rastercov import shapes
 from rastercov.camera_formats.conventions import Border, Conventions
+from rastercov.camera_formats.unit_doubts import unit_doubts
 from rastercov.cli import options
 from rastercov.cli.console import say, size_line, warn
 from rastercov.cli.inputs import are_arguments, read_again, read_scene
@@ -134,7 +135,9 @@ def view(
         scene = _of_result(first, sources[1:], load, rig, is_told)
     else:
         scene = _of_meshes(sources, load, camera, poses, conventions, camera_name, task, unit)
-    warn([*scene.mesh.warnings, *scene.notes])
+    start = scene.start
+    doubts = unit_doubts(scene.mesh, start.rig(), start.poses())
+    warn([*scene.mesh.warnings, *scene.notes, *doubts])
     session = Session(scene, method)
     print(f"{scene.title}: {size_line(scene.mesh)}, {len(scene.start.stations)} cameras")
     if export is not None:

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov._arguments import check_kind, flag, members
 from rastercov.errors import MeshError
 from rastercov.mesh.arrays import face_labels
+from rastercov.mesh.names import Names
 
 
 @dataclass(frozen=True)
@@ -81,21 +82,16 @@ def checked_groups(
 
 
 def flagged(
+    names: Names,
     groups: Sequence[Group],
     occluders: Iterable[str] | None,
     two_sided: Iterable[str] | None,
     targets: Iterable[str] | None,
 ) -> tuple[Group, ...]:
     """Groups with a flag set on exactly the named ones; None keeps that flag."""
-    known = {group.name for group in groups}
-    hiding, transparent = _names("occluders", occluders), _names("targets", targets)
+    hiding, transparent = named("occluders", occluders, names), named("targets", targets, names)
     is_all = isinstance(two_sided, str) and two_sided == "all"
-    both = known if is_all else _names("two_sided", two_sided)
-    unknown = ((hiding or set()) | (both or set()) | (transparent or set())) - known
-    if unknown:
-        raise MeshError(
-            f"group names must be among {sorted(known)}, got {sorted(unknown)}; correct them"
-        )
+    both = set(names.groups) if is_all else named("two_sided", two_sided, names)
     return tuple(
         replace(
             group,
@@ -107,9 +103,13 @@ def flagged(
     )
 
 
-def _names(argument: str, names: Iterable[str] | None) -> set[str] | None:
-    if names is None:
+def named(argument: str, given: Iterable[str] | None, names: Names) -> set[str] | None:
+    """Groups of the given names; None for None."""
+    if given is None:
         return None
-    if isinstance(names, str):
-        return {names}
-    return set(members(argument, names, str, "names of groups", MeshError))
+    wanted = "names of groups or files"
+    each = [given] if isinstance(given, str) else members(argument, given, str, wanted, MeshError)
+    try:
+        return {group for name in each for group in names.groups_of(name)}
+    except MeshError as error:
+        raise MeshError(f"{argument}: {error}") from None

@@ -4,9 +4,10 @@ A `Mesh` is checked once, at construction, and never changes, so all other modul
 arrays. Topology is computed on positions, because files repeat vertices along seams.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -26,9 +27,10 @@ from rastercov.mesh.arrays import (
 )
 from rastercov.mesh.diagnosis import surface_faults
 from rastercov.mesh.faces import Faces
-from rastercov.mesh.formats import LARGEST_FILE, metres_per, read_files
-from rastercov.mesh.groups import Group, checked_groups, flagged
+from rastercov.mesh.formats import LARGEST_FILE, metres_per, paths_of, read_files
+from rastercov.mesh.groups import Group, checked_groups, flagged, named
 from rastercov.mesh.motion import moved_points, with_moved_faces
+from rastercov.mesh.names import FileGroups, Names, of_files, refuse_twice
 from rastercov.mesh.topology import Topology
 
 if TYPE_CHECKING:
@@ -139,8 +141,9 @@ class Mesh(Faces):
     def load(
         cls,
         path: StrPath | Sequence[StrPath],
-        unit: str | float | list[str | float] | tuple[str | float, ...] = "m",
+        unit: str | float | Sequence[str | float] | Mapping[str, str | float] = "m",
         *,
+        transforms: Sequence[Mapping[str, Any]] | Mapping[str, Mapping[str, Any]] = (),
         occluders: Iterable[str] = (),
         two_sided: Iterable[str] = (),
         targets: Iterable[str] = (),
@@ -155,10 +158,13 @@ class Mesh(Faces):
         path : path or sequence of paths
             STL, OBJ, PLY, OFF, GLB, glTF, 3MF, DAE or STEP files; regular files (or links to
             them) on this machine. STEP needs the extra `formats`.
-        unit : str or float, or a list of them
-            Unit of the coordinates: m, mm, cm, um, in, ft, or metres per unit; of all files, or one
-            for each. 3MF, STEP and most DAE files state their own.
-        occluders, two_sided, targets : group names
+        unit : str or float, or a list or mapping of them
+            Unit of the coordinates: m, mm, cm, um, in, ft, or metres per unit; of all files, one
+            for each, or by names of files, "m" of the others. 3MF, STEP and most DAE files state
+            their own.
+        transforms : list or mapping of mappings
+            Arguments of `moved`, one for each file or by names of files.
+        occluders, two_sided, targets : names of groups or files
             Flags of the groups, see `with_groups`.
         drop_invalid : bool
             Drop faces whose coordinates are not finite, with a warning; `source_face` numbers the
@@ -180,17 +186,16 @@ class Mesh(Faces):
         Raises
         ------
         MeshError
-            The file is unusable; the message has its name, the fault, and the line or byte.
+            The file is unusable; the message has its name, the fault, and the line or byte. Or two
+            files are the same mesh in the same place.
         ResourceError
             Too many faces for the budget.
         """
-        scale: float | list[float]
-        if isinstance(unit, (list, tuple)):
-            scale = [metres_per(each) for each in unit]
-        else:
-            scale = metres_per(unit)
+        paths = paths_of(path)
+        scales = [metres_per(each) for each in of_files("unit", unit, paths, "m")]
+        places = of_files("transforms", transforms or {}, paths, {})
         scene, files = read_files(
-            path, scale, drop_invalid=drop_invalid, max_bytes=max_bytes,
+            paths, scales, drop_invalid=drop_invalid, max_bytes=max_bytes,
             memory_budget=memory_budget,
         )  # fmt: skip
         mesh = cls(
@@ -202,7 +207,13 @@ class Mesh(Faces):
             sources=[MeshSource(*file) for file in files],
             notes=scene.notes,
         )
-        return mesh.with_groups(occluders=occluders, two_sided=two_sided, targets=targets)
+        names = names_of(mesh, paths)
+        for each, place in zip(names.files, places, strict=True):
+            mesh = mesh.moved(**place, groups=each.groups) if place else mesh
+        ends = np.cumsum([source.n_faces for source in mesh.sources])
+        parts = np.split(mesh.faces, ends[:-1])
+        refuse_twice((str(p), mesh.vertices, own) for p, own in zip(paths, parts, strict=True))
+        return mesh._with_flags(flagged(names, mesh.groups, occluders, two_sided, targets))
 
     @classmethod
     def from_trimesh(cls, tri: Any, *, name: str = "mesh", unit: str | float = "m") -> "Mesh":
@@ -268,11 +279,12 @@ class Mesh(Faces):
 
         Parameters
         ----------
-        occluders : group names, optional
-            Exactly these hide without being scored; None keeps the flags.
-        two_sided : group names or "all", optional
+        occluders : names of groups or files, optional
+            Exactly these hide without being scored; None keeps the flags. A file is named by its
+            name or its stem; `*`, `?` and `[...]` are wildcards.
+        two_sided : names of groups or files, or "all", optional
             Exactly these are covered from either side; None keeps the flags.
-        targets : group names, optional
+        targets : names of groups or files, optional
             Exactly these are scored without hiding anything; None keeps the flags.
 
         Returns
@@ -283,9 +295,12 @@ class Mesh(Faces):
         Raises
         ------
         MeshError
-            For an unknown group, or one that would be both occluder and target.
+            For an unknown name, or a group that would be both occluder and target.
         """
-        groups = flagged(self.groups, occluders, two_sided, targets)
+        return self._with_flags(flagged(names_of(self), self.groups, occluders, two_sided, targets))
+
+    def _with_flags(self, groups: tuple[Group, ...]) -> Self:
+        """Mesh with other flags of the same groups; shares this mesh's arrays."""
         other = object.__new__(type(self))
         depends_on_groups = {"task_mask", "two_sided_mask", "target_mask", "_opaque", "warnings"}
         if any(a.is_target != b.is_target for a, b in zip(groups, self.groups, strict=True)):
@@ -319,7 +334,7 @@ class Mesh(Faces):
             Degrees.
         translation : (3,) float
             Metres.
-        groups : group names, optional
+        groups : names of groups or files, optional
             Those that move; all by default. Vertices that they share with the others are doubled.
 
         Raises
@@ -332,8 +347,8 @@ class Mesh(Faces):
             moved_points(self.vertices, scale, axis, angle_deg, translation),
         )
         if groups is not None:
-            moving = flagged(self.groups, groups, None, None)  # refuses unknown names
-            is_moved = np.array([group.is_occluder for group in moving])[self.face_group]
+            moving = named("groups", groups, names_of(self)) or set()
+            is_moved = np.array([group.name in moving for group in self.groups])[self.face_group]
             vertices, faces = with_moved_faces(self.vertices, vertices, faces, is_moved)
         others = {name: getattr(self, name) for name in self.__dataclass_fields__}
         return Mesh(**(others | {"vertices": vertices, "faces": faces}))
@@ -479,3 +494,18 @@ class Mesh(Faces):
         if not 1e-6 <= extent <= 1e4:
             found.append(f"the mesh measures {extent:.3g} m; check unit=")
         return tuple(found)
+
+
+def names_of(mesh: Mesh, paths: Sequence[StrPath] | None = None) -> Names:
+    """Names of a mesh whose faces are those of its sources; `paths` are these as the user typed."""
+    groups = [group.name for group in mesh.groups]
+    ends = np.cumsum([0, *(source.n_faces for source in mesh.sources)])
+    if ends[-1] != mesh.n_faces:  # there are others
+        return Names(groups)
+    rows = [np.unique(mesh.face_group[a:b]) for a, b in pairwise(ends)]
+    sources = [source.name for source in mesh.sources] if paths is None else paths
+    files = [
+        FileGroups(path, [groups[row] for row in own])
+        for path, own in zip(sources, rows, strict=True)
+    ]
+    return Names(groups, files, group_first=paths is None)

@@ -5,6 +5,7 @@ Both are plain meshes; `with_target` adds one to a scene as a group of its own.
 """
 
 import math
+from collections.abc import Sequence
 from itertools import product
 
 import numpy as np
@@ -13,8 +14,9 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov._arguments import finite_points
 from rastercov._typed import typed
 from rastercov.errors import MeshError
-from rastercov.mesh.groups import Group
-from rastercov.mesh.mesh import Mesh
+from rastercov.mesh.groups import Group, named
+from rastercov.mesh.mesh import Mesh, names_of
+from rastercov.mesh.names import listed
 
 FloatArray = NDArray[np.float64]
 
@@ -32,16 +34,17 @@ BOX_FACES = np.array(
 
 
 @typed
-def sheet_above(mesh: Mesh, group: str, height: float) -> Mesh:
+def sheet_above(mesh: Mesh, group: str | Sequence[str], height: float) -> Mesh:
     """Faces of a group that face up, lifted by a height: a sheet that faces up.
 
     Parameters
     ----------
     mesh : Mesh
         The scene; z is up.
-    group : str
-        A floor, for example. Faces steeper than `STEEPEST_DEG` are left out; slopes stay slopes. In
-        a two-sided group faces that face down count, too, and are turned over.
+    group : str or sequence of str
+        Names of groups or files, a floor for example. Faces steeper than `STEEPEST_DEG` are left
+        out; slopes stay slopes. In a two-sided group faces that face down count, too, and are
+        turned over.
     height : float
         Metres.
 
@@ -52,20 +55,16 @@ def sheet_above(mesh: Mesh, group: str, height: float) -> Mesh:
     ConfigError
         For an argument of another type.
     """
-    names = [each.name for each in mesh.groups]
-    if group not in names:
-        raise MeshError(f"there is no group {group!r}; groups are {', '.join(names)}")
+    members = named("group", group, names_of(mesh)) or set()
     if not math.isfinite(height):
         raise MeshError(f"height must be finite, got {height} m")
-    row = names.index(group)
-    upward = mesh.normals[:, 2].copy()
-    if mesh.groups[row].is_two_sided:
-        upward = np.abs(upward)
-    chosen = (mesh.face_group == row) & (upward >= math.cos(math.radians(STEEPEST_DEG)))
+    upward = np.where(mesh.two_sided_mask, abs(mesh.normals[:, 2]), mesh.normals[:, 2])
+    is_member = np.array([each.name in members for each in mesh.groups])[mesh.face_group]
+    chosen = is_member & (upward >= math.cos(math.radians(STEEPEST_DEG)))
     if not chosen.any():
         raise MeshError(
-            f"group {group!r} has no face that faces up, +z, within {STEEPEST_DEG:g} degrees; name "
-            "a floor, or turn its faces over"
+            f"group {listed(sorted(members))!r} has no face that faces up, +z, within "
+            f"{STEEPEST_DEG:g} degrees; name a floor, or turn its faces over"
         )
     faces = mesh.faces[chosen]
     is_turned = mesh.normals[chosen, 2] < 0

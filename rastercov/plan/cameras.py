@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pydantic import AfterValidator, Field, ValidationInfo, model_validator
 
 from rastercov.camera import Camera
-from rastercov.camera_file import PRESETS
+from rastercov.camera_file import PRESETS, check_optics
 from rastercov.camera_formats import read_views
 from rastercov.camera_formats.conventions import Conventions
 from rastercov.errors import CameraError, RastercovError
@@ -50,7 +50,7 @@ class CameraSection(fields_of(Camera, is_optional=True, leave_out=OF_A_LIST)):  
     file: File | None = Field(
         default=None,
         description="Camera file, ours (.toml, .json) or of another program; with the entries that "
-        "answer what it leaves open, and no others.",
+        "answer what it leaves open, and the optics that it lacks: f_number, focus_distance, ...",
     )
     name: str | None = Field(default=None, description="Camera of a file with several.")
     pixel_centre: float | None = Field(
@@ -97,12 +97,13 @@ class CameraSection(fields_of(Camera, is_optional=True, leave_out=OF_A_LIST)):  
         entries = self.model_dump(exclude_none=True, exclude={"cost"})
         if self.file is None:
             return Camera.from_dict(entries)
-        if others := ", ".join(sorted(entries.keys() - {"file", "name", *OF_FILES})):
-            raise ValueError(f"file stands alone, got {others} too; put them into the file")
+        optics = {k: v for k, v in entries.items() if k not in ("file", "name", *OF_FILES)}
+        check_optics(optics)
         try:
             given = {name: entries[name] for name in OF_FILES if name in entries}
             conventions = Conventions(**given)
-            return read_views(folder / self.file, conventions=conventions).camera(self.name)
+            views = read_views(folder / self.file, conventions=conventions)
+            return views.camera(self.name).with_optics(optics)
         except RastercovError as error:
             text = str(error).replace("--camera-name", "name")
             for name in OF_FILES:

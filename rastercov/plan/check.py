@@ -15,11 +15,13 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rastercov._checks import share_meant
 from rastercov._output import write_bytes
 from rastercov.area.zone_report import ZONES
 from rastercov.camera_formats import read_views
-from rastercov.errors import ConfigError, PoseError
+from rastercov.errors import ConfigError, MeshError, PoseError
 from rastercov.mesh import Mesh
+from rastercov.mesh.names import Names, listed, quoted
 from rastercov.placement.explain.uncovered import Leftover
 from rastercov.placement.improve.objective import Objective
 from rastercov.plan.errors import PlanError
@@ -35,7 +37,7 @@ from rastercov.plan.network import (
 )
 from rastercov.plan.prepare import Step, quiet
 from rastercov.plan.requirements import HOLDS, Requirement, counting, judge, judge_areas, limits_of
-from rastercov.plan.scene import scene
+from rastercov.plan.scene import named_scene
 from rastercov.pose import Poses, renumbered
 from rastercov.task import Task
 from rastercov.views import Views
@@ -129,6 +131,11 @@ def limits(
     """
     found = limits_of(plan.selection)
     if min_coverage is not None:
+        if not 0 <= min_coverage <= 1:
+            raise ConfigError(
+                f"--min-coverage wants a share of 0 to 1, got {min_coverage:g}"
+                f"{share_meant(min_coverage)}"
+            )
         found[None] = min_coverage
     for text in groups:
         name, _, share = text.rpartition("=")
@@ -137,7 +144,9 @@ def limits(
         except ValueError:
             value = -1.0
         if not name or not 0 <= value <= 1:
-            raise ConfigError(f"--group wants NAME=SHARE with a share of 0 to 1, got {text!r}")
+            raise ConfigError(
+                f"--group wants NAME=SHARE with a share of 0 to 1, got {text!r}{share_meant(value)}"
+            )
         found[name] = value
     if not found:
         raise ConfigError(
@@ -191,11 +200,9 @@ def check(
     rig = renumbered(given)
     rig.check_cameras(len(plan.rig))
     with step("scene"):
-        mesh = scene(plan)
+        mesh, plan, names = named_scene(plan)
     scored = [group.name for group in mesh.groups if not group.is_occluder]
-    if unknown := [name for name in limits if name is not None and name not in scored]:
-        known = f"to cover; there are {', '.join(scored)}"
-        raise PlanError(plan.name, [f"there is no group {name!r} {known}" for name in unknown])
+    limits = _by_group(plan, limits, names, scored)
     task = plan.build_task(views)
     counted = counting(plan.task) | ({"views": views} if views else {})
     with observer_of(plan, mesh) as observer:
@@ -226,6 +233,25 @@ def check(
         leftover=leftover,
         asked_views=views,
     )
+
+
+def _by_group(
+    plan: Plan, limits: Limits, names: Names, scored: Sequence[str]
+) -> dict[str | None, float]:
+    """Limits by group from limits by name, of groups that are scored; PlanError for others."""
+    by_name = {name: limit for name, limit in limits.items() if name is not None}
+    lines = []
+    for name in by_name:
+        try:
+            if set(names.groups_of(name)).isdisjoint(scored):
+                lines.append(f"group {quoted(name)} is an occluder; to cover are {listed(scored)}")
+        except MeshError as error:
+            lines.append(str(error))
+    if lines:
+        raise PlanError(plan.name, lines)
+    every = names.by_group(by_name)
+    whole = {None: limits[None]} if None in limits else {}
+    return whole | {name: limit for name, limit in every.items() if name in scored}
 
 
 def seen_by_cameras(plan: Plan, views: Views) -> tuple[Plan, Poses]:
@@ -298,6 +324,23 @@ def write_junit(path: Path, checked: Checked) -> None:
         else:
             words = {"type": each.status, "message": _xml(each.words())}
             ElementTree.SubElement(case, "failure", words).text = _xml(text)
+    _write(path, suites)
+
+
+def write_junit_error(path: Path, plan: Path, lines: Sequence[str]) -> None:
+    """Write JUnit XML with one test case, an error: the check could not be made."""
+    counts = {"tests": "1", "failures": "0", "errors": "1"}
+    suites = ElementTree.Element("testsuites", {"name": "rastercov"} | counts)
+    words = {"name": _xml(f"rastercov check {plan.name}"), "skipped": "0"}
+    suite = ElementTree.SubElement(suites, "testsuite", words | counts)
+    words = {"classname": _xml(f"rastercov.{plan.stem}"), "name": "input"}
+    case = ElementTree.SubElement(suite, "testcase", words)
+    words = {"type": "error", "message": _xml(lines[0])}
+    ElementTree.SubElement(case, "error", words).text = _xml("\n".join(lines))
+    _write(path, suites)
+
+
+def _write(path: Path, suites: ElementTree.Element) -> None:
     ElementTree.indent(suites)
     document: bytes = ElementTree.tostring(suites, encoding="utf-8", xml_declaration=True)
     write_bytes(path, document + b"\n")

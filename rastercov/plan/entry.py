@@ -128,6 +128,12 @@ def ascending(pair: list[float]) -> list[float]:
     return pair
 
 
+def one_or_two(value: Any) -> Any:
+    """A number, or a list of it alone, as the pair of both limits."""
+    values = value if isinstance(value, list) else [value]
+    return values * 2 if len(values) == 1 else value
+
+
 def a_direction(triple: list[float]) -> list[float]:
     """`triple`; ValueError where it is zero."""
     if not any(triple):

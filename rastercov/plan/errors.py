@@ -11,7 +11,7 @@ from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
-from rastercov._checks import shown
+from rastercov._checks import share_meant, shown
 from rastercov.errors import ConfigError
 
 WORDS = {
@@ -63,6 +63,8 @@ def lines_of(error: ValidationError, table: Mapping[str, Any], model: type[BaseM
             text = WORDS[kind].format(**each.get("ctx", {}))
             words += [text] if text not in words else []
             lines[path] = f"{path}: wanted {' or '.join(words)}, got {shown(each['input'])}"
+            if each.get("ctx", {}).get("le") == 1:
+                lines[path] += share_meant(each["input"])
         elif kind == "missing":
             lines[path] = f"{path}: missing; add it"
         elif kind == "extra_forbidden":

@@ -5,7 +5,7 @@ Each entry names a generator of `pool`, `mounting` or `cavities` and holds its a
 
 from typing import Annotated, Literal, Self
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from rastercov.plan.entry import (
     Count,
@@ -21,6 +21,7 @@ from rastercov.plan.entry import (
     Triple,
     ascending,
     both_or_none,
+    one_or_two,
     only_one,
 )
 
@@ -152,8 +153,9 @@ class OnWalls(Mounted):
 
     generator: Literal["on_walls"]
     inset: Number = Field(default=0.1, description="Distance from walls, floor and ceiling, m.")
-    heights: Annotated[Pair, AfterValidator(ascending)] | None = Field(
-        default=None, description="[lowest, highest] z, m; from floor to ceiling if left out."
+    heights: Annotated[Pair, AfterValidator(ascending), BeforeValidator(one_or_two)] | None = Field(
+        default=None,
+        description="[lowest, highest] z, or one, m; from floor to ceiling if left out.",
     )
 
 

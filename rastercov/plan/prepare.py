@@ -21,6 +21,7 @@ from rastercov._format import percent
 from rastercov._output import named
 from rastercov.area.cells import Cells, cells, usual_size
 from rastercov.area.network import AreaNetwork
+from rastercov.camera_formats.unit_doubts import unit_doubts
 from rastercov.cluster import Tally, Workers
 from rastercov.coverage import evaluate_batches
 from rastercov.errors import ConfigError, ResourceError
@@ -51,6 +52,7 @@ from rastercov.plan.candidates import (
     mounts_of_entry,
     segmentation_of,
 )
+from rastercov.plan.entry import no_limit
 from rastercov.plan.errors import PlanError
 from rastercov.plan.file import Plan
 from rastercov.plan.generators import PerCavity
@@ -308,7 +310,7 @@ def prepare(
     if not len(found.candidates):
         raise ConfigError(
             f"{plan.name}: no candidate is left ({'; '.join(found.lines())}); "
-            "allow more, or add some"
+            f"allow more, or add some{_of_unit(plan, mesh)}"
         )
     if folder is not None:
         _forget(folder, used)
@@ -362,6 +364,13 @@ def _faces_with(elements: BoolArray, cells: Cells | None) -> BoolArray:
     faces = np.zeros(cells.mesh.n_faces, np.bool_)
     faces[cells.source_face[elements]] = True
     return faces
+
+
+def _of_unit(plan: Plan, mesh: Mesh) -> str:
+    """End of a line about candidates that are all rejected: the unit, where it is in doubt."""
+    reach = no_limit(plan.constraints.stand_off)[1]
+    lines = unit_doubts(mesh, plan.rig, reach=reach)
+    return "".join(f"; {line}" for line in lines).replace("--unit", "unit of [[meshes]]")
 
 
 def _why_nothing(observer: Observer, poses: Poses, task: Task, what: str) -> str:

@@ -53,7 +53,7 @@ from rastercov.plan.requirements import (
     judge_areas,
     limits_of,
 )
-from rastercov.plan.scene import scene
+from rastercov.plan.scene import named_scene
 from rastercov.plan.sections import FewestSelection, SelectionSection
 from rastercov.pose import Poses
 
@@ -156,15 +156,16 @@ def place(
     ConfigError
         When no candidate is left.
     """
-    selection = plan.selection
     missing = [] if plan.candidates else ["candidates: missing; place needs one entry or more"]
     missing += [] if plan.has_cameras else [NO_CAMERA]
-    missing += [] if selection else ["selection: missing; place needs a goal"]
-    if selection is None or missing:
+    missing += [] if plan.selection else ["selection: missing; place needs a goal"]
+    if missing:
         raise PlanError(plan.name, missing)
     clock = Clock(step)
     with clock("scene"):
-        mesh, task = scene(plan), plan.build_task()
+        mesh, plan, _ = named_scene(plan)
+        selection, task = plan.selection, plan.build_task()
+        assert selection is not None
         cells = cells_of(plan, mesh)
     with ExitStack() as opened:
         observer = opened.enter_context(observer_of(plan, mesh))

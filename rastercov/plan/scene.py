@@ -4,14 +4,16 @@ Errors that need the meshes, such as an unknown group, are found here and report
 of a plan.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
+from itertools import islice
 from typing import Any
 
 import numpy as np
 
 from rastercov import shapes
-from rastercov.errors import RastercovError
+from rastercov.errors import MeshError, RastercovError
 from rastercov.mesh import Group, Mesh
+from rastercov.mesh.names import FileGroups, Names, refuse_twice
 from rastercov.mesh.targets import box_grid, count_for, sheet_above, with_target
 from rastercov.plan.errors import PlanError
 from rastercov.plan.file import Plan
@@ -20,40 +22,60 @@ from rastercov.plan.sections import FewestSelection, MeshEntry, TargetEntry, Tra
 
 
 def scene(plan: Plan) -> Mesh:
+    """All meshes and targets of a plan as one, see `named_scene`."""
+    return named_scene(plan)[0]
+
+
+def named_scene(plan: Plan) -> tuple[Mesh, Plan, Names]:
     """All meshes and targets of a plan as one, with the roles of their groups.
 
     Groups keep their names where there is one mesh; of several they are `file/group`. Each target
     is a group behind them.
 
+    Returns
+    -------
+    Mesh, Plan, Names
+        The scene, the plan with names of groups wherever it names files or has wildcards, and the
+        names that it may use.
+
     Raises
     ------
     PlanError
-        With a line for each file that is not a mesh, each unknown group and each target that
-        cannot be made.
+        With a line for each file that is not a mesh, each unknown group, each target that cannot be
+        made, and each mesh that is there twice.
     """
     parts: list[Mesh] = []
+    entries: list[MeshEntry] = []
     lines: list[str] = []
     for row, entry in enumerate(plan.meshes):
         try:
             parts.append(_loaded(plan, entry))
+            entries.append(_with_groups(entry, parts[-1], f"meshes[{row}]", lines))
         except RastercovError as error:
             lines.append(f"meshes[{row}]: {error}")
-            continue
-        known = [group.name for group in parts[-1].groups]
-        two_sided = entry.two_sided if isinstance(entry.two_sided, list) else []
-        for field, names in (("groups", entry.groups), ("two_sided", two_sided)):
-            lines += _unknown_names(f"meshes[{row}].{field}", names, known)
     if lines:
         raise PlanError(plan.name, lines)
+    plan = plan.model_copy(update={"meshes": entries})
+    files = [entry.built_in or str(entry.path) for entry in entries]
+    try:
+        refuse_twice((f, part.vertices, part.faces) for f, part in zip(files, parts, strict=True))
+    except MeshError as error:
+        raise PlanError(plan.name, [f"meshes: {error}"]) from None
     mesh = parts[0] if len(parts) == 1 else _joined(plan, parts)
+    groups = iter(mesh.groups)
+    of_files = [
+        FileGroups(file, [group.name for group in islice(groups, len(part.groups))])
+        for file, part in zip(files, parts, strict=True)
+    ]
     mesh = _with_roles(plan, mesh, [[group.name for group in part.groups] for part in parts])
-    mesh, lines = _with_targets(plan, mesh)
-    lines += _unknown_groups(plan, [group.name for group in mesh.groups])
+    mesh, lines = _with_targets(plan, mesh, of_files)
+    names = Names((group.name for group in mesh.groups), of_files)
+    plan = _with_names(plan, names, lines)
     if not mesh.task_mask.any():
         lines.append('meshes: every group is an occluder; leave at least one with role = "task"')
     if lines:
         raise PlanError(plan.name, lines)
-    return mesh
+    return mesh, plan, names
 
 
 def _loaded(plan: Plan, entry: MeshEntry) -> Mesh:
@@ -120,16 +142,17 @@ def _with_roles(plan: Plan, mesh: Mesh, names: Sequence[Sequence[str]]) -> Mesh:
     return mesh.with_groups(hiding, two_sided, transparent)
 
 
-def _with_targets(plan: Plan, mesh: Mesh) -> tuple[Mesh, list[str]]:
+def _with_targets(plan: Plan, mesh: Mesh, files: Sequence[FileGroups]) -> tuple[Mesh, list[str]]:
     """The mesh with the targets of the plan, and a line for each that cannot be made.
 
     Targets refer to groups of the meshes, not to each other.
     """
     lines, scene_of_meshes = [], mesh
+    names = Names((group.name for group in mesh.groups), files)
     for row, entry in enumerate(plan.targets):
         field = next(name for name in ("above", "box", "file") if getattr(entry, name) is not None)
         try:
-            target, name = _target(plan, entry, scene_of_meshes)
+            target, name = _target(plan, entry, scene_of_meshes, names)
         except RastercovError as error:
             lines.append(f"targets[{row}].{field}: {error}")
             continue
@@ -139,12 +162,12 @@ def _with_targets(plan: Plan, mesh: Mesh) -> tuple[Mesh, list[str]]:
     return mesh, lines
 
 
-def _target(plan: Plan, entry: TargetEntry, mesh: Mesh) -> tuple[Mesh, str]:
+def _target(plan: Plan, entry: TargetEntry, mesh: Mesh, names: Names) -> tuple[Mesh, str]:
     """Faces of a target, and the name of its group."""
     if entry.above is not None:
         assert entry.height is not None
         name = entry.name or f"{entry.above} + {entry.height:g} m"
-        return sheet_above(mesh, entry.above, entry.height), name
+        return sheet_above(mesh, names.groups_of(entry.above), entry.height), name
     if entry.file is not None:
         path = plan.folder / entry.file
         return Mesh.load(path, entry.unit), entry.name or path.stem
@@ -156,22 +179,56 @@ def _target(plan: Plan, entry: TargetEntry, mesh: Mesh) -> tuple[Mesh, str]:
     return box_grid(low, high, count, entry.size), entry.name or "volume"
 
 
-def _unknown_groups(plan: Plan, known: Sequence[str]) -> Iterator[str]:
-    """A line for every group of a plan that no mesh has."""
+def _with_groups(entry: MeshEntry, mesh: Mesh, path: str, lines: list[str]) -> MeshEntry:
+    """The entry of a mesh with names of groups of its file; `lines` as for `_groups`."""
+    own = [group.name for group in mesh.groups]
+    names = Names(own, [FileGroups(str(entry.built_in or entry.path), own)])
+    changes: dict[str, Any] = {"groups": _groups(f"{path}.groups", entry.groups, names, lines)}
+    if isinstance(entry.two_sided, list):
+        changes["two_sided"] = _groups(f"{path}.two_sided", entry.two_sided, names, lines)
+    return entry.model_copy(update=changes)
+
+
+def _with_names(plan: Plan, names: Names, lines: list[str]) -> Plan:
+    """The plan with names of groups where it has others; `lines` gets one for each unknown name."""
+    changes: dict[str, Any] = {}
+
+    def by_group(path: str, values: Any) -> Any:
+        try:
+            return names.by_group(values)
+        except MeshError as error:
+            lines.append(f"{path}: {error}")
+
     if isinstance(plan.task.views, dict):
-        yield from _unknown_names("task.views", plan.task.views, known)
+        views = by_group("task.views", plan.task.views)
+        changes["task"] = plan.task.model_copy(update={"views": views})
     if isinstance(plan.selection, FewestSelection):
-        yield from _unknown_names("selection.groups", plan.selection.groups, known)
+        shares = by_group("selection.groups", plan.selection.groups)
+        changes["selection"] = plan.selection.model_copy(update={"groups": shares})
+    candidates = []
     for row, entry in enumerate(plan.candidates):
+        at = f"candidates[{row}]"
         if isinstance(entry, PerFace):
-            yield from _unknown_names(f"candidates[{row}].groups", entry.groups, known)
-        if isinstance(entry, Mounted):
+            groups = _groups(f"{at}.groups", entry.groups, names, lines)
+            entry = entry.model_copy(update={"groups": groups})
+        elif isinstance(entry, Mounted):
+            aims = []
             for place, aim in enumerate(entry.aim):
-                at = f"candidates[{row}].aim[{place}].nearest"
-                yield from _unknown_names(at, aim.nearest or [], known)
+                near = _groups(f"{at}.aim[{place}].nearest", aim.nearest or [], names, lines)
+                aims.append(
+                    aim if aim.nearest is None else aim.model_copy(update={"nearest": near})
+                )
+            entry = entry.model_copy(update={"aim": aims})
+        candidates.append(entry)
+    return plan.model_copy(update=changes | {"candidates": candidates})
 
 
-def _unknown_names(path: str, names: Any, known: Sequence[str]) -> Iterator[str]:
-    for name in names:
-        if name not in known:
-            yield f"{path}: there is no group {name!r}; groups are {', '.join(known)}"
+def _groups(path: str, given: Sequence[str], names: Names, lines: list[str]) -> list[str]:
+    """Groups of the given names; `lines` gets one for each unknown name."""
+    found: list[str] = []
+    for name in given:
+        try:
+            found += names.groups_of(name)
+        except MeshError as error:
+            lines.append(f"{path}: {error}")
+    return list(dict.fromkeys(found))

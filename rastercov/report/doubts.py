@@ -12,21 +12,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov.camera import Camera
 from rastercov.camera_formats.pose_doubts import convention_doubts
+from rastercov.camera_formats.unit_doubts import unit_doubts
 from rastercov.lenses.of_camera import lens_of
-from rastercov.mesh import Mesh
-from rastercov.mesh.diagnosis import size_in_words
 from rastercov.near_plane import depth_from_near, near_limits
 from rastercov.network import Network
 from rastercov.pose import Poses
 from rastercov.projection import to_camera, to_image
 from rastercov.rig import Cameras, cameras_of, names_of
 
-UNLIKELY_RATIO = 300.0
-"""Size of the mesh by the range of the cameras above which the unit is asked for, or below its
-inverse: a thousand is the usual slip, and a part of a mesh may be meant."""
-UNLIKELY_SPREAD_RATIO = 100.0
-"""Size of the mesh by the extent of several cameras above which the unit is asked for: lower,
-because cameras around a part are a few of its sizes apart."""
 LEAST_UNSEEN_SHARE = 0.5
 """Share of the area with coverage 0 in every camera above which its sides are looked at."""
 LEAST_SHARE_FROM_BEHIND = 0.8
@@ -55,9 +48,8 @@ def doubts(network: Network, camera: Cameras, poses: ArrayLike | Poses) -> list[
     if not len(placed):
         return []
     used = np.unique(placed.camera)
-    far = max(cameras[index].depth_of_field()[1] for index in used)
     return [
-        *_unit(network.mesh, float(far), placed.world_from_camera[:, :3, 3]),
+        *unit_doubts(network.mesh, camera, placed),
         *_sides(network, cameras, placed[_spread(len(placed), MOST_POSES)]),
         *convention_doubts(network.mesh, cameras, placed),
         *_lenses([cameras[index] for index in used], [names_of(camera)[index] for index in used]),
@@ -100,27 +92,6 @@ def _lenses(cameras: Sequence[Camera], names: Sequence[str]) -> list[str]:
 def _spread(n_rows: int, most: int) -> NDArray[np.int64]:
     """Indices of rows, `most` or fewer, evenly spread."""
     return np.linspace(0, n_rows - 1, min(n_rows, most)).astype(np.int64)
-
-
-def _unit(mesh: Mesh, far: float, eyes: NDArray[np.float64]) -> list[str]:
-    """A line where the mesh is very large or very small beside the range of the cameras.
-
-    `far` is the greatest depth in focus, metres.
-    """
-    size = float(np.ptp(mesh.bounds, axis=0).max())
-    if not size > 0:
-        return []
-    words = f"the mesh measures {mesh.size_in_words}"
-    if np.isfinite(far) and size > UNLIKELY_RATIO * far:
-        return [f"{words}, and the camera is in focus to {size_in_words(far)}: --unit mm?"]
-    apart = np.maximum(np.maximum(mesh.bounds[0] - eyes, eyes - mesh.bounds[1]), 0)
-    nearest = float(np.linalg.norm(apart, axis=1).min())
-    if nearest > UNLIKELY_RATIO * size:
-        return [f"{words}, and the nearest camera is {size_in_words(nearest)} away: check --unit"]
-    spread = float(np.ptp(eyes, axis=0).max())
-    if len(eyes) > 1 and spread > 0 and size > UNLIKELY_SPREAD_RATIO * spread:
-        return [f"{words}, and all cameras are within {size_in_words(spread)}: --unit mm?"]
-    return []
 
 
 def _sides(network: Network, cameras: Sequence[Camera], poses: Poses) -> list[str]:

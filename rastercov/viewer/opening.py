@@ -14,7 +14,7 @@ from rastercov.errors import ConfigError, PoseError
 from rastercov.mesh import Mesh
 from rastercov.plan.candidates import candidate_pool
 from rastercov.plan.file import read_plan
-from rastercov.plan.scene import scene as scene_of
+from rastercov.plan.scene import named_scene
 from rastercov.pose import Poses
 from rastercov.provenance import sha256
 from rastercov.rig import Rig
@@ -44,7 +44,7 @@ def open_plan(path: Path, rig: Views | None = None) -> Scene:
         For a rig of other cameras than the plan's.
     """
     plan = read_plan(path)
-    mesh = scene_of(plan)
+    mesh, plan, _ = named_scene(plan)
     pool = candidate_pool(plan, mesh) if plan.has_cameras else None
     cameras = plan.rig if plan.has_cameras else None
     if rig is not None:

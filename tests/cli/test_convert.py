@@ -232,7 +232,7 @@ def test_a_plan_takes_files_of_other_programs_and_its_own_answers(here, capsys):
             r"there are 2 cameras, 'camera 1', 'camera 2'; choose one by name",
         ),
         ('image_size = [64, 48]\nname = "left"', "there is no camera 'left'"),
-        ("image_size = [64, 48]\nnear = 1", "file stands alone, got near too"),
+        ('image_size = [64, 48]\nname = "camera 2"\nfx = 1', "file stands beside near"),
     ):
         (here / "plan.toml").write_text(PLAN.format(answers=answers))
         assert re.search(words, refusal(capsys, "check plan.toml -p rig.json"))

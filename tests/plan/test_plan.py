@@ -146,7 +146,7 @@ def test_all_errors_come_at_once_each_with_its_path():
         (BASE + "[task]\nmethod = 'ray'", "task.method: wanted 'certified', 'exact' or 'sampled'"),
         (BASE + "aperture = 0.1", "camera: aperture and focus_distance come together"),
         (BASE + "width = 0", "camera: width must be a whole number of pixels"),
-        (BASE + "file = 'plan.toml'", "camera: file stands alone"),
+        (BASE + "file = 'plan.toml'", "camera: file stands beside near"),
         ("[[meshes]]\nbuilt_in = 'box'\n[camera]\nfile = 'x.toml'", "camera.file: wanted a file"),
         ("[[meshes]]\nbuilt_in = 'box'\n[camera]\nwidth = 3", "camera: missing height"),
         ("[[meshes]]\n" + CAMERA, "meshes[0]: wanted one of path, built_in, got none"),
@@ -282,8 +282,9 @@ def test_several_meshes_are_one_scene_each_with_its_unit():
     write_part("arm.obj", names={})
     text = (
         '[[meshes]]\npath = "part.obj"\nunit = "mm"\n'
-        '[[meshes]]\npath = "arm.obj"\nrole = "occluder"\n'
+        '[[meshes]]\npath = "arm.obj"\nrole = "occluder"\ntransform = { scale = 2 }\n'
         '[[meshes]]\nbuilt_in = "box"\nrole = "occluder"\ntwo_sided = true\n'
+        "transform = { scale = 3 }\n"
         '[[meshes]]\nbuilt_in = "box"\nrole = "occluder"\n' + CAMERA
     )
     mesh = scene(plan_of(text))

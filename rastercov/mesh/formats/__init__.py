@@ -51,9 +51,19 @@ FREE_FACES = 1 << 20
 LONGEST_NAME = 200
 
 
+def paths_of(path: StrPath | Sequence[StrPath]) -> Sequence[StrPath]:
+    """One path or several as a sequence, or MeshError."""
+    kinds = (str, os.PathLike)
+    wanted = "a path or several, as strings or Paths"
+    paths = [path] if isinstance(path, kinds) else members("path", path, kinds, wanted, MeshError)
+    if not paths:
+        raise MeshError("at least one mesh file wanted, got none; pass a path")
+    return paths
+
+
 def read_files(
-    path: StrPath | Sequence[StrPath],
-    scale: float | Sequence[float],
+    paths: Sequence[StrPath],
+    scales: Sequence[float],
     *,
     drop_invalid: bool,
     max_bytes: int,
@@ -61,22 +71,10 @@ def read_files(
 ) -> tuple[Polygons, list[tuple[str, str, int]]]:
     """Polygons of one file, or of several as one scene, in metres; see `Mesh.load`.
 
-    `scale` is the unit of the coordinates in metres, of all files or one for each. Every group has
+    `scales` are the units of the coordinates in metres, one for each file. Every group has
     a unique name. The list has the name without folders, the SHA-256 and the face count of each
     file.
     """
-    paths = (
-        [path]
-        if isinstance(path, (str, os.PathLike))
-        else members(
-            "path", path, (str, os.PathLike), "a path or several, as strings or Paths", MeshError
-        )
-    )
-    if not paths:
-        raise MeshError("at least one mesh file wanted, got none; pass a path")
-    scales = [scale] * len(paths) if isinstance(scale, float) else list(scale)
-    if len(scales) != len(paths):
-        raise MeshError(f"a unit for each of {len(paths)} files wanted, got {len(scales)}")
     parts: list[Polygons] = []
     files: list[tuple[str, str, int]] = []
     names: list[str] = []

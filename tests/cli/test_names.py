@@ -1,0 +1,179 @@
+"""A name of a mesh file or group means the same in every option, in plans and in functions."""
+
+import re
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+import pytest
+from commands import enter, write_part
+
+from rastercov.cli.inputs import read_scene
+from rastercov.errors import ConfigError, MeshError, RastercovError
+from rastercov.mesh import Mesh
+from rastercov.plan.errors import PlanError
+from rastercov.plan.file import plan_of
+from rastercov.plan.scene import named_scene, scene
+
+FILES = ["part.obj", "deep/fixture.obj", "deep/table.obj"]
+FIXTURE = [
+    *("deep/fixture.obj", "fixture.obj", "fixture", "./deep/fixture.obj", "fixture/*", "fix*"),
+    *("*/fixture.???", "[f]ixture", "f?xture", "link.obj", "hard.obj", "fixture/[lr]*"),
+]
+"""Names of the second file: its path, name, stem, all of its groups, and links to it."""
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    enter(tmp_path, monkeypatch)
+    Path("deep").mkdir()
+    for row, name in enumerate(FILES):
+        write_part(name, side=1.0 + row)
+    Path("link.obj").symlink_to("deep/fixture.obj")
+    Path("hard.obj").hardlink_to("deep/fixture.obj")
+
+
+def loaded(unit=(), transform=(), occluder=(), target=(), two_sided=(), meshes=FILES):
+    given = [list(each) for each in (unit or ["m"], transform, occluder, two_sided)]
+    return read_scene([Path(name) for name in meshes], *given, False, list(target))
+
+
+def flagged(mesh, flag):
+    return [group.name for group in mesh.groups if getattr(group, flag)]
+
+
+BOTH = ["fixture/lid", "fixture/rest"]
+
+
+@pytest.mark.parametrize("name", FIXTURE)
+def test_a_name_means_the_same_in_every_option(name):
+    assert flagged(loaded(occluder=[name]), "is_occluder") == BOTH
+    assert flagged(loaded(target=[name]), "is_target") == BOTH
+    assert flagged(loaded(two_sided=[name]), "is_two_sided") == BOTH
+    is_own = np.isin(loaded().face_group, [2, 3])
+    if not name.startswith("fixture/"):  # units and places are of whole files here
+        for changed in (loaded(unit=[f"{name}:mm"]), loaded(transform=[f"{name}: scale = 0.001"])):
+            np.testing.assert_allclose(changed.areas[is_own], loaded().areas[is_own] * 1e-6)
+            np.testing.assert_array_equal(changed.areas[~is_own], loaded().areas[~is_own])
+
+
+@pytest.mark.parametrize("name", FIXTURE)
+def test_a_name_means_the_same_in_functions(name):
+    for flag in ("occluders", "two_sided", "targets"):
+        attribute = f"is_{flag.removesuffix('s')}"
+        assert flagged(Mesh.load(FILES, **{flag: [name]}), attribute) == BOTH
+    if "/fixture" not in name and name not in ("link.obj", "hard.obj"):  # a mesh has no folders
+        assert flagged(Mesh.load(FILES).with_groups(occluders=[name]), "is_occluder") == BOTH
+        moved = Mesh.load(FILES).moved(scale=10, groups=[name])
+        assert moved.areas.sum() == pytest.approx(6 * (1 + 100 * 4 + 9))
+    if not name.startswith("fixture/"):
+        units = Mesh.load(FILES, {"*": "cm", name: "mm"})
+        np.testing.assert_allclose(units.vertices[:8], 1e-2 * Mesh.load(FILES).vertices[:8])
+
+
+@pytest.mark.parametrize("name", FIXTURE)
+def test_a_name_means_the_same_in_plans(name):
+    if name in ("link.obj", "hard.obj"):
+        pytest.skip("of a file that is there, which a plan names as the user does")
+    table = {
+        "meshes": [{"path": path} for path in FILES],
+        "task": {"views": {name: 2}},
+        "candidates": [{"generator": "per_face", "groups": [name]}],
+        "selection": {"goal": "fewest_cameras", "groups": {name: 0.5}},
+        "targets": [{"above": name, "height": 9.0, "name": "sheet"}],
+    }
+    mesh, plan, _ = named_scene(plan_of(table))
+    assert plan.task.views == dict.fromkeys(BOTH, 2)
+    assert plan.candidates[0].groups == BOTH
+    assert plan.selection.groups == dict.fromkeys(BOTH, 0.5)
+    assert mesh.target_mask.sum() == 2
+
+
+@pytest.mark.parametrize("name", ["lid", "part/lid", "l*", "*lid"])
+@pytest.mark.parametrize("field", ["groups", "two_sided"])
+def test_an_entry_of_a_plan_takes_names_in_its_file_and_those_of_reports(name, field):
+    table = {"meshes": [{"path": "part.obj", field: [name]}, {"path": "deep/table.obj"}]}
+    mesh = scene(plan_of(table))
+    flag = "is_two_sided" if field == "two_sided" else "is_occluder"
+    assert flagged(mesh, flag) == (["part/lid"] if field == "two_sided" else ["part/rest"])
+
+
+@pytest.mark.parametrize(
+    "option", [{"occluder": ["deep/fixture.obj"]}, {"target": ["link.obj", "hard.obj"]}]
+)
+def test_a_file_of_the_list_is_not_read_again(option):
+    assert loaded(**option).n_faces == loaded().n_faces
+
+
+def test_a_further_file_is_read_once():
+    both = loaded(occluder=["deep/fixture.obj"], two_sided=["fixture"], meshes=FILES[:1])
+    assert both.n_faces == 24
+    assert flagged(both, "is_occluder") == flagged(both, "is_two_sided") == BOTH
+
+
+@pytest.mark.parametrize("other", ["part.obj", "./part.obj", "copy.obj", "soft.obj", "hard.obj"])
+def test_a_mesh_that_is_there_twice_is_an_error(other):
+    Path("copy.obj").write_bytes(Path("part.obj").read_bytes())
+    Path("soft.obj").symlink_to("part.obj")
+    Path("hard.obj").unlink()
+    Path("hard.obj").hardlink_to("part.obj")
+    meshes = ["part.obj", other, "deep/table.obj"]
+    words = "in the same place"
+    with pytest.raises(MeshError, match=words):
+        Mesh.load(meshes)
+    with pytest.raises(MeshError, match=words):
+        loaded(meshes=meshes)
+    table = {"meshes": [{"path": path} for path in meshes]}
+    with pytest.raises(PlanError, match=words):
+        scene(plan_of(table))
+    table["meshes"][1]["transform"] = {"translation": [9.0, 0.0, 0.0]}
+    assert scene(plan_of(table)).n_faces == 36
+    if other == "copy.obj":
+        assert loaded(meshes=meshes, transform=["copy: translation = [9, 0, 0]"]).n_faces == 36
+
+
+@pytest.mark.parametrize(
+    ("option", "words"),
+    [
+        ({"unit": ["part:mm"]}, "2 files have the name 'part'"),
+        ({"transform": ["part.obj: scale = 2"]}, "2 files have the name 'part.obj'"),
+        ({"occluder": ["part"]}, "2 files have the name 'part'"),
+        ({"target": ["part"]}, "2 files have the name 'part'"),
+        ({"unit": ["p*:mm", "pa*:cm"]}, "given twice for part.obj"),
+    ],
+)
+def test_a_name_of_two_files_is_refused(option, words):
+    Path("other").mkdir()
+    for folder, side in (("deep", 7.0), ("other", 8.0)):
+        write_part(f"{folder}/part.obj", side=side)
+    Path("part.obj").unlink()
+    with pytest.raises(RastercovError, match=re.escape(words)):
+        loaded(meshes=["deep/part.obj", "other/part.obj"], **option)
+
+
+def test_a_file_here_is_not_taken_for_one_of_its_name_elsewhere():
+    write_part("table.obj", side=7.0)
+    with pytest.raises(ConfigError, match=r"table.obj may be deep/table.obj or ./table.obj"):
+        loaded(occluder=["table.obj"])
+    assert loaded(occluder=["./table.obj"]).n_faces == 48
+
+
+def test_an_unknown_name_is_a_short_line():
+    """Of a STEP file with hundreds of faces, say."""
+    lines = [f"v {x} {y} {z}" for x, y, z in product((0, 1), repeat=3)]
+    lines += [f"g face {row}\nf {1 + row % 5} 2 {4 + row % 5}" for row in range(400)]
+    Path("cad.obj").write_text("\n".join(lines) + "\n")
+    name = "fase 17" + 3000 * "x"
+    table = {"meshes": [{"path": "cad.obj"}], "task": {"views": {name: 2}}}
+    for refused in (
+        lambda: loaded(occluder=[name], meshes=["cad.obj"]),
+        lambda: loaded(unit=[f"{name}:mm"], meshes=["cad.obj"]),
+        lambda: Mesh.load("cad.obj", two_sided=[name]),
+        lambda: Mesh.load("cad.obj").with_groups(targets=[name]),
+        lambda: scene(plan_of(table)),
+    ):
+        with pytest.raises(RastercovError) as caught:
+            refused()
+        assert len(str(caught.value)) < 500
+    with pytest.raises(MeshError, match=r"groups are face 17,.* and 39\d more"):
+        loaded(occluder=["fase 17"], meshes=["cad.obj"])

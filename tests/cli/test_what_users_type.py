@@ -1,0 +1,111 @@
+"""What users type first, and the line or the result that they get for it."""
+
+import tomllib
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+from commands import call, enter, refusal, write_part
+
+import rastercov as rc
+from rastercov.camera_formats import read_views
+from rastercov.errors import ConfigError
+from rastercov.plan.file import plan_of
+from rastercov.pose_file import write_poses
+from rastercov.viewpoints import sphere_of_poses
+
+YAML = (
+    "image_width: 64\nimage_height: 48\ncamera_matrix: !!opencv-matrix\n  rows: 3\n  cols: 3\n"
+    "  dt: d\n  data: [80.0, 0.0, 32.0, 0.0, 81.0, 24.0, 0.0, 0.0, 1.0]\n"
+    "distortion_coefficients: !!opencv-matrix\n  rows: 1\n  cols: 5\n  dt: d\n"
+    "  data: [-0.1, 0.01, 0.0, 0.0, 0.0]\n"
+)
+PLAN = '[[meshes]]\npath = "part.obj"\n[camera]\nwidth = 64\nheight = 48\nfx = 60\nfy = 60\n'
+OPTICS = {"pixel_size": 5e-6, "f_number": 4.0, "focus_distance": 0.5}
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    enter(tmp_path, monkeypatch)
+    write_part("part.obj")
+    Path("cal.yaml").write_text("%YAML:1.0\n---\n" + YAML)
+    Path("plan.toml").write_text(PLAN)
+    write_poses("rig.json", sphere_of_poses((0, 0, 0), 4, 3))
+
+
+@pytest.mark.parametrize("suffix", ["toml", "json"])
+def test_convert_writes_our_own_camera_file(suffix, capsys):
+    code, _, err = call(capsys, f"convert cal.yaml camera.{suffix} --pixel-centre 0")
+    assert (code, err) == (0, "")
+    wanted = read_views("cal.yaml", conventions=rc.Conventions(pixel_centre=0)).camera()
+    assert read_views(f"camera.{suffix}").camera() == wanted
+    if suffix == "toml":
+        assert tomllib.loads(Path("camera.toml").read_text())["fx"] == 80.0
+        assert rc.Camera.load("camera.toml") == wanted
+
+
+def test_optics_stand_beside_the_file_of_a_calibration():
+    entries = {"file": "cal.yaml", "pixel_centre": 0.5, **OPTICS}
+    camera = plan_of({"meshes": [{"path": "part.obj"}], "camera": entries}).build_camera()
+    assert (camera.focus_distance, camera.aperture) == (0.5, pytest.approx(80.5 * 5e-6 / 4))
+    assert camera.model != "pinhole"
+
+
+def test_optics_stand_beside_the_file_of_a_camera_file():
+    lines = [f"{name} = {value}" for name, value in OPTICS.items()]
+    Path("camera.toml").write_text("\n".join(['file = "cal.yaml"', *lines]))
+    camera = read_views("camera.toml", conventions=rc.Conventions(pixel_centre=0.5)).camera()
+    assert (camera.focus_distance, camera.aperture) == (0.5, pytest.approx(80.5 * 5e-6 / 4))
+
+
+@pytest.mark.parametrize("heights", [2.2, [2.2], 2])
+def test_a_single_height_is_the_lowest_and_the_highest(heights):
+    entry = {
+        "generator": "on_walls", "spacing": 1.0, "heights": heights, "aim": [{"point": [0, 0, 0]}]
+    }  # fmt: skip
+    if isinstance(heights, int):
+        entry["heights"] = float(heights)
+    plan = plan_of({"meshes": [{"path": "part.obj"}], "candidates": [entry]})
+    low, high = plan.candidates[0].heights
+    assert low == high == (heights[0] if isinstance(heights, list) else heights)
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "check plan.toml -p rig.json --min-coverage 98",
+        "check plan.toml -p rig.json --group lid=98",
+        "evaluate part.obj -c khepra -p rig.json --min-coverage 98",
+        "evaluate part.obj -c khepra -p rig.json --min-visibility 98",
+        "place share.toml",
+    ],
+)
+def test_a_share_in_percent_is_asked_for(line, capsys):
+    goal = '[selection]\ngoal = "fewest_cameras"\ncoverage = 98.0\n'
+    Path("share.toml").write_text(PLAN + goal)
+    assert "0.98 for 98 %?" in call(capsys, line)[2]
+
+
+def test_a_share_in_percent_is_asked_for_in_functions():
+    with pytest.raises(ConfigError, match=r"0\.98 for 98 %\?"):
+        rc.Task(min_coverage=98)
+
+
+@pytest.mark.parametrize(
+    ("change", "line"),
+    [
+        (lambda: Path("part.obj").unlink(), "plan.toml -p rig.json --min-coverage 0.5"),
+        (lambda: Path("part.obj").write_text("x"), "plan.toml -p rig.json --min-coverage 0.5"),
+        (lambda: Path("rig.json").unlink(), "plan.toml -p rig.json --min-coverage 0.5"),
+        (lambda: Path("plan.toml").write_text("x"), "plan.toml -p rig.json --min-coverage 0.5"),
+        (lambda: None, "none.toml -p rig.json --min-coverage 0.5"),
+        (lambda: None, "plan.toml -p rig.json --min-coverage 98"),
+        (lambda: None, "plan.toml -p rig.json --group led=0.5"),
+    ],
+)
+def test_junit_is_written_for_bad_input(change, line, capsys):
+    change()
+    said = refusal(capsys, f"check {line} --junit check.xml")
+    suites = ElementTree.parse("check.xml").getroot()
+    assert (suites.get("tests"), suites.get("errors"), suites.get("failures")) == ("1", "1", "0")
+    assert suites.find("testsuite/testcase/error").get("message") in said
