@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov.camera import Camera
 from rastercov.camera_formats.pose_doubts import convention_doubts
-from rastercov.lenses.of_camera import lens_of
 from rastercov.mesh import Mesh
 from rastercov.mesh.diagnosis import size_in_words
 from rastercov.near_plane import depth_from_near, near_limits
@@ -74,11 +73,13 @@ def dead_pixels(camera: Cameras) -> dict[str, float]:
 
 
 def _dead_area(camera: Camera) -> float:
-    if camera.is_pinhole or lens_of(camera).is_whole:
+    if camera.is_pinhole:
         return 0.0
     from rastercov.lenses.areas import blind_area  # compiles loops
+    from rastercov.lenses.of_camera import lens_of
 
-    return blind_area(lens_of(camera))
+    lens = lens_of(camera)
+    return 0.0 if lens.is_whole else blind_area(lens)
 
 
 def _lenses(cameras: Sequence[Camera], names: Sequence[str]) -> list[str]:
@@ -88,6 +89,8 @@ def _lenses(cameras: Sequence[Camera], names: Sequence[str]) -> list[str]:
         share = _dead_area(camera) / (camera.width * camera.height)
         if share <= LEAST_DEAD_SHARE:
             continue
+        from rastercov.lenses.of_camera import lens_of
+
         angle = lens_of(camera).valid_angle
         if angle < WIDE or share > MOST_DEAD_SHARE:
             lines.append(
