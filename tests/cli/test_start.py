@@ -1,4 +1,4 @@
-"""Commands load what they need, and no more: help in a quarter of a second, a report in two."""
+"""Commands load what they need, and no more."""
 
 import inspect
 from pathlib import Path
