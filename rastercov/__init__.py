@@ -1,42 +1,51 @@
-"""Graded per-face visibility and coverage of a mesh by cameras, and camera placement."""
+"""Graded per-face visibility and coverage of a mesh by cameras, and camera placement.
 
-from rastercov.area.cells import Cells, CellShares, cells
-from rastercov.area.regions import Regions, regions
-from rastercov.area.union import Covered, RegionUnion, unite
-from rastercov.area.zones import DeadZones, dead_zones
-from rastercov.camera import Camera
-from rastercov.camera_formats import read_views, write_views
-from rastercov.camera_formats.conventions import Conventions
-from rastercov.cluster import Workers
-from rastercov.coverage import Coverage, evaluate, evaluate_batches
-from rastercov.engine import Engine
-from rastercov.errors import (
-    CameraError,
-    ConfigError,
-    DeviceError,
-    MeshError,
-    PoseError,
-    RastercovError,
-    ResourceError,
-)
-from rastercov.jobs import audit, check, place
-from rastercov.mesh import Group, Mesh
-from rastercov.network import Network
-from rastercov.observation import BoundKind, Observation, Visibility
-from rastercov.observer import Observer, open_observer, visibility
-from rastercov.pose import Poses
-from rastercov.pose_file import read_poses, write_poses
-from rastercov.raster import (
-    FaceCounts,
-    Rasterizer,
-    RasterizerInfo,
-    VisibilityBuffer,
-    open_rasterizer,
-)
-from rastercov.rig import Rig
-from rastercov.task import Reason, Task
-from rastercov.viewpoints import look_at, sphere_of_poses
-from rastercov.views import Views
+A name is imported from its module at its first use: the command prints its help without numpy.
+"""
+
+from importlib import import_module as _import_module
+from importlib.util import find_spec as _find_spec
+from typing import TYPE_CHECKING as _TYPE_CHECKING
+from typing import Any as _Any
+
+if _TYPE_CHECKING:
+    from rastercov.area.cells import Cells, CellShares, cells
+    from rastercov.area.regions import Regions, regions
+    from rastercov.area.union import Covered, RegionUnion, unite
+    from rastercov.area.zones import DeadZones, dead_zones
+    from rastercov.camera import Camera
+    from rastercov.camera_formats import read_views, write_views
+    from rastercov.camera_formats.conventions import Conventions
+    from rastercov.cluster import Workers
+    from rastercov.coverage import Coverage, evaluate, evaluate_batches
+    from rastercov.engine import Engine
+    from rastercov.errors import (
+        CameraError,
+        ConfigError,
+        DeviceError,
+        MeshError,
+        PoseError,
+        RastercovError,
+        ResourceError,
+    )
+    from rastercov.jobs import audit, check, place
+    from rastercov.mesh import Group, Mesh
+    from rastercov.network import Network
+    from rastercov.observation import BoundKind, Observation, Visibility
+    from rastercov.observer import Observer, open_observer, visibility
+    from rastercov.pose import Poses
+    from rastercov.pose_file import read_poses, write_poses
+    from rastercov.raster import (
+        FaceCounts,
+        Rasterizer,
+        RasterizerInfo,
+        VisibilityBuffer,
+        open_rasterizer,
+    )
+    from rastercov.rig import Rig
+    from rastercov.task import Reason, Task
+    from rastercov.viewpoints import look_at, sphere_of_poses
+    from rastercov.views import Views
 
 __all__ = [
     "BoundKind",
@@ -93,3 +102,45 @@ __all__ = [
     "write_views",
 ]
 __version__ = "0.1.0"
+
+_NAMES = {
+    "area.cells": "Cells CellShares cells",
+    "area.regions": "Regions regions",
+    "area.union": "Covered RegionUnion unite",
+    "area.zones": "DeadZones dead_zones",
+    "camera": "Camera",
+    "camera_formats": "read_views write_views",
+    "camera_formats.conventions": "Conventions",
+    "cluster": "Workers",
+    "coverage": "Coverage evaluate evaluate_batches",
+    "engine": "Engine",
+    "errors": "CameraError ConfigError DeviceError MeshError PoseError RastercovError "
+    "ResourceError",
+    "jobs": "audit check place",
+    "mesh": "Group Mesh",
+    "network": "Network",
+    "observation": "BoundKind Observation Visibility",
+    "observer": "Observer open_observer visibility",
+    "pose": "Poses",
+    "pose_file": "read_poses write_poses",
+    "raster": "FaceCounts Rasterizer RasterizerInfo VisibilityBuffer open_rasterizer",
+    "rig": "Rig",
+    "task": "Reason Task",
+    "viewpoints": "look_at sphere_of_poses",
+    "views": "Views",
+}
+"""Modules and their public names."""
+_HOME = {name: module for module, names in _NAMES.items() for name in names.split()}
+
+
+def __getattr__(name: str) -> _Any:
+    if name in _HOME:
+        found = globals()[name] = getattr(_import_module(f"rastercov.{_HOME[name]}"), name)
+        return found
+    if not name.startswith("_") and _find_spec(f"rastercov.{name}"):
+        return _import_module(f"rastercov.{name}")
+    raise AttributeError(f"module 'rastercov' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

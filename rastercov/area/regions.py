@@ -310,7 +310,6 @@ class _Finder:
         from rastercov.criteria_kernels import read_only
         from rastercov.exact.certificate import CertificateSolver
         from rastercov.exact.half_planes import HalfPlaneSolver
-        from rastercov.exact.lens_solver import LensSolver
         from rastercov.exact.surface import surface_of
 
         solver_type = CertificateSolver if is_certified else HalfPlaneSolver
@@ -319,12 +318,14 @@ class _Finder:
         self._diagonal = surface.diagonal
         # Pinholes alone need no solver of lenses.
         self.solver: Any
-        if all(camera.is_pinhole for camera in cameras):
+        self._is_of_lens = not all(camera.is_pinhole for camera in cameras)
+        if self._is_of_lens:
+            from rastercov.exact.lens_solver import LensSolver
+
+            self.solver = LensSolver(surface, cameras[0], solver_type)
+        else:
             self.solver = solver_type(surface, cameras[0])
             self.solver.keep_pieces()
-        else:
-            self.solver = LensSolver(surface, cameras[0], solver_type)
-        self._is_of_lens = isinstance(self.solver, LensSolver)
         self._own = self.solver.visible, self.solver.area, self.solver.area_error
         # The solver has the targets behind the opaque faces, and may have sorted these.
         self._rows = surface.rows

@@ -7,37 +7,79 @@ output; warnings, errors and progress to standard error, an error as one line.
 import signal
 import sys
 from collections.abc import Sequence
+from functools import cached_property
+from importlib import import_module
 from io import TextIOWrapper
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperCommand
 
 import rastercov
 from rastercov._interrupts import interrupt
-from rastercov.cli import (
-    audit,
-    compare,
-    convert,
-    demo,
-    doctor,
-    evaluate,
-    place,
-    render,
-    validate,
-    view,
-)
 from rastercov.cli.console import exit_code, leave, notices_shown
 
-app = typer.Typer(
-    help="Which faces of a mesh does each camera see, how well, and why not.\n\n"
-    "[bold]Example[/]: rastercov demo --out report/",
-    add_completion=False,
-    pretty_exceptions_enable=False,
-    rich_markup_mode="rich",
-)
+SETTINGS: dict[str, Any] = {
+    "add_completion": False,
+    "pretty_exceptions_enable": False,
+    "rich_markup_mode": "rich",
+}
+COMMANDS = {
+    "evaluate": "Evaluate every pose and leave a report: a table, figures, pictures, a coloured "
+    "mesh.",
+    "demo": "Run the main job on a built-in mesh.",
+    "render": "Draw one pose: a picture, the face index and the depth of every pixel (PNG and "
+    "NPZ).",
+    "compare": "Compare ways to find visibility with the truth; 1 when a bound does not hold.",
+    "place": "Find out where cameras go: carry out a plan file; 1 when its goal is not reached.",
+    "check": "Hold a rig against the mesh, camera and task of a plan; 1 when it falls short.",
+    "audit": "Audit existing cameras: what each sees, what is lost without it, and the smallest "
+    "subset.",
+    "convert": "Convert camera and pose files between programs; whatever is lost is said.",
+    "view": "See a rig in the browser, move its cameras, and understand what they cover.",
+    "doctor": "List graphics devices, test each, and say what to install.",
+    "validate": "Hold the model against what a real task makes of pictures.",
+}
+"""Commands and the first line of their help, which the list shows before any is loaded."""
+IN_MODULE = {"check": "place"}
+"""Modules of commands that have another name."""
 
 
-@app.callback(invoke_without_command=True)
+class LazyCommand(TyperCommand):
+    """Command whose module is imported when it runs or shows its own help."""
+
+    @cached_property
+    def loaded(self) -> Any:
+        """The command itself."""
+        assert self.name is not None
+        module = import_module(f"rastercov.cli.{IN_MODULE.get(self.name, self.name)}")
+        app = getattr(module, "app", None)
+        if app is None:
+            app = typer.Typer(**SETTINGS)
+            app.command()(getattr(module, self.name))
+        found = typer.main.get_command(app)
+        found.name = self.name
+        return found
+
+    def make_context(self, *args: Any, **options: Any) -> Any:
+        """Context of the command itself."""
+        return self.loaded.make_context(*args, **options)
+
+
+def _group() -> Any:
+    """The commands, as one that has them."""
+    group = typer.Typer(
+        help="Which faces of a mesh does each camera see, how well, and why not.\n\n"
+        "[bold]Example[/]: rastercov demo --out report/",
+        **SETTINGS,
+    )
+    group.callback(invoke_without_command=True)(_start)
+    found: Any = typer.main.get_command(group)
+    for name, words in COMMANDS.items():
+        found.add_command(LazyCommand(name, help=words, rich_markup_mode="rich"))
+    return found
+
+
 def _start(
     context: typer.Context,
     show_version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False,
@@ -48,17 +90,6 @@ def _start(
     if context.invoked_subcommand is None:
         typer.echo(context.get_help())
         raise typer.Exit(2)
-
-
-for _command in (
-    *(evaluate.evaluate, demo.demo, render.render, compare.compare, place.place, place.check),
-    audit.audit,
-    convert.convert,
-    view.view,
-    doctor.doctor,
-):
-    app.command()(_command)
-app.add_typer(validate.app, name="validate")
 
 
 def main() -> None:
@@ -81,4 +112,4 @@ def main() -> None:
 def command(arguments: Sequence[str]) -> int:
     """Exit code of the command; see `console.exit_code`."""
     with notices_shown():
-        return exit_code(app, arguments)
+        return exit_code(_group(), arguments)

@@ -43,7 +43,13 @@ Table = Annotated[
         show_default="seen, up to 10,000,000 rows",
     ),
 ]
-Pictures = Annotated[int, typer.Option(min=0, help="Poses to draw, spread over the run.")]
+Pictures = Annotated[
+    int, typer.Option(min=0, help="Poses on the contact sheet, spread over the run; 0: no picture.")
+]
+Full = Annotated[
+    str,
+    typer.Option(help="Full pictures of those poses, too: poses, faces (indices), all or none."),
+]
 
 
 @options.with_conventions
@@ -65,6 +71,7 @@ def evaluate(
     skip_bad_poses: options.SkipBadPoses = False,
     table: Table = None,
     pictures: Pictures = 12,
+    full: Full = "none",
     by: By = None,
     method: Method = "certified",
     supersample: Supersample = 1,
@@ -96,6 +103,7 @@ def evaluate(
         by=by,
         table=table,
         pictures=pictures,
+        full=full,
         skip_bad_poses=skip_bad_poses,
         scene=arguments_of(
             out, meshes, unit=unit, transform=transform, occluders=occluder, two_sided=two_sided,

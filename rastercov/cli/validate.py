@@ -6,10 +6,11 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from rastercov.cli import SETTINGS
 from rastercov.cli.console import out_option, progress_bar
 from rastercov.cli.options import AsJson
 
-app = typer.Typer(help="Hold the model against what a real task makes of pictures.")
+app = typer.Typer(help="Hold the model against what a real task makes of pictures.", **SETTINGS)
 
 
 @app.callback()

@@ -1,7 +1,5 @@
 """Pictures by area: each pixel has the colour of its own point of the surface, not of its face."""
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -19,22 +17,19 @@ PIXELS_AT_A_TIME = 1 << 16
 """Pixels whose points are looked up together."""
 
 
-class SeenArea(NamedTuple):
-    """Regions, and the poses that they are of, (P, 4, 4) or with the camera of each."""
-
-    regions: Regions
-    poses: FloatArray | Poses
+WHOLE_REL = 1e-6
+"""Area up to which a face may be uncovered and counts as wholly covered here, relative."""
 
 
-def best_and_views(
-    seen: SeenArea, camera: Camera, pose: ArrayLike, face: NDArray[np.int32]
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Poses that cover the surface at the centre of each pixel.
+def covered_pixels(
+    regions: Regions, camera: Camera, pose: ArrayLike, face: NDArray[np.int32]
+) -> NDArray[np.bool_]:
+    """Pixels at whose centre the surface is covered by a pose of some regions.
 
     Parameters
     ----------
-    seen : SeenArea
-        Regions of the mesh in the image.
+    regions : Regions
+        Of few poses, of the mesh in the image.
     camera, pose
         Of the image, (H, W).
     face : (H, W) int32
@@ -42,46 +37,50 @@ def best_and_views(
 
     Returns
     -------
-    best, views : (H, W) int64
-        The pose with most pixels on a m^2 there, -1 where none covers the point; and the number of
-        poses that do.
+    (H, W) bool
+        False where no task face is.
     """
-    best = np.full(face.shape, -1, np.int64)
-    views = np.zeros(face.shape, np.int64)
-    mesh = seen.regions.mesh
-    pixel = np.nonzero(np.append(mesh.task_mask, False)[face])
-    points = points_of_pixels(mesh, camera, np.asarray(pose, np.float64), face[pixel], *pixel)
-    best[pixel], views[pixel] = best_and_views_at(seen, face[pixel], points)
-    return best, views
+    mesh, area = regions.mesh, regions.areas().max(axis=0, initial=0.0)
+    is_whole = (area > 0) & (area >= (1 - WHOLE_REL) * mesh.areas)
+    covered = np.append(is_whole, False)[face]
+    # Only faces that are covered in part have to be asked point by point.
+    partly = np.append((area > 0) & ~is_whole, False)[face]
+    pixel = np.divmod(np.flatnonzero(partly), face.shape[1])
+    faces = face[pixel]
+    points = points_of_pixels(mesh, camera, np.asarray(pose, np.float64), faces, *pixel)
+    for at in range(0, len(faces), PIXELS_AT_A_TIME):
+        part = slice(at, at + PIXELS_AT_A_TIME)
+        found = covering_poses(regions, faces[part], points[part]).any(axis=1)
+        covered[pixel[0][part], pixel[1][part]] = found
+    return covered
 
 
-def best_and_views_at(
-    seen: SeenArea, face: NDArray[np.int32], points: FloatArray
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Poses that cover points (N, 3) of faces (N,): the best and their number, (N,) each."""
+def best_pose_at(
+    regions: Regions, placed: Poses, face: NDArray[np.int32], points: FloatArray
+) -> NDArray[np.int64]:
+    """(N,) pose with most pixels on a m^2 at points (N, 3) of faces (N,), -1 where none covers it.
+
+    `placed` are the P poses of the regions, each with its camera.
+    """
     best = np.full(len(face), -1, np.int64)
-    views = np.zeros(len(face), np.int64)
-    mesh, cameras = seen.regions.mesh, cameras_of(seen.regions.camera)
-    placed = Poses.of(seen.poses)
-    matrices = placed.world_from_camera
+    mesh, cameras = regions.mesh, cameras_of(regions.camera)
     if not len(placed):
-        return best, views
+        return best
     pixels = [each.fx * each.fy if each.is_pinhole else 1.0 for each in cameras]
     scales = [pixels[index] / pixels[0] for index in placed.camera]
     for at in range(0, len(face), PIXELS_AT_A_TIME):
         part = slice(at, at + PIXELS_AT_A_TIME)
-        covers = covering_poses(seen.regions, face[part], points[part])
-        views[part] = covers.sum(axis=1)
+        covers = covering_poses(regions, face[part], points[part])
         worth = np.full(len(covers), -np.inf)
         for pose in np.flatnonzero(covers.any(axis=0)).tolist():  # few cameras, many points
             rows = np.flatnonzero(covers[:, pose])
-            camera = cameras[placed.camera[pose]]
-            density = _density(mesh, camera, matrices[pose], face[part][rows], points[part][rows])
+            camera, matrix = cameras[placed.camera[pose]], placed.world_from_camera[pose]
+            density = _density(mesh, camera, matrix, face[part][rows], points[part][rows])
             density *= scales[pose]
             is_better = density > worth[rows]
             worth[rows[is_better]] = density[is_better]
             best[at + rows[is_better]] = pose
-    return best, views
+    return best
 
 
 def points_of_pixels(
@@ -123,7 +122,9 @@ def _density(
         normals = mesh.normals[face] @ pose[:3, :3]
         of_lens: FloatArray = np.nan_to_num(np.abs(np.einsum("ni,ni->n", normals, across)))
         return of_lens
-    height = abs(np.einsum("ni,ni->n", mesh.normals[face], away))
+    # The height of the camera above the plane of each face is that above all its points.
+    heights = np.einsum("fi,fi->f", mesh.normals, mesh.vertices[mesh.faces[:, 0]] - pose[:3, 3])
+    depth = away[:, 0] * pose[0, 2] + away[:, 1] * pose[1, 2] + away[:, 2] * pose[2, 2]
     with np.errstate(divide="ignore", invalid="ignore"):
-        found: FloatArray = np.nan_to_num(height / np.einsum("ni,i->n", away, pose[:3, 2]) ** 3)
+        found: FloatArray = np.nan_to_num(np.abs(heights)[face] / depth**3)
     return found

@@ -13,14 +13,13 @@ from PIL import Image
 
 from rastercov._format import area, percent, plural
 from rastercov.area.failures import first_failures
-from rastercov.area.points import covering_poses
 from rastercov.area.regions import Regions
 from rastercov.camera import Camera
 from rastercov.coverage import evaluate
 from rastercov.mesh import Mesh
 from rastercov.raster import open_rasterizer
 from rastercov.report import theme
-from rastercov.report.area_pictures import PIXELS_AT_A_TIME, points_of_pixels
+from rastercov.report.area_pictures import covered_pixels, points_of_pixels
 from rastercov.report.images import Key, draw_lines, facing, framed, stripes
 from rastercov.report.panorama import LEAST_LIGHT, FaceImage
 from rastercov.report.placement_pictures import key, target_key
@@ -121,24 +120,21 @@ def _states(
     """State of the point at each pixel of a scored face."""
     mesh = regions.mesh
     found = np.full(face.shape, UNJUDGED, np.uint8)
-    pixel = np.nonzero(np.append(mesh.task_mask, False)[face])
-    faces = face[pixel].astype(np.int64)
-    points = points_of_pixels(mesh, small, pose, face[pixel], *pixel)
-    states = np.full(len(faces), np.uint8(Reason.COVERED))
-    is_covered = np.zeros(len(faces), np.bool_)
-    for at in range(0, len(faces), PIXELS_AT_A_TIME):
-        part = slice(at, at + PIXELS_AT_A_TIME)
-        is_covered[part] = covering_poses(regions, faces[part], points[part]).any(axis=1)
-    rows = np.flatnonzero(~is_covered)
-    if len(rows):
-        judged = first_failures(mesh, camera, regions.task, pose[None], points[rows], faces[rows])
+    is_task = np.append(mesh.task_mask, False)[face]
+    found[is_task] = Reason.COVERED
+    pixel = np.nonzero(is_task & ~covered_pixels(regions, small, pose, face))
+    if len(pixel[0]):
+        faces = face[pixel].astype(np.int64)
+        points = points_of_pixels(mesh, small, pose, face[pixel], *pixel)
+        judged = first_failures(mesh, camera, regions.task, pose[None], points, faces)
         why, _ = next(iter(judged))
         # The point is in the image and nothing is in front of it: else it is rounding.
         why[np.isin(why, (Reason.COVERED, Reason.OCCLUDED, Reason.OUTSIDE))] = UNJUDGED
-        states[rows] = why
+        found[pixel] = why
+    states = found[is_task]
     count = np.bincount(states, minlength=256)
     states[count[states] <= FEW_REL * face.size] = UNJUDGED
-    found[pixel] = states
+    found[is_task] = states
     return found
 
 

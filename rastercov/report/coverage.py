@@ -8,8 +8,8 @@ network.glb        the mesh coloured by the best coverage of any camera
 overview.png       the mesh in the colours of the cameras, and a floor plan
 zones.png          dead zones, where the result is by area and there are any
 contact_sheet.png  the poses side by side
-pose_*.png         the mesh as one camera sees it, grey by coverage
-faces_*.png        the face index image of the same pose
+pose_*.png         the mesh as one camera sees it, grey by coverage, if asked for
+faces_*.png        the face index image of the same pose, if asked for
 
 A run that fails keeps the earlier report; one that ends replaces all of it. `report.folder`
 describes runs that are killed.
@@ -61,7 +61,7 @@ from rastercov.report.coverage_table import CoverageTable
 from rastercov.report.doubts import dead_pixels, doubts
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.half_covered import half_covered
-from rastercov.report.pose_pictures import draw_network, draw_poses
+from rastercov.report.pose_pictures import FULL, draw_network, draw_poses
 from rastercov.report.rig_file import write_rig
 from rastercov.rig import Cameras, cameras_of, names_of
 from rastercov.task import Task
@@ -93,12 +93,15 @@ class Options:
     by: str | None = None  # unit of the result, of `area.network.UNITS`; None: area where it can be
     table: str | None = None  # of `pairs.CHOICES`; None: "seen", but none above `MOST_ROWS`
     pictures: int = 12  # poses to draw, spread evenly over the run; 0 for none
+    full: str = "none"  # full pictures of each of them, of `pose_pictures.FULL`
     skip_bad_poses: bool = False  # leave out poses that are no rigid motion
     scene: Mapping[str, Any] | None = None  # arguments of the command that give the mesh again
 
     def __post_init__(self) -> None:
         if self.table is not None and self.table not in CHOICES:
             raise ConfigError(f"table must be one of {', '.join(CHOICES)}, got {shown(self.table)}")
+        if self.full not in FULL:
+            raise ConfigError(f"full must be one of {', '.join(FULL)}, got {shown(self.full)}")
         engine = Engine.of(self.method)
         if engine.method != self.method:
             if (self.device, self.supersample) != ("auto", 1):
@@ -265,7 +268,7 @@ def _run(
     if drawn:
         by_area = areas is not None
         stopped = draw_poses(
-            mesh, camera, poses, folder, options.engine, task, drawn, by_area=by_area
+            mesh, camera, poses, folder, options.engine, task, drawn, options.full, by_area=by_area
         )
     done = len(network.pose_ids)
     summary = network.summary() | {"by": unit, "by_face_because": reason}

@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov.camera import Camera
 from rastercov.camera_formats.pose_doubts import convention_doubts
 from rastercov.camera_formats.unit_doubts import unit_doubts
-from rastercov.lenses.of_camera import lens_of
 from rastercov.near_plane import depth_from_near, near_limits
 from rastercov.network import Network
 from rastercov.pose import Poses
@@ -66,11 +65,13 @@ def dead_pixels(camera: Cameras) -> dict[str, float]:
 
 
 def _dead_area(camera: Camera) -> float:
-    if camera.is_pinhole or lens_of(camera).is_whole:
+    if camera.is_pinhole:
         return 0.0
     from rastercov.lenses.areas import blind_area  # compiles loops
+    from rastercov.lenses.of_camera import lens_of
 
-    return blind_area(lens_of(camera))
+    lens = lens_of(camera)
+    return 0.0 if lens.is_whole else blind_area(lens)
 
 
 def _lenses(cameras: Sequence[Camera], names: Sequence[str]) -> list[str]:
@@ -80,6 +81,8 @@ def _lenses(cameras: Sequence[Camera], names: Sequence[str]) -> list[str]:
         share = _dead_area(camera) / (camera.width * camera.height)
         if share <= LEAST_DEAD_SHARE:
             continue
+        from rastercov.lenses.of_camera import lens_of
+
         angle = lens_of(camera).valid_angle
         if angle < WIDE or share > MOST_DEAD_SHARE:
             lines.append(

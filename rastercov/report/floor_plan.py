@@ -14,7 +14,7 @@ from PIL import Image, ImageDraw
 from rastercov.camera import Camera
 from rastercov.mesh import Mesh
 from rastercov.raster import open_rasterizer
-from rastercov.report.images import draw_lines, stripes
+from rastercov.report.images import draw_lines, shade, stripes
 from rastercov.report.interiors import is_enclosed, turned_away
 from rastercov.report.panorama import (
     FINE,
@@ -100,7 +100,7 @@ class FloorPlan:
 
     def points(self, face: FaceImage) -> tuple[NDArray[np.int32], FloatArray, tuple[IntArray, ...]]:
         """Faces (N,) and points (N, 3) at the pixels of a face image, with rows and columns."""
-        rows, columns = np.nonzero(face >= 0)
+        rows, columns = np.divmod(np.flatnonzero(face >= 0), face.shape[1])
         faces, normals = face[rows, columns], self.mesh.normals[face[rows, columns]]
         x = self.corner[0] + (columns + 0.5) / self.scale
         y = self.corner[1] - (rows + 0.5) / self.scale
@@ -172,9 +172,10 @@ def paint_plan(plan: FloorPlan, own: OwnColours) -> Image.Image:
 def _painted(plan: FloorPlan, face: FaceImage, own: OwnColours) -> Pixels:
     """Pixels of the opaque faces of one image."""
     mesh = plan.mesh
-    light = (LEAST_LIGHT + (1 - LEAST_LIGHT) * np.abs(np.append(mesh.normals[:, 2], 1.0)))[face]
-    pixels: Pixels = (own(face) * light[..., None]).astype(np.uint8)
-    pixels[face < 0] = EXTERIOR
+    light = LEAST_LIGHT + (1 - LEAST_LIGHT) * np.abs(mesh.normals[:, 2])
+    pixels = np.empty((*face.shape, 3), np.uint8)
+    pixels[:] = EXTERIOR
+    shade(pixels, own(face), face, light, face >= 0)
     behind = np.append(plan.backs(), False)[face]
     pixels[behind] = BACK
     pixels[behind & stripes(face.shape, 3 * FINE)] = BACK_STRIPE
@@ -219,20 +220,20 @@ class _Upright:
 
     def drawn(self, mesh: Mesh, rows: IntArray, cut: float | None) -> tuple[FaceImage, FloatArray]:
         """Face of each pixel, of some faces below a height, and their z."""
-        corners, of = mesh.vertices[mesh.faces[rows]], rows
+        vertices, index, of = mesh.vertices, mesh.faces[rows], rows
         if cut is not None:
-            corners, part = below(corners, cut)
+            corners, part = below(vertices[index], cut)
             of = rows[part]
+            vertices, index = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
         nothing = np.full((self.height, self.width), -1, np.int32)
         if not len(of):
             return nothing, np.full(nothing.shape, -np.inf)
         low, span = self.z[0], max(float(np.ptp(self.z)), 1e-30)
-        w = 1 + (corners[..., 2] - low) / span
+        w = 1 + (vertices[:, 2] - low) / span
         unit = self.width / self.scale  # coordinates of about 1, whatever the scene's size
-        flat = (corners[..., :2] - self.middle) / unit
-        placed = np.stack((flat[..., 0], -flat[..., 1], np.ones_like(w)), axis=-1) / w[..., None]
-        points, index = np.unique(placed.reshape(-1, 3), axis=0, return_inverse=True)
-        part_mesh = Mesh(vertices=points, faces=index.reshape(-1, 3))
+        flat = (vertices[:, :2] - self.middle) / unit
+        placed = np.stack((flat[:, 0], -flat[:, 1], np.ones_like(w)), axis=-1) / w[:, None]
+        part_mesh = Mesh(vertices=placed, faces=index.reshape(-1, 3))
         focal = self.scale * unit
         camera = Camera(
             width=self.width, height=self.height, fx=focal, fy=focal,
@@ -240,10 +241,10 @@ class _Upright:
         )  # fmt: skip
         with open_rasterizer(part_mesh, camera, "cpu") as rasterizer:
             buffer = rasterizer.render(np.eye(4))
-        face = np.append(of, -1).astype(np.int32)[buffer.face]
-        with np.errstate(divide="ignore"):
-            z = low + span * (1 / buffer.depth.astype(np.float64) - 1)
-        return face, np.where(face >= 0, z, -np.inf)
+        face = np.append(of, -1).astype(np.int32).take(buffer.face, mode="wrap")
+        z, at = np.full(face.shape, -np.inf), np.flatnonzero(face >= 0)
+        z.ravel()[at] = low + span * (1 / buffer.depth.ravel()[at].astype(np.float64) - 1)
+        return face, z
 
 
 def below(corners: FloatArray, cut: float) -> tuple[FloatArray, IntArray]:

@@ -7,8 +7,10 @@ and 6.11.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,7 +25,7 @@ from rastercov.network import Network
 from rastercov.pose import Poses
 from rastercov.rays import view_border
 from rastercov.report import theme
-from rastercov.report.area_pictures import SeenArea, best_and_views_at, points_of_pixels
+from rastercov.report.area_pictures import best_pose_at, points_of_pixels
 from rastercov.report.floor_plan import FOOT, FloorPlan, floor_plan, outline, paint_plan
 from rastercov.report.images import Font, Key, font_for, framed
 from rastercov.report.labels import draw_scale_bar, write_labels
@@ -51,6 +53,10 @@ from rastercov.report.theme import Colour, Pixels
 from rastercov.rig import Cameras, cameras_of
 
 FloatArray = NDArray[np.float64]
+PointsOf = Callable[
+    [FaceImage], tuple[NDArray[np.int32], FloatArray, tuple[NDArray[np.int64], ...]]
+]
+"""Faces (N,) and points (N, 3) at the pixels of a face image, with rows and columns."""
 
 FRUSTUM = 0.16
 """Length of the edges of a drawn view pyramid, relative to half the diagonal of the scene."""
@@ -87,9 +93,9 @@ class CameraColours:
 
     def pyramids(self, camera: Cameras) -> list[FloatArray]:
         """View pyramid of each pose: the eye, then the corners of its outline."""
-        cameras, placed = cameras_of(camera), self.placed
+        cameras, placed, reach = cameras_of(camera), self.placed, self.reach
         return [
-            _pyramid(cameras[index], pose, self.reach)
+            _pyramid(cameras[index], pose, reach)
             for pose, index in zip(self.poses, placed.camera, strict=True)
         ]
 
@@ -119,13 +125,65 @@ class CameraColours:
         """(N, 3) colours of points (N, 3) of faces (N,)."""
         found = neutral(self.mesh)[face]
         if self.regions is not None:
-            best, _ = best_and_views_at(SeenArea(self.regions, self.placed), face, points)
+            best = best_pose_at(self.regions, self.placed, face, points)
         elif self.best_pose is not None:
             best = np.asarray(self.best_pose, np.int64)[face]
         else:
             return found
         is_task = self.mesh.task_mask[face]
         found[is_task] = np.array([*self.colours, theme.UNCOVERED], np.uint8)[best[is_task]]
+        return found
+
+    def of_image(self, face: FaceImage, points: PointsOf) -> Pixels:
+        """(H, W, 3) colours of a face image, black where it has no face.
+
+        One point of each block of `FINE` x `FINE` pixels is looked up, and all points of blocks
+        beside one of another colour: what differs are details smaller than a pixel of the picture.
+        `points` gives faces, points and pixels of a face image.
+        """
+        if self.regions is None:  # a colour for each face
+            of_face = self.of_points(np.arange(self.mesh.n_faces, dtype=np.int32), np.empty((0, 3)))
+            return np.concatenate((of_face, np.zeros((1, 3), np.uint8)))[face]
+
+        found = np.zeros((*face.shape, 3), np.uint8)
+        drawn = face >= 0
+        if not drawn.any():
+            return found
+
+        def look_up(where: NDArray[np.bool_]) -> None:
+            of = np.full_like(face, -1)
+            of[box][where] = face[box][where]
+            faces, places, pixel = points(of)
+            found[pixel] = self.of_points(faces, places)
+
+        # The smallest box of whole blocks with all that is drawn.
+        ends = [np.flatnonzero(drawn.any(axis=axis))[[0, -1]] // FINE * FINE for axis in (1, 0)]
+        box = tuple(slice(low, high + FINE) for low, high in ends)
+        # Task, occluder or neither: a block that has more than one of them is looked up, too.
+        kinds = np.append(self.mesh.task_mask.astype(np.uint32), np.uint32(2))[face[box]]
+        first = np.zeros(kinds.shape, np.bool_)
+        first[::FINE, ::FINE] = True
+        look_up(first)
+        colours, kind = found[box][::FINE, ::FINE], kinds[::FINE, ::FINE]
+        codes = kind << 24
+        for channel in range(3):
+            codes |= colours[..., channel].astype(np.uint32) << 8 * channel
+        differs = np.zeros(codes.shape, np.bool_)
+        across, down = codes[:, 1:] != codes[:, :-1], codes[1:] != codes[:-1]
+        for block, changes in (
+            (differs[:, 1:], across),
+            (differs[:, :-1], across),
+            (differs[1:], down),
+            (differs[:-1], down),
+        ):
+            block |= changes
+        again = np.zeros(kinds.shape, np.bool_)
+        for row, column in np.ndindex(FINE, FINE):
+            part = slice(row, None, FINE), slice(column, None, FINE)
+            own = tuple(slice(size) for size in kinds[part].shape)
+            found[box][part] = colours[own]
+            again[part] = differs[own] | (kinds[part] != kind[own])
+        look_up(again)
         return found
 
     def keys(self) -> list[Key]:
@@ -211,13 +269,12 @@ def network_picture(shown: CameraColours, camera: Cameras) -> Image.Image:
 def _with_cameras(scene: Scene, camera: Cameras, shown: CameraColours) -> Image.Image:
     """A scene in the colours of its cameras, with those cameras that are in the picture."""
 
-    def own(face: FaceImage) -> Pixels:
-        pixel = np.nonzero(face >= 0)
-        colours = np.zeros((*face.shape, 3), np.uint8)
-        points = points_of_pixels(scene.mesh, scene.camera, scene.pose, face[pixel], *pixel)
-        colours[pixel] = shown.of_points(face[pixel], points)
-        return colours
+    def points(face: FaceImage) -> Any:
+        pixel = np.divmod(np.flatnonzero(face >= 0), face.shape[1])
+        found = points_of_pixels(scene.mesh, scene.camera, scene.pose, face[pixel], *pixel)
+        return face[pixel], found, pixel
 
+    own = partial(shown.of_image, points=points)
     image = Image.fromarray(paint(scene, neutral(scene.mesh), own=own))
     rows = np.flatnonzero(is_in_picture(scene, shown.eyes)).tolist()
     pyramids, cameras = shown.pyramids(camera), cameras_of(camera)
@@ -236,13 +293,7 @@ def _plan_picture(shown: CameraColours, camera: Cameras) -> tuple[FloorPlan, Ima
     """The floor plan, and its picture with all cameras."""
     outlines = [outline(pyramid[:, :2]) for pyramid in shown.pyramids(camera)]
     plan = floor_plan(shown.mesh, shown.eyes, np.concatenate([*outlines, np.zeros((0, 2))]))
-
-    def own(face: FaceImage) -> Pixels:
-        colours = np.zeros((*face.shape, 3), np.uint8)
-        faces, points, pixel = plan.points(face)
-        colours[pixel] = shown.of_points(faces, points)
-        return colours
-
+    own = partial(shown.of_image, points=plan.points)
     image, task = paint_plan(plan, own), Image.fromarray(plan.shows_task())
     draw = ImageDraw.Draw(image)
     for wedge, colour in zip(outlines, shown.colours, strict=True):

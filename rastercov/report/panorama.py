@@ -17,7 +17,7 @@ from rastercov.mesh import Mesh
 from rastercov.projection import to_camera, to_image
 from rastercov.raster import open_rasterizer
 from rastercov.raster.contract import VisibilityBuffer
-from rastercov.report.images import draw_lines, facing, stripes
+from rastercov.report.images import draw_lines, facing, shade, stripes
 from rastercov.report.interiors import is_inside, outer_skin, turned_away
 from rastercov.report.target_pictures import hatch_over, targets_in_view
 from rastercov.report.theme import BACK, BACK_STRIPE, EXTERIOR, PAPER, Colour, Pixels
@@ -135,7 +135,9 @@ def look(
 def task_points(mesh: Mesh) -> FloatArray:
     """(N, 3) vertices of the scored faces, or of all faces if none is."""
     scored = mesh.faces[mesh.task_mask] if mesh.task_mask.any() else mesh.faces
-    points: FloatArray = mesh.vertices[np.unique(scored)]
+    is_used = np.zeros(len(mesh.vertices), np.bool_)
+    is_used[scored] = True
+    points: FloatArray = mesh.vertices[is_used]
     return points
 
 
@@ -209,10 +211,10 @@ def _painted(scene: Scene, face: FaceImage, colours: Pixels, own: OwnColours | N
     palette = np.empty((mesh.n_faces + 1, 3), np.uint8)
     palette[:-1] = colours * light
     palette[-1] = EXTERIOR
-    pixels = palette[face]
+    pixels = palette.take(face, axis=0, mode="wrap")
     is_task = np.append(mesh.task_mask, False)[face]
     if own is not None:
-        pixels[is_task] = own(face)[is_task] * light[face[is_task]]
+        shade(pixels, own(face), face, light[:, 0], is_task)
     behind = is_task & ~np.append(is_front, True)[face]
     if behind.any():
         for colour, rows in (
@@ -322,9 +324,10 @@ def _drawn(
     mesh: Mesh, camera: Camera, pose: FloatArray, rows: NDArray[np.int64]
 ) -> VisibilityBuffer:
     """Image of some faces of a mesh, with indices of the whole mesh."""
-    part = mesh
-    if len(rows) < mesh.n_faces:
-        part = Mesh(vertices=mesh.vertices, faces=mesh.faces[rows])
+    is_part = len(rows) < mesh.n_faces
+    part = Mesh(vertices=mesh.vertices, faces=mesh.faces[rows]) if is_part else mesh
     with open_rasterizer(part, camera, "cpu") as rasterizer:
         buffer = rasterizer.render(pose)
+    if not is_part:
+        return buffer
     return replace(buffer, face=np.append(rows, -1).astype(np.int32)[buffer.face])

@@ -7,6 +7,7 @@ to 6.11.
 """
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,8 +18,6 @@ from rastercov.area.points import views_at
 from rastercov.area.union import Covered
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
-from rastercov.placement.candidates.segments import Segmentation
-from rastercov.placement.explain.uncovered import WORDS, Leftover
 from rastercov.report import theme
 from rastercov.report.area_pictures import points_of_pixels
 from rastercov.report.floor_plan import FloorPlan
@@ -35,6 +34,10 @@ from rastercov.report.panorama import (
 from rastercov.report.target_pictures import hatch_over
 from rastercov.report.theme import Pixels
 
+if TYPE_CHECKING:
+    from rastercov.placement.candidates.segments import Segmentation
+    from rastercov.placement.explain.uncovered import Leftover
+
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
@@ -42,7 +45,7 @@ ALL_SIDES = DIRECTIONS[[0, 5]]
 """Two opposite corners: every side of a box is in one of the two pictures."""
 
 
-def segments_picture(mesh: Mesh, segmentation: Segmentation) -> Image.Image:
+def segments_picture(mesh: Mesh, segmentation: "Segmentation") -> Image.Image:
     """The part with one colour a segment; figures 6.2 to 6.9."""
     if len(segmentation.labels) != mesh.n_faces:
         raise ConfigError(
@@ -96,8 +99,10 @@ def views_picture(covered: Covered, eyes: ArrayLike = ()) -> Image.Image:
     return framed(beside(images), title, [*keys, *scene_keys(scenes)])
 
 
-def leftover_picture(leftover: Leftover, eyes: ArrayLike = ()) -> Image.Image:
+def leftover_picture(leftover: "Leftover", eyes: ArrayLike = ()) -> Image.Image:
     """Faces that no camera covers, by reason, from the directions that show most of them."""
+    from rastercov.placement.explain.uncovered import WORDS  # loads all of placement
+
     mesh = leftover.mesh
     names, colours = leftover.reason_names(), neutral(mesh)
     summary = leftover.summary()

@@ -2,7 +2,7 @@
 
 from contextlib import ExitStack, closing
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,13 +10,15 @@ from PIL import Image
 
 from rastercov._interrupts import interrupts_held
 from rastercov.area.network import AreaNetwork
-from rastercov.area.regions import RegionPass
+from rastercov.area.regions import RegionPass, Regions
+from rastercov.camera import Camera
 from rastercov.engine import Engine
 from rastercov.mesh import Mesh
 from rastercov.network import Network
 from rastercov.pose import Poses
 from rastercov.raster import open_rasterizer
-from rastercov.report.area_pictures import SeenArea, best_and_views
+from rastercov.raster.contract import Rasterizer, VisibilityBuffer
+from rastercov.report.area_pictures import covered_pixels
 from rastercov.report.folder import ReportFolder
 from rastercov.report.images import (
     area_title,
@@ -31,6 +33,7 @@ from rastercov.report.overview import best_covering, camera_colours, overview_pi
 from rastercov.report.placement_pictures import coverage_picture as whole_faces_picture
 from rastercov.report.placement_pictures import views_picture
 from rastercov.report.target_pictures import targets_in_view
+from rastercov.report.theme import Pixels
 from rastercov.report.zone_pictures import zones_picture
 from rastercov.rig import Cameras, cameras_of, names_of
 from rastercov.task import Task
@@ -38,7 +41,11 @@ from rastercov.task import Task
 MOST_COLOURS = 60
 """Cameras that have a colour each in the overview."""
 PICTURE_SIDE = 1280
-"""Pictures are drawn at the camera's size, or smaller where it exceeds this many pixels."""
+"""Full pictures are drawn at the camera's size, or smaller where it exceeds this many pixels."""
+TILE = 640
+"""Width at which a tile of the sheet is drawn, pixels: twice that at which it is shown."""
+FULL = ("none", "poses", "faces", "all")
+"""Full pictures of each pose: of its coverage, of face indices, or both."""
 
 
 def draw_poses(
@@ -49,60 +56,96 @@ def draw_poses(
     engine: Engine,
     task: Task,
     drawn: dict[int, NDArray[np.float64]],
+    full: str,
     *,
     by_area: bool,
 ) -> bool:
-    """Draw the chosen poses and a sheet of them; True when interrupted."""
+    """Draw a sheet of the chosen poses, and what `full` names of each; True when interrupted.
+
+    `drawn` has the coverage of each face by pose, `full` is one of `FULL`.
+    """
     digits = len(str(max(drawn)))
-    found: dict[int, tuple[Image.Image, str]] = {}
+    tiles: dict[int, tuple[Image.Image, str]] = {}
     interrupted = False
-    named = ("covered", "not covered") if by_area else ()
     some, cameras = poses[np.isin(poses.ids, list(drawn))], cameras_of(camera)
+    wants_faces, wants_pose = full in ("faces", "all"), full in ("poses", "all")
     try:
         for index, rows in some.by_camera():
-            eye = cameras[index]
-            small = eye.resized(min(1.0, PICTURE_SIDE / max(eye.width, eye.height)))
+            eye, of_camera = cameras[index], f", {names_of(camera)[index]}"
             with ExitStack() as opened:
-                rasterizer = opened.enter_context(
-                    open_rasterizer(mesh, small, **engine.rasterizer_options)
-                )
+
+                def view(scale: float, eye: Camera = eye, opened: ExitStack = opened) -> Rasterizer:
+                    small = eye.resized(min(1.0, scale))
+                    return opened.enter_context(
+                        open_rasterizer(mesh, small, **engine.rasterizer_options)
+                    )
+
+                small = view(TILE / eye.width)
+                large = view(PICTURE_SIDE / max(eye.width, eye.height)) if full != "none" else small
                 finder = None
                 if by_area:
                     finder = RegionPass(mesh, eye, task, method=engine)
                     opened.callback(finder.close)
                 for pose in some[rows].ids.tolist():
-                    values, matrix = drawn[pose], poses.given[pose]
-                    covers = (values >= task.min_coverage) & (values > 0)
-                    name = f"{pose}, {names_of(camera)[index]}" if len(cameras) > 1 else pose
-                    title = pose_title(mesh, name, covers)
                     own = replace(poses[poses.ids == pose], camera=np.zeros(1, np.int32))
-                    buffer, covered, on_targets = rasterizer.render(own), None, None
-                    if finder is not None:
-                        regions = finder.find(own)
-                        seen = SeenArea(regions, own)
-                        covered = best_and_views(seen, small, matrix, buffer.face)[1] > 0
-                        targets = targets_in_view(mesh, small, matrix, buffer.depth)
-                        if targets is not None:
-                            on_targets = best_and_views(seen, small, matrix, targets)[1] > 0
-                        title = area_title(mesh, name, float(regions.area.sum()), covers)
-                    pixels = coverage_pixels(
-                        buffer, values, mesh, matrix, small, covered, on_targets
-                    )
-                    picture = coverage_picture(
-                        buffer, values, mesh, small, matrix, title, pixels, named=named
-                    )
-                    faces = face_index_picture(buffer)
+                    regions = None if finder is None else finder.find(own)
+                    of_pose = OfPose(mesh, poses.given[pose], drawn[pose], regions)
+                    title = of_pose.title(f"{pose}{of_camera if len(cameras) > 1 else ''}", task)
+                    tile = of_pose.pixels(small.camera, small.render(own))
+                    found = []
+                    if full != "none":
+                        buffer = large.render(own)
+                        if wants_pose:
+                            found.append(("pose", of_pose.picture(large.camera, buffer, title)))
+                        if wants_faces:
+                            found.append(("faces", face_index_picture(buffer)))
                     with interrupts_held():
-                        save_picture(picture, folder.file(f"pose_{pose:0{digits}d}.png"))
-                        save_picture(faces, folder.file(f"faces_{pose:0{digits}d}.png"))
-                        found[pose] = Image.fromarray(pixels), title
+                        for name, picture in found:
+                            save_picture(picture, folder.file(f"{name}_{pose:0{digits}d}.png"))
+                        tiles[pose] = Image.fromarray(tile), title
     except KeyboardInterrupt:
         interrupted = True
-    if found:
-        pictures, titles = zip(*(found[pose] for pose in sorted(found)), strict=True)
+    if tiles:
+        pictures, titles = zip(*(tiles[pose] for pose in sorted(tiles)), strict=True)
         sheet = contact_sheet(list(pictures), list(titles))
         save_picture(sheet, folder.file("contact_sheet.png"))
     return interrupted
+
+
+class OfPose(NamedTuple):
+    """What pictures of a pose show: the coverage of each face, (F,), and of points, if by area."""
+
+    mesh: Mesh
+    matrix: NDArray[np.float64]
+    values: NDArray[np.float64]
+    regions: Regions | None
+
+    def title(self, name: str, task: Task) -> str:
+        """Title with the name of the pose and its share of the task."""
+        covers = (self.values >= task.min_coverage) & (self.values > 0)
+        if self.regions is None:
+            return pose_title(self.mesh, name, covers)
+        return area_title(self.mesh, name, float(self.regions.area.sum()), covers)
+
+    def pixels(self, camera: Camera, buffer: VisibilityBuffer) -> Pixels:
+        """(H, W, 3) pixels of an image of the pose by its camera, at any size."""
+        covered = on_targets = None
+        if self.regions is not None:
+            covered = covered_pixels(self.regions, camera, self.matrix, buffer.face)
+            targets = targets_in_view(self.mesh, camera, self.matrix, buffer.depth)
+            if targets is not None:
+                on_targets = covered_pixels(self.regions, camera, self.matrix, targets)
+        return coverage_pixels(
+            buffer, self.values, self.mesh, self.matrix, camera, covered, on_targets
+        )
+
+    def picture(self, camera: Camera, buffer: VisibilityBuffer, title: str) -> Image.Image:
+        """The same with a title and a legend."""
+        pixels = self.pixels(camera, buffer)
+        named = () if self.regions is None else ("covered", "not covered")
+        return coverage_picture(
+            buffer, self.values, self.mesh, camera, self.matrix, title, pixels, named=named
+        )
 
 
 def draw_network(

@@ -254,7 +254,7 @@ def test_poses_at_fault_end_the_run_or_are_left_out(capsys):
 @pytest.mark.slow
 def test_files_units_and_groups(capsys):
     line = "evaluate part.obj --unit mm -c camera.toml -p sphere:4 --occluder lid --two-sided rest"
-    code, out, err = call(capsys, line)
+    code, out, err = call(capsys, line + " --full all")
     assert (code, err) == (0, "")
     assert "lid" in out
     assert out.endswith("report/contact_sheet.png\n")
@@ -596,7 +596,7 @@ def test_a_run_that_is_killed_leaves_the_old_report_or_the_new_one(capsys):
     out = Path("report")
     (out / "notes.txt").write_text("mine")
     old = {path.name: data for path, data in content(out).items() if path.name != "notes.txt"}
-    line = "evaluate box -c camera.toml -p sphere:9 --pictures 2"
+    line = "evaluate box -c camera.toml -p sphere:9 --pictures 2 --full poses"
     found = []
     for waits in ("", "pose_*.png", "contact_sheet.png"):
         with subprocess.Popen(

@@ -92,11 +92,18 @@ def test_one_camera_has_the_report_it_always_had(tmp_path):
 def test_poses_are_drawn_through_their_own_cameras(tmp_path):
     from PIL import Image
 
-    run(MESH, RIG, POSES, TASKS["area"], tmp_path / "all", Options(pictures=8))
+    run(MESH, RIG, POSES, TASKS["area"], tmp_path / "all", Options(full="faces"))
     for index, camera in enumerate(RIG.cameras):
         rows = np.flatnonzero(index == INDICES)
         own = rc.Poses.of(MATRICES[rows])
-        run(MESH, camera, own, replace(TASKS["area"], views=1), tmp_path / "one", Options())
+        run(
+            MESH,
+            camera,
+            own,
+            replace(TASKS["area"], views=1),
+            tmp_path / "one",
+            Options(full="faces"),
+        )
         for number, pose in enumerate(rows):
             pictures = [
                 np.asarray(Image.open(path))

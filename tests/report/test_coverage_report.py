@@ -24,6 +24,7 @@ from rastercov.coverage import evaluate
 from rastercov.errors import ConfigError, DeviceError, PoseError
 from rastercov.mesh import Mesh
 from rastercov.pairs import CHOICES
+from rastercov.raster import open_rasterizer
 from rastercov.reference.coverage import rows_of
 from rastercov.report.coverage import EVALUATION, Options, run
 from rastercov.report.coverage_table import CoverageTable
@@ -191,7 +192,7 @@ def test_every_input_changes_the_header(tmp_path):
     ("wanted", "drawn"), [(0, []), (1, [0]), (3, [0, 4, 9]), (10, range(10)), (99, range(10))]
 )
 def test_pictures_are_spread_evenly(tmp_path, wanted, drawn):
-    run(MESH, CAMERA, around(10), TASK, tmp_path, Options(pictures=wanted))
+    run(MESH, CAMERA, around(10), TASK, tmp_path, Options(pictures=wanted, full="all"))
     pictures = {f"{kind}_{pose}.png" for kind in ("pose", "faces") for pose in drawn}
     sheet = {"contact_sheet.png", "overview.png"} if pictures else set()
     assert (
@@ -203,17 +204,48 @@ def test_pictures_are_spread_evenly(tmp_path, wanted, drawn):
 @pytest.mark.slow
 def test_pictures_of_a_large_camera_are_small(tmp_path):
     large = Camera(width=4000, height=1000, fx=4000, fy=4000)
-    run(MESH, large, around(1), TASK, tmp_path, Options(pictures=1))
+    run(MESH, large, around(1), TASK, tmp_path, Options(pictures=1, full="faces"))
     with Image.open(tmp_path / "faces_0.png") as picture:
         assert picture.size == (1280, 320)
 
 
+@pytest.mark.parametrize(
+    ("full", "more"),
+    [("none", set()), ("poses", {"pose_0.png"}), ("faces", {"faces_0.png"})],
+)
+def test_full_pictures_are_drawn_on_request(tmp_path, full, more):
+    run(MESH, CAMERA, around(1), TASK, tmp_path, Options(pictures=1, full=full))
+    pictures = {name for name in names(tmp_path) if name.endswith(".png")}
+    assert pictures == {"contact_sheet.png", "overview.png"} | more
+
+
+def test_full_pictures_of_another_kind_are_refused():
+    with pytest.raises(ConfigError, match="full must be one of none, poses, faces, all, got 'both"):
+        Options(full="both")
+
+
+def test_a_sheet_is_drawn_at_twice_its_size(tmp_path, monkeypatch):
+    """Not at that of the camera: of 12 poses that was most of the time of a run."""
+    widths = []
+
+    def opened(mesh, camera, *arguments, **options):
+        widths.append(camera.width)
+        return open_rasterizer(mesh, camera, *arguments, **options)
+
+    monkeypatch.setattr("rastercov.report.pose_pictures.open_rasterizer", opened)
+    large = Camera(width=2560, height=1600, fx=2560, fy=2560)
+    run(MESH, large, around(2), TASK, tmp_path, Options(pictures=2))
+    assert widths == [640]
+    with Image.open(tmp_path / "contact_sheet.png") as sheet:
+        assert sheet.width == 2 * 320 + 3 * 8
+
+
 @pytest.mark.slow
 def test_a_second_run_replaces_the_report_and_nothing_else(tmp_path):
-    run(MESH, CAMERA, around(12), TASK, tmp_path, Options(pictures=4))
+    run(MESH, CAMERA, around(12), TASK, tmp_path, Options(pictures=4, full="all"))
     for name in ("notes.txt", "pose_of_mine.png"):
         (tmp_path / name).write_text("mine")
-    run(MESH, CAMERA, around(3), TASK, tmp_path, Options(pictures=1))
+    run(MESH, CAMERA, around(3), TASK, tmp_path, Options(pictures=1, full="all"))
     assert names(tmp_path) == {
         "coverage.parquet",
         "rig.json",
@@ -270,14 +302,14 @@ def test_an_interrupt_keeps_whole_batches(tmp_path, small_batches, done_at):
 
 @pytest.mark.slow
 def test_an_interrupt_draws_only_what_is_done(tmp_path, small_batches):
-    run(MESH, CAMERA, around(12), TASK, tmp_path, Options(pictures=12), stop_after(4))
+    run(MESH, CAMERA, around(12), TASK, tmp_path, Options(full="all"), stop_after(4))
     assert {f"pose_{pose}.png" for pose in range(4)} <= names(tmp_path)
     assert "pose_4.png" not in names(tmp_path)
 
 
 @pytest.mark.slow
 def test_an_interrupt_while_drawing_leaves_out_the_rest_and_says_so(tmp_path, monkeypatch):
-    run(MESH, CAMERA, around(5), TASK, tmp_path, Options(pictures=5))
+    run(MESH, CAMERA, around(5), TASK, tmp_path, Options(pictures=5, full="all"))
     drawn = []
 
     def stop(*arguments, **options):
@@ -287,7 +319,7 @@ def test_an_interrupt_while_drawing_leaves_out_the_rest_and_says_so(tmp_path, mo
         return coverage_picture(*arguments, **options)
 
     monkeypatch.setattr("rastercov.report.pose_pictures.coverage_picture", stop)
-    summary = run(MESH, CAMERA, around(12), TASK, tmp_path, Options(pictures=12))
+    summary = run(MESH, CAMERA, around(12), TASK, tmp_path, Options(full="all"))
     assert (summary["interrupted"], summary["poses"]) == (True, 12)
     pictures = {f"{kind}_{pose:02d}.png" for kind in ("pose", "faces") for pose in range(2)}
     whole = {"coverage.parquet", "rig.json", "summary.json", "network.glb", "contact_sheet.png"}
@@ -324,7 +356,7 @@ def test_a_run_that_fails_after_the_last_pose_leaves_the_old_report(tmp_path, mo
     module = "coverage" if step == "write_coloured_mesh" else "pose_pictures"
     monkeypatch.setattr(f"rastercov.report.{module}.{step}", lose)
     with pytest.raises(DeviceError, match="gone"):
-        run(MESH, CAMERA, around(12), TASK, tmp_path, Options(pictures=2))
+        run(MESH, CAMERA, around(12), TASK, tmp_path, Options(pictures=2, full="poses"))
     assert content(tmp_path) == before
 
 
@@ -420,7 +452,8 @@ def test_bad_poses_are_refused_or_left_out(tmp_path):
     with pytest.raises(PoseError, match="pose 2 is not finite"):
         run(MESH, CAMERA, poses, TASK, tmp_path / "none", PLAIN)
     assert not (tmp_path / "none").exists()
-    summary = run(MESH, CAMERA, poses, TASK, tmp_path, Options(pictures=2, skip_bad_poses=True))
+    options = Options(pictures=2, full="poses", skip_bad_poses=True)
+    summary = run(MESH, CAMERA, poses, TASK, tmp_path, options)
     assert [row["pose"] for row in summary["per_pose"]] == [0, 1, 3, 5]
     assert summary["skipped_poses"].keys() == {"2", "4"}
     assert {"pose_0.png", "pose_5.png"} <= names(tmp_path)
@@ -462,7 +495,7 @@ def test_files_of_nobody_are_refused_before_a_device_is_opened(tmp_path, monkeyp
     (tmp_path / name).write_text("mine")
     monkeypatch.setattr("rastercov.report.coverage.open_for", lambda *_: pytest.fail("opened"))
     with pytest.raises(ConfigError, match="name another folder"):
-        run(MESH, CAMERA, around(1), TASK, tmp_path, Options(pictures=9))
+        run(MESH, CAMERA, around(1), TASK, tmp_path, Options(full="poses"))
     assert content(tmp_path) == {name: b"mine"}
 
 

@@ -92,7 +92,8 @@ def test_a_report_through_a_lens_on_opengl_shows_what_it_shows_on_the_cpu(tmp_pa
     camera, pictures = CAMERAS["brown"].resized(0.1), []
     for device in ("cpu", "surfaceless"):
         folder = tmp_path / device
-        run(MESH, camera, POSES[:1], TASK, folder, Options(device=device, pictures=1, by="face"))
+        options = Options(device=device, pictures=1, full="faces", by="face")
+        run(MESH, camera, POSES[:1], TASK, folder, options)
         pictures.append((folder / "faces_0.png").read_bytes())
     assert pictures[0] == pictures[1]
 

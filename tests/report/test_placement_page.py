@@ -23,7 +23,7 @@ from rastercov.placement.candidates.framing import Framing
 from rastercov.placement.candidates.mounting import on_sphere
 from rastercov.placement.candidates.pool import Candidates, per_segment
 from rastercov.placement.candidates.segments import segment
-from rastercov.placement.explain.uncovered import what_is_left
+from rastercov.placement.explain.uncovered import WORDS, what_is_left
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.improve.tolerance import InstallationError, tolerance
 from rastercov.placement.matrix import build_matrix
@@ -229,7 +229,7 @@ def test_faces_that_are_left_have_the_colour_of_their_reason(report):
 
 def test_every_reason_has_a_colour_and_words_and_colours_differ():
     colours = np.array(list(theme.REASONS.values()))
-    assert theme.REASONS.keys() == pictures.WORDS.keys()
+    assert theme.REASONS.keys() == WORDS.keys()
     apart = np.abs(colours[:, None] - colours[None]).max(axis=2) + 999 * np.eye(len(colours))
     assert apart.min() > 30
 

@@ -30,7 +30,7 @@ two triangles that share an edge.
 from collections.abc import Callable, Iterator
 from functools import partial
 from importlib.metadata import version
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -99,6 +99,8 @@ class CPURasterizer(Closing):
     threads : int, optional
         Number of threads, by default one for each core.
     """
+
+    _of_known_scene: ClassVar[FaceCounts | None] = None
 
     def __init__(
         self,
@@ -266,13 +268,17 @@ class CPURasterizer(Closing):
         return visible, drawn
 
     def _check(self) -> None:
-        """Count the self-test scene; DeviceError where a miscompiled loop counts it wrongly."""
-        scene = _Scene(self_test.MESH)
-        grid = SampleGrid(self_test.CAMERA)
-        scratch = ScratchPool(partial(_Worker, scene, grid), 0)
-        counts = self._count(
-            scratch, scene, self_test.CAMERA, grid, self_test.POSES, with_drawn=True
-        )
+        """Raise DeviceError where a miscompiled loop counts the self-test scene wrongly.
+
+        It is counted once in a process.
+        """
+        counts = CPURasterizer._of_known_scene
+        if counts is None:
+            scene, grid = _Scene(self_test.MESH), SampleGrid(self_test.CAMERA)
+            scratch = ScratchPool(partial(_Worker, scene, grid), 0)
+            counts = CPURasterizer._of_known_scene = self._count(
+                scratch, scene, self_test.CAMERA, grid, self_test.POSES, with_drawn=True
+            )
         assert counts.drawn is not None
         is_equal = np.array_equal(counts.visible, self_test.VISIBLE)
         if not is_equal or not np.array_equal(counts.drawn, self_test.DRAWN):
