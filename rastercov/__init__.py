@@ -4,6 +4,7 @@ import warnings as _warnings
 from typing import Any as _Any
 
 from rastercov import _moved as _moved
+from rastercov._typed import guard as _guard
 from rastercov.area.cells import Cells, CellShares, cells
 from rastercov.area.regions import Regions, regions
 from rastercov.area.union import Covered, RegionUnion, unite
@@ -97,6 +98,7 @@ __all__ = [
     "write_views",
 ]
 __version__ = "0.1.0"
+_guard(__name__)
 
 
 def __getattr__(name: str) -> _Any:

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov._arguments import LARGEST_COORDINATE, checked_array, flag, owned
 from rastercov._moved import former_names
+from rastercov._typed import check_fields, check_type
 from rastercov.errors import PoseError
 
 FloatArray = NDArray[np.float64]
@@ -109,6 +110,9 @@ class Poses:
     camera: NDArray[np.int32] = field(default_factory=lambda: np.zeros(0, np.int32))
 
     def __post_init__(self) -> None:
+        arrays = (self.world_from_camera, self.ids, self.given, self.camera)
+        if not all(isinstance(each, np.ndarray) and each.ndim for each in arrays):
+            check_fields(self)  # takes ten times as long as all else, and each batch makes some
         if len(self.camera) != len(self.ids):
             object.__setattr__(self, "camera", np.zeros(len(self.ids), np.int32))
 
@@ -174,6 +178,7 @@ class Poses:
 
     def check_cameras(self, n_cameras: int) -> None:
         """Raise `PoseError` if a pose has a camera beyond these."""
+        check_type("n_cameras", n_cameras, int)
         if len(self) and int(self.camera.max()) >= n_cameras:
             row = int(self.camera.argmax())
             raise PoseError(

@@ -326,7 +326,7 @@ def _winding(mesh: Mesh, rows: IntArray, points: FloatArray) -> IntArray:
     """Winding numbers of the faces in `rows` about points relative to the centre of the mesh."""
     vertices = (mesh.vertices - mesh.bounds.mean(axis=0)) @ RAY_FRAME
     points = points @ RAY_FRAME
-    faces = mesh.positions[rows]
+    faces = mesh.welded_faces[rows]
     turns = np.empty((3, len(points)), np.int64)
     for axis in range(3):  # a ray along each axis of the frame
         tree = TriangleTree.over(np.roll(vertices, axis, axis=1), faces)
@@ -340,7 +340,7 @@ def closed_faces(mesh: Mesh) -> BoolArray:
 
     Faces with a repeated vertex do not count.
     """
-    table = edge_table(mesh.positions, mesh.n_vertices)
+    table = edge_table(mesh.welded_faces, mesh.n_vertices)
     is_forward, first = table.is_forward, table.first
     is_closed = table.n_uses == 2
     is_closed[is_closed] = is_forward[first[is_closed]] != is_forward[first[is_closed] + 1]
