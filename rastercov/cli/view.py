@@ -12,6 +12,7 @@ import numpy as np
 import typer
 
 from rastercov import shapes
+from rastercov._format import plural
 from rastercov.camera_formats.conventions import Border, Conventions
 from rastercov.cli import options
 from rastercov.cli.console import say, size_line, warn
@@ -132,7 +133,7 @@ def view(
         scene = _of_meshes(sources, load, camera, poses, conventions, camera_name, task, unit)
     warn([*scene.mesh.warnings, *scene.notes])
     session = Session(scene, method)
-    print(f"{scene.title}: {size_line(scene.mesh)}, {len(scene.start.stations)} cameras")
+    print(f"{scene.title}: {size_line(scene.mesh)}, {plural(len(scene.start.stations), 'camera')}")
     if export is not None:
         print(export_page(session, export))
         return

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from typing_extensions import Doc
 
 from rastercov._arguments import finite_points
+from rastercov._format import plural
 from rastercov._typed import check_fields, typed
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
@@ -157,7 +158,7 @@ class Dropped:
             reasons.append(f"{counts['too_near']} nearer than {self.clearance:g} m to a surface")
         n_dropped = len(self.rejection) - counts["kept"]
         why = f": {', '.join(reasons)}" if reasons else ""
-        return f"{n_dropped} of {len(self.rejection)} candidates dropped{why}"
+        return f"{n_dropped} of {plural(len(self.rejection), 'candidate')} dropped{why}"
 
 
 @typed
