@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov._arguments import LARGEST_COORDINATE, checked_array, flag, owned
 from rastercov._moved import former_names
-from rastercov._typed import check_fields, check_type
+from rastercov._typed import check_fields
 from rastercov.errors import PoseError
 
 FloatArray = NDArray[np.float64]
@@ -163,9 +163,8 @@ class Poses:
 
     def __getitem__(self, rows: "slice | NDArray[Any]") -> "Poses":
         """Some of the poses, by their rows among the accepted ones."""
-        return Poses(
-            self.world_from_camera[rows], self.ids[rows], self.given, {}, self.camera[rows]
-        )
+        own = (self.world_from_camera[rows], self.ids[rows], self.given, {}, self.camera[rows])
+        return Poses(*own)
 
     def by_camera(self) -> "Iterator[tuple[int, slice | NDArray[np.int64]]]":
         """Index of each camera that is used, and rows of its poses; a slice where it has all."""
@@ -178,8 +177,7 @@ class Poses:
 
     def check_cameras(self, n_cameras: int) -> None:
         """Raise `PoseError` if a pose has a camera beyond these."""
-        check_type("n_cameras", n_cameras, int)
-        if len(self) and int(self.camera.max()) >= n_cameras:
+        if len(self) and int(self.camera.max()) not in range(n_cameras):
             row = int(self.camera.argmax())
             raise PoseError(
                 f"pose {self.ids[row]} has camera {self.camera[row]}, but there are {n_cameras} "
