@@ -7,7 +7,8 @@ import sys
 import warnings
 
 import numpy as np
-from misuse_calls import VALUES, calls, is_wish_for_much_work
+from misuse_calls import calls, is_wish_for_much_work
+from misuse_values import VALUES
 from rows import Report
 
 import rastercov as rc

@@ -361,7 +361,7 @@ def _known(mesh: rc.Mesh) -> Answer:
     """Lazy properties of a mesh at first use, and of its copies with other groups."""
     other = mesh.with_groups(two_sided="all")
     facts = (mesh.is_closed, mesh.is_consistently_wound, mesh.can_cull_back_faces)
-    return [other.bounds, mesh.normals, mesh.positions, other.duplicate_mask, np.array(facts)]
+    return [other.bounds, mesh.normals, mesh.welded_faces, other.duplicate_mask, np.array(facts)]
 
 
 def _same(one: Answer, other: Answer) -> bool:

@@ -135,7 +135,9 @@ _HOME = {name: module for module, names in _NAMES.items() for name in names.spli
 
 def __getattr__(name: str) -> _Any:
     if name in _HOME:
-        found = globals()[name] = getattr(_import_module(f"rastercov.{_HOME[name]}"), name)
+        from rastercov._typed import guarded_name
+
+        found = globals()[name] = guarded_name(_import_module(f"rastercov.{_HOME[name]}"), name)
         return found
     if not name.startswith("_") and _find_spec(f"rastercov.{name}"):
         return _import_module(f"rastercov.{name}")

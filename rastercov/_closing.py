@@ -3,6 +3,7 @@
 from abc import ABC, abstractmethod
 from typing import NoReturn, Self
 
+from rastercov._typed import guarded_class
 from rastercov.errors import ConfigError
 
 
@@ -23,6 +24,9 @@ class Unique:
 
 class Closing(Unique, ABC):
     """Closed at the end of a `with` block, whatever ends it."""
+
+    def __init_subclass__(cls) -> None:
+        guarded_class(cls)  # callers have its instances for an Observer or a Rasterizer
 
     @abstractmethod
     def close(self) -> None:

@@ -64,14 +64,25 @@ def short(value: float) -> str:
     return f"{digit}e{int(power)}"
 
 
-def plural(count: int, noun: str) -> str:
-    """A count and its noun: "1 pose", "1,200 poses"."""
-    return f"{count:,} {noun}{'' if count == 1 else 's'}"
-
-
 def shortened(text: str, most: int) -> str:
     """A text of at most `most` characters: begin and end, with "..." for what is between."""
     if len(text) <= most:
         return text
     begin = (most - 3) // 2
     return f"{text[:begin]}...{text[len(text) - (most - 3 - begin) :]}"
+
+
+def plural(count: int, noun: str, action: str = "") -> str:
+    """A count, its noun, and its verb if any: "1 pose", "1,200 poses", "1 image sees"."""
+    if count != 1:
+        noun = noun.replace("vertex", "vertice").replace("mesh", "meshe") + "s"
+    return f"{count:,} {noun}{' ' if action else ''}{verb(count, action)}"
+
+
+def verb(count: int, action: str) -> str:
+    """A verb, given for several, as it goes with a count: "covers" for 1, "cover" for others."""
+    if count != 1 or not action:
+        return action
+    first, _, rest = action.partition(" ")
+    own = {"are": "is", "were": "was", "have": "has", "do": "does"}.get(first, f"{first}s")
+    return f"{own} {rest}" if rest else own

@@ -3,15 +3,21 @@
 Serves the functions of `placement` that a program calls with dozens of options: a mesh where a
 camera belongs, a text for a number or NaN is refused by name before anything runs, instead of deep
 inside. Limits stay with each function.
+
+`guard` serves all public names: what a call raises that is no error of ours is looked into, and is
+a ConfigError where the arguments do not fit the signature or its annotations. A call that succeeds
+is not looked at.
 """
 
 import dataclasses
 import functools
 import inspect
 import math
-from collections.abc import Callable, Mapping
+import sys
+from collections.abc import Callable, Collection, Mapping
+from enum import Enum
 from pathlib import Path
-from types import NoneType, UnionType
+from types import ModuleType, NoneType, SimpleNamespace, UnionType
 from typing import Any, Literal, ParamSpec, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -23,27 +29,134 @@ from rastercov.errors import CameraError, ConfigError, MeshError, RastercovError
 
 Given = ParamSpec("Given")
 Result = TypeVar("Result")
+Kind = TypeVar("Kind", bound=type)
 
 ERRORS: dict[str, type[RastercovError]] = {"Mesh": MeshError, "Camera": CameraError}
 """By the name of the type that is wanted; for all others it is a ConfigError."""
 ARRAY = get_args(ArrayLike) or (ArrayLike,)
 """Members of an annotation with ArrayLike: a union up to numpy 2.4, an alias from 2.5 on."""
 ARRAYS = (np.ndarray, NDArray)
+VARIADIC = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
 WORDS = {float: "a number", int: "a whole number", bool: "True or False", str: "a text"}
 
 
 def typed(function: Callable[Given, Result]) -> Callable[Given, Result]:
     """Check the types of all arguments, by their annotations, before the function runs."""
-    signature = inspect.signature(function)
 
     @functools.wraps(function)
     def checked(*arguments: Given.args, **named: Given.kwargs) -> Result:
-        hints = _hints(function)
-        for name, value in signature.bind(*arguments, **named).arguments.items():
-            check_type(name, value, hints.get(name, Any))
+        _check_arguments(function, arguments, named)
         return function(*arguments, **named)
 
     return checked
+
+
+def guard(package: str) -> None:
+    """Let all public callables of a package refuse wrong arguments by an error of ours."""
+    module = sys.modules[package]
+    for name in public_names(module):
+        setattr(module, name, guarded_name(module, name))
+
+
+def guarded_name(module: ModuleType, name: str) -> Any:
+    """Function or class of a module that refuses wrong arguments, as `guard` makes of each."""
+    thing = getattr(module, name)
+    if inspect.isfunction(thing):
+        thing = _guarded(thing)
+        setattr(sys.modules[thing.__module__], name, thing)  # where a pickle looks for it
+    elif inspect.isclass(thing):
+        guarded_class(thing)
+    return thing
+
+
+def public_names(module: ModuleType) -> list[str]:
+    """Names in `__all__`, or those that a module defines."""
+    own = [name for name, each in vars(module).items() if _module_of(each) == module.__name__]
+    return list(getattr(module, "__all__", [name for name in own if not name.startswith("_")]))
+
+
+def _module_of(thing: Any) -> str:
+    is_code = inspect.isfunction(thing) or inspect.isclass(thing)
+    return thing.__module__ if is_code else ""
+
+
+def guarded_class(kind: Kind) -> Kind:
+    """The class, whose constructor and methods refuse wrong arguments by an error of ours."""
+    if issubclass(kind, Enum):
+        kind._missing_ = classmethod(_no_member)  # type: ignore[assignment] # as documented
+    for owner in kind.__mro__:
+        if not owner.__module__.startswith("rastercov.") or issubclass(owner, Exception):
+            continue
+        for name, value in list(vars(owner).items()):
+            is_made = name == "__init__" and not getattr(owner, "_is_protocol", False)
+            if is_made or not name.startswith("_"):
+                if isinstance(value, classmethod | staticmethod):
+                    setattr(owner, name, type(value)(_guarded(value.__func__)))
+                elif inspect.isfunction(value):
+                    setattr(owner, name, _guarded(value))
+    return kind
+
+
+def _guarded(function: Callable[Given, Result]) -> Callable[Given, Result]:
+    if hasattr(function, "is_guarded"):
+        return function
+
+    @functools.wraps(function)
+    def called(*arguments: Given.args, **named: Given.kwargs) -> Result:
+        try:
+            return function(*arguments, **named)
+        except (RastercovError, Warning, OSError):
+            raise
+        except Exception as error:
+            try:
+                _check_arguments(function, arguments, named)
+            except RastercovError as wrong:
+                raise wrong from error
+            raise
+
+    called.is_guarded = True  # type: ignore[attr-defined] # a mark of our own
+    return called
+
+
+def _no_member(kind: type[Enum], value: object) -> None:
+    names = ", ".join(kind.__members__)
+    raise ConfigError(f"{kind.__name__} must be one of {names} or its number, got {shown(value)}")
+
+
+def _check_arguments(
+    function: Callable[..., Any], arguments: tuple[Any, ...], named: Mapping[str, Any]
+) -> None:
+    """Raise an error of ours where arguments do not fit a signature or its annotations."""
+    signature = _signature(function)
+    try:
+        bound = signature.bind(*arguments, **named)
+    except TypeError as error:
+        raise ConfigError(_not_bound(function, signature, named, str(error))) from None
+    hints = _hints(function)
+    for name, value in bound.arguments.items():
+        if signature.parameters[name].kind not in VARIADIC:
+            check_type(name, value, hints.get(name, Any))
+
+
+@functools.cache
+def _signature(function: Callable[..., Any]) -> inspect.Signature:
+    return inspect.signature(function)
+
+
+def _not_bound(
+    function: Callable[..., Any], signature: inspect.Signature, named: Mapping[str, Any], fault: str
+) -> str:
+    """Words for arguments that do not fit a signature, with those that it takes."""
+    all_of = [each for each in signature.parameters.values() if each.name not in ("self", "cls")]
+    name = function.__qualname__.removesuffix(".__init__")
+    unknown = [each for each in named if each not in signature.parameters]
+    if unknown and not any(each.kind == inspect.Parameter.VAR_KEYWORD for each in all_of):
+        fault = f"unknown argument {shown(unknown[0])}"
+    by_name = [each.name for each in all_of if each.kind == inspect.Parameter.KEYWORD_ONLY]
+    takes = [each.name for each in all_of if each.kind == inspect.Parameter.POSITIONAL_OR_KEYWORD]
+    takes += [f"and by name {by_name[0]}", *by_name[1:]] if by_name else []
+    words = ", ".join(takes) or "no arguments"
+    return f"{name}: {fault}; it takes {words}".replace("takes and by", "takes by")
 
 
 def check_fields(value: Any) -> None:
@@ -67,15 +180,30 @@ def check_type(name: str, value: Any, hint: Any) -> None:
 
 @functools.cache  # resolved at the first call, when all modules are there
 def _hints(thing: Any) -> dict[str, Any]:
-    return get_type_hints(thing)
+    try:
+        return get_type_hints(thing)
+    except NameError:  # of a name that only type checkers import; others are resolved
+        return {name: _hint(thing, hint) for name, hint in thing.__annotations__.items()}
+
+
+def _hint(thing: Any, hint: Any) -> Any:
+    alone = SimpleNamespace(__annotations__={"it": hint})
+    try:
+        return get_type_hints(alone, vars(sys.modules[thing.__module__]))["it"]
+    except NameError:
+        return Any
 
 
 def _fits(value: Any, hint: Any) -> bool:
     kinds, origin = get_args(hint), get_origin(hint) or hint
+    if hint is Any:
+        return True
     if _is_array_like(hint):
         others = [kind for kind in kinds if kind not in ARRAY]
         # ArrayLike has texts in it, which are meant only where paths are, too.
         others += [str] if Path in others else []
+        if origin in ARRAYS and np.ndim(value if _is_numeric(value) else 0) == 0:
+            return False
         return _is_numeric(value) or any(_fits(value, kind) for kind in others)
     if origin in (Union, UnionType):
         return any(_fits(value, kind) for kind in kinds)
@@ -102,7 +230,8 @@ def _fits(value: Any, hint: Any) -> bool:
         )
     if issubclass(origin, Callable):  # type: ignore[arg-type] # an abstract class at run time
         return callable(value)
-    return _is_row(value) and all(_fits(each, kinds[0]) for each in value)
+    is_set = origin is Collection and isinstance(value, set | frozenset)
+    return (is_set or _is_row(value)) and all(_fits(each, kinds[0]) for each in value)
 
 
 def _is_array_like(hint: Any) -> bool:

@@ -10,6 +10,7 @@ from typing import Any, Self
 from rastercov._arguments import check_kind
 from rastercov._checks import finite_number, shown
 from rastercov._threads import thread_count
+from rastercov._typed import typed
 from rastercov.errors import ConfigError
 from rastercov.raster import BACKENDS
 from rastercov.raster.contract import MAX_SUPERSAMPLE
@@ -68,6 +69,7 @@ class Engine:
             object.__setattr__(self, "threads", thread_count(self.threads))
 
     @classmethod
+    @typed
     def parse(cls, text: str) -> Self:
         """Engine of METHOD[:DEVICE][@S].
 

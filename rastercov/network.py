@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov._arguments import check_kind
 from rastercov._threads import threads_of
+from rastercov._typed import typed
 from rastercov.coverage import Coverage, batch_size, check_observer, measurements
 from rastercov.coverage_pass import CoveragePass
 from rastercov.errors import ConfigError, MeshError
@@ -125,6 +126,7 @@ class Network:
         for batch in self.judge(observer, Poses.of(poses, skip_bad=skip_bad_poses)):
             self.add(batch)
 
+    @typed
     def judge(
         self,
         observer: Observer,

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov._arguments import LARGEST_COORDINATE, checked_array, flag, owned
+from rastercov._typed import check_fields
 from rastercov.errors import PoseError
 
 FloatArray = NDArray[np.float64]
@@ -108,6 +109,9 @@ class Poses:
     camera: NDArray[np.int32] = field(default_factory=lambda: np.zeros(0, np.int32))
 
     def __post_init__(self) -> None:
+        arrays = (self.world_from_camera, self.ids, self.given, self.camera)
+        if not all(isinstance(each, np.ndarray) and each.ndim for each in arrays):
+            check_fields(self)  # takes ten times as long as all else, and each batch makes some
         if len(self.camera) != len(self.ids):
             object.__setattr__(self, "camera", np.zeros(len(self.ids), np.int32))
 
@@ -158,9 +162,8 @@ class Poses:
 
     def __getitem__(self, rows: "slice | NDArray[Any]") -> "Poses":
         """Some of the poses, by their rows among the accepted ones."""
-        return Poses(
-            self.world_from_camera[rows], self.ids[rows], self.given, {}, self.camera[rows]
-        )
+        matrices, ids, camera = self.world_from_camera[rows], self.ids[rows], self.camera[rows]
+        return Poses(matrices, ids, self.given, {}, camera)
 
     def by_camera(self) -> "Iterator[tuple[int, slice | NDArray[np.int64]]]":
         """Index of each camera that is used, and rows of its poses; a slice where it has all."""
@@ -173,7 +176,7 @@ class Poses:
 
     def check_cameras(self, n_cameras: int) -> None:
         """Raise `PoseError` if a pose has a camera beyond these."""
-        if len(self) and int(self.camera.max()) >= n_cameras:
+        if len(self) and int(self.camera.max()) not in range(n_cameras):
             row = int(self.camera.argmax())
             raise PoseError(
                 f"pose {self.ids[row]} has camera {self.camera[row]}, but there are {n_cameras} "

@@ -12,20 +12,26 @@ from collections.abc import Callable
 from importlib.resources import files
 from itertools import combinations
 from math import comb
+from operator import index
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov._arguments import LARGEST_COORDINATE, check_seed
+from rastercov._checks import shown
+from rastercov._typed import typed
 from rastercov.errors import MeshError
 from rastercov.mesh import Group, Mesh
 
 DATA = files("rastercov") / "data"
 TEAPOT_UNIT = 0.05  # metres for Newell's unit: 0.32 m from handle to spout, 0.16 m high
 POINTS_PER_UNIT = 100_000  # Newell's control points have at most five decimals
+MOST_A_SIDE = 10_000  # rows, columns: 1e8 faces and more
 AEROPLANE_FACES = (1970, 9856)
 
 
+@typed
 def teapot(n: int = 10, *, keep_degenerate: bool = False) -> Mesh:
     """Newell's teapot: 32 bicubic patches of n x n quads, two faces each.
 
@@ -46,6 +52,7 @@ def teapot(n: int = 10, *, keep_degenerate: bool = False) -> Mesh:
         16 n boundary edges at the rim, around the lid and at both ends of handle and spout, which
         pass through the body.
     """
+    n = index(n)  # an int8 would overflow below
     if not 2 <= n <= 128:
         raise MeshError(f"n must lie in 2 ... 128, got {n}; fewer quads lose the shape")
     data = json.loads((DATA / "teapot.json").read_text(encoding="utf-8"))
@@ -63,6 +70,7 @@ def teapot(n: int = 10, *, keep_degenerate: bool = False) -> Mesh:
     return Mesh(vertices=points / (n**6 * POINTS_PER_UNIT / TEAPOT_UNIT), faces=faces)
 
 
+@typed
 def aeroplane(n_faces: int = 1970) -> Mesh:
     """Twin-engined airliner: 30 m long, 29 m span, nose at +x, left wing at +y.
 
@@ -86,6 +94,7 @@ def aeroplane(n_faces: int = 1970) -> Mesh:
         return Mesh(vertices=stored[f"vertices_{n_faces}"], faces=stored[f"faces_{n_faces}"])
 
 
+@typed
 def torus(
     n_major: int = 100, n_minor: int = 50, major_radius: float = 1.0, minor_radius: float = 0.4
 ) -> Mesh:
@@ -104,7 +113,7 @@ def torus(
         Closed, genus 1. Vertices lie on the torus, so the mesh is slightly smaller.
     """
     _at_least(3, n_major=n_major, n_minor=n_minor)
-    if not 0 < minor_radius < major_radius:
+    if not 0 < minor_radius < major_radius <= LARGEST_COORDINATE:
         raise MeshError(
             f"a torus needs 0 < minor_radius < major_radius, got {minor_radius} and {major_radius}"
         )
@@ -117,6 +126,7 @@ def torus(
     return Mesh(vertices=points.reshape(-1, 3), faces=_triangulated(corners))
 
 
+@typed
 def sphere(subdivisions: int = 4, radius: float = 1.0) -> Mesh:
     """Icosphere: 20 * 4^subdivisions nearly equal faces, 5,120 by default.
 
@@ -138,6 +148,7 @@ def sphere(subdivisions: int = 4, radius: float = 1.0) -> Mesh:
     return Mesh(vertices=points, faces=faces)
 
 
+@typed
 def icosahedron(
     noise: float = 0.0, subdivisions: int = 0, seed: int = 0, edge_length: float = 1.0
 ) -> Mesh:
@@ -164,11 +175,13 @@ def icosahedron(
     if noise < 0:
         raise MeshError(f"noise must be at least 0, got {noise}; it is a standard deviation")
     _positive(edge_length=edge_length)
+    check_seed(seed)
     points, faces = _subdivided_icosahedron(subdivisions)
     points += np.random.default_rng(seed).normal(scale=noise / 2**subdivisions, size=points.shape)
     return Mesh(vertices=points * edge_length, faces=faces)
 
 
+@typed
 def box(
     size: tuple[float, float, float] = (1.0, 1.0, 1.0),
     n: int = 1,
@@ -189,7 +202,10 @@ def box(
         Closed, outward; sides in the order -x, +x, -y, +y, -z, +z.
     """
     _at_least(1, n=n)
+    if len(size) != 3 or len(centre) != 3:
+        raise MeshError(f"size and centre must be three numbers each, got {size} and {centre}")
     _positive(size=min(size))
+    _positive(size=max(size))
     row, column = np.indices((n + 1, n + 1))
     sides = []
     for axis in range(3):
@@ -200,6 +216,7 @@ def box(
     return Mesh(vertices=(points / n - 0.5) * size + centre, faces=_triangulated(corners))
 
 
+@typed
 def room(n: int = 8) -> Mesh:
     """Interior: a 6 x 5 x 2.8 m room, seen from inside, with three crates.
 
@@ -235,6 +252,7 @@ def room(n: int = 8) -> Mesh:
     )
 
 
+@typed
 def tessellated_plane(
     n_columns: int = 10,
     n_rows: int = 10,
@@ -266,6 +284,7 @@ def tessellated_plane(
     if not 0 <= jitter < 0.25:
         raise MeshError(f"jitter must lie in [0, 0.25), got {jitter}; more would turn faces over")
     _positive(width=width, height=height)
+    check_seed(seed)
     row, column = np.indices((n_rows + 1, n_columns + 1))
     cells = np.stack([column, row], axis=-1).astype(np.float64)
     inner = cells[1:-1, 1:-1]
@@ -291,6 +310,7 @@ _BUILT_IN: dict[str, Callable[[], Mesh]] = {
 NAMES = tuple(_BUILT_IN)
 
 
+@typed
 def by_name(name: str) -> Mesh:
     """Built-in mesh of that name, one of `NAMES`; MeshError otherwise."""
     if name not in _BUILT_IN:
@@ -302,12 +322,16 @@ def _at_least(least: int, **counts: int) -> None:
     for name, count in counts.items():
         if count < least:
             raise MeshError(f"{name} must be at least {least}, got {count}")
+        if count > MOST_A_SIDE:
+            raise MeshError(f"{name} must be at most {MOST_A_SIDE}, got {shown(count)}")
 
 
 def _positive(**lengths: float) -> None:
     for name, length in lengths.items():
         if not length > 0:
             raise MeshError(f"{name} must be positive, got {length}; give metres")
+        if length > LARGEST_COORDINATE:
+            raise MeshError(f"{name} must be at most {LARGEST_COORDINATE:g} m, got {length}")
 
 
 def _weld(lattice: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.intp]]:

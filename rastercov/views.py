@@ -12,6 +12,7 @@ import numpy as np
 
 from rastercov._arguments import check_kind, members
 from rastercov._checks import shown
+from rastercov._typed import typed
 from rastercov.camera import Camera
 from rastercov.errors import CameraError, PoseError
 from rastercov.pose import Poses
@@ -82,6 +83,7 @@ class Views:
                 f"got {len(self.frames)}"
             )
 
+    @typed
     def camera(self, name: str | None = None) -> Camera:
         """The camera of that name; the only one if no name is given.
 
@@ -98,6 +100,7 @@ class Views:
             raise CameraError("there are poses and no camera; give a camera as well")
         return self.rig.cameras
 
+    @typed
     def of_camera(self, name: str | None = None) -> "Views":
         """Views of one camera: the camera and its poses; without a name, the only camera.
 
@@ -128,6 +131,7 @@ class Views:
                 "the poses have no unit; read them with Conventions(pose_unit=), 1 if it is metres"
             )
 
+    @typed
     def with_cameras(self, rig: Rig) -> "Views":
         """The same poses, each with the camera of its name in a rig.
 

@@ -10,8 +10,8 @@ import rastercov
 ROOT = Path(rastercov.__file__).parent
 LAYERS = (
     "_compiler",
-    "errors _files _format _jit _once _interrupts _closing _memory _checks _output _threads",
-    "_direct _double_double _forest _arguments _limits _typed _names _child",
+    "errors _files _format _jit _once _interrupts _memory _checks _output _threads",
+    "_direct _double_double _forest _arguments _limits _typed _names _child _closing",
     "camera camera_file camera_models densities pose pose_file rig views mesh",
     "lenses vertex_columns cluster",
     "camera_formats image_boxes viewpoints projection rays shapes",

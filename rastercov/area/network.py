@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov._checks import shown
+from rastercov._format import plural
 from rastercov.area.frames import frames_of
 from rastercov.area.regions import Regions, check_pointwise
 from rastercov.area.union import Covered, RegionUnion
@@ -179,7 +180,7 @@ def in_words(figures: Mapping[str, Any]) -> str:
     digits = min(max(1, -math.floor(math.log10(bound)) - 1), 6)
     text = f"{figures['percent']:.{digits}f} % of the area, within {bound:.1g} % of it"
     if isinstance(figures["views"], int) and figures["views"] > 1:
-        text += f", by {figures['views']} cameras or more; " + ", ".join(
+        text += f", by {plural(figures['views'], 'camera')} or more; " + ", ".join(
             f"{each['percent']:.1f} % by {each['views']}" for each in figures["by_views"][:-1]
         )
     return text

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov._arguments import check_kind
+from rastercov._arguments import check_kind, checked_array
 from rastercov._threads import ScratchPool, share_poses, thread_count
 from rastercov.area.frames import frames_of, to_world
 from rastercov.camera import Camera
@@ -119,6 +119,10 @@ class Regions:
 
     def of_poses(self, chosen: NDArray[np.bool_]) -> "Regions":
         """Regions of some of the poses, (P,) bool."""
+        wanted = f"({len(self.pose_ids)},) True or False"
+        chosen = checked_array("chosen", chosen, "b", wanted, ConfigError)
+        if chosen.shape != self.pose_ids.shape or chosen.dtype != np.bool_:
+            raise ConfigError(f"chosen must be {wanted}, got shape {chosen.shape}")
         row = (np.cumsum(chosen) - 1).astype(np.int32)
         pieces, pairs = chosen[self.pose], chosen[self.pair_pose]
         counts = np.diff(self.starts)

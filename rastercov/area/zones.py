@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov._arguments import check_kind, checked_array
 from rastercov._checks import shown
+from rastercov._typed import typed
 from rastercov.area.frames import frames_of, to_world
 from rastercov.area.rest import with_rest
 from rastercov.area.union import Covered, polygon_areas
@@ -67,12 +68,14 @@ class DeadZones:
     def __len__(self) -> int:
         return len(self.area)
 
+    @typed
     def places(self, n: int) -> list[dict[str, Any]]:
         """Area, centroid, extent and groups of the first n zones, ready for JSON.
 
         Groups are named by falling area; `m2_by_views` is the area that exactly 0, 1, ... cameras
         cover.
         """
+        n = min(max(int(n), 0), len(self.area))
         rows = np.flatnonzero(self.zone < n)
         corners = np.repeat(np.arange(len(self.face)), np.diff(self.starts))
         listed = self.zone[corners] < n
@@ -242,7 +245,7 @@ def _edges(mesh: Mesh, faces: IntArray, side: IntArray) -> tuple[IntArray, IntAr
 
     An edge is open if it is of one face only. Faces without area do not count.
     """
-    frames, corners = frames_of(mesh), mesh.positions
+    frames, corners = frames_of(mesh), mesh.welded_faces
     off = mesh.vertices[mesh.faces] - frames.origin[:, None]
     first = np.einsum("fki,fki->fk", off, off).argmin(axis=1)
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov._checks import shown
+from rastercov._format import plural
 from rastercov.camera import Camera
 from rastercov.camera_formats.conventions import OPENGL_AXES, Border, inverse_of
 from rastercov.camera_formats.equivalents import brown
@@ -52,7 +53,8 @@ def read_bundler(text: str, border: Border) -> Views:
         raise CameraError("cameras with a focal length wanted, got none")
     if not is_found.all():
         border.note(
-            f"{(~is_found).sum()} images without a camera left out: their focal length is 0"
+            f"{plural((~is_found).sum(), 'image')} without a camera left out: their "
+            f"focal length is 0"
         )
     rows = np.flatnonzero(is_found)
     poses = motions(values[rows, 3:12].reshape(-1, 3, 3), values[rows, 12:15])

@@ -120,7 +120,8 @@ def _print(summary: Mapping[str, Any], out: Path) -> None:
 
     subset = summary["subset"]
     print(
-        f"{plural(summary['cameras'], 'image')} cover {percent(summary['covered_percent'] / 100)} "
+        f"{plural(summary['cameras'], 'image', 'cover')} "
+        f"{percent(summary['covered_percent'] / 100)} "
         f"of the area, on {summary['elements']:,} {'cells' if summary['cell_size_m'] else 'faces'}"
     )
     print(
@@ -128,7 +129,8 @@ def _print(summary: Mapping[str, Any], out: Path) -> None:
         f"views {summary['median_widest_angle_deg']:.3g} degrees"
     )
     print(
-        f"{plural(subset['cameras'], 'image')} cover the same; none fewer than {subset['bound']:g}"
+        f"{plural(subset['cameras'], 'image', 'cover')} the same; "
+        f"none fewer than {subset['bound']:g}"
     )
     print(f"{summary['redundant_cameras']} could be left out one at a time")
     for line in group_lines(summary):

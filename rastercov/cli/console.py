@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import typer
 from rich.console import Console
 
-from rastercov._format import shortened
+from rastercov._format import plural, shortened
 from rastercov._interrupts import ABANDONED, was_interrupted
 from rastercov.errors import RastercovError
 
@@ -135,7 +135,7 @@ def warn(lines: Iterable[str]) -> None:
 
 def size_line(mesh: "Mesh") -> str:
     """Faces and size of a scene; a wrong unit shows in it."""
-    return f"{mesh.n_faces:,} faces, {mesh.size_in_words}"
+    return f"{plural(mesh.n_faces, 'face')}, {mesh.size_in_words}"
 
 
 def out_option(words: str) -> Any:

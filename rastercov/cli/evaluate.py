@@ -10,6 +10,7 @@ import typer
 from numpy.typing import NDArray
 from rich.console import Console
 
+from rastercov._format import plural
 from rastercov.camera_formats.conventions import Conventions
 from rastercov.cli import options
 from rastercov.cli.console import progress_bar, say, warn
@@ -172,9 +173,9 @@ def run_and_print(
     if summary["interrupted"]:
         done, total = summary["poses"], len(accepted)
         if done < total:
-            warn([f"the report holds the {done} of {total} poses that were done"])
+            warn([f"the report holds the {done} of {plural(total, 'pose')} that were done"])
         else:
-            warn([f"the report holds all {total} poses; pictures may be missing"])
+            warn([f"the report holds all {plural(total, 'pose')}; pictures may be missing"])
         raise KeyboardInterrupt
     if summary["quarantined"]:
         warn(

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.console import Console
 
+from rastercov._format import plural
 from rastercov.camera_formats.conventions import Conventions
 from rastercov.camera_formats.unit_doubts import unit_doubts
 from rastercov.cli.console import out_option, progress_bar, say, size_line, warn
@@ -111,7 +112,9 @@ def place(
         raise KeyboardInterrupt
     left_out = {} if skip_bad_poses else placed.prepared.quarantined
     if left_out:
-        warn([f"{len(left_out)} candidates are left out; --skip-bad-poses accepts that"])
+        warn(
+            [f"{plural(len(left_out), 'candidate', 'are')} left out; --skip-bad-poses accepts that"]
+        )
     if left_out or not placed.is_met:
         raise typer.Exit(1)
 

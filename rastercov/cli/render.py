@@ -8,6 +8,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
+from rastercov._format import plural, verb
 from rastercov.camera_formats.conventions import Conventions
 from rastercov.camera_formats.unit_doubts import unit_doubts
 from rastercov.cli import options
@@ -66,7 +67,8 @@ def render(
             if scene.has_targets:  # the image has none
                 is_seen |= rasterizer.count(matrices[pose]).visible[0] > 0
         n_seen = int(is_seen.sum())
-        title = f"pose {pose}: {n_seen} of {scene.n_faces} faces have a pixel"
+        title = f"pose {pose}: {n_seen} of {plural(scene.n_faces, 'face')} "
+        title += f"{verb(n_seen, 'have')} a pixel"
         picture = coverage_picture(
             buffer, is_seen, scene, eye, matrices[pose], title, named=("seen from the front",)
         )

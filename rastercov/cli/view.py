@@ -13,6 +13,7 @@ import numpy as np
 import typer
 
 from rastercov import shapes
+from rastercov._format import plural
 from rastercov.camera_formats.conventions import Border, Conventions
 from rastercov.camera_formats.unit_doubts import unit_doubts
 from rastercov.cli import options
@@ -139,7 +140,7 @@ def view(
     doubts = unit_doubts(scene.mesh, start.rig(), start.poses())
     warn([*scene.mesh.warnings, *scene.notes, *doubts])
     session = Session(scene, method)
-    print(f"{scene.title}: {size_line(scene.mesh)}, {len(scene.start.stations)} cameras")
+    print(f"{scene.title}: {size_line(scene.mesh)}, {plural(len(scene.start.stations), 'camera')}")
     if export is not None:
         print(export_page(session, export))
         return

@@ -150,7 +150,7 @@ def _build(mesh: Mesh) -> Surface:
         opaque = surface_of(mesh.opaque)
         return replace(opaque, targets=_targets(mesh), place=_place_of_all(mesh, opaque))
     contacts: Contacts | SortedContacts = mesh.contacts
-    faces, is_used = _welded(mesh.positions, mesh.n_vertices)
+    faces, is_used = _welded(mesh.welded_faces, mesh.n_vertices)
     vertices, flat = mesh.vertices[is_used], np.ascontiguousarray(mesh.degenerate_mask)
     rank, place = np.arange(len(faces), dtype=np.int32), None
     order = local_order(vertices, faces)
@@ -196,7 +196,7 @@ def _by_use(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray
 
 def _targets(mesh: Mesh) -> Targets:
     is_target = mesh.target_mask
-    faces, is_used = _welded(mesh.positions[is_target], mesh.n_vertices)
+    faces, is_used = _welded(mesh.welded_faces[is_target], mesh.n_vertices)
     flat = np.ascontiguousarray(mesh.degenerate_mask[is_target])
     return Targets(mesh.vertices[is_used], faces, flat, blocks_of_targets(flat))
 

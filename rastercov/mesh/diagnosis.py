@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rastercov._format import plural
 from rastercov.mesh.topology import Topology
 
 
@@ -51,7 +52,7 @@ def surface_faults(
         )
     if self_contact is not None and self_contact.any():
         found.append(
-            f"the closed surface cuts or touches itself at {self_contact.sum()} faces, "
+            f"the closed surface cuts or touches itself at {plural(self_contact.sum(), 'face')}, "
             f"face {self_contact.argmax()} among them: its back may show"
         )
     return found

@@ -97,13 +97,13 @@ class Faces:
         return frozen(~np.any(self.normals, axis=1))
 
     @cached_property
-    def positions(self) -> NDArray[np.int64]:
-        """(F, 3) like `faces`, with equal indices for vertices at the same point."""
+    def welded_faces(self) -> NDArray[np.int64]:
+        """(F, 3) vertex indices like `faces`, the same one for all vertices at one point."""
         same = first_equal_row((self.vertices + 0.0).view(np.uint64))  # -0.0 + 0.0 is 0.0
         return frozen(same[self.faces])
 
     @cached_property
     def duplicate_mask(self) -> NDArray[np.bool_]:
         """(F,) later copies of a face: the same three positions, in any order."""
-        same = first_equal_row(np.sort(self.positions, axis=1).view(np.uint64))
+        same = first_equal_row(np.sort(self.welded_faces, axis=1).view(np.uint64))
         return frozen(same != np.arange(self.n_faces))

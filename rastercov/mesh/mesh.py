@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov._arguments import check_kind, members
 from rastercov._files import StrPath
+from rastercov._typed import check_type
 from rastercov.errors import MeshError
 from rastercov.mesh.arrays import (
     check_coordinates,
@@ -191,6 +192,8 @@ class Mesh(Faces):
         ResourceError
             Too many faces for the budget.
         """
+        check_type("max_bytes", max_bytes, int)
+        check_type("memory_budget", memory_budget, int | None)
         paths = paths_of(path)
         scales = [metres_per(each) for each in of_files("unit", unit, paths, "m")]
         places = of_files("transforms", transforms or {}, paths, {})
@@ -395,9 +398,9 @@ class Mesh(Faces):
     def topology(self) -> Topology:
         """Edge counts and adjacency of the faces; targets share no edge with other faces."""
         if not self.has_targets:
-            return Topology.of(self.positions, self.n_vertices)
+            return Topology.of(self.welded_faces, self.n_vertices)
         apart = np.where(self.target_mask, self.n_vertices, 0)[:, None]
-        return Topology.of(self.positions + apart, 2 * self.n_vertices)
+        return Topology.of(self.welded_faces + apart, 2 * self.n_vertices)
 
     @property
     def n_boundary_edges(self) -> int:

@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rastercov._arguments import checked_array, owned
 from rastercov._checks import finite_number, shown
 from rastercov.errors import MeshError
 from rastercov.mesh.arrays import rotation_about
@@ -57,10 +58,8 @@ def with_moved_faces(
 
 def _triple(name: str, values: ArrayLike) -> NDArray[np.float64]:
     """(3,) finite numbers, or MeshError."""
-    try:
-        triple = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError):
-        triple = np.empty(0)
+    wanted = "three finite numbers"
+    triple = owned(name, checked_array(name, values, "iuf", wanted, MeshError), np.float64)
     if triple.shape != (3,) or not np.isfinite(triple).all():
-        raise MeshError(f"{name} must be three finite numbers, got {shown(values)}; correct it")
+        raise MeshError(f"{name} must be {wanted}, got {shown(values)}; correct it")
     return triple

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov._format import plural
 from rastercov.camera_formats import read_views
 from rastercov.errors import RastercovError
 from rastercov.mesh import Mesh
@@ -64,7 +65,7 @@ class CandidatePool:
         made = ", ".join(f"{count} {source}" for source, count in self.made.items())
         words = {"too_far": "further than the stand-off", "too_near": "nearer than the stand-off"}
         words |= {"outside": "outside the spaces"}
-        lines = [f"{total} candidates: {made}"]
+        lines = [f"{plural(total, 'candidate')}: {made}"]
         if total > self.dropped.kept_mask.sum():
             lines.append(str(self.dropped))
         if self.misplaced:

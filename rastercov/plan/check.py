@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rastercov._checks import share_meant
+from rastercov._format import plural
 from rastercov._output import write_bytes
 from rastercov.area.zone_report import ZONES
 from rastercov.camera_formats import read_views
@@ -105,7 +106,7 @@ class Checked:
                 f"{share['faces']} {reason.replace('_', ' ')}" for reason, share in shares
             )
             how = "uncovered" if self.cameras.areas is None else "not covered as a whole"
-            text = f"group {name}: {entry['left']['faces']} faces {how}: {why}"
+            text = f"group {name}: {plural(entry['left']['faces'], 'face')} {how}: {why}"
             if hidden := list(entry["hidden_by"]):
                 text += f"; in the way: {', '.join(hidden[:3])}"
             lines.append(text)

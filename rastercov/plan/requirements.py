@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov._format import percent
+from rastercov._format import percent, plural
 from rastercov.area.network import AreaNetwork
 from rastercov.mesh import Mesh
 from rastercov.placement.select.problem import (
@@ -78,7 +78,7 @@ class Requirement:
         text = f"{self.name}: {percent(self.share)} covered{of}, {percent(self.limit)} wanted"
         if self.status == FAILS:
             points = percent(self.short_by).removesuffix(" %")
-            return f"{text}: {points} points short, {self.uncovered} faces uncovered"
+            return f"{text}: {points} points short, {plural(self.uncovered, 'face')} uncovered"
         if self.status == UNDECIDED:
             return (
                 f"{text}: not decided, the bound of visibility allows {percent(self.low)} to "

@@ -64,6 +64,8 @@ RAISES = 3
 MOST_PAIRS = 50_000_000
 """Pairs of candidate and face up to which the exact area of all candidates is computed: about as
 long as their visibility matrix takes."""
+ROUNDING = 1e-9
+"""Share of the area by which unions of the same regions in other orders differ at most."""
 STRICTER = (0.75, 0.95, 0.999)
 """Shares of a cell that a camera must cover, in turn, where that does not help: cells covered as a
 whole never promise too much."""
@@ -86,6 +88,8 @@ class Placement:
     kept_poses : tuple of str
         Improvements on cells, "searched" or "refined", that were not taken: they would have lost
         exact area.
+    left_out : tuple of int
+        Cameras or rigs of the selection, by their rows in it, that added nothing after refinement.
     """
 
     prepared: Prepared
@@ -100,6 +104,12 @@ class Placement:
     steps: dict[str, float] = field(default_factory=dict)
     interrupted: str = ""
     kept_poses: tuple[str, ...] = ()
+    left_out: tuple[int, ...] = ()
+
+    @property
+    def chosen(self) -> NDArray[np.int64]:
+        """Candidates of the cameras or rigs of the network."""
+        return np.delete(self.selection.chosen, self.left_out)
 
     @property
     def is_met(self) -> bool:
@@ -421,7 +431,44 @@ def _refine(placement: Placement, objectives: Objectives, progress: Progress) ->
     )
     moved = _moved(placement, objectives, found.poses, "refined")
     is_interrupted = found.status == INTERRUPTED
+    if not is_interrupted:
+        moved = _without_idle(moved, objectives)
     return replace(moved, refined=found, interrupted="refinement" if is_interrupted else "")
+
+
+def _without_idle(placement: Placement, objectives: Objectives) -> Placement:
+    """The placement without the cameras or rigs that add nothing, one after the other.
+
+    By area, those that add no cell and no exact area. All goals take a number of cameras as the
+    greatest. One camera is kept.
+    """
+    objective, rows = objectives.moved, list(range(len(placement.cameras.mounted)))
+    poses, width = placement.cameras.mounted, objective.width
+    covers, eyes = objective.covers(poses), objective.eyes(poses)
+
+    def worth(chosen: list[int]) -> int:
+        own = (np.array(chosen, np.int64)[:, None] * width + np.arange(width)).ravel()
+        return int(objective.worth(objective.covered(covers[own], eyes[own])))
+
+    all_of = worth(rows)
+    for row in reversed(range(len(poses))):  # the first cameras are those that cover most
+        rest = [each for each in rows if each != row]
+        if not rest or worth(rest) < all_of:
+            continue
+        found = _of_rows(placement, objectives, [rows.index(each) for each in rest])
+        loss = placement.cameras.share - found.cameras.share
+        if loss <= ROUNDING and found.is_met >= placement.is_met:
+            placement, rows = replace(found, left_out=(*placement.left_out, row)), rest
+    return replace(placement, left_out=tuple(sorted(placement.left_out)))
+
+
+def _of_rows(placement: Placement, objectives: Objectives, rows: list[int]) -> Placement:
+    """The placement with some of its cameras or rigs."""
+    cameras = measured(objectives.faces, placement.cameras.mounted[np.array(rows, np.int64)])
+    requirements = _required_by_face(placement.prepared, cameras, objectives.faces)
+    origin = tuple(placement.origin[row] for row in rows)
+    found = replace(placement, cameras=cameras, origin=origin, requirements=requirements)
+    return found if objectives.cells is None else _by_area(found, objectives.cells)
 
 
 def _tolerate(placement: Placement, objectives: Objectives, progress: Progress) -> Placement:

@@ -122,7 +122,8 @@ def page(
     lines = [
         f"median density {rounded(summary['median_density_px_per_m'])} px/m, "
         f"median angle between views {summary['median_widest_angle_deg']:.3g}°",
-        f"{plural(subset['cameras'], 'image')} cover the same; none fewer than {subset['bound']:g}",
+        f"{plural(subset['cameras'], 'image', 'cover')} the same; "
+        f"none fewer than {subset['bound']:g}",
         f"{summary['redundant_cameras']:,} could be left out one at a time",
         *group_lines(summary),
     ]
@@ -130,7 +131,7 @@ def page(
         "audit.html",
         title="rastercov audit",
         heading="Audit of existing cameras",
-        answer=f"{plural(summary['cameras'], 'image')} cover "
+        answer=f"{plural(summary['cameras'], 'image', 'cover')} "
         f"{percent(summary['covered_percent'] / 100)} of the surface",
         exact="" if exact is None else in_words(exact),
         lines=lines,
@@ -156,7 +157,8 @@ def group_lines(summary: Mapping[str, Any]) -> list[str]:
     for entry in cameras[:MOST_LINES]:
         lost = f"{area(entry['lost_m2'])} is" if entry["lost_m2"] > 0 else "nothing is"
         lines.append(
-            f"{entry['camera']}: {plural(entry['poses'], 'image')} see {area(entry['seen_m2'])}, "
+            f"{entry['camera']}: {plural(entry['poses'], 'image', 'see')} "
+            f"{area(entry['seen_m2'])}, "
             f"{lost} lost without them"
         )
     if cameras[MOST_LINES:]:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rich.table import Table
 from rich.text import Text
 
-from rastercov._format import area, percent
+from rastercov._format import area, percent, plural
 from rastercov.area.by_camera import AreasByCamera, cameras_apart
 from rastercov.area.regions import Regions
 from rastercov.judged_poses import JudgedPoses
@@ -83,7 +83,7 @@ def camera_rows(summary: Mapping[str, Any]) -> list[list[str]]:
     rows = []
     for entry in summary.get("by_camera", ()):
         covered = entry.get("covered_area")
-        size = f"{entry['covered']['faces']:,} faces" if covered is None else area(covered["m2"])
+        size = plural(entry["covered"]["faces"], "face") if covered is None else area(covered["m2"])
         share = (covered or entry["covered"])["percent"]
         rows.append([entry["camera"], f"{entry['poses']:,}", size, percent(share / 100)])
     return rows

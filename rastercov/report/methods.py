@@ -142,7 +142,7 @@ def _shown(score: Score) -> dict[str, FaceError]:
 def page(comparison: Comparison, pictures: dict[str, Picture]) -> str:
     """HTML of a comparison; pictures by name: `plot_*`, `worst_*`, `missed_*`, as far as drawn."""
     passed, done = comparison.passed, f"{comparison.poses_done:,}"
-    interrupted = f"{done} of {comparison.poses:,} poses (it was interrupted)"
+    interrupted = f"{done} of {plural(comparison.poses, 'pose')} (it was interrupted)"
     sections = [
         (
             score,
@@ -159,7 +159,9 @@ def page(comparison: Comparison, pictures: dict[str, Picture]) -> str:
         heading="Visibility of faces: computed and counted, beside the truth",
         answer=PASSED if passed else "Failed: a bound does not hold.",
         comparison=comparison,
-        poses=interrupted if comparison.poses_done < comparison.poses else f"{done} poses",
+        poses=interrupted
+        if comparison.poses_done < comparison.poses
+        else plural(comparison.poses_done, "pose"),
         truth=TRUTH[comparison.against],
         checks=[(str(check), check.passed) for check in comparison.checks],
         score_headings=SCORE_HEADINGS,
@@ -250,7 +252,9 @@ def score_text(score: Score) -> str:
     if score.phantoms:
         text.append(f"It calls {score.phantoms:,} hidden faces seen.")
     if score.unjudged:
-        text.append(f"{score.unjudged:,} faces are too small in the image for a judgement.")
+        text.append(
+            f"{plural(score.unjudged, 'face', 'are')} too small in the image for a judgement."
+        )
     return " ".join(text)
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image, ImageDraw
 
-from rastercov._format import short
+from rastercov._format import plural, short
 from rastercov.area.regions import Regions
 from rastercov.camera import Camera
 from rastercov.camera_models import MODELS
@@ -198,7 +198,7 @@ class CameraColours:
     def title(self) -> str:
         """Number of cameras, and words on their colours."""
         count = len(self.poses)
-        text = f"{count} camera{'' if count == 1 else 's'}"
+        text = plural(count, "camera")
         if count and self.regions is not None:
             text += ". Covered surface has the colour of the camera with most pixels on it"
         elif count and self.best_pose is not None:

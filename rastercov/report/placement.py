@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from rastercov._format import length, percent, signed
+from rastercov._format import length, percent, plural, signed, verb
 from rastercov._output import write_text
 from rastercov.placement.candidates.cavities import Access, Openings
 from rastercov.placement.candidates.clearance import Dropped
@@ -40,6 +40,7 @@ STATUS = {
     "time_limit": "the best when time was up",
     "interrupted": "the best when it was interrupted",
 }
+NOTHING = "nothing: no candidate covers any of it"
 CANDIDATE_ANSWERS = {
     "could_be_covered": "one could cover them",
     "seen_never_covered": "one sees them, none covers them",
@@ -65,7 +66,6 @@ def page(report: PlanReport, progress: Progress = lambda done, total: None) -> s
     covered, figures = summary["covered"], summary["visibility_figures"]
     left = report.leftover.summary() if report.leftover else None
     by_area = summary.get("covered_area", {}).get("percent", covered["area_percent"])
-    noun = "camera covers" if len(report.poses) == 1 else "cameras cover"
     return rendered(
         "placement.html",
         title=report.title,
@@ -79,7 +79,8 @@ def page(report: PlanReport, progress: Progress = lambda done, total: None) -> s
         n_targets=int(mesh.target_mask.sum()),
         extent=" x ".join(f"{side:.3g}" for side in np.ptp(mesh.bounds, axis=0)),
         wants=_thresholds(report),
-        answer=f"{len(report.poses)} {noun} {percent(by_area / 100)} of the area",
+        answer=f"{plural(len(report.poses), 'camera', 'cover')} "
+        f"{percent(by_area / 100)} of the area",
         lines=_lines(report, summary),
         cameras=_cameras(report),
         sizes=_sizes(report),
@@ -133,15 +134,18 @@ def _lines(report: PlanReport, summary: Mapping[str, Any]) -> list[str]:
     """Lines below the answer, with the notes of the report."""
     covered, zero = summary["covered"], summary["zero_in_every_camera"]
     lines = [
-        f"{covered['faces']:,} of {summary['task_faces']:,} faces "
-        f"({percent(covered['percent'] / 100)}) are covered"
-        f"{' as a whole, from one camera' if report.regions is not None else ''}; "
-        f"{percent(zero['percent'] / 100)} have coverage 0 in every camera",
+        f"{covered['faces']:,} of {plural(summary['task_faces'], 'face')} "
+        f"({percent(covered['percent'] / 100)}) {verb(covered['faces'], 'are')} covered"
+        + (
+            " as a whole, from one camera"
+            if report.regions is not None
+            else f"; {percent(zero['percent'] / 100)} have coverage 0 in every camera"
+        ),
         *report.notes,
     ]
     if found := report.tolerance:
         lines.append(
-            f"installed with errors, the worst of {found.draws} draws covers "
+            f"installed with errors, the worst of {plural(found.draws, 'draw')} covers "
             f"{percent(found.together.worst)}"
         )
     return lines
@@ -246,7 +250,7 @@ def _selection(report: PlanReport) -> list[list[str]] | None:
         [share if is_best else "cost", bound(found.objective)],
         [f"no other {'covers more' if is_best else 'costs less'} than", bound(found.bound)],
         ["gap", f"{100 * found.gap:.2g} %"],
-        ["which is", STATUS.get(found.status, found.status)],
+        ["which is", STATUS.get(found.status, found.status) if found.share > 0 else NOTHING],
         ["time", f"{found.seconds:.2g} s"],
     ]
 

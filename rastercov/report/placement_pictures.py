@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
-from rastercov._format import percent
+from rastercov._format import percent, plural
 from rastercov.area.points import views_at
 from rastercov.area.union import Covered
 from rastercov.errors import ConfigError
@@ -110,10 +110,9 @@ def leftover_picture(leftover: "Leftover", eyes: ArrayLike = ()) -> Image.Image:
     keys = [key("covered", theme.COVERED)]
     for name, of_reason in sorted(summary["reasons"].items(), key=lambda item: -item[1]["faces"]):
         colours[names == name] = theme.REASONS[name]
-        keys.append(key(f"{of_reason['faces']:,} faces {WORDS[name]}", theme.REASONS[name]))
-    title = (
-        f"Not covered: {share['faces']:,} faces, {percent(share['area_percent'] / 100)} of the area"
-    )
+        keys.append(key(f"{plural(of_reason['faces'], 'face')} {WORDS[name]}", theme.REASONS[name]))
+    title = f"Not covered: {plural(share['faces'], 'face')}, "
+    title += f"{percent(share['area_percent'] / 100)} of the area"
     directions = best_directions(mesh, leftover.left, eyes=eyes)
     return two_sides(mesh, colours, title, keys, directions, leftover.left, eyes)
 

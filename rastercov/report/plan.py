@@ -20,7 +20,7 @@ import numpy as np
 from rich.table import Table
 from rich.text import Text
 
-from rastercov._format import percent
+from rastercov._format import percent, plural, verb
 from rastercov._interrupts import interrupts_held
 from rastercov._output import write_json
 from rastercov.area.regions import regions
@@ -111,7 +111,7 @@ def poses_of(placement: Placement) -> dict[str, Any]:
     content: dict[str, Any] = {
         "world_from_camera": cameras.poses,
         "origin": _origins(placement),
-        "candidate": placement.selection.chosen[cameras.owner],
+        "candidate": placement.chosen[cameras.owner],
     }
     if len(mounts.rig) == 1:
         return content
@@ -153,6 +153,8 @@ def summary(placement: Placement) -> dict[str, Any]:
         if found is not None:
             seconds[step] = found.seconds
             moved[step] = {name: getattr(found, name) for name in STEP_FIGURES[step]}
+            if step == "refinement":
+                moved[step]["left_out"] = list(placement.left_out)
             if prepared.cells is not None:
                 moved[step]["taken"] = STEP_WORDS[step] not in placement.kept_poses
     assert plan.selection is not None
@@ -235,7 +237,7 @@ def _cameras(placement: Placement) -> list[dict[str, Any]]:
         for name, owner, row, pose, index, faces, share in zip(
             _origins(placement),
             cameras.owner,
-            placement.selection.chosen[cameras.owner],
+            placement.chosen[cameras.owner],
             cameras.poses,
             cameras.placed.camera.tolist(),
             cameras.network.covered_faces,
@@ -292,10 +294,15 @@ def lines(placement: Placement) -> list[str]:
         said.append(f"search over free poses: {percent(placement.optimised.share)} of {of}")
     if placement.refined is not None:
         done = placement.refined
+        what = _what(prepared)
         said.append(
-            f"refinement moved {int(done.moved.sum())} of {len(done.poses)} {_what(prepared)}s: "
+            f"refinement moved {int(done.moved.sum())} of {plural(len(done.poses), what)}: "
             f"{percent(done.start_share)} -> {percent(done.share)} of {of} ({done.status})"
         )
+        said += [
+            f"{what} {row} of the selection added nothing after refinement and was left out"
+            for row in placement.left_out
+        ]
     said += [
         f"the {how} poses cover less of the exact area than those before, and were not taken"
         for how in placement.kept_poses
@@ -306,7 +313,7 @@ def lines(placement: Placement) -> list[str]:
         error += "" if prepared.cells is None else ", on cells"
         text = (
             f"installed with errors of {error}: {percent(found.together.mean)} on average, "
-            f"{percent(found.together.worst)} in the worst of {found.draws} draws"
+            f"{percent(found.together.worst)} in the worst of {plural(found.draws, 'draw')}"
         )
         if found.critical >= 0:
             left = percent(found.cameras[found.critical].without)
@@ -359,12 +366,14 @@ def _selected(placement: Placement) -> str:
     """Result of the selection and its distance from the best."""
     prepared, found = placement.prepared, placement.selection
     of = _of(prepared)
-    text = f"{len(found.chosen)} of {len(prepared.pool.candidates)} candidates"
-    text += f" cover {percent(found.share)} of {of}"
+    text = f"{len(found.chosen)} of {plural(len(prepared.pool.candidates), 'candidate')}"
+    text += f" {verb(len(found.chosen), 'cover')} {percent(found.share)} of {of}"
     if prepared.cells is not None:
         text += f" (one counts where a camera covers {100 * prepared.least_share:g} % of it)"
     if (prepared.pool.costs != 1).any():
         text += f" at a cost of {found.cost:g}"
+    if not found.share > 0:
+        return f"{text}: no candidate covers any of it; see what the candidates fail, below"
     if found.status == "optimal":
         return f"{text}: proved to be the best selection"
     if isinstance(prepared.problem.goal, BestCoverage):

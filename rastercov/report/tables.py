@@ -6,7 +6,7 @@ from typing import Any
 from rich.table import Table
 from rich.text import Text
 
-from rastercov._format import area
+from rastercov._format import area, plural
 from rastercov.area.network import in_words
 from rastercov.mesh.diagnosis import size_in_words
 
@@ -22,7 +22,7 @@ def summary_table(summary: Mapping[str, Any], rows: int = 20) -> Table:
     that no camera covers as a whole. "At zero" are faces whose coverage is 0 in every camera.
     """
     poses, views = summary["poses"], summary["required_views"]
-    title = f"Covered by {poses} camera{'' if poses == 1 else 's'}"
+    title = f"Covered by {plural(poses, 'camera')}"
     by_area = "covered_area" in summary
     table = Table(title=title + (f", {views} a face" if views > 1 else ""), title_justify="left")
     table.add_column("group", no_wrap=True, max_width=19)

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from rastercov._checks import shown
+from rastercov._format import plural
 from rastercov._output import write_bytes
 from rastercov.camera_formats.own import content_of
 from rastercov.errors import ConfigError
@@ -80,7 +81,7 @@ class Saving:
         method = self.session.measurements.method
         options = Options(method=method)
         run(self.session.scene.mesh, state.rig(), state.poses(), state.task, path, options)
-        return f"a report of {len(state.on)} cameras is in {path}"
+        return f"a report of {plural(len(state.on), 'camera')} is in {path}"
 
 
 def rig_text(state: RigState) -> str:

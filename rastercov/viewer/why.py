@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from rastercov._format import area, length, percent
+from rastercov._format import area, length, percent, plural
 from rastercov.camera import Camera
 from rastercov.coverage import Coverage, evaluate, evaluate_batches
 from rastercov.errors import ConfigError
@@ -68,11 +68,11 @@ def _words(mesh: Mesh, figures: NetworkFigures, face: int) -> str:
         return f"An occluder, {size}: it hides, and is not to be covered."
     views, task = int(figures.views[face]), figures.state.task
     if figures.covered[face]:
-        return f"Covered by {views} camera{'s' if views != 1 else ''}, {size}."
+        return f"Covered by {plural(views, 'camera')}, {size}."
     if not figures.rows:
         return f"Not covered, {size}: there are no cameras."
     if views:
-        asked = f"{int(figures.need[face])} cameras"
+        asked = plural(int(figures.need[face]), "camera")
         if task.min_angle_deg > 0:
             asked += f" that differ by {task.min_angle_deg:g} deg"
         return f"Not covered, {size}: by {views} of {asked}."

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov._format import plural
 from rastercov.errors import MeshError, ResourceError
 from rastercov.mesh.formats.glb_container import (
     Accessors,
@@ -230,7 +231,7 @@ def _notes(header: dict[str, Any], nodes: list[dict[str, Any]], names: list[str]
     used = {node["mesh"] for node in json_list(header, "nodes") if "mesh" in node}
     n_unused = len(json_list(header, "meshes")) - len(used)
     if n_unused > 0:
-        notes.append(f"{n_unused} meshes belong to no node, not read")
+        notes.append(f"{plural(n_unused, 'mesh', 'belong')} to no node, not read")
     return notes
 
 

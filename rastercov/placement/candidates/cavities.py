@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rastercov._format import plural
 from rastercov._typed import typed
 from rastercov.camera import Camera
 from rastercov.errors import ConfigError
@@ -115,7 +116,7 @@ class Openings:
                 f"{face}: {share}, but at none of {self.places[row]:,} places a camera can stand."
             )
         count = int((self.candidates.index == self.face[row]).sum())
-        return f"{face}: {share}; {count} candidate{'s' if count != 1 else ''}."
+        return f"{face}: {share}; {plural(count, 'candidate')}."
 
     def summary(self) -> dict[str, Any]:
         """Counts, ready for JSON."""

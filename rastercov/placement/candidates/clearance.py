@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from typing_extensions import Doc
 
 from rastercov._arguments import finite_points
+from rastercov._format import plural
 from rastercov._typed import check_fields, typed
 from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
@@ -156,7 +157,7 @@ class Dropped:
             reasons.append(f"{counts['too_near']} nearer than {self.clearance:g} m to a surface")
         n_dropped = len(self.rejection) - counts["kept"]
         why = f": {', '.join(reasons)}" if reasons else ""
-        return f"{n_dropped} of {len(self.rejection)} candidates dropped{why}"
+        return f"{n_dropped} of {plural(len(self.rejection), 'candidate')} dropped{why}"
 
 
 @typed
@@ -318,7 +319,7 @@ def _winding(mesh: Mesh, rows: IntArray, points: FloatArray) -> IntArray:
     """Winding numbers of the faces in `rows` about points relative to the centre of the mesh."""
     vertices = (mesh.vertices - mesh.bounds.mean(axis=0)) @ RAY_FRAME
     points = points @ RAY_FRAME
-    faces = mesh.positions[rows]
+    faces = mesh.welded_faces[rows]
     turns = np.empty((3, len(points)), np.int64)
     for axis in range(3):  # a ray along each axis of the frame
         tree = TriangleTree.over(np.roll(vertices, axis, axis=1), faces)
@@ -332,7 +333,7 @@ def closed_faces(mesh: Mesh) -> BoolArray:
 
     Faces with a repeated vertex do not count.
     """
-    table = edge_table(mesh.positions, mesh.n_vertices)
+    table = edge_table(mesh.welded_faces, mesh.n_vertices)
     is_forward, first = table.is_forward, table.first
     is_closed = table.n_uses == 2
     is_closed[is_closed] = is_forward[first[is_closed]] != is_forward[first[is_closed] + 1]

@@ -205,7 +205,7 @@ def per_convex_region(
         raise ConfigError(f"least_bend_deg must lie in 0 ... 180, got {least_bend_deg}")
     corners = convex_corners(mesh, least_bend_deg)
     face = np.repeat(np.arange(mesh.n_faces), 3)
-    vertex = mesh.positions.reshape(-1)
+    vertex = mesh.welded_faces.reshape(-1)
     row = np.full(mesh.n_vertices, -1, np.int64)
     row[corners] = np.arange(len(corners))
     used = (row[vertex] >= 0) & ~mesh.degenerate_mask[face]
@@ -269,10 +269,10 @@ def face_rows(mesh: Mesh, faces: ArrayLike) -> IntArray:
 
 def convex_corners(mesh: Mesh, least_bend_deg: float) -> IntArray:
     """Vertices at which the surface is closed, consistently wound, convex and bent at an edge."""
-    start, end = mesh.positions, np.roll(mesh.positions, -1, axis=1)
+    start, end = mesh.welded_faces, np.roll(mesh.welded_faces, -1, axis=1)
     face = np.repeat(np.flatnonzero(~mesh.degenerate_mask), 3)
     start, end = (side[~mesh.degenerate_mask].reshape(-1) for side in (start, end))
-    apex = np.roll(mesh.positions, 1, axis=1)[~mesh.degenerate_mask].reshape(-1)
+    apex = np.roll(mesh.welded_faces, 1, axis=1)[~mesh.degenerate_mask].reshape(-1)
     key = np.minimum(start, end) * mesh.n_vertices + np.maximum(start, end)
     order = np.lexsort((start > end, key))
     _, first, uses = np.unique(key[order], return_index=True, return_counts=True)

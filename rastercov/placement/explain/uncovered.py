@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rastercov._format import plural
 from rastercov._typed import typed
 from rastercov.coverage import Coverage, evaluate_batches
 from rastercov.errors import ConfigError
@@ -179,7 +180,7 @@ class Leftover:
         reasons = sorted(summary["reasons"].items(), key=lambda item: -item[1]["faces"])
         lines += [f"  {_amount(share)} {WORDS[name]}" for name, share in reasons]
         if self.n_candidates:
-            lines.append(f"Of these, with {self.n_candidates:,} candidates:")
+            lines.append(f"Of these, with {plural(self.n_candidates, 'candidate')}:")
             for name, words in COULD.items():
                 if summary[name]["faces"]:
                     lines.append(f"  {_amount(summary[name])} {words}")
@@ -360,4 +361,4 @@ class NearestCameras:
 
 def _amount(share: dict[str, Any]) -> str:
     """Words for a share of faces."""
-    return f"{share['faces']:,} faces ({share['area_percent']:.3g} % of the area)"
+    return f"{plural(share['faces'], 'face')} ({share['area_percent']:.3g} % of the area)"

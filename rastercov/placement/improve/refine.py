@@ -22,6 +22,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rastercov._arguments import LARGEST_COORDINATE, check_seed
 from rastercov._interrupts import interrupts_held
 from rastercov._lists import Lists
 from rastercov._typed import typed
@@ -41,6 +42,8 @@ BUDGET = 50_000
 STEP = 0.25
 """First step relative to the distance from the camera to the nearest task face."""
 TURN_DEG = 16.0
+LEAST_TURN_DEG = 1e-9
+"""A smaller turn, halved, moves no pixel, and its reach overflows."""
 HALVINGS = 5
 RANDOM_MOVES = 24
 """Random moves of a camera at each step that combine all axes, besides the 18 or 20 along them."""
@@ -152,8 +155,9 @@ def refine(
     placed = renumbered(poses)
     start = placed.world_from_camera
     steps = _steps(space, start, step)
-    if not 0 < turn_deg <= 90:
-        raise ConfigError(f"turn_deg must be more than 0, up to 90, got {turn_deg}")
+    check_seed(seed)
+    if not LEAST_TURN_DEG <= turn_deg <= 90:
+        raise ConfigError(f"turn_deg must be {LEAST_TURN_DEG:g} to 90, got {turn_deg}")
     for name, value, low in (("halvings", halvings, 0), ("budget", budget, len(start))):
         if isinstance(value, bool) or value != int(value) or value < low:
             raise ConfigError(f"{name} must be a whole number, {low} or more, got {value}")
@@ -426,7 +430,9 @@ def _moves(
 def _steps(space: PoseSpace, start: FloatArray, step: float | Sequence[float] | None) -> FloatArray:
     if step is None:
         return STEP * space.distance(start[:, :3, 3])
-    steps = np.broadcast_to(np.asarray(step, np.float64), len(start)).astype(np.float64)
-    if not ((steps > 0) & (steps < np.inf)).all():
-        raise ConfigError(f"step must be positive and finite, got {step}")
-    return steps
+    steps = np.asarray(step, np.float64)
+    if steps.shape not in ((), (len(start),)):
+        raise ConfigError(f"step must be one number or {len(start)}, got shape {steps.shape}")
+    if not ((steps > 0) & (steps <= LARGEST_COORDINATE)).all():
+        raise ConfigError(f"step must be positive, up to {LARGEST_COORDINATE:g} m, got {step}")
+    return np.broadcast_to(steps, len(start)).astype(np.float64)

@@ -29,6 +29,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov._arguments import check_seed
 from rastercov._typed import typed
 from rastercov.errors import ConfigError, ResourceError
 from rastercov.placement._arrays import FloatArray, IntArray
@@ -99,6 +100,7 @@ def select_integer(
     ResourceError
         For more pairs than `MOST_PAIRS`.
     """
+    check_seed(seed)
     if not time_limit > 0:
         raise ConfigError(f"time_limit must be more than 0 seconds, got {time_limit!r}")
     started, deadline = time.perf_counter(), Deadline.after(time_limit)

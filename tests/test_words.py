@@ -1,0 +1,41 @@
+"""Counts in sentences for people."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+import rastercov
+from rastercov._format import plural, verb
+
+COUNTED = re.compile(
+    r"\{[^{}\"]*\} (images|cameras|candidates|faces|draws|mounts|meshes) (see|cover|are|have)\b"
+    r"|'(image|camera|pose|candidate|face)'\)\} (see|cover|are|have|were|belong)\b"
+)
+
+
+@pytest.mark.parametrize(
+    ("noun", "action", "words"),
+    [
+        ("image", "see", ("0 images see", "1 image sees", "2 images see")),
+        ("camera", "cover", ("0 cameras cover", "1 camera covers", "2 cameras cover")),
+        ("face", "are", ("0 faces are", "1 face is", "2 faces are")),
+        ("candidate", "have", ("0 candidates have", "1 candidate has", "2 candidates have")),
+        ("mesh", "belong", ("0 meshes belong", "1 mesh belongs", "2 meshes belong")),
+        ("vertex", "", ("0 vertices", "1 vertex", "2 vertices")),
+    ],
+)
+def test_a_counted_noun_and_its_verb_agree(noun, action, words):
+    assert tuple(plural(count, noun, action) for count in (0, 1, 2)) == words
+    assert verb(1, "are left out") == "is left out"
+
+
+def test_no_sentence_joins_a_verb_for_several_to_any_count():
+    root = Path(rastercov.__file__).parent
+    found = {
+        f"{path.name}: {match[0]}"
+        for path in root.rglob("*.py")
+        for match in COUNTED.finditer(path.read_text(encoding="utf-8"))
+        if "reference" not in path.parts
+    }
+    assert not found
