@@ -137,7 +137,7 @@ def in_doubt(
     drawn = seen.drawn_pixels[row]
     has_part = (geometry.in_view_fraction != 0) | geometry.in_view
     has_image = has_part | (drawn > 0)
-    doubt = has_image & (is_edge_on & ~(mesh.two_sided_mask & geometry.is_front))
+    doubt: NDArray[np.bool_] = has_image & (is_edge_on & ~(mesh.two_sided_mask & geometry.is_front))
     doubt |= has_image & ~has_part & geometry.is_front
     if any(seen.area_error.strides):
         is_small = drawn <= seen.area_error[row]

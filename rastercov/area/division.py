@@ -9,6 +9,7 @@ J. Bentley. Multidimensional Binary Search Trees Used for Associative Searching.
 """
 
 import copy
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +20,9 @@ IntArray = NDArray[np.int64]
 
 MOST_PIECES = 256
 """Pieces of a cell up to which each is compared with all others."""
+PIECES_A_STEP = 4096
+"""Pieces that are added between two signs of progress: less than a second of work."""
+Progress = Callable[[int, int], None]
 MOST_SIDES = 20
 """Sides of a cell that is divided no more: as many as a piece may have."""
 LEAST_GAIN = 0.95
@@ -180,7 +184,8 @@ class Cells:
     def _divide_crowded(self, pieces: Pieces) -> None:
         """Divide cells with too many pieces, which are ordered by cell, where a line helps."""
         cells, first, counts = np.unique(pieces.cell, return_index=True, return_counts=True)
-        lines, divided = [], []
+        lines: list[FloatArray] = []
+        divided: list[int] = []
         for number in np.flatnonzero(counts > MOST_PIECES).tolist():  # as many as cells in the end
             cell, begin = int(cells[number]), int(first[number])
             end = begin + int(counts[number])

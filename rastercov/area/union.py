@@ -1,6 +1,6 @@
 """Area that a network covers: the union of regions, and the parts that several cameras cover."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,7 +11,7 @@ from rastercov._arguments import check_kind
 from rastercov._checks import finite_number, shown
 from rastercov._memory import check_memory
 from rastercov._typed import typed
-from rastercov.area.division import NO_PIECES, Cells, Pieces, joined
+from rastercov.area.division import NO_PIECES, PIECES_A_STEP, Cells, Pieces, Progress, joined
 from rastercov.area.frames import check_same_mesh, frames_of, to_world
 from rastercov.area.regions import Regions
 from rastercov.errors import ConfigError, MeshError
@@ -21,9 +21,6 @@ FloatArray = NDArray[np.float64]
 
 FLOOR_REL = 1e-15
 """Least distance of two corners that do not coincide, relative to the diagonal of the mesh."""
-PIECES_A_STEP = 4096
-"""Pieces that are added between two signs of progress: less than a second of work."""
-Progress = Callable[[int, int], None]
 MOST_VIEWS = 10_000
 """Cameras up to which they may be counted."""
 WHOLE_PAIR_REL = 1e-9
