@@ -16,7 +16,11 @@ from numpy.typing import NDArray
 from rastercov._jit import allocation_free, part_of, part_with_arrays
 from rastercov.criteria_kernels import (
     AT_A_TIME,
+    MOST_DOUBTFUL,
+    SIDE_ROUNDING,
+    by_lens,
     camera_normal,
+    cut,
     facing_density,
     focus_depth,
     image_of_face,
@@ -45,7 +49,10 @@ from rastercov.face_blocks import (
     copy_block,
     judge_block,
 )
-from rastercov.vertex_columns import BEHIND, INSIDE
+from rastercov.vertex_columns import BEHIND, INSIDE, STATE, U, V, X, Y, Z
+
+BORDER_ROUNDING = 2.0**-46
+"""Greater than the error of a position in the image, relative to the numbers it is made from."""
 
 
 class Seen(NamedTuple):
@@ -260,13 +267,121 @@ def density_of(scene, lens, seen, points, row, f, is_front, state, part):
 
 
 @part_with_arrays
-def bound_and_kind(scene, seen, points, row, f, drawn, state, is_seen):
-    """Bound of the visible fraction of a face, and its kind."""
-    if not is_seen:
-        return 0.0, EXACT
+def is_edge_on(scene, points, f, cosine, state):
+    """True if rounding may decide which side of a face the camera sees."""
+    if scene.degenerate[f]:
+        return True
     i, j, k = scene.faces[f, 0], scene.faces[f, 1], scene.faces[f, 2]
-    bound = bound_of_fraction(seen, row, f, drawn, points, i, j, k, state == BEHIND)
-    return bound, kind_of(seen, row, f)
+    size = abs(points[i, X]) + abs(points[i, Y]) + abs(points[i, Z])
+    size += abs(points[j, X]) + abs(points[j, Y]) + abs(points[j, Z])
+    size += abs(points[k, X]) + abs(points[k, Y]) + abs(points[k, Z])
+    x = points[i, X] + points[j, X] + points[k, X]
+    y = points[i, Y] + points[j, Y] + points[k, Y]
+    z = points[i, Z] + points[j, Z] + points[k, Z]
+    height = abs(cosine) * math.sqrt(x * x + y * y + z * z)
+    has_needles = scene.doubtful_cosine == MOST_DOUBTFUL
+    if height > scene.doubtful_cosine * size and not (has_needles and state != INSIDE):
+        return False
+    corners = scene.vertices
+    ax, ay, az = (
+        corners[j, 0] - corners[i, 0], corners[j, 1] - corners[i, 1], corners[j, 2] - corners[i, 2],
+    )  # fmt: skip
+    bx, by, bz = (
+        corners[k, 0] - corners[i, 0], corners[k, 1] - corners[i, 1], corners[k, 2] - corners[i, 2],
+    )  # fmt: skip
+    scale = max(abs(ax), abs(ay), abs(az), abs(bx), abs(by), abs(bz))
+    ax, ay, az, bx, by, bz = ax / scale, ay / scale, az / scale, bx / scale, by / scale, bz / scale
+    nx, ny, nz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+    cross = math.sqrt(nx * nx + ny * ny + nz * nz)
+    product = math.sqrt((ax * ax + ay * ay + az * az) * (bx * bx + by * by + bz * bz))
+    return height * cross <= SIDE_ROUNDING * size * product
+
+
+def _through_lens(points, i, j, k, near, lens, work, is_edge_on):
+    """See `may_reach_image`: areas through a lens have bounds that hold at the border, too."""
+    return is_edge_on
+
+
+@by_lens(_through_lens)
+def may_reach_image(points, i, j, k, near, lens, work, is_edge_on):
+    """True if a face without area in the image of a pinhole may have some, but for rounding.
+
+    Through another lens: where it `is_edge_on`.
+    """
+    numbers = lens.width + lens.height + lens.fx + lens.fy + abs(lens.cx) + abs(lens.cy)
+    numbers += lens.width * lens.width / lens.fx + lens.height * lens.height / lens.fy
+    margin = BORDER_ROUNDING * numbers
+    here, spare, n = work.polygon, work.spare, 0
+    if min(points[i, STATE], points[j, STATE], points[k, STATE]) == BEHIND:
+        least = near * (1 - BORDER_ROUNDING)
+        for s in range(3):
+            p = i if s == 0 else j if s == 1 else k
+            q = j if s == 0 else k if s == 1 else i
+            above, beyond = points[p, Z] - least, points[q, Z] - least
+            if above >= 0:
+                here[n, 0] = points[p, X] / points[p, Z] * lens.fx + lens.cx
+                here[n, 1] = points[p, Y] / points[p, Z] * lens.fy + lens.cy
+                n += 1
+            if (above >= 0) != (beyond >= 0):
+                t = above / (above - beyond)
+                x = points[p, X] + t * (points[q, X] - points[p, X])
+                y = points[p, Y] + t * (points[q, Y] - points[p, Y])
+                here[n, 0], here[n, 1] = (
+                    x / least * lens.fx + lens.cx,
+                    y / least * lens.fy + lens.cy,
+                )
+                n += 1
+    else:
+        u0, v0, u1, v1 = points[i, U], points[i, V], points[j, U], points[j, V]
+        u2, v2 = points[k, U], points[k, V]
+        if (
+            max(u0, u1, u2) < -1
+            or max(v0, v1, v2) < -1
+            or min(u0, u1, u2) > lens.width + 1
+            or min(v0, v1, v2) > lens.height + 1
+        ):
+            return False
+        for s in range(3):
+            p = i if s == 0 else j if s == 1 else k
+            here[n, 0], here[n, 1] = points[p, U], points[p, V]
+            n += 1
+    for p in range(n):
+        margin = max(margin, BORDER_ROUNDING * max(abs(here[p, 0]), abs(here[p, 1])))
+    n = cut(here, n, 0, -margin, 1.0, spare)
+    n = cut(spare, n, 0, lens.width + margin, -1.0, here)
+    n = cut(here, n, 1, -margin, 1.0, spare)
+    return cut(spare, n, 1, lens.height + margin, -1.0, here) > 0
+
+
+@part_with_arrays
+def is_in_doubt(scene, lens, seen, points, row, f, drawn, cosine, state, part, work):
+    """True if rounding may decide whether a face is seen from the front and in the image."""
+    i, j, k = scene.faces[f, 0], scene.faces[f, 1], scene.faces[f, 2]
+    has_part = part != 0 or state == INSIDE
+    if not has_part and not drawn > 0:
+        edge_on = is_edge_on(scene, points, f, cosine, state)
+        return (cosine > 0 or edge_on) and may_reach_image(
+            points, i, j, k, seen.near[row], lens, work, edge_on
+        )
+    is_computed = kind_of(seen, row, f) == EXACT and seen.area_error.size > 0
+    if is_computed and drawn <= seen.area_error[row, f]:
+        return True
+    if cosine > 0 and (scene.two_sided[f] or not has_part):
+        return not has_part
+    return is_edge_on(scene, points, f, cosine, state)
+
+
+@part_with_arrays
+def bound_and_kind(scene, lens, seen, points, row, f, drawn, cosine, state, part, is_seen, work):
+    """Bound of the visible fraction of a face, and its kind: 1 where rounding decides its side."""
+    i, j, k = scene.faces[f, 0], scene.faces[f, 1], scene.faces[f, 2]
+    bound, kind = 0.0, EXACT
+    if is_seen:
+        bound = bound_of_fraction(seen, row, f, drawn, points, i, j, k, state == BEHIND)
+        kind = kind_of(seen, row, f)
+    if is_in_doubt(scene, lens, seen, points, row, f, drawn, cosine, state, part, work):
+        bound = 1.0
+    return bound, kind
 
 
 @allocation_free
@@ -285,7 +400,7 @@ def find_fractions(rows, scene, lens, seen, work, value, bound, kind):
             is_seen = is_front and (part != 0 or state == INSIDE)
             value[row, f] = visible / drawn if is_seen and drawn > 0 else 0.0
             bound[row, f], kind[row, f] = bound_and_kind(
-                scene, seen, points, row, f, drawn, state, is_seen
+                scene, lens, seen, points, row, f, drawn, cosine, state, part, is_seen, work
             )
 
 
@@ -334,8 +449,9 @@ def judge_poses(rows, scene, lens, seen, work, limits, out, skew):
             bound, kind = 0.0, EXACT
             if asks_bound:
                 bound, kind = bound_and_kind(
-                    scene, seen, work.points, row, f, drawn, state, is_seen
-                )
+                    scene, lens, seen, work.points, row, f, drawn, cosine, state, part, is_seen,
+                    work,
+                )  # fmt: skip
             if out.in_view.size:
                 out.in_view[row, f] = state == INSIDE
             if out.in_view_fraction.size:

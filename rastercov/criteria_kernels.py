@@ -38,6 +38,11 @@ MOST_CORNERS = 20
 most n - c/2 of themselves, so that n becomes n + c/2 at most: 3, 4, 6, 9, 13, 19."""
 
 
+SIDE_ROUNDING = 2.0**-47
+"""Greater than the error of n . (a + b + c), relative to the sizes of the corners a, b, c and over
+the sine of the angle between two edges: the normal n is off by 8 * 2^-53 over that sine."""
+MOST_DOUBTFUL = 2.0**-6
+"""Cosine above which a face inside the image, needle or not, is in doubt only if its area is."""
 AT_A_TIME = 8
 """Faces of a block: doubles of the longest registers."""
 BLOCK_ROWS = 15
@@ -54,6 +59,7 @@ class Scene(NamedTuple):
     two_sided: NDArray[np.bool_]
     offsets: NDArray[np.float64]
     reach: float  # greatest coordinate
+    doubtful_cosine: float  # below which a face may be edge-on, see `SIDE_ROUNDING`
 
 
 class Lens(NamedTuple):
@@ -111,6 +117,7 @@ def scene_of(mesh: Any) -> Scene:
         read_only(mesh.two_sided_mask, np.bool_),
         read_only(mesh.plane_offsets, np.float64),
         float(np.abs(mesh.bounds).max()),
+        min(SIDE_ROUNDING / mesh.least_sine, MOST_DOUBTFUL),
     )
 
 

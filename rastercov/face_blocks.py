@@ -5,6 +5,9 @@ one face, in the same order of operations, where all of eight faces are wholly i
 pinhole. Other faces, and lenses, are left to those functions.
 """
 
+import functools
+import operator
+
 import numpy as np
 from llvmlite import ir
 from numba.core import types
@@ -60,6 +63,7 @@ def judge_block(first, scene, lens, seen, row, limits, work, asks_density, asks_
     return measure_block(
         first, pointer(scene.faces), pointer(scene.normals), pointer(scene.two_sided),
         pointer(work.points), pointer(seen.poses[row]), lens, limits,
+        scene.doubtful_cosine if asks_bound else 0.0,
         np.int64(asks_density), np.int64(asks_facing), pointer(work.block),
     ) and decide_block(
         first, row * n_faces + first, pointer(scene.degenerate), pointer(seen.visible),
@@ -71,17 +75,18 @@ def judge_block(first, scene, lens, seen, row, limits, work, asks_density, asks_
 
 @simd(returns=types.boolean)
 def measure_block(
-    first, faces, normals, two_sided, points, pose, lens, limits, asks_density, asks_facing, block
-):
+    first, faces, normals, two_sided, points, pose, lens, limits, doubtful_cosine, asks_density,
+    asks_facing, block,
+):  # fmt: skip
     """Fill the rows of a block that follow from geometry; arrays are pointers to their data.
 
-    Returns False, and nothing, unless all vertices are inside the image.
+    Returns False, and nothing, unless all vertices are inside the image, and no face is edge-on.
     """
     builder = first.builder
     x, y, z, right, down, u, v, state = _corners(faces.at(first * 3), points)
     is_inside = state[0].minimum(state[1]).minimum(state[2]).equals(INSIDE)
-    is_whole = is_inside.bits().equals((1 << AT_A_TIME) - 1)
-    with when(is_whole):
+    is_clear = Variable(is_inside.bits())
+    with when(is_clear.now.equals((1 << AT_A_TIME) - 1)):
         normal = _turned(load(builder, normals.at(first * 3).pointer, 3 * AT_A_TIME), pose)
         sums = [a + b + c for a, b, c in (x, y, z)]
         is_two_sided = load(builder, two_sided.at(first).pointer, AT_A_TIME) > 0
@@ -102,6 +107,10 @@ def measure_block(
         with when((asks_density > 0) & (is_front.bits() > 0)):
             least = _pixel_density(normal, right, down, z, lens)
             density.now = least.where(is_front & has_image, 0.0)
+        p, q, r = sums
+        height = cosine.absolute() * (p * p + q * q + r * r).sqrt()
+        size = functools.reduce(operator.add, (each.absolute() for each in (*x, *y, *z)))
+        is_clear.now = (height > size * doubtful_cosine).bits()
         _put(block, COSINE, cosine)
         _put(block, PART, area.like(1.0).where(has_image, 0.0))
         _put(block, AREA, area)
@@ -109,7 +118,7 @@ def measure_block(
         _put(block, FACING, facing.now)
         _put(block, FOCUSED, area.like(1.0).where(is_focused.now, 0.0))
         _put(block, ONE, area.like(1.0))
-    return is_whole
+    return is_clear.now.equals((1 << AT_A_TIME) - 1)
 
 
 @simd(returns=types.boolean)
@@ -132,9 +141,15 @@ def decide_block(
     code = Variable(cosine.to(LONG).like(STATISTICAL))
     with when(~(is_counted > 0)):
         code.now = load(builder, kind.at(at).pointer, AT_A_TIME).zero_extended(LONG)
-    bound = Variable(cosine.like(0.0))
+    bound, is_seen = Variable(cosine.like(0.0)), Variable(cosine > 0)
+    is_seen.now = is_front
     with when(asks_bound > 0):
         bound.now = _bound_of_areas(at, drawn, area_error, has_error, code.now)
+        # Nothing is known of an image within its rounding, whichever side is seen.
+        with when(has_error > 0):
+            error = load(builder, area_error.at(at).pointer, AT_A_TIME)
+            is_in_doubt = (drawn <= error) & code.now.equals(EXACT)
+            is_seen.now = is_front | is_in_doubt
     reach = (cosine - limits.least_cosine).absolute()
     is_unclear = reach < COSINE_ROUNDING
     is_unclear = is_unclear | (is_front & code.now.equals(STATISTICAL) & (asks_bound > 0))
@@ -160,7 +175,7 @@ def decide_block(
 
     for row, values in (
         (VISIBLE, visible), (DRAWN, drawn), (VISIBILITY, visibility), (RESOLUTION, resolution),
-        (BOUND, bound.now.where(is_front, 0.0)), (COVERAGE, product), (REASON, reason),
+        (BOUND, bound.now.where(is_seen.now, 0.0)), (COVERAGE, product), (REASON, reason),
         (KIND, code.now.where(is_front, EXACT).to(DOUBLE)),
         (DENSITY, _row(block, DENSITY).where(is_front, 0.0)),
     ):  # fmt: skip

@@ -299,9 +299,11 @@ def add_pose(row, turn, scene, lens, seen, work, limits, is_scored, sums, covere
             # The sums hold the largest bounds, and none exceeds 1.
             bound, kind = 1.0, kind_of(seen, row, f) if is_seen else EXACT
             if is_row or sums.bounds[0] < 1 or (reason == COVERED and sums.bounds[1] < 1):
+                cosine = cosine_of(scene, seen, points, row, f)
                 bound, kind = bound_and_kind(
-                    scene, seen, points, row, f, areas[1], geometry[0], is_seen
-                )
+                    scene, lens, seen, points, row, f, areas[1], cosine, geometry[0], part,
+                    is_seen, work,
+                )  # fmt: skip
             if is_row:
                 state, part, area, density, facing = geometry
                 i, j, k = scene.faces[f, 0], scene.faces[f, 1], scene.faces[f, 2]

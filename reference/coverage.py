@@ -12,10 +12,14 @@ from numpy.typing import NDArray
 
 from rastercov.camera import Camera
 from rastercov.coverage import FIGURES, Coverage
+from rastercov.coverage_kernels import BORDER_ROUNDING
 from rastercov.criteria import FaceGeometry, in_focus
+from rastercov.criteria_kernels import MOST_DOUBTFUL, SIDE_ROUNDING
 from rastercov.mesh import Mesh
+from rastercov.near_plane import near_limit
 from rastercov.network_kernels import ROW_TYPES, PairRows
 from rastercov.observation import BoundKind, Observation
+from rastercov.projection import clip_near, clip_to_image, to_image
 from rastercov.reference.criteria import face_geometry
 from rastercov.task import Reason, Task
 
@@ -35,7 +39,7 @@ def figures_of_pose(
 ) -> dict[str, NDArray[Any]]:
     """Every figure of one pose, by the names of `rastercov.coverage.FIGURES`."""
     geometry = face_geometry(mesh, camera, pose)
-    visibility, bound, kind = visible_fraction(geometry, seen, row)
+    visibility, bound, kind = visible_fraction(mesh, camera, pose, geometry, seen, row)
     drawn = seen.drawn_pixels[row]
     with np.errstate(over="ignore"):  # for the least R_min; sums over faces stay finite
         resolution = np.minimum(drawn / task.min_pixels, LARGEST_RESOLUTION)
@@ -72,7 +76,12 @@ def pixels_per_m2(
 
 
 def visible_fraction(
-    geometry: FaceGeometry, seen: Observation, row: int
+    mesh: Mesh,
+    camera: Camera,
+    pose: NDArray[np.float64],
+    geometry: FaceGeometry,
+    seen: Observation,
+    row: int,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.uint8]]:
     """Visible fraction (3.14) of each face in one pose: value, bound and kind, (F,) each.
 
@@ -95,7 +104,67 @@ def visible_fraction(
     # A face seen from behind is not seen, by definition, and one outside the image neither.
     nothing = ~geometry.is_front | ((geometry.in_view_fraction == 0) & ~geometry.in_view)
     value[nothing], bound[nothing] = 0.0, 0.0
+    bound[in_doubt(mesh, camera, pose, geometry, seen, row)] = 1.0
     return value, np.minimum(bound, 1.0), np.where(nothing, BoundKind.EXACT, kind).astype(np.uint8)
+
+
+def in_doubt(
+    mesh: Mesh,
+    camera: Camera,
+    pose: NDArray[np.float64],
+    geometry: FaceGeometry,
+    seen: Observation,
+    row: int,
+) -> NDArray[np.bool_]:
+    """(F,) faces of which rounding may decide whether they are seen from the front, in the image.
+
+    Their image is within its rounding; or their side is; or they are just outside the image.
+    """
+    corners = mesh.vertices[mesh.faces]
+    points = (corners - pose[:3, 3]) @ pose[:3, :3]
+    first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    unit = np.abs([first, second]).max(axis=(0, 2))[:, None]
+    first, second = (
+        np.divide(each, unit, where=unit > 0, out=0 * each) for each in (first, second)
+    )
+    sine = np.linalg.norm(np.cross(first, second), axis=1)
+    sine /= np.maximum(np.linalg.norm(first, axis=1) * np.linalg.norm(second, axis=1), 1e-300)
+    size = np.abs(points).sum(axis=(1, 2))
+    height = np.abs(np.cos(geometry.incidence)) * np.linalg.norm(points.sum(axis=1), axis=1)
+    is_clear = height > min(SIDE_ROUNDING / mesh.least_sine, MOST_DOUBTFUL) * size
+    is_clear &= geometry.in_view | (SIDE_ROUNDING / mesh.least_sine < MOST_DOUBTFUL)
+    is_edge_on = ~is_clear & (height * sine <= SIDE_ROUNDING * size) | mesh.degenerate_mask
+    drawn = seen.drawn_pixels[row]
+    has_part = (geometry.in_view_fraction != 0) | geometry.in_view
+    has_image = has_part | (drawn > 0)
+    doubt: NDArray[np.bool_] = has_image & (is_edge_on & ~(mesh.two_sided_mask & geometry.is_front))
+    doubt |= has_image & ~has_part & geometry.is_front
+    if any(seen.area_error.strides):
+        is_small = drawn <= seen.area_error[row]
+        doubt |= has_image & is_small & (seen.kind[row] == BoundKind.EXACT)
+    outside = np.flatnonzero(~has_image & (geometry.is_front | is_edge_on))
+    doubt[outside] = _reach_image(points[outside], camera, _near(mesh, camera, pose))
+    return doubt
+
+
+def _near(mesh: Mesh, camera: Camera, pose: NDArray[np.float64]) -> float:
+    return float(near_limit(camera, mesh.opaque.bounds, pose[None])[0])
+
+
+def _reach_image(points: NDArray[np.float64], camera: Camera, near: float) -> NDArray[np.bool_]:
+    """True for faces (N, 3, 3), in camera axes, that reach into the image, a little larger."""
+    width, height, fx, fy = (float(x) for x in (camera.width, camera.height, camera.fx, camera.fy))
+    numbers = width + height + fx + fy + abs(camera.cx) + abs(camera.cy)
+    numbers += width * width / fx + height * height / fy
+    polygons, counts = clip_near(points, near * (1 - BORDER_ROUNDING))
+    image = to_image(polygons, camera)
+    is_corner = np.arange(image.shape[1]) < counts[:, None]
+    largest = np.where(is_corner[:, :, None], np.abs(image), 0.0).max(axis=(1, 2), initial=0.0)
+    margin = BORDER_ROUNDING * np.maximum(numbers, largest)[:, None]
+    sides = np.array((width, height))
+    image = (image + margin[:, None]) * (sides / (sides + 2 * margin))[:, None]
+    reaches: NDArray[np.bool_] = clip_to_image(image, counts, camera)[1] > 0
+    return reaches
 
 
 def judge(

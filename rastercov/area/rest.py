@@ -4,11 +4,11 @@ from dataclasses import replace
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov._once import Once
+from rastercov.area.division import NO_PIECES
 from rastercov.area.frames import frames_of
-from rastercov.area.union import Covered, diagonal_floor
+from rastercov.area.union import Covered, RegionUnion
 
 _WHOLE: WeakKeyDictionary[Covered, Once[Covered]] = WeakKeyDictionary()
 
@@ -24,43 +24,12 @@ def with_rest(covered: Covered) -> Covered:
 
 def _with_rest(covered: Covered) -> Covered:
     """See `with_rest`."""
-    from rastercov.area import union_kernels as kernels
-    from rastercov.criteria_kernels import read_only
-
     mesh, k = covered.mesh, len(covered.area)
-    frames = frames_of(mesh)
-    is_asked = mesh.task_mask & (frames.areas > 0)
-    old = kernels.Partition(
-        covered.xy, covered.starts, covered.face, covered.views,
-        np.array([len(covered), len(covered.xy)], np.int64),
-    )  # fmt: skip
-    none = (
-        read_only(np.empty((0, 2)), np.float64),
-        read_only(np.zeros(1), np.int64),
-        read_only(np.empty(0), np.int32),
-    )
-    order: NDArray[np.int64] = read_only(np.empty(0, np.int64), np.int64)
+    union = RegionUnion.of(covered, k + 1)
     # One more camera, which covers every face as a whole: what only it covers is the rest.
-    whole = read_only(is_asked.astype(np.int64), np.int64)
-    room = kernels.room_for_partition(2 * len(covered) + mesh.n_faces, 4 * len(covered.xy) + 64)
-    pool = kernels.pool_of(64)
-    while True:
-        done = kernels.unite_faces(
-            read_only(frames.corners, np.float64), read_only(frames.areas, np.float64),
-            diagonal_floor(mesh), k + 1, old, none, order, whole, pool,
-            np.zeros(mesh.n_faces, np.bool_), np.zeros(mesh.n_faces), room,
-        )  # fmt: skip
-        n, corners = room.used.tolist()
-        if not done:
-            pool = kernels.pool_of(2 * len(pool.views))
-        elif n > len(room.face) or corners > len(room.xy):
-            room = kernels.room_for_partition(n, corners)
-        else:
-            break
+    is_asked = mesh.task_mask & (frames_of(mesh).areas > 0)
+    union.unite(NO_PIECES, is_asked.astype(np.int64), np.zeros(mesh.n_faces))
+    whole = union.covered()
     return replace(
-        covered,
-        xy=room.xy[:corners].copy(),
-        starts=room.starts[: n + 1].copy(),
-        face=room.face[:n].copy(),
-        views=room.views[:n] - 1,
+        covered, xy=whole.xy, starts=whole.starts, face=whole.face, views=whole.views - 1
     )

@@ -11,6 +11,7 @@ from rastercov._arguments import check_kind
 from rastercov._checks import finite_number, shown
 from rastercov._memory import check_memory
 from rastercov._typed import typed
+from rastercov.area.division import NO_PIECES, PIECES_A_STEP, Cells, Pieces, Progress, joined
 from rastercov.area.frames import check_same_mesh, frames_of, to_world
 from rastercov.area.regions import Regions
 from rastercov.errors import ConfigError, MeshError
@@ -88,7 +89,7 @@ class RegionUnion:
     def __init__(self, mesh: Mesh, views: int = 1) -> None:
         from rastercov._jit import announce_compilation
         from rastercov.area import union_kernels
-        from rastercov.criteria_kernels import read_only
+        from rastercov.area.plane_kernels import COINCIDENT_REL
 
         check_kind("mesh", mesh, Mesh, "a Mesh", MeshError)
         number = finite_number(views)
@@ -101,89 +102,151 @@ class RegionUnion:
             8 * int(number) * mesh.n_faces,
             "count fewer views",
         )
-        announce_compilation(union_kernels.unite_faces)
-        self.mesh, self.views = mesh, int(views)
-        self._kernels, self._read_only = union_kernels, read_only
+        announce_compilation(union_kernels.unite_cells)
+        self.mesh, self.views, self._kernels = mesh, int(views), union_kernels
         frames = frames_of(mesh)
-        self._corners = read_only(frames.corners, np.float64)
-        self._areas = read_only(frames.areas, np.float64)
-        self._floor = diagonal_floor(mesh)
+        self._areas = frames.areas
+        self._nearest = np.maximum(COINCIDENT_REL * frames.corners[:, 1, 0], diagonal_floor(mesh))
         self._bound = np.zeros(mesh.n_faces)
-        self._is_closed = np.zeros(mesh.n_faces, np.bool_)
-        self._old, self._spare = (union_kernels.room_for_partition(64, 512) for _ in range(2))
+        self._cells = Cells(frames.corners, self._nearest)
+        self._pieces = NO_PIECES
         self._pool = union_kernels.pool_of(64)
 
     @property
     def closed(self) -> NDArray[np.bool_]:
         """(F,) faces that k cameras cover as a whole."""
-        return self._is_closed.copy()
+        return self._cells.is_closed[: self.mesh.n_faces].copy()
 
-    def add(self, regions: Regions) -> None:
-        """Take in the regions of further poses; `ConfigError` where they are of another mesh."""
+    def add(self, regions: Regions, progress: Progress = lambda done, total: None) -> None:
+        """Take in the regions of further poses; `ConfigError` where they are of another mesh.
+
+        `progress` is called with the number of pieces done and of all, a few times a second.
+        """
         check_kind("regions", regions, Regions, "Regions", ConfigError)
         check_same_mesh(self.mesh, regions.mesh)
-        read_only, n_faces = self._read_only, self.mesh.n_faces
-        is_open = ~self._is_closed[regions.pair_face]
+        n_faces, is_closed = self.mesh.n_faces, self.closed
+        is_open = ~is_closed[regions.pair_face]
         is_whole = regions.area >= (1 - WHOLE_PAIR_REL) * self._areas[regions.pair_face]
         whole = np.bincount(regions.pair_face[is_whole & is_open], minlength=n_faces)
-        bound = self._bound.copy()
         missing = np.where(is_whole, self._areas[regions.pair_face] - regions.area, 0.0)
         lost = (regions.bound + np.maximum(missing, 0.0))[is_open]
-        bound += np.bincount(regions.pair_face[is_open], lost, minlength=n_faces)
+        bound = self._bound + np.bincount(regions.pair_face[is_open], lost, minlength=n_faces)
         keys = regions.pair_pose.astype(np.int64) * n_faces + regions.pair_face
-        chosen = np.flatnonzero(~self._is_closed[regions.face])
+        chosen = np.flatnonzero(~is_closed[regions.face] & (whole[regions.face] < self.views))
         own = regions.pose[chosen].astype(np.int64) * n_faces + regions.face[chosen]
         chosen = chosen[~is_whole[np.searchsorted(keys, own)]]
-        areas = polygon_areas(*_taken(regions.xy, regions.starts, chosen))
-        order = chosen[np.lexsort((-areas, regions.face[chosen]))]
-        new = (
-            read_only(regions.xy, np.float64),
-            read_only(regions.starts, np.int64),
-            read_only(regions.face, np.int32),
-        )
-        order = read_only(order, np.int64)
-        whole = read_only(whole, np.int64)
-        while True:
-            is_closed, more = self._is_closed.copy(), bound.copy()
-            done = self._kernels.unite_faces(
-                self._corners, self._areas, self._floor, self.views, self._old, new, order,
-                whole, self._pool, is_closed, more, self._spare,
+        new = Pieces(
+            regions.xy, regions.starts, regions.face.astype(np.int64),
+            np.zeros(len(regions.face), np.int32),
+        ).taken(chosen)  # fmt: skip
+        self.unite(new, whole, bound, progress)
+
+    @classmethod
+    def of(cls, covered: Covered, views: int) -> "RegionUnion":
+        """Union of what was covered before, to which more is added."""
+        union = cls(covered.mesh, views)
+        face = covered.face.astype(np.int64)
+        union._pieces = Pieces(covered.xy, covered.starts, face, covered.views)
+        return union
+
+    def unite(
+        self,
+        new: Pieces,
+        whole: NDArray[np.int64],
+        bound: FloatArray,
+        progress: Progress = lambda done, total: None,
+    ) -> None:
+        """Take in pieces, tag 0, of faces; and (F,) cameras that cover all of each face, besides.
+
+        `bound` is that of the union without what is lost here.
+        """
+        n_faces, cells = self.mesh.n_faces, self._cells.copy()
+        pieces = cells.place(joined([self._pieces, new]), bound)
+        asked = cells.of_faces(np.flatnonzero(whole > 0))
+        used = np.unique(np.concatenate([pieces.cell, asked]))
+        used = used[np.lexsort((used, cells.face[used]))]
+        place = np.zeros(len(cells.face), np.int64)
+        place[used] = np.arange(len(used))
+        at = place[pieces.cell]
+        is_old = pieces.tag > 0
+        old_rows, new_rows = np.flatnonzero(is_old), np.flatnonzero(~is_old)
+        old = pieces.taken(old_rows[np.argsort(at[old_rows], kind="stable")])
+        areas = polygon_areas(pieces.xy, pieces.starts)
+        order = new_rows[np.lexsort((-areas[new_rows], at[new_rows]))]
+        xy, starts = cells.polygons(used)
+        own_bound, own_closed = np.zeros(len(used)), cells.is_closed[used]
+        found = self._united(
+            (xy, starts, polygon_areas(xy, starts)), self._nearest[cells.face[used]],
+            self._kernels.Partition(
+                old.xy, old.starts, place[old.cell], old.tag,
+                np.array([len(old.cell), len(old.xy)], np.int64),
+            ),
+            (pieces.xy, pieces.starts, at), order, whole[cells.face[used]], own_closed, own_bound,
+            progress,
+        )  # fmt: skip
+        bound += np.bincount(cells.face[used], own_bound, minlength=n_faces)
+        cells.is_closed[used] = own_closed
+        n, corners = found.used.tolist()
+        pieces = Pieces(
+            found.xy[:corners].copy(), found.starts[: n + 1].copy(), used[found.cell[:n]],
+            found.views[:n].copy(),
+        )  # fmt: skip
+        self._pieces = self._without_closed_cells(cells, pieces)
+        self._cells, self._bound = cells, np.minimum(bound, self._areas)
+
+    def _united(
+        self, cells: Any, nearest: FloatArray, old: Any, new: Any, order: Any, whole: Any,
+        is_closed: Any, bound: FloatArray, progress: Progress,
+    ) -> Any:  # fmt: skip
+        """Partition by `unite_cells`, a few cells at a time: Ctrl-C waits for no more."""
+        kernels, n_cells, n = self._kernels, len(nearest), len(order)
+        out = kernels.room_for_partition(2 * (n + len(old.cell)) + 64, 2 * len(new[0]) + 512)
+        span = np.zeros(4, np.int64)
+        last = np.searchsorted(new[2][order], np.arange(n_cells), side="right")
+        while span[0] < n_cells:
+            at = max(int(np.searchsorted(last, span[2] + PIECES_A_STEP)), int(span[0])) + 1
+            span[3] = min(at, n_cells)
+            state = kernels.unite_cells(
+                cells, nearest, self.views, old, new, order, whole, self._pool, is_closed, bound,
+                out, span,
             )  # fmt: skip
-            n, corners = self._spare.used.tolist()
-            if not done:
-                self._pool = self._kernels.pool_of(2 * len(self._pool.views))
-            elif n > len(self._spare.face) or corners > len(self._spare.xy):
-                self._spare = self._kernels.room_for_partition(n * 3 // 2, corners * 3 // 2)
-            else:
-                break
-        self._old, self._spare = self._spare, self._old
-        self._is_closed, self._bound = is_closed, np.minimum(more, self._areas)
+            if state == kernels.POOL_TOO_SMALL:
+                self._pool = kernels.pool_of(2 * len(self._pool.views))
+            elif state == kernels.PARTITION_TOO_SMALL:
+                out = kernels.more_room(out, len(self._pool.views))
+            progress(int(span[2]), n)
+        return out
+
+    def _without_closed_cells(self, cells: Cells, pieces: Pieces) -> Pieces:
+        """Pieces, where faces of which all cells are closed become one piece and one cell."""
+        divided = np.flatnonzero(cells.division[: self.mesh.n_faces] >= 0)
+        if len(divided) == 0:
+            return pieces
+        parts = cells.of_faces(divided)
+        is_open = np.zeros(self.mesh.n_faces, np.bool_)
+        is_open[cells.face[parts[~cells.is_closed[parts]]]] = True
+        done = divided[~is_open[divided]]
+        rest = pieces.taken(np.flatnonzero(~np.isin(cells.face[pieces.cell], done)))
+        cells.close(done)
+        xy, starts = cells.polygons(done)
+        whole = Pieces(xy, starts, done, np.full(len(done), self.views, np.int32))
+        both = joined([rest, whole])
+        return both.taken(np.argsort(cells.face[both.cell], kind="stable"))
 
     def covered(self) -> Covered:
         """Area that the regions so far cover, and its pieces."""
-        n, corners = self._old.used.tolist()
-        face, views = self._old.face[:n].copy(), self._old.views[:n].copy()
-        xy, starts = self._old.xy[:corners].copy(), self._old.starts[: n + 1].copy()
-        areas = polygon_areas(xy, starts)
+        xy, starts, cell, views = self._pieces
+        face, areas = self._cells.face[cell].astype(np.int32), polygon_areas(xy, starts)
         area = np.zeros((self.views, self.mesh.n_faces))
         for level in range(self.views):
             rows = views > level
             area[level] = np.bincount(face[rows], areas[rows], minlength=self.mesh.n_faces)
-        return Covered(self.mesh, area, self._bound.copy(), xy, starts, face, views)
+        return Covered(self.mesh, area, self._bound.copy(), xy.copy(), starts.copy(), face, views)
 
 
 def diagonal_floor(mesh: Mesh) -> float:
     """Least distance of two corners that do not coincide, metres."""
     return FLOOR_REL * float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
-
-
-def _taken(
-    xy: FloatArray, starts: NDArray[np.int64], chosen: NDArray[np.int64]
-) -> tuple[FloatArray, NDArray[np.int64]]:
-    """Corners and starts of some polygons."""
-    counts = starts[chosen + 1] - starts[chosen]
-    ends = np.concatenate([np.zeros(1, np.int64), counts.cumsum()])
-    return xy[np.repeat(starts[chosen] - ends[:-1], counts) + np.arange(ends[-1])], ends
 
 
 def polygon_areas(xy: FloatArray, starts: NDArray[np.int64]) -> FloatArray:
@@ -200,7 +263,12 @@ def polygon_areas(xy: FloatArray, starts: NDArray[np.int64]) -> FloatArray:
 
 
 @typed
-def unite(regions: Regions | Sequence[Regions], views: int = 1) -> Covered:
+def unite(
+    regions: Regions | Sequence[Regions],
+    views: int = 1,
+    *,
+    progress: Progress = lambda done, total: None,
+) -> Covered:
     """Area of each face that at least 1 ... `views` poses cover.
 
     Parameters
@@ -209,6 +277,8 @@ def unite(regions: Regions | Sequence[Regions], views: int = 1) -> Covered:
         Of one mesh; several where there are several cameras.
     views : int
         k: poses up to which they are counted.
+    progress : callable
+        Called with the number of pieces done and of all, of each of the regions.
 
     Raises
     ------
@@ -220,5 +290,5 @@ def unite(regions: Regions | Sequence[Regions], views: int = 1) -> Covered:
         raise ConfigError("regions must be of one camera or more, got none")
     union = RegionUnion(parts[0].mesh, views)
     for part in parts:
-        union.add(part)
+        union.add(part, progress)
     return union.covered()

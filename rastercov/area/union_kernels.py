@@ -1,6 +1,7 @@
 """Union of regions in the planes of the faces, and how many cameras cover each part; by numba.
 
-The pieces of a face are a partition: convex polygons that do not overlap, each with its number of
+A face of few pieces is one cell, see `division`. The pieces of a cell are a partition: convex
+polygons that do not overlap, each with its number of
 cameras. A new piece P of a camera changes a piece Q of n cameras into Q n P of n + 1 and the parts
 of Q outside P of n; what no Q covers of P is new, of one camera. Numbers stop at k, from where on
 pieces are not divided any more. All cuts are those of `polygon_kernels.clip_subtract`, which keeps
@@ -13,15 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov._jit import allocation_free, part_with_arrays
-from rastercov.area.bucket_kernels import (
-    Buckets,
-    find_near,
-    lay_grid,
-    list_piece,
-    room_for_buckets,
-)
 from rastercov.area.plane_kernels import (
-    COINCIDENT_REL,
     perimeter_of,
     set_side,
     without_needless,
@@ -34,8 +27,20 @@ from rastercov.exact.polygon_kernels import (
     copy_polygon,
     twice_area,
 )
-from rastercov.exact.records import LINE_ERROR, PIECE_ROOM, Pieces, U, V
+from rastercov.exact.records import (
+    LINE_ERROR,
+    PIECE_ROOM,
+    U_MAX,
+    U_MIN,
+    V_MAX,
+    V_MIN,
+    Pieces,
+    U,
+    V,
+)
 
+DONE, POOL_TOO_SMALL, PARTITION_TOO_SMALL = range(3)
+"""Results of `unite_cells`."""
 WHOLE_REL = 1e-9
 """Part of the area of a face that may be missing from what counts as all of it."""
 SLACK_REL = 0.1
@@ -45,20 +50,20 @@ FloatArray = NDArray[np.float64]
 
 
 class Partition(NamedTuple):
-    """Pieces ordered by face, and their numbers of cameras.
-
-    `used` has the pieces and the corners so far, also where there is no room for them.
-    """
+    """Pieces ordered by cell, and their numbers of cameras; `used` has the pieces and corners."""
 
     xy: FloatArray
     starts: NDArray[np.int64]
-    face: NDArray[np.int32]
+    cell: NDArray[np.int64]
     views: NDArray[np.int32]
     used: NDArray[np.int64]
 
 
 class Pool(NamedTuple):
-    """Scratch memory: the pieces of one face with their boxes and numbers, and rests of others."""
+    """Scratch memory: the pieces of one cell with their boxes and numbers, and rests of others.
+
+    `near` is the result of `find_near`.
+    """
 
     pieces: Pieces
     box: FloatArray
@@ -69,7 +74,7 @@ class Pool(NamedTuple):
     given: FloatArray
     values: FloatArray
     lines: FloatArray
-    buckets: Buckets
+    near: NDArray[np.int64]
 
 
 def room_for_partition(n: int, corners: int) -> Partition:
@@ -77,14 +82,24 @@ def room_for_partition(n: int, corners: int) -> Partition:
     return Partition(
         np.empty((corners, 2)),
         np.zeros(n + 1, np.int64),
-        np.empty(n, np.int32),
+        np.empty(n, np.int64),
         np.empty(n, np.int32),
         np.zeros(2, np.int64),
     )
 
 
+def more_room(partition: Partition, more: int) -> Partition:
+    """The partition with room for half as much again, and some pieces more."""
+    n, corners = partition.used.tolist()
+    room = room_for_partition(n * 3 // 2 + more, corners * 3 // 2 + PIECE_ROOM * more)
+    room.xy[:corners], room.starts[: n + 1] = partition.xy[:corners], partition.starts[: n + 1]
+    room.cell[:n], room.views[:n] = partition.cell[:n], partition.views[:n]
+    room.used[:] = partition.used
+    return room
+
+
 def pool_of(n: int) -> Pool:
-    """Scratch memory for faces of up to n pieces."""
+    """Scratch memory for cells of up to n pieces."""
     corners, spare, given = np.empty((3, PIECE_ROOM, 2))
     return Pool(
         pieces=Pieces(np.empty((n, PIECE_ROOM, 2)), np.empty(n, np.int64)),
@@ -96,7 +111,7 @@ def pool_of(n: int) -> Pool:
         given=given,
         values=np.empty(PIECE_ROOM),
         lines=np.empty((PIECE_ROOM, LINE_ERROR + 1)),
-        buckets=room_for_buckets(n),
+        near=np.empty(n, np.int64),
     )
 
 
@@ -142,11 +157,28 @@ def put_piece(polygon, n, views, at, count, nearest, pool):
         u_min, u_max, v_min, v_max = extent_of(corners, m)
         pool.box[at, 0], pool.box[at, 1] = u_min, u_max
         pool.box[at, 2], pool.box[at, 3] = v_min, v_max
-        # What takes the place of a larger piece is in its lists.
-        if is_new and not list_piece(at, pool.box, pool.buckets):
-            return np.int64(-1), 0.0
         first = last
     return count, abs(area - before)
+
+
+@part_with_arrays
+def find_near(wanted, count, pool):
+    """Fill `near` with the pieces, of `count`, that reach into a box; their number.
+
+    `wanted` is (least u, greatest u, least v, greatest v); pieces without corners are left out.
+    """
+    box, n_corners, n = pool.box, pool.pieces.n_corners, 0
+    for q in range(count):
+        if (
+            n_corners[q] > 0
+            and box[q, U_MIN] < wanted[U_MAX]
+            and box[q, U_MAX] > wanted[U_MIN]
+            and box[q, V_MIN] < wanted[V_MAX]
+            and box[q, V_MAX] > wanted[V_MIN]
+        ):
+            pool.near[n] = q
+            n += 1
+    return n
 
 
 @allocation_free
@@ -155,7 +187,7 @@ def rest_of(polygon, n, n_near, nearest, pool):
 
     Returns the number of parts, -1 for no room.
     """
-    pieces, rest, lines, near = pool.pieces, pool.rest, pool.lines, pool.buckets.near
+    pieces, rest, lines, near = pool.pieces, pool.rest, pool.lines, pool.near
     copy_polygon(polygon, n, rest.corners[0])
     rest.n_corners[0], n_rest = n, np.int64(1)
     for index in range(n_near):
@@ -172,13 +204,13 @@ def rest_of(polygon, n, n_near, nearest, pool):
 
 @allocation_free
 def add_piece(polygon, n, k, count, nearest, pool):
-    """Add a piece of one camera to the partition of a face; its new number of pieces, and slivers.
+    """Add a piece of one camera to the partition of a cell; its new number of pieces, and slivers.
 
     The number is -1 where there is too little room.
     """
-    pieces, rest, lines, near = pool.pieces, pool.rest, pool.lines, pool.buckets.near
+    pieces, rest, lines, near = pool.pieces, pool.rest, pool.lines, pool.near
     slack, slivers = SLACK_REL * nearest, 0.0
-    n_near = find_near(extent_of(polygon, n), count, pool.box, pieces.n_corners, pool.buckets)
+    n_near = find_near(extent_of(polygon, n), count, pool)
     n_rest = rest_of(polygon, n, n_near, nearest, pool)
     if n_rest < 0:
         return np.int64(-1), 0.0
@@ -238,130 +270,143 @@ def covered_area(pool, count, views):
 
 
 @part_with_arrays
-def store_partition(face, pool, count, out):
-    """Append the pieces of a face to a partition."""
+def corners_of(pool, count):
+    """Corners of all pieces."""
+    total = 0
+    for q in range(count):
+        total += pool.pieces.n_corners[q]
+    return total
+
+
+@part_with_arrays
+def store_partition(cell, pool, count, out):
+    """Append the pieces of a cell to a partition; False, and nothing, where there is no room."""
+    if (
+        out.used[0] + count > out.cell.shape[0]
+        or out.used[1] + corners_of(pool, count) > out.xy.shape[0]
+    ):
+        return False
     for q in range(count):
         n = pool.pieces.n_corners[q]
-        if n == 0:
-            continue
-        piece, at = out.used[0], out.used[1]
-        if piece < out.face.shape[0] and at + n <= out.xy.shape[0]:
+        if n > 0:
+            piece, at = out.used[0], out.used[1]
             copy_polygon(pool.pieces.corners[q], n, out.xy[at:])
-            out.face[piece], out.views[piece] = face, pool.views[q]
+            out.cell[piece], out.views[piece] = cell, pool.views[q]
             out.starts[piece + 1] = at + n
-        out.used[0], out.used[1] = piece + 1, at + n
+            out.used[0], out.used[1] = piece + 1, at + n
+    return True
 
 
 @part_with_arrays
 def load_partition(old, first, last, pool):
-    """Take the pieces first ... last - 1 of a partition into the pool; False for lack of room."""
-    fits = True
+    """Take the pieces first ... last - 1 of a partition into the pool."""
     for piece in range(first, last):
         q, n = piece - first, old.starts[piece + 1] - old.starts[piece]
         copy_polygon(old.xy[old.starts[piece] :], n, pool.pieces.corners[q])
         pool.pieces.n_corners[q], pool.views[q] = n, old.views[piece]
         box = extent_of(pool.pieces.corners[q], n)
         pool.box[q, 0], pool.box[q, 1], pool.box[q, 2], pool.box[q, 3] = box
-        fits = fits and list_piece(q, pool.box, pool.buckets)
-    return fits
 
 
 @allocation_free
-def unite_faces(corners, areas, floor, k, old, new, order, whole, pool, is_closed, bound, out):
-    """Add new pieces to a partition; True unless the pool is too small: call again with more.
+def unite_cells(cells, nearest, k, old, new, order, whole, pool, is_closed, bound, out, span):
+    """Add new pieces to a partition, cell by cell.
 
     Parameters
     ----------
-    corners, areas : (F, 3, 2), (F,) float64
-        Faces in their planes.
-    floor : float
+    cells : tuple
+        Corners, starts and areas of the cells.
+    nearest : (C,) float64
         Least distance of two corners that do not coincide, metres.
     k : int
         Cameras up to which they are counted.
     old : Partition
         The pieces so far.
     new : tuple
-        Corners, starts and faces of new pieces, as of `Regions`.
+        Corners, starts and cells of new pieces.
     order : (N,) int64
-        The pieces to be added, by face, large ones first.
-    whole : (F,) int64
-        Cameras that cover all of each face, besides.
+        The pieces to be added, by cell, large ones first.
+    whole : (C,) int64
+        Cameras that cover all of each cell, besides.
     pool : Pool
         Scratch.
-    is_closed : (F,) bool
-        Changed: faces that k cameras cover; nothing is added to them any more.
-    bound : (F,) float64
+    is_closed : (C,) bool
+        Changed: cells that k cameras cover; nothing is added to them any more.
+    bound : (C,) float64
         Added to: area that is left out because it is a sliver.
     out : Partition
-        Filled. Where `used` is more than there is room for, call again with that much.
+        Added to.
+    span : (4,) int64
+        In and out: the first cell, and its first pieces in `old` and `order`; the cell to end at.
+
+    Returns
+    -------
+    int
+        `DONE`, or what there is too little of: call again with more, to go on.
     """
-    xy, starts, face = new
+    polygons, polygon_starts, areas = cells
+    xy, starts, cell = new
     room = pool.views.shape[0]
     pieces, given = pool.pieces, pool.given
-    at_old = at_new = 0
-    out.used[:] = 0
-    for f in range(areas.shape[0]):
+    for f in range(span[0], span[3]):
+        span[0], at_old, at_new = f, span[1], span[2]
         first = at_old
-        while at_old < old.used[0] and old.face[at_old] == f:
+        while at_old < old.used[0] and old.cell[at_old] == f:
             at_old += 1
         first_new = at_new
-        while at_new < order.shape[0] and face[order[at_new]] == f:
+        while at_new < order.shape[0] and cell[order[at_new]] == f:
             at_new += 1
-        count = at_old - first
-        if count == 0 and first_new == at_new and whole[f] == 0:
-            continue
+        count, corners = at_old - first, polygons[polygon_starts[f] : polygon_starts[f + 1]]
+        sides = corners.shape[0]
         if count + 4 > room:
-            return False
-        is_changed = not is_closed[f] and (first_new < at_new or whole[f] > 0)
-        n_expected = count + 2 * (at_new - first_new) if is_changed else 0
-        lay_grid(corners[f], n_expected, pool.buckets)
-        if not load_partition(old, first, at_old, pool):
-            return False
-        if not is_changed:
-            store_partition(f, pool, count, out)
-            continue
-        nearest = max(COINCIDENT_REL * corners[f, 1, 0], floor)
-        wanted, slivers = (1 - WHOLE_REL) * areas[f], 0.0
-        if whole[f] > 0:
-            for q in range(count):
-                pool.views[q] = min(pool.views[q] + whole[f], k)
-            copy_polygon(corners[f], 3, given)
-            n_near = find_near(extent_of(given, 3), count, pool.box, pieces.n_corners, pool.buckets)
-            n_rest = rest_of(given, np.int64(3), n_near, nearest, pool)
-            if n_rest < 0:
-                return False
-            for r in range(n_rest):
-                views = min(whole[f], k)
-                count, sliver = put_piece(
-                    pool.rest.corners[r], pool.rest.n_corners[r], views, count, count, nearest,
-                    pool,
-                )  # fmt: skip
-                slivers += sliver
+            return POOL_TOO_SMALL
+        load_partition(old, first, at_old, pool)
+        slivers, closed = 0.0, False
+        wanted, close = (1 - WHOLE_REL) * areas[f], nearest[f]
+        if not is_closed[f]:
+            if whole[f] > 0:
+                for q in range(count):
+                    pool.views[q] = min(pool.views[q] + whole[f], k)
+                copy_polygon(corners, sides, given)
+                n_near = find_near(extent_of(given, sides), count, pool)
+                n_rest = rest_of(given, sides, n_near, close, pool)
+                if n_rest < 0:
+                    return POOL_TOO_SMALL
+                for r in range(n_rest):
+                    views = min(whole[f], k)
+                    count, sliver = put_piece(
+                        pool.rest.corners[r], pool.rest.n_corners[r], views, count, count, close,
+                        pool,
+                    )  # fmt: skip
+                    slivers += sliver
+                    if count < 0:
+                        return POOL_TOO_SMALL
+            # No more than a piece's own area is won by it, so that the sum need not be made each
+            # time.
+            most = covered_area(pool, count, k)
+            closed = most >= wanted
+            for index in range(first_new, at_new):
+                if closed:
+                    break
+                piece = order[index]
+                n = starts[piece + 1] - starts[piece]
+                copy_polygon(xy[starts[piece] :], n, given)
+                count, sliver = add_piece(given, n, k, count, close, pool)
+                # A corner near a line counts as on it, on either side.
+                slivers += sliver + 4 * SLACK_REL * close * perimeter_of(given, n)
                 if count < 0:
-                    return False
-        # No more than a piece's own area is won by it, so that the sum need not be made each time.
-        most = covered_area(pool, count, k)
-        closed = most >= wanted
-        for index in range(first_new, at_new):
-            if closed:
-                break
-            piece = order[index]
-            n = starts[piece + 1] - starts[piece]
-            copy_polygon(xy[starts[piece] :], n, given)
-            count, sliver = add_piece(given, n, k, count, nearest, pool)
-            # A corner near a line counts as on it, on either side.
-            slivers += sliver + 4 * SLACK_REL * nearest * perimeter_of(given, n)
-            if count < 0:
-                return False
-            most += twice_area(given, n) / 2
-            if most >= wanted:
-                most = covered_area(pool, count, k)
-                closed = most >= wanted
+                    return POOL_TOO_SMALL
+                most += twice_area(given, n) / 2
+                if most >= wanted:
+                    most = covered_area(pool, count, k)
+                    closed = most >= wanted
         if closed:
-            is_closed[f] = True
             slivers += max(areas[f] - covered_area(pool, count, k), 0.0)
-            copy_polygon(corners[f], 3, pieces.corners[0])
-            pieces.n_corners[0], pool.views[0], count = 3, k, np.int64(1)
+            copy_polygon(corners, sides, pieces.corners[0])
+            pieces.n_corners[0], pool.views[0], count = sides, k, np.int64(1)
+        if not store_partition(f, pool, count, out):
+            return PARTITION_TOO_SMALL
+        is_closed[f] = is_closed[f] or closed
         bound[f] += slivers
-        store_partition(f, pool, count, out)
-    return True
+        span[0], span[1], span[2] = f + 1, at_old, at_new
+    return DONE

@@ -139,7 +139,8 @@ def set_up_plain(camera, front_only, n_out, projected, area_error, extent, measu
                 low_u, high_u, low_v, high_v, least, most, margin, its_widths, its_heights,
                 its_areas,
             ) = measure_block(first, faces_at, uvw_at, narrow, pointer(measures))  # fmt: skip
-            is_out = high_u <= 0 or high_v <= 0 or low_u >= width or low_v >= height
+            is_out = high_u <= -pixel_error or low_u >= width + pixel_error
+            is_out = is_out or high_v <= -pixel_error or low_v >= height + pixel_error
             is_in = low_u >= 0 and low_v >= 0 and high_u <= width and high_v <= height
             is_plain = (is_in or is_out) and margin > 0
             is_plain = is_plain and (n_out == 0 or least_w_of_block(b, projected) > 0)
@@ -202,7 +203,8 @@ def set_up(vertices, is_flat, rest, camera, front_only, projected, area_error, e
     projected : Projected
         In: `faces`, `uvw` and `blocks`. Out: all others; `area` also of faces that are left out.
     area_error : (F,) float64
-        Out: bound of the error of the area of faces that are left out, px^2; 0 for all others.
+        Out: bound of the error of the area of faces that are left out, px^2, also where only
+        rounding leaves them out; 0 for all others.
     extent : (7,) float64
         In and out: bounds of u and v of all live faces, within the image; and the sums of the
         widths, the heights and the areas of their boxes within it.
@@ -227,8 +229,6 @@ def set_up(vertices, is_flat, rest, camera, front_only, projected, area_error, e
             state[f] = 0
             side[f] = 0
             area[f] = area_error[f] = 0.0
-            if is_flat[f]:
-                continue
             i, j, k = faces[f, 0], faces[f, 1], faces[f, 2]
             u0, v0, w0 = uvw[i, U], uvw[i, V], uvw[i, W]
             u1, v1, w1 = uvw[j, U], uvw[j, V], uvw[j, W]
@@ -237,13 +237,27 @@ def set_up(vertices, is_flat, rest, camera, front_only, projected, area_error, e
                 twice = (u1 - u0) * (v2 - v0) - (u2 - u0) * (v1 - v0)
                 u_min, u_max = min(u0, u1, u2), max(u0, u1, u2)
                 v_min, v_max = min(v0, v1, v2), max(v0, v1, v2)
+                is_out = u_max <= 0 or v_max <= 0 or u_min >= width or v_min >= height
+                if (is_out or is_flat[f]) and not (
+                    u_max <= -pixel_error
+                    or v_max <= -pixel_error
+                    or u_min >= width + pixel_error
+                    or v_min >= height + pixel_error
+                ):
+                    # Rounding may have moved it out of the image, or made it flat.
+                    inner = (
+                        min(u_max, width) - max(u_min, 0.0) + min(v_max, height) - max(v_min, 0.0)
+                    )
+                    area_error[f] = 4 * EDGE_ON_FACTOR * (inner + 2 * pixel_error) * pixel_error
+                if is_flat[f]:
+                    continue
                 is_doubtful = abs(twice) <= EDGE_ON_FACTOR * pixel_error * (
                     u_max - u_min + v_max - v_min
                 )
                 is_culled = front_only and twice > 0 and not is_doubtful
                 if not is_culled:
                     side[f] = 1 if twice < 0 else -1 if twice > 0 else 0
-                if u_max <= 0 or v_max <= 0 or u_min >= width or v_min >= height:
+                if is_out:
                     continue
                 w_min, w_max = min(w0, w1, w2), max(w0, w1, w2)
                 inside, outline_error = abs(twice) / 2, pixel_error
@@ -257,6 +271,10 @@ def set_up(vertices, is_flat, rest, camera, front_only, projected, area_error, e
                     inside = abs(twice_area(polygon, n)) / 2 if n >= 3 else 0.0
             else:
                 n, front = 0, side_if_out_of_sight(vertices, i, j, k, camera)
+                if is_flat[f]:
+                    if front == 0:
+                        area_error[f] = 4 * EDGE_ON_FACTOR * (width + height) * pixel_error
+                    continue
                 if front == 0:
                     to_camera(vertices[i], camera, corners[0], low[0])
                     to_camera(vertices[j], camera, corners[1], low[1])
@@ -268,6 +286,7 @@ def set_up(vertices, is_flat, rest, camera, front_only, projected, area_error, e
                     # The camera centre is on its plane to 2^-98: nothing of it is wide enough
                     # to count.
                     state[f] = DOUBTFUL
+                    area_error[f] = 4 * EDGE_ON_FACTOR * (width + height) * pixel_error
                     continue
                 is_culled = front_only and front < 0
                 if not is_culled:
@@ -285,7 +304,8 @@ def set_up(vertices, is_flat, rest, camera, front_only, projected, area_error, e
                     n_clipped += 1
             if is_culled:
                 area[f] = inside
-                error = OUTLINE_ERROR_FACTOR * (u_max - u_min + v_max - v_min) * outline_error
+                around = max(u_max - u_min + v_max - v_min, 2 * outline_error)
+                error = OUTLINE_ERROR_FACTOR * around * outline_error
                 area_error[f] = min(error, 2 * width * height)
                 continue
             box[f, U_MIN], box[f, U_MAX], box[f, V_MIN], box[f, V_MAX] = u_min, u_max, v_min, v_max

@@ -57,7 +57,7 @@ from rastercov.exact.records import (
     VisiblePieces,
     Work,
 )
-from rastercov.exact.setup_kernels import CLIP_MARGIN, UNIT_ROUNDING
+from rastercov.exact.setup_kernels import CLIP_MARGIN, OUTLINE_ERROR_FACTOR, UNIT_ROUNDING
 from rastercov.exact.surface import Surface, surface_of
 from rastercov.mesh import Mesh
 from rastercov.near_plane import limits
@@ -394,9 +394,10 @@ class HalfPlaneSolver:
         self._limit_errors(faces)
 
     def _limit_errors(self, faces: IntArray) -> None:
-        """No area exceeds the image."""
+        """No area exceeds the image; a face that rounds to a point may be some roundings wide."""
+        least = OUTLINE_ERROR_FACTOR * 2 * self.camera.pixel_error**2
         largest = 2 * (self.camera.width * self.camera.height)
-        self.area_error[faces] = np.minimum(self.area_error[faces], largest)
+        self.area_error[faces] = np.clip(self.area_error[faces], least, largest)
 
     def _list_faces(self) -> None:
         """List the faces in the cells asked for."""

@@ -245,7 +245,7 @@ def add_areas(found, images, projected, kept, pinhole, plane, own, out):
     for i in range(kept.used[0]):
         own[kept.faces[i]] = -1.0
     for f in range(n_faces):
-        if not state[f] & LIVE:
+        if not state[f] & (LIVE | THIN):
             continue
         if own[f] > 0.0 and visible[f] > 0.0:
             out.visible[f] += own[f]

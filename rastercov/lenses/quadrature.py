@@ -139,14 +139,16 @@ class EdgeBounds:
         if not is_wide.any():
             return math.inf
         ratio, sizes = self._radii[is_wide] / max(half, 1e-300), self._sizes[:, is_wide]
-        x = 1 / (ratio + np.sqrt(ratio * ratio - 1))
         degree = np.arange(DEGREES + 1)
-        bounds = 2 * (sizes[:, :, None] * x[:, None] ** degree).min(axis=1)
         own = slice(1, self._coefficients.shape[1])
-        by_order = 2 * (half / 2) ** degree[own] * self._coefficients[:, own]
-        bounds[:, own] = np.fmin(bounds[:, own], by_order)
-        beyond = 4 * sizes[0] * sizes[1] * _tail(n, x)
-        return float(bounds[0] @ PAIR_ERRORS[n] @ bounds[1] + beyond.min())
+        with np.errstate(all="ignore"):  # what is infinite bounds nothing, nor what is no number
+            x = 1 / (ratio + np.sqrt(ratio - 1) * np.sqrt(ratio + 1))
+            bounds = 2 * (sizes[:, :, None] * x[:, None] ** degree).min(axis=1)
+            by_order = 2 * (half / 2) ** degree[own] * self._coefficients[:, own]
+            bounds[:, own] = np.fmin(bounds[:, own], by_order)
+            beyond = 4 * sizes[0] * sizes[1] * _tail(n, x)
+            error = float(bounds[0] @ PAIR_ERRORS[n] @ bounds[1] + beyond.min())
+        return error if error >= 0 else math.inf
 
     def longest(self, tolerance: float, n: int) -> float:
         """Half the longest edge that a rule integrates to the tolerance; 0 if none."""

@@ -93,9 +93,12 @@ def blocks(n: int) -> Iterator[slice]:
 
 def normals_and_areas(
     vertices: NDArray[np.float64], faces: NDArray[np.integer[Any]]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(F, 3) unit normals by the right-hand rule, (F,) areas; 0 where they are only rounding."""
-    normals, areas = np.zeros((len(faces), 3)), np.zeros(len(faces))
+) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+    """(F, 3) unit normals by the right-hand rule, (F,) areas; 0 where they are only rounding.
+
+    And the least sine of the angle between two edges of the others, up to 1.
+    """
+    normals, areas, least = np.zeros((len(faces), 3)), np.zeros(len(faces)), 1.0
     for block in blocks(len(faces)):
         p, q, r = np.moveaxis(vertices[faces[block]], 1, 0)
         sides = np.stack([q - p, r - p])
@@ -103,10 +106,13 @@ def normals_and_areas(
         sides /= np.where(size > 0, size, 1)[:, None]
         cross = np.cross(sides[0], sides[1])
         length = np.linalg.norm(cross, axis=1)
-        is_flat = length <= LEAST_SINE * np.linalg.norm(sides, axis=2).prod(axis=0)
+        product = np.linalg.norm(sides, axis=2).prod(axis=0)
+        is_flat = length <= LEAST_SINE * product
+        sines = np.divide(length, product, out=np.ones(len(length)), where=~is_flat)
+        least = min(least, float(sines.min(initial=1.0)))
         normals[block] = np.where(is_flat, 0, cross.T / np.where(is_flat, 1, length)).T
         areas[block] = np.where(is_flat, 0, length * size**2 / 2)
-    return normals, areas
+    return normals, areas, least
 
 
 def rotation_about(axis: ArrayLike, angle: float) -> NDArray[np.float64]:

@@ -72,9 +72,9 @@ class Faces:
         return frozen(centroids)
 
     @cached_property
-    def _normals_and_areas(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        normals, areas = normals_and_areas(self.vertices, self.faces)
-        return frozen(normals), frozen(areas)
+    def _normals_and_areas(self) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+        normals, areas, least_sine = normals_and_areas(self.vertices, self.faces)
+        return frozen(normals), frozen(areas), least_sine
 
     @property
     def normals(self) -> NDArray[np.float64]:
@@ -90,6 +90,11 @@ class Faces:
     def areas(self) -> NDArray[np.float64]:
         """(F,) areas, m^2; exactly 0 for degenerate faces."""
         return self._normals_and_areas[1]
+
+    @property
+    def least_sine(self) -> float:
+        """Least sine of the angle between the first two edges of a face that is not degenerate."""
+        return self._normals_and_areas[2]
 
     @cached_property
     def degenerate_mask(self) -> NDArray[np.bool_]:

@@ -307,3 +307,13 @@ def test_faces_with_all_corners_in_the_image_may_leave_it(name):
             assert room.is_inside(n, u, v) == (gap > 0)
             left += gap < 0
     assert left > 20 or name == "colmap DIVISION"
+
+
+@pytest.mark.parametrize("half", [0.0, 1e-300, 1e-9, 0.1, 1e300])
+@pytest.mark.parametrize("size", [1.0, 1e200, math.inf])
+@pytest.mark.parametrize("known", [0.0, 1e300, math.inf])
+def test_a_bound_of_any_edge_is_found_without_a_warning(half, size, known):
+    bounds = EdgeBounds([(0.2, size, size)], np.full((2, 19), known))
+    found = [bounds.error(half, n) for n in range(FEWEST, MOST + 1)]  # warnings are errors
+    assert all(error >= 0 for error in found)
+    assert half < 0.2 or all(math.isinf(error) for error in found)

@@ -179,7 +179,7 @@ def test_visible_fractions_are_those_of_the_twin(seed, threads):
     for row, pose in enumerate(poses):
         with np.errstate(all="ignore"):
             geometry = twin.face_geometry(mesh, camera, pose)
-            expected = coverage_twin.visible_fraction(geometry, seen, row)
+            expected = coverage_twin.visible_fraction(mesh, camera, pose, geometry, seen, row)
         for one, other in zip(found, expected, strict=True):
             np.testing.assert_array_equal(one[row], other)
             assert one.dtype == other.dtype
