@@ -86,7 +86,6 @@ class RegionUnion:
     """
 
     def __init__(self, mesh: Mesh, views: int = 1) -> None:
-        from rastercov._jit import announce_compilation
         from rastercov.area import union_kernels
         from rastercov.criteria_kernels import read_only
 
@@ -101,7 +100,6 @@ class RegionUnion:
             8 * int(number) * mesh.n_faces,
             "count fewer views",
         )
-        announce_compilation(union_kernels.unite_faces)
         self.mesh, self.views = mesh, int(views)
         self._kernels, self._read_only = union_kernels, read_only
         frames = frames_of(mesh)

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import typer
 from rich.console import Console
 
+from rastercov._stopwatch import Stopwatch
 from rastercov.errors import RastercovError
 
 if TYPE_CHECKING:
@@ -183,10 +184,11 @@ class _Speed:
 
     def __init__(self) -> None:
         self.first: tuple[float, int] | None = None
+        self._clock = Stopwatch()
 
     def of(self, done: int) -> float | None:
         """Units a second, None before the second report."""
-        now = time.monotonic()
+        now = self._clock.seconds
         if self.first is None:
             self.first = now, done
         started, before = self.first
