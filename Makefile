@@ -12,7 +12,12 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
+PIP := $(BIN)/python -m pip --disable-pip-version-check
+LOG := $(VENV)/install.log
+# step TEXT COMMAND...: a line with its seconds; what the command says is in the log.
+STEP = step() { printf '%s ... ' "$$1"; shift; mkdir -p $(VENV); began=$$(date +%s); \
+	if "$$@" >>$(LOG) 2>&1 </dev/null; then echo "$$(($$(date +%s) - began)) s"; \
+	else echo "failed, see $(LOG)"; return 1; fi; }; step
 MESA := libegl1 libgl1 libgl1-mesa-dri
 OSMESA := libosmesa6
 SUDO := $(shell [ "$$(id -u)" = 0 ] || echo sudo -n)
@@ -32,7 +37,8 @@ BY_DAY := $(if $(filter 1,$(RASTERCOV_NIGHTLY)),,--by-day)
 # The demo counts on the CPU where there is no GPU, so missing OpenGL does not stop it.
 demo: $(VENV)/installed
 	@$(MAKE) --no-print-directory opengl || true
-	$(BIN)/rastercov demo --out report
+	@echo "rastercov demo --out report"
+	@$(BIN)/rastercov demo --out report
 
 test: $(VENV)/installed-dev opengl osmesa chromium
 	$(TEST_ENV) $(BIN)/python -m pytest -n 2 --dist worksteal -m "" --durations=40 $(BY_DAY)
@@ -47,7 +53,8 @@ lint: $(VENV)/installed-dev
 
 # Open3D's wheel leaves libusb to the system.
 bench: $(VENV)/installed-bench opengl
-	@ldconfig -p | grep -q libusb-1.0.so.0 || $(APT) install -y libusb-1.0-0 </dev/null || \
+	@ldconfig -p | grep -q libusb-1.0.so.0 || \
+	{ $(STEP) "installing libusb, some seconds" $(APT) install -y libusb-1.0-0; } || \
 	{ echo "error: Open3D needs libusb; as root: apt-get install -y libusb-1.0-0"; exit 2; }
 	$(BIN)/python benchmarks/exactness.py
 	$(BIN)/python benchmarks/throughput.py
@@ -55,43 +62,43 @@ bench: $(VENV)/installed-bench opengl
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info[:2] not in ((3, 11), (3, 12), (3, 13)))' || \
 	{ echo "error: rastercov wants Python 3.11 to 3.13; pass one: make PYTHON=python3.12 $(MAKECMDGOALS)"; exit 2; }
-	@$(PYTHON) -m venv $(VENV) >/dev/null 2>&1 || \
+	@$(STEP) "making $(VENV), some seconds" $(PYTHON) -m venv $(VENV) || \
 	{ package=$$($(PYTHON) -c 'import sys; print("python%d.%d-venv" % sys.version_info[:2])'); \
-	echo "installing $$package"; rm -rf $(VENV); \
-	{ $(APT) update; $(APT) install -y $$package && $(PYTHON) -m venv $(VENV); } </dev/null || \
-	{ rm -rf $(VENV); echo "error: $(PYTHON) makes no virtual environment; as root: apt-get install -y $$package"; exit 2; }; }
+	rm -rf $(VENV)/bin; step "installing $$package and making $(VENV), about 20 s" \
+	sh -c "$(APT) update; $(APT) install -y $$package && $(PYTHON) -m venv $(VENV)" || \
+	{ rm -rf $(VENV)/bin; echo "error: $(PYTHON) makes no virtual environment; as root: apt-get install -y $$package"; exit 2; }; }
 
 $(VENV)/installed: $(BIN)/python pyproject.toml
-	$(PIP) install -e .
+	@$(STEP) "installing rastercov and what it needs in $(VENV), about a minute" $(PIP) install -e .
 	@touch $@
 
 $(VENV)/installed-dev: $(BIN)/python pyproject.toml
-	$(PIP) install -e '.[dev]'
+	@$(STEP) "installing rastercov and what its tests need in $(VENV), about 2 minutes" $(PIP) install -e '.[dev]'
 	@touch $@ $(VENV)/installed
 
 $(VENV)/installed-bench: $(BIN)/python pyproject.toml
-	$(PIP) install -e '.[bench]'
+	@$(STEP) "installing rastercov and its peers in $(VENV), about 2 minutes" $(PIP) install -e '.[bench]'
 	@touch $@ $(VENV)/installed
 
 opengl: $(VENV)/installed
 	@$(HAS_OPENGL) 2>/dev/null || \
-	{ echo "installing Mesa: $(MESA)"; \
-	{ $(APT) update; $(APT) install -y --no-install-recommends $(MESA) && $(HAS_OPENGL); } </dev/null || \
+	{ $(STEP) "installing Mesa ($(MESA)), about 30 s" \
+	sh -c "$(APT) update; $(APT) install -y --no-install-recommends $(MESA)" && $(HAS_OPENGL) 2>>$(LOG) || \
 	{ echo "error: no OpenGL; as root: apt-get install -y $(MESA); then ask: $(BIN)/rastercov doctor"; exit 2; }; }
 
 # Without it its tests are skipped, which the end of the run says.
 osmesa: $(VENV)/installed
 	@if $(HAS_OSMESA) 2>/dev/null; then exit 0; fi; \
-	$(APT) update </dev/null 2>/dev/null; \
-	if $(OSMESA_EXISTS); then echo "installing OSMesa: $(OSMESA)"; \
-	$(APT) install -y --no-install-recommends $(OSMESA) </dev/null && exit 0; fi; \
+	$(STEP) "asking apt for $(OSMESA), some seconds" $(APT) update; \
+	if $(OSMESA_EXISTS); then step "installing OSMesa ($(OSMESA)), about 20 s" \
+	$(APT) install -y --no-install-recommends $(OSMESA) && exit 0; fi; \
 	echo "note: no OSMesa: apt has no $(OSMESA), or may not install it"
 
 # Without it its tests are skipped, which the end of the run says.
 chromium:
 	@if command -v chromium >/dev/null || command -v chromium-browser >/dev/null; then exit 0; fi; \
-	echo "installing Chromium"; { $(APT) update; \
-	$(APT) install -y --no-install-recommends chromium; } </dev/null || \
+	$(STEP) "installing Chromium, about a minute" \
+	sh -c "$(APT) update; $(APT) install -y --no-install-recommends chromium" || \
 	echo "note: no Chromium: apt has none, or may not install it"
 
 clean:

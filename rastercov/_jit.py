@@ -5,11 +5,14 @@ imports, directly or not, have the content that it was compiled from.
 
 numba compiles in one thread of a process at a time; a fork waits until it is done.
 
+A process that needs a loop which another one compiles waits for it.
+
 A disk may be full, read-only or damaged. A file is used only if its hash is right and it was made
 from this source for these arguments; otherwise the loop is compiled again. A result that cannot be
 written is not kept, and one notice per process says so.
 """
 
+import fcntl
 import functools
 import hashlib
 import inspect
@@ -26,7 +29,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numba
 from numba.core import caching, types
@@ -40,6 +43,7 @@ from numba.extending import overload
 from rastercov import _compiler
 from rastercov._compiler import LoopCompiler, LoopFlags, PartCompiler
 from rastercov._files import UnreadableError, file_bytes
+from rastercov._stopwatch import Stopwatch
 
 # A process forked while another thread compiles would find the compiler locked for ever, in the
 # middle of a loop; releasing the lock there would not be safe.
@@ -56,6 +60,16 @@ LARGEST_LOOP = 64 << 20
 """Bytes of one compiled loop on disk; real ones have less than one MiB."""
 ROOM = 8 << 20
 """Bytes that all compiled loops need on disk, and a little more."""
+FIRST_START = 7500.0
+"""Time in which two processes compile all loops of a first start, relative to that of a short sum
+in Python."""
+LONGEST_WAIT_S = 300.0
+"""Seconds after which a loop is compiled here, too, although another process has begun it; one that
+is stopped never ends."""
+CODE_SETTINGS = (
+    "BOUNDSCHECK", "CPU_FEATURES", "CPU_NAME", "DEBUGINFO_DEFAULT", "ENABLE_AVX", "LOOP_VECTORIZE",
+    "OPT", "SLP_VECTORIZE",
+)  # fmt: skip
 UNUSED_S = 14 * 24 * 3600
 """Seconds after which loops that no process has loaded are removed."""
 
@@ -172,12 +186,9 @@ class _UserFolder(caching._CacheLocator):
 
 
 @cache
-def _settings() -> list[tuple[str, str]]:
-    """Environment variables by which numba may make other machine code, bounds checks for one."""
-    others = ("NUMBA_CACHE_DIR", "NUMBA_NUM_THREADS")
-    return sorted(
-        one for one in os.environ.items() if one[0].startswith("NUMBA_") and one[0] not in others
-    )
+def _settings() -> list[str]:
+    """Settings of numba, from the environment or a file, that may make other machine code."""
+    return [f"{name}={getattr(numba.config, name, None)}" for name in CODE_SETTINGS]
 
 
 def _drop_unused(folder: Path) -> None:
@@ -209,6 +220,8 @@ class _Kept(caching.FunctionCache):
     _impl_class = _Place
     is_writable = True
     """Of all loops; False from the first failure on, as the next would fail alike."""
+    _held: IO[bytes] | None = None
+    """File that this process has locked while it compiles the loop."""
 
     def __init__(self, function: Callable[..., Any]) -> None:
         super().__init__(function)
@@ -216,7 +229,16 @@ class _Kept(caching.FunctionCache):
         self._cache_file = _CheckedFile(self.cache_path, self._impl.filename_base, digest)
 
     def load_overload(self, signature: Any, context: Any) -> Any:
-        """Return the loop on disk, None if there is none.
+        """Return the loop on disk, None if there is none: numba then compiles it."""
+        found = self._load(signature, context)
+        if found is None and self._begin():
+            found = self._load(signature, context)
+        if found is None:
+            self._announce()
+        return found
+
+    def _load(self, signature: Any, context: Any) -> Any:
+        """Return the loop on disk.
 
         numba would first load its rules of all functions, and scipy for some of them, half a
         second; only compilation needs them. A loop that runs needs its memory management alone.
@@ -229,6 +251,28 @@ class _Kept(caching.FunctionCache):
         except Exception:  # whatever LLVM makes of what another version of it left
             return None
 
+    def _begin(self) -> bool:
+        """Lock the loop, which no other process then compiles; True if one did until now."""
+        if self._held is not None or not _Kept.is_writable:
+            return False
+        try:
+            self._impl.locator.ensure_cache_path()
+            path = Path(self.cache_path, f"{self._impl.filename_base}.lock")
+            self._held = path.open("ab")  # `end` closes it
+            began = time.monotonic()
+            while not _locked(self._held) and time.monotonic() < began + LONGEST_WAIT_S:
+                _say_once("compiling", "rastercov: compiling in another process; waiting for it")
+                time.sleep(0.05)
+        except OSError:  # no room, or a file system without locks
+            return False
+        return True
+
+    def end(self) -> None:
+        """Unlock the loop."""
+        if self._held is not None:
+            self._held.close()
+            self._held = None
+
     def save_overload(self, signature: Any, data: Any) -> None:
         if not _Kept.is_writable:
             return
@@ -240,6 +284,10 @@ class _Kept(caching.FunctionCache):
     def holds_any(self) -> bool:
         """True if an earlier run left this loop here, compiled from the same source."""
         return bool(self._cache_file._load_index())
+
+    def _announce(self) -> None:
+        if "compiling" not in _said and self.has_room():
+            _say_once("compiling", "rastercov: compiling some loops, once for this version")
 
     def has_room(self) -> bool:
         """True if the folder has room for all loops; if not, nothing is kept."""
@@ -258,6 +306,50 @@ class _Kept(caching.FunctionCache):
         """Keep nothing more on disk in this process, and give notice of the reason."""
         _Kept.is_writable = False
         _say_unkept(f"{self.cache_path}: {error.strerror or error}")
+
+
+def _locked(file: IO[bytes]) -> bool:
+    """Lock a file, which a process that ends unlocks; False if another one has locked it."""
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True
+
+
+class _Unkept(caching.NullCache):
+    """No place for a loop."""
+
+    def load_overload(self, signature: Any, context: Any) -> None:
+        _say_unkept("no folder for it can be written")
+
+    def end(self) -> None:
+        """Unlock nothing."""
+
+
+class _Loop(_Dispatcher):
+    """Loop that Python calls; a `Stopwatch` does not count the time in which it is compiled."""
+
+    _cache: Any
+
+    def compile(self, signature: Any) -> Any:
+        with uncounted():
+            try:
+                return super().compile(signature)
+            finally:
+                self._cache.end()
+
+
+@contextmanager
+def uncounted() -> Iterator[None]:
+    """Stop all stopwatches, while this thread compiles and no other one may."""
+    with global_compiler_lock:
+        before, began = Stopwatch.left_out, time.perf_counter()
+        try:
+            yield
+        finally:
+            # Blocks inside this one have added their parts of it to what was `before`.
+            Stopwatch.left_out = before + time.perf_counter() - began
 
 
 _IMPORT = re.compile(
@@ -338,8 +430,11 @@ def called_whole(function: Callable[..., Any]) -> Any:
 
 def _kept(function: Callable[..., Any], **options: Any) -> Any:
     loop = _for_any_integer(function, **options)
-    with suppress(RuntimeError, OSError):  # nowhere to write: compile in every process
+    loop.__class__ = _Loop
+    try:
         loop._cache = _Kept(function)
+    except (RuntimeError, OSError):  # nowhere to write: compile in every process
+        loop._cache = _Unkept()
     return loop
 
 
@@ -448,22 +543,10 @@ def by_type(argument: str, kind: type, other: Callable[..., Any]) -> Callable[..
     return decorate
 
 
-def announce_compilation(loop: Any) -> bool:
-    """Give notice, once per process, that loops are compiled, unless this one is on disk already.
-
-    True if they are compiled and will be kept.
-    """
-    if loop.signatures:  # in this process already
-        return False
-    if not isinstance(loop._cache, _Kept):
-        _say_unkept("no folder for it can be written")
-        return False
-    if loop._cache.holds_any():
-        return False
-    if not loop._cache.has_room():
-        return False
-    _say_once("compiling", "rastercov: compiling, once after installation")
-    return True
+def is_compiled(loop: Any) -> bool:
+    """True if a loop need not be compiled: this process has it, or the disk for this source."""
+    cache = loop._cache
+    return bool(loop.signatures) or (isinstance(cache, _Kept) and cache.holds_any())
 
 
 def _say_unkept(why: str) -> None:
@@ -481,31 +564,49 @@ def _say_once(kind: str, text: str) -> None:
 
 
 @contextmanager
-def compiled_aside(function: Callable[[], None]) -> Iterator[None]:
+def compiled_aside(module: str, function: str, loop: Any) -> Iterator[None]:
     """Call a function that compiles some loops in another process, while the block compiles others.
 
     numba compiles one loop at a time in a process; the results of both on disk are shared. If the
-    other process fails, this one compiles its loops when it needs them.
+    other process fails, this one compiles its loops when it needs them. Where nothing can be kept,
+    there is no other process.
 
     Parameters
     ----------
-    function : Callable
-        Of a module; imported there by its name.
+    module, function : str
+        Function without arguments, and its module.
+    loop : Any
+        One of the loops.
     """
-    program = f"from {function.__module__} import {function.__name__} as run; run()"
-    aside = None
+    if not (isinstance(loop._cache, _Kept) and loop._cache.has_room()):
+        yield
+        return
+    about = _seconds_of_first_start()
+    _say_once("compiling", f"rastercov: compiling, about {about:.0f} s, once for this version")
+    aside, began = None, time.perf_counter()
     with suppress(OSError):
         aside = subprocess.Popen(
-            [sys.executable, "-P", "-c", program],  # -P: no modules from the working directory
+            # -P: no modules from the working directory
+            [sys.executable, "-P", "-c", f"from {module} import {function} as run; run()"],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
         )
     try:
-        yield
-        if aside:
-            aside.wait()
+        with uncounted():
+            yield
+            if aside:
+                aside.wait()
+        LOG.warning("rastercov: compiled in %.0f s", time.perf_counter() - began)
     finally:
         if aside and aside.poll() is None:
             aside.kill()
             aside.wait()
+
+
+def _seconds_of_first_start() -> float:
+    """Seconds that all loops of a first start take, from the speed of Python on this machine."""
+    began = time.process_time()
+    sum(number * number for number in range(100_000))
+    seconds = FIRST_START * (time.process_time() - began)
+    return max(10.0, 10 * round(seconds / 10)) * (1 if len(os.sched_getaffinity(0)) > 1 else 2)

@@ -28,9 +28,6 @@ class CoveragePass(FacePass):
 
     def fill(self, measured: Measured, poses: Poses, figures: Mapping[str, NDArray[Any]]) -> None:
         """Fill (P, F) arrays with the figures of the poses of a measurement."""
-        from rastercov._jit import announce_compilation
-
-        announce_compilation(self.kernels.judge_poses)
         out = self.kernels.record(figures)
         # Faces before the first at a cache line, in each array of float64 that `evaluate` makes.
         places = (array.ctypes.data for array in figures.values() if array.dtype == np.float64)

@@ -63,10 +63,8 @@ class FaceGeometry:
 
 def face_geometry(mesh: Mesh, camera: Camera, pose: FloatArray) -> FaceGeometry:
     """Geometry of every face for one pose, world_from_camera (4, 4)."""
-    from rastercov import _jit  # loads numba
     from rastercov import criteria_kernels as kernels
 
-    _jit.announce_compilation(kernels.measure)
     near = float(near_limit(camera, mesh.opaque.bounds, pose[None])[0])
     found = kernels.arrays_for(mesh.n_faces)
     scene, lens = kernels.scene_of(mesh), kernels.lens_of(camera)

@@ -53,9 +53,6 @@ class FacePass:
         Where samples were counted, `visible / drawn` is exactly 1 for a face that nothing hides and
         exactly 0 for a hidden one, whatever the resolution: both counts come from the same samples.
         """
-        from rastercov._jit import announce_compilation
-
-        announce_compilation(self.kernels.find_fractions)
         shape = len(poses), self.mesh.n_faces
         out = np.empty(shape), np.empty(shape), np.empty(shape, np.uint8)
 

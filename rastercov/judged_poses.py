@@ -157,9 +157,6 @@ class Part:
 
     def add_coverage(self, coverage: Coverage) -> None:
         """Add all poses of the batch."""
-        from rastercov._jit import announce_compilation
-
-        announce_compilation(self.kernels.add_rows)
         arrays = [self._read_only(getattr(coverage, name), kind) for name, kind in _ADDED.items()]
         *added, drawn = arrays
         self.kernels.add_rows(self._is_scored, *added, self.sums, self.covered_faces)

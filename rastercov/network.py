@@ -161,11 +161,8 @@ class Network:
             pairs = "covered"  # the rays to them are needed
         if observer.mesh.n_faces != self.mesh.n_faces:
             raise ConfigError("a network adds up coverage of one mesh and one task")
-        from rastercov import network_kernels  # loads numba
-        from rastercov._jit import announce_compilation
 
         judge = CoveragePass(observer, self.task)
-        announce_compilation(network_kernels.add_pose)
         n_faces = self.mesh.n_faces
         buffer = PairBuffer(
             pairs, min(len(poses), batch_size(n_faces, threads_of(observer))), n_faces

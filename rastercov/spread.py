@@ -47,10 +47,8 @@ class ViewSpread:
         """Add a camera at `eye`, (3,), that covers faces (N,), none of them twice."""
         if not self._is_asked:
             return
-        from rastercov._jit import announce_compilation
         from rastercov.spread_kernels import add_rays
 
-        announce_compilation(add_rays)
         self._eyes = _with_room(self._eyes, self._n_eyes + 1)
         self._before = _with_room(self._before, self._n_pairs + len(faces))
         self._camera = _with_room(self._camera, self._n_pairs + len(faces))

@@ -5,6 +5,7 @@ import logging
 import os
 from contextlib import ExitStack
 from itertools import count
+from pathlib import Path
 
 import by_day
 import moderngl
@@ -39,6 +40,17 @@ logging.getLogger("rastercov").addFilter(lambda record: NOTICE not in record.get
 def pytest_addoption(parser):
     text = "of each test with more than three slow cases, run a third"
     parser.addoption("--by-day", action="store_true", help=text)
+
+
+def pytest_configure(config):
+    """Make errors of warnings in our own files.
+
+    What another package does wrong inside comes with any release of it, and breaks no test here.
+    """
+    root, folders = Path(__file__).parents[1], ("tests", "benchmarks", "examples")
+    ours = {path.stem for folder in folders for path in (root / folder).rglob("*.py")}
+    names = "|".join(["__main__", *sorted(ours)])
+    config.addinivalue_line("filterwarnings", rf"error:::(rastercov\b|({names})$)")
 
 
 def pytest_collection_modifyitems(config, items):

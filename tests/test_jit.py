@@ -8,6 +8,7 @@ import resource
 import shutil
 import subprocess
 import sys
+import time
 from collections import namedtuple
 from pathlib import Path
 
@@ -22,26 +23,24 @@ from processes import python
 
 import rastercov
 from rastercov import _jit as compiled
+from rastercov._stopwatch import Stopwatch
 
 ROOT = Path(rastercov.__file__).parents[1]
 NOBODY = 65534
 
 # Says its result, how often it was read from disk, and how often it was compiled.
 LOOP = """
-from rastercov._jit import announce_compilation, compiled
+from rastercov._jit import compiled
 
 @compiled
 def loop(number):
     return {factor} * number
 
-announce_compilation(loop)
-announce_compilation(loop)
 result = loop(7)
-announce_compilation(loop)
 hits, misses = loop.stats.cache_hits, loop.stats.cache_misses
 print(result, sum(hits.values()), sum(misses.values()))
 """
-KEPT = "rastercov: compiling, once after installation\n"
+KEPT = "rastercov: compiling some loops, once for this version\n"
 
 
 @pytest.fixture
@@ -563,3 +562,67 @@ def test_the_search_for_garbage_goes_on_after_a_compilation():
         assert not gc.isenabled()
     finally:
         gc.enable()
+
+
+# --- processes and clocks -------------------------------------------------------------------------
+
+SLOW = """
+import time
+from rastercov import _jit
+
+@_jit.compiled
+def loop(number):
+    return 3 * number
+
+template = loop._compiler.compile
+def slowly(*args):
+    time.sleep(2)
+    return template(*args)
+
+loop._compiler.compile = slowly
+"""
+
+
+@pytest.mark.slow
+def test_a_process_waits_for_a_loop_that_another_one_compiles(module, tmp_path):
+    end = (
+        "print(loop(7), sum(loop.stats.cache_hits.values()), sum(loop.stats.cache_misses.values()))"
+    )
+    module.write_text(SLOW + end)
+    path = f"{module.parent}{os.pathsep}{ROOT}"
+    environment = os.environ | {"PYTHONPATH": path, "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    words = [sys.executable, "-c", "import kept"]
+    running = [
+        subprocess.Popen(words, env=environment, stdout=subprocess.PIPE, text=True)
+        for _ in range(3)
+    ]
+    found = [process.communicate(timeout=300)[0].split() for process in running]
+    assert sorted(found) == [["21", "0", "1"], ["21", "1", "0"], ["21", "1", "0"]]
+
+
+def test_a_loop_that_does_not_compile_leaves_nothing_locked():
+    @compiled.compiled
+    def loop(number):
+        return number.missing
+
+    for _ in range(2):
+        with pytest.raises(numba.core.errors.TypingError):
+            loop(1)
+    assert loop._cache._held is None
+
+
+def test_no_stopwatch_counts_the_time_in_which_loops_are_compiled():
+    @compiled.compiled
+    def inner(number):
+        return number + 1
+
+    @compiled.compiled
+    def loop(number):
+        return inner(number) + inner(2.0 * number)
+
+    clock, began = Stopwatch(), time.perf_counter()
+    loop._cache._load = inner._cache._load = lambda *_: None
+    assert loop(1) == 5
+    whole = time.perf_counter() - began
+    assert whole > 0.05
+    assert 0 < clock.seconds < 0.3 * whole

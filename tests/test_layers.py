@@ -10,7 +10,7 @@ import rastercov
 ROOT = Path(rastercov.__file__).parent
 LAYERS = (
     "_compiler",
-    "errors _files _format _jit _once _interrupts _memory _checks _output _threads",
+    "errors _files _format _stopwatch _jit _once _interrupts _memory _checks _output _threads",
     "_direct _double_double _forest _arguments _limits _typed _names _child _closing",
     "camera camera_file camera_models densities pose pose_file rig views mesh",
     "lenses vertex_columns cluster",
@@ -24,7 +24,7 @@ LAYERS = (
     "coverage coverage_pass pairs judged_poses network provenance",
     "area",
     "evaluation_shards models placement",
-    "audits",
+    "audits _first_start",
     "plan validation",
     "report",
     "jobs viewer",

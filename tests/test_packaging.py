@@ -4,6 +4,7 @@ import subprocess
 import sys
 import tarfile
 import tomllib
+import warnings
 import zipfile
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path, PurePosixPath
@@ -175,3 +176,15 @@ def test_neither_folder_is_a_package_of_its_own(tmp_path):
     script = "import importlib.util as u, sys; sys.exit(any(map(u.find_spec, sys.argv[1:])))"
     # -I leaves out PYTHONPATH.
     assert python("-I", "-c", script, "reference", "shaders", cwd=tmp_path).returncode == 0
+
+
+@pytest.mark.parametrize("module", ["rastercov.mesh", "test_packaging", "mesh_files", "attack"])
+def test_a_warning_in_a_file_of_ours_is_an_error(module):
+    with pytest.raises(DeprecationWarning):
+        warnings.warn_explicit("old", DeprecationWarning, "file.py", 1, module=module)
+
+
+def test_a_warning_in_another_package_is_none():
+    with warnings.catch_warnings(record=True) as said:
+        warnings.warn_explicit("old", DeprecationWarning, "file.py", 1, module="somebody.else_")
+    assert len(said) == 1

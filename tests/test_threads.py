@@ -223,13 +223,13 @@ def test_a_surface_lives_as_long_as_its_mesh():
 def test_loops_are_compiled_once_however_many_threads_open_observers(monkeypatch):
     started = []
 
-    def aside(function):
+    def aside(module, function, loop):
         started.append(function)
         time.sleep(0.05)
         return nullcontext()
 
-    monkeypatch.setattr(contour, "_COMPILED", Once())
-    monkeypatch.setattr(contour, "announce_compilation", lambda loop: True)
+    monkeypatch.setattr(contour, "COMPILED", Once())
+    monkeypatch.setattr(contour, "is_compiled", lambda loop: False)
     monkeypatch.setattr(contour, "compiled_aside", aside)
     in_threads(6, lambda _: contour.compile_once())
     assert len(started) == 1
@@ -239,10 +239,10 @@ def test_a_compilation_is_announced_once_however_many_threads_wait_for_it(monkey
     said = []
     monkeypatch.setattr(compiled, "_said", {})
     monkeypatch.setattr(compiled, "LOG", SimpleNamespace(warning=lambda *words: said.append(words)))
-    monkeypatch.setattr(compiled._Kept, "holds_any", lambda kept: False)
+    monkeypatch.setattr(compiled._Kept, "_load", lambda *_: None)
     monkeypatch.setattr(compiled._Kept, "has_room", lambda kept: True)
-    loop = SimpleNamespace(signatures=[], _cache=object.__new__(compiled._Kept))
-    assert in_threads(6, lambda _: compiled.announce_compilation(loop)) == [True] * 6
+    loop = compiled.compiled(lambda number: number + 1)
+    assert in_threads(6, lambda _: loop(1)) == [2] * 6
     assert len(said) == 1
     assert "compiling" in said[0][1]
 

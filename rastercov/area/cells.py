@@ -135,7 +135,6 @@ def cells(mesh: Mesh, size: float) -> Cells:
     ResourceError
         For more than `MOST_CELLS` cells; the message has a size that fits.
     """
-    from rastercov._jit import announce_compilation
     from rastercov.area import cell_kernels as kernels
     from rastercov.criteria_kernels import read_only
 
@@ -143,7 +142,6 @@ def cells(mesh: Mesh, size: float) -> Cells:
     longest = finite_number(size)
     if not longest > 0:
         raise ConfigError(f"size must be a positive number of metres, got {shown(size)}")
-    announce_compilation(kernels.fill_cells)
     frames = frames_of(mesh)
     corners = read_only(frames.corners, np.float64)
     is_asked = read_only(mesh.task_mask & (frames.areas > 0), np.bool_)

@@ -43,12 +43,10 @@ class CentrePass:
     def __init__(
         self, cells: Cells, camera: Cameras, task: Task, threads: int | None = None
     ) -> None:
-        from rastercov._jit import announce_compilation
         from rastercov.area import centre_kernels as kernels
         from rastercov.criteria_kernels import read_only
 
         check_pointwise(task)
-        announce_compilation(kernels.list_covered)
         mesh = cells.mesh
         self._kernels, self._n_cells = kernels, len(cells)
         self._cameras, self._mesh = cameras_of(camera), mesh

@@ -76,12 +76,10 @@ def _rows_at(
     points: ArrayLike,
 ) -> NDArray[np.bool_]:
     """(N, n_rows) whether points of faces lie in a piece of each row."""
-    from rastercov._jit import announce_compilation
     from rastercov.area import point_kernels
     from rastercov.criteria_kernels import read_only
 
     mesh, faces = pieces.mesh, np.asarray(face, np.int64)
-    announce_compilation(point_kernels.find_covering)
     found = np.zeros((len(faces), n_rows), np.bool_)
     order = np.argsort(pieces.face, kind="stable")
     of_face = np.searchsorted(pieces.face[order], np.arange(mesh.n_faces + 1))

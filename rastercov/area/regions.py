@@ -208,12 +208,9 @@ class RegionPass:
         if engine.method == "sampled":
             raise ConfigError("regions are exact; use method certified or exact, got sampled")
         # These compile, or load what was compiled.
-        from rastercov._jit import announce_compilation
-        from rastercov.area import region_kernels
         from rastercov.exact import certificate
 
         certificate.compile_once()
-        announce_compilation(region_kernels.cut_regions)
         self.mesh, self.camera, self.cameras, self.task = mesh, camera, cameras, task
         self.threads = thread_count(engine.threads if threads is None else threads)
         is_certified = engine.method == "certified"

@@ -87,7 +87,6 @@ class RegionUnion:
     """
 
     def __init__(self, mesh: Mesh, views: int = 1) -> None:
-        from rastercov._jit import announce_compilation
         from rastercov.area import union_kernels
         from rastercov.area.plane_kernels import COINCIDENT_REL
 
@@ -102,7 +101,6 @@ class RegionUnion:
             8 * int(number) * mesh.n_faces,
             "count fewer views",
         )
-        announce_compilation(union_kernels.unite_cells)
         self.mesh, self.views, self._kernels = mesh, int(views), union_kernels
         frames = frames_of(mesh)
         self._areas = frames.areas

@@ -157,7 +157,6 @@ def dead_zones(covered: Covered, views: ArrayLike | None = None) -> DeadZones:
     ConfigError
         For `views` beyond those that `covered` counts.
     """
-    from rastercov._jit import announce_compilation
     from rastercov.area import zone_kernels as kernels
 
     check_kind("covered", covered, Covered, "what unite gives", ConfigError)
@@ -168,7 +167,6 @@ def dead_zones(covered: Covered, views: ArrayLike | None = None) -> DeadZones:
     if not is_shape or not ((wanted >= 1) & (wanted <= k)).all():
         raise ConfigError(f"views must be {words}, got {shown(views)}")
     wanted = np.broadcast_to(wanted, mesh.n_faces)
-    announce_compilation(kernels.link_in_faces)
     whole = with_rest(covered)
     areas = polygon_areas(whole.xy, whole.starts)
     kept = (whole.views < wanted[whole.face]) & (areas > 0)

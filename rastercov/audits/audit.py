@@ -328,12 +328,10 @@ def _figures(
     problem: Problem, elements: Mesh, poses: Poses, cameras: Sequence[Any]
 ) -> tuple[FloatArray, NDArray[np.int32], FloatArray, FloatArray, FloatArray]:
     """Best density and its camera, widest angle (E,); lost weight, and that of one camera (P,)."""
-    from rastercov._jit import announce_compilation
     from rastercov.audits import kernels
     from rastercov.criteria_kernels import lens_of, read_only
     from rastercov.placement.select.presolve_kernels import by_face
 
-    announce_compilation(kernels.widest_angles)
     n = problem.n_faces
     starts, camera = by_face(problem.indptr, problem.face, n)
     points, normals = (

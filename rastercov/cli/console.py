@@ -21,6 +21,7 @@ from rich.console import Console
 
 from rastercov._format import plural, shortened
 from rastercov._interrupts import ABANDONED, was_interrupted
+from rastercov._stopwatch import Stopwatch
 from rastercov.errors import RastercovError
 
 if TYPE_CHECKING:
@@ -203,10 +204,11 @@ class _Speed:
 
     def __init__(self) -> None:
         self.first: tuple[float, int] | None = None
+        self._clock = Stopwatch()
 
     def of(self, done: int) -> float | None:
         """Units a second, None before the second report."""
-        now = time.monotonic()
+        now = self._clock.seconds
         if self.first is None:
             self.first = now, done
         started, before = self.first

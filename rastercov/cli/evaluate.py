@@ -138,11 +138,14 @@ def run_and_print(
     """Evaluate all poses, leave the report, and print a summary or the JSON."""
     from rastercov._output import json_text
     from rastercov.area.zone_report import zone_lines
+    from rastercov.exact.certificate import compile_once
     from rastercov.report.by_camera import camera_table
     from rastercov.report.coverage import run
     from rastercov.report.tables import run_table, summary_table
 
     accepted, tally = Poses.of(poses), Tally()
+    if settings.method != "sampled":
+        compile_once()  # in two processes; the checks of a mesh would compile some loops alone
     warn(mesh.warnings)
     warn(left_out(accepted, ", see summary.json"))
     if not len(accepted):

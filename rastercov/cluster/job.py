@@ -8,18 +8,16 @@ It writes the shard into the folder, without the poses `leave_out` (numbers with
 gives the number of its poses. With `only` it measures those poses and writes nothing.
 """
 
-import fcntl
 import os
-import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from functools import cache
 from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
+from rastercov._stopwatch import Stopwatch
 from rastercov.errors import ConfigError
 
 
@@ -60,9 +58,11 @@ class Made(NamedTuple):
     worker : str
         Machine and process.
     seconds, cpu_seconds : float
-        Wall clock, and time of the CPU.
+        Wall clock without compilation, and time of the CPU.
     quarantined : dict of int to str
         Poses left out, by their number within the shard, and why.
+    compiled_s : float
+        Seconds of compilation.
     """
 
     number: int
@@ -71,6 +71,7 @@ class Made(NamedTuple):
     seconds: float
     cpu_seconds: float
     quarantined: dict[int, str] = {}  # noqa: RUF012 - never changed
+    compiled_s: float = 0.0
 
 
 def work(
@@ -93,10 +94,10 @@ def work(
     folder = Path(job.folder)
     if not folder.is_dir():
         raise FolderLostError(f"{folder}: no such folder on worker {_name()}")
-    started, cpu = time.perf_counter(), time.thread_time()
-    with _compiled_once():
-        n_poses = _function(job.function)(folder, number, leave_out=leave_out, only=only)
-    return Made(number, n_poses, _name(), time.perf_counter() - started, time.thread_time() - cpu)
+    clock, cpu, compiled = Stopwatch(), time.thread_time(), Stopwatch.left_out
+    n_poses = _function(job.function)(folder, number, leave_out=leave_out, only=only)
+    cpu, compiled = time.thread_time() - cpu, Stopwatch.left_out - compiled
+    return Made(number, n_poses, _name(), clock.seconds, cpu, compiled_s=compiled)
 
 
 @cache
@@ -108,35 +109,3 @@ def _function(name: str) -> Callable[..., int]:
 
 def _name() -> str:
     return f"{os.uname().nodename}:{os.getpid()}"
-
-
-_is_warm = False
-
-
-@contextmanager
-def _compiled_once() -> Iterator[Any]:
-    """The first shard of this process, while no other process of the machine makes its first.
-
-    The one that comes first compiles, and keeps the result on disk; the others wait for it and
-    then work side by side.
-    """
-    global _is_warm
-    if _is_warm:
-        yield
-        return
-    path = Path(tempfile.gettempdir()) / f"rastercov-{os.getuid()}.lock"
-    try:
-        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
-    except OSError:  # nowhere to lock: every process compiles
-        yield
-        return
-    try:
-        if os.fstat(descriptor).st_uid == os.geteuid():  # another user could lock it for ever
-            try:
-                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                fcntl.flock(descriptor, fcntl.LOCK_SH)
-        yield
-        _is_warm = True
-    finally:
-        os.close(descriptor)

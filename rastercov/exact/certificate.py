@@ -16,7 +16,7 @@ A. Appel. The Notion of Quantitative Invisibility and the Machine Rendering of S
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov._jit import announce_compilation, compiled_aside
+from rastercov._jit import compiled_aside, is_compiled
 from rastercov._once import Once
 from rastercov.camera import Camera
 from rastercov.exact import certificate_kernels as kernels
@@ -49,7 +49,8 @@ THIN_TOLERANCE_REL = 1e-8
 """Width below which rounding may decide on which side of a face an edge runs, relative to the
 same."""
 
-_COMPILED: Once[None] = Once()
+COMPILED: Once[None] = Once()
+"""Compilation by `compile_once`."""
 
 
 def compile_once() -> None:
@@ -57,28 +58,19 @@ def compile_once() -> None:
 
     Threads that call it while one of them compiles wait until that is done.
     """
-    _COMPILED.get(_compile)
+    COMPILED.get(_compile)
 
 
 def _compile() -> None:
-    if announce_compilation(visible_areas):
-        surface, pose = surface_of(self_test.MESH), self_test.POSES[0]
-        with compiled_aside(compile_contacts_and_rasterizer):
-            solver = HalfPlaneSolver(surface, self_test.CAMERA)
+    if is_compiled(visible_areas):
+        return
+    surface, pose = surface_of(self_test.MESH), self_test.POSES[0]
+    # By its name: what is compiled there are loops of modules that import this one.
+    with compiled_aside("rastercov._first_start", "compile_half", visible_areas):
+        for solver_type in (HalfPlaneSolver, CertificateSolver):
+            solver = solver_type(surface, self_test.CAMERA)
             solver.set_pose(pose, 1e-3, False)
             solver.solve_all()
-        certificate = CertificateSolver(surface, self_test.CAMERA)
-        certificate.set_pose(pose, 1e-3, False)
-        certificate.solve_all()
-
-
-def compile_contacts_and_rasterizer() -> None:
-    """Compile about half of all loops: contacts between faces, and the rasteriser for images."""
-    from rastercov.mesh.contacts import touching_faces
-    from rastercov.raster.cpu import CPURasterizer
-
-    touching_faces(np.eye(3), np.array([(0, 1, 2), (0, 2, 1)]), 1e-9)
-    CPURasterizer(self_test.MESH, self_test.CAMERA)
 
 
 class CertificateSolver(HalfPlaneSolver):

@@ -22,7 +22,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov._direct import DirectCalls
-from rastercov._jit import announce_compilation
 from rastercov._memory import check_memory
 from rastercov._threads import share_poses, thread_count
 from rastercov.camera import Camera
@@ -126,7 +125,6 @@ def visible_areas(
         3 * 8 * len(matrices) * len(chosen),
         "measure fewer poses at a time",
     )
-    announce_compilation(visible_areas_kernel)
     near, can_cull, _ = limits(mesh, camera, matrices)
     cull = can_cull if front_only is None else np.full(len(matrices), front_only)
     visible, area, bound = np.empty((3, len(matrices), len(chosen)))
@@ -375,7 +373,6 @@ class HalfPlaneSolver:
             self._list_faces()
         # Cells asked for so far are listed; others may have to be.
         self._is_listed = bool(self.grid.asked[: self.grid.columns * self.grid.rows].all())
-        announce_compilation(target_areas)
         self._run(target_areas, targets, projected)
 
     def _run(self, kernel: Callable[..., int], faces: IntArray, projected: Projected) -> None:

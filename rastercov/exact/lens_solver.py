@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov._direct import DirectCalls
-from rastercov._jit import announce_compilation
 from rastercov.camera import Camera
 from rastercov.exact import lens_kernels as kernels
 from rastercov.exact import lens_outlines as outlines
@@ -54,7 +53,6 @@ class LensSolver:
     def __init__(
         self, surface: Surface, camera: Camera, solver_type: type[HalfPlaneSolver]
     ) -> None:
-        announce_compilation(outlines.collect)
         n = surface.n_faces
         self.surface, self._call = surface, DirectCalls()
         self._take_camera(camera)

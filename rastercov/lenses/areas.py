@@ -6,7 +6,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov._jit import announce_compilation
 from rastercov.lenses.lens import Lens
 from rastercov.lenses.planes import IdealPlane
 from rastercov.lenses.polygon_kernels import edge_scratch, measure_polygons
@@ -55,7 +54,6 @@ def polygon_areas(
     table : EdgeTable, optional
         Of the plane; edges to 1e-9 px^2 each unless given.
     """
-    announce_compilation(measure_polygons)
     table = table or edge_table(plane)
     starts = np.zeros(len(polygons) + 1, np.int64)
     np.cumsum([len(polygon) for polygon in polygons], out=starts[1:])

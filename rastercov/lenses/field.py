@@ -9,7 +9,6 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov._jit import announce_compilation
 from rastercov.camera import Camera
 from rastercov.lenses import field_kernels as kernels
 from rastercov.lenses.field_cells import side_of_image
@@ -37,7 +36,6 @@ def fields_of(camera: Camera, tolerance: float = TOLERANCE) -> tuple[kernels.Tre
 
 @lru_cache(maxsize=MOST_LENSES)
 def _fields_of(camera: Camera, tolerance: float) -> tuple[kernels.Tree, ...]:
-    announce_compilation(kernels.divide)
     return tuple(field_of(plane, record, tolerance) for plane, record in planes_of(camera))
 
 

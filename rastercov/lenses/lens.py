@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov._arguments import checked_array
 from rastercov._checks import focal_length_px, image_side, number, principal_point_px
-from rastercov._jit import announce_compilation
 from rastercov.errors import CameraError
 from rastercov.lenses import formulas, kernels
 from rastercov.lenses.planes import IdealPlane, ideal_planes
@@ -64,7 +63,6 @@ class Lens:
         limit = None if self.max_angle_deg is None else math.radians(self.max_angle_deg)
         params = np.zeros(formulas.SIZE)
         params[: len(self.coefficients)] = self.coefficients
-        announce_compilation(kernels.unproject_many)
         with np.errstate(all="ignore"):  # coefficients may be huge; what is not finite is no region
             found = with_region(self.code, params, self.width, self.height, limit)
         object.__setattr__(self, "_region", found)

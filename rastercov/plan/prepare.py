@@ -7,7 +7,6 @@ continue. Its folder is named by a hash of all that it depends on.
 import hashlib
 import json
 import re
-import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -19,6 +18,7 @@ from numpy.typing import NDArray
 
 from rastercov._format import percent
 from rastercov._output import named
+from rastercov._stopwatch import Stopwatch
 from rastercov.area.cells import Cells, cells, usual_size
 from rastercov.area.network import AreaNetwork
 from rastercov.camera_formats.unit_doubts import unit_doubts
@@ -95,12 +95,12 @@ class Clock:
     @contextmanager
     def __call__(self, name: str) -> Iterator[Progress]:
         """Time a step, even one that fails."""
-        started = time.perf_counter()
+        clock = Stopwatch()
         try:
             with self.step(name) as progress:
                 yield progress
         finally:
-            self.seconds[name] = time.perf_counter() - started
+            self.seconds[name] = clock.seconds
 
 
 @dataclass(frozen=True, eq=False)

@@ -72,10 +72,8 @@ class TargetFaces:
         depths : callable
             Called once if a target is in view.
         """
-        from rastercov._jit import announce_compilation
         from rastercov.raster import target_kernels as kernels  # loads numba
 
-        announce_compilation(kernels.rows_of_targets)
         axes = np.ascontiguousarray(grid.axes(pose[None])[0, :3, :3])
         view = self.corners, axes, pose[:3, 3] - self.centre, grid.lens, float(near)
         visible, drawn = np.zeros((2, len(self.rows)), np.int64)

@@ -17,7 +17,7 @@ describes runs that are killed.
 
 import logging
 import re
-import time
+from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass
@@ -30,6 +30,7 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov._checks import shown
 from rastercov._interrupts import interrupts_held
 from rastercov._output import write_json
+from rastercov._stopwatch import Stopwatch
 from rastercov.area.network import AreaNetwork, unit_of_result
 from rastercov.area.regions import Regions
 from rastercov.camera import Camera
@@ -237,10 +238,16 @@ def _run(
                     cameras=_cameras_of_poses(camera, poses),
                 )
             )
-        started = time.perf_counter()
+        clock = Stopwatch()
+        compiled: dict[str, float] = defaultdict(float)  # seconds of each worker
+
+        def watch(made: Made) -> None:
+            compiled[made.worker] += made.compiled_s
+            staff.watch(made)
+
         source = Source(network, observer, poses, wanted, shards)
         try:
-            parts = source.parts(progress, *staff)
+            parts = source.parts(progress, staff.workers, watch, staff.note)
             for batch, found in parts:
                 with interrupts_held():
                     if table is not None:
@@ -263,7 +270,7 @@ def _run(
                 opened.close()
         except KeyboardInterrupt:
             interrupted = True
-        seconds = time.perf_counter() - started
+        seconds = clock.seconds - max(compiled.values(), default=0.0)
     stopped = False
     if drawn:
         by_area = areas is not None

@@ -468,7 +468,7 @@ with rc.open_rasterizer(shapes.box(), rc.Camera(width=8, height=8, fx=8, fy=8), 
     print(int(r.count(rc.look_at((0, 0, 3), (0, 0, 0))).visible.sum()))
 caching.CacheImpl._locator_classes = []
 loop = _jit.compiled(lambda number: number + 1)
-assert not _jit.announce_compilation(loop)
+assert not _jit.is_compiled(loop)
 assert loop(1) == 2
 """
     done = run_python("-c", code, HOME=str(tmp_path / "missing"))

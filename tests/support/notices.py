@@ -1,6 +1,6 @@
 """Output of a process without the notice that it compiles, which depends on earlier runs."""
 
-NOTICE = "rastercov: compiling"
+NOTICE = "rastercov: compil"
 
 
 def without_notices(said):

@@ -62,11 +62,9 @@ class CandidateBounds:
 
     def add(self, batch: Coverage) -> None:
         """Add a batch of candidates."""
-        from rastercov._jit import announce_compilation
         from rastercov.criteria_kernels import read_only
         from rastercov.placement.explain.candidate_kernels import add_bounds
 
-        announce_compilation(add_bounds)
         arrays = (getattr(batch, name) for name in FIGURES)
         figures = (read_only(array, array.dtype.type) for array in arrays)
         chosen = read_only(self.chosen, np.bool_)

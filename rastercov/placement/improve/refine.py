@@ -14,7 +14,6 @@ R. Hooke, T. A. Jeeves. "Direct Search" Solution of Numerical and Statistical Pr
 T. G. Kolda, R. M. Lewis, V. Torczon. Optimization by Direct Search. 2003.
 """
 
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import product
@@ -25,6 +24,7 @@ from numpy.typing import ArrayLike
 from rastercov._arguments import LARGEST_COORDINATE, check_seed
 from rastercov._interrupts import interrupts_held
 from rastercov._lists import Lists
+from rastercov._stopwatch import Stopwatch
 from rastercov._typed import typed
 from rastercov.errors import ConfigError
 from rastercov.mesh.arrays import frozen
@@ -151,7 +151,7 @@ def refine(
     ConfigError
         For a camera at a forbidden position, or a value outside its range.
     """
-    began = time.perf_counter()
+    clock = Stopwatch()
     placed = renumbered(poses)
     start = placed.world_from_camera
     steps = _steps(space, start, step)
@@ -178,7 +178,7 @@ def refine(
         moved=frozen((search.poses != start).any(axis=(1, 2))),
         status=status,
         evaluations=search.evaluations,
-        seconds=time.perf_counter() - began,
+        seconds=clock.seconds,
     )
 
 

@@ -9,7 +9,6 @@ R. Storn, K. Price. Differential Evolution. 1997.
 J. Blank, K. Deb. pymoo: Multi-objective Optimization in Python. 2020.
 """
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import chain, repeat
@@ -20,6 +19,7 @@ from numpy.typing import ArrayLike
 
 from rastercov._arguments import check_seed
 from rastercov._interrupts import interrupts_held
+from rastercov._stopwatch import Stopwatch
 from rastercov._typed import typed
 from rastercov.errors import ConfigError
 from rastercov.mesh.arrays import frozen
@@ -115,7 +115,7 @@ def optimise(
     ConfigError
         For a value outside its range, a start at a forbidden position, or without pymoo.
     """
-    began = time.perf_counter()
+    clock = Stopwatch()
     networks = _checked(cameras, method, budget, population)
     check_seed(seed)
     own = Poses.of(np.tile(np.eye(4), (cameras, 1, 1)), camera=camera).camera
@@ -163,7 +163,7 @@ def optimise(
         evaluations=(networks - left) * cameras,
         generations=generations,
         seed=seed,
-        seconds=time.perf_counter() - began,
+        seconds=clock.seconds,
         is_interrupted=is_interrupted,
     )
 

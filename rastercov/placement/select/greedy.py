@@ -11,7 +11,6 @@ L. A. Wolsey. An analysis of the greedy algorithm for the submodular set coverin
 R. Ruiz, T. Stützle. A simple and effective iterated greedy algorithm. 2007.
 """
 
-import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from typing import TypeVar
@@ -19,6 +18,7 @@ from typing import TypeVar
 import numpy as np
 
 from rastercov._arguments import check_seed
+from rastercov._stopwatch import Stopwatch
 from rastercov._typed import typed
 from rastercov.placement.select.cover_state import Cover, CoverState
 from rastercov.placement.select.deadline import NEVER, Deadline, TimeUpError
@@ -49,14 +49,14 @@ def select_greedy(problem: Problem, *, effort: int = EFFORT, seed: int = 0) -> S
         Seed of the cameras removed at random.
     """
     check_seed(seed)
-    started = time.perf_counter()
+    clock = Stopwatch()
     reduced = presolve(problem)
     state = construct(reduced)
     bound = bound_of(reduced, state)
     if effort > 0:
         state = improve(reduced, state, bound, effort, seed)
     chosen = reduced.candidates[state.ranked()]
-    return finish("greedy", reduced, chosen, bound, time.perf_counter() - started)
+    return finish("greedy", reduced, chosen, bound, clock.seconds)
 
 
 def construct(reduced: ReducedProblem) -> CoverState:

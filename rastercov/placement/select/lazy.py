@@ -5,11 +5,10 @@ candidates that fit into the memory (`pricing`); the bound is that of all candid
 candidates fit, the selection is that of `select_greedy`.
 """
 
-import time
-
 import numpy as np
 
 from rastercov._arguments import check_seed
+from rastercov._stopwatch import Stopwatch
 from rastercov._typed import typed
 from rastercov.errors import ConfigError
 from rastercov.placement.select.bit_problem import BitProblem, presolve_bits
@@ -40,7 +39,7 @@ def select_lazy(
     check_seed(seed)
     if core_pairs < 0:
         raise ConfigError(f"core_pairs must be 0 or more, got {core_pairs}")
-    started = time.perf_counter()
+    clock = Stopwatch()
     large = presolve_bits(problem)
     state = constructed(lambda: LazyCover(large), problem.goal)
     core, rows, bound = core_and_bound(large, state, core_pairs)
@@ -49,4 +48,4 @@ def select_lazy(
     if effort > 0:
         better = improve(core, better, bound, effort, seed)
     chosen = core.candidates[better.ranked()]
-    return finish("greedy", core, chosen, bound, time.perf_counter() - started)
+    return finish("greedy", core, chosen, bound, clock.seconds)

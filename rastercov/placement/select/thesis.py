@@ -6,10 +6,9 @@ one. It is the baseline of the comparison.
 E. S. Eissa. Image Space Coverage Model. 2020, section 6.4.
 """
 
-import time
-
 import numpy as np
 
+from rastercov._stopwatch import Stopwatch
 from rastercov.placement.select.cover_state import CoverState
 from rastercov.placement.select.presolve import presolve
 from rastercov.placement.select.problem import BestCoverage, Problem
@@ -21,7 +20,7 @@ def select_thesis(problem: Problem) -> Selection:
 
     Ties go by position; a candidate beyond the budget is skipped.
     """
-    started = time.perf_counter()
+    clock = Stopwatch()
     goal, reduced = problem.goal, presolve(problem)
     chosen: list[int] = []
     cost = 0.0
@@ -41,4 +40,4 @@ def select_thesis(problem: Problem) -> Selection:
         # The step length of the bound needs a selection that meets the requirements.
         state.become(range(reduced.n_candidates))
     bound = bound_of(reduced, state)
-    return finish("thesis", reduced, np.array(chosen), bound, time.perf_counter() - started)
+    return finish("thesis", reduced, np.array(chosen), bound, clock.seconds)

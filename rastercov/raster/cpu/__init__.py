@@ -37,7 +37,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov._arguments import flag
 from rastercov._closing import Closing
-from rastercov._jit import announce_compilation
 from rastercov._threads import ScratchPool, share_poses, thread_count
 from rastercov.camera import Camera
 from rastercov.errors import ConfigError, DeviceError, ResourceError
@@ -133,7 +132,6 @@ class CPURasterizer(Closing):
             shaders="",
         )
         self._is_open = True
-        announce_compilation(loops.count_poses)
         self._scene, self._targets = _Scene(mesh.opaque), TargetFaces.of(mesh)
         self._scratch, self._picture_scratch = (
             ScratchPool(partial(_Worker, self._scene, grid), self._threads)

@@ -26,7 +26,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov._arguments import flag
 from rastercov._closing import Closing
-from rastercov._jit import announce_compilation
 from rastercov._threads import ScratchPool, share_poses, thread_count
 from rastercov.camera import Camera
 from rastercov.errors import ConfigError, DeviceError
@@ -88,7 +87,6 @@ class LensRasterizer(Closing):
             shaders="",
         )
         self._is_open = True
-        announce_compilation(kernels.draw)
         self._scene = _Scene(mesh)
         self._tables = tables_of(camera, supersample, roll)
         self._scratch = ScratchPool(partial(_Worker, self._scene), self._threads)

@@ -11,7 +11,6 @@ The thesis does not give its focus distance: 4 m reproduces its table; distances
 E. S. Eissa. Image Space Coverage Model. 2020, section 5.2, Tables 5.3 to 5.5.
 """
 
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -19,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov._stopwatch import Stopwatch
 from rastercov.camera import Camera
 from rastercov.camera_file import PRESETS
 from rastercov.validation.markers.detect import MIN_PERIMETER, detect
@@ -231,7 +231,7 @@ def _run(
     min_perimeter: float = MIN_PERIMETER,
 ) -> Experiment:
     """Predict, draw and detect the markers of one experiment."""
-    start = time.perf_counter()
+    clock = Stopwatch()
     scene = PlateScene.of(plates)
     figures = plate_figures(scene, camera)
     image = sensor(renderer.render(scene, camera), np.random.default_rng(seed))
@@ -247,7 +247,7 @@ def _run(
         )
         for index, plate in enumerate(plates)
     )
-    return Experiment(*about, rows, image, found, time.perf_counter() - start)
+    return Experiment(*about, rows, image, found, clock.seconds)
 
 
 def _relaxed(requirement: Requirement, min_perimeter: float) -> Requirement:

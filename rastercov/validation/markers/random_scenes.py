@@ -12,13 +12,13 @@ The draws, each independent of the others:
     noise         of the sensor, see `render.sensor`
 """
 
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov._stopwatch import Stopwatch
 from rastercov.camera import Camera
 from rastercov.camera_file import PRESETS
 from rastercov.projection import to_image
@@ -179,7 +179,7 @@ def run_random(
     Every model is scored by each of the requirements. `progress` gets the scenes done and the
     scenes in all.
     """
-    start = time.perf_counter()
+    clock = Stopwatch()
     outcomes = []
     for number in range(count):
         progress(number, count)
@@ -201,4 +201,4 @@ def run_random(
         for requirement in requirements
         for model in (OURS, *asked)
     ]
-    return RandomStudy(seed, obstacle, tuple(outcomes), tuple(scores), time.perf_counter() - start)
+    return RandomStudy(seed, obstacle, tuple(outcomes), tuple(scores), clock.seconds)

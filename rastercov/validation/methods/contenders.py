@@ -1,6 +1,5 @@
 """Contenders of a comparison with their observers, and the reference."""
 
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, replace
@@ -10,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov._observers import ROLL
+from rastercov._stopwatch import Stopwatch
 from rastercov._threads import thread_count
 from rastercov.camera import Camera
 from rastercov.engine import Engine
@@ -46,9 +46,9 @@ class Timed:
 
     def run(self, poses: FloatArray) -> None:
         """Observe a batch of poses."""
-        started = time.perf_counter()
+        clock = Stopwatch()
         self.observation = self.observer.observe(poses)
-        self.seconds += time.perf_counter() - started
+        self.seconds += clock.seconds
         self.poses += len(poses)
 
 
@@ -126,10 +126,10 @@ def open_contender(
     engine: Engine, mesh: Mesh, camera: Camera, poses: FloatArray, n_worst: int
 ) -> Iterator[Contender]:
     """Open an engine and observe one pose, so that its kernels are compiled."""
-    started = time.perf_counter()
+    clock = Stopwatch()
     with open_engine(engine, mesh, camera) as observer:
         observer.observe(poses[:1])
-        yield Contender(engine, observer, n_worst, time.perf_counter() - started)
+        yield Contender(engine, observer, n_worst, clock.seconds)
 
 
 class AnalyticReference(Timed):
@@ -162,10 +162,10 @@ class ReferenceModule:
 
     def areas(self, row: int, faces: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Visible area and area of the image of faces in a pose of the batch, and their error."""
-        started = time.perf_counter()
+        clock = Stopwatch()
         visible = self._module.visible_area(*self._scene, self._batch[row], faces)
         area = self._module.image_area(*self._scene, self._batch[row], faces)
-        self.seconds += time.perf_counter() - started
+        self.seconds += clock.seconds
         self.poses += 1
         return visible, area, np.full(len(area), self.error)
 

@@ -9,7 +9,6 @@ D. G. Kendall. On the Number of Lattice Points Inside a Random Oval. 1948.
 """
 
 import math
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
@@ -17,6 +16,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov._stopwatch import Stopwatch
 from rastercov.camera import Camera
 from rastercov.face_pass import FacePass
 from rastercov.mesh import Mesh
@@ -110,9 +110,9 @@ def converge(
         spent, done = 0.0, 0
         with opener(mesh, lens, supersample) as observer:
             for faces, rows in zip(known, chosen, strict=True):
-                started = time.perf_counter()
+                clock = Stopwatch()
                 seen = observer.observe(faces.pose[None])
-                spent += time.perf_counter() - started
+                spent += clock.seconds
                 value = FacePass(mesh, (lens,), 1).fractions(seen, Poses.of(faces.pose))[0][0]
                 off = value[faces.face[rows]] - faces.truth[rows]
                 square[level, done : done + len(rows)] = off**2

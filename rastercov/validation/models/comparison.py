@@ -7,7 +7,6 @@ differ; only the bivalent occlusion test of several models is compared with the 
 E. S. Eissa. Image Space Coverage Model. 2020, section 4.3, does this for one model, by eye.
 """
 
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from heapq import nlargest
@@ -17,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rastercov._stopwatch import Stopwatch
 from rastercov.camera import Camera
 from rastercov.coverage import Coverage, evaluate_batches
 from rastercov.errors import ConfigError
@@ -93,17 +93,17 @@ def compare_models(
         zhang.visible(mesh, camera, matrices[:1])
         for start in range(0, len(matrices), POSES_A_BATCH):
             of_batch = matrices[start : start + POSES_A_BATCH]
-            began = time.perf_counter()
+            clock = Stopwatch()
             batches = list(evaluate_batches(observer, of_batch, task))
-            statistics.seconds[OURS] += time.perf_counter() - began
+            statistics.seconds[OURS] += clock.seconds
             values: Values = {}
             for name in names:
                 if name == OURS:
                     values[name] = np.concatenate([batch.coverage for batch in batches])
                     continue
-                began = time.perf_counter()
+                clock = Stopwatch()
                 values[name] = MODELS[name](mesh, camera, of_batch, task)
-                statistics.seconds[name] += time.perf_counter() - began
+                statistics.seconds[name] += clock.seconds
             bivalent = zhang.visible(mesh, camera, of_batch) > 0
             rows = [(batch, row) for batch in batches for row in range(len(batch.pose_ids))]
             for pose, (batch, row) in enumerate(rows):

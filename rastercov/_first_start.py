@@ -1,0 +1,39 @@
+"""Loops that a first evaluation after installation needs, as far as another process compiles them.
+
+`exact.certificate` starts that process, and compiles the others meanwhile.
+"""
+
+from rastercov.area.network import AreaNetwork
+from rastercov.engine import Engine
+from rastercov.evaluation_shards import Source, Wanted, open_for
+from rastercov.exact import certificate
+from rastercov.network import Network
+from rastercov.pose import Poses
+from rastercov.raster.self_test import CAMERA, MESH, POSES
+from rastercov.task import Task
+
+
+def compile_half() -> None:
+    """Compile about half of them: the rasteriser, and what an evaluation by area needs.
+
+    The latter runs by half planes, whose loops the other process has compiled by then; those of the
+    certificate come later there.
+    """
+
+    def ignore(*words: object) -> None:
+        """Take no notice of progress."""
+
+    certificate.COMPILED.get(lambda: None)  # by that process
+    task, poses = Task(max_incidence_deg=75.0), Poses.of(POSES)
+    for engine in (Engine("sampled", "cpu"), Engine("exact")):
+        network, areas = Network(MESH, task), AreaNetwork(MESH, task)
+        wanted = Wanted(engine, engine.method == "exact", "seen", (), False)
+        with open_for(MESH, CAMERA, task, wanted) as observer:
+            source = Source(network, observer, poses, wanted)
+            for batch, found in source.parts(ignore, None, ignore, ignore):
+                network.add(batch)
+                if found is not None:
+                    areas.add(found)
+        if wanted.by_area:
+            areas.add_to(network.summary())
+            areas.dead_zones(CAMERA, poses)
