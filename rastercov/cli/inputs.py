@@ -159,13 +159,13 @@ def _named(values: list[str]) -> list[tuple[str | None, str]]:
 
 def _transform(text: str) -> dict[str, Any]:
     """Arguments of `Mesh.moved`, from the entries of `transform` of a plan."""
+    if not text:
+        return {}
     from pydantic import ValidationError
 
     from rastercov.plan.errors import lines_of
     from rastercov.plan.sections import TransformEntry
 
-    if not text:
-        return {}
     inside = text.strip().removeprefix("{").removesuffix("}")
     try:
         table = tomllib.loads(f"transform = {{ {inside} }}")["transform"]
