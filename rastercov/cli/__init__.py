@@ -18,6 +18,7 @@ from typer.core import TyperCommand
 import rastercov
 from rastercov._interrupts import interrupt
 from rastercov.cli.console import exit_code, leave, notices_shown
+from rastercov.cli.help import Command, Group
 
 SETTINGS: dict[str, Any] = {
     "add_completion": False,
@@ -56,7 +57,7 @@ class LazyCommand(TyperCommand):
         app = getattr(module, "app", None)
         if app is None:
             app = typer.Typer(**SETTINGS)
-            app.command()(getattr(module, self.name))
+            app.command(cls=Command)(getattr(module, self.name))
         found = typer.main.get_command(app)
         found.name = self.name
         return found
@@ -71,6 +72,7 @@ def _group() -> Any:
     group = typer.Typer(
         help="Which faces of a mesh does each camera see, how well, and why not.\n\n"
         "[bold]Example[/]: rastercov demo --out report/",
+        cls=Group,
         **SETTINGS,
     )
     group.callback(invoke_without_command=True)(_start)

@@ -8,9 +8,12 @@ from rich.console import Console
 
 from rastercov.cli import SETTINGS
 from rastercov.cli.console import out_option, progress_bar
+from rastercov.cli.help import Command, Group
 from rastercov.cli.options import AsJson
 
-app = typer.Typer(help="Hold the model against what a real task makes of pictures.", **SETTINGS)
+app = typer.Typer(
+    help="Hold the model against what a real task makes of pictures.", cls=Group, **SETTINGS
+)
 
 
 @app.callback()
@@ -18,7 +21,7 @@ def _group() -> None:
     """Hold the model against what a real task makes of pictures."""
 
 
-@app.command()
+@app.command(cls=Command)
 def markers(
     out: Annotated[Path, out_option("Folder for the page.")] = Path("markers"),
     scenes: Annotated[

@@ -41,6 +41,8 @@ class CandidatePool:
         Cost of each candidate.
     made : dict of str to int
         Candidates of each source before the filter.
+    proposed : Candidates
+        Those candidates.
     dropped : Dropped
         Reasons of the candidates dropped by clearance and keep-out volumes.
     misplaced : dict of str to int
@@ -54,6 +56,7 @@ class CandidatePool:
     candidates: Candidates
     costs: FloatArray
     made: dict[str, int]
+    proposed: Candidates
     dropped: Dropped
     misplaced: dict[str, int]
     space: PoseSpace
@@ -133,6 +136,7 @@ def extended_pool(
         candidates=before.candidates + fresh.candidates,
         costs=np.concatenate((before.costs, fresh.costs)),
         made=before.made | fresh.made,
+        proposed=before.proposed + fresh.proposed,
         dropped=before.dropped,
         misplaced={
             name: before.misplaced.get(name, 0) + fresh.misplaced.get(name, 0)
@@ -177,6 +181,7 @@ def _filtered(
         candidates=left.take(allowed),
         costs=np.concatenate(costs)[dropped.kept_mask][allowed],
         made=found.counts(),
+        proposed=found,
         dropped=dropped,
         misplaced=misplaced,
         space=space,

@@ -310,7 +310,7 @@ def prepare(
     if not len(found.candidates):
         raise ConfigError(
             f"{plan.name}: no candidate is left ({'; '.join(found.lines())}); "
-            f"allow more, or add some{_of_unit(plan, mesh)}"
+            f"allow more, or add some{_of_unit(plan, mesh, found.proposed)}"
         )
     if folder is not None:
         _forget(folder, used)
@@ -366,10 +366,10 @@ def _faces_with(elements: BoolArray, cells: Cells | None) -> BoolArray:
     return faces
 
 
-def _of_unit(plan: Plan, mesh: Mesh) -> str:
+def _of_unit(plan: Plan, mesh: Mesh, proposed: Candidates) -> str:
     """End of a line about candidates that are all rejected: the unit, where it is in doubt."""
     reach = no_limit(plan.constraints.stand_off)[1]
-    lines = unit_doubts(mesh, plan.rig, reach=reach)
+    lines = unit_doubts(mesh, plan.rig, plan.mounts.cameras(proposed.placed)[0], reach)
     return "".join(f"; {line}" for line in lines).replace("--unit", "unit of [[meshes]]")
 
 

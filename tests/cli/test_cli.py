@@ -63,7 +63,7 @@ def test_each_help_shows_an_example_that_runs(capsys, monkeypatch, name):
     code, out, _ = call(capsys, [name, "--help"])
     assert code == 0
     examples = re.findall(
-        rf"(?:Example|Without files): rastercov ({name} .*?)\s*$", out, re.MULTILINE
+        rf"^(?:Example|Without files):\n  rastercov ({name} .*?)\s*$", out, re.MULTILINE
     )
     assert examples
     Path("part.stl").write_text(ascii_stl(), encoding="ascii")
@@ -90,7 +90,7 @@ def ascii_stl():
 def test_help_and_version(capsys):
     code, out, _ = call(capsys, "--help")
     assert code == 0
-    assert "Example: rastercov demo" in out
+    assert "Example:\n  rastercov demo" in out
     assert all(name in out for name in COMMANDS)
     assert call(capsys, "--version") == (0, rastercov.__version__ + "\n", "")
 

@@ -60,7 +60,7 @@ def stopped(arguments, **options):
         time.sleep(60)
     except BaseException:
         raise {error} from None
-cli.app = stopped
+cli._group = lambda: stopped
 cli.main()
 """
 

@@ -49,8 +49,10 @@ def test_the_right_unit_is_not_asked_for(line, capsys):
     assert "the mesh measures" not in call(capsys, line + unit)[2]
 
 
-def test_a_plan_whose_candidates_are_all_rejected_asks_too(capsys):
-    Path("plan.toml").write_text(PLAN + "[constraints]\nstand_off = [0.2, 0.5]\n")
+@pytest.mark.parametrize("limits", ["", "[constraints]\nstand_off = [0.2, 0.5]\n"])
+def test_a_plan_whose_candidates_are_all_rejected_asks_too(capsys, limits):
+    """Without a stand-off they are all in the solid."""
+    Path("plan.toml").write_text(PLAN + limits)
     code, _, err = call(capsys, "place plan.toml")
     assert code == 2
     assert "no candidate is left" in err
