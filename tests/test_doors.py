@@ -1,6 +1,5 @@
 """Doors to other users and to others' files: ports and pipes of a run, modules in its folder."""
 
-import inspect
 import os
 import subprocess
 import sys
@@ -16,6 +15,7 @@ from rastercov._jit import compiled_aside
 from rastercov.camera import Camera
 from rastercov.camera_formats import write_views
 from rastercov.cluster.process import Process
+from rastercov.lenses.kernels import unproject_many
 from rastercov.pose import Poses
 from rastercov.rig import Rig
 from rastercov.viewpoints import sphere_of_poses
@@ -111,7 +111,7 @@ def test_processes_of_the_library_execute_no_file_in_the_folder(hostile, monkeyp
         assert process.call(os.getcwd) == str(hostile)
         # What the libraries start there, such as those of multiprocessing.
         assert process.call(subprocess.call, [sys.executable, "-c", "import inspect"]) == 0
-    with compiled_aside(inspect.currentframe):
+    with compiled_aside("inspect", "currentframe", unproject_many):
         pass
     assert executed(hostile) == []
 

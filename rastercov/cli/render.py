@@ -53,13 +53,12 @@ def render(
     scene = read_scene(meshes, unit, transform, occluder, [], drop_invalid, target)
     eyes = read_eyes(scene, camera, poses, conventions, camera_name)
     eye, matrices = eyes.camera(), eyes.poses.world_from_camera
-    warn([*eyes.notes, *unit_doubts(scene, eye, Poses.of(matrices))])
     if pose >= len(matrices):
         raise PoseError(f"--pose {pose} is not there: {poses} has {len(matrices)} poses, from 0")
-    warn(scene.warnings)
     names = ("picture.png", "faces.png", "depth.png", "buffers.npz")
     files_of_it = re.compile("|".join(map(re.escape, names)))
     with ReportFolder(out, ReportKind("render", files_of_it, last=names[-1])) as folder:
+        warn([*scene.warnings, *eyes.notes, *unit_doubts(scene, eye, Poses.of(matrices))])
         with Options(device=device).open_rasterizer(scene, eye) as rasterizer:
             buffer = rasterizer.render(matrices[pose])
             info = rasterizer.info

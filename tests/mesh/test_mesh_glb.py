@@ -356,7 +356,7 @@ def test_nodes_and_meshes_outside_the_scene_are_noted(glb, load):
     mesh = load(glb)
     assert mesh.n_faces == 4
     assert "a.glb: 2 nodes with meshes are outside the default scene, not read" in mesh.warnings[0]
-    assert "a.glb: 1 meshes belong to no node, not read" in mesh.warnings[1]
+    assert "a.glb: 1 mesh belongs to no node, not read" in mesh.warnings[1]
 
 
 def test_a_loop_of_nodes_that_no_root_reaches_is_noted(glb, load):

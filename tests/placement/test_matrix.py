@@ -1,3 +1,4 @@
+import errno
 import hashlib
 import json
 import os
@@ -121,7 +122,7 @@ def test_no_pose_and_nothing_in_view_give_an_empty_matrix(tmp_path):
 def test_a_run_goes_on_where_it_was_stopped(tmp_path):
     def stop(done, total):
         if done >= 6:
-            raise InterruptedError
+            raise InterruptedError(errno.EINTR, "interrupted")
 
     with pytest.raises(InterruptedError):
         build(tmp_path, poses_a_shard=4, progress=stop)
@@ -308,7 +309,7 @@ def test_a_run_that_ends_between_any_two_files_goes_on(tmp_path, monkeypatch):
         nonlocal left
         left -= 1
         if left < 0:
-            raise InterruptedError
+            raise InterruptedError(errno.EINTR, "interrupted")
         replace_file(*names)
 
     monkeypatch.setattr(os, "replace", end)

@@ -122,6 +122,9 @@ class Recorded:
         assert len(poses) == len(self.seen.kind)
         return self.seen
 
+    def close(self):
+        """Nothing to give back."""
+
 
 def assert_judged(found, task, poses, seen):
     """Figures of a Coverage are those of the twin; an angle is not near its limit."""

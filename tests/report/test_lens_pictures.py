@@ -72,7 +72,7 @@ def test_a_report_draws_its_poses_through_the_lens(tmp_path, lens):
     camera = CAMERAS[lens].resized(0.1)
     mesh = shapes.room(2)
     poses = rc.look_at([(2.5, 2, 2), (-2, -2, 1)], (0, 0, 1))
-    summary = run(mesh, camera, poses, TASK, tmp_path, Options(pictures=2, by="face"))
+    summary = run(mesh, camera, poses, TASK, tmp_path, Options(pictures=2, full="faces", by="face"))
     assert not any("picture" in line for line in summary["doubts"])
     for row in range(2):
         with rc.open_rasterizer(mesh, camera, "cpu") as rasterizer:

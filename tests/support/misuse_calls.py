@@ -96,7 +96,7 @@ def public_callables():
     found = {}
     for name in MODULES:
         module = import_module(name)
-        for thing in map(vars(module).__getitem__, public_names(module)):
+        for thing in (getattr(module, name) for name in public_names(module)):
             if inspect.isfunction(thing):
                 found[thing.__name__] = thing
             elif inspect.isclass(thing) and not issubclass(thing, Exception | Enum):

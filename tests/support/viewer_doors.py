@@ -95,6 +95,8 @@ class Viewer:
             [sys.executable, "-P", "-c", code, *VIEW, *options],
             stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
             env=os.environ | environment,
+            # The background of a shell ignores SIGINT, and hands that on.
+            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
         )  # fmt: skip
         lines = iter(self.process.stdout.readline, "")
         self.url, self.token = next(x for x in lines if "/#" in x).strip().split("/#")

@@ -257,7 +257,7 @@ def test_the_command_serves_until_it_is_ended(tmp_path, display):
             if display:
                 while not (tmp_path / "opened").exists():
                     time.sleep(0.05)
-                assert (tmp_path / "opened").read_text().strip() == f"{address}/#{token}"
+                assert (tmp_path / "opened").read_text().startswith("file://")  # without the token
         finally:
             program.terminate()  # SIGINT is ignored in the background of a shell
         _, errors = program.communicate(timeout=60)

@@ -34,8 +34,8 @@ def room(tmp_path, monkeypatch):
     made = tmp_path / "project"
     (made / "parts").mkdir(parents=True)
     part().to_trimesh().export(made / "part.stl")
-    for name in ("part", "wall"):
-        part().to_trimesh().export(made / "parts" / f"{name}.stl")
+    part().to_trimesh().export(made / "parts" / "part.stl")
+    part().moved(translation=(0.5, 0, 0)).to_trimesh().export(made / "parts" / "wall.stl")
     shapes.box((1, 1, 0.1)).to_trimesh().export(made / "floor.stl")
     rc.write_poses(made / "rig.json", around(part()))
     CAMERA.save(made / "camera.json")
