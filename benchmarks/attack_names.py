@@ -41,7 +41,7 @@ MOST_FACES = 60
 """Of a mesh: names are what is tried."""
 ANSWERS = Conventions(image_size=(640, 480), pixel_centre=0.5, lens_model="brown", pose_unit="m")
 Outcome = tuple[str, int, frozenset[str]]
-"""What came; the number of faces, or of poses and cameras; the notes."""
+"""Outcome: the number of faces, or of poses and cameras; the notes."""
 
 
 def meshes() -> list[tuple[np.ndarray, np.ndarray]]:
@@ -186,7 +186,7 @@ NAMED = {
     ".out": rb"\A[^\n]*\n[^\n]*",
     ".ply": rb"(?s)\A.*?end_header",
 }
-"""Where each format has its names; in a GLB it is the JSON, values as well."""
+"""Bytes of each format that hold its names; in a GLB it is the JSON, values as well."""
 
 
 def places(name: str, data: bytes) -> np.ndarray:
@@ -198,7 +198,7 @@ def places(name: str, data: bytes) -> np.ndarray:
 
 
 def outcome(path: Path, data: bytes) -> Outcome:
-    """What reading gives."""
+    """Outcome of reading a file."""
     path.write_bytes(data)
     is_mesh = path.suffix in (".glb", ".dae", ".3mf", ".ply", ".obj", ".off", ".stl")
     try:

@@ -279,4 +279,4 @@ def _wanted(hint: Any) -> str:
         return "a function"
     if kinds and not issubclass(origin, Mapping):
         return f"a sequence, each {_wanted(kinds[0])}"
-    return f"a {name}"
+    return f"{'an' if name[0] in 'AEIOU' else 'a'} {name}"

@@ -48,7 +48,7 @@ OPTICS = (
     *("near", "focal_length", "pixel_size", "aperture", "f_number", "focus_distance"),
     *("max_blur", "focus_range"),
 )
-"""Entries that a calibration lacks, and that may stand beside `file`."""
+"""Entries that a calibration lacks, and that are accepted beside `file`."""
 ANGLES = ("hfov_deg", "vfov_deg")
 """Entries that give fx and fy by the angles between opposite sides of the image."""
 MOST_DIFFERENCE_REL = 0.05

@@ -304,7 +304,7 @@ def _through_lens(points, i, j, k, near, lens, work, is_edge_on):
 
 @by_lens(_through_lens)
 def may_reach_image(points, i, j, k, near, lens, work, is_edge_on):
-    """True if a face without area in the image of a pinhole may have some, but for rounding.
+    """True if a face without area in the image of a pinhole may have some within rounding.
 
     Through another lens: where it `is_edge_on`.
     """

@@ -342,7 +342,7 @@ def unite_cells(cells, nearest, k, old, new, order, whole, pool, is_closed, boun
     Returns
     -------
     int
-        `DONE`, or what there is too little of: call again with more, to go on.
+        `DONE`, or what there is too little of: call again with more, to continue.
     """
     polygons, polygon_starts, areas = cells
     xy, starts, cell = new

@@ -181,7 +181,7 @@ def _of_plan(path: Path, rig: Views | None) -> "Scene":
 def _of_result(
     folder: Path, meshes: list[Path], load: Load, rig: Views | None, is_told: bool
 ) -> "Scene":
-    """Scene of a result, from its own arguments unless others are told.
+    """Scene of a result, from its own arguments unless others are given.
 
     Its meshes are looked for where they were, and beside it, unless they are given.
     """

@@ -91,7 +91,7 @@ def calls():
 def public_callables():
     """Functions, constructors and methods of the documented modules, by their names.
 
-    Not the errors, which are raised; nor the enumerations and protocols, which nobody makes.
+    Not the errors, which are raised; nor the enumerations and protocols, which users do not make.
     """
     found = {}
     for name in MODULES:

@@ -264,7 +264,7 @@ def calls():
         Call("Regions.of_poses", covered.of_poses, {"chosen": np.ones(2, np.bool_)}),
         Call("DeadZones.places", zones.places, {"n": 2}),
         Call("Observation.of_counts", rc.Observation.of_counts, {"counts": counts}),
-        # Results, which nobody makes by hand
+        # Results, not made by hand
         Call("CellShares", rc.CellShares, fields_of(cells.share(covered))),
         Call("Cells", rc.Cells, fields_of(cells)),
         Call("Coverage", rc.Coverage, fields_of(coverage)),

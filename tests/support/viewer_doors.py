@@ -1,4 +1,4 @@
-"""What other users of a machine can do to a viewer's server, and programs of it that are ended."""
+"""Attacks of other users on a viewer's server, and programs of it that are ended."""
 
 import os
 import resource

@@ -1,7 +1,7 @@
-"""What a glTF 2 file has and its reader does not use: unknown names, accessors, bytes of views.
+"""Parts of a glTF 2 file that its reader does not use: unknown names, accessors, bytes of views.
 
-A name, a count or an index that is wrong makes a valid file with fewer triangles; what is left
-over shows it.
+A name, a count or an index that is wrong makes a valid file with fewer triangles; the parts
+that nothing uses show it.
 
 Source: Khronos Group. glTF 2.0 Specification. 2021, sections 3.6 and 5.
 """

@@ -42,7 +42,7 @@ def read(data: bytes, budget: int) -> Polygons:
     lines = Lines(data, budget, comment=b"#", joins=True)
     coordinates, corners, n_corners = array("d"), array("q"), array("q")
     groups, face_line, current = array("q"), array("q"), 0
-    doubtful = array("q")  # lines that are a face but for one bit
+    doubtful = array("q")  # lines that are a face with one bit changed
     number_of: dict[str | None, int] = {None: 0}
     most_coordinates = 3 * (budget // PEAK_BYTES_PER_VERTEX)
     for words in lines:
@@ -86,7 +86,7 @@ def read(data: bytes, budget: int) -> Polygons:
 
 
 def _may_be_face(words: list[bytes]) -> bool:
-    """True for a line of three corners or more, but for its keyword."""
+    """True for a line of three corners or more, and a keyword that differs by one bit."""
     return len(words) > 3 and CORNERS.fullmatch(b" " + b" ".join(words[1:])) is not None
 
 
