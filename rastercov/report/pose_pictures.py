@@ -113,7 +113,7 @@ def draw_poses(
 
 
 class OfPose(NamedTuple):
-    """Content of the pictures of a pose: the coverage of each face, (F,), and of points, if by area."""
+    """Content of the pictures of a pose: coverage of each face, (F,), and of points, if by area."""
 
     mesh: Mesh
     matrix: NDArray[np.float64]
