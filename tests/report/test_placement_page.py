@@ -146,6 +146,20 @@ def test_what_is_not_known_has_no_section(report, whole, missing, heading):
     assert heading not in page(replace(report, **missing))
 
 
+@pytest.mark.parametrize("status", page_module.STATUS)
+def test_a_selection_that_covers_nothing_is_not_called_the_best(report, without_pictures, status):
+    found = replace(report.selection, share=0.0, status=status)
+    words = " ".join(read_alone(page(replace(report, selection=found))).words)
+    assert page_module.NOTHING in words
+    assert page_module.STATUS[status] not in words
+
+
+def test_a_page_by_area_does_not_say_that_faces_are_at_zero(report, without_pictures):
+    assert "have coverage 0 in every camera" in page(report)
+    by_area = rc.regions(report.mesh, CAMERA, report.poses)
+    assert "coverage 0 in every camera" not in page(replace(report, regions=by_area))
+
+
 @pytest.mark.slow
 def test_a_network_alone_has_a_page(report):
     bare = PlanReport(mesh=report.mesh, camera=CAMERA, network=report.network, poses=report.poses)
