@@ -25,7 +25,7 @@ OF_PLACEMENT = {
 """Classes of placement: most are results, and their methods take what its functions make. Their
 signatures are tried, and the values of those that have a call."""
 UNTRIED = {
-    "Task.judge": "a former name, which warns",
+    "RegionUnion.unite": "takes pieces that `add` has made",
     "audit out": "writes a report for each text",
     "place out": "the same",
     "measure_matrix": "writes a folder; the checks are those of build_matrix",

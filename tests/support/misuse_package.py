@@ -81,6 +81,7 @@ def calls():
         ),
         Call("Camera.check_pinhole", CAMERA.check_pinhole, {"what": "it", "instead": "go"}),
         Call("Camera.preset", rc.Camera.preset, {"name": "khepra"}),
+        Call("Camera.with_optics", CAMERA.with_optics, {"entries": {"near": 0.01}}),
         Call("Camera.load", rc.Camera.load, {"path": FOLDER / "none.json"}),
         Call("Camera.from_dict", rc.Camera.from_dict, {"entries": lens}),
         Call("Camera.save", CAMERA.save, {"path": FOLDER / "camera.json"}),
@@ -111,7 +112,8 @@ def calls():
             "Mesh.load",
             rc.Mesh.load,
             {"path": FOLDER / "none.stl", "unit": "mm", "occluders": (), "two_sided": ()}
-            | {"targets": (), "drop_invalid": False, "max_bytes": 1000, "memory_budget": 1 << 20},
+            | {"targets": (), "drop_invalid": False, "max_bytes": 1000, "memory_budget": 1 << 20}
+            | {"transforms": {}},
         ),
         Call(
             "Mesh.load, a file",
@@ -241,10 +243,11 @@ def calls():
         Call("Rasterizer.count", rasterizer.count, {"poses": POSES, "drawn": True}),
         Call("Rasterizer.render", rasterizer.render, {"pose": POSES[0]}),
         Call("regions", rc.regions, seen | {"task": TASK, "method": "certified", "threads": 1}),
-        Call("unite", rc.unite, {"regions": covered, "views": 2}),
+        Call("unite", rc.unite, {"regions": covered, "views": 2, "progress": print}),
         Call("dead_zones", rc.dead_zones, {"covered": rc.unite(covered, 2), "views": 2}),
         Call("RegionUnion", rc.RegionUnion, {"mesh": MESH, "views": 2}),
-        Call("RegionUnion.add", rc.RegionUnion(MESH).add, {"regions": covered}),
+        Call("RegionUnion.add", rc.RegionUnion(MESH).add, {"regions": covered, "progress": print}),
+        Call("RegionUnion.of", rc.RegionUnion.of, {"covered": rc.unite(covered), "views": 1}),
         Call("Covered.share", rc.unite(covered).share, {"views": 1}),
         Call("cells", rc.cells, {"mesh": MESH, "size": 0.5}),
         Call("Cells.share", cells.share, {"regions": covered}),
