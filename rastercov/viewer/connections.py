@@ -125,6 +125,7 @@ class Protocol(H11Protocol):
 
     listener: Listener
 
+    # uvicorn's own narrows the argument in the same way.
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """Find what the listener knows of it."""
         super().connection_made(transport)
