@@ -4,6 +4,7 @@ Exit codes: 0 done, 1 a check failed, 2 bad usage or input, 130 interrupted. Res
 output; warnings, errors and progress to standard error, an error as one line.
 """
 
+import gc
 import signal
 import sys
 from collections.abc import Sequence
@@ -42,6 +43,8 @@ COMMANDS = {
     "validate": "Hold the model against what a real task makes of pictures.",
 }
 """Commands and the first line of their help, which the list shows before any is loaded."""
+GARBAGE = 200_000
+"""Objects that are made between two looks for garbage."""
 IN_MODULE = {"check": "place"}
 """Modules of commands that have another name."""
 
@@ -96,6 +99,8 @@ def _start(
 
 def main() -> None:
     """Run the command as a process of its own."""
+    # Modules leave many objects and no garbage: it is looked for hardly ever.
+    gc.set_threshold(GARBAGE)
     signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # `| head` ends it without a word
     # As Ctrl-C: what is done is kept.
     signal.signal(signal.SIGTERM, interrupt)

@@ -62,7 +62,7 @@ from rastercov.report.coverage_table import CoverageTable
 from rastercov.report.doubts import dead_pixels, doubts
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.half_covered import half_covered
-from rastercov.report.pose_pictures import FULL, draw_network, draw_poses
+from rastercov.report.pose_pictures import FULL, ShownRegions, draw_network, draw_poses
 from rastercov.report.rig_file import write_rig
 from rastercov.rig import Cameras, cameras_of, names_of
 from rastercov.task import Task
@@ -271,15 +271,16 @@ def _run(
         except KeyboardInterrupt:
             interrupted = True
         seconds = clock.seconds - max(compiled.values(), default=0.0)
-    stopped = False
+    stopped, shown = False, None
+    measured_poses = poses[np.isin(poses.ids, network.pose_ids)]
     if drawn:
-        by_area = areas is not None
+        if areas is not None:
+            shown = ShownRegions(mesh, camera, task, options.engine, measured_poses)
         stopped = draw_poses(
-            mesh, camera, poses, folder, options.engine, task, drawn, options.full, by_area=by_area
+            mesh, camera, measured_poses, folder, options.engine, task, drawn, options.full, shown
         )
     done = len(network.pose_ids)
     summary = network.summary() | {"by": unit, "by_face_because": reason}
-    measured_poses = poses[np.isin(poses.ids, network.pose_ids)]
     halves: list[str] = []
     if areas is None:
         halves = half_covered(network, camera, measured_poses, options.method)
@@ -289,7 +290,9 @@ def _run(
             summary |= areas.dead_zones(camera, measured_poses)
         write_areas(folder.file("areas.parquet"), mesh, areas.covered)
     if drawn and not stopped:
-        stopped = draw_network(folder, network, camera, measured_poses, areas, summary)
+        stopped = draw_network(folder, network, camera, measured_poses, areas, summary, shown)
+    if shown is not None:
+        shown.close()
     interrupted |= stopped
     summary |= {
         "interrupted": interrupted,

@@ -1,7 +1,8 @@
 """Pictures of an evaluation: some of its poses, all of them together, and dead zones."""
 
-from contextlib import ExitStack, closing
+from contextlib import ExitStack
 from dataclasses import replace
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -42,8 +43,8 @@ MOST_COLOURS = 60
 """Cameras that have a colour each in the overview."""
 PICTURE_SIDE = 1280
 """Full pictures are drawn at the camera's size, or smaller where it exceeds this many pixels."""
-TILE = 640
-"""Width at which a tile of the sheet is drawn, pixels: twice that at which it is shown."""
+TILE = 320
+"""Width of a tile of the sheet, pixels."""
 FULL = ("none", "poses", "faces", "all")
 """Full pictures of each pose: of its coverage, of face indices, or both."""
 
@@ -57,12 +58,12 @@ def draw_poses(
     task: Task,
     drawn: dict[int, NDArray[np.float64]],
     full: str,
-    *,
-    by_area: bool,
+    shown: "ShownRegions | None",
 ) -> bool:
     """Draw a sheet of the chosen poses, and what `full` names of each; True when interrupted.
 
-    `drawn` has the coverage of each face by pose, `full` is one of `FULL`.
+    `drawn` has the coverage of each face by pose, `full` is one of `FULL`, and `shown` has the
+    regions of a result by area.
     """
     digits = len(str(max(drawn)))
     tiles: dict[int, tuple[Image.Image, str]] = {}
@@ -82,13 +83,9 @@ def draw_poses(
 
                 small = view(TILE / eye.width)
                 large = view(PICTURE_SIDE / max(eye.width, eye.height)) if full != "none" else small
-                finder = None
-                if by_area:
-                    finder = RegionPass(mesh, eye, task, method=engine)
-                    opened.callback(finder.close)
                 for pose in some[rows].ids.tolist():
                     own = replace(poses[poses.ids == pose], camera=np.zeros(1, np.int32))
-                    regions = None if finder is None else finder.find(own)
+                    regions = None if shown is None else shown.of_pose(pose)
                     of_pose = OfPose(mesh, poses.given[pose], drawn[pose], regions)
                     title = of_pose.title(f"{pose}{of_camera if len(cameras) > 1 else ''}", task)
                     tile = of_pose.pixels(small.camera, small.render(own))
@@ -110,6 +107,35 @@ def draw_poses(
         sheet = contact_sheet(list(pictures), list(titles))
         save_picture(sheet, folder.file("contact_sheet.png"))
     return interrupted
+
+
+class ShownRegions:
+    """Covered regions of the cameras in pictures, found once for the sheet and the overview.
+
+    Those of all cameras are kept where the overview shows them; of more than `MOST_COLOURS`, one
+    pose is found at a time.
+    """
+
+    def __init__(
+        self, mesh: Mesh, camera: Cameras, task: Task, engine: Engine, poses: Poses
+    ) -> None:
+        self._finder, self._poses = RegionPass(mesh, camera, task, method=engine), poses
+
+    @cached_property
+    def all(self) -> Regions:
+        """Those of all poses."""
+        return self._finder.find(self._poses)
+
+    def of_pose(self, pose: int) -> Regions:
+        """Those of the pose of this number."""
+        is_it = self._poses.ids == pose
+        if len(self._poses) <= MOST_COLOURS:
+            return self.all.of_poses(is_it)
+        return self._finder.find(self._poses[is_it])
+
+    def close(self) -> None:
+        """Release the scratch memory."""
+        self._finder.close()
 
 
 class OfPose(NamedTuple):
@@ -155,18 +181,17 @@ def draw_network(
     poses: Poses,
     areas: AreaNetwork | None,
     summary: dict[str, Any],
+    shown: ShownRegions | None,
 ) -> bool:
     """Draw what all cameras cover together, and dead zones; True when interrupted.
 
-    Of more than `MOST_COLOURS` cameras, it is the number of them that cover each point.
+    Of more than `MOST_COLOURS` cameras, it is the number of them that cover each point. A result by
+    area has `areas`, and `shown` of the same poses.
     """
     mesh, eyes = network.mesh, poses.world_from_camera[:, :3, 3]
     try:
         if len(poses) <= MOST_COLOURS:
-            found = None
-            if areas is not None:
-                with closing(RegionPass(mesh, camera, network.task)) as finder:
-                    found = finder.find(poses)
+            found = None if shown is None else shown.all
             names = [str(row) for row in poses.ids.tolist()]
             best = best_covering(network)
             picture = overview_picture(camera_colours(mesh, poses, best, names, found), camera)

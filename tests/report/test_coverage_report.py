@@ -224,7 +224,7 @@ def test_full_pictures_of_another_kind_are_refused():
         Options(full="both")
 
 
-def test_a_sheet_is_drawn_at_twice_its_size(tmp_path, monkeypatch):
+def test_a_sheet_is_drawn_at_its_size(tmp_path, monkeypatch):
     """Not at that of the camera: of 12 poses that was most of the time of a run."""
     widths = []
 
@@ -235,7 +235,7 @@ def test_a_sheet_is_drawn_at_twice_its_size(tmp_path, monkeypatch):
     monkeypatch.setattr("rastercov.report.pose_pictures.open_rasterizer", opened)
     large = Camera(width=2560, height=1600, fx=2560, fy=2560)
     run(MESH, large, around(2), TASK, tmp_path, Options(pictures=2))
-    assert widths == [640]
+    assert widths == [320]
     with Image.open(tmp_path / "contact_sheet.png") as sheet:
         assert sheet.width == 2 * 320 + 3 * 8
 
