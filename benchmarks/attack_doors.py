@@ -24,9 +24,9 @@ from rows import Report
 
 import rastercov as rc
 from rastercov import shapes
+from rastercov.base.errors import ConfigError
 from rastercov.camera_formats import write_views
 from rastercov.cluster import Workers
-from rastercov.errors import ConfigError
 from rastercov.placement.matrix import VisibilityMatrix, build_matrix
 
 NOTES, SIGNALS, DISKS, LOOKS = 400, 20, 20, 20

@@ -16,8 +16,8 @@ from repeated_parts import CAMERAS, MESHES, exploding
 from rows import Report
 
 import rastercov as rc
+from rastercov.base.errors import ResourceError
 from rastercov.camera_formats.conventions import Conventions
-from rastercov.errors import ResourceError
 from rastercov.mesh import Mesh
 
 SIZE = 4_000

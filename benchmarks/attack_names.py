@@ -31,8 +31,8 @@ from rows import Report
 
 import rastercov as rc
 from rastercov import shapes
+from rastercov.base.errors import RastercovError
 from rastercov.camera_formats.conventions import Conventions
-from rastercov.errors import RastercovError
 from rastercov.mesh import Mesh
 
 N_FLIPS = 60_000

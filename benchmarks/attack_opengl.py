@@ -18,8 +18,8 @@ from coplanar_scenes import CAMERA, EDGE, GAP, SCENES, views, wrong_samples
 from rows import Report
 
 from rastercov import shapes
+from rastercov.base.errors import RastercovError
 from rastercov.camera import Camera
-from rastercov.errors import RastercovError
 from rastercov.mesh import Mesh
 from rastercov.raster.cpu import CPURasterizer
 from rastercov.raster.gl import PLANS, GLRasterizer

@@ -17,7 +17,7 @@ import numpy as np
 import trimesh
 from rows import Report
 
-from rastercov.errors import RastercovError
+from rastercov.base.errors import RastercovError
 from rastercov.mesh import Mesh
 
 N_MUTATED = 100_000

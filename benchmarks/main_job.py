@@ -33,7 +33,7 @@ from rows import Report, arguments
 import rastercov as rc
 from rastercov import shapes
 from rastercov._observers import ROLL
-from rastercov._threads import thread_count
+from rastercov.base.threads import thread_count
 from rastercov.cli import inputs
 from rastercov.coverage import FIGURES, batch_size
 from rastercov.mesh.formats import READERS

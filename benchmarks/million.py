@@ -24,7 +24,7 @@ from rows import Report, arguments, resident_mib
 
 import rastercov as rc
 from rastercov import shapes
-from rastercov._interrupts import interrupts_held
+from rastercov.base.interrupts import interrupts_held
 from rastercov.placement.matrix import VisibilityMatrix, build_matrix
 
 CAMERA = rc.Camera(width=128, height=128, fx=154, fy=154)

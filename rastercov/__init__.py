@@ -13,13 +13,7 @@ if _TYPE_CHECKING:
     from rastercov.area.regions import Regions, regions
     from rastercov.area.union import Covered, RegionUnion, unite
     from rastercov.area.zones import DeadZones, dead_zones
-    from rastercov.camera import Camera
-    from rastercov.camera_formats import read_views, write_views
-    from rastercov.camera_formats.conventions import Conventions
-    from rastercov.cluster import Workers
-    from rastercov.coverage import Coverage, evaluate, evaluate_batches
-    from rastercov.engine import Engine
-    from rastercov.errors import (
+    from rastercov.base.errors import (
         CameraError,
         ConfigError,
         DeviceError,
@@ -28,6 +22,12 @@ if _TYPE_CHECKING:
         RastercovError,
         ResourceError,
     )
+    from rastercov.camera import Camera
+    from rastercov.camera_formats import read_views, write_views
+    from rastercov.camera_formats.conventions import Conventions
+    from rastercov.cluster import Workers
+    from rastercov.coverage import Coverage, evaluate, evaluate_batches
+    from rastercov.engine import Engine
     from rastercov.jobs import audit, check, place
     from rastercov.mesh import Group, Mesh
     from rastercov.network import Network
@@ -135,7 +135,7 @@ _HOME = {name: module for module, names in _NAMES.items() for name in names.spli
 
 def __getattr__(name: str) -> _Any:
     if name in _HOME:
-        from rastercov._typed import guarded_name
+        from rastercov.base.typed import guarded_name
 
         found = globals()[name] = guarded_name(_import_module(f"rastercov.{_HOME[name]}"), name)
         return found

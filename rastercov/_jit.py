@@ -42,8 +42,8 @@ from numba.extending import overload
 
 from rastercov import _compiler
 from rastercov._compiler import LoopCompiler, LoopFlags, PartCompiler
-from rastercov._files import UnreadableError, file_bytes
-from rastercov._stopwatch import Stopwatch
+from rastercov.base.files import UnreadableError, file_bytes
+from rastercov.base.stopwatch import Stopwatch
 
 # A process forked while another thread compiles would find the compiler locked for ever, in the
 # middle of a loop; releasing the lock there would not be safe.

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov._closing import Closing
-from rastercov._memory import check_memory
-from rastercov._threads import ScratchPool, share_poses, thread_count
-from rastercov.errors import DeviceError
+from rastercov.base.closing import Closing
+from rastercov.base.errors import DeviceError
+from rastercov.base.memory import check_memory
+from rastercov.base.threads import ScratchPool, share_poses, thread_count
 from rastercov.exact.figures import Figures
 from rastercov.face_pass import FacePass, Measured
 from rastercov.mesh import Mesh

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from typing_extensions import Doc
 
-from rastercov._arguments import LARGEST_COORDINATE, checked_array
-from rastercov._checks import (
+from rastercov.base.arguments import LARGEST_COORDINATE, checked_array
+from rastercov.base.checks import (
     MAX_IMAGE_SIDE,
     coefficients_of,
     focal_length_px,
@@ -29,10 +29,10 @@ from rastercov._checks import (
     principal_point_px,
     two,
 )
-from rastercov._files import StrPath
+from rastercov.base.errors import CameraError
+from rastercov.base.files import StrPath
 from rastercov.camera_file import arguments_of, check_optics, naming, read_entries, write_entries
 from rastercov.camera_models import MODELS, checked_model
-from rastercov.errors import CameraError
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,15 +6,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
-from rastercov._checks import (
-    image_side,
-    number,
-    pair,
-    positive,
-    principal_point_px,
-    shown,
-)
-from rastercov._files import (
+from rastercov.base.checks import image_side, number, pair, positive, principal_point_px, shown
+from rastercov.base.errors import CameraError
+from rastercov.base.files import (
     StrPath,
     UnreadableError,
     printable,
@@ -23,7 +17,6 @@ from rastercov._files import (
     suffix_of,
     written_file,
 )
-from rastercov.errors import CameraError
 
 PRESETS: dict[str, dict[str, Any]] = {
     # Table 5.2, used for the marker experiments of chapter 5.

@@ -8,8 +8,8 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
-from rastercov._checks import coefficients_of, number, shown
-from rastercov.errors import CameraError
+from rastercov.base.checks import coefficients_of, number, shown
+from rastercov.base.errors import CameraError
 
 
 class Model(NamedTuple):

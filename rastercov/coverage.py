@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov._arguments import check_kind
-from rastercov._checks import shown
-from rastercov._memory import aligned_array
-from rastercov._threads import threads_of
+from rastercov.base.arguments import check_kind
+from rastercov.base.checks import shown
+from rastercov.base.errors import ConfigError, ResourceError
+from rastercov.base.memory import aligned_array
+from rastercov.base.threads import threads_of
 from rastercov.coverage_pass import CoveragePass
-from rastercov.errors import ConfigError, ResourceError
 from rastercov.face_pass import Measured
 from rastercov.mesh import Mesh
 from rastercov.observer import Observer, open_observer

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov._threads import thread_count
+from rastercov.base.threads import thread_count
 from rastercov.face_pass import FacePass, Measured, Scope, Worker
 from rastercov.observer import Observer
 from rastercov.pose import Poses

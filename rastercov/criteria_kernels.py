@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov._jit import allocation_free, by_type, part_of, part_with_arrays
-from rastercov._memory import aligned_array
+from rastercov.base.memory import aligned_array
 from rastercov.lenses import density_kernels, face_kernels
 from rastercov.raster.cpu.simd_kernel import pointer
 from rastercov.vertex_blocks import project_vertices

@@ -7,11 +7,11 @@ accepted wherever `method` is: in Python, on the command line and in plan files.
 from dataclasses import dataclass
 from typing import Any, Self
 
-from rastercov._arguments import check_kind
-from rastercov._checks import finite_number, shown
-from rastercov._threads import thread_count
-from rastercov._typed import typed
-from rastercov.errors import ConfigError
+from rastercov.base.arguments import check_kind
+from rastercov.base.checks import finite_number, shown
+from rastercov.base.errors import ConfigError
+from rastercov.base.threads import thread_count
+from rastercov.base.typed import typed
 from rastercov.raster import BACKENDS
 from rastercov.raster.contract import MAX_SUPERSAMPLE
 

@@ -21,9 +21,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov._output import json_text
 from rastercov.area.observer import RegionObserver
 from rastercov.area.regions import Regions
+from rastercov.base.output import json_text
 from rastercov.cluster import Job, Made, Workers, make_shards
 from rastercov.cluster.files import SUMS, DamagedError, contents, store
 from rastercov.cluster.job import FolderLostError

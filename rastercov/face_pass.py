@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov._threads import share_poses
+from rastercov.base.threads import share_poses
 from rastercov.mesh import Mesh
 from rastercov.near_plane import near_limits
 from rastercov.observation import Observation

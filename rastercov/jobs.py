@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Any, cast
 
 from numpy.typing import ArrayLike
 
-from rastercov._arguments import check_kind
-from rastercov._checks import finite_number, shown
-from rastercov._files import StrPath
+from rastercov.base.arguments import check_kind
+from rastercov.base.checks import finite_number, shown
+from rastercov.base.errors import ConfigError, PoseError
+from rastercov.base.files import StrPath
 from rastercov.cluster import Workers
 from rastercov.engine import Engine
-from rastercov.errors import ConfigError, PoseError
 from rastercov.mesh import Mesh
 from rastercov.pose import Poses
 from rastercov.rig import Cameras, Rig, cameras_of, names_of

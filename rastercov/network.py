@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov._arguments import check_kind
-from rastercov._threads import threads_of
-from rastercov._typed import typed
+from rastercov.base.arguments import check_kind
+from rastercov.base.errors import ConfigError, MeshError
+from rastercov.base.threads import threads_of
+from rastercov.base.typed import typed
 from rastercov.coverage import Coverage, batch_size, check_observer, measurements
 from rastercov.coverage_pass import CoveragePass
-from rastercov.errors import ConfigError, MeshError
 from rastercov.face_pass import Measured, Scope, Worker
 from rastercov.judged_poses import JudgedPoses, Part
 from rastercov.mesh import Mesh

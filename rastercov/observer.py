@@ -14,10 +14,10 @@ from typing import Any, Protocol, Self
 
 from numpy.typing import ArrayLike
 
-from rastercov._checks import finite_number, shown
 from rastercov._observers import ExactObserver, SampledObserver, check_visibility
+from rastercov.base.checks import finite_number, shown
+from rastercov.base.errors import ConfigError
 from rastercov.engine import METHODS, Engine
-from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.observation import Observation, Visibility
 from rastercov.pose import Poses

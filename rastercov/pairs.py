@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov._checks import shown
-from rastercov.errors import ConfigError
+from rastercov.base.checks import shown
+from rastercov.base.errors import ConfigError
 
 if TYPE_CHECKING:
     from rastercov.network_kernels import PairRows, Sink

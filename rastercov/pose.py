@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov._arguments import LARGEST_COORDINATE, checked_array, flag, owned
-from rastercov._typed import check_fields
-from rastercov.errors import PoseError
+from rastercov.base.arguments import LARGEST_COORDINATE, checked_array, flag, owned
+from rastercov.base.errors import PoseError
+from rastercov.base.typed import check_fields
 
 FloatArray = NDArray[np.float64]
 

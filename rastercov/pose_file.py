@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov._arguments import members
-from rastercov._checks import shown
-from rastercov._files import (
+from rastercov.base.arguments import members
+from rastercov.base.checks import shown
+from rastercov.base.errors import PoseError, ResourceError
+from rastercov.base.files import (
     LARGEST_ARRAY,
     StrPath,
     UnparsedError,
@@ -24,7 +25,6 @@ from rastercov._files import (
     suffix_of,
     written_file,
 )
-from rastercov.errors import PoseError, ResourceError
 from rastercov.pose import as_matrices, real_numbers, valid_poses
 
 FloatArray = NDArray[np.float64]

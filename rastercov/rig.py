@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov._arguments import check_kind, members
-from rastercov._checks import shown
+from rastercov.base.arguments import check_kind, members
+from rastercov.base.checks import shown
+from rastercov.base.errors import CameraError, MeshError
 from rastercov.camera import Camera
-from rastercov.errors import CameraError, MeshError
 from rastercov.mesh import Mesh
 from rastercov.pose import Poses, valid_poses
 

@@ -18,10 +18,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov._arguments import LARGEST_COORDINATE, check_seed
-from rastercov._checks import shown
-from rastercov._typed import typed
-from rastercov.errors import MeshError
+from rastercov.base.arguments import LARGEST_COORDINATE, check_seed
+from rastercov.base.checks import shown
+from rastercov.base.errors import MeshError
+from rastercov.base.typed import typed
 from rastercov.mesh import Group, Mesh
 
 DATA = files("rastercov") / "data"

@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal, NamedTuple, Self
 from annotated_types import Ge, Gt, Le
 from typing_extensions import Doc
 
-from rastercov._limits import check_limits
+from rastercov.base.limits import check_limits
 from rastercov.camera import Camera
 from rastercov.densities import PX_PER_M
 

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov._arguments import LARGEST_COORDINATE, MOST_POSES, owned
-from rastercov._checks import finite_number, shown
+from rastercov.base.arguments import LARGEST_COORDINATE, MOST_POSES, owned
+from rastercov.base.checks import finite_number, shown
+from rastercov.base.errors import ConfigError, PoseError
 from rastercov.camera import Camera
 from rastercov.camera_models import MODELS
-from rastercov.errors import ConfigError, PoseError
 from rastercov.mesh import Mesh
 from rastercov.pose import real_numbers
 from rastercov.projection import to_image

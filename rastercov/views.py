@@ -10,11 +10,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rastercov._arguments import check_kind, members
-from rastercov._checks import shown
-from rastercov._typed import typed
+from rastercov.base.arguments import check_kind, members
+from rastercov.base.checks import shown
+from rastercov.base.errors import CameraError, PoseError
+from rastercov.base.typed import typed
 from rastercov.camera import Camera
-from rastercov.errors import CameraError, PoseError
 from rastercov.pose import Poses
 from rastercov.rig import Rig
 

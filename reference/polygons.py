@@ -28,8 +28,8 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 from shapely.geometry.base import BaseGeometry
 
+from rastercov.base.errors import RastercovError
 from rastercov.camera import Camera
-from rastercov.errors import RastercovError
 from rastercov.mesh import Mesh
 from rastercov.near_plane import near_limit
 

@@ -5,7 +5,7 @@ import re
 from functools import cache
 from importlib.resources import files
 
-from rastercov.errors import DeviceError
+from rastercov.base.errors import DeviceError
 
 
 @cache

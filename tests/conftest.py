@@ -15,7 +15,7 @@ from notices import NOTICE
 from skips import reasons_of
 
 from rastercov._direct import DirectCalls
-from rastercov.errors import DeviceError
+from rastercov.base.errors import DeviceError
 from rastercov.mesh import Mesh
 from rastercov.raster.cpu import CPURasterizer
 from rastercov.raster.gl import PLANS, GLRasterizer

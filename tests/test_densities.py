@@ -8,9 +8,9 @@ import pytest
 from scenes import square
 
 import rastercov as rc
+from rastercov.base.errors import ConfigError
 from rastercov.cli import command
 from rastercov.densities import EDITIONS, LEVELS
-from rastercov.errors import ConfigError
 from rastercov.plan.file import read_plan
 from rastercov.reference.regions import jacobian
 

@@ -20,7 +20,7 @@ from rastercov import (
     sphere_of_poses,
 )
 from rastercov import face_blocks as blocks
-from rastercov._memory import CACHE_LINE, aligned_array
+from rastercov.base.memory import CACHE_LINE, aligned_array
 from rastercov.coverage import FIGURES
 from rastercov.coverage_pass import CoveragePass
 from rastercov.network import Network

@@ -15,9 +15,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rastercov import cli
-from rastercov._files import UnreadableError, file_bytes, open_file, read_json, read_toml
+from rastercov.base.errors import CameraError, ConfigError, MeshError, PoseError, RastercovError
+from rastercov.base.files import UnreadableError, file_bytes, open_file, read_json, read_toml
 from rastercov.camera import Camera
-from rastercov.errors import CameraError, ConfigError, MeshError, PoseError, RastercovError
 from rastercov.mesh import Mesh
 from rastercov.plan.file import read_plan
 from rastercov.pose_file import read_poses, write_poses

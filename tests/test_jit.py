@@ -23,7 +23,7 @@ from processes import python
 
 import rastercov
 from rastercov import _jit as compiled
-from rastercov._stopwatch import Stopwatch
+from rastercov.base.stopwatch import Stopwatch
 
 ROOT = Path(rastercov.__file__).parents[1]
 NOBODY = 65534

@@ -15,7 +15,7 @@ from misuse_values import CAMERA, MESH, POSES, VALUES
 
 import rastercov as rc
 import rastercov.placement
-from rastercov._typed import VARIADIC
+from rastercov.base.typed import VARIADIC
 
 NAMES = names_of_calls()
 PUBLIC = public_callables()

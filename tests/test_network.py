@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rastercov import shapes
+from rastercov.base.errors import ConfigError
 from rastercov.camera import Camera
 from rastercov.coverage import FIGURES, Coverage, evaluate
-from rastercov.errors import ConfigError
 from rastercov.mesh import Group, Mesh
 from rastercov.network import Network
 from rastercov.observer import open_observer

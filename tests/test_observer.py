@@ -7,10 +7,10 @@ import pytest
 from scenes import joined, sheet, square
 
 from rastercov import shapes
+from rastercov.base.errors import ConfigError, PoseError
 from rastercov.camera import Camera
 from rastercov.criteria import face_geometry
 from rastercov.engine import METHODS
-from rastercov.errors import ConfigError, PoseError
 from rastercov.face_pass import FacePass
 from rastercov.mesh import Mesh
 from rastercov.observation import BoundKind, Observation

@@ -9,8 +9,8 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
+from rastercov.base.errors import PoseError
 from rastercov.camera import Camera
-from rastercov.errors import PoseError
 from rastercov.pose import check_poses, inverse, valid_poses
 from rastercov.pose_file import read_poses, write_poses
 from rastercov.projection import to_camera, to_image

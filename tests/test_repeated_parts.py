@@ -12,8 +12,8 @@ import pytest
 from repeated_parts import CAMERAS, DAE, MESHES, THREEMF, exploding, unplaced_rigs
 
 import rastercov as rc
+from rastercov.base.errors import ResourceError
 from rastercov.camera_formats.conventions import Conventions
-from rastercov.errors import ResourceError
 from rastercov.mesh import Mesh
 
 SIZE = 100

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from rastercov import shapes
-from rastercov.errors import MeshError
+from rastercov.base.errors import MeshError
 from rastercov.mesh import Mesh
 
 CLOSED = {

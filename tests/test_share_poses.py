@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rastercov import shapes
-from rastercov._threads import POSES_A_TURN, share_poses, thread_count
+from rastercov.base.errors import ConfigError
+from rastercov.base.threads import POSES_A_TURN, share_poses, thread_count
 from rastercov.camera import Camera
-from rastercov.errors import ConfigError
 from rastercov.exact.certificate import CertificateSolver
 from rastercov.observer import open_observer
 from rastercov.viewpoints import look_at, sphere_of_poses

@@ -18,11 +18,11 @@ from processes import python
 
 import rastercov as rc
 from rastercov import _jit as compiled
-from rastercov import _memory as memory
 from rastercov import shapes
-from rastercov._once import Once
-from rastercov._threads import ScratchPool, share_poses
-from rastercov.errors import DeviceError, ResourceError
+from rastercov.base import memory
+from rastercov.base.errors import DeviceError, ResourceError
+from rastercov.base.once import Once
+from rastercov.base.threads import ScratchPool, share_poses
 from rastercov.exact import certificate as contour
 from rastercov.exact import half_planes as analytic
 from rastercov.exact import memory as images
@@ -147,7 +147,7 @@ thread.join()
 def test_a_child_works_out_what_its_parent_was_working_out_when_it_forked():
     run_python("""
 import os, signal, threading
-from rastercov._once import Once
+from rastercov.base.once import Once
 value, begun, ended = Once(), threading.Event(), threading.Event()
 def slow():
     begun.set()

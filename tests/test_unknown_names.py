@@ -12,9 +12,9 @@ from mesh_files import FACES, POINTS, Glb, obj, ply
 from repeated_parts import CAMERA, CAMERAS, HERE, KALIBR, dae, metashape, opensfm, scene, threemf
 
 import rastercov as rc
-from rastercov._names import UnknownNames, is_slip
+from rastercov.base.errors import CameraError, MeshError
+from rastercov.base.names import UnknownNames, is_slip
 from rastercov.camera_formats.conventions import Conventions
-from rastercov.errors import CameraError, MeshError
 from rastercov.mesh import Mesh
 
 ANSWERS = Conventions(image_size=(640, 480), pixel_centre=0.5, lens_model="brown", pose_unit="m")

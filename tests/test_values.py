@@ -15,11 +15,11 @@ from typing_extensions import Doc
 import rastercov as rc
 from rastercov import cli, shapes
 from rastercov import pose as pose_module
-from rastercov._limits import check_limits
+from rastercov.base.errors import ConfigError, PoseError
+from rastercov.base.limits import check_limits
 from rastercov.cli import options
 from rastercov.coverage import FIGURES
 from rastercov.engine import METHODS, Engine
-from rastercov.errors import ConfigError, PoseError
 from rastercov.pose import Poses
 from rastercov.provenance import Provenance
 from rastercov.viewpoints import sphere_of_poses

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 import rastercov
-from rastercov._format import plural, verb
+from rastercov.base.format import plural, verb
 
 COUNTED = re.compile(
     r"\{[^{}\"]*\} (images|cameras|candidates|faces|draws|mounts|meshes) (see|cover|are|have)\b"

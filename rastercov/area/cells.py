@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov._arguments import check_kind
-from rastercov._checks import finite_number, shown
 from rastercov.area.frames import check_same_mesh, frames_of, to_world
 from rastercov.area.regions import Regions
-from rastercov.errors import ConfigError, MeshError, ResourceError
+from rastercov.base.arguments import check_kind
+from rastercov.base.checks import finite_number, shown
+from rastercov.base.errors import ConfigError, MeshError, ResourceError
 from rastercov.mesh import Mesh
 
 FloatArray = NDArray[np.float64]

@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov._lists import Lists
-from rastercov._threads import share_poses, thread_count
 from rastercov.area.cells import Cells
 from rastercov.area.failures import MARGIN_REL, Sight
 from rastercov.area.frames import frames_of
 from rastercov.area.regions import check_pointwise
+from rastercov.base.lists import Lists
+from rastercov.base.threads import share_poses, thread_count
 from rastercov.camera import Camera
 from rastercov.camera_models import MODELS
 from rastercov.near_plane import near_limits

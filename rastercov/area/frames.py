@@ -11,9 +11,9 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov._arguments import check_kind
-from rastercov._once import Once
-from rastercov.errors import ConfigError, MeshError
+from rastercov.base.arguments import check_kind
+from rastercov.base.errors import ConfigError, MeshError
+from rastercov.base.once import Once
 from rastercov.mesh import Mesh
 
 FloatArray = NDArray[np.float64]

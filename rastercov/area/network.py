@@ -7,15 +7,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov._checks import shown
-from rastercov._format import plural
 from rastercov.area.frames import frames_of
 from rastercov.area.regions import Regions, check_pointwise
 from rastercov.area.union import Covered, RegionUnion
 from rastercov.area.zone_report import summary_of
 from rastercov.area.zones import DeadZones, dead_zones
+from rastercov.base.checks import shown
+from rastercov.base.errors import ConfigError
+from rastercov.base.format import plural
 from rastercov.engine import Engine
-from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.pose import Poses
 from rastercov.rig import Cameras

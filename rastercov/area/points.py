@@ -3,12 +3,12 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov._memory import check_memory
 from rastercov.area.frames import to_plane
 from rastercov.area.regions import Regions
 from rastercov.area.rest import with_rest
 from rastercov.area.union import Covered
 from rastercov.area.zones import DeadZones
+from rastercov.base.memory import check_memory
 
 SLACK_REL = 1e-9
 """Distance outside a piece up to which a point counts as inside, relative to the diagonal: rounding

@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov._arguments import check_kind, checked_array
-from rastercov._threads import ScratchPool, share_poses, thread_count
 from rastercov.area.frames import frames_of, to_world
+from rastercov.base.arguments import check_kind, checked_array
+from rastercov.base.errors import ConfigError
+from rastercov.base.threads import ScratchPool, share_poses, thread_count
 from rastercov.camera import Camera
 from rastercov.coverage import batch_size
 from rastercov.engine import Engine
-from rastercov.errors import ConfigError
 from rastercov.exact.figures import Figures
 from rastercov.mesh import Mesh
 from rastercov.near_plane import limits_of_poses

@@ -5,10 +5,10 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from rastercov._once import Once
 from rastercov.area.division import NO_PIECES
 from rastercov.area.frames import frames_of
 from rastercov.area.union import Covered, RegionUnion
+from rastercov.base.once import Once
 
 _WHOLE: WeakKeyDictionary[Covered, Once[Covered]] = WeakKeyDictionary()
 

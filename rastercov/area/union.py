@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov._arguments import check_kind
-from rastercov._checks import finite_number, shown
-from rastercov._memory import check_memory
-from rastercov._typed import typed
 from rastercov.area.division import NO_PIECES, PIECES_A_STEP, Cells, Pieces, Progress, joined
 from rastercov.area.frames import check_same_mesh, frames_of, to_world
 from rastercov.area.regions import Regions
-from rastercov.errors import ConfigError, MeshError
+from rastercov.base.arguments import check_kind
+from rastercov.base.checks import finite_number, shown
+from rastercov.base.errors import ConfigError, MeshError
+from rastercov.base.memory import check_memory
+from rastercov.base.typed import typed
 from rastercov.mesh import Mesh
 
 FloatArray = NDArray[np.float64]

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov._format import area as in_square_metres
-from rastercov._format import signed
 from rastercov.area.failures import first_failures
 from rastercov.area.frames import to_world
 from rastercov.area.zones import DeadZones
+from rastercov.base.format import area as in_square_metres
+from rastercov.base.format import signed
 from rastercov.pose import Poses
 from rastercov.rig import Cameras
 from rastercov.task import Reason, Task

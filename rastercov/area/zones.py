@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov._arguments import check_kind, checked_array
-from rastercov._checks import shown
-from rastercov._typed import typed
 from rastercov.area.frames import frames_of, to_world
 from rastercov.area.rest import with_rest
 from rastercov.area.union import Covered, polygon_areas
-from rastercov.errors import ConfigError
+from rastercov.base.arguments import check_kind, checked_array
+from rastercov.base.checks import shown
+from rastercov.base.errors import ConfigError
+from rastercov.base.typed import typed
 from rastercov.mesh import Mesh
 
 FloatArray = NDArray[np.float64]

@@ -17,14 +17,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov._arguments import check_kind, members
 from rastercov.area.by_camera import cameras_apart
 from rastercov.area.cells import Cells, cells, usual_size
 from rastercov.area.network import AreaNetwork, unit_of_result
 from rastercov.audits.groups import Groups, groups_of
+from rastercov.base.arguments import check_kind, members
+from rastercov.base.errors import ConfigError
 from rastercov.cluster import Made, Workers
 from rastercov.engine import Engine
-from rastercov.errors import ConfigError
 from rastercov.evaluation_shards import EvaluationShards, Source, Wanted, open_for
 from rastercov.mesh import Mesh
 from rastercov.network import Network

@@ -16,11 +16,12 @@ from typing import Any
 
 import numpy as np
 
-from rastercov._arguments import check_choice, check_kind, flag
-from rastercov._checks import shown
-from rastercov._files import StrPath, UnreadableError, one_line, printable
-from rastercov._format import plural
-from rastercov._output import json_bytes, write_bytes
+from rastercov.base.arguments import check_choice, check_kind, flag
+from rastercov.base.checks import shown
+from rastercov.base.errors import CameraError, ConfigError, PoseError, RastercovError
+from rastercov.base.files import StrPath, UnreadableError, one_line, printable
+from rastercov.base.format import plural
+from rastercov.base.output import json_bytes, write_bytes
 from rastercov.camera_formats import (
     bundler,
     colmap,
@@ -38,7 +39,6 @@ from rastercov.camera_formats import (
 from rastercov.camera_formats.conventions import POSE_CONVENTIONS, Border, Conventions
 from rastercov.camera_formats.equivalents import lost
 from rastercov.camera_formats.source import Source
-from rastercov.errors import CameraError, ConfigError, PoseError, RastercovError
 from rastercov.pose_file import read_poses
 from rastercov.rig import Rig
 from rastercov.views import Views

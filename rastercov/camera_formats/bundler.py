@@ -10,13 +10,13 @@ Large. 2010.
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov._checks import shown
-from rastercov._format import plural
+from rastercov.base.checks import shown
+from rastercov.base.errors import CameraError
+from rastercov.base.format import plural
 from rastercov.camera import Camera
 from rastercov.camera_formats.conventions import OPENGL_AXES, Border, inverse_of
 from rastercov.camera_formats.equivalents import brown
 from rastercov.camera_formats.rotations import from_vectors, motions
-from rastercov.errors import CameraError
 from rastercov.views import Views
 
 FloatArray = NDArray[np.float64]

@@ -15,13 +15,13 @@ from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 
-from rastercov._checks import image_side, shown
-from rastercov._files import StrPath, UnreadableError, open_file, printable
+from rastercov.base.checks import image_side, shown
+from rastercov.base.errors import CameraError, PoseError
+from rastercov.base.files import StrPath, UnreadableError, open_file, printable
 from rastercov.camera import Camera
 from rastercov.camera_formats.colmap_models import BY_ID, IDS, ColmapModel, camera_of
 from rastercov.camera_formats.conventions import Border, inverse_of
 from rastercov.camera_formats.rotations import from_quaternions
-from rastercov.errors import CameraError, PoseError
 from rastercov.views import Views
 
 LARGEST_FILE = 1 << 36

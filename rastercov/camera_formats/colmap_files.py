@@ -9,13 +9,13 @@ from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
 
-from rastercov._files import printable
-from rastercov._output import writing
+from rastercov.base.errors import ConfigError
+from rastercov.base.files import printable
+from rastercov.base.output import writing
 from rastercov.camera_formats import colmap_rigs
 from rastercov.camera_formats.colmap_models import IDS, colmap_of
 from rastercov.camera_formats.conventions import unique
 from rastercov.camera_formats.rotations import to_quaternions
-from rastercov.errors import ConfigError
 from rastercov.pose import inverse
 from rastercov.views import Views
 

@@ -8,6 +8,7 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from rastercov.base.errors import CameraError
 from rastercov.camera import Camera
 from rastercov.camera_formats.equivalents import (
     as_fisheye,
@@ -18,7 +19,6 @@ from rastercov.camera_formats.equivalents import (
     opencv_length,
 )
 from rastercov.camera_models import MODELS
-from rastercov.errors import CameraError
 
 
 class ColmapModel(NamedTuple):

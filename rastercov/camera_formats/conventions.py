@@ -11,12 +11,12 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov._arguments import check_choice, flag
-from rastercov._checks import finite_number, image_side, shown, two
-from rastercov._files import printable
-from rastercov._names import UnknownNames
+from rastercov.base.arguments import check_choice, flag
+from rastercov.base.checks import finite_number, image_side, shown, two
+from rastercov.base.errors import CameraError, ConfigError, PoseError
+from rastercov.base.files import printable
+from rastercov.base.names import UnknownNames
 from rastercov.camera import Camera
-from rastercov.errors import CameraError, ConfigError, PoseError
 from rastercov.mesh.formats import METRES
 from rastercov.pose import DRIFT_TOLERANCE, Poses, inverse
 from rastercov.rig import Rig

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov._checks import finite_number, image_side, shown
-from rastercov.errors import CameraError
+from rastercov.base.checks import finite_number, image_side, shown
+from rastercov.base.errors import CameraError
 
 FloatArray = NDArray[np.float64]
 

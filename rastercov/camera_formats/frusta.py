@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.base.errors import CameraError
 from rastercov.camera import Camera
 from rastercov.camera_formats.conventions import OPENGL_AXES
 from rastercov.camera_formats.gltf import WORLD
-from rastercov.errors import CameraError
 from rastercov.mesh.formats.glb_writer import Y_UP, GlbBuffer
 from rastercov.rays import view_border
 from rastercov.views import Views

@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov._checks import shown
+from rastercov.base.checks import shown
+from rastercov.base.errors import CameraError, MeshError
 from rastercov.camera import Camera
 from rastercov.camera_formats.conventions import OPENGL_AXES, Border
 from rastercov.camera_formats.entries import Entries
 from rastercov.camera_formats.rotations import from_quaternions
 from rastercov.camera_formats.source import Source
-from rastercov.errors import CameraError, MeshError
 from rastercov.mesh.formats.glb_container import chunks
 from rastercov.mesh.formats.gltf_names import unknown_names
 from rastercov.views import Views

@@ -14,12 +14,12 @@ from typing import Any
 
 import numpy as np
 
-from rastercov._checks import shown
+from rastercov.base.checks import shown
+from rastercov.base.errors import CameraError
 from rastercov.camera import Camera
 from rastercov.camera_formats.conventions import Border, inverse_of
 from rastercov.camera_formats.entries import Entries
 from rastercov.camera_models import MODELS
-from rastercov.errors import CameraError
 from rastercov.views import Views
 
 CAMERA_NAME = re.compile(r"cam(0|[1-9][0-9]{0,5})")

@@ -14,12 +14,12 @@ from xml.etree.ElementTree import Element
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov._checks import image_side, shown
+from rastercov.base.checks import image_side, shown
+from rastercov.base.errors import CameraError
 from rastercov.camera import Camera
 from rastercov.camera_formats.conventions import Border
 from rastercov.camera_formats.entries import checked
 from rastercov.camera_formats.equivalents import brown, panorama
-from rastercov.errors import CameraError
 from rastercov.mesh.formats.xml_tree import children, local_name, look_at_names, schema_of
 from rastercov.views import Views
 

@@ -11,12 +11,12 @@ from pathlib import Path
 
 import numpy as np
 
-from rastercov._files import printable
+from rastercov.base.errors import CameraError
+from rastercov.base.files import printable
 from rastercov.camera import Camera
 from rastercov.camera_formats.conventions import Border, inverse_of
 from rastercov.camera_formats.entries import checked
 from rastercov.camera_formats.source import Source
-from rastercov.errors import CameraError
 from rastercov.views import Views
 
 PATTERN = "*cam.txt"

@@ -19,13 +19,13 @@ from xml.etree.ElementTree import Element
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov._checks import finite_number, shown
+from rastercov.base.checks import finite_number, shown
+from rastercov.base.errors import CameraError
 from rastercov.camera import Camera
 from rastercov.camera_formats.conventions import Border, inverse_of
 from rastercov.camera_formats.equivalents import as_fisheye, as_opencv, opencv_length
 from rastercov.camera_formats.rotations import from_vectors, motions
 from rastercov.camera_formats.source import Source
-from rastercov.errors import CameraError
 from rastercov.mesh.formats.xml_tree import local_name
 from rastercov.views import Views
 

@@ -15,13 +15,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov._checks import shown
+from rastercov.base.checks import shown
+from rastercov.base.errors import CameraError
 from rastercov.camera import Camera
 from rastercov.camera_formats.conventions import Border, inverse_of
 from rastercov.camera_formats.entries import Entries
 from rastercov.camera_formats.equivalents import brown
 from rastercov.camera_formats.rotations import from_vectors
-from rastercov.errors import CameraError
 from rastercov.views import Views
 
 FISHEYE_62 = "k1 k2 k3 k4 k5 k6 p1 p2"

@@ -17,11 +17,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov._checks import shown
+from rastercov.base.checks import shown
+from rastercov.base.errors import CameraError, PoseError
 from rastercov.camera import Camera
 from rastercov.camera_formats.conventions import Border
 from rastercov.camera_formats.entries import Entries
-from rastercov.errors import CameraError, PoseError
 from rastercov.pose import DRIFT_TOLERANCE, as_matrices, real_numbers
 from rastercov.views import Views
 

@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
+from rastercov.base.errors import CameraError
 from rastercov.camera import Camera
 from rastercov.camera_formats.conventions import Border
 from rastercov.camera_formats.entries import Entries, checked
 from rastercov.camera_formats.equivalents import as_fisheye, as_opencv, opencv_length
-from rastercov.errors import CameraError
 from rastercov.views import Views
 
 COUNTS = {

@@ -5,7 +5,8 @@ from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import Element
 
-from rastercov._files import (
+from rastercov.base.errors import CameraError, MeshError
+from rastercov.base.files import (
     LARGEST_ARRAY,
     UnparsedError,
     file_bytes,
@@ -13,7 +14,6 @@ from rastercov._files import (
     parsed_json,
     read_toml,
 )
-from rastercov.errors import CameraError, MeshError
 from rastercov.mesh.formats.xml_tree import parsed
 
 XML_BUDGET = 8 << 30

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.base.errors import CameraError
 from rastercov.camera import Camera
 from rastercov.camera_formats.conventions import OPENGL_AXES, Border
 from rastercov.camera_formats.entries import Entries
@@ -27,7 +28,6 @@ from rastercov.camera_formats.equivalents import (
     panorama,
 )
 from rastercov.camera_formats.source import Source
-from rastercov.errors import CameraError
 from rastercov.views import Views
 
 MODELS = {

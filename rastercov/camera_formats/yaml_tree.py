@@ -22,8 +22,8 @@ from yaml.events import (
     SequenceEndEvent,
 )
 
-from rastercov._checks import shown
-from rastercov._files import UnparsedError, one_line
+from rastercov.base.checks import shown
+from rastercov.base.files import UnparsedError, one_line
 
 MOST_VALUES = 2_000_000
 """Values of a file, each alias counted as all that it repeats."""

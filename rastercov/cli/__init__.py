@@ -17,7 +17,7 @@ import typer
 from typer.core import TyperCommand
 
 import rastercov
-from rastercov._interrupts import interrupt
+from rastercov.base.interrupts import interrupt
 from rastercov.cli.console import exit_code, leave, notices_shown
 from rastercov.cli.help import Command, Group
 

@@ -6,7 +6,8 @@ from typing import Annotated, Any
 
 import typer
 
-from rastercov._format import area, percent, plural
+from rastercov.base.errors import CameraError, PoseError
+from rastercov.base.format import area, percent, plural
 from rastercov.camera_formats import read_through
 from rastercov.camera_formats.conventions import Border, Conventions
 from rastercov.camera_formats.unit_doubts import unit_doubts
@@ -15,7 +16,6 @@ from rastercov.cli.console import progress_bar, say, warn
 from rastercov.cli.inputs import arguments_of, read_scene
 from rastercov.cli.views import left_out
 from rastercov.cluster import Tally, Workers
-from rastercov.errors import CameraError, PoseError
 from rastercov.task import Task
 
 MOST_NAMED = 5
@@ -60,9 +60,9 @@ def audit(
 
     [bold]Example[/]: rastercov audit sparse/0 mesh.ply --pose-unit 1 -o audit/
     """
-    from rastercov._output import json_text
     from rastercov.audits import Audit
     from rastercov.audits import audit as run
+    from rastercov.base.output import json_text
     from rastercov.evaluation_shards import is_long
     from rastercov.report.audit import write  # loads pyarrow
 

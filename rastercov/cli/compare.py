@@ -8,6 +8,7 @@ import typer
 from numpy.typing import NDArray
 from rich.console import Console
 
+from rastercov.base.errors import ConfigError
 from rastercov.camera import Camera
 from rastercov.camera_formats.conventions import Conventions
 from rastercov.camera_formats.unit_doubts import unit_doubts
@@ -15,7 +16,6 @@ from rastercov.cli import options
 from rastercov.cli.console import out_option, progress_bar, size_line, warn
 from rastercov.cli.inputs import read_scene
 from rastercov.cli.views import read_eyes
-from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.pose import Poses
 
@@ -71,7 +71,7 @@ def compare(
             raise ConfigError("--models takes neither --method nor --against; leave them out")
         _compare_models(scene, eye, matrices, out, as_json)
         return
-    from rastercov._output import json_text
+    from rastercov.base.output import json_text
     from rastercov.report import methods as report
     from rastercov.report.folder import ReportFolder
     from rastercov.validation.methods import compare as compared
@@ -109,7 +109,7 @@ def _compare_models(
     mesh: Mesh, camera: Camera, poses: NDArray[np.float64], out: Path, as_json: bool
 ) -> None:
     """Compare all coverage models, leave the page, and print a table or the JSON."""
-    from rastercov._output import json_text
+    from rastercov.base.output import json_text
     from rastercov.report import models as report
     from rastercov.report.folder import ReportFolder
     from rastercov.validation.models.comparison import compare_models, left_out

@@ -19,10 +19,10 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import typer
 from rich.console import Console
 
-from rastercov._format import plural, shortened
-from rastercov._interrupts import ABANDONED, was_interrupted
-from rastercov._stopwatch import Stopwatch
-from rastercov.errors import RastercovError
+from rastercov.base.errors import RastercovError
+from rastercov.base.format import plural, shortened
+from rastercov.base.interrupts import ABANDONED, was_interrupted
+from rastercov.base.stopwatch import Stopwatch
 
 if TYPE_CHECKING:
     from rastercov.mesh import Mesh

@@ -6,13 +6,13 @@ from typing import Annotated
 
 import typer
 
-from rastercov._format import plural
+from rastercov.base.errors import ConfigError
+from rastercov.base.format import plural
 from rastercov.camera_formats import READERS, WRITERS, format_of, read_views, write_views
 from rastercov.camera_formats.conventions import Conventions
 from rastercov.cli import options
 from rastercov.cli.console import warn
 from rastercov.cli.views import left_out
-from rastercov.errors import ConfigError
 
 
 @options.with_conventions

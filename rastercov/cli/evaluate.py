@@ -10,14 +10,14 @@ import typer
 from numpy.typing import NDArray
 from rich.console import Console
 
-from rastercov._format import plural
+from rastercov.base.errors import PoseError
+from rastercov.base.format import plural
 from rastercov.camera_formats.conventions import Conventions
 from rastercov.cli import options
 from rastercov.cli.console import progress_bar, say, warn
 from rastercov.cli.inputs import arguments_of, read_scene
 from rastercov.cli.views import left_out, read_eyes
 from rastercov.cluster import Tally, Workers
-from rastercov.errors import PoseError
 from rastercov.mesh import Mesh
 from rastercov.pose import Poses
 from rastercov.rig import Cameras
@@ -136,8 +136,8 @@ def run_and_print(
     workers: "Workers | None" = None,
 ) -> None:
     """Evaluate all poses, leave the report, and print a summary or the JSON."""
-    from rastercov._output import json_text
     from rastercov.area.zone_report import zone_lines
+    from rastercov.base.output import json_text
     from rastercov.exact.certificate import compile_once
     from rastercov.report.by_camera import camera_table
     from rastercov.report.coverage import run

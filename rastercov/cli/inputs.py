@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov import shapes
-from rastercov._arguments import MOST_POSES
+from rastercov.base.arguments import MOST_POSES
+from rastercov.base.errors import ConfigError, MeshError, PoseError
 from rastercov.camera import Camera
-from rastercov.errors import ConfigError, MeshError, PoseError
 from rastercov.mesh import Mesh
 from rastercov.mesh.formats import READERS
 from rastercov.mesh.groups import named

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.console import Console
 
-from rastercov._format import plural
+from rastercov.base.errors import RastercovError
+from rastercov.base.format import plural
 from rastercov.camera_formats.conventions import Conventions
 from rastercov.camera_formats.unit_doubts import unit_doubts
 from rastercov.cli.console import out_option, progress_bar, say, size_line, warn
@@ -24,7 +25,6 @@ from rastercov.cli.options import (
     with_conventions,
 )
 from rastercov.cli.views import read_rig
-from rastercov.errors import RastercovError
 
 if TYPE_CHECKING:
     from rastercov.plan.file import Plan
@@ -75,7 +75,7 @@ def place(
     [bold]Example[/]: rastercov place examples/plans/inspect_part.toml --out plan/
     """
     asked = _plan(plan)
-    from rastercov._output import json_text
+    from rastercov.base.output import json_text
     from rastercov.cluster import Workers
     from rastercov.report import plan as report
 

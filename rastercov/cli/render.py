@@ -8,14 +8,14 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from rastercov._format import plural, verb
+from rastercov.base.errors import PoseError
+from rastercov.base.format import plural, verb
 from rastercov.camera_formats.conventions import Conventions
 from rastercov.camera_formats.unit_doubts import unit_doubts
 from rastercov.cli import options
 from rastercov.cli.console import out_option, size_line, warn
 from rastercov.cli.inputs import read_scene
 from rastercov.cli.views import read_eyes
-from rastercov.errors import PoseError
 from rastercov.pose import Poses
 
 
@@ -40,7 +40,7 @@ def render(
 
     [bold]Example[/]: rastercov render part.stl --unit mm -c camera.toml -p poses.json --pose 3
     """
-    from rastercov._output import write_npz
+    from rastercov.base.output import write_npz
     from rastercov.report.coverage import Options
     from rastercov.report.folder import ReportFolder, ReportKind
     from rastercov.report.images import (

@@ -48,7 +48,7 @@ def markers(
 
     [bold]In seconds[/]: rastercov validate markers --scenes 0
     """
-    from rastercov._output import json_text
+    from rastercov.base.output import json_text
     from rastercov.report.folder import ReportFolder
     from rastercov.report.markers import (
         REQUIREMENTS,

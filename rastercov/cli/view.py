@@ -13,14 +13,14 @@ import numpy as np
 import typer
 
 from rastercov import shapes
-from rastercov._format import plural
+from rastercov.base.errors import CameraError, ConfigError, MeshError
+from rastercov.base.format import plural
 from rastercov.camera_formats.conventions import Border, Conventions
 from rastercov.camera_formats.unit_doubts import unit_doubts
 from rastercov.cli import options
 from rastercov.cli.console import say, size_line, warn
 from rastercov.cli.inputs import are_arguments, read_again, read_scene
 from rastercov.cli.views import read_cameras, read_eyes, read_rig
-from rastercov.errors import CameraError, ConfigError, MeshError
 from rastercov.mesh import Mesh
 from rastercov.pose import Poses
 from rastercov.task import Task

@@ -12,12 +12,12 @@ from pathlib import Path
 
 import numpy as np
 
+from rastercov.base.errors import CameraError, PoseError
 from rastercov.camera import Camera
 from rastercov.camera_file import PRESETS
 from rastercov.camera_formats import read_through
 from rastercov.camera_formats.conventions import Border, Conventions
 from rastercov.cli.inputs import poses_around
-from rastercov.errors import CameraError, PoseError
 from rastercov.mesh import Mesh
 from rastercov.pose import Poses
 from rastercov.rig import Rig

@@ -9,8 +9,8 @@ refuse, because a machine or container with one user has no others.
 import ipaddress
 from urllib.parse import urlsplit
 
-from rastercov._checks import shown
-from rastercov.errors import ConfigError
+from rastercov.base.checks import shown
+from rastercov.base.errors import ConfigError
 
 EXAMPLE = "tcp://127.0.0.1:8786 or tls://host:8786"
 

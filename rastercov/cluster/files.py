@@ -10,8 +10,8 @@ import os
 import secrets
 from pathlib import Path
 
-from rastercov._output import named
-from rastercov.errors import ConfigError
+from rastercov.base.errors import ConfigError
+from rastercov.base.output import named
 
 SUMS = "sha256"
 """Folder of the checksums of all files."""

@@ -17,8 +17,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import NamedTuple
 
-from rastercov._stopwatch import Stopwatch
-from rastercov.errors import ConfigError
+from rastercov.base.errors import ConfigError
+from rastercov.base.stopwatch import Stopwatch
 
 
 class FolderLostError(OSError):

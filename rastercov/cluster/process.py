@@ -17,9 +17,9 @@ from queue import SimpleQueue
 from types import MappingProxyType
 from typing import Any
 
-from rastercov._child import child_environment
-from rastercov._closing import Closing
-from rastercov.errors import RastercovError
+from rastercov.base.child import child_environment
+from rastercov.base.closing import Closing
+from rastercov.base.errors import RastercovError
 
 PROGRAM = "from rastercov.cluster.process import serve; serve()"
 EMPTY: Mapping[str, str] = MappingProxyType({})

@@ -9,10 +9,10 @@ import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from rastercov.base.errors import RastercovError
 from rastercov.cluster.files import DamagedError, contents, discard, has_sum, store
 from rastercov.cluster.job import Job, Made, work
 from rastercov.cluster.process import Process, ProcessEndedError
-from rastercov.errors import RastercovError
 
 FOLDER = "quarantine"
 """Folder in that of the job; a file for each shard with poses that were left out."""

@@ -9,13 +9,13 @@ from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any
 
-from rastercov._format import plural
+from rastercov.base.errors import ConfigError, RastercovError
+from rastercov.base.format import plural
 from rastercov.cluster.address import risk
 from rastercov.cluster.job import Job, Made, work
 from rastercov.cluster.process import ProcessEndedError
 from rastercov.cluster.quarantine import alone, forget, quarantined_of
 from rastercov.cluster.workers import Workers
-from rastercov.errors import ConfigError, RastercovError
 
 IN_FLIGHT = 4
 """Shards with the scheduler at a time, for each thread of the workers."""

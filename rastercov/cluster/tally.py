@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from typing import Any
 
-from rastercov._format import plural
+from rastercov.base.format import plural
 from rastercov.cluster.job import Made
 
 

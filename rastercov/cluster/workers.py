@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import Any
 
-from rastercov._checks import shown
+from rastercov.base.checks import shown
+from rastercov.base.errors import ConfigError
 from rastercov.cluster.address import check_address
 from rastercov.cluster.process import Processes
-from rastercov.errors import ConfigError
 
 MOST_WORKERS = 1024
 """Processes on one machine; more are a slip of the keyboard."""

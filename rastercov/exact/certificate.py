@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov._jit import compiled_aside, is_compiled
-from rastercov._once import Once
+from rastercov.base.once import Once
 from rastercov.camera import Camera
 from rastercov.exact import certificate_kernels as kernels
 from rastercov.exact.arrangement_kernels import MOST_CELLS, arrangement_areas

@@ -22,10 +22,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov._direct import DirectCalls
-from rastercov._memory import check_memory
-from rastercov._threads import share_poses, thread_count
+from rastercov.base.errors import ConfigError
+from rastercov.base.memory import check_memory
+from rastercov.base.threads import share_poses, thread_count
 from rastercov.camera import Camera
-from rastercov.errors import ConfigError
 from rastercov.exact.block_kernels import lay_boxes
 from rastercov.exact.cell_grid import first_grid, grid_over, with_room
 from rastercov.exact.grid_kernels import (

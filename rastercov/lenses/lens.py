@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov._arguments import checked_array
-from rastercov._checks import focal_length_px, image_side, number, principal_point_px
-from rastercov.errors import CameraError
+from rastercov.base.arguments import checked_array
+from rastercov.base.checks import focal_length_px, image_side, number, principal_point_px
+from rastercov.base.errors import CameraError
 from rastercov.lenses import formulas, kernels
 from rastercov.lenses.planes import IdealPlane, ideal_planes
 from rastercov.lenses.region import with_region

@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov._checks import LONGEST, MAX_IMAGE_SIDE
+from rastercov.base.checks import LONGEST, MAX_IMAGE_SIDE
 from rastercov.camera import Camera
 from rastercov.lenses import balls, formulas
 from rastercov.lenses.kernels import SECTORS, jacobian_many, unproject_many

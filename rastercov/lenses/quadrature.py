@@ -34,7 +34,7 @@ import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
-from rastercov.errors import CameraError
+from rastercov.base.errors import CameraError
 from rastercov.lenses.expansions import coefficient_bounds
 from rastercov.lenses.planes import IdealPlane
 

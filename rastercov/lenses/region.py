@@ -24,7 +24,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.errors import CameraError
+from rastercov.base.errors import CameraError
 from rastercov.lenses import formulas as lens
 from rastercov.lenses.intervals import Interval, Jet
 from rastercov.lenses.kernels import SECTORS, base_points, rays_of, unproject_many

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov._arguments import checked_array
-from rastercov._checks import coefficients_of, image_side, number, shown
-from rastercov.errors import CameraError
+from rastercov.base.arguments import checked_array
+from rastercov.base.checks import coefficients_of, image_side, number, shown
+from rastercov.base.errors import CameraError
 from rastercov.lenses.lens import Lens, make_lens
 
 OPENCV_COUNTS = (0, 4, 5, 8, 12, 14)

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov._arguments import LARGEST_COORDINATE, checked_array, owned
-from rastercov.errors import MeshError, ResourceError
+from rastercov.base.arguments import LARGEST_COORDINATE, checked_array, owned
+from rastercov.base.errors import MeshError, ResourceError
 
 MOST_FACES = 2**31 - 1  # a pixel stores face index + 1
 BLOCK = 1 << 17  # faces processed at once, so that temporaries fit in the cache

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov._once import Once
+from rastercov.base.once import Once
 from rastercov.mesh import contact_kernels as kernels
 from rastercov.mesh.arrays import blocks, normals_and_areas
 from rastercov.mesh.topology import first_equal_row

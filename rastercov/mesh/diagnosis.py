@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov._format import plural
+from rastercov.base.format import plural
 from rastercov.mesh.topology import Topology
 
 

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov._arguments import check_kind, flag, members
-from rastercov.errors import MeshError
+from rastercov.base.arguments import check_kind, flag, members
+from rastercov.base.errors import MeshError
 from rastercov.mesh.arrays import face_labels
 from rastercov.mesh.names import Names
 

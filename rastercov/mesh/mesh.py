@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov._arguments import check_kind, members
-from rastercov._files import StrPath
-from rastercov._typed import check_type
-from rastercov.errors import MeshError
+from rastercov.base.arguments import check_kind, members
+from rastercov.base.errors import MeshError
+from rastercov.base.files import StrPath
+from rastercov.base.typed import check_type
 from rastercov.mesh.arrays import (
     check_coordinates,
     checked_faces,

@@ -3,9 +3,9 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov._arguments import checked_array, owned
-from rastercov._checks import finite_number, shown
-from rastercov.errors import MeshError
+from rastercov.base.arguments import checked_array, owned
+from rastercov.base.checks import finite_number, shown
+from rastercov.base.errors import MeshError
 from rastercov.mesh.arrays import rotation_about
 
 

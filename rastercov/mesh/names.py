@@ -14,8 +14,8 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov._files import StrPath
-from rastercov.errors import MeshError
+from rastercov.base.errors import MeshError
+from rastercov.base.files import StrPath
 
 Value = TypeVar("Value")
 MOST_LISTED, LONGEST_LISTED = 5, 60

@@ -11,9 +11,9 @@ from itertools import product
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov._arguments import finite_points
-from rastercov._typed import typed
-from rastercov.errors import MeshError
+from rastercov.base.arguments import finite_points
+from rastercov.base.errors import MeshError
+from rastercov.base.typed import typed
 from rastercov.mesh.groups import Group, named
 from rastercov.mesh.mesh import Mesh, names_of
 from rastercov.mesh.names import listed

@@ -13,12 +13,12 @@ from typing import Any, Protocol, TypeVar, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov._checks import shown
-from rastercov._memory import check_memory
+from rastercov.base.checks import shown
+from rastercov.base.errors import ConfigError
+from rastercov.base.memory import check_memory
 from rastercov.camera import Camera
 from rastercov.camera_models import MODELS as LENSES
 from rastercov.criteria import FaceGeometry, in_focus
-from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.near_plane import near_limit
 from rastercov.pose import valid_poses

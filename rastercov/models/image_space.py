@@ -21,10 +21,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rastercov.base.errors import ConfigError
 from rastercov.camera import Camera
 from rastercov.coverage import evaluate_batches
 from rastercov.engine import METHODS
-from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.models.base import Criteria, FloatArray, coverage_model
 from rastercov.observer import open_observer

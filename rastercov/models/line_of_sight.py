@@ -19,9 +19,9 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov._arguments import check_choice
+from rastercov.base.arguments import check_choice
+from rastercov.base.errors import ConfigError
 from rastercov.camera import Camera
-from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.mesh.triangle_tree import BOX_MARGIN, TriangleTree
 from rastercov.near_plane import depth_from_near

@@ -48,9 +48,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rastercov.base.errors import ConfigError
 from rastercov.camera import Camera
 from rastercov.criteria import face_geometry
-from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.models.base import (
     BoolArray,

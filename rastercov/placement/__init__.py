@@ -9,7 +9,7 @@ From more pairs than the memory holds: measure_matrix -> BitMatrix.of -> bit_pro
 All names that a program needs; the pages of a plan are in `rastercov.report`.
 """
 
-from rastercov._typed import guard as _guard
+from rastercov.base.typed import guard as _guard
 from rastercov.placement.bit_matrix import BitMatrix
 from rastercov.placement.bits import CoveredBits
 from rastercov.placement.candidates.cavities import Access, Openings, openings, per_cavity

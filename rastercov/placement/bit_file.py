@@ -23,9 +23,9 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov._threads import share_poses, thread_count
+from rastercov.base.errors import ResourceError
+from rastercov.base.threads import share_poses, thread_count
 from rastercov.cluster.files import SUMS, DamagedError, contents, store
-from rastercov.errors import ResourceError
 from rastercov.placement import bit_kernels as kernels
 from rastercov.placement._arrays import FloatArray
 from rastercov.placement.bits import CoveredBits, n_words

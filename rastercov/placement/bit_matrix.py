@@ -12,7 +12,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.errors import ConfigError
+from rastercov.base.errors import ConfigError
 from rastercov.placement._arrays import FloatArray
 from rastercov.placement.bit_file import covered_bits
 from rastercov.placement.bits import CoveredBits

@@ -13,7 +13,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov._threads import share_poses, thread_count
+from rastercov.base.threads import share_poses, thread_count
 from rastercov.placement import bit_kernels as kernels
 from rastercov.placement._arrays import BoolArray, IntArray
 

@@ -29,11 +29,11 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov._typed import typed
 from rastercov.area.cells import Cells
+from rastercov.base.errors import ConfigError
+from rastercov.base.typed import typed
 from rastercov.cluster import Job, Made, Workers, make_shards
 from rastercov.cluster.quarantine import drop_damaged, forget
-from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.observer import Observer, open_observer
 from rastercov.placement._arrays import BoolArray, FloatArray

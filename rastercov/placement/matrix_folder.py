@@ -9,9 +9,9 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.base.errors import ConfigError
 from rastercov.cluster.files import DamagedError
 from rastercov.cluster.quarantine import quarantined
-from rastercov.errors import ConfigError
 from rastercov.placement._arrays import IntArray
 from rastercov.placement.shards import (
     Note,

@@ -12,12 +12,12 @@ from rastercov._observers import ExactObserver
 from rastercov.area.cells import Cells
 from rastercov.area.frames import check_same_mesh
 from rastercov.area.observer import RegionObserver
+from rastercov.base.errors import ConfigError
 from rastercov.cluster.files import DamagedError, contents, store
 from rastercov.cluster.scene_file import scene_bytes
 from rastercov.coverage import Coverage, evaluate_batches, judged, measurements
 from rastercov.coverage_pass import CoveragePass
 from rastercov.engine import Engine
-from rastercov.errors import ConfigError
 from rastercov.observer import Observer
 from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
 from rastercov.placement.explain.candidate_visibility import FIGURES, CandidateBounds

@@ -12,7 +12,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov._lists import Lists
+from rastercov.base.lists import Lists
 from rastercov.camera import Camera
 from rastercov.pose import Poses
 from rastercov.rig import Rig

@@ -13,11 +13,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rastercov.area.cells import Cells, cells
+from rastercov.base.errors import ConfigError
 from rastercov.cluster.files import contents
 from rastercov.cluster.job import FolderLostError
 from rastercov.cluster.scene_file import read_scene
 from rastercov.engine import Engine
-from rastercov.errors import ConfigError
 from rastercov.observer import open_observer
 from rastercov.placement.explain.candidate_visibility import CandidateBounds
 from rastercov.placement.matrix_shards import (

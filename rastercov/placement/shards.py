@@ -24,8 +24,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.area.cells import Cells
+from rastercov.base.errors import ConfigError
 from rastercov.cluster.files import SUMS, DamagedError, contents, has_sums, store
-from rastercov.errors import ConfigError
 from rastercov.observer import Observer
 from rastercov.placement.mounts import Mounts
 from rastercov.pose import Poses

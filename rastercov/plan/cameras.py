@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, Field, ValidationInfo, model_validator
 
+from rastercov.base.errors import CameraError, RastercovError
 from rastercov.camera import Camera
 from rastercov.camera_file import PRESETS, check_optics
 from rastercov.camera_formats import read_views
 from rastercov.camera_formats.conventions import Conventions
-from rastercov.errors import CameraError, RastercovError
 from rastercov.mesh.arrays import rotation_about
 from rastercov.plan.entry import (
     Count,

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov._format import plural
+from rastercov.base.errors import RastercovError
+from rastercov.base.format import plural
 from rastercov.camera_formats import read_views
-from rastercov.errors import RastercovError
 from rastercov.mesh import Mesh
 from rastercov.placement.candidates import mounting, pool
 from rastercov.placement.candidates.clearance import Dropped, KeepOut, filter_candidates

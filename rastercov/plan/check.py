@@ -15,12 +15,12 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov._checks import share_meant
-from rastercov._format import plural
-from rastercov._output import write_bytes
 from rastercov.area.zone_report import ZONES
+from rastercov.base.checks import share_meant
+from rastercov.base.errors import ConfigError, MeshError, PoseError
+from rastercov.base.format import plural
+from rastercov.base.output import write_bytes
 from rastercov.camera_formats import read_views
-from rastercov.errors import ConfigError, MeshError, PoseError
 from rastercov.mesh import Mesh
 from rastercov.mesh.names import Names, listed, quoted
 from rastercov.placement.explain.uncovered import Leftover

@@ -11,8 +11,8 @@ from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
-from rastercov._checks import share_meant, shown
-from rastercov.errors import ConfigError
+from rastercov.base.checks import share_meant, shown
+from rastercov.base.errors import ConfigError
 
 WORDS = {
     "float_type": "a number",

@@ -10,11 +10,11 @@ from typing import Any, Self
 import numpy as np
 from pydantic import PrivateAttr, ValidationError
 
-from rastercov._files import StrPath, UnparsedError, UnreadableError, printable, read_toml
 from rastercov.area.network import unit_of_result
+from rastercov.base.errors import CameraError, RastercovError
+from rastercov.base.files import StrPath, UnparsedError, UnreadableError, printable, read_toml
 from rastercov.camera import Camera
 from rastercov.engine import Engine
-from rastercov.errors import CameraError, RastercovError
 from rastercov.placement.mounts import Mounts
 from rastercov.plan.cameras import ONE_CAMERA
 from rastercov.plan.errors import PlanError, lines_of

@@ -16,15 +16,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov._format import percent
-from rastercov._output import named
-from rastercov._stopwatch import Stopwatch
 from rastercov.area.cells import Cells, cells, usual_size
 from rastercov.area.network import AreaNetwork
+from rastercov.base.errors import ConfigError, ResourceError
+from rastercov.base.format import percent
+from rastercov.base.output import named
+from rastercov.base.stopwatch import Stopwatch
 from rastercov.camera_formats.unit_doubts import unit_doubts
 from rastercov.cluster import Tally, Workers
 from rastercov.coverage import evaluate_batches
-from rastercov.errors import ConfigError, ResourceError
 from rastercov.mesh import Mesh
 from rastercov.observer import Observer
 from rastercov.placement.bit_matrix import BitMatrix

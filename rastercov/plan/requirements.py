@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov._format import percent, plural
 from rastercov.area.network import AreaNetwork
+from rastercov.base.format import percent, plural
 from rastercov.mesh import Mesh
 from rastercov.placement.select.problem import (
     SHARE_TOLERANCE,

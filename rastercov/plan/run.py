@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from rastercov.area.network import AreaNetwork
 from rastercov.area.regions import RegionPass
+from rastercov.base.errors import ConfigError
 from rastercov.cluster import Workers
 from rastercov.coverage import batch_size
-from rastercov.errors import ConfigError
 from rastercov.placement.explain.uncovered import Leftover
 from rastercov.placement.improve.objective import CellObjective, Objective
 from rastercov.placement.improve.refine import INTERRUPTED, Refined, refine

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from rastercov import shapes
-from rastercov.errors import MeshError, RastercovError
+from rastercov.base.errors import MeshError, RastercovError
 from rastercov.mesh import Group, Mesh
 from rastercov.mesh.names import FileGroups, Names, refuse_twice
 from rastercov.mesh.targets import box_grid, count_for, sheet_above, with_target

@@ -4,10 +4,10 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from rastercov._arguments import check_choice, check_scene
-from rastercov._checks import finite_number, shown
+from rastercov.base.arguments import check_choice, check_scene
+from rastercov.base.checks import finite_number, shown
+from rastercov.base.errors import ConfigError, DeviceError
 from rastercov.camera import Camera
-from rastercov.errors import ConfigError, DeviceError
 from rastercov.mesh import Mesh
 from rastercov.raster.contract import (
     MAX_SUPERSAMPLE,

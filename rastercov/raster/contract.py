@@ -19,9 +19,9 @@ from typing import Protocol, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov._memory import check_memory
+from rastercov.base.errors import ConfigError, ResourceError
+from rastercov.base.memory import check_memory
 from rastercov.camera import Camera
-from rastercov.errors import ConfigError, ResourceError
 from rastercov.mesh import Mesh
 
 CountArray = NDArray[np.int32] | NDArray[np.int64]

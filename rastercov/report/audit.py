@@ -18,9 +18,9 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from rastercov._interrupts import interrupts_held
-from rastercov._output import write_bytes, write_json, write_npz, write_text, writing
 from rastercov.audits import Audit
+from rastercov.base.interrupts import interrupts_held
+from rastercov.base.output import write_bytes, write_json, write_npz, write_text, writing
 from rastercov.evaluation_shards import UNFINISHED, remove
 from rastercov.provenance import Provenance
 from rastercov.report.audit_page import page, pictures_of

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from rich.table import Table
 from rich.text import Text
 
-from rastercov._format import area, percent, plural
 from rastercov.area.by_camera import AreasByCamera, cameras_apart
 from rastercov.area.regions import Regions
+from rastercov.base.format import area, percent, plural
 from rastercov.judged_poses import JudgedPoses
 from rastercov.mesh import Mesh
 from rastercov.network import Network

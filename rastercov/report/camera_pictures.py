@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from rastercov._format import area, percent, plural
 from rastercov.area.failures import first_failures
 from rastercov.area.regions import Regions
+from rastercov.base.format import area, percent, plural
 from rastercov.camera import Camera
 from rastercov.coverage import evaluate
 from rastercov.mesh import Mesh

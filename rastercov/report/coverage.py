@@ -27,17 +27,17 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov._checks import shown
-from rastercov._interrupts import interrupts_held
-from rastercov._output import write_json
-from rastercov._stopwatch import Stopwatch
 from rastercov.area.network import AreaNetwork, unit_of_result
 from rastercov.area.regions import Regions
+from rastercov.base.checks import shown
+from rastercov.base.errors import ConfigError
+from rastercov.base.interrupts import interrupts_held
+from rastercov.base.output import write_json
+from rastercov.base.stopwatch import Stopwatch
 from rastercov.camera import Camera
 from rastercov.cluster import Made, Workers
 from rastercov.criteria import face_geometry
 from rastercov.engine import Engine
-from rastercov.errors import ConfigError
 from rastercov.evaluation_shards import (
     UNFINISHED,
     EvaluationShards,

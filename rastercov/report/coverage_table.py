@@ -15,9 +15,9 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from rastercov._output import json_bytes, named, replacing
+from rastercov.base.errors import ConfigError
+from rastercov.base.output import json_bytes, named, replacing
 from rastercov.coverage import FIGURES, UNITS
-from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.observation import BoundKind
 from rastercov.task import Reason

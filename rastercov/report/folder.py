@@ -35,9 +35,9 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Self
 
-from rastercov._interrupts import interrupts_held
-from rastercov._output import named
-from rastercov.errors import ConfigError
+from rastercov.base.errors import ConfigError
+from rastercov.base.interrupts import interrupts_held
+from rastercov.base.output import named
 
 STAGING = ".rastercov-report.part"
 """Hidden folder of a running command: its files, and those it replaces."""

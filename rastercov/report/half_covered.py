@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov._format import percent
 from rastercov.area.failures import first_failures, pixels_per_m2
 from rastercov.area.network import unit_of_result
 from rastercov.area.regions import OF_A_FACE
+from rastercov.base.format import percent
 from rastercov.engine import Engine
 from rastercov.mesh import Mesh
 from rastercov.network import Network

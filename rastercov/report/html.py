@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any
 
 from PIL import Image
 
-from rastercov._format import number, percent, plural
-from rastercov._interrupts import interrupts_held
-from rastercov._output import write_bytes, write_json, write_text
+from rastercov.base.format import number, percent, plural
+from rastercov.base.interrupts import interrupts_held
+from rastercov.base.output import write_bytes, write_json, write_text
 from rastercov.report.folder import ReportFolder
 from rastercov.report.images import png
 from rastercov.report.theme import DARK, LIGHT

@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from rastercov._output import writing
+from rastercov.base.errors import ConfigError
+from rastercov.base.output import writing
 from rastercov.camera import Camera
-from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.raster.contract import VisibilityBuffer
 from rastercov.report.target_pictures import lay_over, targets_in_view

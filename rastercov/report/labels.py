@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image, ImageDraw
 
-from rastercov._format import number
+from rastercov.base.format import number
 from rastercov.report.images import Font
 from rastercov.report.theme import INK, PAPER, Colour
 

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 from rich.table import Table
 from rich.text import Text
 
-from rastercov._format import milliseconds, number, percent_of, plural
+from rastercov.base.format import milliseconds, number, percent_of, plural
 from rastercov.camera import Camera
 from rastercov.mesh import Mesh
 from rastercov.pose import valid_poses

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 from rich.table import Table
 
-from rastercov._format import milliseconds, number, percent_of, plural
+from rastercov.base.format import milliseconds, number, percent_of, plural
 from rastercov.camera import Camera
 from rastercov.mesh import Mesh
 from rastercov.models import MODELS, zhang

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image, ImageDraw
 
-from rastercov._format import plural, short
 from rastercov.area.regions import Regions
+from rastercov.base.format import plural, short
 from rastercov.camera import Camera
 from rastercov.camera_models import MODELS
 from rastercov.mesh import Mesh

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from rastercov._format import length, percent, plural, signed, verb
-from rastercov._output import write_text
+from rastercov.base.format import length, percent, plural, signed, verb
+from rastercov.base.output import write_text
 from rastercov.placement.candidates.cavities import Access, Openings
 from rastercov.placement.candidates.clearance import Dropped
 from rastercov.placement.candidates.pool import Candidates

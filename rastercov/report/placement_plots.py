@@ -3,9 +3,9 @@
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from rastercov._format import percent
 from rastercov.area.regions import Regions
 from rastercov.area.union import unite
+from rastercov.base.format import percent
 from rastercov.network import Network, share_of_faces
 from rastercov.placement.select.problem import BestCoverage, FewestCameras, Goal
 from rastercov.placement.select.selection import Selection

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rastercov.area.regions import Regions
 from rastercov.area.zones import DeadZones
-from rastercov.errors import ConfigError
+from rastercov.base.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.network import Network
 from rastercov.placement.candidates.cavities import Openings

@@ -20,11 +20,11 @@ import numpy as np
 from rich.table import Table
 from rich.text import Text
 
-from rastercov._format import percent, plural, verb
-from rastercov._interrupts import interrupts_held
-from rastercov._output import write_json
 from rastercov.area.regions import regions
 from rastercov.area.zone_report import ZONES
+from rastercov.base.format import percent, plural, verb
+from rastercov.base.interrupts import interrupts_held
+from rastercov.base.output import write_json
 from rastercov.cluster import Workers
 from rastercov.placement.select.problem import BestCoverage, FewestCameras
 from rastercov.plan.file import Plan

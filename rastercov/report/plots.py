@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from PIL import Image
 
-from rastercov._format import short
+from rastercov.base.format import short
 from rastercov.report.html import Picture
 from rastercov.report.images import png
 from rastercov.report.theme import Theme

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from rastercov._interrupts import interrupts_held
 from rastercov.area.network import AreaNetwork
 from rastercov.area.regions import RegionPass, Regions
+from rastercov.base.interrupts import interrupts_held
 from rastercov.camera import Camera
 from rastercov.engine import Engine
 from rastercov.mesh import Mesh

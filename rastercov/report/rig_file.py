@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rastercov._output import write_json
+from rastercov.base.output import write_json
 from rastercov.camera_formats.own import content_of
 from rastercov.pose import Poses
 from rastercov.rig import Cameras, Rig, cameras_of, names_of

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov.errors import ConfigError
+from rastercov.base.errors import ConfigError
 from rastercov.mesh import Mesh
 
 Colour = tuple[int, int, int]

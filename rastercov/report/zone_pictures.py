@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
-from rastercov._format import area, percent, signed
 from rastercov.area.points import zones_at
 from rastercov.area.zone_report import WORDS
 from rastercov.area.zones import DeadZones
+from rastercov.base.format import area, percent, signed
 from rastercov.mesh import Mesh
 from rastercov.report import theme
 from rastercov.report.area_pictures import PIXELS_AT_A_TIME, points_of_pixels

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
-from rastercov._checks import shown
-from rastercov._files import printable
+from rastercov.base.checks import shown
+from rastercov.base.errors import ConfigError
+from rastercov.base.files import printable
 from rastercov.camera import Camera
 from rastercov.camera_file import PRESETS
-from rastercov.errors import ConfigError
 from rastercov.mesh.arrays import frozen
 from rastercov.pose import valid_poses
 from rastercov.task import Task

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov._checks import shown
-from rastercov.errors import ConfigError
+from rastercov.base.checks import shown
+from rastercov.base.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.report import theme
 from rastercov.report.theme import Colour, Pixels

@@ -18,7 +18,7 @@ from typing import Any
 from uvicorn import Config
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
-from rastercov.errors import ConfigError
+from rastercov.base.errors import ConfigError
 
 LOG = logging.getLogger("rastercov")
 MOST_CONNECTIONS = 128

@@ -11,8 +11,8 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from rastercov._output import write_text
-from rastercov.errors import ConfigError, RastercovError, ResourceError
+from rastercov.base.errors import ConfigError, RastercovError, ResourceError
+from rastercov.base.output import write_text
 from rastercov.viewer.colours import NETWORK_MODES
 from rastercov.viewer.page_files import digest_of, page_text, static_file
 from rastercov.viewer.session import Session, unframed

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from rastercov.errors import ConfigError
+from rastercov.base.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.report import theme
 from rastercov.report.camera_pictures import camera_image, camera_keys, camera_pixels

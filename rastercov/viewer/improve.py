@@ -10,9 +10,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.base.errors import ConfigError
 from rastercov.camera import Camera
 from rastercov.coverage import evaluate_batches
-from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.placement.candidates.framing import turns_about_z
 from rastercov.placement.improve.objective import Objective

@@ -5,10 +5,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
-from rastercov._checks import image_side, number, positive, shown
+from rastercov.base.checks import image_side, number, positive, shown
+from rastercov.base.errors import CameraError
 from rastercov.camera import Camera
 from rastercov.camera_models import MODELS
-from rastercov.errors import CameraError
 from rastercov.rays import view_border
 
 PARTS_OF_BORDER = 8

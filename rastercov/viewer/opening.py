@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from rastercov._files import UnreadableError, printable, read_json
+from rastercov.base.errors import ConfigError, PoseError
+from rastercov.base.files import UnreadableError, printable, read_json
 from rastercov.camera import Camera
 from rastercov.camera_formats import read_views
-from rastercov.errors import ConfigError, PoseError
 from rastercov.mesh import Mesh
 from rastercov.plan.candidates import candidate_pool
 from rastercov.plan.file import read_plan

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov._checks import shown
+from rastercov.base.checks import shown
+from rastercov.base.errors import ConfigError
 from rastercov.camera import Camera
-from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import frozen
 from rastercov.placement.select.problem import views_of

@@ -7,11 +7,11 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from rastercov._checks import shown
-from rastercov._format import plural
-from rastercov._output import write_bytes
+from rastercov.base.checks import shown
+from rastercov.base.errors import ConfigError
+from rastercov.base.format import plural
+from rastercov.base.output import write_bytes
 from rastercov.camera_formats.own import content_of
-from rastercov.errors import ConfigError
 from rastercov.task import Task
 from rastercov.viewer.export import exported
 from rastercov.viewer.rig_state import RigState

@@ -8,7 +8,7 @@ from annotated_types import Ge, Gt, Le
 from numpy.typing import NDArray
 
 import rastercov
-from rastercov._limits import annotations_of, documented, metadata_of
+from rastercov.base.limits import annotations_of, documented, metadata_of
 from rastercov.camera_file import PRESETS
 from rastercov.mesh import Mesh
 from rastercov.models import MODELS

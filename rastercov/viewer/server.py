@@ -19,9 +19,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rastercov._files import StrPath, one_line
-from rastercov._interrupts import ABANDONED
-from rastercov.errors import ConfigError, ResourceError
+from rastercov.base.errors import ConfigError, ResourceError
+from rastercov.base.files import StrPath, one_line
+from rastercov.base.interrupts import ABANDONED
 from rastercov.viewer.page_files import TYPES, digest_of, page_text, static_file
 from rastercov.viewer.saving import Saving
 from rastercov.viewer.session import Session, StaleError
@@ -342,7 +342,7 @@ def _endpoint(threads: ThreadPoolExecutor, answer: Answer) -> Any:
         from starlette.requests import ClientDisconnect
         from starlette.responses import Response
 
-        from rastercov.errors import RastercovError
+        from rastercov.base.errors import RastercovError
 
         loop = asyncio.get_running_loop()
         try:

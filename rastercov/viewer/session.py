@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov._checks import shown
 from rastercov.area.network import AreaNetwork
-from rastercov.errors import ConfigError
+from rastercov.base.checks import shown
+from rastercov.base.errors import ConfigError
 from rastercov.models import MODELS
 from rastercov.placement.candidates.segments import Segmentation, segment
 from rastercov.placement.improve.pose_space import PoseSpace

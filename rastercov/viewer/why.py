@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from rastercov._format import area, length, percent, plural
+from rastercov.base.errors import ConfigError
+from rastercov.base.format import area, length, percent, plural
 from rastercov.camera import Camera
 from rastercov.coverage import Coverage, evaluate, evaluate_batches
-from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.placement.explain.blockers import in_front
 from rastercov.task import Reason, Task

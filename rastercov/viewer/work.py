@@ -6,10 +6,10 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
-from rastercov._checks import shown
-from rastercov._format import area
-from rastercov._interrupts import ABANDONED
-from rastercov.errors import ConfigError, RastercovError
+from rastercov.base.checks import shown
+from rastercov.base.errors import ConfigError, RastercovError
+from rastercov.base.format import area
+from rastercov.base.interrupts import ABANDONED
 from rastercov.viewer.improve import Cancelled, Progress, poses_of_camera, refined, tries, with_next
 from rastercov.viewer.measurements import Measurements, exact_area
 from rastercov.viewer.session import Session, StaleError

@@ -12,8 +12,8 @@ from rastercov.area.network import AreaNetwork, in_words, unit_of_result
 from rastercov.area.observer import RegionObserver
 from rastercov.area.rest import with_rest
 from rastercov.area.union import polygon_areas
+from rastercov.base.errors import ConfigError
 from rastercov.engine import Engine
-from rastercov.errors import ConfigError
 from rastercov.mesh import Group
 from rastercov.network import Network
 

@@ -8,7 +8,7 @@ from scenes import joined, square
 from surface_cases import building, in_regions, room
 
 import rastercov as rc
-from rastercov.errors import ConfigError, ResourceError
+from rastercov.base.errors import ConfigError, ResourceError
 from rastercov.reference.regions import points_on
 
 TASK = rc.Task(max_incidence_deg=70, min_pixels_per_m2=2000)

@@ -9,7 +9,7 @@ from surface_cases import building, room
 
 import rastercov as rc
 from rastercov.area.centres import CentrePass
-from rastercov.errors import ConfigError
+from rastercov.base.errors import ConfigError
 from rastercov.reference.regions import covers_points
 
 TASKS = [

@@ -25,7 +25,7 @@ from surface_cases import (
 import rastercov as rc
 from rastercov.area.frames import frames_of, to_plane, to_world
 from rastercov.area.regions import OF_A_FACE, RegionPass
-from rastercov.errors import ConfigError
+from rastercov.base.errors import ConfigError
 from rastercov.reference.regions import points_on
 
 AHEAD = np.eye(4)[None]

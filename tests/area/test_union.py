@@ -12,7 +12,7 @@ from surface_cases import building, hostile_scene, in_regions, off_clipper2, roo
 import rastercov as rc
 from rastercov.area.frames import frames_of, to_plane
 from rastercov.area.union import RegionUnion, polygon_areas
-from rastercov.errors import ConfigError
+from rastercov.base.errors import ConfigError
 from rastercov.reference.regions import points_on
 
 TASK = rc.Task(max_incidence_deg=75, min_pixels_per_m2=2000)

@@ -14,7 +14,7 @@ from rastercov.area.network import AreaNetwork
 from rastercov.area.union import RegionUnion, polygon_areas
 from rastercov.area.zone_report import WORDS, summary_of, zone_lines
 from rastercov.area.zones import dead_zones
-from rastercov.errors import ConfigError
+from rastercov.base.errors import ConfigError
 from rastercov.reference.regions import covers_points, points_on
 
 AHEAD = np.eye(4)[None]

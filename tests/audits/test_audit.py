@@ -12,8 +12,8 @@ from rastercov import shapes
 from rastercov.area.regions import regions
 from rastercov.area.union import unite
 from rastercov.audits import audit
+from rastercov.base.errors import ConfigError
 from rastercov.camera import Camera
-from rastercov.errors import ConfigError
 from rastercov.mesh import Group, Mesh
 from rastercov.pose import Poses
 from rastercov.projection import to_camera, to_image

@@ -13,8 +13,8 @@ import pytest
 from rich.console import Console
 
 from rastercov import open_rasterizer, shaders
+from rastercov.base.errors import DeviceError
 from rastercov.cli import doctor
-from rastercov.errors import DeviceError
 from rastercov.raster import self_test
 from rastercov.raster.cpu import CPURasterizer
 from rastercov.raster.gl import PLANS, GLRasterizer, devices, diagnose, libraries

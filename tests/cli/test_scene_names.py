@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from commands import enter, write_part
 
+from rastercov.base.errors import ConfigError, MeshError, RastercovError
 from rastercov.cli.inputs import read_scene
-from rastercov.errors import ConfigError, MeshError, RastercovError
 from rastercov.mesh import Mesh
 from rastercov.plan.errors import PlanError
 from rastercov.plan.file import plan_of

@@ -8,8 +8,8 @@ import pytest
 from commands import call, enter, refusal, write_part
 
 import rastercov as rc
+from rastercov.base.errors import ConfigError
 from rastercov.camera_formats import read_views
-from rastercov.errors import ConfigError
 from rastercov.plan.file import plan_of
 from rastercov.pose_file import write_poses
 from rastercov.viewpoints import sphere_of_poses

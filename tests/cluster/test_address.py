@@ -2,9 +2,9 @@
 
 import pytest
 
+from rastercov.base.errors import ConfigError
 from rastercov.cluster import Workers
 from rastercov.cluster.address import check_address
-from rastercov.errors import ConfigError
 
 
 @pytest.mark.slow

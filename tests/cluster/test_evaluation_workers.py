@@ -12,8 +12,8 @@ import pytest
 import rastercov as rc
 from rastercov import evaluation_shards, shapes
 from rastercov.audits import audit
+from rastercov.base.errors import ConfigError
 from rastercov.cluster import Workers
-from rastercov.errors import ConfigError
 from rastercov.evaluation_shards import UNFINISHED
 from rastercov.report import coverage
 from rastercov.report.coverage import Options, run

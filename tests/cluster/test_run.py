@@ -16,12 +16,12 @@ import cluster_job
 import dask
 import pytest
 
+from rastercov.base.errors import ConfigError, RastercovError
 from rastercov.cluster import Workers, make_shards
 from rastercov.cluster import run as run_module
 from rastercov.cluster.files import store
 from rastercov.cluster.job import work
 from rastercov.cluster.quarantine import _note, quarantined
-from rastercov.errors import ConfigError, RastercovError
 
 pytestmark = pytest.mark.slow
 SUPPORT = Path(cluster_job.__file__).parent

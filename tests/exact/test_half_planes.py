@@ -19,9 +19,9 @@ from hypothesis import strategies as st
 from scenes import joined, sheet, square
 
 from rastercov import shapes
+from rastercov.base.errors import ConfigError
 from rastercov.camera import Camera
 from rastercov.criteria import face_geometry
-from rastercov.errors import ConfigError
 from rastercov.exact.half_planes import HalfPlaneSolver, visible_areas
 from rastercov.exact.memory import room_for_clipped
 from rastercov.exact.surface import surface_of

@@ -12,7 +12,7 @@ from lens_cases import HEIGHT, WIDTH, K, of_all_kinds
 from lens_rooms import on_plane, room
 
 import rastercov as rc
-from rastercov.errors import CameraError
+from rastercov.base.errors import CameraError
 from rastercov.lenses import formulas, make_lens, sources
 from rastercov.lenses.areas import blind_area, polygon_areas
 from rastercov.lenses.quadrature import edge_table

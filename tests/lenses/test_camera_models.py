@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from lens_cases import BROWN, COLMAP, HEIGHT, KANNALA, PRISM, RATIONAL, TILTED, WIDTH, K, pixels
 
+from rastercov.base.errors import CameraError
 from rastercov.camera import Camera
 from rastercov.camera_models import MODELS, lens_terms
-from rastercov.errors import CameraError
 from rastercov.lenses import make_lens, sources
 
 SIZE = (WIDTH, HEIGHT)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from lens_cases import BROWN, HEIGHT, WIDTH, K, of_all_kinds, pixels
 
-from rastercov.errors import CameraError
+from rastercov.base.errors import CameraError
 from rastercov.lenses import Lens, formulas, make_lens, sources
 
 LENSES = of_all_kinds()

@@ -8,7 +8,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from lens_cases import HEIGHT, WIDTH, K, of_all_kinds, rays
 
-from rastercov.errors import CameraError
+from rastercov.base.errors import CameraError
 from rastercov.lenses import Lens, formulas, make_lens, sources
 from rastercov.lenses.intervals import Interval, Jet
 from rastercov.lenses.region import base_limit, border_pixels, certified_radius

@@ -10,7 +10,7 @@ from lens_cases import HEIGHT, WIDTH, of_all_kinds
 from nightly import examples
 
 from rastercov import Camera
-from rastercov.errors import CameraError
+from rastercov.base.errors import CameraError
 from rastercov.lenses import make_lens
 from rastercov.lenses.of_camera import lens_of, planes_of
 from rastercov.lenses.quadrature import edge_table

@@ -17,7 +17,7 @@ from mesh_files import (
     triangles,
 )
 
-from rastercov.errors import MeshError, ResourceError
+from rastercov.base.errors import MeshError, ResourceError
 
 every_order = pytest.mark.parametrize("order", PLY_FORMATS)
 

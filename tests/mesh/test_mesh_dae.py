@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mesh_files import FACES, POINTS, triangles
 
-from rastercov.errors import MeshError, RastercovError
+from rastercov.base.errors import MeshError, RastercovError
 
 SCHEMA = "http://www.collada.org/2005/11/COLLADASchema"
 METRE = '<unit name="meter" meter="1"/>'

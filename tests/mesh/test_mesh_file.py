@@ -27,7 +27,7 @@ from mesh_files import (
     triangles,
 )
 
-from rastercov.errors import MeshError, ResourceError
+from rastercov.base.errors import MeshError, ResourceError
 from rastercov.mesh import Group, Mesh
 from rastercov.mesh.formats import READERS
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from mesh_files import FACES, POINTS, Glb, glb_bytes, refusal, triangles
 
-from rastercov.errors import MeshError, ResourceError
+from rastercov.base.errors import MeshError, ResourceError
 
 INSTANCING = "EXT_mesh_gpu_instancing"
 

@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mesh_files import FACES, POINTS, Glb, refusal, triangles
 
-from rastercov.errors import MeshError, RastercovError
+from rastercov.base.errors import MeshError, RastercovError
 
 
 def gltf_bytes(header) -> bytes:

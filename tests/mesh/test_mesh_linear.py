@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from mesh_files import Glb, ascii_stl, binary_stl, obj, off, ply, strips
 
-from rastercov.errors import ResourceError
+from rastercov.base.errors import ResourceError
 from rastercov.mesh import Mesh
 
 MOST_GROWTH = 3.4  # of a file twice as long, which may leave a cache; quadratic time would be 4

@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from nightly import examples
 
-from rastercov.errors import MeshError, RastercovError
+from rastercov.base.errors import MeshError, RastercovError
 from rastercov.mesh.formats import step
 
 HEADER = (

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from mesh_files import FACES, POINTS, TEXT, VALID, WRITERS, obj, off, ply, refusal, triangles
 
-from rastercov.errors import MeshError, ResourceError
+from rastercov.base.errors import MeshError, ResourceError
 
 TRIANGLE = b"v 0 0 0\nv 1 0 0\nv 0 1 0\n"
 CUT = "the file ends inside a line"

@@ -5,7 +5,7 @@ import pytest
 import trimesh
 
 from rastercov import shapes
-from rastercov.errors import MeshError
+from rastercov.base.errors import MeshError
 from rastercov.mesh import Group, Mesh
 
 

@@ -6,7 +6,7 @@ from scenes import joined
 from target_scenes import sheet_at
 
 from rastercov import shapes
-from rastercov.errors import MeshError, RastercovError
+from rastercov.base.errors import MeshError, RastercovError
 from rastercov.mesh import Group, Mesh
 from rastercov.mesh.targets import MOST_BOXES, box_grid, count_for, sheet_above, with_target
 

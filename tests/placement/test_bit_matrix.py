@@ -12,7 +12,7 @@ from matrix_damage import contents_of, flip
 
 import rastercov as rc
 from rastercov import shapes
-from rastercov.errors import ConfigError, ResourceError
+from rastercov.base.errors import ConfigError, ResourceError
 from rastercov.placement import bit_file
 from rastercov.placement.bit_matrix import BitMatrix
 from rastercov.placement.matrix import VisibilityMatrix, build_matrix, measure_matrix

@@ -10,8 +10,8 @@ from scenes import joined, sheet
 
 import rastercov as rc
 from rastercov import shapes
+from rastercov.base.errors import ConfigError, PoseError
 from rastercov.criteria import face_geometry
-from rastercov.errors import ConfigError, PoseError
 from rastercov.mesh import Group, Mesh
 from rastercov.mesh.triangle_tree import TriangleTree
 from rastercov.placement import (

@@ -12,7 +12,7 @@ from scenes import joined, sheet
 
 import rastercov as rc
 from rastercov import shapes
-from rastercov.errors import ConfigError
+from rastercov.base.errors import ConfigError
 from rastercov.mesh import Group, Mesh
 from rastercov.placement.candidates.cavities import Access, openings, per_cavity
 from rastercov.placement.candidates.clearance import KeepOutBox, KeepOutSphere, filter_candidates

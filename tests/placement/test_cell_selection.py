@@ -11,7 +11,7 @@ from union_greedy import area_of, greedy_by_area, room_candidates
 import rastercov as rc
 from rastercov.area.cells import USUAL_CELLS, usual_size
 from rastercov.area.regions import RegionPass
-from rastercov.errors import ConfigError
+from rastercov.base.errors import ConfigError
 from rastercov.placement.explain.candidate_visibility import CandidateBounds
 from rastercov.placement.improve.objective import CellObjective
 from rastercov.placement.matrix import VisibilityMatrix, build_matrix

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from nightly import examples
 from selection_cases import best_by_trying_all, covers_faces, dense_of, problems
 
-from rastercov.errors import ConfigError
+from rastercov.base.errors import ConfigError
 from rastercov.placement.bits import CoveredBits
 from rastercov.placement.select import pricing
 from rastercov.placement.select.bit_problem import BitProblem, presolve_bits

@@ -18,7 +18,7 @@ from nightly import IS_NIGHTLY
 
 import rastercov as rc
 from rastercov import shapes
-from rastercov.errors import ConfigError, PoseError
+from rastercov.base.errors import ConfigError, PoseError
 from rastercov.placement import shards as shards_module
 from rastercov.placement.matrix import VisibilityMatrix, build_matrix
 from rastercov.placement.matrix_shards import shortened

@@ -8,8 +8,8 @@ from surface_cases import room
 
 import rastercov as rc
 from rastercov import shapes
-from rastercov._lists import Lists
 from rastercov.area.regions import RegionPass
+from rastercov.base.lists import Lists
 from rastercov.placement import (
     BestCoverage,
     BitMatrix,

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from nightly import examples
 
-from rastercov._lists import Lists
+from rastercov.base.lists import Lists
 from rastercov.placement.improve.objective import Objective
 from rastercov.reference.views import covered_faces
 from rastercov.task import Task

@@ -8,10 +8,10 @@ from hypothesis import strategies as st
 from nightly import IS_NIGHTLY, examples, nightly
 from test_search import CAMERA, KEPT_OUT, MESH, SPACE, TASK, holds
 
-from rastercov._lists import Lists
 from rastercov.area.cells import cells
 from rastercov.area.regions import RegionPass
-from rastercov.errors import ConfigError
+from rastercov.base.errors import ConfigError
+from rastercov.base.lists import Lists
 from rastercov.observer import open_observer
 from rastercov.placement.improve import refine as refine_module
 from rastercov.placement.improve.objective import CellObjective, Objective

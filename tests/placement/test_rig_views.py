@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from nightly import examples
 from selection_cases import best_by_trying_all, covers_faces, is_met, problems, share
 
-from rastercov.errors import ConfigError
+from rastercov.base.errors import ConfigError
 from rastercov.placement.select import integer as integer_module
 from rastercov.placement.select.cover_state import CoverState
 from rastercov.placement.select.greedy import select_greedy

@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 from nightly import IS_NIGHTLY, examples
 
 from rastercov import shapes
+from rastercov.base.errors import ConfigError
 from rastercov.camera import Camera
-from rastercov.errors import ConfigError
 from rastercov.mesh import Group, Mesh
 from rastercov.observer import open_observer
 from rastercov.placement.candidates.clearance import (

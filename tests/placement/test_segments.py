@@ -10,7 +10,7 @@ from nightly import examples
 from scenes import joined, sheet
 
 from rastercov import shapes
-from rastercov.errors import ConfigError
+from rastercov.base.errors import ConfigError
 from rastercov.mesh import Group, Mesh
 from rastercov.placement.candidates import segment_kernels as kernels
 from rastercov.placement.candidates.segments import ANGLE_TOLERANCE_DEG, segment

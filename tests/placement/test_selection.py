@@ -28,7 +28,7 @@ from set_cover_cases import (
     steiner,
 )
 
-from rastercov.errors import ConfigError, ResourceError
+from rastercov.base.errors import ConfigError, ResourceError
 from rastercov.placement.select import integer as integer_module
 from rastercov.placement.select import lagrange
 from rastercov.placement.select.cover_state import CoverState

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from nightly import examples
 from test_search import CAMERA, MESH, TASK
 
-from rastercov.errors import ConfigError
+from rastercov.base.errors import ConfigError
 from rastercov.observer import open_observer
 from rastercov.placement.improve import tolerance as tolerance_module
 from rastercov.placement.improve.objective import Objective

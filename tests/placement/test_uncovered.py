@@ -12,7 +12,7 @@ from scenes import joined, sheet
 
 import rastercov as rc
 from rastercov import shapes
-from rastercov.errors import ConfigError
+from rastercov.base.errors import ConfigError
 from rastercov.mesh import Group, Mesh
 from rastercov.network import Network
 from rastercov.placement.explain import candidate_visibility as sight

@@ -8,7 +8,7 @@ from mesh_files import obj
 from surface_cases import room
 from union_greedy import room_candidates
 
-from rastercov.errors import ResourceError
+from rastercov.base.errors import ResourceError
 from rastercov.placement.select import integer
 from rastercov.plan import held as held_module
 from rastercov.plan.file import read_plan

@@ -10,8 +10,8 @@ from processes import TESTS, run_python
 from scenes import joined, large_and_small, square
 
 from rastercov import shapes
+from rastercov.base.errors import DeviceError, ResourceError
 from rastercov.camera import Camera
-from rastercov.errors import DeviceError, ResourceError
 from rastercov.mesh import Mesh
 from rastercov.raster.cpu import CPURasterizer
 from rastercov.raster.gl import GLRasterizer, compute

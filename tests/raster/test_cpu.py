@@ -13,8 +13,8 @@ from nightly import amount
 from processes import TESTS, run_python
 
 from rastercov import shapes
+from rastercov.base.errors import ConfigError, DeviceError, ResourceError
 from rastercov.camera import Camera
-from rastercov.errors import ConfigError, DeviceError, ResourceError
 from rastercov.mesh import Mesh
 from rastercov.near_plane import limits, picture_limits
 from rastercov.raster import cpu, open_rasterizer, self_test

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from processes import run_python
 
-from rastercov.errors import ConfigError, DeviceError
+from rastercov.base.errors import ConfigError, DeviceError
 from rastercov.raster.gl import devices, libraries
 from rastercov.raster.gl.context import HeadlessContext, open_context
 from rastercov.raster.gl.devices import DeviceInfo, list_devices
@@ -382,7 +382,7 @@ def test_a_forked_child_is_told_instead_of_hanging(context):
     code = """
 import os, warnings
 warnings.simplefilter("ignore", DeprecationWarning)  # Python 3.12 warns of every such fork
-from rastercov.errors import ConfigError, DeviceError
+from rastercov.base.errors import ConfigError, DeviceError
 from rastercov.raster.gl.context import open_context
 context = open_context("surfaceless")
 child = os.fork()

@@ -15,8 +15,8 @@ from scenes import joined, large_and_small
 from target_scenes import some_as_targets
 
 from rastercov import shapes
+from rastercov.base.errors import DeviceError, ResourceError
 from rastercov.camera import Camera
-from rastercov.errors import DeviceError, ResourceError
 from rastercov.mesh import Mesh
 from rastercov.pose import Poses
 from rastercov.raster.cpu.lens_rasterizer import LensRasterizer

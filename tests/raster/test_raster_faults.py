@@ -15,9 +15,9 @@ from image_laws import assert_same_counts
 from processes import run_python
 
 from rastercov import shaders, shapes
+from rastercov.base.errors import ConfigError, DeviceError, PoseError, ResourceError
 from rastercov.camera import Camera
 from rastercov.engine import Engine
-from rastercov.errors import ConfigError, DeviceError, PoseError, ResourceError
 from rastercov.mesh import Mesh
 from rastercov.observer import open_observer
 from rastercov.raster import open_rasterizer
@@ -206,7 +206,7 @@ import os
 import numpy as np
 from rastercov import shapes
 from rastercov.camera import Camera
-from rastercov.errors import DeviceError
+from rastercov.base.errors import DeviceError
 from rastercov.viewpoints import look_at
 from rastercov.raster import open_rasterizer
 

@@ -18,10 +18,10 @@ from coarse_pictures import coarse_pictures  # noqa: F401 # a fixture for every 
 from PIL import Image
 
 from rastercov import shaders, shapes
-from rastercov._interrupts import interrupts_held
+from rastercov.base.errors import ConfigError, DeviceError, PoseError
+from rastercov.base.interrupts import interrupts_held
 from rastercov.camera import Camera
 from rastercov.coverage import evaluate
-from rastercov.errors import ConfigError, DeviceError, PoseError
 from rastercov.mesh import Mesh
 from rastercov.pairs import CHOICES
 from rastercov.raster import open_rasterizer

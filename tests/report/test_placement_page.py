@@ -12,9 +12,9 @@ from scenes import joined
 
 import rastercov as rc
 from rastercov import shapes
-from rastercov._format import percent
+from rastercov.base.errors import ConfigError
+from rastercov.base.format import percent
 from rastercov.coverage import evaluate_batches
-from rastercov.errors import ConfigError
 from rastercov.mesh import Group, Mesh
 from rastercov.network import Network
 from rastercov.placement.candidates.cavities import openings

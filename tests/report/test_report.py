@@ -11,11 +11,12 @@ import trimesh
 from PIL import Image
 from rich.console import Console
 
-from rastercov import _output, shapes
+from rastercov import shapes
+from rastercov.base import output
+from rastercov.base.errors import ConfigError
 from rastercov.camera import Camera
 from rastercov.coverage import FIGURES, Coverage, evaluate
 from rastercov.engine import METHODS
-from rastercov.errors import ConfigError
 from rastercov.mesh import Group, Mesh
 from rastercov.network import Network
 from rastercov.observation import BoundKind
@@ -295,7 +296,7 @@ def test_json_has_plain_types_and_null_for_what_is_not_finite(tmp_path):
         "flag": np.bool_(True), "array": np.array([[1.0, np.nan]]), 3: (1, None),
         "path": Path("a"), "thing": Thing(np.inf), "reason": Reason.COVERED, "word": "größer",
     }  # fmt: skip
-    _output.write_json(tmp_path / "a.json", data)
+    output.write_json(tmp_path / "a.json", data)
     text = (tmp_path / "a.json").read_text(encoding="utf-8")
     assert "größer" in text
     assert json.loads(text, parse_constant=pytest.fail) == {
@@ -306,12 +307,12 @@ def test_json_has_plain_types_and_null_for_what_is_not_finite(tmp_path):
 
 
 def test_json_takes_file_names_that_are_not_unicode(tmp_path):
-    _output.write_json(tmp_path / "a.json", {"name": "part\udcff.stl"})
+    output.write_json(tmp_path / "a.json", {"name": "part\udcff.stl"})
     assert json.loads((tmp_path / "a.json").read_bytes()) == {"name": "part\udcff.stl"}
 
 
 def test_arrays_come_back(tmp_path):
-    _output.write_npz(tmp_path / "a.npz", face=np.arange(3), depth=np.ones((2, 2)))
+    output.write_npz(tmp_path / "a.npz", face=np.arange(3), depth=np.ones((2, 2)))
     with np.load(tmp_path / "a.npz") as read:
         assert {name: read[name].tolist() for name in read} == {
             "face": [0, 1, 2],
@@ -322,17 +323,17 @@ def test_arrays_come_back(tmp_path):
 
 def test_what_cannot_be_written_changes_nothing(tmp_path):
     path = tmp_path / "a.json"
-    _output.write_json(path, 1)
+    output.write_json(path, 1)
     with pytest.raises(TypeError):
-        _output.write_json(path, object())
+        output.write_json(path, object())
     assert (path.read_text(), [p.name for p in tmp_path.iterdir()]) == ("1\n", ["a.json"])
 
 
 def test_files_go_where_a_file_can_be(tmp_path):
     with pytest.raises(ConfigError, match="folder does not exist"):
-        _output.write_json(tmp_path / "no" / "a.json", 1)
+        output.write_json(tmp_path / "no" / "a.json", 1)
     with pytest.raises(ConfigError, match="is a folder"):
-        _output.write_json(tmp_path, 1)
+        output.write_json(tmp_path, 1)
     with pytest.raises(ConfigError, match=r"as \.png"):
         pictures.save_picture(Image.new("RGB", (1, 1)), tmp_path / "a.jpg")
     with pytest.raises(ConfigError, match=r"as \.glb or \.ply"):

@@ -14,7 +14,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rastercov.errors import ConfigError
+from rastercov.base.errors import ConfigError
 from rastercov.report import folder as report_folder
 from rastercov.report.folder import STAGING, ReportFolder, ReportKind
 

@@ -6,9 +6,9 @@ from surface_cases import room
 
 import rastercov as rc
 from rastercov import shapes
-from rastercov._format import area
 from rastercov.area.network import AreaNetwork
 from rastercov.area.points import views_at, zones_at
+from rastercov.base.format import area
 from rastercov.reference.regions import covers_points, points_on
 from rastercov.report import theme
 from rastercov.report.zone_pictures import _middle, numbered, zone_rows, zones_picture

@@ -11,8 +11,8 @@ import signal
 import time
 from pathlib import Path
 
+from rastercov.base.errors import ConfigError
 from rastercov.cluster import Job
-from rastercov.errors import ConfigError
 
 FUNCTION = "cluster_job:make"
 

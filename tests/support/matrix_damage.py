@@ -9,7 +9,7 @@ import shutil
 
 import numpy as np
 
-from rastercov.errors import ConfigError
+from rastercov.base.errors import ConfigError
 from rastercov.placement.matrix import VisibilityMatrix, build_matrix
 
 ARRAYS = ("poses", "indptr", "face", "coverage")

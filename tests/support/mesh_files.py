@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from rastercov.errors import MeshError
+from rastercov.base.errors import MeshError
 
 #    3---2      a tetrahedron over the triangle 0 1 2; its faces are wound outwards
 #    |\ /|

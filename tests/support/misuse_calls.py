@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 import rastercov as rc
-from rastercov._typed import public_names
+from rastercov.base.typed import public_names
 
 MODULES = {
     "rastercov": "misuse_package",

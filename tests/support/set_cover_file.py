@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rastercov.errors import ConfigError
+from rastercov.base.errors import ConfigError
 from rastercov.placement.select.problem import Goal, Problem, problem_of_matrix
 
 

@@ -18,11 +18,11 @@ from PIL import Image
 from scenes import joined, sheet, square
 
 from rastercov import cli, shapes
-from rastercov._closing import Closing
+from rastercov.base.closing import Closing
+from rastercov.base.errors import ConfigError, PoseError
 from rastercov.camera import Camera
 from rastercov.criteria import face_geometry
 from rastercov.engine import Engine
-from rastercov.errors import ConfigError, PoseError
 from rastercov.mesh import Mesh
 from rastercov.observation import BoundKind, Observation
 from rastercov.observer import open_observer, visibility

@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 from pages import read_alone
 
 from rastercov import cli
+from rastercov.base.errors import ConfigError, DeviceError
 from rastercov.camera import Camera
 from rastercov.camera_file import PRESETS
 from rastercov.coverage import evaluate
-from rastercov.errors import ConfigError, DeviceError
 from rastercov.projection import to_image
 from rastercov.raster.gl import GLRasterizer
 from rastercov.task import Task

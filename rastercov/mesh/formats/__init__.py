@@ -19,10 +19,10 @@ from pathlib import Path
 
 import numpy as np
 
-from rastercov._arguments import members
-from rastercov._checks import finite_number, shown
-from rastercov._files import StrPath, UnreadableError, file_bytes, printable
-from rastercov.errors import MeshError, ResourceError
+from rastercov.base.arguments import members
+from rastercov.base.checks import finite_number, shown
+from rastercov.base.errors import MeshError, ResourceError
+from rastercov.base.files import StrPath, UnreadableError, file_bytes, printable
 from rastercov.mesh.arrays import check_coordinates, some, unusable_points
 from rastercov.mesh.ear_clipping import cut_concave
 from rastercov.mesh.formats import dae, glb, gltf, obj, off, ply, step, stl, threemf

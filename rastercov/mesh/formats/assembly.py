@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.errors import MeshError
+from rastercov.base.errors import MeshError
 from rastercov.mesh.formats.polygons import Polygons, check_budget, fan_polygons
 
 FloatArray = NDArray[np.float64]

@@ -14,8 +14,8 @@ from xml.etree.ElementTree import Element
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov._names import UnknownNames
-from rastercov.errors import MeshError
+from rastercov.base.errors import MeshError
+from rastercov.base.names import UnknownNames
 from rastercov.mesh.arrays import rotation_about
 from rastercov.mesh.formats import assembly
 from rastercov.mesh.formats.assembly import Assembly, Shape

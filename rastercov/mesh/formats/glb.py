@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov._format import plural
-from rastercov.errors import MeshError, ResourceError
+from rastercov.base.errors import MeshError, ResourceError
+from rastercov.base.format import plural
 from rastercov.mesh.formats.glb_container import (
     Accessors,
     chunks,

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov._files import unique_names
-from rastercov.errors import MeshError
+from rastercov.base.errors import MeshError
+from rastercov.base.files import unique_names
 from rastercov.mesh.formats.polygons import check_budget
 
 JSON_CHUNK, BINARY_CHUNK = 0x4E4F534A, 0x004E4942

@@ -13,7 +13,7 @@ from collections.abc import Callable
 from typing import Any
 from urllib.parse import unquote
 
-from rastercov.errors import MeshError
+from rastercov.base.errors import MeshError
 from rastercov.mesh.formats.glb import broken_files_refused, scene_polygons
 from rastercov.mesh.formats.glb_container import json_count, json_header, json_list
 from rastercov.mesh.formats.polygons import Polygons

@@ -10,8 +10,8 @@ import re
 from collections.abc import Iterator
 from typing import Any
 
-from rastercov._names import UnknownNames
-from rastercov.errors import MeshError, RastercovError
+from rastercov.base.errors import MeshError, RastercovError
+from rastercov.base.names import UnknownNames
 
 INSTANCING = "EXT_mesh_gpu_instancing"
 KNOWN = {

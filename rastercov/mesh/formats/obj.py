@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from rastercov.errors import MeshError
+from rastercov.base.errors import MeshError
 from rastercov.mesh.formats.polygons import (
     PEAK_BYTES_PER_VERTEX,
     Polygons,

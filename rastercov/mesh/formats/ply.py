@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.errors import MeshError
+from rastercov.base.errors import MeshError
 from rastercov.mesh.formats.polygons import (
     Polygons,
     check_budget,

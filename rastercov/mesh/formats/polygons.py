@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov.errors import MeshError, ResourceError
+from rastercov.base.errors import MeshError, ResourceError
 from rastercov.mesh.arrays import MOST_FACES
 
 PEAK_BYTES_PER_FACE = 300

@@ -14,8 +14,8 @@ from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 
-from rastercov._child import child_environment
-from rastercov.errors import MeshError
+from rastercov.base.child import child_environment
+from rastercov.base.errors import MeshError
 from rastercov.mesh.formats.glb import broken_files_refused, scene_polygons
 from rastercov.mesh.formats.glb_container import chunks
 from rastercov.mesh.formats.polygons import Polygons

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.errors import MeshError
+from rastercov.base.errors import MeshError
 from rastercov.mesh.formats.polygons import Polygons, check_budget
 from rastercov.mesh.formats.text import BYTE_ORDER_MARK, CUT_NOTE, Lines
 from rastercov.mesh.topology import first_equal_row

@@ -9,7 +9,7 @@ import re
 from array import array
 from collections.abc import Container, Iterator, Sequence
 
-from rastercov.errors import MeshError, ResourceError
+from rastercov.base.errors import MeshError, ResourceError
 
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"  # UTF-8; Windows programs write it before the first word
 BYTES_PER_CHARACTER = 40  # memory of a line's words: 37 measured with one digit a word

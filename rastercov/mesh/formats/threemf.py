@@ -19,8 +19,8 @@ from xml.etree.ElementTree import Element
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov._names import UnknownNames
-from rastercov.errors import MeshError, ResourceError
+from rastercov.base.errors import MeshError, ResourceError
+from rastercov.base.names import UnknownNames
 from rastercov.mesh.formats import assembly
 from rastercov.mesh.formats.assembly import Assembly, Shape
 from rastercov.mesh.formats.glb import broken_files_refused

@@ -15,8 +15,8 @@ from xml.parsers import expat
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov._names import UnknownNames
-from rastercov.errors import MeshError
+from rastercov.base.errors import MeshError
+from rastercov.base.names import UnknownNames
 from rastercov.mesh.formats.polygons import check_budget
 
 BYTES_PER_XML_BYTE = 12

@@ -19,10 +19,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov._format import plural
-from rastercov._typed import typed
+from rastercov.base.errors import ConfigError
+from rastercov.base.format import plural
+from rastercov.base.typed import typed
 from rastercov.camera import Camera
-from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import frozen
 from rastercov.placement._arrays import BoolArray, FloatArray, IntArray

@@ -15,10 +15,10 @@ from annotated_types import Gt
 from numpy.typing import ArrayLike, NDArray
 from typing_extensions import Doc
 
-from rastercov._arguments import finite_points
-from rastercov._format import plural
-from rastercov._typed import check_fields, typed
-from rastercov.errors import ConfigError
+from rastercov.base.arguments import finite_points
+from rastercov.base.errors import ConfigError
+from rastercov.base.format import plural
+from rastercov.base.typed import check_fields, typed
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import encloses_volume
 from rastercov.mesh.topology import edge_table

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov._typed import check_fields
+from rastercov.base.errors import ConfigError
+from rastercov.base.typed import check_fields
 from rastercov.camera import Camera
 from rastercov.camera_models import MODELS
-from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.placement._arrays import FloatArray, IntArray
 from rastercov.viewpoints import half_angles, look_at

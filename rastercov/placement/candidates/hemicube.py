@@ -16,7 +16,7 @@ import math
 
 import numpy as np
 
-from rastercov._closing import Closing
+from rastercov.base.closing import Closing
 from rastercov.camera import Camera
 from rastercov.mesh import Mesh
 from rastercov.placement._arrays import FloatArray

@@ -9,11 +9,11 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov._arguments import LARGEST_COORDINATE, finite_points
-from rastercov._checks import shown
-from rastercov._typed import typed
+from rastercov.base.arguments import LARGEST_COORDINATE, finite_points
+from rastercov.base.checks import shown
+from rastercov.base.errors import ConfigError
+from rastercov.base.typed import typed
 from rastercov.camera import Camera
-from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.placement._arrays import FloatArray
 from rastercov.placement.candidates.clearance import NearestSurface

@@ -16,10 +16,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov._typed import typed
+from rastercov.base.errors import ConfigError, PoseError
+from rastercov.base.typed import typed
 from rastercov.camera import Camera
 from rastercov.camera_formats import read_views
-from rastercov.errors import ConfigError, PoseError
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import frozen
 from rastercov.placement._arrays import FloatArray, IntArray

@@ -14,10 +14,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rastercov._arguments import check_choice
-from rastercov._checks import finite_number, is_number, shown
-from rastercov._typed import check_type
-from rastercov.errors import ConfigError
+from rastercov.base.arguments import check_choice
+from rastercov.base.checks import finite_number, is_number, shown
+from rastercov.base.errors import ConfigError
+from rastercov.base.typed import check_type
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import frozen
 from rastercov.placement._arrays import FloatArray, IntArray

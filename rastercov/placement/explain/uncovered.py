@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov._format import plural
-from rastercov._typed import typed
+from rastercov.base.errors import ConfigError
+from rastercov.base.format import plural
+from rastercov.base.typed import typed
 from rastercov.coverage import Coverage, evaluate_batches
-from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import frozen
 from rastercov.network import Network, share_of_faces

@@ -13,12 +13,12 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov._lists import Lists
 from rastercov.area.cells import Cells
 from rastercov.area.centres import CentrePass
 from rastercov.area.regions import RegionPass
+from rastercov.base.errors import ConfigError
+from rastercov.base.lists import Lists
 from rastercov.coverage import evaluate_batches
-from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.observer import Observer
 from rastercov.placement._arrays import BoolArray, FloatArray, IntArray

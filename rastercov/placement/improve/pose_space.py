@@ -12,8 +12,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov._typed import check_fields
-from rastercov.errors import ConfigError
+from rastercov.base.errors import ConfigError
+from rastercov.base.typed import check_fields
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import frozen
 from rastercov.placement._arrays import BoolArray, FloatArray

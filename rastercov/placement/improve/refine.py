@@ -21,12 +21,12 @@ from itertools import product
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov._arguments import LARGEST_COORDINATE, check_seed
-from rastercov._interrupts import interrupts_held
-from rastercov._lists import Lists
-from rastercov._stopwatch import Stopwatch
-from rastercov._typed import typed
-from rastercov.errors import ConfigError
+from rastercov.base.arguments import LARGEST_COORDINATE, check_seed
+from rastercov.base.errors import ConfigError
+from rastercov.base.interrupts import interrupts_held
+from rastercov.base.lists import Lists
+from rastercov.base.stopwatch import Stopwatch
+from rastercov.base.typed import typed
 from rastercov.mesh.arrays import frozen
 from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
 from rastercov.placement.improve.objective import Objective

@@ -17,11 +17,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov._arguments import check_seed
-from rastercov._interrupts import interrupts_held
-from rastercov._stopwatch import Stopwatch
-from rastercov._typed import typed
-from rastercov.errors import ConfigError
+from rastercov.base.arguments import check_seed
+from rastercov.base.errors import ConfigError
+from rastercov.base.interrupts import interrupts_held
+from rastercov.base.stopwatch import Stopwatch
+from rastercov.base.typed import typed
 from rastercov.mesh.arrays import frozen
 from rastercov.placement._arrays import FloatArray, IntArray
 from rastercov.placement.improve.objective import Objective

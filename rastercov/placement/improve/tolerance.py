@@ -14,9 +14,9 @@ import numpy as np
 from annotated_types import Ge
 from numpy.typing import ArrayLike
 
-from rastercov._arguments import check_seed
-from rastercov._typed import check_fields, typed
-from rastercov.errors import ConfigError
+from rastercov.base.arguments import check_seed
+from rastercov.base.errors import ConfigError
+from rastercov.base.typed import check_fields, typed
 from rastercov.mesh.arrays import frozen
 from rastercov.placement._arrays import FloatArray
 from rastercov.placement.improve.objective import Objective

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov.errors import ConfigError
+from rastercov.base.errors import ConfigError
 from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
 from rastercov.placement.select.goals import BestCoverage, Goal
 

@@ -7,8 +7,8 @@ from typing import Annotated
 
 from annotated_types import Ge, Le
 
-from rastercov._typed import check_fields
-from rastercov.errors import ConfigError
+from rastercov.base.errors import ConfigError
+from rastercov.base.typed import check_fields
 
 
 @dataclass(frozen=True)

@@ -29,9 +29,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov._arguments import check_seed
-from rastercov._typed import typed
-from rastercov.errors import ConfigError, ResourceError
+from rastercov.base.arguments import check_seed
+from rastercov.base.errors import ConfigError, ResourceError
+from rastercov.base.typed import typed
 from rastercov.placement._arrays import FloatArray, IntArray
 from rastercov.placement.select import rig_kernels
 from rastercov.placement.select import selection_kernels as kernels

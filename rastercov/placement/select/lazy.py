@@ -7,10 +7,10 @@ candidates fit, the selection is that of `select_greedy`.
 
 import numpy as np
 
-from rastercov._arguments import check_seed
-from rastercov._stopwatch import Stopwatch
-from rastercov._typed import typed
-from rastercov.errors import ConfigError
+from rastercov.base.arguments import check_seed
+from rastercov.base.errors import ConfigError
+from rastercov.base.stopwatch import Stopwatch
+from rastercov.base.typed import typed
 from rastercov.placement.select.bit_problem import BitProblem, presolve_bits
 from rastercov.placement.select.cover_state import CoverState
 from rastercov.placement.select.greedy import EFFORT, constructed, improve

@@ -35,11 +35,11 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov._arguments import flag
-from rastercov._closing import Closing
-from rastercov._threads import ScratchPool, share_poses, thread_count
+from rastercov.base.arguments import flag
+from rastercov.base.closing import Closing
+from rastercov.base.errors import ConfigError, DeviceError, ResourceError
+from rastercov.base.threads import ScratchPool, share_poses, thread_count
 from rastercov.camera import Camera
-from rastercov.errors import ConfigError, DeviceError, ResourceError
 from rastercov.mesh import Mesh
 from rastercov.near_plane import limits, picture_limits
 from rastercov.pose import Poses as AcceptedPoses

@@ -15,8 +15,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov._memory import check_memory
-from rastercov._threads import share_poses
+from rastercov.base.memory import check_memory
+from rastercov.base.threads import share_poses
 from rastercov.camera import Camera
 from rastercov.lenses.of_camera import lens_of, planes_of
 from rastercov.lenses.records import PlaneRecord

@@ -17,8 +17,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from rastercov._checks import shown
-from rastercov.errors import DeviceError
+from rastercov.base.checks import shown
+from rastercov.base.errors import DeviceError
 from rastercov.raster.gl.libraries import (
     EGL_EXTENSIONS,
     Egl,

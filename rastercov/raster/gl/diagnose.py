@@ -20,9 +20,9 @@ import numpy as np
 
 import rastercov
 from rastercov import shaders, shapes
-from rastercov._child import child_environment
+from rastercov.base.child import child_environment
+from rastercov.base.errors import DeviceError, RastercovError
 from rastercov.camera import Camera
-from rastercov.errors import DeviceError, RastercovError
 from rastercov.raster import self_test
 from rastercov.raster.contract import CountArray
 from rastercov.raster.gl.devices import (

@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.base.errors import ResourceError
 from rastercov.camera import Camera
-from rastercov.errors import ResourceError
 from rastercov.mesh import Mesh
 from rastercov.near_plane import limits as limits_of
 from rastercov.raster import self_test

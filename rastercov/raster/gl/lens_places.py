@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov._threads import thread_count
+from rastercov.base.threads import thread_count
 from rastercov.raster.cpu.lens_records import BLOCK, TILE, Patch
 from rastercov.raster.cpu.lens_samples import SAMPLES_A_CELL as SAMPLES_A_CELL_OF_CPU
 from rastercov.raster.cpu.lens_samples import SampleTables

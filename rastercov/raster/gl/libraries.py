@@ -15,7 +15,7 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Any, Literal
 
-from rastercov.errors import DeviceError
+from rastercov.base.errors import DeviceError
 
 EGL_LIBRARIES = ("libEGL.so.1", "libEGL.so")
 GL_LIBRARIES = ("libOpenGL.so.0", "libGL.so.1", "libGL.so")

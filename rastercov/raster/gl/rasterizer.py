@@ -20,11 +20,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov import shaders
-from rastercov._arguments import check_choice, flag
-from rastercov._checks import shown
-from rastercov._closing import Closing
+from rastercov.base.arguments import check_choice, flag
+from rastercov.base.checks import shown
+from rastercov.base.closing import Closing
+from rastercov.base.errors import ConfigError, DeviceError
 from rastercov.camera import Camera
-from rastercov.errors import ConfigError, DeviceError
 from rastercov.mesh import Mesh
 from rastercov.pose import valid_poses
 from rastercov.raster import self_test

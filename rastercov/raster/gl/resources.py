@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov import shaders
-from rastercov.errors import DeviceError, ResourceError
+from rastercov.base.errors import DeviceError, ResourceError
 from rastercov.raster.gl.context import HeadlessContext
 
 _COLOR, _DEPTH = 0x1800, 0x1801

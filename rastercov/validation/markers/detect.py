@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.errors import DeviceError
+from rastercov.base.errors import DeviceError
 from rastercov.mesh.arrays import frozen
 from rastercov.validation.markers.scene import CELLS
 

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov._stopwatch import Stopwatch
+from rastercov.base.stopwatch import Stopwatch
 from rastercov.camera import Camera
 from rastercov.camera_file import PRESETS
 from rastercov.validation.markers.detect import MIN_PERIMETER, detect

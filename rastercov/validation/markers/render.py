@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov import shaders
-from rastercov._closing import Closing
+from rastercov.base.closing import Closing
+from rastercov.base.errors import ConfigError
 from rastercov.camera import Camera
-from rastercov.errors import ConfigError
 from rastercov.projection import to_camera
 from rastercov.raster.gl.context import HeadlessContext, open_context
 from rastercov.raster.gl.resources import Resources

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.base.errors import RastercovError
 from rastercov.camera import Camera
-from rastercov.errors import RastercovError
 from rastercov.mesh import Mesh
 from rastercov.near_plane import near_limit
 from rastercov.projection import to_camera, to_image

@@ -18,11 +18,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov._interrupts import interrupts_held
+from rastercov.base.errors import ConfigError
+from rastercov.base.interrupts import interrupts_held
 from rastercov.camera import Camera
 from rastercov.criteria import face_geometry
 from rastercov.engine import Engine
-from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.pose import valid_poses
 from rastercov.provenance import Provenance

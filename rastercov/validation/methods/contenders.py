@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov._observers import ROLL
-from rastercov._stopwatch import Stopwatch
-from rastercov._threads import thread_count
+from rastercov.base.stopwatch import Stopwatch
+from rastercov.base.threads import thread_count
 from rastercov.camera import Camera
 from rastercov.engine import Engine
 from rastercov.face_pass import FacePass

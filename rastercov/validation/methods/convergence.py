@@ -16,7 +16,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov._stopwatch import Stopwatch
+from rastercov.base.stopwatch import Stopwatch
 from rastercov.camera import Camera
 from rastercov.face_pass import FacePass
 from rastercov.mesh import Mesh

@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov._stopwatch import Stopwatch
+from rastercov.base.errors import ConfigError
+from rastercov.base.stopwatch import Stopwatch
 from rastercov.camera import Camera
 from rastercov.coverage import Coverage, evaluate_batches
-from rastercov.errors import ConfigError
 from rastercov.mesh import Mesh
 from rastercov.models import MODELS, zhang
 from rastercov.observation import BoundKind

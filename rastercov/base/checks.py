@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from rastercov.errors import CameraError
+from rastercov.base.errors import CameraError
 
 MAX_IMAGE_SIDE = 1 << 17
 """Largest image side in pixels; larger than any sensor, small enough to count samples in int64."""

@@ -14,9 +14,9 @@ from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_ori
 from annotated_types import Ge, Gt, Le
 from typing_extensions import Doc
 
-from rastercov._arguments import check_choice, flag
-from rastercov._checks import finite_number, share_meant, shown
-from rastercov.errors import ConfigError
+from rastercov.base.arguments import check_choice, flag
+from rastercov.base.checks import finite_number, share_meant, shown
+from rastercov.base.errors import ConfigError
 
 
 class Reads(NamedTuple):

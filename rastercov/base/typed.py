@@ -23,9 +23,9 @@ from typing import Any, Literal, ParamSpec, TypeVar, Union, get_args, get_origin
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov._arguments import check_room
-from rastercov._checks import finite_number, is_inf, is_number, shown
-from rastercov.errors import CameraError, ConfigError, MeshError, RastercovError
+from rastercov.base.arguments import check_room
+from rastercov.base.checks import finite_number, is_inf, is_number, shown
+from rastercov.base.errors import CameraError, ConfigError, MeshError, RastercovError
 
 Given = ParamSpec("Given")
 Result = TypeVar("Result")

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from rastercov.errors import ResourceError
+from rastercov.base.errors import ResourceError
 
 CACHE_LINE = 64
 """Bytes of a cache line."""

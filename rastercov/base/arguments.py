@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov._checks import shown
-from rastercov._memory import check_memory
-from rastercov.errors import CameraError, ConfigError, MeshError, RastercovError, ResourceError
+from rastercov.base.checks import shown
+from rastercov.base.errors import CameraError, ConfigError, MeshError, RastercovError, ResourceError
+from rastercov.base.memory import check_memory
 
 MOST_POSES = 10_000_000
 """Poses on a sphere: 1.3 GB of matrices."""

@@ -7,9 +7,9 @@ is one slip away from one that matters, and that is missing, is an error; any ot
 from collections.abc import Collection
 from functools import lru_cache
 
-from rastercov._checks import shown
-from rastercov._files import printable
-from rastercov.errors import RastercovError
+from rastercov.base.checks import shown
+from rastercov.base.errors import RastercovError
+from rastercov.base.files import printable
 
 SHORTEST = 3
 """Characters of a name in which a slip is looked for: any two shorter ones are a slip apart."""

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.errors import ConfigError
+from rastercov.base.errors import ConfigError
 
 
 def write_json(path: str | Path, data: Any) -> None:

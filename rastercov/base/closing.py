@@ -3,8 +3,8 @@
 from abc import ABC, abstractmethod
 from typing import NoReturn, Self
 
-from rastercov._typed import guarded_class
-from rastercov.errors import ConfigError
+from rastercov.base.errors import ConfigError
+from rastercov.base.typed import guarded_class
 
 
 class Unique:

@@ -11,8 +11,8 @@ from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from typing import Generic, TypeVar
 
-from rastercov._checks import finite_number, shown
-from rastercov.errors import ConfigError
+from rastercov.base.checks import finite_number, shown
+from rastercov.base.errors import ConfigError
 
 Scratch = TypeVar("Scratch")
 

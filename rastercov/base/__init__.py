@@ -1,0 +1,1 @@
+"""Helpers without domain words: errors, arguments, files, threads, memory, formats of numbers."""
