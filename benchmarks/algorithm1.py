@@ -10,7 +10,7 @@ import shapely
 from rows import Report, arguments
 
 import rastercov as rc
-from rastercov import shapes
+from rastercov.mesh import shapes
 from rastercov.reference.algorithm1 import image_triangles, occlusion, self_occluding
 from rastercov.reference.polygons import visible_area
 

@@ -23,10 +23,10 @@ from open_doors import family, listening, opened_by_others
 from rows import Report
 
 import rastercov as rc
-from rastercov import shapes
 from rastercov.base.errors import ConfigError
 from rastercov.camera_formats import write_views
 from rastercov.cluster import Workers
+from rastercov.mesh import shapes
 from rastercov.placement.matrix import VisibilityMatrix, build_matrix
 
 NOTES, SIGNALS, DISKS, LOOKS = 400, 20, 20, 20

@@ -12,7 +12,7 @@ from rows import Report
 from scenes import joined
 
 import rastercov as rc
-from rastercov import shapes
+from rastercov.mesh import shapes
 from rastercov.observation import BoundKind
 from rastercov.reference import rational
 

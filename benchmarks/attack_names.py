@@ -30,10 +30,9 @@ from repeated_parts import (
 from rows import Report
 
 import rastercov as rc
-from rastercov import shapes
 from rastercov.base.errors import RastercovError
 from rastercov.camera_formats.conventions import Conventions
-from rastercov.mesh import Mesh
+from rastercov.mesh import Mesh, shapes
 
 N_FLIPS = 60_000
 """Flipped bits of a whole campaign."""

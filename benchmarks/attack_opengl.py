@@ -17,10 +17,9 @@ from contexts import MOST_KIB, OURS, growth_in_a_process
 from coplanar_scenes import CAMERA, EDGE, GAP, SCENES, views, wrong_samples
 from rows import Report
 
-from rastercov import shapes
 from rastercov.base.errors import RastercovError
 from rastercov.camera import Camera
-from rastercov.mesh import Mesh
+from rastercov.mesh import Mesh, shapes
 from rastercov.raster.cpu import CPURasterizer
 from rastercov.raster.gl import PLANS, GLRasterizer
 from rastercov.raster.gl.context import HeadlessContext, open_context

@@ -24,7 +24,7 @@ import numpy as np
 from rows import Report, arguments
 
 import rastercov as rc
-from rastercov import shapes
+from rastercov.mesh import shapes
 from rastercov.models import scott, zhang
 from rastercov.models.line_of_sight import LineOfSight
 from rastercov.placement.matrix import build_matrix

@@ -72,7 +72,7 @@ def _run(root: Path) -> dict[str, tuple[float, tuple[float, str]]]:
 
 def _measure() -> dict[str, tuple[float, tuple[float, str]]]:
     import rastercov as rc
-    from rastercov import shapes
+    from rastercov.mesh import shapes
 
     figures = {}
     teapot = shapes.teapot(12)

@@ -25,8 +25,8 @@ import psutil
 from rows import SUPPORT, Report, arguments
 
 import rastercov as rc
-from rastercov import shapes
 from rastercov.cluster import Made, Workers, make_shards
+from rastercov.mesh import shapes
 from rastercov.placement.matrix import build_matrix
 
 POSES, A_SHARD, WORKERS = 400, 20, 2

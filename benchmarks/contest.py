@@ -19,7 +19,7 @@ from embree_packets import EmbreePackets
 from peers import VTK, Embreex, Open3D, Ours, Runner
 
 import rastercov as rc
-from rastercov import shapes
+from rastercov.mesh import shapes
 
 WORKERS = 2
 SOFTWARE = "surfaceless"

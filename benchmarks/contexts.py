@@ -97,7 +97,7 @@ def our_osmesa() -> None:
 
 def our_rasteriser() -> None:
     import rastercov as rc
-    from rastercov import shapes
+    from rastercov.mesh import shapes
 
     mesh, camera = shapes.box(), rc.Camera(width=64, height=48, fx=50, fy=50)
     with rc.open_rasterizer(mesh, camera, "gl", device="surfaceless") as rasterizer:

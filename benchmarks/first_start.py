@@ -54,7 +54,7 @@ def _cpu_seconds() -> float:
 
 
 def _write_mesh(path: Path) -> None:
-    from rastercov import shapes
+    from rastercov.mesh import shapes
 
     mesh = shapes.torus()
     lines = [f"OFF\n{len(mesh.vertices)} {len(mesh.faces)} 0"]

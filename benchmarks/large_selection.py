@@ -20,7 +20,7 @@ import numpy as np
 from rows import Report, arguments
 
 import rastercov as rc
-from rastercov import shapes
+from rastercov.mesh import shapes
 from rastercov.placement import bit_file
 from rastercov.placement.bit_matrix import BitMatrix
 from rastercov.placement.bits import CoveredBits, n_words, spread_out

@@ -44,13 +44,13 @@ from rastercov import (
     look_at,
     open_observer,
     open_rasterizer,
-    shapes,
     sphere_of_poses,
 )
 from rastercov.lenses import formulas, make_lens
 from rastercov.lenses.areas import polygon_areas
 from rastercov.lenses.of_camera import planes_of
 from rastercov.lenses.quadrature import edge_table
+from rastercov.mesh import shapes
 from rastercov.raster.gl import GLRasterizer
 from rastercov.raster.gl.context import open_context
 from rastercov.viewpoints import enclosing_distance

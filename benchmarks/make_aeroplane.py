@@ -2,7 +2,7 @@
 
 Needs the `shapes` extra (manifold3d, fast-simplification). Without `--write` the file is left
 alone, and what it holds is compared with what was remade. Exits 1 when a mesh is not what
-`rastercov.shapes.aeroplane` promises.
+`rastercov.mesh.shapes.aeroplane` promises.
 
     python benchmarks/make_aeroplane.py [--write] [--json]
 """

@@ -23,8 +23,8 @@ import numpy as np
 from rows import Report, arguments, resident_mib
 
 import rastercov as rc
-from rastercov import shapes
 from rastercov.base.interrupts import interrupts_held
+from rastercov.mesh import shapes
 from rastercov.placement.matrix import VisibilityMatrix, build_matrix
 
 CAMERA = rc.Camera(width=128, height=128, fx=154, fy=154)

@@ -27,7 +27,7 @@ from surface_cases import room
 from union_greedy import area_of, greedy_by_area, room_candidates
 
 import rastercov as rc
-from rastercov import shapes
+from rastercov.mesh import shapes
 from rastercov.placement.candidates.framing import Framing
 from rastercov.placement.candidates.mounting import on_ceiling, on_sphere, on_walls
 from rastercov.placement.candidates.pool import per_segment

@@ -21,11 +21,11 @@ from rows import Report, arguments
 from surface_cases import in_regions, off_clipper2, room
 
 import rastercov as rc
-from rastercov import shapes
 from rastercov.area.cells import usual_size
 from rastercov.area.centres import CentrePass
 from rastercov.area.regions import RegionPass
 from rastercov.camera_formats.equivalents import panorama
+from rastercov.mesh import shapes
 from rastercov.reference.regions import covers_points, points_on
 
 MOST_OFF, SCATTER = 0.02, 25.0

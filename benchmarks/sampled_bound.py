@@ -17,10 +17,10 @@ from rows import Report, arguments
 from scenes import joined
 
 import rastercov as rc
-from rastercov import shapes
 from rastercov._observers import ROLL
 from rastercov.criteria import face_geometry
 from rastercov.face_pass import FacePass
+from rastercov.mesh import shapes
 from rastercov.reference import polygons
 
 CAMERA = rc.Camera(width=320, height=240, fx=310, fy=290, cx=163.7, cy=118.2)

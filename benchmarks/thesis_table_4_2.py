@@ -28,10 +28,10 @@ from numpy.typing import NDArray
 from rows import Report, arguments
 
 import rastercov as rc
-from rastercov import shapes
 from rastercov.base.errors import DeviceError
 from rastercov.coverage import evaluate_batches
 from rastercov.criteria import face_geometry, in_focus
+from rastercov.mesh import shapes
 from rastercov.models import MODELS, zhang
 from rastercov.models.line_of_sight import LineOfSight
 from rastercov.reference import rational

@@ -14,7 +14,7 @@ import numpy as np
 from rows import Report, arguments
 
 import rastercov as rc
-from rastercov import shapes
+from rastercov.mesh import shapes
 from rastercov.placement.candidates.framing import Framing
 from rastercov.placement.candidates.pool import Candidates, per_segment
 from rastercov.placement.candidates.segments import segment

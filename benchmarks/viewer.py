@@ -16,7 +16,7 @@ import time
 import numpy as np
 
 import rastercov as rc
-from rastercov import shapes
+from rastercov.mesh import shapes
 from rastercov.pose import Poses
 from rastercov.rig import Rig
 from rastercov.viewer.rig_state import RigState

@@ -3,7 +3,7 @@
 import numpy as np
 
 import rastercov as rc
-from rastercov import shapes
+from rastercov.mesh import shapes
 
 # From a file: mesh = rc.Mesh.load("part.stl", unit="mm")
 mesh = shapes.teapot(12)

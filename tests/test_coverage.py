@@ -12,13 +12,12 @@ from hypothesis import strategies as st
 from scenes import joined, sheet, square
 
 from rastercov import coverage as module
-from rastercov import shapes
 from rastercov.base.errors import ConfigError, PoseError, ResourceError
 from rastercov.camera import Camera
 from rastercov.coverage import FIGURES, evaluate, evaluate_batches
 from rastercov.criteria import face_geometry, in_focus
 from rastercov.engine import METHODS
-from rastercov.mesh import Group, Mesh
+from rastercov.mesh import Group, Mesh, shapes
 from rastercov.observation import BoundKind
 from rastercov.observer import open_observer
 from rastercov.task import Reason, Task

@@ -8,11 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scenes import square
 
-from rastercov import shapes
 from rastercov.camera import Camera
 from rastercov.criteria import face_geometry, in_focus
 from rastercov.criteria_kernels import incidence_angle
-from rastercov.mesh import Group, Mesh
+from rastercov.mesh import Group, Mesh, shapes
 from rastercov.near_plane import near_limit
 from rastercov.projection import clip_near, polygon_area, to_camera, to_image
 from rastercov.viewpoints import look_at

@@ -9,20 +9,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from nightly import examples
 
-from rastercov import (
-    Camera,
-    Mesh,
-    Task,
-    criteria_kernels,
-    evaluate,
-    open_observer,
-    shapes,
-    sphere_of_poses,
-)
+from rastercov import Camera, Mesh, Task, criteria_kernels, evaluate, open_observer, sphere_of_poses
 from rastercov import face_blocks as blocks
 from rastercov.base.memory import CACHE_LINE, aligned_array
 from rastercov.coverage import FIGURES
 from rastercov.coverage_pass import CoveragePass
+from rastercov.mesh import shapes
 from rastercov.network import Network
 from rastercov.observation import BoundKind
 from rastercov.pairs import CHOICES

@@ -9,11 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rastercov import shapes
 from rastercov.base.errors import ConfigError
 from rastercov.camera import Camera
 from rastercov.coverage import FIGURES, Coverage, evaluate
-from rastercov.mesh import Group, Mesh
+from rastercov.mesh import Group, Mesh, shapes
 from rastercov.network import Network
 from rastercov.observer import open_observer
 from rastercov.task import Reason, Task

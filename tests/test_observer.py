@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 from scenes import joined, sheet, square
 
-from rastercov import shapes
 from rastercov.base.errors import ConfigError, PoseError
 from rastercov.camera import Camera
 from rastercov.criteria import face_geometry
 from rastercov.engine import METHODS
 from rastercov.face_pass import FacePass
-from rastercov.mesh import Mesh
+from rastercov.mesh import Mesh, shapes
 from rastercov.observation import BoundKind, Observation
 from rastercov.observer import open_observer, visibility
 from rastercov.pose import Poses

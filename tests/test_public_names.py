@@ -12,7 +12,7 @@ import pytest
 from processes import python
 
 import rastercov
-import rastercov.shapes
+import rastercov.mesh.shapes
 
 ROOT = Path(rastercov.__file__).parent
 # Modules whose public classes and functions are the package's own names, and what they keep to

@@ -5,13 +5,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rastercov import shapes
 from rastercov.area.observer import RegionObserver
 from rastercov.area.regions import regions
 from rastercov.base.errors import CameraError, ConfigError, PoseError
 from rastercov.camera import Camera
 from rastercov.coverage import FIGURES, evaluate
 from rastercov.engine import Engine
+from rastercov.mesh import shapes
 from rastercov.network import Network
 from rastercov.observer import open_observer, visibility
 from rastercov.pose import Poses

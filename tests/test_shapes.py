@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from rastercov import shapes
 from rastercov.base.errors import MeshError
-from rastercov.mesh import Mesh
+from rastercov.mesh import Mesh, shapes
 
 CLOSED = {
     "aeroplane": (lambda: shapes.aeroplane(), 1970, 2),

@@ -8,11 +8,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rastercov import shapes
 from rastercov.base.errors import ConfigError
 from rastercov.base.threads import POSES_A_TURN, share_poses, thread_count
 from rastercov.camera import Camera
 from rastercov.exact.certificate import CertificateSolver
+from rastercov.mesh import shapes
 from rastercov.observer import open_observer
 from rastercov.viewpoints import look_at, sphere_of_poses
 

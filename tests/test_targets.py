@@ -10,9 +10,8 @@ from scenes import square
 from target_scenes import beside, only, sheet_at, some_as_targets
 
 import rastercov as rc
-from rastercov import shapes
 from rastercov.coverage import FIGURES
-from rastercov.mesh import Mesh
+from rastercov.mesh import Mesh, shapes
 from rastercov.models import MODELS
 from rastercov.placement import what_is_left
 from rastercov.reference.algorithm1 import occlusion

@@ -12,7 +12,7 @@ from processes import python
 from scenes import joined
 
 import rastercov as rc
-from rastercov import shapes
+from rastercov.mesh import shapes
 from rastercov.placement.candidates.segments import segment
 
 ROOT = Path(__file__).parents[1]

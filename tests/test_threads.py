@@ -18,7 +18,6 @@ from processes import python
 
 import rastercov as rc
 from rastercov import _jit as compiled
-from rastercov import shapes
 from rastercov.base import memory
 from rastercov.base.errors import DeviceError, ResourceError
 from rastercov.base.once import Once
@@ -27,7 +26,7 @@ from rastercov.exact import certificate as contour
 from rastercov.exact import half_planes as analytic
 from rastercov.exact import memory as images
 from rastercov.exact import surface
-from rastercov.mesh import contacts
+from rastercov.mesh import contacts, shapes
 from rastercov.models.scott import coverage as scott_coverage
 from rastercov.raster.cpu import loops as kernels
 from rastercov.viewpoints import sphere_of_poses

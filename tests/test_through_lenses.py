@@ -10,10 +10,11 @@ from hypothesis import strategies as st
 from lens_cameras import CAMERAS, SIDE
 
 import rastercov as rc
-from rastercov import Camera, ConfigError, shapes
+from rastercov import Camera, ConfigError
 from rastercov.camera_models import MODELS
 from rastercov.image_boxes import image_boxes
 from rastercov.lenses.of_camera import lens_of
+from rastercov.mesh import shapes
 from rastercov.near_plane import depth_from_near
 from rastercov.projection import to_camera, to_image
 from rastercov.rays import border_of, rays_of, view_border

@@ -13,13 +13,14 @@ from hypothesis import strategies as st
 from typing_extensions import Doc
 
 import rastercov as rc
-from rastercov import cli, shapes
+from rastercov import cli
 from rastercov import pose as pose_module
 from rastercov.base.errors import ConfigError, PoseError
 from rastercov.base.limits import check_limits
 from rastercov.cli import options
 from rastercov.coverage import FIGURES
 from rastercov.engine import METHODS, Engine
+from rastercov.mesh import shapes
 from rastercov.pose import Poses
 from rastercov.provenance import Provenance
 from rastercov.viewpoints import sphere_of_poses

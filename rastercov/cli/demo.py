@@ -5,11 +5,11 @@ from typing import Annotated
 
 import typer
 
-from rastercov import shapes
 from rastercov.camera import Camera
 from rastercov.cli.evaluate import run_and_print
 from rastercov.cli.inputs import poses_around
 from rastercov.cli.options import AsJson, Device, Out
+from rastercov.mesh import shapes
 from rastercov.task import Task
 
 

@@ -13,11 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov import shapes
 from rastercov.base.arguments import MOST_POSES
 from rastercov.base.errors import ConfigError, MeshError, PoseError
 from rastercov.camera import Camera
-from rastercov.mesh import Mesh
+from rastercov.mesh import Mesh, shapes
 from rastercov.mesh.formats import READERS
 from rastercov.mesh.groups import named
 from rastercov.mesh.mesh import names_of

@@ -11,12 +11,12 @@ from typing import Annotated, Any, Union, get_args, get_origin
 
 import typer
 
-from rastercov import shapes
 from rastercov.base.errors import ConfigError
 from rastercov.base.limits import annotations_of, documented, reader_of
 from rastercov.camera_file import PRESETS
 from rastercov.camera_formats.conventions import POSE_CONVENTIONS, Conventions
 from rastercov.cli.console import out_option, progress_as_json
+from rastercov.mesh import shapes
 from rastercov.task import THESIS, Task
 
 Meshes = Annotated[

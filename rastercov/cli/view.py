@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 import typer
 
-from rastercov import shapes
 from rastercov.base.errors import CameraError, ConfigError, MeshError
 from rastercov.base.format import plural
 from rastercov.camera_formats.conventions import Border, Conventions
@@ -21,7 +20,7 @@ from rastercov.cli import options
 from rastercov.cli.console import say, size_line, warn
 from rastercov.cli.inputs import are_arguments, read_again, read_scene
 from rastercov.cli.views import read_cameras, read_eyes, read_rig
-from rastercov.mesh import Mesh
+from rastercov.mesh import Mesh, shapes
 from rastercov.pose import Poses
 from rastercov.task import Task
 from rastercov.views import Views

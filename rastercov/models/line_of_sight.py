@@ -9,7 +9,7 @@ except faces without area or seen edge-on.
 
 There are two tracers: Embree (package embreex, float32) and our own triangle tree (float64, about
 five times slower). They may differ if a segment passes within `TOLERANCE` of an edge of a face, or
-begins as near to its plane: on the meshes in `rastercov.shapes`, one vertex in 100,000.
+begins as near to its plane: on the meshes in `rastercov.mesh.shapes`, one vertex in 100,000.
 
 I. Wald et al. Embree: A Kernel Framework for Efficient CPU Ray Tracing. 2014.
 """

@@ -10,9 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from rastercov import shapes
 from rastercov.base.errors import MeshError, RastercovError
-from rastercov.mesh import Group, Mesh
+from rastercov.mesh import Group, Mesh, shapes
 from rastercov.mesh.names import FileGroups, Names, refuse_twice
 from rastercov.mesh.targets import box_grid, count_for, sheet_above, with_target
 from rastercov.plan.errors import PlanError

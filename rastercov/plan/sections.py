@@ -10,6 +10,7 @@ from typing import Annotated, Literal, Self
 from pydantic import AfterValidator, Field, model_validator
 
 from rastercov.mesh.formats import METRES, READERS, metres_per
+from rastercov.mesh.shapes import NAMES
 from rastercov.placement.candidates.clearance import KeepOutBox, KeepOutSphere
 from rastercov.placement.improve.refine import BUDGET
 from rastercov.placement.improve.tolerance import InstallationError
@@ -33,7 +34,6 @@ from rastercov.plan.entry import (
     value_of,
 )
 from rastercov.plan.generators import CandidateEntry
-from rastercov.shapes import NAMES
 from rastercov.task import Task
 
 

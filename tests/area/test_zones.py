@@ -8,13 +8,13 @@ from scenes import square
 from surface_cases import bisected, building, cut_at_random, hostile_scene, room
 
 import rastercov as rc
-from rastercov import shapes
 from rastercov.area.failures import first_failures
 from rastercov.area.network import AreaNetwork
 from rastercov.area.union import RegionUnion, polygon_areas
 from rastercov.area.zone_report import WORDS, summary_of, zone_lines
 from rastercov.area.zones import dead_zones
 from rastercov.base.errors import ConfigError
+from rastercov.mesh import shapes
 from rastercov.reference.regions import covers_points, points_on
 
 AHEAD = np.eye(4)[None]

@@ -8,13 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from nightly import examples
 
-from rastercov import shapes
 from rastercov.area.regions import regions
 from rastercov.area.union import unite
 from rastercov.audits import audit
 from rastercov.base.errors import ConfigError
 from rastercov.camera import Camera
-from rastercov.mesh import Group, Mesh
+from rastercov.mesh import Group, Mesh, shapes
 from rastercov.pose import Poses
 from rastercov.projection import to_camera, to_image
 from rastercov.task import Task

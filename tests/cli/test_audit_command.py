@@ -8,10 +8,10 @@ import pytest
 from commands import call, enter
 from mesh_files import obj
 
-from rastercov import shapes
 from rastercov.audits import audit
 from rastercov.camera import Camera
 from rastercov.camera_formats import write_views
+from rastercov.mesh import shapes
 from rastercov.pose import Poses
 from rastercov.rig import Rig
 from rastercov.task import Task

@@ -20,7 +20,8 @@ from notices import without_notices
 from PIL import Image
 
 import rastercov
-from rastercov import cli, shapes
+from rastercov import cli
+from rastercov.mesh import shapes
 from rastercov.pose_file import write_poses
 from rastercov.raster.gl import diagnose
 from rastercov.report.folder import STAGING, ReportFolder, ReportKind

@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 from commands import call, enter, write_part
 
-from rastercov import shapes
 from rastercov.camera_formats.unit_doubts import unit_doubts
+from rastercov.mesh import shapes
 from rastercov.pose import Poses
 from rastercov.pose_file import write_poses
 from rastercov.viewpoints import sphere_of_poses

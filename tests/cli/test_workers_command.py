@@ -12,7 +12,8 @@ import pytest
 from commands import ENTRY, call, enter, refusal
 
 import rastercov as rc
-from rastercov import evaluation_shards, shapes
+from rastercov import evaluation_shards
+from rastercov.mesh import shapes
 
 pytestmark = [pytest.mark.slow, pytest.mark.compile]
 PLAN = """

@@ -8,10 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import joined, sheet, square
 
-from rastercov import shapes
 from rastercov.exact.grid_kernels import sort_cell
 from rastercov.exact.records import CROSSED, W_MAX
-from rastercov.mesh import Mesh, contacts
+from rastercov.mesh import Mesh, contacts, shapes
 
 
 def test_edges_behind_a_wall_cross_nothing():

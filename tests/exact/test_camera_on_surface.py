@@ -10,11 +10,10 @@ from nightly import amount, examples
 from scenes import joined, square
 
 import rastercov as rc
-from rastercov import shapes
 from rastercov.exact.certificate import CertificateSolver
 from rastercov.exact.half_planes import HalfPlaneSolver
 from rastercov.exact.records import DOUBTFUL
-from rastercov.mesh import Mesh
+from rastercov.mesh import Mesh, shapes
 from rastercov.observation import BoundKind
 from rastercov.reference import rational
 from rastercov.viewpoints import look_at

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from nightly import examples
 from scenes import joined, sheet, square
 
-from rastercov import shapes
 from rastercov.camera import Camera
 from rastercov.exact import certificate
 from rastercov.exact.certificate import (
@@ -20,7 +19,7 @@ from rastercov.exact.certificate import (
     CertificateSolver,
 )
 from rastercov.exact.half_planes import HalfPlaneSolver
-from rastercov.mesh import Mesh
+from rastercov.mesh import Mesh, shapes
 from rastercov.reference import rational
 from rastercov.viewpoints import look_at
 

@@ -10,7 +10,7 @@ from nightly import examples
 from scenes import joined, square
 
 import rastercov as rc
-from rastercov import shapes
+from rastercov.mesh import shapes
 from rastercov.observation import BoundKind
 from rastercov.reference import rational
 

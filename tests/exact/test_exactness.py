@@ -22,13 +22,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import joined, square
 
-from rastercov import shapes
 from rastercov.camera import Camera
 from rastercov.criteria import face_geometry
 from rastercov.exact.certificate import CertificateSolver
 from rastercov.exact.half_planes import HalfPlaneSolver
 from rastercov.face_pass import FacePass
-from rastercov.mesh import Mesh
+from rastercov.mesh import Mesh, shapes
 from rastercov.observation import BoundKind
 from rastercov.observer import open_observer, visibility
 from rastercov.pose import Poses

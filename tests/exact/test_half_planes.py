@@ -18,14 +18,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import joined, sheet, square
 
-from rastercov import shapes
 from rastercov.base.errors import ConfigError
 from rastercov.camera import Camera
 from rastercov.criteria import face_geometry
 from rastercov.exact.half_planes import HalfPlaneSolver, visible_areas
 from rastercov.exact.memory import room_for_clipped
 from rastercov.exact.surface import surface_of
-from rastercov.mesh import Mesh
+from rastercov.mesh import Mesh, shapes
 from rastercov.observer import visibility
 from rastercov.reference import rational
 from rastercov.viewpoints import look_at, sphere_of_poses

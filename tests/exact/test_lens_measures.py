@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from lens_cameras import CAMERAS
 
-from rastercov import look_at, shapes
+from rastercov import look_at
 from rastercov.exact import lens_kernels
 from rastercov.exact.certificate import CertificateSolver
 from rastercov.exact.lens_edges import edge_bulges, edge_lists, vertex_images, whole_groups
@@ -17,6 +17,7 @@ from rastercov.exact.surface import surface_of
 from rastercov.lenses.edge_kernels import bulge, edge_values
 from rastercov.lenses.of_camera import planes_of
 from rastercov.lenses.quadrature import MOST
+from rastercov.mesh import shapes
 
 MESHES = {"torus": shapes.by_name("torus"), "room": shapes.by_name("room")}
 EYES = {"torus": (2.2, 1.4, 1.5), "room": (0.2, 0.1, 1.5)}

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from lens_cameras import CAMERAS
 from scenes import joined, square
 
-from rastercov import shapes
 from rastercov.camera import Camera
 from rastercov.coverage import FIGURES, evaluate
 from rastercov.exact.certificate import CertificateSolver
@@ -21,7 +20,7 @@ from rastercov.lenses.areas import blind_area
 from rastercov.lenses.field import fields_of
 from rastercov.lenses.of_camera import lens_of, optics_of, planes_of, slopes_of
 from rastercov.lenses.slopes import slopes_in
-from rastercov.mesh import Group, Mesh
+from rastercov.mesh import Group, Mesh, shapes
 from rastercov.near_plane import limits
 from rastercov.observation import BoundKind
 from rastercov.observer import open_observer

@@ -11,10 +11,9 @@ from exact_views import SEEDS, look, on_both_paths
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rastercov import shapes
 from rastercov.camera import Camera
 from rastercov.exact.half_planes import HalfPlaneSolver, visible_areas
-from rastercov.mesh import Mesh
+from rastercov.mesh import Mesh, shapes
 from rastercov.reference import rational
 from rastercov.viewpoints import sphere_of_poses
 

@@ -11,10 +11,9 @@ from scenes import joined, square
 from target_scenes import only, some_as_targets
 
 import rastercov as rc
-from rastercov import shapes
 from rastercov.exact import blocks
 from rastercov.exact.surface import surface_of
-from rastercov.mesh import Mesh
+from rastercov.mesh import Mesh, shapes
 
 
 def scene(seed):

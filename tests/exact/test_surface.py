@@ -12,10 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import joined, square
 
-from rastercov import shapes
 from rastercov.exact.records import CONSISTENT, NON_MANIFOLD, REVERSED
 from rastercov.exact.surface import surface_of
-from rastercov.mesh import Mesh, contacts
+from rastercov.mesh import Mesh, contacts, shapes
 from rastercov.mesh.contacts import CONTACT, REACH, touching_faces
 
 

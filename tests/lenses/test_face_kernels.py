@@ -7,7 +7,6 @@ from hypothesis import strategies as st
 from lens_cameras import CAMERAS
 from nightly import examples
 
-from rastercov import shapes
 from rastercov._jit import allocation_free
 from rastercov.criteria_kernels import (
     facing_density,
@@ -18,7 +17,7 @@ from rastercov.criteria_kernels import (
     workspace,
 )
 from rastercov.lenses.face_kernels import curved_areas
-from rastercov.mesh import Mesh
+from rastercov.mesh import Mesh, shapes
 from rastercov.rays import rays_of
 from rastercov.vertex_columns import INSIDE
 from rastercov.viewpoints import sphere_of_poses

@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from scenes import joined
 
-from rastercov import shapes
-from rastercov.mesh import Mesh, contact_kernels, contacts
+from rastercov.mesh import Mesh, contact_kernels, contacts, shapes
 from rastercov.mesh.contacts import touching_faces
 
 try:

@@ -8,9 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rastercov import shapes
 from rastercov.base.errors import MeshError, ResourceError
-from rastercov.mesh import Group, Mesh
+from rastercov.mesh import Group, Mesh, shapes
 from rastercov.mesh.diagnosis import size_in_words
 from rastercov.mesh.topology import first_equal_row
 

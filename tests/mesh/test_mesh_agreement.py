@@ -8,7 +8,7 @@ from mesh_files import Glb, triangles
 from test_mesh_dae import METRE, dae, primitive, source, words
 from test_mesh_threemf import archive, model
 
-from rastercov import shapes
+from rastercov.mesh import shapes
 
 ROOM = shapes.room(2)
 """Its groups share no vertices, so each is a mesh of its own."""

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from rastercov import shapes
 from rastercov.base.errors import MeshError
-from rastercov.mesh import Group, Mesh
+from rastercov.mesh import Group, Mesh, shapes
 
 
 def assert_same(one, other):

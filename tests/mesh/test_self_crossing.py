@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from scenes import joined
 
 import rastercov as rc
-from rastercov import shapes
 from rastercov.exact.half_planes import HalfPlaneSolver
+from rastercov.mesh import shapes
 from rastercov.near_plane import can_cull
 from rastercov.reference import rational
 

@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 from lens_cameras import CAMERAS
 from scenes import joined, square
 
-from rastercov import Camera, CameraError, Mesh, Task, shapes
+from rastercov import Camera, CameraError, Mesh, Task
 from rastercov.lenses.of_camera import lens_of
+from rastercov.mesh import shapes
 from rastercov.models import MODELS
 from rastercov.models.base import facing_density, focus_depth
 from rastercov.models.line_of_sight import LineOfSight

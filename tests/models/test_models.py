@@ -15,12 +15,11 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scenes import joined, sheet, square
 
-from rastercov import shapes
 from rastercov.base.errors import ConfigError, PoseError
 from rastercov.camera import Camera
 from rastercov.coverage import evaluate
 from rastercov.criteria import face_geometry
-from rastercov.mesh import Group, Mesh
+from rastercov.mesh import Group, Mesh, shapes
 from rastercov.models import MODELS, alarcon, image_space, mavrinac, scott, tarabanis, zhang
 from rastercov.models.base import ramp, required_density
 from rastercov.models.line_of_sight import MARGIN, TOLERANCE, LineOfSight, OwnTracer

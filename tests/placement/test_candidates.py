@@ -9,10 +9,9 @@ from nightly import examples
 from scenes import joined, sheet
 
 import rastercov as rc
-from rastercov import shapes
 from rastercov.base.errors import ConfigError, PoseError
 from rastercov.criteria import face_geometry
-from rastercov.mesh import Group, Mesh
+from rastercov.mesh import Group, Mesh, shapes
 from rastercov.mesh.triangle_tree import TriangleTree
 from rastercov.placement import (
     Candidates,

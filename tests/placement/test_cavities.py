@@ -11,9 +11,8 @@ from nightly import examples
 from scenes import joined, sheet
 
 import rastercov as rc
-from rastercov import shapes
 from rastercov.base.errors import ConfigError
-from rastercov.mesh import Group, Mesh
+from rastercov.mesh import Group, Mesh, shapes
 from rastercov.placement.candidates.cavities import Access, openings, per_cavity
 from rastercov.placement.candidates.clearance import KeepOutBox, KeepOutSphere, filter_candidates
 from rastercov.placement.candidates.framing import Framing

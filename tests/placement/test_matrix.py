@@ -17,8 +17,8 @@ from matrix_damage import campaign, contents_of, files_of, flip
 from nightly import IS_NIGHTLY
 
 import rastercov as rc
-from rastercov import shapes
 from rastercov.base.errors import ConfigError, PoseError
+from rastercov.mesh import shapes
 from rastercov.placement import shards as shards_module
 from rastercov.placement.matrix import VisibilityMatrix, build_matrix
 from rastercov.placement.matrix_shards import shortened

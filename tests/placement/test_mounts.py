@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 from surface_cases import room
 
 import rastercov as rc
-from rastercov import shapes
 from rastercov.area.regions import RegionPass
 from rastercov.base.lists import Lists
+from rastercov.mesh import shapes
 from rastercov.placement import (
     BestCoverage,
     BitMatrix,

@@ -7,10 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from nightly import IS_NIGHTLY, examples
 
-from rastercov import shapes
 from rastercov.base.errors import ConfigError
 from rastercov.camera import Camera
-from rastercov.mesh import Group, Mesh
+from rastercov.mesh import Group, Mesh, shapes
 from rastercov.observer import open_observer
 from rastercov.placement.candidates.clearance import (
     KeepOutBox,

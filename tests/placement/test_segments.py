@@ -9,9 +9,8 @@ from hypothesis import strategies as st
 from nightly import examples
 from scenes import joined, sheet
 
-from rastercov import shapes
 from rastercov.base.errors import ConfigError
-from rastercov.mesh import Group, Mesh
+from rastercov.mesh import Group, Mesh, shapes
 from rastercov.placement.candidates import segment_kernels as kernels
 from rastercov.placement.candidates.segments import ANGLE_TOLERANCE_DEG, segment
 

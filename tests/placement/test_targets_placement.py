@@ -5,7 +5,7 @@ import pytest
 from target_scenes import beside, sheet_at
 
 import rastercov as rc
-from rastercov import shapes
+from rastercov.mesh import shapes
 from rastercov.models.line_of_sight import LineOfSight
 from rastercov.placement import build_matrix, filter_candidates, on_box
 from rastercov.placement.candidates.clearance import in_solid, nearest_obstacle

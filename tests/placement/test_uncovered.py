@@ -11,9 +11,8 @@ from nightly import examples
 from scenes import joined, sheet
 
 import rastercov as rc
-from rastercov import shapes
 from rastercov.base.errors import ConfigError
-from rastercov.mesh import Group, Mesh
+from rastercov.mesh import Group, Mesh, shapes
 from rastercov.network import Network
 from rastercov.placement.explain import candidate_visibility as sight
 from rastercov.placement.explain import uncovered

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 import rastercov as rc
-from rastercov import shapes
 from rastercov.coverage import Coverage
+from rastercov.mesh import shapes
 from rastercov.placement.improve.objective import Objective
 from rastercov.plan import entry as plan_entry
 from rastercov.plan import generators as plan_generators

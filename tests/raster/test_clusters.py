@@ -7,9 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rastercov import shapes
 from rastercov.camera import Camera
-from rastercov.mesh import Mesh
+from rastercov.mesh import Mesh, shapes
 from rastercov.raster.cpu import CPURasterizer
 from rastercov.raster.cpu.cluster_kernels import VERTEX_STEP
 from rastercov.raster.cpu.clusters import group_faces

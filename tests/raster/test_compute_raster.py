@@ -9,10 +9,9 @@ from image_laws import assert_same, assert_same_counts, everything
 from processes import TESTS, run_python
 from scenes import joined, large_and_small, square
 
-from rastercov import shapes
 from rastercov.base.errors import DeviceError, ResourceError
 from rastercov.camera import Camera
-from rastercov.mesh import Mesh
+from rastercov.mesh import Mesh, shapes
 from rastercov.raster.cpu import CPURasterizer
 from rastercov.raster.gl import GLRasterizer, compute
 from rastercov.raster.gl.context import open_context

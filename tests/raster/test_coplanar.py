@@ -12,9 +12,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scenes import joined, sheet, square
 
-from rastercov import shapes
 from rastercov.camera import Camera
-from rastercov.mesh import Mesh
+from rastercov.mesh import Mesh, shapes
 from rastercov.raster.gl import GLRasterizer, coplanar
 from rastercov.raster.gl.context import open_context
 from rastercov.raster.gl.coplanar import coplanar_overlaps

@@ -12,10 +12,9 @@ from hypothesis import strategies as st
 from nightly import amount
 from processes import TESTS, run_python
 
-from rastercov import shapes
 from rastercov.base.errors import ConfigError, DeviceError, ResourceError
 from rastercov.camera import Camera
-from rastercov.mesh import Mesh
+from rastercov.mesh import Mesh, shapes
 from rastercov.near_plane import limits, picture_limits
 from rastercov.raster import cpu, open_rasterizer, self_test
 from rastercov.raster.cpu import MAX_SIDE, CPURasterizer

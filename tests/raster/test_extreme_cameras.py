@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from image_laws import is_ambiguous, reference_view
 
-from rastercov import shapes
 from rastercov.base.checks import LONGEST as LONGEST_LENS
 from rastercov.base.checks import SHORTEST as SHORTEST_LENS
 from rastercov.base.errors import CameraError, ConfigError
 from rastercov.camera import Camera
+from rastercov.mesh import shapes
 from rastercov.raster.cpu import CPURasterizer
 from rastercov.raster.gl import GLRasterizer
 from rastercov.raster.gl import rasterizer as gl_module

@@ -14,10 +14,9 @@ from processes import TESTS, run_python
 from scenes import joined, large_and_small
 from target_scenes import some_as_targets
 
-from rastercov import shapes
 from rastercov.base.errors import DeviceError, ResourceError
 from rastercov.camera import Camera
-from rastercov.mesh import Mesh
+from rastercov.mesh import Mesh, shapes
 from rastercov.pose import Poses
 from rastercov.raster.cpu.lens_rasterizer import LensRasterizer
 from rastercov.raster.cpu.lens_samples import tables_of

@@ -8,8 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from lens_cameras import CAMERAS
 
-from rastercov import Camera, CameraError, shapes
+from rastercov import Camera, CameraError
 from rastercov._jit import allocation_free
+from rastercov.mesh import shapes
 from rastercov.raster.cpu import CPURasterizer
 from rastercov.raster.cpu import lens_listing as kernels
 from rastercov.raster.cpu.clusters import group_faces

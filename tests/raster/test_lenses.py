@@ -19,9 +19,9 @@ from rastercov import (
     look_at,
     open_observer,
     open_rasterizer,
-    shapes,
 )
 from rastercov.lenses.of_camera import lens_of
+from rastercov.mesh import shapes
 from rastercov.observation import BoundKind
 from rastercov.raster.cpu import lens_samples
 from rastercov.raster.cpu.lens_rasterizer import LensRasterizer

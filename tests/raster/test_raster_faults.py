@@ -14,11 +14,11 @@ import pytest
 from image_laws import assert_same_counts
 from processes import run_python
 
-from rastercov import shaders, shapes
+from rastercov import shaders
 from rastercov.base.errors import ConfigError, DeviceError, PoseError, ResourceError
 from rastercov.camera import Camera
 from rastercov.engine import Engine
-from rastercov.mesh import Mesh
+from rastercov.mesh import Mesh, shapes
 from rastercov.observer import open_observer
 from rastercov.raster import open_rasterizer
 from rastercov.raster.gl import PLANS, GLRasterizer, pipeline

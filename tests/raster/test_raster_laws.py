@@ -25,9 +25,8 @@ from image_laws import (
 from nightly import IS_NIGHTLY
 from scenes import joined, sheet, square
 
-from rastercov import shapes
 from rastercov.camera import Camera
-from rastercov.mesh import Mesh
+from rastercov.mesh import Mesh, shapes
 from rastercov.reference import samples
 from rastercov.viewpoints import look_at, sphere_of_poses
 

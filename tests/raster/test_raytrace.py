@@ -17,9 +17,8 @@ from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 from image_laws import shown_by_two
 
-from rastercov import shapes
 from rastercov.camera import Camera
-from rastercov.mesh import Mesh
+from rastercov.mesh import Mesh, shapes
 from rastercov.raster.gl import PLANS
 from rastercov.reference import samples
 from rastercov.viewpoints import look_at, sphere_of_poses

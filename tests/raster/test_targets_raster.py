@@ -13,9 +13,8 @@ from nightly import examples
 from scenes import joined, square
 from target_scenes import beside, only, some_as_targets
 
-from rastercov import shapes
 from rastercov.camera import Camera
-from rastercov.mesh import Mesh
+from rastercov.mesh import Mesh, shapes
 from rastercov.near_plane import limits
 from rastercov.raster.cpu import CPURasterizer
 from rastercov.raster.target_kernels import TIE_REL, count_triangle

@@ -13,9 +13,8 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rastercov import shapes
 from rastercov.camera import Camera
-from rastercov.mesh import Mesh
+from rastercov.mesh import Mesh, shapes
 from rastercov.reference import rational
 from rastercov.reference.algorithm1 import image_triangles, occlusion, self_occluding
 from rastercov.viewpoints import look_at, sphere_of_poses

@@ -8,12 +8,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rastercov import shapes
 from rastercov.camera import Camera
 from rastercov.coverage import FIGURES, evaluate, evaluate_batches
 from rastercov.criteria import face_geometry
 from rastercov.face_pass import FacePass
-from rastercov.mesh import Group, Mesh
+from rastercov.mesh import Group, Mesh, shapes
 from rastercov.network import Network
 from rastercov.observation import BoundKind, Observation
 from rastercov.observer import open_observer

@@ -15,9 +15,9 @@ from hypothesis import strategies as st
 from processes import run_python
 from scenes import joined, square
 
-from rastercov import reference, shapes
+from rastercov import reference
 from rastercov.camera import Camera
-from rastercov.mesh import Mesh
+from rastercov.mesh import Mesh, shapes
 from rastercov.reference import polygons, rational, samples
 from rastercov.viewpoints import look_at
 

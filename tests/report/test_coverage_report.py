@@ -17,12 +17,12 @@ import pytest
 from coarse_pictures import coarse_pictures  # noqa: F401 # a fixture for every test
 from PIL import Image
 
-from rastercov import shaders, shapes
+from rastercov import shaders
 from rastercov.base.errors import ConfigError, DeviceError, PoseError
 from rastercov.base.interrupts import interrupts_held
 from rastercov.camera import Camera
 from rastercov.coverage import evaluate
-from rastercov.mesh import Mesh
+from rastercov.mesh import Mesh, shapes
 from rastercov.pairs import CHOICES
 from rastercov.raster import open_rasterizer
 from rastercov.reference.coverage import rows_of

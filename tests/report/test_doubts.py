@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 import rastercov as rc
-from rastercov import shapes
 from rastercov.lenses.of_camera import lens_of
-from rastercov.mesh import Mesh
+from rastercov.mesh import Mesh, shapes
 from rastercov.network import Network
 from rastercov.report.doubts import dead_pixels, doubts
 from rastercov.viewpoints import sphere_of_poses

@@ -8,7 +8,7 @@ from lens_cameras import CAMERAS
 from surface_cases import bisected, room
 
 import rastercov as rc
-from rastercov import shapes
+from rastercov.mesh import shapes
 from rastercov.report.half_covered import half_covered, share_in_parts
 from rastercov.viewpoints import sphere_of_poses
 

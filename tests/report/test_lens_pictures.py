@@ -10,7 +10,7 @@ from PIL import Image, ImageDraw
 from surface_cases import room
 
 import rastercov as rc
-from rastercov import shapes
+from rastercov.mesh import shapes
 from rastercov.projection import to_camera, to_image
 from rastercov.report import overview
 from rastercov.report.area_pictures import points_of_pixels

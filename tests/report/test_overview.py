@@ -11,8 +11,7 @@ from surface_cases import room
 from target_scenes import beside, sheet_at
 
 import rastercov as rc
-from rastercov import shapes
-from rastercov.mesh import Group, Mesh
+from rastercov.mesh import Group, Mesh, shapes
 from rastercov.network import Network
 from rastercov.reference.regions import covers_points
 from rastercov.report import overview, theme

@@ -11,11 +11,10 @@ from pages import read_alone
 from scenes import joined
 
 import rastercov as rc
-from rastercov import shapes
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import percent
 from rastercov.coverage import evaluate_batches
-from rastercov.mesh import Group, Mesh
+from rastercov.mesh import Group, Mesh, shapes
 from rastercov.network import Network
 from rastercov.placement.candidates.cavities import openings
 from rastercov.placement.candidates.clearance import KeepOutBox, filter_candidates

@@ -11,13 +11,12 @@ import trimesh
 from PIL import Image
 from rich.console import Console
 
-from rastercov import shapes
 from rastercov.base import output
 from rastercov.base.errors import ConfigError
 from rastercov.camera import Camera
 from rastercov.coverage import FIGURES, Coverage, evaluate
 from rastercov.engine import METHODS
-from rastercov.mesh import Group, Mesh
+from rastercov.mesh import Group, Mesh, shapes
 from rastercov.network import Network
 from rastercov.observation import BoundKind
 from rastercov.observer import open_observer

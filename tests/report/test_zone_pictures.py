@@ -5,10 +5,10 @@ import pytest
 from surface_cases import room
 
 import rastercov as rc
-from rastercov import shapes
 from rastercov.area.network import AreaNetwork
 from rastercov.area.points import views_at, zones_at
 from rastercov.base.format import area
+from rastercov.mesh import shapes
 from rastercov.reference.regions import covers_points, points_on
 from rastercov.report import theme
 from rastercov.report.zone_pictures import _middle, numbered, zone_rows, zones_picture

@@ -8,7 +8,8 @@ from pathlib import Path
 
 from notices import without_notices
 
-from rastercov import cli, shapes
+from rastercov import cli
+from rastercov.mesh import shapes
 
 ENTRY = "import sys; from rastercov.cli import main; sys.argv[0] = 'rastercov'; main()"
 LID_AND_REST = {0: "lid", 2: "rest"}

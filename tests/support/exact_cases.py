@@ -13,9 +13,8 @@ from itertools import pairwise
 import numpy as np
 from scenes import joined, sheet, square
 
-from rastercov import shapes
 from rastercov.camera import Camera
-from rastercov.mesh import Mesh
+from rastercov.mesh import Mesh, shapes
 from rastercov.viewpoints import look_at
 
 AHEAD = np.eye(4)

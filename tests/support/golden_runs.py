@@ -21,7 +21,8 @@ import numpy as np
 import pyarrow.parquet
 
 import rastercov as rc
-from rastercov import cli, shapes
+from rastercov import cli
+from rastercov.mesh import shapes
 
 GOLDEN = Path(__file__).parents[1] / "golden"
 DIGITS = 10

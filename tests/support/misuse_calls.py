@@ -19,7 +19,7 @@ from rastercov.base.typed import public_names
 
 MODULES = {
     "rastercov": "misuse_package",
-    "rastercov.shapes": "misuse_package",
+    "rastercov.mesh.shapes": "misuse_package",
     "rastercov.mesh.targets": "misuse_package",
     "rastercov.placement": "misuse_placement",
 }

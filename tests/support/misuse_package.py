@@ -7,7 +7,7 @@ from misuse_calls import Call
 from misuse_values import CAMERA, FOLDER, MESH, PLAN, POSES, TASK
 
 import rastercov as rc
-from rastercov import shapes
+from rastercov.mesh import shapes
 from rastercov.mesh.targets import box_grid, count_for, sheet_above, with_target
 
 

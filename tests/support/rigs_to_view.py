@@ -3,7 +3,7 @@
 import numpy as np
 
 import rastercov as rc
-from rastercov import shapes
+from rastercov.mesh import shapes
 from rastercov.pose import Poses
 from rastercov.rig import Rig
 from rastercov.task import Reason

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from rastercov import shapes
-from rastercov.mesh import Mesh
+from rastercov.mesh import Mesh, shapes
 from rastercov.viewpoints import look_at, sphere_of_poses
 
 

@@ -17,13 +17,13 @@ from pages import read_alone
 from PIL import Image
 from scenes import joined, sheet, square
 
-from rastercov import cli, shapes
+from rastercov import cli
 from rastercov.base.closing import Closing
 from rastercov.base.errors import ConfigError, PoseError
 from rastercov.camera import Camera
 from rastercov.criteria import face_geometry
 from rastercov.engine import Engine
-from rastercov.mesh import Mesh
+from rastercov.mesh import Mesh, shapes
 from rastercov.observation import BoundKind, Observation
 from rastercov.observer import open_observer, visibility
 from rastercov.reference import polygons

@@ -5,7 +5,7 @@ import pytest
 from rigs_to_view import CAMERA, acted, around, moved, part, session_of, state_of
 
 import rastercov as rc
-from rastercov import shapes
+from rastercov.mesh import shapes
 from rastercov.task import Reason
 from rastercov.viewer.improve import (
     Cancelled,

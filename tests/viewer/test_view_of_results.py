@@ -9,7 +9,8 @@ from commands import call, enter
 from rigs_to_view import CAMERA, around, part
 
 import rastercov as rc
-from rastercov import cli, shapes
+from rastercov import cli
+from rastercov.mesh import shapes
 
 SCENES = {
     "plain": (["part.stl"], []),

@@ -19,10 +19,11 @@ from typing import Any, get_args
 import numpy as np
 
 import rastercov
-from rastercov import shaders, shapes
+from rastercov import shaders
 from rastercov.base.child import child_environment
 from rastercov.base.errors import DeviceError, RastercovError
 from rastercov.camera import Camera
+from rastercov.mesh import shapes
 from rastercov.raster import self_test
 from rastercov.raster.contract import CountArray
 from rastercov.raster.gl.devices import (
