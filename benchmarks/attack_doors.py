@@ -24,7 +24,7 @@ from rows import Report
 
 import rastercov as rc
 from rastercov.base.errors import ConfigError
-from rastercov.camera_formats import write_views
+from rastercov.camera.formats import write_views
 from rastercov.cluster import Workers
 from rastercov.mesh import shapes
 from rastercov.placement.matrix import VisibilityMatrix, build_matrix

@@ -17,7 +17,7 @@ from rows import Report
 
 import rastercov as rc
 from rastercov.base.errors import ResourceError
-from rastercov.camera_formats.conventions import Conventions
+from rastercov.camera.formats.conventions import Conventions
 from rastercov.mesh import Mesh
 
 SIZE = 4_000

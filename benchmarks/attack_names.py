@@ -31,7 +31,7 @@ from rows import Report
 
 import rastercov as rc
 from rastercov.base.errors import RastercovError
-from rastercov.camera_formats.conventions import Conventions
+from rastercov.camera.formats.conventions import Conventions
 from rastercov.mesh import Mesh, shapes
 
 N_FLIPS = 60_000

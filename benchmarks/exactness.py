@@ -23,13 +23,13 @@ from tracer import Tracer, need_open3d
 
 import rastercov as rc
 from rastercov._observers import ROLL
+from rastercov.camera.near_plane import near_limit
 from rastercov.cli.inputs import poses_around
 from rastercov.criteria import face_geometry
 from rastercov.exact.certificate import CertificateSolver
 from rastercov.exact.half_planes import HalfPlaneSolver
 from rastercov.exact.surface import surface_of
 from rastercov.mesh import shapes
-from rastercov.near_plane import near_limit
 from rastercov.reference import rational
 
 CAMERA = rc.Camera(width=1280, height=960, fx=1200, fy=1200)

@@ -46,14 +46,14 @@ from rastercov import (
     open_rasterizer,
     sphere_of_poses,
 )
-from rastercov.lenses import formulas, make_lens
-from rastercov.lenses.areas import polygon_areas
-from rastercov.lenses.of_camera import planes_of
-from rastercov.lenses.quadrature import edge_table
+from rastercov.camera.lenses import formulas, make_lens
+from rastercov.camera.lenses.areas import polygon_areas
+from rastercov.camera.lenses.of_camera import planes_of
+from rastercov.camera.lenses.quadrature import edge_table
+from rastercov.camera.viewpoints import enclosing_distance
 from rastercov.mesh import shapes
 from rastercov.raster.gl import GLRasterizer
 from rastercov.raster.gl.context import open_context
-from rastercov.viewpoints import enclosing_distance
 
 MOST_PX, MOST_RAD, MOST_PX2 = 2e-12, 1e-11, 1e-6
 

@@ -14,6 +14,7 @@ from rows import Report, arguments
 from solids import drilled_part, with_clamps
 
 import rastercov as rc
+from rastercov.camera.pose_file import write_poses
 from rastercov.mesh import Mesh
 from rastercov.network import Network
 from rastercov.observer import open_observer
@@ -23,7 +24,6 @@ from rastercov.placement.matrix import VisibilityMatrix
 from rastercov.plan.check import check
 from rastercov.plan.file import read_plan
 from rastercov.plan.run import place
-from rastercov.pose_file import write_poses
 from rastercov.reference.views import covered_faces
 from rastercov.task import Reason
 

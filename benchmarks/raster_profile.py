@@ -36,7 +36,7 @@ from rows import Report, arguments
 
 import rastercov as rc
 from rastercov._jit import compiled
-from rastercov.near_plane import limits
+from rastercov.camera.near_plane import limits
 from rastercov.raster.cpu import MAX_BAND, _Scene, _Worker, fill, loops
 from rastercov.raster.sample_grid import SampleGrid
 

@@ -24,7 +24,7 @@ import rastercov as rc
 from rastercov.area.cells import usual_size
 from rastercov.area.centres import CentrePass
 from rastercov.area.regions import RegionPass
-from rastercov.camera_formats.equivalents import panorama
+from rastercov.camera.formats.equivalents import panorama
 from rastercov.mesh import shapes
 from rastercov.reference.regions import covers_points, points_on
 

@@ -16,13 +16,13 @@ import time
 import numpy as np
 
 import rastercov as rc
+from rastercov.camera.pose import Poses
+from rastercov.camera.rig import Rig
+from rastercov.camera.viewpoints import sphere_of_poses
 from rastercov.mesh import shapes
-from rastercov.pose import Poses
-from rastercov.rig import Rig
 from rastercov.viewer.rig_state import RigState
 from rastercov.viewer.scene import Scene
 from rastercov.viewer.session import Session
-from rastercov.viewpoints import sphere_of_poses
 
 MUST = {10_000: 30.0, 100_000: 100.0}
 MODES = ("reason", "coverage", "camera", "views", "density", "angle")

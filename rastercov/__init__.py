@@ -22,9 +22,14 @@ if _TYPE_CHECKING:
         RastercovError,
         ResourceError,
     )
-    from rastercov.camera import Camera
-    from rastercov.camera_formats import read_views, write_views
-    from rastercov.camera_formats.conventions import Conventions
+    from rastercov.camera.camera import Camera
+    from rastercov.camera.formats import read_views, write_views
+    from rastercov.camera.formats.conventions import Conventions
+    from rastercov.camera.pose import Poses
+    from rastercov.camera.pose_file import read_poses, write_poses
+    from rastercov.camera.rig import Rig
+    from rastercov.camera.viewpoints import look_at, sphere_of_poses
+    from rastercov.camera.views import Views
     from rastercov.cluster import Workers
     from rastercov.coverage import Coverage, evaluate, evaluate_batches
     from rastercov.engine import Engine
@@ -33,8 +38,6 @@ if _TYPE_CHECKING:
     from rastercov.network import Network
     from rastercov.observation import BoundKind, Observation, Visibility
     from rastercov.observer import Observer, open_observer, visibility
-    from rastercov.pose import Poses
-    from rastercov.pose_file import read_poses, write_poses
     from rastercov.raster import (
         FaceCounts,
         Rasterizer,
@@ -42,10 +45,7 @@ if _TYPE_CHECKING:
         VisibilityBuffer,
         open_rasterizer,
     )
-    from rastercov.rig import Rig
     from rastercov.task import Reason, Task
-    from rastercov.viewpoints import look_at, sphere_of_poses
-    from rastercov.views import Views
 
 __all__ = [
     "BoundKind",

@@ -4,11 +4,11 @@
 """
 
 from rastercov.area.network import AreaNetwork
+from rastercov.camera.pose import Poses
 from rastercov.engine import Engine
 from rastercov.evaluation_shards import Source, Wanted, open_for
 from rastercov.exact import certificate
 from rastercov.network import Network
-from rastercov.pose import Poses
 from rastercov.raster.self_test import CAMERA, MESH, POSES
 from rastercov.task import Task
 

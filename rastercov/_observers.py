@@ -12,16 +12,16 @@ from rastercov.base.closing import Closing
 from rastercov.base.errors import DeviceError
 from rastercov.base.memory import check_memory
 from rastercov.base.threads import ScratchPool, share_poses, thread_count
+from rastercov.camera.near_plane import limits_of_poses
+from rastercov.camera.pose import Poses
+from rastercov.camera.rig import Cameras, cameras_of
 from rastercov.exact.figures import Figures
 from rastercov.face_pass import FacePass, Measured
 from rastercov.mesh import Mesh
-from rastercov.near_plane import limits_of_poses
 from rastercov.observation import Observation, Visibility
-from rastercov.pose import Poses
 from rastercov.raster import backend_of
 from rastercov.raster.contract import FaceCounts, RasterizerInfo
 from rastercov.raster.several import Rasterizers
-from rastercov.rig import Cameras, cameras_of
 
 ROLL = 0.4
 """Radians by which the grid of samples is turned against the image: 23 degrees, far from every

@@ -16,13 +16,13 @@ from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError, ResourceError
 from rastercov.base.memory import aligned_array
 from rastercov.base.threads import threads_of
+from rastercov.camera.pose import Poses
+from rastercov.camera.rig import Cameras, check_scene
 from rastercov.coverage_pass import CoveragePass
 from rastercov.face_pass import Measured
 from rastercov.mesh import Mesh
 from rastercov.observer import Observer, open_observer
-from rastercov.pose import Poses
 from rastercov.raster.contract import RasterizerInfo
-from rastercov.rig import Cameras, check_scene
 from rastercov.task import Task
 
 FloatArray = NDArray[np.float64]

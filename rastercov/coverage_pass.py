@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.threads import thread_count
+from rastercov.camera.pose import Poses
 from rastercov.face_pass import FacePass, Measured, Scope, Worker
 from rastercov.observer import Observer
-from rastercov.pose import Poses
 from rastercov.task import Task
 
 

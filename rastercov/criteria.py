@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.near_plane import near_limit
 from rastercov.mesh import Mesh
-from rastercov.near_plane import near_limit
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

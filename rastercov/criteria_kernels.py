@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from rastercov._jit import allocation_free, by_type, part_of, part_with_arrays
 from rastercov.base.memory import aligned_array
-from rastercov.lenses import density_kernels, face_kernels
+from rastercov.camera.lenses import density_kernels, face_kernels
 from rastercov.raster.cpu.simd_kernel import pointer
 from rastercov.vertex_blocks import project_vertices
 from rastercov.vertex_columns import (

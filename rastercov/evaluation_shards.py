@@ -24,6 +24,8 @@ from numpy.typing import NDArray
 from rastercov.area.observer import RegionObserver
 from rastercov.area.regions import Regions
 from rastercov.base.output import json_text
+from rastercov.camera.pose import Poses
+from rastercov.camera.rig import Cameras, cameras_of
 from rastercov.cluster import Job, Made, Workers, make_shards
 from rastercov.cluster.files import SUMS, DamagedError, contents, store
 from rastercov.cluster.job import FolderLostError
@@ -35,9 +37,7 @@ from rastercov.judged_poses import JudgedPoses, from_plain, joined, plain
 from rastercov.mesh import Mesh
 from rastercov.network import Network
 from rastercov.observer import Observer, open_observer
-from rastercov.pose import Poses
 from rastercov.provenance import sha256
-from rastercov.rig import Cameras, cameras_of
 from rastercov.task import Task
 
 FUNCTION = "rastercov.evaluation_shards:make"

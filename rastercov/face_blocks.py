@@ -13,8 +13,8 @@ from llvmlite import ir
 from numba.core import types
 
 from rastercov._jit import by_type, part_with_arrays
+from rastercov.camera.lenses.face_kernels import CurvedLens
 from rastercov.criteria_kernels import AT_A_TIME, BLOCK_ROWS
-from rastercov.lenses.face_kernels import CurvedLens
 from rastercov.raster.cpu.simd import DOUBLE, LONG, load
 from rastercov.raster.cpu.simd_kernel import Variable, pointer, simd, when
 from rastercov.vertex_blocks import transposed

@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.threads import share_poses
+from rastercov.camera.near_plane import near_limits
+from rastercov.camera.pose import Poses
+from rastercov.camera.rig import Cameras, cameras_of
 from rastercov.mesh import Mesh
-from rastercov.near_plane import near_limits
 from rastercov.observation import Observation
-from rastercov.pose import Poses
 from rastercov.raster.contract import FaceCounts
-from rastercov.rig import Cameras, cameras_of
 
 Measured = Observation | FaceCounts
 """Measurement of some poses: areas, or the counts of a rasteriser, which become areas face by face:

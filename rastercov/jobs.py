@@ -15,13 +15,13 @@ from rastercov.base.arguments import check_kind
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import ConfigError, PoseError
 from rastercov.base.files import StrPath
+from rastercov.camera.pose import Poses
+from rastercov.camera.rig import Cameras, Rig, cameras_of, names_of
+from rastercov.camera.views import Views
 from rastercov.cluster import Workers
 from rastercov.engine import Engine
 from rastercov.mesh import Mesh
-from rastercov.pose import Poses
-from rastercov.rig import Cameras, Rig, cameras_of, names_of
 from rastercov.task import Task
-from rastercov.views import Views
 
 if TYPE_CHECKING:
     from rastercov.audits import Audit
@@ -117,7 +117,7 @@ def check(
     ConfigError
         Where nothing is required, or of an unknown group.
     """
-    from rastercov.camera_formats import read_views
+    from rastercov.camera.formats import read_views
     from rastercov.plan import check as plan_check
 
     asked = _plan(plan, camera)

@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov._direct import DirectCalls
+from rastercov.camera.pose import Poses
 from rastercov.coverage import Coverage
 from rastercov.face_pass import Measured, Scope
 from rastercov.mesh import Mesh
 from rastercov.observation import BoundKind
-from rastercov.pose import Poses
 from rastercov.task import Limits
 
 if TYPE_CHECKING:

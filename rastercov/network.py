@@ -15,6 +15,7 @@ from rastercov.base.arguments import check_kind
 from rastercov.base.errors import ConfigError, MeshError
 from rastercov.base.threads import threads_of
 from rastercov.base.typed import typed
+from rastercov.camera.pose import Poses
 from rastercov.coverage import Coverage, batch_size, check_observer, measurements
 from rastercov.coverage_pass import CoveragePass
 from rastercov.face_pass import Measured, Scope, Worker
@@ -23,7 +24,6 @@ from rastercov.mesh import Mesh
 from rastercov.observation import BoundKind
 from rastercov.observer import Observer
 from rastercov.pairs import PairBuffer
-from rastercov.pose import Poses
 from rastercov.spread import ViewSpread
 from rastercov.task import Reason, Task
 

@@ -17,12 +17,12 @@ from numpy.typing import ArrayLike
 from rastercov._observers import ExactObserver, SampledObserver, check_visibility
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import ConfigError
+from rastercov.camera.pose import Poses
+from rastercov.camera.rig import Cameras, check_scene
 from rastercov.engine import METHODS, Engine
 from rastercov.mesh import Mesh
 from rastercov.observation import Observation, Visibility
-from rastercov.pose import Poses
 from rastercov.raster.contract import RasterizerInfo
-from rastercov.rig import Cameras, check_scene
 
 
 class Observer(Protocol):

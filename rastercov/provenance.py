@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.camera.rig import Cameras, cameras_of, names_of
 from rastercov.mesh import Mesh
 from rastercov.raster.contract import RasterizerInfo
-from rastercov.rig import Cameras, cameras_of, names_of
 from rastercov.task import Task
 
 

@@ -15,7 +15,7 @@ from annotated_types import Ge, Gt, Le
 from typing_extensions import Doc
 
 from rastercov.base.limits import check_limits
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
 from rastercov.densities import PX_PER_M
 
 

@@ -36,10 +36,10 @@ import numpy as np
 import shapely
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.near_plane import near_limit
+from rastercov.camera.projection import clip_near, to_camera, to_image
 from rastercov.mesh import Mesh
-from rastercov.near_plane import near_limit
-from rastercov.projection import clip_near, to_camera, to_image
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

@@ -10,16 +10,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.near_plane import near_limit
+from rastercov.camera.projection import clip_near, clip_to_image, to_image
 from rastercov.coverage import FIGURES, Coverage
 from rastercov.coverage_kernels import BORDER_ROUNDING
 from rastercov.criteria import FaceGeometry, in_focus
 from rastercov.criteria_kernels import MOST_DOUBTFUL, SIDE_ROUNDING
 from rastercov.mesh import Mesh
-from rastercov.near_plane import near_limit
 from rastercov.network_kernels import ROW_TYPES, PairRows
 from rastercov.observation import BoundKind, Observation
-from rastercov.projection import clip_near, clip_to_image, to_image
 from rastercov.reference.criteria import face_geometry
 from rastercov.task import Reason, Task
 

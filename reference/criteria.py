@@ -10,11 +10,11 @@ E. S. Eissa. Image Space Coverage Model. 2020, section 3.3.
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.near_plane import near_limit
+from rastercov.camera.projection import clip_near, clip_to_image, polygon_area, to_image
 from rastercov.criteria import FaceGeometry
 from rastercov.mesh import Mesh
-from rastercov.near_plane import near_limit
-from rastercov.projection import clip_near, clip_to_image, polygon_area, to_image
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

@@ -29,9 +29,9 @@ from numpy.typing import ArrayLike, NDArray
 from shapely.geometry.base import BaseGeometry
 
 from rastercov.base.errors import RastercovError
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.near_plane import near_limit
 from rastercov.mesh import Mesh
-from rastercov.near_plane import near_limit
 
 __all__ = ["PolygonError", "image_area", "visible_area", "visible_polygons"]
 

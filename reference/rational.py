@@ -33,9 +33,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.near_plane import near_limit
 from rastercov.mesh import Mesh
-from rastercov.near_plane import near_limit
 
 try:
     from gmpy2 import gcd, mpq, mpz

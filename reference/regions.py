@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov._jit import compiled
-from rastercov.camera import Camera
-from rastercov.camera_models import MODELS
-from rastercov.lenses.of_camera import lens_of
+from rastercov.camera.camera import Camera
+from rastercov.camera.lenses.of_camera import lens_of
+from rastercov.camera.models import MODELS
+from rastercov.camera.near_plane import near_limit
+from rastercov.camera.pose import valid_poses
 from rastercov.mesh import Mesh
-from rastercov.near_plane import near_limit
-from rastercov.pose import valid_poses
 from rastercov.task import Task
 
 FloatArray = NDArray[np.float64]

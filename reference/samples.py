@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
 from rastercov.mesh import Mesh
 
 FloatArray = NDArray[np.float64]

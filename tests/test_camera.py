@@ -13,9 +13,9 @@ import rastercov as rc
 from rastercov import models
 from rastercov.base.checks import MAX_IMAGE_SIDE
 from rastercov.base.errors import CameraError
-from rastercov.camera import Camera
-from rastercov.camera_file import PRESETS
-from rastercov.camera_models import MODELS
+from rastercov.camera.camera import Camera
+from rastercov.camera.camera_file import PRESETS
+from rastercov.camera.models import MODELS
 from rastercov.mesh import shapes
 
 INTRINSICS = {"width": 640, "height": 480, "fx": 500.0, "fy": 510.0}

@@ -8,13 +8,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scenes import square
 
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.near_plane import near_limit
+from rastercov.camera.projection import clip_near, polygon_area, to_camera, to_image
+from rastercov.camera.viewpoints import look_at
 from rastercov.criteria import face_geometry, in_focus
 from rastercov.criteria_kernels import incidence_angle
 from rastercov.mesh import Group, Mesh, shapes
-from rastercov.near_plane import near_limit
-from rastercov.projection import clip_near, polygon_area, to_camera, to_image
-from rastercov.viewpoints import look_at
 
 CAMERA = Camera(width=200, height=200, fx=100, fy=100)
 UNEVEN = Camera(width=640, height=480, fx=500, fy=400, cx=100, cy=350)

@@ -12,14 +12,14 @@ from hostile_folder import COMMANDS, INPUTS, command, executed, fill
 from open_doors import family, listening, opened_by_others
 
 from rastercov._jit import compiled_aside
-from rastercov.camera import Camera
-from rastercov.camera_formats import write_views
+from rastercov.camera.camera import Camera
+from rastercov.camera.formats import write_views
+from rastercov.camera.lenses.kernels import unproject_many
+from rastercov.camera.pose import Poses
+from rastercov.camera.rig import Rig
+from rastercov.camera.viewpoints import sphere_of_poses
+from rastercov.camera.views import Views
 from rastercov.cluster.process import Process
-from rastercov.lenses.kernels import unproject_many
-from rastercov.pose import Poses
-from rastercov.rig import Rig
-from rastercov.viewpoints import sphere_of_poses
-from rastercov.views import Views
 
 SUPPORT = Path(cluster_job.__file__).parent
 HEAD = """

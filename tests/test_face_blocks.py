@@ -12,13 +12,13 @@ from nightly import examples
 from rastercov import Camera, Mesh, Task, criteria_kernels, evaluate, open_observer, sphere_of_poses
 from rastercov import face_blocks as blocks
 from rastercov.base.memory import CACHE_LINE, aligned_array
+from rastercov.camera.pose import Poses
 from rastercov.coverage import FIGURES
 from rastercov.coverage_pass import CoveragePass
 from rastercov.mesh import shapes
 from rastercov.network import Network
 from rastercov.observation import BoundKind
 from rastercov.pairs import CHOICES
-from rastercov.pose import Poses
 from rastercov.task import Reason
 
 CAMERA = Camera(width=200, height=160, fx=170, fy=150, focus_range=(0.5, 6.0))

@@ -17,11 +17,11 @@ from hypothesis import strategies as st
 from rastercov import cli
 from rastercov.base.errors import CameraError, ConfigError, MeshError, PoseError, RastercovError
 from rastercov.base.files import UnreadableError, file_bytes, open_file, read_json, read_toml
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.pose_file import read_poses, write_poses
+from rastercov.camera.viewpoints import look_at
 from rastercov.mesh import Mesh
 from rastercov.plan.file import read_plan
-from rastercov.pose_file import read_poses, write_poses
-from rastercov.viewpoints import look_at
 
 READERS = {
     "camera.json": (Camera.load, CameraError),

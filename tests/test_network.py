@@ -10,13 +10,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rastercov.base.errors import ConfigError
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.viewpoints import look_at, sphere_of_poses
 from rastercov.coverage import FIGURES, Coverage, evaluate
 from rastercov.mesh import Group, Mesh, shapes
 from rastercov.network import Network
 from rastercov.observer import open_observer
 from rastercov.task import Reason, Task
-from rastercov.viewpoints import look_at, sphere_of_poses
 
 CAMERA = Camera(width=200, height=200, fx=100, fy=100)
 #  3---2        6   9  12

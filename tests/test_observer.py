@@ -7,16 +7,16 @@ import pytest
 from scenes import joined, sheet, square
 
 from rastercov.base.errors import ConfigError, PoseError
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.pose import Poses
+from rastercov.camera.viewpoints import look_at, sphere_of_poses
 from rastercov.criteria import face_geometry
 from rastercov.engine import METHODS
 from rastercov.face_pass import FacePass
 from rastercov.mesh import Mesh, shapes
 from rastercov.observation import BoundKind, Observation
 from rastercov.observer import open_observer, visibility
-from rastercov.pose import Poses
 from rastercov.raster.gl import GLRasterizer
-from rastercov.viewpoints import look_at, sphere_of_poses
 
 CAMERA = Camera(width=200, height=200, fx=100, fy=100)
 AHEAD = np.eye(4)  # at the origin, looking along +z

@@ -9,10 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from rastercov.camera import Camera
-from rastercov.image_boxes import box_corners, image_boxes
-from rastercov.near_plane import NEAR_TO_FAR, depth_range, near_limit, nearest_depth_in_view
-from rastercov.projection import (
+from rastercov.camera.camera import Camera
+from rastercov.camera.image_boxes import box_corners, image_boxes
+from rastercov.camera.near_plane import NEAR_TO_FAR, depth_range, near_limit, nearest_depth_in_view
+from rastercov.camera.projection import (
     clip_near,
     clip_polygons,
     clip_to_image,
@@ -20,7 +20,7 @@ from rastercov.projection import (
     to_camera,
     to_image,
 )
-from rastercov.viewpoints import look_at
+from rastercov.camera.viewpoints import look_at
 
 # The pyramid of this camera has the sides x = z, x = -z, y = z and y = -z.
 CAMERA = Camera(width=200, height=200, fx=100, fy=100)

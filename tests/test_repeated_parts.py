@@ -13,7 +13,7 @@ from repeated_parts import CAMERAS, DAE, MESHES, THREEMF, exploding, unplaced_ri
 
 import rastercov as rc
 from rastercov.base.errors import ResourceError
-from rastercov.camera_formats.conventions import Conventions
+from rastercov.camera.formats.conventions import Conventions
 from rastercov.mesh import Mesh
 
 SIZE = 100

@@ -22,6 +22,7 @@ from rastercov.base import memory
 from rastercov.base.errors import DeviceError, ResourceError
 from rastercov.base.once import Once
 from rastercov.base.threads import ScratchPool, share_poses
+from rastercov.camera.viewpoints import sphere_of_poses
 from rastercov.exact import certificate as contour
 from rastercov.exact import half_planes as analytic
 from rastercov.exact import memory as images
@@ -29,7 +30,6 @@ from rastercov.exact import surface
 from rastercov.mesh import contacts, shapes
 from rastercov.models.scott import coverage as scott_coverage
 from rastercov.raster.cpu import loops as kernels
-from rastercov.viewpoints import sphere_of_poses
 
 ATTACK = Path(__file__).resolve().parents[1] / "benchmarks" / "attack_threads.py"
 CAMERA = rc.Camera(width=96, height=80, fx=85, fy=90)

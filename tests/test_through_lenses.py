@@ -11,14 +11,14 @@ from lens_cameras import CAMERAS, SIDE
 
 import rastercov as rc
 from rastercov import Camera, ConfigError
-from rastercov.camera_models import MODELS
-from rastercov.image_boxes import image_boxes
-from rastercov.lenses.of_camera import lens_of
+from rastercov.camera.image_boxes import image_boxes
+from rastercov.camera.lenses.of_camera import lens_of
+from rastercov.camera.models import MODELS
+from rastercov.camera.near_plane import depth_from_near
+from rastercov.camera.projection import to_camera, to_image
+from rastercov.camera.rays import border_of, rays_of, view_border
+from rastercov.camera.viewpoints import WIDEST_DEG, enclosing_distance, half_angles, sphere_of_poses
 from rastercov.mesh import shapes
-from rastercov.near_plane import depth_from_near
-from rastercov.projection import to_camera, to_image
-from rastercov.rays import border_of, rays_of, view_border
-from rastercov.viewpoints import WIDEST_DEG, enclosing_distance, half_angles, sphere_of_poses
 
 PINHOLE = Camera(width=640, height=480, fx=500, fy=510, cx=300, cy=222.25)
 ZERO = replace(PINHOLE, max_angle_deg=85)

@@ -14,16 +14,16 @@ from typing_extensions import Doc
 
 import rastercov as rc
 from rastercov import cli
-from rastercov import pose as pose_module
 from rastercov.base.errors import ConfigError, PoseError
 from rastercov.base.limits import check_limits
+from rastercov.camera import pose as pose_module
+from rastercov.camera.pose import Poses
+from rastercov.camera.viewpoints import sphere_of_poses
 from rastercov.cli import options
 from rastercov.coverage import FIGURES
 from rastercov.engine import METHODS, Engine
 from rastercov.mesh import shapes
-from rastercov.pose import Poses
 from rastercov.provenance import Provenance
-from rastercov.viewpoints import sphere_of_poses
 
 CAMERA = rc.Camera(width=64, height=48, fx=60, fy=60)
 MESH = shapes.box()

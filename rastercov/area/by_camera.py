@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from rastercov.area.network import AreaNetwork
 from rastercov.area.regions import Regions
+from rastercov.camera.pose import Poses
+from rastercov.camera.rig import Cameras, cameras_of
 from rastercov.mesh import Mesh
-from rastercov.pose import Poses
-from rastercov.rig import Cameras, cameras_of
 from rastercov.task import Task
 
 MOST_CAMERAS = 64

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov._jit import allocation_free, by_type, compiled, part_with_arrays
-from rastercov.lenses.kernels import is_valid, jacobian, project
+from rastercov.camera.lenses.kernels import is_valid, jacobian, project
 from rastercov.mesh.triangle_tree_kernels import LEAF, STACK_SIZE
 
 FloatArray = NDArray[np.float64]

@@ -17,11 +17,11 @@ from rastercov.area.frames import frames_of
 from rastercov.area.regions import check_pointwise
 from rastercov.base.lists import Lists
 from rastercov.base.threads import share_poses, thread_count
-from rastercov.camera import Camera
-from rastercov.camera_models import MODELS
-from rastercov.near_plane import near_limits
-from rastercov.pose import Poses
-from rastercov.rig import Cameras, cameras_of
+from rastercov.camera.camera import Camera
+from rastercov.camera.models import MODELS
+from rastercov.camera.near_plane import near_limits
+from rastercov.camera.pose import Poses
+from rastercov.camera.rig import Cameras, cameras_of
 from rastercov.task import Task
 
 
@@ -115,8 +115,8 @@ def _rules(camera: Camera, task: Task, scale: float) -> Any:
             fx=float(camera.fx), fy=float(camera.fy), cx=float(camera.cx), cy=float(camera.cy),
             z_n=float(z_n) / scale, z_f=float(z_f) / scale, **common,
         )  # fmt: skip
+    from rastercov.camera.lenses.of_camera import lens_of
     from rastercov.criteria_kernels import read_only
-    from rastercov.lenses.of_camera import lens_of
 
     lens = lens_of(camera)
     depths, distances = (z_n / scale, z_f / scale), (0.0, math.inf)

@@ -12,13 +12,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov.area.frames import frames_of
-from rastercov.camera import Camera
-from rastercov.camera_models import MODELS
+from rastercov.camera.camera import Camera
+from rastercov.camera.models import MODELS
+from rastercov.camera.near_plane import near_limits
+from rastercov.camera.pose import Poses
+from rastercov.camera.rig import Cameras, cameras_of
 from rastercov.mesh import Mesh
 from rastercov.mesh.triangle_tree import TriangleTree
-from rastercov.near_plane import near_limits
-from rastercov.pose import Poses
-from rastercov.rig import Cameras, cameras_of
 from rastercov.task import Reason, Task
 
 FloatArray = NDArray[np.float64]
@@ -85,7 +85,7 @@ def _failures(
             pixels, columns = _through_pinhole(camera, local, x_axis, y_axis)
             towards = min(camera.fx, camera.fy) / local[:, 2]
         else:
-            from rastercov.lenses.of_camera import lens_of  # loads numba
+            from rastercov.camera.lenses.of_camera import lens_of  # loads numba
 
             lens = lens_of(camera)
             pixels, slopes = lens.project(local), lens.jacobian(local)
@@ -150,7 +150,7 @@ def pixels_per_m2(camera: Camera, local: FloatArray, normal: FloatArray) -> Floa
             height = np.abs(np.einsum("ni,ni->n", normal, local))
             found = camera.fx * camera.fy * height / local[:, 2] ** 3
         else:
-            from rastercov.lenses.of_camera import lens_of  # loads numba
+            from rastercov.camera.lenses.of_camera import lens_of  # loads numba
 
             slopes = lens_of(camera).jacobian(local)
             across = np.cross(slopes[:, 0], slopes[:, 1])
@@ -162,7 +162,7 @@ def depth_of(camera: Camera, local: FloatArray) -> FloatArray:
     """Depth (N,) of points in camera axes that the near plane cuts; a wide lens has a cube."""
     is_wide = False
     if not camera.is_pinhole:
-        from rastercov.lenses.of_camera import lens_of  # loads numba
+        from rastercov.camera.lenses.of_camera import lens_of  # loads numba
 
         is_wide = len(lens_of(camera).planes) > 1
     depth: FloatArray = np.abs(local).max(axis=1) if is_wide else local[:, 2]

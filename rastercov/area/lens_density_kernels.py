@@ -44,10 +44,10 @@ from rastercov.area.plane_kernels import (
     length2,
     push_parts,
 )
+from rastercov.camera.lenses.kernels import plane_slopes
+from rastercov.camera.lenses.slopes import bounds_within, sizes_within
 from rastercov.exact.polygon_kernels import copy_polygon, keep_inside, twice_area
 from rastercov.exact.records import U, V
-from rastercov.lenses.kernels import plane_slopes
-from rastercov.lenses.slopes import bounds_within, sizes_within
 
 PER_M2, DENSE, FACING, DISTANT = 1, 2, 4, 8
 """Bits of the criteria that a piece still has to meet."""

@@ -7,13 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.area.plane_kernels import Rules
-from rastercov.camera import Camera
-from rastercov.camera_models import MODELS
+from rastercov.camera.camera import Camera
+from rastercov.camera.lenses.field import fields_of
+from rastercov.camera.lenses.field_kernels import Tree
+from rastercov.camera.lenses.of_camera import planes_of, slopes_of
+from rastercov.camera.lenses.slopes import Slopes
+from rastercov.camera.models import MODELS
 from rastercov.criteria_kernels import read_only
-from rastercov.lenses.field import fields_of
-from rastercov.lenses.field_kernels import Tree
-from rastercov.lenses.of_camera import planes_of, slopes_of
-from rastercov.lenses.slopes import Slopes
 from rastercov.task import Task
 
 FloatArray = NDArray[np.float64]

@@ -15,10 +15,10 @@ from rastercov.area.zones import DeadZones, dead_zones
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import plural
+from rastercov.camera.pose import Poses
+from rastercov.camera.rig import Cameras
 from rastercov.engine import Engine
 from rastercov.mesh import Mesh
-from rastercov.pose import Poses
-from rastercov.rig import Cameras
 from rastercov.task import Task
 
 FloatArray = NDArray[np.float64]

@@ -7,12 +7,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov._observers import ExactObserver
 from rastercov.area.regions import RegionPass, Regions
+from rastercov.camera.pose import Poses
+from rastercov.camera.rig import Cameras
 from rastercov.engine import Engine
 from rastercov.exact.figures import Figures
 from rastercov.mesh import Mesh
 from rastercov.observation import Observation
-from rastercov.pose import Poses
-from rastercov.rig import Cameras
 from rastercov.task import Task
 
 

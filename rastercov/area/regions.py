@@ -18,14 +18,14 @@ from rastercov.area.frames import frames_of, to_world
 from rastercov.base.arguments import check_kind, checked_array
 from rastercov.base.errors import ConfigError
 from rastercov.base.threads import ScratchPool, share_poses, thread_count
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.near_plane import limits_of_poses
+from rastercov.camera.pose import Poses
+from rastercov.camera.rig import Cameras, cameras_of, check_scene
 from rastercov.coverage import batch_size
 from rastercov.engine import Engine
 from rastercov.exact.figures import Figures
 from rastercov.mesh import Mesh
-from rastercov.near_plane import limits_of_poses
-from rastercov.pose import Poses
-from rastercov.rig import Cameras, cameras_of, check_scene
 from rastercov.task import Task
 
 if TYPE_CHECKING:

@@ -1,6 +1,6 @@
 """Field of view of a lens in the plane of a face: convex parts that the image shows; by numba.
 
-The field of view is a tree of lines of an ideal plane (`rastercov.lenses.field_kernels`). A line
+The field of view is a tree of lines of an ideal plane (`camera.lenses.field_kernels`). A line
 a x + b y + c = 0 there is the plane a X + b Y + c Z = 0 through the camera, and so a line in the
 plane of the face: polygons need not be projected.
 """
@@ -22,9 +22,9 @@ from rastercov.area.plane_kernels import (
     perimeter_of,
     push_parts,
 )
+from rastercov.camera.lenses.field_kernels import BAND, BORDER, INSIDE, UNDECIDED
 from rastercov.exact.polygon_kernels import MOST_CORNERS, copy_polygon, keep_inside, twice_area
 from rastercov.exact.records import U, V
-from rastercov.lenses.field_kernels import BAND, BORDER, INSIDE, UNDECIDED
 
 
 @part_with_arrays

@@ -16,8 +16,8 @@ from rastercov.area.frames import to_world
 from rastercov.area.zones import DeadZones
 from rastercov.base.format import area as in_square_metres
 from rastercov.base.format import signed
-from rastercov.pose import Poses
-from rastercov.rig import Cameras
+from rastercov.camera.pose import Poses
+from rastercov.camera.rig import Cameras
 from rastercov.task import Reason, Task
 
 FloatArray = NDArray[np.float64]

@@ -23,6 +23,8 @@ from rastercov.area.network import AreaNetwork, unit_of_result
 from rastercov.audits.groups import Groups, groups_of
 from rastercov.base.arguments import check_kind, members
 from rastercov.base.errors import ConfigError
+from rastercov.camera.pose import Poses
+from rastercov.camera.rig import Cameras, cameras_of, check_scene, names_of
 from rastercov.cluster import Made, Workers
 from rastercov.engine import Engine
 from rastercov.evaluation_shards import EvaluationShards, Source, Wanted, open_for
@@ -32,8 +34,6 @@ from rastercov.placement.matrix_shards import shortened
 from rastercov.placement.select.greedy import select_greedy
 from rastercov.placement.select.problem import FewestCameras, Problem, views_of, weights_of
 from rastercov.placement.select.selection import Selection
-from rastercov.pose import Poses
-from rastercov.rig import Cameras, cameras_of, check_scene, names_of
 from rastercov.task import Task
 
 FloatArray = NDArray[np.float64]

@@ -7,9 +7,9 @@ Pairs come by element in compressed rows, as `placement.select.presolve_kernels.
 import math
 
 from rastercov._jit import allocation_free
+from rastercov.camera.lenses.density_kernels import density_of_ray
+from rastercov.camera.lenses.kernels import is_valid
 from rastercov.criteria_kernels import by_lens
-from rastercov.lenses.density_kernels import density_of_ray
-from rastercov.lenses.kernels import is_valid
 
 
 def density_through_lens(x, y, z, pose, normal, lens):

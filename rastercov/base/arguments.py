@@ -33,7 +33,7 @@ def check_kind(
 
 def check_scene(mesh: Any, camera: Any) -> None:
     """Raise MeshError or CameraError unless they are a Mesh and a Camera."""
-    from rastercov.camera import Camera  # both check their own arguments with this module
+    from rastercov.camera.camera import Camera  # both check their own arguments with this module
     from rastercov.mesh import Mesh
 
     check_kind("mesh", mesh, Mesh, "a Mesh (Mesh.load reads a file)", MeshError)

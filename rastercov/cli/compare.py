@@ -9,15 +9,15 @@ from numpy.typing import NDArray
 from rich.console import Console
 
 from rastercov.base.errors import ConfigError
-from rastercov.camera import Camera
-from rastercov.camera_formats.conventions import Conventions
-from rastercov.camera_formats.unit_doubts import unit_doubts
+from rastercov.camera.camera import Camera
+from rastercov.camera.formats.conventions import Conventions
+from rastercov.camera.formats.unit_doubts import unit_doubts
+from rastercov.camera.pose import Poses
 from rastercov.cli import options
 from rastercov.cli.console import out_option, progress_bar, size_line, warn
 from rastercov.cli.inputs import read_scene
 from rastercov.cli.views import read_eyes
 from rastercov.mesh import Mesh
-from rastercov.pose import Poses
 
 COMPARED = ["certified", "sampled", "sampled@4"]
 

@@ -8,8 +8,8 @@ import typer
 
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import plural
-from rastercov.camera_formats import READERS, WRITERS, format_of, read_views, write_views
-from rastercov.camera_formats.conventions import Conventions
+from rastercov.camera.formats import READERS, WRITERS, format_of, read_views, write_views
+from rastercov.camera.formats.conventions import Conventions
 from rastercov.cli import options
 from rastercov.cli.console import warn
 from rastercov.cli.views import left_out

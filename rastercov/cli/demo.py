@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
 from rastercov.cli.evaluate import run_and_print
 from rastercov.cli.inputs import poses_around
 from rastercov.cli.options import AsJson, Device, Out

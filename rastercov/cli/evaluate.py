@@ -12,15 +12,15 @@ from rich.console import Console
 
 from rastercov.base.errors import PoseError
 from rastercov.base.format import plural
-from rastercov.camera_formats.conventions import Conventions
+from rastercov.camera.formats.conventions import Conventions
+from rastercov.camera.pose import Poses
+from rastercov.camera.rig import Cameras
 from rastercov.cli import options
 from rastercov.cli.console import progress_bar, say, warn
 from rastercov.cli.inputs import arguments_of, read_scene
 from rastercov.cli.views import left_out, read_eyes
 from rastercov.cluster import Tally, Workers
 from rastercov.mesh import Mesh
-from rastercov.pose import Poses
-from rastercov.rig import Cameras
 from rastercov.task import Task
 
 FloatArray = NDArray[np.float64]

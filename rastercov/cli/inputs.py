@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 
 from rastercov.base.arguments import MOST_POSES
 from rastercov.base.errors import ConfigError, MeshError, PoseError
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.viewpoints import enclosing_distance, sphere_of_poses
 from rastercov.mesh import Mesh, shapes
 from rastercov.mesh.formats import READERS
 from rastercov.mesh.groups import named
 from rastercov.mesh.mesh import names_of
 from rastercov.mesh.names import FileGroups, Names, by_file, files_named
-from rastercov.viewpoints import enclosing_distance, sphere_of_poses
 
 
 def read_scene(

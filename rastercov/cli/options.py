@@ -13,8 +13,8 @@ import typer
 
 from rastercov.base.errors import ConfigError
 from rastercov.base.limits import annotations_of, documented, reader_of
-from rastercov.camera_file import PRESETS
-from rastercov.camera_formats.conventions import POSE_CONVENTIONS, Conventions
+from rastercov.camera.camera_file import PRESETS
+from rastercov.camera.formats.conventions import POSE_CONVENTIONS, Conventions
 from rastercov.cli.console import out_option, progress_as_json
 from rastercov.mesh import shapes
 from rastercov.task import THESIS, Task

@@ -10,13 +10,13 @@ import typer
 
 from rastercov.base.errors import PoseError
 from rastercov.base.format import plural, verb
-from rastercov.camera_formats.conventions import Conventions
-from rastercov.camera_formats.unit_doubts import unit_doubts
+from rastercov.camera.formats.conventions import Conventions
+from rastercov.camera.formats.unit_doubts import unit_doubts
+from rastercov.camera.pose import Poses
 from rastercov.cli import options
 from rastercov.cli.console import out_option, size_line, warn
 from rastercov.cli.inputs import read_scene
 from rastercov.cli.views import read_eyes
-from rastercov.pose import Poses
 
 
 @options.with_conventions

@@ -14,16 +14,16 @@ import typer
 
 from rastercov.base.errors import CameraError, ConfigError, MeshError
 from rastercov.base.format import plural
-from rastercov.camera_formats.conventions import Border, Conventions
-from rastercov.camera_formats.unit_doubts import unit_doubts
+from rastercov.camera.formats.conventions import Border, Conventions
+from rastercov.camera.formats.unit_doubts import unit_doubts
+from rastercov.camera.pose import Poses
+from rastercov.camera.views import Views
 from rastercov.cli import options
 from rastercov.cli.console import say, size_line, warn
 from rastercov.cli.inputs import are_arguments, read_again, read_scene
 from rastercov.cli.views import read_cameras, read_eyes, read_rig
 from rastercov.mesh import Mesh, shapes
-from rastercov.pose import Poses
 from rastercov.task import Task
-from rastercov.views import Views
 
 if TYPE_CHECKING:
     from rastercov.viewer.scene import Scene

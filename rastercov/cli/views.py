@@ -13,15 +13,15 @@ from pathlib import Path
 import numpy as np
 
 from rastercov.base.errors import CameraError, PoseError
-from rastercov.camera import Camera
-from rastercov.camera_file import PRESETS
-from rastercov.camera_formats import read_through
-from rastercov.camera_formats.conventions import Border, Conventions
+from rastercov.camera.camera import Camera
+from rastercov.camera.camera_file import PRESETS
+from rastercov.camera.formats import read_through
+from rastercov.camera.formats.conventions import Border, Conventions
+from rastercov.camera.pose import Poses
+from rastercov.camera.rig import Rig
+from rastercov.camera.views import Views
 from rastercov.cli.inputs import poses_around
 from rastercov.mesh import Mesh
-from rastercov.pose import Poses
-from rastercov.rig import Rig
-from rastercov.views import Views
 
 MOST_WARNINGS = 5
 """Rejected poses that are named one by one."""

@@ -10,10 +10,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.rig import Cameras, cameras_of
 from rastercov.mesh import Group, Mesh
 from rastercov.mesh.mesh import MeshSource
-from rastercov.rig import Cameras, cameras_of
 
 EMPTY: Mapping[str, Any] = MappingProxyType({})
 ARRAYS = ("vertices", "faces", "face_group", "source_face")

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from rastercov._jit import compiled_aside, is_compiled
 from rastercov.base.once import Once
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
 from rastercov.exact import certificate_kernels as kernels
 from rastercov.exact.arrangement_kernels import MOST_CELLS, arrangement_areas
 from rastercov.exact.block_kernels import lay_boxes

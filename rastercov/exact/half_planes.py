@@ -25,7 +25,9 @@ from rastercov._direct import DirectCalls
 from rastercov.base.errors import ConfigError
 from rastercov.base.memory import check_memory
 from rastercov.base.threads import share_poses, thread_count
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.near_plane import limits
+from rastercov.camera.pose import valid_poses
 from rastercov.exact.block_kernels import lay_boxes
 from rastercov.exact.cell_grid import first_grid, grid_over, with_room
 from rastercov.exact.grid_kernels import (
@@ -59,8 +61,6 @@ from rastercov.exact.records import (
 from rastercov.exact.setup_kernels import CLIP_MARGIN, OUTLINE_ERROR_FACTOR, UNIT_ROUNDING
 from rastercov.exact.surface import Surface, surface_of
 from rastercov.mesh import Mesh
-from rastercov.near_plane import limits
-from rastercov.pose import valid_poses
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

@@ -13,12 +13,12 @@ from numba.core import types
 from numpy.typing import NDArray
 
 from rastercov._jit import allocation_free, part_with_arrays
+from rastercov.camera.lenses.lane_kernels import LANES, U, V, X, Y, project_lanes
+from rastercov.camera.lenses.quadrature import FEWEST, MOST, NODES, RULE
 from rastercov.exact.lens_measures import AT_A_TIME, columns_at, place_vertices, put_images
 from rastercov.exact.records import U as IMAGE_X
 from rastercov.exact.records import V as IMAGE_Y
 from rastercov.exact.records import W
-from rastercov.lenses.lane_kernels import LANES, U, V, X, Y, project_lanes
-from rastercov.lenses.quadrature import FEWEST, MOST, NODES, RULE
 from rastercov.raster.cpu.memory import aligned_zeros
 from rastercov.raster.cpu.simd import load
 from rastercov.raster.cpu.simd_kernel import Variable, loop, pointer, simd, when

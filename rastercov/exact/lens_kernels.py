@@ -2,7 +2,7 @@
 
 `HalfPlaneSolver` has divided the faces of an ideal pinhole into visible pieces. Faces that no other
 one hides are measured by their vertices and edges; of the others `lens_outlines` lists the
-outlines and pieces, `rastercov.lenses` measures their images, and `add_areas` adds them up by face.
+outlines and pieces, `camera.lenses` measures their images, and `add_areas` adds them up by face.
 """
 
 from typing import NamedTuple
@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov._jit import allocation_free, part_with_arrays
+from rastercov.camera.lenses.lane_kernels import X, Y
+from rastercov.camera.lenses.quadrature import MOST
 from rastercov.exact.lens_measures import AT_A_TIME, measure_faces
 from rastercov.exact.lens_outlines import OUTLINE
 from rastercov.exact.records import LIVE, THIN
-from rastercov.lenses.lane_kernels import X, Y
-from rastercov.lenses.quadrature import MOST
 from rastercov.raster.cpu.simd_kernel import pointer
 
 FloatArray = NDArray[np.float64]
@@ -221,7 +221,7 @@ def add_areas(found, images, projected, kept, pinhole, plane, own, out):
     ----------
     found : Polygons
     images : (M, 2) float64
-        Of `rastercov.lenses.polygon_kernels.measure_insides`.
+        Of `rastercov.camera.lenses.polygon_kernels.measure_insides`.
     pinhole : tuple
         Visible area (F,), error (F,) and certificates (F,) of the pinhole, px^2 of its image.
     own : (F,) float64

@@ -5,10 +5,10 @@ import math
 from llvmlite import ir
 from numba.core import types
 
+from rastercov.camera.lenses.lane_kernels import U as IMAGE_U
+from rastercov.camera.lenses.lane_kernels import V as IMAGE_V
+from rastercov.camera.lenses.lane_kernels import X, Y
 from rastercov.exact.records import THIN, U, V, W
-from rastercov.lenses.lane_kernels import U as IMAGE_U
-from rastercov.lenses.lane_kernels import V as IMAGE_V
-from rastercov.lenses.lane_kernels import X, Y
 from rastercov.raster.cpu.simd import LONG, Scalar, gather, joined, load
 from rastercov.raster.cpu.simd_kernel import Variable, loop, simd
 

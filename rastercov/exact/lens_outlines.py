@@ -10,15 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov._jit import allocation_free, part_with_arrays
-from rastercov.exact.polygon_kernels import twice_area
-from rastercov.exact.records import CLIPPED, LIVE, U, V
-from rastercov.lenses.polygon_kernels import (
+from rastercov.camera.lenses.polygon_kernels import (
     MOST_CORNERS,
     beyond_side_of,
     cut_to_region,
     cut_to_side_of,
     is_in_region,
 )
+from rastercov.exact.polygon_kernels import twice_area
+from rastercov.exact.records import CLIPPED, LIVE, U, V
 
 FloatArray = NDArray[np.float64]
 

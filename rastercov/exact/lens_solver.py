@@ -1,9 +1,9 @@
 """Exact visible areas in the image of any lens: seen in ideal planes, measured in the image.
 
 A lens bends lines and hides nothing: what is in front of what is decided on each ray. So visibility
-is computed in pinholes that together see the valid region of the lens (`rastercov.lenses.planes`),
+is computed in pinholes that together see the valid region of the lens (`camera.lenses.planes`),
 and the faces and their visible pieces are mapped to pixels, where their areas are integrals along
-their edges (`rastercov.lenses.edge_kernels`).
+their edges (`rastercov.camera.lenses.edge_kernels`).
 """
 
 from collections.abc import Callable
@@ -12,16 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov._direct import DirectCalls
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.lenses.of_camera import planes_of
+from rastercov.camera.lenses.polygon_kernels import bulges_by_parts, edge_scratch, measure_insides
+from rastercov.camera.lenses.records import PlaneRecord
 from rastercov.exact import lens_kernels as kernels
 from rastercov.exact import lens_outlines as outlines
 from rastercov.exact.half_planes import HalfPlaneSolver
 from rastercov.exact.lens_edges import edge_bulges, edge_lists, vertex_images, whole_groups
 from rastercov.exact.records import Edges
 from rastercov.exact.surface import Surface
-from rastercov.lenses.of_camera import planes_of
-from rastercov.lenses.polygon_kernels import bulges_by_parts, edge_scratch, measure_insides
-from rastercov.lenses.records import PlaneRecord
 from rastercov.raster.cpu.memory import aligned_zeros
 
 FloatArray = NDArray[np.float64]

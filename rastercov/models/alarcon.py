@@ -43,7 +43,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rastercov.base.errors import ConfigError
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.projection import to_camera
 from rastercov.criteria import face_geometry
 from rastercov.mesh import Mesh
 from rastercov.models.base import (
@@ -57,7 +58,6 @@ from rastercov.models.base import (
     seen_normals,
 )
 from rastercov.models.line_of_sight import LineOfSight, check_tracer
-from rastercov.projection import to_camera
 from rastercov.task import Task
 
 

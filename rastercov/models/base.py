@@ -16,12 +16,12 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
 from rastercov.base.memory import check_memory
-from rastercov.camera import Camera
-from rastercov.camera_models import MODELS as LENSES
+from rastercov.camera.camera import Camera
+from rastercov.camera.models import MODELS as LENSES
+from rastercov.camera.near_plane import near_limit
+from rastercov.camera.pose import valid_poses
 from rastercov.criteria import FaceGeometry, in_focus
 from rastercov.mesh import Mesh
-from rastercov.near_plane import near_limit
-from rastercov.pose import valid_poses
 from rastercov.task import Task
 
 FloatArray = NDArray[np.float64]
@@ -209,7 +209,7 @@ def facing_density(points: FloatArray, camera: Camera) -> FloatArray:
     if camera.is_pinhole:
         z = points[..., 2]
         return np.where(z > 0, min(camera.fx, camera.fy) / np.where(z > 0, z, 1.0), 0.0)
-    from rastercov.lenses.of_camera import lens_of  # loads numba
+    from rastercov.camera.lenses.of_camera import lens_of  # loads numba
 
     slopes = lens_of(camera).jacobian(points)
     across, down = np.moveaxis(np.nan_to_num(slopes), -2, 0)

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rastercov.base.errors import ConfigError
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
 from rastercov.coverage import evaluate_batches
 from rastercov.engine import METHODS
 from rastercov.mesh import Mesh

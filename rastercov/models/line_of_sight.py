@@ -21,10 +21,10 @@ from numpy.typing import NDArray
 
 from rastercov.base.arguments import check_choice
 from rastercov.base.errors import ConfigError
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.near_plane import depth_from_near
 from rastercov.mesh import Mesh
 from rastercov.mesh.triangle_tree import BOX_MARGIN, TriangleTree
-from rastercov.near_plane import depth_from_near
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

@@ -49,7 +49,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rastercov.base.errors import ConfigError
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.near_plane import depth_from_near
+from rastercov.camera.projection import to_camera, to_image
 from rastercov.criteria import face_geometry
 from rastercov.mesh import Mesh
 from rastercov.models.base import (
@@ -66,8 +68,6 @@ from rastercov.models.base import (
     seen_normals,
 )
 from rastercov.models.line_of_sight import LineOfSight, check_tracer
-from rastercov.near_plane import depth_from_near
-from rastercov.projection import to_camera, to_image
 from rastercov.task import Task
 
 LIMITS = {

@@ -30,7 +30,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.projection import to_camera, to_image
 from rastercov.criteria import face_geometry
 from rastercov.mesh import Mesh
 from rastercov.models.base import (
@@ -42,7 +43,6 @@ from rastercov.models.base import (
     required_density,
     share_of,
 )
-from rastercov.projection import to_camera, to_image
 from rastercov.task import Task
 
 

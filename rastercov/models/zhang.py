@@ -37,7 +37,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.near_plane import depth_from_near
+from rastercov.camera.projection import to_camera
 from rastercov.criteria import FaceGeometry, face_geometry
 from rastercov.mesh import Mesh
 from rastercov.models.base import (
@@ -53,8 +55,6 @@ from rastercov.models.base import (
     share_of,
 )
 from rastercov.models.line_of_sight import LineOfSight, check_tracer
-from rastercov.near_plane import depth_from_near
-from rastercov.projection import to_camera
 from rastercov.task import Task
 
 

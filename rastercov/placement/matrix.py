@@ -32,6 +32,8 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov.area.cells import Cells
 from rastercov.base.errors import ConfigError
 from rastercov.base.typed import typed
+from rastercov.camera.pose import Poses, renumbered
+from rastercov.camera.rig import Cameras
 from rastercov.cluster import Job, Made, Workers, make_shards
 from rastercov.cluster.quarantine import drop_damaged, forget
 from rastercov.mesh import Mesh
@@ -57,8 +59,6 @@ from rastercov.placement.shards import (
     log_warning,
     shards_of,
 )
-from rastercov.pose import Poses, renumbered
-from rastercov.rig import Cameras
 from rastercov.task import Task
 
 SHARD_FUNCTION = "rastercov.placement.shard_work:make"

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.errors import ConfigError
+from rastercov.camera.pose import Poses
 from rastercov.cluster.files import DamagedError
 from rastercov.cluster.quarantine import quarantined
 from rastercov.placement._arrays import IntArray
@@ -20,7 +21,6 @@ from rastercov.placement.shards import (
     read_poses,
     shards_of,
 )
-from rastercov.pose import Poses
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,6 +13,7 @@ from rastercov.area.cells import Cells
 from rastercov.area.frames import check_same_mesh
 from rastercov.area.observer import RegionObserver
 from rastercov.base.errors import ConfigError
+from rastercov.camera.pose import Poses
 from rastercov.cluster.files import DamagedError, contents, store
 from rastercov.cluster.scene_file import scene_bytes
 from rastercov.coverage import Coverage, evaluate_batches, judged, measurements
@@ -23,7 +24,6 @@ from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
 from rastercov.placement.explain.candidate_visibility import FIGURES, CandidateBounds
 from rastercov.placement.mounts import Mounts
 from rastercov.placement.shards import schema_of
-from rastercov.pose import Poses
 from rastercov.task import Task
 
 SCENE = "scene.npz"

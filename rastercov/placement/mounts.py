@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.lists import Lists
-from rastercov.camera import Camera
-from rastercov.pose import Poses
-from rastercov.rig import Rig
+from rastercov.camera.camera import Camera
+from rastercov.camera.pose import Poses
+from rastercov.camera.rig import Rig
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

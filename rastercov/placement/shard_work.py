@@ -14,6 +14,8 @@ import numpy as np
 
 from rastercov.area.cells import Cells, cells
 from rastercov.base.errors import ConfigError
+from rastercov.camera.pose import Poses, renumbered
+from rastercov.camera.rig import Rig
 from rastercov.cluster.files import contents
 from rastercov.cluster.job import FolderLostError
 from rastercov.cluster.scene_file import read_scene
@@ -30,8 +32,6 @@ from rastercov.placement.matrix_shards import (
 )
 from rastercov.placement.mounts import Mounts
 from rastercov.placement.shards import read_header, read_poses, shards_of
-from rastercov.pose import Poses, renumbered
-from rastercov.rig import Rig
 from rastercov.task import Task
 
 OPEN = 2

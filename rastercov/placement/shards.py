@@ -25,12 +25,12 @@ from numpy.typing import NDArray
 
 from rastercov.area.cells import Cells
 from rastercov.base.errors import ConfigError
+from rastercov.camera.pose import Poses
+from rastercov.camera.rig import cameras_of
 from rastercov.cluster.files import SUMS, DamagedError, contents, has_sums, store
 from rastercov.observer import Observer
 from rastercov.placement.mounts import Mounts
-from rastercov.pose import Poses
 from rastercov.provenance import sha256
-from rastercov.rig import cameras_of
 from rastercov.task import Task
 
 if TYPE_CHECKING:

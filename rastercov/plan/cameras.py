@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 from pydantic import AfterValidator, Field, ValidationInfo, model_validator
 
 from rastercov.base.errors import CameraError, RastercovError
-from rastercov.camera import Camera
-from rastercov.camera_file import PRESETS, check_optics
-from rastercov.camera_formats import read_views
-from rastercov.camera_formats.conventions import Conventions
+from rastercov.camera.camera import Camera
+from rastercov.camera.camera_file import PRESETS, check_optics
+from rastercov.camera.formats import read_views
+from rastercov.camera.formats.conventions import Conventions
+from rastercov.camera.rig import Rig
 from rastercov.mesh.arrays import rotation_about
 from rastercov.plan.entry import (
     Count,
@@ -29,7 +30,6 @@ from rastercov.plan.entry import (
     fields_of,
     only_one,
 )
-from rastercov.rig import Rig
 
 OF_FILES = ("pixel_centre", "lens_model", "image_size")
 """Entries that answer what a camera file leaves open."""

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from rastercov.base.errors import RastercovError
 from rastercov.base.format import plural
-from rastercov.camera_formats import read_views
+from rastercov.camera.formats import read_views
+from rastercov.camera.rig import Rig
 from rastercov.mesh import Mesh
 from rastercov.placement.candidates import mounting, pool
 from rastercov.placement.candidates.clearance import Dropped, KeepOut, filter_candidates
@@ -25,7 +26,6 @@ from rastercov.plan import generators as entries
 from rastercov.plan.entry import no_limit, value_of
 from rastercov.plan.errors import PlanError
 from rastercov.plan.file import Plan
-from rastercov.rig import Rig
 
 FloatArray = NDArray[np.float64]
 

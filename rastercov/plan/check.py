@@ -20,7 +20,9 @@ from rastercov.base.checks import share_meant
 from rastercov.base.errors import ConfigError, MeshError, PoseError
 from rastercov.base.format import plural
 from rastercov.base.output import write_bytes
-from rastercov.camera_formats import read_views
+from rastercov.camera.formats import read_views
+from rastercov.camera.pose import Poses, renumbered
+from rastercov.camera.views import Views
 from rastercov.mesh import Mesh
 from rastercov.mesh.names import Names, listed, quoted
 from rastercov.placement.explain.uncovered import Leftover
@@ -39,9 +41,7 @@ from rastercov.plan.network import (
 from rastercov.plan.prepare import Step, quiet
 from rastercov.plan.requirements import HOLDS, Requirement, counting, judge, judge_areas, limits_of
 from rastercov.plan.scene import named_scene
-from rastercov.pose import Poses, renumbered
 from rastercov.task import Task
-from rastercov.views import Views
 
 Limits = Mapping[str | None, float]
 MOST_GROUPS = 5

@@ -17,6 +17,8 @@ from rastercov.area.by_camera import AreasByCamera, cameras_apart
 from rastercov.area.network import AreaNetwork, in_words
 from rastercov.area.regions import RegionPass
 from rastercov.area.zone_report import zone_lines
+from rastercov.camera.pose import Poses, renumbered
+from rastercov.camera.rig import Rig
 from rastercov.coverage import Coverage, evaluate_batches
 from rastercov.mesh import Mesh
 from rastercov.network import Network, share_of_faces
@@ -31,8 +33,6 @@ from rastercov.placement.explain.uncovered import (
 from rastercov.placement.improve.objective import Objective
 from rastercov.plan.file import Plan
 from rastercov.plan.requirements import whole_faces
-from rastercov.pose import Poses, renumbered
-from rastercov.rig import Rig
 from rastercov.task import Reason, Task
 
 FloatArray = NDArray[np.float64]

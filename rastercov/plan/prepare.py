@@ -22,7 +22,9 @@ from rastercov.base.errors import ConfigError, ResourceError
 from rastercov.base.format import percent
 from rastercov.base.output import named
 from rastercov.base.stopwatch import Stopwatch
-from rastercov.camera_formats.unit_doubts import unit_doubts
+from rastercov.camera.formats.unit_doubts import unit_doubts
+from rastercov.camera.pose import Poses, renumbered
+from rastercov.camera.rig import Rig
 from rastercov.cluster import Tally, Workers
 from rastercov.coverage import evaluate_batches
 from rastercov.mesh import Mesh
@@ -59,8 +61,6 @@ from rastercov.plan.generators import PerCavity
 from rastercov.plan.held import Matrix, held, joined, problem_on, words_on
 from rastercov.plan.requirements import OF, counting, goal_of
 from rastercov.plan.sections import SelectionSection
-from rastercov.pose import Poses, renumbered
-from rastercov.rig import Rig
 from rastercov.task import Reason, Task
 
 BoolArray = NDArray[np.bool_]

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from rastercov.area.network import AreaNetwork
 from rastercov.area.regions import RegionPass
 from rastercov.base.errors import ConfigError
+from rastercov.camera.pose import Poses
 from rastercov.cluster import Workers
 from rastercov.coverage import batch_size
 from rastercov.placement.explain.uncovered import Leftover
@@ -55,7 +56,6 @@ from rastercov.plan.requirements import (
 )
 from rastercov.plan.scene import named_scene
 from rastercov.plan.sections import FewestSelection, SelectionSection
-from rastercov.pose import Poses
 
 FloatArray = NDArray[np.float64]
 

@@ -7,7 +7,7 @@ from typing import Any
 from rastercov.base.arguments import check_choice, check_scene
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import ConfigError, DeviceError
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
 from rastercov.mesh import Mesh
 from rastercov.raster.contract import (
     MAX_SUPERSAMPLE,

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.errors import ConfigError, ResourceError
 from rastercov.base.memory import check_memory
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
 from rastercov.mesh import Mesh
 
 CountArray = NDArray[np.int32] | NDArray[np.int64]
@@ -117,7 +117,7 @@ class VisibilityBuffer:
         Index of the nearest face at each pixel centre, never of a target; -1 where there is none.
     depth : (H, W) float32
         Camera z of that surface in metres, inf where there is none. Of a lens that sees too wide
-        for one ideal plane, `rastercov.lenses.planes`, the distance along the ray.
+        for one ideal plane, `rastercov.camera.lenses.planes`, the distance along the ray.
     """
 
     face: NDArray[np.int32]

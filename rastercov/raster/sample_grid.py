@@ -23,7 +23,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -8,7 +8,7 @@ the two poses differ, so that a stale image is detected.
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
 from rastercov.mesh import Mesh
 
 WIDTH, HEIGHT = 16, 12

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.pose import Poses
 from rastercov.mesh import Mesh
-from rastercov.pose import Poses
 from rastercov.raster import open_rasterizer
 from rastercov.raster.contract import FaceCounts, Rasterizer
 

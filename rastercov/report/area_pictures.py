@@ -5,12 +5,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov.area.points import covering_poses
 from rastercov.area.regions import Regions
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.pose import Poses
+from rastercov.camera.projection import to_camera
+from rastercov.camera.rays import rays_of
+from rastercov.camera.rig import cameras_of
 from rastercov.mesh import Mesh
-from rastercov.pose import Poses
-from rastercov.projection import to_camera
-from rastercov.rays import rays_of
-from rastercov.rig import cameras_of
 
 FloatArray = NDArray[np.float64]
 PIXELS_AT_A_TIME = 1 << 16
@@ -115,7 +115,7 @@ def _density(
     """(N,) pixels on a m^2 of a pose at points of faces; through a pinhole, divided by fx fy."""
     away = points - pose[:3, 3]
     if not camera.is_pinhole:
-        from rastercov.lenses.of_camera import lens_of  # loads numba
+        from rastercov.camera.lenses.of_camera import lens_of  # loads numba
 
         slopes = lens_of(camera).jacobian(to_camera(points, pose))
         across = np.cross(slopes[:, 0], slopes[:, 1])

@@ -16,11 +16,11 @@ from rich.text import Text
 from rastercov.area.by_camera import AreasByCamera, cameras_apart
 from rastercov.area.regions import Regions
 from rastercov.base.format import area, percent, plural
+from rastercov.camera.pose import Poses
+from rastercov.camera.rig import Cameras, names_of
 from rastercov.judged_poses import JudgedPoses
 from rastercov.mesh import Mesh
 from rastercov.network import Network
-from rastercov.pose import Poses
-from rastercov.rig import Cameras, names_of
 from rastercov.task import Task
 
 

@@ -14,7 +14,7 @@ from PIL import Image
 from rastercov.area.failures import first_failures
 from rastercov.area.regions import Regions
 from rastercov.base.format import area, percent, plural
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
 from rastercov.coverage import evaluate
 from rastercov.mesh import Mesh
 from rastercov.raster import open_rasterizer

@@ -34,7 +34,9 @@ from rastercov.base.errors import ConfigError
 from rastercov.base.interrupts import interrupts_held
 from rastercov.base.output import write_json
 from rastercov.base.stopwatch import Stopwatch
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.pose import Poses
+from rastercov.camera.rig import Cameras, cameras_of, names_of
 from rastercov.cluster import Made, Workers
 from rastercov.criteria import face_geometry
 from rastercov.engine import Engine
@@ -51,7 +53,6 @@ from rastercov.judged_poses import JudgedPoses
 from rastercov.mesh import Mesh
 from rastercov.network import Network
 from rastercov.pairs import CHOICES
-from rastercov.pose import Poses
 from rastercov.provenance import Provenance
 from rastercov.raster import open_rasterizer
 from rastercov.raster.contract import Rasterizer
@@ -64,7 +65,6 @@ from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.half_covered import half_covered
 from rastercov.report.pose_pictures import FULL, ShownRegions, draw_network, draw_poses
 from rastercov.report.rig_file import write_rig
-from rastercov.rig import Cameras, cameras_of, names_of
 from rastercov.task import Task
 
 LOG = logging.getLogger("rastercov")

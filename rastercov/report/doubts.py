@@ -10,14 +10,14 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov.camera import Camera
-from rastercov.camera_formats.pose_doubts import convention_doubts
-from rastercov.camera_formats.unit_doubts import unit_doubts
-from rastercov.near_plane import depth_from_near, near_limits
+from rastercov.camera.camera import Camera
+from rastercov.camera.formats.pose_doubts import convention_doubts
+from rastercov.camera.formats.unit_doubts import unit_doubts
+from rastercov.camera.near_plane import depth_from_near, near_limits
+from rastercov.camera.pose import Poses
+from rastercov.camera.projection import to_camera, to_image
+from rastercov.camera.rig import Cameras, cameras_of, names_of
 from rastercov.network import Network
-from rastercov.pose import Poses
-from rastercov.projection import to_camera, to_image
-from rastercov.rig import Cameras, cameras_of, names_of
 
 LEAST_UNSEEN_SHARE = 0.5
 """Share of the area with coverage 0 in every camera above which its sides are looked at."""
@@ -67,8 +67,8 @@ def dead_pixels(camera: Cameras) -> dict[str, float]:
 def _dead_area(camera: Camera) -> float:
     if camera.is_pinhole:
         return 0.0
-    from rastercov.lenses.areas import blind_area  # compiles loops
-    from rastercov.lenses.of_camera import lens_of
+    from rastercov.camera.lenses.areas import blind_area  # compiles loops
+    from rastercov.camera.lenses.of_camera import lens_of
 
     lens = lens_of(camera)
     return 0.0 if lens.is_whole else blind_area(lens)
@@ -81,7 +81,7 @@ def _lenses(cameras: Sequence[Camera], names: Sequence[str]) -> list[str]:
         share = _dead_area(camera) / (camera.width * camera.height)
         if share <= LEAST_DEAD_SHARE:
             continue
-        from rastercov.lenses.of_camera import lens_of
+        from rastercov.camera.lenses.of_camera import lens_of
 
         angle = lens_of(camera).valid_angle
         if angle < WIDE or share > MOST_DEAD_SHARE:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image, ImageDraw
 
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
 from rastercov.mesh import Mesh
 from rastercov.raster import open_rasterizer
 from rastercov.report.images import draw_lines, shade, stripes

@@ -14,11 +14,11 @@ from rastercov.area.failures import first_failures, pixels_per_m2
 from rastercov.area.network import unit_of_result
 from rastercov.area.regions import OF_A_FACE
 from rastercov.base.format import percent
+from rastercov.camera.pose import Poses
+from rastercov.camera.rig import Cameras, cameras_of
 from rastercov.engine import Engine
 from rastercov.mesh import Mesh
 from rastercov.network import Network
-from rastercov.pose import Poses
-from rastercov.rig import Cameras, cameras_of
 from rastercov.task import Reason, Task
 
 if TYPE_CHECKING:

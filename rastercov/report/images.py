@@ -20,7 +20,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from rastercov.base.errors import ConfigError
 from rastercov.base.output import writing
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
 from rastercov.mesh import Mesh
 from rastercov.raster.contract import VisibilityBuffer
 from rastercov.report.target_pictures import lay_over, targets_in_view

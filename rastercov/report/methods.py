@@ -20,9 +20,9 @@ from rich.table import Table
 from rich.text import Text
 
 from rastercov.base.format import milliseconds, number, percent_of, plural
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.pose import valid_poses
 from rastercov.mesh import Mesh
-from rastercov.pose import valid_poses
 from rastercov.report.face_pictures import face_picture, fraction
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.html import Picture, publish, rendered

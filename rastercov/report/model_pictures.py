@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
-from rastercov.camera import Camera
-from rastercov.image_boxes import image_boxes
+from rastercov.camera.camera import Camera
+from rastercov.camera.image_boxes import image_boxes
 from rastercov.mesh import Mesh
 from rastercov.raster import open_rasterizer
 from rastercov.raster.contract import VisibilityBuffer

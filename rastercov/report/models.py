@@ -19,12 +19,12 @@ from PIL import Image
 from rich.table import Table
 
 from rastercov.base.format import milliseconds, number, percent_of, plural
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.pose import valid_poses
 from rastercov.mesh import Mesh
 from rastercov.models import MODELS, zhang
 from rastercov.models.base import Criteria
 from rastercov.observer import visibility
-from rastercov.pose import valid_poses
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.html import Picture, publish, rendered
 from rastercov.report.images import png

@@ -18,12 +18,13 @@ from PIL import Image, ImageDraw
 
 from rastercov.area.regions import Regions
 from rastercov.base.format import plural, short
-from rastercov.camera import Camera
-from rastercov.camera_models import MODELS
+from rastercov.camera.camera import Camera
+from rastercov.camera.models import MODELS
+from rastercov.camera.pose import Poses
+from rastercov.camera.rays import view_border
+from rastercov.camera.rig import Cameras, cameras_of
 from rastercov.mesh import Mesh
 from rastercov.network import Network
-from rastercov.pose import Poses
-from rastercov.rays import view_border
 from rastercov.report import theme
 from rastercov.report.area_pictures import best_pose_at, points_of_pixels
 from rastercov.report.floor_plan import FOOT, FloorPlan, floor_plan, outline, paint_plan
@@ -50,7 +51,6 @@ from rastercov.report.panorama import (
 )
 from rastercov.report.placement_pictures import beside, key, neutral, scene_keys
 from rastercov.report.theme import Colour, Pixels
-from rastercov.rig import Cameras, cameras_of
 
 FloatArray = NDArray[np.float64]
 PointsOf = Callable[

@@ -12,16 +12,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image, ImageDraw
 
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.projection import to_camera, to_image
+from rastercov.camera.viewpoints import look_at
 from rastercov.mesh import Mesh
-from rastercov.projection import to_camera, to_image
 from rastercov.raster import open_rasterizer
 from rastercov.raster.contract import VisibilityBuffer
 from rastercov.report.images import draw_lines, facing, shade, stripes
 from rastercov.report.interiors import is_inside, outer_skin, turned_away
 from rastercov.report.target_pictures import hatch_over, targets_in_view
 from rastercov.report.theme import BACK, BACK_STRIPE, EXTERIOR, PAPER, Colour, Pixels
-from rastercov.viewpoints import look_at
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

@@ -11,6 +11,7 @@ import numpy as np
 
 from rastercov.base.format import length, percent, plural, signed, verb
 from rastercov.base.output import write_text
+from rastercov.camera.rig import cameras_of, names_of
 from rastercov.placement.candidates.cavities import Access, Openings
 from rastercov.placement.candidates.clearance import Dropped
 from rastercov.placement.candidates.pool import Candidates
@@ -22,7 +23,6 @@ from rastercov.report.html import rendered
 from rastercov.report.placement_figures import Progress, drawn_for
 from rastercov.report.placement_report import PlanReport
 from rastercov.report.zone_pictures import zone_rows
-from rastercov.rig import cameras_of, names_of
 
 __all__ = ["PlanReport", "page", "write_page"]
 

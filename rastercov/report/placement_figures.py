@@ -6,6 +6,7 @@ from typing import Any
 from PIL import Image
 
 from rastercov.area.union import unite
+from rastercov.camera.rig import cameras_of
 from rastercov.report import placement_pictures as pictures
 from rastercov.report import placement_plots as plots
 from rastercov.report.camera_pictures import MANY, SIDE, SMALL, camera_picture, of_pose
@@ -15,7 +16,6 @@ from rastercov.report.placement_report import PlanReport
 from rastercov.report.plots import picture_of
 from rastercov.report.theme import DARK, LIGHT, Theme
 from rastercov.report.zone_pictures import zones_picture
-from rastercov.rig import cameras_of
 
 Progress = Callable[[int, int], None]
 

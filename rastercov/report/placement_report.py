@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 from rastercov.area.regions import Regions
 from rastercov.area.zones import DeadZones
 from rastercov.base.errors import ConfigError
+from rastercov.camera.pose import Poses
+from rastercov.camera.rig import Cameras, names_of
 from rastercov.mesh import Mesh
 from rastercov.network import Network
 from rastercov.placement.candidates.cavities import Openings
@@ -20,9 +22,7 @@ from rastercov.placement.explain.uncovered import Leftover
 from rastercov.placement.improve.tolerance import Tolerance
 from rastercov.placement.select.problem import Goal
 from rastercov.placement.select.selection import Selection
-from rastercov.pose import Poses
 from rastercov.report.overview import CameraColours, best_covering, camera_colours
-from rastercov.rig import Cameras, names_of
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 
 from rastercov.base.output import write_json
-from rastercov.camera_formats.own import content_of
-from rastercov.pose import Poses
-from rastercov.rig import Cameras, Rig, cameras_of, names_of
-from rastercov.views import Views
+from rastercov.camera.formats.own import content_of
+from rastercov.camera.pose import Poses
+from rastercov.camera.rig import Cameras, Rig, cameras_of, names_of
+from rastercov.camera.views import Views
 
 MOST_POSES = 5_000
 """Poses up to which a result has the file: about 3 MB."""

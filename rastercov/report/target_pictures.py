@@ -7,7 +7,7 @@ two hues would be a third one.
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
 from rastercov.mesh import Mesh
 from rastercov.raster import open_rasterizer
 from rastercov.report.theme import Pixels

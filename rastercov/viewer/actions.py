@@ -13,14 +13,14 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
 from rastercov.base.files import printable
-from rastercov.camera import Camera
-from rastercov.camera_file import PRESETS
+from rastercov.camera.camera import Camera
+from rastercov.camera.camera_file import PRESETS
+from rastercov.camera.pose import valid_poses
+from rastercov.camera.viewpoints import look_at
 from rastercov.mesh.arrays import frozen
-from rastercov.pose import valid_poses
 from rastercov.task import Task
 from rastercov.viewer import lens
 from rastercov.viewer.rig_state import LONGEST_NAME, MOST_STATIONS, RigState, Station
-from rastercov.viewpoints import look_at
 
 FloatArray = NDArray[np.float64]
 Settle = Callable[[FloatArray, FloatArray], FloatArray]

@@ -17,13 +17,13 @@ from numpy.typing import NDArray
 
 from rastercov.area.network import AreaNetwork
 from rastercov.area.regions import RegionPass
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.pose import Poses
 from rastercov.coverage import evaluate_batches
 from rastercov.engine import Engine
 from rastercov.mesh import Mesh
 from rastercov.network import share_of_faces
 from rastercov.observer import Observer, open_observer
-from rastercov.pose import Poses
 from rastercov.spread import ViewSpread
 from rastercov.task import Reason, Task
 from rastercov.viewer.rig_state import RigState, Station

@@ -9,19 +9,19 @@ import numpy as np
 
 from rastercov.base.errors import ConfigError, PoseError
 from rastercov.base.files import UnreadableError, printable, read_json
-from rastercov.camera import Camera
-from rastercov.camera_formats import read_views
+from rastercov.camera.camera import Camera
+from rastercov.camera.formats import read_views
+from rastercov.camera.pose import Poses
+from rastercov.camera.rig import Rig
+from rastercov.camera.views import Views
 from rastercov.mesh import Mesh
 from rastercov.plan.candidates import candidate_pool
 from rastercov.plan.file import read_plan
 from rastercov.plan.scene import named_scene
-from rastercov.pose import Poses
 from rastercov.provenance import sha256
-from rastercov.rig import Rig
 from rastercov.task import Task
 from rastercov.viewer.rig_state import RigState
 from rastercov.viewer.scene import Scene
-from rastercov.views import Views
 
 RESULTS = {
     "summary.json": ("evaluate", "Result of rastercov evaluate"),

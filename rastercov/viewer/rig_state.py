@@ -15,14 +15,14 @@ from numpy.typing import NDArray
 
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.pose import Poses, valid_poses
+from rastercov.camera.rig import Rig
+from rastercov.camera.views import Views
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import frozen
 from rastercov.placement.select.problem import views_of
-from rastercov.pose import Poses, valid_poses
-from rastercov.rig import Rig
 from rastercov.task import Task
-from rastercov.views import Views
 
 FloatArray = NDArray[np.float64]
 

@@ -11,7 +11,7 @@ from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import plural
 from rastercov.base.output import write_bytes
-from rastercov.camera_formats.own import content_of
+from rastercov.camera.formats.own import content_of
 from rastercov.task import Task
 from rastercov.viewer.export import exported
 from rastercov.viewer.rig_state import RigState

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 import rastercov
 from rastercov.base.limits import annotations_of, documented, metadata_of
-from rastercov.camera_file import PRESETS
+from rastercov.camera.camera_file import PRESETS
 from rastercov.mesh import Mesh
 from rastercov.models import MODELS
 from rastercov.placement.candidates.clearance import KeepOutBox, in_solid

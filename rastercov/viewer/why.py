@@ -7,7 +7,7 @@ import numpy as np
 
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import area, length, percent, plural
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
 from rastercov.coverage import Coverage, evaluate, evaluate_batches
 from rastercov.mesh import Mesh
 from rastercov.placement.explain.blockers import in_front

@@ -9,11 +9,11 @@ from surface_cases import hostile_scene
 
 import rastercov as rc
 from rastercov.area.regions import RegionPass
+from rastercov.camera.pose import Poses
 from rastercov.exact.certificate import CertificateSolver
 from rastercov.exact.figures import Figures
 from rastercov.mesh import Group, Mesh
 from rastercov.observation import BoundKind
-from rastercov.pose import Poses
 
 ARRAYS = ("xy", "starts", "face", "pair_face", "area")
 ROLES = [Group("task"), Group("hides", is_occluder=True), Group("hangs", is_target=True)]

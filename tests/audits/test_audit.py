@@ -12,12 +12,12 @@ from rastercov.area.regions import regions
 from rastercov.area.union import unite
 from rastercov.audits import audit
 from rastercov.base.errors import ConfigError
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.pose import Poses
+from rastercov.camera.projection import to_camera, to_image
+from rastercov.camera.viewpoints import look_at
 from rastercov.mesh import Group, Mesh, shapes
-from rastercov.pose import Poses
-from rastercov.projection import to_camera, to_image
 from rastercov.task import Task
-from rastercov.viewpoints import look_at
 
 MESH = shapes.torus(20, 10)
 WIDE = Camera(width=320, height=240, fx=220, fy=230)

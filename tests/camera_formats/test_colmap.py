@@ -8,9 +8,9 @@ import pytest
 from view_files import pixels_of, same_pixels, some_points
 
 import rastercov as rc
-from rastercov.camera_formats import read_views, write_views
-from rastercov.camera_formats.colmap_models import BY_ID
-from rastercov.camera_formats.conventions import Conventions
+from rastercov.camera.formats import read_views, write_views
+from rastercov.camera.formats.colmap_models import BY_ID
+from rastercov.camera.formats.conventions import Conventions
 
 PARAMETERS = {
     "SIMPLE_PINHOLE": [500, 321, 239],

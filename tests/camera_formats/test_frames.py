@@ -14,7 +14,7 @@ from test_colmap import expected, model_of
 from view_files import same_pixels, some_points
 
 import rastercov as rc
-from rastercov.camera_formats import read_views, write_views
+from rastercov.camera.formats import read_views, write_views
 
 SIZE = rc.Conventions(image_size=(640, 480))
 CAMERA = rc.Camera(width=640, height=480, fx=500, fy=510)

@@ -9,8 +9,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import rastercov as rc
-from rastercov.camera_formats import READERS, WRITERS, read_views, write_views
-from rastercov.camera_formats.conventions import Conventions
+from rastercov.camera.formats import READERS, WRITERS, read_views, write_views
+from rastercov.camera.formats.conventions import Conventions
 
 ANSWERS = Conventions(image_size=(640, 480), pixel_centre=0.5, lens_model="brown", pose_unit="m")
 KALIBR = """cam0:

@@ -8,8 +8,8 @@ import pytest
 from view_files import lens_of
 
 import rastercov as rc
-from rastercov.camera_formats import read_views
-from rastercov.camera_formats.conventions import Conventions
+from rastercov.camera.formats import read_views
+from rastercov.camera.formats.conventions import Conventions
 
 SIZE = Conventions(image_size=(640, 480))
 RNG = np.random.default_rng(7)

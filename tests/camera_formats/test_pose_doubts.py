@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 import rastercov as rc
-from rastercov.camera_formats.conventions import OPENGL_AXES, POSE_CONVENTIONS
-from rastercov.camera_formats.pose_doubts import convention_doubts
+from rastercov.camera.formats.conventions import OPENGL_AXES, POSE_CONVENTIONS
+from rastercov.camera.formats.pose_doubts import convention_doubts
+from rastercov.camera.pose import inverse
 from rastercov.mesh import shapes
-from rastercov.pose import inverse
 
 CAMERA = rc.Camera(width=64, height=48, fx=60, fy=60)
 

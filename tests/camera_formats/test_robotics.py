@@ -7,7 +7,7 @@ import yaml
 from view_files import lens_of
 
 import rastercov as rc
-from rastercov.camera_formats import read_views, write_views
+from rastercov.camera.formats import read_views, write_views
 
 RADTAN = [-0.28, 0.07, 0.0002, 0.00002]
 EQUI = [-0.01, 0.02, -0.01, 0.003]

@@ -10,8 +10,8 @@ import trimesh
 from view_files import lens_of, same_pixels, some_points
 
 import rastercov as rc
-from rastercov.camera_formats import frusta, read_views, write_views
-from rastercov.camera_formats.conventions import Conventions
+from rastercov.camera.formats import frusta, read_views, write_views
+from rastercov.camera.formats.conventions import Conventions
 
 SIZE = Conventions(image_size=(640, 480))
 

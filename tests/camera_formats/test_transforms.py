@@ -9,8 +9,8 @@ import pytest
 from view_files import lens_of, same_pixels, some_points
 
 import rastercov as rc
-from rastercov.camera_formats import read_views, write_views
-from rastercov.camera_formats.conventions import Conventions
+from rastercov.camera.formats import read_views, write_views
+from rastercov.camera.formats.conventions import Conventions
 
 INTRINSICS = {"fl_x": 500.0, "fl_y": 505.0, "cx": 318.5, "cy": 242.0, "w": 640, "h": 480}
 TURN = np.array([[0.0, 0, 1, 2], [1, 0, 0, 3], [0, 1, 0, 4], [0, 0, 0, 1]])

@@ -9,14 +9,14 @@ from commands import call, enter
 from mesh_files import obj
 
 from rastercov.audits import audit
-from rastercov.camera import Camera
-from rastercov.camera_formats import write_views
+from rastercov.camera.camera import Camera
+from rastercov.camera.formats import write_views
+from rastercov.camera.pose import Poses
+from rastercov.camera.rig import Rig
+from rastercov.camera.viewpoints import sphere_of_poses
+from rastercov.camera.views import Views
 from rastercov.mesh import shapes
-from rastercov.pose import Poses
-from rastercov.rig import Rig
 from rastercov.task import Task
-from rastercov.viewpoints import sphere_of_poses
-from rastercov.views import Views
 
 MESH = shapes.torus(40, 20)
 CAMERAS = (

@@ -21,11 +21,11 @@ from PIL import Image
 
 import rastercov
 from rastercov import cli
+from rastercov.camera.pose_file import write_poses
+from rastercov.camera.viewpoints import sphere_of_poses
 from rastercov.mesh import shapes
-from rastercov.pose_file import write_poses
 from rastercov.raster.gl import diagnose
 from rastercov.report.folder import STAGING, ReportFolder, ReportKind
-from rastercov.viewpoints import sphere_of_poses
 
 COMMANDS = ("compare", "demo", "doctor", "evaluate", "render")
 REPORT = {"coverage.parquet", "areas.parquet", "rig.json", "summary.json", "network.glb"}

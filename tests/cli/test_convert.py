@@ -9,7 +9,7 @@ import pytest
 from commands import call, enter, refusal
 
 import rastercov as rc
-from rastercov.camera_formats import read_views, write_views
+from rastercov.camera.formats import read_views, write_views
 from rastercov.plan.file import read_plan
 
 

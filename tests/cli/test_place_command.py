@@ -17,12 +17,12 @@ from commands import ENTRY, call, content, enter, refusal, write_part
 from notices import without_notices
 
 import rastercov as rc
+from rastercov.camera.pose_file import read_poses, write_poses
+from rastercov.camera.viewpoints import sphere_of_poses
 from rastercov.placement.candidates.cavities import openings
 from rastercov.placement.improve.refine import refine
 from rastercov.placement.shards import locked
 from rastercov.plan import run as plan_run
-from rastercov.pose_file import read_poses, write_poses
-from rastercov.viewpoints import sphere_of_poses
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "plans"
 MESHES = Path(__file__).parents[3] / "shared" / "meshes"

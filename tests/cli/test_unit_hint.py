@@ -5,11 +5,11 @@ from pathlib import Path
 import pytest
 from commands import call, enter, write_part
 
-from rastercov.camera_formats.unit_doubts import unit_doubts
+from rastercov.camera.formats.unit_doubts import unit_doubts
+from rastercov.camera.pose import Poses
+from rastercov.camera.pose_file import write_poses
+from rastercov.camera.viewpoints import sphere_of_poses
 from rastercov.mesh import shapes
-from rastercov.pose import Poses
-from rastercov.pose_file import write_poses
-from rastercov.viewpoints import sphere_of_poses
 
 CAMERA = "width = 64\nheight = 48\nfx = 80\nfy = 80\n"
 FOCUS = CAMERA + "focus_range = [0.2, 0.5]\n"
@@ -82,7 +82,7 @@ def test_cameras_in_and_around_large_scenes_are_no_doubt(name, camera):
 
 @pytest.fixture
 def camera():
-    from rastercov.camera import Camera
+    from rastercov.camera.camera import Camera
 
     return Camera(width=64, height=48, fx=80, fy=80)
 

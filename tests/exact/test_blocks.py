@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from nightly import examples
 from scenes import joined
 
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.viewpoints import look_at
 from rastercov.exact import blocks as blocks_module
 from rastercov.exact.block_kernels import NARROW_FACTOR, lay_boxes
 from rastercov.exact.certificate import THIN_TOLERANCE_REL, CertificateSolver
@@ -31,7 +32,6 @@ from rastercov.exact.records import (
 from rastercov.exact.setup_kernels import UNIT_ROUNDING
 from rastercov.exact.surface import surface_of
 from rastercov.mesh import Mesh, shapes
-from rastercov.viewpoints import look_at
 
 CAMERA = Camera(width=320, height=240, fx=300, fy=300)
 

@@ -10,13 +10,13 @@ from nightly import amount, examples
 from scenes import joined, square
 
 import rastercov as rc
+from rastercov.camera.viewpoints import look_at
 from rastercov.exact.certificate import CertificateSolver
 from rastercov.exact.half_planes import HalfPlaneSolver
 from rastercov.exact.records import DOUBTFUL
 from rastercov.mesh import Mesh, shapes
 from rastercov.observation import BoundKind
 from rastercov.reference import rational
-from rastercov.viewpoints import look_at
 
 CAMERA = rc.Camera(width=640, height=512, fx=400, fy=400)
 

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from nightly import examples
 from scenes import joined, sheet, square
 
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.viewpoints import look_at
 from rastercov.exact import certificate
 from rastercov.exact.certificate import (
     CERTAIN_AREA_REL,
@@ -21,7 +22,6 @@ from rastercov.exact.certificate import (
 from rastercov.exact.half_planes import HalfPlaneSolver
 from rastercov.mesh import Mesh, shapes
 from rastercov.reference import rational
-from rastercov.viewpoints import look_at
 
 MESHES = Path(__file__).resolve().parents[3] / "shared" / "meshes"
 CAMERA = Camera(width=320, height=240, fx=260, fy=270)

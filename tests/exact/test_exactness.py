@@ -22,7 +22,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import joined, square
 
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.pose import Poses
+from rastercov.camera.viewpoints import look_at
 from rastercov.criteria import face_geometry
 from rastercov.exact.certificate import CertificateSolver
 from rastercov.exact.half_planes import HalfPlaneSolver
@@ -30,9 +32,7 @@ from rastercov.face_pass import FacePass
 from rastercov.mesh import Mesh, shapes
 from rastercov.observation import BoundKind
 from rastercov.observer import open_observer, visibility
-from rastercov.pose import Poses
 from rastercov.reference import polygons, rational
-from rastercov.viewpoints import look_at
 
 CAMERA = Camera(width=320, height=240, fx=260, fy=270)
 KNOWN = known_cases()

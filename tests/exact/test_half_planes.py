@@ -19,7 +19,8 @@ from hypothesis import strategies as st
 from scenes import joined, sheet, square
 
 from rastercov.base.errors import ConfigError
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.viewpoints import look_at, sphere_of_poses
 from rastercov.criteria import face_geometry
 from rastercov.exact.half_planes import HalfPlaneSolver, visible_areas
 from rastercov.exact.memory import room_for_clipped
@@ -27,7 +28,6 @@ from rastercov.exact.surface import surface_of
 from rastercov.mesh import Mesh, shapes
 from rastercov.observer import visibility
 from rastercov.reference import rational
-from rastercov.viewpoints import look_at, sphere_of_poses
 
 CAMERA = Camera(width=320, height=240, fx=260, fy=270)
 SQUARES = joined(square(2, 4), square(0.5, 2))

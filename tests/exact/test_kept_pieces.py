@@ -7,11 +7,11 @@ from exact_views import SEEDS, look, on_both_paths, see_again, soup
 from hypothesis import given, settings
 from scenes import joined, square
 
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.viewpoints import look_at
 from rastercov.exact import half_planes
 from rastercov.exact.certificate import CertificateSolver
 from rastercov.exact.surface import surface_of
-from rastercov.viewpoints import look_at
 
 CAMERA = Camera(width=320, height=240, fx=260, fy=270)
 

@@ -8,15 +8,15 @@ import pytest
 from lens_cameras import CAMERAS
 
 from rastercov import look_at
+from rastercov.camera.lenses.edge_kernels import bulge, edge_values
+from rastercov.camera.lenses.of_camera import planes_of
+from rastercov.camera.lenses.quadrature import MOST
 from rastercov.exact import lens_kernels
 from rastercov.exact.certificate import CertificateSolver
 from rastercov.exact.lens_edges import edge_bulges, edge_lists, vertex_images, whole_groups
 from rastercov.exact.lens_measures import AT_A_TIME
 from rastercov.exact.lens_solver import LensSolver
 from rastercov.exact.surface import surface_of
-from rastercov.lenses.edge_kernels import bulge, edge_values
-from rastercov.lenses.of_camera import planes_of
-from rastercov.lenses.quadrature import MOST
 from rastercov.mesh import shapes
 
 MESHES = {"torus": shapes.by_name("torus"), "room": shapes.by_name("room")}

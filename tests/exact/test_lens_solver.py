@@ -10,23 +10,23 @@ from hypothesis import strategies as st
 from lens_cameras import CAMERAS
 from scenes import joined, square
 
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.lenses.areas import blind_area
+from rastercov.camera.lenses.field import fields_of
+from rastercov.camera.lenses.of_camera import lens_of, optics_of, planes_of, slopes_of
+from rastercov.camera.lenses.slopes import slopes_in
+from rastercov.camera.near_plane import limits
+from rastercov.camera.rig import Rig
+from rastercov.camera.viewpoints import look_at, sphere_of_poses
 from rastercov.coverage import FIGURES, evaluate
 from rastercov.exact.certificate import CertificateSolver
 from rastercov.exact.half_planes import HalfPlaneSolver
 from rastercov.exact.lens_solver import LensSolver
 from rastercov.exact.surface import surface_of
-from rastercov.lenses.areas import blind_area
-from rastercov.lenses.field import fields_of
-from rastercov.lenses.of_camera import lens_of, optics_of, planes_of, slopes_of
-from rastercov.lenses.slopes import slopes_in
 from rastercov.mesh import Group, Mesh, shapes
-from rastercov.near_plane import limits
 from rastercov.observation import BoundKind
 from rastercov.observer import open_observer
-from rastercov.rig import Rig
 from rastercov.task import Task
-from rastercov.viewpoints import look_at, sphere_of_poses
 
 ROOM = shapes.room()
 TORUS = shapes.torus(40, 20)

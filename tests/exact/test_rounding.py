@@ -11,11 +11,11 @@ from exact_views import SEEDS, look, on_both_paths
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.viewpoints import sphere_of_poses
 from rastercov.exact.half_planes import HalfPlaneSolver, visible_areas
 from rastercov.mesh import Mesh, shapes
 from rastercov.reference import rational
-from rastercov.viewpoints import sphere_of_poses
 
 CAMERA = Camera(width=640, height=512, fx=500, fy=520)
 few = settings(max_examples=20)

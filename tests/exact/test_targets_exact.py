@@ -9,9 +9,9 @@ from nightly import examples
 from scenes import joined, square
 from target_scenes import beside, only, some_as_targets
 
+from rastercov.camera.near_plane import limits
 from rastercov.exact.half_planes import visible_areas
 from rastercov.exact.surface import surface_of
-from rastercov.near_plane import limits
 from rastercov.reference import polygons, rational
 
 FIGURES = ("visible", "area", "area_error", "is_certified")

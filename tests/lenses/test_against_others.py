@@ -5,7 +5,7 @@ import pytest
 from lens_cases import BROWN, COLMAP, HEIGHT, KANNALA, PRISM, RATIONAL, TILTED, WIDTH, K, rays
 from lens_oracles import colmap_camera, colmap_pixels, opencv_fisheye_pixels, opencv_pixels
 
-from rastercov.lenses import sources
+from rastercov.camera.lenses import sources
 
 N = 4000
 TOLERANCE_PX = 2e-12

@@ -13,9 +13,9 @@ from lens_rooms import on_plane, room
 
 import rastercov as rc
 from rastercov.base.errors import CameraError
-from rastercov.lenses import formulas, make_lens, sources
-from rastercov.lenses.areas import blind_area, polygon_areas
-from rastercov.lenses.quadrature import edge_table
+from rastercov.camera.lenses import formulas, make_lens, sources
+from rastercov.camera.lenses.areas import blind_area, polygon_areas
+from rastercov.camera.lenses.quadrature import edge_table
 from rastercov.reference.polygons import image_area
 
 LENSES = of_all_kinds()

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from lens_cases import is_outside_hole, of_all_kinds
 
-from rastercov.lenses import balls, formulas
-from rastercov.lenses.balls import Ball
+from rastercov.camera.lenses import balls, formulas
+from rastercov.camera.lenses.balls import Ball
 
 LENSES = of_all_kinds()
 

@@ -5,9 +5,9 @@ import pytest
 from lens_cases import BROWN, COLMAP, HEIGHT, KANNALA, PRISM, RATIONAL, TILTED, WIDTH, K, pixels
 
 from rastercov.base.errors import CameraError
-from rastercov.camera import Camera
-from rastercov.camera_models import MODELS, lens_terms
-from rastercov.lenses import make_lens, sources
+from rastercov.camera.camera import Camera
+from rastercov.camera.lenses import make_lens, sources
+from rastercov.camera.models import MODELS, lens_terms
 
 SIZE = (WIDTH, HEIGHT)
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from lens_cases import is_outside_hole, of_all_kinds
 
-from rastercov.lenses import expansions, formulas
-from rastercov.lenses.expansions import DIRECTIONS, ORDER, Expansion, coefficient_bounds
+from rastercov.camera.lenses import expansions, formulas
+from rastercov.camera.lenses.expansions import DIRECTIONS, ORDER, Expansion, coefficient_bounds
 
 LENSES = of_all_kinds()
 NODES = 32

@@ -8,6 +8,9 @@ from lens_cameras import CAMERAS
 from nightly import examples
 
 from rastercov._jit import allocation_free
+from rastercov.camera.lenses.face_kernels import curved_areas
+from rastercov.camera.rays import rays_of
+from rastercov.camera.viewpoints import sphere_of_poses
 from rastercov.criteria_kernels import (
     facing_density,
     image_of_face,
@@ -16,11 +19,8 @@ from rastercov.criteria_kernels import (
     scene_of,
     workspace,
 )
-from rastercov.lenses.face_kernels import curved_areas
 from rastercov.mesh import Mesh, shapes
-from rastercov.rays import rays_of
 from rastercov.vertex_columns import INSIDE
-from rastercov.viewpoints import sphere_of_poses
 
 NEAR = 0.05
 

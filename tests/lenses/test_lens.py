@@ -8,7 +8,7 @@ import pytest
 from lens_cases import BROWN, HEIGHT, WIDTH, K, of_all_kinds, pixels
 
 from rastercov.base.errors import CameraError
-from rastercov.lenses import Lens, formulas, make_lens, sources
+from rastercov.camera.lenses import Lens, formulas, make_lens, sources
 
 LENSES = of_all_kinds()
 

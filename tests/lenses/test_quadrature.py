@@ -11,12 +11,12 @@ from lens_cases import HEIGHT, WIDTH, is_outside_hole, of_all_kinds
 from nightly import amount
 from numpy.polynomial import chebyshev
 
-from rastercov.camera import Camera
-from rastercov.lenses import edge_kernels as kernels
-from rastercov.lenses import formulas
-from rastercov.lenses.expansions import coefficient_bounds
-from rastercov.lenses.of_camera import lens_of
-from rastercov.lenses.quadrature import (
+from rastercov.camera.camera import Camera
+from rastercov.camera.lenses import edge_kernels as kernels
+from rastercov.camera.lenses import formulas
+from rastercov.camera.lenses.expansions import coefficient_bounds
+from rastercov.camera.lenses.of_camera import lens_of
+from rastercov.camera.lenses.quadrature import (
     DEGREES,
     FEWEST,
     MOST,

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from lens_cases import HEIGHT, WIDTH, K, of_all_kinds, rays
 
 from rastercov.base.errors import CameraError
-from rastercov.lenses import Lens, formulas, make_lens, sources
-from rastercov.lenses.intervals import Interval, Jet
-from rastercov.lenses.region import base_limit, border_pixels, certified_radius
+from rastercov.camera.lenses import Lens, formulas, make_lens, sources
+from rastercov.camera.lenses.intervals import Interval, Jet
+from rastercov.camera.lenses.region import base_limit, border_pixels, certified_radius
 
 LENSES = of_all_kinds()
 SIDE = {"width": WIDTH, "height": HEIGHT}

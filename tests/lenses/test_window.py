@@ -11,10 +11,10 @@ from nightly import examples
 
 from rastercov import Camera
 from rastercov.base.errors import CameraError
-from rastercov.lenses import make_lens
-from rastercov.lenses.of_camera import lens_of, planes_of
-from rastercov.lenses.quadrature import edge_table
-from rastercov.lenses.records import record_of
+from rastercov.camera.lenses import make_lens
+from rastercov.camera.lenses.of_camera import lens_of, planes_of
+from rastercov.camera.lenses.quadrature import edge_table
+from rastercov.camera.lenses.records import record_of
 
 LENSES = of_all_kinds()
 

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from scenes import joined
 
 import rastercov as rc
+from rastercov.camera.near_plane import can_cull
 from rastercov.exact.half_planes import HalfPlaneSolver
 from rastercov.mesh import shapes
-from rastercov.near_plane import can_cull
 from rastercov.reference import rational
 
 CAMERA = rc.Camera(width=320, height=320, fx=300, fy=300)

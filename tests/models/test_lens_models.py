@@ -10,13 +10,13 @@ from lens_cameras import CAMERAS
 from scenes import joined, square
 
 from rastercov import Camera, CameraError, Mesh, Task
-from rastercov.lenses.of_camera import lens_of
+from rastercov.camera.lenses.of_camera import lens_of
+from rastercov.camera.viewpoints import sphere_of_poses
 from rastercov.mesh import shapes
 from rastercov.models import MODELS
 from rastercov.models.base import facing_density, focus_depth
 from rastercov.models.line_of_sight import LineOfSight
 from rastercov.validation.models.comparison import compare_models
-from rastercov.viewpoints import sphere_of_poses
 
 PINHOLE = Camera(width=400, height=300, fx=200, fy=200)
 ZERO = replace(PINHOLE, max_angle_deg=85)

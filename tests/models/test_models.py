@@ -16,7 +16,8 @@ from hypothesis import strategies as st
 from scenes import joined, sheet, square
 
 from rastercov.base.errors import ConfigError, PoseError
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.viewpoints import look_at, sphere_of_poses
 from rastercov.coverage import evaluate
 from rastercov.criteria import face_geometry
 from rastercov.mesh import Group, Mesh, shapes
@@ -36,7 +37,6 @@ from rastercov.report.models import page, write_model_comparison
 from rastercov.report.theme import MISSED
 from rastercov.task import Task
 from rastercov.validation.models.comparison import compare_models, covers
-from rastercov.viewpoints import look_at, sphere_of_poses
 
 CAMERA = Camera(width=400, height=300, fx=200, fy=200)
 LENS = Camera.from_lens(

@@ -10,6 +10,7 @@ from scenes import joined, sheet
 
 import rastercov as rc
 from rastercov.base.errors import ConfigError, PoseError
+from rastercov.camera.viewpoints import look_at
 from rastercov.criteria import face_geometry
 from rastercov.mesh import Group, Mesh, shapes
 from rastercov.mesh.triangle_tree import TriangleTree
@@ -39,7 +40,6 @@ from rastercov.placement.candidates.mounting import (
     on_sphere,
     on_walls,
 )
-from rastercov.viewpoints import look_at
 
 CAMERA = rc.Camera(width=640, height=400, fx=800, fy=700)
 SHARP = rc.Camera(width=640, height=400, fx=800, fy=700, focus_range=(0.5, 3.0))

@@ -12,12 +12,12 @@ from rastercov.area.cells import cells
 from rastercov.area.regions import RegionPass
 from rastercov.base.errors import ConfigError
 from rastercov.base.lists import Lists
+from rastercov.camera.viewpoints import sphere_of_poses
 from rastercov.observer import open_observer
 from rastercov.placement.improve import refine as refine_module
 from rastercov.placement.improve.objective import CellObjective, Objective
 from rastercov.placement.improve.refine import refine
 from rastercov.task import Task
-from rastercov.viewpoints import sphere_of_poses
 
 BUDGET = 800 if IS_NIGHTLY else 300
 TASK_BY_AREA = Task(max_incidence_deg=70, min_pixels_per_m2=300)

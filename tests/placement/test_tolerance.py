@@ -8,6 +8,7 @@ from nightly import examples
 from test_search import CAMERA, MESH, TASK
 
 from rastercov.base.errors import ConfigError
+from rastercov.camera.viewpoints import sphere_of_poses
 from rastercov.observer import open_observer
 from rastercov.placement.improve import tolerance as tolerance_module
 from rastercov.placement.improve.objective import Objective
@@ -18,7 +19,6 @@ from rastercov.placement.improve.tolerance import (
     rotations,
     tolerance,
 )
-from rastercov.viewpoints import sphere_of_poses
 
 POSES = sphere_of_poses((0, 0, 0), 2.7, 4)
 SOME = InstallationError(position_mm=100, angle_deg=5)

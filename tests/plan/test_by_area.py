@@ -10,6 +10,7 @@ from union_greedy import area_of, greedy_by_area, room_candidates
 
 import rastercov as rc
 from rastercov.area.network import AreaNetwork
+from rastercov.camera.pose_file import write_poses
 from rastercov.plan import run as plan_run
 from rastercov.plan.check import check
 from rastercov.plan.errors import PlanError
@@ -17,7 +18,6 @@ from rastercov.plan.file import read_plan
 from rastercov.plan.prepare import quiet
 from rastercov.plan.requirements import FAILS, HOLDS, UNDECIDED, judge_areas
 from rastercov.plan.run import place
-from rastercov.pose_file import write_poses
 from rastercov.report import plan as report
 
 PLAN = """

@@ -10,6 +10,7 @@ from mesh_files import obj
 from surface_cases import room
 
 import rastercov as rc
+from rastercov.camera.pose_file import write_poses
 from rastercov.placement import BestCoverage, build_matrix, problem_of
 from rastercov.plan.candidates import candidate_pool
 from rastercov.plan.check import check, limits
@@ -17,7 +18,6 @@ from rastercov.plan.errors import PlanError
 from rastercov.plan.file import read_plan
 from rastercov.plan.run import place
 from rastercov.plan.scene import scene
-from rastercov.pose_file import write_poses
 from rastercov.report import plan as report
 
 MESH, _, _ = room()

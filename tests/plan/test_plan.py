@@ -13,6 +13,8 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 import rastercov as rc
+from rastercov.camera.pose_file import write_poses
+from rastercov.camera.viewpoints import sphere_of_poses
 from rastercov.coverage import Coverage
 from rastercov.mesh import shapes
 from rastercov.placement.improve.objective import Objective
@@ -26,9 +28,7 @@ from rastercov.plan.network import certain_and_possible, measured
 from rastercov.plan.requirements import judge, percent
 from rastercov.plan.scene import scene
 from rastercov.plan.sections import PlanModel, TaskSection
-from rastercov.pose_file import write_poses
 from rastercov.task import Reason
-from rastercov.viewpoints import sphere_of_poses
 
 ROOT = Path(__file__).parents[2]
 BASE = '[[meshes]]\nbuilt_in = "box"\n[camera]\npreset = "khepra"\n'

@@ -10,7 +10,7 @@ from mesh_files import obj
 from surface_cases import room
 
 import rastercov as rc
-from rastercov.camera_formats import write_views
+from rastercov.camera.formats import write_views
 from rastercov.placement import Objective
 from rastercov.plan.check import check, limits
 from rastercov.plan.errors import PlanError

@@ -7,13 +7,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.viewpoints import look_at
 from rastercov.mesh import Mesh, shapes
 from rastercov.raster.cpu import CPURasterizer
 from rastercov.raster.cpu.cluster_kernels import VERTEX_STEP
 from rastercov.raster.cpu.clusters import group_faces
 from rastercov.raster.cpu.memory import ALTITUDE, FACES, LANES, LINE_BITS, RADIUS, VERTICES
-from rastercov.viewpoints import look_at
 
 
 def soup(rng, n, scale=1.0, offset=0.0):

@@ -10,13 +10,13 @@ from processes import TESTS, run_python
 from scenes import joined, large_and_small, square
 
 from rastercov.base.errors import DeviceError, ResourceError
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.viewpoints import look_at, sphere_of_poses
 from rastercov.mesh import Mesh, shapes
 from rastercov.raster.cpu import CPURasterizer
 from rastercov.raster.gl import GLRasterizer, compute
 from rastercov.raster.gl.context import open_context
 from rastercov.raster.gl.resources import Resources
-from rastercov.viewpoints import look_at, sphere_of_poses
 
 CAMERA = Camera(width=160, height=120, fx=150, fy=140, cx=81.3, cy=58.2)
 

@@ -12,12 +12,12 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scenes import joined, sheet, square
 
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.viewpoints import look_at, sphere_of_poses
 from rastercov.mesh import Mesh, shapes
 from rastercov.raster.gl import GLRasterizer, coplanar
 from rastercov.raster.gl.context import open_context
 from rastercov.raster.gl.coplanar import coplanar_overlaps
-from rastercov.viewpoints import look_at, sphere_of_poses
 
 AHEAD = np.eye(4)
 

@@ -13,9 +13,10 @@ from nightly import amount
 from processes import TESTS, run_python
 
 from rastercov.base.errors import ConfigError, DeviceError, ResourceError
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.near_plane import limits, picture_limits
+from rastercov.camera.viewpoints import look_at, sphere_of_poses
 from rastercov.mesh import Mesh, shapes
-from rastercov.near_plane import limits, picture_limits
 from rastercov.raster import cpu, open_rasterizer, self_test
 from rastercov.raster.cpu import MAX_SIDE, CPURasterizer
 from rastercov.raster.cpu import loops as kernels
@@ -25,7 +26,6 @@ from rastercov.raster.cpu.memory import (
     STEPS,
     aligned_zeros,
 )
-from rastercov.viewpoints import look_at, sphere_of_poses
 
 CAMERA = Camera(width=160, height=120, fx=140, fy=150)
 

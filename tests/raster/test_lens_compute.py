@@ -15,16 +15,16 @@ from scenes import joined, large_and_small
 from target_scenes import some_as_targets
 
 from rastercov.base.errors import DeviceError, ResourceError
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.pose import Poses
+from rastercov.camera.viewpoints import look_at, sphere_of_poses
 from rastercov.mesh import Mesh, shapes
-from rastercov.pose import Poses
 from rastercov.raster.cpu.lens_rasterizer import LensRasterizer
 from rastercov.raster.cpu.lens_samples import tables_of
 from rastercov.raster.gl import GLRasterizer, compute, lens_compute, lens_places
 from rastercov.raster.gl.context import open_context
 from rastercov.raster.gl.resources import Resources
 from rastercov.raster.several import Rasterizers
-from rastercov.viewpoints import look_at, sphere_of_poses
 
 STRONG = Camera(**SIDE, fx=640, fy=640, model="opencv", distortion=(-0.45, 0.25, 0, 0))
 FOLDED = Camera(**SIDE, fx=600, fy=600, model="opencv", distortion=(-0.35, 0, 0, 0))

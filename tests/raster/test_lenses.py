@@ -20,14 +20,14 @@ from rastercov import (
     open_observer,
     open_rasterizer,
 )
-from rastercov.lenses.of_camera import lens_of
+from rastercov.camera.lenses.of_camera import lens_of
+from rastercov.camera.viewpoints import sphere_of_poses
 from rastercov.mesh import shapes
 from rastercov.observation import BoundKind
 from rastercov.raster.cpu import lens_samples
 from rastercov.raster.cpu.lens_rasterizer import LensRasterizer
 from rastercov.raster.gl import GLRasterizer
 from rastercov.raster.sample_grid import SampleGrid
-from rastercov.viewpoints import sphere_of_poses
 
 SCALE = 0.1
 EDGE_PX = 4e-3

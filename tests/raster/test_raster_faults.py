@@ -16,7 +16,8 @@ from processes import run_python
 
 from rastercov import shaders
 from rastercov.base.errors import ConfigError, DeviceError, PoseError, ResourceError
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.viewpoints import look_at, sphere_of_poses
 from rastercov.engine import Engine
 from rastercov.mesh import Mesh, shapes
 from rastercov.observer import open_observer
@@ -27,7 +28,6 @@ from rastercov.raster.gl.compute import Compute
 from rastercov.raster.gl.context import open_context
 from rastercov.raster.gl.resources import Resources
 from rastercov.raster.gl.scene import Scene
-from rastercov.viewpoints import look_at, sphere_of_poses
 
 CAMERA = Camera(width=80, height=60, fx=75, fy=75)
 MESH = shapes.torus(12, 8)
@@ -205,9 +205,9 @@ def test_fork_is_told_apart_from_a_hang():
 import os
 import numpy as np
 from rastercov import shapes
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
 from rastercov.base.errors import DeviceError
-from rastercov.viewpoints import look_at
+from rastercov.camera.viewpoints import look_at
 from rastercov.raster import open_rasterizer
 
 camera, pose = Camera(width=16, height=12, fx=16, fy=16), look_at((3, 2, 1), (0, 0, 0))

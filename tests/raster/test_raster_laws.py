@@ -25,10 +25,10 @@ from image_laws import (
 from nightly import IS_NIGHTLY
 from scenes import joined, sheet, square
 
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.viewpoints import look_at, sphere_of_poses
 from rastercov.mesh import Mesh, shapes
 from rastercov.reference import samples
-from rastercov.viewpoints import look_at, sphere_of_poses
 
 CAMERA = Camera(width=160, height=120, fx=150, fy=140, cx=81.3, cy=58.2)
 SQUARE = Camera(width=200, height=200, fx=100, fy=100)

@@ -17,11 +17,11 @@ from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 from image_laws import shown_by_two
 
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.viewpoints import look_at, sphere_of_poses
 from rastercov.mesh import Mesh, shapes
 from rastercov.raster.gl import PLANS
 from rastercov.reference import samples
-from rastercov.viewpoints import look_at, sphere_of_poses
 
 CAMERA = Camera(width=640, height=512, fx=700, fy=690, cx=327.75, cy=250.25)
 WIDE = Camera(width=640, height=512, fx=320, fy=325, cx=315.25, cy=260.25)

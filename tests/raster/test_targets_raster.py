@@ -13,14 +13,14 @@ from nightly import examples
 from scenes import joined, square
 from target_scenes import beside, only, some_as_targets
 
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.near_plane import limits
+from rastercov.camera.viewpoints import look_at
 from rastercov.mesh import Mesh, shapes
-from rastercov.near_plane import limits
 from rastercov.raster.cpu import CPURasterizer
 from rastercov.raster.target_kernels import TIE_REL, count_triangle
 from rastercov.reference import raster_stages as twin
 from rastercov.reference import samples
-from rastercov.viewpoints import look_at
 
 SMALL = Camera(width=40, height=30, fx=38, fy=36, cx=19.3, cy=15.2)
 SQUARE = Camera(width=200, height=200, fx=100, fy=100)

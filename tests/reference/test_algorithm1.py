@@ -13,11 +13,11 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.viewpoints import look_at, sphere_of_poses
 from rastercov.mesh import Mesh, shapes
 from rastercov.reference import rational
 from rastercov.reference.algorithm1 import image_triangles, occlusion, self_occluding
-from rastercov.viewpoints import look_at, sphere_of_poses
 
 CAMERA = Camera(width=200, height=200, fx=100, fy=100)
 ORIGIN = np.eye(4)

@@ -8,7 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.pose import Poses
+from rastercov.camera.viewpoints import look_at
 from rastercov.coverage import FIGURES, evaluate, evaluate_batches
 from rastercov.criteria import face_geometry
 from rastercov.face_pass import FacePass
@@ -17,11 +19,9 @@ from rastercov.network import Network
 from rastercov.observation import BoundKind, Observation
 from rastercov.observer import open_observer
 from rastercov.pairs import CHOICES
-from rastercov.pose import Poses
 from rastercov.reference import coverage as coverage_twin
 from rastercov.reference import criteria as twin
 from rastercov.task import Task
-from rastercov.viewpoints import look_at
 
 SAME_BITS = ("is_front", "in_view", "perimeter", "pixel_density", "facing_density", "depth")
 CLOSE = ("projected_area", "in_view_fraction", "incidence")

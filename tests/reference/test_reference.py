@@ -16,10 +16,10 @@ from processes import run_python
 from scenes import joined, square
 
 from rastercov import reference
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.viewpoints import look_at
 from rastercov.mesh import Mesh, shapes
 from rastercov.reference import polygons, rational, samples
-from rastercov.viewpoints import look_at
 
 MESHES = Path(__file__).resolve().parents[3] / "shared" / "meshes"
 AGREE = 1e-7  # px^2

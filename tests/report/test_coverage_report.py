@@ -20,7 +20,8 @@ from PIL import Image
 from rastercov import shaders
 from rastercov.base.errors import ConfigError, DeviceError, PoseError
 from rastercov.base.interrupts import interrupts_held
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.viewpoints import sphere_of_poses
 from rastercov.coverage import evaluate
 from rastercov.mesh import Mesh, shapes
 from rastercov.pairs import CHOICES
@@ -31,7 +32,6 @@ from rastercov.report.coverage_table import CoverageTable
 from rastercov.report.folder import ReportFolder
 from rastercov.report.images import coverage_picture
 from rastercov.task import Task
-from rastercov.viewpoints import sphere_of_poses
 
 MESH = shapes.box((1, 1, 1))
 CAMERA = Camera(width=48, height=36, fx=60, fy=60)

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 import rastercov as rc
-from rastercov.lenses.of_camera import lens_of
+from rastercov.camera.lenses.of_camera import lens_of
+from rastercov.camera.viewpoints import sphere_of_poses
 from rastercov.mesh import Mesh, shapes
 from rastercov.network import Network
 from rastercov.report.doubts import dead_pixels, doubts
-from rastercov.viewpoints import sphere_of_poses
 
 CAMERA = rc.Camera(width=200, height=200, fx=200, fy=200)
 FOCUSED = rc.Camera(width=200, height=200, fx=200, fy=200, focus_range=(0.1, 0.5))

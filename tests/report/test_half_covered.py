@@ -8,9 +8,9 @@ from lens_cameras import CAMERAS
 from surface_cases import bisected, room
 
 import rastercov as rc
+from rastercov.camera.viewpoints import sphere_of_poses
 from rastercov.mesh import shapes
 from rastercov.report.half_covered import half_covered, share_in_parts
-from rastercov.viewpoints import sphere_of_poses
 
 MESH, CAMERA, POSES = room()
 

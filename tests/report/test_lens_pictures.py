@@ -10,8 +10,9 @@ from PIL import Image, ImageDraw
 from surface_cases import room
 
 import rastercov as rc
+from rastercov.camera.projection import to_camera, to_image
+from rastercov.camera.viewpoints import sphere_of_poses
 from rastercov.mesh import shapes
-from rastercov.projection import to_camera, to_image
 from rastercov.report import overview
 from rastercov.report.area_pictures import points_of_pixels
 from rastercov.report.camera_pictures import camera_image, camera_picture, camera_pixels
@@ -20,7 +21,6 @@ from rastercov.report.doubts import doubts
 from rastercov.report.images import draw_text, font_for
 from rastercov.report.overview import camera_colours, network_picture, overview_picture
 from rastercov.task import Reason
-from rastercov.viewpoints import sphere_of_poses
 
 MESH, CAMERA, POSES = room()
 TASK = rc.Task(max_incidence_deg=70, min_pixel_density=60)

@@ -7,7 +7,7 @@ from exact_cases import AHEAD
 from scenes import square
 from target_scenes import beside, some_as_targets
 
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
 from rastercov.mesh import shapes
 from rastercov.raster import open_rasterizer
 from rastercov.report import placement_pictures

@@ -13,9 +13,9 @@ from itertools import pairwise
 import numpy as np
 from scenes import joined, sheet, square
 
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.viewpoints import look_at
 from rastercov.mesh import Mesh, shapes
-from rastercov.viewpoints import look_at
 
 AHEAD = np.eye(4)
 """Camera at the origin that looks along +z, y down."""

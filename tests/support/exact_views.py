@@ -6,13 +6,13 @@ from exact_cases import triangles
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.near_plane import near_limit
+from rastercov.camera.viewpoints import look_at
 from rastercov.exact.certificate import CertificateSolver
 from rastercov.exact.half_planes import HalfPlaneSolver
 from rastercov.exact.surface import surface_of
-from rastercov.near_plane import near_limit
 from rastercov.reference import rational
-from rastercov.viewpoints import look_at
 
 PATHS = (HalfPlaneSolver, CertificateSolver)
 """Every face measured, and regions of faces decided together."""

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.viewpoints import look_at
 from rastercov.mesh import Mesh
 from rastercov.raster.cpu import CPURasterizer
-from rastercov.viewpoints import look_at
 
 
 def check_scenes(n_scenes, is_rolled):

@@ -1,10 +1,10 @@
-"""Lenses that the tests of `rastercov.lenses` share, and rays for them."""
+"""Lenses that the tests of `rastercov.camera.lenses` share, and rays for them."""
 
 from functools import cache
 
 import numpy as np
 
-from rastercov.lenses import make_lens, sources
+from rastercov.camera.lenses import make_lens, sources
 
 WIDTH, HEIGHT = 1280, 1024
 FOCAL, CENTRE = (900.0, 880.0), (655.25, 500.5)

@@ -3,14 +3,14 @@
 import numpy as np
 
 import rastercov as rc
+from rastercov.camera.pose import Poses
+from rastercov.camera.rig import Rig
+from rastercov.camera.viewpoints import look_at, sphere_of_poses
 from rastercov.mesh import shapes
-from rastercov.pose import Poses
-from rastercov.rig import Rig
 from rastercov.task import Reason
 from rastercov.viewer.rig_state import RigState
 from rastercov.viewer.scene import Scene
 from rastercov.viewer.session import Session, unframed
-from rastercov.viewpoints import look_at, sphere_of_poses
 
 CAMERA = rc.Camera(width=320, height=240, fx=300, fy=300)
 ROOM = shapes.room(6)

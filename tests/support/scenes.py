@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from rastercov.camera.viewpoints import look_at, sphere_of_poses
 from rastercov.mesh import Mesh, shapes
-from rastercov.viewpoints import look_at, sphere_of_poses
 
 
 def sheet(low, high, z):

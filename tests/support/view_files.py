@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from rastercov.camera_models import lens_terms
-from rastercov.lenses import make_lens
-from rastercov.pose import inverse
+from rastercov.camera.lenses import make_lens
+from rastercov.camera.models import lens_terms
+from rastercov.camera.pose import inverse
 
 
 def lens_of(camera):

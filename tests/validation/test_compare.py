@@ -20,7 +20,8 @@ from scenes import joined, sheet, square
 from rastercov import cli
 from rastercov.base.closing import Closing
 from rastercov.base.errors import ConfigError, PoseError
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.viewpoints import look_at, sphere_of_poses
 from rastercov.criteria import face_geometry
 from rastercov.engine import Engine
 from rastercov.mesh import Mesh, shapes
@@ -40,7 +41,6 @@ from rastercov.validation.methods.comparison import MIN_FACES, SIGNIFICANCE, _of
 from rastercov.validation.methods.convergence import KnownFaces, converge
 from rastercov.validation.methods.error_statistics import SIZES, ErrorStatistics, PoseFigures
 from rastercov.validation.methods.results import MUST_HOLD, FaceError
-from rastercov.viewpoints import look_at, sphere_of_poses
 
 CAMERA = Camera(width=160, height=120, fx=190, fy=185)
 TEAPOT = shapes.teapot(3)

@@ -11,10 +11,10 @@ from pages import read_alone
 
 from rastercov import cli
 from rastercov.base.errors import ConfigError, DeviceError
-from rastercov.camera import Camera
-from rastercov.camera_file import PRESETS
+from rastercov.camera.camera import Camera
+from rastercov.camera.camera_file import PRESETS
+from rastercov.camera.projection import to_image
 from rastercov.coverage import evaluate
-from rastercov.projection import to_image
 from rastercov.raster.gl import GLRasterizer
 from rastercov.task import Task
 from rastercov.validation.markers import detect as detection

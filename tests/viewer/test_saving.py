@@ -21,7 +21,7 @@ from rigs_to_view import CAMERA, acted, around, moved, part, session_of
 
 import rastercov as rc
 from rastercov import cli
-from rastercov.camera_formats import read_views
+from rastercov.camera.formats import read_views
 from rastercov.mesh import shapes
 from rastercov.viewer.export import exported
 from rastercov.viewer.opening import open_plan, open_result

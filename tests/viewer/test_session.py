@@ -218,8 +218,8 @@ def test_why_a_face_is_hidden(session):
 def test_why_names_the_group_in_the_way():
     from rigs_to_view import looking
 
-    from rastercov.pose import Poses
-    from rastercov.rig import Rig
+    from rastercov.camera.pose import Poses
+    from rastercov.camera.rig import Rig
     from rastercov.viewer.rig_state import RigState
     from rastercov.viewer.scene import Scene
     from rastercov.viewer.session import Session

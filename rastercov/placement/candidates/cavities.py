@@ -22,7 +22,8 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import plural
 from rastercov.base.typed import typed
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.viewpoints import half_angles, look_at
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import frozen
 from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
@@ -32,7 +33,6 @@ from rastercov.placement.candidates.framing import DEFAULT, Framing
 from rastercov.placement.candidates.hemicube import Hemicube, face_frames
 from rastercov.placement.candidates.open_directions import APART_DEG, OpenDirections, far_apart
 from rastercov.placement.candidates.pool import Candidates, face_rows, rolled_candidates
-from rastercov.viewpoints import half_angles, look_at
 
 PLACES_AT_ONCE = 20_000
 DIRECTIONS_AT_ONCE = 1 << 21

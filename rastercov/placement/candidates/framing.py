@@ -13,11 +13,11 @@ from numpy.typing import ArrayLike
 
 from rastercov.base.errors import ConfigError
 from rastercov.base.typed import check_fields
-from rastercov.camera import Camera
-from rastercov.camera_models import MODELS
+from rastercov.camera.camera import Camera
+from rastercov.camera.models import MODELS
+from rastercov.camera.viewpoints import half_angles, look_at
 from rastercov.mesh import Mesh
 from rastercov.placement._arrays import FloatArray, IntArray
-from rastercov.viewpoints import half_angles, look_at
 
 FITS = ("extent", "vertices")
 FRAMING_MARGIN_REL = 1e-9

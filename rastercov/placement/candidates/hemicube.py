@@ -17,11 +17,11 @@ import math
 import numpy as np
 
 from rastercov.base.closing import Closing
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.viewpoints import look_at
 from rastercov.mesh import Mesh
 from rastercov.placement._arrays import FloatArray
 from rastercov.raster.cpu import CPURasterizer
-from rastercov.viewpoints import look_at
 
 LIFT_REL = 1e-6
 """Height of the camera above its face, relative to the mesh's diagonal."""

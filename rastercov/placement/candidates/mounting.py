@@ -13,13 +13,13 @@ from rastercov.base.arguments import LARGEST_COORDINATE, finite_points
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
 from rastercov.base.typed import typed
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.viewpoints import enclosing_distance, fibonacci_sphere, look_at
 from rastercov.mesh import Mesh
 from rastercov.placement._arrays import FloatArray
 from rastercov.placement.candidates.clearance import NearestSurface
 from rastercov.placement.candidates.framing import DEFAULT, Framing
 from rastercov.placement.candidates.pool import Candidates, rolled_candidates
-from rastercov.viewpoints import enclosing_distance, fibonacci_sphere, look_at
 
 Aim = Callable[[Mesh, FloatArray], FloatArray]
 """Rule of aim: from a mesh and (N, 3) camera centres, (N, 3) targets, metres."""

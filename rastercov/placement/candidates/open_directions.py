@@ -8,12 +8,12 @@ import math
 
 import numpy as np
 
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.viewpoints import look_at
 from rastercov.mesh import Mesh
 from rastercov.placement._arrays import FloatArray, IntArray
 from rastercov.placement.candidates.framing import Framing, fit_vertices, rolled_frames
 from rastercov.placement.candidates.hemicube import Hemicube
-from rastercov.viewpoints import look_at
 
 INSET = 0.5
 """Relative position of three more points of a face, from the centroid towards each corner."""

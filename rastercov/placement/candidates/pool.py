@@ -18,14 +18,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.errors import ConfigError, PoseError
 from rastercov.base.typed import typed
-from rastercov.camera import Camera
-from rastercov.camera_formats import read_views
+from rastercov.camera.camera import Camera
+from rastercov.camera.formats import read_views
+from rastercov.camera.pose import Poses, valid_poses
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import frozen
 from rastercov.placement._arrays import FloatArray, IntArray
 from rastercov.placement.candidates.framing import DEFAULT, Framing, rolled_frames, square_views
 from rastercov.placement.candidates.segments import Segmentation
-from rastercov.pose import Poses, valid_poses
 
 FOLDED_COSINE = -1 + 1e-9
 """Cosine between the normals of two faces back to back: the edge of a sheet, not of a corner."""

@@ -11,11 +11,11 @@ from collections.abc import Callable
 
 import numpy as np
 
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.viewpoints import look_at
 from rastercov.mesh import Mesh
 from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
 from rastercov.raster.cpu import CPURasterizer
-from rastercov.viewpoints import look_at
 
 SIDE = 64
 """Samples along each side of a window; a face spans a half of it or more."""

@@ -9,13 +9,13 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.camera.pose import Poses, renumbered
+from rastercov.camera.rig import cameras_of
 from rastercov.coverage import Coverage, evaluate_batches
 from rastercov.criteria import face_geometry
 from rastercov.mesh import Mesh
 from rastercov.observer import Observer
 from rastercov.placement._arrays import BoolArray, IntArray
-from rastercov.pose import Poses, renumbered
-from rastercov.rig import cameras_of
 from rastercov.task import Task
 
 SEEN_NOTHING = 1e-6

@@ -19,6 +19,8 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import plural
 from rastercov.base.typed import typed
+from rastercov.camera.pose import Poses, renumbered
+from rastercov.camera.rig import Cameras
 from rastercov.coverage import Coverage, evaluate_batches
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import frozen
@@ -27,8 +29,6 @@ from rastercov.observer import Observer, open_observer
 from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
 from rastercov.placement.explain.blockers import in_front
 from rastercov.placement.explain.candidate_visibility import CandidateBounds, Sight, batches_in_view
-from rastercov.pose import Poses, renumbered
-from rastercov.rig import Cameras
 from rastercov.task import Reason, Task
 
 __all__ = ["Leftover", "Sight", "what_is_left"]

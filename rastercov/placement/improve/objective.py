@@ -18,6 +18,7 @@ from rastercov.area.centres import CentrePass
 from rastercov.area.regions import RegionPass
 from rastercov.base.errors import ConfigError
 from rastercov.base.lists import Lists
+from rastercov.camera.pose import Poses, renumbered
 from rastercov.coverage import evaluate_batches
 from rastercov.mesh import Mesh
 from rastercov.observer import Observer
@@ -28,7 +29,6 @@ from rastercov.placement.select.problem import (
     views_of,
     weights_of,
 )
-from rastercov.pose import Poses, renumbered
 from rastercov.spread import least_cosine
 from rastercov.task import Reason, Task
 

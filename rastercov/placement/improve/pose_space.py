@@ -14,6 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.errors import ConfigError
 from rastercov.base.typed import check_fields
+from rastercov.camera.pose import valid_poses
+from rastercov.camera.viewpoints import look_at
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import frozen
 from rastercov.placement._arrays import BoolArray, FloatArray
@@ -25,8 +27,6 @@ from rastercov.placement.candidates.clearance import (
     nearest_obstacle,
 )
 from rastercov.placement.candidates.framing import check_stand_off, check_up, turns_about_z
-from rastercov.pose import valid_poses
-from rastercov.viewpoints import look_at
 
 POSITION_TOLERANCE_REL = 1e-9
 """Position tolerance relative to the mesh's diagonal, for cameras on the border of a box."""

@@ -27,11 +27,11 @@ from rastercov.base.interrupts import interrupts_held
 from rastercov.base.lists import Lists
 from rastercov.base.stopwatch import Stopwatch
 from rastercov.base.typed import typed
+from rastercov.camera.pose import Poses, renumbered
 from rastercov.mesh.arrays import frozen
 from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.improve.pose_space import PoseSpace
-from rastercov.pose import Poses, renumbered
 
 LOCAL_OPTIMUM = "local optimum"
 BUDGET_SPENT = "budget spent"

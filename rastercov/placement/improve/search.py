@@ -22,11 +22,11 @@ from rastercov.base.errors import ConfigError
 from rastercov.base.interrupts import interrupts_held
 from rastercov.base.stopwatch import Stopwatch
 from rastercov.base.typed import typed
+from rastercov.camera.pose import Poses, valid_poses
 from rastercov.mesh.arrays import frozen
 from rastercov.placement._arrays import FloatArray, IntArray
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.improve.pose_space import PoseSpace
-from rastercov.pose import Poses, valid_poses
 
 METHODS = ("random", "pso", "ga", "de")
 KNOWN_PLACES = 256

@@ -39,11 +39,11 @@ from rastercov.base.arguments import flag
 from rastercov.base.closing import Closing
 from rastercov.base.errors import ConfigError, DeviceError, ResourceError
 from rastercov.base.threads import ScratchPool, share_poses, thread_count
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.near_plane import limits, picture_limits
+from rastercov.camera.pose import Poses as AcceptedPoses
+from rastercov.camera.pose import valid_poses
 from rastercov.mesh import Mesh
-from rastercov.near_plane import limits, picture_limits
-from rastercov.pose import Poses as AcceptedPoses
-from rastercov.pose import valid_poses
 from rastercov.raster import self_test
 from rastercov.raster.contract import (
     FaceCounts,

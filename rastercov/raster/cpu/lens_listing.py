@@ -6,7 +6,7 @@ See `lens_kernels`.
 import numpy as np
 
 from rastercov._jit import allocation_free, part_with_arrays
-from rastercov.lenses.lane_kernels import project_lanes
+from rastercov.camera.lenses.lane_kernels import project_lanes
 from rastercov.raster.cpu.lens_cells import cell_of
 from rastercov.raster.cpu.lens_cover import (
     append_tiles,

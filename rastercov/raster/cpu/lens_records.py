@@ -5,8 +5,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.lenses.lane_kernels import LaneScratch, lane_scratch
-from rastercov.lenses.records import PlaneRecord
+from rastercov.camera.lenses.lane_kernels import LaneScratch, lane_scratch
+from rastercov.camera.lenses.records import PlaneRecord
 from rastercov.raster.cpu.memory import (
     BUFFER_SIZE,
     FACES,

@@ -1,6 +1,6 @@
 """Tables of the places of samples in the ideal planes of a lens.
 
-A lens moves samples, not edges: an edge is straight in an ideal plane (`rastercov.lenses.planes`),
+A lens moves samples, not edges: an edge is straight in an ideal plane (`camera.lenses.planes`),
 and each sample is tested at the place of the plane whose ray it sees. Places are found once for a
 camera, by the inverse of the lens, and kept in tiles of 4 x 4 samples with their boxes.
 
@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from rastercov.base.memory import check_memory
 from rastercov.base.threads import share_poses
-from rastercov.camera import Camera
-from rastercov.lenses.of_camera import lens_of, planes_of
-from rastercov.lenses.records import PlaneRecord
+from rastercov.camera.camera import Camera
+from rastercov.camera.lenses.of_camera import lens_of, planes_of
+from rastercov.camera.lenses.records import PlaneRecord
 from rastercov.raster.cpu.lens_cells import fill_cells, merge_cells
 from rastercov.raster.cpu.lens_records import BLOCK, TILE, Patch
 from rastercov.raster.cpu.memory import LANES, aligned_zeros

@@ -20,9 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.errors import ResourceError
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.near_plane import limits
 from rastercov.mesh import Mesh
-from rastercov.near_plane import limits
 from rastercov.raster import self_test
 from rastercov.raster.gl.resources import Resources, set_uniforms
 from rastercov.raster.gl.strategy import (

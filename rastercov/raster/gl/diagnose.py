@@ -22,7 +22,8 @@ import rastercov
 from rastercov import shaders
 from rastercov.base.child import child_environment
 from rastercov.base.errors import DeviceError, RastercovError
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.viewpoints import sphere_of_poses
 from rastercov.mesh import shapes
 from rastercov.raster import self_test
 from rastercov.raster.contract import CountArray
@@ -35,7 +36,6 @@ from rastercov.raster.gl.devices import (
     why_no_hardware,
 )
 from rastercov.raster.gl.libraries import egl_library, install_line, library_names, osmesa_library
-from rastercov.viewpoints import sphere_of_poses
 
 Report = dict[str, Any]
 PASSED = "passed"

@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.errors import ResourceError
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.near_plane import limits as limits_of
 from rastercov.mesh import Mesh
-from rastercov.near_plane import limits as limits_of
 from rastercov.raster import self_test
 from rastercov.raster.cpu.lens_records import BLOCK
 from rastercov.raster.cpu.lens_samples import MAX_TABLE, SampleTables, tables_of

@@ -22,7 +22,7 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
 from rastercov.mesh import Mesh
 from rastercov.raster import self_test
 from rastercov.raster.gl.coplanar import coplanar_overlaps

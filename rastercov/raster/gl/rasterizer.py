@@ -24,9 +24,9 @@ from rastercov.base.arguments import check_choice, flag
 from rastercov.base.checks import shown
 from rastercov.base.closing import Closing
 from rastercov.base.errors import ConfigError, DeviceError
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.pose import valid_poses
 from rastercov.mesh import Mesh
-from rastercov.pose import valid_poses
 from rastercov.raster import self_test
 from rastercov.raster.contract import (
     FaceCounts,

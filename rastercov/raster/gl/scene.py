@@ -12,10 +12,10 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.camera import Camera
-from rastercov.image_boxes import box_corners, image_boxes
+from rastercov.camera.camera import Camera
+from rastercov.camera.image_boxes import box_corners, image_boxes
+from rastercov.camera.near_plane import can_cull, depth_range
 from rastercov.mesh import Mesh
-from rastercov.near_plane import can_cull, depth_range
 from rastercov.raster.gl.resources import Resources, set_uniforms
 from rastercov.raster.gl.strategy import FloatArray, IntArray, face_ranges
 from rastercov.raster.sample_grid import Box, SampleGrid

@@ -12,9 +12,9 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.near_plane import near_limit
 from rastercov.mesh import Mesh
-from rastercov.near_plane import near_limit
 from rastercov.raster.sample_grid import Box, SampleGrid
 from rastercov.raster.targets import TargetFaces
 

@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.stopwatch import Stopwatch
-from rastercov.camera import Camera
-from rastercov.camera_file import PRESETS
+from rastercov.camera.camera import Camera
+from rastercov.camera.camera_file import PRESETS
 from rastercov.validation.markers.detect import MIN_PERIMETER, detect
 from rastercov.validation.markers.render import MarkerRenderer, sensor
 from rastercov.validation.markers.requirement import (

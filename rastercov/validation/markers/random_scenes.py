@@ -19,9 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.stopwatch import Stopwatch
-from rastercov.camera import Camera
-from rastercov.camera_file import PRESETS
-from rastercov.projection import to_image
+from rastercov.camera.camera import Camera
+from rastercov.camera.camera_file import PRESETS
+from rastercov.camera.projection import to_image
 from rastercov.validation.markers.detect import detect
 from rastercov.validation.markers.render import SHARP, Box, MarkerRenderer, sensor
 from rastercov.validation.markers.requirement import (

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from rastercov import shaders
 from rastercov.base.closing import Closing
 from rastercov.base.errors import ConfigError
-from rastercov.camera import Camera
-from rastercov.projection import to_camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.projection import to_camera
 from rastercov.raster.gl.context import HeadlessContext, open_context
 from rastercov.raster.gl.resources import Resources
 from rastercov.validation.markers.scene import CELLS, PLAIN, PlateScene

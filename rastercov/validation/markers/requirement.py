@@ -19,9 +19,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.projection import to_image
 from rastercov.coverage import Coverage, evaluate
-from rastercov.projection import to_image
 from rastercov.task import Reason, Task
 from rastercov.validation.markers.scene import CELLS, MARKER_SIDE, PlateScene
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
 from rastercov.mesh import Mesh
 from rastercov.validation.markers.requirement import ROUNDING, PlateFigures, Requirement
 from rastercov.validation.markers.scene import PlateScene

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.errors import RastercovError
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.near_plane import near_limit
+from rastercov.camera.projection import to_camera, to_image
 from rastercov.mesh import Mesh
-from rastercov.near_plane import near_limit
-from rastercov.projection import to_camera, to_image
 from rastercov.raster.sample_grid import SampleGrid
 
 FloatArray = NDArray[np.float64]

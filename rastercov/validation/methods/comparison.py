@@ -20,11 +20,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.errors import ConfigError
 from rastercov.base.interrupts import interrupts_held
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.pose import valid_poses
 from rastercov.criteria import face_geometry
 from rastercov.engine import Engine
 from rastercov.mesh import Mesh
-from rastercov.pose import valid_poses
 from rastercov.provenance import Provenance
 from rastercov.validation.methods.contenders import (
     REFERENCES,

@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 from rastercov._observers import ROLL
 from rastercov.base.stopwatch import Stopwatch
 from rastercov.base.threads import thread_count
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.pose import Poses
 from rastercov.engine import Engine
 from rastercov.face_pass import FacePass
 from rastercov.mesh import Mesh
 from rastercov.observation import Observation
 from rastercov.observer import Observer, open_observer
-from rastercov.pose import Poses
 from rastercov.validation.methods.error_statistics import ROUNDING, ErrorStatistics, PoseFigures
 from rastercov.validation.methods.results import Score
 

@@ -17,11 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.stopwatch import Stopwatch
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.pose import Poses
 from rastercov.face_pass import FacePass
 from rastercov.mesh import Mesh
 from rastercov.observer import Observer
-from rastercov.pose import Poses
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -18,13 +18,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.errors import ConfigError
 from rastercov.base.stopwatch import Stopwatch
-from rastercov.camera import Camera
+from rastercov.camera.camera import Camera
+from rastercov.camera.pose import valid_poses
 from rastercov.coverage import Coverage, evaluate_batches
 from rastercov.mesh import Mesh
 from rastercov.models import MODELS, zhang
 from rastercov.observation import BoundKind
 from rastercov.observer import open_observer
-from rastercov.pose import valid_poses
 from rastercov.provenance import Provenance
 from rastercov.task import Reason, Task
 from rastercov.validation.models.results import (

@@ -1,0 +1,1 @@
+"""Cameras: intrinsics, lenses, poses, rigs, rays, the near plane."""

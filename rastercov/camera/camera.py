@@ -1,0 +1,407 @@
+"""Cameras: lens, image and depth of field.
+
+A camera is its image size and intrinsic matrix K in pixels, the model of its lens with its
+coefficients, and, where focus matters, focal length and aperture. Pixels follow COLMAP and OpenGL:
+the centre of the top-left pixel is at (0.5, 0.5).
+
+E. S. Eissa. Image Space Coverage Model for Deployment of Multi-Camera Networks. 2020, section 3.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, fields, replace
+from typing import Annotated, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from typing_extensions import Doc
+
+from rastercov.base.arguments import LARGEST_COORDINATE, checked_array
+from rastercov.base.checks import (
+    MAX_IMAGE_SIDE,
+    coefficients_of,
+    focal_length_px,
+    image_side,
+    is_inf,
+    number,
+    pair,
+    positive,
+    principal_point_px,
+    two,
+)
+from rastercov.base.errors import CameraError
+from rastercov.base.files import StrPath
+from rastercov.camera.camera_file import (
+    arguments_of,
+    check_optics,
+    naming,
+    read_entries,
+    write_entries,
+)
+from rastercov.camera.models import MODELS, checked_model
+
+
+@dataclass(frozen=True, kw_only=True)
+class Camera:
+    """A camera: image size and intrinsics in pixels, model of the lens, focus in metres.
+
+    Parameters
+    ----------
+    width, height : int
+        Image size in pixels.
+    fx, fy : float
+        Focal length over pixel width and height, in pixels: f/s_u and f/s_v of (3.5).
+    cx, cy : float, optional
+        Principal point in pixels; the image centre unless given.
+    near : float, optional
+        Surfaces nearer than this depth are not seen, metres. 0 (the default) leaves only the
+        numerical limit of `projection.near_limit`.
+    focal_length : float, optional
+        f in metres.
+    pixel_size : (float, float), optional
+        s_u, s_v in metres.
+    aperture : float, optional
+        Diameter A of the entrance pupil, metres. With `focus_distance`, it limits the depth of
+        field; without both, everything is in focus.
+    focus_distance : float, optional
+        Depth z_s of the plane in focus, metres.
+    max_blur : float, optional
+        Largest acceptable blur circle c, in pixels; a `Task` may set its own.
+    focus_range : (float, float), optional
+        The depths between which the camera is in focus, metres, when they are known directly.
+        Excludes `aperture`.
+    skew : float, optional
+        u = fx x + skew y + cx, px.
+    model : str, optional
+        Model of the lens, one of `rastercov.camera.models.MODELS`: "pinhole" unless given.
+    distortion : sequence of float, optional
+        Coefficients of the model, in its order.
+    max_angle_deg : float, optional
+        Largest angle from the optical axis at which the lens is trusted; otherwise as far as the
+        image reaches, or as the model is proved not to fold.
+
+    Raises
+    ------
+    CameraError
+        For a value that describes no camera.
+    """
+
+    width: Annotated[int, Doc("Pixels.")]
+    height: Annotated[int, Doc("Pixels.")]
+    fx: Annotated[float, Doc("Focal length over pixel width, px.")]
+    fy: Annotated[float, Doc("Focal length over pixel height, px.")]
+    cx: Annotated[float, Doc("Principal point, px; the middle if left out.")] = None  # type: ignore[assignment] # None asks for the middle
+    cy: Annotated[float, Doc("Principal point, px; the middle if left out.")] = None  # type: ignore[assignment] # never None afterwards
+    near: Annotated[float, Doc("Surfaces nearer than this are not seen, m.")] = 0.0
+    focal_length: Annotated[float, Doc("Metres; instead of fx and fy.")] | None = None
+    pixel_size: Annotated[tuple[float, float] | None, Doc("Metres, one or two.")] = None
+    aperture: Annotated[float, Doc("Metres; instead of f_number.")] | None = None
+    focus_distance: Annotated[float, Doc("Depth of the plane in focus, m.")] | None = None
+    max_blur: Annotated[float, Doc("Largest blur circle, px.")] = 1.0
+    focus_range: Annotated[
+        tuple[float, float] | None, Doc("[near, far] depths in focus, m; instead of an aperture.")
+    ] = None
+    skew: Annotated[float, Doc("Pixels: u = fx x + skew y + cx.")] = 0.0
+    model: Annotated[str, Doc("Model of the lens.")] = "pinhole"
+    distortion: Annotated[tuple[float, ...], Doc("Coefficients of the model, in its order.")] = ()
+    max_angle_deg: Annotated[
+        float | None, Doc("Largest angle from the axis at which the lens is trusted, deg.")
+    ] = None
+
+    def __post_init__(self) -> None:
+        for name in ("width", "height"):
+            object.__setattr__(self, name, image_side(name, getattr(self, name)))
+        for name, centre in (("cx", self.width / 2), ("cy", self.height / 2)):
+            value = getattr(self, name)
+            object.__setattr__(
+                self, name, centre if value is None else principal_point_px(name, value)
+            )
+        for name in ("fx", "fy"):
+            object.__setattr__(self, name, focal_length_px(name, getattr(self, name)))
+        object.__setattr__(self, "max_blur", positive("max_blur", self.max_blur))
+        near = number("near", self.near)
+        if not 0 <= near <= LARGEST_COORDINATE:
+            raise CameraError(
+                f"near must be 0 or more metres, at most {LARGEST_COORDINATE:g}, got {near:g}"
+            )
+        object.__setattr__(self, "near", near)
+        object.__setattr__(self, "skew", number("skew", self.skew))
+        model, coefficients = checked_model(self.model, self.distortion)
+        object.__setattr__(self, "model", model)
+        object.__setattr__(self, "distortion", coefficients)
+        if self.max_angle_deg is not None:
+            angle = number("max_angle_deg", self.max_angle_deg)
+            if not 0 < angle <= 180:
+                raise CameraError(f"max_angle_deg must be above 0 and at most 180, got {angle:g}")
+            object.__setattr__(self, "max_angle_deg", angle)
+        self._check_lens()
+
+    def _check_lens(self) -> None:
+        for name in ("focal_length", "aperture", "focus_distance"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, positive(name, getattr(self, name)))
+        if self.pixel_size is not None:
+            object.__setattr__(self, "pixel_size", pair("pixel_size", self.pixel_size))
+        if (self.aperture is None) != (self.focus_distance is None):
+            raise CameraError("aperture and focus_distance come together: give both or neither")
+        if self.aperture is not None and (self.focal_length is None or self.pixel_size is None):
+            raise CameraError("aperture needs focal_length and pixel_size: see Camera.from_lens")
+        if self.aperture is not None and not MODELS[self.model].is_planar:
+            raise CameraError(
+                f"a lens of model {self.model} has no plane in focus; give focus_range, in metres "
+                "from the camera, instead of an aperture"
+            )
+        if self.aperture is not None and any(self.distortion[12:]):
+            raise CameraError(
+                "the plane in focus of a tilted sensor is tilted; give focus_range instead of an "
+                "aperture"
+            )
+        if (self.focus_distance or np.inf) <= (self.focal_length or 0):
+            raise CameraError(
+                f"focus_distance must exceed focal_length {self.focal_length:g} m, "
+                f"got {self.focus_distance:g} m"
+            )
+        if self.focus_range is not None:
+            if self.aperture is not None:
+                raise CameraError("give focus_range or aperture, not both")
+            first, second = two("focus_range", self.focus_range)
+            z_n = number("focus_range", first)
+            z_f = math.inf if is_inf(second) else number("focus_range", second)
+            if not 0 <= z_n < z_f:
+                raise CameraError(f"focus_range must satisfy 0 <= near < far, got [{z_n}, {z_f}]")
+            object.__setattr__(self, "focus_range", (z_n, z_f))
+
+    @classmethod
+    def from_lens(
+        cls,
+        *,
+        width: int,
+        height: int,
+        focal_length: float,
+        pixel_size: float | tuple[float, float],
+        principal_point: tuple[float, float] | None = None,
+        f_number: float | None = None,
+        aperture: float | None = None,
+        **others: Any,
+    ) -> "Camera":
+        """Camera from a lens and a sensor in metres: fx = f/s_u, fy = f/s_v, as (3.5) intends.
+
+        Parameters
+        ----------
+        width, height : int
+            Image size in pixels.
+        focal_length : float
+            f, metres.
+        pixel_size : float or (float, float)
+            s_u, s_v, metres; one number for square pixels.
+        principal_point : (float, float), optional
+            R_u, R_v in metres from the top-left corner of the sensor; its centre unless given.
+            Excludes `cx` and `cy`.
+        f_number : float, optional
+            N, for an aperture of f/N; excludes `aperture`.
+        aperture : float, optional
+            Diameter A, metres.
+        **others
+            All others of `Camera`.
+        """
+        f = positive("focal_length", focal_length)
+        s_u, s_v = pair("pixel_size", pixel_size)
+        if f_number is not None:
+            if aperture is not None:
+                raise CameraError("give f_number or aperture, not both")
+            aperture = f / positive("f_number", f_number)
+        if principal_point is not None:
+            if others.get("cx") is not None or others.get("cy") is not None:
+                raise CameraError("give principal_point or cx and cy, not both")
+            r_u, r_v = two("principal_point", principal_point)
+            others |= {
+                "cx": number("principal_point", r_u) / s_u,
+                "cy": number("principal_point", r_v) / s_v,
+            }
+        return cls(
+            width=width,
+            height=height,
+            fx=f / s_u,
+            fy=f / s_v,
+            focal_length=f,
+            pixel_size=(s_u, s_v),
+            aperture=aperture,
+            **others,
+        )
+
+    @classmethod
+    def from_opencv(
+        cls,
+        K: ArrayLike,
+        width: int,
+        height: int,
+        distortion: Sequence[float] = (),
+        *,
+        fisheye: bool = False,
+        **others: Any,
+    ) -> "Camera":
+        """Camera from an OpenCV calibration, which counts pixels from their centres.
+
+        Parameters
+        ----------
+        K : (3, 3) array_like
+            OpenCV's camera matrix; half a pixel is added to its principal point.
+        width, height : int
+            Image size in pixels.
+        distortion : sequence of float, optional
+            OpenCV's `distCoeffs`: 4, 5, 8, 12 or 14 numbers, or none.
+        fisheye : bool
+            The calibration is of `cv2.fisheye`; `distortion` is its D, of 4 numbers.
+        **others
+            Further arguments of `Camera`.
+        """
+        k = checked_array("K", K, "iuf", "real numbers and must have shape (3, 3)", CameraError)
+        if k.shape != (3, 3):
+            raise CameraError(f"K must have shape (3, 3), got {k.shape}")
+        if k[1, 0] != 0 or not np.array_equal(k[2], (0, 0, 1)):
+            raise CameraError("K must be [[fx, skew, cx], [0, fy, cy], [0, 0, 1]]")
+        coefficients = coefficients_of(distortion)
+        return cls(
+            width=width,
+            height=height,
+            fx=float(k[0, 0]),
+            fy=float(k[1, 1]),
+            cx=float(k[0, 2]) + 0.5,
+            cy=float(k[1, 2]) + 0.5,
+            skew=float(k[0, 1]),
+            model="opencv_fisheye" if fisheye else "opencv" if coefficients else "pinhole",
+            distortion=coefficients,
+            **others,
+        )
+
+    @classmethod
+    def preset(cls, name: str) -> "Camera":
+        """Camera by name: the ones the thesis used; see `camera_file.PRESETS`."""
+        return cls.from_dict({"preset": name})
+
+    @classmethod
+    def load(cls, path: StrPath) -> "Camera":
+        """Camera from a JSON or TOML file with the names of the constructor or of `from_lens`.
+
+        `preset = "khepra"` starts from a preset; other entries change it.
+        """
+        with naming(path):
+            return cls.from_dict(read_entries(path))
+
+    @classmethod
+    def from_dict(cls, entries: Mapping[str, Any]) -> "Camera":
+        """Camera from a mapping, as `load` reads it."""
+        arguments = arguments_of(entries, [field.name for field in fields(cls)])
+        return cls(**arguments) if "fx" in arguments else cls.from_lens(**arguments)
+
+    def save(self, path: StrPath) -> None:
+        """Write the camera as a `.json` file that `load` reads back to an equal camera."""
+        write_entries(path, self.plain())
+
+    def with_optics(self, entries: Mapping[str, Any]) -> "Camera":
+        """Camera with depth of field and near limit of the entries of a camera file, `OPTICS`."""
+        check_optics(entries)
+        return Camera.from_dict(self.plain() | dict(entries)) if entries else self
+
+    def plain(self) -> dict[str, Any]:
+        """Arguments of the constructor that are set, ready for JSON; `model` unless a pinhole."""
+        fields = {k: v for k, v in asdict(self).items() if v not in (None, ())}
+        if self.model == "pinhole":
+            del fields["model"]
+        return fields
+
+    @property
+    def is_pinhole(self) -> bool:
+        """True where the lens is all in fx, fy, cx and cy."""
+        return self.model == "pinhole" and self.skew == 0 and self.max_angle_deg is None
+
+    def check_pinhole(self, what: str = "", instead: str = "") -> None:
+        """Raise `CameraError` for a lens that is no pinhole, where only these can be used.
+
+        Parameters
+        ----------
+        what : str
+            What wants a pinhole, and why, in words.
+        instead : str
+            What to do; the images are to be undistorted unless given.
+        """
+        if not self.is_pinhole:
+            lens = f"a lens of model {self.model}{', with skew' if self.skew else ''}"
+            remedy = instead or "undistort the images, and give the undistorted K"
+            if what:
+                raise CameraError(f"{what}, got {lens}; {remedy}")
+            raise CameraError(f"{lens} is not supported here yet; {remedy}")
+
+    @property
+    def K(self) -> NDArray[np.float64]:  # noqa: N802 - the field's name for it
+        """Intrinsic matrix, (3, 3): (3.5) with f/s_u and f/s_v on the diagonal."""
+        return np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1]], dtype=np.float64)
+
+    @property
+    def opencv_K(self) -> NDArray[np.float64]:  # noqa: N802 - the same
+        """Intrinsic matrix as OpenCV wants it, counted from pixel centres."""
+        return self.K - [[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]]
+
+    @property
+    def hfov(self) -> float:
+        """Horizontal field of view, radians, without distortion."""
+        return math.atan(self.cx / self.fx) + math.atan((self.width - self.cx) / self.fx)
+
+    @property
+    def vfov(self) -> float:
+        """Vertical field of view, radians, without distortion."""
+        return math.atan(self.cy / self.fy) + math.atan((self.height - self.cy) / self.fy)
+
+    def resized(self, scale: float) -> "Camera":
+        """Camera with the same view and `scale` times the pixels a side (rounded, at least 1)."""
+        factor = positive("scale", scale)
+        # A side beyond the limit is refused below; cut to twice that, it is still a number.
+        width, height = (
+            max(1, round(min(side * factor, 2.0 * MAX_IMAGE_SIDE)))
+            for side in (self.width, self.height)
+        )
+        across, down = width / self.width, height / self.height
+        sizes = self.pixel_size and (self.pixel_size[0] / across, self.pixel_size[1] / down)
+        return replace(
+            self,
+            width=width,
+            height=height,
+            fx=self.fx * across,
+            fy=self.fy * down,
+            cx=self.cx * across,
+            cy=self.cy * down,
+            skew=self.skew * across,
+            pixel_size=sizes,
+            max_blur=self.max_blur * min(across, down),
+        )
+
+    def depth_of_field(self, max_blur: float | None = None) -> tuple[float, float]:
+        """Depths between which the blur circle stays within `max_blur`, (3.10) and (3.11).
+
+        z_n = A f z_s / (A f + b (z_s - f)) and z_f = A f z_s / (A f - b (z_s - f)), where the blur
+        limit c is in pixels, so that b = c min(s_u, s_v). Beyond the hyperfocal distance, where the
+        second denominator is not positive, z_f is infinite.
+
+        Parameters
+        ----------
+        max_blur : float, optional
+            c in pixels; the camera's own unless given.
+
+        Returns
+        -------
+        (float, float)
+            z_n and z_f in metres; (0, inf) for a camera without aperture or focus range.
+        """
+        if self.focus_range is not None:
+            return self.focus_range
+        if self.aperture is None or self.focus_distance is None:
+            return 0.0, math.inf
+        assert self.focal_length is not None
+        assert self.pixel_size is not None
+        c = self.max_blur if max_blur is None else positive("max_blur", max_blur)
+        # Divided through by A f, so that no small lens makes 0 / 0.
+        blur = c * min(self.pixel_size) / self.aperture
+        blur *= (self.focus_distance - self.focal_length) / self.focal_length
+        z_n = self.focus_distance / (1 + blur)
+        z_f = self.focus_distance / (1 - blur) if blur < 1 else math.inf
+        return z_n, z_f

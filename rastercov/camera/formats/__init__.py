@@ -1,0 +1,365 @@
+"""Camera and pose files of other programs, in and out: docs/camera_files.md.
+
+A format is a module with a function that makes `Views` of a file through a `Border`, where its
+axes, direction, pixel centre and unit become ours. Formats are recognised by content, and by name
+where the content says nothing. Nothing is guessed: a file that leaves a convention open is refused
+with the option that answers.
+"""
+
+import io
+import json
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rastercov.base.arguments import check_choice, check_kind, flag
+from rastercov.base.checks import shown
+from rastercov.base.errors import CameraError, ConfigError, PoseError, RastercovError
+from rastercov.base.files import StrPath, UnreadableError, one_line, printable
+from rastercov.base.format import plural
+from rastercov.base.output import json_bytes, write_bytes
+from rastercov.camera.formats import (
+    bundler,
+    colmap,
+    colmap_files,
+    gltf,
+    kalibr,
+    metashape,
+    mvsnet,
+    opencv,
+    opensfm,
+    own,
+    ros,
+    transforms,
+)
+from rastercov.camera.formats.conventions import POSE_CONVENTIONS, Border, Conventions
+from rastercov.camera.formats.equivalents import lost
+from rastercov.camera.formats.source import Source
+from rastercov.camera.pose_file import read_poses
+from rastercov.camera.rig import Rig
+from rastercov.camera.views import Views
+
+__all__ = ["POSE_CONVENTIONS", "READERS", "WRITERS", "Conventions", "read_views", "write_views"]
+
+Reader = Callable[[Source, Border], Views]
+
+
+def _own(source: Source, border: Border) -> Views:
+    if source.path.suffix.lower() == ".npy":
+        return own.of_matrices(read_poses(source.path), border)
+    is_toml = source.path.suffix.lower() == ".toml"
+    content = source.toml if is_toml else source.json
+    if isinstance(content, Mapping) and "file" in content:
+        return _with_optics(source.path.parent, content, border)
+    return own.read(content, border)
+
+
+def _with_optics(folder: Path, content: Mapping[str, Any], border: Border) -> Views:
+    """Views of the file that our own names, whose camera has the optics beside it."""
+    file, others = content["file"], {k: v for k, v in content.items() if k != "file"}
+    if not isinstance(file, str) or Path(file).suffix.lower() == ".toml":
+        raise CameraError(f"file must name a file of another program, got {shown(file)}")
+    views = read_through(folder / file, border)
+    cameras = [camera.with_optics(others) for camera in views.cameras()]
+    assert views.rig is not None
+    rig = Rig(cameras, views.rig.names, views.rig.rig_from_camera)
+    return replace(views, rig=rig)
+
+
+def _mvsnet(source: Source, border: Border) -> Views:
+    files = [source.path]
+    if source.path.is_dir():
+        files = mvsnet.files_of(source.path) or mvsnet.files_of(source.path / "cams")
+    if not files:
+        raise CameraError(f"files {mvsnet.PATTERN} wanted, got a folder without any")
+    return mvsnet.read([Source(path) for path in files], border)
+
+
+READERS: Mapping[str, Reader] = {
+    "rastercov": _own,
+    "colmap": lambda source, border: colmap.read(source.path, border),
+    "nerfstudio": transforms.read,
+    "opencv": opencv.read_source,
+    "ros": lambda source, border: ros.read(source.yaml, border),
+    "kalibr": lambda source, border: kalibr.read(source.yaml, border),
+    "metashape": lambda source, border: metashape.read(source.xml, border),
+    "opensfm": lambda source, border: opensfm.read(source.json, border),
+    "bundler": lambda source, border: bundler.read_bundler(source.text, border),
+    "bal": lambda source, border: bundler.read_bal(source.text, border),
+    "gltf": gltf.read,
+    "mvsnet": _mvsnet,
+}
+"""Readers by the name of the format."""
+WRITERS = ("rastercov", "colmap", "colmap-text", "nerfstudio", "opencv", "ros", "gltf")
+"""Formats that are written."""
+IN_METRES = ("rastercov", "gltf")
+"""Formats whose lengths are metres; the others have no unit."""
+OF_ONE_CAMERA = ("opencv", "ros")
+"""Formats that hold one camera and no pose."""
+PARTS_OF_COLMAP = ("images", "rigs", "frames", "points3D")
+"""Files of a model beside its cameras; the whole model is read where one is named."""
+IN_FOLDERS = {"transforms.json": "nerfstudio", "reconstruction.json": "opensfm"}
+"""Files by which a folder of a project is recognised."""
+
+
+def read_views(
+    path: StrPath, *, format: str | None = None, conventions: Conventions | None = None
+) -> Views:
+    """Cameras and poses of a file of this or another program.
+
+    Parameters
+    ----------
+    path : str or Path
+        A file, or the folder of a COLMAP model or of MVSNet cameras.
+    format : str, optional
+        One of `READERS`; by the content unless given.
+    conventions : Conventions, optional
+        Answers to what the file leaves open.
+
+    Returns
+    -------
+    Views
+        In our conventions: axes x right, y down, z forward, world_from_camera, centre of the
+        top-left pixel at (0.5, 0.5), metres if the unit is known (`has_unit`).
+
+    Raises
+    ------
+    CameraError, PoseError
+        For a file that is not read, and for one that leaves open what `conventions` do not answer.
+    ConfigError
+        For a format that does not exist.
+    """
+    given = Conventions() if conventions is None else conventions
+    check_kind("conventions", given, Conventions, "Conventions, or None", ConfigError)
+    border = Border(given)
+    views = read_through(path, border, format)
+    return replace(views, notes=(*views.notes, *border.unused()))
+
+
+def read_through(path: StrPath, border: Border, format: str | None = None) -> Views:
+    """Views of a file as `read_views` reads it, with answers that other files may share."""
+    place = _path(path)
+    if format is not None:
+        check_choice("format", format, tuple(READERS))
+    name = printable(str(path))
+    try:
+        place, found = _recognised(place, format)
+        # What overflows is not finite, and is refused by a line of its own, not by numpy's warning.
+        with np.errstate(all="ignore"):
+            return READERS[found](Source(place), border)
+    except PoseError as error:
+        prefix = "" if str(error).startswith(name) else f"{name}: "
+        raise PoseError(f"{prefix}{error}", error.pose_ids) from None
+    except RastercovError as error:
+        raise type(error)(f"{name}: {error}") from None
+    except (UnreadableError, OSError) as error:
+        raise CameraError(f"{name}: {one_line(error)}") from None
+
+
+def _path(path: StrPath) -> Path:
+    if not isinstance(path, str | os.PathLike) or isinstance(os.fspath(path), bytes):
+        raise CameraError(f"a path wanted, got {type(path).__name__}; pass a string or a Path")
+    return Path(path)
+
+
+def _recognised(path: Path, format: str | None) -> tuple[Path, str]:
+    """The file or folder to read, and its format."""
+    if path.is_dir():
+        return _of_folder(path, format)
+    stem, suffix = path.stem, path.suffix.lower()
+    if suffix in (".bin", ".txt") and stem in PARTS_OF_COLMAP and format in (None, "colmap"):
+        return path.parent, "colmap"
+    if format is not None:
+        return path, format
+    if suffix in (".npy", ".toml"):
+        return path, "rastercov"
+    if suffix in (".glb", ".gltf"):
+        return path, "gltf"
+    if stem == "cameras" and suffix in (".bin", ".txt"):
+        return path, "colmap"
+    return path, _of_content(Source(path))
+
+
+def _of_folder(path: Path, format: str | None) -> tuple[Path, str]:
+    if format in (None, "colmap") and colmap.model_folder(path) is not None:
+        return path, "colmap"
+    for name, its in IN_FOLDERS.items():
+        if format in (None, its) and (path / name).is_file():
+            return path / name, its
+    if format is None and not (mvsnet.files_of(path) or mvsnet.files_of(path / "cams")):
+        raise CameraError(
+            f"a COLMAP model, {', '.join(IN_FOLDERS)}, or {mvsnet.PATTERN} of MVSNet wanted, got a "
+            "folder without any; name the file itself"
+        )
+    if format in (None, "mvsnet"):
+        return path, "mvsnet"
+    return path, format or ""
+
+
+def _of_content(source: Source) -> str:
+    start = source.data[:4000].removeprefix(b"\xef\xbb\xbf").lstrip()
+    if source.is_xml:
+        return "metashape" if metashape.is_mine(source.xml) else "opencv"
+    if source.path.suffix.lower() == ".json" or start.startswith(b"{"):
+        return _of_json(source.json)
+    if source.path.suffix.lower() in (".yaml", ".yml") or start.startswith((b"%YAML", b"---")):
+        return _of_yaml(source.yaml)
+    if start.startswith(bundler.HEADER.encode()):
+        return "bundler"
+    if mvsnet.is_mine(source.text):
+        return "mvsnet"
+    if bundler.is_bal(source.text):
+        return "bal"
+    raise CameraError(
+        "the format is not recognised: a camera file, or one of "
+        f"{', '.join(READERS)}, wanted; name it by --from if it is one of them"
+    )
+
+
+def _of_json(content: Any) -> str:
+    for name, module in (
+        ("nerfstudio", transforms),
+        ("opensfm", opensfm),
+        ("gltf", gltf),
+        ("ros", ros),
+        ("opencv", opencv),
+        ("rastercov", own),
+    ):
+        if module.is_mine(content):
+            return name
+    # Plain lists of numbers, as a script may have left them; else a camera with a slip in it.
+    has_lists = isinstance(content, dict) and any(isinstance(v, list) for v in content.values())
+    return "opencv" if has_lists else "rastercov"
+
+
+def _of_yaml(content: Any) -> str:
+    if kalibr.is_mine(content):
+        return "kalibr"
+    return "ros" if ros.is_mine(content) else "opencv"
+
+
+def format_of(path: StrPath) -> str:
+    """Format that a file to be written has by its name; ConfigError where the name says nothing."""
+    place = Path(path)
+    suffix = place.suffix.lower()
+    if suffix == ".json":
+        return "nerfstudio" if place.stem.startswith("transforms") else "rastercov"
+    by_suffix = {
+        ".npy": "rastercov",
+        ".toml": "rastercov",
+        ".glb": "gltf",
+        ".yaml": "opencv",
+        ".yml": "opencv",
+    }
+    if suffix in by_suffix:
+        return by_suffix[suffix]
+    if not suffix or place.is_dir():
+        return "colmap"
+    raise ConfigError(
+        f"{printable(str(path))}: a name that ends in .json, .toml, .npy, .glb or .yaml, or a "
+        "folder for COLMAP, wanted; name the format by --to"
+    )
+
+
+def write_views(
+    path: StrPath, views: Views, *, format: str | None = None, overwrite: bool = False
+) -> list[str]:
+    """Write cameras and poses in our format or that of another program.
+
+    Parameters
+    ----------
+    path : str or Path
+        File to write, or the folder of a COLMAP model.
+    views : Views
+        What to write.
+    format : str, optional
+        One of `WRITERS`; by the name unless given.
+    overwrite : bool
+        Replace what is there.
+
+    Returns
+    -------
+    list of str
+        What the format does not keep, a line each.
+
+    Raises
+    ------
+    CameraError
+        For a lens that the format has no model for, and several cameras where it has one.
+    ConfigError
+        For a file that is there already, poses without a unit for a format that is in metres, and
+        a format that does not exist.
+    """
+    place = _path(path)
+    check_kind("views", views, Views, "Views (read_views reads a file)", CameraError)
+    overwrite = flag("overwrite", overwrite)
+    target = format_of(place) if format is None else format
+    name = printable(str(path))
+    check_choice("format", target, WRITERS)
+    if target in IN_METRES and not views.has_unit:
+        raise ConfigError(f"{name} is in metres, and the poses have no unit; give --pose-unit")
+    try:
+        contents, notes = _contents(place, views, target)
+        if len(contents) > 1 or target.startswith("colmap"):
+            colmap_files.write(place, contents, overwrite=overwrite)
+        elif place.exists() and not overwrite:
+            raise ConfigError("it is there already; give another name, or --overwrite")
+        else:
+            write_bytes(place, contents[""])
+    except RastercovError as error:
+        prefix = "" if str(error).startswith(name) else f"{name}: "
+        raise type(error)(f"{prefix}{error}") from None
+    except (OSError, ValueError) as error:  # ValueError: a zero byte in the path
+        reason = getattr(error, "strerror", None) or one_line(error)
+        raise ConfigError(f"{name}: cannot be written ({reason})") from None
+    return notes
+
+
+def _contents(path: Path, views: Views, target: str) -> tuple[dict[str, bytes], list[str]]:
+    """Bytes of each file by its name, "" for the only one, and what is lost."""
+    notes: list[str] = []
+    n_poses = len(views.poses)
+    if target == "rastercov" and path.suffix.lower() == ".npy":
+        if views.rig is not None or views.camera_names:
+            notes.append(".npy holds poses alone: cameras and names of images are left out")
+        buffer = io.BytesIO()
+        np.save(buffer, views.poses.world_from_camera)
+        return {"": buffer.getvalue()}, notes
+    if target == "rastercov" and path.suffix.lower() == ".toml":
+        if n_poses:
+            notes.append(f"left out: {plural(n_poses, 'pose')}: a .toml file holds one camera")
+        return {"": own.toml_of(views.camera()).encode()}, notes
+    if target == "rastercov":
+        # Not `json_bytes`, which has no infinity: a camera may be in focus as far as that.
+        return {"": (json.dumps(own.content_of(views), indent=1) + "\n").encode()}, notes
+    its = views.rig
+    if its is None:
+        raise CameraError(
+            "cameras wanted, got poses alone; put both into a .json file of ours, or write one"
+        )
+    rig = its.cameras
+    for camera, name in zip(rig, its.names, strict=True):
+        if fields := lost(camera):
+            notes.append(f"{name}: left out: {', '.join(fields)}")
+    if target in OF_ONE_CAMERA:
+        if n_poses:
+            notes.append(f"left out: {plural(n_poses, 'pose')}, which the format does not hold")
+        module = opencv if target == "opencv" else ros
+        return {"": module.text_of(views).encode()}, notes
+    if views.frames and target in ("nerfstudio", "gltf"):
+        notes.append("frames are left out: which images were taken at the same instant")
+    if views.has_unit and n_poses and target not in IN_METRES:
+        notes.append("lengths are metres, which the format does not say")
+    if target == "gltf":
+        from rastercov.camera.formats import frusta  # loads the equations of lenses
+
+        for camera, name in zip(rig, its.names, strict=True):
+            notes.append(f"{name}: left out: {', '.join(frusta.lost(camera))}")
+        return {"": frusta.glb_of(views)}, notes
+    if target == "nerfstudio":
+        return {"": json_bytes(transforms.content_of(views), indent=1) + b"\n"}, notes
+    return colmap_files.contents_of(views, as_text=target == "colmap-text", notes=notes), notes

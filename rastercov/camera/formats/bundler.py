@@ -1,0 +1,186 @@
+"""Bundler's bundle.out, and the problems of Bundle Adjustment in the Large (BAL).
+
+Both have the same camera: looking along -z with y up, camera_from_world, a focal length, two radial
+coefficients, and pixels from the middle of the image, whose size they do not have; nor a unit.
+
+Sources: N. Snavely. Bundler v0.4 User's Manual. 2010. S. Agarwal et al. Bundle Adjustment in the
+Large. 2010.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov.base.checks import shown
+from rastercov.base.errors import CameraError
+from rastercov.base.format import plural
+from rastercov.camera.camera import Camera
+from rastercov.camera.formats.conventions import OPENGL_AXES, Border, inverse_of
+from rastercov.camera.formats.equivalents import brown
+from rastercov.camera.formats.rotations import from_vectors, motions
+from rastercov.camera.views import Views
+
+FloatArray = NDArray[np.float64]
+
+HEADER = "# Bundle file"
+MOST_COMPARED = 20_000
+"""Points and observations of a problem of BAL that are compared with its cameras."""
+FEWEST_COMPARED = 8
+CLEARLY_LESS = 0.5
+"""Share of one error that another is below where a file decides between two readings."""
+
+
+def is_bal(text: str) -> bool:
+    """True for text that begins with three counts and an observation."""
+    words = text[:400].split(maxsplit=7)
+    return len(words) > 6 and all(word.isdecimal() for word in words[:5])
+
+
+def read_bundler(text: str, border: Border) -> Views:
+    """Cameras and poses of a bundle.out; cameras with focal length 0 were not found."""
+    lines = text.split("\n", 1)
+    words = (lines[1] if lines[1:] else "").split(maxsplit=2)
+    n_cameras, n_points = _counts(words[:2], "cameras and points")
+    rest = words[2] if words[2:] else ""
+    values = _numbers(rest, n_cameras, 15)
+    n_lines = sum(bool(line.strip()) for line in rest.split("\n"))
+    if n_lines != (wanted := 5 * n_cameras + 3 * n_points):
+        border.note(
+            f"{n_cameras} cameras and {n_points} points have {wanted} lines, {n_lines} are there; "
+            "cameras may be missing"
+        )
+    is_found = values[:, 0] != 0
+    if not is_found.any():
+        raise CameraError("cameras with a focal length wanted, got none")
+    if not is_found.all():
+        border.note(
+            f"{plural((~is_found).sum(), 'image')} without a camera left out: their "
+            f"focal length is 0"
+        )
+    rows = np.flatnonzero(is_found)
+    poses = motions(values[rows, 3:12].reshape(-1, 3, 3), values[rows, 12:15])
+    return _views(values[rows, :3], poses, [f"image {row}" for row in rows], border)
+
+
+def read_bal(text: str, border: Border) -> Views:
+    """Cameras and poses of a problem of BAL.
+
+    The documented radii are in units of the focal length; the observations of a file show where
+    its coefficients are of radii in pixels, see `_by_focal_length`.
+    """
+    words = text.split(maxsplit=3)
+    n_cameras, n_points, n_observations = _counts(words[:3], "cameras, points and observations")
+    rest = words[3] if words[3:] else ""
+    lines = rest.split("\n", n_observations)
+    if len(lines) <= n_observations:
+        raise CameraError(
+            f"{n_observations} lines of observations wanted, got {len(lines) - 1}; the file is "
+            "truncated or broken"
+        )
+    values = _numbers(lines[-1], n_cameras, 9)
+    poses = from_vectors(values[:, :3], values[:, 3:6])
+    numbers = lines[-1].split(maxsplit=values.size + 3 * MOST_COMPARED)[values.size :]
+    points = _matrix([numbers[: 3 * min(n_points, MOST_COMPARED)]], 1).reshape(-1)
+    observations = _matrix([line.split() for line in lines[:-1][:MOST_COMPARED]], 4)
+    lenses = values[:, 6:9]
+    if len(points) % 3 == 0:
+        lenses = _by_focal_length(lenses, poses, points.reshape(-1, 3), observations, border)
+    return _views(lenses, poses, [f"image {row}" for row in range(n_cameras)], border)
+
+
+def _matrix(rows: list[list[str]], columns: int) -> FloatArray:
+    """(N, columns) float64, or all in one row; (0, columns) where a word is no number."""
+    try:
+        found = np.array(rows, dtype=np.float64)
+    except ValueError:
+        found = np.empty((0, columns))
+    return found if columns == 1 or found.shape[1:] == (columns,) else np.empty((0, columns))
+
+
+def _by_focal_length(
+    lenses: FloatArray,
+    camera_from_world: FloatArray,
+    points: FloatArray,
+    observations: FloatArray,
+    border: Border,
+) -> FloatArray:
+    """f, k1 and k2 of cameras, (N, 3), of radii in units of the focal length.
+
+    A published problem, dubrovnik-3-7-pre.txt, has k1 and k2 of radii in pixels, whatever the
+    formula of its page: with it, observations near the border are missed by tens of pixels. So both
+    readings project the points, and that of pixels is taken where it meets the observations
+    (camera, point, u, v) clearly better.
+    """
+    which = np.nan_to_num(observations[:, :2], nan=-1).clip(-1, 2**31 - 1).astype(np.int64)
+    exists = ((which >= 0) & (which < [len(lenses), len(points)])).all(axis=1)
+    (row, point), seen = which[exists].T, observations[exists, 2:]
+    f, k1, k2 = lenses[row].T
+    with np.errstate(all="ignore"):
+        motion = camera_from_world[row]
+        inside = np.einsum("nij,nj->ni", motion[:, :3, :3], points[point]) + motion[:, :3, 3]
+        p = -inside[:, :2] / inside[:, 2:]
+        errors = []
+        for scale in (np.ones_like(f), f):
+            r2 = (p * p).sum(axis=1) * scale**2
+            found = (f * (1 + k1 * r2 + k2 * r2 * r2))[:, None] * p
+            error = np.linalg.norm(found - seen, axis=1)[inside[:, 2] < 0]
+            errors.append(float(np.median(error)) if len(error) >= FEWEST_COMPARED else np.nan)
+    documented, in_pixels = errors
+    if not in_pixels < CLEARLY_LESS * documented:
+        return lenses
+    border.note(
+        f"k1 and k2 are taken for radii in pixels: half of the observations are met to "
+        f"{in_pixels:.2g} px, and to {documented:.2g} px by the documented formula"
+    )
+    return lenses * np.column_stack([lenses[:, 0] ** power for power in (0, 2, 4)])
+
+
+def _counts(words: list[str], what: str) -> list[int]:
+    if not words or not all(word.isdecimal() and len(word) < 10 for word in words):
+        raise CameraError(f"the numbers of {what} wanted, got {shown(' '.join(words))}")
+    return [int(word) for word in words] if len(words) > 1 else [int(words[0]), 0]
+
+
+def _numbers(text: str, n_cameras: int, per_camera: int) -> FloatArray:
+    """(n_cameras, per_camera) of the words of a text."""
+    wanted = n_cameras * per_camera
+    if n_cameras < 1 or 2 * wanted - 1 > len(text):
+        raise CameraError(
+            f"{n_cameras} cameras wanted, got numbers for fewer; the file is truncated or broken"
+        )
+    words = text.split(maxsplit=wanted)[:wanted]
+    try:
+        if any("_" in word for word in words):
+            raise ValueError
+        found = np.array(words, dtype=np.float64)
+    except ValueError:
+        raise CameraError(
+            "numbers of cameras wanted, got a word that is none; correct the file"
+        ) from None
+    if len(found) < wanted or not np.isfinite(found).all():
+        raise CameraError(
+            f"{wanted} finite numbers of {n_cameras} cameras wanted, got "
+            f"{np.isfinite(found).sum()}; the file is truncated or broken"
+        )
+    return found.reshape(n_cameras, per_camera)
+
+
+def _views(lenses: FloatArray, poses: FloatArray, images: list[str], border: Border) -> Views:
+    """Views of f k1 k2 and camera_from_world with OpenGL axes."""
+    width, height = border.image_size()
+    cameras: dict[Camera, int] = {}
+    index = []
+    for row, (f, k1, k2) in enumerate(lenses.tolist()):
+        model, coefficients = brown((k1, k2, *[0.0] * 12))
+        try:
+            camera = Camera(
+                width=width, height=height, fx=f, fy=f, model=model, distortion=coefficients
+            )
+        except CameraError as error:
+            raise CameraError(f"{images[row]}: {error}") from None
+        index.append(cameras.setdefault(camera, len(cameras)))
+    return border.views(
+        list(cameras),
+        world_from_camera=inverse_of(poses) @ OPENGL_AXES,
+        camera=index,
+        images=images,
+    )

@@ -1,0 +1,315 @@
+"""Conventions that a file leaves open, and the border where a file's values become ours.
+
+A reader hands over what the file has. `Border` turns axes, direction, pixel centre and unit of it
+into those of this package, once; where the file does not say, it asks for the option that answers,
+and refuses without it.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rastercov.base.arguments import check_choice, flag
+from rastercov.base.checks import finite_number, image_side, shown, two
+from rastercov.base.errors import CameraError, ConfigError, PoseError
+from rastercov.base.files import printable
+from rastercov.base.names import UnknownNames
+from rastercov.camera.camera import Camera
+from rastercov.camera.pose import DRIFT_TOLERANCE, Poses, inverse
+from rastercov.camera.rig import Rig
+from rastercov.camera.views import Views
+from rastercov.mesh.formats import METRES
+
+FloatArray = NDArray[np.float64]
+
+POSE_CONVENTIONS = {
+    "opencv": (False, False),
+    "opengl": (True, False),
+    "camera-from-world": (False, True),
+    "opengl-camera-from-world": (True, True),
+}
+"""Conventions of bare matrices: camera axes of OpenGL (y up, looking along -z), and whether the
+matrix is camera_from_world. "opencv" is ours."""
+LENS_MODELS = ("brown", "fisheye")
+OPENGL_AXES = np.diag([1.0, -1.0, -1.0, 1.0])
+"""OpenGL camera axes (x right, y up, z backward) from ours, and the reverse."""
+DRIFT_OF_FILES = 1e-3
+"""A rotation of a file further than this from orthonormal is refused: a file in float32 or with
+six digits is within 1e-5."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Conventions:
+    """Answers to what a file of cameras or poses may leave open; each is None unless given.
+
+    Parameters
+    ----------
+    pixel_centre : float, optional
+        Coordinate of the centre of the top-left pixel in the file: 0 or 0.5.
+    lens_model : str, optional
+        "brown" or "fisheye", for four coefficients of OpenCV.
+    pose_unit : str or float, optional
+        Unit of lengths in the file: "m", "mm", ..., or metres per unit.
+    image_size : (int, int), optional
+        Width and height, px.
+    pose_convention : str, optional
+        Convention of bare matrices, one of `POSE_CONVENTIONS`; "opencv" unless given.
+    original_world : bool
+        Undo `applied_transform` of a transforms.json, so that poses are in the world of the
+        program that it was made from.
+    skip_bad_poses : bool
+        Leave out poses that are no rigid motion.
+
+    Raises
+    ------
+    ConfigError
+        For a value that is no answer.
+    """
+
+    pixel_centre: float | None = None
+    lens_model: str | None = None
+    pose_unit: str | float | None = None
+    image_size: tuple[int, int] | None = None
+    pose_convention: str | None = None
+    original_world: bool = False
+    skip_bad_poses: bool = False
+
+    def __post_init__(self) -> None:
+        if self.pixel_centre is not None and finite_number(self.pixel_centre) not in (0, 0.5):
+            raise ConfigError(f"pixel centre must be 0 or 0.5, got {shown(self.pixel_centre)}")
+        if self.lens_model is not None:
+            check_choice("lens model", self.lens_model, LENS_MODELS)
+        if self.pose_convention is not None:
+            check_choice("pose convention", self.pose_convention, tuple(POSE_CONVENTIONS))
+        if self.pose_unit is not None:
+            metres_per(self.pose_unit)
+        for name in ("original_world", "skip_bad_poses"):
+            object.__setattr__(self, name, flag(name, getattr(self, name)))
+        if self.image_size is not None:
+            try:
+                width, height = two("image size", self.image_size)
+                size = image_side("image width", width), image_side("image height", height)
+            except CameraError as error:
+                raise ConfigError(str(error)) from None
+            object.__setattr__(self, "image_size", size)
+
+
+def metres_per(unit: str | float) -> float:
+    """Metres in one `unit`, a name or a positive number; ConfigError for anything else."""
+    if isinstance(unit, str) and unit in METRES:
+        return METRES[unit]
+    metres = finite_number(unit)
+    if not metres > 0:
+        raise ConfigError(
+            f"unit must be one of {', '.join(METRES)} or metres per unit as a positive number, "
+            f"got {shown(unit)}"
+        )
+    return metres
+
+
+class Border:
+    """Conversion of one file: answers to what it leaves open, and notes about what was done.
+
+    Attributes
+    ----------
+    notes : dict of str
+        Lines for people, in order.
+    unknown : UnknownNames
+        Names that the formats of the files do not have.
+    """
+
+    def __init__(self, given: Conventions) -> None:
+        self._given = given
+        self._asked = {"skip_bad_poses"}
+        self.notes: dict[str, None] = {}
+        self.unknown = UnknownNames(CameraError)
+
+    def note(self, text: str) -> None:
+        """Add a line, once."""
+        self.notes[text] = None
+
+    def image_size(self, what: str = "the file") -> tuple[int, int]:
+        """Width and height, where the file has none."""
+        self._asked.add("image_size")
+        if self._given.image_size is None:
+            raise CameraError(f"{what} has no image size; give --image-size WIDTHxHEIGHT")
+        return self._given.image_size
+
+    def pixel_shift(self, what: str = "the file") -> float:
+        """Pixels to add to image coordinates, where the file does not say what they start from."""
+        self._asked.add("pixel_centre")
+        if self._given.pixel_centre is None:
+            raise CameraError(
+                f"{what} does not say where pixels are counted from; give --pixel-centre 0 if "
+                "(0, 0) is the centre of the top-left pixel, as in OpenCV, or 0.5"
+            )
+        return 0.5 - self._given.pixel_centre
+
+    def is_fisheye(self, what: str) -> bool:
+        """True for a fisheye, where four coefficients may be either."""
+        self._asked.add("lens_model")
+        if self._given.lens_model is None:
+            raise CameraError(
+                f"{what} are four, of Brown's model (k1 k2 p1 p2) or of cv2.fisheye (k1 k2 k3 "
+                "k4); give --lens-model brown or fisheye"
+            )
+        return self._given.lens_model == "fisheye"
+
+    def metres(self, default: float | None = None) -> float | None:
+        """Metres in the unit of lengths that was given, where the file may have another one."""
+        self._asked.add("pose_unit")
+        return default if self._given.pose_unit is None else metres_per(self._given.pose_unit)
+
+    def undoes_world(self) -> bool:
+        """True where the transform that a file says was applied to its world is to be undone."""
+        self._asked.add("original_world")
+        return self._given.original_world
+
+    def of_convention(self, matrices: FloatArray) -> FloatArray:
+        """world_from_camera of matrices that come without a word about their convention."""
+        self._asked.add("pose_convention")
+        has_opengl_axes, is_inverse = POSE_CONVENTIONS[self._given.pose_convention or "opencv"]
+        found = inverse_of(matrices) if is_inverse else matrices
+        return found @ OPENGL_AXES if has_opengl_axes else found
+
+    def views(
+        self,
+        cameras: Sequence[Camera] | None,
+        names: Sequence[str] | None = None,
+        *,
+        world_from_camera: ArrayLike = (),
+        camera: ArrayLike | None = None,
+        camera_names: Sequence[str] = (),
+        images: Sequence[str] | None = None,
+        frames: Sequence[str] = (),
+        rig_from_camera: ArrayLike | None = None,
+        metres: float | None = None,
+        scale: float = 1.0,
+        drift: float = DRIFT_OF_FILES,
+    ) -> Views:
+        """Views in metres, of what a reader has found.
+
+        Parameters
+        ----------
+        cameras : sequence of Camera, or None
+            The cameras; None for a file of poses alone.
+        names : sequence of str, optional
+            Their names; numbers are added where two are the same.
+        world_from_camera : (P, 4, 4)
+            In our axes, and in the file's unit.
+        camera : (P,) int, optional
+            Index of the camera of each pose.
+        camera_names : sequence of str
+            Names of the cameras of these indices, where the file has no cameras.
+        images : sequence of str, optional
+            Names of the images; "pose 0", ... unless given.
+        frames : sequence of str
+            Name of the frame of each pose, where the file has frames.
+        rig_from_camera : (N, 4, 4), optional
+            Places of the cameras.
+        metres : float, optional
+            Metres in the file's unit; None where the file does not say, and `pose_unit`
+            is asked.
+        scale : float
+            Factor that the file itself has for lengths.
+        drift : float
+            Largest element of R^T R - I of a rotation that is made orthonormal.
+        """
+        matrices = np.asarray(world_from_camera, dtype=np.float64).reshape(-1, 4, 4)
+        has_lengths = len(matrices) > 0 or rig_from_camera is not None
+        if metres is None and has_lengths:
+            metres = self.metres()
+        factor = scale * (1.0 if metres is None else metres)
+        try:
+            poses = Poses.of(
+                self._rigid(matrices, factor, drift),
+                camera=camera,
+                skip_bad=self._given.skip_bad_poses,
+            )
+        except PoseError as error:
+            if images is None or not error.pose_ids:
+                raise
+            name = shown(printable(images[error.pose_ids[0]]))
+            raise PoseError(f"{error}: image {name}", error.pose_ids) from None
+        rig = None
+        if cameras is not None:
+            places = None
+            if rig_from_camera is not None:
+                given = np.asarray(rig_from_camera, dtype=np.float64).reshape(-1, 4, 4)
+                places = self._rigid(given, factor, drift)
+            labels = [f"camera {row}" for row in range(len(cameras))] if names is None else names
+            rig = Rig(cameras, unique(labels), places)
+        if images is None:
+            images = [f"pose {row}" for row in range(len(matrices))]
+        names_of_frames = _apart(frames)
+        return Views(
+            rig=rig,
+            poses=poses,
+            images=tuple(printable(images[row]) for row in poses.ids),
+            notes=(*self.notes, *self.unknown.notes()),
+            has_unit=metres is not None or not has_lengths,
+            camera_names=tuple(camera_names),
+            frames=tuple(names_of_frames[row] for row in poses.ids) if frames else (),
+        )
+
+    def _rigid(self, matrices: FloatArray, factor: float, most: float) -> FloatArray:
+        """Matrices with lengths times `factor`; rotations that a file has in few digits repaired.
+
+        Others are left as they came, for `Poses` to name.
+        """
+        out = matrices.copy()
+        rotation = out[:, :3, :3]
+        with np.errstate(all="ignore"):
+            out[:, :3, 3] *= factor
+            drift = np.abs(rotation.transpose(0, 2, 1) @ rotation - np.eye(3)).max(
+                axis=(1, 2), initial=0
+            )
+        rows = np.flatnonzero((drift > DRIFT_TOLERANCE) & (drift <= most))
+        if rows.size:
+            u, _, vt = np.linalg.svd(rotation[rows])
+            out[rows, :3, :3] = u @ vt
+            self.note(f"rotations made orthonormal, off by up to {drift[rows].max():.1g}")
+        return out
+
+    def unused(self) -> list[str]:
+        """A line for each answer that nothing in the files asked for."""
+        return [
+            f"--{field.name.replace('_', '-')} was not used: the file leaves nothing open that it "
+            "answers"
+            for field in fields(self._given)
+            if getattr(self._given, field.name) not in (None, False)
+            and field.name not in self._asked
+        ]
+
+
+def inverse_of(matrices: FloatArray) -> FloatArray:
+    """Inverse of motions whose rotation may have drifted.
+
+    What is no motion stays none, for the check of `Poses` to name it: the transpose of a matrix is
+    as far from orthonormal as the matrix, and the last row is kept.
+    """
+    found = inverse(matrices)
+    found[:, 3] = matrices[:, 3]
+    return found
+
+
+def _apart(frames: Sequence[str]) -> list[str]:
+    """Printable names, as different from one another as those of the file."""
+    names = list(dict.fromkeys(frames))
+    printed = dict(zip(names, unique(names, "frame"), strict=True))
+    return [printed[frame] for frame in frames]
+
+
+def unique(names: Sequence[str], what: str = "camera") -> list[str]:
+    """Printable names, none of them empty or twice: " #2" is appended to the second."""
+    found: dict[str, None] = {}
+    repeats: dict[str, int] = {}
+    for row, given in enumerate(names):
+        name = base = printable(given) or f"{what} {row}"
+        while name in found:
+            repeats[base] = repeats.get(base, 1) + 1
+            name = f"{base} #{repeats[base]}"
+        found[name] = None
+    return list(found)

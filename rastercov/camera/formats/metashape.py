@@ -1,0 +1,281 @@
+"""Cameras of Agisoft Metashape: the XML of "Export Cameras", and calibrations by themselves.
+
+Poses are chunk_from_camera with our axes; a chunk, or each of its components, has a transform with
+a scale, to metres. Principal points are counted from the middle of the image. Metashape's P1 and P2
+are OpenCV's p2 and p1, and B1, B2 are affinity and skew.
+
+Source: Agisoft Metashape Professional manual 2.1, appendix C, "Camera models"; its files.
+"""
+
+import re
+from typing import Any
+from xml.etree.ElementTree import Element
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov.base.checks import image_side, shown
+from rastercov.base.errors import CameraError
+from rastercov.camera.camera import Camera
+from rastercov.camera.formats.conventions import Border
+from rastercov.camera.formats.entries import checked
+from rastercov.camera.formats.equivalents import brown, panorama
+from rastercov.camera.views import Views
+from rastercov.mesh.formats.xml_tree import children, local_name, look_at_names, schema_of
+
+FloatArray = NDArray[np.float64]
+
+MODELS = {
+    "frame": "metashape",
+    "fisheye": "metashape_fisheye",
+    "equidistant_fisheye": "metashape_fisheye",
+    "equisolid_fisheye": "metashape_equisolid",
+    "spherical": "equirectangular",
+}
+TERMS = ("k1", "k2", "k3", "k4", "p1", "p2")
+UNKNOWN_TERM = re.compile(r"[a-z][0-9]")
+"""A coefficient; p3 and p4, of older versions, change the tangential terms."""
+
+
+_TERMS = "k1 k2 k3 k4 p1 p2 b1 b2 cx cy f"
+_OTHERS = "settings meta region markers scalebars frames images shapes model depth_maps point_cloud"
+SCHEMA = schema_of(
+    f"version id label type enabled active class date date_time fx fy skew name {_OTHERS} "
+    "next_id properties bands covariance params data_type black_level sensitivity photo_params "
+    "projections master_id layer_index orientation rotation_covariance location_covariance "
+    "camera_groups component_ids partition regions pixel_width pixel_height focal_length",
+    {
+        "document": ("chunk meta", "version"),
+        "chunk": (
+            f"sensors cameras components reference transform {_OTHERS} markers_groups",
+            "id label enabled active version next_id",
+        ),
+        "sensors": ("sensor", "next_id"),
+        "sensor": (None, "id label type master_id layer_index"),
+        "cameras": ("camera group", "next_id next_group_id"),
+        "group": ("camera group", "id label type"),
+        "camera": (
+            "transform reference orientation rotation_covariance location_covariance meta sensor "
+            "photo frames",
+            "id label sensor_id component_id master_id enabled layer_index",
+        ),
+        "components": ("component", "next_id active_id"),
+        "component": ("transform region partition camera_ids", "id label enabled active"),
+        "transform": ("rotation translation scale text", "locked effective active"),
+        "calibration": (
+            f"resolution projection width height date {_TERMS} p3 p4 k5 k6 covariance params fx fy "
+            "skew",
+            "class type",
+        ),
+    },
+)
+"""Names of the elements that are read: those of their children and attributes."""
+
+
+def is_mine(root: Element) -> bool:
+    """True for a document with chunks, and for a calibration."""
+    return local_name(root) in ("document", "chunk", "calibration")
+
+
+def read(root: Element, border: Border) -> Views:
+    """Cameras and poses of the first chunk, or the camera of a calibration."""
+    look_at_names(root, SCHEMA, border.unknown)
+    if local_name(root) == "calibration":
+        return border.views([_camera(root, _text(root, "projection", "frame"), "calibration")])
+    chunks = [root] if local_name(root) == "chunk" else children(root, "chunk")
+    if not chunks:
+        raise CameraError("a chunk wanted, got none; use File, Export, Export Cameras")
+    # A document whose chunks are all disabled is still read.
+    enabled = [chunk for chunk in chunks if _is_enabled(chunk)] or chunks
+    if len(chunks) > 1:
+        which = "the first" if enabled[0] is chunks[0] else "the first enabled one"
+        border.note(f"{which} of {len(chunks)} chunks; each has its own frame")
+    chunk = enabled[0]
+    cameras, names, row_of = _sensors(chunk, border)
+    index, images, matrices, scales = [], [], [], set()
+    places = _places(chunk)
+    n_left = n_disabled = n_slaves = 0
+    for element in _each(chunk, "cameras", "camera"):
+        label = element.get("label", f"camera {element.get('id', '')}")
+        transform = _text(element, "transform", "")
+        sensor = element.get("sensor_id", "")
+        if not _is_enabled(element):
+            n_disabled += 1
+            continue
+        if not transform and "master_id" in element.attrib:
+            n_slaves += 1
+            continue
+        if not transform or sensor not in row_of:
+            n_left += 1
+            continue
+        matrix = _numbers(transform, f"transform of {shown(label)}", (16,)).reshape(4, 4)
+        place, scale = places.get(element.get("component_id"), places[None])
+        matrix[:3, 3] *= 1.0 if scale is None else scale
+        matrices.append(place @ matrix)
+        scales.add(scale)
+        index.append(row_of[sensor])
+        images.append(label)
+    if n_disabled:
+        border.note(f"{n_disabled} images left out: they are disabled")
+    if n_slaves:
+        border.note(
+            f"{n_slaves} images of further cameras of a rig left out: only their master has a "
+            "transform"
+        )
+    if n_left:
+        border.note(f"{n_left} images left out: they have no transform, or no calibrated sensor")
+    if None in scales and len(scales) > 1:
+        border.note("some components have a scale and others none: lengths do not fit together")
+    reference = _text(chunk, "reference", "")
+    if reference.startswith(("GEO", "PROJ", "COMPD")) and None not in scales:
+        border.note("the chunk is georeferenced: poses are geocentric, in metres")
+    return border.views(
+        cameras,
+        names,
+        world_from_camera=np.array(matrices).reshape(-1, 4, 4),
+        camera=index,
+        images=images,
+        # Scale bars and coordinates of Metashape are in metres.
+        metres=1.0 if matrices and None not in scales else None,
+    )
+
+
+def _is_enabled(element: Element) -> bool:
+    """True unless a chunk or an image was disabled; exports before 1.4 have no such entry."""
+    return element.get("enabled", "true").strip().lower() not in ("false", "0")
+
+
+def _sensors(chunk: Element, border: Border) -> tuple[list[Camera], list[str], dict[str, int]]:
+    cameras: list[Camera] = []
+    names: list[str] = []
+    row_of: dict[str, int] = {}
+    without: list[str] = []
+    for sensor in _each(chunk, "sensors", "sensor"):
+        label = sensor.get("label", f"sensor {sensor.get('id', '')}")
+        kind = sensor.get("type", "frame")
+        found = children(sensor, "calibration")
+        adjusted = [each for each in found if each.get("class") == "adjusted"]
+        if not found and kind != "spherical":
+            without.append(label)
+            continue
+        row_of[sensor.get("id", "")] = len(cameras)
+        cameras.append(_camera((adjusted or found or [sensor])[0], kind, label, sensor))
+        names.append(label)
+    if without:
+        more = f" (and {len(without) - 1} others)" if len(without) > 1 else ""
+        border.note(f"sensor {shown(without[0])}{more} left out: it has no calibration")
+    if not cameras:
+        raise CameraError("a sensor with a calibration wanted, got none; align the photos first")
+    return cameras, names, row_of
+
+
+def _camera(element: Element, kind: str, label: str, sensor: Element | None = None) -> Camera:
+    """Camera of a calibration; the size may be in the sensor."""
+    if kind not in MODELS:
+        raise CameraError(
+            f"sensor {shown(label)}: its type must be one of {', '.join(MODELS)}, got {shown(kind)}"
+        )
+    holders = [element] if sensor is None else [element, sensor]
+    sizes = [size for holder in holders for size in children(holder, "resolution")]
+    where = sizes[0].attrib if sizes else {c: _text(element, c, "") for c in ("width", "height")}
+    words = [where.get(name, "") for name in ("width", "height")]
+    if not all(word.isdecimal() for word in words):
+        raise CameraError(f"sensor {shown(label)}: its width and height wanted, got {shown(words)}")
+    width, height = (image_side("side", int(word[:20])) for word in words)
+    if kind == "spherical":
+        if width != 2 * height:
+            raise CameraError(
+                f"sensor {shown(label)}: a spherical image of 2:1 wanted, which is of all "
+                f"directions, got {width} x {height}; its scale is not in the file"
+            )
+        return panorama(width, height)
+    if children(element, "fx"):
+        raise CameraError(
+            f"sensor {shown(label)} is of a version before 1.3, which has fx; export it again with "
+            "a later one"
+        )
+
+    def of(name: str, default: str = "0") -> float:
+        return float(_numbers(_text(element, name, default), f"{label}: {name}", (1,))[0])
+
+    c = {name: of(name) for name in TERMS}
+    for each in element:
+        name = local_name(each)
+        if not UNKNOWN_TERM.fullmatch(name) or name in (*TERMS, "b1", "b2"):
+            continue
+        text = (each.text or "").strip() or "0"
+        if value := _numbers(text, f"{label}: {name}", (1,))[0]:
+            raise CameraError(
+                f"sensor {shown(label)}: its term {name} has no model here, got {value:g}; "
+                "calibrate again without it, or undistort the photos"
+            )
+    b1, f = of("b1"), of("f", "")
+    model, values = MODELS[kind], tuple(c.values())
+    if model == "metashape" and not c["k4"]:
+        model, values = brown((c["k1"], c["k2"], c["p2"], c["p1"], c["k3"], *[0.0] * 9))
+    return Camera(
+        width=width,
+        height=height,
+        fx=f + b1,
+        fy=f,
+        cx=width / 2 + of("cx"),
+        cy=height / 2 + of("cy"),
+        skew=of("b2"),
+        model=model,
+        distortion=values,
+    )
+
+
+def _places(chunk: Element) -> dict[str | None, tuple[FloatArray, float | None]]:
+    """World_from_chunk and scale of each component by id, of the chunk at None."""
+    found: dict[str | None, tuple[FloatArray, float | None]] = {None: _place(chunk)}
+    for component in _each(chunk, "components", "component"):
+        if children(component, "transform"):
+            found[component.get("id")] = _place(component)
+    return found
+
+
+def _place(owner: Element) -> tuple[FloatArray, float | None]:
+    place, scale = np.eye(4), None
+    for transform in children(owner, "transform")[:1]:
+        rotation, translation = (
+            _text(transform, "rotation", ""),
+            _text(transform, "translation", ""),
+        )
+        if rotation:
+            place[:3, :3] = _numbers(rotation, "rotation of the chunk", (9,)).reshape(3, 3)
+        if translation:
+            place[:3, 3] = _numbers(translation, "translation of the chunk", (3,))
+        if text := _text(transform, "scale", ""):
+            scale = float(_numbers(text, "scale of the chunk", (1,))[0])
+            if scale <= 0:
+                raise CameraError(f"scale of the chunk must be positive, got {scale:g}")
+    return place, scale
+
+
+def _each(owner: Element, group: str, name: str) -> list[Element]:
+    """Elements of a group in the order of the file, also those in groups within it."""
+    found: list[Element] = []
+    stack = children(owner, group)[::-1]
+    while stack:
+        element = stack.pop()
+        if local_name(element) == name:
+            found.append(element)
+        else:
+            stack += children(element, name, "group")[::-1]
+    return found
+
+
+def _text(owner: Element, name: str, default: str) -> str:
+    found = children(owner, name)
+    return (found[0].text or "").strip() or default if found else default
+
+
+def _numbers(text: str, what: str, shape: tuple[int, ...]) -> FloatArray:
+    def number(word: str) -> Any:
+        try:
+            return float(word if "_" not in word else "x")
+        except ValueError:
+            return word
+
+    return checked([number(word) for word in text.split()[:100]], what, shape)

@@ -1,0 +1,459 @@
+"""Calibrations of OpenCV: FileStorage as YAML, XML or JSON, with whatever names the matrices have.
+
+Pixels are counted from their centres. A file may have one camera or several (`M1 D1 M2 D2`), with
+`R` and `T` from the first to the second, and the poses of the pattern in each image
+(`extrinsic_parameters`, as OpenCV's sample program writes them).
+
+Source: OpenCV 5 documentation, "File Input and Output using XML / YAML / JSON files", "Camera
+calibration With OpenCV"; samples/cpp/tutorial_code/calib3d/camera_calibration.
+"""
+
+import math
+import re
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+from xml.etree.ElementTree import Element
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov.base.checks import finite_number, shown
+from rastercov.base.errors import CameraError
+from rastercov.camera.camera import Camera
+from rastercov.camera.formats.conventions import Border, inverse_of
+from rastercov.camera.formats.equivalents import as_fisheye, as_opencv, opencv_length
+from rastercov.camera.formats.rotations import from_vectors, motions
+from rastercov.camera.formats.source import Source
+from rastercov.camera.views import Views
+from rastercov.mesh.formats.xml_tree import local_name
+
+FloatArray = NDArray[np.float64]
+
+SIDES = ("left", "right", "l", "r", "rgb", "color", "depth", "ir")
+"""Words of a name that tell cameras apart, beside numbers."""
+FIRST_AND_SECOND = (("left", "right"), ("l", "r"))
+"""Sides whose order is OpenCV's; numbers have one as well."""
+COEFFICIENT_WORD = re.compile(r"d|k|kc|dist(?!ance).*|coef.*")
+"""Words of the names that distortion coefficients usually have."""
+LENGTHS = (4, 5, 8, 12, 14)
+"""Numbers of coefficients of Brown's model; a fisheye has the first."""
+WIDTHS = ("image_width", "imageWidth", "image_Width", "width", "cols", "img_width")
+HEIGHTS = ("image_height", "imageHeight", "image_Height", "height", "rows", "img_height")
+SIZES = ("image_size", "imageSize", "img_size", "size", "resolution")
+POSES = ("R", "T", "extrinsic_parameters", "Extrinsic_Parameters")
+"""Matrices that say where cameras are."""
+OTHERS = (
+    *("E", "F", "H", "Q", "R1", "R2", "P", "P1", "P2", "roi1", "roi2", "rvecs", "tvecs"),
+    *("image_points", "grid_points", "per_view_reprojection_errors"),
+    *("Image_points", "Grid_points", "Per_View_Reprojection_Errors"),
+)
+"""Matrices that often come beside those of cameras."""
+MOST_VALUES = 10_000_000
+"""Values of a matrix that is looked at."""
+
+
+def is_mine(content: Any) -> bool:
+    """True for a table with a matrix of OpenCV."""
+    return isinstance(content, Mapping) and any(_is_matrix(value) for value in content.values())
+
+
+def _is_matrix(value: Any) -> bool:
+    is_one = isinstance(value, Mapping) and {"dt", "data"} <= value.keys()
+    return is_one and ({"rows", "cols"} <= value.keys() or "sizes" in value)
+
+
+def of_xml(root: Element) -> dict[str, Any]:
+    """Table of an XML storage, with its values as those of YAML."""
+    names = Counter(local_name(each) for each in root)
+    if twice := [name for name, n in names.items() if n > 1]:
+        raise CameraError(f"{shown(twice[0])} comes twice in one table; leave one")
+    return {local_name(each): _xml_value(each, 0) for each in root}
+
+
+def _xml_value(element: Element, depth: int) -> Any:
+    if depth > 50:
+        raise CameraError("nested deeper than 50")
+    text = (element.text or "").strip()
+    if len(element):
+        if all(local_name(each) == "_" for each in element):
+            return [_xml_value(each, depth + 1) for each in element]
+        table = {local_name(each): _xml_value(each, depth + 1) for each in element}
+        if "data" in table and element.get("type_id", "").startswith("opencv"):
+            data = table["data"]
+            table["data"] = data if isinstance(data, list) else [data] if data != "" else []
+        return table
+    words = [_number(word) for word in text.split()]
+    if words and all(not isinstance(word, str) for word in words):
+        return words if len(words) > 1 else words[0]
+    return text.strip('"')
+
+
+def _number(word: str) -> Any:
+    if word.lower().lstrip("+-") in (".nan", ".inf"):
+        word = word.replace(".", "")
+    try:
+        value = float(word if "_" not in word else "x")
+    except ValueError:
+        return word
+    return int(word) if word.lstrip("+-").isdecimal() and len(word) < 20 else value
+
+
+def read(content: Mapping[str, Any], border: Border) -> Views:
+    """Cameras of a storage, and the poses of its images where it has them."""
+    found = _arrays(content)
+    matrices = {name: value for name, value in found.items() if _is_camera_matrix(value)}
+    if not matrices:
+        raise CameraError(
+            "a camera matrix [[fx, skew, cx], [0, fy, cy], [0, 0, 1]] wanted, got none among "
+            f"{', '.join(map(shown, found)) or 'no matrices'}"
+        )
+    labelled = {_label(name): name for name in matrices}
+    if len(labelled) < len(matrices):
+        raise CameraError(
+            f"one camera matrix a camera wanted, got {', '.join(matrices)}; rename those to use "
+            "camera_matrix1, camera_matrix2"
+        )
+    known = {*matrices, *POSES, *OTHERS, *SIZES}
+    cameras, labels = [], sorted(labelled, key=_order)
+    named = [name for name, value in content.items() if _is_of_coefficients(name, value)]
+    # A number by itself is none, such as n_coeffs beside D; k1 and k2 alone are not understood.
+    named = [name for name in named if isinstance(content[name], Mapping | list)] or named
+    own_of: dict[str, list[str]] = {}
+    for name in named:
+        own_of.setdefault(_label(name), []).append(name)
+    for label in labels:
+        name = labelled[label]
+        own = own_of.get(label) or (named if len(matrices) == 1 else [])
+        key = _key_of_coefficients(
+            content, found, f"distortion_coefficients{label}", name, own, named
+        )
+        coefficients = np.zeros(0) if key is None else found[key].ravel()
+        known.update(own)
+        cameras.append(_camera(content, label, matrices[name], coefficients, key or name, border))
+    border.unknown.look("the file", [*found], frozenset(known), frozenset(known.difference(POSES)))
+    return _views(found, cameras, labels, border)
+
+
+def _order(label: str) -> tuple[bool, int, str]:
+    """Numbers by their value, and before words."""
+    is_number = label.isdecimal() and len(label) < 20
+    return not is_number, int(label) if is_number else 0, label
+
+
+def _key_of_coefficients(
+    content: Mapping[str, Any],
+    found: Mapping[str, FloatArray],
+    wanted: str,
+    matrix: str,
+    own: Sequence[str],
+    named: Sequence[str],
+) -> str | None:
+    """Name of the coefficients beside a camera matrix; None where the file has none of it.
+
+    `own` are the names of coefficients that belong to the matrix by their label, `named` those of
+    all, and `wanted` is a name for those of the matrix.
+
+    Other vectors may have as many numbers, such as the reprojection errors of 12 images: only a
+    name like D or distortion_coefficients is taken for one of coefficients.
+    """
+    if len(own) > 1:
+        raise CameraError(
+            f"one vector of distortion coefficients for {matrix} wanted, got {', '.join(own)}; "
+            "leave one"
+        )
+    if not own and named:
+        raise CameraError(
+            f"distortion of {matrix} wanted, got {', '.join(named)}; rename it {wanted}"
+        )
+    if not own:
+        nameless = [name for name, value in found.items() if _is_vector(value, LENGTHS)]
+        if nameless:
+            raise CameraError(
+                f"distortion of {matrix} wanted by a name like D or dist, got {nameless[0]}; "
+                f"rename it {wanted} if it is that, and leave it out if not"
+            )
+        return None
+    (key,) = own
+    if content[key] in (None, "", []) or (key in found and not found[key].size):
+        return None  # empty, as OpenCV writes what is not there
+    if key not in found or not _is_vector(found[key], LENGTHS):
+        raise CameraError(
+            f"4, 5, 8, 12 or 14 distortion coefficients wanted, got {key}: "
+            f"{shown(content[key])}; correct it"
+        )
+    return key
+
+
+def _is_of_coefficients(name: str, value: Any) -> bool:
+    """True for a value that is no text or flag, and a name that coefficients usually have."""
+    is_named = any(COEFFICIENT_WORD.fullmatch(word.lower()) for word in _words(name))
+    is_matrix = isinstance(value, Mapping | list | int | float) and not isinstance(value, bool)
+    return is_named and (is_matrix or value in (None, "")) and not _is_square(value)
+
+
+def _is_square(value: Any) -> bool:
+    """True for a matrix of 3 rows, such as K, or `K_dist` of a distorted image."""
+    if isinstance(value, Mapping):
+        return value.get("rows") == value.get("cols") == 3
+    return isinstance(value, list) and len(value) == 3 and isinstance(value[0], list)
+
+
+def _is_vector(value: FloatArray, lengths: Sequence[int]) -> bool:
+    return 1 in value.shape and value.size in lengths
+
+
+def _arrays(content: Mapping[str, Any]) -> dict[str, FloatArray]:
+    """Matrices of numbers by their names; lists of numbers, or of rows, are some as well."""
+    found: dict[str, FloatArray] = {}
+    for name, value in content.items():
+        if _is_matrix(value) or (
+            isinstance(value, Mapping) and {"rows", "cols", "data"} <= value.keys()
+        ):
+            found[name] = _matrix(name, value)
+        elif isinstance(value, list) and len(value) <= 100:
+            rows = [row if isinstance(row, list) else [row] for row in value]
+            if len({len(row) for row in rows}) == 1 and len(rows[0]) <= 100:
+                array = np.array([[finite_number(each) for each in row] for row in rows])
+                if np.isfinite(array).all():
+                    found[name] = array
+    return found
+
+
+def _matrix(name: str, value: Mapping[str, Any]) -> FloatArray:
+    rows: Any = value.get("rows")
+    cols: Any = value.get("cols")
+    data = value["data"]
+    sizes = value.get("sizes")  # of a matrix with one dimension, or with three and more
+    if isinstance(sizes, int | list) and rows is None:
+        sides = sizes if isinstance(sizes, list) else [sizes]
+        is_whole = all(isinstance(side, int) and 0 < side <= MOST_VALUES for side in sides)
+        rows, cols = (math.prod(sides[1:]), sides[0]) if is_whole and sides else (sizes, None)
+    dt = value.get("dt", "d")
+    channels = 1
+    if isinstance(dt, str) and (match := re.fullmatch(r"([1-4]?)([a-zA-Z])", dt.strip('"'))):
+        channels = int(match[1] or 1)
+    whole = all(isinstance(each, int) and 0 <= each <= MOST_VALUES for each in (rows, cols))
+    wanted = rows * cols * channels if whole else -1
+    data = data if isinstance(data, list) else [data] if data is not None else []
+    if not 0 <= wanted <= MOST_VALUES or len(data) != wanted:
+        raise CameraError(
+            f"{name}: {shown(rows)} x {shown(cols)} numbers wanted, got {len(data)}; the file is "
+            "truncated or broken, export it again"
+        )
+    array = np.array([finite_number(each) for each in data]).reshape(rows, cols * channels)
+    # Points of the pattern may be anything.
+    if array.shape[1] <= 14 and not np.isfinite(array).all():
+        raise CameraError(f"{name} must have finite numbers, got {shown(data)}; correct it")
+    return array
+
+
+def _is_camera_matrix(value: FloatArray) -> bool:
+    """True for [[fx, s, cx], [0, fy, cy], [0, 0, 1]], unless it is a rotation."""
+    if value.shape != (3, 3) or value[1, 0] or not np.array_equal(value[2], (0, 0, 1)):
+        return False
+    return min(value[0, 0], value[1, 1]) > 0 and not np.allclose(value @ value.T, np.eye(3))
+
+
+def _label(name: str) -> str:
+    """Part of a name that tells cameras apart: "1" of cameraMatrix1, "left" of K_left."""
+    words = _words(name)
+    return " ".join(w.lower() for w in words if w.isdecimal() or w.lower() in SIDES)
+
+
+def _words(name: str) -> list[str]:
+    """Words and numbers of a name in any of the usual forms."""
+    return re.findall(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|[0-9]+", name)
+
+
+def _camera(
+    content: Mapping[str, Any],
+    label: str,
+    matrix: FloatArray,
+    coefficients: FloatArray,
+    key: str,
+    border: Border,
+) -> Camera:
+    """Camera of a matrix and its coefficients, named `key`; without any, `key` names the matrix."""
+    size = _size(content, label)
+    width, height = border.image_size() if size is None else size
+    count = len(coefficients)
+    fisheye = _says_fisheye(content)
+    if fisheye and count not in (0, 4):
+        raise CameraError(f"a fisheye has 4 coefficients, got {count} in {key}; correct them")
+    if "xi" in content and not fisheye:
+        return _omnidirectional(content, matrix, (width, height), coefficients)
+    if fisheye is None and count == 4:  # also where all are 0: such a fisheye is no pinhole
+        fisheye = border.is_fisheye(f"the coefficients in {key}")
+    if not count:
+        lens = "a fisheye" if fisheye else "a pinhole"
+        border.note(f"{key} has no distortion coefficients beside it: {lens}")
+    values = coefficients.tolist() or ([0.0] * 4 if fisheye else [])
+    return Camera.from_opencv(matrix, width, height, values, fisheye=bool(fisheye))
+
+
+def _omnidirectional(
+    content: Mapping[str, Any],
+    matrix: FloatArray,
+    size: tuple[Any, Any],
+    coefficients: FloatArray,
+) -> Camera:
+    """Camera of cv2.omnidir, Mei's model: K, xi, and k1 k2 p1 p2."""
+    given = content["xi"]
+    numbers = _matrix("xi", given).ravel().tolist() if _is_matrix(given) else given
+    xi = finite_number(numbers[0] if isinstance(numbers, list) and len(numbers) == 1 else numbers)
+    if math.isnan(xi) or len(coefficients) not in (0, 4):
+        raise CameraError(
+            f"a number xi and 4 coefficients of cv2.omnidir wanted, got {shown(given)} and "
+            f"{len(coefficients)}; correct them, or leave xi out"
+        )
+    camera = Camera.from_opencv(matrix, *size)
+    values = coefficients.tolist() or [0.0] * 4
+    return replace(camera, model="omni", distortion=(xi, *values))
+
+
+def _says_fisheye(content: Mapping[str, Any]) -> bool | None:
+    """True for a fisheye, False for Brown's model, None where the file does not say."""
+    for name in ("fisheye_model", "fisheye"):
+        flag = content.get(name)
+        if flag is not None:
+            if flag not in (0, 1):
+                raise CameraError(f"{name} must be 0 or 1, got {shown(flag)}; correct it")
+            return bool(flag)
+    model = str(content.get("distortion_model", content.get("camera_model", ""))).lower()
+    if "fisheye" in model or model in ("equidistant", "kannala_brandt"):
+        return True
+    is_brown = model in ("plumb_bob", "radtan", "brown", "pinhole", "rational_polynomial")
+    return False if is_brown else None
+
+
+def _size(content: Mapping[str, Any], label: str) -> tuple[Any, Any] | None:
+    """Width and height, for all cameras or for one."""
+    for end in (label, f"_{label}", "") if label else ("",):
+        for name in SIZES:
+            value = content.get(name + end)
+            if isinstance(value, Mapping) and {"width", "height"} <= value.keys():
+                return value["width"], value["height"]
+            if isinstance(value, Mapping) and isinstance(value.get("data"), list):
+                value = value["data"]
+            if isinstance(value, list) and len(value) == 2:
+                return value[0], value[1]
+        for width, height in zip(WIDTHS, HEIGHTS, strict=True):
+            if width + end in content and height + end in content:
+                return content[width + end], content[height + end]
+    return None
+
+
+def _views(
+    found: dict[str, FloatArray], cameras: list[Camera], labels: list[str], border: Border
+) -> Views:
+    """Views with the poses that a storage may have beside its cameras."""
+    names = [f"camera {label}" if label else "camera" for label in labels]
+    rotation, translation = found.get("R"), found.get("T")
+    is_pair = len(cameras) == 2 and rotation is not None and translation is not None
+    if is_pair and not (tuple(labels) in FIRST_AND_SECOND or all(map(str.isdecimal, labels))):
+        border.note(
+            f"R and T are left out: they lead from the first camera to the second, and the file "
+            f"does not say whether {labels[0]} is the first; rename {labels[0]} and {labels[1]} to "
+            "1 and 2"
+        )
+    elif is_pair:
+        assert rotation is not None
+        assert translation is not None
+        if rotation.shape != (3, 3) or translation.size != 3:
+            raise CameraError("R of 3 x 3 and T of 3 numbers wanted, from camera 1 to camera 2")
+        second = inverse_of(motions([rotation], [translation.ravel()]))
+        places = np.concatenate([np.eye(4)[None], second])
+        border.note("poses are in the frame of the first camera")
+        return border.views(
+            cameras,
+            names,
+            world_from_camera=places,
+            camera=[0, 1],
+            images=names,
+            rig_from_camera=places,
+        )
+    # OpenCV 2.4 and 3.0 began the words with capitals.
+    boards = found.get("extrinsic_parameters", found.get("Extrinsic_Parameters"))
+    if boards is not None and boards.shape[1] == 6 and len(cameras) == 1:
+        border.note("poses are those of extrinsic_parameters, in the frame of the pattern")
+        poses = inverse_of(from_vectors(boards[:, :3], boards[:, 3:]))
+        return border.views(
+            cameras,
+            names,
+            world_from_camera=poses,
+            images=[f"view {row}" for row in range(len(poses))],
+        )
+    return border.views(cameras, names)
+
+
+def read_source(source: Source, border: Border) -> Views:
+    """Cameras of a YAML, XML or JSON storage.
+
+    OpenCV's stereo sample writes the matrices of a pair to `intrinsics.yml` and their places to
+    `extrinsics.yml`: the second is read with the first, which lies beside it.
+    """
+    content = _content(source)
+    other = source.path.with_name(source.path.name.replace("extrinsic", "intrinsic"))
+    if other.name == source.path.name or _has_camera(content):
+        return read(content, border)
+    if not other.is_file():
+        raise CameraError(
+            f"it has places of cameras, and no camera matrix; put {shown(other.name)} beside it, "
+            "or both into one file"
+        )
+    border.note(f"camera matrices are those of {shown(other.name)} beside it")
+    return read({**_content(Source(other)), **content}, border)
+
+
+def _content(source: Source) -> Mapping[str, Any]:
+    """Table of a storage."""
+    if source.is_xml:
+        return of_xml(source.xml)
+    content = source.json if source.text.lstrip().startswith("{") else source.yaml
+    if not isinstance(content, Mapping):
+        raise CameraError(f"a table with a camera matrix wanted, got {shown(content)}")
+    return content
+
+
+def _has_camera(content: Mapping[str, Any]) -> bool:
+    """True for a storage with a camera matrix."""
+    return any(_is_camera_matrix(value) for value in _arrays(content).values())
+
+
+def text_of(views: Views) -> str:
+    """A YAML storage for one camera; CameraError for a lens that OpenCV has no model for."""
+    camera = views.camera()
+    values, radial = as_opencv(camera), as_fisheye(camera)
+    if values is None and radial is None:
+        raise CameraError(
+            f"OpenCV has no model for {camera.model} with these coefficients; undistort the "
+            "images, or write another format"
+        )
+    lines = ["%YAML:1.0", "---", f"image_width: {camera.width}", f"image_height: {camera.height}"]
+    if values is None:
+        assert radial is not None
+        lines += ["fisheye_model: 1"]
+        values = radial
+    else:
+        lines += ["fisheye_model: 0"]
+        values = values[: opencv_length(values, 5, 8, 12, 14)]
+    k = camera.opencv_K
+    k[0, 1] = camera.skew
+    lines += _block("camera_matrix", k)
+    lines += _block("distortion_coefficients", np.array(values)[:, None])
+    return "\n".join([*lines, ""])
+
+
+def _block(name: str, matrix: FloatArray) -> list[str]:
+    """Lines of a matrix; numbers with a point, which OpenCV takes for real ones."""
+    rows, cols = matrix.shape
+    words = ", ".join(repr(float(value)) for value in matrix.ravel())
+    return [
+        f"{name}: !!opencv-matrix",
+        f"   rows: {rows}",
+        f"   cols: {cols}",
+        "   dt: d",
+        f"   data: [ {words} ]",
+    ]

@@ -1,0 +1,175 @@
+"""Reconstructions of OpenSfM: reconstruction.json with cameras and shots, and camera_models.json.
+
+Poses are camera_from_world as rotation vectors; axes are ours; lengths in the image are parts of
+its longer side, from the middle; there is no unit that the file states. Every shot has its own
+pose; instances of a rig give the frames, and the poses of its cameras are camera_from_rig.
+
+Source: OpenSfM documentation, "Coordinate Systems", "Camera Models"; opensfm/io.py;
+opensfm/src/geometry/camera_distortions_functions.h.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov.base.checks import shown
+from rastercov.base.errors import CameraError
+from rastercov.camera.camera import Camera
+from rastercov.camera.formats.conventions import Border, inverse_of
+from rastercov.camera.formats.entries import Entries
+from rastercov.camera.formats.equivalents import brown
+from rastercov.camera.formats.rotations import from_vectors
+from rastercov.camera.views import Views
+
+FISHEYE_62 = "k1 k2 k3 k4 k5 k6 p1 p2"
+MODELS = {
+    "perspective": ("", "k1 k2"),
+    "simple_radial": ("", "k1"),
+    "radial": ("", "k1 k2"),
+    "brown": ("", "k1 k2 p1 p2 k3"),
+    "fisheye": ("opencv_fisheye", "k1 k2 - -"),
+    "fisheye_opencv": ("opencv_fisheye", "k1 k2 k3 k4"),
+    "fisheye62": ("fisheye62", FISHEYE_62),
+    "fisheye624": ("fisheye62", f"{FISHEYE_62} s0 s1 s2 s3"),
+    "spherical": ("equirectangular", ""),
+    "equirectangular": ("equirectangular", ""),
+}
+"""Our model by OpenSfM's projection_type, empty for Brown's, and its coefficients in our order."""
+
+
+KNOWN_OF_CAMERA = frozenset(
+    {"projection_type", "width", "height", "focal", "focal_x", "focal_y", "c_x", "c_y"}
+    | {name for _, order in MODELS.values() for name in order.split()}
+)
+OTHERS = frozenset({"points", "biases", "reference_lla", "main_component"})
+"""Further entries of a reconstruction."""
+
+
+def is_mine(content: Any) -> bool:
+    """True for reconstructions, and for a table of cameras alone."""
+    first = content[0] if isinstance(content, list) and content else content
+    return isinstance(first, dict) and (
+        ("shots" in first and "cameras" in first) or _is_table_of_cameras(first)
+    )
+
+
+def _is_table_of_cameras(content: dict[str, Any]) -> bool:
+    """True for camera_models.json: a table of cameras by name, each with its projection_type."""
+    return bool(content) and all(
+        isinstance(each, dict) and "projection_type" in each for each in content.values()
+    )
+
+
+def read(content: Any, border: Border) -> Views:
+    """Cameras and poses of the first reconstruction."""
+    if isinstance(content, list):
+        if len(content) > 1:
+            border.note(f"the first of {len(content)} reconstructions; they share no frame")
+        content = content[0]
+    if isinstance(content, dict) and _is_table_of_cameras(content):
+        content = {"cameras": content, "shots": {}}
+    entries = Entries(content, "reconstruction")
+    known = OTHERS | {"cameras", "shots", "rig_instances", "rig_cameras"}
+    border.unknown.look("the reconstruction", entries.names(), known, OTHERS)
+    row_of: dict[str, int] = {}
+    cameras: list[Camera] = []
+    for name, each in entries.tables("cameras"):
+        row_of[name] = len(cameras)
+        names = [word for word in each.names() if not word.endswith("_prior")]
+        border.unknown.look(each.where, names, KNOWN_OF_CAMERA)
+        cameras.append(_camera(each))
+    index, vectors, translations, images = [], [], [], []
+    for name, shot in entries.tables("shots"):
+        camera = shot.text("camera")
+        if camera not in row_of:
+            raise CameraError(f"{shot.where}: there is no camera {shown(camera)}")
+        index.append(row_of[camera])
+        vectors.append(shot.array("rotation", (3,)))
+        translations.append(shot.array("translation", (3,)))
+        images.append(name)
+    if not cameras:
+        raise CameraError("a reconstruction with cameras wanted, got none")
+    frames, rig_cameras = _instances(entries, images)
+    return border.views(
+        cameras,
+        list(row_of),
+        world_from_camera=inverse_of(from_vectors(vectors, translations)),
+        camera=index,
+        images=images,
+        frames=frames,
+        rig_from_camera=_places(entries, rig_cameras, index, len(cameras)) if frames else None,
+    )
+
+
+def _instances(entries: Entries, images: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Rig instance of each image and its camera on the rig; none where each has one image."""
+    of_image: dict[str, tuple[str, str]] = {}
+    if "rig_instances" in entries:
+        for name, instance in entries.tables("rig_instances"):
+            ids = instance.get("rig_camera_ids", {})
+            if not isinstance(ids, Mapping):
+                raise CameraError(f"{instance.where}: rig_camera_ids must be a table of images")
+            of_image |= {str(image): (name, str(camera)) for image, camera in ids.items()}
+    found = [of_image.get(image, (f"image {image}", "")) for image in images]
+    frames = [instance for instance, _ in found]
+    if len(set(frames)) == len(frames):
+        return [], []
+    return frames, [camera for _, camera in found]
+
+
+def _places(
+    entries: Entries, rig_cameras: Sequence[str], index: Sequence[int], n_cameras: int
+) -> NDArray[np.float64] | None:
+    """(N, 4, 4) rig_from_camera; None where a camera is at several places of a rig, or at none."""
+    if "rig_cameras" not in entries:
+        return None
+    table = dict(entries.tables("rig_cameras"))
+    on_rig: list[set[str]] = [set() for _ in range(n_cameras)]
+    for name, row in zip(rig_cameras, index, strict=True):
+        on_rig[row].add(name)
+    if any(len(names) != 1 or not names <= table.keys() for names in on_rig):
+        return None
+    poses = [table[name] for names in on_rig for name in names]
+    motions = from_vectors(
+        [pose.array("rotation", (3,)) for pose in poses],
+        [pose.array("translation", (3,)) for pose in poses],
+    )
+    return inverse_of(motions)
+
+
+def _camera(entries: Entries) -> Camera:
+    kind = entries.text("projection_type", "perspective")
+    if kind not in MODELS:
+        raise CameraError(
+            f"{entries.where}: projection_type must be one of {', '.join(MODELS)}, got "
+            f"{shown(kind)}; undistort first"
+        )
+    width, height = entries.side("width"), entries.side("height")
+    ours, order = MODELS[kind]
+    side = max(width, height)
+    if ours == "equirectangular":
+        # Longitude and latitude over 2 pi are both parts of the longer side, also where the image
+        # is a part of the sphere.
+        f = side / (2 * math.pi)
+        return Camera(width=width, height=height, fx=f, fy=f, model=ours)
+    if "focal_x" in entries:
+        fx, fy = entries.number("focal_x"), entries.number("focal_y")
+    else:
+        fx = fy = entries.number("focal")
+    values = tuple(0.0 if name == "-" else entries.number(name, 0.0) for name in order.split())
+    if kind == "simple_radial":
+        values = (*values, 0.0)
+    lens = (ours, values) if ours else brown((*values, *[0.0] * (14 - len(values))))
+    return Camera(
+        width=width,
+        height=height,
+        fx=fx * side,
+        fy=fy * side,
+        cx=width / 2 + entries.number("c_x", 0.0) * side,
+        cy=height / 2 + entries.number("c_y", 0.0) * side,
+        model=lens[0],
+        distortion=lens[1],
+    )

@@ -1,0 +1,131 @@
+"""CameraInfo of ROS: the YAML of camera_calibration, and messages as `rostopic echo` prints them.
+
+Pixels are counted from their centres, and there are no poses. K and D belong to the raw image,
+which is the camera that is read; R and P, of the rectified one, are left out.
+
+Sources: ROS sensor_msgs/CameraInfo; REP 104; camera_calibration_parsers.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from rastercov.base.errors import CameraError
+from rastercov.camera.camera import Camera
+from rastercov.camera.formats.conventions import Border
+from rastercov.camera.formats.entries import Entries, checked
+from rastercov.camera.formats.equivalents import as_fisheye, as_opencv, opencv_length
+from rastercov.camera.views import Views
+
+COUNTS = {
+    "": (0,),
+    "none": (0,),
+    "plumb_bob": (0, 4, 5),
+    "rational_polynomial": (8, 12, 14),
+    "thin_prism": (12, 14),
+    "equidistant": (4,),
+    "fisheye": (4,),
+}
+"""Numbers of coefficients by distortion_model."""
+
+
+HARMLESS = frozenset(
+    {"camera_name", "header", "R", "r", "rectification_matrix", "P", "p", "projection_matrix"}
+    | {"binning_x", "binning_y", "roi"}
+)
+KNOWN = HARMLESS | {
+    *("image_width", "image_height", "width", "height", "camera_matrix", "K", "k"),
+    *("distortion_model", "distortion_coefficients", "D", "d"),
+}
+"""Entries of a camera_info."""
+
+
+def is_mine(content: Any) -> bool:
+    """True for a camera_info, as a file or as a message."""
+    return (
+        isinstance(content, Mapping)
+        and "distortion_model" in content
+        and bool({"camera_matrix", "K", "k"} & content.keys())
+    )
+
+
+def read(content: Any, border: Border) -> Views:
+    """The camera of a camera_info."""
+    info = Entries(content, "camera_info")
+    border.unknown.look("camera_info", info.names(), KNOWN, HARMLESS)
+    is_file = "camera_matrix" in info
+    width, height = ("image_width", "image_height") if is_file else ("width", "height")
+    matrix = _numbers(info, info.any_of("camera_matrix", "K", "k") or "K", 9).reshape(3, 3)
+    key = info.any_of("distortion_coefficients", "D", "d")
+    model = info.text("distortion_model", "")
+    if model not in COUNTS:
+        raise CameraError(
+            f"distortion_model must be one of {', '.join(filter(None, COUNTS))}, got {model[:40]!r}"
+        )
+    coefficients = _numbers(info, key, *COUNTS[model]) if key else np.zeros(0)
+    is_fisheye = model in ("equidistant", "fisheye")
+    camera = Camera.from_opencv(
+        matrix,
+        info.side(width),
+        info.side(height),
+        coefficients.tolist() if is_fisheye or coefficients.any() else (),
+        fisheye=is_fisheye,
+    )
+    for name in ("binning_x", "binning_y"):
+        if info.number(name, 0.0) > 1:
+            border.note(f"{name} is not applied: the camera is that of the full image")
+    if "roi" in info and info.table("roi").number("width", 0.0):
+        border.note("roi is not applied: the camera is that of the full image")
+    if "projection_matrix" in info or info.any_of("P", "p"):
+        border.note("the camera is that of raw images; rectified ones have projection_matrix")
+    return border.views([camera], [info.text("camera_name", "camera") or "camera"])
+
+
+def _numbers(info: Entries, name: str, *counts: int) -> Any:
+    """Numbers of a list, or of a table with rows, cols and data."""
+    value = info.need(name)
+    if isinstance(value, Mapping):
+        table = Entries(value, f"{info.where}, {name}")
+        value = table.need("data")
+        n = len(value) if isinstance(value, list) else 1
+        rows, cols = table.number("rows", 1.0), table.number("cols", float(n))
+        if rows * cols != n:
+            raise CameraError(f"{info.where}: {name}: {rows:g} x {cols:g} numbers wanted, got {n}")
+    if isinstance(value, list) and not value and 0 in counts:
+        return np.zeros(0)
+    return checked(value, f"{info.where}: {name}", *((count,) for count in counts))
+
+
+def text_of(views: Views) -> str:
+    """A camera_info of one camera; CameraError for a lens that ROS has no model for."""
+    camera = views.camera()
+    assert views.rig is not None
+    values, radial = as_opencv(camera), as_fisheye(camera)
+    if values is not None:
+        n = opencv_length(values, 5, 8, 12, 14)
+        assert n is not None
+        model, coefficients = ("plumb_bob" if n == 5 else "rational_polynomial"), values[:n]
+    elif radial is not None:
+        model, coefficients = "equidistant", radial
+    else:
+        raise CameraError(
+            f"ROS has no model for {camera.model} with these coefficients; undistort the images, "
+            "or write another format"
+        )
+    k = camera.opencv_K
+    k[0, 1] = camera.skew
+    name = "".join(c if c.isalnum() else "_" for c in views.rig.names[0])
+    blocks = (
+        ("camera_matrix", k),
+        ("distortion_coefficients", np.array([coefficients])),
+        ("rectification_matrix", np.eye(3)),
+        ("projection_matrix", np.hstack([k, np.zeros((3, 1))])),
+    )
+    lines = [f"image_width: {camera.width}", f"image_height: {camera.height}"]
+    lines += [f'camera_name: "{name}"', f"distortion_model: {model}"]
+    for key, array in blocks:
+        words = ", ".join(repr(float(each)) for each in array.ravel())
+        rows, cols = array.shape
+        lines += [f"{key}:", f"  rows: {rows}", f"  cols: {cols}", f"  data: [{words}]"]
+    return "\n".join([*lines, ""])

@@ -1,0 +1,94 @@
+"""A line about a mesh that was probably read in another unit, for every command with cameras."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov.camera.pose import Poses
+from rastercov.camera.rig import Cameras, cameras_of
+from rastercov.mesh import Mesh
+from rastercov.mesh.diagnosis import size_in_words
+
+UNLIKELY_RATIO = 300.0
+"""Distance of the nearest camera by the size of the mesh above which the unit is asked for."""
+UNLIKELY_DEPTH_RATIO, UNLIKELY_BEYOND_RATIO = 100.0, 30.0
+"""Size of the mesh by the greatest depth in focus, and where all of it is beyond that: a thousand
+is the usual slip, and a part of a mesh may be meant."""
+UNLIKELY_SPREAD_RATIO = 100.0
+"""Size of the mesh by the extent of several cameras."""
+MM = 1e-3
+LEAST_SHARE_IN_MM, MOST_SHARE_IN_METRES = 0.9, 0.5
+"""Shares of the cameras that have the whole mesh before them, read in mm and in metres."""
+LEAST_SIZE_IN_IMAGE = 0.05
+"""Angle of a mesh, by that of the image, above which it is what the camera looks at."""
+
+
+def unit_doubts(
+    mesh: Mesh, camera: Cameras, poses: Poses | None = None, reach: float = math.inf
+) -> list[str]:
+    """A line where the size of the mesh is unlikely beside what its cameras look at; often none.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    camera : Camera, or several
+        Their depth of field is compared with the size.
+    poses : Poses, optional
+        Cameras, or places where they may be.
+    reach : float
+        Greatest distance from the mesh that is allowed, m.
+    """
+    size = float(np.ptp(mesh.bounds, axis=0).max())
+    if not size > 0:
+        return []
+    cameras, words = cameras_of(camera), f"the mesh measures {mesh.size_in_words}"
+    has_poses = poses is not None and len(poses) > 0
+    used = np.unique(poses.camera) if poses is not None and has_poses else range(len(cameras))
+    far = max((float(cameras[index].depth_of_field()[1]) for index in used), default=math.inf)
+    nearest = 0.0
+    if poses is not None and has_poses:
+        eyes = poses.world_from_camera[:, :3, 3]
+        apart = np.maximum(np.maximum(mesh.bounds[0] - eyes, eyes - mesh.bounds[1]), 0)
+        nearest = float(np.linalg.norm(apart, axis=1).min())
+    ratio = UNLIKELY_BEYOND_RATIO if nearest > far else UNLIKELY_DEPTH_RATIO
+    if math.isfinite(far) and size > ratio * far:
+        return [f"{words}, and the camera is in focus to {size_in_words(far)}: --unit mm?"]
+    if math.isfinite(reach) and size > UNLIKELY_DEPTH_RATIO * reach:
+        return [f"{words}, and cameras are within {size_in_words(reach)} of it: --unit mm?"]
+    if poses is None or not has_poses:
+        return []
+    if nearest > UNLIKELY_RATIO * size:
+        return [f"{words}, and the nearest camera is {size_in_words(nearest)} away: check --unit"]
+    spread = float(np.ptp(eyes, axis=0).max())
+    if len(eyes) > 1 and spread > 0 and size > UNLIKELY_SPREAD_RATIO * spread:
+        return [f"{words}, and all cameras are within {size_in_words(spread)}: --unit mm?"]
+    focal = np.array([min(each.fx, each.fy) for each in cameras])[poses.camera]
+    sides = np.array([min(each.width, each.height) for each in cameras])[poses.camera]
+    half = np.arctan(sides / 2 / focal)
+    in_mm, in_metres = (_before(mesh.bounds * scale, poses, half) for scale in (MM, 1.0))
+    if in_mm.mean() >= LEAST_SHARE_IN_MM and in_metres.mean() <= MOST_SHARE_IN_METRES:
+        return [
+            f"{words}; in mm it is what {in_mm.sum()} of {len(eyes)} cameras look at, and in "
+            f"metres what {in_metres.sum()} do: --unit mm?"
+        ]
+    return []
+
+
+def _before(
+    bounds: NDArray[np.float64], poses: Poses, half: NDArray[np.float64]
+) -> NDArray[np.bool_]:
+    """(P,) cameras outside a sphere around a mesh that look at it, with a good part of the image.
+
+    `half` is half of the angle of each image, radians.
+    """
+    radius = float(np.linalg.norm(np.ptp(bounds, axis=0))) / 2
+    to_middle = bounds.mean(axis=0) - poses.world_from_camera[:, :3, 3]
+    distance = np.linalg.norm(to_middle, axis=1)
+    is_outside = distance > radius
+    away = np.where(is_outside, distance, 1.0)
+    along = np.einsum("pi,pi->p", to_middle, poses.world_from_camera[:, :3, 2]) / away
+    angle = np.arcsin(np.minimum(radius / away, 1.0))
+    seen = np.arccos(np.clip(along, -1, 1)) < np.maximum(half, angle)
+    found: NDArray[np.bool_] = is_outside & seen & (angle > LEAST_SIZE_IN_IMAGE * half)
+    return found

@@ -1,0 +1,323 @@
+"""Bounds of lenses over complex numbers: the equations on balls, and `reach` and `bend` from them.
+
+A ball is a centre and a radius, complex numbers within the radius of the centre; an operation gives
+a ball that holds all its results. Values are arrays: many balls are computed at once. Where a
+ball meets a pole or a branch, the radius is infinite. Real constants remain plain numbers, so that
+what is 0, as most coefficients of a lens are, costs nothing.
+
+By Cauchy's estimate a bound M of |u - u0| within R of a point bounds the derivatives there: the
+second is at most 2 M / R^2. By Bernstein's, it bounds the error of a quadrature (`edge_rule`).
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rastercov.camera.lenses import formulas
+from rastercov.camera.lenses.intervals import Jet
+
+FloatArray = NDArray[np.float64]
+
+ROUNDING = 1 + 1e-9
+"""Factor on a bound, for the rounding of the operations on centres and radii."""
+INFLATIONS = 8
+
+
+class Ball:
+    """Complex numbers within `radius` of `centre`, arrays of one shape."""
+
+    __array_ufunc__ = None  # numpy leaves the operations to this class
+
+    def __init__(self, centre: ArrayLike, radius: ArrayLike) -> None:
+        self.centre = np.asarray(centre, np.complex128)
+        self.radius = np.asarray(radius, np.float64)
+
+    @staticmethod
+    def of(value: Any) -> "Ball":
+        """The value itself, or numbers as balls of radius 0."""
+        return value if isinstance(value, Ball) else Ball(value, 0.0)
+
+    def __add__(self, other: "Ball | float | NDArray[Any]") -> "Ball":
+        if isinstance(other, float):
+            return self if other == 0.0 else Ball(self.centre + other, self.radius)
+        other = Ball.of(other)
+        return Ball(self.centre + other.centre, self.radius + other.radius)
+
+    __radd__ = __add__
+
+    def __neg__(self) -> "Ball":
+        return Ball(-self.centre, self.radius)
+
+    def __sub__(self, other: "Ball | float | NDArray[Any]") -> "Ball":
+        return self + -other
+
+    def __rsub__(self, other: "float | NDArray[Any]") -> "Ball":
+        return -self + other
+
+    def __mul__(self, other: Any) -> Any:
+        """Product; the number 0.0 for a factor of 0.0, where no ball is without limit."""
+        if isinstance(other, float):
+            if other != 0.0:
+                return Ball(self.centre * other, self.radius * abs(other))
+            is_limited = self.radius < np.inf
+            return 0.0 if is_limited.all() else Ball(0.0, np.where(is_limited, 0.0, np.inf))
+        other = Ball.of(other)
+        a, b = np.abs(self.centre), np.abs(other.centre)
+        radius = a * other.radius + b * self.radius + self.radius * other.radius
+        return _ball(self.centre * other.centre, radius, radius < np.inf)
+
+    __rmul__ = __mul__
+
+    def _inverse(self) -> "Ball":
+        size = np.abs(self.centre)
+        is_good = size > self.radius
+        return _ball(1 / self.centre, self.radius / (size * (size - self.radius)), is_good)
+
+    def __truediv__(self, other: Any) -> Any:
+        return self * Ball.of(other)._inverse()
+
+    def __rtruediv__(self, other: Any) -> Any:
+        return self._inverse() * other
+
+
+def _ball(centre: Any, radius: Any, is_good: Any) -> Ball:
+    """A ball where it is good, else one without limit."""
+    return Ball(np.where(is_good, centre, 0), np.where(is_good, radius, np.inf))
+
+
+def _smaller(one: Ball, other: Ball) -> Ball:
+    is_one = one.radius <= other.radius
+    return Ball(
+        np.where(is_one, one.centre, other.centre), np.where(is_one, one.radius, other.radius)
+    )
+
+
+def _sqrt(z: Any) -> Any:
+    if not isinstance(z, Ball):
+        return np.sqrt(z)
+    # |sqrt z - sqrt c| = |z - c| / |sqrt z + sqrt c|; both roots are within 45 degrees of 1.
+    is_good = z.centre.real > z.radius
+    return _ball(np.sqrt(z.centre), z.radius / np.sqrt(np.abs(z.centre)), is_good)
+
+
+def _atan(z: Ball) -> Ball:
+    # The derivative is 1 / ((z - i)(z + i)); the cuts are on the imaginary axis beyond i and -i.
+    to_i = np.abs(z.centre - 1j) - z.radius
+    to_minus_i = np.abs(z.centre + 1j) - z.radius
+    is_good = (to_i > 0) & (to_minus_i > 0)
+    is_good &= (np.abs(z.centre.imag) + z.radius < 1) | (np.abs(z.centre.real) > z.radius)
+    return _ball(np.arctan(z.centre), z.radius / (to_i * to_minus_i), is_good)
+
+
+def _angle_over_r(r2: Any, z: Any) -> Ball:
+    """Theta / r, the integral of 1 / (r^2 + t^2) over t > z."""
+    r2, z = Ball.of(r2), Ball.of(z)
+    # First along z at each r2, where the derivative is -1 / (r2 + z^2); then along r2 at the centre
+    # of z, where it is the integral of -1 / (r2 + t^2)^2, whose size is largest at the least real
+    # part of r2, because |r2 + t^2| is at least that and t^2.
+    c, least = z.centre.real, r2.centre.real - r2.radius
+    square = r2 + z * z
+    is_good = (least + np.where(c > 0, c * c, 0.0) > 0) & (z.centre.imag == 0)
+    is_good &= np.abs(square.centre) > square.radius
+    radius = z.radius / np.where(is_good, np.abs(square.centre) - square.radius, 1.0)
+    radius = radius + r2.radius * _steepest(np.where(is_good, least, 1.0), c)
+    found = _ball(_angle(r2.centre, c), radius, is_good)
+    r = _sqrt(r2)
+    return _smaller(found, (np.pi / 2 - _atan(z / r)) / r)
+
+
+def _angle(r2: Any, z: FloatArray) -> Any:
+    """Theta / r of complex r^2 and real z."""
+    is_small = (np.abs(r2) < 1e-8 * z * z) & (z > 0)
+    t = r2 / np.where(is_small, z * z, 1.0)
+    r = np.sqrt(np.where(is_small, 1.0, r2) + 0j)
+    series = (1 - t / 3 + t * t / 5) / np.where(is_small, z, 1.0)
+    return np.where(is_small, series, (np.pi / 2 - np.arctan(z / r)) / r)
+
+
+def _steepest(r2: FloatArray, z: FloatArray) -> FloatArray:
+    """Integral of 1 / (r^2 + t^2)^2 over t > z, for real r^2 > -z^2, or > 0 where z <= 0."""
+    square = z * z
+    is_small = (np.abs(r2) < 0.01 * square) & (z > 0)
+    away, s = np.where(is_small, 1.0, r2), r2 / np.where(is_small, square, 1.0)
+    slope = (_angle(away, z).real - z / (away + square)) / (2 * away)
+    series = 1 / 3 - s * (2 / 5 - s * (3 / 7 - s * (4 / 9 - s * 5 / 11)))
+    result: FloatArray = np.where(is_small, series / np.where(is_small, square * z, 1.0), slope)
+    return result
+
+
+def _atan2(y: Any, x: Any) -> Ball:
+    y, x = Ball.of(y), Ball.of(x)
+    # Valid on the half plane x > 0 and around the y axis; a base turns the longitude to be there.
+    right = _atan(y / x)
+    right = _ball(right.centre, right.radius, x.centre.real > x.radius)
+    side = np.where(y.centre.real >= 0, np.pi / 2, -np.pi / 2) - _atan(x / y)
+    side = _ball(side.centre, side.radius, np.abs(y.centre.real) > y.radius)
+    return _smaller(right, side)
+
+
+_PLAIN = {"sqrt": _sqrt, "atan2": _atan2, "angle_over_r": _angle_over_r}
+_distorted = formulas.bound_to(_PLAIN, given=(formulas.radial_factor, formulas.distorted))[
+    "distorted"
+]
+
+
+def _undo_distortion(p: FloatArray, x: Ball, y: Ball) -> tuple[Ball, Ball]:
+    """Inverse of the distortion over balls, proved by Krawczyk's test.
+
+    K(B) = c - A (F(c) - target) + (1 - A F'(B)) (B - c), A an inverse of F' at the centre c. If
+    K(B) is within B, F has exactly one root in B for each target.
+    """
+    a, b = formulas.undo_distortion(p, x.centre, y.centre)
+    zero = np.zeros(a.shape)
+    f, g = _distorted(p, Ball(a, zero), Ball(b, zero))
+
+    def slopes(radius: FloatArray) -> list[Ball]:
+        left, right = Ball(a, radius), Ball(b, radius)
+        by_a = _distorted(p, Jet(left, 1.0), Jet(right, 0.0))
+        by_b = _distorted(p, Jet(left, 0.0), Jet(right, 1.0))
+        found = by_a[0].slope, by_b[0].slope, by_a[1].slope, by_b[1].slope
+        return [Ball.of(slope) for slope in found]
+
+    fa, fb, ga, gb = (ball.centre for ball in slopes(zero))
+    det = fa * gb - fb * ga
+    inverse = [gb / det, -fb / det, -ga / det, fa / det]
+    off_x, off_y = f - x, g - y
+    far = [
+        Ball(inverse[0], zero) * off_x + Ball(inverse[1], zero) * off_y,
+        Ball(inverse[2], zero) * off_x + Ball(inverse[3], zero) * off_y,
+    ]
+    least = np.maximum(*(np.abs(ball.centre) + ball.radius for ball in far))
+    best = np.full(least.shape, np.inf)
+    for k in range(INFLATIONS):
+        radius = least * (1.05 + 0.2 * k * k) + 1e-14
+        fa_, fb_, ga_, gb_ = slopes(radius)
+        rest = np.zeros(least.shape)
+        for row, unit in ((inverse[:2], (1.0, 0.0)), (inverse[2:], (0.0, 1.0))):
+            total = np.zeros(least.shape)
+            for (one, two), diagonal in zip(((fa_, ga_), (fb_, gb_)), unit, strict=True):
+                entry = diagonal - (Ball(row[0], zero) * one + Ball(row[1], zero) * two)
+                total = total + np.abs(entry.centre) + entry.radius
+            rest = np.maximum(rest, total)
+        is_proved = least + rest * radius <= radius
+        best = np.where(is_proved & (best == np.inf), radius, best)
+        if (best < np.inf).all():
+            break
+    return Ball(a, best), Ball(b, best)
+
+
+_project = formulas.bound_to({**_PLAIN, "undo_distortion": _undo_distortion})["project"]
+
+
+def _sqrt_slope(z: Jet) -> Jet:
+    root = _sqrt(z.value)
+    return Jet(root, z.slope / (2.0 * root))
+
+
+def _atan2_slope(y: Jet, x: Jet) -> Jet:
+    square = Ball.of(x.value * x.value + y.value * y.value)
+    slope = (x.value * y.slope - y.value * x.slope) / square
+    return Jet(_atan2(y.value, x.value), slope)
+
+
+def _angle_over_r_slope(r2: Jet, z: Any) -> Jet:
+    z = Jet.of(z)
+    wide, deep = Ball.of(r2.value), Ball.of(z.value)
+    value, square = _angle_over_r(wide, deep), wide + deep * deep
+    # By r2: (z / square - value) / (2 r2), or next to the axis h'(s) / z^3 (see `_angle_over_r`),
+    # |h''| <= 2 / (5 m^3); by z: -1 / square.
+    s = wide / (deep * deep)
+    least = np.minimum(1.0, 1.0 + s.centre.real - s.radius)
+    t = s.centre
+    is_small = np.abs(t) < 1e-4
+    root = np.sqrt(np.where(is_small, 1, t))
+    slope = np.where(
+        is_small,
+        -1 / 3 + t * (2 / 5 + t * (-3 / 7 + t * (4 / 9))),
+        (1 / (1 + t) - np.arctan(root) / root) / (2 * np.where(is_small, 1, t)),
+    )
+    is_good = (least > 0) & (deep.centre.real > deep.radius)
+    near = _ball(slope, 2 * s.radius / (5 * least**3), is_good) / (deep * deep * deep)
+    by_r2 = _smaller(near, (deep / square - value) / (2.0 * wide))
+    return Jet(value, by_r2 * r2.slope + z.slope * (-1.0 / square))
+
+
+def _undo_distortion_slope(p: FloatArray, x: Jet, y: Jet) -> tuple[Jet, Jet]:
+    """Inverse, and its derivative over balls that hold it."""
+    a, b = _undo_distortion(p, x.value, y.value)
+    fa, ga = (Ball.of(jet.slope) for jet in _distorted(p, Jet(a, 1.0), Jet(b, 0.0)))
+    fb, gb = (Ball.of(jet.slope) for jet in _distorted(p, Jet(a, 0.0), Jet(b, 1.0)))
+    det = fa * gb - fb * ga
+    da = (gb * x.slope - fb * y.slope) / det
+    db = (fa * y.slope - ga * x.slope) / det
+    return Jet(a, da), Jet(b, db)
+
+
+_project_slopes = formulas.bound_to(
+    {
+        "sqrt": _sqrt_slope,
+        "atan2": _atan2_slope,
+        "angle_over_r": _angle_over_r_slope,
+        "undo_distortion": _undo_distortion_slope,
+    }
+)["project"]
+
+
+def slope_reach(
+    code: int, params: FloatArray, frame: FloatArray, x: FloatArray, y: FloatArray, radius: Any
+) -> FloatArray:
+    """Bound of the change of the first derivatives over complex points near points of a plane.
+
+    Parameters are those of `reach`.
+
+    Returns
+    -------
+    (N,) float64
+        Root of the sum of the squares of the bounds of |u_x - a|, |u_y - b|, |v_x - c| and
+        |v_y - d|, with some a, b, c, d for each point, px per unit of the plane.
+    """
+    total = np.zeros(np.shape(x))
+    near = radius + total
+    with np.errstate(all="ignore"):
+        for along in ((1.0, 0.0), (0.0, 1.0)):
+            X, Y = Jet(Ball(x, near), along[0]), Jet(Ball(y, near), along[1])
+            rays = [float(f[0]) * X + float(f[1]) * Y + float(f[2]) for f in frame]
+            for jet in _project_slopes(code, params, *rays):
+                total = total + Ball.of(jet.slope).radius ** 2
+        return _limited(np.sqrt(total))
+
+
+def reach(
+    code: int, params: FloatArray, frame: FloatArray, x: FloatArray, y: FloatArray, radius: Any
+) -> tuple[FloatArray, FloatArray]:
+    """Bounds of |u - u0| and |v - v0|, px, over complex points near points of an ideal plane.
+
+    Parameters
+    ----------
+    code, params
+        The lens.
+    frame : (3, 3) float64
+        Axes of the plane's camera, as columns, in axes of the lens.
+    x, y : (N,) float64
+        Points of the plane, X / Z and Y / Z.
+    radius : float or (N,) float64
+        Both coordinates of a complex point are within it of those of its (x, y).
+
+    Returns
+    -------
+    (N,) float64, (N,) float64
+        u0, v0 is the pixel of (x, y); infinite where the lens has a pole or a branch that near.
+    """
+    zero = np.zeros(np.shape(x))
+    X, Y = Ball(x, radius + zero), Ball(y, radius + zero)
+    rays = [float(f[0]) * X + float(f[1]) * Y + float(f[2]) for f in frame]
+    with np.errstate(all="ignore"):
+        u, v = _project(code, params, *rays)
+    return _limited(Ball.of(u).radius + zero), _limited(Ball.of(v).radius + zero)
+
+
+def _limited(radius: FloatArray) -> FloatArray:
+    with np.errstate(all="ignore"):
+        result: FloatArray = np.where(radius < np.inf, radius * ROUNDING, np.inf)
+    return result

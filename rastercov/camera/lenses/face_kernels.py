@@ -1,0 +1,399 @@
+"""Images of faces through a lens, compiled by numba.
+
+These are the functions of `rastercov.criteria_kernels` for a lens that is no pinhole: the same
+arguments, the same results. The area and the field of view come from integrals along the edges.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov._jit import allocation_free, called_whole, part_with_arrays
+from rastercov.camera.camera import Camera
+from rastercov.camera.lenses import kernels
+from rastercov.camera.lenses.density_kernels import SLOPES
+from rastercov.camera.lenses.edge_kernels import bulge, nodes_for
+from rastercov.camera.lenses.lane_kernels import GROUP, project_lanes
+from rastercov.camera.lenses.of_camera import lens_of, planes_of
+from rastercov.camera.lenses.polygon_kernels import (
+    MOST_CORNERS,
+    EdgeScratch,
+    beyond_side_of,
+    cut_to_region,
+    cut_to_side_of,
+    edge_scratch,
+    polygon_image,
+)
+from rastercov.camera.lenses.quadrature import NODES
+from rastercov.camera.lenses.records import PlaneRecord
+from rastercov.camera.models import MODELS
+from rastercov.vertex_columns import AHEAD, BEHIND, INSIDE, STATE, U, V, X, Y, Z
+
+FloatArray = NDArray[np.float64]
+
+MOST_SIDES = 132
+"""Room for the sides of a region: a cone of 128 sides cut by a square."""
+NOWHERE = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+"""Corners of a face that is not in a plane."""
+OUTSIDE_TOLERANCE = 1e-9
+"""Area outside the image, px^2 and relative to the face, up to which a face is inside it."""
+
+
+class CurvedLens(NamedTuple):
+    """A lens for the loops over faces; arrays read-only, one row for each of its planes.
+
+    Attributes
+    ----------
+    code, params
+        The lens.
+    width, height : float
+        Image size, px.
+    by_distance : bool
+        Sharpness depends on the distance, not on the depth.
+    frames : (N, 3, 3) float64
+        lens_from_plane.
+    own_params : (N, 32) float64
+    regions, holes : (N, MOST_SIDES, 2) float64
+    region_sides, hole_sides : (N,) int64
+    longest : (N, M) float64
+    parts_of : (N,) int64
+    is_graded : (N,) bool
+    bends : (N,) float64
+    tolerance : float
+        See `PlaneRecord`.
+    """
+
+    code: int
+    params: FloatArray
+    width: float
+    height: float
+    by_distance: bool
+    frames: FloatArray
+    own_params: FloatArray
+    regions: FloatArray
+    region_sides: NDArray[np.int64]
+    holes: FloatArray
+    hole_sides: NDArray[np.int64]
+    longest: FloatArray
+    parts_of: NDArray[np.int64]
+    is_graded: NDArray[np.bool_]
+    bends: FloatArray
+    tolerance: float
+
+
+class CurvedWorkspace(NamedTuple):
+    """Memory of one thread: the projected vertices (V, 14), and polygons of a plane.
+
+    `block`, (0, 0), is for a pinhole only.
+    """
+
+    points: FloatArray
+    polygon: FloatArray
+    spare: FloatArray
+    corners: FloatArray
+    spare_corners: FloatArray
+    edges: EdgeScratch
+    block: FloatArray
+
+
+def curved_lens(camera: Camera) -> CurvedLens:
+    """Lens of a camera for the loops."""
+    lens, records = lens_of(camera), [record for _, record in planes_of(camera)]
+
+    def padded(polygons: list[FloatArray]) -> tuple[Any, Any]:
+        rows = np.zeros((len(polygons), MOST_SIDES, 2))
+        for row, polygon in zip(rows, polygons, strict=True):
+            row[: len(polygon)] = polygon
+        return read_only(rows), read_only(np.array([len(each) for each in polygons], np.int64))
+
+    regions, region_sides = padded([record.region for record in records])
+    holes, hole_sides = padded([record.hole for record in records])
+    return CurvedLens(
+        code=lens.code,
+        params=read_only(lens.params),
+        width=float(camera.width),
+        height=float(camera.height),
+        by_distance=not MODELS[camera.model].is_planar,
+        frames=read_only(np.stack([record.frame for record in records])),
+        own_params=read_only(np.stack([record.params for record in records])),
+        regions=regions,
+        region_sides=region_sides,
+        holes=holes,
+        hole_sides=hole_sides,
+        longest=read_only(np.stack([record.longest for record in records])),
+        parts_of=read_only(np.array([record.parts_of for record in records], np.int64)),
+        is_graded=read_only(np.array([record.is_graded for record in records])),
+        bends=read_only(np.array([record.bend for record in records])),
+        tolerance=records[0].tolerance,
+    )
+
+
+def curved_workspace(n_vertices: int) -> CurvedWorkspace:
+    """Memory for one thread."""
+    sizes = [(n_vertices, SLOPES + 6)] + [(MOST_CORNERS, 2)] * 2 + [(MOST_CORNERS, 3)] * 2
+    return CurvedWorkspace._make(
+        [*(np.empty(size) for size in sizes), edge_scratch(), np.empty((0, 0))]
+    )
+
+
+def read_only(array: NDArray[Any]) -> NDArray[Any]:
+    """Contiguous view that is not writable: numba compiles for each layout of an argument."""
+    view: NDArray[Any] = np.ascontiguousarray(array).view()
+    view.flags.writeable = False
+    return view
+
+
+def project(vertices, pose, near, lens, points):
+    """Transform the vertices to camera axes and project those in the valid region of the lens."""
+    _project(vertices, pose, near, lens, points)
+
+
+@called_whole
+def _project(vertices, pose, near, lens, points):
+    """See `project`, which numba copies into its callers."""
+    is_wide = lens.frames.shape[0] > 1
+    for i in range(vertices.shape[0]):
+        a = vertices[i, 0] - pose[0, 3]
+        b = vertices[i, 1] - pose[1, 3]
+        c = vertices[i, 2] - pose[2, 3]
+        x = a * pose[0, 0] + b * pose[1, 0] + c * pose[2, 0]
+        y = a * pose[0, 1] + b * pose[1, 1] + c * pose[2, 1]
+        z = a * pose[0, 2] + b * pose[1, 2] + c * pose[2, 2]
+        # A wide lens has a cube of near planes.
+        depth = max(abs(x), abs(y), abs(z)) if is_wide else z
+        state, u, v = BEHIND, math.nan, math.nan
+        if depth >= near and kernels.is_valid(lens.params, x, y, z):
+            state = AHEAD
+            u, v = kernels.project(lens.code, lens.params, x, y, z)
+            if 0 <= u <= lens.width and 0 <= v <= lens.height:
+                state = INSIDE
+        points[i, X], points[i, Y], points[i, Z] = x, y, z
+        points[i, U], points[i, V] = u, v
+        points[i, STATE], points[i, SLOPES] = state, math.nan
+
+
+def image_of_face(points, i, j, k, near, lens, work, drawn):
+    """Field of view of a face: state of all of it, part of its area in the image, area, px^2.
+
+    The state is that of its worst vertex, but not `INSIDE` where an edge leaves the image. `drawn`
+    is the area in the image where that is known; negative otherwise.
+    """
+    worst = min(points[i, STATE], points[j, STATE], points[k, STATE])
+    if worst == INSIDE:
+        n, longest2, corners = _plane_inside(points, i, j, k, near, lens)
+        if n >= 0:
+            area = drawn
+            if not drawn > 0:
+                area = _area_inside(points, i, j, k, lens, n, longest2, corners, work)
+            if area > 0:
+                return worst, 1.0, area
+    if worst == BEHIND and _is_out_of_sight(points, i, j, k, near, lens):
+        return worst, 0.0, 0.0
+    whole, inside = curved_areas(points, i, j, k, near, lens, work)
+    if not whole > 0:
+        return worst, 0.0, 0.0
+    if worst == INSIDE:
+        if whole - inside <= OUTSIDE_TOLERANCE * (1.0 + whole):
+            return worst, 1.0, whole
+        worst = AHEAD
+    part = inside / whole
+    return worst, min(1.0, max(0.0, part)), whole
+
+
+@allocation_free
+def _plane_inside(points, i, j, k, near, lens):
+    """Plane that has all of a face whose image stays inside; its longest edge squared, its corners.
+
+    -1 where an edge may leave the image, or the face a plane. A line of length L in a plane leaves
+    its chord in the image by at most bend L^2 / 8.
+    """
+    low_u = min(points[i, U], points[j, U], points[k, U])
+    high_u = max(points[i, U], points[j, U], points[k, U])
+    low_v = min(points[i, V], points[j, V], points[k, V])
+    high_v = max(points[i, V], points[j, V], points[k, V])
+    for n in range(lens.frames.shape[0]):
+        longest2, corners = _longest_edge(points, i, j, k, near, lens, n)
+        if longest2 < math.inf:
+            stray = lens.bends[n] * longest2 / 8
+            is_inside = (
+                low_u >= stray
+                and low_v >= stray
+                and high_u <= lens.width - stray
+                and high_v <= lens.height - stray
+            )
+            return n if is_inside else -1, longest2, corners
+    return -1, math.inf, NOWHERE
+
+
+@called_whole
+def _area_inside(points, i, j, k, lens, n, longest2, corners, work):
+    """Area of the image of a face that is all in plane n, px^2: its triangle and three bulges.
+
+    0 where its longest edge is too long for one rule, on a plane with a pole, and where the image
+    has no area.
+    """
+    frame, longest = lens.frames[n], lens.longest[n]
+    rule, parts = nodes_for(0.5 * math.sqrt(longest2), longest, lens.parts_of[n])
+    if parts > 1 or lens.is_graded[n]:
+        return 0.0
+    x, y, z, u, v = work.edges.x, work.edges.y, work.edges.z, work.edges.u, work.edges.v
+    U_, V_, inner = work.edges.U, work.edges.V, rule - 1
+    nodes = 3 * inner
+    x0, y0, x1, y1, x2, y2 = corners
+    for m in range(inner):
+        t, s = NODES[rule, m + 1], NODES[rule, inner - m]
+        x[m], y[m] = s * x0 + t * x1, s * y0 + t * y1
+        x[inner + m], y[inner + m] = s * x1 + t * x2, s * y1 + t * y2
+        x[2 * inner + m], y[2 * inner + m] = s * x2 + t * x0, s * y2 + t * y0
+    for m in range(nodes, nodes + GROUP):
+        x[m], y[m] = x[0], y[0]
+    project_lanes(lens.code, lens.own_params[n], frame, x, y, z, nodes, u, v)
+    u0, v0 = points[i, U], points[i, V]
+    u1, v1, u2, v2 = points[j, U], points[j, V], points[k, U], points[k, V]
+    area = 0.5 * ((u1 - u0) * (v2 - v0) - (u2 - u0) * (v1 - v0))
+    for s in range(3):
+        p, q = (i, j) if s == 0 else (j, k) if s == 1 else (k, i)
+        U_[0], V_[0], U_[rule], V_[rule] = points[p, U], points[p, V], points[q, U], points[q, V]
+        for m in range(1, rule):
+            U_[m], V_[m] = u[s * inner + m - 1], v[s * inner + m - 1]
+        area += bulge(rule, U_, V_)
+    return abs(area)
+
+
+@part_with_arrays
+def _longest_edge(points, i, j, k, near, lens, n):
+    """Squared length of the longest edge of a face in a plane, and the corners in its units.
+
+    The length is infinite for a face not all in the plane. The valid vertices of a lens with one
+    plane are in it.
+    """
+    frame, sides = lens.frames[n], lens.region_sides[n]
+    x, y, z = _turned(points, i, frame)
+    u, v, w = _turned(points, j, frame)
+    r, s, t = _turned(points, k, frame)
+    if not min(z, w, t) > 0:
+        return math.inf, NOWHERE
+    x, y, u, v, r, s = x / z, y / z, u / w, v / w, r / t, s / t
+    if lens.frames.shape[0] > 1:
+        if min(z, w, t) < near or lens.hole_sides[n] > 0:
+            return math.inf, NOWHERE
+        for side in range(sides):
+            following = side + 1 if side + 1 < sides else 0
+            x0, y0 = lens.regions[n, side, 0], lens.regions[n, side, 1]
+            dx, dy = lens.regions[n, following, 0] - x0, lens.regions[n, following, 1] - y0
+            if (
+                dx * (y - y0) - dy * (x - x0) < 0
+                or dx * (v - y0) - dy * (u - x0) < 0
+                or dx * (s - y0) - dy * (r - x0) < 0
+            ):
+                return math.inf, NOWHERE
+    longest2 = max(
+        (x - u) * (x - u) + (y - v) * (y - v),
+        (u - r) * (u - r) + (v - s) * (v - s),
+        (r - x) * (r - x) + (s - y) * (s - y),
+    )
+    return longest2, (x, y, u, v, r, s)
+
+
+@allocation_free
+def _is_out_of_sight(points, i, j, k, near, lens):
+    """True where all of a face is before the near plane, or beyond one side, in every plane."""
+    for n in range(lens.frames.shape[0]):
+        frame = lens.frames[n]
+        low_x = low_y = math.inf
+        high_x = high_y = -math.inf
+        for s in range(lens.region_sides[n]):
+            low_x, high_x = min(low_x, lens.regions[n, s, 0]), max(high_x, lens.regions[n, s, 0])
+            low_y, high_y = min(low_y, lens.regions[n, s, 1]), max(high_y, lens.regions[n, s, 1])
+        before = left = right = above = below = True
+        for s in range(3):
+            p = i if s == 0 else j if s == 1 else k
+            x, y, z = _turned(points, p, frame)
+            before = before and z < near
+            left, right = left and x < low_x * z, right and x > high_x * z
+            above, below = above and y < low_y * z, below and y > high_y * z
+        if not (before or left or right or above or below):
+            return False
+    return True
+
+
+@allocation_free
+def _turned(points, p, frame):
+    """Vertex in the axes of a plane."""
+    a, b, c = points[p, X], points[p, Y], points[p, Z]
+    return (
+        frame[0, 0] * a + frame[1, 0] * b + frame[2, 0] * c,
+        frame[0, 1] * a + frame[1, 1] * b + frame[2, 1] * c,
+        frame[0, 2] * a + frame[1, 2] * b + frame[2, 2] * c,
+    )
+
+
+@called_whole
+def curved_areas(points, i, j, k, near, lens, work):
+    """Area of the image of a face in the valid region, and of its part in the image, px^2."""
+    whole = inside = 0.0
+    corners, spare, polygon = work.corners, work.spare_corners, work.polygon
+    for n in range(lens.frames.shape[0]):
+        for s in range(3):
+            p = i if s == 0 else j if s == 1 else k
+            corners[s, 0], corners[s, 1], corners[s, 2] = _turned(points, p, lens.frames[n])
+        m = _cut_to_near(corners, 3, near, spare)
+        if m < 3:
+            continue
+        for p in range(m):
+            polygon[p, 0] = spare[p, 0] / spare[p, 2]
+            polygon[p, 1] = spare[p, 1] / spare[p, 2]
+        plane = PlaneRecord(
+            lens.code, lens.own_params[n], lens.frames[n], 1.0, 1.0, 0.0, 0.0,
+            lens.regions[n, : lens.region_sides[n]], lens.holes[n, : lens.hole_sides[n]],
+            lens.regions[n, : lens.region_sides[n]], lens.longest[n], lens.parts_of[n],
+            lens.is_graded[n], lens.width, lens.height, lens.bends[n], 1.0, 1.0, lens.tolerance,
+        )  # fmt: skip
+        m = cut_to_region(polygon, m, plane.region, work.spare)
+        if m < 3:
+            continue
+        sides = lens.hole_sides[n]
+        if sides == 0:
+            area, part, _ = polygon_image(plane, polygon, 0, m, work.edges)
+            sign = -1.0 if area < 0 else 1.0
+            whole += sign * area
+            inside += sign * part
+        for side in range(sides):  # what is outside the hole, as in `exact.lens_outlines`
+            beyond = beyond_side_of(polygon, m, plane.hole, side, work.spare)
+            if beyond >= 3:
+                area, part, _ = polygon_image(plane, work.spare, 0, beyond, work.edges)
+                sign = -1.0 if area < 0 else 1.0
+                whole += sign * area
+                inside += sign * part
+            m = cut_to_side_of(polygon, m, plane.hole, side, work.spare)
+            if m < 3:
+                break
+    return whole, inside
+
+
+@allocation_free
+def _cut_to_near(corners, n, near, out):
+    """Keep the part of a polygon in space with z >= near; returns its corner count."""
+    kept = 0
+    for i in range(n):
+        j = i + 1 if i + 1 < n else 0
+        here, there = corners[i, 2] - near, corners[j, 2] - near
+        if here >= 0:
+            for c in range(3):
+                out[kept, c] = corners[i, c]
+            kept += 1
+        if (here > 0 and there < 0) or (here < 0 and there > 0):
+            t = here / (here - there)
+            for c in range(3):
+                out[kept, c] = corners[i, c] + t * (corners[j, c] - corners[i, c])
+            out[kept, 2] = near
+            kept += 1
+    return kept
+
+
+def focus_depth(points, p, lens):
+    """Depth of a vertex that its sharpness depends on: z, or the distance for a wide lens."""
+    x, y, z = points[p, X], points[p, Y], points[p, Z]
+    return math.sqrt(x * x + y * y + z * z) if lens.by_distance else z

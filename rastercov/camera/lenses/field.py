@@ -1,0 +1,136 @@
+"""Field of view of a lens in its ideal planes: convex cells of what its image shows.
+
+What an image shows of an ideal plane is bounded by curves. `fields_of` divides each plane once for
+a camera, so that loops over surfaces cut by straight lines only (`field_kernels`).
+"""
+
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov.camera.camera import Camera
+from rastercov.camera.lenses import field_kernels as kernels
+from rastercov.camera.lenses.field_cells import side_of_image
+from rastercov.camera.lenses.kernels import project_many
+from rastercov.camera.lenses.of_camera import MOST_LENSES, optics_of, planes_of
+from rastercov.camera.lenses.planes import IdealPlane, keep
+from rastercov.camera.lenses.polygon_kernels import edge_scratch
+from rastercov.camera.lenses.records import PlaneRecord
+
+FloatArray = NDArray[np.float64]
+
+TOLERANCE = 5e-6
+"""Mean width of the undecided cells along a border of the image, in units of the plane."""
+FIRST_NODES = 4096
+SAMPLES = 64
+"""Points along a side of a plane's box at which the field of view is looked for."""
+GUARDS, GUARD_STEPS = 16, 2.0
+"""Directions of the lines around it, and their distance from it, in steps between points."""
+
+
+def fields_of(camera: Camera, tolerance: float = TOLERANCE) -> tuple[kernels.Tree, ...]:
+    """Field of view of a camera in each of its ideal planes, in the order of `planes_of`."""
+    return _fields_of(optics_of(camera), tolerance)
+
+
+@lru_cache(maxsize=MOST_LENSES)
+def _fields_of(camera: Camera, tolerance: float) -> tuple[kernels.Tree, ...]:
+    return tuple(field_of(plane, record, tolerance) for plane, record in planes_of(camera))
+
+
+def field_of(plane: IdealPlane, record: PlaneRecord, tolerance: float) -> kernels.Tree:
+    """Field of view in one plane, within the image of its pinhole.
+
+    Parameters
+    ----------
+    plane, record
+        The plane.
+    tolerance : float
+        Mean width of undecided cells, in units of the plane.
+    """
+    pinhole = plane.camera
+    left, top = -pinhole.cx / pinhole.fx, -pinhole.cy / pinhole.fy
+    right, bottom = left + pinhole.width / pinhole.fx, top + pinhole.height / pinhole.fy
+    box = np.array([(left, top), (right, top), (right, bottom), (left, bottom)])
+    region, hole = _lines(record.region), _lines(record.hole)
+    guards = _guards(plane, record, box)
+    inner = box
+    for line in guards:
+        inner = keep(inner, *line)
+    region = np.concatenate((guards, _cutting(region, inner)))
+    work, n = kernels.tree_scratch(len(region), len(hole)), FIRST_NODES
+    while True:
+        tree = kernels.room_for_tree(n)
+        kernels.divide(record, box, region, hole, tolerance, work, tree)
+        root, n_nodes = tree.root.tolist()
+        if n_nodes <= n:
+            break
+        n = n_nodes
+    grown = kernels.Tree(
+        tree.lines[:n_nodes].copy(),
+        tree.children[:n_nodes].copy(),
+        tree.kinds[:n_nodes].copy(),
+        root,
+    )
+    for array in (grown.lines, grown.children, grown.kinds):
+        array.flags.writeable = False
+    return grown
+
+
+def _guards(plane: IdealPlane, record: PlaneRecord, box: FloatArray) -> FloatArray:
+    """Lines (K, 3) around the field of view that cut off corners of a box, far from the image.
+
+    The region may have a hundred sides there, by which all surfaces would be cut.
+    """
+    t = (np.arange(SAMPLES) + 0.5) / SAMPLES
+    low, high = box.min(axis=0), box.max(axis=0)
+    points = np.stack(np.meshgrid(*(low + (high - low) * t[:, None]).T), axis=-1).reshape(-1, 2)
+    is_valid = (points @ (lines := _lines(record.region))[:, :2].T + lines[:, 2] > 0).all(axis=1)
+    if len(record.hole):
+        lines = _lines(record.hole)
+        is_valid &= (points @ lines[:, :2].T + lines[:, 2] < 0).any(axis=1)
+    points = points[is_valid]
+    pixels = np.empty((len(points), 2))
+    rays = np.column_stack((points, np.ones(len(points)))) @ plane.frame.T
+    project_many(record.code, record.params, np.ascontiguousarray(rays), pixels)
+    seen = points[((pixels >= 0) & (pixels <= (record.width, record.height))).all(axis=1)]
+    if not len(seen):
+        return np.empty((0, 3))
+    angle = 2 * np.pi * np.arange(GUARDS) / GUARDS
+    normals = np.column_stack((np.cos(angle), np.sin(angle)))
+    offsets = (seen @ normals.T).max(axis=0) + GUARD_STEPS * np.max(high - low) / SAMPLES
+    guards = _cutting(np.column_stack((-normals, offsets)), box)
+    return guards[[_is_outside(record, box, line) for line in guards]]
+
+
+def _is_outside(record: PlaneRecord, box: FloatArray, line: FloatArray) -> bool:
+    """True where the image shows nothing of what is beyond a line."""
+    beyond = keep(box, *-line)
+    for side in _lines(record.region):
+        beyond = keep(beyond, *side)
+    if len(beyond) < 3:
+        return True
+    inner = beyond
+    for side in _lines(record.hole):
+        inner = keep(inner, *side)
+    if len(record.hole) and len(inner) >= 3:
+        return False
+    edges = edge_scratch()
+    found: int = side_of_image(record, beyond, len(beyond), record.fx, edges)
+    return found == -1
+
+
+def _cutting(lines: FloatArray, polygon: FloatArray) -> FloatArray:
+    """The lines that have a corner of a polygon outside."""
+    values = polygon @ lines[:, :2].T + lines[:, 2]
+    return lines[(values < -kernels.ON_LINE).any(axis=0)]
+
+
+def _lines(polygon: FloatArray) -> FloatArray:
+    """Lines (K, 3) along the sides of a polygon, positive inside, with normals of unit length."""
+    side = np.roll(polygon, -1, axis=0) - polygon
+    size = np.hypot(side[:, 0], side[:, 1])
+    side, start = side[size > 0] / size[size > 0, None], polygon[size > 0]
+    a, b = -side[:, 1], side[:, 0]
+    return np.column_stack((a, b, -(a * start[:, 0] + b * start[:, 1])))

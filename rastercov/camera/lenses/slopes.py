@@ -1,0 +1,230 @@
+"""Bounds of the second and third derivatives of a lens over parts of an ideal plane.
+
+By Cauchy's estimate a bound M of |f - k|, f the first derivatives and k any number, within R of a
+point bounds the derivatives there: that of order m is at most (m - 1)! M / R^(m-1). M is found by
+the equations on complex balls (`balls.slope_reach`), for each cell of a grid over the region; the
+best of some radii counts. These bounds are some ten to a hundred times too large. So each cell is
+divided, differences give the derivatives in the middle of a part, and the bounds of the next orders
+what they are off by, and how much they change in the part. Third derivatives have bounds of their
+own (`series`).
+"""
+
+import math
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov._jit import allocation_free
+from rastercov.camera.lenses import balls, formulas
+from rastercov.camera.lenses.kernels import jacobian_many
+from rastercov.camera.lenses.planes import IdealPlane
+from rastercov.camera.lenses.series import derivatives_in_cells
+
+FloatArray = NDArray[np.float64]
+
+CELLS, PARTS = 32, 4
+"""Cells of a side of the grid for balls, and parts of the side of a cell."""
+STEP = 1e-3
+"""Step of the differences, in units of the plane: far less than the least of the radii."""
+ALMOST_NOTHING = 1e-300
+"""Slope of the cone around -z that a lens is not evaluated in."""
+ORDERS = (2, 3, 4, 5)
+RADII = tuple(np.geomspace(0.01, 0.5, 12).tolist())
+"""Radii, in units of the plane, at which bounds are tried."""
+MOST_PLANES = 64
+"""Planes whose slopes are kept from the record of a plane to its first use, 280 kB each."""
+
+
+class Slopes(NamedTuple):
+    """Bounds of derivatives along lines of a plane, px per unit^2 and unit^3.
+
+    Attributes
+    ----------
+    low_x, low_y, per_x, per_y : float
+        Corner of the grid, and cells a unit.
+    second, third : (CELLS PARTS, CELLS PARTS) float64
+        By row (y) and column (x); 0 beyond the region.
+    sizes : (2, CELLS, CELLS) float64
+        Least and greatest |det A|, A the first derivative of pixels, px^2, of each cell of PARTS x
+        PARTS parts; infinite and 0 beyond the region; 0 and infinite where nothing is known.
+    is_graded : bool
+        The plane has a pole at (0, 0): bounds at a distance d from it are the next two numbers,
+        over d^2 and d^3.
+    near_pole_2, near_pole_3 : float
+    """
+
+    low_x: float
+    low_y: float
+    per_x: float
+    per_y: float
+    second: FloatArray
+    third: FloatArray
+    sizes: FloatArray
+    is_graded: bool
+    near_pole_2: float
+    near_pole_3: float
+
+
+def is_affine(plane: IdealPlane) -> bool:
+    """True for a lens without distortion: pixels are affine in its plane."""
+    p = plane.params
+    is_flat = not p[formulas.K1 : formulas.T00].any()
+    is_flat = is_flat and p[formulas.T20] == 0.0 and p[formulas.T21] == 0.0
+    return bool(plane.code == formulas.PINHOLE and is_flat)
+
+
+@lru_cache(maxsize=MOST_PLANES)
+def slopes_in(plane: IdealPlane) -> Slopes:
+    """Bounds in the region of a plane."""
+    low, high = plane.region.min(axis=0), plane.region.max(axis=0)
+    half = (high - low) / (2 * CELLS)
+    middle = low[:, None] + half[:, None] * (2 * np.arange(CELLS) + 1)
+    x, y = (grid.ravel() for grid in np.meshgrid(*middle))
+    bounds, sizes = np.zeros((len(ORDERS), CELLS * CELLS)), np.zeros((2, CELLS * CELLS))
+    sizes[1] = np.inf
+    pole = 0.0, 0.0
+    if plane.has_pole:
+        pole = _near_pole(plane)
+    elif not is_affine(plane):
+        rows = np.flatnonzero(plane.meets(x, y, (float(half[0]), float(half[1]))))
+        bounds[:, rows] = np.inf
+        for radius in RADII:
+            # All points of a cell have the ball of its middle within theirs.
+            ball = radius + float(half.max())
+            change = balls.slope_reach(
+                plane.code, plane.params, plane.frame, x[rows], y[rows], ball
+            )
+            for bound, order in zip(bounds, ORDERS, strict=True):
+                own = math.factorial(order - 1) * change / radius ** (order - 1)
+                bound[rows] = np.minimum(bound[rows], own)
+        sizes[0], sizes[1] = np.inf, 0.0  # which is no limit beyond the region
+        in_cells, sizes[:, rows] = derivatives_in_cells(
+            plane.code,
+            plane.params,
+            plane.frame,
+            x[rows],
+            y[rows],
+            (float(half[0]), float(half[1])),
+        )
+        bounds[1, rows] = np.minimum(bounds[1, rows], in_cells)
+    # Of each part of a cell.
+    coarse = bounds.reshape(-1, CELLS, CELLS).repeat(PARTS, axis=1).repeat(PARTS, axis=2)
+    second, third = coarse[:2]
+    if bounds.any():
+        second, third = _sharpened(plane, coarse, low, half / PARTS)
+    found = Slopes(
+        low_x=float(low[0]),
+        low_y=float(low[1]),
+        per_x=PARTS / (2 * float(half[0])),
+        per_y=PARTS / (2 * float(half[1])),
+        second=np.ascontiguousarray(second),
+        third=np.ascontiguousarray(third),
+        sizes=np.ascontiguousarray(sizes.reshape(2, CELLS, CELLS)),
+        is_graded=plane.has_pole,
+        near_pole_2=pole[0],
+        near_pole_3=pole[1],
+    )
+    for grid in (found.second, found.third, found.sizes):
+        grid.flags.writeable = False
+    return found
+
+
+def _sharpened(
+    plane: IdealPlane, coarse: FloatArray, low: FloatArray, half: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Bounds of second and third derivatives by differences in the middle of each part.
+
+    `coarse` are bounds of `ORDERS` in parts of half sides `half`. With a step h a difference of
+    first derivatives is off by h^2 / 6 times the fourth derivative, one of second order by h^2 / 12
+    times the fifth, or h^2 / 3 for a mixed one.
+    """
+    n = CELLS * PARTS
+    rows, columns = np.nonzero(coarse[0])
+    middle = low + half * (2 * np.column_stack((columns, rows)) + 1)
+    at = {
+        (i, j): _first_derivatives(plane, middle + STEP * np.array((i, j)))
+        for i in (-1, 0, 1)
+        for j in (-1, 0, 1)
+    }
+    by_x, by_y = (at[1, 0] - at[-1, 0]) / (2 * STEP), (at[0, 1] - at[0, -1]) / (2 * STEP)
+    by_xx = (at[1, 0] - 2 * at[0, 0] + at[-1, 0]) / STEP**2
+    by_yy = (at[0, 1] - 2 * at[0, 0] + at[0, -1]) / STEP**2
+    by_xy = (at[1, 1] - at[1, -1] - at[-1, 1] + at[-1, -1]) / (4 * STEP**2)
+    second, third, fourth, fifth = coarse[:, rows, columns]
+    reach = math.hypot(*half)
+    size = np.sqrt((by_x**2 + by_y**2).sum(axis=1))
+    sharp_2 = size + third * reach + fourth * STEP**2
+    size = np.sqrt((by_xx**2 + 2 * by_xy**2 + by_yy**2).sum(axis=1))
+    sharp_3 = size + fourth * reach + fifth * STEP**2
+    found = np.zeros((2, n, n))
+    found[0, rows, columns] = np.fmin(second, sharp_2)
+    found[1, rows, columns] = np.fmin(third, sharp_3)
+    return found[0], found[1]
+
+
+def _first_derivatives(plane: IdealPlane, points: FloatArray) -> FloatArray:
+    """(N, 4) u_x, u_y, v_x, v_y at points (N, 2) of a plane."""
+    everywhere = plane.params.copy()
+    everywhere[formulas.SLOPE] = -ALMOST_NOTHING  # also a step beyond the region
+    rays = points @ plane.frame[:, :2].T + plane.frame[:, 2]
+    out = np.empty((len(points), 2, 3))
+    jacobian_many(plane.code, everywhere, np.ascontiguousarray(rays), out)
+    slopes: FloatArray = (out @ plane.frame[:, :2]).reshape(-1, 4)
+    return slopes
+
+
+def _near_pole(plane: IdealPlane) -> tuple[float, float]:
+    """Bounds of second and third derivatives times d^2 and d^3, d <= 2^(1/2) that from the pole.
+
+    Longitude is the imaginary part of log(x + i y), whose derivatives are at most 1 / d^2 and
+    2 / d^3. Latitude is 90 degrees less F(d^2), F(s) = atan(s^(1/2)). Its second derivative along a
+    line is at most 1 / d; its third, F_3 s_1^3 + 3 F_2 s_1 s_2 with s_1 <= 2 d and s_2 = 2 the
+    derivatives of s, at most 11 / d^2, for |F_2| <= 9/32 s^(-3/2) and |F_3| <= 0.95 s^(-5/2).
+    """
+    p = plane.params
+    across, down, skew = (abs(float(p[k])) for k in (formulas.FX, formulas.FY, formulas.SKEW))
+    farthest = math.sqrt(2)
+    second = math.hypot(across + skew * farthest, down * farthest)
+    third = math.hypot(2 * across + 11 * skew * farthest, 11 * down * farthest)
+    return second, third
+
+
+@allocation_free
+def bounds_within(slopes, low_x, high_x, low_y, high_y):
+    """Bounds of the second and third derivatives in the region within a box of a plane."""
+    second = third = 0.0
+    if slopes.is_graded:
+        x = max(low_x, -high_x, 0.0)
+        y = max(low_y, -high_y, 0.0)
+        d2 = x * x + y * y
+        return slopes.near_pole_2 / d2, slopes.near_pole_3 / (d2 * np.sqrt(d2))
+    n = slopes.second.shape[0]
+    first = min(max(int((low_x - slopes.low_x) * slopes.per_x), 0), n - 1)
+    last = min(max(int((high_x - slopes.low_x) * slopes.per_x), 0), n - 1)
+    top = min(max(int((low_y - slopes.low_y) * slopes.per_y), 0), n - 1)
+    bottom = min(max(int((high_y - slopes.low_y) * slopes.per_y), 0), n - 1)
+    for row in range(top, bottom + 1):
+        for column in range(first, last + 1):
+            second = max(second, slopes.second[row, column])
+            third = max(third, slopes.third[row, column])
+    return second, third
+
+
+@allocation_free
+def sizes_within(slopes, low_x, high_x, low_y, high_y):
+    """Least and greatest `Slopes.sizes` in the region within a box of a plane; 0 at a pole."""
+    if slopes.is_graded:
+        return 0.0, math.inf
+    least, most = math.inf, 0.0
+    n = slopes.sizes.shape[1]
+    left = min(max(int((low_x - slopes.low_x) * slopes.per_x) // PARTS, 0), n - 1)
+    right = min(max(int((high_x - slopes.low_x) * slopes.per_x) // PARTS, 0), n - 1)
+    top = min(max(int((low_y - slopes.low_y) * slopes.per_y) // PARTS, 0), n - 1)
+    bottom = min(max(int((high_y - slopes.low_y) * slopes.per_y) // PARTS, 0), n - 1)
+    for row in range(top, bottom + 1):
+        for column in range(left, right + 1):
+            least = min(least, slopes.sizes[0, row, column])
+            most = max(most, slopes.sizes[1, row, column])
+    return least, most

@@ -1,0 +1,159 @@
+"""Lens models by name: the order of their coefficients, and the terms that these are.
+
+Equations are in docs/cameras.md. A ray (x, y) = (X/Z, Y/Z), or its angle for a fisheye, is moved by
+radial, tangential and thin-prism terms, and fx, fy, cx, cy and the skew make pixels of it.
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+from rastercov.base.checks import coefficients_of, number, shown
+from rastercov.base.errors import CameraError
+
+
+class Model(NamedTuple):
+    """A lens model.
+
+    Attributes
+    ----------
+    base : str
+        Law of the lens before distortion, one of `rastercov.camera.lenses.lens.BASES`.
+    coefficients : str
+        Names of its coefficients, in order.
+    counts : tuple of int
+        Numbers of them that may be given, the others being 0; all of them where it is empty.
+    is_planar : bool
+        True where sharpness depends on the depth z, as for a lens with a plane in focus; otherwise
+        it depends on the distance.
+    """
+
+    base: str
+    coefficients: str = ""
+    counts: tuple[int, ...] = ()
+    is_planar: bool = True
+
+
+MODELS: Mapping[str, Model] = {
+    "pinhole": Model("pinhole"),
+    "opencv": Model(
+        "pinhole", "k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4 tau_x tau_y", (4, 5, 8, 12, 14)
+    ),
+    "opencv_fisheye": Model("equidistant", "k1 k2 k3 k4", (0, 4), is_planar=False),
+    "thin_prism_fisheye": Model("equidistant", "k1 k2 p1 p2 k3 k4 s1 s3", is_planar=False),
+    "rad_tan_thin_prism_fisheye": Model(
+        "equidistant", "k1 k2 k3 k4 k5 k6 p2 p1 s1 s2 s3 s4", is_planar=False
+    ),
+    "fisheye62": Model(
+        "equidistant", "k1 k2 k3 k4 k5 k6 p1 p2 s1 s2 s3 s4", (8, 12), is_planar=False
+    ),
+    "fov": Model("fov", "omega"),
+    "division": Model("division", "k"),
+    "omni": Model("unified", "xi k1 k2 p1 p2", (1, 5), is_planar=False),
+    "eucm": Model("unified", "alpha beta k1 k2 p1 p2", (2, 6), is_planar=False),
+    "double_sphere": Model("double_sphere", "xi alpha k1 k2 p1 p2", (2, 6), is_planar=False),
+    "metashape": Model("pinhole", "k1 k2 k3 k4 p1 p2"),
+    "metashape_fisheye": Model("equidistant", "k1 k2 k3 k4 p1 p2", is_planar=False),
+    "metashape_equisolid": Model("equisolid", "k1 k2 k3 k4 p1 p2", is_planar=False),
+    "equirectangular": Model("equirectangular", is_planar=False),
+}
+"""Models by name. "opencv" and "opencv_fisheye" are OpenCV's; the next two, "fov" and "division"
+COLMAP's THIN_PRISM_FISHEYE, RAD_TAN_THIN_PRISM_FISHEYE, FOV and DIVISION; "fisheye62" OpenSfM's
+fisheye62 and fisheye624; "omni", "eucm" and "double_sphere" Kalibr's with radtan distortion."""
+
+LARGEST = 1e12
+"""Coefficient of any model at most."""
+MOST_TILT = 1.05
+"""Tilt of a sensor at most, radians."""
+RANGES: Mapping[tuple[str, str], tuple[Callable[[float], bool], str]] = {
+    ("opencv", "tau_x"): (lambda value: abs(value) <= MOST_TILT, f"within {MOST_TILT} rad"),
+    ("opencv", "tau_y"): (lambda value: abs(value) <= MOST_TILT, f"within {MOST_TILT} rad"),
+    ("fov", "omega"): (lambda value: 0 <= value < math.pi, "0 to below pi radians"),
+    ("omni", "xi"): (lambda value: value >= 0, "0 or more"),
+    ("eucm", "alpha"): (lambda value: 0 <= value <= 1, "0 to 1"),
+    ("eucm", "beta"): (lambda value: value > 0, "positive"),
+    ("double_sphere", "xi"): (lambda value: -1 < value <= 1, "above -1 and at most 1"),
+    ("double_sphere", "alpha"): (lambda value: 0 <= value <= 1, "0 to 1"),
+}
+"""Ranges of coefficients in which the equations of their model are a lens."""
+
+
+def checked_model(model: Any, distortion: Any) -> tuple[str, tuple[float, ...]]:
+    """Model and its coefficients; a model "opencv" whose coefficients are all 0 is a pinhole.
+
+    Raises
+    ------
+    CameraError
+        For a model that does not exist, another number of coefficients than it has, or one that is
+        out of its range.
+    """
+    if not isinstance(model, str) or model not in MODELS:
+        raise CameraError(f"model must be one of {', '.join(MODELS)}, got {shown(model)}")
+    values = tuple(number("distortion", value) for value in coefficients_of(distortion))
+    if model == "pinhole" and not any(values):
+        return model, ()
+    if model == "pinhole":
+        raise CameraError(
+            f"a pinhole has no distortion, got {shown(list(values))}; give model as well, "
+            'such as "opencv" or "opencv_fisheye"'
+        )
+    its = MODELS[model]
+    names = its.coefficients.split()
+    counts = its.counts or (len(names),)
+    if model == "opencv" and not any(values):
+        return "pinhole", ()
+    if len(values) not in counts:
+        words = " or ".join(map(str, counts))
+        raise CameraError(
+            f"distortion of model {model} must be {words} numbers"
+            f"{f' ({its.coefficients})' if names else ''}, got {len(values)}"
+        )
+    for name, value in zip(names, values, strict=False):
+        if abs(value) > LARGEST:
+            raise CameraError(
+                f"{name} of model {model} must be within {LARGEST:g}, got {value:g}; check its unit"
+            )
+        is_good, wanted = RANGES.get((model, name), (None, ""))
+        if is_good is not None and not is_good(value):
+            raise CameraError(
+                f"{name} of model {model} must be {wanted}, got {value:g}; correct distortion"
+            )
+    return model, values
+
+
+def lens_terms(model: str, distortion: Sequence[float]) -> dict[str, Any]:
+    """Arguments of `camera.lenses.lens.make_lens` that a model and its coefficients give."""
+    its = MODELS[model]
+    names = its.coefficients.split()
+    c = dict.fromkeys(names, 0.0) | dict(zip(names, distortion, strict=False))
+
+    def of(*wanted: str) -> tuple[float, ...]:
+        return tuple(c.get(name, 0.0) for name in wanted)
+
+    base, of_base = its.base, of()
+    if model == "fov":
+        base, of_base = ("fov", of("omega")) if c["omega"] else ("pinhole", ())
+    elif model == "division":
+        of_base = of("k")
+    elif model == "omni":
+        of_base = c["xi"], 1.0, 1.0
+    elif model == "eucm":
+        of_base = c["alpha"], 1.0 - c["alpha"], c["beta"]
+    elif model == "double_sphere":
+        of_base = of("xi", "alpha")
+    radial, denominator = of("k1", "k2", "k3", "k4", "k5", "k6"), of()
+    if model == "opencv":
+        radial, denominator = radial[:3], radial[3:]
+    tangential = of("p1", "p2")
+    if model.startswith("metashape"):  # its p1 and p2 are OpenCV's p2 and p1
+        tangential = of("p2", "p1")
+    return {
+        "base": base,
+        "of_base": of_base,
+        "radial": radial,
+        "denominator": denominator,
+        "tangential": tangential,
+        "prism": of("s1", "s2", "s3", "s4"),
+        "tilt": of("tau_x", "tau_y"),
+        "is_late": model == "rad_tan_thin_prism_fisheye",
+    }

@@ -1,0 +1,263 @@
+"""Near plane: its depth, what it cuts away, and when back faces may be culled.
+
+Surfaces nearer than `near_limit` are cut away by every method. Targets hide nothing, so they change
+none of this: all is decided by the other faces, `Mesh.opaque`. Where nothing in view is cut and the
+camera is outside a closed mesh, faces seen from behind cannot be the nearest surface.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov.camera.camera import Camera
+from rastercov.camera.image_boxes import box_corners
+from rastercov.camera.pose import Poses
+from rastercov.camera.projection import clip_near, clip_polygons, to_camera
+from rastercov.mesh import Mesh
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+IntArray = NDArray[np.int64]
+
+NEAR_TO_FAR = 1e-6
+"""Least depth that is seen, relative to the farthest depth, whatever `Camera.near` is."""
+LEAST_DEPTH = 1e-150
+"""Metres: positive even where every vertex is at the camera centre."""
+
+
+def limits(
+    mesh: Mesh, camera: Camera, poses: FloatArray
+) -> tuple[FloatArray, NDArray[np.bool_], NDArray[np.bool_]]:
+    """Near plane, whether back faces can be left out, and whether a surface is cut; (P,) each."""
+    mesh = mesh.opaque
+    views = pinholes(camera, poses)
+    clipped = near_cuts(mesh.vertices, mesh.faces, mesh.bounds, views)
+    return near_limit(camera, mesh.bounds, poses), can_cull(mesh, poses, clipped), clipped
+
+
+def pinholes(camera: Camera, poses: FloatArray) -> list[tuple[Camera, FloatArray]]:
+    """Pinholes, each with its poses, that together see all that a camera sees."""
+    if camera.is_pinhole:
+        return [(camera, poses)]
+    return [(pinhole, poses @ frame) for pinhole, frame in _pinholes_of(camera)]
+
+
+@lru_cache(maxsize=8)
+def _pinholes_of(camera: Camera) -> tuple[tuple[Camera, FloatArray], ...]:
+    """Pinholes and their frames (4, 4), lens_from_plane, of the planes of a camera."""
+    from rastercov.camera.lenses.of_camera import planes_of  # loads numba
+
+    found = {}
+    for plane, _ in planes_of(camera):
+        frame = np.eye(4)
+        frame[:3, :3] = plane.frame
+        found[plane.frame.tobytes()] = replace(plane.camera, near=camera.near), frame
+    return tuple(found.values())
+
+
+def limits_of_poses(
+    mesh: Mesh, cameras: Sequence[Camera], poses: Poses
+) -> tuple[FloatArray, NDArray[np.bool_], NDArray[np.bool_]]:
+    """`limits` of poses that may have different cameras."""
+    near, (can_cull, clipped) = np.empty(len(poses)), np.empty((2, len(poses)), np.bool_)
+    for index, rows in poses.by_camera():
+        near[rows], can_cull[rows], clipped[rows] = limits(
+            mesh, cameras[index], poses.world_from_camera[rows]
+        )
+    return near, can_cull, clipped
+
+
+def near_limits(cameras: Sequence[Camera], bounds: FloatArray, poses: Poses) -> FloatArray:
+    """`near_limit` of poses that may have different cameras."""
+    near = np.empty(len(poses))
+    for index, rows in poses.by_camera():
+        near[rows] = near_limit(cameras[index], bounds, poses.world_from_camera[rows])
+    return near
+
+
+def picture_limits(
+    mesh: Mesh, camera: Camera, poses: FloatArray
+) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """The first two of `limits`, which take less time without the third."""
+    mesh = mesh.opaque
+    cull = can_cull(mesh, poses, np.zeros(len(poses), np.bool_))
+    views = pinholes(camera, poses[cull])
+    cull[cull] = ~near_cuts(mesh.vertices, mesh.faces, mesh.bounds, views)
+    return near_limit(camera, mesh.bounds, poses), cull
+
+
+def near_limit(camera: Camera, bounds: FloatArray, poses: FloatArray) -> FloatArray:
+    """Depth of the near plane of each pose, (P,), metres: surfaces nearer than it are cut away.
+
+    It is max(camera.near, 1e-6 times the distance to the farthest corner of `bounds`), which are
+    those of the opaque part of a mesh.
+    """
+    reach = np.abs(bounds[None] - poses[:, None, :3, 3]).max(axis=1)
+    farthest = np.sqrt((reach**2).sum(axis=1))
+    limit: FloatArray = np.maximum(max(camera.near, LEAST_DEPTH), NEAR_TO_FAR * farthest)
+    return limit
+
+
+def depth_from_near(points: FloatArray, camera: Camera) -> FloatArray:
+    """(...) depth of points (..., 3) in camera axes that is compared with the near limit, metres.
+
+    z, or the greatest coordinate for a lens of several ideal planes, whose near planes are the
+    sides of a cube.
+    """
+    if len(pinholes(camera, np.eye(4)[None])) > 1:
+        greatest: FloatArray = np.abs(points).max(axis=-1)
+        return greatest
+    return points[..., 2]
+
+
+def near_cuts(
+    vertices: FloatArray,
+    faces: IntArray,
+    bounds: FloatArray,
+    views: Sequence[tuple[Camera, FloatArray]],
+) -> BoolArray:
+    """Poses in which the near plane cuts away a surface in view, (P,) bool.
+
+    Only faces within reach of the eye can: the depth of a point in view is never less than its
+    distance times the cosine of the widest view ray. So their bounding boxes decide nearly always.
+
+    Parameters
+    ----------
+    vertices, faces, bounds
+        As for `depth_range`.
+    views : sequence of (Camera, (P, 4, 4) float64)
+        Of `pinholes`: they differ in their rotations.
+    """
+    limit = near_limit(views[0][0], bounds, views[0][1])
+    widest = max(
+        float(np.hypot(
+            max(camera.cx, camera.width - camera.cx) / camera.fx,
+            max(camera.cy, camera.height - camera.cy) / camera.fy,
+        ))
+        for camera, _ in views
+    )  # fmt: skip
+    reach = (limit * np.sqrt(1 + widest**2))[:, None]
+    eyes = views[0][1][:, :3, 3]
+    close = ((eyes > bounds[0] - reach) & (eyes < bounds[1] + reach)).all(axis=1)
+    cut = np.zeros(len(eyes), dtype=bool)
+    if close.any():
+        # Whole rows of corners: ten times as fast as three numbers of each face.
+        corners = vertices.T[:, np.ascontiguousarray(faces.T)]
+        low, high = corners.min(axis=1), corners.max(axis=1)
+    for row in np.flatnonzero(close):
+        x, y, z = eyes[row]
+        r = reach[row, 0]
+        maybe = (low[0] - r < x) & (x < high[0] + r) & (low[1] - r < y) & (y < high[1] + r)
+        maybe &= (low[2] - r < z) & (z < high[2] + r)
+        if maybe.any():
+            close_faces = vertices[faces[maybe]]
+            cut[row] = any(
+                nearest_depth_in_view(to_camera(close_faces, poses[row]), camera, 0.0) < limit[row]
+                for camera, poses in views
+            )
+    return cut
+
+
+def can_cull(mesh: Mesh, poses: FloatArray, clipped: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Poses in which culling back faces cannot change the nearest surface, (P,) bool.
+
+    The mesh is closed and outward, and the camera is outside it with nothing cut open; and no two
+    of its surfaces are so close together that they count as one from where the camera is. Outside
+    is beyond the bounding box by more than `NEAR_TO_FAR` of the farthest distance: a camera that is
+    mounted on a face looks through it, for the near plane cuts it away, which `clipped` cannot tell
+    where the face is edge-on to rounding.
+    """
+    mesh = mesh.opaque
+    if not mesh.is_closed_outward:
+        return np.zeros(len(poses), bool)
+    eyes = poses[:, :3, 3]
+    reach = np.abs(mesh.bounds[None] - eyes[:, None]).max(axis=1)
+    distance = np.sqrt((reach**2).sum(axis=1))
+    margin = NEAR_TO_FAR * distance[:, None]
+    is_beyond = (eyes < mesh.bounds[0] - margin) | (eyes > mesh.bounds[1] + margin)
+    allowed: NDArray[np.bool_] = is_beyond.any(axis=1) & ~clipped
+    if not (allowed.any() and mesh.can_cull_back_faces):
+        return np.zeros(len(poses), bool)
+    for row in np.flatnonzero(allowed & (distance > mesh.contacts.reach)):
+        allowed[row] = not mesh.contacts.faces_within_components(distance[row]).any()
+    return allowed
+
+
+def depth_range(
+    vertices: FloatArray, faces: IntArray, bounds: FloatArray, camera: Camera, poses: FloatArray
+) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """Near and far planes that fit the surfaces in view, and whether any of them was cut.
+
+    A depth buffer resolves in proportion to far/near, so near is set as far out as the surfaces in
+    view allow: by the corners of the bounding box where that is enough, else by the vertices, else
+    by what the viewing pyramid cuts from the faces.
+
+    Parameters
+    ----------
+    vertices : (V, 3) float64
+        World points, metres.
+    faces : (F, 3) int
+        Their triangles.
+    bounds : (2, 3) float64
+        Bounding box of the vertices.
+    camera : Camera
+        Image border and near limit.
+    poses : (P, 4, 4) float64
+        world_from_camera.
+
+    Returns
+    -------
+    near, far : (P,) float64
+        Depths in metres, 0 < near < far.
+    clipped : (P,) bool
+        True where a surface in view lies nearer than `near_limit` and is cut there.
+    """
+    limit = near_limit(camera, bounds, poses)
+    forward = poses[:, :3, 2]
+    depth = (box_corners(bounds) - poses[:, None, :3, 3]) @ forward[:, :, None]
+    nearest, farthest = depth.min(axis=(1, 2)), depth.max(axis=(1, 2))
+    for row in np.flatnonzero((nearest < 0.01 * farthest) | (nearest < limit)):
+        local = to_camera(vertices, poses[row])
+        nearest[row], farthest[row] = local[:, 2].min(), local[:, 2].max()
+        if nearest[row] < 0.01 * farthest[row] or nearest[row] < limit[row]:
+            nearest[row] = nearest_depth_in_view(local[faces], camera, limit[row])
+    # Nearer by 1e-5, so that rounding on the device cannot cut what is exactly at the plane.
+    near = np.clip(nearest * (1 - 1e-5), limit, np.maximum(farthest / 2, limit))
+    clipped = near_cuts(vertices, faces, bounds, [(camera, poses)])
+    return near, np.maximum(farthest * (1 + 1e-5), near * 2), clipped
+
+
+def nearest_depth_in_view(corners: FloatArray, camera: Camera, near: float) -> float:
+    """Least depth of any surface inside the viewing pyramid beyond `near`, metres; inf for none.
+
+    On each face the least depth lies on a corner of what the pyramid cuts from it: a vertex, an
+    edge through a side of the pyramid, or the face where an edge of the pyramid pierces it.
+    Clipping finds all three at once; faces that cannot beat the nearest vertex are left out first.
+    Corners are (F, 3, 3), in camera axes.
+    """
+    sides = np.array(
+        [
+            (camera.fx, 0, camera.cx),
+            (-camera.fx, 0, camera.width - camera.cx),
+            (0, camera.fy, camera.cy),
+            (0, -camera.fy, camera.height - camera.cy),
+        ]
+    )
+    # Corners as rows, (3, F): numpy is quick along long rows and slow along rows of three.
+    x, y, z = np.ascontiguousarray(corners.transpose(2, 1, 0))
+    seen = z >= near
+    rival = seen[0] | seen[1] | seen[2]
+    for a, b, c in sides:
+        inside = a * x + b * y + c * z >= 0
+        seen &= inside
+        rival &= inside[0] | inside[1] | inside[2]
+    nearest = float(z[seen].min(initial=np.inf))
+    rival &= np.minimum(np.minimum(z[0], z[1]), z[2]) < nearest
+    polygons, counts = clip_near(corners[rival], near)
+    for side in sides:
+        polygons, counts = clip_polygons(polygons, counts, polygons @ side)
+    depths = np.where(counts[:, None] > 0, polygons[..., 2], np.inf)
+    return min(nearest, float(depths.min(initial=np.inf)))

@@ -1,0 +1,122 @@
+"""Pose files: `.npy` of (P, 4, 4), or JSON `{"world_from_camera": [...], "camera": [...]}`.
+
+`camera`, the name of the camera of each pose, may be left out.
+"""
+
+import json
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rastercov.base.arguments import members
+from rastercov.base.checks import shown
+from rastercov.base.errors import PoseError, ResourceError
+from rastercov.base.files import (
+    LARGEST_ARRAY,
+    StrPath,
+    UnparsedError,
+    UnreadableError,
+    one_line,
+    open_file,
+    printable,
+    read_json,
+    suffix_of,
+    written_file,
+)
+from rastercov.camera.pose import as_matrices, real_numbers, valid_poses
+
+FloatArray = NDArray[np.float64]
+
+
+def read_poses(path: StrPath) -> FloatArray:
+    """Poses of a file, unchecked: `.npy` of (P, 4, 4), or JSON `{"world_from_camera": [...]}`.
+
+    Returns
+    -------
+    (P, 4, 4) float64
+
+    Raises
+    ------
+    PoseError
+        For a file that cannot be read or holds something else.
+    """
+    try:
+        suffix = suffix_of(path)
+        if suffix not in (".npy", ".json"):
+            raise PoseError("a pose file ends in .npy or .json")
+        array = _read_npy(path) if suffix == ".npy" else _read_json(path)
+        return as_matrices(array[None] if array.shape == (4, 4) else array)
+    except MemoryError:
+        raise ResourceError(f"{printable(str(path))}: too large for the memory; split it") from None
+    except (UnreadableError, PoseError) as error:
+        raise PoseError(f"{printable(str(path))}: {error}") from None
+
+
+def _read_npy(path: StrPath) -> NDArray[Any]:
+    # Not np.load, which opens a zip archive or a pickle whatever its name.
+    with open_file(path, LARGEST_ARRAY) as file:
+        try:
+            array: NDArray[Any] = np.lib.format.read_array(file, allow_pickle=False)
+        except (OSError, MemoryError):
+            raise
+        except Exception as error:  # the parser lets a dozen kinds through
+            raise PoseError(f"not a pose file ({one_line(error)})") from None
+    if array.dtype.kind not in "iuf":
+        raise PoseError(f"poses must be real numbers, got {array.dtype}")
+    return array
+
+
+def _read_json(path: StrPath) -> NDArray[Any]:
+    try:
+        content = read_json(path, LARGEST_ARRAY)
+    except UnparsedError as error:
+        raise PoseError(f"not a pose file ({error})") from None
+    if not isinstance(content, dict) or "world_from_camera" not in content:
+        raise PoseError('a pose file holds {"world_from_camera": [4 x 4, ...]}')
+    try:
+        return real_numbers("poses", content["world_from_camera"], "(P, 4, 4)")
+    except PoseError as error:
+        raise PoseError(f"not a pose file ({error})") from None
+
+
+def write_poses(path: StrPath, poses: ArrayLike, camera: Sequence[str] | None = None) -> None:
+    """Write poses as `.npy` or `.json`; `read_poses` gives them back bit for bit.
+
+    Parameters
+    ----------
+    path : str or Path
+        File to write.
+    poses : (P, 4, 4) array_like
+        world_from_camera.
+    camera : sequence of str, optional
+        Name of the camera of each pose, for JSON; `read_views` reads it.
+
+    Raises
+    ------
+    PoseError
+        For poses at fault, names of another number or for `.npy`, and for a file that cannot be
+        written.
+    """
+    array = valid_poses(poses)
+    content: dict[str, Any] = {"world_from_camera": array.tolist()}
+    if camera is not None:
+        content["camera"] = members("camera", camera, str, "the name of each camera", PoseError)
+        if len(content["camera"]) != len(array) or not all(content["camera"]):
+            raise PoseError(
+                f"camera must have a name for each of {len(array)} poses, got {shown(camera)}"
+            )
+    try:
+        suffix = suffix_of(path)
+        if suffix not in (".npy", ".json"):
+            raise PoseError("a pose file ends in .npy or .json")
+        if camera is not None and suffix == ".npy":
+            raise PoseError("names of cameras need a .json file; .npy holds matrices alone")
+        with written_file(path) as file:
+            if suffix == ".npy":
+                np.save(file, array)
+            else:
+                file.write((json.dumps(content) + "\n").encode())
+    except ValueError as error:
+        raise PoseError(f"{printable(str(path))}: {error}") from None

@@ -1,0 +1,246 @@
+"""Poses from eyes and targets or on a sphere, and the distance at which a mesh fills the image."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rastercov.base.arguments import LARGEST_COORDINATE, MOST_POSES, owned
+from rastercov.base.checks import finite_number, shown
+from rastercov.base.errors import ConfigError, PoseError
+from rastercov.camera.camera import Camera
+from rastercov.camera.models import MODELS
+from rastercov.camera.pose import real_numbers
+from rastercov.camera.projection import to_image
+from rastercov.camera.rays import border_of, rays_of
+from rastercov.mesh import Mesh
+
+FloatArray = NDArray[np.float64]
+
+WIDEST_DEG = 60.0
+"""Angle from the axis of a lens without an ideal plane up to which targets are framed."""
+LARGEST_ANGLE = math.radians(89.0)
+"""Radians from the axis up to which a tangent is a length."""
+BORDER_SAMPLES, ZOOMS = 257, 4
+"""Samples of a border of the image, and how often it is sampled: the last time 2e-9 of the side
+apart, and the error of a least value falls with its square."""
+
+
+def look_at(eyes: ArrayLike, targets: ArrayLike, up: ArrayLike = (0.0, 0.0, 1.0)) -> FloatArray:
+    """Poses at `eyes` that look at `targets` with `up` upwards in the image, (6.8)-(6.11).
+
+    Where the view is parallel to `up`, (6.10) is undefined; then the world axis furthest from the
+    view takes its place: y for a view along z, z for one along y or x. So too where `up` is zero.
+
+    Parameters
+    ----------
+    eyes, targets, up : (3,) or (P, 3) array_like
+        Points and a direction in the world, metres; broadcast against each other.
+
+    Returns
+    -------
+    (P, 4, 4) float64
+        world_from_camera; P is 1 when all inputs are single.
+
+    Raises
+    ------
+    PoseError
+        Where an eye is its own target, or a value is not finite or beyond 1e30 m; `pose_ids` names
+        the rows.
+    """
+    eye, target, upward = (
+        _triples(name, a) for name, a in (("eyes", eyes), ("targets", targets), ("up", up))
+    )
+    try:
+        eye, target, upward = np.broadcast_arrays(eye, target, upward)
+    except ValueError:
+        shapes = f"{eye.shape}, {target.shape}, {upward.shape}"
+        raise PoseError(f"eyes, targets and up must broadcast to (P, 3), got {shapes}") from None
+    finite = np.isfinite(eye) & np.isfinite(target) & np.isfinite(upward)
+    _refuse(~finite.all(axis=1), "eye, target or up is not finite")
+    far = np.maximum(np.abs(eye), np.abs(target)) > LARGEST_COORDINATE
+    _refuse(far.any(axis=1), f"eye or target is beyond ±{LARGEST_COORDINATE:g} m")
+
+    forward = target - eye
+    _refuse(~forward.any(axis=1), "eye and target are the same point")
+    forward, upward = _scaled(forward), _scaled(upward)  # no square of them can vanish or overflow
+    forward /= np.linalg.norm(forward, axis=1, keepdims=True)
+
+    right = np.cross(forward, upward)
+    parallel = np.linalg.norm(right, axis=1) <= 1e-9 * np.linalg.norm(upward, axis=1)
+    # The axis furthest from the view; among equals the later one, so that z stays up if it can.
+    # Rounded, so that noise does not decide between equals.
+    spare = np.eye(3)[2 - np.argmin(np.abs(forward).round(6)[:, ::-1], axis=1)]
+    right = np.where(parallel[:, None], np.cross(forward, spare), right)
+    right /= np.linalg.norm(right, axis=1, keepdims=True)
+    # A product of nearly parallel vectors is short and its rounding great: take out what is along
+    # the view.
+    right -= (right * forward).sum(axis=1, keepdims=True) * forward
+    right /= np.linalg.norm(right, axis=1, keepdims=True)
+
+    poses = np.zeros((len(eye), 4, 4))
+    poses[:, :3, 0] = right
+    poses[:, :3, 1] = np.cross(forward, right)
+    poses[:, :3, 2] = forward
+    poses[:, :3, 3] = eye
+    poses[:, 3, 3] = 1.0
+    return poses
+
+
+def sphere_of_poses(centre: ArrayLike, distance: float, count: int) -> FloatArray:
+    """Poses spread evenly over a sphere (a Fibonacci lattice), all looking at its centre.
+
+    Parameters
+    ----------
+    centre : (3,) array_like
+        What the cameras look at, metres.
+    distance : float
+        Radius of the sphere, metres, > 0.
+    count : int
+        Number of poses, >= 0.
+
+    Returns
+    -------
+    (count, 4, 4) float64
+        world_from_camera.
+
+    Raises
+    ------
+    PoseError
+        For a value outside its range.
+    """
+    away = finite_number(distance)
+    if not 0 < away <= LARGEST_COORDINATE:
+        raise PoseError(
+            f"distance must be positive and finite, at most {LARGEST_COORDINATE:g} m, "
+            f"got {shown(distance)}"
+        )
+    number = finite_number(count)
+    if not number.is_integer() or not 0 <= number <= MOST_POSES:
+        raise PoseError(
+            f"count must be a whole number, 0 or more, at most {MOST_POSES}, got {shown(count)}"
+        )
+    middle = _triples("centre", centre)
+    if len(middle) != 1:
+        raise PoseError(f"centre must have shape (3,), got {middle.shape}")
+    return look_at(middle + away * fibonacci_sphere(int(number)), middle)
+
+
+def fibonacci_sphere(count: int, height: float = 2.0) -> FloatArray:
+    """Unit vectors spread evenly over the part of a sphere from z = 1 down to 1 - `height`, (N, 3).
+
+    A Fibonacci lattice: equal steps in z, and the golden angle in azimuth.
+    """
+    index = np.arange(count)
+    z = 1 - height * (index + 0.5) / max(count, 1)
+    azimuth = index * np.pi * (3 - np.sqrt(5))
+    ring = np.sqrt(1 - z**2)
+    return np.stack((ring * np.cos(azimuth), ring * np.sin(azimuth), z), axis=1)
+
+
+def enclosing_distance(
+    mesh: Mesh, camera: Camera, centre: FloatArray, margin: float = 1.0
+) -> tuple[float, float]:
+    """Radius of the ball about `centre` that holds the mesh, and its viewing distance, metres.
+
+    At this distance the ball touches the borders of the narrower field of view, where that is
+    `margin` times smaller than the image.
+    """
+    used = mesh.vertices[np.unique(mesh.faces)]
+    radius = float(np.linalg.norm(used - centre, axis=1).max())
+    angle = np.arctan(min(half_angles(camera)) / margin)
+    return radius, float(radius / np.sin(angle))
+
+
+def half_angles(camera: Camera) -> tuple[float, float]:
+    """Tangents across and down of the pyramid around the optical axis that is all in view.
+
+    A point with |x| <= across z and |y| <= down z is in the image. Where the axis of a pinhole is
+    in the middle, these are the halves of its fields of view. Of other lenses they are the least
+    tangents at which the rays of the borders leave the axis: the borders are curves that no point
+    of the pyramid meets. Lenses without an ideal plane are aimed as if they saw no further than
+    `WIDEST_DEG`: near their horizon, a surface that faces the camera is seen flatly.
+
+    Raises
+    ------
+    ConfigError
+        Where the axis is not in the image.
+    """
+    if camera.is_pinhole:
+        across = min(camera.cx, camera.width - camera.cx) / camera.fx
+        down = min(camera.cy, camera.height - camera.cy) / camera.fy
+        axis = camera.cx, camera.cy
+        is_inside = across > 0 and down > 0
+    else:
+        axis = tuple(to_image(np.array((0.0, 0.0, 1.0)), camera).tolist())
+        is_inside = 0 < axis[0] < camera.width and 0 < axis[1] < camera.height
+        across, down = _inscribed(camera) if is_inside else (0.0, 0.0)
+    if not is_inside:
+        raise ConfigError(
+            f"the optical axis ({axis[0]:g}, {axis[1]:g}) px must meet the image of "
+            f"{camera.width} x {camera.height} px; a camera cannot be aimed by an axis it lacks"
+        )
+    return across, down
+
+
+def _inscribed(camera: Camera) -> tuple[float, float]:
+    """Tangents of `half_angles` of a lens that is no pinhole."""
+    from rastercov.camera.lenses.kernels import SECTORS  # loads numba
+    from rastercov.camera.lenses.of_camera import lens_of
+
+    lens = lens_of(camera)
+    top, right, bottom, left = (
+        _least_tangent(camera, ends, axis)
+        for axis, ends in zip((1, 0, 1, 0), border_of(camera, 2), strict=True)
+    )
+    most = math.tan(math.radians(WIDEST_DEG))
+    if MODELS[camera.model].is_planar:
+        most = math.tan(min(lens.valid_angle, LARGEST_ANGLE))
+    across, down = min(left, right, most), min(top, bottom, most)
+    if not lens.is_whole and lens.valid_angle < LARGEST_ANGLE:
+        # The valid region ends inside the image: at a polygon within this cone.
+        cone = math.tan(lens.valid_angle) * math.cos(math.pi / SECTORS)
+        across, down = (side * min(1.0, cone / math.hypot(across, down)) for side in (across, down))
+    return across, down
+
+
+def _least_tangent(camera: Camera, ends: FloatArray, axis: int) -> float:
+    """Least |x / z|, of axis 0, or |y / z| of the rays of a border (2, 2); inf if all are behind.
+
+    The curve is sampled, and again on both sides of the least sample, until they agree.
+    """
+    first, last = 0.0, 1.0
+    for _ in range(ZOOMS):
+        steps = np.linspace(first, last, BORDER_SAMPLES)
+        pixels = (1 - steps[:, None]) * ends[0] + steps[:, None] * ends[1]
+        rays = rays_of(pixels, camera)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            tangents = np.where(rays[:, 2] > 0, np.abs(rays[:, axis] / rays[:, 2]), np.inf)
+        least = int(tangents.argmin())
+        first, last = steps[max(least - 1, 0)], steps[min(least + 1, BORDER_SAMPLES - 1)]
+    return float(tangents[least])
+
+
+def _triples(name: str, value: ArrayLike) -> FloatArray:
+    array = np.atleast_2d(real_numbers(name, value, "(3,) or (P, 3)"))
+    if array.ndim != 2 or array.shape[1] != 3:
+        raise PoseError(f"{name} must have shape (3,) or (P, 3), got {array.shape}")
+    return owned(name, array, np.float64)
+
+
+def _scaled(vectors: FloatArray) -> FloatArray:
+    """(P, 3) vectors over the power of two above their largest component, which rounds nothing."""
+    _, exponent = np.frexp(np.abs(vectors).max(axis=1, keepdims=True))
+    scaled: FloatArray = np.ldexp(vectors, -exponent)
+    return scaled
+
+
+def _refuse(mask: ArrayLike, text: str) -> None:
+    rows = tuple(int(row) for row in np.flatnonzero(mask))
+    if rows:
+        raise PoseError(f"pose {rows[0]}: {text}" + _and_more(rows), rows)
+
+
+def _and_more(rows: Sequence[int]) -> str:
+    return f" (and {len(rows) - 1} more poses)" if len(rows) > 1 else ""
