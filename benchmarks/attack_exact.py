@@ -13,7 +13,7 @@ from scenes import joined
 
 import rastercov as rc
 from rastercov.mesh import shapes
-from rastercov.observation import BoundKind
+from rastercov.raster.observation import BoundKind
 from rastercov.reference import rational
 
 SCENES, VIEWS = 5_000, 12

@@ -22,10 +22,10 @@ from sampled_bound import SUPERSAMPLES, compare, generic, machined, truth
 from tracer import Tracer, need_open3d
 
 import rastercov as rc
-from rastercov._observers import ROLL
 from rastercov.camera.near_plane import near_limit
 from rastercov.cli.inputs import poses_around
-from rastercov.criteria import face_geometry
+from rastercov.coverage.criteria import face_geometry
+from rastercov.coverage.observers import ROLL
 from rastercov.exact.certificate import CertificateSolver
 from rastercov.exact.half_planes import HalfPlaneSolver
 from rastercov.exact.surface import surface_of

@@ -31,13 +31,13 @@ import pyarrow.parquet as pq
 from rows import Report, arguments
 
 import rastercov as rc
-from rastercov._observers import ROLL
 from rastercov.base.threads import thread_count
 from rastercov.cli import inputs
-from rastercov.coverage import FIGURES, batch_size
+from rastercov.coverage.coverage import FIGURES, batch_size
+from rastercov.coverage.network import Network
+from rastercov.coverage.observers import ROLL
 from rastercov.mesh import shapes
 from rastercov.mesh.formats import READERS
-from rastercov.network import Network
 from rastercov.reference.coverage import figures_of_pose, rows_of
 from rastercov.report.coverage import Options, run
 

@@ -20,7 +20,7 @@ from embree_packets import EmbreePackets
 from rows import Report, arguments
 
 import rastercov as rc
-from rastercov.coverage import batch_size
+from rastercov.coverage.coverage import batch_size
 from rastercov.mesh.formats import READERS
 
 TORI = (10_000, 100_000, 1_000_000)

@@ -15,9 +15,10 @@ from solids import drilled_part, with_clamps
 
 import rastercov as rc
 from rastercov.camera.pose_file import write_poses
+from rastercov.coverage.network import Network
+from rastercov.coverage.observer import open_observer
+from rastercov.coverage.task import Reason
 from rastercov.mesh import Mesh
-from rastercov.network import Network
-from rastercov.observer import open_observer
 from rastercov.placement.candidates.cavities import Access, openings
 from rastercov.placement.candidates.framing import Framing
 from rastercov.placement.matrix import VisibilityMatrix
@@ -25,7 +26,6 @@ from rastercov.plan.check import check
 from rastercov.plan.file import read_plan
 from rastercov.plan.run import place
 from rastercov.reference.views import covered_faces
-from rastercov.task import Reason
 
 CAMERA = rc.Camera(width=1280, height=1024, fx=1152, fy=1152)
 SCENE = """

@@ -2,7 +2,7 @@
 
 For every face that is partly hidden in truth (method "exact", checked against polygon Booleans), in
 view from the front, the visible fraction from samples is compared with the true one: it must be
-within the bound that `rastercov.observer.figures` gives with it. Faces are sorted into classes by
+within the bound that `coverage.observer.figures` gives with it. Faces are sorted into classes by
 the samples they would own alone. Generic meshes are turned at random; machined parts are seen
 frontally, so that their edges run along pixel rows and columns, or at 30, 45 and 60 degrees to
 them, which is where samples in rows of pixels fail. Both grids of samples are measured, and with
@@ -17,9 +17,9 @@ from rows import Report, arguments
 from scenes import joined
 
 import rastercov as rc
-from rastercov._observers import ROLL
-from rastercov.criteria import face_geometry
-from rastercov.face_pass import FacePass
+from rastercov.coverage.criteria import face_geometry
+from rastercov.coverage.face_pass import FacePass
+from rastercov.coverage.observers import ROLL
 from rastercov.mesh import shapes
 from rastercov.reference import polygons
 

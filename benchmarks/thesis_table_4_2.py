@@ -29,8 +29,8 @@ from rows import Report, arguments
 
 import rastercov as rc
 from rastercov.base.errors import DeviceError
-from rastercov.coverage import evaluate_batches
-from rastercov.criteria import face_geometry, in_focus
+from rastercov.coverage.coverage import evaluate_batches
+from rastercov.coverage.criteria import face_geometry, in_focus
 from rastercov.mesh import shapes
 from rastercov.models import MODELS, zhang
 from rastercov.models.line_of_sight import LineOfSight

@@ -9,10 +9,6 @@ from typing import TYPE_CHECKING as _TYPE_CHECKING
 from typing import Any as _Any
 
 if _TYPE_CHECKING:
-    from rastercov.area.cells import Cells, CellShares, cells
-    from rastercov.area.regions import Regions, regions
-    from rastercov.area.union import Covered, RegionUnion, unite
-    from rastercov.area.zones import DeadZones, dead_zones
     from rastercov.base.errors import (
         CameraError,
         ConfigError,
@@ -31,13 +27,17 @@ if _TYPE_CHECKING:
     from rastercov.camera.viewpoints import look_at, sphere_of_poses
     from rastercov.camera.views import Views
     from rastercov.cluster import Workers
-    from rastercov.coverage import Coverage, evaluate, evaluate_batches
-    from rastercov.engine import Engine
+    from rastercov.coverage.area.cells import Cells, CellShares, cells
+    from rastercov.coverage.area.regions import Regions, regions
+    from rastercov.coverage.area.union import Covered, RegionUnion, unite
+    from rastercov.coverage.area.zones import DeadZones, dead_zones
+    from rastercov.coverage.coverage import Coverage, evaluate, evaluate_batches
+    from rastercov.coverage.engine import Engine
+    from rastercov.coverage.network import Network
+    from rastercov.coverage.observer import Observer, open_observer, visibility
+    from rastercov.coverage.task import Reason, Task
     from rastercov.jobs import audit, check, place
     from rastercov.mesh import Group, Mesh
-    from rastercov.network import Network
-    from rastercov.observation import BoundKind, Observation, Visibility
-    from rastercov.observer import Observer, open_observer, visibility
     from rastercov.raster import (
         FaceCounts,
         Rasterizer,
@@ -45,7 +45,7 @@ if _TYPE_CHECKING:
         VisibilityBuffer,
         open_rasterizer,
     )
-    from rastercov.task import Reason, Task
+    from rastercov.raster.observation import BoundKind, Observation, Visibility
 
 __all__ = [
     "BoundKind",

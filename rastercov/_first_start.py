@@ -3,14 +3,14 @@
 `exact.certificate` starts that process, and compiles the others meanwhile.
 """
 
-from rastercov.area.network import AreaNetwork
 from rastercov.camera.pose import Poses
-from rastercov.engine import Engine
-from rastercov.evaluation_shards import Source, Wanted, open_for
+from rastercov.coverage.area.network import AreaNetwork
+from rastercov.coverage.engine import Engine
+from rastercov.coverage.network import Network
+from rastercov.coverage.shards import Source, Wanted, open_for
+from rastercov.coverage.task import Task
 from rastercov.exact import certificate
-from rastercov.network import Network
 from rastercov.raster.self_test import CAMERA, MESH, POSES
-from rastercov.task import Task
 
 
 def compile_half() -> None:

@@ -116,7 +116,7 @@ def record(arrays: Mapping[str, NDArray[Any]]) -> Figures:
 def judge(limits, is_degenerate, is_front, is_inside, is_focused, is_sampled, figures, is_oblique):
     """Coverage (3.6) of a face and its `Reason`.
 
-    `limits` is a `rastercov.task.Limits`; `figures` are resolution, pixels a metre of the surface
+    `limits` is a `coverage.task.Limits`; `figures` are resolution, pixels a metre of the surface
     and of a target that faces the camera, pixels a square metre, and visibility. One factor at a
     time: the reason is the first that brings the product below the threshold.
     """
@@ -180,7 +180,7 @@ def kind_of(seen, row, f):
 def bound_of_fraction(seen, row, f, drawn, points, i, j, k, is_cut):
     """Bound of visible / drawn of a face that is seen, at most 1.
 
-    |v/d - v'/d'| <= (|v - v'| + |d - d'|) / d with d the true area; see `rastercov.observation`
+    |v/d - v'/d'| <= (|v - v'| + |d - d'|) / d with d the true area; see `raster.observation`
     for counts. Nothing is known of a face whose image rounds to nothing, or that owns no sample.
     """
     bound = 1.0
@@ -416,7 +416,7 @@ def replace_by_angles(cosines):
 def judge_poses(rows, scene, lens, seen, work, limits, out, skew):
     """Fill rows of `out` with the figures of poses `rows[0]` to `rows[1] - 1`.
 
-    A `rastercov.task.Limits` holds the thresholds. What is not asked for is not computed, unless
+    A `coverage.task.Limits` holds the thresholds. What is not asked for is not computed, unless
     the coverage depends on it. `incidence` becomes the cosine, see `replace_by_angles`.
 
     Blocks begin at cache lines: `skew` float64 lie between one and the arrays of float64 of `out`.

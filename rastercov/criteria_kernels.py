@@ -86,7 +86,7 @@ class Workspace(NamedTuple):
 
 
 class FaceArrays(NamedTuple):
-    """The arrays of a `rastercov.criteria.FaceGeometry`, in its order."""
+    """The arrays of a `rastercov.coverage.criteria.FaceGeometry`, in its order."""
 
     is_front: NDArray[np.bool_]
     in_view: NDArray[np.bool_]

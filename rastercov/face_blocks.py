@@ -54,7 +54,7 @@ def judge_block(first, scene, lens, seen, row, limits, work, asks_density, asks_
     -------
     bool
         False where that must be done face by face: one is not wholly in the image, or at the limit
-        of incidence; a rare threshold is set, see `rastercov.task.Limits`; bounds of counts are
+        of incidence; a rare threshold is set, see `coverage.task.Limits`; bounds of counts are
         asked for. The block is undefined then.
     """
     n_faces, is_counted = scene.faces.shape[0], seen.kind.size == 0

@@ -19,9 +19,9 @@ from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, Rig, cameras_of, names_of
 from rastercov.camera.views import Views
 from rastercov.cluster import Workers
-from rastercov.engine import Engine
+from rastercov.coverage.engine import Engine
+from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
-from rastercov.task import Task
 
 if TYPE_CHECKING:
     from rastercov.audits import Audit

@@ -54,7 +54,7 @@ from rastercov.raster.cpu.simd_kernel import pointer, pointers
 from rastercov.vertex_columns import INSIDE, X, Y, Z
 
 NO_PAIRS, COVERED_PAIRS, SEEN_PAIRS, ALL_PAIRS = range(4)
-"""Indices of `rastercov.pairs.CHOICES`."""
+"""Indices of `rastercov.coverage.pairs.CHOICES`."""
 
 
 PLANE_ROUNDING = 1e-12

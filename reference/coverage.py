@@ -13,15 +13,15 @@ from numpy.typing import NDArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.near_plane import near_limit
 from rastercov.camera.projection import clip_near, clip_to_image, to_image
-from rastercov.coverage import FIGURES, Coverage
+from rastercov.coverage.coverage import FIGURES, Coverage
+from rastercov.coverage.criteria import FaceGeometry, in_focus
+from rastercov.coverage.task import Reason, Task
 from rastercov.coverage_kernels import BORDER_ROUNDING
-from rastercov.criteria import FaceGeometry, in_focus
 from rastercov.criteria_kernels import MOST_DOUBTFUL, SIDE_ROUNDING
 from rastercov.mesh import Mesh
 from rastercov.network_kernels import ROW_TYPES, PairRows
-from rastercov.observation import BoundKind, Observation
+from rastercov.raster.observation import BoundKind, Observation
 from rastercov.reference.criteria import face_geometry
-from rastercov.task import Reason, Task
 
 LARGEST_RESOLUTION = 1e300
 """Of one face; a smaller R_min gives no more."""
@@ -37,7 +37,7 @@ def figures_of_pose(
     seen: Observation,
     row: int,
 ) -> dict[str, NDArray[Any]]:
-    """Every figure of one pose, by the names of `rastercov.coverage.FIGURES`."""
+    """Every figure of one pose, by the names of `rastercov.coverage.coverage.FIGURES`."""
     geometry = face_geometry(mesh, camera, pose)
     visibility, bound, kind = visible_fraction(mesh, camera, pose, geometry, seen, row)
     drawn = seen.drawn_pixels[row]
@@ -206,7 +206,7 @@ def judge(
 
 
 def rows_of(coverage: Coverage, choice: str) -> PairRows:
-    """Rows of the pairs of a table, of the choices of `rastercov.pairs`."""
+    """Rows of the pairs of a table, of the choices of `rastercov.coverage.pairs`."""
     is_seen = (coverage.in_view_fraction > 0) & (coverage.reason > Reason.BACK_FACING)
     chosen = {
         "none": np.zeros(is_seen.shape, np.bool_),

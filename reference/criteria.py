@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.near_plane import near_limit
 from rastercov.camera.projection import clip_near, clip_to_image, polygon_area, to_image
-from rastercov.criteria import FaceGeometry
+from rastercov.coverage.criteria import FaceGeometry
 from rastercov.mesh import Mesh
 
 FloatArray = NDArray[np.float64]

@@ -1,4 +1,4 @@
-"""Coverage of single points, by definition: the twin of `rastercov.area`.
+"""Coverage of single points, by definition: the twin of `rastercov.coverage.area`.
 
 Each point is held against every triangle, and each criterion is evaluated from its formula. There
 are no polygons, planes in the image or event edges here. The near plane, ties at equal depth and
@@ -17,8 +17,8 @@ from rastercov.camera.lenses.of_camera import lens_of
 from rastercov.camera.models import MODELS
 from rastercov.camera.near_plane import near_limit
 from rastercov.camera.pose import valid_poses
+from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
-from rastercov.task import Task
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

@@ -9,8 +9,8 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.observation import BoundKind
-from rastercov.task import Reason
+from rastercov.coverage.task import Reason
+from rastercov.raster.observation import BoundKind
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

@@ -11,17 +11,17 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scenes import joined, sheet, square
 
-from rastercov import coverage as module
 from rastercov.base.errors import ConfigError, PoseError, ResourceError
 from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import look_at, sphere_of_poses
-from rastercov.coverage import FIGURES, evaluate, evaluate_batches
-from rastercov.criteria import face_geometry, in_focus
-from rastercov.engine import METHODS
+from rastercov.coverage import coverage as module
+from rastercov.coverage.coverage import FIGURES, evaluate, evaluate_batches
+from rastercov.coverage.criteria import face_geometry, in_focus
+from rastercov.coverage.engine import METHODS
+from rastercov.coverage.observer import open_observer
+from rastercov.coverage.task import Reason, Task
 from rastercov.mesh import Group, Mesh, shapes
-from rastercov.observation import BoundKind
-from rastercov.observer import open_observer
-from rastercov.task import Reason, Task
+from rastercov.raster.observation import BoundKind
 
 CAMERA = Camera(width=200, height=200, fx=100, fy=100)
 SMALL = Camera(width=48, height=40, fx=45, fy=42, focus_range=(0.38, 0.48))

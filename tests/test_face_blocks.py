@@ -13,13 +13,13 @@ from rastercov import Camera, Mesh, Task, criteria_kernels, evaluate, open_obser
 from rastercov import face_blocks as blocks
 from rastercov.base.memory import CACHE_LINE, aligned_array
 from rastercov.camera.pose import Poses
-from rastercov.coverage import FIGURES
-from rastercov.coverage_pass import CoveragePass
+from rastercov.coverage.coverage import FIGURES
+from rastercov.coverage.coverage_pass import CoveragePass
+from rastercov.coverage.network import Network
+from rastercov.coverage.pairs import CHOICES
+from rastercov.coverage.task import Reason
 from rastercov.mesh import shapes
-from rastercov.network import Network
-from rastercov.observation import BoundKind
-from rastercov.pairs import CHOICES
-from rastercov.task import Reason
+from rastercov.raster.observation import BoundKind
 
 CAMERA = Camera(width=200, height=160, fx=170, fy=150, focus_range=(0.5, 6.0))
 BY_FACE = 1e-300

@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 from rastercov.base.errors import ConfigError
 from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import look_at, sphere_of_poses
-from rastercov.coverage import FIGURES, Coverage, evaluate
+from rastercov.coverage.coverage import FIGURES, Coverage, evaluate
+from rastercov.coverage.network import Network
+from rastercov.coverage.observer import open_observer
+from rastercov.coverage.task import Reason, Task
 from rastercov.mesh import Group, Mesh, shapes
-from rastercov.network import Network
-from rastercov.observer import open_observer
-from rastercov.task import Reason, Task
 
 CAMERA = Camera(width=200, height=200, fx=100, fy=100)
 #  3---2        6   9  12
@@ -314,7 +314,7 @@ def test_poses_added_in_threads_make_the_network_of_their_coverage(method, threa
     task = Task(min_pixels=3, max_incidence_deg=60)
     whole = evaluate(mesh, camera, poses, task, method=method, skip_bad_poses=True, **options)
     expected = network_of(whole, mesh=mesh, task=task)
-    monkeypatch.setattr("rastercov.coverage.POSES_A_BATCH", 8)
+    monkeypatch.setattr("rastercov.coverage.coverage.POSES_A_BATCH", 8)
     found = Network(mesh, task)
     with open_observer(mesh, camera, method, threads=threads, **options) as observer:
         found.add_poses(observer, poses[:5], skip_bad_poses=True)

@@ -10,13 +10,13 @@ from rastercov.base.errors import ConfigError, PoseError
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.camera.viewpoints import look_at, sphere_of_poses
-from rastercov.criteria import face_geometry
-from rastercov.engine import METHODS
-from rastercov.face_pass import FacePass
+from rastercov.coverage.criteria import face_geometry
+from rastercov.coverage.engine import METHODS
+from rastercov.coverage.face_pass import FacePass
+from rastercov.coverage.observer import open_observer, visibility
 from rastercov.mesh import Mesh, shapes
-from rastercov.observation import BoundKind, Observation
-from rastercov.observer import open_observer, visibility
 from rastercov.raster.gl import GLRasterizer
+from rastercov.raster.observation import BoundKind, Observation
 
 CAMERA = Camera(width=200, height=200, fx=100, fy=100)
 AHEAD = np.eye(4)  # at the origin, looking along +z

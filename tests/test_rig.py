@@ -5,19 +5,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rastercov.area.observer import RegionObserver
-from rastercov.area.regions import regions
 from rastercov.base.errors import CameraError, ConfigError, PoseError
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Rig, cameras_of, only_camera
 from rastercov.camera.viewpoints import look_at, sphere_of_poses
-from rastercov.coverage import FIGURES, evaluate
-from rastercov.engine import Engine
+from rastercov.coverage.area.observer import RegionObserver
+from rastercov.coverage.area.regions import regions
+from rastercov.coverage.coverage import FIGURES, evaluate
+from rastercov.coverage.engine import Engine
+from rastercov.coverage.network import Network
+from rastercov.coverage.observer import open_observer, visibility
+from rastercov.coverage.task import Task
 from rastercov.mesh import shapes
-from rastercov.network import Network
-from rastercov.observer import open_observer, visibility
-from rastercov.task import Task
 
 MESH = shapes.torus(24, 12)
 WIDE = Camera(width=160, height=120, fx=90, fy=90)

@@ -12,9 +12,9 @@ from rastercov.base.errors import ConfigError
 from rastercov.base.threads import POSES_A_TURN, share_poses, thread_count
 from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import look_at, sphere_of_poses
+from rastercov.coverage.observer import open_observer
 from rastercov.exact.certificate import CertificateSolver
 from rastercov.mesh import shapes
-from rastercov.observer import open_observer
 
 CAMERA = Camera(width=160, height=120, fx=140, fy=150)
 

@@ -8,12 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rastercov as rc
+from rastercov.coverage.spread import ViewSpread, least_cosine
 from rastercov.mesh import shapes
 from rastercov.placement import Objective, build_matrix, problem_of
 from rastercov.placement.select.problem import BestCoverage
 from rastercov.reference.views import covered_faces
 from rastercov.report.coverage import Options, run
-from rastercov.spread import ViewSpread, least_cosine
 
 MESH = shapes.torus(16, 8)
 CAMERA = rc.Camera(width=160, height=120, fx=90, fy=90)

@@ -20,10 +20,10 @@ from rastercov.camera import pose as pose_module
 from rastercov.camera.pose import Poses
 from rastercov.camera.viewpoints import sphere_of_poses
 from rastercov.cli import options
-from rastercov.coverage import FIGURES
-from rastercov.engine import METHODS, Engine
+from rastercov.coverage.coverage import FIGURES
+from rastercov.coverage.engine import METHODS, Engine
+from rastercov.coverage.provenance import Provenance
 from rastercov.mesh import shapes
-from rastercov.provenance import Provenance
 
 CAMERA = rc.Camera(width=64, height=48, fx=60, fy=60)
 MESH = shapes.box()

@@ -2,7 +2,7 @@
 
     poses -> regions or coverage -> pairs of camera and element -> figures of both -> subset
 
-The elements are faces, or cells where the result is by area (`rastercov.area.cells`); an element is
+The elements are faces, or cells where the result is by area (`coverage.area.cells`); an element is
 covered by a camera that covers half of it or more. Density and angle are those at its centroid.
 """
 
@@ -17,24 +17,24 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov.area.by_camera import cameras_apart
-from rastercov.area.cells import Cells, cells, usual_size
-from rastercov.area.network import AreaNetwork, unit_of_result
 from rastercov.audits.groups import Groups, groups_of
 from rastercov.base.arguments import check_kind, members
 from rastercov.base.errors import ConfigError
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, cameras_of, check_scene, names_of
 from rastercov.cluster import Made, Workers
-from rastercov.engine import Engine
-from rastercov.evaluation_shards import EvaluationShards, Source, Wanted, open_for
+from rastercov.coverage.area.by_camera import cameras_apart
+from rastercov.coverage.area.cells import Cells, cells, usual_size
+from rastercov.coverage.area.network import AreaNetwork, unit_of_result
+from rastercov.coverage.engine import Engine
+from rastercov.coverage.network import Network
+from rastercov.coverage.shards import EvaluationShards, Source, Wanted, open_for
+from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
-from rastercov.network import Network
 from rastercov.placement.matrix_shards import shortened
 from rastercov.placement.select.greedy import select_greedy
 from rastercov.placement.select.problem import FewestCameras, Problem, views_of, weights_of
 from rastercov.placement.select.selection import Selection
-from rastercov.task import Task
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -202,7 +202,7 @@ def audit(
     by : {"area", "face"}, optional
         Unit of the result; "area" unless a threshold is of a face or the method counts samples.
     resolution_of_result : float, optional
-        Longest side of the cells, metres; `rastercov.area.cells.usual_size` unless given.
+        Longest side of the cells, metres; `rastercov.coverage.area.cells.usual_size` unless given.
     method : {"certified", "exact", "sampled"}, or Engine
         As for `open_observer`.
     skip_bad_poses : bool
@@ -210,7 +210,7 @@ def audit(
     progress : callable
         Called with the poses done and the total.
     folder : path, optional
-        Folder for shards (`rastercov.evaluation_shards`), from which an audit that was ended
+        Folder for shards (`rastercov.coverage.shards`), from which an audit that was ended
         continues; they stay there.
     workers : Workers, optional
         Processes that measure, with a folder that all of them share; this one unless given.

@@ -16,7 +16,7 @@ from rastercov.cli.console import progress_bar, say, warn
 from rastercov.cli.inputs import arguments_of, read_scene
 from rastercov.cli.views import left_out
 from rastercov.cluster import Tally, Workers
-from rastercov.task import Task
+from rastercov.coverage.task import Task
 
 MOST_NAMED = 5
 """Cameras that are named one by one."""
@@ -63,7 +63,7 @@ def audit(
     from rastercov.audits import Audit
     from rastercov.audits import audit as run
     from rastercov.base.output import json_text
-    from rastercov.evaluation_shards import is_long
+    from rastercov.coverage.shards import is_long
     from rastercov.report.audit import write  # loads pyarrow
 
     staff, tally = Workers.of(workers, scheduler), Tally()

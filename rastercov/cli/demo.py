@@ -9,8 +9,8 @@ from rastercov.camera.camera import Camera
 from rastercov.cli.evaluate import run_and_print
 from rastercov.cli.inputs import poses_around
 from rastercov.cli.options import AsJson, Device, Out
+from rastercov.coverage.task import Task
 from rastercov.mesh import shapes
-from rastercov.task import Task
 
 
 def demo(

@@ -20,8 +20,8 @@ from rastercov.cli.console import progress_bar, say, warn
 from rastercov.cli.inputs import arguments_of, read_scene
 from rastercov.cli.views import left_out, read_eyes
 from rastercov.cluster import Tally, Workers
+from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
-from rastercov.task import Task
 
 FloatArray = NDArray[np.float64]
 
@@ -136,8 +136,8 @@ def run_and_print(
     workers: "Workers | None" = None,
 ) -> None:
     """Evaluate all poses, leave the report, and print a summary or the JSON."""
-    from rastercov.area.zone_report import zone_lines
     from rastercov.base.output import json_text
+    from rastercov.coverage.area.zone_report import zone_lines
     from rastercov.exact.certificate import compile_once
     from rastercov.report.by_camera import camera_table
     from rastercov.report.coverage import run

@@ -16,8 +16,8 @@ from rastercov.base.limits import annotations_of, documented, reader_of
 from rastercov.camera.camera_file import PRESETS
 from rastercov.camera.formats.conventions import POSE_CONVENTIONS, Conventions
 from rastercov.cli.console import out_option, progress_as_json
+from rastercov.coverage.task import THESIS, Task
 from rastercov.mesh import shapes
-from rastercov.task import THESIS, Task
 
 Meshes = Annotated[
     list[Path],

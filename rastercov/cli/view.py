@@ -22,8 +22,8 @@ from rastercov.cli import options
 from rastercov.cli.console import say, size_line, warn
 from rastercov.cli.inputs import are_arguments, read_again, read_scene
 from rastercov.cli.views import read_cameras, read_eyes, read_rig
+from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh, shapes
-from rastercov.task import Task
 
 if TYPE_CHECKING:
     from rastercov.viewer.scene import Scene

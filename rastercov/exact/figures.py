@@ -5,7 +5,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.observation import BoundKind
+from rastercov.raster.observation import BoundKind
 
 FloatArray = NDArray[np.float64]
 

@@ -45,7 +45,8 @@ from numpy.typing import ArrayLike
 from rastercov.base.errors import ConfigError
 from rastercov.camera.camera import Camera
 from rastercov.camera.projection import to_camera
-from rastercov.criteria import face_geometry
+from rastercov.coverage.criteria import face_geometry
+from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.models.base import (
     BoolArray,
@@ -58,7 +59,6 @@ from rastercov.models.base import (
     seen_normals,
 )
 from rastercov.models.line_of_sight import LineOfSight, check_tracer
-from rastercov.task import Task
 
 
 @dataclass(frozen=True, kw_only=True)

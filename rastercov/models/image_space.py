@@ -3,7 +3,7 @@
     C = C_FOV C_R C_F C_V                                                                     (3.6)
 
 with C_FOV (3.7), C_R = min(1, projected area / R_min) (3.8), C_F (3.12), and C_V the visible part
-of the face's image (3.13), (3.14), computed with a proof or to rounding. `rastercov.coverage` has
+of the face's image (3.13), (3.14), computed with a proof or to rounding. `coverage.coverage` has
 the criteria that we added, docs/equations.md the departures from the source.
 
 E. S. Eissa. Image Space Coverage Model for Deployment of Multi-Camera Networks. MASc thesis,
@@ -23,12 +23,12 @@ from numpy.typing import ArrayLike
 
 from rastercov.base.errors import ConfigError
 from rastercov.camera.camera import Camera
-from rastercov.coverage import evaluate_batches
-from rastercov.engine import METHODS
+from rastercov.coverage.coverage import evaluate_batches
+from rastercov.coverage.engine import METHODS
+from rastercov.coverage.observer import open_observer
+from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.models.base import Criteria, FloatArray, coverage_model
-from rastercov.observer import open_observer
-from rastercov.task import Task
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -52,7 +52,8 @@ from rastercov.base.errors import ConfigError
 from rastercov.camera.camera import Camera
 from rastercov.camera.near_plane import depth_from_near
 from rastercov.camera.projection import to_camera, to_image
-from rastercov.criteria import face_geometry
+from rastercov.coverage.criteria import face_geometry
+from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.models.base import (
     BoolArray,
@@ -68,7 +69,6 @@ from rastercov.models.base import (
     seen_normals,
 )
 from rastercov.models.line_of_sight import LineOfSight, check_tracer
-from rastercov.task import Task
 
 LIMITS = {
     "padding": (1e9, "0 or more pixels"),

@@ -32,7 +32,8 @@ from numpy.typing import ArrayLike
 
 from rastercov.camera.camera import Camera
 from rastercov.camera.projection import to_camera, to_image
-from rastercov.criteria import face_geometry
+from rastercov.coverage.criteria import face_geometry
+from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.models.base import (
     Criteria,
@@ -43,7 +44,6 @@ from rastercov.models.base import (
     required_density,
     share_of,
 )
-from rastercov.task import Task
 
 
 @dataclass(frozen=True, kw_only=True)

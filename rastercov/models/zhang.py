@@ -40,7 +40,8 @@ from numpy.typing import ArrayLike
 from rastercov.camera.camera import Camera
 from rastercov.camera.near_plane import depth_from_near
 from rastercov.camera.projection import to_camera
-from rastercov.criteria import FaceGeometry, face_geometry
+from rastercov.coverage.criteria import FaceGeometry, face_geometry
+from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.models.base import (
     BoolArray,
@@ -55,7 +56,6 @@ from rastercov.models.base import (
     share_of,
 )
 from rastercov.models.line_of_sight import LineOfSight, check_tracer
-from rastercov.task import Task
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.errors import ConfigError
+from rastercov.coverage.task import Task
 from rastercov.placement._arrays import FloatArray
 from rastercov.placement.bit_file import covered_bits
 from rastercov.placement.bits import CoveredBits
 from rastercov.placement.matrix_folder import MatrixFolder
-from rastercov.task import Task
 
 
 @dataclass(frozen=True, eq=False)

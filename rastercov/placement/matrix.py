@@ -29,15 +29,16 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov.area.cells import Cells
 from rastercov.base.errors import ConfigError
 from rastercov.base.typed import typed
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.camera.rig import Cameras
 from rastercov.cluster import Job, Made, Workers, make_shards
 from rastercov.cluster.quarantine import drop_damaged, forget
+from rastercov.coverage.area.cells import Cells
+from rastercov.coverage.observer import Observer, open_observer
+from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
-from rastercov.observer import Observer, open_observer
 from rastercov.placement._arrays import BoolArray, FloatArray
 from rastercov.placement.explain.candidate_visibility import CandidateBounds
 from rastercov.placement.matrix_folder import MatrixFolder, greatest, rows_in
@@ -59,7 +60,6 @@ from rastercov.placement.shards import (
     log_warning,
     shards_of,
 )
-from rastercov.task import Task
 
 SHARD_FUNCTION = "rastercov.placement.shard_work:make"
 """Function by which workers make a shard."""

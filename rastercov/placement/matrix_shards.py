@@ -8,23 +8,23 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov._observers import ExactObserver
-from rastercov.area.cells import Cells
-from rastercov.area.frames import check_same_mesh
-from rastercov.area.observer import RegionObserver
 from rastercov.base.errors import ConfigError
 from rastercov.camera.pose import Poses
 from rastercov.cluster.files import DamagedError, contents, store
 from rastercov.cluster.scene_file import scene_bytes
-from rastercov.coverage import Coverage, evaluate_batches, judged, measurements
-from rastercov.coverage_pass import CoveragePass
-from rastercov.engine import Engine
-from rastercov.observer import Observer
+from rastercov.coverage.area.cells import Cells
+from rastercov.coverage.area.frames import check_same_mesh
+from rastercov.coverage.area.observer import RegionObserver
+from rastercov.coverage.coverage import Coverage, evaluate_batches, judged, measurements
+from rastercov.coverage.coverage_pass import CoveragePass
+from rastercov.coverage.engine import Engine
+from rastercov.coverage.observer import Observer
+from rastercov.coverage.observers import ExactObserver
+from rastercov.coverage.task import Task
 from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
 from rastercov.placement.explain.candidate_visibility import FIGURES, CandidateBounds
 from rastercov.placement.mounts import Mounts
 from rastercov.placement.shards import schema_of
-from rastercov.task import Task
 
 SCENE = "scene.npz"
 """Mesh and cameras in the folder of a matrix that workers make."""

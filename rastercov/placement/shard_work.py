@@ -12,15 +12,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rastercov.area.cells import Cells, cells
 from rastercov.base.errors import ConfigError
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.camera.rig import Rig
 from rastercov.cluster.files import contents
 from rastercov.cluster.job import FolderLostError
 from rastercov.cluster.scene_file import read_scene
-from rastercov.engine import Engine
-from rastercov.observer import open_observer
+from rastercov.coverage.area.cells import Cells, cells
+from rastercov.coverage.engine import Engine
+from rastercov.coverage.observer import open_observer
+from rastercov.coverage.task import Task
 from rastercov.placement.explain.candidate_visibility import CandidateBounds
 from rastercov.placement.matrix_shards import (
     SCENE,
@@ -32,7 +33,6 @@ from rastercov.placement.matrix_shards import (
 )
 from rastercov.placement.mounts import Mounts
 from rastercov.placement.shards import read_header, read_poses, shards_of
-from rastercov.task import Task
 
 OPEN = 2
 """Matrices that a worker keeps open: that of a plan, and that of its cavities."""

@@ -23,15 +23,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.area.cells import Cells
 from rastercov.base.errors import ConfigError
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import cameras_of
 from rastercov.cluster.files import SUMS, DamagedError, contents, has_sums, store
-from rastercov.observer import Observer
+from rastercov.coverage.area.cells import Cells
+from rastercov.coverage.observer import Observer
+from rastercov.coverage.provenance import sha256
+from rastercov.coverage.task import Task
 from rastercov.placement.mounts import Mounts
-from rastercov.provenance import sha256
-from rastercov.task import Task
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -15,7 +15,6 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.area.zone_report import ZONES
 from rastercov.base.checks import share_meant
 from rastercov.base.errors import ConfigError, MeshError, PoseError
 from rastercov.base.format import plural
@@ -23,6 +22,8 @@ from rastercov.base.output import write_bytes
 from rastercov.camera.formats import read_views
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.camera.views import Views
+from rastercov.coverage.area.zone_report import ZONES
+from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.names import Names, listed, quoted
 from rastercov.placement.explain.uncovered import Leftover
@@ -41,7 +42,6 @@ from rastercov.plan.network import (
 from rastercov.plan.prepare import Step, quiet
 from rastercov.plan.requirements import HOLDS, Requirement, counting, judge, judge_areas, limits_of
 from rastercov.plan.scene import named_scene
-from rastercov.task import Task
 
 Limits = Mapping[str | None, float]
 MOST_GROUPS = 5

@@ -10,17 +10,17 @@ from typing import Any, Self
 import numpy as np
 from pydantic import PrivateAttr, ValidationError
 
-from rastercov.area.network import unit_of_result
 from rastercov.base.errors import CameraError, RastercovError
 from rastercov.base.files import StrPath, UnparsedError, UnreadableError, printable, read_toml
 from rastercov.camera.camera import Camera
 from rastercov.camera.rig import Rig, only_camera
-from rastercov.engine import Engine
+from rastercov.coverage.area.network import unit_of_result
+from rastercov.coverage.engine import Engine
+from rastercov.coverage.task import Task
 from rastercov.placement.mounts import Mounts
 from rastercov.plan.cameras import ONE_CAMERA
 from rastercov.plan.errors import PlanError, lines_of
 from rastercov.plan.sections import PlanModel
-from rastercov.task import Task
 
 NO_CAMERA = "camera: missing; add it, or cameras by name as [cameras.NAME]"
 

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from rastercov.area.cells import Cells
 from rastercov.base.memory import check_memory
+from rastercov.coverage.area.cells import Cells
 from rastercov.mesh import Mesh
 from rastercov.placement.bit_matrix import BitMatrix
 from rastercov.placement.matrix import VisibilityMatrix

@@ -13,16 +13,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov.area.by_camera import AreasByCamera, cameras_apart
-from rastercov.area.network import AreaNetwork, in_words
-from rastercov.area.regions import RegionPass
-from rastercov.area.zone_report import zone_lines
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.camera.rig import Rig
-from rastercov.coverage import Coverage, evaluate_batches
+from rastercov.coverage.area.by_camera import AreasByCamera, cameras_apart
+from rastercov.coverage.area.network import AreaNetwork, in_words
+from rastercov.coverage.area.regions import RegionPass
+from rastercov.coverage.area.zone_report import zone_lines
+from rastercov.coverage.coverage import Coverage, evaluate_batches
+from rastercov.coverage.network import Network, share_of_faces
+from rastercov.coverage.observer import Observer, open_observer
+from rastercov.coverage.task import Reason, Task
 from rastercov.mesh import Mesh
-from rastercov.network import Network, share_of_faces
-from rastercov.observer import Observer, open_observer
 from rastercov.placement.explain.candidate_visibility import CandidateBounds
 from rastercov.placement.explain.uncovered import (
     NETWORK_FIGURES,
@@ -33,7 +34,6 @@ from rastercov.placement.explain.uncovered import (
 from rastercov.placement.improve.objective import Objective
 from rastercov.plan.file import Plan
 from rastercov.plan.requirements import whole_faces
-from rastercov.task import Reason, Task
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

@@ -16,8 +16,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.area.cells import Cells, cells, usual_size
-from rastercov.area.network import AreaNetwork
 from rastercov.base.errors import ConfigError, ResourceError
 from rastercov.base.format import percent
 from rastercov.base.output import named
@@ -26,9 +24,12 @@ from rastercov.camera.formats.unit_doubts import unit_doubts
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.camera.rig import Rig
 from rastercov.cluster import Tally, Workers
-from rastercov.coverage import evaluate_batches
+from rastercov.coverage.area.cells import Cells, cells, usual_size
+from rastercov.coverage.area.network import AreaNetwork
+from rastercov.coverage.coverage import evaluate_batches
+from rastercov.coverage.observer import Observer
+from rastercov.coverage.task import Reason, Task
 from rastercov.mesh import Mesh
-from rastercov.observer import Observer
 from rastercov.placement.bit_matrix import BitMatrix
 from rastercov.placement.candidates.cavities import Openings, openings
 from rastercov.placement.candidates.pool import Candidates
@@ -61,7 +62,6 @@ from rastercov.plan.generators import PerCavity
 from rastercov.plan.held import Matrix, held, joined, problem_on, words_on
 from rastercov.plan.requirements import OF, counting, goal_of
 from rastercov.plan.sections import SelectionSection
-from rastercov.task import Reason, Task
 
 BoolArray = NDArray[np.bool_]
 N_DIAGNOSED = 32

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.area.network import AreaNetwork
 from rastercov.base.format import percent, plural
+from rastercov.coverage.area.network import AreaNetwork
 from rastercov.mesh import Mesh
 from rastercov.placement.select.problem import (
     SHARE_TOLERANCE,
@@ -187,7 +187,7 @@ chords of the angle of incidence cut off as much."""
 
 def whole_faces(areas: AreaNetwork, views: int | Mapping[str, int]) -> BoolArray:
     """(F,) faces that a network covers as a whole."""
-    from rastercov.area.frames import frames_of
+    from rastercov.coverage.area.frames import frames_of
 
     mesh, rows = areas.mesh, np.arange(areas.mesh.n_faces)
     level = np.minimum(views_of(mesh, views), areas.views) - 1

@@ -15,12 +15,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.area.network import AreaNetwork
-from rastercov.area.regions import RegionPass
 from rastercov.base.errors import ConfigError
 from rastercov.camera.pose import Poses
 from rastercov.cluster import Workers
-from rastercov.coverage import batch_size
+from rastercov.coverage.area.network import AreaNetwork
+from rastercov.coverage.area.regions import RegionPass
+from rastercov.coverage.coverage import batch_size
 from rastercov.placement.explain.uncovered import Leftover
 from rastercov.placement.improve.objective import CellObjective, Objective
 from rastercov.placement.improve.refine import INTERRUPTED, Refined, refine

@@ -9,6 +9,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
+from rastercov.coverage.task import Task
 from rastercov.mesh.formats import METRES, READERS, metres_per
 from rastercov.mesh.shapes import NAMES
 from rastercov.placement.candidates.clearance import KeepOutBox, KeepOutSphere
@@ -34,7 +35,6 @@ from rastercov.plan.entry import (
     value_of,
 )
 from rastercov.plan.generators import CandidateEntry
-from rastercov.task import Task
 
 
 def _unit(unit: str | float) -> str | float:

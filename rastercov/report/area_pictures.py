@@ -3,13 +3,13 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov.area.points import covering_poses
-from rastercov.area.regions import Regions
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.camera.projection import to_camera
 from rastercov.camera.rays import rays_of
 from rastercov.camera.rig import cameras_of
+from rastercov.coverage.area.points import covering_poses
+from rastercov.coverage.area.regions import Regions
 from rastercov.mesh import Mesh
 
 FloatArray = NDArray[np.float64]

@@ -6,9 +6,9 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from rastercov.area.frames import frames_of
-from rastercov.area.union import Covered
 from rastercov.base.output import writing
+from rastercov.coverage.area.frames import frames_of
+from rastercov.coverage.area.union import Covered
 from rastercov.mesh import Mesh
 
 

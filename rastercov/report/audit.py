@@ -22,8 +22,8 @@ from rastercov.audits import Audit
 from rastercov.base.interrupts import interrupts_held
 from rastercov.base.output import write_bytes, write_json, write_npz, write_text, writing
 from rastercov.camera.rig import names_of
-from rastercov.evaluation_shards import UNFINISHED, remove
-from rastercov.provenance import Provenance
+from rastercov.coverage.provenance import Provenance
+from rastercov.coverage.shards import UNFINISHED, remove
 from rastercov.report.audit_page import page, pictures_of
 from rastercov.report.coloured_mesh import write_coloured_mesh
 from rastercov.report.folder import ReportFolder, ReportKind

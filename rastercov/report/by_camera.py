@@ -13,15 +13,15 @@ from numpy.typing import NDArray
 from rich.table import Table
 from rich.text import Text
 
-from rastercov.area.by_camera import AreasByCamera, cameras_apart
-from rastercov.area.regions import Regions
 from rastercov.base.format import area, percent, plural
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, names_of
-from rastercov.judged_poses import JudgedPoses
+from rastercov.coverage.area.by_camera import AreasByCamera, cameras_apart
+from rastercov.coverage.area.regions import Regions
+from rastercov.coverage.judged_poses import JudgedPoses
+from rastercov.coverage.network import Network
+from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
-from rastercov.network import Network
-from rastercov.task import Task
 
 
 class ByCamera:

@@ -1,6 +1,6 @@
 """The own image of each camera of a network: what it covers, and why not what else it sees.
 
-By area every pixel is judged by its own point, with `rastercov.area`; by face by its face. Covered
+By area every pixel is judged by its own point, with `coverage.area`; by face by its face. Covered
 parts have the camera's colour; others are hatched in the colour of the criterion that fails.
 """
 
@@ -11,11 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from rastercov.area.failures import first_failures
-from rastercov.area.regions import Regions
 from rastercov.base.format import area, percent, plural
 from rastercov.camera.camera import Camera
-from rastercov.coverage import evaluate
+from rastercov.coverage.area.failures import first_failures
+from rastercov.coverage.area.regions import Regions
+from rastercov.coverage.coverage import evaluate
+from rastercov.coverage.task import Reason, Task
 from rastercov.mesh import Mesh
 from rastercov.raster import open_rasterizer
 from rastercov.report import theme
@@ -25,7 +26,6 @@ from rastercov.report.panorama import LEAST_LIGHT, FaceImage
 from rastercov.report.placement_pictures import key, target_key
 from rastercov.report.target_pictures import hatch_over, targets_in_view
 from rastercov.report.theme import Colour, Pixels
-from rastercov.task import Reason, Task
 
 FloatArray = NDArray[np.float64]
 States = NDArray[np.uint8]

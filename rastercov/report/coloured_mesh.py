@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
-from rastercov.area.rest import with_rest
-from rastercov.area.union import Covered
 from rastercov.base.errors import ConfigError
 from rastercov.base.output import write_bytes
+from rastercov.coverage.area.rest import with_rest
+from rastercov.coverage.area.union import Covered
 from rastercov.mesh import Mesh
 from rastercov.mesh.formats.glb_writer import Y_UP, GlbBuffer
 from rastercov.report import theme

@@ -27,8 +27,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov.area.network import AreaNetwork, unit_of_result
-from rastercov.area.regions import Regions
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
 from rastercov.base.interrupts import interrupts_held
@@ -38,9 +36,15 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, cameras_of, names_of
 from rastercov.cluster import Made, Workers
-from rastercov.criteria import face_geometry
-from rastercov.engine import Engine
-from rastercov.evaluation_shards import (
+from rastercov.coverage.area.network import AreaNetwork, unit_of_result
+from rastercov.coverage.area.regions import Regions
+from rastercov.coverage.criteria import face_geometry
+from rastercov.coverage.engine import Engine
+from rastercov.coverage.judged_poses import JudgedPoses
+from rastercov.coverage.network import Network
+from rastercov.coverage.pairs import CHOICES
+from rastercov.coverage.provenance import Provenance
+from rastercov.coverage.shards import (
     UNFINISHED,
     EvaluationShards,
     Source,
@@ -49,11 +53,8 @@ from rastercov.evaluation_shards import (
     open_for,
     remove,
 )
-from rastercov.judged_poses import JudgedPoses
+from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
-from rastercov.network import Network
-from rastercov.pairs import CHOICES
-from rastercov.provenance import Provenance
 from rastercov.raster import open_rasterizer
 from rastercov.raster.contract import Rasterizer
 from rastercov.report.areas import write_areas
@@ -65,7 +66,6 @@ from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.half_covered import half_covered
 from rastercov.report.pose_pictures import FULL, ShownRegions, draw_network, draw_poses
 from rastercov.report.rig_file import write_rig
-from rastercov.task import Task
 
 LOG = logging.getLogger("rastercov")
 MOST_ROWS = 10_000_000
@@ -143,7 +143,7 @@ def run(
     drawn leaves out the rest of them, and the summary says the same.
 
     A long run, and one by workers, is kept in shards until its report is whole
-    (`rastercov.evaluation_shards`): ended in any way, it continues from there when it is run again.
+    (`rastercov.coverage.shards`): ended in any way, it continues from there when it is run again.
 
     Parameters
     ----------

@@ -17,10 +17,10 @@ import pyarrow.parquet as pq
 
 from rastercov.base.errors import ConfigError
 from rastercov.base.output import json_bytes, named, replacing
-from rastercov.coverage import FIGURES, UNITS
+from rastercov.coverage.coverage import FIGURES, UNITS
+from rastercov.coverage.task import Reason
 from rastercov.mesh import Mesh
-from rastercov.observation import BoundKind
-from rastercov.task import Reason
+from rastercov.raster.observation import BoundKind
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -17,7 +17,7 @@ from rastercov.camera.near_plane import depth_from_near, near_limits
 from rastercov.camera.pose import Poses
 from rastercov.camera.projection import to_camera, to_image
 from rastercov.camera.rig import Cameras, cameras_of, names_of
-from rastercov.network import Network
+from rastercov.coverage.network import Network
 
 LEAST_UNSEEN_SHARE = 0.5
 """Share of the area with coverage 0 in every camera above which its sides are looked at."""

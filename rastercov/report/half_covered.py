@@ -10,16 +10,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov.area.failures import first_failures, pixels_per_m2
-from rastercov.area.network import unit_of_result
-from rastercov.area.regions import OF_A_FACE
 from rastercov.base.format import percent
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, cameras_of
-from rastercov.engine import Engine
+from rastercov.coverage.area.failures import first_failures, pixels_per_m2
+from rastercov.coverage.area.network import unit_of_result
+from rastercov.coverage.area.regions import OF_A_FACE
+from rastercov.coverage.engine import Engine
+from rastercov.coverage.network import Network
+from rastercov.coverage.task import Reason, Task
 from rastercov.mesh import Mesh
-from rastercov.network import Network
-from rastercov.task import Reason, Task
 
 if TYPE_CHECKING:
     from rastercov.plan.file import Plan

@@ -21,10 +21,11 @@ from rich.table import Table
 from rastercov.base.format import milliseconds, number, percent_of, plural
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import valid_poses
+from rastercov.coverage.observer import visibility
+from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.models import MODELS, zhang
 from rastercov.models.base import Criteria
-from rastercov.observer import visibility
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.html import Picture, publish, rendered
 from rastercov.report.images import png
@@ -35,7 +36,6 @@ from rastercov.report.model_pictures import (
     models_sheet,
     occlusion_sheet,
 )
-from rastercov.task import Task
 from rastercov.validation.models.comparison import OURS, covers
 from rastercov.validation.models.results import FaceValues, ModelComparison
 

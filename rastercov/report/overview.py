@@ -16,15 +16,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image, ImageDraw
 
-from rastercov.area.regions import Regions
 from rastercov.base.format import plural, short
 from rastercov.camera.camera import Camera
 from rastercov.camera.models import MODELS
 from rastercov.camera.pose import Poses
 from rastercov.camera.rays import view_border
 from rastercov.camera.rig import Cameras, cameras_of
+from rastercov.coverage.area.regions import Regions
+from rastercov.coverage.network import Network
 from rastercov.mesh import Mesh
-from rastercov.network import Network
 from rastercov.report import theme
 from rastercov.report.area_pictures import best_pose_at, points_of_pixels
 from rastercov.report.floor_plan import FOOT, FloorPlan, floor_plan, outline, paint_plan

@@ -5,8 +5,8 @@ from typing import Any
 
 from PIL import Image
 
-from rastercov.area.union import unite
 from rastercov.camera.rig import cameras_of
+from rastercov.coverage.area.union import unite
 from rastercov.report import placement_pictures as pictures
 from rastercov.report import placement_plots as plots
 from rastercov.report.camera_pictures import MANY, SIDE, SMALL, camera_picture, of_pose

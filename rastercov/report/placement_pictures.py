@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
-from rastercov.area.points import views_at
-from rastercov.area.union import Covered
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import percent, plural
+from rastercov.coverage.area.points import views_at
+from rastercov.coverage.area.union import Covered
 from rastercov.mesh import Mesh
 from rastercov.report import theme
 from rastercov.report.area_pictures import points_of_pixels

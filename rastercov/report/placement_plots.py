@@ -3,10 +3,10 @@
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from rastercov.area.regions import Regions
-from rastercov.area.union import unite
 from rastercov.base.format import percent
-from rastercov.network import Network, share_of_faces
+from rastercov.coverage.area.regions import Regions
+from rastercov.coverage.area.union import unite
+from rastercov.coverage.network import Network, share_of_faces
 from rastercov.placement.select.problem import BestCoverage, FewestCameras, Goal
 from rastercov.placement.select.selection import Selection
 from rastercov.report.plots import Axis, Curve, bar_plot, line_plot

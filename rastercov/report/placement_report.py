@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.area.regions import Regions
-from rastercov.area.zones import DeadZones
 from rastercov.base.errors import ConfigError
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, names_of
+from rastercov.coverage.area.regions import Regions
+from rastercov.coverage.area.zones import DeadZones
+from rastercov.coverage.network import Network
 from rastercov.mesh import Mesh
-from rastercov.network import Network
 from rastercov.placement.candidates.cavities import Openings
 from rastercov.placement.candidates.clearance import Dropped
 from rastercov.placement.candidates.pool import Candidates

@@ -20,19 +20,19 @@ import numpy as np
 from rich.table import Table
 from rich.text import Text
 
-from rastercov.area.regions import regions
-from rastercov.area.zone_report import ZONES
 from rastercov.base.format import percent, plural, verb
 from rastercov.base.interrupts import interrupts_held
 from rastercov.base.output import write_json
 from rastercov.cluster import Workers
+from rastercov.coverage.area.regions import regions
+from rastercov.coverage.area.zone_report import ZONES
+from rastercov.coverage.provenance import Provenance, plain_cameras
 from rastercov.placement.select.problem import BestCoverage, FewestCameras
 from rastercov.plan.file import Plan
 from rastercov.plan.network import area_lines, summary_of
 from rastercov.plan.prepare import Prepared, Progress, Step, quiet
 from rastercov.plan.requirements import OF, goal_of
 from rastercov.plan.run import Placement, place
-from rastercov.provenance import Provenance, plain_cameras
 from rastercov.raster.contract import RasterizerInfo
 from rastercov.report.coverage import Options
 from rastercov.report.directions import heading_and_tilt

@@ -9,15 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from rastercov.area.network import AreaNetwork
-from rastercov.area.regions import RegionPass, Regions
 from rastercov.base.interrupts import interrupts_held
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, cameras_of, names_of
-from rastercov.engine import Engine
+from rastercov.coverage.area.network import AreaNetwork
+from rastercov.coverage.area.regions import RegionPass, Regions
+from rastercov.coverage.engine import Engine
+from rastercov.coverage.network import Network
+from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
-from rastercov.network import Network
 from rastercov.raster import open_rasterizer
 from rastercov.raster.contract import Rasterizer, VisibilityBuffer
 from rastercov.report.area_pictures import covered_pixels
@@ -37,7 +38,6 @@ from rastercov.report.placement_pictures import views_picture
 from rastercov.report.target_pictures import targets_in_view
 from rastercov.report.theme import Pixels
 from rastercov.report.zone_pictures import zones_picture
-from rastercov.task import Task
 
 MOST_COLOURS = 60
 """Cameras that have a colour each in the overview."""

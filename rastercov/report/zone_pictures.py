@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
-from rastercov.area.points import zones_at
-from rastercov.area.zone_report import WORDS
-from rastercov.area.zones import DeadZones
 from rastercov.base.format import area, percent, signed
+from rastercov.coverage.area.points import zones_at
+from rastercov.coverage.area.zone_report import WORDS
+from rastercov.coverage.area.zones import DeadZones
 from rastercov.mesh import Mesh
 from rastercov.report import theme
 from rastercov.report.area_pictures import PIXELS_AT_A_TIME, points_of_pixels
@@ -93,7 +93,7 @@ def zones_picture(
     zones : DeadZones
         Zones, the largest first.
     summary : mapping
-        `rastercov.area.zone_report.summary_of` of them.
+        `rastercov.coverage.area.zone_report.summary_of` of them.
     eyes : (P, 3) array_like
         Cameras, as for `look`.
     """

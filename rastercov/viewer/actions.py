@@ -17,8 +17,8 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.camera_file import PRESETS
 from rastercov.camera.pose import valid_poses
 from rastercov.camera.viewpoints import look_at
+from rastercov.coverage.task import Task
 from rastercov.mesh.arrays import frozen
-from rastercov.task import Task
 from rastercov.viewer import lens
 from rastercov.viewer.rig_state import LONGEST_NAME, MOST_STATIONS, RigState, Station
 

@@ -14,10 +14,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
+from rastercov.coverage.task import Reason
 from rastercov.mesh import Mesh
 from rastercov.report import theme
 from rastercov.report.theme import Colour, Pixels
-from rastercov.task import Reason
 from rastercov.viewer.measurements import NetworkFigures, Row
 
 Levels = NDArray[np.uint8]

@@ -14,14 +14,14 @@ from rastercov.base.errors import ConfigError
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.camera.viewpoints import look_at
-from rastercov.coverage import evaluate_batches
+from rastercov.coverage.coverage import evaluate_batches
+from rastercov.coverage.spread import least_cosine
+from rastercov.coverage.task import Reason
 from rastercov.mesh import Mesh
 from rastercov.placement.candidates.framing import turns_about_z
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.improve.pose_space import PoseSpace
 from rastercov.placement.improve.refine import refine
-from rastercov.spread import least_cosine
-from rastercov.task import Reason
 from rastercov.viewer.measurements import Measurements, NetworkFigures, of_one_camera
 from rastercov.viewer.rig_state import RigState, Station
 

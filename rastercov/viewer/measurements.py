@@ -15,17 +15,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.area.network import AreaNetwork
-from rastercov.area.regions import RegionPass
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
-from rastercov.coverage import evaluate_batches
-from rastercov.engine import Engine
+from rastercov.coverage.area.network import AreaNetwork
+from rastercov.coverage.area.regions import RegionPass
+from rastercov.coverage.coverage import evaluate_batches
+from rastercov.coverage.engine import Engine
+from rastercov.coverage.network import share_of_faces
+from rastercov.coverage.observer import Observer, open_observer
+from rastercov.coverage.spread import ViewSpread
+from rastercov.coverage.task import Reason, Task
 from rastercov.mesh import Mesh
-from rastercov.network import share_of_faces
-from rastercov.observer import Observer, open_observer
-from rastercov.spread import ViewSpread
-from rastercov.task import Reason, Task
 from rastercov.viewer.rig_state import RigState, Station
 
 FloatArray = NDArray[np.float64]
@@ -204,7 +204,7 @@ class NetworkFigures:
         return widest
 
     def summary(self) -> dict[str, Any]:
-        """Figures of the network, ready for JSON, as `rastercov.network.Network.summary`."""
+        """Figures of the network, ready for JSON, as `coverage.network.Network.summary`."""
         mesh, task_faces = self.mesh, self.mesh.task_mask
         unseen, names = task_faces & ~self.covered, self.reason_names()
         reasons: dict[str, Any] = {}

@@ -14,12 +14,12 @@ from rastercov.camera.formats import read_views
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Rig
 from rastercov.camera.views import Views
+from rastercov.coverage.provenance import sha256
+from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.plan.candidates import candidate_pool
 from rastercov.plan.file import read_plan
 from rastercov.plan.scene import named_scene
-from rastercov.provenance import sha256
-from rastercov.task import Task
 from rastercov.viewer.rig_state import RigState
 from rastercov.viewer.scene import Scene
 

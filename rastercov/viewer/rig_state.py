@@ -19,10 +19,10 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses, valid_poses
 from rastercov.camera.rig import Rig
 from rastercov.camera.views import Views
+from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import frozen
 from rastercov.placement.select.problem import views_of
-from rastercov.task import Task
 
 FloatArray = NDArray[np.float64]
 

@@ -12,7 +12,7 @@ from rastercov.base.errors import ConfigError
 from rastercov.base.format import plural
 from rastercov.base.output import write_bytes
 from rastercov.camera.formats.own import content_of
-from rastercov.task import Task
+from rastercov.coverage.task import Task
 from rastercov.viewer.export import exported
 from rastercov.viewer.rig_state import RigState
 from rastercov.viewer.scene import Scene

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 import rastercov
 from rastercov.base.limits import annotations_of, documented, metadata_of
 from rastercov.camera.camera_file import PRESETS
+from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.models import MODELS
 from rastercov.placement.candidates.clearance import KeepOutBox, in_solid
 from rastercov.placement.improve.pose_space import PoseSpace
-from rastercov.task import Task
 from rastercov.viewer import lens
 from rastercov.viewer.colours import NETWORK_MODES
 from rastercov.viewer.improve import default_space

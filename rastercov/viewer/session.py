@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.area.network import AreaNetwork
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
+from rastercov.coverage.area.network import AreaNetwork
 from rastercov.models import MODELS
 from rastercov.placement.candidates.segments import Segmentation, segment
 from rastercov.placement.improve.pose_space import PoseSpace
@@ -171,7 +171,7 @@ class Session:
 
     def zones(self) -> list[dict[str, Any]]:
         """Dead zones by exact area, the largest first, ready for JSON."""
-        from rastercov.area.zone_report import zone_lines
+        from rastercov.coverage.area.zone_report import zone_lines
 
         with self.lock:
             areas, state = self.areas(), self.state

@@ -8,10 +8,10 @@ import numpy as np
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import area, length, percent, plural
 from rastercov.camera.camera import Camera
-from rastercov.coverage import Coverage, evaluate, evaluate_batches
+from rastercov.coverage.coverage import Coverage, evaluate, evaluate_batches
+from rastercov.coverage.task import Reason, Task
 from rastercov.mesh import Mesh
 from rastercov.placement.explain.blockers import in_front
-from rastercov.task import Reason, Task
 from rastercov.viewer.colours import REASON_WORDS
 from rastercov.viewer.measurements import Measurements, NetworkFigures, of_one_camera
 from rastercov.viewer.rig_state import RigState, Station

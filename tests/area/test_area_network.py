@@ -8,14 +8,14 @@ from scenes import joined, square
 from surface_cases import hostile_scene, room
 
 import rastercov as rc
-from rastercov.area.network import AreaNetwork, in_words, unit_of_result
-from rastercov.area.observer import RegionObserver
-from rastercov.area.rest import with_rest
-from rastercov.area.union import polygon_areas
 from rastercov.base.errors import ConfigError
-from rastercov.engine import Engine
+from rastercov.coverage.area.network import AreaNetwork, in_words, unit_of_result
+from rastercov.coverage.area.observer import RegionObserver
+from rastercov.coverage.area.rest import with_rest
+from rastercov.coverage.area.union import polygon_areas
+from rastercov.coverage.engine import Engine
+from rastercov.coverage.network import Network
 from rastercov.mesh import Group
-from rastercov.network import Network
 
 
 def network_of(mesh, camera, poses, task, step=2, *, closing=True):

@@ -8,8 +8,8 @@ from nightly import examples
 from surface_cases import building, room
 
 import rastercov as rc
-from rastercov.area.centres import CentrePass
 from rastercov.base.errors import ConfigError
+from rastercov.coverage.area.centres import CentrePass
 from rastercov.reference.regions import covers_points
 
 TASKS = [

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 import rastercov as rc
-from rastercov.area import division
-from rastercov.area.division import Cells, Pieces
-from rastercov.area.regions import Regions
-from rastercov.area.union import RegionUnion, polygon_areas
+from rastercov.coverage.area import division
+from rastercov.coverage.area.division import Cells, Pieces
+from rastercov.coverage.area.regions import Regions
+from rastercov.coverage.area.union import RegionUnion, polygon_areas
 
 MESH = rc.Mesh(vertices=[(0, 0, 0), (7, 0, 0), (2, 4, 0)], faces=[(0, 1, 2)])
 SQUARE = np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)])

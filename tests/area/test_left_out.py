@@ -8,12 +8,12 @@ from nightly import examples
 from surface_cases import hostile_scene
 
 import rastercov as rc
-from rastercov.area.regions import RegionPass
 from rastercov.camera.pose import Poses
+from rastercov.coverage.area.regions import RegionPass
 from rastercov.exact.certificate import CertificateSolver
 from rastercov.exact.figures import Figures
 from rastercov.mesh import Group, Mesh
-from rastercov.observation import BoundKind
+from rastercov.raster.observation import BoundKind
 
 ARRAYS = ("xy", "starts", "face", "pair_face", "area")
 ROLES = [Group("task"), Group("hides", is_occluder=True), Group("hangs", is_target=True)]

@@ -11,10 +11,10 @@ from nightly import amount, examples
 from surface_cases import assert_pointwise, building, cut_at_random, hostile_scene, room
 
 import rastercov as rc
-from rastercov.area import regions as area_regions
-from rastercov.area.centres import CentrePass
-from rastercov.area.failures import first_failures
-from rastercov.area.regions import RegionPass
+from rastercov.coverage.area import regions as area_regions
+from rastercov.coverage.area.centres import CentrePass
+from rastercov.coverage.area.failures import first_failures
+from rastercov.coverage.area.regions import RegionPass
 from rastercov.exact.figures import Figures
 from rastercov.reference.regions import covers_points, points_on
 

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from surface_cases import hostile_scene, in_regions, room
 
 import rastercov as rc
-from rastercov.area.points import covering_poses
+from rastercov.coverage.area.points import covering_poses
 from rastercov.reference.regions import points_on
 from rastercov.report.area_pictures import best_pose_at, covered_pixels, points_of_pixels
 

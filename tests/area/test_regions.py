@@ -23,9 +23,9 @@ from surface_cases import (
 )
 
 import rastercov as rc
-from rastercov.area.frames import frames_of, to_plane, to_world
-from rastercov.area.regions import OF_A_FACE, RegionPass
 from rastercov.base.errors import ConfigError
+from rastercov.coverage.area.frames import frames_of, to_plane, to_world
+from rastercov.coverage.area.regions import OF_A_FACE, RegionPass
 from rastercov.reference.regions import points_on
 
 AHEAD = np.eye(4)[None]

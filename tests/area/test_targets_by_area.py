@@ -9,13 +9,13 @@ from surface_cases import assert_pointwise, room
 from target_scenes import beside, only, sheet_at, some_as_targets
 
 import rastercov as rc
-from rastercov.area.failures import first_failures
-from rastercov.area.network import AreaNetwork
-from rastercov.area.observer import RegionObserver
-from rastercov.area.rest import with_rest
-from rastercov.engine import Engine
+from rastercov.coverage.area.failures import first_failures
+from rastercov.coverage.area.network import AreaNetwork
+from rastercov.coverage.area.observer import RegionObserver
+from rastercov.coverage.area.rest import with_rest
+from rastercov.coverage.engine import Engine
+from rastercov.coverage.task import Reason
 from rastercov.reference.regions import covers_points, points_on
-from rastercov.task import Reason
 
 TASK = rc.Task(max_incidence_deg=80)
 

@@ -10,9 +10,9 @@ from scenes import square
 from surface_cases import building, hostile_scene, in_regions, off_clipper2, room
 
 import rastercov as rc
-from rastercov.area.frames import frames_of, to_plane
-from rastercov.area.union import RegionUnion, polygon_areas
 from rastercov.base.errors import ConfigError
+from rastercov.coverage.area.frames import frames_of, to_plane
+from rastercov.coverage.area.union import RegionUnion, polygon_areas
 from rastercov.reference.regions import points_on
 
 TASK = rc.Task(max_incidence_deg=75, min_pixels_per_m2=2000)

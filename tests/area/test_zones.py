@@ -8,12 +8,12 @@ from scenes import square
 from surface_cases import bisected, building, cut_at_random, hostile_scene, room
 
 import rastercov as rc
-from rastercov.area.failures import first_failures
-from rastercov.area.network import AreaNetwork
-from rastercov.area.union import RegionUnion, polygon_areas
-from rastercov.area.zone_report import WORDS, summary_of, zone_lines
-from rastercov.area.zones import dead_zones
 from rastercov.base.errors import ConfigError
+from rastercov.coverage.area.failures import first_failures
+from rastercov.coverage.area.network import AreaNetwork
+from rastercov.coverage.area.union import RegionUnion, polygon_areas
+from rastercov.coverage.area.zone_report import WORDS, summary_of, zone_lines
+from rastercov.coverage.area.zones import dead_zones
 from rastercov.mesh import shapes
 from rastercov.reference.regions import covers_points, points_on
 

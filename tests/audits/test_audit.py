@@ -8,16 +8,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from nightly import examples
 
-from rastercov.area.regions import regions
-from rastercov.area.union import unite
 from rastercov.audits import audit
 from rastercov.base.errors import ConfigError
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.camera.projection import to_camera, to_image
 from rastercov.camera.viewpoints import look_at
+from rastercov.coverage.area.regions import regions
+from rastercov.coverage.area.union import unite
+from rastercov.coverage.task import Task
 from rastercov.mesh import Group, Mesh, shapes
-from rastercov.task import Task
 
 MESH = shapes.torus(20, 10)
 WIDE = Camera(width=320, height=240, fx=220, fy=230)

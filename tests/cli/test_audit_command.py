@@ -15,8 +15,8 @@ from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Rig
 from rastercov.camera.viewpoints import sphere_of_poses
 from rastercov.camera.views import Views
+from rastercov.coverage.task import Task
 from rastercov.mesh import shapes
-from rastercov.task import Task
 
 MESH = shapes.torus(40, 20)
 CAMERAS = (

@@ -12,7 +12,7 @@ import pytest
 from commands import ENTRY, call, enter, refusal
 
 import rastercov as rc
-from rastercov import evaluation_shards
+from rastercov.coverage import shards as evaluation_shards
 from rastercov.mesh import shapes
 
 pytestmark = [pytest.mark.slow, pytest.mark.compile]

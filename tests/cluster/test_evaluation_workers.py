@@ -10,11 +10,11 @@ import pyarrow.parquet as pq
 import pytest
 
 import rastercov as rc
-from rastercov import evaluation_shards
 from rastercov.audits import audit
 from rastercov.base.errors import ConfigError
 from rastercov.cluster import Workers
-from rastercov.evaluation_shards import UNFINISHED
+from rastercov.coverage import shards as evaluation_shards
+from rastercov.coverage.shards import UNFINISHED
 from rastercov.mesh import shapes
 from rastercov.report import coverage
 from rastercov.report.coverage import Options, run

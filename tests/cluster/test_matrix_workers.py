@@ -8,9 +8,9 @@ import pytest
 from killing_shards import POISONED, SMALL
 
 import rastercov as rc
-from rastercov.area.cells import cells
 from rastercov.base.errors import ConfigError
 from rastercov.cluster import Workers
+from rastercov.coverage.area.cells import cells
 from rastercov.mesh import shapes
 from rastercov.placement.explain.candidate_visibility import CandidateBounds
 from rastercov.placement.matrix import VisibilityMatrix, build_matrix

@@ -15,7 +15,7 @@ from rastercov.exact.certificate import CertificateSolver
 from rastercov.exact.half_planes import HalfPlaneSolver
 from rastercov.exact.records import DOUBTFUL
 from rastercov.mesh import Mesh, shapes
-from rastercov.observation import BoundKind
+from rastercov.raster.observation import BoundKind
 from rastercov.reference import rational
 
 CAMERA = rc.Camera(width=640, height=512, fx=400, fy=400)

@@ -11,7 +11,7 @@ from scenes import joined, square
 
 import rastercov as rc
 from rastercov.mesh import shapes
-from rastercov.observation import BoundKind
+from rastercov.raster.observation import BoundKind
 from rastercov.reference import rational
 
 METHODS = ("certified", "exact")

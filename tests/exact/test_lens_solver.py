@@ -18,15 +18,15 @@ from rastercov.camera.lenses.slopes import slopes_in
 from rastercov.camera.near_plane import limits
 from rastercov.camera.rig import Rig
 from rastercov.camera.viewpoints import look_at, sphere_of_poses
-from rastercov.coverage import FIGURES, evaluate
+from rastercov.coverage.coverage import FIGURES, evaluate
+from rastercov.coverage.observer import open_observer
+from rastercov.coverage.task import Task
 from rastercov.exact.certificate import CertificateSolver
 from rastercov.exact.half_planes import HalfPlaneSolver
 from rastercov.exact.lens_solver import LensSolver
 from rastercov.exact.surface import surface_of
 from rastercov.mesh import Group, Mesh, shapes
-from rastercov.observation import BoundKind
-from rastercov.observer import open_observer
-from rastercov.task import Task
+from rastercov.raster.observation import BoundKind
 
 ROOM = shapes.room()
 TORUS = shapes.torus(40, 20)

@@ -18,13 +18,14 @@ from scenes import joined, sheet, square
 from rastercov.base.errors import ConfigError, PoseError
 from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import look_at, sphere_of_poses
-from rastercov.coverage import evaluate
-from rastercov.criteria import face_geometry
+from rastercov.coverage.coverage import evaluate
+from rastercov.coverage.criteria import face_geometry
+from rastercov.coverage.observer import visibility
+from rastercov.coverage.task import Task
 from rastercov.mesh import Group, Mesh, shapes
 from rastercov.models import MODELS, alarcon, image_space, mavrinac, scott, tarabanis, zhang
 from rastercov.models.base import ramp, required_density
 from rastercov.models.line_of_sight import MARGIN, TOLERANCE, LineOfSight, OwnTracer
-from rastercov.observer import visibility
 from rastercov.report.images import coverage_pixels
 from rastercov.report.model_pictures import (
     difference_picture,
@@ -35,7 +36,6 @@ from rastercov.report.model_pictures import (
 )
 from rastercov.report.models import page, write_model_comparison
 from rastercov.report.theme import MISSED
-from rastercov.task import Task
 from rastercov.validation.models.comparison import compare_models, covers
 
 CAMERA = Camera(width=400, height=300, fx=200, fy=200)

@@ -11,7 +11,7 @@ from scenes import joined, sheet
 import rastercov as rc
 from rastercov.base.errors import ConfigError, PoseError
 from rastercov.camera.viewpoints import look_at
-from rastercov.criteria import face_geometry
+from rastercov.coverage.criteria import face_geometry
 from rastercov.mesh import Group, Mesh, shapes
 from rastercov.mesh.triangle_tree import TriangleTree
 from rastercov.placement import (

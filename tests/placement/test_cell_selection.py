@@ -9,9 +9,9 @@ from surface_cases import bisected, cut_at_random, room
 from union_greedy import area_of, greedy_by_area, room_candidates
 
 import rastercov as rc
-from rastercov.area.cells import USUAL_CELLS, usual_size
-from rastercov.area.regions import RegionPass
 from rastercov.base.errors import ConfigError
+from rastercov.coverage.area.cells import USUAL_CELLS, usual_size
+from rastercov.coverage.area.regions import RegionPass
 from rastercov.placement.explain.candidate_visibility import CandidateBounds
 from rastercov.placement.improve.objective import CellObjective
 from rastercov.placement.matrix import VisibilityMatrix, build_matrix
@@ -132,7 +132,7 @@ def test_an_ended_run_keeps_its_shards_and_the_next_one_continues(tmp_path):
 def test_a_matrix_on_the_disk_is_that_in_memory_with_several_batches_a_shard(
     tmp_path, monkeypatch, size
 ):
-    monkeypatch.setattr("rastercov.coverage.POSES_A_BATCH", 3)
+    monkeypatch.setattr("rastercov.coverage.coverage.POSES_A_BATCH", 3)
     options = {"cells": None if size is None else rc.cells(MESH, size), "poses_a_shard": 7}
     disk = build_matrix((MESH, CAMERA), POSES[:16], TASK, tmp_path, **options)
     memory = build_matrix((MESH, CAMERA), POSES[:16], TASK, **options)

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from nightly import examples
 
 from rastercov.base.lists import Lists
+from rastercov.coverage.task import Task
 from rastercov.placement.improve.objective import Objective
 from rastercov.reference.views import covered_faces
-from rastercov.task import Task
 
 ANGLES_DEG = (0, 1, 40, 90, 120, 180)
 

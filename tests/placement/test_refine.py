@@ -8,16 +8,16 @@ from hypothesis import strategies as st
 from nightly import IS_NIGHTLY, examples, nightly
 from test_search import CAMERA, KEPT_OUT, MESH, SPACE, TASK, holds
 
-from rastercov.area.cells import cells
-from rastercov.area.regions import RegionPass
 from rastercov.base.errors import ConfigError
 from rastercov.base.lists import Lists
 from rastercov.camera.viewpoints import sphere_of_poses
-from rastercov.observer import open_observer
+from rastercov.coverage.area.cells import cells
+from rastercov.coverage.area.regions import RegionPass
+from rastercov.coverage.observer import open_observer
+from rastercov.coverage.task import Task
 from rastercov.placement.improve import refine as refine_module
 from rastercov.placement.improve.objective import CellObjective, Objective
 from rastercov.placement.improve.refine import refine
-from rastercov.task import Task
 
 BUDGET = 800 if IS_NIGHTLY else 300
 TASK_BY_AREA = Task(max_incidence_deg=70, min_pixels_per_m2=300)

@@ -10,8 +10,9 @@ from nightly import IS_NIGHTLY, examples
 from rastercov.base.errors import ConfigError
 from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import sphere_of_poses
+from rastercov.coverage.observer import open_observer
+from rastercov.coverage.task import Task
 from rastercov.mesh import Group, Mesh, shapes
-from rastercov.observer import open_observer
 from rastercov.placement.candidates.clearance import (
     KeepOutBox,
     KeepOutSphere,
@@ -24,7 +25,6 @@ from rastercov.placement.improve.pose_space import Place, PoseSpace
 from rastercov.placement.improve.search import METHODS, optimise
 from rastercov.placement.matrix import build_matrix
 from rastercov.placement.select.problem import BestCoverage, problem_of
-from rastercov.task import Task
 
 MESH = shapes.torus(10, 6)
 CAMERA = Camera(width=64, height=48, fx=60.0, fy=60.0, cx=32.0, cy=24.0)

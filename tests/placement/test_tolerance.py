@@ -9,7 +9,7 @@ from test_search import CAMERA, MESH, TASK
 
 from rastercov.base.errors import ConfigError
 from rastercov.camera.viewpoints import sphere_of_poses
-from rastercov.observer import open_observer
+from rastercov.coverage.observer import open_observer
 from rastercov.placement.improve import tolerance as tolerance_module
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.improve.tolerance import (

@@ -12,8 +12,9 @@ from scenes import joined, sheet
 
 import rastercov as rc
 from rastercov.base.errors import ConfigError
+from rastercov.coverage.network import Network
+from rastercov.coverage.task import Reason, Task
 from rastercov.mesh import Group, Mesh, shapes
-from rastercov.network import Network
 from rastercov.placement.explain import candidate_visibility as sight
 from rastercov.placement.explain import uncovered
 from rastercov.placement.explain.blockers import in_front
@@ -23,7 +24,6 @@ from rastercov.placement.improve.objective import Objective
 from rastercov.placement.matrix import build_matrix
 from rastercov.plan.network import left_over, measured
 from rastercov.reference.views import candidate_bounds
-from rastercov.task import Reason, Task
 
 CAMERA = rc.Camera(width=320, height=240, fx=300, fy=300, cx=160, cy=120)
 

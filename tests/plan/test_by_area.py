@@ -9,8 +9,8 @@ from surface_cases import room
 from union_greedy import area_of, greedy_by_area, room_candidates
 
 import rastercov as rc
-from rastercov.area.network import AreaNetwork
 from rastercov.camera.pose_file import write_poses
+from rastercov.coverage.area.network import AreaNetwork
 from rastercov.plan import run as plan_run
 from rastercov.plan.check import check
 from rastercov.plan.errors import PlanError

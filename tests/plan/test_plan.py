@@ -15,7 +15,8 @@ from pydantic import ValidationError
 import rastercov as rc
 from rastercov.camera.pose_file import write_poses
 from rastercov.camera.viewpoints import sphere_of_poses
-from rastercov.coverage import Coverage
+from rastercov.coverage.coverage import Coverage
+from rastercov.coverage.task import Reason
 from rastercov.mesh import shapes
 from rastercov.placement.improve.objective import Objective
 from rastercov.plan import entry as plan_entry
@@ -28,7 +29,6 @@ from rastercov.plan.network import certain_and_possible, measured
 from rastercov.plan.requirements import judge, percent
 from rastercov.plan.scene import scene
 from rastercov.plan.sections import PlanModel, TaskSection
-from rastercov.task import Reason
 
 ROOT = Path(__file__).parents[2]
 BASE = '[[meshes]]\nbuilt_in = "box"\n[camera]\npreset = "khepra"\n'

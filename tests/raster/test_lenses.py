@@ -23,10 +23,10 @@ from rastercov import (
 from rastercov.camera.lenses.of_camera import lens_of
 from rastercov.camera.viewpoints import sphere_of_poses
 from rastercov.mesh import shapes
-from rastercov.observation import BoundKind
 from rastercov.raster.cpu import lens_samples
 from rastercov.raster.cpu.lens_rasterizer import LensRasterizer
 from rastercov.raster.gl import GLRasterizer
+from rastercov.raster.observation import BoundKind
 from rastercov.raster.sample_grid import SampleGrid
 
 SCALE = 0.1

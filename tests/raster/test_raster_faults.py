@@ -18,9 +18,9 @@ from rastercov import shaders
 from rastercov.base.errors import ConfigError, DeviceError, PoseError, ResourceError
 from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import look_at, sphere_of_poses
-from rastercov.engine import Engine
+from rastercov.coverage.engine import Engine
+from rastercov.coverage.observer import open_observer
 from rastercov.mesh import Mesh, shapes
-from rastercov.observer import open_observer
 from rastercov.raster import open_rasterizer
 from rastercov.raster.gl import PLANS, GLRasterizer, pipeline
 from rastercov.raster.gl import rasterizer as rasterizer_module

@@ -11,17 +11,17 @@ from hypothesis import strategies as st
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.camera.viewpoints import look_at
-from rastercov.coverage import FIGURES, evaluate, evaluate_batches
-from rastercov.criteria import face_geometry
-from rastercov.face_pass import FacePass
+from rastercov.coverage.coverage import FIGURES, evaluate, evaluate_batches
+from rastercov.coverage.criteria import face_geometry
+from rastercov.coverage.face_pass import FacePass
+from rastercov.coverage.network import Network
+from rastercov.coverage.observer import open_observer
+from rastercov.coverage.pairs import CHOICES
+from rastercov.coverage.task import Task
 from rastercov.mesh import Group, Mesh, shapes
-from rastercov.network import Network
-from rastercov.observation import BoundKind, Observation
-from rastercov.observer import open_observer
-from rastercov.pairs import CHOICES
+from rastercov.raster.observation import BoundKind, Observation
 from rastercov.reference import coverage as coverage_twin
 from rastercov.reference import criteria as twin
-from rastercov.task import Task
 
 SAME_BITS = ("is_front", "in_view", "perimeter", "pixel_density", "facing_density", "depth")
 CLOSE = ("projected_area", "in_view_fraction", "incidence")

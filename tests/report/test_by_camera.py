@@ -9,7 +9,7 @@ import pytest
 from coarse_pictures import coarse_pictures  # noqa: F401 # a fixture for every test
 
 import rastercov as rc
-from rastercov.area.by_camera import MOST_CAMERAS, cameras_apart
+from rastercov.coverage.area.by_camera import MOST_CAMERAS, cameras_apart
 from rastercov.mesh import shapes
 from rastercov.report.by_camera import camera_rows, camera_table
 from rastercov.report.coverage import Options, run

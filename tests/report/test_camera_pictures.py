@@ -7,6 +7,7 @@ from surface_cases import room
 from target_scenes import beside, sheet_at
 
 import rastercov as rc
+from rastercov.coverage.task import Reason
 from rastercov.mesh import Group, Mesh, shapes
 from rastercov.reference.regions import covers_points
 from rastercov.report import theme
@@ -19,7 +20,6 @@ from rastercov.report.camera_pictures import (
     camera_pixels,
     of_pose,
 )
-from rastercov.task import Reason
 
 TASK = rc.Task(max_incidence_deg=60, min_pixels_per_m2=12_000)
 MESH, CAMERA, POSES = room()

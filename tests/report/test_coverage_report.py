@@ -22,16 +22,16 @@ from rastercov.base.errors import ConfigError, DeviceError, PoseError
 from rastercov.base.interrupts import interrupts_held
 from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import sphere_of_poses
-from rastercov.coverage import evaluate
+from rastercov.coverage.coverage import evaluate
+from rastercov.coverage.pairs import CHOICES
+from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh, shapes
-from rastercov.pairs import CHOICES
 from rastercov.raster import open_rasterizer
 from rastercov.reference.coverage import rows_of
 from rastercov.report.coverage import EVALUATION, Options, run
 from rastercov.report.coverage_table import CoverageTable
 from rastercov.report.folder import ReportFolder
 from rastercov.report.images import coverage_picture
-from rastercov.task import Task
 
 MESH = shapes.box((1, 1, 1))
 CAMERA = Camera(width=48, height=36, fx=60, fy=60)
@@ -57,7 +57,7 @@ def content(folder):
 @pytest.fixture
 def small_batches(monkeypatch):
     """Four poses a batch."""
-    monkeypatch.setattr("rastercov.coverage.PAIRS_A_BATCH", 4 * MESH.n_faces)
+    monkeypatch.setattr("rastercov.coverage.coverage.PAIRS_A_BATCH", 4 * MESH.n_faces)
 
 
 def stop_after(done_at):

@@ -6,8 +6,8 @@ import pytest
 import rastercov as rc
 from rastercov.camera.lenses.of_camera import lens_of
 from rastercov.camera.viewpoints import sphere_of_poses
+from rastercov.coverage.network import Network
 from rastercov.mesh import Mesh, shapes
-from rastercov.network import Network
 from rastercov.report.doubts import dead_pixels, doubts
 
 CAMERA = rc.Camera(width=200, height=200, fx=200, fy=200)

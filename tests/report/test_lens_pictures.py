@@ -12,6 +12,7 @@ from surface_cases import room
 import rastercov as rc
 from rastercov.camera.projection import to_camera, to_image
 from rastercov.camera.viewpoints import sphere_of_poses
+from rastercov.coverage.task import Reason
 from rastercov.mesh import shapes
 from rastercov.report import overview
 from rastercov.report.area_pictures import points_of_pixels
@@ -20,7 +21,6 @@ from rastercov.report.coverage import Options, run
 from rastercov.report.doubts import doubts
 from rastercov.report.images import draw_text, font_for
 from rastercov.report.overview import camera_colours, network_picture, overview_picture
-from rastercov.task import Reason
 
 MESH, CAMERA, POSES = room()
 TASK = rc.Task(max_incidence_deg=70, min_pixel_density=60)

@@ -11,8 +11,8 @@ from surface_cases import room
 from target_scenes import beside, sheet_at
 
 import rastercov as rc
+from rastercov.coverage.network import Network
 from rastercov.mesh import Group, Mesh, shapes
-from rastercov.network import Network
 from rastercov.reference.regions import covers_points
 from rastercov.report import overview, theme
 from rastercov.report.area_pictures import points_of_pixels

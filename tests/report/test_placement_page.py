@@ -13,9 +13,10 @@ from scenes import joined
 import rastercov as rc
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import percent
-from rastercov.coverage import evaluate_batches
+from rastercov.coverage.coverage import evaluate_batches
+from rastercov.coverage.network import Network
+from rastercov.coverage.task import Task
 from rastercov.mesh import Group, Mesh, shapes
-from rastercov.network import Network
 from rastercov.placement.candidates.cavities import openings
 from rastercov.placement.candidates.clearance import KeepOutBox, filter_candidates
 from rastercov.placement.candidates.framing import Framing
@@ -36,7 +37,6 @@ from rastercov.report.overview import camera_colours, network_picture
 from rastercov.report.panorama import DIRECTIONS, best_directions, look, paint, place_in_image
 from rastercov.report.placement import PlanReport, page, write_page
 from rastercov.report.theme import DARK, LIGHT
-from rastercov.task import Task
 
 CAMERA = rc.Camera(width=320, height=240, fx=300, fy=300, cx=160, cy=120)
 TASK = Task(min_pixels=20)

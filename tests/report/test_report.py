@@ -16,19 +16,19 @@ from rastercov.base.errors import ConfigError
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.camera.viewpoints import look_at
-from rastercov.coverage import FIGURES, Coverage, evaluate
-from rastercov.engine import METHODS
+from rastercov.coverage.coverage import FIGURES, Coverage, evaluate
+from rastercov.coverage.engine import METHODS
+from rastercov.coverage.network import Network
+from rastercov.coverage.observer import open_observer
+from rastercov.coverage.task import Reason, Task
 from rastercov.mesh import Group, Mesh, shapes
-from rastercov.network import Network
-from rastercov.observation import BoundKind
-from rastercov.observer import open_observer
 from rastercov.raster import open_rasterizer
 from rastercov.raster.contract import RasterizerInfo, VisibilityBuffer
+from rastercov.raster.observation import BoundKind
 from rastercov.reference.coverage import rows_of
 from rastercov.report import coverage_table, tables, theme
 from rastercov.report import images as pictures
 from rastercov.report.coloured_mesh import write_coloured_mesh
-from rastercov.task import Reason, Task
 
 INFO = RasterizerInfo("gl", "software", "renderer", "driver", "device", "float32", "hash")
 CAMERA = Camera(width=480, height=360, fx=400, fy=400, cx=240, cy=180)

@@ -5,9 +5,9 @@ import pytest
 from surface_cases import room
 
 import rastercov as rc
-from rastercov.area.network import AreaNetwork
-from rastercov.area.points import views_at, zones_at
 from rastercov.base.format import area
+from rastercov.coverage.area.network import AreaNetwork
+from rastercov.coverage.area.points import views_at, zones_at
 from rastercov.mesh import shapes
 from rastercov.reference.regions import covers_points, points_on
 from rastercov.report import theme

@@ -5,7 +5,7 @@ import numpy as np
 from exact_cases import hostile
 
 import rastercov as rc
-from rastercov.area.frames import frames_of, to_plane
+from rastercov.coverage.area.frames import frames_of, to_plane
 from rastercov.mesh import Mesh
 from rastercov.reference.regions import covers_points, points_on
 

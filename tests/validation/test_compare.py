@@ -22,11 +22,11 @@ from rastercov.base.closing import Closing
 from rastercov.base.errors import ConfigError, PoseError
 from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import look_at, sphere_of_poses
-from rastercov.criteria import face_geometry
-from rastercov.engine import Engine
+from rastercov.coverage.criteria import face_geometry
+from rastercov.coverage.engine import Engine
+from rastercov.coverage.observer import open_observer, visibility
 from rastercov.mesh import Mesh, shapes
-from rastercov.observation import BoundKind, Observation
-from rastercov.observer import open_observer, visibility
+from rastercov.raster.observation import BoundKind, Observation
 from rastercov.reference import polygons
 from rastercov.reference.samples import grid_points
 from rastercov.report.face_pictures import face_picture

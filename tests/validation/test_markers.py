@@ -14,9 +14,9 @@ from rastercov.base.errors import ConfigError, DeviceError
 from rastercov.camera.camera import Camera
 from rastercov.camera.camera_file import PRESETS
 from rastercov.camera.projection import to_image
-from rastercov.coverage import evaluate
+from rastercov.coverage.coverage import evaluate
+from rastercov.coverage.task import Task
 from rastercov.raster.gl import GLRasterizer
-from rastercov.task import Task
 from rastercov.validation.markers import detect as detection
 from rastercov.validation.markers import render
 from rastercov.validation.markers.experiments import resolution, visibility

@@ -8,7 +8,7 @@ from browser import Tab
 from rigs_to_view import EYES, ROOM, WIDE, percent_covered
 
 import rastercov as rc
-from rastercov.task import Reason
+from rastercov.coverage.task import Reason
 from rastercov.viewer import lens
 
 pytestmark = pytest.mark.slow

@@ -5,8 +5,8 @@ import pytest
 from rigs_to_view import CAMERA, acted, around, moved, part, session_of, state_of
 
 import rastercov as rc
+from rastercov.coverage.task import Reason
 from rastercov.mesh import shapes
-from rastercov.task import Reason
 from rastercov.viewer.improve import (
     Cancelled,
     default_space,

@@ -7,10 +7,10 @@ from hypothesis import strategies as st
 from rigs_to_view import CAMERA, acted, around, moved, part, session_of
 
 import rastercov as rc
-from rastercov.area.network import AreaNetwork
-from rastercov.area.regions import regions
+from rastercov.coverage.area.network import AreaNetwork
+from rastercov.coverage.area.regions import regions
+from rastercov.coverage.task import Reason
 from rastercov.models import MODELS
-from rastercov.task import Reason
 from rastercov.viewer import colours
 from rastercov.viewer.scene import modes, task_fields
 from rastercov.viewer.session import StaleError

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.camera.rig import cameras_of
-from rastercov.coverage import Coverage, evaluate_batches
-from rastercov.criteria import face_geometry
+from rastercov.coverage.coverage import Coverage, evaluate_batches
+from rastercov.coverage.criteria import face_geometry
+from rastercov.coverage.observer import Observer
+from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
-from rastercov.observer import Observer
 from rastercov.placement._arrays import BoolArray, IntArray
-from rastercov.task import Task
 
 SEEN_NOTHING = 1e-6
 """Visible fraction up to which a face counts as not seen: the bound of computed fractions is 1e-9

@@ -21,15 +21,15 @@ from rastercov.base.format import plural
 from rastercov.base.typed import typed
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.camera.rig import Cameras
-from rastercov.coverage import Coverage, evaluate_batches
+from rastercov.coverage.coverage import Coverage, evaluate_batches
+from rastercov.coverage.network import Network, share_of_faces
+from rastercov.coverage.observer import Observer, open_observer
+from rastercov.coverage.task import Reason, Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import frozen
-from rastercov.network import Network, share_of_faces
-from rastercov.observer import Observer, open_observer
 from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
 from rastercov.placement.explain.blockers import in_front
 from rastercov.placement.explain.candidate_visibility import CandidateBounds, Sight, batches_in_view
-from rastercov.task import Reason, Task
 
 __all__ = ["Leftover", "Sight", "what_is_left"]
 

@@ -13,15 +13,17 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov.area.cells import Cells
-from rastercov.area.centres import CentrePass
-from rastercov.area.regions import RegionPass
 from rastercov.base.errors import ConfigError
 from rastercov.base.lists import Lists
 from rastercov.camera.pose import Poses, renumbered
-from rastercov.coverage import evaluate_batches
+from rastercov.coverage.area.cells import Cells
+from rastercov.coverage.area.centres import CentrePass
+from rastercov.coverage.area.regions import RegionPass
+from rastercov.coverage.coverage import evaluate_batches
+from rastercov.coverage.observer import Observer
+from rastercov.coverage.spread import least_cosine
+from rastercov.coverage.task import Reason, Task
 from rastercov.mesh import Mesh
-from rastercov.observer import Observer
 from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
 from rastercov.placement.mounts import Mounts
 from rastercov.placement.select.problem import (
@@ -29,8 +31,6 @@ from rastercov.placement.select.problem import (
     views_of,
     weights_of,
 )
-from rastercov.spread import least_cosine
-from rastercov.task import Reason, Task
 
 POSES_A_BATCH = 64
 """Poses between two calls of `Objective.watch` where they are estimated."""

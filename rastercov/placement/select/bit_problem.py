@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov.area.cells import Cells
 from rastercov.base.errors import ConfigError
 from rastercov.base.typed import typed
+from rastercov.coverage.area.cells import Cells
 from rastercov.mesh import Mesh
 from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
 from rastercov.placement.bit_matrix import BitMatrix

@@ -18,9 +18,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov.area.cells import Cells
 from rastercov.base.errors import ConfigError
 from rastercov.base.typed import typed
+from rastercov.coverage.area.cells import Cells
+from rastercov.coverage.spread import least_cosine
 from rastercov.mesh import Mesh
 from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
 from rastercov.placement.bit_matrix import BitMatrix
@@ -35,7 +36,6 @@ from rastercov.placement.select.any_problem import (
     in_whole_numbers,
 )
 from rastercov.placement.select.goals import BestCoverage, FewestCameras, Goal
-from rastercov.spread import least_cosine
 
 __all__ = [
     "SHARE_TOLERANCE",

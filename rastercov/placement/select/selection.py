@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
+from rastercov.coverage.spread import ViewSpread
 from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
 from rastercov.placement.select import lagrange
 from rastercov.placement.select.cover_state import Cover
 from rastercov.placement.select.deadline import NEVER, Deadline
 from rastercov.placement.select.presolve import ReducedProblem
 from rastercov.placement.select.problem import AnyProblem, BestCoverage, Problem
-from rastercov.spread import ViewSpread
 
 PROVED = 1e-6
 """Relative gap up to which a selection counts as optimal: the tolerance of HiGHS."""

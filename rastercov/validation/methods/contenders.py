@@ -8,16 +8,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov._observers import ROLL
 from rastercov.base.stopwatch import Stopwatch
 from rastercov.base.threads import thread_count
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
-from rastercov.engine import Engine
-from rastercov.face_pass import FacePass
+from rastercov.coverage.engine import Engine
+from rastercov.coverage.face_pass import FacePass
+from rastercov.coverage.observer import Observer, open_observer
+from rastercov.coverage.observers import ROLL
 from rastercov.mesh import Mesh
-from rastercov.observation import Observation
-from rastercov.observer import Observer, open_observer
+from rastercov.raster.observation import Observation
 from rastercov.validation.methods.error_statistics import ROUNDING, ErrorStatistics, PoseFigures
 from rastercov.validation.methods.results import Score
 

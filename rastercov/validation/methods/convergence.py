@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 from rastercov.base.stopwatch import Stopwatch
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
-from rastercov.face_pass import FacePass
+from rastercov.coverage.face_pass import FacePass
+from rastercov.coverage.observer import Observer
 from rastercov.mesh import Mesh
-from rastercov.observer import Observer
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.observation import BoundKind
+from rastercov.raster.observation import BoundKind
 from rastercov.validation.methods.results import BoundCheck, FaceError, SizeClass
 
 FloatArray = NDArray[np.float64]

@@ -20,13 +20,13 @@ from rastercov.base.errors import ConfigError
 from rastercov.base.stopwatch import Stopwatch
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import valid_poses
-from rastercov.coverage import Coverage, evaluate_batches
+from rastercov.coverage.coverage import Coverage, evaluate_batches
+from rastercov.coverage.observer import open_observer
+from rastercov.coverage.provenance import Provenance
+from rastercov.coverage.task import Reason, Task
 from rastercov.mesh import Mesh
 from rastercov.models import MODELS, zhang
-from rastercov.observation import BoundKind
-from rastercov.observer import open_observer
-from rastercov.provenance import Provenance
-from rastercov.task import Reason, Task
+from rastercov.raster.observation import BoundKind
 from rastercov.validation.models.results import (
     Bivalence,
     Disagreement,

@@ -1,0 +1,208 @@
+"""Cells of equal size on the faces of a mesh: elements for choosing cameras, and for colours.
+
+Cells are targets only. What hides is the mesh itself, and the share of a cell that a camera covers
+is the area of the camera's regions in it, so that cells need not fit along the edges of the mesh.
+"""
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov.base.arguments import check_kind
+from rastercov.base.checks import finite_number, shown
+from rastercov.base.errors import ConfigError, MeshError, ResourceError
+from rastercov.coverage.area.frames import check_same_mesh, frames_of, to_world
+from rastercov.coverage.area.regions import Regions
+from rastercov.mesh import Mesh
+
+FloatArray = NDArray[np.float64]
+
+MOST_CELLS = 5_000_000
+"""Cells of a mesh."""
+USUAL_CELLS = 10_000
+"""Cells of `usual_size`, besides two a face."""
+FINEST_REL = 1 / 500
+"""Least size of `usual_size`, relative to the diagonal of the task faces."""
+
+
+@dataclass(frozen=True, eq=False)
+class CellShares:
+    """Shares of cells that P poses cover: M pairs of a pose and a cell.
+
+    Attributes
+    ----------
+    pose_ids : (P,) int64
+        Row of each pose in the input.
+    starts : (P + 1,) int64
+        The pairs of pose i are starts[i] ... starts[i + 1] - 1.
+    cell : (M,) int32
+        Cells of each pose, in ascending order.
+    share : (M,) float64
+        Covered area over the area of the cell, (0, 1].
+    """
+
+    pose_ids: NDArray[np.int64]
+    starts: NDArray[np.int64]
+    cell: NDArray[np.int32]
+    share: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Cells:
+    """Triangles that divide the task faces of a mesh, none with a side longer than `size`.
+
+    Cells of a face follow one another, halves of halves of it. They share no vertices.
+
+    Attributes
+    ----------
+    size : float
+        Longest side, metres.
+    vertices : (3 C, 3) float64
+        Metres.
+    faces : (C, 3) int64
+        Vertices of each cell, wound as its face.
+    source_face : (C,) int32
+        Face of the mesh that each cell is a part of.
+    area : (C,) float64
+        m^2.
+    trees : Trees
+        How the faces are halved, see `rastercov.coverage.area.cell_kernels`.
+    """
+
+    mesh: Mesh
+    size: float
+    vertices: FloatArray
+    faces: NDArray[np.int64]
+    source_face: NDArray[np.int32]
+    area: FloatArray
+    trees: Any
+
+    def __len__(self) -> int:
+        return len(self.area)
+
+    @cached_property
+    def elements(self) -> Mesh:
+        """The cells as faces of a mesh, in the groups of their faces. It hides nothing."""
+        mesh = self.mesh
+        return Mesh(self.vertices, self.faces, mesh.groups, mesh.face_group[self.source_face])
+
+    def share(self, regions: Regions) -> CellShares:
+        """Share of each cell that each pose covers; `ConfigError` for regions of another mesh."""
+        from rastercov.coverage.area import cell_kernels as kernels
+        from rastercov.criteria_kernels import read_only
+
+        check_kind("regions", regions, Regions, "Regions", ConfigError)
+        check_same_mesh(self.mesh, regions.mesh)
+        ends = np.searchsorted(regions.pose, np.arange(len(regions.pose_ids) + 1))
+        xy = read_only(regions.xy, np.float64)
+        starts, face = read_only(regions.starts, np.int64), read_only(regions.face, np.int32)
+        scratch = kernels.cell_scratch(len(self))
+        room = 1024 + 2 * len(regions)
+        cell, share = np.empty(room, np.int32), np.empty(room)
+        counts = np.zeros(len(ends), np.int64)
+        for row in range(len(ends) - 1):  # 10 us each, and the loop over its pieces
+            while True:
+                done = kernels.find_shares(
+                    xy, starts, face, ends[row], ends[row + 1], self.trees, scratch, cell, share,
+                    counts[row],
+                )  # fmt: skip
+                if done <= len(cell):
+                    break
+                cell, share = (np.resize(array, done * 3 // 2) for array in (cell, share))
+            counts[row + 1] = done
+        used = int(counts[-1])
+        return CellShares(regions.pose_ids, counts, cell[:used].copy(), share[:used].copy())
+
+
+def cells(mesh: Mesh, size: float) -> Cells:
+    """Cells of the task faces of a mesh, by bisection of the longest side.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Mesh to divide; faces without area and occluders have no cells.
+    size : float
+        Longest side of a cell, metres.
+
+    Raises
+    ------
+    ConfigError
+        For a size that is no positive number.
+    ResourceError
+        For more than `MOST_CELLS` cells; the message has a size that fits.
+    """
+    from rastercov.coverage.area import cell_kernels as kernels
+    from rastercov.criteria_kernels import read_only
+
+    check_kind("mesh", mesh, Mesh, "a Mesh", MeshError)
+    longest = finite_number(size)
+    if not longest > 0:
+        raise ConfigError(f"size must be a positive number of metres, got {shown(size)}")
+    frames = frames_of(mesh)
+    corners = read_only(frames.corners, np.float64)
+    is_asked = read_only(mesh.task_mask & (frames.areas > 0), np.bool_)
+    counts, scratch = np.zeros(mesh.n_faces, np.int64), kernels.cell_scratch(0)
+
+    def count(side: float) -> int:
+        return int(
+            kernels.count_cells(corners, is_asked, side, MOST_CELLS, scratch.triangles, counts)
+        )
+
+    # A triangle without a longer side has at most this times the square of it as area.
+    least = math.sqrt(float(frames.areas[is_asked].sum()) / (math.sqrt(3) / 4 * MOST_CELLS))
+    if longest < least or count(longest) > MOST_CELLS:
+        fits = max(longest, least)
+        while count(fits) > MOST_CELLS:
+            fits *= 1.25
+        raise ResourceError(
+            f"cells of {longest:.3g} m are more than {MOST_CELLS:,}; {rounded_up(fits):g} m fits"
+        )
+    n_cells = int(counts.sum())
+    first_cell = np.concatenate([[0], counts.cumsum()])
+    first_node = np.concatenate([[0], np.maximum(2 * counts - 1, 0).cumsum()])
+    leaves, areas = np.empty(first_node[-1], np.int32), np.empty(n_cells)
+    parents = np.empty(2 * int(counts.max(initial=0)) + 1, np.int64)
+    triangles = np.empty((n_cells, 3, 2))
+    trees = kernels.Trees(corners, first_cell, first_node, leaves, areas)
+    kernels.fill_cells(corners, is_asked, longest, scratch, trees, parents, triangles)
+    source = np.repeat(np.arange(mesh.n_faces, dtype=np.int32), counts)
+    vertices = to_world(mesh, np.repeat(source, 3), triangles.reshape(-1, 2))
+    faces = np.arange(3 * n_cells).reshape(-1, 3)
+    return Cells(mesh, longest, vertices, faces, source, areas, trees)
+
+
+def usual_size(mesh: Mesh) -> float:
+    """Size of cells that suits a mesh, metres, two digits: 5,000 to 10,000 cells of large faces.
+
+    The smallest in steps of 2^(1/4) with at most `USUAL_CELLS` cells and two a face, and not below
+    `FINEST_REL` of the diagonal of the task faces.
+    """
+    from rastercov.coverage.area import cell_kernels as kernels
+    from rastercov.criteria_kernels import read_only
+
+    check_kind("mesh", mesh, Mesh, "a Mesh", MeshError)
+    frames = frames_of(mesh)
+    is_asked = mesh.task_mask & (frames.areas > 0)
+    if not is_asked.any():
+        return 1.0
+    most = min(USUAL_CELLS + 2 * int(is_asked.sum()), MOST_CELLS)
+    corners, asked = read_only(frames.corners, np.float64), read_only(is_asked, np.bool_)
+    counts, scratch = np.zeros(mesh.n_faces, np.int64), kernels.cell_scratch(0)
+    points = mesh.vertices[mesh.faces[is_asked]].reshape(-1, 3)
+    size = diagonal = float(np.linalg.norm(np.ptp(points, axis=0)))
+    while size / 2**0.25 >= FINEST_REL * diagonal:
+        finer = size / 2**0.25
+        if kernels.count_cells(corners, asked, finer, most, scratch.triangles, counts) > most:
+            break
+        size = finer
+    return rounded_up(size)
+
+
+def rounded_up(size: float) -> float:
+    """`size` rounded up to two digits."""
+    exponent = math.floor(math.log10(size)) - 1
+    return float(f"{math.ceil(size / 10.0**exponent - 1e-9)}e{exponent}")

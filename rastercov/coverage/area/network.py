@@ -1,0 +1,186 @@
+"""Area that a network of cameras covers: exact, with its bound, for 1 ... k views and by group."""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rastercov.base.checks import shown
+from rastercov.base.errors import ConfigError
+from rastercov.base.format import plural
+from rastercov.camera.pose import Poses
+from rastercov.camera.rig import Cameras
+from rastercov.coverage.area.frames import frames_of
+from rastercov.coverage.area.regions import Regions, check_pointwise
+from rastercov.coverage.area.union import Covered, RegionUnion
+from rastercov.coverage.area.zone_report import summary_of
+from rastercov.coverage.area.zones import DeadZones, dead_zones
+from rastercov.coverage.engine import Engine
+from rastercov.coverage.task import Task
+from rastercov.mesh import Mesh
+
+FloatArray = NDArray[np.float64]
+
+UNITS = ("area", "face")
+"""Units of a result: exact area, or whole faces as in the thesis."""
+
+
+def unit_of_result(by: str | None, task: Task, engine: Engine) -> tuple[str, str]:
+    """Unit of a result, "area" or "face"; and the reason for "face" where it was not chosen.
+
+    Without a choice it is "area", unless a threshold of the task is of a face or the method counts
+    samples.
+
+    Raises
+    ------
+    ConfigError
+        For an unknown unit, or by area where that cannot be.
+    """
+    if by is not None and not (isinstance(by, str) and by in UNITS):
+        raise ConfigError(f"by must be one of {', '.join(UNITS)}, got {shown(by)}")
+    if by == "face":
+        return by, ""
+    obstacle = ""
+    if engine.method == "sampled":
+        obstacle = "method sampled counts whole faces; by area, use certified or exact"
+    else:
+        try:
+            check_pointwise(task)
+        except ConfigError as error:
+            obstacle = str(error)
+    if obstacle and by == "area":
+        raise ConfigError(obstacle)
+    return ("face", obstacle) if obstacle else ("area", "")
+
+
+class AreaNetwork:
+    """Area that cameras cover together, added up batch by batch.
+
+    Faces that enough cameras cover as a whole are closed, so that the cost of further poses falls.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Mesh of all regions.
+    task : Task
+        Its `views` is the largest number of views that is counted.
+    """
+
+    def __init__(self, mesh: Mesh, task: Task) -> None:
+        check_pointwise(task)
+        self.mesh, self.task, self.views = mesh, task, task.views
+        self._union = RegionUnion(mesh, task.views)
+        self._covered: Covered | None = None
+        self._zones: dict[tuple[int, ...], DeadZones] = {}
+        self._said: dict[tuple[int, ...], dict[str, Any]] = {}
+
+    @property
+    def closed(self) -> NDArray[np.bool_]:
+        """(F,) faces that need no further regions."""
+        return self._union.closed
+
+    @property
+    def covered(self) -> Covered:
+        """Area of each face that the regions so far cover, and its pieces."""
+        if self._covered is None:
+            self._covered = self._union.covered()
+        return self._covered
+
+    def add(self, regions: Regions) -> None:
+        """Take in the regions of further poses."""
+        self._union.add(regions)
+        self._covered = None
+        self._zones.clear()
+        self._said.clear()
+
+    def summary(self, views: Mapping[str, int] | None = None) -> dict[str, Any]:
+        """Covered area of all task faces, ready for JSON.
+
+        `views` are those of groups by name, 1 for the others; those of the task unless given.
+        """
+        whole = self.of_faces(self.mesh.task_mask)
+        if views is None:
+            return whole
+        parts = [
+            self.of_faces(self.mesh.face_group == index, views.get(group.name, 1))
+            for index, group in enumerate(self.mesh.groups)
+            if not group.is_occluder
+        ]
+        area = sum(part["m2"] for part in parts)
+        percent = 100 / whole["of_m2"] if whole["of_m2"] > 0 else 0.0
+        return whole | {"percent": percent * area, "m2": area, "views": dict(views)}
+
+    def add_to(self, summary: dict[str, Any], views: Mapping[str, int] | None = None) -> None:
+        """Add `covered_area` to the summary of a `Network`, and to each of its scored groups."""
+        summary["covered_area"] = self.summary(views)
+        for index, group in enumerate(summary["groups"]):
+            if "covered" in group:
+                wanted = None if views is None else views.get(group["name"], 1)
+                members = self.mesh.face_group == index
+                group["covered_area"] = self.of_faces(members, wanted)
+
+    def dead_zones(
+        self,
+        camera: Cameras,
+        poses: ArrayLike | Poses,
+        views: Mapping[str, int] | None = None,
+    ) -> dict[str, Any]:
+        """Dead zones with their reasons, ready for JSON; see `rastercov.coverage.area.zone_report`.
+
+        `camera`, one or several, and `poses`, (P, 4, 4) or `Poses`, are those of the regions;
+        `views` as for `summary`. The result is kept until regions are added.
+        """
+        if (key := self._wanted(views)) not in self._said:
+            self._said[key] = summary_of(self.zones(views), camera, self.task, poses)
+        return self._said[key]
+
+    def zones(self, views: Mapping[str, int] | None = None) -> DeadZones:
+        """Dead zones, kept like their summary; `views` as for `summary`."""
+        if (key := self._wanted(views)) not in self._zones:
+            of_face = np.minimum(key, self.views)[self.mesh.face_group]
+            self._zones[key] = dead_zones(self.covered, of_face)
+        return self._zones[key]
+
+    def _wanted(self, views: Mapping[str, int] | None) -> tuple[int, ...]:
+        """Cameras that each group needs."""
+        names = [group.name for group in self.mesh.groups]
+        return tuple(self.views if views is None else views.get(name, 1) for name in names)
+
+    def of_faces(self, members: NDArray[np.bool_], views: int | None = None) -> dict[str, Any]:
+        """Covered area of some faces, (F,) bool: by at least `views` cameras, and by 1 ... views.
+
+        Percentages are of the area of the faces. The true area is within `bound_m2` of each.
+        `views` is that of the task unless given.
+        """
+        views = self.views if views is None else views
+        total = float(frames_of(self.mesh).areas[members].sum())
+        found, bound = self.covered.area[:views], float(self.covered.bound[members].sum())
+        square_metres = [min(float(row[members].sum()), total) for row in found]
+        bound = min(bound, total)
+        percent = 100 / total if total > 0 else 0.0
+        return {
+            "percent": percent * square_metres[-1],
+            "bound_percent": percent * bound,
+            "m2": square_metres[-1],
+            "bound_m2": bound,
+            "of_m2": total,
+            "views": views,
+            "by_views": [
+                {"views": number, "percent": percent * area, "m2": area}
+                for number, area in enumerate(square_metres, start=1)
+            ],
+        }
+
+
+def in_words(figures: Mapping[str, Any]) -> str:
+    """Covered area with its bound, in words."""
+    bound = max(figures["bound_percent"], 1e-12)
+    digits = min(max(1, -math.floor(math.log10(bound)) - 1), 6)
+    text = f"{figures['percent']:.{digits}f} % of the area, within {bound:.1g} % of it"
+    if isinstance(figures["views"], int) and figures["views"] > 1:
+        text += f", by {plural(figures['views'], 'camera')} or more; " + ", ".join(
+            f"{each['percent']:.1f} % by {each['views']}" for each in figures["by_views"][:-1]
+        )
+    return text

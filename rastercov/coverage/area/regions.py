@@ -1,0 +1,489 @@
+"""Exact regions: the parts of each face that a camera covers, as convex polygons.
+
+A point is covered by a camera when it is in the image, beyond the near plane, seen from the front
+or on a two-sided face, hidden by nothing, in focus, within the largest angle of incidence, and has
+enough pixels per m^2 and along its worst direction. Each of these is decided point by point, so
+that the covered area does not depend on the triangles that the surface is cut into. See
+docs/area.md.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rastercov.base.arguments import check_kind, checked_array
+from rastercov.base.errors import ConfigError
+from rastercov.base.threads import ScratchPool, share_poses, thread_count
+from rastercov.camera.camera import Camera
+from rastercov.camera.near_plane import limits_of_poses
+from rastercov.camera.pose import Poses
+from rastercov.camera.rig import Cameras, cameras_of, check_scene
+from rastercov.coverage.area.frames import frames_of, to_world
+from rastercov.coverage.coverage import batch_size
+from rastercov.coverage.engine import Engine
+from rastercov.coverage.task import Task
+from rastercov.exact.figures import Figures
+from rastercov.mesh import Mesh
+
+if TYPE_CHECKING:
+    from rastercov.exact.half_planes import HalfPlaneSolver
+
+FloatArray = NDArray[np.float64]
+
+GAP_REL = 1e-6
+"""Largest distance between the arc of the incidence criterion and its chords, and the mean width
+of what no test of the pixel density decides, relative to the diagonal of the mesh."""
+STRIP_REL = 2e-5
+"""Mean width of undecided parts along the border of the image of a lens, and of densities
+through it, relative to the same."""
+OF_A_FACE = {
+    "min_pixels": "min_pixels is of a face; give min_pixels_per_m2",
+    "min_visibility": "min_visibility is of a face; by area a point is seen or hidden",
+    "min_coverage": "min_coverage is of a face; by area a point is covered or not",
+    "min_angle_deg": "min_angle_deg is of a face; by area the number of views counts alone",
+    "focus_rule": "focus_rule is of a face; by area each point must be in focus",
+    "cap_resolution": "cap_resolution is of a face; by area nothing is graded",
+}
+"""Thresholds of a task that depend on the triangles: by area they must have their defaults."""
+
+
+_NOTHING_FOUND = (
+    np.empty((0, 2)), np.empty(0, np.int64), np.empty(0, np.int32),
+    np.empty(0, np.int32), np.empty(0), np.empty(0),
+)  # fmt: skip
+"""Pieces, and faces with an area or a bound, of a pose that sees none; see `_Finder.find`."""
+
+
+def check_pointwise(task: Task) -> None:
+    """Raise `ConfigError` for a task with a threshold that no point can meet or fail."""
+    for name, text in OF_A_FACE.items():
+        if getattr(task, name) != getattr(Task(), name):
+            raise ConfigError(f"{text}, got {name} {getattr(task, name)}")
+
+
+@dataclass(frozen=True, eq=False)
+class Regions:
+    """Parts of the faces that cameras cover: P poses, N convex pieces of C corners in all.
+
+    The pieces of a pose do not overlap, and lie in their faces. Pieces are ordered by pose, then by
+    face. `bound` holds for the area of a face by one pose: |area - exact area| <= bound.
+
+    Attributes
+    ----------
+    pose_ids : (P,) int64
+        Row of each pose in the input.
+    xy : (C, 2) float64
+        Corners in the plane coordinates of the faces (`rastercov.coverage.area.frames`), metres,
+        counter-clockwise seen from the front; at most 20 a piece.
+    starts : (N + 1,) int64
+        The corners of piece i are xy[starts[i]] ... xy[starts[i + 1] - 1].
+    face, pose : (N,) int32
+        Face of each piece, and row of its pose in `pose_ids`.
+    pair_pose, pair_face : (M,) int32
+        Pairs of pose and face with a piece or a bound, in the same order.
+    area, bound : (M,) float64
+        Covered area of each pair and the bound of its error, m^2.
+    """
+
+    mesh: Mesh
+    camera: Cameras
+    task: Task
+    pose_ids: NDArray[np.int64]
+    xy: FloatArray
+    starts: NDArray[np.int64]
+    face: NDArray[np.int32]
+    pose: NDArray[np.int32]
+    pair_pose: NDArray[np.int32]
+    pair_face: NDArray[np.int32]
+    area: FloatArray
+    bound: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.face)
+
+    def areas(self) -> FloatArray:
+        """(P, F) covered area of each face by each pose, m^2."""
+        return self._dense(self.area)
+
+    def bounds(self) -> FloatArray:
+        """(P, F) bounds of their errors, m^2."""
+        return self._dense(self.bound)
+
+    def points(self) -> FloatArray:
+        """(C, 3) corners in space, metres."""
+        counts = np.diff(self.starts)
+        return to_world(self.mesh, np.repeat(self.face, counts), self.xy)
+
+    def of_poses(self, chosen: NDArray[np.bool_]) -> "Regions":
+        """Regions of some of the poses, (P,) bool."""
+        wanted = f"({len(self.pose_ids)},) True or False"
+        chosen = checked_array("chosen", chosen, "b", wanted, ConfigError)
+        if chosen.shape != self.pose_ids.shape or chosen.dtype != np.bool_:
+            raise ConfigError(f"chosen must be {wanted}, got shape {chosen.shape}")
+        row = (np.cumsum(chosen) - 1).astype(np.int32)
+        pieces, pairs = chosen[self.pose], chosen[self.pair_pose]
+        counts = np.diff(self.starts)
+        return Regions(
+            self.mesh, self.camera, self.task, self.pose_ids[chosen],
+            xy=self.xy[np.repeat(pieces, counts)],
+            starts=np.concatenate([np.zeros(1, np.int64), np.cumsum(counts[pieces])]),
+            face=self.face[pieces],
+            pose=row[self.pose[pieces]],
+            pair_pose=row[self.pair_pose[pairs]],
+            pair_face=self.pair_face[pairs],
+            area=self.area[pairs],
+            bound=self.bound[pairs],
+        )  # fmt: skip
+
+    def _dense(self, values: FloatArray) -> FloatArray:
+        full = np.zeros((len(self.pose_ids), self.mesh.n_faces))
+        full[self.pair_pose, self.pair_face] = values
+        return full
+
+
+def regions(
+    mesh: Mesh,
+    camera: Cameras,
+    poses: ArrayLike | Poses,
+    task: Task | None = None,
+    *,
+    method: str | Engine = "certified",
+    threads: int | None = None,
+) -> Regions:
+    """Parts of the task faces that each pose covers, as convex polygons in their planes.
+
+    Parameters
+    ----------
+    mesh, camera
+        The surface, and the camera that sees it, or several: see `Poses.camera`.
+    poses : (P, 4, 4) array_like, or Poses
+        world_from_camera.
+    task : Task, optional
+        Thresholds; `Task()` unless given. Those that are of a face must have their defaults:
+        `min_pixels`, `min_visibility`, `min_coverage`, `min_angle_deg`, `focus_rule`,
+        `cap_resolution`.
+    method : {"certified", "exact"}, or Engine
+        Method of visibility, as for `open_observer`.
+    threads : int, optional
+        Poses measured in parallel; by default one per core.
+
+    Raises
+    ------
+    ConfigError
+        For a threshold that is of a face, or method "sampled".
+    PoseError
+        For a pose that is no rigid motion.
+    """
+    finder = RegionPass(mesh, camera, task, method=method, threads=threads)
+    return finder.find(Poses.of(poses))
+
+
+class RegionPass:
+    """Regions of one mesh through its cameras by one task; any number of threads may use it.
+
+    Parameters are those of `regions`, and `only_task`: occluders need no figures in `find`. Where
+    faces need neither regions nor figures, their visibility is not computed, which is most of the
+    work in a scene of many occluders.
+    """
+
+    def __init__(
+        self,
+        mesh: Mesh,
+        camera: Cameras,
+        task: Task | None = None,
+        *,
+        method: str | Engine = "certified",
+        threads: int | None = None,
+        only_task: bool = False,
+    ) -> None:
+        check_scene(mesh, camera)
+        cameras = cameras_of(camera)
+        task = Task() if task is None else task
+        check_kind("task", task, Task, "a Task or None", ConfigError)
+        check_pointwise(task)
+        engine = Engine.of(method)
+        if engine.method == "sampled":
+            raise ConfigError("regions are exact; use method certified or exact, got sampled")
+        # These compile, or load what was compiled.
+        from rastercov.exact import certificate
+
+        certificate.compile_once()
+        self.mesh, self.camera, self.cameras, self.task = mesh, camera, cameras, task
+        self.threads = thread_count(engine.threads if threads is None else threads)
+        is_certified = engine.method == "certified"
+        self._scratch: ScratchPool[_Finder] = ScratchPool(
+            lambda: _Finder(mesh, cameras, task, is_certified, only_task), self.threads
+        )
+
+    def find(
+        self,
+        poses: Poses,
+        closed: NDArray[np.bool_] | None = None,
+        figures: Figures | None = None,
+    ) -> Regions:
+        """Regions of some poses.
+
+        Parameters
+        ----------
+        poses : Poses
+            P poses.
+        closed : (F,) bool, optional
+            Faces whose regions are left out.
+        figures : Figures, optional
+            Out: those of all faces. With `only_task` nothing is known of occluders, by their
+            bounds.
+        """
+        matrices = poses.world_from_camera
+        n_poses = len(matrices)
+        poses.check_cameras(len(self.cameras))
+        near, front_only, clipped = limits_of_poses(self.mesh, self.cameras, poses)
+        if figures is not None:
+            figures.clipped[:] = clipped
+        found: list[Any] = [None] * n_poses
+
+        def worker(finder: _Finder) -> Callable[[slice], None]:
+            finder.leave_out(closed, is_measured=figures is not None)
+
+            def work(turn: slice) -> None:
+                for row in range(n_poses)[turn]:
+                    finder.take_camera(poses.camera[row])
+                    is_lent = figures is not None and figures.lend(finder.solver, row)
+                    found[row] = finder.find(
+                        matrices[row], near[row], front_only[row], is_measured=figures is not None
+                    )
+                    if figures is not None:
+                        figures.take(finder.solver, row, is_lent=is_lent)
+
+            return work
+
+        finders = self._scratch.take(max(1, min(self.threads, n_poses)))
+        share_poses(n_poses, [worker(finder) for finder in finders])
+        for finder in finders:
+            finder.take_back()
+        self._scratch.give_back(finders)
+        return self._joined(poses, found)
+
+    def close(self) -> None:
+        """Release the scratch memory."""
+        self._scratch.close()
+
+    def batches(self, poses: Poses) -> Iterator[Regions]:
+        """Regions a few poses at a time, for streams of any length; at least one batch."""
+        step = batch_size(self.mesh.n_faces, self.threads)
+        for at in range(0, max(1, len(poses)), step):
+            yield self.find(poses[at : at + step])
+
+    def _joined(self, poses: Poses, found: Sequence[Any]) -> Regions:
+        """Regions of all poses in one table."""
+        columns: list[Any] = list(zip(*found, strict=True)) if found else [()] * 6
+        xy, counts, face, pair_face, area, bound = columns
+        sizes, pairs = [len(each) for each in face], [len(each) for each in pair_face]
+        rows = np.arange(len(poses), dtype=np.int32)
+        starts = np.concatenate([np.zeros(1, np.int64), *counts])
+        return Regions(
+            self.mesh, self.camera, self.task, poses.ids,
+            xy=_concatenated(xy, np.empty((0, 2))),
+            starts=starts.cumsum(),
+            face=_concatenated(face, np.empty(0, np.int32)),
+            pose=np.repeat(rows, sizes),
+            pair_pose=np.repeat(rows, pairs),
+            pair_face=_concatenated(pair_face, np.empty(0, np.int32)),
+            area=_concatenated(area, np.empty(0)),
+            bound=_concatenated(bound, np.empty(0)),
+        )  # fmt: skip
+
+
+class _Finder:
+    """Regions one pose at a time, with the scratch memory of one thread."""
+
+    def __init__(
+        self,
+        mesh: Mesh,
+        cameras: Sequence[Camera],
+        task: Task,
+        is_certified: bool,
+        only_task: bool,
+    ) -> None:
+        from rastercov.coverage.area import plane_kernels, region_kernels
+        from rastercov.criteria_kernels import read_only
+        from rastercov.exact.certificate import CertificateSolver
+        from rastercov.exact.half_planes import HalfPlaneSolver
+        from rastercov.exact.surface import surface_of
+
+        solver_type = CertificateSolver if is_certified else HalfPlaneSolver
+        self.kernels, self._planes_of = region_kernels, plane_kernels
+        surface = surface_of(mesh)
+        self._diagonal = surface.diagonal
+        # Pinholes alone need no solver of lenses.
+        self.solver: Any
+        self._is_of_lens = not all(camera.is_pinhole for camera in cameras)
+        if self._is_of_lens:
+            from rastercov.exact.lens_solver import LensSolver
+
+            self.solver = LensSolver(surface, cameras[0], solver_type)
+        else:
+            self.solver = solver_type(surface, cameras[0])
+            self.solver.keep_pieces()
+        self._own = self.solver.visible, self.solver.area, self.solver.area_error
+        # The solver has the targets behind the opaque faces, and may have sorted these.
+        self._rows = surface.rows
+        self._face_of: NDArray[np.int32] = np.arange(surface.n_faces, dtype=np.int32)
+        self._face_of[: surface.n_faces][surface.rows] = np.arange(mesh.n_faces)
+        frames = frames_of(mesh)
+        is_asked = mesh.task_mask & (frames.areas > 0)
+        self._is_asked, self._read_only = is_asked, read_only
+        # Figures through a lens are sums over planes, of all faces.
+        has_figures = mesh.task_mask | (not only_task or self._is_of_lens)
+        self._has_no_figures = None if has_figures.all() else ~has_figures
+        self.planes = plane_kernels.Planes._make(
+            [
+                *(read_only(array, np.float64) for array in frames),
+                read_only(mesh.two_sided_mask, np.bool_),
+                read_only(is_asked, np.bool_),
+            ]
+        )
+        self._cameras, self._task, self._rules = cameras, task, dict[tuple[int, int], Any]()
+        self._work = plane_kernels.scratch_for(mesh.n_faces)
+        self._rooms = [plane_kernels.room_for_found(1024, 8192, mesh.n_faces) for _ in range(2)]
+
+    def take_camera(self, index: int) -> None:
+        """Find the regions of one of the cameras from now on."""
+        self.solver.set_camera(self._cameras[index])
+        self._camera = index
+
+    def _rules_of(self, plane: int, solver: "HalfPlaneSolver") -> Any:
+        """Pointwise criteria in an ideal plane of the camera, or of a pinhole."""
+        key = self._camera, plane
+        if key not in self._rules:
+            camera, pixel_error = self._cameras[self._camera], solver.camera.pixel_error
+            if camera.is_pinhole:
+                found = _rules(camera, self._task, pixel_error, self._diagonal)
+            else:
+                from rastercov.coverage.area.lens_rules import lens_rules
+
+                gap = GAP_REL * self._diagonal
+                found = lens_rules(
+                    camera, self._task, plane, pixel_error, gap, STRIP_REL, self._diagonal
+                )
+            self._rules[key] = found
+        return self._rules[key]
+
+    def leave_out(self, closed: NDArray[np.bool_] | None, *, is_measured: bool) -> None:
+        """Find no regions of some faces, (F,) bool, from now on; or, not measured, nothing else."""
+        is_asked = self._is_asked if closed is None else self._is_asked & ~closed
+        self.planes = self.planes._replace(is_asked=self._read_only(is_asked, np.bool_))
+        self._asks_nothing = not is_asked.any()
+        self.solver.leave_out(self._has_no_figures if is_measured else ~is_asked)
+
+    def take_back(self) -> None:
+        """Have the solver write to its own arrays again, so that it keeps no result alive."""
+        self.solver.write_to(*self._own)
+
+    def find(
+        self, pose: FloatArray, near: float, front_only: bool, *, is_measured: bool
+    ) -> tuple[Any, ...]:
+        """Corners, corner counts and faces of the pieces of a pose; faces, areas and bounds.
+
+        Without `is_measured` there may be no figures of faces.
+        """
+        parts: list[tuple[Any, ...]] = []
+
+        def visit(plane: int, solver: "HalfPlaneSolver") -> None:
+            parts.append(self._cut(solver, near, self._rules_of(plane, solver)))
+
+        self.solver.set_pose(pose, near, front_only)
+        if self._asks_nothing:
+            if is_measured:
+                self.solver.solve_all()
+            return _NOTHING_FOUND
+        if self._is_of_lens:
+            self.solver.solve_all(visit, is_measured=is_measured)
+        else:
+            self.solver.solve_all()
+            visit(0, self.solver)
+        return parts[0] if len(parts) == 1 else _of_planes(parts, self.planes.areas)
+
+    def _cut(self, solver: "HalfPlaneSolver", near: float, rules: Any) -> tuple[Any, ...]:
+        """Regions in one solved plane; see `find`."""
+        rows, kept = self._rows, solver.kept_pieces
+        seen = self.kernels.Seen(
+            solver.camera.rotation, solver.camera.centre, float(near),
+            solver.state_of_all[rows], solver.visible[rows], solver.area[rows],
+            solver.area_error[rows], solver.is_certified[rows],
+            kept._replace(faces=self._face_of.take(kept.faces, mode="clip")),
+        )  # fmt: skip
+        pinhole = getattr(rules, "pinhole", rules)
+        found = self._run(self.kernels.cut_regions, pinhole, seen)
+        if rules is not pinhole:
+            from rastercov.coverage.area import lens_kernels
+
+            if rules.has_discs:
+                found = self._run(lens_kernels.cut_to_discs, rules, seen, found)
+            found = self._run(lens_kernels.cut_to_view, rules, seen, found)
+            if rules.has_densities:
+                found = self._run(lens_kernels.cut_to_densities, rules, seen, found)
+        n, corners = found.used.tolist()
+        listed = np.flatnonzero((found.area > 0) | (found.bound > 0)).astype(np.int32)
+        return (
+            found.xy[:corners].copy(), np.diff(found.starts[: n + 1]), found.face[:n].copy(),
+            listed, found.area[listed], found.bound[listed],
+        )  # fmt: skip
+
+    def _run(self, kernel: Any, rules: Any, seen: Any, *source: Any) -> Any:
+        """Pieces that a loop finds, or makes of the pieces of another one."""
+        slot = 1 if source and source[0] is self._rooms[0] else 0
+        while True:
+            out = self._rooms[slot]
+            kernel(self.planes, rules, seen, self._work, *source, out)
+            n, corners = out.used.tolist()
+            if n <= len(out.face) and corners <= len(out.xy):
+                return out
+            self._rooms[slot] = self._planes_of.room_for_found(
+                n * 5 // 4, corners * 5 // 4, len(out.area)
+            )
+
+
+def _of_planes(parts: Sequence[tuple[Any, ...]], face_areas: FloatArray) -> tuple[Any, ...]:
+    """Regions of the planes of one pose in one table, by face; see `_Finder.find`."""
+    xy, counts, face, listed, area, bound = map(np.concatenate, zip(*parts, strict=True))
+    order = np.argsort(face, kind="stable")
+    starts = np.cumsum(counts) - counts
+    # The corners of the pieces in that order.
+    lengths = counts[order]
+    first = np.cumsum(lengths) - lengths
+    rows = np.repeat(starts[order] - first, lengths) + np.arange(len(xy))
+    faces, where = np.unique(listed, return_inverse=True)
+    areas, bounds = (np.bincount(where, each, len(faces)) for each in (area, bound))
+    return (
+        xy[rows], lengths, face[order],
+        faces, areas, np.minimum(bounds, face_areas[faces]),
+    )  # fmt: skip
+
+
+def _rules(camera: Camera, task: Task, pixel_error: float, diagonal: float) -> Any:
+    """Pointwise criteria in a pinhole, for the loops."""
+    from rastercov.coverage.area.plane_kernels import Rules
+
+    thresholds = task.limits(camera)
+    is_limited = task.max_incidence_deg < 90
+    # min(fx, fy) / z >= R is a half plane of depth, as the end of the depth of field is.
+    facing = task.min_facing_density
+    farthest = min(camera.fx, camera.fy) / facing if facing > 0 else np.inf
+    return Rules(
+        fx=float(camera.fx), fy=float(camera.fy), cx=float(camera.cx), cy=float(camera.cy),
+        width=float(camera.width), height=float(camera.height),
+        z_n=thresholds.z_n, z_f=min(thresholds.z_f, float(farthest)),
+        min_per_m2=float(task.min_pixels_per_m2),
+        cos_incidence=thresholds.least_cosine if is_limited else 0.0,
+        tan_incidence=float(np.tan(thresholds.max_incidence)) if is_limited else 0.0,
+        min_density=float(task.min_pixel_density),
+        gap=GAP_REL * diagonal,
+        pixel_error=pixel_error,
+    )  # fmt: skip
+
+
+def _concatenated(arrays: Sequence[NDArray[Any]], empty: NDArray[Any]) -> NDArray[Any]:
+    return np.concatenate(arrays) if len(arrays) else empty

@@ -1,0 +1,139 @@
+"""Pass over poses and faces, in threads: what an observer measured, face by face.
+
+Here it becomes visible fractions; `coverage_pass` makes all figures of it.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov.base.threads import share_poses
+from rastercov.camera.near_plane import near_limits
+from rastercov.camera.pose import Poses
+from rastercov.camera.rig import Cameras, cameras_of
+from rastercov.mesh import Mesh
+from rastercov.raster.contract import FaceCounts
+from rastercov.raster.observation import Observation
+
+Measured = Observation | FaceCounts
+"""Measurement of some poses: areas, or the counts of a rasteriser, which become areas face by face:
+arrays of them would take as long as half the judging."""
+Scope = Callable[[int], tuple[Any, ...]]
+"""Arguments scene, lens, seen and work of the loops, by the index of the camera."""
+Worker = Callable[[slice, int], None]
+"""Does the work of consecutive poses of one camera, given by its index."""
+
+
+class FacePass:
+    """Pass over the faces of a mesh through cameras; any number of threads may use it.
+
+    Parameters
+    ----------
+    mesh, camera
+        Of the observer.
+    threads : int
+        Threads that share the poses of a call.
+    """
+
+    def __init__(self, mesh: Mesh, camera: Cameras, threads: int) -> None:
+        from rastercov import coverage_kernels, criteria_kernels  # load numba
+
+        self.mesh, self.cameras, self._threads = mesh, cameras_of(camera), threads
+        self.kernels, self._geometry = coverage_kernels, criteria_kernels
+        self._scene = criteria_kernels.scene_of(mesh)
+        self._lenses = [criteria_kernels.lens_of(each) for each in self.cameras]
+
+    def fractions(
+        self, measured: Measured, poses: Poses
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.uint8]]:
+        """Visible fraction (3.14) of each face: value, bound and kind, (P, F) each.
+
+        Where samples were counted, `visible / drawn` is exactly 1 for a face that nothing hides and
+        exactly 0 for a hidden one, whatever the resolution: both counts come from the same samples.
+        """
+        shape = len(poses), self.mesh.n_faces
+        out = np.empty(shape), np.empty(shape), np.empty(shape, np.uint8)
+
+        def worker(scope: Scope) -> Worker:
+            return lambda rows, index: self.kernels.find_fractions(
+                (rows.start, rows.stop), *scope(index), *out
+            )
+
+        self.share(measured, poses, worker)
+        return out
+
+    def share(
+        self, measured: Measured, poses: Poses, make_worker: Callable[[Scope], Worker]
+    ) -> None:
+        """Share poses among workers, one for each thread.
+
+        Each is made from a function of the camera, by its index, that gives the arguments scene,
+        lens, seen and work of the loops; it is called with consecutive poses of one camera.
+        """
+        seen = self._seen(measured, poses)
+        workers = [
+            _by_camera(make_worker(self._scope(seen)), poses.camera)
+            for _ in range(max(1, min(self._threads, len(poses))))
+        ]
+        share_poses(len(poses), workers)
+
+    def _scope(self, seen: Any) -> Scope:
+        spaces: dict[type, Any] = {}
+
+        def scope(index: int) -> tuple[Any, ...]:
+            lens = self._lenses[index]
+            if type(lens) not in spaces:
+                spaces[type(lens)] = self._geometry.workspace(self.mesh.n_vertices, lens)
+            return self._scene, lens, seen, spaces[type(lens)]
+
+        return scope
+
+    def _seen(self, measured: Measured, poses: Poses) -> Any:
+        """Measurement of an observer, for the loops."""
+        read_only, matrices = self._geometry.read_only, poses.world_from_camera
+        visible: NDArray[Any]
+        drawn: NDArray[Any]
+        kind: NDArray[Any]
+        kind = error = np.empty((0, 0))
+        if isinstance(measured, FaceCounts):
+            assert measured.drawn is not None
+            visible, drawn = measured.visible, measured.drawn
+            # Larger counts than int32 are rare, and not worth loops of their own.
+            dtype: type = np.int32 if visible.dtype == np.int32 else np.float64
+            scale = samples = float(measured.supersample**2)
+        else:
+            visible, drawn, dtype = measured.visible_pixels, measured.drawn_pixels, np.float64
+            scale, samples, kind = 1.0, float(measured.samples_per_pixel), measured.kind
+            if any(measured.area_error.strides):
+                error = measured.area_error
+        return self.kernels.Seen(
+            read_only(matrices, np.float64),
+            read_only(self._near(poses), np.float64),
+            read_only(visible, dtype),
+            read_only(drawn, dtype),
+            scale,
+            read_only(kind, np.uint8),
+            read_only(error, np.float64),
+            samples,
+        )
+
+    def _near(self, poses: Poses) -> NDArray[np.float64]:
+        """Near limit of each pose."""
+        return near_limits(self.cameras, self.mesh.opaque.bounds, poses)
+
+
+def _by_camera(worker: Worker, camera: NDArray[np.int32]) -> Callable[[slice], None]:
+    """Worker for turns of poses, of one for runs of poses of the same camera."""
+
+    def work(turn: slice) -> None:
+        start = turn.start
+        while start < turn.stop:
+            stop = start + 1
+            while stop < turn.stop and camera[stop] == camera[start]:
+                stop += 1
+            worker(slice(start, stop), int(camera[start]))
+            start = stop
+
+    return work

@@ -1,0 +1,368 @@
+"""Shards of an evaluation: what a report needs of some poses, kept until the report is whole.
+
+A long run writes a shard every few seconds, so that one which was ended continues where it was; and
+workers can make them. A folder holds, with the checksum of each file:
+
+header.json          all that the shards depend on
+scene.npz, poses.npz mesh and cameras; the poses
+shards/shard-*.npz   sums of a network, rows of the table, pictures' coverage, regions
+"""
+
+import hashlib
+import io
+import json
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import lru_cache
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov.base.output import json_text
+from rastercov.camera.pose import Poses
+from rastercov.camera.rig import Cameras, cameras_of
+from rastercov.cluster import Job, Made, Workers, make_shards
+from rastercov.cluster.files import SUMS, DamagedError, contents, store
+from rastercov.cluster.job import FolderLostError
+from rastercov.cluster.quarantine import FOLDER as QUARANTINE
+from rastercov.cluster.quarantine import drop_damaged, forget, quarantined
+from rastercov.cluster.scene_file import read_scene, scene_bytes
+from rastercov.coverage.area.observer import RegionObserver
+from rastercov.coverage.area.regions import Regions
+from rastercov.coverage.engine import Engine
+from rastercov.coverage.judged_poses import JudgedPoses, from_plain, joined, plain
+from rastercov.coverage.network import Network
+from rastercov.coverage.observer import Observer, open_observer
+from rastercov.coverage.provenance import sha256
+from rastercov.coverage.task import Task
+from rastercov.mesh import Mesh
+
+FUNCTION = "rastercov.coverage.shards:make"
+"""Function of a `rastercov.cluster.Job` of shards."""
+PAIRS_A_SHARD = 1 << 22
+"""Pose-face pairs of one shard: several seconds of work."""
+UNFINISHED = "unfinished"
+"""Folder in that of a report, for the shards of a run until its report is whole."""
+LONG_RUN = 16
+"""Shards from which on a run is kept: shorter ones are done again in a minute or two."""
+HEADER, SCENE, POSES, SHARDS = "header.json", "scene.npz", "poses.npz", "shards"
+OF_REGIONS = ("xy", "starts", "face", "pose", "pair_pose", "pair_face", "area", "bound")
+"""Arrays of `Regions` in a shard."""
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """Figures that are kept of each pose; all of it is in the header.
+
+    Attributes
+    ----------
+    engine : Engine
+    by_area : bool
+        True where regions are kept.
+    pairs : str
+        Rows of the table, of `rastercov.coverage.pairs.CHOICES`.
+    keep : tuple of int
+        Ids of poses whose coverage is kept, for pictures.
+    apart : bool
+        True where the sums of each camera are kept apart.
+    """
+
+    engine: Engine
+    by_area: bool
+    pairs: str
+    keep: tuple[int, ...]
+    apart: bool
+
+
+Part = tuple[JudgedPoses, Regions | None]
+"""Judged poses of a shard, and their regions where the result is by area."""
+
+
+class EvaluationShards:
+    """Shards of one evaluation in a folder of its own, which is made.
+
+    The caller holds the lock of the folder above.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder of unfinished evaluations; that of this one is named by a hash in it.
+    observer : Observer
+        Of the mesh and the cameras, by the engine.
+    poses : Poses
+    task : Task
+    wanted : Wanted
+    """
+
+    def __init__(
+        self, folder: Path, observer: Observer, poses: Poses, task: Task, wanted: Wanted
+    ) -> None:
+        self.observer, self.poses, self.task, self.wanted = observer, poses, task, wanted
+        header = _header(observer, poses, task, wanted)
+        text = json_text(header).encode()
+        self.folder = folder / hashlib.sha256(text).hexdigest()[:16]
+        for part in (self.folder / SHARDS, self.folder / SUMS):
+            part.mkdir(parents=True, exist_ok=True)
+        self.shards = list(_shards_of(len(poses), header["poses_a_shard"]))
+        self._store(HEADER, text)
+        self._store(SCENE, scene_bytes(observer.mesh, observer.camera))
+        file = io.BytesIO()
+        np.savez(file, poses=poses.world_from_camera, ids=poses.ids, camera=poses.camera)
+        self._store(POSES, file.getvalue())
+
+    def _store(self, name: str, data: bytes) -> None:
+        try:
+            if contents(self.folder, name) == data:
+                return
+        except DamagedError:
+            pass
+        store(self.folder, name, data)
+
+    @property
+    def missing(self) -> dict[int, int]:
+        """Number of poses of each shard that is not there."""
+        return {
+            number: rows.stop - rows.start
+            for number, rows in enumerate(self.shards)
+            if not (self.folder / _name(number)).exists()
+        }
+
+    @property
+    def quarantined(self) -> dict[int, str]:
+        """Poses, by their ids, that were left out because they kill their process."""
+        found = quarantined(self.folder, len(self.shards))
+        return {
+            int(self.poses.ids[self.shards[number].start + pose]): end
+            for number, poses in found.items()
+            for pose, end in poses.items()
+        }
+
+    def drop_damaged(self, note: Callable[[str], None]) -> None:
+        """Remove shards whose note on poses that were left out is damaged."""
+        drop_damaged(self.folder, [_name(number) for number in range(len(self.shards))], note)
+
+    def made_by(self, workers: Workers, done: Callable[[Made], None], note: Any) -> None:
+        """Have the missing shards made by workers."""
+        make_shards(workers, Job.of(self.folder, FUNCTION), lambda: self.missing, done, note)
+
+    def parts(self, note: Callable[[str], None], *, only_present: bool = False) -> Iterator[Part]:
+        """Every shard in turn; a missing or damaged one is made by this process.
+
+        With `only_present` a missing one is left out.
+        """
+        for number, rows in enumerate(self.shards):
+            try:
+                data = contents(self.folder, _name(number))
+            except DamagedError as error:
+                note(f"{error}; its poses are measured again")
+                data = None
+            if data is None:
+                if only_present:
+                    continue
+                data = _measured(self.observer, self.poses[rows], self.task, self.wanted)
+                store(self.folder, _name(number), data)
+                forget(self.folder, number)
+            yield self._part(data, rows, number)
+
+    def _part(self, data: bytes, rows: slice, number: int) -> Part:
+        poses, mesh = self.poses[rows], self.observer.mesh
+        with np.load(io.BytesIO(data), allow_pickle=False) as file:
+            arrays = {name: file[name] for name in file.files}
+        left = poses[np.isin(poses.ids, arrays.pop("ids"))]
+        found = None
+        if self.wanted.by_area:
+            of_regions = {name: arrays.pop(f"regions.{name}") for name in OF_REGIONS}
+            found = Regions(mesh, self.observer.camera, self.task, left.ids, **of_regions)
+        return from_plain(mesh, left, arrays), found
+
+
+def remove(above: Path) -> None:
+    """Remove the shards of evaluations in a folder; only files that are known, and then empty."""
+    for folder in above.glob("[0-9a-f]" * 16):
+        for path in (
+            *folder.glob(f"{SHARDS}/shard-*.npz"),
+            *folder.glob(f"{SHARDS}/.*.part"),
+            *folder.glob(f"{QUARANTINE}/shard-*.json"),
+            *(folder / name for name in (SCENE, POSES, HEADER)),
+            *folder.glob(f"{SUMS}/*.sha256"),
+        ):
+            path.unlink(missing_ok=True)
+        for path in (folder / SHARDS, folder / QUARANTINE, folder / SUMS, folder):
+            if path.is_dir() and not any(path.iterdir()):
+                path.rmdir()
+    if above.is_dir() and not any(above.iterdir()):
+        above.rmdir()
+
+
+@dataclass(frozen=True)
+class Source:
+    """Judged poses of an evaluation: streamed, or by way of shards.
+
+    Attributes
+    ----------
+    network : Network
+        Judges what is streamed.
+    observer, poses, wanted
+        As of `EvaluationShards`.
+    shards : EvaluationShards, optional
+        Where the run is kept; streamed unless given.
+    """
+
+    network: Network
+    observer: Observer
+    poses: Poses
+    wanted: Wanted
+    shards: EvaluationShards | None = None
+
+    def parts(
+        self,
+        progress: Callable[[int, int], None],
+        workers: Workers | None,
+        watch: Callable[[Made], None],
+        note: Callable[[str], None],
+    ) -> Iterator[Part]:
+        """Judged poses and their regions, in the order of the poses.
+
+        An interrupt while workers are busy is raised after the shards that are there.
+        """
+        total, done = len(self.poses), 0
+        progress(done, total)
+        if self.shards is not None:
+            self.shards.drop_damaged(note)
+        if self.shards is None or workers is None:
+            for part in self._own(note):
+                yield part
+                done += len(part[0].poses)
+                progress(done, total)
+            return
+        done = total - sum(self.shards.missing.values())
+
+        def made(shard: Made) -> None:
+            nonlocal done
+            done += shard.n_poses
+            progress(done, total)
+            watch(shard)
+
+        try:
+            self.shards.made_by(workers, made, note)
+        except KeyboardInterrupt:
+            yield from self.shards.parts(note, only_present=True)
+            raise
+        yield from self.shards.parts(note)
+
+    def _own(self, note: Callable[[str], None]) -> Iterator[Part]:
+        """Poses that this process measures, and what it finds kept."""
+        if self.shards is not None:
+            yield from self.shards.parts(note)
+            return
+        wanted = self.wanted
+        for batch in self.network.judge(
+            self.observer, self.poses, pairs=wanted.pairs, keep=wanted.keep, apart=wanted.apart
+        ):
+            yield batch, batch.measured.regions if wanted.by_area else None  # type: ignore[union-attr] # of a RegionObserver
+
+
+def is_long(n_poses: int, n_faces: int) -> bool:
+    """True for a run that is kept in shards."""
+    return n_poses * n_faces > LONG_RUN * PAIRS_A_SHARD
+
+
+def make(
+    folder: Path, number: int, *, leave_out: Sequence[int] = (), only: Sequence[int] | None = None
+) -> int:
+    """Make a shard, as `rastercov.cluster.job` wants it; gives the number of its poses."""
+    try:
+        modified = (folder / POSES).stat().st_mtime_ns
+    except OSError:
+        raise FolderLostError(f"{folder}: {POSES} is missing") from None
+    observer, poses, task, wanted, shards = _opened(folder, modified)
+    rows = shards[number]
+    chosen = np.arange(rows.start, rows.stop)
+    chosen = chosen[list(only)] if only is not None else np.delete(chosen, list(leave_out))
+    data = _measured(observer, poses[chosen], task, wanted)
+    if only is None:
+        store(folder, _name(number), data)
+    return int(rows.stop - rows.start)
+
+
+def open_for(mesh: Mesh, camera: Cameras, task: Task, wanted: Wanted) -> Any:
+    """Observer by the engine, which finds regions, too, where the result is by area."""
+    if wanted.by_area:
+        return RegionObserver(mesh, camera, task, wanted.engine)
+    return open_observer(mesh, camera, wanted.engine)
+
+
+@lru_cache(2)
+def _opened(folder: Path, modified: int) -> tuple[Any, Poses, Task, Wanted, list[slice]]:
+    """Evaluation of a folder; its observer lives as long as this process, or until two others."""
+    data = [contents(folder, name) for name in (HEADER, SCENE, POSES)]
+    if None in data:
+        raise FolderLostError(f"{folder}: files of the evaluation are missing")
+    header = json.loads(data[0] or b"")
+    scene, task = read_scene(data[1] or b""), Task(**header["task"])
+    entries = header["wanted"] | {
+        "engine": Engine(**header["wanted"]["engine"] | {"threads": 1}),
+        "keep": tuple(header["wanted"]["keep"]),
+    }
+    wanted = Wanted(**entries)
+    with np.load(io.BytesIO(data[2] or b""), allow_pickle=False) as file:
+        matrices, ids, camera = file["poses"], file["ids"], file["camera"]
+    poses = Poses(matrices, ids, matrices, {}, camera)
+    observer = open_for(scene.mesh, scene.cameras, task, wanted)
+    return observer, poses, task, wanted, list(_shards_of(len(poses), header["poses_a_shard"]))
+
+
+def _header(observer: Observer, poses: Poses, task: Task, wanted: Wanted) -> dict[str, Any]:
+    mesh = observer.mesh
+    cameras = [json.dumps(each.plain(), sort_keys=True) for each in cameras_of(observer.camera)]
+    groups = json.dumps([group.plain() for group in mesh.groups])
+    return {
+        "rastercov": version("rastercov"),
+        "mesh": sha256(mesh.vertices, mesh.faces, mesh.face_group, groups),
+        "cameras": sha256(*cameras),
+        "poses": sha256(poses.world_from_camera, poses.ids, poses.camera),
+        "task": asdict(task),
+        "measured_by": asdict(observer.info),
+        "wanted": asdict(replace(wanted, engine=replace(wanted.engine, threads=None))),
+        "poses_a_shard": max(1, PAIRS_A_SHARD // max(1, mesh.n_faces)),
+    }
+
+
+def _shards_of(n_poses: int, poses_a_shard: int) -> Iterator[slice]:
+    for start in range(0, max(1, n_poses), poses_a_shard):
+        yield slice(start, min(start + poses_a_shard, n_poses))
+
+
+def _name(number: int) -> str:
+    return f"{SHARDS}/shard-{number:05d}.npz"
+
+
+def _measured(observer: Any, poses: Poses, task: Task, wanted: Wanted) -> bytes:
+    """File of a shard of some poses."""
+    network = Network(observer.mesh, task)
+    batches = list(
+        network.judge(observer, poses, pairs=wanted.pairs, keep=wanted.keep, apart=wanted.apart)
+    )
+    arrays: dict[str, NDArray[Any]] = {"ids": poses.ids}
+    arrays |= plain(joined(observer.mesh, poses, batches))
+    if wanted.by_area:
+        found = [batch.measured.regions for batch in batches]  # type: ignore[union-attr] # of a RegionObserver
+        arrays |= {f"regions.{name}": values for name, values in _joined_regions(found).items()}
+    file = io.BytesIO()
+    np.savez(file, **arrays)  # type: ignore[arg-type] # its stub has `allow_pickle` first
+    return file.getvalue()
+
+
+def _joined_regions(found: Sequence[Regions]) -> dict[str, NDArray[Any]]:
+    """Arrays of the regions of several batches, as those of one."""
+    corners = np.cumsum([0] + [len(each.xy) for each in found])
+    poses = np.cumsum([0] + [len(each.pose_ids) for each in found]).astype(np.int32)
+    columns = {name: [getattr(each, name) for each in found] for name in OF_REGIONS}
+    ends = [each[1:] + first for each, first in zip(columns["starts"], corners, strict=False)]
+    columns["starts"] = [np.zeros(1, np.int64), *ends]
+    for name in ("pose", "pair_pose"):
+        columns[name] = [each + first for each, first in zip(columns[name], poses, strict=False)]
+    return {name: np.concatenate(arrays) for name, arrays in columns.items()}

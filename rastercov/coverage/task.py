@@ -1,0 +1,175 @@
+"""Thresholds of coverage, and the decision whether a camera covers a face, (3.6).
+
+    coverage = field of view * min(1, resolution) * focus * visibility, and ours: * incidence
+               * pixel density, which are 1 within their limits and 0 beyond.
+
+E. S. Eissa. Image Space Coverage Model for Deployment of Multi-Camera Networks. 2020, section 3.3.
+"""
+
+import math
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Annotated, Any, Literal, NamedTuple, Self
+
+from annotated_types import Ge, Gt, Le
+from typing_extensions import Doc
+
+from rastercov.base.limits import check_limits
+from rastercov.camera.camera import Camera
+from rastercov.coverage.densities import PX_PER_M
+
+
+class Reason(IntEnum):
+    """First criterion that a face fails, in this order."""
+
+    DEGENERATE = 0
+    """The face has no area."""
+    BACK_FACING = 1
+    """The camera is behind it."""
+    OUTSIDE = 2
+    """A vertex is outside the image or before the near plane."""
+    OUT_OF_FOCUS = 3
+    """It is not within the depth of field."""
+    UNSAMPLED = 4
+    """It is in view but so small or thin that no sample falls on it, or that it has no image to
+    within rounding; occlusion is unknown."""
+    TOO_COARSE = 5
+    """Too few pixels, or too few a metre."""
+    OCCLUDED = 6
+    """Too much of it is hidden."""
+    TOO_OBLIQUE = 7
+    """Its angle of incidence is too large."""
+    COVERED = 8
+    """Every criterion holds."""
+
+
+class Limits(NamedTuple):
+    """Thresholds of a task for one camera, as plain numbers for compiled loops.
+
+    `z_n` and `z_f` are the depth of field in metres, `max_incidence` is in radians, `least_cosine`
+    its cosine; `one_by_one` says that one is set that `face_blocks` does not know, the last ones.
+    """
+
+    min_pixels: float
+    min_visibility: float
+    z_n: float
+    z_f: float
+    max_incidence: float
+    least_cosine: float
+    min_pixel_density: float
+    min_facing_density: float
+    min_coverage: float
+    focus_of_centroid: bool
+    cap_resolution: bool
+    one_by_one: bool
+    min_pixels_per_m2: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Task:
+    """Thresholds that a face must meet to be covered.
+
+    Each is declared here alone: numbers are options of the command line, and all are keys of the
+    [task] section of plan files and of the task in every report.
+
+    Parameters
+    ----------
+    min_pixels : float
+        R_min of (3.8): pixels that give resolution 1.
+    min_visibility : float
+        V_min: a face less visible than this counts as hidden, [0, 1].
+    max_blur : float, optional
+        c of (3.10): largest blur circle in pixels; the camera's own unless given.
+    max_incidence_deg : float
+        Largest angle between normal and ray, degrees, (0, 90].
+    min_pixel_density : float
+        Least pixels a metre on the surface, along its worst direction; this and the next are a
+        number of px/m, text with a unit, or a name: see `rastercov.coverage.densities`.
+    min_facing_density : float
+        Least pixels a metre of a target that faces the camera at the place of the surface,
+        min(fx, fy) / z: at the deepest vertex of a face, or at each point by area.
+    min_pixels_per_m2 : float
+        Least pixels on a square metre of the surface, fx fy h / z^3 with h the distance of the
+        camera from the plane of the face: at its deepest vertex, or at each point by area.
+    min_coverage : float
+        A camera covers a face when coverage is at least this and not 0, [0, 1].
+    views : int
+        Cameras that must cover a face for the network to cover it (k of k-coverage).
+    min_angle_deg : float
+        Least angle between the rays to two of the cameras that cover a face, degrees, [0, 180];
+        above 0 every face needs two cameras.
+    focus_rule : {"vertices", "centroid"}
+        Whether all vertices must be in focus (Definition 1) or the centroid (3.12).
+    cap_resolution : bool
+        Whether resolution enters the product as min(1, C_R).
+
+    Raises
+    ------
+    ConfigError
+        For a value outside its limits.
+    """
+
+    # fmt: off
+    min_pixels: Annotated[float, Gt(0), Doc("R_min: pixels that give resolution 1.")] = 1.0
+    min_visibility: Annotated[
+        float, Ge(0), Le(1), Doc("V_min: a face less visible counts as hidden.")
+    ] = 0.0
+    max_blur: (
+        Annotated[float, Gt(0), Doc("Largest blur circle, px; the camera's unless given.")] | None
+    ) = None
+    max_incidence_deg: Annotated[
+        float, Gt(0), Le(90), Doc("Largest angle between normal and ray.")
+    ] = 90.0
+    min_pixel_density: Annotated[
+        float, Ge(0), PX_PER_M, Doc("Least pixels a metre, in the worst direction.")
+    ] = 0.0
+    min_facing_density: Annotated[
+        float, Ge(0), PX_PER_M, Doc("Least pixels a metre of a target that faces the camera.")
+    ] = 0.0
+    min_pixels_per_m2: Annotated[
+        float, Ge(0), Doc("Least pixels on a square metre of the surface.")
+    ] = 0.0
+    min_coverage: Annotated[
+        float, Ge(0), Le(1), Doc("Coverage from which a camera covers a face.")
+    ] = 0.5
+    views: Annotated[int, Ge(1), Doc("Cameras that must cover a face.")] = 1
+    min_angle_deg: Annotated[
+        float, Ge(0), Le(180), Doc("Least angle between the rays to two of these cameras.")
+    ] = 0.0
+    focus_rule: Annotated[
+        Literal["vertices", "centroid"], Doc("Part of a face that must be in focus.")
+    ] = "vertices"
+    cap_resolution: Annotated[bool, Doc("Resolution counts up to 1 only.")] = True
+    # fmt: on
+
+    def __post_init__(self) -> None:
+        check_limits(self)
+
+    @classmethod
+    def thesis(cls, **changes: Any) -> Self:
+        """(3.6) to the letter: resolution uncapped, focus of the centroid, any coverage counts."""
+        return cls(**(THESIS | changes))
+
+    def limits(self, camera: Camera) -> Limits:
+        """Thresholds that `rastercov.coverage_kernels.judge` decides by."""
+        z_n, z_f = camera.depth_of_field(self.max_blur)
+        rare = {"min_pixels_per_m2": self.min_pixels_per_m2}
+        return Limits(
+            min_pixels=self.min_pixels,
+            min_visibility=self.min_visibility,
+            z_n=float(z_n),
+            z_f=float(z_f),
+            max_incidence=math.radians(self.max_incidence_deg),
+            least_cosine=math.cos(math.radians(self.max_incidence_deg)),
+            min_pixel_density=self.min_pixel_density,
+            min_facing_density=self.min_facing_density,
+            min_coverage=self.min_coverage,
+            focus_of_centroid=self.focus_rule == "centroid",
+            cap_resolution=self.cap_resolution,
+            one_by_one=any(rare.values()),
+            **rare,
+        )
+
+
+THESIS: dict[str, Any] = {"cap_resolution": False, "focus_rule": "centroid", "min_coverage": 0.0}
+"""Values of `Task.thesis`."""
