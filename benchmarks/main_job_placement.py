@@ -22,9 +22,9 @@ from rastercov.mesh import Mesh
 from rastercov.placement.candidates.cavities import Access, openings
 from rastercov.placement.candidates.framing import Framing
 from rastercov.placement.matrix import VisibilityMatrix
-from rastercov.plan.check import check
-from rastercov.plan.file import read_plan
-from rastercov.plan.run import place
+from rastercov.placement.plan.check import check
+from rastercov.placement.plan.file import read_plan
+from rastercov.placement.plan.run import place
 from rastercov.reference.views import covered_faces
 
 CAMERA = rc.Camera(width=1280, height=1024, fx=1152, fy=1152)

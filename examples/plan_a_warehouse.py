@@ -16,8 +16,8 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import trimesh
 
-from rastercov.plan.file import read_plan
-from rastercov.plan.run import place
+from rastercov.placement.plan.file import read_plan
+from rastercov.placement.plan.run import place
 
 SIZE = np.array([36.0, 24.0, 8.0])
 RACKS_X, RACKS_Y = (4.0, 19.0), (3.5, 7.1, 10.7, 14.3, 17.9)

@@ -24,10 +24,10 @@ from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 
 if TYPE_CHECKING:
-    from rastercov.audits import Audit
-    from rastercov.plan.check import Checked
-    from rastercov.plan.file import Plan
-    from rastercov.plan.run import Placement
+    from rastercov.placement.audits import Audit
+    from rastercov.placement.plan.check import Checked
+    from rastercov.placement.plan.file import Plan
+    from rastercov.placement.plan.run import Placement
 
 
 def place(
@@ -43,7 +43,7 @@ def place(
     ----------
     plan : path, mapping or Plan
         A plan file, its entries as a mapping with files relative to the working directory, or what
-        `rastercov.plan.file.read_plan` gives.
+        `rastercov.placement.plan.file.read_plan` gives.
     camera : Camera, Rig or sequence of Camera, optional
         Instead of the cameras of the plan; costs are those of the plan, by the names of a Rig.
     out : path, optional
@@ -65,7 +65,7 @@ def place(
     ConfigError
         When no candidate is left.
     """
-    from rastercov.plan.run import place as run
+    from rastercov.placement.plan.run import place as run
 
     asked = _plan(plan, camera)
     _check_folder(workers, out)
@@ -118,7 +118,7 @@ def check(
         Where nothing is required, or of an unknown group.
     """
     from rastercov.camera.formats import read_views
-    from rastercov.plan import check as plan_check
+    from rastercov.placement.plan import check as plan_check
 
     asked = _plan(plan, camera)
     shares = {} if groups is None else groups
@@ -192,7 +192,7 @@ def audit(
     CameraError
         For views without cameras.
     """
-    from rastercov.audits import audit as run
+    from rastercov.placement.audits import audit as run
 
     frames: Sequence[str] = ()
     if isinstance(camera, Views):
@@ -230,7 +230,7 @@ def _check_folder(workers: Workers | None, out: StrPath | None) -> None:
 
 def _plan(plan: "StrPath | Mapping[str, Any] | Plan", camera: Cameras | None) -> "Plan":
     """The plan that is meant, with other cameras where these are given."""
-    from rastercov.plan.file import Plan, plan_of, read_plan
+    from rastercov.placement.plan.file import Plan, plan_of, read_plan
 
     if isinstance(plan, Mapping):
         plan = plan_of(plan)

@@ -11,7 +11,7 @@ import rastercov as rc
 from rastercov.base.errors import ConfigError
 from rastercov.cli import command
 from rastercov.coverage.densities import EDITIONS, LEVELS
-from rastercov.plan.file import read_plan
+from rastercov.placement.plan.file import read_plan
 from rastercov.reference.regions import jacobian
 
 AHEAD = np.eye(4)

@@ -21,7 +21,7 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.pose_file import read_poses, write_poses
 from rastercov.camera.viewpoints import look_at
 from rastercov.mesh import Mesh
-from rastercov.plan.file import read_plan
+from rastercov.placement.plan.file import read_plan
 
 READERS = {
     "camera.json": (Camera.load, CameraError),

@@ -60,10 +60,10 @@ def audit(
 
     [bold]Example[/]: rastercov audit sparse/0 mesh.ply --pose-unit 1 -o audit/
     """
-    from rastercov.audits import Audit
-    from rastercov.audits import audit as run
     from rastercov.base.output import json_text
     from rastercov.coverage.shards import is_long
+    from rastercov.placement.audits import Audit
+    from rastercov.placement.audits import audit as run
     from rastercov.report.audit import write  # loads pyarrow
 
     staff, tally = Workers.of(workers, scheduler), Tally()

@@ -162,8 +162,8 @@ def _transform(text: str) -> dict[str, Any]:
         return {}
     from pydantic import ValidationError
 
-    from rastercov.plan.errors import lines_of
-    from rastercov.plan.sections import TransformEntry
+    from rastercov.placement.plan.errors import lines_of
+    from rastercov.placement.plan.sections import TransformEntry
 
     inside = text.strip().removeprefix("{").removesuffix("}")
     try:

@@ -27,15 +27,15 @@ from rastercov.cli.options import (
 from rastercov.cli.views import read_rig
 
 if TYPE_CHECKING:
-    from rastercov.plan.file import Plan
-    from rastercov.plan.network import Measured
+    from rastercov.placement.plan.file import Plan
+    from rastercov.placement.plan.network import Measured
 
 PlanFile = Annotated[Path, typer.Argument(help="Plan file (.toml).", show_default=False)]
 
 
 def _print_schema(wanted: bool) -> None:
     if wanted:
-        from rastercov.plan.file import schema
+        from rastercov.placement.plan.file import schema
 
         print(json.dumps(schema(), indent=2))
         raise typer.Exit
@@ -154,8 +154,8 @@ def check(
 
     [bold]Example[/]: rastercov check plan.toml --poses rig.json --min-coverage 0.98 --views 2
     """
-    from rastercov.plan import check as plan_check
-    from rastercov.plan.file import read_plan
+    from rastercov.placement.plan import check as plan_check
+    from rastercov.placement.plan.file import read_plan
     from rastercov.report.by_camera import camera_table
     from rastercov.report.half_covered import half_covered_lines
 
@@ -197,7 +197,7 @@ def _of_plan(lines: Iterable[str]) -> list[str]:
 
 
 def _plan(path: Path) -> "Plan":
-    from rastercov.plan.file import read_plan
+    from rastercov.placement.plan.file import read_plan
 
     with _errors_by_line():
         return read_plan(path)
@@ -206,7 +206,7 @@ def _plan(path: Path) -> "Plan":
 @contextmanager
 def _junit_of_errors(junit: Path | None, plan: Path) -> Iterator[None]:
     """Write what is wrong with the input as JUnit, too, where that is wanted."""
-    from rastercov.plan.check import write_junit_error
+    from rastercov.placement.plan.check import write_junit_error
 
     try:
         yield
@@ -219,7 +219,7 @@ def _junit_of_errors(junit: Path | None, plan: Path) -> Iterator[None]:
 @contextmanager
 def _errors_by_line() -> Iterator[None]:
     """Print what is wrong with a plan, a line each, and end with code 2."""
-    from rastercov.plan.errors import PlanError
+    from rastercov.placement.plan.errors import PlanError
 
     try:
         yield

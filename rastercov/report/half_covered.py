@@ -22,8 +22,8 @@ from rastercov.coverage.task import Reason, Task
 from rastercov.mesh import Mesh
 
 if TYPE_CHECKING:
-    from rastercov.plan.file import Plan
-    from rastercov.plan.network import Measured
+    from rastercov.placement.plan.file import Plan
+    from rastercov.placement.plan.network import Measured
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

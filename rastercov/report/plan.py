@@ -27,12 +27,12 @@ from rastercov.cluster import Workers
 from rastercov.coverage.area.regions import regions
 from rastercov.coverage.area.zone_report import ZONES
 from rastercov.coverage.provenance import Provenance, plain_cameras
+from rastercov.placement.plan.file import Plan
+from rastercov.placement.plan.network import area_lines, summary_of
+from rastercov.placement.plan.prepare import Prepared, Progress, Step, quiet
+from rastercov.placement.plan.requirements import OF, goal_of
+from rastercov.placement.plan.run import Placement, place
 from rastercov.placement.select.problem import BestCoverage, FewestCameras
-from rastercov.plan.file import Plan
-from rastercov.plan.network import area_lines, summary_of
-from rastercov.plan.prepare import Prepared, Progress, Step, quiet
-from rastercov.plan.requirements import OF, goal_of
-from rastercov.plan.run import Placement, place
 from rastercov.raster.contract import RasterizerInfo
 from rastercov.report.coverage import Options
 from rastercov.report.directions import heading_and_tilt
@@ -63,12 +63,12 @@ def run_into(
         Folder, made when it is missing; for one run at a time.
     step : callable
     workers : Workers, optional
-        As for `rastercov.plan.run.place`.
+        As for `rastercov.placement.plan.run.place`.
 
     Raises
     ------
     PlanError
-        As of `rastercov.plan.run.place`.
+        As of `rastercov.placement.plan.run.place`.
     ConfigError
         When no candidate is left, and for a folder that cannot be used.
     """

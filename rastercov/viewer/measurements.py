@@ -187,8 +187,8 @@ class NetworkFigures:
 
     def widest_angle(self) -> FloatArray:
         """Greatest angle between the rays to two cameras that cover the face, radians."""
-        from rastercov.audits.kernels import widest_angles
         from rastercov.criteria_kernels import read_only
+        from rastercov.placement.audits.kernels import widest_angles
         from rastercov.placement.select.presolve_kernels import by_face
 
         faces = [np.flatnonzero(row.covers).astype(np.int32) for row in self.rows]

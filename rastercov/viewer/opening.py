@@ -17,9 +17,9 @@ from rastercov.camera.views import Views
 from rastercov.coverage.provenance import sha256
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
-from rastercov.plan.candidates import candidate_pool
-from rastercov.plan.file import read_plan
-from rastercov.plan.scene import named_scene
+from rastercov.placement.plan.candidates import candidate_pool
+from rastercov.placement.plan.file import read_plan
+from rastercov.placement.plan.scene import named_scene
 from rastercov.viewer.rig_state import RigState
 from rastercov.viewer.scene import Scene
 

@@ -21,8 +21,8 @@ from rastercov.viewer.improve import default_space
 from rastercov.viewer.rig_state import RigState
 
 if TYPE_CHECKING:
-    from rastercov.plan.candidates import CandidatePool
-    from rastercov.plan.file import Plan
+    from rastercov.placement.plan.candidates import CandidatePool
+    from rastercov.placement.plan.file import Plan
 
 UNITS = {
     "min_pixels": "px", "max_blur": "px", "max_incidence_deg": "deg", "min_angle_deg": "deg",

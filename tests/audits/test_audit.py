@@ -8,7 +8,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from nightly import examples
 
-from rastercov.audits import audit
 from rastercov.base.errors import ConfigError
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
@@ -18,6 +17,7 @@ from rastercov.coverage.area.regions import regions
 from rastercov.coverage.area.union import unite
 from rastercov.coverage.task import Task
 from rastercov.mesh import Group, Mesh, shapes
+from rastercov.placement.audits import audit
 
 MESH = shapes.torus(20, 10)
 WIDE = Camera(width=320, height=240, fx=220, fy=230)

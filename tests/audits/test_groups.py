@@ -11,8 +11,8 @@ from nightly import examples
 from test_audit import CAMERAS, MESH, looking_in, pairs_of
 
 import rastercov as rc
-from rastercov.audits import audit
-from rastercov.audits.groups import groups_of
+from rastercov.placement.audits import audit
+from rastercov.placement.audits.groups import groups_of
 
 
 @examples(5, at_night=10)

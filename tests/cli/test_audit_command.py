@@ -8,7 +8,6 @@ import pytest
 from commands import call, enter
 from mesh_files import obj
 
-from rastercov.audits import audit
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats import write_views
 from rastercov.camera.pose import Poses
@@ -17,6 +16,7 @@ from rastercov.camera.viewpoints import sphere_of_poses
 from rastercov.camera.views import Views
 from rastercov.coverage.task import Task
 from rastercov.mesh import shapes
+from rastercov.placement.audits import audit
 
 MESH = shapes.torus(40, 20)
 CAMERAS = (

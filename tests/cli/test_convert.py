@@ -10,7 +10,7 @@ from commands import call, enter, refusal
 
 import rastercov as rc
 from rastercov.camera.formats import read_views, write_views
-from rastercov.plan.file import read_plan
+from rastercov.placement.plan.file import read_plan
 
 
 def rig(n=4):

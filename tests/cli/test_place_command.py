@@ -21,8 +21,8 @@ from rastercov.camera.pose_file import read_poses, write_poses
 from rastercov.camera.viewpoints import sphere_of_poses
 from rastercov.placement.candidates.cavities import openings
 from rastercov.placement.improve.refine import refine
+from rastercov.placement.plan import run as plan_run
 from rastercov.placement.shards import locked
-from rastercov.plan import run as plan_run
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "plans"
 MESHES = Path(__file__).parents[3] / "shared" / "meshes"
@@ -377,9 +377,9 @@ EACH_STEP = QUICK.replace(
 
 
 STEPS = {
-    "rastercov.plan.run.refine": "refinement",
-    "rastercov.plan.run.tolerance": "tolerance",
-    "rastercov.plan.run.left_over": "what is left",
+    "rastercov.placement.plan.run.refine": "refinement",
+    "rastercov.placement.plan.run.tolerance": "tolerance",
+    "rastercov.placement.plan.run.left_over": "what is left",
     "rastercov.report.placement.page": "page",
 }
 
@@ -433,7 +433,7 @@ def test_a_kill_or_an_error_in_a_step_leaves_an_earlier_report_as_it_was(
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("step", "has_page"),
-    [("rastercov.plan.run.refine", True), ("rastercov.report.placement.page", False)],
+    [("rastercov.placement.plan.run.refine", True), ("rastercov.report.placement.page", False)],
 )
 def test_an_interrupt_in_a_step_replaces_an_earlier_report_and_names_the_step(
     capsys, monkeypatch, no_pages, step, has_page
@@ -451,7 +451,9 @@ def test_an_interrupt_in_a_step_replaces_an_earlier_report_and_names_the_step(
 def test_an_interrupt_in_the_cavities_keeps_the_matrix(capsys, monkeypatch):
     text = EACH_STEP.replace("count = 20", "count = 2")  # leaves faces to the cavities
     Path("plan.toml").write_text(text + '[[candidates]]\ngenerator = "per_cavity"\n')
-    stop = stopped(capsys, monkeypatch, "rastercov.plan.prepare.openings", KeyboardInterrupt())
+    stop = stopped(
+        capsys, monkeypatch, "rastercov.placement.plan.prepare.openings", KeyboardInterrupt()
+    )
     assert stop == (130, "", "interrupted\n")
     assert len(list(Path("plan/matrix").glob("*/pairs/pairs-*.parquet"))) == 1
     assert not Path("plan/plan.json").exists()
@@ -462,7 +464,7 @@ def test_an_interrupt_of_check_writes_nothing(capsys, monkeypatch, step):
     def stop(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(f"rastercov.plan.check.{step}", stop)
+    monkeypatch.setattr(f"rastercov.placement.plan.check.{step}", stop)
     line = "check plan.toml -p rig.json --junit out.xml"
     assert call(capsys, line) == (130, "", "interrupted\n")
     assert not Path("out.xml").exists()
@@ -471,7 +473,9 @@ def test_an_interrupt_of_check_writes_nothing(capsys, monkeypatch, step):
 @pytest.mark.slow
 def test_the_page_after_an_interrupt_names_the_step(capsys, monkeypatch):
     Path("plan.toml").write_text(EACH_STEP)
-    code, *_ = stopped(capsys, monkeypatch, "rastercov.plan.run.tolerance", KeyboardInterrupt())
+    code, *_ = stopped(
+        capsys, monkeypatch, "rastercov.placement.plan.run.tolerance", KeyboardInterrupt()
+    )
     assert code == 130
     words = "interrupted: this is what there was before tolerance"
     assert words in Path("plan/page.html").read_text()
@@ -484,7 +488,9 @@ def test_a_second_interrupt_leaves_out_the_page(capsys, monkeypatch):
         raise KeyboardInterrupt
 
     monkeypatch.setattr("rastercov.report.placement.page", stop)
-    code, out, _ = stopped(capsys, monkeypatch, "rastercov.plan.run.refine", KeyboardInterrupt())
+    code, out, _ = stopped(
+        capsys, monkeypatch, "rastercov.placement.plan.run.refine", KeyboardInterrupt()
+    )
     assert (code, figures()["interrupted"]) == (130, "refinement")
     assert out.endswith("plan/plan.json\n")
     assert not Path("plan/page.html").exists()
@@ -677,7 +683,7 @@ def test_junit_has_a_test_case_for_each_requirement(capsys):
     failure = cases["coverage of all"].find("failure")
     assert "6.7 points short" in failure.get("message")
     assert "faces uncovered: 2 back facing" in failure.text
-    assert all(case.get("classname") == "rastercov.plan" for case in cases.values())
+    assert all(case.get("classname") == "rastercov.placement.plan" for case in cases.values())
 
 
 def test_junit_holds_names_that_xml_has_no_way_to_write(capsys):
@@ -754,7 +760,7 @@ def short_search(monkeypatch):
         return refine(*task, budget=min(budget, 200), **options)
 
     monkeypatch.setattr(plan_run, "refine", short)
-    monkeypatch.setattr("rastercov.plan.prepare.openings", few)
+    monkeypatch.setattr("rastercov.placement.plan.prepare.openings", few)
 
 
 def test_every_example_plan_is_tried_here():

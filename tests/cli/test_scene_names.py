@@ -11,9 +11,9 @@ from commands import enter, write_part
 from rastercov.base.errors import ConfigError, MeshError, RastercovError
 from rastercov.cli.inputs import read_scene
 from rastercov.mesh import Mesh
-from rastercov.plan.errors import PlanError
-from rastercov.plan.file import plan_of
-from rastercov.plan.scene import named_scene, scene
+from rastercov.placement.plan.errors import PlanError
+from rastercov.placement.plan.file import plan_of
+from rastercov.placement.plan.scene import named_scene, scene
 
 FILES = ["part.obj", "deep/fixture.obj", "deep/table.obj"]
 FIXTURE = [

@@ -12,7 +12,7 @@ from rastercov.base.errors import ConfigError
 from rastercov.camera.formats import read_views
 from rastercov.camera.pose_file import write_poses
 from rastercov.camera.viewpoints import sphere_of_poses
-from rastercov.plan.file import plan_of
+from rastercov.placement.plan.file import plan_of
 
 YAML = (
     "image_width: 64\nimage_height: 48\ncamera_matrix: !!opencv-matrix\n  rows: 3\n  cols: 3\n"

@@ -10,12 +10,12 @@ import pyarrow.parquet as pq
 import pytest
 
 import rastercov as rc
-from rastercov.audits import audit
 from rastercov.base.errors import ConfigError
 from rastercov.cluster import Workers
 from rastercov.coverage import shards as evaluation_shards
 from rastercov.coverage.shards import UNFINISHED
 from rastercov.mesh import shapes
+from rastercov.placement.audits import audit
 from rastercov.report import coverage
 from rastercov.report.coverage import Options, run
 

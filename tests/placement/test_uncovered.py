@@ -22,7 +22,7 @@ from rastercov.placement.explain.candidate_visibility import EDGE_ON, CandidateB
 from rastercov.placement.explain.uncovered import WORDS, Sight, what_is_left
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.matrix import build_matrix
-from rastercov.plan.network import left_over, measured
+from rastercov.placement.plan.network import left_over, measured
 from rastercov.reference.views import candidate_bounds
 
 CAMERA = rc.Camera(width=320, height=240, fx=300, fy=300, cx=160, cy=120)

@@ -11,13 +11,13 @@ from union_greedy import area_of, greedy_by_area, room_candidates
 import rastercov as rc
 from rastercov.camera.pose_file import write_poses
 from rastercov.coverage.area.network import AreaNetwork
-from rastercov.plan import run as plan_run
-from rastercov.plan.check import check
-from rastercov.plan.errors import PlanError
-from rastercov.plan.file import read_plan
-from rastercov.plan.prepare import quiet
-from rastercov.plan.requirements import FAILS, HOLDS, UNDECIDED, judge_areas
-from rastercov.plan.run import place
+from rastercov.placement.plan import run as plan_run
+from rastercov.placement.plan.check import check
+from rastercov.placement.plan.errors import PlanError
+from rastercov.placement.plan.file import read_plan
+from rastercov.placement.plan.prepare import quiet
+from rastercov.placement.plan.requirements import FAILS, HOLDS, UNDECIDED, judge_areas
+from rastercov.placement.plan.run import place
 from rastercov.report import plan as report
 
 PLAN = """

@@ -12,12 +12,12 @@ from surface_cases import room
 import rastercov as rc
 from rastercov.camera.pose_file import write_poses
 from rastercov.placement import BestCoverage, build_matrix, problem_of
-from rastercov.plan.candidates import candidate_pool
-from rastercov.plan.check import check, limits
-from rastercov.plan.errors import PlanError
-from rastercov.plan.file import read_plan
-from rastercov.plan.run import place
-from rastercov.plan.scene import scene
+from rastercov.placement.plan.candidates import candidate_pool
+from rastercov.placement.plan.check import check, limits
+from rastercov.placement.plan.errors import PlanError
+from rastercov.placement.plan.file import read_plan
+from rastercov.placement.plan.run import place
+from rastercov.placement.plan.scene import scene
 from rastercov.report import plan as report
 
 MESH, _, _ = room()

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from rastercov.camera.pose_file import write_poses
-from rastercov.plan.check import check, limits
-from rastercov.plan.file import read_plan
-from rastercov.plan.requirements import HOLDS, UNDECIDED
-from rastercov.plan.run import place
+from rastercov.placement.plan.check import check, limits
+from rastercov.placement.plan.file import read_plan
+from rastercov.placement.plan.requirements import HOLDS, UNDECIDED
+from rastercov.placement.plan.run import place
 
 PINHOLE = "width = 640\nheight = 480\nfx = 480\nfy = 480\n"
 FLAT = PINHOLE + "max_angle_deg = 85\n"

@@ -19,16 +19,16 @@ from rastercov.coverage.coverage import Coverage
 from rastercov.coverage.task import Reason
 from rastercov.mesh import shapes
 from rastercov.placement.improve.objective import Objective
-from rastercov.plan import entry as plan_entry
-from rastercov.plan import generators as plan_generators
-from rastercov.plan import sections as plan_model
-from rastercov.plan.candidates import candidate_pool, framing_of
-from rastercov.plan.errors import PlanError, lines_of
-from rastercov.plan.file import Plan, read_plan, schema
-from rastercov.plan.network import certain_and_possible, measured
-from rastercov.plan.requirements import judge, percent
-from rastercov.plan.scene import scene
-from rastercov.plan.sections import PlanModel, TaskSection
+from rastercov.placement.plan import entry as plan_entry
+from rastercov.placement.plan import generators as plan_generators
+from rastercov.placement.plan import sections as plan_model
+from rastercov.placement.plan.candidates import candidate_pool, framing_of
+from rastercov.placement.plan.errors import PlanError, lines_of
+from rastercov.placement.plan.file import Plan, read_plan, schema
+from rastercov.placement.plan.network import certain_and_possible, measured
+from rastercov.placement.plan.requirements import judge, percent
+from rastercov.placement.plan.scene import scene
+from rastercov.placement.plan.sections import PlanModel, TaskSection
 
 ROOT = Path(__file__).parents[2]
 BASE = '[[meshes]]\nbuilt_in = "box"\n[camera]\npreset = "khepra"\n'

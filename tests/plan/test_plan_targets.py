@@ -7,8 +7,8 @@ import pytest
 from commands import write_part
 from test_plan import BASE, errors, plan_of
 
-from rastercov.plan.errors import PlanError
-from rastercov.plan.scene import scene
+from rastercov.placement.plan.errors import PlanError
+from rastercov.placement.plan.scene import scene
 
 ROOM = BASE.replace('"box"', '"room"')
 

@@ -10,9 +10,9 @@ import pytest
 from rastercov.camera.pose_file import write_poses
 from rastercov.camera.viewpoints import sphere_of_poses
 from rastercov.placement.improve import objective as objective_module
-from rastercov.plan import check as plan_check
-from rastercov.plan.file import read_plan
-from rastercov.plan.run import place
+from rastercov.placement.plan import check as plan_check
+from rastercov.placement.plan.file import read_plan
+from rastercov.placement.plan.run import place
 
 PLAN = """
 [[meshes]]

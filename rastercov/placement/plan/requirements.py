@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 from rastercov.base.format import percent, plural
 from rastercov.coverage.area.network import AreaNetwork
 from rastercov.mesh import Mesh
+from rastercov.placement.plan.entry import value_of
+from rastercov.placement.plan.sections import FewestSelection, SelectionSection, TaskSection
 from rastercov.placement.select.problem import (
     SHARE_TOLERANCE,
     BestCoverage,
@@ -23,8 +25,6 @@ from rastercov.placement.select.problem import (
     Goal,
     views_of,
 )
-from rastercov.plan.entry import value_of
-from rastercov.plan.sections import FewestSelection, SelectionSection, TaskSection
 
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]

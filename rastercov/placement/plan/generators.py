@@ -7,7 +7,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
-from rastercov.plan.entry import (
+from rastercov.placement.plan.entry import (
     Count,
     Direction,
     Entry,

@@ -15,9 +15,8 @@ from rastercov.mesh.shapes import NAMES
 from rastercov.placement.candidates.clearance import KeepOutBox, KeepOutSphere
 from rastercov.placement.improve.refine import BUDGET
 from rastercov.placement.improve.tolerance import InstallationError
-from rastercov.placement.select.problem import BestCoverage, FewestCameras
-from rastercov.plan.cameras import ONE_CAMERA, CameraSection, CameraType, RigSection
-from rastercov.plan.entry import (
+from rastercov.placement.plan.cameras import ONE_CAMERA, CameraSection, CameraType, RigSection
+from rastercov.placement.plan.entry import (
     Count,
     Direction,
     Entry,
@@ -34,7 +33,8 @@ from rastercov.plan.entry import (
     only_one,
     value_of,
 )
-from rastercov.plan.generators import CandidateEntry
+from rastercov.placement.plan.generators import CandidateEntry
+from rastercov.placement.select.problem import BestCoverage, FewestCameras
 
 
 def _unit(unit: str | float) -> str | float:

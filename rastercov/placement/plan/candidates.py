@@ -22,10 +22,10 @@ from rastercov.placement.candidates.framing import Framing
 from rastercov.placement.candidates.pool import Candidates
 from rastercov.placement.candidates.segments import Segmentation, segment
 from rastercov.placement.improve.pose_space import Place, PoseSpace
-from rastercov.plan import generators as entries
-from rastercov.plan.entry import no_limit, value_of
-from rastercov.plan.errors import PlanError
-from rastercov.plan.file import Plan
+from rastercov.placement.plan import generators as entries
+from rastercov.placement.plan.entry import no_limit, value_of
+from rastercov.placement.plan.errors import PlanError
+from rastercov.placement.plan.file import Plan
 
 FloatArray = NDArray[np.float64]
 

@@ -28,9 +28,9 @@ from rastercov.mesh import Mesh
 from rastercov.mesh.names import Names, listed, quoted
 from rastercov.placement.explain.uncovered import Leftover
 from rastercov.placement.improve.objective import Objective
-from rastercov.plan.errors import PlanError
-from rastercov.plan.file import Plan
-from rastercov.plan.network import (
+from rastercov.placement.plan.errors import PlanError
+from rastercov.placement.plan.file import Plan
+from rastercov.placement.plan.network import (
     Measured,
     area_lines,
     areas_of,
@@ -39,9 +39,16 @@ from rastercov.plan.network import (
     observer_of,
     summary_of,
 )
-from rastercov.plan.prepare import Step, quiet
-from rastercov.plan.requirements import HOLDS, Requirement, counting, judge, judge_areas, limits_of
-from rastercov.plan.scene import named_scene
+from rastercov.placement.plan.prepare import Step, quiet
+from rastercov.placement.plan.requirements import (
+    HOLDS,
+    Requirement,
+    counting,
+    judge,
+    judge_areas,
+    limits_of,
+)
+from rastercov.placement.plan.scene import named_scene
 
 Limits = Mapping[str | None, float]
 MOST_GROUPS = 5

@@ -26,16 +26,10 @@ from rastercov.placement.improve.objective import CellObjective, Objective
 from rastercov.placement.improve.refine import INTERRUPTED, Refined, refine
 from rastercov.placement.improve.search import Optimised, optimise
 from rastercov.placement.improve.tolerance import InstallationError, Tolerance, tolerance
-from rastercov.placement.select.bit_problem import BitProblem
-from rastercov.placement.select.greedy import select_greedy
-from rastercov.placement.select.integer import select_integer
-from rastercov.placement.select.lazy import select_lazy
-from rastercov.placement.select.problem import FewestCameras, Problem
-from rastercov.placement.select.selection import Selection
-from rastercov.plan.entry import value_of
-from rastercov.plan.errors import PlanError
-from rastercov.plan.file import NO_CAMERA, Plan
-from rastercov.plan.network import (
+from rastercov.placement.plan.entry import value_of
+from rastercov.placement.plan.errors import PlanError
+from rastercov.placement.plan.file import NO_CAMERA, Plan
+from rastercov.placement.plan.network import (
     Measured,
     left_over,
     measured,
@@ -43,8 +37,16 @@ from rastercov.plan.network import (
     observer_of,
     with_areas,
 )
-from rastercov.plan.prepare import Clock, Prepared, Progress, Step, cells_of, prepare, quiet
-from rastercov.plan.requirements import (
+from rastercov.placement.plan.prepare import (
+    Clock,
+    Prepared,
+    Progress,
+    Step,
+    cells_of,
+    prepare,
+    quiet,
+)
+from rastercov.placement.plan.requirements import (
     FAILS,
     HOLDS,
     CellRequirement,
@@ -54,8 +56,14 @@ from rastercov.plan.requirements import (
     judge_areas,
     limits_of,
 )
-from rastercov.plan.scene import named_scene
-from rastercov.plan.sections import FewestSelection, SelectionSection
+from rastercov.placement.plan.scene import named_scene
+from rastercov.placement.plan.sections import FewestSelection, SelectionSection
+from rastercov.placement.select.bit_problem import BitProblem
+from rastercov.placement.select.greedy import select_greedy
+from rastercov.placement.select.integer import select_integer
+from rastercov.placement.select.lazy import select_lazy
+from rastercov.placement.select.problem import FewestCameras, Problem
+from rastercov.placement.select.selection import Selection
 
 FloatArray = NDArray[np.float64]
 

@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov.audits.groups import Groups, groups_of
 from rastercov.base.arguments import check_kind, members
 from rastercov.base.errors import ConfigError
 from rastercov.camera.pose import Poses
@@ -31,6 +30,7 @@ from rastercov.coverage.network import Network
 from rastercov.coverage.shards import EvaluationShards, Source, Wanted, open_for
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
+from rastercov.placement.audits.groups import Groups, groups_of
 from rastercov.placement.matrix_shards import shortened
 from rastercov.placement.select.greedy import select_greedy
 from rastercov.placement.select.problem import FewestCameras, Problem, views_of, weights_of
@@ -328,8 +328,8 @@ def _figures(
     problem: Problem, elements: Mesh, poses: Poses, cameras: Sequence[Any]
 ) -> tuple[FloatArray, NDArray[np.int32], FloatArray, FloatArray, FloatArray]:
     """Best density and its camera, widest angle (E,); lost weight, and that of one camera (P,)."""
-    from rastercov.audits import kernels
     from rastercov.criteria_kernels import lens_of, read_only
+    from rastercov.placement.audits import kernels
     from rastercov.placement.select.presolve_kernels import by_face
 
     n = problem.n_faces

@@ -16,7 +16,7 @@ from rastercov.camera.formats import read_views
 from rastercov.camera.formats.conventions import Conventions
 from rastercov.camera.rig import Rig
 from rastercov.mesh.arrays import rotation_about
-from rastercov.plan.entry import (
+from rastercov.placement.plan.entry import (
     Count,
     Direction,
     Entry,

@@ -18,9 +18,9 @@ from rastercov.coverage.area.network import unit_of_result
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.task import Task
 from rastercov.placement.mounts import Mounts
-from rastercov.plan.cameras import ONE_CAMERA
-from rastercov.plan.errors import PlanError, lines_of
-from rastercov.plan.sections import PlanModel
+from rastercov.placement.plan.cameras import ONE_CAMERA
+from rastercov.placement.plan.errors import PlanError, lines_of
+from rastercov.placement.plan.sections import PlanModel
 
 NO_CAMERA = "camera: missing; add it, or cameras by name as [cameras.NAME]"
 

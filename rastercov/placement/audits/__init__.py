@@ -1,5 +1,5 @@
 """Audit of existing cameras: what each sees, what it adds, and the smallest subset."""
 
-from rastercov.audits.audit import Audit, audit
+from rastercov.placement.audits.audit import Audit, audit
 
 __all__ = ["Audit", "audit"]

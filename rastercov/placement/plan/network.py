@@ -32,8 +32,8 @@ from rastercov.placement.explain.uncovered import (
     left_by,
 )
 from rastercov.placement.improve.objective import Objective
-from rastercov.plan.file import Plan
-from rastercov.plan.requirements import whole_faces
+from rastercov.placement.plan.file import Plan
+from rastercov.placement.plan.requirements import whole_faces
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

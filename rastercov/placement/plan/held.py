@@ -13,10 +13,10 @@ from rastercov.placement.bit_matrix import BitMatrix
 from rastercov.placement.matrix import VisibilityMatrix
 from rastercov.placement.matrix_folder import MatrixFolder
 from rastercov.placement.mounts import Mounts
+from rastercov.placement.plan.file import Plan
+from rastercov.placement.plan.network import most_views
 from rastercov.placement.select.bit_problem import BitProblem, bit_problem_of
 from rastercov.placement.select.problem import Goal, Problem, problem_of
-from rastercov.plan.file import Plan
-from rastercov.plan.network import most_views
 
 Matrix = VisibilityMatrix | BitMatrix
 

@@ -38,15 +38,7 @@ from rastercov.placement.explain.candidate_visibility import CandidateBounds
 from rastercov.placement.matrix import build_matrix, measure_matrix
 from rastercov.placement.matrix_folder import MatrixFolder
 from rastercov.placement.mounts import Mounts
-from rastercov.placement.select.bit_problem import BitProblem
-from rastercov.placement.select.problem import (
-    BestCoverage,
-    FewestCameras,
-    Goal,
-    Problem,
-)
-from rastercov.placement.shards import describe, locked, read_header
-from rastercov.plan.candidates import (
+from rastercov.placement.plan.candidates import (
     CandidatePool,
     candidate_pool,
     extended_pool,
@@ -55,13 +47,21 @@ from rastercov.plan.candidates import (
     mounts_of_entry,
     segmentation_of,
 )
-from rastercov.plan.entry import no_limit
-from rastercov.plan.errors import PlanError
-from rastercov.plan.file import Plan
-from rastercov.plan.generators import PerCavity
-from rastercov.plan.held import Matrix, held, joined, problem_on, words_on
-from rastercov.plan.requirements import OF, counting, goal_of
-from rastercov.plan.sections import SelectionSection
+from rastercov.placement.plan.entry import no_limit
+from rastercov.placement.plan.errors import PlanError
+from rastercov.placement.plan.file import Plan
+from rastercov.placement.plan.generators import PerCavity
+from rastercov.placement.plan.held import Matrix, held, joined, problem_on, words_on
+from rastercov.placement.plan.requirements import OF, counting, goal_of
+from rastercov.placement.plan.sections import SelectionSection
+from rastercov.placement.select.bit_problem import BitProblem
+from rastercov.placement.select.problem import (
+    BestCoverage,
+    FewestCameras,
+    Goal,
+    Problem,
+)
+from rastercov.placement.shards import describe, locked, read_header
 
 BoolArray = NDArray[np.bool_]
 N_DIAGNOSED = 32
