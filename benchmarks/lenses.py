@@ -46,11 +46,12 @@ from rastercov import (
     open_rasterizer,
     sphere_of_poses,
 )
-from rastercov.camera.lenses import formulas, make_lens
+from rastercov.camera.lenses import make_lens
 from rastercov.camera.lenses.areas import polygon_areas
 from rastercov.camera.lenses.of_camera import planes_of
 from rastercov.camera.lenses.quadrature import edge_table
 from rastercov.camera.viewpoints import enclosing_distance
+from rastercov.kernels import lens_formulas
 from rastercov.mesh import shapes
 from rastercov.raster.gl import GLRasterizer
 from rastercov.raster.gl.context import open_context
@@ -125,7 +126,7 @@ def folded_share() -> float:
     """Share of the directions within 89 degrees with a pixel in the image that are folded there."""
     lens = make_lens("pinhole", WIDTH, HEIGHT, fx=900, fy=900, radial=(-0.2,))
     given = rays(400_000, least_z=np.cos(np.radians(89)))
-    u, v = formulas.project(lens.code, lens.params, *given.T)
+    u, v = lens_formulas.project(lens.code, lens.params, *given.T)
     is_in = (u >= 0) & (u <= WIDTH) & (v >= 0) & (v <= HEIGHT)
     angle = np.arccos(given[is_in, 2])
     return float((angle > np.arctan(np.sqrt(1 / 0.6))).mean())

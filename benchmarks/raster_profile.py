@@ -35,9 +35,10 @@ from contest import Cell
 from rows import Report, arguments
 
 import rastercov as rc
-from rastercov._jit import compiled
 from rastercov.camera.near_plane import limits
-from rastercov.raster.cpu import MAX_BAND, _Scene, _Worker, fill, loops
+from rastercov.kernels import raster_fill, raster_loops
+from rastercov.kernels.jit import compiled
+from rastercov.raster.cpu import MAX_BAND, _Scene, _Worker
 from rastercov.raster.sample_grid import SampleGrid
 
 CELLS = (
@@ -271,11 +272,11 @@ def counted() -> Callable[..., None]:
 
 def _edited(name: str, edits) -> Callable[..., None]:
     """`count_poses` from `fill` and `loops`, with each marker, which occurs once, replaced."""
-    text = Path(fill.__file__).read_text() + Path(loops.__file__).read_text()
+    text = Path(raster_fill.__file__).read_text() + Path(raster_loops.__file__).read_text()
     # Not cached on disk.
     text = text.replace(
-        "from rastercov._jit import compiled, part_of\n",
-        "import numba\nfrom rastercov._jit import part_of\n"
+        "from rastercov.kernels.jit import compiled, part_of\n",
+        "import numba\nfrom rastercov.kernels.jit import part_of\n"
         'compiled = numba.njit(nogil=True, error_model="numpy")\n',
     )
     text = re.sub(r"from rastercov\.raster\.cpu\.fill import \([^)]*\)\n", "", text)
@@ -312,7 +313,7 @@ def profile(
     worker.no_drawn = np.zeros((1, len(PASSES)), np.int32)
     visible, filled = np.empty((n_poses, mesh.n_faces), np.int32), np.empty(n_poses, np.int64)
     given = []
-    with mock.patch.object(loops, "count_poses", lambda *arguments: given.extend(arguments)):
+    with mock.patch.object(raster_loops, "count_poses", lambda *arguments: given.extend(arguments)):
         worker.count(poses, near, cull, worker.all_bands, visible, None, filled)
 
     def first_passes(n: int) -> Callable[[], None]:
@@ -328,7 +329,7 @@ def profile(
     with rc.open_rasterizer(mesh, cell.camera, "cpu", threads=1) as rasterizer:
         timed = [first_passes(n + 1) for n in range(len(PASSES))]
         timed += [
-            lambda: loops.count_poses(*given),
+            lambda: raster_loops.count_poses(*given),
             lambda: rasterizer.count(poses, drawn=False),
             lambda: rasterizer.count(poses, drawn=True),
         ]

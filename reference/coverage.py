@@ -1,4 +1,4 @@
-"""Coverage with whole arrays: the twin of `rastercov.coverage_kernels` and `network_kernels`.
+"""Coverage with whole arrays: the twin of `rastercov.kernels.coverage` and `network_kernels`.
 
 E. S. Eissa. Image Space Coverage Model. 2020, section 3.3.
 """
@@ -16,10 +16,10 @@ from rastercov.camera.projection import clip_near, clip_to_image, to_image
 from rastercov.coverage.coverage import FIGURES, Coverage
 from rastercov.coverage.criteria import FaceGeometry, in_focus
 from rastercov.coverage.task import Reason, Task
-from rastercov.coverage_kernels import BORDER_ROUNDING
-from rastercov.criteria_kernels import MOST_DOUBTFUL, SIDE_ROUNDING
+from rastercov.kernels.coverage import BORDER_ROUNDING
+from rastercov.kernels.criteria import MOST_DOUBTFUL, SIDE_ROUNDING
+from rastercov.kernels.network import ROW_TYPES, PairRows
 from rastercov.mesh import Mesh
-from rastercov.network_kernels import ROW_TYPES, PairRows
 from rastercov.raster.observation import BoundKind, Observation
 from rastercov.reference.criteria import face_geometry
 

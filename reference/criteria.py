@@ -1,4 +1,4 @@
-"""Criteria of all faces of one pose with whole arrays: the twin of `rastercov.criteria_kernels`.
+"""Criteria of all faces of one pose with whole arrays: the twin of `rastercov.kernels.criteria`.
 
 The same figures in the same order of operations, so both give the same bits, except angles of
 incidence, for which numpy and the C library have different arccosines, and areas of faces that the

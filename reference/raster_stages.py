@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.raster.cpu import memory
-from rastercov.raster.cpu.memory import (
+from rastercov.kernels import raster_memory
+from rastercov.kernels.raster_memory import (
     BEHIND,
     GUARD_BAND,
     LARGE,
@@ -20,7 +20,7 @@ from rastercov.raster.cpu.memory import (
     STEPS,
     Window,
 )
-from rastercov.raster.target_kernels import TIE_REL
+from rastercov.kernels.raster_targets import TIE_REL
 
 Array = NDArray[Any]
 Arrays = tuple[Array, ...]
@@ -28,15 +28,18 @@ Arrays = tuple[Array, ...]
 
 def project_vertices(points: Array, camera: Array, is_safe: bool) -> Arrays:
     """Positions (u, v) in steps, 1/z, and whole steps (x, y) of points (3, N)."""
-    rotation, (ex, ey, ez) = camera[: memory.EYE].reshape(3, 3), camera[memory.EYE :][:3]
-    fx, fy, cx, cy = STEPS * camera[memory.INTRINSICS : memory.NEAR]
+    rotation, (ex, ey, ez) = (
+        camera[: raster_memory.EYE].reshape(3, 3),
+        camera[raster_memory.EYE :][:3],
+    )
+    fx, fy, cx, cy = STEPS * camera[raster_memory.INTRINSICS : raster_memory.NEAR]
     dx, dy, dz = points[0] - ex, points[1] - ey, points[2] - ez
     right, down, z = (dx * a + dy * b + dz * c for a, b, c in rotation.T)
     w = 1 / z
     u, v = fx * right * w + cx, fy * down * w + cy
     x, y = np.floor(u + 0.5), np.floor(v + 0.5)
     if not is_safe:
-        is_front = z >= camera[memory.NEAR]
+        is_front = z >= camera[raster_memory.NEAR]
         is_seen = is_front & (np.abs(u) <= GUARD_BAND) & (np.abs(v) <= GUARD_BAND)
         unseen = np.where(is_front, NEEDS_CLIPPING, BEHIND)
         x, y = np.where(is_seen, x, unseen), np.where(is_seen, y, unseen)
@@ -47,23 +50,26 @@ def cull_clusters(
     bounds: Array, camera: Array, frustum: Array, magnification: float, hides_backs: bool
 ) -> Arrays:
     """Clusters (N,) to be drawn, those that are safe, and down and forward of their centres."""
-    dx, dy, dz = bounds[:3] - camera[memory.EYE :][:3, None]
-    radius, near = bounds[memory.RADIUS], camera[memory.NEAR]
+    dx, dy, dz = bounds[:3] - camera[raster_memory.EYE :][:3, None]
+    radius, near = bounds[raster_memory.RADIUS], camera[raster_memory.NEAR]
     is_outside = radius < 0
     for plane, limit in zip(frustum, (0, 0, 0, 0, near), strict=True):
         forward = dx * plane[0] + dy * plane[1] + dz * plane[2]
         is_outside |= forward + radius * plane[3] < limit
     down = dx * camera[1] + dy * camera[4] + dz * camera[7]
     squared = dx * dx + dy * dy + dz * dz
-    axis, cosine, sine = bounds[4:7], bounds[memory.CONE_COS], bounds[memory.CONE_SIN]
+    axis, cosine, sine = bounds[4:7], bounds[raster_memory.CONE_COS], bounds[raster_memory.CONE_SIN]
     along = dx * axis[0] + dy * axis[1] + dz * axis[2]
     across = np.sqrt(np.maximum(squared - along * along, 0))
     distance = np.sqrt(squared)
     highest = np.where(-along >= distance * cosine, distance, across * sine - along * cosine)
-    height, reach = highest - bounds[memory.PLANE_OFFSET], distance + radius
-    is_back = height * bounds[memory.ALTITUDE] * (magnification * STEPS) < reach * reach * -3.1
+    height, reach = highest - bounds[raster_memory.PLANE_OFFSET], distance + radius
+    is_back = (
+        height * bounds[raster_memory.ALTITUDE] * (magnification * STEPS) < reach * reach * -3.1
+    )
     is_safe = (forward - radius >= near) & (
-        reach * camera[memory.MAGNIFICATION] <= (forward - radius) * (GUARD_BAND // STEPS // 2)
+        reach * camera[raster_memory.MAGNIFICATION]
+        <= (forward - radius) * (GUARD_BAND // STEPS // 2)
     )
     return ~(is_outside | (is_back & is_safe & hides_backs)), is_safe, np.stack((down, forward))
 
@@ -326,7 +332,7 @@ def count_triangle(
 ) -> tuple[int, int]:
     """Samples that a part of a target covers, and those of them with no surface in front of it.
 
-    Arguments as of `rastercov.raster.target_kernels.count_triangle`.
+    Arguments as of `rastercov.kernels.raster_targets.count_triangle`.
     """
     rows, columns = np.mgrid[: depth.shape[0], : depth.shape[1]]
     rows, columns = rows + corner[1], columns + corner[0]

@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov._jit import compiled
 from rastercov.camera.camera import Camera
 from rastercov.camera.lenses.of_camera import lens_of
 from rastercov.camera.models import MODELS
 from rastercov.camera.near_plane import near_limit
 from rastercov.camera.pose import valid_poses
 from rastercov.coverage.task import Task
+from rastercov.kernels.jit import compiled
 from rastercov.mesh import Mesh
 
 FloatArray = NDArray[np.float64]

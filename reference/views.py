@@ -1,7 +1,7 @@
 """Faces that cameras cover by number and angle of the views, or see, with whole arrays.
 
-The twin of `rastercov.placement.improve.objective_kernels` and
-`rastercov.placement.explain.candidate_kernels`.
+The twin of `rastercov.kernels.placement_objective` and
+`rastercov.kernels.placement_candidates`.
 """
 
 from itertools import combinations

@@ -14,8 +14,8 @@ from hypothesis import settings
 from notices import NOTICE
 from skips import reasons_of
 
-from rastercov._direct import DirectCalls
 from rastercov.base.errors import DeviceError
+from rastercov.kernels.direct import DirectCalls
 from rastercov.mesh import Mesh
 from rastercov.raster.cpu import CPURasterizer
 from rastercov.raster.gl import PLANS, GLRasterizer

@@ -13,7 +13,7 @@ from rastercov.camera.near_plane import near_limit
 from rastercov.camera.projection import clip_near, polygon_area, to_camera, to_image
 from rastercov.camera.viewpoints import look_at
 from rastercov.coverage.criteria import face_geometry, in_focus
-from rastercov.criteria_kernels import incidence_angle
+from rastercov.kernels.criteria import incidence_angle
 from rastercov.mesh import Group, Mesh, shapes
 
 CAMERA = Camera(width=200, height=200, fx=100, fy=100)

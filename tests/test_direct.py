@@ -5,8 +5,8 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from rastercov._direct import DirectCalls
-from rastercov._jit import allocation_free
+from rastercov.kernels.direct import DirectCalls
+from rastercov.kernels.jit import allocation_free
 
 
 class Pair(NamedTuple):

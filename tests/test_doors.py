@@ -11,15 +11,15 @@ import pytest
 from hostile_folder import COMMANDS, INPUTS, command, executed, fill
 from open_doors import family, listening, opened_by_others
 
-from rastercov._jit import compiled_aside
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats import write_views
-from rastercov.camera.lenses.kernels import unproject_many
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Rig
 from rastercov.camera.viewpoints import sphere_of_poses
 from rastercov.camera.views import Views
 from rastercov.cluster.process import Process
+from rastercov.kernels.jit import compiled_aside
+from rastercov.kernels.lens import unproject_many
 
 SUPPORT = Path(cluster_job.__file__).parent
 HEAD = """

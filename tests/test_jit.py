@@ -22,15 +22,15 @@ from notices import NOTICE
 from processes import python
 
 import rastercov
-from rastercov import _jit as compiled
 from rastercov.base.stopwatch import Stopwatch
+from rastercov.kernels import jit as compiled
 
 ROOT = Path(rastercov.__file__).parents[1]
 NOBODY = 65534
 
 # Says its result, how often it was read from disk, and how often it was compiled.
 LOOP = """
-from rastercov._jit import compiled
+from rastercov.kernels.jit import compiled
 
 @compiled
 def loop(number):
@@ -498,7 +498,7 @@ def test_a_part_has_no_machine_code_and_its_errors_arrive():
 
 def test_a_loop_outside_the_package_is_compiled_anew_when_what_it_calls_changes(tmp_path):
     path = tmp_path / "program.py"
-    path.write_text("from rastercov.criteria_kernels import project, scene_of\nimport numpy\n")
+    path.write_text("from rastercov.kernels.criteria import project, scene_of\nimport numpy\n")
     _, imported = compiled._read_module(path)
     assert [file.name for file in imported] == ["criteria_kernels.py"]
 

@@ -17,7 +17,6 @@ from nightly import amount
 from processes import python
 
 import rastercov as rc
-from rastercov import _jit as compiled
 from rastercov.base import memory
 from rastercov.base.errors import DeviceError, ResourceError
 from rastercov.base.once import Once
@@ -27,9 +26,10 @@ from rastercov.exact import certificate as contour
 from rastercov.exact import half_planes as analytic
 from rastercov.exact import memory as images
 from rastercov.exact import surface
+from rastercov.kernels import jit as compiled
+from rastercov.kernels import raster_loops as kernels
 from rastercov.mesh import contacts, shapes
 from rastercov.models.scott import coverage as scott_coverage
-from rastercov.raster.cpu import loops as kernels
 
 ATTACK = Path(__file__).resolve().parents[1] / "benchmarks" / "attack_threads.py"
 CAMERA = rc.Camera(width=96, height=80, fx=85, fy=90)

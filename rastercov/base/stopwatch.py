@@ -9,7 +9,7 @@ class Stopwatch:
     Attributes
     ----------
     left_out : float
-        Seconds of compilation since the process began; `rastercov._jit` adds them.
+        Seconds of compilation since the process began; `rastercov.kernels.jit` adds them.
     """
 
     left_out = 0.0

@@ -63,7 +63,7 @@ class FaceGeometry:
 
 def face_geometry(mesh: Mesh, camera: Camera, pose: FloatArray) -> FaceGeometry:
     """Geometry of every face for one pose, world_from_camera (4, 4)."""
-    from rastercov import criteria_kernels as kernels
+    from rastercov.kernels import criteria as kernels
 
     near = float(near_limit(camera, mesh.opaque.bounds, pose[None])[0])
     found = kernels.arrays_for(mesh.n_faces)

@@ -38,12 +38,12 @@ class FacePass:
     """
 
     def __init__(self, mesh: Mesh, camera: Cameras, threads: int) -> None:
-        from rastercov import coverage_kernels, criteria_kernels  # load numba
+        from rastercov.kernels import coverage, criteria  # load numba
 
         self.mesh, self.cameras, self._threads = mesh, cameras_of(camera), threads
-        self.kernels, self._geometry = coverage_kernels, criteria_kernels
-        self._scene = criteria_kernels.scene_of(mesh)
-        self._lenses = [criteria_kernels.lens_of(each) for each in self.cameras]
+        self.kernels, self._geometry = coverage, criteria
+        self._scene = criteria.scene_of(mesh)
+        self._lenses = [criteria.lens_of(each) for each in self.cameras]
 
     def fractions(
         self, measured: Measured, poses: Poses

@@ -7,16 +7,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov._direct import DirectCalls
 from rastercov.camera.pose import Poses
 from rastercov.coverage.coverage import Coverage
 from rastercov.coverage.face_pass import Measured, Scope
 from rastercov.coverage.task import Limits
+from rastercov.kernels.direct import DirectCalls
 from rastercov.mesh import Mesh
 from rastercov.raster.observation import BoundKind
 
 if TYPE_CHECKING:
-    from rastercov.network_kernels import PairRows, Sink
+    from rastercov.kernels.network import PairRows, Sink
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -97,7 +97,7 @@ def plain(batch: JudgedPoses) -> dict[str, NDArray[Any]]:
 
 def from_plain(mesh: Mesh, poses: Poses, arrays: Mapping[str, NDArray[Any]]) -> JudgedPoses:
     """Batch of some poses from the arrays of `plain`."""
-    from rastercov.network_kernels import PairRows, Sums
+    from rastercov.kernels.network import PairRows, Sums
 
     tree: dict[str, dict[str, Any]] = {"rows": {}, "kept": {}}
     parts: dict[int, dict[str, Any]] = {}
@@ -136,11 +136,11 @@ class Part:
     """
 
     def __init__(self, mesh: Mesh, n_poses: int) -> None:
-        from rastercov import criteria_kernels, network_kernels  # load numba
+        from rastercov.kernels import criteria, network  # load numba
 
-        self.kernels, n = network_kernels, mesh.n_faces
-        self._read_only = criteria_kernels.read_only
-        self.sums = network_kernels.Sums(
+        self.kernels, n = network, mesh.n_faces
+        self._read_only = criteria.read_only
+        self.sums = network.Sums(
             views=np.zeros(n, np.int64),
             best=np.zeros(n),
             best_row=np.zeros(n, np.int64),

@@ -13,7 +13,7 @@ from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
 
 if TYPE_CHECKING:
-    from rastercov.network_kernels import PairRows, Sink
+    from rastercov.kernels.network import PairRows, Sink
 
 CHOICES = ("none", "covered", "seen", "all")
 """Pairs that a table may hold: those covered; those seen, that is with some part of the face in the
@@ -37,7 +37,7 @@ class PairBuffer:
     """
 
     def __init__(self, choice: str, n_poses: int, n_faces: int) -> None:
-        from rastercov import network_kernels as kernels  # loads numba
+        from rastercov.kernels import network as kernels  # loads numba
 
         check_choice(choice)
         self.choice, self._kernels, self._n_faces = CHOICES.index(choice), kernels, n_faces

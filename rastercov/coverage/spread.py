@@ -47,7 +47,7 @@ class ViewSpread:
         """Add a camera at `eye`, (3,), that covers faces (N,), none of them twice."""
         if not self._is_asked:
             return
-        from rastercov.spread_kernels import add_rays
+        from rastercov.kernels.spread import add_rays
 
         self._eyes = _with_room(self._eyes, self._n_eyes + 1)
         self._before = _with_room(self._before, self._n_pairs + len(faces))

@@ -151,7 +151,7 @@ class Task:
         return cls(**(THESIS | changes))
 
     def limits(self, camera: Camera) -> Limits:
-        """Thresholds that `rastercov.coverage_kernels.judge` decides by."""
+        """Thresholds that `rastercov.kernels.coverage.judge` decides by."""
         z_n, z_f = camera.depth_of_field(self.max_blur)
         rare = {"min_pixels_per_m2": self.min_pixels_per_m2}
         return Limits(

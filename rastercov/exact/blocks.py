@@ -11,8 +11,8 @@ G. M. Morton. A Computer Oriented Geodetic Data Base and a New Technique in File
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.exact import patch_kernels as kernels
-from rastercov.exact.records import BLOCK, Blocks, Edges
+from rastercov.kernels import exact_patch as kernels
+from rastercov.kernels.exact_records import BLOCK, Blocks, Edges
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

@@ -5,8 +5,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.exact.grid_kernels import BUCKETS, NOT_ASKED
-from rastercov.exact.records import SPARE_ENTRIES, CellGrid
+from rastercov.kernels.exact_grid import BUCKETS, NOT_ASKED
+from rastercov.kernels.exact_records import SPARE_ENTRIES, CellGrid
 
 MOST_CELLS = 1 << 14
 """Columns, or rows, of the grid."""

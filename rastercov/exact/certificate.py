@@ -16,19 +16,19 @@ A. Appel. The Notion of Quantitative Invisibility and the Machine Rendering of S
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov._jit import compiled_aside, is_compiled
 from rastercov.base.once import Once
 from rastercov.camera.camera import Camera
-from rastercov.exact import certificate_kernels as kernels
-from rastercov.exact.arrangement_kernels import MOST_CELLS, arrangement_areas
-from rastercov.exact.block_kernels import lay_boxes
-from rastercov.exact.event_kernels import ask_for_events, find_event_edges, mark_crossed
-from rastercov.exact.grid_kernels import ask_for_all, ask_for_faces
-from rastercov.exact.half_plane_kernels import visible_areas
 from rastercov.exact.half_planes import HalfPlaneSolver
-from rastercov.exact.records import BLOCK, CROSSED, LIVE, MIXED, Crossings, Segment
-from rastercov.exact.region_kernels import find_regions
 from rastercov.exact.surface import Surface, surface_of
+from rastercov.kernels import exact_certificate as kernels
+from rastercov.kernels.exact_arrangement import MOST_CELLS, arrangement_areas
+from rastercov.kernels.exact_block import lay_boxes
+from rastercov.kernels.exact_event import ask_for_events, find_event_edges, mark_crossed
+from rastercov.kernels.exact_grid import ask_for_all, ask_for_faces
+from rastercov.kernels.exact_half_plane import visible_areas
+from rastercov.kernels.exact_records import BLOCK, CROSSED, LIVE, MIXED, Crossings, Segment
+from rastercov.kernels.exact_region import find_regions
+from rastercov.kernels.jit import compiled_aside, is_compiled
 from rastercov.raster import self_test
 
 BoolArray = NDArray[np.bool_]

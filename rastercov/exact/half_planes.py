@@ -21,22 +21,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov._direct import DirectCalls
 from rastercov.base.errors import ConfigError
 from rastercov.base.memory import check_memory
 from rastercov.base.threads import share_poses, thread_count
 from rastercov.camera.camera import Camera
 from rastercov.camera.near_plane import limits
 from rastercov.camera.pose import valid_poses
-from rastercov.exact.block_kernels import lay_boxes
 from rastercov.exact.cell_grid import first_grid, grid_over, with_room
-from rastercov.exact.grid_kernels import (
-    ask_for_all,
-    ask_for_faces,
-    fill_grid,
-)
-from rastercov.exact.half_plane_kernels import visible_areas as visible_areas_kernel
-from rastercov.exact.intersection_kernels import MOST_INTERSECTIONS
 from rastercov.exact.memory import (
     TargetImage,
     border_of,
@@ -46,7 +37,13 @@ from rastercov.exact.memory import (
     room_for_pieces,
     set_up_image,
 )
-from rastercov.exact.records import (
+from rastercov.exact.surface import Surface, surface_of
+from rastercov.kernels.direct import DirectCalls
+from rastercov.kernels.exact_block import lay_boxes
+from rastercov.kernels.exact_grid import ask_for_all, ask_for_faces, fill_grid
+from rastercov.kernels.exact_half_plane import visible_areas as visible_areas_kernel
+from rastercov.kernels.exact_intersection import MOST_INTERSECTIONS
+from rastercov.kernels.exact_records import (
     CORNERS,
     LIVE,
     PIECE_ROOM,
@@ -58,8 +55,7 @@ from rastercov.exact.records import (
     VisiblePieces,
     Work,
 )
-from rastercov.exact.setup_kernels import CLIP_MARGIN, OUTLINE_ERROR_FACTOR, UNIT_ROUNDING
-from rastercov.exact.surface import Surface, surface_of
+from rastercov.kernels.exact_setup import CLIP_MARGIN, OUTLINE_ERROR_FACTOR, UNIT_ROUNDING
 from rastercov.mesh import Mesh
 
 FloatArray = NDArray[np.float64]
@@ -363,7 +359,7 @@ class HalfPlaneSolver:
         """Compute some targets, from the opaque faces in the cells that they touch."""
         if self._target_image is None:
             return
-        from rastercov.exact.target_kernels import target_areas  # compiled where a mesh has any
+        from rastercov.kernels.exact_target import target_areas  # compiled where a mesh has any
 
         projected = self._target_image.everything
         targets = targets[projected.state[targets] & (LIVE | THIN) > 0]

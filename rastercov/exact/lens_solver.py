@@ -3,7 +3,7 @@
 A lens bends lines and hides nothing: what is in front of what is decided on each ray. So visibility
 is computed in pinholes that together see the valid region of the lens (`camera.lenses.planes`),
 and the faces and their visible pieces are mapped to pixels, where their areas are integrals along
-their edges (`rastercov.camera.lenses.edge_kernels`).
+their edges (`rastercov.kernels.lens_edges`).
 """
 
 from collections.abc import Callable
@@ -11,18 +11,18 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov._direct import DirectCalls
 from rastercov.camera.camera import Camera
 from rastercov.camera.lenses.of_camera import planes_of
-from rastercov.camera.lenses.polygon_kernels import bulges_by_parts, edge_scratch, measure_insides
 from rastercov.camera.lenses.records import PlaneRecord
-from rastercov.exact import lens_kernels as kernels
-from rastercov.exact import lens_outlines as outlines
 from rastercov.exact.half_planes import HalfPlaneSolver
-from rastercov.exact.lens_edges import edge_bulges, edge_lists, vertex_images, whole_groups
-from rastercov.exact.records import Edges
 from rastercov.exact.surface import Surface
-from rastercov.raster.cpu.memory import aligned_zeros
+from rastercov.kernels import exact_lens as kernels
+from rastercov.kernels import exact_lens_outlines as outlines
+from rastercov.kernels.direct import DirectCalls
+from rastercov.kernels.exact_lens_edges import edge_bulges, edge_lists, vertex_images, whole_groups
+from rastercov.kernels.exact_records import Edges
+from rastercov.kernels.lens_polygons import bulges_by_parts, edge_scratch, measure_insides
+from rastercov.kernels.raster_memory import aligned_zeros
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int32]

@@ -5,9 +5,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov._direct import DirectCalls
-from rastercov.exact.block_kernels import set_up, set_up_plain
-from rastercov.exact.records import (
+from rastercov.exact.surface import Surface, Targets
+from rastercov.kernels.direct import DirectCalls
+from rastercov.kernels.exact_block import set_up, set_up_plain
+from rastercov.kernels.exact_records import (
     BLOCK,
     CORNERS,
     SIDES,
@@ -19,8 +20,7 @@ from rastercov.exact.records import (
     Projected,
     VisiblePieces,
 )
-from rastercov.exact.setup_kernels import project
-from rastercov.exact.surface import Surface, Targets
+from rastercov.kernels.exact_setup import project
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int32]

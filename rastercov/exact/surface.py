@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from rastercov.base.once import Once
 from rastercov.exact.blocks import blocks_of, blocks_of_targets, is_large, local_order
-from rastercov.exact.records import CONSISTENT, NON_MANIFOLD, REVERSED, Blocks, Edges
+from rastercov.kernels.exact_records import CONSISTENT, NON_MANIFOLD, REVERSED, Blocks, Edges
 from rastercov.mesh import Mesh
 from rastercov.mesh.contacts import Contacts, Partners
 from rastercov.mesh.topology import edge_table

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.once import Once
-from rastercov.mesh import contact_kernels as kernels
+from rastercov.kernels import mesh_contacts as kernels
 from rastercov.mesh.arrays import blocks, normals_and_areas
 from rastercov.mesh.topology import first_equal_row
 from rastercov.mesh.triangle_tree import BOX_MARGIN, LEAF, TriangleTree

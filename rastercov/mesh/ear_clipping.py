@@ -80,7 +80,7 @@ def cut_concave(vertices: FloatArray, faces: IntArray, source_face: IntArray) ->
     is_given_up = np.zeros(len(start), bool)
     if len(folded):
         # Imported late: compiling takes seconds, and few files need it.
-        from rastercov.mesh.ear_kernels import SIMPLE, TOO_INTRICATE
+        from rastercov.kernels.mesh_ears import SIMPLE, TOO_INTRICATE
 
         verdict = _cut(vertices, faces, start[folded], n_triangles[folded], normal[folded])
         is_given_up[folded] = verdict == TOO_INTRICATE
@@ -118,7 +118,7 @@ def _cut(
     normal: FloatArray,
 ) -> IntArray:
     """Triangulate the fans that begin at rows `start` by ear clipping; verdict of each polygon."""
-    from rastercov.mesh.ear_kernels import SIMPLE, UNPROVEN, cut_polygons
+    from rastercov.kernels.mesh_ears import SIMPLE, UNPROVEN, cut_polygons
 
     n_corners = n_triangles + 2
     starts = np.concatenate([[0], np.cumsum(n_corners)])

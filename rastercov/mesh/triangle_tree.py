@@ -11,7 +11,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.mesh import triangle_tree_kernels as kernels
+from rastercov.kernels import mesh_tree as kernels
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

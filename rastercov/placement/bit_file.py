@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from rastercov.base.errors import ResourceError
 from rastercov.base.threads import share_poses, thread_count
 from rastercov.cluster.files import SUMS, DamagedError, contents, store
-from rastercov.placement import bit_kernels as kernels
+from rastercov.kernels import placement_bits as kernels
 from rastercov.placement._arrays import FloatArray
 from rastercov.placement.bits import CoveredBits, n_words
 from rastercov.placement.matrix_folder import MatrixFolder, greatest

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.threads import share_poses, thread_count
-from rastercov.placement import bit_kernels as kernels
+from rastercov.kernels import placement_bits as kernels
 from rastercov.placement._arrays import BoolArray, IntArray
 
 Words = NDArray[np.uint64]

@@ -72,7 +72,7 @@ class TargetFaces:
         depths : callable
             Called once if a target is in view.
         """
-        from rastercov.raster import target_kernels as kernels  # loads numba
+        from rastercov.kernels import raster_targets as kernels  # loads numba
 
         axes = np.ascontiguousarray(grid.axes(pose[None])[0, :3, :3])
         view = self.corners, axes, pose[:3, 3] - self.centre, grid.lens, float(near)

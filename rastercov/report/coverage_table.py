@@ -25,7 +25,7 @@ from rastercov.raster.observation import BoundKind
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from rastercov.network_kernels import PairRows
+    from rastercov.kernels.network import PairRows
 
     Floats = NDArray[np.float32]
 

@@ -187,9 +187,9 @@ class NetworkFigures:
 
     def widest_angle(self) -> FloatArray:
         """Greatest angle between the rays to two cameras that cover the face, radians."""
-        from rastercov.criteria_kernels import read_only
-        from rastercov.placement.audits.kernels import widest_angles
-        from rastercov.placement.select.presolve_kernels import by_face
+        from rastercov.kernels.audit import widest_angles
+        from rastercov.kernels.criteria import read_only
+        from rastercov.kernels.placement_presolve import by_face
 
         faces = [np.flatnonzero(row.covers).astype(np.int32) for row in self.rows]
         ends = np.concatenate([[0], np.cumsum([len(each) for each in faces])]).astype(np.int64)

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import joined, sheet, square
 
-from rastercov.exact.grid_kernels import sort_cell
-from rastercov.exact.records import CROSSED, W_MAX
+from rastercov.kernels.exact_grid import sort_cell
+from rastercov.kernels.exact_records import CROSSED, W_MAX
 from rastercov.mesh import Mesh, contacts, shapes
 
 

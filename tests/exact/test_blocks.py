@@ -14,9 +14,10 @@ from scenes import joined
 from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import look_at
 from rastercov.exact import blocks as blocks_module
-from rastercov.exact.block_kernels import NARROW_FACTOR, lay_boxes
 from rastercov.exact.certificate import THIN_TOLERANCE_REL, CertificateSolver
-from rastercov.exact.records import (
+from rastercov.exact.surface import surface_of
+from rastercov.kernels.exact_block import NARROW_FACTOR, lay_boxes
+from rastercov.kernels.exact_records import (
     BLOCK,
     CONSISTENT,
     LIVE,
@@ -29,8 +30,7 @@ from rastercov.exact.records import (
     V_MAX,
     V_MIN,
 )
-from rastercov.exact.setup_kernels import UNIT_ROUNDING
-from rastercov.exact.surface import surface_of
+from rastercov.kernels.exact_setup import UNIT_ROUNDING
 from rastercov.mesh import Mesh, shapes
 
 CAMERA = Camera(width=320, height=240, fx=300, fy=300)

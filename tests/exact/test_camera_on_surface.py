@@ -13,7 +13,7 @@ import rastercov as rc
 from rastercov.camera.viewpoints import look_at
 from rastercov.exact.certificate import CertificateSolver
 from rastercov.exact.half_planes import HalfPlaneSolver
-from rastercov.exact.records import DOUBTFUL
+from rastercov.kernels.exact_records import DOUBTFUL
 from rastercov.mesh import Mesh, shapes
 from rastercov.raster.observation import BoundKind
 from rastercov.reference import rational

@@ -8,15 +8,15 @@ import pytest
 from lens_cameras import CAMERAS
 
 from rastercov import look_at
-from rastercov.camera.lenses.edge_kernels import bulge, edge_values
 from rastercov.camera.lenses.of_camera import planes_of
 from rastercov.camera.lenses.quadrature import MOST
-from rastercov.exact import lens_kernels
 from rastercov.exact.certificate import CertificateSolver
-from rastercov.exact.lens_edges import edge_bulges, edge_lists, vertex_images, whole_groups
-from rastercov.exact.lens_measures import AT_A_TIME
 from rastercov.exact.lens_solver import LensSolver
 from rastercov.exact.surface import surface_of
+from rastercov.kernels import exact_lens
+from rastercov.kernels.exact_lens_edges import edge_bulges, edge_lists, vertex_images, whole_groups
+from rastercov.kernels.exact_lens_measures import AT_A_TIME
+from rastercov.kernels.lens_edges import bulge, edge_values
 from rastercov.mesh import shapes
 
 MESHES = {"torus": shapes.by_name("torus"), "room": shapes.by_name("room")}
@@ -34,7 +34,7 @@ def solved(name, camera):
 
 
 def figures(n):
-    return lens_kernels.Figures(*np.zeros((3, n)), *np.zeros((3, n), np.int8))
+    return exact_lens.Figures(*np.zeros((3, n)), *np.zeros((3, n), np.int8))
 
 
 @pytest.mark.slow
@@ -44,7 +44,7 @@ def test_eight_at_a_time_have_the_same_bits_as_one(name, camera):
     solver = solved(name, camera)
     surface, seen = solver.surface, solver._seen
     n, rng = len(surface.faces), np.random.default_rng(1)
-    state = rng.choice(np.array([0, 1, lens_kernels.THIN], np.uint16), n)
+    state = rng.choice(np.array([0, 1, exact_lens.THIN], np.uint16), n)
     flat = rng.random(n) < 0.05
     measured = 0
     for plane, record in planes_of(CAMERAS[camera]):
@@ -61,13 +61,13 @@ def test_eight_at_a_time_have_the_same_bits_as_one(name, camera):
                 assert (one[0] == seen.places[i]).all()
             assert np.isnan(one[0, 2:]).all() == (not inside[0])
         own, is_done, out = np.empty(n), np.empty(n, np.bool_), figures(n)
-        lens_kernels.measure_simple(
+        exact_lens.measure_simple(
             surface.faces, solver._sides, flat, state, seen, record, own, is_done, out
         )
         for f in rng.integers(0, n // AT_A_TIME * AT_A_TIME, 200):
             part, alone = slice(f, f + 1), figures(1)
             own_1, done_1 = np.empty(1), np.empty(1, np.bool_)
-            lens_kernels.measure_simple(
+            exact_lens.measure_simple(
                 *(surface.faces[part], solver._sides[part], flat[part], state[part], seen),
                 *(record, own_1, done_1, alone),
             )
@@ -105,7 +105,7 @@ def test_edges_of_any_lengths_agree_with_the_best_rule(camera):
         known = inside[ends].all(axis=1)
         assert set(longer[:n_longer]) == set(np.flatnonzero(known & (length / 2 > limits[-1])))
         assert (np.isnan(found) == (~known | (length / 2 > limits[-1]))).all()
-        rounding = lens_kernels.EDGE_ROUNDING * (record.width + record.height)
+        rounding = exact_lens.EDGE_ROUNDING * (record.width + record.height)
         for e in np.flatnonzero(~np.isnan(found)):
             (ax, ay), (bx, by) = places[ends[e, 0], :2], places[ends[e, 1], :2]
             values = np.empty((2, MOST + 1))

@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import joined, square
 
-from rastercov.exact.records import CONSISTENT, NON_MANIFOLD, REVERSED
 from rastercov.exact.surface import surface_of
+from rastercov.kernels.exact_records import CONSISTENT, NON_MANIFOLD, REVERSED
 from rastercov.mesh import Mesh, contacts, shapes
 from rastercov.mesh.contacts import CONTACT, REACH, touching_faces
 

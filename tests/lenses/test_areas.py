@@ -13,9 +13,10 @@ from lens_rooms import on_plane, room
 
 import rastercov as rc
 from rastercov.base.errors import CameraError
-from rastercov.camera.lenses import formulas, make_lens, sources
+from rastercov.camera.lenses import make_lens, sources
 from rastercov.camera.lenses.areas import blind_area, polygon_areas
 from rastercov.camera.lenses.quadrature import edge_table
+from rastercov.kernels import lens_formulas
 from rastercov.reference.polygons import image_area
 
 LENSES = of_all_kinds()
@@ -106,7 +107,9 @@ def densified(plane, polygon, n):
     ends = np.roll(polygon, -1, axis=0)
     points = np.concatenate([a + t * (b - a) for a, b in zip(polygon, ends, strict=True)])
     rays = np.column_stack((points, np.ones(len(points)))) @ plane.frame.T
-    whole = shapely.Polygon(np.column_stack(formulas.project(plane.code, plane.params, *rays.T)))
+    whole = shapely.Polygon(
+        np.column_stack(lens_formulas.project(plane.code, plane.params, *rays.T))
+    )
     inside = whole.intersection(shapely.box(0, 0, WIDTH, HEIGHT))
     return np.array((whole.area, inside.area))
 

@@ -8,8 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from lens_cases import is_outside_hole, of_all_kinds
 
-from rastercov.camera.lenses import balls, formulas
+from rastercov.camera.lenses import balls
 from rastercov.camera.lenses.balls import Ball
+from rastercov.kernels import lens_formulas
 
 LENSES = of_all_kinds()
 
@@ -31,7 +32,7 @@ def complex_angle_over_r(r2, z):
     return complex_atan2(r, z + 0 * r) / r
 
 
-COMPLEX = formulas.bound_to(
+COMPLEX = lens_formulas.bound_to(
     {
         "sqrt": np.sqrt,
         "atan2": complex_atan2,
@@ -66,7 +67,7 @@ def test_values_at_complex_points_are_within_reach(name):
             base = np.column_stack((points, np.ones(len(points)))) @ plane.frame.T
             with np.errstate(all="ignore"):
                 at = COMPLEX(plane.code, plane.params, *np.moveaxis(rays, -1, 0))
-                real = formulas.project(plane.code, plane.params, *base.T)
+                real = lens_formulas.project(plane.code, plane.params, *base.T)
             for k in range(2):
                 far = np.abs(at[k] - real[k])
                 is_good = reach[k] < np.inf
@@ -107,7 +108,7 @@ def test_an_edge_bends_no_more_than_its_bound(lens):
         middle = (a + b) / 2
         seen = [
             np.column_stack(
-                formulas.project(
+                lens_formulas.project(
                     plane.code, plane.params, *(plane.frame @ np.vstack((z.T, np.ones(len(z)))))
                 )
             )
@@ -156,10 +157,10 @@ def test_the_inverse_over_balls_is_an_inverse():
     p, q = a.centre + 0 * turn[0], b.centre + 0 * turn[0]
     params = lens.params
     for _ in range(8):
-        f, g = formulas.distorted(params, p, q)
+        f, g = lens_formulas.distorted(params, p, q)
         step = 1e-6
-        fp, gp = formulas.distorted(params, p + step, q)
-        fq, gq = formulas.distorted(params, p, q + step)
+        fp, gp = lens_formulas.distorted(params, p + step, q)
+        fq, gq = lens_formulas.distorted(params, p, q + step)
         fp, gp, fq, gq = (fp - f) / step, (gp - g) / step, (fq - f) / step, (gq - g) / step
         det = fp * gq - fq * gp
         p = p + (gq * (targets[0] - f) - fq * (targets[1] - g)) / det

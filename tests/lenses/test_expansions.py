@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from lens_cases import is_outside_hole, of_all_kinds
 
-from rastercov.camera.lenses import expansions, formulas
+from rastercov.camera.lenses import expansions
 from rastercov.camera.lenses.expansions import DIRECTIONS, ORDER, Expansion, coefficient_bounds
+from rastercov.kernels import lens_formulas
 
 LENSES = of_all_kinds()
 NODES = 32
@@ -34,7 +35,7 @@ def chebyshev_coefficients(plane, middle, along):
     angle = np.pi * (k + 0.5) / NODES
     points = middle + np.cos(angle)[:, None, None] * along
     rays = np.concatenate((points, np.ones((*points.shape[:2], 1))), axis=2) @ plane.frame.T
-    values = formulas.project(plane.code, plane.params, *np.moveaxis(rays, -1, 0))
+    values = lens_formulas.project(plane.code, plane.params, *np.moveaxis(rays, -1, 0))
     return 2 / NODES * np.einsum("kj,cjn->ckn", np.cos(k[:, None] * angle), np.stack(values))
 
 

@@ -7,11 +7,10 @@ from hypothesis import strategies as st
 from lens_cameras import CAMERAS
 from nightly import examples
 
-from rastercov._jit import allocation_free
 from rastercov.camera.lenses.face_kernels import curved_areas
 from rastercov.camera.rays import rays_of
 from rastercov.camera.viewpoints import sphere_of_poses
-from rastercov.criteria_kernels import (
+from rastercov.kernels.criteria import (
     facing_density,
     image_of_face,
     lens_of,
@@ -19,8 +18,9 @@ from rastercov.criteria_kernels import (
     scene_of,
     workspace,
 )
+from rastercov.kernels.jit import allocation_free
+from rastercov.kernels.vertex_columns import INSIDE
 from rastercov.mesh import Mesh, shapes
-from rastercov.vertex_columns import INSIDE
 
 NEAR = 0.05
 

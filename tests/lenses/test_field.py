@@ -8,9 +8,9 @@ from lens_cameras import CAMERAS
 from nightly import examples
 
 from rastercov import Camera
-from rastercov.camera.lenses import field_kernels as kernels
 from rastercov.camera.lenses.field import field_of, fields_of
 from rastercov.camera.lenses.of_camera import lens_of, planes_of
+from rastercov.kernels import lens_field as kernels
 
 TOLERANCE = 1e-4
 

@@ -8,7 +8,8 @@ import pytest
 from lens_cases import BROWN, HEIGHT, WIDTH, K, of_all_kinds, pixels
 
 from rastercov.base.errors import CameraError
-from rastercov.camera.lenses import Lens, formulas, make_lens, sources
+from rastercov.camera.lenses import Lens, make_lens, sources
+from rastercov.kernels import lens_formulas
 
 LENSES = of_all_kinds()
 
@@ -84,7 +85,7 @@ def test_jacobian_on_the_axis(lens):
 
 def test_arrays_and_compiled_scalars_agree(lens):
     found = lens.unproject(pixels(1000))
-    u, v = formulas.project(lens.code, lens.params, *found.T)
+    u, v = lens_formulas.project(lens.code, lens.params, *found.T)
     assert np.abs(np.column_stack((u, v)) - lens.project(found)).max() < 1e-9
 
 

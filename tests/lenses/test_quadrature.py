@@ -12,8 +12,6 @@ from nightly import amount
 from numpy.polynomial import chebyshev
 
 from rastercov.camera.camera import Camera
-from rastercov.camera.lenses import edge_kernels as kernels
-from rastercov.camera.lenses import formulas
 from rastercov.camera.lenses.expansions import coefficient_bounds
 from rastercov.camera.lenses.of_camera import lens_of
 from rastercov.camera.lenses.quadrature import (
@@ -27,6 +25,8 @@ from rastercov.camera.lenses.quadrature import (
     edge_table,
     lobatto,
 )
+from rastercov.kernels import lens_edges as kernels
+from rastercov.kernels import lens_formulas
 
 LENSES = of_all_kinds()
 FINE = 40
@@ -115,7 +115,7 @@ def bulges(plane, a, b, n, rule, nodes):
     t = nodes[:, None, None]
     points = (1 - t) * a + t * b
     rays = np.concatenate((points, np.ones((*points.shape[:2], 1))), axis=2) @ plane.frame.T
-    u, v = formulas.project(plane.code, plane.params, *np.moveaxis(rays, -1, 0))
+    u, v = lens_formulas.project(plane.code, plane.params, *np.moveaxis(rays, -1, 0))
     u, v = u - u[0], v - v[0]
     return np.einsum("in,ij,jn->n", u, rule, v)
 
@@ -299,7 +299,7 @@ def test_faces_with_all_corners_in_the_image_may_leave_it(name):
         u, v = np.zeros((2, MOST + 1))
         for places, out in ((t, (u, v)), (fine, None)):
             points = (1 - places) * a + places * b
-            x, y = formulas.project(plane.code, plane.params, *points.T, 1.0)
+            x, y = lens_formulas.project(plane.code, plane.params, *points.T, 1.0)
             if out:
                 out[0][: n + 1], out[1][: n + 1] = x, y
         gap = np.min([x.min(), WIDTH - x.max(), y.min(), HEIGHT - y.max()])

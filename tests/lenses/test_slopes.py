@@ -5,9 +5,9 @@ import pytest
 from lens_cameras import CAMERAS
 
 from rastercov import Camera
-from rastercov.camera.lenses import kernels
 from rastercov.camera.lenses.of_camera import lens_of, planes_of, slopes_of
 from rastercov.camera.lenses.slopes import CELLS, bounds_within, sizes_within
+from rastercov.kernels import lens as kernels
 
 STEP = 2e-3
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from mesh_files import WRITERS
 from nightly import amount
 
-from rastercov.mesh import ear_kernels
+from rastercov.kernels import mesh_ears
 from rastercov.mesh.ear_clipping import cut_concave
 
 
@@ -300,4 +300,4 @@ def test_a_polygon_too_intricate_keeps_its_fan_and_is_noted():
     assert len(notes) == 1
     assert any(word in notes[0] for word in ("cross or touch", "too intricate"))
     np.testing.assert_array_equal(faces, before)
-    assert ear_kernels.MOST_STEPS < 5000
+    assert mesh_ears.MOST_STEPS < 5000

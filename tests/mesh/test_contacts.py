@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from scenes import joined
 
-from rastercov.mesh import Mesh, contact_kernels, contacts, shapes
+from rastercov.kernels import mesh_contacts
+from rastercov.mesh import Mesh, contacts, shapes
 from rastercov.mesh.contacts import touching_faces
 
 try:
@@ -504,14 +505,14 @@ def test_a_real_part_touches_where_exact_arithmetic_says(name):
 def calls(monkeypatch, mesh, steps):
     """Calls of the loop, each of about so many steps along the tree."""
     count = []
-    loop = contact_kernels.mark_contacts
+    loop = mesh_contacts.mark_contacts
 
     def counted(*args):
         count.append(1)
         return loop(*args)
 
     monkeypatch.setattr(contacts, "STEPS_A_CALL", steps)
-    monkeypatch.setattr(contact_kernels, "mark_contacts", counted)
+    monkeypatch.setattr(mesh_contacts, "mark_contacts", counted)
     of_mesh(mesh, threads=1)
     monkeypatch.undo()
     return len(count)
@@ -569,7 +570,7 @@ def test_threads_and_turns_change_nothing(monkeypatch, teapot, threads, leaves, 
 @pytest.mark.parametrize("threads", [1, 2])
 def test_an_interrupt_ends_the_search_within_a_call(monkeypatch, threads):
     made = []
-    loop = contact_kernels.mark_contacts
+    loop = mesh_contacts.mark_contacts
 
     def interrupted(*args):
         made.append(1)
@@ -577,7 +578,7 @@ def test_an_interrupt_ends_the_search_within_a_call(monkeypatch, threads):
             raise KeyboardInterrupt
         return loop(*args)
 
-    monkeypatch.setattr(contact_kernels, "mark_contacts", interrupted)
+    monkeypatch.setattr(mesh_contacts, "mark_contacts", interrupted)
     monkeypatch.setattr(contacts, "LEAVES_A_TURN", 10)
     with pytest.raises(KeyboardInterrupt):
         of_mesh(shapes.torus(200, 200), threads=threads)

@@ -6,7 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from nightly import examples
 
-from rastercov.placement import bit_kernels, bits
+from rastercov.kernels import placement_bits
+from rastercov.placement import bits
 from rastercov.placement.bits import CoveredBits, packed, spread_out, unpacked
 
 
@@ -78,7 +79,7 @@ def test_a_cover_is_completed_in_the_order_of_the_rows(case, most_views):
     is_needed, lacking = np.zeros(n, np.bool_), packed(views > 0)
     counts, needed_views = spread_out(np.zeros(m, np.int32), np.int32), spread_out(views, np.int32)
     for words, rows, at in found.runs(order):
-        bit_kernels.complete_cover(words, rows, lacking, counts, needed_views, is_needed[at])
+        placement_bits.complete_cover(words, rows, lacking, counts, needed_views, is_needed[at])
     np.testing.assert_array_equal(is_needed, wanted)
     assert not lacking.any()
 

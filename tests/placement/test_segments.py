@@ -10,8 +10,8 @@ from nightly import examples
 from scenes import joined, sheet
 
 from rastercov.base.errors import ConfigError
+from rastercov.kernels import placement_segments as kernels
 from rastercov.mesh import Group, Mesh, shapes
-from rastercov.placement.candidates import segment_kernels as kernels
 from rastercov.placement.candidates.segments import ANGLE_TOLERANCE_DEG, segment
 
 angles = st.floats(0.5, 85)

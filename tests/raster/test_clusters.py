@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 
 from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import look_at
+from rastercov.kernels.raster_clusters import VERTEX_STEP
+from rastercov.kernels.raster_memory import ALTITUDE, FACES, LANES, LINE_BITS, RADIUS, VERTICES
 from rastercov.mesh import Mesh, shapes
 from rastercov.raster.cpu import CPURasterizer
-from rastercov.raster.cpu.cluster_kernels import VERTEX_STEP
 from rastercov.raster.cpu.clusters import group_faces
-from rastercov.raster.cpu.memory import ALTITUDE, FACES, LANES, LINE_BITS, RADIUS, VERTICES
 
 
 def soup(rng, n, scale=1.0, offset=0.0):

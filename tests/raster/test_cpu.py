@@ -16,16 +16,11 @@ from rastercov.base.errors import ConfigError, DeviceError, ResourceError
 from rastercov.camera.camera import Camera
 from rastercov.camera.near_plane import limits, picture_limits
 from rastercov.camera.viewpoints import look_at, sphere_of_poses
+from rastercov.kernels import raster_loops as kernels
+from rastercov.kernels.raster_memory import GUARD_BAND, HALF_SAMPLE, STEPS, aligned_zeros
 from rastercov.mesh import Mesh, shapes
 from rastercov.raster import cpu, open_rasterizer, self_test
 from rastercov.raster.cpu import MAX_SIDE, CPURasterizer
-from rastercov.raster.cpu import loops as kernels
-from rastercov.raster.cpu.memory import (
-    GUARD_BAND,
-    HALF_SAMPLE,
-    STEPS,
-    aligned_zeros,
-)
 
 CAMERA = Camera(width=160, height=120, fx=140, fy=150)
 

@@ -9,17 +9,17 @@ from hypothesis import strategies as st
 from lens_cameras import CAMERAS
 
 from rastercov import Camera, CameraError
-from rastercov._jit import allocation_free
+from rastercov.kernels import raster_lens_listing as kernels
+from rastercov.kernels.jit import allocation_free
+from rastercov.kernels.raster_lens_cover import count_covered
+from rastercov.kernels.raster_lens_records import SAMPLES, Samples, make_workspace
+from rastercov.kernels.raster_memory import LANES
+from rastercov.kernels.simd_kernel import pointer, pointers
 from rastercov.mesh import shapes
 from rastercov.raster.cpu import CPURasterizer
-from rastercov.raster.cpu import lens_listing as kernels
 from rastercov.raster.cpu.clusters import group_faces
-from rastercov.raster.cpu.lens_cover import count_covered
 from rastercov.raster.cpu.lens_rasterizer import LensRasterizer, _image
-from rastercov.raster.cpu.lens_records import SAMPLES, Samples, make_workspace
 from rastercov.raster.cpu.lens_samples import SampleTables
-from rastercov.raster.cpu.memory import LANES
-from rastercov.raster.cpu.simd_kernel import pointer, pointers
 
 NEAR = 1e-3
 LENSES = ("brown", "wide fisheye", "equirectangular")

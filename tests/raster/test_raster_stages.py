@@ -6,9 +6,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numba import njit
 
-from rastercov.raster.cpu import memory, stage_cover, stage_cull, stage_depth, stage_setup
-from rastercov.raster.cpu.loops import put_frustum
-from rastercov.raster.cpu.memory import (
+from rastercov.kernels import (
+    raster_memory,
+    raster_stage_cover,
+    raster_stage_cull,
+    raster_stage_depth,
+    raster_stage_setup,
+)
+from rastercov.kernels.raster_loops import put_frustum
+from rastercov.kernels.raster_memory import (
     LANES,
     SIDE,
     STEPS,
@@ -21,8 +27,8 @@ from rastercov.raster.cpu.memory import (
     Window,
     make_scratch,
 )
-from rastercov.raster.cpu.simd_kernel import pointer, pointers
-from rastercov.raster.cpu.stage_vertices import project_vertices
+from rastercov.kernels.raster_stage_vertices import project_vertices
+from rastercov.kernels.simd_kernel import pointer, pointers
 from rastercov.reference import raster_stages as twin
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -54,7 +60,7 @@ def run_project(mesh, cluster, camera, vertices):
 @njit
 def run_cull(bounds, camera, frustum, magnification, hides_backs, centres, size):
     put_frustum(pointer(camera), size[0], size[1], size[2], pointer(frustum))
-    return stage_cull.cull_clusters(
+    return raster_stage_cull.cull_clusters(
         pointer(bounds), bounds.shape[1], LANES, pointer(camera), pointer(frustum), magnification,
         hides_backs, pointer(centres),
     )  # fmt: skip
@@ -62,7 +68,7 @@ def run_cull(bounds, camera, frustum, magnification, hides_backs, centres, size)
 
 @njit
 def run_band(bounds, centres, fy, up, up_length, down, down_length):
-    return stage_cull.clusters_in_band(
+    return raster_stage_cull.clusters_in_band(
         pointer(bounds), bounds.shape[1], LANES, pointer(centres), fy, up, up_length, down,
         down_length,
     )  # fmt: skip
@@ -70,7 +76,7 @@ def run_band(bounds, centres, fy, up, up_length, down, down_length):
 
 def camera_of(rng):
     """Camera record with any rotation, near plane and focal length."""
-    camera = np.zeros(memory.CAMERA_VALUES)
+    camera = np.zeros(raster_memory.CAMERA_VALUES)
     camera[:9] = np.linalg.qr(rng.normal(size=(3, 3)))[0].ravel()
     camera[9:12] = rng.normal(size=3) * 10.0 ** rng.uniform(-3, 3)
     focal = 10.0 ** rng.uniform(-2, 5, 2)
@@ -108,14 +114,14 @@ def test_vertices_are_projected_alike(seed, n_vectors, is_safe):
 def test_clusters_are_culled_alike(seed, hides_backs):
     rng = np.random.default_rng(seed)
     camera, size = camera_of(rng), np.array((640.0, 100.0, 480.0))
-    bounds = np.zeros((memory.BOUNDS_OF_CLUSTER, 3 * LANES))
+    bounds = np.zeros((raster_memory.BOUNDS_OF_CLUSTER, 3 * LANES))
     bounds[:3] = rng.normal(size=(3, 48)) * 10.0 ** rng.uniform(-3, 3)
     bounds[3] = 10.0 ** rng.uniform(-3, 1, 48)
     axis, angle = rng.normal(size=(3, 48)), rng.uniform(0, 1.5, 48)
     bounds[4:7], bounds[7:9] = axis / np.linalg.norm(axis, axis=0), (np.cos(angle), np.sin(angle))
     bounds[9], bounds[10] = -bounds[3] * rng.random(48), bounds[3] * rng.uniform(0, 1, 48)
     frustum, centres = np.zeros((5, 4)), np.zeros((2, 48))
-    hides = memory.ALL_LANES if hides_backs else 0
+    hides = raster_memory.ALL_LANES if hides_backs else 0
     bits = run_cull(bounds, camera, frustum, camera[12:14].min(), hides, centres, size)
     chosen = slice(LANES, 2 * LANES)
     kept, safe, middles = twin.cull_clusters(
@@ -135,59 +141,62 @@ def test_clusters_are_culled_alike(seed, hides_backs):
 @njit
 def run_bin(mesh, vertices, coverage, window, is_plain):
     faces = Faces(pointers(mesh), 0, pointers(vertices), pointer(coverage))
-    return stage_cull.bin_faces(faces, 0, pointers(window), is_plain)
+    return raster_stage_cull.bin_faces(faces, 0, pointers(window), is_plain)
 
 
 @njit
 def run_set_up(slots, mesh, vertices, coverage, window, setup):
     faces = Faces(pointers(mesh), 0, pointers(vertices), pointer(coverage))
     window, setup = pointers(window), pointers(setup)
-    return stage_setup.set_up_triangles(pointer(slots), 0, 1, faces, window, setup)
+    return raster_stage_setup.set_up_triangles(pointer(slots), 0, 1, faces, window, setup)
 
 
 @njit
 def run_edges(slots, mesh, vertices, coverage, window, setup):
     faces = Faces(pointers(mesh), 0, pointers(vertices), pointer(coverage))
     setup = pointers(setup)
-    stage_setup.set_up_edges(pointer(slots), 0, faces, pointers(window), setup)
-    return stage_cover.fit_count_samples(setup)
+    raster_stage_setup.set_up_edges(pointer(slots), 0, faces, pointers(window), setup)
+    return raster_stage_cover.fit_count_samples(setup)
 
 
 @njit
 def run_cover(k, window, setup):
-    return stage_cover.cover_blocks(k, pointers(window), pointers(setup))
+    return raster_stage_cover.cover_blocks(k, pointers(window), pointers(setup))
 
 
 @njit
 def run_count(chosen, setup):
-    stage_cover.count_samples(chosen, pointers(setup))
+    raster_stage_cover.count_samples(chosen, pointers(setup))
 
 
 @njit
 def run_count_rows(k, start, setup):
-    return stage_cover.count_rows(k, start, pointers(setup))
+    return raster_stage_cover.count_rows(k, start, pointers(setup))
 
 
 @njit
 def run_tile(k, right, down, x, y, window, setup, masks, bound):
     window, setup = pointers(window), pointers(setup)
-    reached = stage_cover.reach_blocks(k, right, down, setup)
-    stage_cover.start_blocks(k, x, y, window, setup)
+    reached = raster_stage_cover.reach_blocks(k, right, down, setup)
+    raster_stage_cover.start_blocks(k, x, y, window, setup)
     for block in range(LANES):
-        masks[block] = stage_cover.cover_block(block, setup)
-    whole, hidden = stage_cover.whole_blocks(k, setup), stage_depth.hidden_blocks(k, bound, setup)
-    return reached, whole, hidden, stage_depth.least_in_tile(k, setup)
+        masks[block] = raster_stage_cover.cover_block(block, setup)
+    whole, hidden = (
+        raster_stage_cover.whole_blocks(k, setup),
+        raster_stage_depth.hidden_blocks(k, bound, setup),
+    )
+    return reached, whole, hidden, raster_stage_depth.least_in_tile(k, setup)
 
 
 @njit
 def run_samples(k, window, setup):
-    stage_depth.depth_of_samples(k, pointers(window), pointers(setup))
-    return stage_cover.coverage_of_samples(pointers(setup))
+    raster_stage_depth.depth_of_samples(k, pointers(window), pointers(setup))
+    return raster_stage_cover.coverage_of_samples(pointers(setup))
 
 
 @njit
 def run_depth_test(image, at, covered, setup, k, start):
-    return stage_depth.depth_test(pointers(image), at, covered, pointers(setup), k, start)
+    return raster_stage_depth.depth_test(pointers(image), at, covered, pointers(setup), k, start)
 
 
 def triangles(seed, scale, is_flawed=False):
@@ -201,7 +210,9 @@ def triangles(seed, scale, is_flawed=False):
     u, v = (np.where(is_round, np.round(one / 64) * 64, one) for one in (u, v))
     x, y = np.floor(u + 0.5), np.floor(v + 0.5)
     if is_flawed:
-        flaw = rng.choice((0, memory.BEHIND, memory.NEEDS_CLIPPING), (LANES, 3), p=(0.7, 0.2, 0.1))
+        flaw = rng.choice(
+            (0, raster_memory.BEHIND, raster_memory.NEEDS_CLIPPING), (LANES, 3), p=(0.7, 0.2, 0.1)
+        )
         x, y = np.where(flaw, flaw, x), np.where(flaw, flaw, y)
     vertices = Vertices(scratch.u, scratch.v, scratch.w, scratch.x, scratch.y)
     w = 1 / rng.uniform(1, 3, (LANES, 3))
@@ -224,7 +235,7 @@ def triangles(seed, scale, is_flawed=False):
 
 def padded(values):
     """As many words as a cluster can have faces."""
-    out = np.zeros(memory.FACES, np.int32)
+    out = np.zeros(raster_memory.FACES, np.int32)
     out[: len(values)] = values
     return out
 
@@ -325,7 +336,7 @@ def test_triangles_are_set_up_covered_and_located_alike(kind, seed, scale):
         assert_equal(setup.sample[:LANES], sample)
         assert_equal(setup.depth[:LANES], start)
         assert_equal(split(whole, 1)[0], twin.whole_blocks(edges[:, k], 0, 0))
-        assert (masks[split(whole, 1)[0]] == memory.ALL_LANES).all()
+        assert (masks[split(whole, 1)[0]] == raster_memory.ALL_LANES).all()
         assert_equal(split(hidden, 1)[0], twin.hidden_blocks(plane32[:, k], start, bound))
         assert_equal(least, twin.least_in_tile(plane32[:, k], start))
 
@@ -333,9 +344,9 @@ def test_triangles_are_set_up_covered_and_located_alike(kind, seed, scale):
 @njit
 def run_cell(depth, block, columns, n_rows, vertices, n, owner, face):
     return (
-        stage_depth.least_depth(pointer(depth), block, columns, n_rows),
-        stage_depth.nearest_vertex(pointers(vertices), n),
-        stage_depth.samples_of_later_faces(pointer(owner), 0, face),
+        raster_stage_depth.least_depth(pointer(depth), block, columns, n_rows),
+        raster_stage_depth.nearest_vertex(pointers(vertices), n),
+        raster_stage_depth.samples_of_later_faces(pointer(owner), 0, face),
     )
 
 

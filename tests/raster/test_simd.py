@@ -13,24 +13,16 @@ from numba.core import types
 from numba.extending import intrinsic
 from processes import run_python
 
-from rastercov.raster.cpu.memory import LANES, make_scratch
-from rastercov.raster.cpu.simd import (
-    DOUBLE,
-    LONG,
-    SINGLE,
-    WORD,
-    Scalar,
-    gather,
-    load,
-)  # fmt: skip
-from rastercov.raster.cpu.simd_kernel import (
+from rastercov.kernels.raster_memory import LANES, make_scratch
+from rastercov.kernels.raster_stage_depth import samples_of_face, write_face
+from rastercov.kernels.simd import DOUBLE, LONG, SINGLE, WORD, Scalar, gather, load  # fmt: skip
+from rastercov.kernels.simd_kernel import (  # fmt: skip
     append_set_bits,
     count_bits,
     lowest_bit,
     pointer,
     simd,
-)  # fmt: skip
-from rastercov.raster.cpu.stage_depth import samples_of_face, write_face
+)
 from rastercov.reference import raster_stages as twin
 
 
@@ -344,7 +336,7 @@ LOOP = """
 from numba.extending import intrinsic
 from numba.core import types
 from lanepackage import formula
-from rastercov._jit import compiled
+from rastercov.kernels.jit import compiled
 
 @compiled
 def loop(number):

@@ -2,7 +2,7 @@
 
 Both at once, so that one compilation serves the laws of memory and the law that every processor
 gives the same results. Compiled loops are kept beside pytest's cache, for all tests and later runs;
-`rastercov._jit` compiles those again whose source has changed. One program runs at a time: two that
+`kernels.jit` compiles those again whose source has changed. One program runs at a time: two that
 start together would both compile everything.
 """
 

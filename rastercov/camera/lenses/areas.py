@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from rastercov.camera.lenses.lens import Lens
 from rastercov.camera.lenses.planes import IdealPlane
-from rastercov.camera.lenses.polygon_kernels import edge_scratch, measure_polygons
 from rastercov.camera.lenses.quadrature import EdgeTable, edge_table
 from rastercov.camera.lenses.records import record_of
+from rastercov.kernels.lens_polygons import edge_scratch, measure_polygons
 
 FloatArray = NDArray[np.float64]
 

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov.camera.lenses import formulas
 from rastercov.camera.lenses.intervals import Jet
+from rastercov.kernels import lens_formulas
 
 FloatArray = NDArray[np.float64]
 
@@ -158,9 +158,9 @@ def _atan2(y: Any, x: Any) -> Ball:
 
 
 _PLAIN = {"sqrt": _sqrt, "atan2": _atan2, "angle_over_r": _angle_over_r}
-_distorted = formulas.bound_to(_PLAIN, given=(formulas.radial_factor, formulas.distorted))[
-    "distorted"
-]
+_distorted = lens_formulas.bound_to(
+    _PLAIN, given=(lens_formulas.radial_factor, lens_formulas.distorted)
+)["distorted"]
 
 
 def _undo_distortion(p: FloatArray, x: Ball, y: Ball) -> tuple[Ball, Ball]:
@@ -169,7 +169,7 @@ def _undo_distortion(p: FloatArray, x: Ball, y: Ball) -> tuple[Ball, Ball]:
     K(B) = c - A (F(c) - target) + (1 - A F'(B)) (B - c), A an inverse of F' at the centre c. If
     K(B) is within B, F has exactly one root in B for each target.
     """
-    a, b = formulas.undo_distortion(p, x.centre, y.centre)
+    a, b = lens_formulas.undo_distortion(p, x.centre, y.centre)
     zero = np.zeros(a.shape)
     f, g = _distorted(p, Ball(a, zero), Ball(b, zero))
 
@@ -207,7 +207,7 @@ def _undo_distortion(p: FloatArray, x: Ball, y: Ball) -> tuple[Ball, Ball]:
     return Ball(a, best), Ball(b, best)
 
 
-_project = formulas.bound_to({**_PLAIN, "undo_distortion": _undo_distortion})["project"]
+_project = lens_formulas.bound_to({**_PLAIN, "undo_distortion": _undo_distortion})["project"]
 
 
 def _sqrt_slope(z: Jet) -> Jet:
@@ -254,7 +254,7 @@ def _undo_distortion_slope(p: FloatArray, x: Jet, y: Jet) -> tuple[Jet, Jet]:
     return Jet(a, da), Jet(b, db)
 
 
-_project_slopes = formulas.bound_to(
+_project_slopes = lens_formulas.bound_to(
     {
         "sqrt": _sqrt_slope,
         "atan2": _atan2_slope,

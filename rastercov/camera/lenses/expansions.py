@@ -25,9 +25,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.camera.lenses import expansion_kernels as kernels
-from rastercov.camera.lenses import formulas
 from rastercov.camera.lenses.planes import IdealPlane
+from rastercov.kernels import lens_expansions as kernels
+from rastercov.kernels import lens_formulas
 
 FloatArray = NDArray[np.float64]
 
@@ -38,7 +38,7 @@ CELLS = 12
 """Cells of a side of the box around a region."""
 ROUNDING_REL = 2.0**-40
 """Rounding of a coefficient relative to its bound by Cauchy's estimate."""
-UNKNOWN = (formulas.BACKWARD, formulas.EQUIRECT)
+UNKNOWN = (lens_formulas.BACKWARD, lens_formulas.EQUIRECT)
 """Bases without such a bound: one needs an inverse, the other has poles."""
 
 
@@ -131,7 +131,7 @@ def _angle_over_r(r2: Any, z: Any) -> Any:
     return 16.0 * (c * series)
 
 
-_project: Any = formulas.bound_to({"sqrt": _sqrt, "angle_over_r": _angle_over_r})["project"]
+_project: Any = lens_formulas.bound_to({"sqrt": _sqrt, "angle_over_r": _angle_over_r})["project"]
 
 
 def coefficient_bounds(plane: IdealPlane) -> FloatArray:

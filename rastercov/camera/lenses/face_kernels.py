@@ -1,6 +1,6 @@
 """Images of faces through a lens, compiled by numba.
 
-These are the functions of `rastercov.criteria_kernels` for a lens that is no pinhole: the same
+These are the functions of `rastercov.kernels.criteria` for a lens that is no pinhole: the same
 arguments, the same results. The area and the field of view come from integrals along the edges.
 """
 
@@ -10,14 +10,17 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov._jit import allocation_free, called_whole, part_with_arrays
 from rastercov.camera.camera import Camera
-from rastercov.camera.lenses import kernels
-from rastercov.camera.lenses.density_kernels import SLOPES
-from rastercov.camera.lenses.edge_kernels import bulge, nodes_for
-from rastercov.camera.lenses.lane_kernels import GROUP, project_lanes
 from rastercov.camera.lenses.of_camera import lens_of, planes_of
-from rastercov.camera.lenses.polygon_kernels import (
+from rastercov.camera.lenses.quadrature import NODES
+from rastercov.camera.lenses.records import PlaneRecord
+from rastercov.camera.models import MODELS
+from rastercov.kernels import lens as kernels
+from rastercov.kernels.jit import allocation_free, called_whole, part_with_arrays
+from rastercov.kernels.lens_density import SLOPES
+from rastercov.kernels.lens_edges import bulge, nodes_for
+from rastercov.kernels.lens_lanes import GROUP, project_lanes
+from rastercov.kernels.lens_polygons import (
     MOST_CORNERS,
     EdgeScratch,
     beyond_side_of,
@@ -26,10 +29,7 @@ from rastercov.camera.lenses.polygon_kernels import (
     edge_scratch,
     polygon_image,
 )
-from rastercov.camera.lenses.quadrature import NODES
-from rastercov.camera.lenses.records import PlaneRecord
-from rastercov.camera.models import MODELS
-from rastercov.vertex_columns import AHEAD, BEHIND, INSIDE, STATE, U, V, X, Y, Z
+from rastercov.kernels.vertex_columns import AHEAD, BEHIND, INSIDE, STATE, U, V, X, Y, Z
 
 FloatArray = NDArray[np.float64]
 

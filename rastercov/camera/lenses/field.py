@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.camera.camera import Camera
-from rastercov.camera.lenses import field_kernels as kernels
-from rastercov.camera.lenses.field_cells import side_of_image
-from rastercov.camera.lenses.kernels import project_many
 from rastercov.camera.lenses.of_camera import MOST_LENSES, optics_of, planes_of
 from rastercov.camera.lenses.planes import IdealPlane, keep
-from rastercov.camera.lenses.polygon_kernels import edge_scratch
 from rastercov.camera.lenses.records import PlaneRecord
+from rastercov.kernels import lens_field as kernels
+from rastercov.kernels.lens import project_many
+from rastercov.kernels.lens_field_cells import side_of_image
+from rastercov.kernels.lens_polygons import edge_scratch
 
 FloatArray = NDArray[np.float64]
 

@@ -12,9 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov.base.arguments import checked_array
 from rastercov.base.checks import focal_length_px, image_side, number, principal_point_px
 from rastercov.base.errors import CameraError
-from rastercov.camera.lenses import formulas, kernels
 from rastercov.camera.lenses.planes import IdealPlane, ideal_planes
 from rastercov.camera.lenses.region import with_region
+from rastercov.kernels import lens, lens_formulas
 
 FloatArray = NDArray[np.float64]
 
@@ -41,7 +41,7 @@ class Lens:
     width, height : int
         Image size, px.
     code : int
-        Base of the lens, as in `rastercov.camera.lenses.formulas`.
+        Base of the lens, as in `rastercov.kernels.lens_formulas`.
     coefficients : tuple of float
         Parameters up to `formulas.LATE`.
     max_angle_deg : float, optional
@@ -61,7 +61,7 @@ class Lens:
 
     def __post_init__(self) -> None:
         limit = None if self.max_angle_deg is None else math.radians(self.max_angle_deg)
-        params = np.zeros(formulas.SIZE)
+        params = np.zeros(lens_formulas.SIZE)
         params[: len(self.coefficients)] = self.coefficients
         with np.errstate(all="ignore"):  # coefficients may be huge; what is not finite is no region
             found = with_region(self.code, params, self.width, self.height, limit)
@@ -95,18 +95,18 @@ class Lens:
 
     def project(self, rays: ArrayLike) -> FloatArray:
         """Pixels (..., 2) of rays (..., 3) of any length, NaN outside the valid region."""
-        return self._each(kernels.project_many, "rays", rays, 3, (2,))
+        return self._each(lens.project_many, "rays", rays, 3, (2,))
 
     def jacobian(self, rays: ArrayLike) -> FloatArray:
         """Derivatives (..., 2, 3) of pixels by rays, px per unit; NaN outside the valid region."""
-        return self._each(kernels.jacobian_many, "rays", rays, 3, (2, 3))
+        return self._each(lens.jacobian_many, "rays", rays, 3, (2, 3))
 
     def unproject(self, pixels: ArrayLike) -> FloatArray:
         """Rays (..., 3) of unit length of pixels (..., 2), also beyond the image.
 
         NaN for a pixel that no ray of the valid region meets.
         """
-        return self._each(kernels.unproject_many, "pixels", pixels, 2, (3,))
+        return self._each(lens.unproject_many, "pixels", pixels, 2, (3,))
 
     @cached_property
     def planes(self) -> tuple[IdealPlane, ...]:
@@ -192,16 +192,16 @@ def make_lens(
     if base not in BASES:
         raise CameraError(f"the base of a lens must be one of {', '.join(BASES)}, got {base!r}")
     width, height = image_side("width", width), image_side("height", height)
-    p = np.zeros(formulas.LATE + 1)
-    p[formulas.FX] = focal_length_px("fx", fx)
-    p[formulas.FY] = focal_length_px("fy", fy)
-    p[formulas.CX] = principal_point_px("cx", width / 2 if cx is None else cx)
-    p[formulas.CY] = principal_point_px("cy", height / 2 if cy is None else cy)
-    p[formulas.SKEW] = principal_point_px("skew", skew)
-    _put(p, formulas.K1, "radial", radial, 6)
-    _put(p, formulas.D1, "denominator", denominator, 3)
-    _put(p, formulas.P1, "tangential", tangential, 2)
-    _put(p, formulas.S1, "prism", prism, 4)
+    p = np.zeros(lens_formulas.LATE + 1)
+    p[lens_formulas.FX] = focal_length_px("fx", fx)
+    p[lens_formulas.FY] = focal_length_px("fy", fy)
+    p[lens_formulas.CX] = principal_point_px("cx", width / 2 if cx is None else cx)
+    p[lens_formulas.CY] = principal_point_px("cy", height / 2 if cy is None else cy)
+    p[lens_formulas.SKEW] = principal_point_px("skew", skew)
+    _put(p, lens_formulas.K1, "radial", radial, 6)
+    _put(p, lens_formulas.D1, "denominator", denominator, 3)
+    _put(p, lens_formulas.P1, "tangential", tangential, 2)
+    _put(p, lens_formulas.S1, "prism", prism, 4)
     tau_x, tau_y = (*_numbers("tilt", tilt, 2), 0.0, 0.0)[:2]
     if max(abs(tau_x), abs(tau_y)) > MOST_TILT:
         raise CameraError(
@@ -210,16 +210,16 @@ def make_lens(
         )
     c, s, e, t = math.cos(tau_x), math.sin(tau_x), math.cos(tau_y), math.sin(tau_y)
     # OpenCV's homography of tau_x, tau_y; its first and second row have no more entries.
-    p[formulas.T00 : formulas.T22 + 1] = c, -s * t, e, t, -e * s, e * c
-    p[formulas.B0 : formulas.B2 + 1] = _base_parameters(base, of_base)
-    p[formulas.LATE] = float(is_late)
+    p[lens_formulas.T00 : lens_formulas.T22 + 1] = c, -s * t, e, t, -e * s, e * c
+    p[lens_formulas.B0 : lens_formulas.B2 + 1] = _base_parameters(base, of_base)
+    p[lens_formulas.LATE] = float(is_late)
     if max_angle_deg is not None:
         max_angle_deg = number("max_angle_deg", max_angle_deg)
         if not 0 < max_angle_deg <= 180:
             raise CameraError(
                 f"max_angle_deg must be above 0 and at most 180, got {max_angle_deg:g}"
             )
-    bent = p[formulas.K1 : formulas.T00].any() or tau_x or tau_y
+    bent = p[lens_formulas.K1 : lens_formulas.T00].any() or tau_x or tau_y
     if base == "equirectangular" and (bent or max_angle_deg is not None):
         raise CameraError("an equirectangular image has no distortion and no largest angle")
     return Lens(width, height, BASES.index(base), tuple(p.tolist()), max_angle_deg)

@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 
 from rastercov.base.checks import LONGEST, MAX_IMAGE_SIDE
 from rastercov.camera.camera import Camera
-from rastercov.camera.lenses import balls, formulas
-from rastercov.camera.lenses.kernels import SECTORS, jacobian_many, unproject_many
+from rastercov.camera.lenses import balls
 from rastercov.camera.lenses.region import MARGIN, border_pixels
+from rastercov.kernels import lens_formulas
+from rastercov.kernels.lens import SECTORS, jacobian_many, unproject_many
 
 FloatArray = NDArray[np.float64]
 
@@ -168,7 +169,7 @@ class IdealPlane:
     def _cells(self) -> tuple[FloatArray, FloatArray, tuple[float, float]]:
         """Centres of cells that cover the region, and half their sides."""
         low, high = self.region.min(axis=0), self.region.max(axis=0)
-        cells = INVERSE_CELLS if self.code == formulas.BACKWARD else CELLS
+        cells = INVERSE_CELLS if self.code == lens_formulas.BACKWARD else CELLS
         half = (high - low) / (2 * cells)
         centre = low[:, None] + half[:, None] * (2 * np.arange(cells) + 1)
         x, y = (grid.ravel() for grid in np.meshgrid(*centre))
@@ -235,7 +236,7 @@ def ideal_planes(
     code: int, params: FloatArray, width: int, height: int, angle: float
 ) -> tuple[IdealPlane, ...]:
     """Planes that hold the valid region of a lens, which ends at `angle` radians from its axis."""
-    on_a_plane = code in (formulas.PINHOLE, formulas.BACKWARD)
+    on_a_plane = code in (lens_formulas.PINHOLE, lens_formulas.BACKWARD)
     if on_a_plane or angle <= math.radians(ONE_PLANE_DEG):
         return (_one_plane(code, params, width, height, angle),)
     focal = _central_focal(code, params)
@@ -247,15 +248,15 @@ def ideal_planes(
         frame = np.array(rows, np.float64)
         for box, own in _parts(code, params, frame):
             region, hole = box, None
-            if code != formulas.EQUIRECT:
-                polygon, is_inside = _on_plane(params[formulas.SLOPE], frame, box)
+            if code != lens_formulas.EQUIRECT:
+                polygon, is_inside = _on_plane(params[lens_formulas.SLOPE], frame, box)
                 if is_inside:
                     region = polygon
                 elif len(polygon) >= 3:
-                    hole = _on_plane(params[formulas.SLOPE], frame, HOLE_SCALE * box)[0]
+                    hole = _on_plane(params[lens_formulas.SLOPE], frame, HOLE_SCALE * box)[0]
             is_all = hole is not None and abs(_area(polygon) - _area(region)) < 1e-12
             if len(region) >= 3 and not is_all:
-                has_pole = code == formulas.EQUIRECT and frame[1, 2] != 0
+                has_pole = code == lens_formulas.EQUIRECT and frame[1, 2] != 0
                 planes.append(IdealPlane(frame, camera, region, hole, code, own, has_pole))
     return tuple(planes)
 
@@ -267,8 +268,8 @@ def _parts(code: int, params: FloatArray, frame: FloatArray) -> list[tuple[Float
     sides of the cube that they meet are divided along X = 0.
     """
     square = np.array(SQUARE)
-    if code != formulas.EQUIRECT or not (abs(frame[0, 0]) == 1 and frame[2, 2] <= 0):
-        if code == formulas.EQUIRECT and frame[0, 2] != 0:
+    if code != lens_formulas.EQUIRECT or not (abs(frame[0, 0]) == 1 and frame[2, 2] <= 0):
+        if code == lens_formulas.EQUIRECT and frame[0, 2] != 0:
             return [(square, _turned(params, float(frame[0, 2])))]
         return [(square, params)]
     sign = float(frame[0, 0])  # X = sign x on this side
@@ -281,7 +282,11 @@ def _parts(code: int, params: FloatArray, frame: FloatArray) -> list[tuple[Float
 def _turned(params: FloatArray, sign: float) -> FloatArray:
     """Parameters of an equirectangular lens with longitudes around a quarter turn."""
     own = params.copy()
-    own[formulas.B0], own[formulas.B1], own[formulas.B2] = sign * math.pi / 2, 0.0, sign
+    own[lens_formulas.B0], own[lens_formulas.B1], own[lens_formulas.B2] = (
+        sign * math.pi / 2,
+        0.0,
+        sign,
+    )
     return own
 
 
@@ -299,7 +304,7 @@ def _central_focal(code: int, params: FloatArray) -> float:
 
 
 def _one_plane(code: int, params: FloatArray, width: int, height: int, angle: float) -> IdealPlane:
-    slope = params[formulas.SLOPE]
+    slope = params[lens_formulas.SLOPE]
     # Corners of the cone: its sides are at the distance `slope` from the axis.
     turn = 2 * np.pi * np.arange(SECTORS) / SECTORS
     region = slope / math.cos(math.pi / SECTORS) * np.column_stack((np.cos(turn), np.sin(turn)))

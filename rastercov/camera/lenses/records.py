@@ -20,7 +20,7 @@ class PlaneRecord(NamedTuple):
     Attributes
     ----------
     code, params : int, (32,) float64
-        The lens, see `rastercov.camera.lenses.formulas`.
+        The lens, see `rastercov.kernels.lens_formulas`.
     frame : (3, 3) float64
         lens_from_plane.
     fx, fy, cx, cy : float

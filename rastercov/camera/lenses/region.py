@@ -25,9 +25,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.errors import CameraError
-from rastercov.camera.lenses import formulas as lens
 from rastercov.camera.lenses.intervals import Interval, Jet
-from rastercov.camera.lenses.kernels import SECTORS, base_points, rays_of, unproject_many
+from rastercov.kernels import lens_formulas as lens
+from rastercov.kernels.lens import SECTORS, base_points, rays_of, unproject_many
 
 FloatArray = NDArray[np.float64]
 

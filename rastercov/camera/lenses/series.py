@@ -11,18 +11,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.camera.lenses import formulas
 from rastercov.camera.lenses.balls import ROUNDING, Ball, _sqrt
+from rastercov.kernels import lens_formulas
 
 FloatArray = NDArray[np.float64]
 
 ORDER = 3
 BASES = (
-    formulas.PINHOLE,
-    formulas.EQUISOLID,
-    formulas.UNIFIED,
-    formulas.DOUBLE_SPHERE,
-    formulas.DIVISION,
+    lens_formulas.PINHOLE,
+    lens_formulas.EQUISOLID,
+    lens_formulas.UNIFIED,
+    lens_formulas.DOUBLE_SPHERE,
+    lens_formulas.DIVISION,
 )
 """Bases that have a formula without angles."""
 
@@ -94,7 +94,7 @@ def _root(value: Any) -> Series:
     return Series(*found)
 
 
-_project: Any = formulas.bound_to({"sqrt": _root})["project"]
+_project: Any = lens_formulas.bound_to({"sqrt": _root})["project"]
 
 
 def derivatives_in_cells(

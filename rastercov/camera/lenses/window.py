@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.camera.lenses import formulas
-from rastercov.camera.lenses.kernels import unproject_many
 from rastercov.camera.lenses.planes import IdealPlane, keep
+from rastercov.kernels import lens_formulas
+from rastercov.kernels.lens import unproject_many
 
 FloatArray = NDArray[np.float64]
 Misses = Callable[[FloatArray, FloatArray], NDArray[np.bool_]]
@@ -147,7 +147,7 @@ def _shows(plane: IdealPlane, window: FloatArray, width: float, height: float) -
 
 def _pixels(plane: IdealPlane, points: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Pixels u, v (...) of points (..., 2) of a plane."""
-    project: Any = formulas.project  # which has no types
+    project: Any = lens_formulas.project  # which has no types
     x, y, z = np.moveaxis(points @ plane.frame[:, :2].T + plane.frame[:, 2], -1, 0)
     with np.errstate(all="ignore"):
         u, v = project(plane.code, plane.params, x, y, z)

@@ -43,8 +43,8 @@ class CentrePass:
     def __init__(
         self, cells: Cells, camera: Cameras, task: Task, threads: int | None = None
     ) -> None:
-        from rastercov.coverage.area import centre_kernels as kernels
-        from rastercov.criteria_kernels import read_only
+        from rastercov.kernels import area_centre as kernels
+        from rastercov.kernels.criteria import read_only
 
         check_pointwise(task)
         mesh = cells.mesh
@@ -96,7 +96,7 @@ class CentrePass:
 
 def _rules(camera: Camera, task: Task, scale: float) -> Any:
     """Thresholds at a point in a scene of diagonal 1, for the loops."""
-    from rastercov.coverage.area import centre_kernels as kernels
+    from rastercov.kernels import area_centre as kernels
 
     z_n, z_f = camera.depth_of_field(task.max_blur)
     facing, is_limited = task.min_facing_density, task.max_incidence_deg < 90
@@ -116,7 +116,7 @@ def _rules(camera: Camera, task: Task, scale: float) -> Any:
             z_n=float(z_n) / scale, z_f=float(z_f) / scale, **common,
         )  # fmt: skip
     from rastercov.camera.lenses.of_camera import lens_of
-    from rastercov.criteria_kernels import read_only
+    from rastercov.kernels.criteria import read_only
 
     lens = lens_of(camera)
     depths, distances = (z_n / scale, z_f / scale), (0.0, math.inf)

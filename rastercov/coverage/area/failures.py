@@ -184,9 +184,9 @@ class Sight:
     """
 
     def __init__(self, mesh: Mesh) -> None:
-        from rastercov.coverage.area import failure_kernels
+        from rastercov.kernels import area_failure
 
-        self._kernels: Any = failure_kernels
+        self._kernels: Any = area_failure
         self._centre = mesh.bounds.mean(axis=0)
         self.diagonal = float(np.linalg.norm(np.ptp(mesh.bounds, axis=0))) or 1.0
         solid = np.flatnonzero(~mesh.degenerate_mask & ~mesh.target_mask)

@@ -8,13 +8,13 @@ from numpy.typing import NDArray
 
 from rastercov.camera.camera import Camera
 from rastercov.camera.lenses.field import fields_of
-from rastercov.camera.lenses.field_kernels import Tree
 from rastercov.camera.lenses.of_camera import planes_of, slopes_of
 from rastercov.camera.lenses.slopes import Slopes
 from rastercov.camera.models import MODELS
-from rastercov.coverage.area.plane_kernels import Rules
 from rastercov.coverage.task import Task
-from rastercov.criteria_kernels import read_only
+from rastercov.kernels.area_plane import Rules
+from rastercov.kernels.criteria import read_only
+from rastercov.kernels.lens_field import Tree
 
 FloatArray = NDArray[np.float64]
 

@@ -76,14 +76,14 @@ def _rows_at(
     points: ArrayLike,
 ) -> NDArray[np.bool_]:
     """(N, n_rows) whether points of faces lie in a piece of each row."""
-    from rastercov.coverage.area import point_kernels
-    from rastercov.criteria_kernels import read_only
+    from rastercov.kernels import area_point
+    from rastercov.kernels.criteria import read_only
 
     mesh, faces = pieces.mesh, np.asarray(face, np.int64)
     found = np.zeros((len(faces), n_rows), np.bool_)
     order = np.argsort(pieces.face, kind="stable")
     of_face = np.searchsorted(pieces.face[order], np.arange(mesh.n_faces + 1))
-    point_kernels.find_covering(
+    area_point.find_covering(
         read_only(to_plane(mesh, faces, points), np.float64), read_only(faces, np.int32),
         read_only(order, np.int64), read_only(of_face, np.int64),
         read_only(pieces.xy, np.float64), read_only(pieces.starts, np.int64),

@@ -307,14 +307,14 @@ class _Finder:
         is_certified: bool,
         only_task: bool,
     ) -> None:
-        from rastercov.coverage.area import plane_kernels, region_kernels
-        from rastercov.criteria_kernels import read_only
         from rastercov.exact.certificate import CertificateSolver
         from rastercov.exact.half_planes import HalfPlaneSolver
         from rastercov.exact.surface import surface_of
+        from rastercov.kernels import area_plane, area_region
+        from rastercov.kernels.criteria import read_only
 
         solver_type = CertificateSolver if is_certified else HalfPlaneSolver
-        self.kernels, self._planes_of = region_kernels, plane_kernels
+        self.kernels, self._planes_of = area_region, area_plane
         surface = surface_of(mesh)
         self._diagonal = surface.diagonal
         # Pinholes alone need no solver of lenses.
@@ -338,7 +338,7 @@ class _Finder:
         # Figures through a lens are sums over planes, of all faces.
         has_figures = mesh.task_mask | (not only_task or self._is_of_lens)
         self._has_no_figures = None if has_figures.all() else ~has_figures
-        self.planes = plane_kernels.Planes._make(
+        self.planes = area_plane.Planes._make(
             [
                 *(read_only(array, np.float64) for array in frames),
                 read_only(mesh.two_sided_mask, np.bool_),
@@ -346,8 +346,8 @@ class _Finder:
             ]
         )
         self._cameras, self._task, self._rules = cameras, task, dict[tuple[int, int], Any]()
-        self._work = plane_kernels.scratch_for(mesh.n_faces)
-        self._rooms = [plane_kernels.room_for_found(1024, 8192, mesh.n_faces) for _ in range(2)]
+        self._work = area_plane.scratch_for(mesh.n_faces)
+        self._rooms = [area_plane.room_for_found(1024, 8192, mesh.n_faces) for _ in range(2)]
 
     def take_camera(self, index: int) -> None:
         """Find the regions of one of the cameras from now on."""
@@ -418,13 +418,13 @@ class _Finder:
         pinhole = getattr(rules, "pinhole", rules)
         found = self._run(self.kernels.cut_regions, pinhole, seen)
         if rules is not pinhole:
-            from rastercov.coverage.area import lens_kernels
+            from rastercov.kernels import area_lens
 
             if rules.has_discs:
-                found = self._run(lens_kernels.cut_to_discs, rules, seen, found)
-            found = self._run(lens_kernels.cut_to_view, rules, seen, found)
+                found = self._run(area_lens.cut_to_discs, rules, seen, found)
+            found = self._run(area_lens.cut_to_view, rules, seen, found)
             if rules.has_densities:
-                found = self._run(lens_kernels.cut_to_densities, rules, seen, found)
+                found = self._run(area_lens.cut_to_densities, rules, seen, found)
         n, corners = found.used.tolist()
         listed = np.flatnonzero((found.area > 0) | (found.bound > 0)).astype(np.int32)
         return (
@@ -465,7 +465,7 @@ def _of_planes(parts: Sequence[tuple[Any, ...]], face_areas: FloatArray) -> tupl
 
 def _rules(camera: Camera, task: Task, pixel_error: float, diagonal: float) -> Any:
     """Pointwise criteria in a pinhole, for the loops."""
-    from rastercov.coverage.area.plane_kernels import Rules
+    from rastercov.kernels.area_plane import Rules
 
     thresholds = task.limits(camera)
     is_limited = task.max_incidence_deg < 90

@@ -94,8 +94,8 @@ class RegionUnion:
     """
 
     def __init__(self, mesh: Mesh, views: int = 1) -> None:
-        from rastercov.coverage.area import union_kernels
-        from rastercov.coverage.area.plane_kernels import COINCIDENT_REL
+        from rastercov.kernels import area_union
+        from rastercov.kernels.area_plane import COINCIDENT_REL
 
         check_kind("mesh", mesh, Mesh, "a Mesh", MeshError)
         number = finite_number(views)
@@ -108,14 +108,14 @@ class RegionUnion:
             8 * int(number) * mesh.n_faces,
             "count fewer views",
         )
-        self.mesh, self.views, self._kernels = mesh, int(views), union_kernels
+        self.mesh, self.views, self._kernels = mesh, int(views), area_union
         frames = frames_of(mesh)
         self._areas = frames.areas
         self._nearest = np.maximum(COINCIDENT_REL * frames.corners[:, 1, 0], diagonal_floor(mesh))
         self._bound = np.zeros(mesh.n_faces)
         self._cells = Cells(frames.corners, self._nearest)
         self._pieces = NO_PIECES
-        self._pool = union_kernels.pool_of(64)
+        self._pool = area_union.pool_of(64)
 
     @property
     def closed(self) -> NDArray[np.bool_]:

@@ -157,7 +157,7 @@ def dead_zones(covered: Covered, views: ArrayLike | None = None) -> DeadZones:
     ConfigError
         For `views` beyond those that `covered` counts.
     """
-    from rastercov.coverage.area import zone_kernels as kernels
+    from rastercov.kernels import area_zone as kernels
 
     check_kind("covered", covered, Covered, "what unite gives", ConfigError)
     mesh, k = covered.mesh, len(covered.area)
@@ -195,7 +195,7 @@ def _by_area(root: IntArray, areas: FloatArray) -> tuple[IntArray, FloatArray]:
 
 def _link(mesh: Mesh, xy: FloatArray, starts: IntArray, face: Any, parent: IntArray) -> None:
     """Link the pieces that are connected, by their parents."""
-    from rastercov.coverage.area import zone_kernels as kernels
+    from rastercov.kernels import area_zone as kernels
 
     frames = frames_of(mesh)
     scale = float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))

@@ -328,9 +328,9 @@ def _figures(
     problem: Problem, elements: Mesh, poses: Poses, cameras: Sequence[Any]
 ) -> tuple[FloatArray, NDArray[np.int32], FloatArray, FloatArray, FloatArray]:
     """Best density and its camera, widest angle (E,); lost weight, and that of one camera (P,)."""
-    from rastercov.criteria_kernels import lens_of, read_only
-    from rastercov.placement.audits import kernels
-    from rastercov.placement.select.presolve_kernels import by_face
+    from rastercov.kernels import audit
+    from rastercov.kernels.criteria import lens_of, read_only
+    from rastercov.kernels.placement_presolve import by_face
 
     n = problem.n_faces
     starts, camera = by_face(problem.indptr, problem.face, n)
@@ -341,15 +341,13 @@ def _figures(
     matrices = read_only(poses.world_from_camera, np.float64)
     best, by = np.zeros(n), np.full(n, -1, np.int32)
     for index, _ in poses.by_camera():
-        kernels.best_densities(
+        audit.best_densities(
             starts, camera, points, normals, matrices, poses.camera, index,
             lens_of(cameras[index]), best, by,
         )  # fmt: skip
     widest, lost, alone = np.empty(n), np.zeros(len(poses)), np.zeros(len(poses))
-    kernels.widest_angles(starts, camera, points, np.ascontiguousarray(problem.eyes), widest)
-    kernels.lost_weights(
-        starts, camera, np.diff(starts), problem.views, problem.weights, lost, alone
-    )
+    audit.widest_angles(starts, camera, points, np.ascontiguousarray(problem.eyes), widest)
+    audit.lost_weights(starts, camera, np.diff(starts), problem.views, problem.weights, lost, alone)
     return best, by, widest, lost, alone
 
 

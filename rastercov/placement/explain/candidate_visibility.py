@@ -62,8 +62,8 @@ class CandidateBounds:
 
     def add(self, batch: Coverage) -> None:
         """Add a batch of candidates."""
-        from rastercov.criteria_kernels import read_only
-        from rastercov.placement.explain.candidate_kernels import add_bounds
+        from rastercov.kernels.criteria import read_only
+        from rastercov.kernels.placement_candidates import add_bounds
 
         arrays = (getattr(batch, name) for name in FIGURES)
         figures = (read_only(array, array.dtype.type) for array in arrays)

@@ -192,7 +192,7 @@ class Objective:
 
         Arguments as for `covered`.
         """
-        from rastercov.placement.improve.objective_kernels import cameras_until_covered
+        from rastercov.kernels.placement_objective import cameras_until_covered
 
         counts = np.empty((*covers.shape[:-2], covers.shape[-1]), np.int64)
         for index in np.ndindex(covers.shape[:-2]):
@@ -203,7 +203,7 @@ class Objective:
         self, rest: BoolArray, rest_eyes: FloatArray, trials: BoolArray, trial_eyes: FloatArray
     ) -> BoolArray:
         """(M, F) faces covered by the rest, (k, F), with each of M trials, (M width, F)."""
-        from rastercov.placement.improve.objective_kernels import covered_with_one
+        from rastercov.kernels.placement_objective import covered_with_one
 
         if (width := self.width) > 1:
             rigs, eyes = (
@@ -227,7 +227,7 @@ class Objective:
         `rest` are the faces of each other row, (k, F); `trials` those of the M width rows of the
         trials, and the cost is proportional to these.
         """
-        from rastercov.placement.improve.objective_kernels import worth_added, worth_added_by_rigs
+        from rastercov.kernels.placement_objective import worth_added, worth_added_by_rigs
 
         n_rest = np.add.reduce(rest, axis=0, dtype=np.int64)
         is_covered = n_rest >= self.need
@@ -245,7 +245,7 @@ class Objective:
 
     def _given(self, arrays: Sequence[NDArray[Any]]) -> list[Any]:
         """Arguments of the loops, those on the faces last."""
-        from rastercov.criteria_kernels import read_only
+        from rastercov.kernels.criteria import read_only
 
         every = (*arrays, self.elements.centroids, self.need)
         return [*(read_only(array, array.dtype.type) for array in every), float(self.min_cosine)]

@@ -15,11 +15,11 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov.base.errors import ConfigError
 from rastercov.base.typed import typed
 from rastercov.coverage.area.cells import Cells
+from rastercov.kernels import placement_presolve as kernels
 from rastercov.mesh import Mesh
 from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
 from rastercov.placement.bit_matrix import BitMatrix
 from rastercov.placement.bits import CoveredBits, Words, packed, spread_out
-from rastercov.placement.select import presolve_kernels as kernels
 from rastercov.placement.select.presolve import ReducedProblem, kinds_of, merged, ranked
 from rastercov.placement.select.problem import AnyProblem, Goal, needs_of
 

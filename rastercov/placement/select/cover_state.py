@@ -6,9 +6,9 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.kernels import placement_rigs
+from rastercov.kernels import placement_selection as kernels
 from rastercov.placement._arrays import IntArray
-from rastercov.placement.select import rig_kernels
-from rastercov.placement.select import selection_kernels as kernels
 from rastercov.placement.select.presolve import Candidates, ReducedProblem
 
 PROGRESS_BITS = 20
@@ -147,7 +147,7 @@ class CoverState(Cover):
         self._seen = np.empty((reduced.n_faces if reduced.is_spread else 0, 8), np.int32)
         self._is_spread = np.zeros(reduced.n_faces if reduced.is_spread else 0, np.bool_)
         if reduced.has_rigs:
-            rig_kernels.first_gains(
+            placement_rigs.first_gains(
                 reduced.indptr, reduced.face, reduced.eye, reduced.views, reduced.need, step, bonus,
                 reduced.kind, reduced.eyes, reduced.centroids, reduced.min_cosine, self.gain,
             )  # fmt: skip
@@ -205,7 +205,7 @@ class CoverState(Cover):
     def _change(self, camera: int, sign: int) -> None:
         reduced = self.reduced
         if not reduced.is_spread:
-            change = rig_kernels.change if reduced.has_rigs else kernels.change
+            change = placement_rigs.change if reduced.has_rigs else kernels.change
             self.work += change(camera, sign, *self._arguments)
             return
         if reduced.has_rigs:
@@ -226,7 +226,7 @@ class CoverState(Cover):
         if most > self._seen.shape[1]:
             more = np.empty((len(self._seen), 2 * int(most) - self._seen.shape[1]), np.int32)
             self._seen = np.concatenate((self._seen, more), axis=1)
-        self.work += rig_kernels.change_spread(
+        self.work += placement_rigs.change_spread(
             camera, sign, *self._arguments, reduced.eyes, reduced.centroids, reduced.min_cosine,
             self._seen, self._is_spread, reduced.eye, reduced.covering_eye, self._far,
         )  # fmt: skip

@@ -32,9 +32,9 @@ from numpy.typing import NDArray
 from rastercov.base.arguments import check_seed
 from rastercov.base.errors import ConfigError, ResourceError
 from rastercov.base.typed import typed
+from rastercov.kernels import placement_rigs
+from rastercov.kernels import placement_selection as kernels
 from rastercov.placement._arrays import FloatArray, IntArray
-from rastercov.placement.select import rig_kernels
-from rastercov.placement.select import selection_kernels as kernels
 from rastercov.placement.select.cover_state import CoverState
 from rastercov.placement.select.deadline import Deadline, TimeUpError
 from rastercov.placement.select.greedy import EFFORT, complete, construct, improve
@@ -307,7 +307,7 @@ class _Program:
             given = reduced.starts[part.start : part.stop + 1], reduced.covering
             on_faces = reduced.eyes, reduced.centroids[part], reduced.min_cosine
             if reduced.has_rigs:
-                starts, columns = rig_kernels.missing_directions(
+                starts, columns = placement_rigs.missing_directions(
                     *given, reduced.covering_eye, is_chosen, self.views[part], *on_faces
                 )
             else:

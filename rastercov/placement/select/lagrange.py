@@ -18,8 +18,8 @@ from collections.abc import Callable
 
 import numpy as np
 
+from rastercov.kernels import placement_lagrange as kernels
 from rastercov.placement._arrays import FloatArray
-from rastercov.placement.select import lagrange_kernels as kernels
 from rastercov.placement.select.deadline import NEVER, Deadline
 from rastercov.placement.select.presolve import Candidates, ReducedProblem
 from rastercov.placement.select.problem import BestCoverage, FewestCameras

@@ -11,10 +11,10 @@ M. Minoux. Accelerated greedy algorithms for maximizing submodular set functions
 
 import numpy as np
 
-from rastercov.placement import bit_kernels
+from rastercov.kernels import placement_bits
+from rastercov.kernels import placement_selection as kernels
 from rastercov.placement._arrays import IntArray
 from rastercov.placement.bits import Words, spread_out
-from rastercov.placement.select import selection_kernels as kernels
 from rastercov.placement.select.bit_problem import LargeProblem
 from rastercov.placement.select.cover_state import Cover, worth_of_progress
 
@@ -136,19 +136,19 @@ class LazyCover(Cover):
     def _change(self, camera: int, sign: int) -> None:
         row = self.large.problem.bits.row(int(self.large.candidates[camera]))
         moved = np.empty(int(self.large.sizes[camera]), np.int64)
-        n_moved = bit_kernels.change(
+        n_moved = placement_bits.change(
             row, sign, self._remaining, self._need, self._weights, self._kind, self.count,
             self.done, moved,
         )  # fmt: skip
         faces = moved[:n_moved]
         missing = self._need[faces] - self.count[faces]
         self._now[faces] = self._step[faces] + np.where(missing == 1, self._bonus[faces], 0)
-        bit_kernels.take_out(faces[missing <= 0], self._masks)
+        placement_bits.take_out(faces[missing <= 0], self._masks)
         self._closed.clear()
         if sign > 0:
             self._known.append(self._masks.copy())
             return
-        bit_kernels.put_in(faces[missing > 0], self._kind, self._masks)
+        placement_bits.put_in(faces[missing > 0], self._kind, self._masks)
         # Gains rise: only the first ones are limits again.
         self.limit = self.first.copy()
         self._known = [self._known[0], self._masks.copy()]

@@ -14,8 +14,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.kernels import placement_presolve as kernels
 from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
-from rastercov.placement.select import presolve_kernels as kernels
 from rastercov.placement.select.problem import AnyProblem, FewestCameras, Problem
 
 

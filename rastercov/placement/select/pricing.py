@@ -17,10 +17,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rastercov.placement import bit_kernels
+from rastercov.kernels import placement_bits, placement_lagrange
 from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
 from rastercov.placement.bits import spread_out
-from rastercov.placement.select import lagrange, lagrange_kernels
+from rastercov.placement.select import lagrange
 from rastercov.placement.select.bit_problem import LargeProblem
 from rastercov.placement.select.lazy_cover import LazyCover
 from rastercov.placement.select.presolve import ReducedProblem
@@ -134,13 +134,15 @@ def _value(large: LargeProblem, price: FloatArray, earned: FloatArray) -> float:
             income = float(np.partition(earned, len(earned) - cameras)[-cameras:].sum())
         else:
             amounts = np.empty(len(earned))
-            income = lagrange_kernels.most_earned(earned, large.costs, cameras, budget, amounts)
+            income = placement_lagrange.most_earned(earned, large.costs, cameras, budget, amounts)
         return income + float(np.maximum(integer_weights / whole - needed, 0.0).sum())
     share = np.ones(len(kept))
     if large.least_total < whole:
         weights, least = integer_weights.astype(np.float64), large.least.astype(np.float64)
         total = float(large.least_total)
-        lagrange_kernels.cheapest(needed / weights, weights, large.kind[kept], least, total, share)
+        placement_lagrange.cheapest(
+            needed / weights, weights, large.kind[kept], least, total, share
+        )
     return float(np.minimum(large.costs - earned, 0.0).sum() + (needed * share).sum())
 
 
@@ -203,7 +205,7 @@ def _complete(large: LargeProblem, order: IntArray) -> BoolArray:
     lacking = np.bitwise_or.reduce(large.masks, axis=0)
     count = np.zeros_like(views)
     for words, rows, at in large.problem.bits.runs(large.candidates[order]):
-        bit_kernels.complete_cover(words, rows, lacking, count, views, is_needed[at])
+        placement_bits.complete_cover(words, rows, lacking, count, views, is_needed[at])
         if not lacking.any():
             break
     return is_needed

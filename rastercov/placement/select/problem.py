@@ -22,12 +22,12 @@ from rastercov.base.errors import ConfigError
 from rastercov.base.typed import typed
 from rastercov.coverage.area.cells import Cells
 from rastercov.coverage.spread import least_cosine
+from rastercov.kernels import placement_selection as kernels
 from rastercov.mesh import Mesh
 from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
 from rastercov.placement.bit_matrix import BitMatrix
 from rastercov.placement.matrix import VisibilityMatrix
 from rastercov.placement.mounts import Mounts
-from rastercov.placement.select import selection_kernels as kernels
 from rastercov.placement.select.any_problem import (
     SHARE_TOLERANCE,
     TOTAL_WEIGHT,

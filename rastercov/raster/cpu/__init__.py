@@ -43,18 +43,8 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.near_plane import limits, picture_limits
 from rastercov.camera.pose import Poses as AcceptedPoses
 from rastercov.camera.pose import valid_poses
-from rastercov.mesh import Mesh
-from rastercov.raster import self_test
-from rastercov.raster.contract import (
-    FaceCounts,
-    RasterizerInfo,
-    VisibilityBuffer,
-    check_counts,
-    check_picture,
-)
-from rastercov.raster.cpu import loops
-from rastercov.raster.cpu.clusters import group_faces
-from rastercov.raster.cpu.memory import (
+from rastercov.kernels import raster_loops
+from rastercov.kernels.raster_memory import (
     LANES,
     SIDE,
     STRIP_BITS,
@@ -65,6 +55,16 @@ from rastercov.raster.cpu.memory import (
     aligned_zeros,
     make_scratch,
 )
+from rastercov.mesh import Mesh
+from rastercov.raster import self_test
+from rastercov.raster.contract import (
+    FaceCounts,
+    RasterizerInfo,
+    VisibilityBuffer,
+    check_counts,
+    check_picture,
+)
+from rastercov.raster.cpu.clusters import group_faces
 from rastercov.raster.sample_grid import Box, SampleGrid
 from rastercov.raster.targets import TargetFaces
 from rastercov.raster.tie_order import in_one_order
@@ -370,7 +370,7 @@ class _Worker:
         moved[:, :3, 3] -= self.scene.centre
         with_drawn = drawn is not None
         output = Output(visible, drawn if with_drawn else self.no_drawn, filled, with_drawn)
-        loops.count_poses(
+        raster_loops.count_poses(
             Poses(moved, near, cull), self.canvas, bands, self.scene.clusters, self.buffers, output,
             self.scratch,
         )  # fmt: skip
@@ -389,7 +389,7 @@ class _Worker:
                 band = np.array([(first, last)])
                 self.count(pose, near, cull, band, self.no_counts, None, np.empty(1, np.int64))
                 depth = np.full((last - first, self.grid.width), np.inf, np.float32)
-                loops.read_depths(self.columns, self.buffers, depth)
+                raster_loops.read_depths(self.columns, self.buffers, depth)
                 yield (0, int(first), self.grid.width, int(last - first)), depth
 
     def render(
@@ -403,6 +403,6 @@ class _Worker:
         """Write the samples with a surface of one pose, (1, 4, 4): face index, depth in metres."""
         for band in self.all_bands:
             self.count(pose, near, cull, band[None], self.no_counts, None, np.empty(1, np.int64))
-            loops.read_band(band[0], band[1], self.columns, self.buffers, face, depth)
+            raster_loops.read_band(band[0], band[1], self.columns, self.buffers, face, depth)
         # A face cut at the near plane can own a sample 1/512 of one beyond its rim.
         np.maximum(depth, np.float32(near[0]), out=depth)

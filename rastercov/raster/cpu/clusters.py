@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.raster.cpu import cluster_kernels as kernels
-from rastercov.raster.cpu.memory import BOUNDS_OF_CLUSTER, FACES, LANES, aligned_zeros
+from rastercov.kernels import raster_clusters as kernels
+from rastercov.kernels.raster_memory import BOUNDS_OF_CLUSTER, FACES, LANES, aligned_zeros
 
 FloatArray = NDArray[np.float64]
 WordArray = NDArray[np.int32]

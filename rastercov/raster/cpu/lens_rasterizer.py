@@ -32,6 +32,9 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.near_plane import limits, picture_limits
 from rastercov.camera.pose import Poses as AcceptedPoses
 from rastercov.camera.pose import valid_poses
+from rastercov.kernels import raster_lens as kernels
+from rastercov.kernels.raster_lens_records import SAMPLES, Image, Patch, make_workspace
+from rastercov.kernels.raster_memory import LANES, aligned_zeros
 from rastercov.mesh import Mesh
 from rastercov.raster import self_test
 from rastercov.raster.contract import (
@@ -41,11 +44,8 @@ from rastercov.raster.contract import (
     check_counts,
     check_picture,
 )
-from rastercov.raster.cpu import lens_kernels as kernels
 from rastercov.raster.cpu.clusters import Clusters, group_faces
-from rastercov.raster.cpu.lens_records import SAMPLES, Image, Patch, make_workspace
 from rastercov.raster.cpu.lens_samples import SampleTables, tables_of
-from rastercov.raster.cpu.memory import LANES, aligned_zeros
 from rastercov.raster.tie_order import in_one_order
 
 FloatArray = NDArray[np.float64]

@@ -20,9 +20,9 @@ from rastercov.base.threads import share_poses
 from rastercov.camera.camera import Camera
 from rastercov.camera.lenses.of_camera import lens_of, planes_of
 from rastercov.camera.lenses.records import PlaneRecord
-from rastercov.raster.cpu.lens_cells import fill_cells, merge_cells
-from rastercov.raster.cpu.lens_records import BLOCK, TILE, Patch
-from rastercov.raster.cpu.memory import LANES, aligned_zeros
+from rastercov.kernels.raster_lens_cells import fill_cells, merge_cells
+from rastercov.kernels.raster_lens_records import BLOCK, TILE, Patch
+from rastercov.kernels.raster_memory import LANES, aligned_zeros
 from rastercov.raster.sample_grid import SampleGrid
 
 FloatArray = NDArray[np.float64]

@@ -3,7 +3,7 @@
 The steps are those of `compute`. What differs is where samples are: not in rows of an image plane,
 but at the places of ideal planes whose rays they see (`lens_places`). `shaders/lens.comp.glsl`
 draws a face in each plane on the samples of that plane, and tests them as the CPU does
-(`rastercov.raster.cpu.lens_kernels`). Tiles of an image are bands of rows, as the CPU's tables are.
+(`rastercov.kernels.raster_lens`). Tiles of an image are bands of rows, as the CPU's tables are.
 
 Targets are drawn by the same program, which then counts their samples against the depths that the
 other faces have left on the device.
@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 from rastercov.base.errors import ResourceError
 from rastercov.camera.camera import Camera
 from rastercov.camera.near_plane import limits as limits_of
+from rastercov.kernels.raster_lens_records import BLOCK
 from rastercov.mesh import Mesh
 from rastercov.raster import self_test
-from rastercov.raster.cpu.lens_records import BLOCK
 from rastercov.raster.cpu.lens_samples import MAX_TABLE, SampleTables, tables_of
 from rastercov.raster.gl.compute import (
     KEY_BYTES,

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.threads import thread_count
-from rastercov.raster.cpu.lens_records import BLOCK, TILE, Patch
+from rastercov.kernels.raster_lens_records import BLOCK, TILE, Patch
 from rastercov.raster.cpu.lens_samples import SAMPLES_A_CELL as SAMPLES_A_CELL_OF_CPU
 from rastercov.raster.cpu.lens_samples import SampleTables
 from rastercov.raster.gl.resources import Resources

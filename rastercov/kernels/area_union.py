@@ -1,0 +1,408 @@
+"""Union of regions in the planes of the faces, and how many cameras cover each part; by numba.
+
+A face of few pieces is one cell, see `division`. The pieces of a cell are a partition: convex
+polygons that do not overlap, each with its number of
+cameras. A new piece P of a camera changes a piece Q of n cameras into Q n P of n + 1 and the parts
+of Q outside P of n; what no Q covers of P is new, of one camera. Numbers stop at k, from where on
+pieces are not divided any more. All cuts are those of `polygon_kernels.clip_subtract`, which keeps
+no topology, so that nothing can become inconsistent.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov.kernels.area_plane import perimeter_of, set_side, without_needless
+from rastercov.kernels.exact_half_plane import extent_of
+from rastercov.kernels.exact_polygon import (
+    MOST_CORNERS,
+    clip,
+    clip_subtract,
+    copy_polygon,
+    twice_area,
+)
+from rastercov.kernels.exact_records import (
+    LINE_ERROR,
+    PIECE_ROOM,
+    U_MAX,
+    U_MIN,
+    V_MAX,
+    V_MIN,
+    Pieces,
+    U,
+    V,
+)
+from rastercov.kernels.jit import allocation_free, part_with_arrays
+
+DONE, POOL_TOO_SMALL, PARTITION_TOO_SMALL = range(3)
+"""Results of `unite_cells`."""
+WHOLE_REL = 1e-9
+"""Part of the area of a face that may be missing from what counts as all of it."""
+SLACK_REL = 0.1
+"""Distance from a line up to which a corner is on it, relative to that of coincident corners."""
+
+FloatArray = NDArray[np.float64]
+
+
+class Partition(NamedTuple):
+    """Pieces ordered by cell, and their numbers of cameras; `used` has the pieces and corners."""
+
+    xy: FloatArray
+    starts: NDArray[np.int64]
+    cell: NDArray[np.int64]
+    views: NDArray[np.int32]
+    used: NDArray[np.int64]
+
+
+class Pool(NamedTuple):
+    """Scratch memory: the pieces of one cell with their boxes and numbers, and rests of others.
+
+    `near` is the result of `find_near`.
+    """
+
+    pieces: Pieces
+    box: FloatArray
+    views: NDArray[np.int32]
+    rest: Pieces
+    corners: FloatArray
+    spare: FloatArray
+    given: FloatArray
+    values: FloatArray
+    lines: FloatArray
+    near: NDArray[np.int64]
+
+
+def room_for_partition(n: int, corners: int) -> Partition:
+    """Memory for a partition of n pieces."""
+    return Partition(
+        np.empty((corners, 2)),
+        np.zeros(n + 1, np.int64),
+        np.empty(n, np.int64),
+        np.empty(n, np.int32),
+        np.zeros(2, np.int64),
+    )
+
+
+def more_room(partition: Partition, more: int) -> Partition:
+    """The partition with room for half as much again, and some pieces more."""
+    n, corners = partition.used.tolist()
+    room = room_for_partition(n * 3 // 2 + more, corners * 3 // 2 + PIECE_ROOM * more)
+    room.xy[:corners], room.starts[: n + 1] = partition.xy[:corners], partition.starts[: n + 1]
+    room.cell[:n], room.views[:n] = partition.cell[:n], partition.views[:n]
+    room.used[:] = partition.used
+    return room
+
+
+def pool_of(n: int) -> Pool:
+    """Scratch memory for cells of up to n pieces."""
+    corners, spare, given = np.empty((3, PIECE_ROOM, 2))
+    return Pool(
+        pieces=Pieces(np.empty((n, PIECE_ROOM, 2)), np.empty(n, np.int64)),
+        box=np.empty((n, 4)),
+        views=np.empty(n, np.int32),
+        rest=Pieces(np.empty((n, PIECE_ROOM, 2)), np.empty(n, np.int64)),
+        corners=corners,
+        spare=spare,
+        given=given,
+        values=np.empty(PIECE_ROOM),
+        lines=np.empty((PIECE_ROOM, LINE_ERROR + 1)),
+        near=np.empty(n, np.int64),
+    )
+
+
+@part_with_arrays
+def lines_of(polygon, n, lines):
+    """Lines along the sides of a polygon."""
+    for p in range(n):
+        q = p + 1 if p + 1 < n else 0
+        set_side(lines, p, polygon[p, U], polygon[p, V], polygon[q, U], polygon[q, V])
+
+
+@allocation_free
+def put_piece(polygon, n, views, at, count, nearest, pool):
+    """Store a piece at index `at`, or, in parts of at most `MOST_CORNERS` corners, from `count` on.
+
+    Returns the number of pieces, -1 where there is no room, and the area that is left out because
+    it is a sliver. The first part is stored at `at`, which may be `count`.
+    """
+    pieces, tidy = pool.pieces, pool.spare
+    before = max(twice_area(polygon, n) / 2, 0.0) if n >= 3 else 0.0
+    kept = without_needless(polygon, n, nearest, tidy)
+    area = twice_area(tidy, kept) / 2 if kept >= 3 else 0.0
+    if kept < 3 or not area > nearest * perimeter_of(tidy, kept):
+        if at < count:
+            pieces.n_corners[at] = 0
+        return count, before
+    first = 1
+    while first + 1 < kept:
+        last = min(first + MOST_CORNERS - 2, kept - 1)
+        is_new = first > 1 or at == count
+        if is_new:
+            at = count
+            count += 1
+        if count > pool.views.shape[0]:
+            return np.int64(-1), 0.0
+        corners = pieces.corners[at]
+        corners[0, U], corners[0, V] = tidy[0, U], tidy[0, V]
+        for p in range(first, last + 1):
+            corners[1 + p - first, U], corners[1 + p - first, V] = tidy[p, U], tidy[p, V]
+        m = last - first + 2
+        pieces.n_corners[at] = m
+        pool.views[at] = views
+        u_min, u_max, v_min, v_max = extent_of(corners, m)
+        pool.box[at, 0], pool.box[at, 1] = u_min, u_max
+        pool.box[at, 2], pool.box[at, 3] = v_min, v_max
+        first = last
+    return count, abs(area - before)
+
+
+@part_with_arrays
+def find_near(wanted, count, pool):
+    """Fill `near` with the pieces, of `count`, that reach into a box; their number.
+
+    `wanted` is (least u, greatest u, least v, greatest v); pieces without corners are left out.
+    """
+    box, n_corners, n = pool.box, pool.pieces.n_corners, 0
+    for q in range(count):
+        if (
+            n_corners[q] > 0
+            and box[q, U_MIN] < wanted[U_MAX]
+            and box[q, U_MAX] > wanted[U_MIN]
+            and box[q, V_MIN] < wanted[V_MAX]
+            and box[q, V_MAX] > wanted[V_MIN]
+        ):
+            pool.near[n] = q
+            n += 1
+    return n
+
+
+@allocation_free
+def rest_of(polygon, n, n_near, nearest, pool):
+    """Fill `pool.rest` with what the pieces near a polygon, of `find_near`, do not cover of it.
+
+    Returns the number of parts, -1 for no room.
+    """
+    pieces, rest, lines, near = pool.pieces, pool.rest, pool.lines, pool.near
+    copy_polygon(polygon, n, rest.corners[0])
+    rest.n_corners[0], n_rest = n, np.int64(1)
+    for index in range(n_near):
+        q = near[index]
+        m = pieces.n_corners[q]
+        lines_of(pieces.corners[q], m, lines)
+        n_rest = clip_subtract(
+            rest, n_rest, lines, m, m, SLACK_REL * nearest, pool.spare, pool.values
+        )
+        if n_rest <= 0:
+            break
+    return n_rest
+
+
+@allocation_free
+def add_piece(polygon, n, k, count, nearest, pool):
+    """Add a piece of one camera to the partition of a cell; its new number of pieces, and slivers.
+
+    The number is -1 where there is too little room.
+    """
+    pieces, rest, lines, near = pool.pieces, pool.rest, pool.lines, pool.near
+    slack, slivers = SLACK_REL * nearest, 0.0
+    n_near = find_near(extent_of(polygon, n), count, pool)
+    n_rest = rest_of(polygon, n, n_near, nearest, pool)
+    if n_rest < 0:
+        return np.int64(-1), 0.0
+    for r in range(n_rest):
+        count, sliver = put_piece(
+            rest.corners[r], rest.n_corners[r], 1, count, count, nearest, pool
+        )
+        slivers += sliver
+        if count < 0:
+            return count, 0.0
+    if k == 1:
+        return count, slivers
+    # The pieces that it covers.
+    lines_of(polygon, n, lines)
+    for index in range(n_near):
+        q = near[index]
+        m, views = pieces.n_corners[q], pool.views[q]
+        if views == k:
+            continue
+        copy_polygon(pieces.corners[q], m, rest.corners[0])
+        rest.n_corners[0] = m
+        n_rest = clip_subtract(rest, np.int64(1), lines, n, n, slack, pool.spare, pool.values)
+        if n_rest < 0:
+            return np.int64(-1), 0.0
+        outside = 0.0
+        for r in range(n_rest):
+            outside += max(twice_area(rest.corners[r], rest.n_corners[r]) / 2, 0.0)
+        area = twice_area(pieces.corners[q], m) / 2
+        if area - outside <= nearest * perimeter_of(pieces.corners[q], m):
+            continue
+        if n_rest == 0:
+            pool.views[q] = views + 1
+            continue
+        copy_polygon(pieces.corners[q], m, pool.corners)
+        m = clip(pool.corners, m, lines, n, pool.spare)
+        count, sliver = put_piece(pool.corners, m, views + 1, q, count, nearest, pool)
+        slivers += sliver
+        for r in range(n_rest):
+            if count >= 0:
+                count, sliver = put_piece(
+                    rest.corners[r], rest.n_corners[r], views, count, count, nearest, pool
+                )
+                slivers += sliver
+        if count < 0:
+            return count, 0.0
+    return count, slivers
+
+
+@part_with_arrays
+def covered_area(pool, count, views):
+    """Area of the pieces of at least `views` cameras."""
+    total = 0.0
+    for q in range(count):
+        if pool.pieces.n_corners[q] > 0 and pool.views[q] >= views:
+            total += twice_area(pool.pieces.corners[q], pool.pieces.n_corners[q]) / 2
+    return total
+
+
+@part_with_arrays
+def corners_of(pool, count):
+    """Corners of all pieces."""
+    total = 0
+    for q in range(count):
+        total += pool.pieces.n_corners[q]
+    return total
+
+
+@part_with_arrays
+def store_partition(cell, pool, count, out):
+    """Append the pieces of a cell to a partition; False, and nothing, where there is no room."""
+    if (
+        out.used[0] + count > out.cell.shape[0]
+        or out.used[1] + corners_of(pool, count) > out.xy.shape[0]
+    ):
+        return False
+    for q in range(count):
+        n = pool.pieces.n_corners[q]
+        if n > 0:
+            piece, at = out.used[0], out.used[1]
+            copy_polygon(pool.pieces.corners[q], n, out.xy[at:])
+            out.cell[piece], out.views[piece] = cell, pool.views[q]
+            out.starts[piece + 1] = at + n
+            out.used[0], out.used[1] = piece + 1, at + n
+    return True
+
+
+@part_with_arrays
+def load_partition(old, first, last, pool):
+    """Take the pieces first ... last - 1 of a partition into the pool."""
+    for piece in range(first, last):
+        q, n = piece - first, old.starts[piece + 1] - old.starts[piece]
+        copy_polygon(old.xy[old.starts[piece] :], n, pool.pieces.corners[q])
+        pool.pieces.n_corners[q], pool.views[q] = n, old.views[piece]
+        box = extent_of(pool.pieces.corners[q], n)
+        pool.box[q, 0], pool.box[q, 1], pool.box[q, 2], pool.box[q, 3] = box
+
+
+@allocation_free
+def unite_cells(cells, nearest, k, old, new, order, whole, pool, is_closed, bound, out, span):
+    """Add new pieces to a partition, cell by cell.
+
+    Parameters
+    ----------
+    cells : tuple
+        Corners, starts and areas of the cells.
+    nearest : (C,) float64
+        Least distance of two corners that do not coincide, metres.
+    k : int
+        Cameras up to which they are counted.
+    old : Partition
+        The pieces so far.
+    new : tuple
+        Corners, starts and cells of new pieces.
+    order : (N,) int64
+        The pieces to be added, by cell, large ones first.
+    whole : (C,) int64
+        Cameras that cover all of each cell, besides.
+    pool : Pool
+        Scratch.
+    is_closed : (C,) bool
+        Changed: cells that k cameras cover; nothing is added to them any more.
+    bound : (C,) float64
+        Added to: area that is left out because it is a sliver.
+    out : Partition
+        Added to.
+    span : (4,) int64
+        In and out: the first cell, and its first pieces in `old` and `order`; the cell to end at.
+
+    Returns
+    -------
+    int
+        `DONE`, or what there is too little of: call again with more, to continue.
+    """
+    polygons, polygon_starts, areas = cells
+    xy, starts, cell = new
+    room = pool.views.shape[0]
+    pieces, given = pool.pieces, pool.given
+    for f in range(span[0], span[3]):
+        span[0], at_old, at_new = f, span[1], span[2]
+        first = at_old
+        while at_old < old.used[0] and old.cell[at_old] == f:
+            at_old += 1
+        first_new = at_new
+        while at_new < order.shape[0] and cell[order[at_new]] == f:
+            at_new += 1
+        count, corners = at_old - first, polygons[polygon_starts[f] : polygon_starts[f + 1]]
+        sides = corners.shape[0]
+        if count + 4 > room:
+            return POOL_TOO_SMALL
+        load_partition(old, first, at_old, pool)
+        slivers, closed = 0.0, False
+        wanted, close = (1 - WHOLE_REL) * areas[f], nearest[f]
+        if not is_closed[f]:
+            if whole[f] > 0:
+                for q in range(count):
+                    pool.views[q] = min(pool.views[q] + whole[f], k)
+                copy_polygon(corners, sides, given)
+                n_near = find_near(extent_of(given, sides), count, pool)
+                n_rest = rest_of(given, sides, n_near, close, pool)
+                if n_rest < 0:
+                    return POOL_TOO_SMALL
+                for r in range(n_rest):
+                    views = min(whole[f], k)
+                    count, sliver = put_piece(
+                        pool.rest.corners[r], pool.rest.n_corners[r], views, count, count, close,
+                        pool,
+                    )  # fmt: skip
+                    slivers += sliver
+                    if count < 0:
+                        return POOL_TOO_SMALL
+            # No more than a piece's own area is won by it, so that the sum need not be made each
+            # time.
+            most = covered_area(pool, count, k)
+            closed = most >= wanted
+            for index in range(first_new, at_new):
+                if closed:
+                    break
+                piece = order[index]
+                n = starts[piece + 1] - starts[piece]
+                copy_polygon(xy[starts[piece] :], n, given)
+                count, sliver = add_piece(given, n, k, count, close, pool)
+                # A corner near a line counts as on it, on either side.
+                slivers += sliver + 4 * SLACK_REL * close * perimeter_of(given, n)
+                if count < 0:
+                    return POOL_TOO_SMALL
+                most += twice_area(given, n) / 2
+                if most >= wanted:
+                    most = covered_area(pool, count, k)
+                    closed = most >= wanted
+        if closed:
+            slivers += max(areas[f] - covered_area(pool, count, k), 0.0)
+            copy_polygon(corners, sides, pieces.corners[0])
+            pieces.n_corners[0], pool.views[0], count = sides, k, np.int64(1)
+        if not store_partition(f, pool, count, out):
+            return PARTITION_TOO_SMALL
+        is_closed[f] = is_closed[f] or closed
+        bound[f] += slivers
+        span[0], span[1], span[2] = f + 1, at_old, at_new
+    return DONE

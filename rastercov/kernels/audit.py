@@ -1,0 +1,128 @@
+"""Compiled loops of an audit: best density, widest angle and loss over pairs of camera and element.
+
+Pairs come by element in compressed rows, as `placement.select.presolve_kernels.by_face` gives them.
+
+"""
+
+import math
+
+from rastercov.kernels.criteria import by_lens
+from rastercov.kernels.jit import allocation_free
+from rastercov.kernels.lens import is_valid
+from rastercov.kernels.lens_density import density_of_ray
+
+
+def density_through_lens(x, y, z, pose, normal, lens):
+    """The same for a lens that is no pinhole, by its derivative; 0 outside its valid region."""
+    a, b, c = x - pose[0, 3], y - pose[1, 3], z - pose[2, 3]
+    right = a * pose[0, 0] + b * pose[1, 0] + c * pose[2, 0]
+    down = a * pose[0, 1] + b * pose[1, 1] + c * pose[2, 1]
+    depth = a * pose[0, 2] + b * pose[1, 2] + c * pose[2, 2]
+    if not is_valid(lens.params, right, down, depth):
+        return 0.0
+    nx = normal[0] * pose[0, 0] + normal[1] * pose[1, 0] + normal[2] * pose[2, 0]
+    ny = normal[0] * pose[0, 1] + normal[1] * pose[1, 1] + normal[2] * pose[2, 1]
+    nz = normal[0] * pose[0, 2] + normal[1] * pose[1, 2] + normal[2] * pose[2, 2]
+    return density_of_ray(lens, right, down, depth, nx, ny, nz)
+
+
+@by_lens(density_through_lens)
+def density_at(x, y, z, pose, normal, lens):
+    """Pixels a metre along the worst direction of a surface at a point, in a pinhole camera.
+
+    The least singular value of the projection restricted to the plane of the surface, as
+    `criteria_kernels.pixel_density`; 0 for a point that is not ahead of the camera.
+    """
+    a, b, c = x - pose[0, 3], y - pose[1, 3], z - pose[2, 3]
+    right = a * pose[0, 0] + b * pose[1, 0] + c * pose[2, 0]
+    down = a * pose[0, 1] + b * pose[1, 1] + c * pose[2, 1]
+    depth = a * pose[0, 2] + b * pose[1, 2] + c * pose[2, 2]
+    if not depth > 0:
+        return 0.0
+    nx = normal[0] * pose[0, 0] + normal[1] * pose[1, 0] + normal[2] * pose[2, 0]
+    ny = normal[0] * pose[0, 1] + normal[1] * pose[1, 1] + normal[2] * pose[2, 1]
+    nz = normal[0] * pose[0, 2] + normal[1] * pose[1, 2] + normal[2] * pose[2, 2]
+    right, down = right / depth, down / depth
+    sign = math.copysign(1.0, nz)
+    k = -1.0 / (sign + nz)
+    mixed = nx * ny * k
+    first = 1 + sign * nx * nx * k, sign * mixed, -sign * nx
+    second = mixed, sign + ny * ny * k, -ny
+    a1, a2 = lens.fx * (first[0] - right * first[2]), lens.fx * (second[0] - right * second[2])
+    b1, b2 = lens.fy * (first[1] - down * first[2]), lens.fy * (second[1] - down * second[2])
+    total = a1 * a1 + a2 * a2 + b1 * b1 + b2 * b2
+    det = abs(a1 * b2 - a2 * b1)
+    gap = total * total - 4 * (det * det)
+    greatest = math.sqrt((total + math.sqrt(gap if gap > 0 else 0.0)) / 2)
+    return det / greatest / depth
+
+
+@allocation_free
+def best_densities(starts, camera, points, normals, poses, lens_of_pose, index, lens, best, by):
+    """Take in the cameras with one lens: the greatest density of each element, and its camera.
+
+    Parameters
+    ----------
+    starts, camera : (E + 1,) int64, (N,) int32
+        Cameras that cover each element, in ascending order.
+    points, normals : (E, 3) float64
+        Where the density is taken.
+    poses : (P, 4, 4) float64
+    lens_of_pose : (P,) int32
+        Poses whose value is `index` are taken in; `lens` is theirs.
+    best, by : (E,) float64, (E,) int32
+        In and out; the first of equals.
+    """
+    for e in range(starts.shape[0] - 1):
+        for at in range(starts[e], starts[e + 1]):
+            c = camera[at]
+            if lens_of_pose[c] == index:
+                density = density_at(
+                    points[e, 0], points[e, 1], points[e, 2], poses[c], normals[e], lens
+                )
+                if density > best[e] or (density == best[e] and c < by[e]):
+                    best[e], by[e] = density, c
+
+
+@allocation_free
+def widest_angles(starts, camera, points, eyes, widest):
+    """Greatest angle between the rays from each element to two of its cameras, radians.
+
+    The angle is atan2(|a x b|, a . b), which is accurate at 0 and at pi. Out: `widest`, (E,).
+    """
+    for e in range(starts.shape[0] - 1):
+        widest[e] = 0.0
+        for first in range(starts[e], starts[e + 1]):
+            p = camera[first]
+            ax, ay = eyes[p, 0] - points[e, 0], eyes[p, 1] - points[e, 1]
+            az = eyes[p, 2] - points[e, 2]
+            for second in range(first + 1, starts[e + 1]):
+                q = camera[second]
+                bx, by = eyes[q, 0] - points[e, 0], eyes[q, 1] - points[e, 1]
+                bz = eyes[q, 2] - points[e, 2]
+                x, y, z = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+                across = math.sqrt(x * x + y * y + z * z)
+                angle = math.atan2(across, ax * bx + ay * by + az * bz)
+                widest[e] = max(widest[e], angle)
+
+
+@allocation_free
+def lost_weights(starts, camera, views, needed, weights, lost, alone):
+    """Weight that is covered no more without a camera, and the weight that only it covers.
+
+    Parameters
+    ----------
+    views, needed : (E,) int64
+        Cameras that cover each element, and that must cover it.
+    weights : (E,) float64
+    lost, alone : (P,) float64
+        In and out: sums by camera; `alone` is of elements with one camera.
+    """
+    for e in range(starts.shape[0] - 1):
+        if views[e] != needed[e] and views[e] != 1:
+            continue
+        for at in range(starts[e], starts[e + 1]):
+            if views[e] == needed[e]:
+                lost[camera[at]] += weights[e]
+            if views[e] == 1:
+                alone[camera[at]] += weights[e]

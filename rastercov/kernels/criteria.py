@@ -1,0 +1,410 @@
+"""Criteria of each face that follow from geometry, compiled by numba: (3.7), (3.9), and ours.
+
+`project` transforms the vertices of a pose; the other functions measure one face, from the rows
+that `project` leaves. `rastercov.reference.criteria` computes the same with whole arrays, in the
+same order of operations.
+
+I. Sutherland, G. Hodgman. Reentrant Polygon Clipping. 1974.
+T. Duff et al. Building an Orthonormal Basis, Revisited. 2017 (tangents of a normal).
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov.base.memory import aligned_array
+from rastercov.camera.lenses import face_kernels
+from rastercov.kernels import lens_density
+from rastercov.kernels.jit import allocation_free, by_type, part_of, part_with_arrays
+from rastercov.kernels.simd_kernel import pointer
+from rastercov.kernels.vertex_blocks import project_vertices
+from rastercov.kernels.vertex_columns import (
+    BEHIND,
+    COLUMNS,
+    DOWN,
+    INSIDE,
+    RIGHT,
+    STATE,
+    U,
+    V,
+    X,
+    Y,
+    Z,
+)
+
+MOST_CORNERS = 20
+"""Corners of a face after five cuts: n corners have c crossings, c even and at most n, and keep at
+most n - c/2 of themselves, so that n becomes n + c/2 at most: 3, 4, 6, 9, 13, 19."""
+
+
+SIDE_ROUNDING = 2.0**-47
+"""Greater than the error of n . (a + b + c), relative to the sizes of the corners a, b, c and over
+the sine of the angle between two edges: the normal n is off by 8 * 2^-53 over that sine."""
+MOST_DOUBTFUL = 2.0**-6
+"""Cosine above which a face inside the image, needle or not, is in doubt only if its area is."""
+AT_A_TIME = 8
+"""Faces of a block: doubles of the longest registers."""
+BLOCK_ROWS = 15
+"""Measures of a face in a block."""
+
+
+class Scene(NamedTuple):
+    """Arrays of a mesh, read-only."""
+
+    vertices: NDArray[np.float64]
+    faces: NDArray[np.uint64]  # unsigned: loops need not count negative indices from the end
+    normals: NDArray[np.float64]
+    degenerate: NDArray[np.bool_]
+    two_sided: NDArray[np.bool_]
+    offsets: NDArray[np.float64]
+    reach: float  # greatest coordinate
+    doubtful_cosine: float  # below which a face may be edge-on, see `SIDE_ROUNDING`
+
+
+class Lens(NamedTuple):
+    """Intrinsics and image size of a camera, pixels."""
+
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    width: float
+    height: float
+
+
+class Workspace(NamedTuple):
+    """Memory of one thread: the projected vertices (V, 8), and two polygons (MOST_CORNERS, 2).
+
+    And the measures of a few faces, see `rastercov.kernels.face_blocks`.
+    """
+
+    points: NDArray[np.float64]
+    polygon: NDArray[np.float64]
+    spare: NDArray[np.float64]
+    block: NDArray[np.float64]
+
+
+class FaceArrays(NamedTuple):
+    """The arrays of a `rastercov.coverage.criteria.FaceGeometry`, in its order."""
+
+    is_front: NDArray[np.bool_]
+    in_view: NDArray[np.bool_]
+    in_view_fraction: NDArray[np.float64]
+    projected_area: NDArray[np.float64]
+    perimeter: NDArray[np.float64]
+    pixel_density: NDArray[np.float64]
+    facing_density: NDArray[np.float64]
+    depth: NDArray[np.float64]
+    incidence: NDArray[np.float64]
+
+
+def arrays_for(n_faces: int) -> FaceArrays:
+    """Memory for the geometry of all faces in one pose."""
+    front, in_view = np.empty((2, n_faces), np.bool_)
+    fraction, area, outline, density, facing, incidence = np.empty((6, n_faces))
+    depth = np.empty((n_faces, 3))
+    return FaceArrays(front, in_view, fraction, area, outline, density, facing, depth, incidence)
+
+
+def scene_of(mesh: Any) -> Scene:
+    """Arrays of a `Mesh`."""
+    return Scene(
+        read_only(mesh.vertices, np.float64),
+        read_only(mesh.faces.view(np.uint64), np.uint64),
+        read_only(mesh.normals, np.float64),
+        read_only(mesh.degenerate_mask, np.bool_),
+        read_only(mesh.two_sided_mask, np.bool_),
+        read_only(mesh.plane_offsets, np.float64),
+        float(np.abs(mesh.bounds).max()),
+        min(SIDE_ROUNDING / mesh.least_sine, MOST_DOUBTFUL),
+    )
+
+
+def lens_of(camera: Any) -> Lens | face_kernels.CurvedLens:
+    """Numbers of a `Camera`; the loops are compiled for either kind."""
+    if not camera.is_pinhole:
+        return face_kernels.curved_lens(camera)
+    size = float(camera.width), float(camera.height)
+    return Lens(float(camera.fx), float(camera.fy), float(camera.cx), float(camera.cy), *size)
+
+
+def workspace(n_vertices: int, lens: Any = None) -> Workspace | face_kernels.CurvedWorkspace:
+    """Memory for one thread, for a lens."""
+    if isinstance(lens, face_kernels.CurvedLens):
+        return face_kernels.curved_workspace(n_vertices)
+    polygon, spare = np.empty((2, MOST_CORNERS, 2))
+    block = aligned_array((BLOCK_ROWS, AT_A_TIME), np.float64)
+    return Workspace(aligned_array((n_vertices, COLUMNS), np.float64), polygon, spare, block)
+
+
+def read_only(array: NDArray[Any], dtype: type) -> NDArray[Any]:
+    """Contiguous view that is not writable: numba compiles for each layout of an argument."""
+    view: NDArray[Any] = np.ascontiguousarray(array, dtype).view()
+    view.flags.writeable = False
+    return view
+
+
+def by_lens(curved: Any) -> Any:
+    """Function of a pinhole that is `curved` for other lenses; both have the argument `lens`."""
+    return by_type("lens", face_kernels.CurvedLens, curved)
+
+
+@by_lens(face_kernels.project)
+def project(vertices, pose, near, lens, points):
+    """Transform the vertices to camera axes and project those beyond the near plane.
+
+    The others have the image of a point on the optical axis, which no caller uses.
+    """
+    project_vertices(
+        vertices.shape[0], pointer(vertices), pointer(pose), near, lens, pointer(points)
+    )
+
+
+@part_with_arrays
+def camera_normal(normals, f, pose):
+    """Unit normal of a face in camera axes."""
+    a, b, c = normals[f, 0], normals[f, 1], normals[f, 2]
+    return (
+        a * pose[0, 0] + b * pose[1, 0] + c * pose[2, 0],
+        a * pose[0, 1] + b * pose[1, 1] + c * pose[2, 1],
+        a * pose[0, 2] + b * pose[1, 2] + c * pose[2, 2],
+    )
+
+
+@part_with_arrays
+def incidence_cosine(points, i, j, k, normal, is_two_sided):
+    """Cosine between the normal and the ray from the centroid to the camera centre.
+
+    In camera axes the ray is minus the centroid itself, and three times that has its direction.
+    """
+    x = points[i, X] + points[j, X] + points[k, X]
+    y = points[i, Y] + points[j, Y] + points[k, Y]
+    z = points[i, Z] + points[j, Z] + points[k, Z]
+    against = -(normal[0] * x + normal[1] * y + normal[2] * z)
+    reach = math.sqrt(x * x + y * y + z * z)
+    cosine = against / reach if reach > 0 else 0.0
+    return abs(cosine) if is_two_sided else cosine
+
+
+ARCSINE = (
+    0.16666666666666669, 0.07499999999998433, 0.04464285714635543, 0.030381944138531247,
+    0.02237217294214989, 0.017352392720869973, 0.013971212973552933, 0.011479177415184906,
+    0.01032281435018578, 0.005457506718640358, 0.01740087944269402, -0.014851887071247204,
+    0.028757851367421566,
+)  # fmt: skip
+"""Chebyshev fit of (arcsin(s) / s - 1) / s^2 by powers of s^2 up to 1/4; error 1.5e-17."""
+
+
+@part_of
+def incidence_angle(cosine):
+    """Angle of incidence, radians: the arccosine, within an ulp.
+
+    By arcsin s with s = |cosine| up to 1/2 and s = sin(angle / 2) beyond. Without branches, so that
+    a loop over faces is vectorised; the arccosine of the C library took a sixth of all judging.
+    """
+    size = min(abs(cosine), 1.0)
+    is_small = size <= 0.5
+    x = size * size if is_small else 0.5 * (1.0 - size)
+    s = size if is_small else math.sqrt(x)
+    a, b, c, d, e, f, g, h, i, j, k, m, n = ARCSINE
+    high = h + x * (i + x * (j + x * (k + x * (m + x * n))))
+    series = a + x * (b + x * (c + x * (d + x * (e + x * (f + x * (g + x * high))))))
+    angle = s + s * (x * series)
+    if cosine < 0:
+        angle = -angle
+    return math.pi / 2 - angle if is_small else (0.0 if cosine >= 0 else math.pi) + 2 * angle
+
+
+@by_lens(face_kernels.image_of_face)
+def image_of_face(points, i, j, k, near, lens, work, drawn):
+    """Field of view of a face: state of all its vertices, part of its area in the image, area.
+
+    The state is that of its worst vertex. The area, px^2, is that of the part beyond the near
+    plane, (3.9). `drawn` is not looked at.
+    """
+    worst = min(points[i, STATE], points[j, STATE], points[k, STATE])
+    if worst == BEHIND:
+        if max(points[i, STATE], points[j, STATE], points[k, STATE]) == BEHIND:
+            return worst, 0.0, 0.0
+    else:
+        u0, v0, u1, v1 = points[i, U], points[i, V], points[j, U], points[j, V]
+        u2, v2 = points[k, U], points[k, V]
+        area = abs((u1 - u0) * (v2 - v1) - (v1 - v0) * (u2 - u1)) / 2
+        if not area > 0:
+            return worst, 0.0, area
+        if worst == INSIDE:
+            return worst, 1.0, area
+        if not (
+            max(u0, u1, u2) > 0
+            and min(u0, u1, u2) < lens.width
+            and max(v0, v1, v2) > 0
+            and min(v0, v1, v2) < lens.height
+        ):
+            return worst, 0.0, area
+    whole, shown = clipped_areas(points, i, j, k, near, lens, work.polygon, work.spare)
+    part = shown / whole if whole > 0 else 0.0
+    return worst, 1.0 if part > 1 else part, whole
+
+
+@allocation_free
+def clipped_areas(points, i, j, k, near, lens, polygon, spare):
+    """Area of the image of a face beyond the near plane, and of its part in the image, px^2."""
+    n = 0
+    for s in range(3):
+        p = i if s == 0 else j if s == 1 else k
+        q = j if s == 0 else k if s == 1 else i
+        here, there = points[p, Z] - near, points[q, Z] - near
+        if here >= 0:
+            polygon[n, 0] = points[p, X] / points[p, Z] * lens.fx + lens.cx
+            polygon[n, 1] = points[p, Y] / points[p, Z] * lens.fy + lens.cy
+            n += 1
+        if (here >= 0) != (there >= 0):
+            t = here / (here - there)
+            x = points[p, X] + t * (points[q, X] - points[p, X])
+            y = points[p, Y] + t * (points[q, Y] - points[p, Y])
+            z = points[p, Z] + t * (points[q, Z] - points[p, Z])
+            polygon[n, 0] = x / z * lens.fx + lens.cx
+            polygon[n, 1] = y / z * lens.fy + lens.cy
+            n += 1
+    whole = abs(polygon_area(polygon, n))
+    n = cut(polygon, n, 0, 0.0, 1.0, spare)
+    n = cut(spare, n, 0, lens.width, -1.0, polygon)
+    n = cut(polygon, n, 1, 0.0, 1.0, spare)
+    n = cut(spare, n, 1, lens.height, -1.0, polygon)
+    return whole, abs(polygon_area(polygon, n))
+
+
+@allocation_free
+def cut(polygon, n, axis, limit, sign, out):
+    """Keep the part of an image polygon where sign * (coordinate - limit) >= 0; the new count."""
+    kept = 0
+    for p in range(n):
+        q = p + 1 if p + 1 < n else 0
+        here, there = sign * (polygon[p, axis] - limit), sign * (polygon[q, axis] - limit)
+        if here >= 0:
+            out[kept, 0], out[kept, 1] = polygon[p, 0], polygon[p, 1]
+            kept += 1
+        if (here >= 0) != (there >= 0):
+            t = here / (here - there)
+            out[kept, 0] = polygon[p, 0] + t * (polygon[q, 0] - polygon[p, 0])
+            out[kept, 1] = polygon[p, 1] + t * (polygon[q, 1] - polygon[p, 1])
+            kept += 1
+    return kept
+
+
+@allocation_free
+def polygon_area(polygon, n):
+    """Signed area of an image polygon (3.9), px^2; 0 for fewer than 3 corners."""
+    total = 0.0
+    if n >= 3:
+        u, v = polygon[0, 0], polygon[0, 1]
+        for p in range(1, n - 1):
+            total += (polygon[p, 0] - u) * (polygon[p + 1, 1] - v) - (polygon[p, 1] - v) * (
+                polygon[p + 1, 0] - u
+            )
+    return total / 2
+
+
+@part_with_arrays
+def perimeter(points, i, j, k):
+    """Length of the outline of a face beyond the near plane, px."""
+    total = 0.0
+    for s in range(3):
+        p = i if s == 0 else j if s == 1 else k
+        q = j if s == 0 else k if s == 1 else i
+        u, v = points[q, U] - points[p, U], points[q, V] - points[p, V]
+        total += math.sqrt(u * u + v * v)  # hypot is a call, 5 times as slow
+    return total
+
+
+@by_lens(lens_density.pixel_density)
+def pixel_density(points, i, j, k, normal, lens):
+    """Least singular value of the projection restricted to the face's plane, px/m.
+
+    With tangents e_1, e_2 of the face and p = (x, y, z) a vertex, column i of the Jacobian is
+    ((fx (e_ix - x/z e_iz))/z, (fy (e_iy - y/z e_iz))/z). Its singular values are the pixels a metre
+    along the best and the worst direction on the surface; the result is the worst of the vertices.
+    """
+    x, y, z = normal
+    sign = math.copysign(1.0, z)
+    a = -1.0 / (sign + z)
+    b = x * y * a
+    first_x, first_y, first_z = 1 + sign * x * x * a, sign * b, -sign * x
+    second_x, second_y, second_z = b, sign + y * y * a, -y
+    worst = math.inf
+    for s in range(3):
+        p = i if s == 0 else j if s == 1 else k
+        right, down = points[p, RIGHT], points[p, DOWN]
+        a1 = lens.fx * (first_x - right * first_z)
+        a2 = lens.fx * (second_x - right * second_z)
+        b1 = lens.fy * (first_y - down * first_z)
+        b2 = lens.fy * (second_y - down * second_z)
+        total = a1 * a1 + a2 * a2 + b1 * b1 + b2 * b2
+        det = abs(a1 * b2 - a2 * b1)
+        gap = total * total - 4 * (det * det)
+        greatest = math.sqrt((total + math.sqrt(gap if gap > 0 else 0.0)) / 2)
+        # The square of the depth would underflow for a very small mesh.
+        density = det / (greatest * points[p, Z])
+        worst = worst if density >= worst else density
+    return worst
+
+
+@by_lens(lens_density.facing_density)
+def facing_density(points, i, j, k, lens):
+    """Pixels a metre, worst direction, of a target that faces the camera at the deepest vertex.
+
+    The projection has the Jacobian J = D (1 0 -x/z; 0 1 -y/z) / z, D = diag(fx, fy), and J p = 0
+    for the ray p = (x, y, z): restricted to the plane perpendicular to it, it has the singular
+    values of J J^T = D (1 + q q^T) D / z^2 with q = (x/z, y/z), which is at least
+    min(fx, fy)^2 / z^2. The result is min(fx, fy) / z: exact for fx = fy, and where q is along the
+    axis of the greater one; a lower bound elsewhere. 0 for a face not wholly beyond the near plane.
+    """
+    if min(points[i, STATE], points[j, STATE], points[k, STATE]) == BEHIND:
+        return 0.0
+    return min(lens.fx, lens.fy) / max(points[i, Z], points[j, Z], points[k, Z])
+
+
+@by_lens(lens_density.pixels_per_m2)
+def pixels_per_m2(points, i, j, k, normal, lens):
+    """Pixels on a square metre of a face at its deepest vertex, where they are fewest.
+
+    fx fy h / z^3, h being the distance of the camera from the plane; 0 behind the camera.
+    """
+    z = max(points[i, Z], points[j, Z], points[k, Z])
+    height = abs(normal[0] * points[i, X] + normal[1] * points[i, Y] + normal[2] * points[i, Z])
+    return (lens.fx / z) * (lens.fy / z) * (height / z) if z > 0 else 0.0
+
+
+@by_lens(face_kernels.focus_depth)
+def focus_depth(points, p, lens):
+    """Depth of a vertex that its sharpness depends on, metres."""
+    return points[p, Z]
+
+
+@allocation_free
+def measure(scene, pose, near, lens, work, out):
+    """Fill the arrays of a `FaceGeometry`, `out`, for one pose."""
+    points = work.points
+    project(scene.vertices, pose, near, lens, points)
+    for f in range(scene.faces.shape[0]):
+        i, j, k = scene.faces[f, 0], scene.faces[f, 1], scene.faces[f, 2]
+        normal = camera_normal(scene.normals, f, pose)
+        cosine = incidence_cosine(points, i, j, k, normal, scene.two_sided[f])
+        is_front = cosine > 0 and not scene.degenerate[f]
+        state, part, area = image_of_face(points, i, j, k, near, lens, work, -1.0)
+        out.is_front[f] = is_front
+        out.in_view[f] = state == INSIDE
+        out.in_view_fraction[f] = part
+        out.projected_area[f] = area
+        out.perimeter[f] = math.inf if state == BEHIND else perimeter(points, i, j, k)
+        out.incidence[f] = incidence_angle(cosine)
+        density = 0.0
+        if is_front and state != BEHIND and part > 0:
+            density = pixel_density(points, i, j, k, normal, lens)
+        out.pixel_density[f] = density
+        out.facing_density[f] = facing_density(points, i, j, k, lens)
+        out.depth[f, 0] = focus_depth(points, i, lens)
+        out.depth[f, 1] = focus_depth(points, j, lens)
+        out.depth[f, 2] = focus_depth(points, k, lens)

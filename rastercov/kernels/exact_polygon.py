@@ -1,0 +1,282 @@
+"""Convex polygons in the image: clipping, splitting, subtraction; compiled by numba.
+
+A polygon is an array of corners, clockwise in the image (v down), with a corner count. A line is
+(u0, v0, du, dv, offset), see `rastercov.kernels.exact_records`.
+
+I. Sutherland, G. Hodgman. Reentrant Polygon Clipping. 1974.
+"""
+
+import numpy as np
+
+from rastercov.kernels.exact_records import DU, DV, OFFSET, U, V
+from rastercov.kernels.jit import allocation_free, part_of, part_with_arrays
+
+MOST_CORNERS = 20
+"""Corners of a piece; one that gets more is split."""
+
+
+@part_with_arrays
+def length(x, y, z):
+    """Length of a vector."""
+    return np.sqrt(x * x + y * y + z * z)
+
+
+@part_with_arrays
+def line_at(lines, s):
+    """Row of `lines` as a tuple."""
+    return lines[s, U], lines[s, V], lines[s, DU], lines[s, DV], lines[s, OFFSET]
+
+
+@part_of
+def line_value(line, u, v):
+    """Signed value of a line at a point: positive on its inner side."""
+    u0, v0, du, dv, offset = line
+    return du * (v - v0) - dv * (u - u0) + offset
+
+
+@part_with_arrays
+def copy_polygon(source, n, target):
+    """Copy the first n corners."""
+    for p in range(n):
+        target[p, U], target[p, V] = source[p, U], source[p, V]
+
+
+@part_with_arrays
+def store_piece(face, polygon, n, kept):
+    """Append a polygon to the pieces that are handed out, if anyone asks for them."""
+    if kept.corners.shape[0] > 0:
+        piece, at = kept.used[0], kept.used[1]
+        if piece < kept.faces.shape[0] and at + n <= kept.corners.shape[0]:
+            for p in range(n):
+                kept.corners[at + p, U], kept.corners[at + p, V] = polygon[p, U], polygon[p, V]
+            kept.faces[piece] = face
+            kept.starts[piece + 1] = at + n
+        else:
+            kept.used[2] = 1
+        kept.used[0], kept.used[1] = piece + 1, at + n
+
+
+@part_with_arrays
+def drop_pieces(kept, n_pieces, n_corners):
+    """Take back all pieces after the first `n_pieces`, which have `n_corners` corners."""
+    kept.used[0], kept.used[1] = n_pieces, n_corners
+
+
+@allocation_free
+def keep_inside(polygon, n, line, out):
+    """Clip a polygon to the inner side of a line; returns the corner count of `out`."""
+    kept = 0
+    for i in range(n):
+        j = i + 1 if i + 1 < n else 0
+        here = line_value(line, polygon[i, U], polygon[i, V])
+        there = line_value(line, polygon[j, U], polygon[j, V])
+        if here >= 0 and kept < out.shape[0]:
+            out[kept, U] = polygon[i, U]
+            out[kept, V] = polygon[i, V]
+            kept += 1
+        crosses = (here > 0 and there < 0) or (here < 0 and there > 0)
+        if crosses and kept < out.shape[0]:
+            t = here / (here - there)
+            out[kept, U] = polygon[i, U] + t * (polygon[j, U] - polygon[i, U])
+            out[kept, V] = polygon[i, V] + t * (polygon[j, V] - polygon[i, V])
+            kept += 1
+    return kept
+
+
+@allocation_free
+def clip(polygon, n, lines, n_lines, spare):
+    """Clip a polygon in place to the inner side of some lines; returns its corner count."""
+    for s in range(n_lines):
+        n = keep_inside(polygon, n, line_at(lines, s), spare)
+        copy_polygon(spare, n, polygon)
+    return n
+
+
+@allocation_free
+def twice_area(polygon, n):
+    """Twice the signed area, positive for a clockwise polygon."""
+    total = 0.0
+    u, v = polygon[0, U], polygon[0, V]
+    for i in range(1, n - 1):
+        total += (polygon[i, U] - u) * (polygon[i + 1, V] - v) - (polygon[i + 1, U] - u) * (
+            polygon[i, V] - v
+        )
+    return total
+
+
+@part_with_arrays
+def separates(lines, n_lines, corners, n):
+    """True if one of the lines has all corners of a polygon on its outer side or on itself.
+
+    Exact for two faces on both sides of an edge they share: the value at a shared corner is 0 to
+    the bit, whatever the rounding elsewhere.
+    """
+    for s in range(n_lines):
+        line = line_at(lines, s)
+        is_beyond = True
+        for p in range(n):
+            if line_value(line, corners[p, U], corners[p, V]) > 0:
+                is_beyond = False
+                break
+        if is_beyond:
+            return True
+    return False
+
+
+@part_with_arrays
+def separates_box(lines, n_lines, u_min, u_max, v_min, v_max):
+    """True if one of the lines has a whole rectangle on its outer side or on itself."""
+    for s in range(n_lines):
+        line = line_at(lines, s)
+        u = u_min if lines[s, DV] > 0 else u_max
+        v = v_max if lines[s, DU] > 0 else v_min
+        if line_value(line, u, v) <= 0:
+            return True
+    return False
+
+
+@allocation_free
+def contains(lines, n_lines, corners, n):
+    """True if all corners of a polygon are on the inner side of all lines."""
+    for s in range(n_lines):
+        line = line_at(lines, s)
+        for p in range(n):
+            if line_value(line, corners[p, U], corners[p, V]) < 0:
+                return False
+    return True
+
+
+@allocation_free
+def split(polygon, n, values, inside, outside):
+    """Split a convex polygon where `values` change sign; corner counts of the two parts."""
+    kept = lost = 0
+    room = min(inside.shape[0], outside.shape[0]) - 2
+    for i in range(n):
+        j = i + 1 if i + 1 < n else 0
+        if kept >= room or lost >= room:
+            break
+        if values[i] >= 0:
+            inside[kept, U] = polygon[i, U]
+            inside[kept, V] = polygon[i, V]
+            kept += 1
+        if values[i] <= 0:
+            outside[lost, U] = polygon[i, U]
+            outside[lost, V] = polygon[i, V]
+            lost += 1
+        if (values[i] > 0 and values[j] < 0) or (values[i] < 0 and values[j] > 0):
+            t = values[i] / (values[i] - values[j])
+            u = polygon[i, U] + t * (polygon[j, U] - polygon[i, U])
+            v = polygon[i, V] + t * (polygon[j, V] - polygon[i, V])
+            inside[kept, U] = outside[lost, U] = u
+            inside[kept, V] = outside[lost, V] = v
+            kept += 1
+            lost += 1
+    return kept, lost
+
+
+@allocation_free
+def limit_corners(pieces, at, count):
+    """Split a piece of more than `MOST_CORNERS` corners along chords; returns the piece count.
+
+    The parts after the first are appended. `clip_subtract` makes sure that there is room for them.
+    """
+    corners, n_corners = pieces.corners, pieces.n_corners
+    while n_corners[at] > MOST_CORNERS:
+        n = n_corners[at]
+        half = n // 2
+        for p in range(half, n):
+            corners[count, p - half, U] = corners[at, p, U]
+            corners[count, p - half, V] = corners[at, p, V]
+        corners[count, n - half, U] = corners[at, 0, U]
+        corners[count, n - half, V] = corners[at, 0, V]
+        n_corners[count] = n - half + 1
+        n_corners[at] = half + 1
+        count += 1
+    return count
+
+
+@allocation_free
+def clip_subtract(pieces, count, lines, n_sides, n_lines, tolerance, spare, values):
+    """Subtract a convex occluder from `count` pieces; returns their new count, -1 for lack of room.
+
+    Each line of the occluder slices off the part of a piece beyond it; these parts stay, the rest
+    is hidden.
+
+    Parameters
+    ----------
+    lines : (n_lines or more, 5) float64
+        Lines with the occluder on their inner side: first its `n_sides` sides, then, where it is in
+        front only in part, the line of equal depth.
+    tolerance : float
+        Pixels from a line up to which a corner is on it. Without it the slivers that rounding
+        leaves along the common side of two occluders are split by every line near them, and double
+        with each.
+    spare, values : (PIECE_ROOM, 2), (PIECE_ROOM,) float64
+        Scratch.
+    """
+    corners, n_corners = pieces.corners, pieces.n_corners
+    old, i = count, 0
+    while i < old:
+        n = n_corners[i]
+        # Bit mask of the lines that split the piece. A side that has all of it beyond ends the
+        # search: the piece is not hidden.
+        splitting, missed = 0, False
+        for s in range(n_lines):
+            line = line_at(lines, s)
+            slack = tolerance * (abs(lines[s, DU]) + abs(lines[s, DV]))
+            least, most = 0.0, 0.0
+            for p in range(n):
+                value = line_value(line, corners[i, p, U], corners[i, p, V])
+                least = min(least, value)
+                most = max(most, value)
+            if most <= slack and s < n_sides:
+                missed = True
+                break
+            if least < -slack:
+                splitting |= 1 << s
+        if missed:
+            i += 1
+            continue
+        if count + 4 * n_lines + 4 > corners.shape[0]:
+            return -1
+        is_hidden = True
+        for s in range(n_lines):
+            if not splitting >> s & 1:
+                continue
+            line = line_at(lines, s)
+            slack = tolerance * (abs(lines[s, DU]) + abs(lines[s, DV]))
+            n = n_corners[i]
+            least, most = 0.0, 0.0
+            for p in range(n):
+                value = line_value(line, corners[i, p, U], corners[i, p, V])
+                values[p] = value if abs(value) > slack else 0.0
+                least = min(least, values[p])
+                most = max(most, values[p])
+            if most == 0:
+                is_hidden = False
+                break
+            if least < 0:
+                kept, lost = split(corners[i], n, values, spare, corners[count])
+                if lost >= 3:
+                    n_corners[count] = lost
+                    count = limit_corners(pieces, count, count + 1)
+                copy_polygon(spare, kept, corners[i])
+                n_corners[i] = kept
+                if kept < 3:
+                    break
+        if not is_hidden:
+            count = limit_corners(pieces, i, count)
+            i += 1
+            continue
+        # Piece i is gone: the last piece takes its place, a new one or an old one still to be done.
+        is_new = count > old
+        last = count - 1
+        if i < last:
+            n_corners[i] = n_corners[last]
+            copy_polygon(corners[last], n_corners[last], corners[i])
+        count = last
+        if is_new:
+            i += 1
+        else:
+            old = last
+    return count

@@ -1,0 +1,359 @@
+"""Coverage (3.6) of eight faces of a pose at a time by SIMD, for the loops of coverage.
+
+`judge_block` does what the functions of `rastercov.kernels.criteria` and `coverage_kernels` do for
+one face, in the same order of operations, where all of eight faces are wholly in the image of a
+pinhole. Other faces, and lenses, are left to those functions.
+"""
+
+import functools
+import operator
+
+import numpy as np
+from llvmlite import ir
+from numba.core import types
+
+from rastercov.camera.lenses.face_kernels import CurvedLens
+from rastercov.kernels.criteria import AT_A_TIME, BLOCK_ROWS
+from rastercov.kernels.jit import by_type, part_with_arrays
+from rastercov.kernels.simd import DOUBLE, LONG, load
+from rastercov.kernels.simd_kernel import Variable, pointer, simd, when
+from rastercov.kernels.vertex_blocks import transposed
+from rastercov.kernels.vertex_columns import COLUMNS, DOWN, INSIDE, RIGHT, STATE, U, V, X, Y, Z
+
+(
+    COSINE, PART, AREA, DENSITY, FACING, VISIBLE, DRAWN, VISIBILITY, RESOLUTION, FOCUSED, BOUND,
+    KIND, COVERAGE, REASON, ONE,
+) = range(BLOCK_ROWS)  # fmt: skip
+"""Rows of a block, see `rastercov.Coverage`: the cosine of the angle of incidence, figures in
+order, True and False and codes as 1, 0 and themselves, and 1 for each face. What is not asked for
+is 0."""
+ROUNDING = 2.0**-52
+"""Rounding of a quotient."""
+COSINE_ROUNDING = 1e-14
+"""Greater than the error of a cosine, and of the cosine of its arccosine."""
+LARGEST_RESOLUTION = 1e300
+"""Of one face; a smaller R_min gives no more."""
+STATISTICAL, CERTIFIED, EXACT = 0, 1, 2
+"""Values of `rastercov.BoundKind`."""
+DEGENERATE, BACK_FACING, OUTSIDE, OUT_OF_FOCUS = 0, 1, 2, 3
+UNSAMPLED, TOO_COARSE, OCCLUDED, TOO_OBLIQUE, COVERED = 4, 5, 6, 7, 8
+"""Values of `rastercov.Reason`."""
+BYTE = ir.IntType(8)
+
+
+def _by_face(first, scene, lens, seen, row, limits, work, asks_density, asks_facing, asks_bound):
+    """See `judge_block`: through a lens faces are judged one by one."""
+    return False
+
+
+@by_type("lens", CurvedLens, _by_face)
+def judge_block(first, scene, lens, seen, row, limits, work, asks_density, asks_facing, asks_bound):
+    """Fill `work.block` with the figures of `AT_A_TIME` faces of a pose, from `first` on.
+
+    Returns
+    -------
+    bool
+        False where that must be done face by face: one is not wholly in the image, or at the limit
+        of incidence; a rare threshold is set, see `coverage.task.Limits`; bounds of counts are
+        asked for. The block is undefined then.
+    """
+    n_faces, is_counted = scene.faces.shape[0], seen.kind.size == 0
+    if first + AT_A_TIME > n_faces or limits.one_by_one or (is_counted and asks_bound):
+        return False
+    return measure_block(
+        first, pointer(scene.faces), pointer(scene.normals), pointer(scene.two_sided),
+        pointer(work.points), pointer(seen.poses[row]), lens, limits,
+        scene.doubtful_cosine if asks_bound else 0.0,
+        np.int64(asks_density), np.int64(asks_facing), pointer(work.block),
+    ) and decide_block(
+        first, row * n_faces + first, pointer(scene.degenerate), pointer(seen.visible),
+        pointer(seen.drawn), pointer(seen.kind), pointer(seen.area_error), seen.scale, limits,
+        np.int64(asks_bound), np.int64(is_counted), np.int64(seen.area_error.size > 0),
+        pointer(work.block),
+    )  # fmt: skip
+
+
+@simd(returns=types.boolean)
+def measure_block(
+    first, faces, normals, two_sided, points, pose, lens, limits, doubtful_cosine, asks_density,
+    asks_facing, block,
+):  # fmt: skip
+    """Fill the rows of a block that follow from geometry; arrays are pointers to their data.
+
+    Returns False, and nothing, unless all vertices are inside the image, and no face is edge-on.
+    """
+    builder = first.builder
+    x, y, z, right, down, u, v, state = _corners(faces.at(first * 3), points)
+    is_inside = state[0].minimum(state[1]).minimum(state[2]).equals(INSIDE)
+    is_clear = Variable(is_inside.bits())
+    with when(is_clear.now.equals((1 << AT_A_TIME) - 1)):
+        normal = _turned(load(builder, normals.at(first * 3).pointer, 3 * AT_A_TIME), pose)
+        sums = [a + b + c for a, b, c in (x, y, z)]
+        is_two_sided = load(builder, two_sided.at(first).pointer, AT_A_TIME) > 0
+        cosine = _incidence_cosine(normal, sums)
+        cosine = cosine.absolute().where(is_two_sided, cosine)
+        (u0, u1, u2), (v0, v1, v2) = u, v
+        area = ((u1 - u0) * (v2 - v1) - (v1 - v0) * (u2 - u1)).absolute() / 2
+        has_image = area > 0
+        nearest, farthest = z[0].minimum(z[1]).minimum(z[2]), z[0].maximum(z[1]).maximum(z[2])
+        is_focused = Variable((nearest >= limits.z_n) & (farthest <= limits.z_f))
+        with when(limits.focus_of_centroid):
+            centre = sums[2] / 3
+            is_focused.now = (centre >= limits.z_n) & (centre <= limits.z_f)
+        facing, density = Variable(area.like(0.0)), Variable(area.like(0.0))
+        with when(asks_facing > 0):
+            facing.now = farthest.like(lens.fx.minimum(lens.fy)) / farthest
+        is_front = cosine > 0
+        with when((asks_density > 0) & (is_front.bits() > 0)):
+            least = _pixel_density(normal, right, down, z, lens)
+            density.now = least.where(is_front & has_image, 0.0)
+        p, q, r = sums
+        height = cosine.absolute() * (p * p + q * q + r * r).sqrt()
+        size = functools.reduce(operator.add, (each.absolute() for each in (*x, *y, *z)))
+        is_clear.now = (height > size * doubtful_cosine).bits()
+        _put(block, COSINE, cosine)
+        _put(block, PART, area.like(1.0).where(has_image, 0.0))
+        _put(block, AREA, area)
+        _put(block, DENSITY, density.now)
+        _put(block, FACING, facing.now)
+        _put(block, FOCUSED, area.like(1.0).where(is_focused.now, 0.0))
+        _put(block, ONE, area.like(1.0))
+    return is_clear.now.equals((1 << AT_A_TIME) - 1)
+
+
+@simd(returns=types.boolean)
+def decide_block(
+    first, at, degenerate, visible, drawn, kind, area_error, scale, limits, asks_bound, is_counted,
+    has_error, block,
+):  # fmt: skip
+    """Complete a block, as `coverage_kernels.judge` and `bound_and_kind` do; arrays are pointers.
+
+    `at` is the place of the first face in the arrays of the observation. Returns False for a face
+    at the limit of incidence, and for a bound of counts.
+    """
+    builder = first.builder
+    cosine = _row(block, COSINE)
+    is_degenerate = load(builder, degenerate.at(first).pointer, AT_A_TIME) > 0
+    is_front = (cosine > 0) & ~is_degenerate
+    visible, drawn = _areas(at, visible, drawn, scale)
+    visibility = (visible / drawn).where(is_front & (drawn > 0), 0.0)
+    resolution = (drawn / limits.min_pixels).minimum(LARGEST_RESOLUTION)
+    code = Variable(cosine.to(LONG).like(STATISTICAL))
+    with when(~(is_counted > 0)):
+        code.now = load(builder, kind.at(at).pointer, AT_A_TIME).zero_extended(LONG)
+    bound, is_seen = Variable(cosine.like(0.0)), Variable(cosine > 0)
+    is_seen.now = is_front
+    with when(asks_bound > 0):
+        bound.now = _bound_of_areas(at, drawn, area_error, has_error, code.now)
+        # Nothing is known of an image within its rounding, whichever side is seen.
+        with when(has_error > 0):
+            error = load(builder, area_error.at(at).pointer, AT_A_TIME)
+            is_in_doubt = (drawn <= error) & code.now.equals(EXACT)
+            is_seen.now = is_front | is_in_doubt
+    reach = (cosine - limits.least_cosine).absolute()
+    is_unclear = reach < COSINE_ROUNDING
+    is_unclear = is_unclear | (is_front & code.now.equals(STATISTICAL) & (asks_bound > 0))
+
+    capped = resolution.minimum(1.0).where(limits.cap_resolution.broadcast(AT_A_TIME), resolution)
+    is_dense = (_row(block, DENSITY) >= limits.min_pixel_density) | ~(limits.min_pixel_density > 0)
+    is_near = (_row(block, FACING) >= limits.min_facing_density) | ~(limits.min_facing_density > 0)
+    product = capped.where(is_dense & is_near, 0.0)
+    is_coarse = (product < limits.min_coverage) | product.equals(0.0)
+    product = product * visibility.where(visibility >= limits.min_visibility, 0.0)
+    is_hidden = (product < limits.min_coverage) | product.equals(0.0)
+    is_oblique = (cosine < limits.least_cosine) & ~product.equals(0.0)
+    is_focused = _row(block, FOCUSED) > 0
+    is_sampled = is_front & is_focused & (drawn > 0)
+    product = product.where(is_sampled & ~is_oblique, 0.0)
+    reason = product.like(COVERED)
+    for fails, value in (
+        (is_oblique, TOO_OBLIQUE), (is_hidden, OCCLUDED), (is_coarse, TOO_COARSE),
+        (~(drawn > 0), UNSAMPLED), (~is_focused, OUT_OF_FOCUS), (~is_front, BACK_FACING),
+        (is_degenerate, DEGENERATE),
+    ):  # fmt: skip
+        reason = reason.like(value).where(fails, reason)
+
+    for row, values in (
+        (VISIBLE, visible), (DRAWN, drawn), (VISIBILITY, visibility), (RESOLUTION, resolution),
+        (BOUND, bound.now.where(is_seen.now, 0.0)), (COVERAGE, product), (REASON, reason),
+        (KIND, code.now.where(is_front, EXACT).to(DOUBLE)),
+        (DENSITY, _row(block, DENSITY).where(is_front, 0.0)),
+    ):  # fmt: skip
+        _put(block, row, values)
+    return is_unclear.bits().equals(0)
+
+
+@simd(returns=types.void)
+def copy_lanes(row, block, at, array):
+    """Put a row of a block into an array from `at` on, as its type; both are pointers."""
+    value = load(at.builder, block.at(row * AT_A_TIME).pointer, AT_A_TIME)
+    value.to(array.kind).store(array.at(at).pointer)
+
+
+@part_with_arrays
+def copy_block(block, at, out):
+    """Put the figures of a block where they are asked for, into flat arrays from `at` on."""
+    if out.in_view.size:
+        copy_lanes(ONE, pointer(block), at, pointer(out.in_view))
+    if out.in_view_fraction.size:
+        copy_lanes(PART, pointer(block), at, pointer(out.in_view_fraction))
+    if out.projected_area.size:
+        copy_lanes(AREA, pointer(block), at, pointer(out.projected_area))
+    if out.visible_pixels.size:
+        copy_lanes(VISIBLE, pointer(block), at, pointer(out.visible_pixels))
+    if out.drawn_pixels.size:
+        copy_lanes(DRAWN, pointer(block), at, pointer(out.drawn_pixels))
+    if out.resolution.size:
+        copy_lanes(RESOLUTION, pointer(block), at, pointer(out.resolution))
+    if out.pixel_density.size:
+        copy_lanes(DENSITY, pointer(block), at, pointer(out.pixel_density))
+    if out.facing_density.size:
+        copy_lanes(FACING, pointer(block), at, pointer(out.facing_density))
+    if out.in_focus.size:
+        copy_lanes(FOCUSED, pointer(block), at, pointer(out.in_focus))
+    if out.visibility.size:
+        copy_lanes(VISIBILITY, pointer(block), at, pointer(out.visibility))
+    if out.visibility_bound.size:
+        copy_lanes(BOUND, pointer(block), at, pointer(out.visibility_bound))
+    if out.visibility_kind.size:
+        copy_lanes(KIND, pointer(block), at, pointer(out.visibility_kind))
+    if out.incidence.size:
+        copy_lanes(COSINE, pointer(block), at, pointer(out.incidence))
+    if out.coverage.size:
+        copy_lanes(COVERAGE, pointer(block), at, pointer(out.coverage))
+    if out.reason.size:
+        copy_lanes(REASON, pointer(block), at, pointer(out.reason))
+
+
+@simd(returns=types.boolean)
+def are_behind(first, normals, offsets, two_sided, x, y, z, rounding):
+    """True if a camera at (x, y, z) is behind `AT_A_TIME` faces; arrays are pointers."""
+    builder = first.builder
+    normal = load(builder, normals.at(first * 3).pointer, 3 * AT_A_TIME)
+    a, b, c = (normal.every(3, axis) for axis in range(3))
+    height = a * x + b * y + c * z - load(builder, offsets.at(first).pointer, AT_A_TIME)
+    is_one_sided = load(builder, two_sided.at(first).pointer, AT_A_TIME).equals(0)
+    is_behind = (height < -rounding) & is_one_sided
+    return is_behind.bits().equals((1 << AT_A_TIME) - 1)
+
+
+@simd(returns=types.void)
+def add_backs(first, degenerate, reasons, coverage):
+    """Add faces that a pose sees from behind to the sums of a network; arrays are pointers."""
+    builder = first.builder
+    is_degenerate = load(builder, degenerate.at(first).pointer, AT_A_TIME) > 0
+    before = load(builder, reasons.at(first).pointer, AT_A_TIME)
+    reason = before.like(DEGENERATE).where(is_degenerate, BACK_FACING)
+    reason.maximum(before).store(reasons.at(first).pointer)
+    before.like(0).to(DOUBLE).store(coverage.at(first).pointer)
+
+
+@simd(returns=types.int64)
+def add_lanes(first, pose, is_scored, sums, coverage, block):
+    """Add a block to the sums of a network and to the coverage of a pose; arrays are pointers.
+
+    See `network_kernels.add_pair`. Returns the number of faces that are scored and covered.
+    """
+    builder = first.builder
+
+    def of_faces(array):
+        return load(builder, array.at(first).pointer, AT_A_TIME)
+
+    product, reason, bound = (_row(block, row) for row in (COVERAGE, REASON, BOUND))
+    is_covered, counts = reason.equals(COVERED), of_faces(is_scored) > 0
+    (of_faces(sums.views) + is_covered.to(LONG)).store(sums.views.at(first).pointer)
+    best, best_row = of_faces(sums.best), of_faces(sums.best_row)
+    is_tie = product.equals(best) & (best_row > pose)
+    is_best = (product > 0) & ((product > best) | is_tie)
+    product.where(is_best, best).store(sums.best.at(first).pointer)
+    best_row.like(pose).where(is_best, best_row).store(sums.best_row.at(first).pointer)
+    before = of_faces(sums.reason)
+    code = reason.to(BYTE)
+    code.maximum(before).store(sums.reason.at(first).pointer)
+    product.store(coverage.at(first).pointer)
+    in_view = counts & (reason > BACK_FACING) & (_row(block, PART) > 0)
+    kind = _row(block, KIND)
+    for value in (STATISTICAL, CERTIFIED, EXACT):
+        found = (in_view & kind.equals(value)).bits().count_bits()
+        sums.kinds.put(value, sums.kinds.value(value) + found)
+    is_covered = is_covered & counts
+    for place, chosen in ((0, in_view), (1, is_covered)):
+        largest = bound.where(chosen, 0.0).reduce("maximum")
+        sums.bounds.put(place, largest.maximum(sums.bounds.value(place)))
+    return is_covered.bits().count_bits()
+
+
+def _row(block, row):
+    return load(block.builder, block.at(row * AT_A_TIME).pointer, AT_A_TIME)
+
+
+def _put(block, row, value):
+    value.store(block.at(row * AT_A_TIME).pointer)
+
+
+def _corners(faces, points):
+    """Columns of the projected vertices of faces, three vectors each."""
+    found = []
+    for s in range(3):
+        places = (faces.value(3 * k + s) * COLUMNS for k in range(AT_A_TIME))
+        rows = [load(points.builder, points.at(at).pointer, COLUMNS) for at in places]
+        found.append(transposed(rows))
+    return [[corner[column] for corner in found] for column in (X, Y, Z, RIGHT, DOWN, U, V, STATE)]
+
+
+def _turned(normals, pose):
+    """Unit normals of faces in camera axes."""
+    a, b, c = (normals.every(3, axis) for axis in range(3))
+    return [a * pose.value(k) + b * pose.value(4 + k) + c * pose.value(8 + k) for k in range(3)]
+
+
+def _incidence_cosine(normal, sums):
+    """Cosine of the angle of incidence of one-sided faces, from sums of their vertices."""
+    (a, b, c), (x, y, z) = normal, sums
+    reach = (x * x + y * y + z * z).sqrt()
+    return (-(a * x + b * y + c * z) / reach).where(reach > 0, 0.0)
+
+
+def _pixel_density(normal, right, down, z, lens):
+    """See `criteria_kernels.pixel_density`."""
+    a, b, c = normal
+    sign = c.sign()
+    d = c.like(-1.0) / (sign + c)
+    e = a * b * d
+    first_x, first_y, first_z = sign * a * a * d + 1.0, sign * e, -sign * a
+    second_x, second_y, second_z = e, sign + b * b * d, -b
+    worst = None
+    for s in range(3):
+        a1 = (first_x - right[s] * first_z) * lens.fx
+        a2 = (second_x - right[s] * second_z) * lens.fx
+        b1 = (first_y - down[s] * first_z) * lens.fy
+        b2 = (second_y - down[s] * second_z) * lens.fy
+        total = a1 * a1 + a2 * a2 + b1 * b1 + b2 * b2
+        det = (a1 * b2 - a2 * b1).absolute()
+        gap = total * total - (det * det) * 4.0
+        greatest = ((total + gap.maximum(0.0).sqrt()) / 2).sqrt()
+        density = det / (greatest * z[s])
+        worst = density if worst is None else worst.where(density >= worst, density)
+    return worst
+
+
+def _areas(at, visible, drawn, scale):
+    """Visible and drawn area of faces, px^2; see `coverage_kernels.areas_of`."""
+    found = []
+    for array in (visible, drawn):
+        area = Variable(load(at.builder, array.at(at).pointer, AT_A_TIME).to(DOUBLE))
+        with when(~scale.equals(1.0)):
+            area.now = area.now / scale
+        found.append(area.now)
+    return found
+
+
+def _bound_of_areas(at, drawn, area_error, has_error, kind):
+    """See `coverage_kernels.bound_of_fraction`, for areas."""
+    exact = Variable(drawn.like(ROUNDING))
+    with when(has_error > 0):
+        error = load(at.builder, area_error.at(at).pointer, AT_A_TIME)
+        least = drawn - error
+        exact.now = (error / least).where(least > 0, 1.0) + ROUNDING
+    bound = exact.now.where(kind.equals(EXACT), 0.0).where(drawn > 0, 1.0)
+    return bound.minimum(1.0)

@@ -1,0 +1,327 @@
+"""Areas of polygons of an ideal plane in the image of a lens, edge by edge; by numba.
+
+The area of a polygon's image is the closed integral of u dv along its border, by Green's theorem.
+The part of it inside the image, 0 <= u <= W and 0 <= v <= H, is that of clamp(u, 0, W)
+d clamp(v, 0, H), because the clamped border encloses that part and pieces of no area. So each edge
+is integrated by itself: no curve is ever cut by another.
+
+Edges are evaluated at points that depend on the edge alone and not on its direction, so that two
+polygons that share one agree on it to the last bits.
+"""
+
+import math
+
+from rastercov.camera.lenses.quadrature import BERNSTEIN, FEWEST, GROWTH, MOST, NODES, RULE
+from rastercov.kernels.jit import allocation_free, called_whole, part_with_arrays
+from rastercov.kernels.lens import project
+from rastercov.kernels.lens_lanes import GROUP, project_lanes
+
+FLAT = 1e-10
+"""Pixels: a coordinate that stays this near to a border is taken to be on one side of it."""
+ROOT_TOLERANCE, MOST_STEPS = 1e-15, 240
+"""Error of the place of a root, in lengths of its part, and steps of the search for it: one in four
+is a bisection."""
+CORRECTIONS, SECANT = 3, 2.0**-10
+"""Steps from the root of a polynomial to that of the lens, and the part of the edge along which its
+slope is found; the root is not moved by more."""
+CROSSED = 1e-11
+"""Pixels: a coordinate that is this near to a border is on it."""
+ROUNDING_REL = 2.0**-50
+"""Rounding of a polynomial relative to its coefficients: less is 0."""
+DEEPEST = 48
+"""Halvings of an edge in the search for a root, and of one that meets a pole."""
+MOST_CUTS = 12 * MOST
+NODE_ROOM = -(-(MOST + 1) // GROUP) * GROUP
+"""Room for the nodes of an edge in `values_together`."""
+NO_LEVEL, LEVEL_U, LEVEL_V = 0, 1, 2
+"""Kinds of the cuts of an edge: an end of it, a border crossed by u, one crossed by v."""
+
+
+@part_with_arrays
+def plane_value(code, p, frame, x, y):
+    """Pixel (u, v) of a point of a plane."""
+    X = frame[0, 0] * x + frame[0, 1] * y + frame[0, 2]
+    Y = frame[1, 0] * x + frame[1, 1] * y + frame[1, 2]
+    Z = frame[2, 0] * x + frame[2, 1] * y + frame[2, 2]
+    return project(code, p, X, Y, Z)
+
+
+@allocation_free
+def node_value(code, p, frame, ax, ay, bx, by, n, k):
+    """Pixel (u, v) of node k of the n + 1 nodes of the edge from (ax, ay) to (bx, by)."""
+    t, s = NODES[n, k], NODES[n, n - k]
+    return plane_value(code, p, frame, s * ax + t * bx, s * ay + t * by)
+
+
+@allocation_free
+def edge_values(code, p, frame, ax, ay, bx, by, n, U, V):
+    """Fill U, V with the pixels of the n + 1 nodes of the edge from (ax, ay) to (bx, by)."""
+    for k in range(n + 1):
+        U[k], V[k] = node_value(code, p, frame, ax, ay, bx, by, n, k)
+
+
+@allocation_free
+def values_together(code, p, frame, ax, ay, bx, by, n, nodes, U, V):
+    """`edge_values` by vector instructions; `nodes`, (3, NODE_ROOM), is scratch."""
+    x, y = nodes[0], nodes[1]
+    for k in range(NODE_ROOM):
+        m = min(k, n)
+        t, s = NODES[n, m], NODES[n, n - m]
+        x[k], y[k] = s * ax + t * bx, s * ay + t * by
+    project_lanes(code, p, frame, x, y, nodes[2], n + 1, U, V)
+
+
+@part_with_arrays
+def bulge(n, U, V):
+    """Signed area between the image of an edge and its chord, px^2, from values at its nodes."""
+    total = 0.0
+    u0, v0 = U[0], V[0]
+    for i in range(2, n + 1):
+        u, v = U[i] - u0, V[i] - v0
+        for j in range(1, i):
+            total += RULE[n, i, j] * (u * (V[j] - v0) - (U[j] - u0) * v)
+    return total
+
+
+@part_with_arrays
+def under_edge(n, U, V, u0):
+    """Integral of (u - u0) dv along the image of an edge, px^2, from values at its nodes."""
+    return 0.5 * ((U[0] - u0) + (U[n] - u0)) * (V[n] - V[0]) + bulge(n, U, V)
+
+
+@part_with_arrays
+def nodes_for(half, longest, parts_of):
+    """Rule for an edge of a half length, and the number of its parts: (n, parts)."""
+    for n in range(FEWEST, MOST + 1):
+        if half <= longest[n]:
+            return n, 1
+    return parts_of, math.ceil(half / longest[parts_of])
+
+
+@part_with_arrays
+def bernstein_of(n, values, level, coefficients):
+    """Fill Bernstein coefficients of the polynomial through values at the nodes, less a level."""
+    for k in range(n + 1):
+        total = 0.0
+        for j in range(n + 1):
+            total += BERNSTEIN[n, k, j] * (values[j] - level)
+        coefficients[k] = total
+
+
+@part_with_arrays
+def may_cross(n, values, level, stray):
+    """False where an edge with values at its nodes cannot take a level.
+
+    Neither can the polynomial through them, nor an arc between two nodes, which leaves its chord by
+    the stray at most.
+    """
+    low = high = values[0]
+    for k in range(1, n + 1):
+        low, high = min(low, values[k]), max(high, values[k])
+    if low - stray > level or high + stray < level:
+        return False
+    return abs(level - 0.5 * (low + high)) <= GROWTH[n] * 0.5 * (high - low)
+
+
+@part_with_arrays
+def _changes(n, row):
+    """Changes of sign along coefficients, and the largest of these."""
+    changes, last, largest = 0, 0.0, 0.0
+    for k in range(n + 1):
+        c = row[k]
+        largest = max(largest, abs(c))
+        if c != 0.0:
+            if last != 0.0 and (c > 0.0) != (last > 0.0):
+                changes += 1
+            last = c
+    return changes, largest
+
+
+@part_with_arrays
+def _value_and_slope(n, row, t, spare):
+    """Polynomial of degree n >= 2 in Bernstein form, and its derivative, at t."""
+    for k in range(n + 1):
+        spare[k] = row[k]
+    for r in range(1, n):
+        for k in range(n + 1 - r):
+            spare[k] += t * (spare[k + 1] - spare[k])
+    change = spare[1] - spare[0]
+    return spare[0] + t * change, n * change
+
+
+@part_with_arrays
+def _only_root(n, row, spare):
+    """Root of a polynomial that changes its sign once, by Newton's method within bisections."""
+    a, b, is_up, largest = 0.0, 1.0, row[0] < 0.0, 0.0
+    for k in range(n + 1):
+        largest = max(largest, abs(row[k]))
+    t = row[0] / (row[0] - row[n])
+    for step in range(MOST_STEPS):
+        f, slope = _value_and_slope(n, row, t, spare)
+        if abs(f) <= ROUNDING_REL * largest:
+            return t
+        if (f < 0.0) == is_up:
+            a = t
+        else:
+            b = t
+        following = t - f / slope
+        if step % 4 == 3 or not a < following < b:
+            following = 0.5 * (a + b)
+        if b - a < ROOT_TOLERANCE:
+            break
+        t = following
+    return 0.5 * (a + b)
+
+
+@allocation_free
+def roots(n, stack, low, spare, out, kinds, kind, count):
+    """Append the places in (0, 1) where a polynomial in Bernstein form changes its sign.
+
+    Coefficients are in stack[0], (DEEPEST + 2, MOST + 1); `low` (DEEPEST + 2, 2) has room for the
+    places and lengths of parts. By Descartes' rule a part whose coefficients change their sign once
+    has one root, one where they do not has none; others are halved, until they are next to 0. An
+    edge that is next to 0 from end to end has no root. Returns the new count.
+    """
+    top = 1
+    low[0, 0], low[0, 1] = 0.0, 1.0
+    while top > 0:
+        top -= 1
+        row = stack[top]
+        start, length = low[top, 0], low[top, 1]
+        changes, largest = _changes(n, row)
+        is_flat = largest <= FLAT
+        if changes == 0 or (is_flat and length == 1.0):
+            continue
+        # The search would take an end that is next to 0 for the root.
+        least_end = min(abs(row[0]), abs(row[n]))
+        if changes == 1 and least_end > ROUNDING_REL * largest and not is_flat:
+            t = _only_root(n, row, spare)
+            if count < out.shape[0] - 1:
+                out[count], kinds[count] = start + length * t, kind
+                count += 1
+            continue
+        if is_flat or top + 2 > DEEPEST or length < 1e-13:
+            if count < out.shape[0] - 1:
+                out[count], kinds[count] = start + 0.5 * length, kind
+                count += 1
+            continue
+        # Halves by de Casteljau: the right one replaces this row, the left one is put on top.
+        left = stack[top + 1]
+        for r in range(n + 1):
+            left[r] = row[0]
+            for k in range(n - r):
+                row[k] = 0.5 * (row[k] + row[k + 1])
+        low[top, 0], low[top, 1] = start + 0.5 * length, 0.5 * length
+        low[top + 1, 0], low[top + 1, 1] = start, 0.5 * length
+        # Step r leaves coefficient n - r of the row as that of the right half. A root where they
+        # meet is an end of both, and neither has it within.
+        if row[0] == 0.0 and count < out.shape[0] - 1:
+            out[count], kinds[count] = start + 0.5 * length, kind
+            count += 1
+        top += 2
+    return count
+
+
+@allocation_free
+def height_at(code, p, frame, ax, ay, bx, by, t, is_u, level):
+    """Pixels by which u, or v, of the point at t on an edge is above a level."""
+    x, y = (1.0 - t) * ax + t * bx, (1.0 - t) * ay + t * by
+    u, v = plane_value(code, p, frame, x, y)
+    return (u if is_u else v) - level
+
+
+@allocation_free
+def crossing(code, p, frame, ax, ay, bx, by, t, is_u, level):
+    """Place where the image of an edge takes a level of u, or of v, next to a root t.
+
+    The root is that of the polynomial through the nodes, which is next to the lens by area, but may
+    be off by much more in its place; steps of the secant method follow while they come nearer.
+    """
+    step = SECANT if t < 0.5 else -SECANT
+    height = height_at(code, p, frame, ax, ay, bx, by, t, is_u, level)
+    for _ in range(CORRECTIONS):
+        if abs(height) < CROSSED:
+            break
+        change = height_at(code, p, frame, ax, ay, bx, by, t + step, is_u, level) - height
+        move = -step * (height / change) if change != 0.0 else 1.0
+        if not abs(move) < SECANT or not 0.0 < t + move < 1.0:
+            break
+        following = height_at(code, p, frame, ax, ay, bx, by, t + move, is_u, level)
+        if not abs(following) < abs(height):
+            break
+        t, height = t + move, following
+    return t
+
+
+@allocation_free
+def edge_is_inside(n, U, V, W, H, stack, low, spare, out, kinds):
+    """True where the image of an edge stays within 0 <= u <= W and 0 <= v <= H."""
+    for k in range(n + 1):
+        if not (0.0 <= U[k] <= W and 0.0 <= V[k] <= H):
+            return False
+    count = 0
+    for side in range(4):
+        level, values = (0.0, W, 0.0, H)[side], U if side < 2 else V
+        if may_cross(n, values, level, math.inf):
+            bernstein_of(n, values, level, stack[0])
+            count = roots(n, stack, low, spare, out, kinds, LEVEL_U, count)
+    return count == 0
+
+
+@called_whole
+def clamped_edge(
+    code, p, frame, ax, ay, bx, by, n, W, H, stray, U, V, stack, low, spare, cuts, kinds, nodes
+):
+    """Integral of clamp(u, 0, W) d clamp(v, 0, H) along the image of an edge, px^2, and its pieces.
+
+    U, V are the values at the nodes of the edge, with room for `NODE_ROOM`, and lost. An arc
+    between two nodes leaves its chord by `stray` at most, px.
+    """
+    is_in = True
+    for k in range(n + 1):
+        is_in = is_in and 0.0 < U[k] < W and 0.0 < V[k] < H
+    count = 0
+    for side in range(4):
+        level, values = (0.0, W, 0.0, H)[side], U if side < 2 else V
+        if may_cross(n, values, level, stray):
+            kind = LEVEL_U if side < 2 else LEVEL_V
+            bernstein_of(n, values, level, stack[0])
+            found = count
+            count = roots(n, stack, low, spare, cuts, kinds, kind, count)
+            for i in range(found, count):
+                cuts[i] = crossing(code, p, frame, ax, ay, bx, by, cuts[i], side < 2, level)
+    total = 0.0
+    if count == 0 and is_in:
+        total = under_edge(n, U, V, 0.0)
+    else:
+        for i in range(1, count):
+            cut, kind, j = cuts[i], kinds[i], i - 1
+            while j >= 0 and cuts[j] > cut:
+                cuts[j + 1], kinds[j + 1] = cuts[j], kinds[j]
+                j -= 1
+            cuts[j + 1], kinds[j + 1] = cut, kind
+        start, start_kind = 0.0, NO_LEVEL
+        for i in range(count + 1):
+            end = cuts[i] if i < count else 1.0
+            end_kind = kinds[i] if i < count else NO_LEVEL
+            if end > start:
+                x0, y0 = (1.0 - start) * ax + start * bx, (1.0 - start) * ay + start * by
+                x1, y1 = (1.0 - end) * ax + end * bx, (1.0 - end) * ay + end * by
+                u, v = U[n // 2], V[n // 2]
+                if count > 0:
+                    u, v = node_value(code, p, frame, x0, y0, x1, y1, n, n // 2)
+                if u > 0.0 and 0.0 < v < H:
+                    if count > 0:
+                        values_together(code, p, frame, x0, y0, x1, y1, n, nodes, U, V)
+                    # A cut by v is on the border, to the error of its root: the integral must end
+                    # there, or that error would be multiplied by u.
+                    first = (0.0 if V[0] < 0.5 * H else H) if start_kind == LEVEL_V else V[0]
+                    last = (0.0 if V[n] < 0.5 * H else H) if end_kind == LEVEL_V else V[n]
+                    first, last = min(max(first, 0.0), H), min(max(last, 0.0), H)
+                    if u >= W:
+                        total += W * (last - first)
+                    else:
+                        total += under_edge(n, U, V, 0.0)
+                        total += U[0] * (V[0] - first) + U[n] * (last - V[n])
+            start, start_kind = end, end_kind
+    return total, count + 1

@@ -1,0 +1,254 @@
+"""Images of the vertices and edges of a surface in a lens, many at a time; compiled by numba.
+
+Rays are projected in groups of `LANES`, step by step along arrays, which the compiler turns into
+vector instructions. An edge that two faces share is integrated once.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov.kernels.jit import allocation_free, called_whole, part_of
+from rastercov.kernels.lens import project
+from rastercov.kernels.lens_formulas import (
+    B0,
+    B1,
+    B2,
+    BACKWARD,
+    CX,
+    CY,
+    D1,
+    D2,
+    D3,
+    DIVISION,
+    DOUBLE_SPHERE,
+    EQUIDISTANT,
+    EQUIRECT,
+    EQUISOLID,
+    FOV,
+    FX,
+    FY,
+    K1,
+    K2,
+    K3,
+    K4,
+    K5,
+    K6,
+    LATE,
+    P1,
+    P2,
+    PINHOLE,
+    S1,
+    S2,
+    S3,
+    S4,
+    SKEW,
+    T00,
+    T10,
+    T11,
+    T20,
+    T21,
+    T22,
+    UNIFIED,
+)
+
+LANES = 64
+"""Rays that are projected together."""
+GROUP = 8
+"""Rays of a vector: a list is filled up to a multiple of it, so that no remainder is scalar."""
+X, Y, U, V = range(4)
+"""Columns of the places of vertices: in a plane, in its units, and in the image, px."""
+
+
+class LaneScratch(NamedTuple):
+    """Scratch for `LANES` rays; all numbers are finite, also those of unused lanes."""
+
+    x: NDArray[np.float64]
+    y: NDArray[np.float64]
+    z: NDArray[np.float64]
+    u: NDArray[np.float64]
+    v: NDArray[np.float64]
+
+
+def lane_scratch() -> LaneScratch:
+    """Memory for `LANES` rays."""
+    return LaneScratch(*np.zeros((5, LANES)))
+
+
+@part_of
+def atan_over(q):
+    """atan(t) / t for q = t^2 <= 1, by a polynomial of SLEEF; without a branch, also at 0.
+
+    The error is a unit in the last place.
+
+    N. Shibata, F. Petrogalli. SLEEF: A Portable Vectorized Library of C Standard Mathematical
+    Functions. 2020.
+    """
+    # Four chains, because the processor would wait for each step of one.
+    r, s = q * q, (q * q) * (q * q)
+    a = -0.333333333333311110369124 + s * (
+        -0.090908995008245008229153
+        + s
+        * (
+            -0.0523674852303482457616113
+            + s * (-0.0254517624932312641616861 - s * 0.00110611831486672482563471)
+        )
+    )
+    b = 0.199999999996591265594148 + s * (
+        0.0769219538311769618355029
+        + s
+        * (
+            0.0466667150077840625632675
+            + s * (0.016599329773529201970117 + s * 0.000209850076645816976906797)
+        )
+    )
+    d = -0.14285714266771329383765 + s * (
+        -0.0666573579361080525984562
+        + s
+        * (
+            -0.0407629191276836500001934
+            + s * (-0.00889896195887655491740809 - s * 1.88796008463073496563746e-05)
+        )
+    )
+    e = 0.111111105648261418443745 + s * (
+        0.0587666392926673580854313
+        + s * (0.0337852580001353069993897 + s * 0.00370026744188713119232403)
+    )
+    p = a + q * b + r * (d + q * e)
+    return 1.0 + q * p
+
+
+@part_of
+def angle_over_r(r2, z):
+    """Angle from the z axis over r, of a point at distance r = sqrt(r2) from the axis.
+
+    tan(a / 2) = tan(a) / (1 + sqrt(1 + tan(a)^2)), twice: a quarter of an angle is at most 45
+    degrees. The error is a few units in the last place.
+    """
+    c = 1.0 / (z + math.sqrt(r2 + z * z))
+    c = c / (1.0 + math.sqrt(1.0 + r2 * c * c))
+    return 4.0 * c * atan_over(r2 * c * c)
+
+
+@part_of
+def angle_ahead_over_r(r2):
+    """`angle_over_r` for z = 1: the angle is less than 90 degrees, and halved once."""
+    c = 1.0 / (1.0 + math.sqrt(r2 + 1.0))
+    return 2.0 * c * atan_over(r2 * c * c)
+
+
+@allocation_free
+def base_lanes(code, b0, b1, b2, is_ahead, x, y, z, n):
+    """Bases that have a closed form, see `formulas.based`; rays (x, y, z) in place.
+
+    All z are 1 where `is_ahead`.
+    """
+    if code == EQUIDISTANT and is_ahead:
+        for i in range(n):
+            g = angle_ahead_over_r(x[i] * x[i] + y[i] * y[i])
+            x[i], y[i] = x[i] * g, y[i] * g
+    elif code == EQUIDISTANT:
+        for i in range(n):
+            g = angle_over_r(x[i] * x[i] + y[i] * y[i], z[i])
+            x[i], y[i] = x[i] * g, y[i] * g
+    elif code == EQUISOLID:
+        for i in range(n):
+            rho = math.sqrt(x[i] * x[i] + y[i] * y[i] + z[i] * z[i])
+            g = 1.4142135623730951 / math.sqrt(rho * (rho + z[i]))
+            x[i], y[i] = x[i] * g, y[i] * g
+    elif code == UNIFIED:
+        for i in range(n):
+            r2 = x[i] * x[i] + y[i] * y[i]
+            g = 1.0 / (b0 * math.sqrt(b2 * r2 + z[i] * z[i]) + b1 * z[i])
+            x[i], y[i] = x[i] * g, y[i] * g
+    elif code == DOUBLE_SPHERE:
+        for i in range(n):
+            r2 = x[i] * x[i] + y[i] * y[i]
+            c = b0 * math.sqrt(r2 + z[i] * z[i]) + z[i]
+            g = 1.0 / (b1 * math.sqrt(r2 + c * c) + (1.0 - b1) * c)
+            x[i], y[i] = x[i] * g, y[i] * g
+    else:
+        for i in range(n):
+            w = 1.0 / z[i]
+            x[i], y[i] = x[i] * w, y[i] * w
+        if code == FOV:
+            for i in range(n):
+                g = b1 * angle_ahead_over_r((x[i] * x[i] + y[i] * y[i]) * (b0 * b0))
+                x[i], y[i] = x[i] * g, y[i] * g
+        elif code == DIVISION:
+            for i in range(n):
+                r2 = x[i] * x[i] + y[i] * y[i]
+                g = 2.0 / (1.0 + math.sqrt(1.0 - 4.0 * b0 * r2))
+                x[i], y[i] = x[i] * g, y[i] * g
+
+
+@called_whole
+def project_lanes(code, p, frame, x, y, z, m, u, v):
+    """Project the first m points (x, y) of a plane into u, v; x, y and z are lost.
+
+    The equations are those of `formulas.project`. The results depend on the point alone, not on its
+    place in the list; arrays have room for a multiple of `GROUP`, all of it finite.
+    """
+    if code in (BACKWARD, EQUIRECT):
+        for i in range(m):
+            X = frame[0, 0] * x[i] + frame[0, 1] * y[i] + frame[0, 2]
+            Y = frame[1, 0] * x[i] + frame[1, 1] * y[i] + frame[1, 2]
+            Z = frame[2, 0] * x[i] + frame[2, 1] * y[i] + frame[2, 2]
+            u[i], v[i] = project(code, p, X, Y, Z)
+        return
+    n = (m + GROUP - 1) & -GROUP
+    f00, f01, f02 = frame[0, 0], frame[0, 1], frame[0, 2]
+    f10, f11, f12 = frame[1, 0], frame[1, 1], frame[1, 2]
+    f20, f21, f22 = frame[2, 0], frame[2, 1], frame[2, 2]
+    # On the plane ahead a pinhole's base changes nothing.
+    is_ahead = f00 == 1.0 and f11 == 1.0 and f22 == 1.0
+    if not (is_ahead and code == PINHOLE):
+        for i in range(n):
+            X = f00 * x[i] + f01 * y[i] + f02
+            Y = f10 * x[i] + f11 * y[i] + f12
+            z[i] = f20 * x[i] + f21 * y[i] + f22
+            x[i], y[i] = X, Y
+        base_lanes(code, p[B0], p[B1], p[B2], is_ahead, x, y, z, n)
+    k1, k2, k3, k4, k5, k6 = p[K1], p[K2], p[K3], p[K4], p[K5], p[K6]
+    d1, d2, d3 = p[D1], p[D2], p[D3]
+    is_polynomial = d1 == 0.0 and d2 == 0.0 and d3 == 0.0
+    if is_polynomial and k4 == 0.0 and k5 == 0.0 and k6 == 0.0:
+        for i in range(n):
+            q = x[i] * x[i] + y[i] * y[i]
+            f = 1.0 + q * (k1 + q * (k2 + q * k3))
+            u[i], v[i] = x[i] * f, y[i] * f
+    elif is_polynomial:
+        for i in range(n):
+            q = x[i] * x[i] + y[i] * y[i]
+            f = 1.0 + q * (k1 + q * (k2 + q * (k3 + q * (k4 + q * (k5 + q * k6)))))
+            u[i], v[i] = x[i] * f, y[i] * f
+    else:
+        for i in range(n):
+            q = x[i] * x[i] + y[i] * y[i]
+            f = 1.0 + q * (k1 + q * (k2 + q * (k3 + q * (k4 + q * (k5 + q * k6)))))
+            f = f / (1.0 + q * (d1 + q * (d2 + q * d3)))
+            u[i], v[i] = x[i] * f, y[i] * f
+    p1, p2, s1, s2, s3, s4 = p[P1], p[P2], p[S1], p[S2], p[S3], p[S4]
+    if p1 != 0.0 or p2 != 0.0 or s1 != 0.0 or s2 != 0.0 or s3 != 0.0 or s4 != 0.0:
+        is_late = p[LATE] != 0.0
+        for i in range(n):
+            a = u[i] if is_late else x[i]
+            b = v[i] if is_late else y[i]
+            q = a * a + b * b
+            ab = 2.0 * (a * b)
+            u[i] += p1 * ab + p2 * (q + 2.0 * (a * a)) + q * (q * s2 + s1)
+            v[i] += p1 * (q + 2.0 * (b * b)) + p2 * ab + q * (q * s4 + s3)
+    if p[T20] != 0.0 or p[T21] != 0.0:
+        t00, t10, t11, t20, t21, t22 = p[T00], p[T10], p[T11], p[T20], p[T21], p[T22]
+        for i in range(n):
+            w = 1.0 / (t20 * u[i] + t21 * v[i] + t22)
+            b = (t10 * u[i] + t11 * v[i]) * w
+            u[i] = t00 * u[i] * w
+            v[i] = b
+    fx, fy, cx, cy, skew = p[FX], p[FY], p[CX], p[CY], p[SKEW]
+    for i in range(n):
+        a = fx * u[i] + skew * v[i] + cx
+        v[i] = fy * v[i] + cy
+        u[i] = a

@@ -1,0 +1,450 @@
+"""Image of one polygon of an ideal plane: its area, and the part of it inside the image; by numba.
+
+Most polygons are inside the image or outside it, and their area is the sum over their edges; only
+those that may reach across the border are clamped to it (`edge_kernels`).
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov.camera.lenses.quadrature import GAP, MOST, NODES
+from rastercov.kernels.jit import allocation_free, called_whole, part_with_arrays
+from rastercov.kernels.lens_edges import (
+    DEEPEST,
+    MOST_CUTS,
+    NODE_ROOM,
+    clamped_edge,
+    edge_values,
+    nodes_for,
+    under_edge,
+)
+from rastercov.kernels.lens_lanes import GROUP, U, V, X, Y, project_lanes
+
+FloatArray = NDArray[np.float64]
+
+MOST_CORNERS = 256
+"""Room for a polygon of up to 64 corners cut by a region of up to 132 sides."""
+MOST_WAITING = 64
+"""Parts of an edge that wait to be halved, on a plane with a pole."""
+MOST_NODES, MOST_PARTS = 512, 128
+"""Nodes of a polygon that are projected together, and edges and parts of them that these are of."""
+
+
+class EdgeScratch(NamedTuple):
+    """Scratch for one edge, and for the parts of all edges of a polygon.
+
+    The parts have `ends`, (x0, y0, x1, y1), `rules`, and all nodes in x ... v: the last of a part
+    is the first of the next.
+    """
+
+    U: FloatArray
+    V: FloatArray
+    spare: FloatArray
+    stack: FloatArray
+    low: FloatArray
+    cuts: FloatArray
+    kinds: NDArray[np.int64]
+    waiting: FloatArray
+    nodes: FloatArray
+    x: FloatArray
+    y: FloatArray
+    z: FloatArray
+    u: FloatArray
+    v: FloatArray
+    ends: FloatArray
+    rules: NDArray[np.int64]
+
+
+def edge_scratch() -> EdgeScratch:
+    """Memory for one edge, and for the nodes of one polygon."""
+    deep = DEEPEST + 2
+    sizes = [(NODE_ROOM,)] * 3 + [(deep, MOST + 1), (deep, 2), (MOST_CUTS,)]
+    kinds, waiting = np.empty(MOST_CUTS, np.int64), np.empty((MOST_WAITING, 2))
+    of_polygon, ends = np.empty((5, MOST_NODES + GROUP)), np.empty((MOST_PARTS, 4))
+    of_edge, rules = np.empty((3, NODE_ROOM)), np.empty(MOST_PARTS, np.int64)
+    of_one = [*(np.empty(size) for size in sizes), kinds, waiting, of_edge]
+    return EdgeScratch._make([*of_one, *of_polygon, ends, rules])
+
+
+@called_whole
+def polygon_image(plane, corners, first, last, scratch):
+    """Image of the polygon corners[first] ... corners[last - 1], in units of a plane.
+
+    Parameters
+    ----------
+    plane : PlaneRecord
+    corners : (N, 2) float64
+        Within the region of the plane.
+    scratch : EdgeScratch
+
+    Returns
+    -------
+    whole, inside : float
+        Signed area, px^2, positive for corners counter-clockwise in (x, y), and of its part inside
+        the image.
+    rules : int
+        Edges and parts of them that were integrated.
+    """
+    return _image(plane, corners, first, last, scratch, True)
+
+
+@called_whole
+def _image(plane, corners, first, last, scratch, is_whole_asked):
+    """`polygon_image`, whose `whole` may be NaN at the border of the image and beyond it."""
+    if plane.is_graded:
+        return _image_by_edges(plane, corners, first, last, scratch)
+    parts, stray = _lay_nodes(plane, corners, first, last, scratch)
+    if parts < 0:
+        return _image_by_edges(plane, corners, first, last, scratch)
+    if parts == 0:
+        return 0.0, 0.0, 0
+    u, v, rules = scratch.u, scratch.v, scratch.rules
+    nodes = 0
+    for part in range(parts):
+        nodes += rules[part]
+    project_lanes(
+        plane.code, plane.params, plane.frame, scratch.x, scratch.y, scratch.z, nodes, u, v
+    )
+    u[nodes], v[nodes] = u[0], v[0]
+    low_u, high_u, low_v, high_v = u[0], u[0], v[0], v[0]
+    for k in range(nodes):
+        low_u, high_u = min(low_u, u[k]), max(high_u, u[k])
+        low_v, high_v = min(low_v, v[k]), max(high_v, v[k])
+    stray = plane.bend * stray * stray / 8
+    W, H = plane.width, plane.height
+    is_in = low_u > stray and low_v > stray and high_u < W - stray and high_v < H - stray
+    whole, at = math.nan, 0
+    if is_in or is_whole_asked:
+        whole = 0.0
+        for part in range(parts):
+            n = rules[part]
+            whole += under_edge(n, u[at : at + n + 1], v[at : at + n + 1], u[0])
+            at += n
+    if is_in:
+        return whole, whole, parts
+    if high_u < -stray or high_v < -stray or low_u > W + stray or low_v > H + stray:
+        return whole, 0.0, parts
+    inside, pieces, at = 0.0, 0, 0
+    for part in range(parts):
+        n = rules[part]
+        own, more = _part_inside(plane, part, at, scratch)
+        inside += own
+        pieces += more
+        at += n
+    return whole, inside, pieces
+
+
+@part_with_arrays
+def _stray(plane, n, length2):
+    """Distance by which an arc between two nodes of an edge may leave its chord, px."""
+    return plane.bend * length2 * GAP[n] * GAP[n] / 8
+
+
+@allocation_free
+def _part_inside(plane, part, at, scratch):
+    """Integral of clamp(u, 0, W) d clamp(v, 0, H) along a part of an edge, px^2, and its pieces.
+
+    `at` is its first node. An arc between two nodes leaves its chord by bend L^2 / 8 at most; so
+    most parts are known to be inside the image, or beyond one side of it. Beyond u = W the integral
+    is W times the change of the clamped v, beyond the other sides it is 0.
+    """
+    u, v, ends, n = scratch.u, scratch.v, scratch.ends, scratch.rules[part]
+    x0, y0, x1, y1 = ends[part, 0], ends[part, 1], ends[part, 2], ends[part, 3]
+    W, H = plane.width, plane.height
+    low_u, high_u, low_v, high_v = u[at], u[at], v[at], v[at]
+    for k in range(at + 1, at + n + 1):
+        low_u, high_u = min(low_u, u[k]), max(high_u, u[k])
+        low_v, high_v = min(low_v, v[k]), max(high_v, v[k])
+    stray = _stray(plane, n, (x1 - x0) * (x1 - x0) + (y1 - y0) * (y1 - y0))
+    if high_u < -stray or high_v < -stray or low_v > H + stray:
+        return 0.0, 1
+    if low_u > W + stray:
+        return W * (min(max(v[at + n], 0.0), H) - min(max(v[at], 0.0), H)), 1
+    if low_u > stray and low_v > stray and high_u < W - stray and high_v < H - stray:
+        return under_edge(n, u[at : at + n + 1], v[at : at + n + 1], 0.0), 1
+    for k in range(n + 1):
+        scratch.U[k], scratch.V[k] = u[at + k], v[at + k]
+    return clamped_edge(
+        plane.code, plane.params, plane.frame, x0, y0, x1, y1, n, W, H, stray, scratch.U,
+        scratch.V, scratch.stack, scratch.low, scratch.spare, scratch.cuts, scratch.kinds,
+        scratch.nodes,
+    )  # fmt: skip
+
+
+@part_with_arrays
+def _lay_edge(ax, ay, bx, by, n, parts, listed, nodes, scratch):
+    """List the parts of an edge, and their nodes, behind those that are listed."""
+    x, y, ends, rules = scratch.x, scratch.y, scratch.ends, scratch.rules
+    for part in range(parts):
+        x0, y0, x1, y1 = _ends(ax, ay, bx, by, part / parts, (part + 1) / parts)
+        ends[listed, 0], ends[listed, 1], ends[listed, 2], ends[listed, 3] = x0, y0, x1, y1
+        rules[listed] = n
+        listed += 1
+        for k in range(n):
+            t, s = NODES[n, k], NODES[n, n - k]
+            x[nodes], y[nodes] = s * x0 + t * x1, s * y0 + t * y1
+            nodes += 1
+
+
+@allocation_free
+def _lay_nodes(plane, corners, first, last, scratch):
+    """List the parts of the edges of a polygon, and their nodes.
+
+    Returns the number of parts, -1 where there is no room for them, and the length of the longest.
+    """
+    x, y = scratch.x, scratch.y
+    listed, nodes, longest = 0, 0, 0.0
+    for i in range(first, last):
+        j = i + 1 if i + 1 < last else first
+        ax, ay, bx, by = corners[i, 0], corners[i, 1], corners[j, 0], corners[j, 1]
+        length = math.sqrt((bx - ax) * (bx - ax) + (by - ay) * (by - ay))
+        if length == 0.0:
+            continue
+        n, parts = nodes_for(0.5 * length, plane.longest, plane.parts_of)
+        longest = max(longest, length / parts)
+        if parts > MOST_PARTS - listed or n * parts > MOST_NODES - nodes:
+            return -1, longest
+        _lay_edge(ax, ay, bx, by, n, parts, listed, nodes, scratch)
+        listed, nodes = listed + parts, nodes + n * parts
+    for k in range(nodes, nodes + GROUP):
+        x[k], y[k] = x[0], y[0]
+    return listed, longest
+
+
+@called_whole
+def _image_by_edges(plane, corners, first, last, scratch):
+    """Image of a polygon as `polygon_image`, of any number of parts, on any plane."""
+    rules, u0, whole, stray = 0, 0.0, 0.0, 0.0
+    low_u = low_v = math.inf
+    high_u = high_v = -math.inf
+    U, V = scratch.U, scratch.V
+    for i in range(first, last):
+        j = i + 1 if i + 1 < last else first
+        ax, ay, bx, by = corners[i, 0], corners[i, 1], corners[j, 0], corners[j, 1]
+        dx, dy = bx - ax, by - ay
+        length = math.sqrt(dx * dx + dy * dy)
+        if length == 0.0:
+            continue
+        n, parts = plane.parts_of, 1
+        if not plane.is_graded:
+            n, parts = nodes_for(0.5 * length, plane.longest, plane.parts_of)
+        for part in range(parts):
+            top, scratch.waiting[0, 0], scratch.waiting[0, 1] = 1, part / parts, (part + 1) / parts
+            while top > 0:
+                top -= 1
+                s, e = scratch.waiting[top, 0], scratch.waiting[top, 1]
+                x0, y0, x1, y1 = _ends(ax, ay, bx, by, s, e)
+                if plane.is_graded and not _is_short(x0, y0, x1, y1, plane.longest[n], top):
+                    top = _halve(scratch.waiting, top, s, e)
+                    continue
+                edge_values(plane.code, plane.params, plane.frame, x0, y0, x1, y1, n, U, V)
+                if rules == 0:
+                    u0 = U[0]
+                rules += 1
+                whole += under_edge(n, U, V, u0)
+                stray = max(stray, (e - s) * length)
+                for k in range(n + 1):
+                    low_u, high_u = min(low_u, U[k]), max(high_u, U[k])
+                    low_v, high_v = min(low_v, V[k]), max(high_v, V[k])
+    if rules == 0:
+        return 0.0, 0.0, 0
+    stray = plane.bend * stray * stray / 8
+    W, H = plane.width, plane.height
+    if low_u > stray and low_v > stray and high_u < W - stray and high_v < H - stray:
+        return whole, whole, rules
+    if high_u < -stray or high_v < -stray or low_u > W + stray or low_v > H + stray:
+        return whole, 0.0, rules
+    inside, pieces = _clamped(plane, corners, first, last, scratch)
+    return whole, inside, pieces
+
+
+@allocation_free
+def measure_polygons(plane, corners, starts, scratch, out):
+    """Fill `out`, (M, 3), with the whole area, the area inside, and the edges of polygons.
+
+    See `polygon_image`; the corners of polygon i are rows starts[i] ... starts[i + 1] - 1.
+    """
+    for i in range(out.shape[0]):
+        whole, inside, rules = polygon_image(plane, corners, starts[i], starts[i + 1], scratch)
+        out[i, 0], out[i, 1], out[i, 2] = whole, inside, rules
+
+
+@allocation_free
+def measure_insides(plane, corners, starts, scratch, out):
+    """Fill `out`, (M, 2), with the area inside the image, and the edges, of polygons.
+
+    As `measure_polygons`.
+    """
+    for i in range(out.shape[0]):
+        _, inside, rules = _image(plane, corners, starts[i], starts[i + 1], scratch, False)
+        out[i, 0], out[i, 1] = inside, rules
+
+
+@allocation_free
+def bulges_by_parts(plane, edges, ends, places, scratch, bulge):
+    """Fill in what `lane_kernels.edge_bulges` left: edges too long for one rule.
+
+    Parameters
+    ----------
+    plane : PlaneRecord
+    edges : (N,) int32
+        The edges.
+    ends : (E, 2) int32
+    places : (V, 4) float64
+        Of `lane_kernels.vertex_images`.
+    scratch : EdgeScratch
+    bulge : (E,) float64
+        In and out; NaN remains for an edge of too many parts, and on a plane with a pole.
+    """
+    x, y, u, v = scratch.x, scratch.y, scratch.u, scratch.v
+    if plane.is_graded:
+        return
+    for index in range(edges.shape[0]):
+        e = edges[index]
+        a, b = ends[e, 0], ends[e, 1]
+        ax, ay, bx, by = places[a, X], places[a, Y], places[b, X], places[b, Y]
+        half = 0.5 * math.sqrt((bx - ax) * (bx - ax) + (by - ay) * (by - ay))
+        n, parts = nodes_for(half, plane.longest, plane.parts_of)
+        nodes = n * parts
+        if parts > MOST_PARTS or nodes > MOST_NODES:
+            continue
+        _lay_edge(ax, ay, bx, by, n, parts, 0, 0, scratch)
+        for k in range(nodes, nodes + GROUP):
+            x[k], y[k] = bx, by
+        project_lanes(
+            plane.code, plane.params, plane.frame, x, y, scratch.z, nodes + 1, u, v
+        )  # fmt: skip
+        total = 0.0
+        for at in range(0, nodes, n):
+            total += under_edge(n, u[at : at + n + 1], v[at : at + n + 1], places[a, U])
+        bulge[e] = total - 0.5 * (places[b, U] - places[a, U]) * (places[b, V] - places[a, V])
+
+
+@called_whole
+def _clamped(plane, corners, first, last, scratch):
+    """Area of the part inside the image, and the pieces of edges that were integrated."""
+    inside, rules = 0.0, 0
+    for i in range(first, last):
+        j = i + 1 if i + 1 < last else first
+        ax, ay, bx, by = corners[i, 0], corners[i, 1], corners[j, 0], corners[j, 1]
+        length = math.hypot(bx - ax, by - ay)
+        if length == 0.0:
+            continue
+        n, parts = plane.parts_of, 1
+        if not plane.is_graded:
+            n, parts = nodes_for(0.5 * length, plane.longest, plane.parts_of)
+        for part in range(parts):
+            top, scratch.waiting[0, 0], scratch.waiting[0, 1] = 1, part / parts, (part + 1) / parts
+            while top > 0:
+                top -= 1
+                s, e = scratch.waiting[top, 0], scratch.waiting[top, 1]
+                x0, y0, x1, y1 = _ends(ax, ay, bx, by, s, e)
+                if plane.is_graded and not _is_short(x0, y0, x1, y1, plane.longest[n], top):
+                    top = _halve(scratch.waiting, top, s, e)
+                    continue
+                edge_values(
+                    plane.code, plane.params, plane.frame, x0, y0, x1, y1, n, scratch.U, scratch.V
+                )
+                stray = _stray(plane, n, (x1 - x0) * (x1 - x0) + (y1 - y0) * (y1 - y0))
+                own, pieces = clamped_edge(
+                    plane.code, plane.params, plane.frame, x0, y0, x1, y1, n, plane.width,
+                    plane.height, stray, scratch.U, scratch.V, scratch.stack, scratch.low,
+                    scratch.spare, scratch.cuts, scratch.kinds, scratch.nodes,
+                )  # fmt: skip
+                inside += own
+                rules += pieces
+    return inside, rules
+
+
+@allocation_free
+def _ends(ax, ay, bx, by, s, e):
+    """Ends of the part s ... e of an edge."""
+    return (
+        *((1.0 - s) * ax + s * bx, (1.0 - s) * ay + s * by),
+        *((1.0 - e) * ax + e * bx, (1.0 - e) * ay + e * by),
+    )
+
+
+@allocation_free
+def _halve(waiting, top, s, e):
+    """Put the halves of a part on the stack; returns its new size."""
+    m = 0.5 * (s + e)
+    waiting[top, 0], waiting[top, 1] = m, e
+    waiting[top + 1, 0], waiting[top + 1, 1] = s, m
+    return top + 2
+
+
+@allocation_free
+def _is_short(ax, ay, bx, by, longest, top):
+    """True where an edge of a plane with a pole is short for its distance from the pole."""
+    half = 0.5 * math.hypot(bx - ax, by - ay)
+    distance = 0.5 * math.hypot(ax + bx, ay + by)
+    return half <= longest * distance or half < 1e-15 or top >= MOST_WAITING - 2
+
+
+@part_with_arrays
+def is_in_region(polygon, n, region):
+    """True where all corners lie inside a convex polygon, counter-clockwise in (x, y)."""
+    m = region.shape[0]
+    for i in range(m):
+        j = i + 1 if i + 1 < m else 0
+        x0, y0 = region[i, 0], region[i, 1]
+        dx, dy = region[j, 0] - x0, region[j, 1] - y0
+        for p in range(n):
+            if dx * (polygon[p, 1] - y0) - dy * (polygon[p, 0] - x0) < 0:
+                return False
+    return True
+
+
+@part_with_arrays
+def cut_to_side(polygon, n, x0, y0, dx, dy, out):
+    """Keep the part of a polygon to the left of a line; returns its corner count."""
+    kept = 0
+    for i in range(n):
+        j = i + 1 if i + 1 < n else 0
+        here = dx * (polygon[i, 1] - y0) - dy * (polygon[i, 0] - x0)
+        there = dx * (polygon[j, 1] - y0) - dy * (polygon[j, 0] - x0)
+        if here >= 0 and kept < out.shape[0]:
+            out[kept, 0], out[kept, 1] = polygon[i, 0], polygon[i, 1]
+            kept += 1
+        if ((here > 0 and there < 0) or (here < 0 and there > 0)) and kept < out.shape[0]:
+            t = here / (here - there)
+            out[kept, 0] = polygon[i, 0] + t * (polygon[j, 0] - polygon[i, 0])
+            out[kept, 1] = polygon[i, 1] + t * (polygon[j, 1] - polygon[i, 1])
+            kept += 1
+    return kept
+
+
+@part_with_arrays
+def cut_to_region(polygon, n, region, spare):
+    """Cut a polygon in place to a convex region; returns its corner count."""
+    for i in range(region.shape[0]):
+        n = cut_to_side_of(polygon, n, region, i, spare)
+        if n < 3:
+            return 0
+    return n
+
+
+@part_with_arrays
+def cut_to_side_of(polygon, n, region, i, spare):
+    """Cut a polygon in place to one side of a convex region; returns its corner count."""
+    j = i + 1 if i + 1 < region.shape[0] else 0
+    x0, y0 = region[i, 0], region[i, 1]
+    n = cut_to_side(polygon, n, x0, y0, region[j, 0] - x0, region[j, 1] - y0, spare)
+    for p in range(n):
+        polygon[p, 0], polygon[p, 1] = spare[p, 0], spare[p, 1]
+    return n
+
+
+@part_with_arrays
+def beyond_side_of(polygon, n, region, i, out):
+    """Copy the part of a polygon beyond one side of a convex region; returns its corner count.
+
+    Its corners on that side are those of `cut_to_side_of`, bit for bit.
+    """
+    j = i + 1 if i + 1 < region.shape[0] else 0
+    x0, y0 = region[i, 0], region[i, 1]
+    return cut_to_side(polygon, n, x0, y0, x0 - region[j, 0], y0 - region[j, 1], out)
