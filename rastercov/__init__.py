@@ -36,7 +36,6 @@ if _TYPE_CHECKING:
     from rastercov.coverage.network import Network
     from rastercov.coverage.observer import Observer, open_observer, visibility
     from rastercov.coverage.task import Reason, Task
-    from rastercov.jobs import audit, check, place
     from rastercov.mesh import Group, Mesh
     from rastercov.raster import (
         FaceCounts,
@@ -46,6 +45,7 @@ if _TYPE_CHECKING:
         open_rasterizer,
     )
     from rastercov.raster.observation import BoundKind, Observation, Visibility
+    from rastercov.report.jobs import audit, check, place
 
 __all__ = [
     "BoundKind",
@@ -104,30 +104,30 @@ __all__ = [
 __version__ = "0.1.0"
 
 _NAMES = {
-    "area.cells": "Cells CellShares cells",
-    "area.regions": "Regions regions",
-    "area.union": "Covered RegionUnion unite",
-    "area.zones": "DeadZones dead_zones",
-    "camera": "Camera",
-    "camera_formats": "read_views write_views",
-    "camera_formats.conventions": "Conventions",
-    "cluster": "Workers",
-    "coverage": "Coverage evaluate evaluate_batches",
-    "engine": "Engine",
-    "errors": "CameraError ConfigError DeviceError MeshError PoseError RastercovError "
+    "base.errors": "CameraError ConfigError DeviceError MeshError PoseError RastercovError "
     "ResourceError",
-    "jobs": "audit check place",
+    "camera.camera": "Camera",
+    "camera.formats": "read_views write_views",
+    "camera.formats.conventions": "Conventions",
+    "camera.pose": "Poses",
+    "camera.pose_file": "read_poses write_poses",
+    "camera.rig": "Rig",
+    "camera.viewpoints": "look_at sphere_of_poses",
+    "camera.views": "Views",
+    "cluster": "Workers",
+    "coverage.area.cells": "Cells CellShares cells",
+    "coverage.area.regions": "Regions regions",
+    "coverage.area.union": "Covered RegionUnion unite",
+    "coverage.area.zones": "DeadZones dead_zones",
+    "coverage.coverage": "Coverage evaluate evaluate_batches",
+    "coverage.engine": "Engine",
+    "coverage.network": "Network",
+    "coverage.observer": "Observer open_observer visibility",
+    "coverage.task": "Reason Task",
     "mesh": "Group Mesh",
-    "network": "Network",
-    "observation": "BoundKind Observation Visibility",
-    "observer": "Observer open_observer visibility",
-    "pose": "Poses",
-    "pose_file": "read_poses write_poses",
     "raster": "FaceCounts Rasterizer RasterizerInfo VisibilityBuffer open_rasterizer",
-    "rig": "Rig",
-    "task": "Reason Task",
-    "viewpoints": "look_at sphere_of_poses",
-    "views": "Views",
+    "raster.observation": "BoundKind Observation Visibility",
+    "report.jobs": "audit check place",
 }
 """Modules and their public names."""
 _HOME = {name: module for module, names in _NAMES.items() for name in names.split()}
@@ -139,6 +139,8 @@ def __getattr__(name: str) -> _Any:
 
         found = globals()[name] = guarded_name(_import_module(f"rastercov.{_HOME[name]}"), name)
         return found
+    if name == "shapes":
+        return _import_module("rastercov.mesh.shapes")
     if not name.startswith("_") and _find_spec(f"rastercov.{name}"):
         return _import_module(f"rastercov.{name}")
     raise AttributeError(f"module 'rastercov' has no attribute {name!r}")

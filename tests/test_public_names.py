@@ -18,47 +18,47 @@ ROOT = Path(rastercov.__file__).parent
 # Modules whose public classes and functions are the package's own names, and what they keep to
 # themselves: the links between the modules, which a caller of the package does not need.
 SURFACE = {
-    "area.cells": {"FINEST_REL", "MOST_CELLS", "USUAL_CELLS", "rounded_up", "usual_size"},
-    "area.regions": {"GAP_REL", "OF_A_FACE", "RegionPass", "STRIP_REL", "check_pointwise"},
-    "area.union": {"FLOOR_REL", "MOST_VIEWS", "WHOLE_PAIR_REL", "diagonal_floor", "polygon_areas"},
-    "area.zones": {
+    "coverage.area.cells": {"FINEST_REL", "MOST_CELLS", "USUAL_CELLS", "rounded_up", "usual_size"},
+    "coverage.area.regions": {"GAP_REL", "OF_A_FACE", "RegionPass", "STRIP_REL", "check_pointwise"},
+    "coverage.area.union": {"FLOOR_REL", "MOST_VIEWS", "WHOLE_PAIR_REL", "diagonal_floor", "polygon_areas"},
+    "coverage.area.zones": {
         *("LEAST_REL", "MOST_ZONES", "OPEN_TOLERANCE_REL", "SLIVER_REL", "SWEEP"),
         "TOLERANCE_REL",
     },
-    "camera": set(),
-    "camera_formats.__init__": {
+    "camera.camera": set(),
+    "camera.formats.__init__": {
         *("IN_FOLDERS", "IN_METRES", "OF_ONE_CAMERA", "READERS", "WRITERS", "format_of"),
         "PARTS_OF_COLMAP",
         *("Reader", "read_through"),
     },
-    "camera_formats.conventions": {
+    "camera.formats.conventions": {
         *("Border", "DRIFT_OF_FILES", "LENS_MODELS", "OPENGL_AXES", "POSE_CONVENTIONS"),
         *("inverse_of", "metres_per", "unique"),
     },
-    "coverage": {
+    "coverage.coverage": {
         *("EVALUATE_BUDGET", "FIGURES", "PAIRS_A_BATCH", "POSES_A_BATCH", "UNITS"),
         *("batch_size", "check_observer", "judged", "measurements"),
     },
-    "engine": {"METHODS"},
+    "coverage.engine": {"METHODS"},
     "cluster.workers": {
         *("CONNECT_SECONDS", "ENVIRONMENT", "LOGS", "MOST_WORKERS"),
     },
-    "errors": set(),
-    "jobs": set(),
-    "network": {"share_of_faces"},
-    "pose": {
+    "base.errors": set(),
+    "report.jobs": set(),
+    "coverage.network": {"share_of_faces"},
+    "camera.pose": {
         *("DRIFT_TOLERANCE", "as_matrices", "check_poses", "inverse", "real_numbers"),
         *("renumbered", "valid_poses"),
     },
-    "pose_file": set(),
+    "camera.pose_file": set(),
     "raster.__init__": {"BACKENDS", "backend_of"},
-    "rig": {"Cameras", "MOST_CAMERAS", "cameras_of", "check_scene", "names_of", "only_camera"},
+    "camera.rig": {"Cameras", "MOST_CAMERAS", "cameras_of", "check_scene", "names_of", "only_camera"},
     "raster.contract": {"MAX_RENDERED", "MAX_SUPERSAMPLE", "check_counts", "check_picture"},
-    "observation": set(),
-    "observer": set(),
-    "task": {"THESIS", "Limits"},
-    "views": {"MOST_NAMES"},
-    "viewpoints": {
+    "raster.observation": set(),
+    "coverage.observer": set(),
+    "coverage.task": {"THESIS", "Limits"},
+    "camera.views": {"MOST_NAMES"},
+    "camera.viewpoints": {
         *("LARGEST_ANGLE", "WIDEST_DEG", "enclosing_distance", "fibonacci_sphere", "half_angles"),
     },
 }

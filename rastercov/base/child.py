@@ -17,7 +17,7 @@ def child_environment() -> dict[str, str]:
 
 def _paths() -> list[str]:
     """Entries of the path of this process, without the working folder."""
-    here, root = None, Path(__file__).resolve().parents[1]
+    here, root = None, Path(__file__).resolve().parents[2]
     with suppress(OSError):  # it was removed
         here = Path.cwd()
     paths = [Path(here or "", entry) for entry in sys.path]

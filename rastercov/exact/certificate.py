@@ -66,7 +66,7 @@ def _compile() -> None:
         return
     surface, pose = surface_of(self_test.MESH), self_test.POSES[0]
     # By its name: what is compiled there are loops of modules that import this one.
-    with compiled_aside("rastercov.exact.first_start", "compile_half", visible_areas):
+    with compiled_aside("rastercov.coverage.first_start", "compile_half", visible_areas):
         for solver_type in (HalfPlaneSolver, CertificateSolver):
             solver = solver_type(surface, self_test.CAMERA)
             solver.set_pose(pose, 1e-3, False)

@@ -369,7 +369,7 @@ def _read_module(path: Path) -> tuple[bytes, tuple[Path, ...]]:
     while (folder / "__init__.py").exists():
         folder = folder.parent
     if folder == path.parent:
-        folder, package = Path(__file__).parents[1], "rastercov"
+        folder, package = Path(__file__).parents[2], "rastercov"
     else:
         package = path.relative_to(folder).parts[0]
     files = []
