@@ -22,8 +22,8 @@ from notices import NOTICE
 from processes import python
 
 import rastercov
-from rastercov.base.stopwatch import Stopwatch
 from rastercov.kernels import jit as compiled
+from rastercov.kernels.stopwatch import Stopwatch
 
 ROOT = Path(rastercov.__file__).parents[1]
 NOBODY = 65534

@@ -20,7 +20,13 @@ ROOT = Path(rastercov.__file__).parent
 SURFACE = {
     "coverage.area.cells": {"FINEST_REL", "MOST_CELLS", "USUAL_CELLS", "rounded_up", "usual_size"},
     "coverage.area.regions": {"GAP_REL", "OF_A_FACE", "RegionPass", "STRIP_REL", "check_pointwise"},
-    "coverage.area.union": {"FLOOR_REL", "MOST_VIEWS", "WHOLE_PAIR_REL", "diagonal_floor", "polygon_areas"},
+    "coverage.area.union": {
+        "FLOOR_REL",
+        "MOST_VIEWS",
+        "WHOLE_PAIR_REL",
+        "diagonal_floor",
+        "polygon_areas",
+    },
     "coverage.area.zones": {
         *("LEAST_REL", "MOST_ZONES", "OPEN_TOLERANCE_REL", "SLIVER_REL", "SWEEP"),
         "TOLERANCE_REL",
@@ -52,7 +58,14 @@ SURFACE = {
     },
     "camera.pose_file": set(),
     "raster.__init__": {"BACKENDS", "backend_of"},
-    "camera.rig": {"Cameras", "MOST_CAMERAS", "cameras_of", "check_scene", "names_of", "only_camera"},
+    "camera.rig": {
+        "Cameras",
+        "MOST_CAMERAS",
+        "cameras_of",
+        "check_scene",
+        "names_of",
+        "only_camera",
+    },
     "raster.contract": {"MAX_RENDERED", "MAX_SUPERSAMPLE", "check_counts", "check_picture"},
     "raster.observation": set(),
     "coverage.observer": set(),

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.checks import shown
-from rastercov.base.errors import CameraError, ConfigError, MeshError, RastercovError, ResourceError
+from rastercov.base.errors import ConfigError, RastercovError, ResourceError
 from rastercov.base.memory import check_memory
 
 MOST_POSES = 10_000_000
@@ -29,15 +29,6 @@ def check_kind(
     """Raise `error` unless a value is of that kind; `wanted` says what it must be."""
     if not isinstance(value, kind):
         raise error(f"{name} must be {wanted}, got {shown(value)}")
-
-
-def check_scene(mesh: Any, camera: Any) -> None:
-    """Raise MeshError or CameraError unless they are a Mesh and a Camera."""
-    from rastercov.camera.camera import Camera  # both check their own arguments with this module
-    from rastercov.mesh import Mesh
-
-    check_kind("mesh", mesh, Mesh, "a Mesh (Mesh.load reads a file)", MeshError)
-    check_kind("camera", camera, Camera, "a Camera (Camera.load reads a file)", CameraError)
 
 
 def check_choice(name: str, value: Any, choices: Sequence[str]) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import DTypeLike, NDArray
+from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from rastercov.base.errors import ResourceError
 
@@ -32,6 +32,13 @@ def aligned_array(shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
     start = -memory.ctypes.data % CACHE_LINE
     array: NDArray[Any] = memory[start : start + n_bytes].view(dtype).reshape(shape)
     return array
+
+
+def read_only(array: ArrayLike, dtype: DTypeLike | None = None) -> NDArray[Any]:
+    """Contiguous view that is not writable: loops are compiled for each layout of an argument."""
+    view: NDArray[Any] = np.ascontiguousarray(array, dtype).view()
+    view.flags.writeable = False
+    return view
 
 
 def check_memory(what: str, n_bytes: int, remedy: str) -> None:

@@ -22,7 +22,7 @@ from rich.console import Console
 from rastercov.base.errors import RastercovError
 from rastercov.base.format import plural, shortened
 from rastercov.base.interrupts import ABANDONED, was_interrupted
-from rastercov.base.stopwatch import Stopwatch
+from rastercov.kernels.stopwatch import Stopwatch
 
 if TYPE_CHECKING:
     from rastercov.mesh import Mesh

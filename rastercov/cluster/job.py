@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from rastercov.base.errors import ConfigError
-from rastercov.base.stopwatch import Stopwatch
+from rastercov.kernels.stopwatch import Stopwatch
 
 
 class FolderLostError(OSError):

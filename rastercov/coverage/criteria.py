@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.base.memory import read_only
 from rastercov.camera.camera import Camera
 from rastercov.camera.near_plane import near_limit
 from rastercov.mesh import Mesh
@@ -63,13 +64,14 @@ class FaceGeometry:
 
 def face_geometry(mesh: Mesh, camera: Camera, pose: FloatArray) -> FaceGeometry:
     """Geometry of every face for one pose, world_from_camera (4, 4)."""
-    from rastercov.kernels import criteria as kernels
+    from rastercov.coverage.records import arrays_for, lens_of, scene_of, workspace  # loads numba
+    from rastercov.kernels.criteria import measure
 
     near = float(near_limit(camera, mesh.opaque.bounds, pose[None])[0])
-    found = kernels.arrays_for(mesh.n_faces)
-    scene, lens = kernels.scene_of(mesh), kernels.lens_of(camera)
-    work = kernels.workspace(mesh.n_vertices, lens)
-    kernels.measure(scene, kernels.read_only(pose, np.float64), near, lens, work, found)
+    found = arrays_for(mesh.n_faces)
+    scene, lens = scene_of(mesh), lens_of(camera)
+    work = workspace(mesh.n_vertices, lens)
+    measure(scene, read_only(pose, np.float64), near, lens, work, found)
     return FaceGeometry(*found)
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.base.memory import read_only
 from rastercov.base.threads import share_poses
 from rastercov.camera.near_plane import near_limits
 from rastercov.camera.pose import Poses
@@ -38,12 +39,13 @@ class FacePass:
     """
 
     def __init__(self, mesh: Mesh, camera: Cameras, threads: int) -> None:
-        from rastercov.kernels import coverage, criteria  # load numba
+        from rastercov.coverage import records  # loads numba
+        from rastercov.kernels import coverage
 
         self.mesh, self.cameras, self._threads = mesh, cameras_of(camera), threads
-        self.kernels, self._geometry = coverage, criteria
-        self._scene = criteria.scene_of(mesh)
-        self._lenses = [criteria.lens_of(each) for each in self.cameras]
+        self.kernels, self._records = coverage, records
+        self._scene = records.scene_of(mesh)
+        self._lenses = [records.lens_of(each) for each in self.cameras]
 
     def fractions(
         self, measured: Measured, poses: Poses
@@ -85,14 +87,14 @@ class FacePass:
         def scope(index: int) -> tuple[Any, ...]:
             lens = self._lenses[index]
             if type(lens) not in spaces:
-                spaces[type(lens)] = self._geometry.workspace(self.mesh.n_vertices, lens)
+                spaces[type(lens)] = self._records.workspace(self.mesh.n_vertices, lens)
             return self._scene, lens, seen, spaces[type(lens)]
 
         return scope
 
     def _seen(self, measured: Measured, poses: Poses) -> Any:
         """Measurement of an observer, for the loops."""
-        read_only, matrices = self._geometry.read_only, poses.world_from_camera
+        matrices = poses.world_from_camera
         visible: NDArray[Any]
         drawn: NDArray[Any]
         kind: NDArray[Any]

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.base.memory import read_only
 from rastercov.camera.pose import Poses
 from rastercov.coverage.coverage import Coverage
 from rastercov.coverage.face_pass import Measured, Scope
@@ -136,10 +137,9 @@ class Part:
     """
 
     def __init__(self, mesh: Mesh, n_poses: int) -> None:
-        from rastercov.kernels import criteria, network  # load numba
+        from rastercov.kernels import network  # loads numba
 
         self.kernels, n = network, mesh.n_faces
-        self._read_only = criteria.read_only
         self.sums = network.Sums(
             views=np.zeros(n, np.int64),
             best=np.zeros(n),
@@ -150,14 +150,14 @@ class Part:
         )
         self.covered_faces = np.zeros(n_poses, np.int64)
         self.totals, self.images = np.zeros((2, n_poses))
-        self._is_scored = self._read_only(mesh.task_mask, np.bool_)
+        self._is_scored = read_only(mesh.task_mask, np.bool_)
         self._scored = None if mesh.task_mask.all() else np.flatnonzero(mesh.task_mask)
         self._coverage, self._drawn = np.empty((2, n))
         self._calls: dict[int, DirectCalls] = {}
 
     def add_coverage(self, coverage: Coverage) -> None:
         """Add all poses of the batch."""
-        arrays = [self._read_only(getattr(coverage, name), kind) for name, kind in _ADDED.items()]
+        arrays = [read_only(getattr(coverage, name), kind) for name, kind in _ADDED.items()]
         *added, drawn = arrays
         self.kernels.add_rows(self._is_scored, *added, self.sums, self.covered_faces)
         for row in range(len(drawn)):  # 10 us each

@@ -97,14 +97,17 @@ class SampledObserver(OpenObserver):
         self.mesh, self.camera, self.info = mesh, camera, self._rasterizers.info
 
     def observe(self, poses: ArrayLike | Poses) -> Observation:
+        """Areas from the counts of samples, see `Observer`."""
         accepted = self._accepted(poses)
         self._check_memory(len(accepted))
         return Observation.of_counts(self.measure(accepted))
 
     def measure(self, poses: Poses) -> FaceCounts:
+        """The counts of samples themselves."""
         return self._rasterizers.count(self._accepted(poses))
 
     def close(self) -> None:
+        """Release the memory."""
         self._rasterizers.close()  # refuses in a thread that may not, and all stays open
         self._is_open = False
 
@@ -142,6 +145,7 @@ class ExactObserver(OpenObserver):
         self._scratch: ScratchPool[half_planes.HalfPlaneSolver] = ScratchPool(make, self.threads)
 
     def observe(self, poses: ArrayLike | Poses) -> Observation:
+        """Exact or certified areas, see `Observer`."""
         accepted = self._accepted(poses)
         matrices = accepted.world_from_camera
         n_poses, n_faces = len(matrices), self.mesh.n_faces
@@ -171,5 +175,6 @@ class ExactObserver(OpenObserver):
         )
 
     def close(self) -> None:
+        """Release the memory."""
         self._is_open = False
         self._scratch.close()

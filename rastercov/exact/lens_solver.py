@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from rastercov.camera.camera import Camera
 from rastercov.camera.lenses.of_camera import planes_of
-from rastercov.camera.lenses.records import PlaneRecord
 from rastercov.exact.half_planes import HalfPlaneSolver
 from rastercov.exact.surface import Surface
 from rastercov.kernels import exact_lens as kernels
@@ -21,6 +20,7 @@ from rastercov.kernels import exact_lens_outlines as outlines
 from rastercov.kernels.direct import DirectCalls
 from rastercov.kernels.exact_lens_edges import edge_bulges, edge_lists, vertex_images, whole_groups
 from rastercov.kernels.exact_records import Edges
+from rastercov.kernels.lens_planes import PlaneRecord
 from rastercov.kernels.lens_polygons import bulges_by_parts, edge_scratch, measure_insides
 from rastercov.kernels.raster_memory import aligned_zeros
 

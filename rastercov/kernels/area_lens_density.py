@@ -26,7 +26,6 @@ holds and before which it fails. What is between them is halved until it is narr
 
 import math
 
-from rastercov.camera.lenses.slopes import bounds_within, sizes_within
 from rastercov.kernels.area_density import MOST_HALVINGS, extent_of, largest_singular
 from rastercov.kernels.area_plane import (
     COINCIDENT_REL,
@@ -48,6 +47,7 @@ from rastercov.kernels.exact_polygon import copy_polygon, keep_inside, twice_are
 from rastercov.kernels.exact_records import U, V
 from rastercov.kernels.jit import allocation_free, part_with_arrays
 from rastercov.kernels.lens import plane_slopes
+from rastercov.kernels.lens_slopes import bounds_within, sizes_within
 
 PER_M2, DENSE, FACING, DISTANT = 1, 2, 4, 8
 """Bits of the criteria that a piece still has to meet."""

@@ -298,6 +298,7 @@ class LoopCompiler(Compiler):
             return super()._compile_core()
 
     def define_pipelines(self) -> Any:
+        """The passes of a part, in order."""
         (pipeline,) = super().define_pipelines()
         pipeline.passes = [
             (_Lowering if step is NativeLowering else step, text) for step, text in pipeline.passes

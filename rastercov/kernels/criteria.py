@@ -14,15 +14,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.memory import aligned_array
-from rastercov.camera.lenses import face_kernels
-from rastercov.kernels import lens_density
+from rastercov.kernels import lens_density, lens_faces
 from rastercov.kernels.jit import allocation_free, by_type, part_of, part_with_arrays
 from rastercov.kernels.simd_kernel import pointer
 from rastercov.kernels.vertex_blocks import project_vertices
 from rastercov.kernels.vertex_columns import (
     BEHIND,
-    COLUMNS,
     DOWN,
     INSIDE,
     RIGHT,
@@ -100,58 +97,12 @@ class FaceArrays(NamedTuple):
     incidence: NDArray[np.float64]
 
 
-def arrays_for(n_faces: int) -> FaceArrays:
-    """Memory for the geometry of all faces in one pose."""
-    front, in_view = np.empty((2, n_faces), np.bool_)
-    fraction, area, outline, density, facing, incidence = np.empty((6, n_faces))
-    depth = np.empty((n_faces, 3))
-    return FaceArrays(front, in_view, fraction, area, outline, density, facing, depth, incidence)
-
-
-def scene_of(mesh: Any) -> Scene:
-    """Arrays of a `Mesh`."""
-    return Scene(
-        read_only(mesh.vertices, np.float64),
-        read_only(mesh.faces.view(np.uint64), np.uint64),
-        read_only(mesh.normals, np.float64),
-        read_only(mesh.degenerate_mask, np.bool_),
-        read_only(mesh.two_sided_mask, np.bool_),
-        read_only(mesh.plane_offsets, np.float64),
-        float(np.abs(mesh.bounds).max()),
-        min(SIDE_ROUNDING / mesh.least_sine, MOST_DOUBTFUL),
-    )
-
-
-def lens_of(camera: Any) -> Lens | face_kernels.CurvedLens:
-    """Numbers of a `Camera`; the loops are compiled for either kind."""
-    if not camera.is_pinhole:
-        return face_kernels.curved_lens(camera)
-    size = float(camera.width), float(camera.height)
-    return Lens(float(camera.fx), float(camera.fy), float(camera.cx), float(camera.cy), *size)
-
-
-def workspace(n_vertices: int, lens: Any = None) -> Workspace | face_kernels.CurvedWorkspace:
-    """Memory for one thread, for a lens."""
-    if isinstance(lens, face_kernels.CurvedLens):
-        return face_kernels.curved_workspace(n_vertices)
-    polygon, spare = np.empty((2, MOST_CORNERS, 2))
-    block = aligned_array((BLOCK_ROWS, AT_A_TIME), np.float64)
-    return Workspace(aligned_array((n_vertices, COLUMNS), np.float64), polygon, spare, block)
-
-
-def read_only(array: NDArray[Any], dtype: type) -> NDArray[Any]:
-    """Contiguous view that is not writable: numba compiles for each layout of an argument."""
-    view: NDArray[Any] = np.ascontiguousarray(array, dtype).view()
-    view.flags.writeable = False
-    return view
-
-
 def by_lens(curved: Any) -> Any:
     """Function of a pinhole that is `curved` for other lenses; both have the argument `lens`."""
-    return by_type("lens", face_kernels.CurvedLens, curved)
+    return by_type("lens", lens_faces.CurvedLens, curved)
 
 
-@by_lens(face_kernels.project)
+@by_lens(lens_faces.project)
 def project(vertices, pose, near, lens, points):
     """Transform the vertices to camera axes and project those beyond the near plane.
 
@@ -217,7 +168,7 @@ def incidence_angle(cosine):
     return math.pi / 2 - angle if is_small else (0.0 if cosine >= 0 else math.pi) + 2 * angle
 
 
-@by_lens(face_kernels.image_of_face)
+@by_lens(lens_faces.image_of_face)
 def image_of_face(points, i, j, k, near, lens, work, drawn):
     """Field of view of a face: state of all its vertices, part of its area in the image, area.
 
@@ -377,7 +328,7 @@ def pixels_per_m2(points, i, j, k, normal, lens):
     return (lens.fx / z) * (lens.fy / z) * (height / z) if z > 0 else 0.0
 
 
-@by_lens(face_kernels.focus_depth)
+@by_lens(lens_faces.focus_depth)
 def focus_depth(points, p, lens):
     """Depth of a vertex that its sharpness depends on, metres."""
     return points[p, Z]

@@ -10,12 +10,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.camera.lenses.quadrature import MOST
 from rastercov.kernels.exact_lens_measures import AT_A_TIME, measure_faces
 from rastercov.kernels.exact_lens_outlines import OUTLINE
 from rastercov.kernels.exact_records import LIVE, THIN
 from rastercov.kernels.jit import allocation_free, part_with_arrays
 from rastercov.kernels.lens_lanes import X, Y
+from rastercov.kernels.lens_tables import MOST
 from rastercov.kernels.simd_kernel import pointer
 
 FloatArray = NDArray[np.float64]

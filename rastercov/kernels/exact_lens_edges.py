@@ -12,13 +12,13 @@ import numpy as np
 from numba.core import types
 from numpy.typing import NDArray
 
-from rastercov.camera.lenses.quadrature import FEWEST, MOST, NODES, RULE
 from rastercov.kernels.exact_lens_measures import AT_A_TIME, columns_at, place_vertices, put_images
 from rastercov.kernels.exact_records import U as IMAGE_X
 from rastercov.kernels.exact_records import V as IMAGE_Y
 from rastercov.kernels.exact_records import W
 from rastercov.kernels.jit import allocation_free, part_with_arrays
 from rastercov.kernels.lens_lanes import LANES, U, V, X, Y, project_lanes
+from rastercov.kernels.lens_tables import FEWEST, MOST, NODES, RULE
 from rastercov.kernels.raster_memory import aligned_zeros
 from rastercov.kernels.simd import load
 from rastercov.kernels.simd_kernel import Variable, loop, pointer, simd, when

@@ -12,9 +12,9 @@ import numpy as np
 from llvmlite import ir
 from numba.core import types
 
-from rastercov.camera.lenses.face_kernels import CurvedLens
 from rastercov.kernels.criteria import AT_A_TIME, BLOCK_ROWS
 from rastercov.kernels.jit import by_type, part_with_arrays
+from rastercov.kernels.lens_faces import CurvedLens
 from rastercov.kernels.simd import DOUBLE, LONG, load
 from rastercov.kernels.simd_kernel import Variable, pointer, simd, when
 from rastercov.kernels.vertex_blocks import transposed

@@ -40,10 +40,9 @@ from numba.core.serialize import dumps
 from numba.core.targetconfig import ConfigStack
 from numba.extending import overload
 
-from rastercov.base.files import UnreadableError, file_bytes
-from rastercov.base.stopwatch import Stopwatch
 from rastercov.kernels import compiler
 from rastercov.kernels.compiler import LoopCompiler, LoopFlags, PartCompiler
+from rastercov.kernels.stopwatch import Stopwatch
 
 # A process forked while another thread compiles would find the compiler locked for ever, in the
 # middle of a loop; releasing the lock there would not be safe.
@@ -122,8 +121,11 @@ class _CheckedFile(caching.IndexDataCacheFile):
         What another version left may name types that are gone.
         """
         try:
-            data = file_bytes(self._data_path(name), LARGEST_LOOP)
-        except UnreadableError:
+            path = Path(self._data_path(name))
+            if not path.is_file() or path.stat().st_size > LARGEST_LOOP:
+                return None
+            data = path.read_bytes()
+        except OSError:
             return None
         digest, data = data[:32], data[32:]
         if hashlib.sha256(data).digest() != digest:

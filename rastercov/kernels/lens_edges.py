@@ -11,10 +11,10 @@ polygons that share one agree on it to the last bits.
 
 import math
 
-from rastercov.camera.lenses.quadrature import BERNSTEIN, FEWEST, GROWTH, MOST, NODES, RULE
 from rastercov.kernels.jit import allocation_free, called_whole, part_with_arrays
 from rastercov.kernels.lens import project
 from rastercov.kernels.lens_lanes import GROUP, project_lanes
+from rastercov.kernels.lens_tables import BERNSTEIN, FEWEST, GROWTH, MOST, NODES, RULE
 
 FLAT = 1e-10
 """Pixels: a coordinate that stays this near to a border is taken to be on one side of it."""

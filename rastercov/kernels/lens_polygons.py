@@ -10,7 +10,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.camera.lenses.quadrature import GAP, MOST, NODES
 from rastercov.kernels.jit import allocation_free, called_whole, part_with_arrays
 from rastercov.kernels.lens_edges import (
     DEEPEST,
@@ -22,6 +21,7 @@ from rastercov.kernels.lens_edges import (
     under_edge,
 )
 from rastercov.kernels.lens_lanes import GROUP, U, V, X, Y, project_lanes
+from rastercov.kernels.lens_tables import GAP, MOST, NODES
 
 FloatArray = NDArray[np.float64]
 

@@ -17,7 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.kernels.jit import compiled
-from rastercov.placement._arrays import FloatArray, IntArray
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 
 TASK, PASSED, BARRIER = 0, 1, 2
 """Role of a face in growing: labelled, passed through, or a barrier."""

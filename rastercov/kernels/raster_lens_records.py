@@ -5,8 +5,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.camera.lenses.records import PlaneRecord
 from rastercov.kernels.lens_lanes import LaneScratch, lane_scratch
+from rastercov.kernels.lens_planes import PlaneRecord
 from rastercov.kernels.raster_memory import (
     BUFFER_SIZE,
     FACES,

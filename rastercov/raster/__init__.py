@@ -4,9 +4,9 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from rastercov.base.arguments import check_choice, check_scene
+from rastercov.base.arguments import check_choice, check_kind
 from rastercov.base.checks import finite_number, shown
-from rastercov.base.errors import ConfigError, DeviceError
+from rastercov.base.errors import CameraError, ConfigError, DeviceError, MeshError
 from rastercov.camera.camera import Camera
 from rastercov.mesh import Mesh
 from rastercov.raster.contract import (
@@ -70,7 +70,8 @@ def open_rasterizer(
     DeviceError
         When the device cannot be opened or fails its self-test.
     """
-    check_scene(mesh, camera)
+    check_kind("mesh", mesh, Mesh, "a Mesh (Mesh.load reads a file)", MeshError)
+    check_kind("camera", camera, Camera, "a Camera (Camera.load reads a file)", CameraError)
     if finite_number(supersample) not in range(1, MAX_SUPERSAMPLE + 1):
         raise ConfigError(
             f"supersample must be a whole number 1 to {MAX_SUPERSAMPLE}, got {shown(supersample)}"

@@ -31,7 +31,6 @@ from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
 from rastercov.base.interrupts import interrupts_held
 from rastercov.base.output import write_json
-from rastercov.base.stopwatch import Stopwatch
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, cameras_of, names_of
@@ -54,6 +53,7 @@ from rastercov.coverage.shards import (
     remove,
 )
 from rastercov.coverage.task import Task
+from rastercov.kernels.stopwatch import Stopwatch
 from rastercov.mesh import Mesh
 from rastercov.raster import open_rasterizer
 from rastercov.raster.contract import Rasterizer

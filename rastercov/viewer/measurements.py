@@ -187,8 +187,8 @@ class NetworkFigures:
 
     def widest_angle(self) -> FloatArray:
         """Greatest angle between the rays to two cameras that cover the face, radians."""
+        from rastercov.base.memory import read_only
         from rastercov.kernels.audit import widest_angles
-        from rastercov.kernels.criteria import read_only
         from rastercov.kernels.placement_presolve import by_face
 
         faces = [np.flatnonzero(row.covers).astype(np.int32) for row in self.rows]

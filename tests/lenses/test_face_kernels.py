@@ -7,7 +7,6 @@ from hypothesis import strategies as st
 from lens_cameras import CAMERAS
 from nightly import examples
 
-from rastercov.camera.lenses.face_kernels import curved_areas
 from rastercov.camera.rays import rays_of
 from rastercov.camera.viewpoints import sphere_of_poses
 from rastercov.kernels.criteria import (
@@ -19,6 +18,7 @@ from rastercov.kernels.criteria import (
     workspace,
 )
 from rastercov.kernels.jit import allocation_free
+from rastercov.kernels.lens_faces import curved_areas
 from rastercov.kernels.vertex_columns import INSIDE
 from rastercov.mesh import Mesh, shapes
 

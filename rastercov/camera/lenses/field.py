@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.lenses.of_camera import MOST_LENSES, optics_of, planes_of
 from rastercov.camera.lenses.planes import IdealPlane, keep
-from rastercov.camera.lenses.records import PlaneRecord
 from rastercov.kernels import lens_field as kernels
 from rastercov.kernels.lens import project_many
 from rastercov.kernels.lens_field_cells import side_of_image
+from rastercov.kernels.lens_planes import PlaneRecord
 from rastercov.kernels.lens_polygons import edge_scratch
 
 FloatArray = NDArray[np.float64]

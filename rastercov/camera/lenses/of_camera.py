@@ -10,9 +10,11 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.lenses.lens import Lens, make_lens
 from rastercov.camera.lenses.planes import IdealPlane
 from rastercov.camera.lenses.quadrature import edge_table
-from rastercov.camera.lenses.records import PlaneRecord, record_of
-from rastercov.camera.lenses.slopes import Slopes, slopes_in
+from rastercov.camera.lenses.records import record_of
+from rastercov.camera.lenses.slopes import slopes_in
 from rastercov.camera.models import lens_terms
+from rastercov.kernels.lens_planes import PlaneRecord
+from rastercov.kernels.lens_slopes import Slopes
 
 FloatArray = NDArray[np.float64]
 

@@ -92,8 +92,8 @@ class Cells:
 
     def share(self, regions: Regions) -> CellShares:
         """Share of each cell that each pose covers; `ConfigError` for regions of another mesh."""
+        from rastercov.base.memory import read_only
         from rastercov.kernels import area_cell as kernels
-        from rastercov.kernels.criteria import read_only
 
         check_kind("regions", regions, Regions, "Regions", ConfigError)
         check_same_mesh(self.mesh, regions.mesh)
@@ -135,8 +135,8 @@ def cells(mesh: Mesh, size: float) -> Cells:
     ResourceError
         For more than `MOST_CELLS` cells; the message has a size that fits.
     """
+    from rastercov.base.memory import read_only
     from rastercov.kernels import area_cell as kernels
-    from rastercov.kernels.criteria import read_only
 
     check_kind("mesh", mesh, Mesh, "a Mesh", MeshError)
     longest = finite_number(size)
@@ -181,8 +181,8 @@ def usual_size(mesh: Mesh) -> float:
     The smallest in steps of 2^(1/4) with at most `USUAL_CELLS` cells and two a face, and not below
     `FINEST_REL` of the diagonal of the task faces.
     """
+    from rastercov.base.memory import read_only
     from rastercov.kernels import area_cell as kernels
-    from rastercov.kernels.criteria import read_only
 
     check_kind("mesh", mesh, Mesh, "a Mesh", MeshError)
     frames = frames_of(mesh)

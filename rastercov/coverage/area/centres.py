@@ -43,8 +43,8 @@ class CentrePass:
     def __init__(
         self, cells: Cells, camera: Cameras, task: Task, threads: int | None = None
     ) -> None:
+        from rastercov.base.memory import read_only
         from rastercov.kernels import area_centre as kernels
-        from rastercov.kernels.criteria import read_only
 
         check_pointwise(task)
         mesh = cells.mesh
@@ -115,8 +115,8 @@ def _rules(camera: Camera, task: Task, scale: float) -> Any:
             fx=float(camera.fx), fy=float(camera.fy), cx=float(camera.cx), cy=float(camera.cy),
             z_n=float(z_n) / scale, z_f=float(z_f) / scale, **common,
         )  # fmt: skip
+    from rastercov.base.memory import read_only
     from rastercov.camera.lenses.of_camera import lens_of
-    from rastercov.kernels.criteria import read_only
 
     lens = lens_of(camera)
     depths, distances = (z_n / scale, z_f / scale), (0.0, math.inf)

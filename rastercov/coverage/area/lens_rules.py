@@ -6,15 +6,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.base.memory import read_only
 from rastercov.camera.camera import Camera
 from rastercov.camera.lenses.field import fields_of
 from rastercov.camera.lenses.of_camera import planes_of, slopes_of
-from rastercov.camera.lenses.slopes import Slopes
 from rastercov.camera.models import MODELS
 from rastercov.coverage.task import Task
 from rastercov.kernels.area_plane import Rules
-from rastercov.kernels.criteria import read_only
 from rastercov.kernels.lens_field import Tree
+from rastercov.kernels.lens_slopes import Slopes
 
 FloatArray = NDArray[np.float64]
 

@@ -76,8 +76,8 @@ def _rows_at(
     points: ArrayLike,
 ) -> NDArray[np.bool_]:
     """(N, n_rows) whether points of faces lie in a piece of each row."""
+    from rastercov.base.memory import read_only
     from rastercov.kernels import area_point
-    from rastercov.kernels.criteria import read_only
 
     mesh, faces = pieces.mesh, np.asarray(face, np.int64)
     found = np.zeros((len(faces), n_rows), np.bool_)

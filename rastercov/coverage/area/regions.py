@@ -307,11 +307,11 @@ class _Finder:
         is_certified: bool,
         only_task: bool,
     ) -> None:
+        from rastercov.base.memory import read_only
         from rastercov.exact.certificate import CertificateSolver
         from rastercov.exact.half_planes import HalfPlaneSolver
         from rastercov.exact.surface import surface_of
         from rastercov.kernels import area_plane, area_region
-        from rastercov.kernels.criteria import read_only
 
         solver_type = CertificateSolver if is_certified else HalfPlaneSolver
         self.kernels, self._planes_of = area_region, area_plane

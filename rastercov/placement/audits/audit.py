@@ -328,8 +328,9 @@ def _figures(
     problem: Problem, elements: Mesh, poses: Poses, cameras: Sequence[Any]
 ) -> tuple[FloatArray, NDArray[np.int32], FloatArray, FloatArray, FloatArray]:
     """Best density and its camera, widest angle (E,); lost weight, and that of one camera (P,)."""
+    from rastercov.base.memory import read_only
+    from rastercov.coverage.records import lens_of
     from rastercov.kernels import audit
-    from rastercov.kernels.criteria import lens_of, read_only
     from rastercov.kernels.placement_presolve import by_face
 
     n = problem.n_faces

@@ -62,7 +62,7 @@ class CandidateBounds:
 
     def add(self, batch: Coverage) -> None:
         """Add a batch of candidates."""
-        from rastercov.kernels.criteria import read_only
+        from rastercov.base.memory import read_only
         from rastercov.kernels.placement_candidates import add_bounds
 
         arrays = (getattr(batch, name) for name in FIGURES)

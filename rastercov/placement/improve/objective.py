@@ -245,7 +245,7 @@ class Objective:
 
     def _given(self, arrays: Sequence[NDArray[Any]]) -> list[Any]:
         """Arguments of the loops, those on the faces last."""
-        from rastercov.kernels.criteria import read_only
+        from rastercov.base.memory import read_only
 
         every = (*arrays, self.elements.centroids, self.need)
         return [*(read_only(array, array.dtype.type) for array in every), float(self.min_cosine)]

@@ -25,9 +25,9 @@ from rastercov.base.arguments import LARGEST_COORDINATE, check_seed
 from rastercov.base.errors import ConfigError
 from rastercov.base.interrupts import interrupts_held
 from rastercov.base.lists import Lists
-from rastercov.base.stopwatch import Stopwatch
 from rastercov.base.typed import typed
 from rastercov.camera.pose import Poses, renumbered
+from rastercov.kernels.stopwatch import Stopwatch
 from rastercov.mesh.arrays import frozen
 from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
 from rastercov.placement.improve.objective import Objective

@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from rastercov.base.errors import ConfigError, ResourceError
 from rastercov.base.format import percent
 from rastercov.base.output import named
-from rastercov.base.stopwatch import Stopwatch
 from rastercov.camera.formats.unit_doubts import unit_doubts
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.camera.rig import Rig
@@ -29,6 +28,7 @@ from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.coverage import evaluate_batches
 from rastercov.coverage.observer import Observer
 from rastercov.coverage.task import Reason, Task
+from rastercov.kernels.stopwatch import Stopwatch
 from rastercov.mesh import Mesh
 from rastercov.placement.bit_matrix import BitMatrix
 from rastercov.placement.candidates.cavities import Openings, openings

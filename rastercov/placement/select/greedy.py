@@ -18,8 +18,8 @@ from typing import TypeVar
 import numpy as np
 
 from rastercov.base.arguments import check_seed
-from rastercov.base.stopwatch import Stopwatch
 from rastercov.base.typed import typed
+from rastercov.kernels.stopwatch import Stopwatch
 from rastercov.placement.select.cover_state import Cover, CoverState
 from rastercov.placement.select.deadline import NEVER, Deadline, TimeUpError
 from rastercov.placement.select.presolve import ReducedProblem, presolve

@@ -9,8 +9,8 @@ import numpy as np
 
 from rastercov.base.arguments import check_seed
 from rastercov.base.errors import ConfigError
-from rastercov.base.stopwatch import Stopwatch
 from rastercov.base.typed import typed
+from rastercov.kernels.stopwatch import Stopwatch
 from rastercov.placement.select.bit_problem import BitProblem, presolve_bits
 from rastercov.placement.select.cover_state import CoverState
 from rastercov.placement.select.greedy import EFFORT, constructed, improve

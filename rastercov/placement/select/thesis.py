@@ -8,7 +8,7 @@ E. S. Eissa. Image Space Coverage Model. 2020, section 6.4.
 
 import numpy as np
 
-from rastercov.base.stopwatch import Stopwatch
+from rastercov.kernels.stopwatch import Stopwatch
 from rastercov.placement.select.cover_state import CoverState
 from rastercov.placement.select.presolve import presolve
 from rastercov.placement.select.problem import BestCoverage, Problem

@@ -19,7 +19,7 @@ from rastercov.base.memory import check_memory
 from rastercov.base.threads import share_poses
 from rastercov.camera.camera import Camera
 from rastercov.camera.lenses.of_camera import lens_of, planes_of
-from rastercov.camera.lenses.records import PlaneRecord
+from rastercov.kernels.lens_planes import PlaneRecord
 from rastercov.kernels.raster_lens_cells import fill_cells, merge_cells
 from rastercov.kernels.raster_lens_records import BLOCK, TILE, Patch
 from rastercov.kernels.raster_memory import LANES, aligned_zeros

@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.stopwatch import Stopwatch
 from rastercov.camera.camera import Camera
 from rastercov.camera.camera_file import PRESETS
+from rastercov.kernels.stopwatch import Stopwatch
 from rastercov.validation.markers.detect import MIN_PERIMETER, detect
 from rastercov.validation.markers.render import MarkerRenderer, sensor
 from rastercov.validation.markers.requirement import (

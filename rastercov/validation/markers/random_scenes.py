@@ -18,10 +18,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.stopwatch import Stopwatch
 from rastercov.camera.camera import Camera
 from rastercov.camera.camera_file import PRESETS
 from rastercov.camera.projection import to_image
+from rastercov.kernels.stopwatch import Stopwatch
 from rastercov.validation.markers.detect import detect
 from rastercov.validation.markers.render import SHARP, Box, MarkerRenderer, sensor
 from rastercov.validation.markers.requirement import (

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.stopwatch import Stopwatch
 from rastercov.base.threads import thread_count
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
@@ -16,6 +15,7 @@ from rastercov.coverage.engine import Engine
 from rastercov.coverage.face_pass import FacePass
 from rastercov.coverage.observer import Observer, open_observer
 from rastercov.coverage.observers import ROLL
+from rastercov.kernels.stopwatch import Stopwatch
 from rastercov.mesh import Mesh
 from rastercov.raster.observation import Observation
 from rastercov.validation.methods.error_statistics import ROUNDING, ErrorStatistics, PoseFigures

@@ -16,11 +16,11 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.stopwatch import Stopwatch
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.coverage.face_pass import FacePass
 from rastercov.coverage.observer import Observer
+from rastercov.kernels.stopwatch import Stopwatch
 from rastercov.mesh import Mesh
 
 FloatArray = NDArray[np.float64]

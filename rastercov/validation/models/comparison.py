@@ -17,13 +17,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.errors import ConfigError
-from rastercov.base.stopwatch import Stopwatch
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import valid_poses
 from rastercov.coverage.coverage import Coverage, evaluate_batches
 from rastercov.coverage.observer import open_observer
 from rastercov.coverage.provenance import Provenance
 from rastercov.coverage.task import Reason, Task
+from rastercov.kernels.stopwatch import Stopwatch
 from rastercov.mesh import Mesh
 from rastercov.models import MODELS, zhang
 from rastercov.raster.observation import BoundKind

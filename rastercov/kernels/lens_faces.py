@@ -5,21 +5,17 @@ arguments, the same results. The area and the field of view come from integrals 
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.camera.camera import Camera
-from rastercov.camera.lenses.of_camera import lens_of, planes_of
-from rastercov.camera.lenses.quadrature import NODES
-from rastercov.camera.lenses.records import PlaneRecord
-from rastercov.camera.models import MODELS
 from rastercov.kernels import lens as kernels
 from rastercov.kernels.jit import allocation_free, called_whole, part_with_arrays
 from rastercov.kernels.lens_density import SLOPES
 from rastercov.kernels.lens_edges import bulge, nodes_for
 from rastercov.kernels.lens_lanes import GROUP, project_lanes
+from rastercov.kernels.lens_planes import PlaneRecord
 from rastercov.kernels.lens_polygons import (
     MOST_CORNERS,
     EdgeScratch,
@@ -29,6 +25,7 @@ from rastercov.kernels.lens_polygons import (
     edge_scratch,
     polygon_image,
 )
+from rastercov.kernels.lens_tables import NODES
 from rastercov.kernels.vertex_columns import AHEAD, BEHIND, INSIDE, STATE, U, V, X, Y, Z
 
 FloatArray = NDArray[np.float64]
@@ -62,7 +59,7 @@ class CurvedLens(NamedTuple):
     is_graded : (N,) bool
     bends : (N,) float64
     tolerance : float
-        See `PlaneRecord`.
+        See `PlaneRecord` of `lens_planes`.
     """
 
     code: int
@@ -98,51 +95,12 @@ class CurvedWorkspace(NamedTuple):
     block: FloatArray
 
 
-def curved_lens(camera: Camera) -> CurvedLens:
-    """Lens of a camera for the loops."""
-    lens, records = lens_of(camera), [record for _, record in planes_of(camera)]
-
-    def padded(polygons: list[FloatArray]) -> tuple[Any, Any]:
-        rows = np.zeros((len(polygons), MOST_SIDES, 2))
-        for row, polygon in zip(rows, polygons, strict=True):
-            row[: len(polygon)] = polygon
-        return read_only(rows), read_only(np.array([len(each) for each in polygons], np.int64))
-
-    regions, region_sides = padded([record.region for record in records])
-    holes, hole_sides = padded([record.hole for record in records])
-    return CurvedLens(
-        code=lens.code,
-        params=read_only(lens.params),
-        width=float(camera.width),
-        height=float(camera.height),
-        by_distance=not MODELS[camera.model].is_planar,
-        frames=read_only(np.stack([record.frame for record in records])),
-        own_params=read_only(np.stack([record.params for record in records])),
-        regions=regions,
-        region_sides=region_sides,
-        holes=holes,
-        hole_sides=hole_sides,
-        longest=read_only(np.stack([record.longest for record in records])),
-        parts_of=read_only(np.array([record.parts_of for record in records], np.int64)),
-        is_graded=read_only(np.array([record.is_graded for record in records])),
-        bends=read_only(np.array([record.bend for record in records])),
-        tolerance=records[0].tolerance,
-    )
-
-
 def curved_workspace(n_vertices: int) -> CurvedWorkspace:
     """Memory for one thread."""
     sizes = [(n_vertices, SLOPES + 6)] + [(MOST_CORNERS, 2)] * 2 + [(MOST_CORNERS, 3)] * 2
     return CurvedWorkspace._make(
         [*(np.empty(size) for size in sizes), edge_scratch(), np.empty((0, 0))]
     )
-
-
-def read_only(array: NDArray[Any]) -> NDArray[Any]:
-    """Contiguous view that is not writable: numba compiles for each layout of an argument."""
-    view: NDArray[Any] = np.ascontiguousarray(array).view()
-    view.flags.writeable = False
-    return view
 
 
 def project(vertices, pose, near, lens, points):
