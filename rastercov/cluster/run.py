@@ -4,6 +4,7 @@ import errno
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping
+from concurrent.futures import CancelledError
 from contextlib import suppress
 from pathlib import Path
 from queue import Empty, SimpleQueue
@@ -161,7 +162,10 @@ class _Run:
     def _outcome(self, future: Any) -> str:
         """Result of a shard: "made", "killed" with its worker, or "again"."""
         if future.status == "finished":
-            made = future.result()
+            try:
+                made = future.result()
+            except CancelledError:  # the scheduler was lost before it sent the result
+                raise _SchedulerLostError from None
             if not made.quarantined:
                 forget(Path(self.job.folder), made.number)
             self.done(made)

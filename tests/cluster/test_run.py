@@ -9,6 +9,7 @@ import subprocess
 import sys
 import threading
 import time
+from concurrent.futures import CancelledError
 from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from pathlib import Path
 
@@ -250,13 +251,15 @@ def certificates(tmp_path, monkeypatch):
         yield
 
 
-def test_a_scheduler_with_certificates_is_used_without_a_warning(tmp_path, port, certificates):
+def test_a_scheduler_with_certificates_is_used_without_a_line_on_its_risk(
+    tmp_path, port, certificates
+):
     job, missing = cluster_job.prepared(tmp_path / "job", 4)
     watch = Watch()
     with scheduler(port, "--protocol", "tls"), worker(port, tmp_path / "w", "tls"):
         run(job, missing, watch, Workers(scheduler=f"tls://127.0.0.1:{port}"))
     assert watch.numbers == list(range(4))
-    assert not watch.lines
+    assert not [line for line in watch.lines if "run programs as you" in line]
 
 
 def test_an_open_scheduler_is_used_with_one_line_on_its_risk(tmp_path, port):
@@ -297,6 +300,44 @@ def test_a_shard_whose_report_was_lost_is_counted_once(tmp_path, monkeypatch):
     assert [(made.number, made.n_poses, made.quarantined) for made in lost] == [
         (2, 4, {3: "was killed by SIGKILL"})
     ]
+
+
+def test_a_result_that_a_lost_scheduler_did_not_send_is_asked_for_again(tmp_path, monkeypatch):
+    job, missing = cluster_job.prepared(tmp_path / "job", 3)
+    lost = []
+
+    class Client:
+        status = "running"
+
+        def nthreads(self):
+            return {"own": 1}
+
+        def cancel(self, futures):
+            pass
+
+        def submit(self, function, *arguments, key, pure):
+            return Finished(key, function(*arguments))
+
+    class Finished:
+        status = "finished"
+
+        def __init__(self, key, made):
+            self.key, self.made = key, made
+
+        def add_done_callback(self, call):
+            call(self)
+
+        def result(self):
+            if not lost:
+                lost.append(self.key)
+                raise CancelledError
+            return self.made
+
+    monkeypatch.setattr(NoWorkers, "client", lambda self: nullcontext(Client()))
+    watch = Watch()
+    run(job, missing, watch, NoWorkers())
+    assert watch.numbers == list(range(3))
+    assert [line for line in watch.lines if "the scheduler is lost" in line]
 
 
 def test_a_scheduler_without_workers_ends_the_run(tmp_path, port, monkeypatch):

@@ -113,7 +113,10 @@ def methods_of(kind):
     return {
         f"{kind.__name__}.{name}": method
         for name, method in methods.items()
-        if inspect.isroutine(method) and method.__module__.startswith("rastercov.")
+        # From Python 3.13 on, a cached property is a routine.
+        if inspect.isroutine(method)
+        and callable(method)
+        and method.__module__.startswith("rastercov.")
     }
 
 
