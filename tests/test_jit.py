@@ -1,5 +1,6 @@
 """Compiled loops on disk: what is torn or stale is not believed, and no disk is no error."""
 
+import ast
 import gc
 import hashlib
 import logging
@@ -100,7 +101,7 @@ def removed(path):
 
 def outdated(path):
     """As an earlier version of the library left it, with a type that is gone."""
-    data = b"crastercov._jit\nTypeThatIsGone\n."
+    data = b"crastercov.kernels.jit\nTypeThatIsGone\n."
     path.write_bytes(hashlib.sha256(data).digest() + data)
 
 
@@ -210,7 +211,7 @@ def test_a_disk_that_fills_up_while_it_is_written_is_one_line(module, tmp_path):
 
 @pytest.mark.slow
 def test_a_write_that_fails_after_all_is_one_more_line(module, tmp_path):
-    code = "from rastercov import _jit\n_jit.ROOM = 0\n"
+    code = "from rastercov.kernels import jit\njit.ROOM = 0\n"
     module.write_text(code + module.read_text())
 
     def small_files():
@@ -498,9 +499,30 @@ def test_a_part_has_no_machine_code_and_its_errors_arrive():
 
 def test_a_loop_outside_the_package_is_compiled_anew_when_what_it_calls_changes(tmp_path):
     path = tmp_path / "program.py"
-    path.write_text("from rastercov.kernels.criteria import project, scene_of\nimport numpy\n")
+    path.write_text("from rastercov.kernels.criteria import project, measure\nimport numpy\n")
     _, imported = compiled._read_module(path)
-    assert [file.name for file in imported] == ["criteria_kernels.py"]
+    assert [file.name for file in imported] == ["criteria.py"]
+
+
+def test_no_file_outside_kernels_decides_what_is_compiled():
+    """A change of any of them compiles nothing: the digest of a loop is of kernels alone."""
+    folder = Path(compiled.__file__).parent
+    reached, files = set(), set(folder.glob("*.py"))
+    while files:
+        reached |= files
+        files = {found for file in files for found in compiled._read_module(file)[1]} - reached
+    assert len(reached) > 80
+    assert {path for path in reached if path.parent != folder} == set()
+
+
+def test_no_loop_is_compiled_outside_kernels():
+    package = Path(compiled.__file__).parents[1]
+    outside = [path for path in package.rglob("*.py") if path.parent != package / "kernels"]
+    assert len(outside) > 200
+    for path in outside:
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom) and node.module == "rastercov.kernels.jit":
+                assert {name.name for name in node.names} <= {"compiled_aside", "is_compiled"}
 
 
 def test_only_parts_are_copied_whatever_calls_them(monkeypatch):
@@ -568,9 +590,9 @@ def test_the_search_for_garbage_goes_on_after_a_compilation():
 
 SLOW = """
 import time
-from rastercov import _jit
+from rastercov.kernels import jit
 
-@_jit.compiled
+@jit.compiled
 def loop(number):
     return 3 * number
 

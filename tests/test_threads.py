@@ -123,7 +123,7 @@ import os, signal, threading, time
 from numba.core.compiler_lock import global_compiler_lock
 import rastercov as rc
 from rastercov import shapes
-from rastercov import _jit as compiled
+from rastercov.kernels import jit as compiled
 is_compiling = threading.Event()
 def work():
     with global_compiler_lock:

@@ -639,7 +639,7 @@ def test_a_locale_without_the_letters_of_a_name_and_a_home_are_not_needed():
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupt_keeps_what_is_done(number):
     out = Path("report")
-    small = f"from rastercov import evaluation_shards; evaluation_shards.PAIRS_A_SHARD = {SHARD}; "
+    small = f"from rastercov.coverage import shards; shards.PAIRS_A_SHARD = {SHARD}; "
     with subprocess.Popen(
         [sys.executable, "-c", small + ENTRY, *LONG.split()],
         stdout=subprocess.PIPE,

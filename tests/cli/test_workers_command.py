@@ -100,7 +100,7 @@ def test_a_killed_evaluation_goes_on_where_it_was(capsys, monkeypatch):
         "--workers 2"
     )
     pairs = SHARD * mesh.n_faces
-    small = f"from rastercov import evaluation_shards; evaluation_shards.PAIRS_A_SHARD = {pairs}; "
+    small = f"from rastercov.coverage import shards; shards.PAIRS_A_SHARD = {pairs}; "
     words = [sys.executable, "-c", small + ENTRY, *line.split()]
     head = subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     deadline = time.monotonic() + 300

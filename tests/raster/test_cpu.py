@@ -457,12 +457,13 @@ import sys
 sys.modules["moderngl"] = None
 import rastercov as rc
 from numba.core import caching
-from rastercov import _jit, shapes
+from rastercov import shapes
+from rastercov.kernels import jit
 with rc.open_rasterizer(shapes.box(), rc.Camera(width=8, height=8, fx=8, fy=8), "cpu") as r:
     print(int(r.count(rc.look_at((0, 0, 3), (0, 0, 0))).visible.sum()))
 caching.CacheImpl._locator_classes = []
-loop = _jit.compiled(lambda number: number + 1)
-assert not _jit.is_compiled(loop)
+loop = jit.compiled(lambda number: number + 1)
+assert not jit.is_compiled(loop)
 assert loop(1) == 2
 """
     done = run_python("-c", code, HOME=str(tmp_path / "missing"))
