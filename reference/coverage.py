@@ -1,4 +1,4 @@
-"""Coverage with whole arrays: the twin of `rastercov.kernels.coverage` and `network_kernels`.
+"""Coverage with whole arrays: the twin of `rastercov.kernels.coverage` and `kernels.network`.
 
 E. S. Eissa. Image Space Coverage Model. 2020, section 3.3.
 """

@@ -1,6 +1,6 @@
 """Cameras and poses that the command line names by `--camera` and `--poses`.
 
-Between `cli` and `camera_formats`: presets, files of this and other programs, poses on a sphere;
+Between `cli` and `camera.formats`: presets, files of this and other programs, poses on a sphere;
 one file may give both.
 """
 

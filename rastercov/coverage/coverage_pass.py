@@ -1,6 +1,6 @@
 """Pass over poses and faces that judges them: what an observer measured becomes coverage.
 
-`coverage` keeps the figures, `network` adds them up; `coverage_kernels` computes them.
+`coverage` keeps the figures, `network` adds them up; `kernels.coverage` computes them.
 """
 
 from collections.abc import Mapping

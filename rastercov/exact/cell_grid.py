@@ -1,4 +1,4 @@
-"""Grid of cells over the image, in which the faces near a place are listed by `grid_kernels`."""
+"""Grid of cells over the image, in which `kernels.exact_grid` lists the faces near a place."""
 
 import math
 

@@ -7,8 +7,8 @@ of an event edge crosses at or before its depth, and that no other face touches 
 wholly visible or wholly hidden, and so are all faces joined to it edge by edge without crossing an
 event edge: a region. The half-plane solver computes the largest face of each region; that face,
 which must be wholly visible or wholly hidden, classifies its region. A crossed face is divided by
-the edges that cross it, see `arrangement_kernels`. The cost is proportional to the silhouettes, not
-to the faces or the pixels.
+the edges that cross it, see `kernels.exact_arrangement`. The cost is proportional to the
+silhouettes, not to the faces or the pixels.
 
 A. Appel. The Notion of Quantitative Invisibility and the Machine Rendering of Solids. 1967.
 """

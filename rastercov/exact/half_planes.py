@@ -7,8 +7,8 @@ T n M n {1/z_M > 1/z_T}, and
 
 No depth sorting is needed: faces that overlap cyclically or pierce one another are correct.
 Surfaces at equal depth coincide, and the face with the lower index is visible. Targets hide
-nothing, and nothing at their depth hides them. The compiled loops are in `half_plane_kernels` and
-`target_kernels`.
+nothing, and nothing at their depth hides them. The compiled loops are in `kernels.exact_half_plane`
+and `kernels.exact_target`.
 
 A. Appel. The Notion of Quantitative Invisibility and the Machine Rendering of Solids. 1967.
 """

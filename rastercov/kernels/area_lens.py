@@ -1,6 +1,6 @@
 """Regions of a pose through a lens: what an ideal plane shows, cut by the criteria of the lens.
 
-`region_kernels.cut_regions` finds what the pinhole of an ideal plane sees, within the largest angle
+`area_region.cut_regions` finds what the pinhole of an ideal plane sees, within the largest angle
 of incidence. Three loops follow, each from a list of pieces to another one; the first and the last
 run only where a task asks for them:
 

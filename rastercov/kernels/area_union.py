@@ -4,7 +4,7 @@ A face of few pieces is one cell, see `division`. The pieces of a cell are a par
 polygons that do not overlap, each with its number of
 cameras. A new piece P of a camera changes a piece Q of n cameras into Q n P of n + 1 and the parts
 of Q outside P of n; what no Q covers of P is new, of one camera. Numbers stop at k, from where on
-pieces are not divided any more. All cuts are those of `polygon_kernels.clip_subtract`, which keeps
+pieces are not divided any more. All cuts are those of `exact_polygon.clip_subtract`, which keeps
 no topology, so that nothing can become inconsistent.
 """
 

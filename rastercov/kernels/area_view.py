@@ -1,6 +1,6 @@
 """Field of view of a lens in the plane of a face: convex parts that the image shows; by numba.
 
-The field of view is a tree of lines of an ideal plane (`camera.lenses.field_kernels`). A line
+The field of view is a tree of lines of an ideal plane (`lens_field`). A line
 a x + b y + c = 0 there is the plane a X + b Y + c Z = 0 through the camera, and so a line in the
 plane of the face: polygons need not be projected.
 """

@@ -1,6 +1,6 @@
 """Compiled loops of an audit: best density, widest angle and loss over pairs of camera and element.
 
-Pairs come by element in compressed rows, as `placement.select.presolve_kernels.by_face` gives them.
+Pairs come by element in compressed rows, as `placement_presolve.by_face` gives them.
 
 """
 
@@ -31,7 +31,7 @@ def density_at(x, y, z, pose, normal, lens):
     """Pixels a metre along the worst direction of a surface at a point, in a pinhole camera.
 
     The least singular value of the projection restricted to the plane of the surface, as
-    `criteria_kernels.pixel_density`; 0 for a point that is not ahead of the camera.
+    `criteria.pixel_density`; 0 for a point that is not ahead of the camera.
     """
     a, b, c = x - pose[0, 3], y - pose[1, 3], z - pose[2, 3]
     right = a * pose[0, 0] + b * pose[1, 0] + c * pose[2, 0]

@@ -1,6 +1,6 @@
 """Arithmetic in pairs of doubles, about 106 bits, for differences that cancel all digits of one.
 
-`exact.setup_kernels` needs it where the camera centre lies on a face to the last digit: doubles do
+`exact_setup` needs it where the camera centre lies on a face to the last digit: doubles do
 not determine the plane of the face through the camera centre, pairs do. A pair (high, low) is the
 number high + low, where high is that sum rounded. All functions take and return scalars, so that
 they compile into the loop that calls them.

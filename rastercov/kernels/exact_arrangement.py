@@ -9,7 +9,7 @@ A face that nothing crosses is one cell. It decides over its region, so three po
 asked, which must agree.
 
 Where rounding could decide - a point that lies too near to an edge or to another surface - the face
-is left to `half_plane_kernels`.
+is left to `exact_half_plane`.
 
 A. Appel. The Notion of Quantitative Invisibility and the Machine Rendering of Solids. 1967.
 """
@@ -271,7 +271,7 @@ def arrangement_areas(
     pieces, work : Pieces, Work
         Scratch; `MOST_CELLS` pieces or more. `work.kept` may be too small: call again with more.
     visible, area_error : (F,) float64
-        Out: as of `half_plane_kernels.visible_areas`.
+        Out: as of `exact_half_plane.visible_areas`.
     left : (N,) int32
         Out: faces that are left to half planes.
     """

@@ -1,4 +1,4 @@
-"""SIMD over the faces of a block and the entries of a cell: for `block_kernels`, `grid_kernels`."""
+"""SIMD over the faces of a block and the entries of a cell: for `exact_block`, `exact_grid`."""
 
 import functools
 import math
@@ -104,7 +104,7 @@ def faces_near(first, faces, uvw, left, top, per_u, per_v, columns, rows, is_nea
     u, v = zip(*(_corners(vertices, s, uvw) for s in range(3)), strict=True)
 
     def cells(positions, origin, per_pixel, n):
-        """As `grid_kernels.cell`, of the least and the greatest position of each face."""
+        """As `exact_grid.cell`, of the least and the greatest position of each face."""
         bounds = (_all(positions, name) for name in ("minimum", "maximum"))
         at = (((bound - origin) * per_pixel).to(WORD) for bound in bounds)
         return (place.maximum(0).minimum(n - 1) for place in at)
@@ -136,7 +136,7 @@ def _corners(vertices, s, uvw):
 def entries_that_touch(
     bounds, stride, first, n, left, right, top, bottom, least_near, least_far, most_far
 ):
-    """Bits of those of n, up to 64, entries of a cell that `grid_kernels.find_faces` finds.
+    """Bits of those of n, up to 64, entries of a cell that `exact_grid.find_faces` finds.
 
     `bounds` is a pointer to the data of `CellGrid.bounds`, of rows of `stride` values. Entries are
     compared `AT_A_TIME`; bits above the lowest n mean nothing.

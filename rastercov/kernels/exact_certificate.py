@@ -1,7 +1,7 @@
 """Faces that cannot be certified, and decisions over regions, compiled by numba.
 
-`event_kernels` finds the faces that a visible part of an event edge crosses in the image, at or
-before the face. The remaining faces form regions, see `region_kernels`: a region is wholly visible
+`exact_event` finds the faces that a visible part of an event edge crosses in the image, at or
+before the face. The remaining faces form regions, see `exact_region`: a region is wholly visible
 or wholly hidden. See `certificate`.
 
 A. Appel. The Notion of Quantitative Invisibility and the Machine Rendering of Solids. 1967.

@@ -1,7 +1,7 @@
 """Visible areas by half planes, compiled by numba.
 
-One pose runs through four passes: `setup_kernels.project` and `setup_kernels.set_up`;
-`grid_kernels.fill_grid`; and `visible_areas`, which takes one face at a time, finds its occluders
+One pose runs through four passes: `exact_setup.project` and `exact_setup.set_up`;
+`exact_grid.fill_grid`; and `visible_areas`, which takes one face at a time, finds its occluders
 in the grid cells it touches, and subtracts from its image the part that each of them hides.
 
 In the image w = 1/z is affine on a face, so the part of face T that face M hides is

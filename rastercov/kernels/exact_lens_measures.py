@@ -1,4 +1,4 @@
-"""SIMD over the vertices and the faces of a surface in a plane of a lens: for `lens_kernels`."""
+"""SIMD over the vertices and the faces of a surface in a plane of a lens: for `exact_lens`."""
 
 import math
 
@@ -76,7 +76,7 @@ def put_images(first, at, u, v, is_inside, places):
 def measure_faces(
     first, faces, sides, is_flat, state, places, bulge, plane, rounding, own, is_done, area, error
 ):
-    """Measure `AT_A_TIME` faces as `lens_kernels.measure_simple` does each.
+    """Measure `AT_A_TIME` faces as `exact_lens.measure_simple` does each.
 
     Arrays are pointers to the data of its arguments; the results are the same bits.
     """

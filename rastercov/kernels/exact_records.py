@@ -194,7 +194,7 @@ per_u, per_v : float
     Columns and rows a pixel.
 columns, rows : int
 asked : (columns * rows or more,) uint8
-    `grid_kernels.NOT_ASKED`, `ASKED` or `LISTED`: faces are listed in the last only.
+    `exact_grid.NOT_ASKED`, `ASKED` or `LISTED`: faces are listed in the last only.
 is_near : (columns * rows or more,) bool
     Cells of which that one, the next, or one of these two in the next row is asked for and not
     listed.

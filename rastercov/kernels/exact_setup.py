@@ -1,6 +1,6 @@
 """Projection of vertices, and of faces that are clipped in space, compiled by numba.
 
-`project` is the first pass over a pose, `block_kernels.set_up` the second. Faces that reach behind
+`project` is the first pass over a pose, `exact_block.set_up` the second. Faces that reach behind
 the camera or far out of the image are clipped in space before they are projected.
 """
 

@@ -12,7 +12,7 @@ from rastercov.kernels.jit import allocation_free
 
 @allocation_free
 def target_areas(targets, first, camera, projected, grid, marks, pieces, work, visible, area_error):
-    """Visible areas of targets; arguments and result as of `half_plane_kernels.visible_areas`.
+    """Visible areas of targets; arguments and result as of `exact_half_plane.visible_areas`.
 
     The face that hid another target there is forgotten before each: the figures of a target, and
     their bounds, must not depend on other targets.

@@ -1,6 +1,6 @@
 """Coverage (3.6) of eight faces of a pose at a time by SIMD, for the loops of coverage.
 
-`judge_block` does what the functions of `rastercov.kernels.criteria` and `coverage_kernels` do for
+`judge_block` does what the functions of `rastercov.kernels.criteria` and `coverage` do for
 one face, in the same order of operations, where all of eight faces are wholly in the image of a
 pinhole. Other faces, and lenses, are left to those functions.
 """
@@ -126,7 +126,7 @@ def decide_block(
     first, at, degenerate, visible, drawn, kind, area_error, scale, limits, asks_bound, is_counted,
     has_error, block,
 ):  # fmt: skip
-    """Complete a block, as `coverage_kernels.judge` and `bound_and_kind` do; arrays are pointers.
+    """Complete a block, as `coverage.judge` and `bound_and_kind` do; arrays are pointers.
 
     `at` is the place of the first face in the arrays of the observation. Returns False for a face
     at the limit of incidence, and for a bound of counts.
@@ -252,7 +252,7 @@ def add_backs(first, degenerate, reasons, coverage):
 def add_lanes(first, pose, is_scored, sums, coverage, block):
     """Add a block to the sums of a network and to the coverage of a pose; arrays are pointers.
 
-    See `network_kernels.add_pair`. Returns the number of faces that are scored and covered.
+    See `network.add_pair`. Returns the number of faces that are scored and covered.
     """
     builder = first.builder
 
@@ -315,7 +315,7 @@ def _incidence_cosine(normal, sums):
 
 
 def _pixel_density(normal, right, down, z, lens):
-    """See `criteria_kernels.pixel_density`."""
+    """See `criteria.pixel_density`."""
     a, b, c = normal
     sign = c.sign()
     d = c.like(-1.0) / (sign + c)
@@ -338,7 +338,7 @@ def _pixel_density(normal, right, down, z, lens):
 
 
 def _areas(at, visible, drawn, scale):
-    """Visible and drawn area of faces, px^2; see `coverage_kernels.areas_of`."""
+    """Visible and drawn area of faces, px^2; see `coverage.areas_of`."""
     found = []
     for array in (visible, drawn):
         area = Variable(load(at.builder, array.at(at).pointer, AT_A_TIME).to(DOUBLE))
@@ -349,7 +349,7 @@ def _areas(at, visible, drawn, scale):
 
 
 def _bound_of_areas(at, drawn, area_error, has_error, kind):
-    """See `coverage_kernels.bound_of_fraction`, for areas."""
+    """See `coverage.bound_of_fraction`, for areas."""
     exact = Variable(drawn.like(ROUNDING))
     with when(has_error > 0):
         error = load(at.builder, area_error.at(at).pointer, AT_A_TIME)

@@ -7,7 +7,7 @@ beyond the first one is inside the border, of what is before the second one outs
 them is halved, and each half has lines of its own, until it is narrower than a tolerance.
 
 The lines are found from samples, and then verified: the images of both cells are measured by the
-integrals along their edges (`polygon_kernels`), so that samples decide about the cost alone. Where
+integrals along their edges (`lens_polygons`), so that samples decide about the cost alone. Where
 a cell is not inside, or not outside, it is halved, too.
 """
 

@@ -1,7 +1,7 @@
 """Image of one polygon of an ideal plane: its area, and the part of it inside the image; by numba.
 
 Most polygons are inside the image or outside it, and their area is the sum over their edges; only
-those that may reach across the border are clamped to it (`edge_kernels`).
+those that may reach across the border are clamped to it (`lens_edges`).
 """
 
 import math
@@ -285,7 +285,7 @@ def measure_insides(plane, corners, starts, scratch, out):
 
 @allocation_free
 def bulges_by_parts(plane, edges, ends, places, scratch, bulge):
-    """Fill in what `lane_kernels.edge_bulges` left: edges too long for one rule.
+    """Fill in what `lens_lanes.edge_bulges` left: edges too long for one rule.
 
     Parameters
     ----------
@@ -294,7 +294,7 @@ def bulges_by_parts(plane, edges, ends, places, scratch, bulge):
         The edges.
     ends : (E, 2) int32
     places : (V, 4) float64
-        Of `lane_kernels.vertex_images`.
+        Of `lens_lanes.vertex_images`.
     scratch : EdgeScratch
     bulge : (E,) float64
         In and out; NaN remains for an edge of too many parts, and on a plane with a pole.

@@ -1,7 +1,7 @@
 """Compiled loops of selection where a candidate may be a rig of several cameras.
 
 A candidate has a pair with a face for each of its cameras that covers it; such pairs follow one
-another, a run. Progress, worth and arguments are those of `selection_kernels`, and so are the
+another, a run. Progress, worth and arguments are those of `placement_selection`, and so are the
 results where every run is one pair: with c chosen the progress of a face grows by its whole run.
 
 eye, covering_eye : (N,) int32
@@ -187,10 +187,9 @@ def missing_directions(
 ):  # fmt: skip
     """Candidates of which a face needs one, where all chosen cameras see it from one direction.
 
-    As `selection_kernels.missing_directions`: all candidates that cover the face, except a maximal
-    set around the chosen ones, of whose cameras no two rays differ by the angle. A candidate with
-    two such rays of its own is in no such set.
-    """
+    As `placement_selection.missing_directions`: all candidates that cover the face, except a
+    maximal set around the chosen ones, of whose cameras no two rays differ by the angle. A
+    candidate with two such rays of its own is in no such set. """
     n_faces = len(starts) - 1
     ends = np.zeros(n_faces + 1, np.int64)
     found = np.empty(len(candidates), np.int32)

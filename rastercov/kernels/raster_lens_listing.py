@@ -1,6 +1,6 @@
 """Clusters and faces of the rasteriser of lenses, and the tiles that they may cover; by numba.
 
-See `lens_kernels`.
+See `raster_lens`.
 """
 
 import numpy as np

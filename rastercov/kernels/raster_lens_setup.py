@@ -1,6 +1,6 @@
 """Stages of the rasteriser of lenses before samples: clusters, vertices, and planes of faces.
 
-A vector of `LANES` clusters, vertices or faces at a time. See `lens_kernels` for the planes, and
+A vector of `LANES` clusters, vertices or faces at a time. See `raster_lens` for the planes, and
 `lens_records` for the rows that are written.
 """
 

@@ -12,7 +12,7 @@ AT_A_TIME = 8
 
 @simd(returns=types.void)
 def project_vertices(n, vertices, pose, near, lens, points):
-    """Fill the columns of n vertices, see `criteria_kernels.project`; arrays are pointers."""
+    """Fill the columns of n vertices, see `criteria.project`; arrays are pointers."""
     axes = [[pose.value(4 * row + column) for row in range(3)] for column in range(4)]
     none, whole = n & 0, n & -AT_A_TIME
     for begin, end, step in ((none, whole, AT_A_TIME), (whole, n, 1)):

@@ -3,7 +3,7 @@
 The certificate needs them: one point of a face represents the whole face only if no other face cuts
 it or lies on it. So does `Mesh.can_cull_back_faces`, because a closed surface that cuts itself can
 show its back. Conservative: a false positive costs time, a false negative would break both. A tree
-of boxes finds the pairs, separating axes decide each; see `contact_kernels`.
+of boxes finds the pairs, separating axes decide each; see `kernels.mesh_contacts`.
 """
 
 import math

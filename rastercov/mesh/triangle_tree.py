@@ -24,7 +24,7 @@ BOX_MARGIN = 2.0**-24
 
 @dataclass(frozen=True, eq=False)
 class TriangleTree:
-    """Triangles in Morton order and the boxes over them; see `triangle_tree_kernels`.
+    """Triangles in Morton order and the boxes over them; see `kernels.mesh_tree`.
 
     Attributes
     ----------

@@ -120,7 +120,7 @@ def _sqrt(value: Any) -> Any:
 
 
 def _angle_over_r(r2: Any, z: Any) -> Any:
-    """Angle from the z axis over r, see `lane_kernels.angle_over_r`."""
+    """Angle from the z axis over r, see `kernels.lens_lanes.angle_over_r`."""
     c = 1.0 / (z + _sqrt(r2 + z * z))
     for _ in range(3):
         c = c / (1.0 + _sqrt(1.0 + r2 * (c * c)))

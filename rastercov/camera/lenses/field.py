@@ -1,7 +1,7 @@
 """Field of view of a lens in its ideal planes: convex cells of what its image shows.
 
 What an image shows of an ideal plane is bounded by curves. `fields_of` divides each plane once for
-a camera, so that loops over surfaces cut by straight lines only (`field_kernels`).
+a camera, so that loops over surfaces cut by straight lines only (`kernels.lens_field`).
 """
 
 from functools import lru_cache

@@ -80,8 +80,8 @@ def segment(
 
     Growing, (6.1) and (6.2): the first face without a segment begins one, and faces that share an
     edge with it join, nearest first, as long as their normal is within alpha of *every* normal in
-    it. The test is exact to 6e-8 tan(alpha) radians, see `segment_kernels`, and looks at the convex
-    hull of the normals only. Faces without area are passed through.
+    it. The test is exact to 6e-8 tan(alpha) radians, see `kernels.placement_segments`, and looks at
+    the convex hull of the normals only. Faces without area are passed through.
 
     Merging, (6.3): segments whose average normals are within beta are merged. For A near B and B
     near C the thesis defines no order; there are two readings:

@@ -1,9 +1,9 @@
 """Greedy selection by marginal gains, then local search by swaps and by removal and repair.
 
-The gains of all candidates are updated incrementally (`selection_kernels`), which makes lazy
-evaluation unnecessary. Where one view a face is enough, coverage is submodular and the first pass
-alone reaches 1 - 1/e of the best coverage, or the logarithmic factor of set cover. The local search
-only improves on it.
+The gains of all candidates are updated incrementally (`kernels.placement_selection`), which makes
+lazy evaluation unnecessary. Where one view a face is enough, coverage is submodular and the first
+pass alone reaches 1 - 1/e of the best coverage, or the logarithmic factor of set cover. The local
+search only improves on it.
 
 G. L. Nemhauser, L. A. Wolsey, M. L. Fisher. An analysis of approximations for maximizing
 submodular set functions. 1978.
