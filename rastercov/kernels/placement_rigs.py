@@ -189,7 +189,8 @@ def missing_directions(
 
     As `placement_selection.missing_directions`: all candidates that cover the face, except a
     maximal set around the chosen ones, of whose cameras no two rays differ by the angle. A
-    candidate with two such rays of its own is in no such set. """
+    candidate with two such rays of its own is in no such set.
+    """
     n_faces = len(starts) - 1
     ends = np.zeros(n_faces + 1, np.int64)
     found = np.empty(len(candidates), np.int32)

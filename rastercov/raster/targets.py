@@ -4,7 +4,8 @@ A rasteriser draws the opaque faces of a mesh alone, so their counts are those o
 targets, bit for bit. Targets are then compared with the depths that were drawn, face by face, by
 one loop for all devices (`kernels.raster_targets`): a face index a sample has no room for two
 targets, one behind the other. The depths of each pose are drawn again for that and read back, which
-takes about as long as counting it. Meshes without targets do nothing of this. """
+takes about as long as counting it. Meshes without targets do nothing of this.
+"""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace

@@ -83,8 +83,10 @@ class ReducedProblem:
         2 where no angle is required.
     has_rigs : bool
         True where candidates have a face once for each of their cameras: `kernels.placement_rigs`.
-        K is C otherwise. eye, covering_eye : (N,) int32 Of rigs, row in `eyes` of the camera of
-        each pair, in the order of `face` and of `covering`. """
+        K is C otherwise.
+    eye, covering_eye : (N,) int32
+        Of rigs, row in `eyes` of the camera of each pair, in the order of `face` and of `covering`.
+    """
 
     problem: AnyProblem
     candidates: IntArray
