@@ -25,13 +25,18 @@ from rastercov.placement import bit_file
 from rastercov.placement.bit_matrix import BitMatrix
 from rastercov.placement.bits import CoveredBits, n_words, spread_out
 from rastercov.placement.matrix import measure_matrix
-from rastercov.placement.select import pricing
-from rastercov.placement.select.bit_problem import BitProblem, bit_problem_of, presolve_bits
-from rastercov.placement.select.cover_state import CoverState
+from rastercov.placement.select import bounds
+from rastercov.placement.select.cover import CoverState, LazyCover
 from rastercov.placement.select.greedy import EFFORT, constructed, improve, select_greedy
-from rastercov.placement.select.lazy import select_lazy
-from rastercov.placement.select.lazy_cover import LazyCover
-from rastercov.placement.select.problem import BestCoverage, FewestCameras, Goal, problem_of_matrix
+from rastercov.placement.select.presolve import presolve
+from rastercov.placement.select.problem import (
+    BestCoverage,
+    FewestCameras,
+    Goal,
+    Problem,
+    problem_of,
+    problem_of_matrix,
+)
 from rastercov.placement.select.selection import finish
 
 PARTS = ("generated", "small", "place", "rates")
@@ -119,24 +124,24 @@ def _selected(path: Path, n_candidates: int, n_faces: int) -> dict[str, object]:
     bits = CoveredBits.of(words, n_faces)
     weights = np.random.default_rng(1).random(n_faces)
     for goal in (BestCoverage(2), FewestCameras()):  # loads the loops
-        select_lazy(_problem(CoveredBits.from_dense(np.eye(4)), np.ones(4), goal), core_pairs=1)
+        select_greedy(_problem(CoveredBits.from_dense(np.eye(4)), np.ones(4), goal), core_pairs=1)
     goals = {name: _steps(_problem(bits, weights, goal)) for name, goal in GOALS.items()}
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     return {"peak": peak, "goals": goals}
 
 
-def _problem(bits: CoveredBits, weights: np.ndarray, goal: Goal) -> BitProblem:
+def _problem(bits: CoveredBits, weights: np.ndarray, goal: Goal) -> Problem:
     n = bits.n_faces
-    return BitProblem(
-        bits=bits, weights=weights, views=np.ones(n, np.int64), costs=np.ones(bits.n_candidates),
+    return Problem(
+        bits=bits, weights=weights, views=np.ones(n, np.int64), costs=np.ones(bits.n_rows),
         goal=goal, groups=("all",), face_group=np.zeros(n, np.int32),
-        mean_coverage=np.zeros(bits.n_candidates),
+        mean_coverage=np.zeros(bits.n_rows),
     )  # fmt: skip
 
 
-def _steps(problem: BitProblem) -> dict[str, object]:
-    """Figures of `select_lazy`, step by step."""
-    seconds, passes, priced = {}, 0, pricing._priced
+def _steps(problem: Problem) -> dict[str, object]:
+    """Figures of `select_greedy`, step by step."""
+    seconds, passes, priced = {}, 0, bounds._priced
 
     def counted(*arguments):
         nonlocal passes
@@ -151,17 +156,17 @@ def _steps(problem: BitProblem) -> dict[str, object]:
         return found
 
     step("reachable faces, 1 pass", lambda: problem.reachable)
-    large = step("presolve, 2 passes", lambda: presolve_bits(problem))
+    large = step("presolve, 2 passes", lambda: presolve(problem))
     state = step("greedy rule", lambda: constructed(lambda: LazyCover(large), problem.goal))
-    pricing._priced = counted
-    core, rows, bound = step("bound", lambda: pricing.core_and_bound(large, state))
-    pricing._priced = priced
+    bounds._priced = counted
+    core, rows, bound = step("bound", lambda: bounds.core_and_bound(large, state))
+    bounds._priced = priced
     better = CoverState(core)
     better.become(np.flatnonzero(np.isin(rows, list(state.chosen))).tolist())
     better = step("local search", lambda: improve(core, better, bound, EFFORT, 0))
     plain = large.candidates[state.ranked()]
     chosen = core.candidates[better.ranked()]
-    plain, found = (finish("greedy", core, each, bound, 0.0) for each in (plain, chosen))
+    plain, found = (finish("greedy", problem, each, bound, 0.0) for each in (plain, chosen))
     is_best = isinstance(problem.goal, BestCoverage)
     return seconds | {
         "cameras": [len(plain.chosen), "cameras"],
@@ -191,13 +196,9 @@ def small(report: Report) -> None:
         (FewestCameras(0.95), 1, None), (FewestCameras(1.0, of_reachable=True), 2, costs),
     ):  # fmt: skip
         lists = problem_of_matrix(covers, goal, weights=weights, views=views, costs=of)
-        names = ("weights", "views", "costs", "groups", "face_group", "mean_coverage")
-        bits = BitProblem(
-            bits=CoveredBits.from_dense(covers), goal=goal,
-            **{name: getattr(lists, name) for name in names},
-        )  # fmt: skip
-        one, other = select_greedy(lists), select_lazy(bits, core_pairs=int(covers.sum()) // 10)
-        plain = [select_greedy(lists, effort=0).chosen, select_lazy(bits, effort=0).chosen]
+        core = int(covers.sum()) // 10
+        one, other = select_greedy(lists), select_greedy(lists, core_pairs=core)
+        plain = [select_greedy(lists, effort=0, core_pairs=n).chosen for n in (None, core)]
         name = f"4,000 x 6,000, {goal}, views {views}"
         report.check(f"{name}: the same rule", plain[0].tolist() == plain[1].tolist())
         for what, found in (("lists", one), ("bits, core of a tenth", other)):
@@ -270,8 +271,8 @@ def _passes(folder: Path, held_as: str) -> float:
     if held_as != "bits":
         return 0.0
     matrix = BitMatrix.load(next(folder.iterdir()))
-    problem = bit_problem_of(matrix, shapes.by_name("torus"), BestCoverage(8))
-    state = constructed(lambda: LazyCover(presolve_bits(problem)), problem.goal)
+    problem = problem_of(matrix, shapes.by_name("torus"), BestCoverage(8))
+    state = constructed(lambda: LazyCover(presolve(problem)), problem.goal)
     return (state.passes - 1) / max(1, len(state.chosen))
 
 

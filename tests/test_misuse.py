@@ -30,7 +30,6 @@ UNTRIED = {
     "place out": "the same",
     "measure_matrix": "writes a folder; the checks are those of build_matrix",
     "build_matrix": "options of folders and workers have tests of their own",
-    "bit_problem_of": "needs a folder; the checks are those of problem_of",
     "problem_of mounts": "given by a plan",
     "problem_of_matrix": "for programs that have such arrays; its array and views are tried",
     "on_box sides": "words of its own",

@@ -37,7 +37,8 @@ class ViewSpread:
         self._centroids = np.array(centroids, np.float64)
         self._min_cosine, self._is_asked = least_cosine(min_angle), min_angle > 0
         self.is_spread = np.full(n, not self._is_asked)
-        self._last = np.full(n, -1, np.int64)
+        self._first, self._last = np.full((2, n), -1, np.int64)
+        self._is_near = np.ones(n, np.bool_)
         self._before: NDArray[Any] = np.empty(0, np.int64)
         self._camera: NDArray[Any] = np.empty(0, np.int64)
         self._eyes: NDArray[Any] = np.empty((0, 3))
@@ -55,7 +56,8 @@ class ViewSpread:
         self._eyes[self._n_eyes] = eye
         self._n_pairs = add_rays(
             self._n_eyes, faces.astype(np.int32), self._eyes, self._centroids, self._min_cosine,
-            self._last, self._before, self._camera, self._n_pairs, self.is_spread,
+            self._first, self._is_near, self._last, self._before, self._camera, self._n_pairs,
+            self.is_spread,
         )  # fmt: skip
         self._n_eyes += 1
 

@@ -1,4 +1,4 @@
-"""Compiled loops of presolve: pairs by face, hashes of sets, subsets of a problem."""
+"""Compiled loops of presolve: pairs by face, hashes."""
 
 import numpy as np
 
@@ -33,65 +33,13 @@ def mixed(number):
 
 @compiled
 def hashes_of(keys):
-    """Two hashes of each key, (N,) uint64, as `hash_sets` and `hash_owners` add up: (N, 2)."""
+    """Two hashes of each key, (N,) uint64: (N, 2).
+
+    The sum of those of the members of a set does not depend on their order, and two different sets
+    have the same 128 bits once in 10^38 pairs.
+    """
     hashes = np.empty((len(keys), 2), np.uint64)
     for i in range(len(keys)):
         hashes[i, 0] = mixed(keys[i])
         hashes[i, 1] = mixed(hashes[i, 0] ^ np.uint64(0x5851F42D4C957F2D))
     return hashes
-
-
-@compiled
-def hash_sets(indptr, member, counted, key):
-    """Sums of two hashes over the counted members of each set, (C, 2) uint64, and sizes, (C,).
-
-    A sum does not depend on the order of the members. Two different sets have the same 128 bits
-    once in 10^38 pairs. `counted` and `key`, (F,) bool and uint64, are of the members.
-    """
-    n = len(indptr) - 1
-    hashes, sizes = np.zeros((n, 2), np.uint64), np.zeros(n, np.int64)
-    for c in range(n):
-        for j in range(indptr[c], indptr[c + 1]):
-            m = member[j]
-            if counted[m]:
-                first = mixed(key[m])
-                hashes[c, 0] += first
-                hashes[c, 1] += mixed(first ^ np.uint64(0x5851F42D4C957F2D))
-                sizes[c] += 1
-    return hashes, sizes
-
-
-@compiled
-def hash_owners(indptr, member, key, n_members):
-    """(F, 2) uint64 hashes, as in `hash_sets`, of the sets that hold each member.
-
-    `key`, (C,) int64, is of the sets; those with -1 are ignored.
-    """
-    hashes = np.zeros((n_members, 2), np.uint64)
-    for c in range(len(indptr) - 1):
-        if key[c] >= 0:
-            first = mixed(np.uint64(key[c]))
-            second = mixed(first ^ np.uint64(0x5851F42D4C957F2D))
-            for j in range(indptr[c], indptr[c + 1]):
-                hashes[member[j], 0] += first
-                hashes[member[j], 1] += second
-    return hashes
-
-
-@compiled
-def subset(indptr, face, candidates, new_face):
-    """The pairs of some candidates and faces; `new_face` is -1 for faces that are left out."""
-    starts = np.zeros(len(candidates) + 1, np.int64)
-    for i in range(len(candidates)):
-        kept = 0
-        for j in range(indptr[candidates[i]], indptr[candidates[i] + 1]):
-            kept += new_face[face[j]] >= 0
-        starts[i + 1] = starts[i] + kept
-    faces = np.empty(starts[-1], np.int32)
-    at = 0
-    for c in candidates:
-        for j in range(indptr[c], indptr[c + 1]):
-            if new_face[face[j]] >= 0:
-                faces[at] = new_face[face[j]]
-                at += 1
-    return starts, faces

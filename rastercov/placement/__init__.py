@@ -3,8 +3,7 @@
     segment -> per_segment, on_walls, ... -> filter_candidates -> build_matrix -> problem_of
     -> select_greedy -> optimise, refine -> tolerance, what_is_left -> openings
 
-From more pairs than the memory holds: measure_matrix -> BitMatrix.of -> bit_problem_of
--> select_lazy.
+From more pairs than the memory holds: measure_matrix -> BitMatrix.of -> problem_of.
 
 All names that a program needs; the pages of a plan are in `rastercov.report`.
 """
@@ -51,10 +50,8 @@ from rastercov.placement.improve.search import Optimised, optimise
 from rastercov.placement.improve.tolerance import InstallationError, Tolerance, tolerance
 from rastercov.placement.matrix import VisibilityMatrix, build_matrix, measure_matrix
 from rastercov.placement.matrix_folder import MatrixFolder
-from rastercov.placement.select.bit_problem import BitProblem, bit_problem_of
-from rastercov.placement.select.greedy import select_greedy
+from rastercov.placement.select.greedy import select_greedy, select_thesis
 from rastercov.placement.select.integer import select_integer
-from rastercov.placement.select.lazy import select_lazy
 from rastercov.placement.select.problem import (
     BestCoverage,
     FewestCameras,
@@ -63,13 +60,11 @@ from rastercov.placement.select.problem import (
     problem_of_matrix,
 )
 from rastercov.placement.select.selection import Selection
-from rastercov.placement.select.thesis import select_thesis
 
 __all__ = [
     "Access",
     "BestCoverage",
     "BitMatrix",
-    "BitProblem",
     "Candidates",
     "CellObjective",
     "CoveredBits",
@@ -99,7 +94,6 @@ __all__ = [
     "at_middle",
     "at_nearest_surface",
     "at_point",
-    "bit_problem_of",
     "build_matrix",
     "filter_candidates",
     "from_poses",
@@ -122,7 +116,6 @@ __all__ = [
     "segment",
     "select_greedy",
     "select_integer",
-    "select_lazy",
     "select_thesis",
     "tolerance",
     "what_is_left",

@@ -1,7 +1,7 @@
 """Visibility matrix whose covered pairs are bits in a memory-mapped file.
 
 Serves selections from more pairs than the memory holds: `measure_matrix` -> `BitMatrix.of` ->
-`bit_problem_of` -> `select_lazy`. Coverage itself stays on the disk, in the shards.
+`problem_of` -> `select_greedy`. Coverage itself stays on the disk, in the shards.
 """
 
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""Covered pairs of candidates and faces as bits: an eighth of a byte for a pair, covered or not.
+"""Covered pairs of cameras and faces as bits: an eighth of a byte for a pair, covered or not.
 
 Rows are in memory or memory-mapped files. All loops over them are shared by threads; sums are of
 integers and do not depend on the number of threads.
@@ -34,12 +34,12 @@ def n_words(n_faces: int) -> int:
 
 @dataclass(frozen=True, eq=False)
 class CoveredBits:
-    """Faces that each candidate covers, one bit each; or cells.
+    """Faces that each camera covers, one bit each; or cells.
 
     Attributes
     ----------
-    parts : tuple of (C1, W), (C2, W), ... uint64
-        Rows of consecutive candidates; face f is bit `f % 64` of word `f // 64`. Bits beyond the
+    parts : tuple of (K1, W), (K2, W), ... uint64
+        Rows of consecutive cameras; face f is bit `f % 64` of word `f // 64`. Bits beyond the
         last face are 0.
     n_faces : int
     """
@@ -49,14 +49,14 @@ class CoveredBits:
 
     @classmethod
     def of(cls, words: Words, n_faces: int) -> Self:
-        """Bits of one array, (C, W), which is not copied and is read only from here on."""
+        """Bits of one array, (K, W), which is not copied and is read only from here on."""
         view = np.asarray(words).view()
         view.flags.writeable = False  # the compiled loops have one signature for all
         return cls((view,), n_faces)
 
     @classmethod
     def from_dense(cls, covers: ArrayLike) -> Self:
-        """Bits of an array (C, F), 1 where candidate c covers face f."""
+        """Bits of an array (K, F), 1 where camera c covers face f."""
         dense = np.asarray(covers).astype(bool)
         n, n_faces = dense.shape
         padded = np.zeros((n, BITS * n_words(n_faces)), bool)
@@ -64,13 +64,27 @@ class CoveredBits:
         packed = np.packbits(padded, axis=1, bitorder="little")
         return cls.of(packed.view("<u8").astype(np.uint64), n_faces)
 
+    @classmethod
+    def from_pairs(cls, row: IntArray, face: NDArray[np.int32], n_rows: int, n_faces: int) -> Self:
+        """Bits of pairs of row and face, (N,) each."""
+        words = np.zeros((n_rows, n_words(n_faces)), np.uint64)
+        kernels.set_pairs(row, face, words)
+        return cls.of(words, n_faces)
+
     def joined(self, other: "CoveredBits") -> "CoveredBits":
-        """Bits of the candidates of both, for the same faces."""
+        """Bits of the rows of both, for the same faces."""
         return CoveredBits((*self.parts, *other.parts), self.n_faces)
 
+    def take(self, rows: IntArray) -> "CoveredBits":
+        """Bits of some rows, (N,), in their order, copied."""
+        words = np.empty((len(rows), self.n_words), np.uint64)
+        for part, own, at in self.runs(rows):
+            words[at] = part[own]
+        return CoveredBits.of(words, self.n_faces)
+
     @property
-    def n_candidates(self) -> int:
-        """Number of candidates C."""
+    def n_rows(self) -> int:
+        """Number of rows K."""
         return int(self.starts[-1])
 
     @property
@@ -80,39 +94,35 @@ class CoveredBits:
 
     @cached_property
     def starts(self) -> IntArray:
-        """Number of the first candidate of each part, and at the end that of all candidates."""
+        """Number of the first row of each part, and at the end that of all rows."""
         return np.concatenate(([0], np.cumsum([len(part) for part in self.parts], dtype=np.int64)))
 
-    def row(self, candidate: int) -> Words:
-        """(W,) bits of a candidate."""
-        part = int(np.searchsorted(self.starts, candidate, side="right")) - 1
-        row: Words = self.parts[part][candidate - int(self.starts[part])]
+    def row(self, number: int) -> Words:
+        """(W,) bits of a row."""
+        part = int(np.searchsorted(self.starts, number, side="right")) - 1
+        row: Words = self.parts[part][number - int(self.starts[part])]
         return row
 
-    def faces_of(self, candidate: int) -> NDArray[np.int32]:
-        """(N,) faces that a candidate covers, ascending."""
-        return np.flatnonzero(unpacked(self.row(candidate), self.n_faces)).astype(np.int32)
+    def faces_of(self, number: int) -> NDArray[np.int32]:
+        """(N,) faces of a row, ascending."""
+        return np.flatnonzero(unpacked(self.row(number), self.n_faces)).astype(np.int32)
 
-    def covered_by_more_than(self, count: int) -> BoolArray:
-        """(F,) faces that more than a number of candidates cover."""
-        found = self._planes.get(count)
-        if found is None:
-            planes = np.zeros((count + 1, self.n_words), np.uint64)
-            for part in self.parts:
-                step = max(1, WORDS_A_TURN // max(1, self.n_words))
-                for start in range(0, len(part), step):  # a while at a time, for Ctrl-C
-                    kernels.count_up(part[start : start + step], planes)
-            found = self._planes[count] = unpacked(planes[count], self.n_faces)
-        return found
-
-    @cached_property
-    def _planes(self) -> dict[int, BoolArray]:
-        return {}
+    def counts_up_to(self, most: int) -> IntArray:
+        """(F,) rows of each face, `most` where there are that many or more."""
+        planes = np.zeros((min(most, self.n_rows), self.n_words), np.uint64)
+        for part in self.parts if len(planes) else ():
+            step = max(1, WORDS_A_TURN // max(1, self.n_words))
+            for start in range(0, len(part), step):  # a while at a time, for Ctrl-C
+                kernels.count_up(part[start : start + step], planes)
+        counts = np.zeros(self.n_faces, np.int64)
+        for plane in planes:
+            counts += unpacked(plane, self.n_faces)
+        return counts
 
     def sums(
         self, values: IntArray, masks: Words | None = None, rows: IntArray | None = None
     ) -> IntArray:
-        """(N, V) sums of values over the faces of each candidate.
+        """(N, V) sums of values over the faces of each row.
 
         Parameters
         ----------
@@ -121,11 +131,11 @@ class CoveredBits:
         masks : (V, W) uint64, optional
             Faces that count in each sum; all unless given.
         rows : (N,) int64, optional
-            Candidates; all unless given.
+            All unless given.
         """
         if masks is None:
             masks = np.full((len(values), self.n_words), ~np.uint64(0))
-        n = self.n_candidates if rows is None else len(rows)
+        n = self.n_rows if rows is None else len(rows)
         found = np.zeros((n, len(values)), np.int64)
 
         def work(words: Words, own: IntArray, at: slice) -> None:
@@ -141,13 +151,12 @@ class CoveredBits:
         which: IntArray,
         sets: Sequence[tuple[IntArray, Words]],
     ) -> IntArray:
-        """(N, G) sums of values over the faces of each candidate within some words only.
+        """(N, G) sums of values over the faces of some rows within some words only.
 
         Parameters
         ----------
         values : (64 W,) int64
         rows : (N,) int64
-            Candidates.
         which : (N,) int64
             Index of the set of each.
         sets : sequence of (M,) int64, (M, G) uint64
@@ -165,14 +174,14 @@ class CoveredBits:
         return found
 
     def totals(self, amounts: IntArray, rows: IntArray | None = None) -> IntArray:
-        """(V, 64 W) sums over the candidates of each face; the transpose of `sums`.
+        """(V, 64 W) sums over the rows of each face; the transpose of `sums`.
 
         Parameters
         ----------
         amounts : (N, V) int64
-            Of each candidate.
+            Of each row.
         rows : (N,) int64, optional
-            Candidates; all unless given.
+            All unless given.
         """
         shape, done = (amounts.shape[1], BITS * self.n_words), []
 
@@ -192,8 +201,8 @@ class CoveredBits:
         return total
 
     def counts(self, mask: Words, rows: IntArray | None = None) -> IntArray:
-        """(N,) number of faces within a mask, (W,), that each candidate covers."""
-        found = np.zeros(self.n_candidates if rows is None else len(rows), np.int64)
+        """(N,) number of faces within a mask, (W,), of each row."""
+        found = np.zeros(self.n_rows if rows is None else len(rows), np.int64)
 
         def work(words: Words, own: IntArray, at: slice) -> None:
             kernels.pair_counts(words, own, mask, found[at])
@@ -201,15 +210,19 @@ class CoveredBits:
         self._share(rows, lambda: work)
         return found
 
+    def pairs(self) -> tuple[IntArray, NDArray[np.int32]]:
+        """Row limits (K + 1,), and faces of all rows."""
+        every, column = np.arange(self.n_rows), np.arange(BITS * self.n_words, dtype=np.int32)
+        return self.listed(every, np.full(self.n_words, ~np.uint64(0)), column)
+
     def listed(
         self, rows: IntArray, mask: Words, column: NDArray[np.int32]
     ) -> tuple[IntArray, NDArray[np.int32]]:
-        """Row limits and columns of the faces within a mask, as in `Problem`.
+        """Row limits (N + 1,), and columns of the faces within a mask, row after row.
 
         Parameters
         ----------
         rows : (N,) int64
-            Candidates.
         mask : (W,) uint64
         column : (64 W,) int32
             Column of each face.
@@ -222,7 +235,7 @@ class CoveredBits:
         return indptr, face
 
     def runs(self, rows: IntArray) -> Iterator[tuple[Words, IntArray, slice]]:
-        """Words, their rows and the places in `rows` of consecutive candidates of one part."""
+        """Words, their rows and the places in `rows` of consecutive rows of one part."""
         part = np.searchsorted(self.starts, rows, side="right") - 1
         ends = np.flatnonzero(np.diff(part)) + 1
         for start, end in pairwise([0, *ends.tolist(), len(rows)]):
@@ -233,7 +246,7 @@ class CoveredBits:
     def _share(self, rows: IntArray | None, make: Callable[[], Work]) -> None:
         """Share some rows, or all, among threads; `make` gives the function of a thread."""
         if rows is None:
-            rows = np.arange(self.n_candidates)
+            rows = np.arange(self.n_rows)
         step = max(1, WORDS_A_TURN // max(1, self.n_words))
         turns: list[tuple[Words, IntArray, slice]] = []
         for words, own, at in self.runs(rows):

@@ -38,8 +38,10 @@ from rastercov.cluster.quarantine import drop_damaged, forget
 from rastercov.coverage.area.cells import Cells
 from rastercov.coverage.observer import Observer, open_observer
 from rastercov.coverage.task import Task
+from rastercov.kernels import placement_bits as kernels
 from rastercov.mesh import Mesh
-from rastercov.placement._arrays import BoolArray, FloatArray
+from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
+from rastercov.placement.bits import CoveredBits, n_words
 from rastercov.placement.explain.candidate_visibility import CandidateBounds
 from rastercov.placement.matrix_folder import MatrixFolder, greatest, rows_in
 from rastercov.placement.matrix_shards import (
@@ -63,6 +65,9 @@ from rastercov.placement.shards import (
 
 SHARD_FUNCTION = "rastercov.placement.shard_work:make"
 """Function by which workers make a shard."""
+
+POSES_A_TURN = 256
+"""Poses whose pairs are made bits at a time."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,6 +156,24 @@ class VisibilityMatrix:
             coverage=coverage,
             on_rig=np.zeros(0, np.uint16),
         )
+
+    def bits(self, least: float, starts: IntArray | None = None) -> CoveredBits:
+        """Pairs with coverage of at least `least`, as bits.
+
+        With `starts`, (C + 1,), the cameras of the rig of pose c have the rows from `starts[c]` on;
+        without, a pose has one row, with the faces that any of them covers.
+        """
+        n_rows = self.n_poses if starts is None else int(starts[-1])
+        words = np.zeros((n_rows, n_words(self.n_faces)), np.uint64)
+        for first in range(0, self.n_poses, POSES_A_TURN):
+            limits = self.indptr[first : first + POSES_A_TURN + 1]
+            part = slice(limits[0], limits[-1])
+            row = np.repeat(np.arange(first, first + len(limits) - 1), np.diff(limits))
+            if starts is not None:
+                row = starts[row] + self.on_rig[part]
+            enough = self.coverage[part] >= np.float64(least)
+            kernels.set_pairs(row[enough], self.face[part][enough], words)
+        return CoveredBits.of(words, self.n_faces)
 
     @property
     def mean_coverage(self) -> FloatArray:

@@ -36,9 +36,7 @@ def pairs_of(found):
     """(P, E) bool: pairs of camera and element."""
     covers = np.zeros((len(found.poses), found.problem.n_faces), bool)
     for row in range(len(covers)):
-        covers[
-            row, found.problem.face[found.problem.indptr[row] : found.problem.indptr[row + 1]]
-        ] = 1
+        covers[row, found.problem.faces_of(row)] = 1
     return covers
 
 

@@ -30,14 +30,15 @@ def dense_and_bits(draw):
 def test_bits_are_the_pairs_of_the_dense_array(case):
     dense, found, rng = case
     n, m = dense.shape
-    assert (found.n_candidates, found.n_faces) == (n, m)
+    assert (found.n_rows, found.n_faces) == (n, m)
     for row in range(n):
         faces = found.faces_of(row)
         assert faces.dtype == np.int32
         assert faces.tolist() == np.flatnonzero(dense[row]).tolist()
         np.testing.assert_array_equal(unpacked(found.row(row), m), dense[row])
-    for count in range(3):
-        np.testing.assert_array_equal(found.covered_by_more_than(count), dense.sum(axis=0) > count)
+    for count in range(4):
+        counts = np.minimum(dense.sum(axis=0), count)
+        np.testing.assert_array_equal(found.counts_up_to(count), counts)
     rows = rng.integers(0, n, 7) if n else np.zeros(0, np.int64)  # in any order, some twice
     values = rng.integers(-(2**62), 2**62, (3, m))
     masks = rng.random((3, m)) < 0.7

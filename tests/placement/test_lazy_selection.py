@@ -1,4 +1,4 @@
-"""Selection on bits against selection on lists: the same rule, the same presolve, true bounds."""
+"""Selection whose lists do not fit into the memory: the same rule as with lists, true bounds."""
 
 from dataclasses import replace
 
@@ -11,12 +11,9 @@ from selection_cases import best_by_trying_all, covers_faces, dense_of, problems
 
 from rastercov.base.errors import ConfigError
 from rastercov.placement.bits import CoveredBits
-from rastercov.placement.select import pricing
-from rastercov.placement.select.bit_problem import BitProblem, presolve_bits
-from rastercov.placement.select.cover_state import CoverState
+from rastercov.placement.select import bounds
+from rastercov.placement.select.cover import CoverState, LazyCover
 from rastercov.placement.select.greedy import select_greedy
-from rastercov.placement.select.lazy import select_lazy
-from rastercov.placement.select.lazy_cover import LazyCover
 from rastercov.placement.select.presolve import kinds_of, presolve
 from rastercov.placement.select.problem import BestCoverage, FewestCameras, problem_of_matrix
 
@@ -26,20 +23,15 @@ LARGER = {"angles": (0,), "max_views": 3, "sizes": (1, 7, 30, 60), "faces": (1, 
 """Problems of several words a row."""
 SMALL_CORE = 1
 """Pairs of a core with nothing but the chosen cameras and a cover of each face."""
-REDUCED = (
-    "candidates", "indptr", "face", "starts", "covering", "integer_weights", "views", "need",
-    "kind", "least", "least_total", "costs", "rank",
-)  # fmt: skip
 
 
-def on_bits(problem, n_parts=1):
-    """The same problem on bits, in one part or in several."""
-    dense, bits = dense_of(problem), None
-    for part in np.array_split(dense, n_parts):
-        some = CoveredBits.from_dense(part)
-        bits = some if bits is None else bits.joined(some)
-    names = ("weights", "views", "costs", "goal", "groups", "face_group", "mean_coverage")
-    return BitProblem(bits=bits, **{name: getattr(problem, name) for name in names})
+def in_parts(problem, n_parts):
+    """The same problem with its bits in several parts."""
+    parts = [CoveredBits.from_dense(part) for part in np.array_split(dense_of(problem), n_parts)]
+    bits = parts[0]
+    for part in parts[1:]:
+        bits = bits.joined(part)
+    return replace(problem, bits=bits)
 
 
 @pytest.mark.slow
@@ -47,34 +39,33 @@ def on_bits(problem, n_parts=1):
 @given(problems(**LARGER), st.integers(1, 3))
 def test_the_lazy_rule_takes_the_cameras_of_the_plain_rule(problem, n_parts):
     plain = select_greedy(problem, effort=0)
-    for core_pairs in (pricing.MOST_CORE_PAIRS, SMALL_CORE):
-        lazy = select_lazy(on_bits(problem, n_parts), effort=0, core_pairs=core_pairs)
-        np.testing.assert_array_equal(lazy.chosen, plain.chosen)
-        np.testing.assert_array_equal(lazy.curve, plain.curve)
-        np.testing.assert_array_equal(lazy.covered, plain.covered)
-        assert (lazy.share, lazy.cost) == (plain.share, plain.cost)
-        if core_pairs > SMALL_CORE:
-            assert (lazy.bound, lazy.status) == (plain.bound, plain.status)
+    lazy = select_greedy(in_parts(problem, n_parts), effort=0, core_pairs=SMALL_CORE)
+    np.testing.assert_array_equal(lazy.chosen, plain.chosen)
+    np.testing.assert_array_equal(lazy.curve, plain.curve)
+    np.testing.assert_array_equal(lazy.covered, plain.covered)
+    assert (lazy.share, lazy.cost) == (plain.share, plain.cost)
 
 
-@pytest.mark.slow
 @examples(25)
-@given(problems(**LARGER))
-def test_where_all_candidates_fit_the_selection_is_that_of_lists(problem):
-    first, other = select_greedy(problem, effort=QUICK), select_lazy(on_bits(problem), effort=QUICK)
+@given(problems(**LARGER), st.integers(2, 3))
+def test_parts_of_the_bits_change_nothing(problem, n_parts):
+    first = select_greedy(problem, effort=QUICK)
+    other = select_greedy(in_parts(problem, n_parts), effort=QUICK)
     np.testing.assert_array_equal(first.chosen, other.chosen)
     assert (first.bound, first.status) == (other.bound, other.status)
 
 
 @examples(25)
 @given(problems(**LARGER))
-def test_presolve_of_bits_is_that_of_lists(problem):
-    large = presolve_bits(on_bits(problem))
-    found, wanted = large.reduced(np.arange(large.n_candidates)), presolve(problem)
-    for name in REDUCED:
-        np.testing.assert_array_equal(getattr(found, name), getattr(wanted, name), err_msg=name)
-    np.testing.assert_array_equal(on_bits(problem).reachable, problem.reachable)
-    assert (large.sizes >= np.diff(wanted.indptr)).all()
+def test_lists_have_the_pairs_of_the_dense_array(problem):
+    large = presolve(problem)
+    found, dense = large.listed(), dense_of(problem)[large.candidates][:, large.kept]
+    wanted = np.nonzero(dense)
+    row = np.repeat(np.arange(found.n_candidates), np.diff(found.indptr))
+    np.testing.assert_array_equal((row, found.face), wanted)
+    column = np.repeat(np.arange(found.n_faces), np.diff(found.starts))
+    np.testing.assert_array_equal((column, found.covering), np.nonzero(dense.T))
+    assert (large.sizes >= np.diff(found.indptr)).all()
 
 
 @pytest.mark.slow
@@ -82,7 +73,7 @@ def test_presolve_of_bits_is_that_of_lists(problem):
 @given(problems(angles=(0,), max_views=3))
 def test_no_selection_is_better_than_a_bound_from_a_small_core(problem):
     best = best_by_trying_all(problem)
-    found = select_lazy(on_bits(problem), effort=QUICK, core_pairs=SMALL_CORE)
+    found = select_greedy(problem, effort=QUICK, core_pairs=SMALL_CORE)
     covered = covers_faces(problem, found.chosen)
     np.testing.assert_array_equal(found.covered, covered)
     if isinstance(problem.goal, FewestCameras):
@@ -100,7 +91,8 @@ def test_no_selection_is_better_than_a_bound_from_a_small_core(problem):
     st.lists(st.tuples(st.integers(0, 6), st.booleans()), max_size=16),
 )
 def test_cameras_that_come_and_go_leave_the_gains_of_lists(problem, steps):
-    reduced, large = presolve(problem), presolve_bits(on_bits(problem))
+    large = presolve(problem)
+    reduced = large.listed()
     state, lazy = CoverState(reduced), LazyCover(large)
     for camera, is_asked in steps:  # named twice, a camera comes and goes
         if camera < reduced.n_candidates:
@@ -157,7 +149,7 @@ def value_of(problem, price):
 @examples(25)
 @given(problems(**LARGER), st.integers(0, 2**32 - 1))
 def test_a_price_proves_what_the_relaxation_says(problem, seed):
-    large = presolve_bits(on_bits(problem))
+    large = presolve(problem)
     cameras = getattr(problem.goal, "cameras", 1)
     if not len(large.kept) or cameras == 0 or problem.views[large.kept].max() > large.n_candidates:
         return
@@ -165,10 +157,10 @@ def test_a_price_proves_what_the_relaxation_says(problem, seed):
     price[large.kept] = rng.random(len(large.kept)) * rng.choice([1e-3, 1.0, 30.0])
     # Of equal faces only the first remains, with the weight of all.
     merged = replace(problem, weights=large.integer_weights.astype(float))
-    found = pricing._priced(large, price[large.kept])
+    found = bounds._priced(large, price[large.kept])
     assert found.value == pytest.approx(value_of(merged, price), rel=1e-9, abs=1e-9)
-    half = pricing._priced(large, price[large.kept] / 2)
-    between = pricing._between(large, half, found)
+    half = bounds._priced(large, price[large.kept] / 2)
+    between = bounds._between(large, half, found)
     sign = -1 if isinstance(problem.goal, BestCoverage) else 1
     assert sign * between.value >= sign * max(found.value, half.value, key=lambda v: sign * v)
     again = np.zeros(problem.n_faces)
@@ -180,12 +172,12 @@ def test_the_chosen_cameras_are_in_any_core():
     #   0 covers what 1 and 2 together cover of it, and comes first by the greedy rule
     covers = np.zeros((3, 10), bool)
     covers[0, :6], covers[1, [0, 1, 2, 6, 7]], covers[2, [3, 4, 5, 8, 9]] = True, True, True
-    large = presolve_bits(on_bits(problem_of_matrix(covers, BestCoverage(3))))
+    large = presolve(problem_of_matrix(covers, BestCoverage(3)))
     state = LazyCover(large)
     state.become([0, 1, 2])
-    assert pricing.core_rows(large, state, np.array([0.0, 2.0, 1.0]), 1).tolist() == [0, 1, 2]
+    assert bounds.core_rows(large, state, np.array([0.0, 2.0, 1.0]), 1).tolist() == [0, 1, 2]
     state.become([1])
-    assert pricing.core_rows(large, state, np.array([0.0, 2.0, 1.0]), 1).tolist() == [1, 2]
+    assert bounds.core_rows(large, state, np.array([0.0, 2.0, 1.0]), 1).tolist() == [1, 2]
 
 
 def caps(n_candidates, n_faces, seed=0):
@@ -220,7 +212,7 @@ def test_a_core_of_a_tenth_bounds_all_candidates_about_as_well(goal, views):
     problem = problem_of_matrix(covers, goal, views=views, weights=rng.random(300), costs=costs)
     core_pairs = int(covers.sum()) // 10
     plain = select_greedy(problem, effort=QUICK)
-    found = select_lazy(on_bits(problem), effort=QUICK, core_pairs=core_pairs)
+    found = select_greedy(problem, effort=QUICK, core_pairs=core_pairs)
     if isinstance(goal, BestCoverage):
         assert plain.objective - 1e-9 <= plain.bound
         assert max(found.objective, plain.objective) <= found.bound + 1e-9
@@ -235,7 +227,7 @@ def test_a_core_of_a_tenth_bounds_all_candidates_about_as_well(goal, views):
 @pytest.mark.slow
 def test_a_camera_reads_a_part_of_the_candidates():
     problem = problem_of_matrix(caps(1500, 4000), BestCoverage(10))
-    large = presolve_bits(on_bits(problem))
+    large = presolve(problem)
     lazy = LazyCover(large)
     assert lazy.passes == 1
     while len(lazy.chosen) < 10 and (camera := lazy.next_best()) >= 0:
@@ -244,29 +236,21 @@ def test_a_camera_reads_a_part_of_the_candidates():
     assert lazy.passes <= 2.3  # 1 for the first gains, a tenth for a camera
 
 
+def test_a_core_of_less_than_nothing_is_refused():
+    with pytest.raises(ConfigError, match="core_pairs must be 0 or more, got -1"):
+        select_greedy(problem_of_matrix([[1, 0]], BestCoverage(1)), core_pairs=-1)
+
+
 def test_nothing_to_cover_takes_no_camera():
     for goal in (FewestCameras(), FewestCameras(0.0), BestCoverage(3)):
         for covers in (np.zeros((3, 0)), np.zeros((0, 0)), np.zeros((0, 5))):
             if covers.shape[1] and isinstance(goal, FewestCameras) and goal.coverage:
                 continue  # refused: it cannot be reached
-            found = select_lazy(on_bits(problem_of_matrix(covers, goal)))
+            found = select_greedy(problem_of_matrix(covers, goal))
             assert len(found.chosen) == 0
             assert found.gap == 0
 
 
-def test_a_problem_on_bits_is_refused_as_one_on_lists():
-    problem = problem_of_matrix([[1, 0]], BestCoverage(1))
-    options = {
-        name: getattr(problem, name)
-        for name in ("views", "costs", "groups", "face_group", "mean_coverage")
-    }
-    bits = CoveredBits.from_dense([[1, 0]])
-    with pytest.raises(ConfigError, match=r"all 1 candidates together cover 0\.5"):
-        BitProblem(bits=bits, goal=FewestCameras(), weights=problem.weights, **options)
+def test_bits_of_other_faces_are_refused():
     with pytest.raises(ConfigError, match="bits must be of 3 faces"):
-        BitProblem(bits=bits, goal=problem.goal, weights=np.ones(3), **options)
-    options["views"] = np.zeros(2, np.int64)
-    with pytest.raises(ConfigError, match="views must be 1 or more"):
-        BitProblem(bits=bits, goal=problem.goal, weights=problem.weights, **options)
-    with pytest.raises(ConfigError, match="core_pairs must be 0 or more, got -1"):
-        select_lazy(on_bits(problem), core_pairs=-1)
+        replace(problem_of_matrix([[1, 0]], BestCoverage(1)), weights=np.ones(3))

@@ -373,9 +373,7 @@ def test_a_problem_has_the_pairs_that_count():
         (0.9, coverage.coverage >= 0.9),
     ):
         problem = problem_of(matrix, MESH, goal, min_coverage=least, weight_by="count")
-        pairs = [
-            problem.face[problem.indptr[c] : problem.indptr[c + 1]].tolist() for c in range(N_POSES)
-        ]
+        pairs = [problem.faces_of(c).tolist() for c in range(N_POSES)]
         assert pairs == [np.flatnonzero(row).tolist() for row in wanted]
     area = problem_of(matrix, MESH, goal)
     assert area.share(np.arange(MESH.n_faces) < 5) == pytest.approx(

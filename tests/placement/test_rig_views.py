@@ -1,24 +1,23 @@
 """Rigs whose cameras count as views of their own: selections against all sets of candidates."""
 
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from nightly import examples
-from selection_cases import best_by_trying_all, covers_faces, is_met, problems, share
+from selection_cases import best_by_trying_all, covers_faces, dense_of, is_met, problems, share
 
 from rastercov.base.errors import ConfigError
+from rastercov.placement.bits import CoveredBits
 from rastercov.placement.select import integer as integer_module
-from rastercov.placement.select.cover_state import CoverState
-from rastercov.placement.select.greedy import select_greedy
+from rastercov.placement.select.cover import CoverState
+from rastercov.placement.select.greedy import select_greedy, select_thesis
 from rastercov.placement.select.integer import select_integer
 from rastercov.placement.select.presolve import presolve
 from rastercov.placement.select.problem import BestCoverage, FewestCameras
 from rastercov.placement.select.selection import in_order
-from rastercov.placement.select.thesis import select_thesis
 
 SELECTORS = {
     "plain": lambda problem: select_greedy(problem, effort=0),
@@ -53,31 +52,23 @@ def with_rigs(problem, most, seed, is_near=False):
     """The problem with rigs of up to `most` cameras as candidates, some of them equal."""
     rng = np.random.default_rng(seed)
     counts = rng.integers(1, most + 1, problem.n_candidates)
-    first = np.cumsum(counts) - counts
     # Cameras of a rig are near one another, or anywhere.
     spread = 0.2 if is_near else 3.0
     eyes = np.repeat(problem.eyes, counts, axis=0)
     eyes = eyes + rng.normal(scale=spread, size=eyes.shape) * (rng.random((len(eyes), 1)) < 0.8)
-    rows = []
-    for c, (a, b) in enumerate(pairwise(problem.indptr)):
-        pairs = [
-            (face, first[c] + k)
-            for face in np.sort(problem.face[a:b])
-            for k in range(counts[c])
-            if k == 0 or rng.random() < 0.6
-        ]
-        rows.append(pairs)
+    starts = np.concatenate(([0], np.cumsum(counts)))
+    covers = np.repeat(dense_of(problem), counts, axis=0)
+    is_first = np.isin(np.arange(len(covers)), starts)
+    covers *= is_first[:, None] | (rng.random(covers.shape) < 0.6)
     if problem.n_candidates > 1 and rng.random() < 0.3:  # a copy
-        n = counts[0]
-        rows[-1] = [(face, len(eyes) + eye - first[0]) for face, eye in rows[0]]
-        eyes = np.concatenate([eyes, eyes[:n]])
-    found = np.array([pair for pairs in rows for pair in pairs], np.int64).reshape(-1, 2)
+        last, n = starts[-2], counts[0]
+        covers, eyes = (np.concatenate([each[:last], each[:n]]) for each in (covers, eyes))
+        starts[-1] = last + n
     return replace(
         problem,
         goal=FewestCameras(0.0) if isinstance(problem.goal, FewestCameras) else problem.goal,
-        indptr=np.concatenate(([0], np.cumsum([len(pairs) for pairs in rows]))),
-        face=found[:, 0].astype(np.int32),
-        eye=found[:, 1].astype(np.int32),
+        bits=CoveredBits.from_dense(covers),
+        starts=starts,
         eyes=eyes,
     )
 
@@ -125,7 +116,7 @@ def test_selections_are_what_they_say_and_bounds_hold(name, problem):
 @examples(40)
 @given(problem=rig_problems(sizes=(3, 5, 7)), seed=st.integers(0, 2**32 - 1), finish=st.booleans())
 def test_gains_are_differences_of_worth_after_any_changes(problem, seed, finish):
-    reduced = presolve(problem)
+    reduced = presolve(problem).listed()
     n = reduced.n_candidates
     if not n:
         return
@@ -148,31 +139,6 @@ def test_gains_are_differences_of_worth_after_any_changes(problem, seed, finish)
         fresh.become(state.chosen)
         np.testing.assert_array_equal(fresh.gain, state.gain)
         assert fresh.worth == state.worth
-
-
-@pytest.mark.slow
-@examples(25)
-@given(problem=problems(max_views=3, angles=(0, 20, 60)), seed=st.integers(0, 2**32 - 1))
-def test_rigs_of_one_camera_are_that_camera(problem, seed):
-    alone = replace(
-        problem,
-        eye=np.repeat(np.arange(problem.n_candidates), np.diff(problem.indptr)).astype("i4"),
-    )
-    assert alone.has_rigs
-    assert not problem.has_rigs
-    one, other = presolve(problem), presolve(alone)
-    np.testing.assert_array_equal(one.candidates, other.candidates)
-    states = CoverState(one), CoverState(other)
-    rng = np.random.default_rng(seed)
-    for camera in rng.permutation(one.n_candidates):
-        for state in states:
-            state.add(int(camera))
-        np.testing.assert_array_equal(states[0].gain, states[1].gain)
-        np.testing.assert_array_equal(states[0].covered_faces, states[1].covered_faces)
-    for select in (SELECTORS["greedy"], select_integer):
-        found, wanted = select(alone), select(problem)
-        assert found.objective == pytest.approx(wanted.objective, abs=1e-9)
-        assert found.share == pytest.approx(wanted.share, abs=1e-9)
 
 
 @pytest.mark.slow
@@ -210,9 +176,8 @@ def with_rigs_by_hand(views):
     from rastercov.placement.select.problem import Problem
 
     return Problem(
-        indptr=np.array([0, 2, 3]),
-        face=np.zeros(3, np.int32),
-        eye=np.array([0, 1, 2], np.int32),
+        bits=CoveredBits.from_dense(np.ones((3, 1))),
+        starts=np.array([0, 2, 3]),
         eyes=np.array([[0, 0, 1.0], [0, np.sin(np.pi / 3), 0.5], [0, 0, -1.0]]),
         centroids=np.zeros((1, 3)),
         weights=np.ones(1),
@@ -225,7 +190,10 @@ def with_rigs_by_hand(views):
     )
 
 
-def test_eyes_that_do_not_fit_are_refused():
+def test_eyes_and_rigs_that_do_not_fit_are_refused():
     base = replace(with_rigs_by_hand(2), min_angle=0.1)
-    with pytest.raises(ConfigError, match="eye must be 3 rows of 3 eyes"):
-        replace(base, eye=np.array([0, 1, 3], np.int32))
+    with pytest.raises(ConfigError, match=r"eyes must have shape \(3, 3\), got \(2, 3\)"):
+        replace(base, eyes=base.eyes[:2])
+    for starts in ([0, 2, 4], [1, 2, 3], [0, 0, 3]):
+        with pytest.raises(ConfigError, match="starts must divide 3 cameras among candidates"):
+            replace(base, starts=np.array(starts))

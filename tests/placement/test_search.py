@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from nightly import IS_NIGHTLY, examples
 
 from rastercov.base.errors import ConfigError
+from rastercov.base.lists import Lists
 from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import sphere_of_poses
 from rastercov.coverage.observer import open_observer
@@ -308,12 +309,12 @@ def test_a_network_is_worth_what_selection_says(weight_by, views, angle):
         expected = problem.covered_by(chosen)[1]
         np.testing.assert_array_equal(covered[task], expected[task])
         assert objective.share(objective.worth(covered)) == problem.share(expected & task)
-        with_each = objective.covered_with(covers[chosen], eyes[chosen], covers, eyes)
+        lists = Lists.of([np.flatnonzero(row) for row in covers])
+        added = objective.worth_added(covers[chosen], eyes[chosen], lists, eyes)
         for trial in range(10):
             together = np.append(chosen, trial)
-            np.testing.assert_array_equal(
-                with_each[trial], objective.covered(covers[together], eyes[together])
-            )
+            with_it = objective.covered(covers[together], eyes[together])
+            assert added[trial] == objective.worth(with_it) - objective.worth(covered)
 
 
 def test_networks_side_by_side_are_judged_as_one_by_one(objective):

@@ -29,11 +29,17 @@ from set_cover_cases import (
 )
 
 from rastercov.base.errors import ConfigError, ResourceError
+from rastercov.placement.select import bounds
 from rastercov.placement.select import integer as integer_module
-from rastercov.placement.select import lagrange
-from rastercov.placement.select.cover_state import CoverState
-from rastercov.placement.select.deadline import NEVER, Deadline, TimeUpError
-from rastercov.placement.select.greedy import EFFORT, construct, improve, select_greedy
+from rastercov.placement.select.bounds import NEVER, Deadline, TimeUpError, bound_of
+from rastercov.placement.select.cover import CoverState
+from rastercov.placement.select.greedy import (
+    EFFORT,
+    construct,
+    improve,
+    select_greedy,
+    select_thesis,
+)
 from rastercov.placement.select.integer import select_integer
 from rastercov.placement.select.presolve import presolve
 from rastercov.placement.select.problem import (
@@ -41,8 +47,7 @@ from rastercov.placement.select.problem import (
     FewestCameras,
     problem_of_matrix,
 )
-from rastercov.placement.select.selection import bound_of, in_order
-from rastercov.placement.select.thesis import select_thesis
+from rastercov.placement.select.selection import in_order
 
 QUICK = 200_000
 """Effort of the greedy search in tests."""
@@ -111,13 +116,13 @@ def test_the_integer_program_finds_the_best_no_other_passes_it_and_each_is_what_
 @examples(25)
 @given(problems(max_views=3))
 def test_lagrange_bounds_hold_before_they_are_trimmed(problem):
-    reduced = presolve(problem)
+    reduced = presolve(problem).listed()
     best = best_by_trying_all(problem)
     state = construct(reduced)
     if isinstance(problem.goal, FewestCameras):
-        assert lagrange.least_cost(reduced, state.cost) <= best + 1e-6
+        assert bounds.least_cost(reduced, state.cost) <= best + 1e-6
     else:
-        weight = lagrange.best_weight(reduced, state.covered)
+        weight = bounds.best_weight(reduced, state.covered)
         assert weight >= (best - 1e-6) * problem.integer_weights.sum()
 
 
@@ -128,7 +133,7 @@ def test_lagrange_bounds_hold_before_they_are_trimmed(problem):
     st.booleans(),
 )
 def test_a_gain_is_what_adding_the_camera_adds(problem, cameras, finish):
-    reduced = presolve(problem)
+    reduced = presolve(problem).listed()
     state = CoverState(reduced, finish=finish)
     for camera in cameras:  # named twice, a camera comes and goes
         if camera < reduced.n_candidates:
@@ -193,13 +198,13 @@ def test_merging_equal_candidates_and_faces_changes_nothing(problem, times):
     tiled = {n: np.tile(getattr(problem, n), times) for n in ("weights", "views", "face_group")}
     tiled["centroids"] = np.tile(problem.centroids, (times, 1))
     repeated = changed(problem, np.tile(dense, (1, times)), **tiled)
-    assert presolve(repeated).n_faces == presolve(problem).n_faces
+    assert len(presolve(repeated).kept) == len(presolve(problem).kept)
     one, other = select_integer(problem), select_integer(repeated)
     assert one.objective == pytest.approx(other.objective)
     most = int(problem.views.max())
     rows = np.repeat(np.arange(problem.n_candidates), most + 1)
     copied = changed(problem, dense[rows], costs=problem.costs[rows], eyes=problem.eyes[rows])
-    reduced = presolve(copied)
+    reduced = presolve(copied).listed()
     assert reduced.n_candidates <= most * len(np.unique(dense, axis=0))
     if copied.n_candidates <= 12:
         best = best_by_trying_all(copied)
@@ -219,6 +224,15 @@ def test_two_equal_candidates_are_two_views():
         assert select(problem_of_matrix(covers, views=2)).objective == 2
     with pytest.raises(ConfigError, match="cannot be reached"):
         problem_of_matrix(covers, views=4)
+
+
+def test_candidates_at_positions_with_the_same_coordinates_are_two():
+    #   the face is seen from x and from y, one unit away each
+    problem = problem_of_matrix(
+        [[1], [1]], min_angle_deg=80, eyes=[[1, 0, 0], [0, 1, 0]], centroids=[[0, 0, 0]]
+    )
+    for select in SELECTORS.values():
+        assert select(problem).covered.all()
 
 
 def test_views_from_one_direction_do_not_make_a_pair():
@@ -334,7 +348,7 @@ def test_a_set_covering_file_reads_as_it_is_meant(tmp_path):
     for path in (plain, packed):
         problem = read_set_cover(path)
         assert problem.costs.tolist() == [3, 1, 2]
-        assert problem.face.tolist() == [0, 0, 1]
+        assert problem.bits.pairs()[1].tolist() == [0, 0, 1]
         selection = select_integer(problem)
         assert sorted(selection.chosen) == [1, 2]
         assert selection.objective == 3
@@ -401,10 +415,10 @@ def test_what_the_solver_proves_in_time_is_proved_in_time(loaded, full_start):
 
 @pytest.mark.parametrize("goal", [FewestCameras(), BestCoverage(20), BestCoverage(budget=12.5)])
 def test_a_bound_is_the_same_however_often_the_clock_is_looked_at(monkeypatch, goal):
-    reduced = presolve(problem_of_matrix(steiner(45), goal))
+    reduced = presolve(problem_of_matrix(steiner(45), goal)).listed()
     state = construct(reduced)
     whole = bound_of(reduced, state)
-    monkeypatch.setattr(lagrange, "PAIRS_A_LOOK", 1)
+    monkeypatch.setattr(bounds, "PAIRS_A_LOOK", 1)
     assert bound_of(reduced, state) == whole
     early = bound_of(reduced, state, Deadline(0.0))
     if isinstance(goal, BestCoverage):
@@ -428,7 +442,7 @@ class Looks(Deadline):
 @pytest.mark.slow
 @pytest.mark.parametrize("goal", [FewestCameras(), BestCoverage(10)])
 def test_improvement_ended_at_any_moment_leaves_a_whole_selection(goal):
-    reduced = presolve(problem_of_matrix(steiner(27), goal))
+    reduced = presolve(problem_of_matrix(steiner(27), goal)).listed()
     is_best = isinstance(goal, BestCoverage)
     plain, previous = construct(reduced), -math.inf
     for looks in range(0, 400, 7):
@@ -466,11 +480,11 @@ def test_cameras_are_in_the_order_of_what_each_adds(problem, data):
     for place, camera in enumerate(order):
         gains = []
         for other in left:
-            faces = problem.face[problem.indptr[other] : problem.indptr[other + 1]]
+            faces = problem.faces_of(other)
             faces = faces[count[faces] < problem.views[faces]]
             gains.append((problem.integer_weights / problem.views)[faces].sum())
         assert left.pop(int(np.argmax(gains))) == camera
-        count[problem.face[problem.indptr[camera] : problem.indptr[camera + 1]]] += 1
+        count[problem.faces_of(camera)] += 1
         covered = problem.covered_by(order[: place + 1])[1]
         assert curve[place] == problem.share(covered)
     assert left == []

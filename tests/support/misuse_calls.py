@@ -138,7 +138,6 @@ SLOW = {
     ("on_walls", "spacing"),
     ("on_ceiling", "spacing"),
     ("select_greedy", "effort"),
-    ("select_lazy", "effort"),
     ("tolerance", "draws"),
 }
 """Arguments that ask for work: a large number is an honest wish for much of it."""

@@ -1,13 +1,10 @@
 """Calls of placement, with arguments that are right."""
 
-from dataclasses import fields
-
 import numpy as np
 from misuse_calls import Call
 from misuse_values import CAMERA, MESH, POSES, TASK
 
 import rastercov as rc
-from rastercov.placement.bits import CoveredBits
 from rastercov.placement.candidates.cavities import openings, per_cavity
 from rastercov.placement.candidates.clearance import (
     KeepOutBox,
@@ -35,18 +32,14 @@ from rastercov.placement.improve.refine import refine
 from rastercov.placement.improve.search import optimise
 from rastercov.placement.improve.tolerance import InstallationError, tolerance
 from rastercov.placement.matrix import build_matrix
-from rastercov.placement.select.bit_problem import BitProblem
-from rastercov.placement.select.greedy import select_greedy
+from rastercov.placement.select.greedy import select_greedy, select_thesis
 from rastercov.placement.select.integer import select_integer
-from rastercov.placement.select.lazy import select_lazy
 from rastercov.placement.select.problem import (
-    AnyProblem,
     BestCoverage,
     FewestCameras,
     problem_of,
     problem_of_matrix,
 )
-from rastercov.placement.select.thesis import select_thesis
 
 
 def calls():
@@ -57,10 +50,6 @@ def calls():
     candidates = on_sphere(MESH, CAMERA, count=4)
     matrix = build_matrix(scene_of := (MESH, CAMERA), POSES)
     problem = problem_of(matrix, MESH, BestCoverage(cameras=1))
-    on_bits = BitProblem(
-        bits=CoveredBits.from_dense(np.eye(2, MESH.n_faces)),
-        **{field.name: getattr(problem, field.name) for field in fields(AnyProblem)},
-    )
     objective = Objective.of(observer, TASK)
     space = PoseSpace(mesh=MESH, stand_off=(0.5, 9.0))
     placed = scene | {"framing": Framing()}
@@ -131,11 +120,10 @@ def calls():
         Call("problem_of_matrix", problem_of_matrix, {"covers": np.eye(3, dtype=bool), "views": 1}),
         Call("FewestCameras", FewestCameras, {"coverage": 0.9, "groups": {}, "of_reachable": True}),
         Call("BestCoverage", BestCoverage, {"cameras": 1, "budget": 2.0}),
-        Call("select_greedy", select_greedy, {"problem": problem, "effort": 10, "seed": 0}),
         Call(
-            "select_lazy",
-            select_lazy,
-            {"problem": on_bits, "effort": 10, "seed": 0, "core_pairs": 1000},
+            "select_greedy",
+            select_greedy,
+            {"problem": problem, "effort": 10, "seed": 0, "core_pairs": 1000},
         ),
         Call(
             "select_integer",

@@ -11,15 +11,10 @@ from rastercov.placement.select.problem import BestCoverage, FewestCameras, prob
 
 def covers_faces(problem, chosen):
     """(F,) whether the chosen cover each face: the definition, with nothing from the package."""
-    result = []
+    result, dense = [], rows_of(problem)
+    rows = [row for c in chosen for row in range(problem.rows[c], problem.rows[c + 1])]
     for f in range(problem.n_faces):
-        # The camera of each pair; a rig has a face once for each of its cameras.
-        seeing = [
-            c if problem.eye is None else problem.eye[pair]
-            for c in chosen
-            for pair in range(problem.indptr[c], problem.indptr[c + 1])
-            if problem.face[pair] == f
-        ]
+        seeing = [row for row in rows if dense[row, f]]  # each camera of a rig
         enough = len(seeing) >= problem.views[f]
         if problem.min_angle > 0:
             rays = [problem.eyes[c] - problem.centroids[f] for c in seeing]
@@ -99,11 +94,21 @@ def problems(
     return problem_of_matrix(covers, goal, **options)
 
 
+def rows_of(problem):
+    """(K, F) whether a camera covers a face."""
+    dense = np.zeros((problem.bits.n_rows, problem.n_faces), np.uint8)
+    for row in range(len(dense)):
+        dense[row, problem.bits.faces_of(row)] = 1
+    return dense
+
+
 def dense_of(problem):
     """(C, F) whether a candidate covers a face."""
-    dense = np.zeros((problem.n_candidates, problem.n_faces), np.uint8)
-    dense[np.repeat(np.arange(len(dense)), np.diff(problem.indptr)), problem.face] = 1
-    return dense
+    rows = rows_of(problem)
+    spans = zip(problem.rows[:-1], problem.rows[1:], strict=True)
+    return np.array([rows[a:b].any(axis=0) for a, b in spans], np.uint8).reshape(
+        problem.n_candidates, problem.n_faces
+    )
 
 
 def changed(problem, covers, **changes):

@@ -10,7 +10,6 @@ import logging
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +30,7 @@ from rastercov.coverage.shards import EvaluationShards, Source, Wanted, open_for
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.placement.audits.groups import Groups, groups_of
+from rastercov.placement.bits import CoveredBits
 from rastercov.placement.matrix_shards import shortened
 from rastercov.placement.select.greedy import select_greedy
 from rastercov.placement.select.problem import FewestCameras, Problem, views_of, weights_of
@@ -266,14 +266,13 @@ def audit(
                 enough = shortened(found.share, task.min_coverage)[1]
                 pairs.add(row[enough], found.cell[enough], len(batch.poses))
     on = mesh if elements is None else elements.elements
-    indptr, element = pairs.limits()
+    row, element = pairs.joined()
     is_measured = np.isin(accepted.ids, network.pose_ids)
     accepted = accepted[is_measured]
     words = tuple(np.array(words, object)[is_measured])
     instants = tuple(np.array(instants, object)[is_measured]) if instants else ()
     problem = Problem(
-        indptr=indptr,
-        face=element,
+        bits=CoveredBits.from_pairs(row, element, len(accepted), on.n_faces),
         weights=weights_of(on, "area"),
         views=views_of(on, task.views),
         costs=np.ones(len(accepted)),
@@ -296,11 +295,11 @@ def audit(
     if cameras_apart(camera, accepted):
         labels = np.array(names_of(camera), object)[accepted.camera]
         of_camera = groups_of(problem, covered, labels.tolist())
-    seen_m2 = np.array([float(weights[element[a:b]].sum()) for a, b in pairwise(indptr)])
+    sums = [float(weights[problem.faces_of(int(pose))].sum()) for pose in every]
     return Audit(
         mesh=mesh, camera=camera, task=task, by=unit, poses=accepted, names=words, cells=elements,
         problem=problem, views=views, best_density=best, best_camera=by_camera,
-        widest_angle=widest, covered=covered, seen_m2=seen_m2, lost_m2=lost,
+        widest_angle=widest, covered=covered, seen_m2=np.array(sums, np.float64), lost_m2=lost,
         alone_m2=alone, subset=select_greedy(problem), network=network, areas=areas,
         frames=groups_of(problem, covered, instants, has_subset=True) if instants else None,
         by_camera=of_camera,
@@ -312,16 +311,17 @@ class _Pairs:
     """Pairs of camera and element that it covers, batch by batch."""
 
     def __init__(self) -> None:
-        self._counts, self._elements = [np.zeros(1, np.int64)], [np.zeros(0, np.int32)]
+        self._n, self._rows, self._elements = 0, [np.zeros(0, np.int64)], [np.zeros(0, np.int32)]
 
     def add(self, row: NDArray[Any], element: NDArray[Any], n: int) -> None:
         """Take in the pairs of `n` further poses, by row."""
-        self._counts.append(np.bincount(row, minlength=n))
+        self._rows.append(self._n + row)
         self._elements.append(element.astype(np.int32))
+        self._n += n
 
-    def limits(self) -> tuple[IntArray, NDArray[np.int32]]:
-        """Row limits (P + 1,), and the elements (N,)."""
-        return np.concatenate(self._counts).cumsum(), np.concatenate(self._elements)
+    def joined(self) -> tuple[IntArray, NDArray[np.int32]]:
+        """Rows and elements, (N,) each."""
+        return np.concatenate(self._rows), np.concatenate(self._elements)
 
 
 def _figures(
@@ -334,7 +334,7 @@ def _figures(
     from rastercov.kernels.placement_presolve import by_face
 
     n = problem.n_faces
-    starts, camera = by_face(problem.indptr, problem.face, n)
+    starts, camera = by_face(*problem.bits.pairs(), n)
     points, normals = (
         read_only(elements.centroids, np.float64),
         read_only(elements.normals, np.float64),

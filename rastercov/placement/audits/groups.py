@@ -1,7 +1,7 @@
 """Figures of groups of poses: the frames of a rig, and the poses of each camera.
 
 A frame has the images that the cameras of a rig took at the same instant; in it each camera is a
-view of its own. So the smallest subset of frames is a selection of rigs (`Problem.eye`).
+view of its own. So the smallest subset of frames is a selection of rigs (`Problem.starts`).
 """
 
 from collections.abc import Sequence
@@ -76,13 +76,13 @@ def groups_of(
     names = tuple(dict.fromkeys(label))
     index = {name: row for row, name in enumerate(names)}
     of_pose = np.array([index[name] for name in label], np.int64)
-    pose = np.repeat(np.arange(problem.n_candidates), np.diff(problem.indptr))
+    indptr, face = problem.bits.pairs()
     # A pair of group and element, and the poses of the group that cover it.
-    key = of_pose[pose] * problem.n_faces + problem.face
+    key = np.repeat(of_pose, np.diff(indptr)) * problem.n_faces + face
     pairs, times = np.unique(key, return_counts=True)
     group, element = np.divmod(pairs, max(1, problem.n_faces))
     weights = problem.weights[element]
-    views = np.bincount(problem.face, minlength=problem.n_faces)
+    views = np.bincount(face, minlength=problem.n_faces)
 
     def total(chosen: BoolArray) -> FloatArray:
         found: FloatArray = np.bincount(group[chosen], weights[chosen], len(names)).astype(float)
@@ -116,14 +116,13 @@ def _lost_one_by_one(
 
 def _choice(problem: Problem, of_pose: IntArray, n_groups: int) -> Problem:
     """The problem with groups as candidates, whose poses are views of their own; each costs 1."""
-    pose = np.repeat(np.arange(problem.n_candidates), np.diff(problem.indptr))
-    order = np.lexsort((pose, problem.face, of_pose[pose]))
-    counts = np.bincount(of_pose[pose], minlength=n_groups)
+    order, counts = np.argsort(of_pose, kind="stable"), np.bincount(of_pose, minlength=n_groups)
+    assert problem.eyes is not None
     return replace(
         problem,
-        indptr=np.concatenate(([0], np.cumsum(counts))),
-        face=problem.face[order],
-        eye=pose[order].astype(np.int32),
+        bits=problem.bits.take(order),
+        starts=np.concatenate(([0], np.cumsum(counts))),
+        eyes=problem.eyes[order],
         costs=np.ones(n_groups),
         mean_coverage=np.zeros(n_groups),
     )

@@ -5,7 +5,7 @@ on demand, in batches.
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any, Self
@@ -187,37 +187,21 @@ class Objective:
         covered: BoolArray = self.cameras_until_covered(covers, eyes) <= covers.shape[-2]
         return covered
 
-    def cameras_until_covered(self, covers: BoolArray, eyes: FloatArray) -> IntArray:
+    def cameras_until_covered(
+        self, covers: BoolArray, eyes: FloatArray, need: IntArray | None = None
+    ) -> IntArray:
         """(F,) least n for which the first n cameras of a network cover the face, k + 1 for none.
 
-        Arguments as for `covered`.
+        Arguments as for `covered`; `need` is that of the objective unless given.
         """
-        from rastercov.kernels.placement_objective import cameras_until_covered
+        from rastercov.kernels.spread import cameras_until_covered
 
         counts = np.empty((*covers.shape[:-2], covers.shape[-1]), np.int64)
+        on_faces = (self.elements.centroids, self.need if need is None else need)
         for index in np.ndindex(covers.shape[:-2]):
-            cameras_until_covered(*self._given((covers[index], eyes[index])), counts[index])
+            given = _read_only(covers[index], eyes[index], *on_faces)
+            cameras_until_covered(*given, float(self.min_cosine), counts[index])
         return counts
-
-    def covered_with(
-        self, rest: BoolArray, rest_eyes: FloatArray, trials: BoolArray, trial_eyes: FloatArray
-    ) -> BoolArray:
-        """(M, F) faces covered by the rest, (k, F), with each of M trials, (M width, F)."""
-        from rastercov.kernels.placement_objective import covered_with_one
-
-        if (width := self.width) > 1:
-            rigs, eyes = (
-                trials.reshape(-1, width, trials.shape[1]),
-                trial_eyes.reshape(-1, width, 3),
-            )
-            found = [
-                self.covered(np.concatenate((rest, one)), np.concatenate((rest_eyes, its)))
-                for one, its in zip(rigs, eyes, strict=True)
-            ]
-            return np.array(found, np.bool_).reshape(len(rigs), trials.shape[1])
-        covered = np.empty(trials.shape, np.bool_)
-        covered_with_one(*self._given((rest, rest_eyes, trials, trial_eyes)), covered)
-        return covered
 
     def worth_added(
         self, rest: BoolArray, rest_eyes: FloatArray, trials: Lists, trial_eyes: FloatArray
@@ -227,28 +211,20 @@ class Objective:
         `rest` are the faces of each other row, (k, F); `trials` those of the M width rows of the
         trials, and the cost is proportional to these.
         """
-        from rastercov.kernels.placement_objective import worth_added, worth_added_by_rigs
+        from rastercov.kernels.spread import worth_added
 
         n_rest = np.add.reduce(rest, axis=0, dtype=np.int64)
-        is_covered = n_rest >= self.need
+        one = np.ones(rest.shape[1], np.int64)
+        is_spread = one > 0
         if self.min_cosine <= 1:
-            is_covered = self.covered(rest, rest_eyes)
+            is_spread = self.cameras_until_covered(rest, rest_eyes, one) <= len(rest)
         added = np.empty(trials.n // self.width, np.int64)
-        of_faces = (n_rest, is_covered, self.integer_weights)
-        if self.width > 1:
-            worth_added_by_rigs(
-                *self._given((rest, rest_eyes, *trials, trial_eyes, *of_faces)), self.width, added
-            )
-            return added
-        worth_added(*self._given((rest, rest_eyes, *trials, trial_eyes, *of_faces)), added)
+        lists = _read_only(rest, trials.starts, trials.items)
+        eyes = np.concatenate((rest_eyes, trial_eyes))
+        on_faces = (n_rest, is_spread, self.integer_weights, self.elements.centroids, self.need)
+        others = _read_only(eyes, *on_faces)
+        worth_added(*lists, self.width, *others, float(self.min_cosine), added)
         return added
-
-    def _given(self, arrays: Sequence[NDArray[Any]]) -> list[Any]:
-        """Arguments of the loops, those on the faces last."""
-        from rastercov.base.memory import read_only
-
-        every = (*arrays, self.elements.centroids, self.need)
-        return [*(read_only(array, array.dtype.type) for array in every), float(self.min_cosine)]
 
     def worth(self, covered: BoolArray) -> IntArray:
         """Integer weight of the covered faces, (..., F) -> (...)."""
@@ -264,6 +240,13 @@ class Objective:
         placed = Poses.of(poses)
         covered = self.covered(self.covers(placed), self.eyes(placed))
         return float(self.share(self.worth(covered)))
+
+
+def _read_only(*arrays: NDArray[Any]) -> list[NDArray[Any]]:
+    """The arrays as the loops take them."""
+    from rastercov.base.memory import read_only
+
+    return [read_only(array, array.dtype.type) for array in arrays]
 
 
 def _rows(owner: IntArray, width: int) -> IntArray:

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from rastercov.base.arguments import check_seed
 from rastercov.base.errors import ConfigError
+from rastercov.base.lists import Lists
 from rastercov.base.typed import check_fields, typed
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.mesh.arrays import frozen
@@ -246,21 +247,19 @@ def tolerance(
         times += covered_now.sum(axis=0)
         for row, rest in enumerate(others):
             own = slice(row * width, (row + 1) * width)
-            with_one = objective.covered_with(
-                covers[rest],
-                eyes[rest],
-                seen[:, own].reshape(-1, covers.shape[1]),
-                seen_from[:, own].reshape(-1, 3),
-            )
-            alone[row, part] = objective.worth(with_one)
+            trials = seen[:, own].reshape(-1, covers.shape[1])
+            lists = Lists.of([np.flatnonzero(trial) for trial in trials])
+            trial_eyes = seen_from[:, own].reshape(-1, 3)
+            alone[row, part] = objective.worth_added(covers[rest], eyes[rest], lists, trial_eyes)
 
     cameras = []
     for row, rest in enumerate(others):
         left = objective.covered(covers[rest], eyes[rest])
+        without = objective.worth(left)
         cameras.append(
             CameraTolerance(
-                without=float(objective.share(objective.worth(left))),
-                alone=Spread.of(objective.share(alone[row])),
+                without=float(objective.share(without)),
+                alone=Spread.of(objective.share(without + alone[row])),
                 own_faces=int((covered & ~left & (objective.integer_weights > 0)).sum()),
             )
         )

@@ -2,21 +2,15 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from rastercov.base.memory import check_memory
-from rastercov.coverage.area.cells import Cells
-from rastercov.mesh import Mesh
 from rastercov.placement.bit_matrix import BitMatrix
 from rastercov.placement.matrix import VisibilityMatrix
 from rastercov.placement.matrix_folder import MatrixFolder
-from rastercov.placement.mounts import Mounts
 from rastercov.placement.plan.file import Plan
 from rastercov.placement.plan.network import most_views
-from rastercov.placement.select.bit_problem import BitProblem, bit_problem_of
-from rastercov.placement.select.problem import Goal, Problem, problem_of
 
 Matrix = VisibilityMatrix | BitMatrix
 
@@ -74,20 +68,11 @@ def _is_integer(plan: Plan) -> bool:
     return plan.selection is not None and plan.selection.method == "integer"
 
 
-def problem_on(
-    matrix: Matrix, elements: Mesh | Cells, goal: Goal, *, mounts: Mounts, **options: Any
-) -> Problem | BitProblem:
-    """Selection problem of a matrix; arguments as for `problem_of`."""
-    if isinstance(matrix, BitMatrix):
-        return bit_problem_of(matrix, elements, goal, **options)
-    return problem_of(matrix, elements, goal, mounts=mounts, **options)
-
-
 def words_on(matrix: Matrix) -> list[str]:
     """Line on a matrix of bits; none for lists."""
     if not isinstance(matrix, BitMatrix):
         return []
-    size = matrix.bits.n_candidates * matrix.bits.n_words * 8
+    size = matrix.bits.n_rows * matrix.bits.n_words * 8
     return [
         f"the matrix has {matrix.n_pairs:,} pairs and is held as {size / 1e6:,.0f} MB of bits on "
         "the disk: exchanges of cameras are tried among the best candidates only"

@@ -51,15 +51,15 @@ from rastercov.placement.plan.entry import no_limit
 from rastercov.placement.plan.errors import PlanError
 from rastercov.placement.plan.file import Plan
 from rastercov.placement.plan.generators import PerCavity
-from rastercov.placement.plan.held import Matrix, held, joined, problem_on, words_on
+from rastercov.placement.plan.held import Matrix, held, joined, words_on
 from rastercov.placement.plan.requirements import OF, counting, goal_of
 from rastercov.placement.plan.sections import SelectionSection
-from rastercov.placement.select.bit_problem import BitProblem
 from rastercov.placement.select.problem import (
     BestCoverage,
     FewestCameras,
     Goal,
     Problem,
+    problem_of,
 )
 from rastercov.placement.shards import describe, locked, read_header
 
@@ -119,7 +119,7 @@ class Prepared:
         Candidate-face pairs in the visibility matrix, or candidate-cell pairs.
     measured_by : dict
         Method and device of the visibility matrix.
-    problem : Problem or BitProblem
+    problem : Problem
         With the goal of the plan, or the nearest one that can be reached.
     cells : Cells or None
         Elements of the problem where the result is by area; None for faces.
@@ -149,7 +149,7 @@ class Prepared:
     bounds: CandidateBounds
     pairs: int
     measured_by: dict[str, Any]
-    problem: Problem | BitProblem
+    problem: Problem
     notes: tuple[str, ...]
     cells: Cells | None = None
     matrix: Matrix | None = None
@@ -179,7 +179,7 @@ class Prepared:
         """
         assert self.cells is not None
         assert self.matrix is not None
-        problem = problem_on(
+        problem = problem_of(
             self.matrix,
             self.cells,
             self.problem.goal,
@@ -270,7 +270,7 @@ def prepare(
         found = candidate_pool(plan, mesh)
     matrix = matrix_of("visibility matrix", found.candidates.placed)
     counted = counting(plan.task) | {"mounts": mounts}
-    problem = problem_on(matrix, elements, goal, costs=found.costs, **counted)
+    problem = problem_of(matrix, elements, goal, costs=found.costs, **counted)
     opened = None
     cavities = [entry for entry in plan.candidates if isinstance(entry, PerCavity)]
     missed = ~problem.reachable
@@ -295,7 +295,7 @@ def prepare(
             found = extended_pool(plan, mesh, found, parts)
             further = renumbered(found.candidates.placed[before:])
         matrix = matrix_of("visibility matrix of cavities", further, matrix)
-        problem = problem_on(matrix, elements, goal, costs=found.costs, **counted)
+        problem = problem_of(matrix, elements, goal, costs=found.costs, **counted)
         if cells is None:
             missed = unseen
         now = missed & problem.reachable

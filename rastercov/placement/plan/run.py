@@ -58,10 +58,8 @@ from rastercov.placement.plan.requirements import (
 )
 from rastercov.placement.plan.scene import named_scene
 from rastercov.placement.plan.sections import FewestSelection, SelectionSection
-from rastercov.placement.select.bit_problem import BitProblem
 from rastercov.placement.select.greedy import select_greedy
 from rastercov.placement.select.integer import select_integer
-from rastercov.placement.select.lazy import select_lazy
 from rastercov.placement.select.problem import FewestCameras, Problem
 from rastercov.placement.select.selection import Selection
 
@@ -372,11 +370,7 @@ def _watched(objective: Objective, progress: Progress, total: int) -> Objective:
     return replace(objective, watch=watch)
 
 
-def _select(
-    problem: Problem | BitProblem, selection: SelectionSection, seconds: float
-) -> Selection:
-    if isinstance(problem, BitProblem):  # of a plan with method greedy, see `held`
-        return select_lazy(problem, seed=selection.seed)
+def _select(problem: Problem, selection: SelectionSection, seconds: float) -> Selection:
     if selection.method == "greedy":
         return select_greedy(problem, seed=selection.seed)
     return select_integer(problem, time_limit=seconds, seed=selection.seed)

@@ -1,9 +1,9 @@
 """Greedy selection by marginal gains, then local search by swaps and by removal and repair.
 
 The gains of all candidates are updated incrementally (`kernels.placement_selection`), which makes
-lazy evaluation unnecessary. Where one view a face is enough, coverage is submodular and the first
-pass alone reaches 1 - 1/e of the best coverage, or the logarithmic factor of set cover. The local
-search only improves on it.
+lazy evaluation unnecessary where their lists fit into the memory. Where one view a face is enough,
+coverage is submodular and the first pass alone reaches 1 - 1/e of the best coverage, or the
+logarithmic factor of set cover. The local search only improves on it.
 
 G. L. Nemhauser, L. A. Wolsey, M. L. Fisher. An analysis of approximations for maximizing
 submodular set functions. 1978.
@@ -18,16 +18,26 @@ from typing import TypeVar
 import numpy as np
 
 from rastercov.base.arguments import check_seed
+from rastercov.base.errors import ConfigError
 from rastercov.base.typed import typed
 from rastercov.kernels.stopwatch import Stopwatch
-from rastercov.placement.select.cover_state import Cover, CoverState
-from rastercov.placement.select.deadline import NEVER, Deadline, TimeUpError
+from rastercov.placement.select.bounds import (
+    MOST_CORE_PAIRS,
+    NEVER,
+    Deadline,
+    TimeUpError,
+    bound_of,
+    core_and_bound,
+)
+from rastercov.placement.select.cover import Cover, CoverState, LazyCover
 from rastercov.placement.select.presolve import ReducedProblem, presolve
 from rastercov.placement.select.problem import BestCoverage, Goal, Problem
-from rastercov.placement.select.selection import PROVED, Selection, bound_of, finish
+from rastercov.placement.select.selection import PROVED, Selection, finish
 
 EFFORT = 200_000_000
 """Elementary updates of the local search: half a second."""
+MOST_LISTED_PAIRS = 50_000_000
+"""Pairs up to which all are listed for the local search: 400 MB."""
 MOST_KICKS = 3000
 FIRST_LOSS = 0.02
 """Relative loss accepted in one step at the start; it decreases to 0 at the end."""
@@ -37,8 +47,13 @@ AnyCover = TypeVar("AnyCover", bound=Cover)
 
 
 @typed
-def select_greedy(problem: Problem, *, effort: int = EFFORT, seed: int = 0) -> Selection:
+def select_greedy(
+    problem: Problem, *, effort: int = EFFORT, seed: int = 0, core_pairs: int | None = None
+) -> Selection:
     """Good selection in about a second, with a bound on its distance from the optimum.
+
+    The local search works on lists of pairs. Where these are too many for the memory it works among
+    the core, the best candidates that fit; the greedy rule and the bound are of all candidates.
 
     Parameters
     ----------
@@ -47,16 +62,29 @@ def select_greedy(problem: Problem, *, effort: int = EFFORT, seed: int = 0) -> S
         the same selection on any machine.
     seed : int
         Seed of the cameras removed at random.
+    core_pairs : int, optional
+        Pairs of the core, about 16 bytes each. Unless given, all of up to `MOST_LISTED_PAIRS`, and
+        `MOST_CORE_PAIRS` of more. Rigs and an angle between views need all of any number.
     """
     check_seed(seed)
+    if core_pairs is not None and core_pairs < 0:
+        raise ConfigError(f"core_pairs must be 0 or more, got {core_pairs}")
     clock = Stopwatch()
-    reduced = presolve(problem)
-    state = construct(reduced)
-    bound = bound_of(reduced, state)
+    presolved = presolve(problem)
+    most = MOST_LISTED_PAIRS if core_pairs is None else core_pairs
+    if problem.has_rigs or problem.is_spread or int(presolved.sizes.sum()) <= most:
+        core = presolved.listed()
+        state = construct(core)
+        bound = bound_of(core, state)
+    else:
+        chosen = constructed(lambda: LazyCover(presolved), problem.goal)
+        most = MOST_CORE_PAIRS if core_pairs is None else core_pairs
+        core, rows, bound = core_and_bound(presolved, chosen, most)
+        state = CoverState(core)
+        state.become(np.flatnonzero(np.isin(rows, list(chosen.chosen))).tolist())
     if effort > 0:
-        state = improve(reduced, state, bound, effort, seed)
-    chosen = reduced.candidates[state.ranked()]
-    return finish("greedy", reduced, chosen, bound, clock.seconds)
+        state = improve(core, state, bound, effort, seed)
+    return finish("greedy", problem, core.candidates[state.ranked()], bound, clock.seconds)
 
 
 def construct(reduced: ReducedProblem) -> CoverState:
@@ -231,3 +259,36 @@ def _prune(state: Cover, deadline: Deadline = NEVER) -> None:
         state.remove(camera)
         if not state.is_met:
             state.add(camera)
+
+
+def select_thesis(problem: Problem) -> Selection:
+    """Candidates in order of mean coverage, up to the allowed number or the required coverage.
+
+    The rule of the thesis ignores the coverage of the cameras chosen before, so it chooses near
+    copies of the best one. It is the baseline of the comparison.
+
+    E. S. Eissa. Image Space Coverage Model. 2020, section 6.4.
+
+    Ties go by position; a candidate beyond the budget is skipped.
+    """
+    clock = Stopwatch()
+    goal, reduced = problem.goal, presolve(problem).listed()
+    chosen: list[int] = []
+    cost = 0.0
+    for camera in np.argsort(-problem.mean_coverage, kind="stable"):
+        if isinstance(goal, BestCoverage):
+            if len(chosen) == goal.cameras:
+                break
+            if goal.budget is not None and cost + problem.costs[camera] > goal.budget:
+                continue
+        elif problem.is_met(problem.covered_by(chosen)[1]):
+            break
+        chosen.append(int(camera))
+        cost += float(problem.costs[camera])
+    state = CoverState(reduced)
+    state.become(np.flatnonzero(np.isin(reduced.candidates, chosen)).tolist())
+    if not isinstance(goal, BestCoverage):
+        # The step length of the bound needs a selection that meets the requirements.
+        state.become(range(reduced.n_candidates))
+    bound = bound_of(reduced, state)
+    return finish("thesis", problem, np.array(chosen), bound, clock.seconds)

@@ -32,23 +32,21 @@ from numpy.typing import NDArray
 from rastercov.base.arguments import check_seed
 from rastercov.base.errors import ConfigError, ResourceError
 from rastercov.base.typed import typed
-from rastercov.kernels import placement_rigs
 from rastercov.kernels import placement_selection as kernels
 from rastercov.placement._arrays import FloatArray, IntArray
-from rastercov.placement.select.cover_state import CoverState
-from rastercov.placement.select.deadline import Deadline, TimeUpError
-from rastercov.placement.select.greedy import EFFORT, complete, construct, improve
-from rastercov.placement.select.lagrange import BOUND_SAFETY_REL, rounded_up
-from rastercov.placement.select.presolve import ReducedProblem, presolve
-from rastercov.placement.select.problem import TOTAL_WEIGHT, BestCoverage, Problem
-from rastercov.placement.select.selection import (
-    PROVED,
-    Selection,
+from rastercov.placement.select.bounds import (
+    BOUND_SAFETY_REL,
+    Deadline,
+    TimeUpError,
     bound_of,
-    finish,
-    relative_gap,
+    rounded_up,
     share_of,
 )
+from rastercov.placement.select.cover import CoverState
+from rastercov.placement.select.greedy import EFFORT, complete, construct, improve
+from rastercov.placement.select.presolve import ReducedProblem, presolve
+from rastercov.placement.select.problem import TOTAL_WEIGHT, BestCoverage, Problem
+from rastercov.placement.select.selection import PROVED, Selection, finish, relative_gap
 
 MOST_PAIRS = 20_000_000
 """Greatest number of candidate-face pairs; HiGHS takes 4 GB for them."""
@@ -104,7 +102,7 @@ def select_integer(
     if not time_limit > 0:
         raise ConfigError(f"time_limit must be more than 0 seconds, got {time_limit!r}")
     started, deadline = time.perf_counter(), Deadline.after(time_limit)
-    reduced = presolve(problem)
+    reduced = presolve(problem).listed()
     if len(reduced.face) > MOST_PAIRS:
         raise ResourceError(
             f"{len(reduced.face)} pairs of candidate and face are more than the {MOST_PAIRS} that "
@@ -123,7 +121,7 @@ def select_integer(
         status = search.run(deadline, threads)
     chosen = reduced.candidates[sorted(search.best)]
     seconds = time.perf_counter() - started
-    return finish("integer", reduced, chosen, search.bound, seconds, status)
+    return finish("integer", problem, chosen, search.bound, seconds, status)
 
 
 class _Search:
@@ -304,16 +302,11 @@ class _Program:
         n_found = 0
         for part in self.parts:
             deadline.check()
-            given = reduced.starts[part.start : part.stop + 1], reduced.covering
-            on_faces = reduced.eyes, reduced.centroids[part], reduced.min_cosine
-            if reduced.has_rigs:
-                starts, columns = placement_rigs.missing_directions(
-                    *given, reduced.covering_eye, is_chosen, self.views[part], *on_faces
-                )
-            else:
-                starts, columns = kernels.missing_directions(
-                    *given, is_chosen, self.views[part], *on_faces
-                )
+            starts, columns = kernels.missing_directions(
+                reduced.starts[part.start : part.stop + 1], reduced.covering, reduced.owner,
+                is_chosen, self.views[part], reduced.eyes, reduced.centroids[part],
+                reduced.problem.min_cosine,
+            )  # fmt: skip
             for face in np.flatnonzero(np.diff(starts) > 0):  # a call each, microseconds
                 row = columns[starts[face] : starts[face + 1]].astype(np.int32)
                 values, least = np.ones(len(row)), 1.0
@@ -405,9 +398,7 @@ class _Program:
 
 def _merged_pairs(reduced: ReducedProblem) -> tuple[IntArray, NDArray[np.int32], FloatArray]:
     """Candidates of each face: their number, (F,), each once, (N,), and its cameras, (N,)."""
-    starts, covering = reduced.starts, reduced.covering
-    if not reduced.has_rigs:
-        return np.diff(starts), covering, np.ones(len(covering))
+    starts, covering = reduced.starts, reduced.owner[reduced.covering]
     is_first = np.ones(len(covering), np.bool_)
     is_first[1:] = covering[1:] != covering[:-1]
     is_first[starts[:-1][starts[:-1] < len(is_first)]] = True

@@ -2,95 +2,166 @@
 
 Of candidates that cover the same faces, the k cheapest remain where a face needs k views. Faces
 that the same candidates cover become one face with their total weight. Where an angle between views
-is required, faces are not merged, and candidates are equal only at the same position.
+is required, faces are not merged, and candidates are equal only at the same positions.
 
 The remaining candidates are ranked by the faces they cover, not by their numbers, and the rank
 breaks ties: shuffling the candidates of a problem does not change the result.
+
+Two passes over the bits, after that of `Problem.reachable`. Lists of pairs are made of the bits of
+all remaining candidates, or of some (`Presolved.listed`).
 """
 
-from dataclasses import dataclass, field, replace
-from typing import Protocol
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.kernels import placement_bits as bit_kernels
 from rastercov.kernels import placement_presolve as kernels
 from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
-from rastercov.placement.select.problem import AnyProblem, FewestCameras, Problem
+from rastercov.placement.bits import CoveredBits, Words, packed, spread_out
+from rastercov.placement.select.problem import FewestCameras, Problem
 
 
-class Candidates(Protocol):
-    """Candidates after presolve, and the requirements: what all covers and bounds need.
+@dataclass(frozen=True, eq=False)
+class Presolved:
+    """A problem after presolve, with C candidates; faces keep their numbers.
 
-    See `ReducedProblem`; a `LargeProblem` has its faces in another form.
+    Attributes
+    ----------
+    problem : Problem
+    bits : CoveredBits
+        Those of the problem, without pairs of a rig with a face beyond the views that this needs
+        where any two rays will do: they change nothing but bounds, which are tighter without them.
+    candidates : (C,) int64
+        Their rows in the problem, ascending.
+    costs, rank : (C,) float64, int64
+        `rank` is the order of the candidates, which depends only on the faces they cover.
+    sizes : (C,) int64
+        Upper limit of the number of remaining pairs of each.
+    kept : (K,) int64
+        Remaining faces, the first one of each set of equal faces.
+    integer_weights : (F,) int64
+        With the sum of each set of equal faces at its first one; 0 for faces that do not remain.
+    kind : (F,) int32
+        Requirement that the face counts towards: 0 for the total only.
+    least, least_total : (G,) int64, int
+        Weight to cover of each kind, 0 for kind 0, and in total.
     """
 
-    @property
-    def problem(self) -> AnyProblem:
-        """Original problem."""
+    problem: Problem
+    bits: CoveredBits
+    candidates: IntArray
+    costs: FloatArray
+    rank: IntArray
+    sizes: IntArray
+    kept: IntArray
+    integer_weights: IntArray
+    kind: NDArray[np.int32]
+    least: IntArray
+    least_total: int
 
     @property
     def n_candidates(self) -> int:
         """Number of candidates C."""
+        return len(self.candidates)
 
-    @property
-    def costs(self) -> FloatArray:
-        """(C,) cost of each."""
+    @cached_property
+    def masks(self) -> Words:
+        """(G, W) remaining faces of each kind."""
+        remains = np.zeros(self.problem.n_faces, np.bool_)
+        remains[self.kept] = True
+        kinds = range(len(self.least))
+        return np.stack([packed(remains & (self.kind == kind)) for kind in kinds])
 
-    @property
-    def rank(self) -> IntArray:
-        """(C,) order of the candidates."""
+    def sums(self, values: IntArray, masks: Words, rows: IntArray | None = None) -> IntArray:
+        """(N, V) sums over the faces of some candidates, or all, each of one camera.
 
-    @property
-    def least(self) -> IntArray:
-        """(G,) weight to cover of each kind."""
+        See `CoveredBits.sums`.
+        """
+        chosen = self.candidates if rows is None else self.candidates[rows]
+        return self.bits.sums(values, masks, chosen)
 
-    @property
-    def least_total(self) -> int:
-        """Total weight to cover."""
+    def listed(self, rows: IntArray | None = None) -> "ReducedProblem":
+        """The problem with all candidates, or some, (N,) ascending, in lists.
+
+        All remaining faces are in it, also those that these candidates do not cover.
+        """
+        problem, kept = self.problem, self.kept
+        rows = np.arange(self.n_candidates) if rows is None else rows
+        candidates = self.candidates[rows]
+        starts = problem.rows
+        counts = starts[candidates + 1] - starts[candidates]
+        limits = np.concatenate(([0], np.cumsum(counts)))
+        owner = np.repeat(np.arange(len(candidates), dtype=np.int32), counts)
+        cameras = np.arange(limits[-1]) + (starts[candidates] - limits[:-1])[owner]
+        column = np.full(problem.n_faces, -1, np.int32)
+        column[kept] = np.arange(len(kept))
+        mask = np.bitwise_or.reduce(self.masks, axis=0)
+        camera_indptr, face = self.bits.listed(cameras, mask, spread_out(column, np.int32))
+        face_starts, covering = kernels.by_face(camera_indptr, face, len(kept))
+        views = problem.views[kept].astype(np.int32)
+        eyes = centroids = np.empty((0, 3))
+        if problem.is_spread:
+            assert problem.eyes is not None
+            assert problem.centroids is not None
+            eyes, centroids = problem.eyes[cameras], problem.centroids[kept]
+        return ReducedProblem(
+            problem=problem,
+            candidates=candidates,
+            owner=owner,
+            limits=limits,
+            camera_indptr=camera_indptr,
+            face=face,
+            starts=face_starts,
+            covering=covering,
+            integer_weights=self.integer_weights[kept],
+            views=views,
+            need=views + np.int32(problem.is_spread),
+            kind=self.kind[kept],
+            least=self.least,
+            least_total=self.least_total,
+            costs=self.costs[rows],
+            rank=self.rank[rows],
+            eyes=eyes,
+            centroids=centroids,
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class ReducedProblem:
-    """A problem after presolve, with C candidates and F faces; each face can be covered.
+    """A problem after presolve in lists, with C candidates of K cameras, and F faces.
 
     Attributes
     ----------
-    problem : Problem or BitProblem
+    problem : Problem
         Original problem.
     candidates : (C,) int64
         Their rows in the problem, ascending.
-    indptr, face : (C + 1,) int64, (N,) int32
-        Faces of each candidate.
+    owner : (K,) int32
+        Candidate of each camera, ascending.
+    limits : (C + 1,) int64
+        Cameras of each candidate.
+    camera_indptr, face : (K + 1,) int64, (N,) int32
+        Faces of each camera.
     starts, covering : (F + 1,) int64, (N,) int32
-        Candidates of each face.
+        Cameras of each face.
     integer_weights : (F,) int64
         Integer weight of each face.
     views, need : (F,) int32
         Cameras that must cover the face; `need` has one step more where rays must differ.
-    kind : (F,) int32
-        Requirement that the face counts towards: 0 for the total only.
-    least : (G,) int64
-        Weight to cover of each kind; 0 for kind 0.
-    least_total : int
-        Total weight to cover.
-    costs : (C,) float64
-    rank : (C,) int64
-        Order of the candidates, which depends only on the faces they cover.
+    kind, least, least_total, costs, rank
+        As in `Presolved`.
     eyes, centroids : (K, 3), (F, 3) float64
         Empty where no angle is required.
-    min_cosine : float
-        2 where no angle is required.
-    has_rigs : bool
-        True where candidates have a face once for each of their cameras: `kernels.placement_rigs`.
-        K is C otherwise.
-    eye, covering_eye : (N,) int32
-        Of rigs, row in `eyes` of the camera of each pair, in the order of `face` and of `covering`.
     """
 
-    problem: AnyProblem
+    problem: Problem
     candidates: IntArray
-    indptr: IntArray
+    owner: NDArray[np.int32]
+    limits: IntArray
+    camera_indptr: IntArray
     face: NDArray[np.int32]
     starts: IntArray
     covering: NDArray[np.int32]
@@ -104,10 +175,6 @@ class ReducedProblem:
     rank: IntArray
     eyes: FloatArray
     centroids: FloatArray
-    min_cosine: float
-    has_rigs: bool = False
-    eye: NDArray[np.int32] = field(default_factory=lambda: np.zeros(0, np.int32))
-    covering_eye: NDArray[np.int32] = field(default_factory=lambda: np.zeros(0, np.int32))
 
     @property
     def n_candidates(self) -> int:
@@ -120,9 +187,14 @@ class ReducedProblem:
         return len(self.integer_weights)
 
     @property
+    def indptr(self) -> IntArray:
+        """(C + 1,) limits in `face` of the pairs of each candidate."""
+        return self.camera_indptr[self.limits]
+
+    @property
     def is_spread(self) -> bool:
         """True where the rays to two cameras of a face must differ by an angle."""
-        return self.min_cosine <= 1.0 + 1e-12
+        return self.problem.is_spread
 
     @property
     def is_mandatory(self) -> BoolArray:
@@ -134,124 +206,80 @@ class ReducedProblem:
         return needed
 
 
-def presolve(problem: Problem) -> ReducedProblem:
-    """Reduced problem with equal candidates and equal faces merged.
+def presolve(problem: Problem) -> Presolved:
+    """The problem with equal candidates and equal faces merged.
 
     Equivalent to the problem: the optima are equal, and a selection from the remaining candidates
     covers the same faces in both.
     """
-    original, spread = problem, problem.min_angle > 0
-    if problem.has_rigs and not spread:
-        problem = _without_needless_pairs(problem)
+    n_faces, first = problem.n_faces, problem.rows[:-1]
+    is_plain_rig = problem.has_rigs and not problem.is_spread
+    bits = _without_needless_pairs(problem) if is_plain_rig else problem.bits
     counted = problem.reachable & (problem.integer_weights > 0)
     kind, least, least_total = kinds_of(problem)
-    hashes, sizes = kernels.hash_sets(
-        problem.indptr, problem.face, counted, np.arange(problem.n_faces, dtype=np.uint64)
-    )
-    if spread and problem.has_rigs:
-        hashes = _hashes_with_eyes(problem, counted)
-    elif spread:  # candidates at different positions are different
-        hashes = hashes + kernels.hash_sets(
-            np.arange(0, 3 * problem.n_candidates + 1, 3),
-            np.arange(3 * problem.n_candidates),
-            np.ones(3 * problem.n_candidates, bool),
-            (np.asarray(problem.eyes, np.float64) + 0.0).ravel().view(np.uint64),
-        )[0] * np.uint64(3)
+    keys = kernels.hashes_of(np.arange(n_faces, dtype=np.uint64)).view(np.int64).T
+    values = spread_out(np.concatenate((keys, np.ones((1, n_faces), np.int64))))
+    found = bits.sums(values, np.stack([packed(counted)] * len(values)))
+    hashes, sizes = np.ascontiguousarray(found[:, :2]).view(np.uint64), found[:, 2]
+    if problem.is_spread:
+        hashes = hashes + np.uint64(3) * _hashes_of_eyes(problem)
+        if problem.has_rigs:  # of a sum of these, faces and eyes could be exchanged
+            hashes = kernels.hashes_of(hashes.ravel())[:, 0].reshape(-1, 2)
+            hashes[sizes == 0] = 0
+    if problem.has_rigs:
+        hashes, sizes = np.add.reduceat(hashes, first), np.add.reduceat(sizes, first)
     copies = int(problem.views[counted].max(initial=1))
-    rank_of = ranked(hashes, sizes, problem.costs, copies)
-    candidates = np.flatnonzero(rank_of >= 0)
+    rank = ranked(hashes, sizes, problem.costs, copies)
+    candidates = np.flatnonzero(rank >= 0)
 
     kept, integer_weights = np.flatnonzero(counted), problem.integer_weights
-    if not spread and len(kept):
-        owners = kernels.hash_owners(problem.indptr, problem.face, rank_of, problem.n_faces)
-        kept, integer_weights = merged(problem, kept, kind, owners)
-    new_face = np.full(problem.n_faces, -1, np.int32)
-    new_face[kept] = np.arange(len(kept))
-    indptr, face = problem.indptr, problem.face
-    if len(candidates) < problem.n_candidates or len(kept) < problem.n_faces:
-        indptr, face = kernels.subset(indptr, face, candidates, new_face)
-    starts, covering = kernels.by_face(indptr, face, len(kept))
-    eye = covering_eye = np.zeros(0, np.int32)
-    if problem.has_rigs and spread:
-        eye = _eyes_of_pairs(problem, candidates, new_face)
-        covering_eye = eye[np.argsort(face, kind="stable")]
-    views = problem.views[kept].astype(np.int32)
-    empty = np.empty((0, 3))
-    eyes = empty if problem.eyes is None or not spread else problem.eyes
-    return ReducedProblem(
-        problem=original,
+    if len(kept) and not problem.is_spread:
+        remains = np.repeat(rank, np.diff(problem.rows))
+        cameras = np.flatnonzero(remains >= 0)
+        amounts = kernels.hashes_of(remains[cameras].astype(np.uint64)).view(np.int64)
+        owners = np.ascontiguousarray(bits.totals(amounts, cameras)[:, :n_faces].T)
+        kept, integer_weights = merged(problem, kept, kind, owners.view(np.uint64))
+    is_kept = np.zeros(n_faces, np.bool_)
+    is_kept[kept] = True
+    return Presolved(
+        problem=problem,
+        bits=bits,
         candidates=candidates,
-        indptr=indptr,
-        face=face,
-        starts=starts,
-        covering=covering,
-        integer_weights=integer_weights[kept],
-        views=views,
-        need=views + np.int32(spread),
-        kind=kind[kept],
+        costs=problem.costs[candidates],
+        rank=rank[candidates],
+        sizes=sizes[candidates],
+        kept=kept,
+        integer_weights=np.where(is_kept, integer_weights, 0),
+        kind=kind,
         least=least,
         least_total=least_total,
-        costs=problem.costs[candidates],
-        rank=rank_of[candidates],
-        eyes=eyes if problem.has_rigs or not spread else eyes[candidates],
-        centroids=empty if problem.centroids is None or not spread else problem.centroids[kept],
-        min_cosine=problem.min_cosine,
-        has_rigs=problem.has_rigs,
-        eye=eye,
-        covering_eye=covering_eye,
     )
 
 
-def _without_needless_pairs(problem: Problem) -> Problem:
-    """The problem without the pairs of a rig with a face beyond the views that this needs.
+def _without_needless_pairs(problem: Problem) -> CoveredBits:
+    """Bits of rigs, of which the n-th camera has the faces that n cameras or more of it cover.
 
-    Where any two rays will do they change nothing but bounds, which are tighter without them.
+    And that need n views. Where any two rays will do, it does not matter which cameras these are.
     """
-    starts = np.ones(len(problem.face), np.bool_)
-    starts[1:] = problem.face[1:] != problem.face[:-1]
-    starts[problem.indptr[:-1][problem.indptr[:-1] < len(starts)]] = True
-    at = np.arange(len(starts))
-    place = at - at[starts][np.cumsum(starts) - 1] if len(starts) else at
-    is_kept = place < problem.views[problem.face]
-    ends = np.concatenate(([0], np.cumsum(is_kept)))[problem.indptr]
-    return replace(problem, indptr=ends, face=problem.face[is_kept], eye=None)
+    words = np.zeros((problem.bits.n_rows, problem.bits.n_words), np.uint64)
+    most = int(np.diff(problem.rows).max())
+    needs = [packed(problem.views > n) for n in range(most)]
+    for first, last in zip(problem.rows[:-1], problem.rows[1:], strict=True):
+        rig = problem.bits.take(np.arange(first, last)).parts[0]
+        bit_kernels.count_up(rig, words[first:last])
+        words[first:last] &= needs[: last - first]
+    return CoveredBits.of(words, problem.n_faces)
 
 
-def _hashes_with_eyes(problem: Problem, counted: BoolArray) -> NDArray[np.uint64]:
-    """(C, 2) hashes of the faces of each candidate with the camera centres that they are seen from.
-
-    Those of equal rigs in one place are equal.
-    """
-    assert problem.eye is not None
+def _hashes_of_eyes(problem: Problem) -> NDArray[np.uint64]:
+    """(K, 2) hashes of the camera centres."""
     assert problem.eyes is not None
-    n = len(problem.eyes)
-    of_eye = kernels.hash_sets(
-        np.arange(0, 3 * n + 1, 3),
-        np.arange(3 * n),
-        np.ones(3 * n, bool),
-        (np.asarray(problem.eyes, np.float64) + 0.0).ravel().view(np.uint64)
-        + np.tile(np.arange(3, dtype=np.uint64), n),
-    )[0][:, 0]
-    keys = of_eye[problem.eye] * np.uint64(3) + problem.face.astype(np.uint64)
-    found: NDArray[np.uint64] = kernels.hash_sets(
-        problem.indptr, np.arange(len(problem.face)), counted[problem.face], keys
-    )[0]
-    return found
+    keys = np.ascontiguousarray(problem.eyes + 0.0).view(np.uint64) + np.arange(3, dtype=np.uint64)
+    hashes: NDArray[np.uint64] = kernels.hashes_of(keys.ravel()).reshape(-1, 3, 2).sum(axis=1)
+    return hashes
 
 
-def _eyes_of_pairs(
-    problem: Problem, candidates: IntArray, new_face: NDArray[np.int32]
-) -> NDArray[np.int32]:
-    """Row in the eyes of the camera of each pair that remains, in the order of `subset`."""
-    assert problem.eye is not None
-    is_in = np.zeros(problem.n_candidates, np.bool_)
-    is_in[candidates] = True
-    kept = np.repeat(is_in, np.diff(problem.indptr)) & (new_face[problem.face] >= 0)
-    found: NDArray[np.int32] = problem.eye[kept]
-    return found
-
-
-def kinds_of(problem: AnyProblem) -> tuple[NDArray[np.int32], IntArray, int]:
+def kinds_of(problem: Problem) -> tuple[NDArray[np.int32], IntArray, int]:
     """(F,) kind of each face, (G,) weight to cover of each kind, and the total to cover."""
     _, least, total = problem.required
     named = np.flatnonzero(least > 0)
@@ -282,7 +310,7 @@ def ranked(hashes: NDArray[np.uint64], sizes: IntArray, costs: FloatArray, copie
 
 
 def merged(
-    problem: AnyProblem, kept: IntArray, kind: NDArray[np.int32], hashes: NDArray[np.uint64]
+    problem: Problem, kept: IntArray, kind: NDArray[np.int32], hashes: NDArray[np.uint64]
 ) -> tuple[IntArray, IntArray]:
     """First face of each set of equal ones, and (F,) weights with the sum of each set there.
 

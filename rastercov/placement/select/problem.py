@@ -1,8 +1,8 @@
 """Selection problem: candidates, the faces they cover, the needs of a face, and the goal.
 
 A `Problem` is the plain value that every `select_*` takes. It comes from a visibility matrix
-(`problem_of`) or from a 0/1 array (`problem_of_matrix`), and holds no mesh and no camera. One that
-is too large for lists of pairs is a `BitProblem`; both have the needs of an `AnyProblem`.
+(`problem_of`) or from a 0/1 array (`problem_of_matrix`), and holds no mesh and no camera. Covered
+pairs are bits, one row a camera; what needs lists of pairs makes them of the bits (`presolve`).
 
 Shares are of weight: faces count by number or by area. They are compared in integers
 (`Problem.integer_weights`), so that no requirement depends on the order of summation.
@@ -10,108 +10,166 @@ Shares are of weight: faces count by number or by area. They are compared in int
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import pairwise
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from annotated_types import Ge, Le
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.errors import ConfigError
-from rastercov.base.typed import typed
+from rastercov.base.typed import check_fields, typed
 from rastercov.coverage.area.cells import Cells
-from rastercov.coverage.spread import least_cosine
-from rastercov.kernels import placement_selection as kernels
+from rastercov.coverage.spread import ViewSpread, least_cosine
 from rastercov.mesh import Mesh
 from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
 from rastercov.placement.bit_matrix import BitMatrix
+from rastercov.placement.bits import CoveredBits
 from rastercov.placement.matrix import VisibilityMatrix
 from rastercov.placement.mounts import Mounts
-from rastercov.placement.select.any_problem import (
-    SHARE_TOLERANCE,
-    TOTAL_WEIGHT,
-    AnyProblem,
-    check_shapes,
-    in_whole_numbers,
-)
-from rastercov.placement.select.goals import BestCoverage, FewestCameras, Goal
 
-__all__ = [
-    "SHARE_TOLERANCE",
-    "TOTAL_WEIGHT",
-    "AnyProblem",
-    "BestCoverage",
-    "FewestCameras",
-    "Goal",
-    "Problem",
-    "check_shapes",
-    "in_whole_numbers",
-    "needs_of",
-    "problem_of",
-    "problem_of_matrix",
-    "views_of",
-    "weights_of",
-]
+TOTAL_WEIGHT = 1 << 40
+"""Total of `Problem.integer_weights`, unless the weights are integers with a smaller sum."""
+SHARE_TOLERANCE = 1e-9
+"""Absolute tolerance of a required share: 0.98 is not a binary fraction."""
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Problem(AnyProblem):
-    """Faces that each candidate covers, in compressed rows, and the goal of the selection.
-
-    A face is covered when at least `views` of the chosen cameras cover it and, where `min_angle`
-    is more than 0, the rays to two of these differ by that angle. A candidate that is a rig has a
-    face once for each of its cameras that covers it.
+@dataclass(frozen=True)
+class FewestCameras:
+    """Reach a coverage with the fewest cameras, or at the least cost.
 
     Attributes
     ----------
-    indptr : (C + 1,) int64
-        Candidate c covers the faces `face[indptr[c]:indptr[c + 1]]`.
-    face : (N,) int32
-        Equal faces of a candidate follow one another.
-    weights, views, costs, goal, groups, face_group, mean_coverage
-        As in `AnyProblem`.
+    coverage : float
+        Share of the weight of all faces to cover, [0, 1].
+    groups : mapping of str to float
+        Share to cover of the weight of single groups, by name.
+    of_reachable : bool
+        True where shares are of the weight that all candidates together cover, not of the total.
+    """
+
+    coverage: Annotated[float, Ge(0), Le(1)] = 1.0
+    groups: Mapping[str, Annotated[float, Ge(0), Le(1)]] = field(default_factory=dict)
+    of_reachable: bool = False
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        for name, share in {"coverage": self.coverage, **self.groups}.items():
+            if not 0 <= share <= 1:
+                raise ConfigError(f"the share to cover of {name} must be 0 to 1, got {share!r}")
+
+
+@dataclass(frozen=True)
+class BestCoverage:
+    """Cover the most with a number of cameras, or within a budget.
+
+    Attributes
+    ----------
+    cameras : int, optional
+        Greatest number of cameras.
+    budget : float, optional
+        Greatest total cost.
+    """
+
+    cameras: int | None = None
+    budget: Annotated[float, Ge(0)] | None = None
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        if self.cameras is None and self.budget is None:
+            raise ConfigError("best coverage needs a number of cameras or a budget; give one")
+        if self.cameras is not None and (isinstance(self.cameras, bool) or self.cameras < 0):
+            raise ConfigError(f"cameras must be 0 or more, got {self.cameras!r}")
+        if self.budget is not None and not 0 <= self.budget < math.inf:
+            raise ConfigError(f"budget must be 0 or more, and finite, got {self.budget!r}")
+
+
+Goal = FewestCameras | BestCoverage
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Problem:
+    """Faces that each candidate covers, needs of each face, costs, and the goal of a selection.
+
+    A face is covered when at least `views` of the chosen cameras cover it and, where `min_angle`
+    is more than 0, the rays to two of these differ by that angle. A candidate is a camera, or a rig
+    of several, each of which is a view of its own.
+
+    Attributes
+    ----------
+    bits : CoveredBits
+        Faces that each of K cameras covers.
+    starts : (C + 1,) int64, optional
+        Candidate c has the cameras `starts[c]` ... `starts[c + 1] - 1`; camera c unless given.
+    weights : (F,) float64
+        Weight of each face; 0 leaves it out.
+    views : (F,) int64
+        Cameras that must cover the face, 1 or more.
+    costs : (C,) float64
+        Cost of each candidate, 0 or more.
+    goal : FewestCameras or BestCoverage
+    groups : tuple of str
+    face_group : (F,) int32
+        Index into `groups`.
+    mean_coverage : (C,) float64
+        Mean coverage over all faces, for `select_thesis`.
     min_angle : float
         Radians, [0, pi].
     eyes, centroids : (K, 3), (F, 3) float64, optional
         Camera centres and centroids of faces, metres; needed for `min_angle`.
-    eye : (N,) int32, optional
-        Row in `eyes` of the camera of each pair; that of its candidate unless given.
     """
 
-    indptr: IntArray
-    face: NDArray[np.int32]
+    bits: CoveredBits
+    starts: IntArray | None = None
+    weights: FloatArray
+    views: IntArray
+    costs: FloatArray
+    goal: Goal
+    groups: tuple[str, ...]
+    face_group: NDArray[np.int32]
+    mean_coverage: FloatArray
     min_angle: float = 0.0
     eyes: FloatArray | None = None
     centroids: FloatArray | None = None
-    eye: NDArray[np.int32] | None = None
 
     def __post_init__(self) -> None:
-        if not 0 <= self.min_angle <= math.pi:
+        _check(self)
+        goal = self.goal
+        if isinstance(goal, BestCoverage):
+            return
+        if unknown := sorted(set(goal.groups) - set(self.groups)):
             raise ConfigError(
-                f"the angle must be 0 to 180 degrees, got {math.degrees(self.min_angle):g}"
+                f"there is no group {unknown[0]!r}; groups are {', '.join(self.groups)}"
             )
-        if self.min_angle > 0:
-            if self.eyes is None or self.centroids is None:
-                raise ConfigError("an angle between views needs eyes and centroids; give both")
-            n_eyes = self.n_candidates if self.eye is None else len(self.eyes)
-            check_shapes(
-                eyes=(self.eyes, (n_eyes, 3)),
-                centroids=(self.centroids, (self.n_faces, 3)),
+        _, least, total = self.required
+        reached = self.by_group(self.reachable)
+        if reached.sum() < total:
+            raise ConfigError(
+                f"coverage {goal.coverage:g} cannot be reached: all {self.n_candidates} candidates "
+                f"together cover {self.share(self.reachable):.6g}; ask for less, of_reachable, or "
+                "add candidates"
             )
-            if self.eye is not None and not (
-                self.eye.shape == self.face.shape
-                and (not len(self.eye) or 0 <= self.eye.min() <= self.eye.max() < n_eyes)
-            ):
-                raise ConfigError(f"eye must be {len(self.face)} rows of {n_eyes} eyes")
-        if len(self.face) and not 0 <= self.face.min() <= self.face.max() < self.n_faces:
-            raise ConfigError(f"face must lie in 0 ... {self.n_faces - 1}")
-        super().__post_init__()
+        if short := [name for name, a, b in zip(self.groups, reached, least, strict=True) if a < b]:
+            raise ConfigError(
+                f"group {short[0]!r}: coverage {goal.groups[short[0]]:g} cannot be reached by all "
+                f"{self.n_candidates} candidates together; ask for less, or add candidates"
+            )
 
     @property
     def n_candidates(self) -> int:
         """Number of candidates C."""
-        return len(self.indptr) - 1
+        return self.bits.n_rows if self.starts is None else len(self.starts) - 1
+
+    @property
+    def has_rigs(self) -> bool:
+        """True where a candidate has several cameras."""
+        return self.n_candidates < self.bits.n_rows
+
+    @property
+    def is_spread(self) -> bool:
+        """True where the rays to two cameras of a face must differ by an angle."""
+        return self.min_angle > 0
 
     @property
     def min_cosine(self) -> float:
@@ -119,51 +177,139 @@ class Problem(AnyProblem):
         return least_cosine(self.min_angle)
 
     @cached_property
-    def has_rigs(self) -> bool:
-        """True where a candidate covers a face with several cameras, or has another's eye."""
-        return self.eye is not None or bool(self._is_repeated.any())
+    def rows(self) -> IntArray:
+        """(C + 1,) limits of the cameras of each candidate."""
+        return np.arange(self.bits.n_rows + 1) if self.starts is None else self.starts
 
     @property
-    def _is_repeated(self) -> BoolArray:
-        """(N,) pairs of the face and the candidate of the pair before."""
-        again = np.zeros(len(self.face), np.bool_)
-        again[1:] = self.face[1:] == self.face[:-1]
-        again[self.indptr[:-1][self.indptr[:-1] < len(again)]] = False
-        return again
+    def n_faces(self) -> int:
+        """Number of faces F."""
+        return len(self.weights)
+
+    @cached_property
+    def integer_weights(self) -> IntArray:
+        """(F,) weights as integers: their own values, or parts of `TOTAL_WEIGHT`."""
+        return in_whole_numbers(self.weights)
+
+    @cached_property
+    def reachable(self) -> BoolArray:
+        """(F,) faces that all candidates together cover."""
+        if self.is_spread:
+            return self.covered_by(np.arange(self.n_candidates))[1]
+        most = int(self.views.max(initial=1))
+        found: BoolArray = self.bits.counts_up_to(most) >= self.views
+        return found
+
+    @cached_property
+    def required(self) -> tuple[IntArray, IntArray, int]:
+        """Integer weight of each group, (G,), required weight of each group, (G,), and in total.
+
+        The required weights are 0 for `BestCoverage`.
+        """
+        goal = self.goal
+        nothing = np.zeros(len(self.groups), np.int64)
+        if isinstance(goal, BestCoverage):
+            return self.by_group(np.ones(self.n_faces, bool)), nothing, 0
+        counted = self.reachable if goal.of_reachable else np.ones(self.n_faces, bool)
+        whole = self.by_group(counted)
+        shares = np.array([goal.groups.get(name, 0.0) for name in self.groups])
+        least = np.ceil((shares - SHARE_TOLERANCE).clip(0) * whole).astype(np.int64)
+        return whole, least, math.ceil(max(0.0, goal.coverage - SHARE_TOLERANCE) * int(whole.sum()))
+
+    def by_group(self, faces: BoolArray) -> IntArray:
+        """(G,) integer weight of the given faces of each group."""
+        totals = np.zeros(len(self.groups), np.int64)
+        np.add.at(totals, self.face_group[faces], self.integer_weights[faces])
+        return totals
+
+    def share(self, faces: BoolArray) -> float:
+        """Share of the total weight, [0, 1]; 1 where there is no weight."""
+        total = int(self.integer_weights.sum())
+        return int(self.integer_weights[faces].sum()) / total if total else 1.0
 
     def faces_of(self, candidate: int) -> NDArray[np.int32]:
         """(N,) faces that a candidate covers; of a rig, once for each of its cameras."""
-        return self.face[self.indptr[candidate] : self.indptr[candidate + 1]]
-
-    def eyes_of(self, candidate: int) -> IntArray:
-        """(N,) row in `eyes` of the camera of each of `faces_of`."""
-        pairs = slice(self.indptr[candidate], self.indptr[candidate + 1])
-        if self.eye is None:
-            return np.full(pairs.stop - pairs.start, candidate, np.int64)
-        return self.eye[pairs].astype(np.int64)
+        rows = range(self.rows[candidate], self.rows[candidate + 1])
+        return np.concatenate([self.bits.faces_of(row) for row in rows])
 
     def covered_by(self, chosen: ArrayLike) -> tuple[IntArray, BoolArray]:
         """(F,) number of chosen cameras that cover each face, and (F,) faces that are covered."""
-        views, covered = super().covered_by(chosen)
-        if self.min_angle > 0:
-            eyes, centroids = self.eyes, self.centroids
-            covered &= kernels.spread_faces(
-                self.indptr, self.face, self._eye_of_pair, np.asarray(chosen, np.int64), views,
-                eyes, centroids, self.min_cosine,
-            )  # fmt: skip
-        return views, covered
+        views, spread = np.zeros(self.n_faces, np.int64), self.spread()
+        for candidate in np.asarray(chosen, np.int64):  # microseconds each
+            self.add(candidate, views, spread)
+        return views, (views >= self.views) & spread.is_spread
 
-    @cached_property
-    def _eye_of_pair(self) -> NDArray[np.int32]:
-        """(N,) row in `eyes` of the camera of each pair."""
-        if self.eye is not None:
-            return self.eye
-        return np.repeat(np.arange(self.n_candidates, dtype=np.int32), np.diff(self.indptr))
+    def spread(self) -> ViewSpread:
+        """Angles between views, of no camera yet, for `add`."""
+        on = np.zeros((self.n_faces, 3)) if self.centroids is None else self.centroids
+        return ViewSpread(on, self.min_angle)
+
+    def add(self, candidate: int, views: IntArray, spread: ViewSpread) -> None:
+        """Add the cameras of a candidate to the number of views of each face, and their angles."""
+        for row in range(self.rows[candidate], self.rows[candidate + 1]):
+            faces = self.bits.faces_of(row)
+            views[faces] += 1
+            if self.eyes is not None:
+                spread.add(self.eyes[row], faces)
+
+    def is_met(self, covered: BoolArray) -> bool:
+        """True where these faces meet the requirements of `FewestCameras`."""
+        _, least, total = self.required
+        reached = self.by_group(covered)
+        return bool((reached >= least).all() and reached.sum() >= total)
+
+
+def in_whole_numbers(weights: FloatArray) -> IntArray:
+    """(F,) weights as integers: their own values, or parts of `TOTAL_WEIGHT`."""
+    total = float(weights.sum())
+    if total < TOTAL_WEIGHT and bool((weights == np.floor(weights)).all()):
+        return weights.astype(np.int64)
+    return np.rint(weights / total * TOTAL_WEIGHT).astype(np.int64)
+
+
+def _check(problem: Problem) -> None:
+    """Raise ConfigError when the arrays of a problem are inconsistent."""
+    n_candidates, n_faces, n_rows = problem.n_candidates, problem.n_faces, problem.bits.n_rows
+    if problem.bits.n_faces != n_faces:
+        raise ConfigError(
+            f"bits must be of {n_faces} faces, as the weights, got {problem.bits.n_faces}"
+        )
+    rows = problem.rows
+    if rows[0] != 0 or rows[-1] != n_rows or (np.diff(rows) < 1).any():
+        raise ConfigError(f"starts must divide {n_rows} cameras among candidates, one or more each")
+    if not 0 <= problem.min_angle <= math.pi:
+        raise ConfigError(
+            f"the angle must be 0 to 180 degrees, got {math.degrees(problem.min_angle):g}"
+        )
+    shapes: dict[str, tuple[Any, tuple[int, ...]]] = {
+        "views": (problem.views, (n_faces,)),
+        "costs": (problem.costs, (n_candidates,)),
+        "face_group": (problem.face_group, (n_faces,)),
+        "mean_coverage": (problem.mean_coverage, (n_candidates,)),
+    }
+    if problem.is_spread:
+        if problem.eyes is None or problem.centroids is None:
+            raise ConfigError("an angle between views needs eyes and centroids; give both")
+        shapes |= {
+            "eyes": (problem.eyes, (n_rows, 3)),
+            "centroids": (problem.centroids, (n_faces, 3)),
+        }
+    for name, (array, shape) in shapes.items():
+        if array.shape != shape:
+            raise ConfigError(f"{name} must have shape {shape}, got {array.shape}")
+    for name, values in (("weights", problem.weights), ("costs", problem.costs)):
+        if not (np.isfinite(values) & (values >= 0)).all():
+            raise ConfigError(f"{name} must be 0 or more, and finite")
+    if (problem.views < 1).any():
+        raise ConfigError(f"views must be 1 or more, got {problem.views.min()}")
+    within = (problem.face_group >= 0) & (problem.face_group < len(problem.groups))
+    if not within.all() or len(set(problem.groups)) < len(problem.groups):
+        raise ConfigError("face_group must index into groups, whose names must be unique")
 
 
 @typed
 def problem_of(
-    matrix: VisibilityMatrix,
+    matrix: VisibilityMatrix | BitMatrix,
     mesh: Mesh | Cells,
     goal: Goal,
     *,
@@ -178,6 +324,8 @@ def problem_of(
 
     Parameters
     ----------
+    matrix : VisibilityMatrix or BitMatrix
+        The bits of a `BitMatrix` stay on the disk.
     mesh : Mesh or Cells
         Those that the matrix was made for; a problem of cells has them as its faces.
     weight_by : {"area", "count"}
@@ -199,49 +347,49 @@ def problem_of(
     Raises
     ------
     ConfigError
-        For a matrix of rigs without `mounts`, where the places of cameras matter.
+        For a matrix of rigs, where the places of cameras matter, without `mounts`, or in bits.
     """
-    elements, needs = needs_of(matrix, mesh, weight_by, views, costs)
+    elements = _elements_of(matrix, mesh)
+    needed = views_of(elements, matrix.task.views if views is None else views)
     angle = math.radians(matrix.task.min_angle_deg if min_angle_deg is None else min_angle_deg)
     # Where one view is enough, it does not matter which cameras of a rig cover a face.
-    is_counted = angle > 0 or bool((needs["views"] > 1).any())
-    if len(matrix.on_rig) and not is_counted:
-        matrix = matrix.united()
-    covers = matrix.covered if min_coverage is None else matrix.coverage >= np.float64(min_coverage)
-    indptr, face, on_rig = matrix.indptr, matrix.face, matrix.on_rig
-    if not covers.all():
-        # Row by row, microseconds each: sums over all pairs would take more memory than the pairs.
-        counts = [np.count_nonzero(covers[a:b]) for a, b in pairwise(indptr)]
-        indptr, face = np.concatenate(([0], np.cumsum(counts, dtype=np.int64))), face[covers]
-        on_rig = on_rig[covers] if len(on_rig) else on_rig
-    eyes, eye = matrix.poses[:, :3, 3].copy(), None
-    if len(on_rig):
+    is_counted = angle > 0 or bool((needed > 1).any())
+    starts, eyes = None, matrix.poses[:, :3, 3].copy()
+    least = matrix.task.min_coverage if min_coverage is None else min_coverage
+    if isinstance(matrix, BitMatrix):
+        if "pairs" in matrix.header and is_counted:
+            raise ConfigError(
+                f"bits do not count the cameras of a rig, and views is {needed.max()}; "
+                "load a VisibilityMatrix"
+            )
+        bits = matrix.covered_at(least)
+    elif len(matrix.on_rig) and is_counted:
         if mounts is None:
             raise ConfigError("the matrix is of rigs; give their mounts, as for build_matrix")
         placed, owner = mounts.cameras(matrix.placed)
-        first = np.searchsorted(owner, np.arange(matrix.n_poses))
+        starts = np.searchsorted(owner, np.arange(matrix.n_poses + 1))
         eyes = placed.world_from_camera[:, :3, 3].copy()
-        eye = (np.repeat(first, np.diff(indptr)) + on_rig).astype(np.int32)
+        bits = matrix.bits(least, starts)
+    else:
+        bits = matrix.bits(least)
     return Problem(
-        indptr=indptr,
-        face=face,
+        bits=bits,
+        starts=starts,
+        weights=weights_of(elements, weight_by),
+        views=needed,
+        costs=np.ones(matrix.n_poses) if costs is None else np.asarray(costs, np.float64),
         goal=goal,
+        groups=tuple(group.name for group in elements.groups),
+        face_group=elements.face_group,
+        mean_coverage=matrix.mean_coverage,
         min_angle=angle,
         eyes=eyes,
         centroids=elements.centroids,
-        eye=eye,
-        **needs,
     )
 
 
-def needs_of(
-    matrix: VisibilityMatrix | BitMatrix,
-    mesh: Mesh | Cells,
-    weight_by: str,
-    views: int | Mapping[str, int] | None,
-    costs: ArrayLike | None,
-) -> tuple[Mesh, dict[str, Any]]:
-    """Elements of a matrix, and the fields of an `AnyProblem` but its goal; see `problem_of`."""
+def _elements_of(matrix: VisibilityMatrix | BitMatrix, mesh: Mesh | Cells) -> Mesh:
+    """Mesh whose faces are the elements of a matrix."""
     if matrix.is_of_cells != isinstance(mesh, Cells):
         wanted, got = ("cells", "a mesh") if matrix.is_of_cells else ("faces", "cells")
         raise ConfigError(f"the matrix is of {wanted}, got {got}; give what it was made for")
@@ -251,14 +399,7 @@ def needs_of(
         raise ConfigError(
             f"the matrix is of a mesh of {matrix.n_faces} faces, got one of {mesh.n_faces}"
         )
-    return mesh, {
-        "weights": weights_of(mesh, weight_by),
-        "views": views_of(mesh, matrix.task.views if views is None else views),
-        "costs": np.ones(matrix.n_poses) if costs is None else np.asarray(costs, np.float64),
-        "groups": tuple(group.name for group in mesh.groups),
-        "face_group": mesh.face_group,
-        "mean_coverage": matrix.mean_coverage,
-    }
+    return mesh
 
 
 def weights_of(mesh: Mesh, weight_by: str) -> FloatArray:
@@ -316,18 +457,15 @@ def problem_of_matrix(
             f"covers must be an array (C, F) of 0 and 1, got shape {array.shape} of {array.dtype}"
         )
     n_candidates, n_faces = array.shape
-    candidate, face = np.nonzero(array)
-    counts = np.bincount(candidate, minlength=n_candidates)
     return Problem(
-        indptr=np.concatenate(([0], np.cumsum(counts))),
-        face=face.astype(np.int32),
+        bits=CoveredBits.from_dense(array),
         weights=np.ones(n_faces) if weights is None else np.asarray(weights, np.float64),
         views=_of_each(views, n_faces, "views"),
         costs=np.ones(n_candidates) if costs is None else np.asarray(costs, np.float64),
         goal=FewestCameras() if goal is None else goal,
         groups=tuple(groups),
         face_group=_of_each(face_group, n_faces, "face_group").astype(np.int32),
-        mean_coverage=counts / max(1, n_faces),
+        mean_coverage=array.sum(axis=1) / max(1, n_faces),
         min_angle=math.radians(min_angle_deg),
         eyes=None if eyes is None else np.asarray(eyes, np.float64),
         centroids=None if centroids is None else np.asarray(centroids, np.float64),

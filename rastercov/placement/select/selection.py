@@ -7,13 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from rastercov.coverage.spread import ViewSpread
 from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
-from rastercov.placement.select import lagrange
-from rastercov.placement.select.cover_state import Cover
-from rastercov.placement.select.deadline import NEVER, Deadline
-from rastercov.placement.select.presolve import ReducedProblem
-from rastercov.placement.select.problem import AnyProblem, BestCoverage, Problem
+from rastercov.placement.select.problem import BestCoverage, Problem
 
 PROVED = 1e-6
 """Relative gap up to which a selection counts as optimal: the tolerance of HiGHS."""
@@ -85,33 +80,18 @@ class Selection:
         }
 
 
-def bound_of(reduced: ReducedProblem, state: Cover, deadline: Deadline = NEVER) -> float:
-    """Lagrangian bound of the cost, or of the share, from a selection that meets the goal."""
-    if isinstance(reduced.problem.goal, BestCoverage):
-        weight = lagrange.best_weight(reduced, state.covered, deadline=deadline)
-        return share_of(reduced.problem, weight)
-    return lagrange.least_cost(reduced, state.cost, deadline=deadline)
-
-
-def share_of(problem: AnyProblem, weight: float) -> float:
-    """Integer weight as a share of the total."""
-    total = int(problem.integer_weights.sum())
-    return weight / total if total else 1.0
-
-
 def finish(
     method: str,
-    reduced: ReducedProblem,
+    problem: Problem,
     chosen: IntArray,
     bound: float,
     seconds: float,
     status: str = "feasible",
 ) -> Selection:
-    """Selection of candidates, evaluated in the original problem and not in the reduced one.
+    """Selection of candidates of a problem, evaluated in it and not after presolve.
 
     `status` becomes "optimal" where the bound proves it.
     """
-    problem = reduced.problem
     order, curve = in_order(problem, chosen)
     views, covered = problem.covered_by(order)
     share, cost = problem.share(covered), float(np.sort(problem.costs[order]).sum())
@@ -143,16 +123,14 @@ def relative_gap(objective: float, bound: float) -> float:
     return abs(objective - bound) / abs(objective) if objective else math.inf
 
 
-def in_order(problem: AnyProblem, chosen: IntArray) -> tuple[IntArray, FloatArray]:
+def in_order(problem: Problem, chosen: IntArray) -> tuple[IntArray, FloatArray]:
     """Chosen candidates in greedy order, and the cumulative shares they cover."""
     order: list[int] = []
     curve: list[float] = []
     # Progress per face, so that the first of several required cameras counts too.
     count = np.zeros(problem.n_faces, np.int64)
     part = problem.integer_weights / problem.views
-    spread = None
-    if isinstance(problem, Problem) and problem.centroids is not None:
-        spread = ViewSpread(problem.centroids, problem.min_angle)
+    spread = problem.spread()
 
     def gain(camera: int) -> float:
         faces = problem.faces_of(camera)
@@ -179,16 +157,8 @@ def in_order(problem: AnyProblem, chosen: IntArray) -> tuple[IntArray, FloatArra
             if other is not best:
                 heapq.heappush(stale, other)
         camera = best[1]
-        faces = problem.faces_of(camera)
-        np.add.at(count, faces, 1)
+        problem.add(camera, count, spread)
         order.append(camera)
-        covered = count >= problem.views
-        if spread is not None:
-            assert isinstance(problem, Problem)
-            if problem.eyes is not None:
-                eyes = problem.eyes_of(camera)
-                for eye in np.unique(eyes):
-                    spread.add(problem.eyes[eye], faces[eyes == eye])
-            covered &= spread.is_spread
+        covered = (count >= problem.views) & spread.is_spread
         curve.append(problem.share(covered))
     return np.array(order, np.int64), np.array(curve, np.float64)

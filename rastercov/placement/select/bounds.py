@@ -1,0 +1,447 @@
+"""Bounds: an objective that no selection can exceed, and the core of a problem on bits.
+
+Each face f has a price u_f for every camera that it lacks. With the constraints
+
+    sum of x_c over the cameras that cover f  >=  views_f z_f
+
+priced instead of enforced, the problem separates and each camera and face is decided alone. Its
+value is a bound for any prices; a subgradient method improves the prices. The best possible one is
+the bound of the linear program. An angle between views is left out, which can only loosen the
+bound.
+
+Where the lists of all candidates do not fit into the memory, the prices come from a search on the
+core, the best candidates that do, and one pass over the bits of all candidates gives the bound that
+they prove. What candidates earn is linear in the prices, so the best prices between those of two
+passes need no further one: they are never worse than the ones before. By them the next core is
+chosen, until nothing is gained. Such prices are rounded down to multiples of a power of 2, so that
+what each candidate earns is a sum of integers, equal in any order.
+
+J. E. Beasley. A Lagrangian heuristic for set-covering problems. 1990.
+M. L. Fisher. The Lagrangian relaxation method for solving integer programming problems. 1981.
+A. Caprara, M. Fischetti, P. Toth. A heuristic method for the set covering problem. 1999.
+P. Wentges. Weighted Dantzig-Wolfe decomposition for linear mixed-integer programming. 1997.
+"""
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from rastercov.kernels import placement_bits
+from rastercov.kernels import placement_lagrange as kernels
+from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
+from rastercov.placement.bits import spread_out
+from rastercov.placement.select.cover import Cover, LazyCover
+from rastercov.placement.select.presolve import Presolved, ReducedProblem
+from rastercov.placement.select.problem import BestCoverage, FewestCameras, Problem
+
+EFFORT = 300_000_000
+"""Pairs to process, about a second; `FEWEST_STEPS` steps at least, for any number of pairs."""
+FEWEST_STEPS, MOST_STEPS = 40, 1000
+PAIRS_A_LOOK = 5_000_000
+"""Pairs processed between two checks of the clock, 20 ms; at least those of a step."""
+BOUND_SAFETY_REL = 1e-9
+"""Relative rounding error of the sum of a bound."""
+MOST_CORE_PAIRS = 20_000_000
+"""Pairs of the core: about 16 bytes each."""
+MOST_ROUNDS = 10
+"""Searches for prices, each with one pass over all candidates."""
+LEAST_GAIN_REL = 1e-4
+"""Relative improvement of the bound below which no round follows."""
+PRICE_BITS = 61
+"""Bits of the sum of all rounded prices."""
+LINE_STEPS = 16
+"""Steps of a search between two prices: to 1 / 2000 of their distance."""
+GOLDEN = (math.sqrt(5) - 1) / 2
+
+
+class TimeUpError(Exception):
+    """A deadline has passed; caught by the search that it ends."""
+
+
+@dataclass(frozen=True)
+class Deadline:
+    """A moment of the clock.
+
+    Attributes
+    ----------
+    at : float
+        Of `time.perf_counter`, seconds; inf for never.
+    """
+
+    at: float = math.inf
+
+    @classmethod
+    def after(cls, seconds: float) -> Self:
+        """Deadline a number of seconds from now."""
+        return cls(time.perf_counter() + seconds)
+
+    def sooner(self, share: float) -> Self:
+        """Deadline after a share of the remaining time."""
+        late = (1 - share) * max(0.0, self.left)
+        return type(self)(self.at - late) if late < math.inf else self
+
+    def earlier(self, seconds: float) -> Self:
+        """Deadline a number of seconds before this one."""
+        return type(self)(self.at - seconds)
+
+    @property
+    def left(self) -> float:
+        """Seconds left; negative once it has passed."""
+        return self.at - time.perf_counter()
+
+    @property
+    def is_over(self) -> bool:
+        """True once it has passed."""
+        return self.left <= 0
+
+    def check(self) -> None:
+        """Raise TimeUpError once it has passed."""
+        if self.is_over:
+            raise TimeUpError
+
+
+NEVER = Deadline()
+
+
+def bound_of(reduced: ReducedProblem, state: Cover, deadline: Deadline = NEVER) -> float:
+    """Lagrangian bound of the cost, or of the share, from a selection that meets the goal."""
+    if isinstance(reduced.problem.goal, BestCoverage):
+        weight = best_weight(reduced, state.covered, deadline=deadline)
+        return share_of(reduced.problem, weight)
+    return least_cost(reduced, state.cost, deadline=deadline)
+
+
+def share_of(problem: Problem, weight: float) -> float:
+    """Integer weight as a share of the total."""
+    total = int(problem.integer_weights.sum())
+    return weight / total if total else 1.0
+
+
+def best_weight(
+    reduced: ReducedProblem, reached: int, effort: int = EFFORT, deadline: Deadline = NEVER
+) -> int:
+    """Upper bound of the integer weight of any selection within the limits of the goal.
+
+    Parameters
+    ----------
+    reduced : ReducedProblem
+        Its goal is `BestCoverage`.
+    reached : int
+        Weight of a known selection; sets the length of the steps.
+    effort : int
+        Pairs to process.
+    deadline : Deadline
+        Ends the search for better prices, after its first steps.
+    """
+    whole = int(reduced.integer_weights.sum())
+    if not whole or not limits_of(reduced)[0]:
+        return 0
+    return weight_below(weight_prices(reduced, reached, effort, deadline)[0], whole)
+
+
+def weight_below(top: float, whole: int) -> int:
+    """Greatest integer weight up to a share of the whole, with the rounding of its sum."""
+    return min(whole, math.floor(top * (1 + BOUND_SAFETY_REL) * whole + BOUND_SAFETY_REL))
+
+
+def limits_of(reduced: Presolved | ReducedProblem) -> tuple[int, float]:
+    """Number of cameras and budget of `BestCoverage`; inf for no budget."""
+    goal = reduced.problem.goal
+    assert isinstance(goal, BestCoverage)
+    cameras = reduced.n_candidates if goal.cameras is None else goal.cameras
+    budget = math.inf if goal.budget is None else goal.budget * (1 + BOUND_SAFETY_REL)
+    return min(cameras, reduced.n_candidates), budget
+
+
+def weight_prices(
+    reduced: ReducedProblem,
+    reached: int,
+    effort: int = EFFORT,
+    deadline: Deadline = NEVER,
+    prices: FloatArray | None = None,
+) -> tuple[float, FloatArray]:
+    """Upper bound of `best_weight` as a share of the weight, and the prices that prove it, (F,).
+
+    `prices` are those to start from. Weight and number of cameras must be more than 0.
+    """
+    cameras, budget = limits_of(reduced)
+    whole = int(reduced.integer_weights.sum())
+    views = _views(reduced)
+    weights = reduced.integer_weights / whole
+    if prices is None:
+        prices = _first_prices(reduced, weights / views)
+    prices = np.minimum(prices, weights / views)
+    best_prices = prices.copy()
+
+    def search(progress: FloatArray, steps: int) -> None:
+        kernels.best_weight(
+            reduced.indptr, reduced.face, views, weights, reduced.costs, cameras, budget,
+            prices, best_prices, progress, reached / whole, steps,
+        )  # fmt: skip
+
+    return _searched(search, math.inf, reduced, effort, deadline), best_prices
+
+
+def least_cost(
+    reduced: ReducedProblem, cost: float, effort: int = EFFORT, deadline: Deadline = NEVER
+) -> float:
+    """Lower bound of the cost of any selection that meets the requirements.
+
+    Parameters
+    ----------
+    reduced : ReducedProblem
+        Its goal is `FewestCameras`; effort and deadline as for `best_weight`.
+    cost : float
+        Cost of a known selection that does; sets the length of the steps.
+    """
+    if not asks_for_any(reduced):
+        return 0.0
+    return cost_above(cost_prices(reduced, cost, effort, deadline)[0], reduced.costs)
+
+
+def asks_for_any(reduced: Presolved | ReducedProblem) -> bool:
+    """True where `FewestCameras` asks for any weight."""
+    assert isinstance(reduced.problem.goal, FewestCameras)
+    return reduced.least_total > 0 or bool((reduced.least > 0).any())
+
+
+def cost_above(bottom: float, costs: FloatArray) -> float:
+    """Lower bound of a cost from its sum, with the rounding of the sum."""
+    return rounded_up(bottom - BOUND_SAFETY_REL * abs(bottom), costs)
+
+
+def cost_prices(
+    reduced: ReducedProblem,
+    cost: float,
+    effort: int = EFFORT,
+    deadline: Deadline = NEVER,
+    prices: FloatArray | None = None,
+) -> tuple[float, FloatArray]:
+    """Lower bound of `least_cost`, not rounded, and the prices that prove it, (F,).
+
+    `prices` are those to start from. Every face must be covered by a candidate.
+    """
+    views = _views(reduced)
+    if prices is None:
+        prices = np.empty(reduced.n_faces)
+        kernels.cheapest_share(reduced.indptr, reduced.face, reduced.costs, prices)
+    prices = prices.copy()
+    best_prices = prices.copy()
+    weights, least = reduced.integer_weights.astype(np.float64), reduced.least.astype(np.float64)
+
+    def search(progress: FloatArray, steps: int) -> None:
+        kernels.least_cost(
+            reduced.indptr, reduced.face, views, weights, reduced.costs, reduced.kind, least,
+            float(reduced.least_total), prices, best_prices, progress, cost, steps,
+        )  # fmt: skip
+
+    return _searched(search, 0.0, reduced, effort, deadline), best_prices
+
+
+def rounded_up(cost: float, costs: FloatArray) -> float:
+    """Lower bound of a sum of costs, rounded up to an integer where all costs are; at least 0."""
+    if len(costs) and bool((costs == np.floor(costs)).all()):
+        cost = math.ceil(cost - 1e-6)
+    return max(0.0, float(cost))
+
+
+def _views(reduced: ReducedProblem) -> FloatArray:
+    """(F,) cameras that a face needs, two at least where rays must differ."""
+    views = reduced.views.astype(np.float64)
+    return np.maximum(views, 2.0) if reduced.is_spread else views
+
+
+def _first_prices(reduced: ReducedProblem, most: FloatArray) -> FloatArray:
+    """Initial prices, lower for faces that many candidates cover."""
+    degree = np.diff(reduced.starts) / max(1.0, float(np.diff(reduced.starts).mean()))
+    prices: FloatArray = most / (1 + degree)
+    return prices
+
+
+def _searched(
+    search: Callable[[FloatArray, int], None],
+    start: float,
+    reduced: ReducedProblem,
+    effort: int,
+    deadline: Deadline,
+) -> float:
+    """Best bound of a search within its steps and the deadline."""
+    pairs = max(1, 2 * len(reduced.face))  # of a step
+    left = int(np.clip(effort // pairs, FEWEST_STEPS, MOST_STEPS))
+    progress = np.array([start, 1.0, 0.0, 0.0])
+    at_once = max(1, PAIRS_A_LOOK // pairs)
+    while left > 0 and not progress[kernels.ENDED]:
+        search(progress, min(at_once, left))
+        left -= at_once
+        if deadline.is_over:
+            break
+    return float(progress[kernels.BEST])
+
+
+@dataclass(frozen=True, eq=False)
+class Prices:
+    """Prices of the remaining faces of a `Presolved`, and what they prove.
+
+    Attributes
+    ----------
+    value : float
+        Upper bound as a share of the weight, or lower bound of the cost, as in `lagrange`.
+    price : (K,) float64
+    earned : (C,) float64
+        Sum of the prices of the faces of each candidate.
+    """
+
+    value: float
+    price: FloatArray
+    earned: FloatArray
+
+
+def core_and_bound(
+    large: Presolved, state: LazyCover, most_pairs: int = MOST_CORE_PAIRS
+) -> tuple[ReducedProblem, IntArray, float]:
+    """Core of a problem, its rows in `large`, (N,), and the bound of all candidates.
+
+    Where all candidates fit, the bound is that of `bound_of`.
+
+    Parameters
+    ----------
+    state : LazyCover
+        A selection that meets the goal; its cameras are in the core.
+    most_pairs : int
+        Pairs of the core; those that cover each face are in it beyond that.
+    """
+    earned, best = state.first.sum(axis=1).astype(np.float64), None
+    for _ in range(MOST_ROUNDS):
+        rows = core_rows(large, state, earned, most_pairs)
+        core = large.listed(rows)
+        if len(rows) == large.n_candidates or not _asks_for_any(core):
+            return core, rows, bound_of(core, state)
+        found = _priced(large, _core_prices(core, state, None if best is None else best.price))
+        if best is None:
+            # Prices of 0 prove nothing, but smaller ones than those of the core may.
+            none = np.zeros(len(large.kept)), np.zeros(large.n_candidates)
+            best = _between(large, Prices(_value(large, *none), *none), found)
+            best = best if best.price.any() else found
+        else:
+            before, best = best.value, _between(large, best, found)
+            if abs(best.value - before) <= LEAST_GAIN_REL * abs(best.value):
+                break
+        earned = best.earned
+    assert best is not None
+    core = large.listed(rows := core_rows(large, state, best.earned, most_pairs))
+    if isinstance(large.problem.goal, BestCoverage):
+        weight = weight_below(best.value, int(core.integer_weights.sum()))
+        return core, rows, share_of(large.problem, weight)
+    return core, rows, cost_above(best.value, large.costs)
+
+
+def _asks_for_any(core: ReducedProblem) -> bool:
+    """True where the goal asks for any weight."""
+    if isinstance(core.problem.goal, BestCoverage):
+        return bool(core.integer_weights.any()) and limits_of(core)[0] > 0
+    return asks_for_any(core)
+
+
+def _core_prices(core: ReducedProblem, state: LazyCover, start: FloatArray | None) -> FloatArray:
+    """Best prices of the core, from a search that starts at some."""
+    if isinstance(core.problem.goal, BestCoverage):
+        return weight_prices(core, state.covered, prices=start)[1]
+    return cost_prices(core, state.cost, prices=start)[1]
+
+
+def _priced(large: Presolved, price: FloatArray) -> Prices:
+    """Bound of prices over all candidates; one pass."""
+    unit = 2.0 ** (PRICE_BITS - math.ceil(math.log2(float(price.sum()) + 1.0)))
+    rounded = np.floor(price * unit).astype(np.int64)
+    values = np.zeros(large.problem.n_faces, np.int64)
+    values[large.kept] = rounded
+    mask = np.bitwise_or.reduce(large.masks, axis=0)
+    earned = large.sums(spread_out(values)[None], mask[None])[:, 0] / unit
+    return Prices(_value(large, rounded / unit, earned), rounded / unit, earned)
+
+
+def _value(large: Presolved, price: FloatArray, earned: FloatArray) -> float:
+    """Bound that prices prove, with what each candidate earns."""
+    problem, kept = large.problem, large.kept
+    needed = problem.views[kept] * price
+    integer_weights = large.integer_weights[kept]
+    whole = int(integer_weights.sum())
+    if isinstance(problem.goal, BestCoverage):
+        cameras, budget = limits_of(large)
+        if budget == math.inf:
+            income = float(np.partition(earned, len(earned) - cameras)[-cameras:].sum())
+        else:
+            amounts = np.empty(len(earned))
+            income = kernels.most_earned(earned, large.costs, cameras, budget, amounts)
+        return income + float(np.maximum(integer_weights / whole - needed, 0.0).sum())
+    share = np.ones(len(kept))
+    if large.least_total < whole:
+        weights, least = integer_weights.astype(np.float64), large.least.astype(np.float64)
+        total = float(large.least_total)
+        kernels.cheapest(needed / weights, weights, large.kind[kept], least, total, share)
+    return float(np.minimum(large.costs - earned, 0.0).sum() + (needed * share).sum())
+
+
+def _between(large: Presolved, one: Prices, other: Prices) -> Prices:
+    """Prices of the best bound between two; no worse than either.
+
+    The bound is convex or concave on the way from one to the other.
+    """
+    sign = -1.0 if isinstance(large.problem.goal, BestCoverage) else 1.0
+
+    def at(part: float) -> Prices:
+        price = (1 - part) * one.price + part * other.price
+        earned = (1 - part) * one.earned + part * other.earned
+        return Prices(_value(large, price, earned), price, earned)
+
+    best = max(one, other, key=lambda prices: sign * prices.value)
+    low, high = 0.0, 1.0
+    ends = [high - GOLDEN * (high - low), low + GOLDEN * (high - low)]
+    inner = [at(part) for part in ends]
+    for _ in range(LINE_STEPS):
+        best = max(best, *inner, key=lambda prices: sign * prices.value)
+        if sign * inner[0].value >= sign * inner[1].value:
+            high, ends[1], inner[1] = ends[1], ends[0], inner[0]
+            ends[0] = high - GOLDEN * (high - low)
+            inner[0] = at(ends[0])
+        else:
+            low, ends[0], inner[0] = ends[0], ends[1], inner[1]
+            ends[1] = low + GOLDEN * (high - low)
+            inner[1] = at(ends[1])
+    return best
+
+
+def core_rows(large: Presolved, state: LazyCover, earned: FloatArray, most_pairs: int) -> IntArray:
+    """(N,) rows of the core, ascending.
+
+    These are the chosen cameras, then candidates that together cover each face as often as it
+    needs, then those that earn most, by their cost unless their number is limited; ties by rank.
+    """
+    goal = large.problem.goal
+    is_by_cost = not isinstance(goal, BestCoverage) or goal.budget is not None
+    profit = earned / np.maximum(large.costs, 1e-12) if is_by_cost else earned
+    order = np.lexsort((large.rank, -profit))
+    is_chosen = np.zeros(large.n_candidates, np.bool_)
+    is_chosen[list(state.chosen)] = True
+    order = np.concatenate((order[is_chosen[order]], order[~is_chosen[order]]))
+    is_needed = _complete(large, order) | is_chosen[order]
+    left = most_pairs - int(large.sizes[order[is_needed]].sum())
+    fits = np.cumsum(np.where(is_needed, 0, large.sizes[order])) <= left
+    return np.sort(order[is_needed | fits])
+
+
+def _complete(large: Presolved, order: IntArray) -> BoolArray:
+    """(N,) candidates in an order that cover a face with fewer before them than it needs."""
+    is_needed = np.zeros(len(order), np.bool_)
+    views = spread_out(large.problem.views, np.int32)
+    lacking = np.bitwise_or.reduce(large.masks, axis=0)
+    count = np.zeros_like(views)
+    for words, rows, at in large.bits.runs(large.candidates[order]):
+        placement_bits.complete_cover(words, rows, lacking, count, views, is_needed[at])
+        if not lacking.any():
+            break
+    return is_needed
