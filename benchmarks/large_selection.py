@@ -21,7 +21,7 @@ from rows import Report, arguments
 
 import rastercov as rc
 from rastercov.mesh import shapes
-from rastercov.placement import bit_file
+from rastercov.placement import bit_matrix as bit_file
 from rastercov.placement.bit_matrix import BitMatrix
 from rastercov.placement.bits import CoveredBits, n_words, spread_out
 from rastercov.placement.matrix import measure_matrix

@@ -62,8 +62,8 @@ def audit(
     """
     from rastercov.base.output import json_text
     from rastercov.coverage.shards import is_long
-    from rastercov.placement.audits import Audit
-    from rastercov.placement.audits import audit as run
+    from rastercov.placement.audit import Audit
+    from rastercov.placement.audit import audit as run
     from rastercov.report.audit import write  # loads pyarrow
 
     staff, tally = Workers.of(workers, scheduler), Tally()

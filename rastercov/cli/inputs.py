@@ -162,7 +162,7 @@ def _transform(text: str) -> dict[str, Any]:
         return {}
     from pydantic import ValidationError
 
-    from rastercov.placement.plan.errors import lines_of
+    from rastercov.placement.plan.file import lines_of
     from rastercov.placement.plan.sections import TransformEntry
 
     inside = text.strip().removeprefix("{").removesuffix("}")

@@ -219,7 +219,7 @@ def _junit_of_errors(junit: Path | None, plan: Path) -> Iterator[None]:
 @contextmanager
 def _errors_by_line() -> Iterator[None]:
     """Print what is wrong with a plan, a line each, and end with code 2."""
-    from rastercov.placement.plan.errors import PlanError
+    from rastercov.placement.plan.file import PlanError
 
     try:
         yield

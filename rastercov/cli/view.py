@@ -166,7 +166,7 @@ def view(
 
 
 def _of_plan(path: Path, rig: Views | None) -> "Scene":
-    from rastercov.placement.plan.errors import PlanError
+    from rastercov.placement.plan.file import PlanError
     from rastercov.viewer.opening import open_plan
 
     try:

@@ -1,4 +1,4 @@
-"""Compiled loops of an audit: best density, widest angle and loss over pairs of camera and element.
+"""Compiled loops of an audit: best density and widest angle over pairs of camera and element.
 
 Pairs come by element in compressed rows, as `placement_presolve.by_face` gives them.
 
@@ -104,25 +104,3 @@ def widest_angles(starts, camera, points, eyes, widest):
                 across = math.sqrt(x * x + y * y + z * z)
                 angle = math.atan2(across, ax * bx + ay * by + az * bz)
                 widest[e] = max(widest[e], angle)
-
-
-@allocation_free
-def lost_weights(starts, camera, views, needed, weights, lost, alone):
-    """Weight that is covered no more without a camera, and the weight that only it covers.
-
-    Parameters
-    ----------
-    views, needed : (E,) int64
-        Cameras that cover each element, and that must cover it.
-    weights : (E,) float64
-    lost, alone : (P,) float64
-        In and out: sums by camera; `alone` is of elements with one camera.
-    """
-    for e in range(starts.shape[0] - 1):
-        if views[e] != needed[e] and views[e] != 1:
-            continue
-        for at in range(starts[e], starts[e + 1]):
-            if views[e] == needed[e]:
-                lost[camera[at]] += weights[e]
-            if views[e] == 1:
-                alone[camera[at]] += weights[e]

@@ -187,6 +187,20 @@ class VisibilityMatrix:
         ]
         return np.array(sums, np.float64) / max(1, self.n_task_faces)
 
+    def joined(self, other: "VisibilityMatrix") -> "VisibilityMatrix":
+        """Matrix of the poses of both, of one mesh and one task."""
+        return replace(
+            self,
+            poses=np.concatenate((self.poses, other.poses)),
+            indptr=np.concatenate((self.indptr, self.indptr[-1] + other.indptr[1:])),
+            face=np.concatenate((self.face, other.face)),
+            coverage=np.concatenate((self.coverage, other.coverage)),
+            on_rig=np.concatenate((self.on_rig, other.on_rig)),
+            camera=np.concatenate((self.camera, other.camera)),
+            quarantined=self.quarantined
+            | {self.n_poses + pose: end for pose, end in other.quarantined.items()},
+        )
+
     @classmethod
     def load(cls, folder: str | Path) -> Self:
         """Matrix that `build_matrix` left in a folder.

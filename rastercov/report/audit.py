@@ -23,7 +23,7 @@ from rastercov.base.output import write_bytes, write_json, write_npz, write_text
 from rastercov.camera.rig import names_of
 from rastercov.coverage.provenance import Provenance
 from rastercov.coverage.shards import UNFINISHED, remove
-from rastercov.placement.audits import Audit
+from rastercov.placement.audit import Audit
 from rastercov.report.audit_page import page, pictures_of
 from rastercov.report.coloured_mesh import write_coloured_mesh
 from rastercov.report.folder import ReportFolder, ReportKind

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from rastercov.base.format import area, percent, plural
 from rastercov.coverage.area.network import in_words
 from rastercov.mesh import Mesh
-from rastercov.placement.audits import Audit
+from rastercov.placement.audit import Audit
 from rastercov.report import theme
 from rastercov.report.html import Picture, rendered
 from rastercov.report.images import Key

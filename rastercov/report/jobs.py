@@ -24,7 +24,7 @@ from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 
 if TYPE_CHECKING:
-    from rastercov.placement.audits import Audit
+    from rastercov.placement.audit import Audit
     from rastercov.placement.plan.check import Checked
     from rastercov.placement.plan.file import Plan
     from rastercov.placement.plan.run import Placement
@@ -192,7 +192,7 @@ def audit(
     CameraError
         For views without cameras.
     """
-    from rastercov.placement.audits import audit as run
+    from rastercov.placement.audit import audit as run
 
     frames: Sequence[str] = ()
     if isinstance(camera, Views):

@@ -28,9 +28,8 @@ from rastercov.coverage.area.regions import regions
 from rastercov.coverage.area.zone_report import ZONES
 from rastercov.coverage.provenance import Provenance, plain_cameras
 from rastercov.placement.plan.file import Plan
-from rastercov.placement.plan.network import area_lines, summary_of
+from rastercov.placement.plan.network import OF, area_lines, goal_of, summary_of
 from rastercov.placement.plan.prepare import Prepared, Progress, Step, quiet
-from rastercov.placement.plan.requirements import OF, goal_of
 from rastercov.placement.plan.run import Placement, place
 from rastercov.placement.select.problem import BestCoverage, FewestCameras
 from rastercov.raster.contract import RasterizerInfo

@@ -11,7 +11,7 @@ from rastercov.camera.camera import Camera
 from rastercov.coverage.coverage import Coverage, evaluate, evaluate_batches
 from rastercov.coverage.task import Reason, Task
 from rastercov.mesh import Mesh
-from rastercov.placement.explain.blockers import in_front
+from rastercov.placement.explain.uncovered import in_front
 from rastercov.viewer.colours import REASON_WORDS
 from rastercov.viewer.measurements import Measurements, NetworkFigures, of_one_camera
 from rastercov.viewer.rig_state import RigState, Station
@@ -24,7 +24,7 @@ def why(measurements: Measurements, figures: NetworkFigures, face: int) -> dict[
     """Reason of a face in each camera that is on, ready for JSON.
 
     `cameras` are in the order of the stations; `occluder` is the group that hides most of the
-    face's image (`rastercov.placement.explain.blockers`), where the face is hidden.
+    face's image (`rastercov.placement.explain.uncovered`), where the face is hidden.
 
     Raises
     ------

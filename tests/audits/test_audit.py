@@ -17,7 +17,7 @@ from rastercov.coverage.area.regions import regions
 from rastercov.coverage.area.union import unite
 from rastercov.coverage.task import Task
 from rastercov.mesh import Group, Mesh, shapes
-from rastercov.placement.audits import audit
+from rastercov.placement.audit import audit
 
 MESH = shapes.torus(20, 10)
 WIDE = Camera(width=320, height=240, fx=220, fy=230)

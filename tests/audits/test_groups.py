@@ -11,8 +11,7 @@ from nightly import examples
 from test_audit import CAMERAS, MESH, looking_in, pairs_of
 
 import rastercov as rc
-from rastercov.placement.audits import audit
-from rastercov.placement.audits.groups import groups_of
+from rastercov.placement.audit import audit, groups_of
 
 
 @examples(5, at_night=10)

@@ -16,7 +16,7 @@ from rastercov.camera.viewpoints import sphere_of_poses
 from rastercov.camera.views import Views
 from rastercov.coverage.task import Task
 from rastercov.mesh import shapes
-from rastercov.placement.audits import audit
+from rastercov.placement.audit import audit
 
 MESH = shapes.torus(40, 20)
 CAMERAS = (

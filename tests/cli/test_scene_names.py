@@ -11,8 +11,7 @@ from commands import enter, write_part
 from rastercov.base.errors import ConfigError, MeshError, RastercovError
 from rastercov.cli.inputs import read_scene
 from rastercov.mesh import Mesh
-from rastercov.placement.plan.errors import PlanError
-from rastercov.placement.plan.file import plan_of
+from rastercov.placement.plan.file import PlanError, plan_of
 from rastercov.placement.plan.scene import named_scene, scene
 
 FILES = ["part.obj", "deep/fixture.obj", "deep/table.obj"]

@@ -15,7 +15,7 @@ from rastercov.cluster import Workers
 from rastercov.coverage import shards as evaluation_shards
 from rastercov.coverage.shards import UNFINISHED
 from rastercov.mesh import shapes
-from rastercov.placement.audits import audit
+from rastercov.placement.audit import audit
 from rastercov.report import coverage
 from rastercov.report.coverage import Options, run
 

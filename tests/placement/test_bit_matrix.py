@@ -12,7 +12,7 @@ from matrix_damage import contents_of, flip
 import rastercov as rc
 from rastercov.base.errors import ConfigError, ResourceError
 from rastercov.mesh import shapes
-from rastercov.placement import bit_file
+from rastercov.placement import bit_matrix as bit_file
 from rastercov.placement.bit_matrix import BitMatrix
 from rastercov.placement.matrix import VisibilityMatrix, build_matrix, measure_matrix
 from rastercov.placement.select.greedy import select_greedy

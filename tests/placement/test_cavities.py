@@ -14,10 +14,15 @@ import rastercov as rc
 from rastercov.base.errors import ConfigError
 from rastercov.coverage.task import Reason
 from rastercov.mesh import Group, Mesh, shapes
-from rastercov.placement.candidates.cavities import Access, openings, per_cavity
+from rastercov.placement.candidates.cavities import (
+    Access,
+    Hemicube,
+    face_frames,
+    openings,
+    per_cavity,
+)
 from rastercov.placement.candidates.clearance import KeepOutBox, KeepOutSphere, filter_candidates
 from rastercov.placement.candidates.framing import Framing
-from rastercov.placement.candidates.hemicube import Hemicube, face_frames
 from rastercov.placement.candidates.pool import per_face
 
 CAMERA = rc.Camera(width=320, height=240, fx=450, fy=450, cx=160, cy=120)

@@ -18,9 +18,8 @@ from rastercov.coverage.task import Reason, Task
 from rastercov.mesh import Group, Mesh, shapes
 from rastercov.placement.explain import candidate_visibility as sight
 from rastercov.placement.explain import uncovered
-from rastercov.placement.explain.blockers import in_front
 from rastercov.placement.explain.candidate_visibility import EDGE_ON, CandidateBounds
-from rastercov.placement.explain.uncovered import WORDS, Sight, what_is_left
+from rastercov.placement.explain.uncovered import WORDS, Sight, in_front, what_is_left
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.matrix import build_matrix
 from rastercov.placement.plan.network import left_over, measured

@@ -13,10 +13,9 @@ from rastercov.camera.pose_file import write_poses
 from rastercov.coverage.area.network import AreaNetwork
 from rastercov.placement.plan import run as plan_run
 from rastercov.placement.plan.check import check
-from rastercov.placement.plan.errors import PlanError
-from rastercov.placement.plan.file import read_plan
+from rastercov.placement.plan.file import PlanError, read_plan
+from rastercov.placement.plan.network import FAILS, HOLDS, UNDECIDED, judge_areas
 from rastercov.placement.plan.prepare import quiet
-from rastercov.placement.plan.requirements import FAILS, HOLDS, UNDECIDED, judge_areas
 from rastercov.placement.plan.run import place
 from rastercov.report import plan as report
 

@@ -14,8 +14,7 @@ from rastercov.camera.pose_file import write_poses
 from rastercov.placement import BestCoverage, build_matrix, problem_of
 from rastercov.placement.plan.candidates import candidate_pool
 from rastercov.placement.plan.check import check, limits
-from rastercov.placement.plan.errors import PlanError
-from rastercov.placement.plan.file import read_plan
+from rastercov.placement.plan.file import PlanError, read_plan
 from rastercov.placement.plan.run import place
 from rastercov.placement.plan.scene import scene
 from rastercov.report import plan as report

@@ -10,7 +10,7 @@ from union_greedy import room_candidates
 
 from rastercov.base.errors import ResourceError
 from rastercov.camera.pose_file import write_poses
-from rastercov.placement.plan import held as held_module
+from rastercov.placement.plan import prepare as held_module
 from rastercov.placement.plan.file import read_plan
 from rastercov.placement.plan.run import place
 from rastercov.placement.select import integer

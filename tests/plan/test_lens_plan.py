@@ -8,7 +8,7 @@ import pytest
 from rastercov.camera.pose_file import write_poses
 from rastercov.placement.plan.check import check, limits
 from rastercov.placement.plan.file import read_plan
-from rastercov.placement.plan.requirements import HOLDS, UNDECIDED
+from rastercov.placement.plan.network import HOLDS, UNDECIDED
 from rastercov.placement.plan.run import place
 
 PINHOLE = "width = 640\nheight = 480\nfx = 480\nfy = 480\n"

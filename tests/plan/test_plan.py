@@ -19,14 +19,12 @@ from rastercov.coverage.coverage import Coverage
 from rastercov.coverage.task import Reason
 from rastercov.mesh import shapes
 from rastercov.placement.improve.objective import Objective
-from rastercov.placement.plan import entry as plan_entry
-from rastercov.placement.plan import generators as plan_generators
+from rastercov.placement.plan import sections as plan_entry
+from rastercov.placement.plan import sections as plan_generators
 from rastercov.placement.plan import sections as plan_model
 from rastercov.placement.plan.candidates import candidate_pool, framing_of
-from rastercov.placement.plan.errors import PlanError, lines_of
-from rastercov.placement.plan.file import Plan, read_plan, schema
-from rastercov.placement.plan.network import certain_and_possible, measured
-from rastercov.placement.plan.requirements import judge, percent
+from rastercov.placement.plan.file import Plan, PlanError, lines_of, read_plan, schema
+from rastercov.placement.plan.network import certain_and_possible, judge, measured, percent
 from rastercov.placement.plan.scene import scene
 from rastercov.placement.plan.sections import PlanModel, TaskSection
 

@@ -7,7 +7,7 @@ import pytest
 from commands import write_part
 from test_plan import BASE, errors, plan_of
 
-from rastercov.placement.plan.errors import PlanError
+from rastercov.placement.plan.file import PlanError
 from rastercov.placement.plan.scene import scene
 
 ROOM = BASE.replace('"box"', '"room"')

@@ -13,8 +13,7 @@ import rastercov as rc
 from rastercov.camera.formats import write_views
 from rastercov.placement import Objective
 from rastercov.placement.plan.check import check, limits
-from rastercov.placement.plan.errors import PlanError
-from rastercov.placement.plan.file import read_plan
+from rastercov.placement.plan.file import PlanError, read_plan
 from rastercov.placement.plan.network import observer_of
 from rastercov.placement.plan.prepare import counting
 from rastercov.placement.plan.run import place

@@ -5,9 +5,35 @@ where that finds nothing, a hemicube measures the free distance in all direction
 open where nothing blocks it up to the least distance of a camera; cameras are placed along the best
 open directions, at the nearest allowed distance at which the face is in view. A face without an
 open direction, or without an allowed position, is reported as out of reach: proved where possible
-(`enclosure`), and else with the width of an opening that cannot have been missed.
+(`Enclosure`), and else with the width of an opening that cannot have been missed.
 
 E. S. Eissa. Image Space Coverage Model for Deployment of Multi-Camera Networks. 2020, section 7.3.
+
+Hemicube over a point of a face: free distance in every direction of the half space. A rasteriser at
+the point renders along the normal and to four sides: the upper half of a cube of images, whose
+pixel centres are the directions. On a face of the cube samples are 2 / N apart and no point is
+farther than sqrt(2) / N from one, so that a cone whose half angle is
+
+    rho = 2 asin(sqrt(2) / (2 N))
+
+or more, about a direction above the horizon, holds a sample: no opening of that width is missed.
+
+M. F. Cohen, D. P. Greenberg. The Hemi-Cube: A Radiosity Solution for Complex Environments. 1985.
+
+Open directions of one side of a face: from the face and a hemicube, a few promising rays, each with
+the interval of distances within which nothing blocks it and the whole face is in view.
+
+Proof that no camera within its limits can see a face: it faces solid or an enclosed space. A closed
+surface divides space into regions of equal winding number
+
+    w(p) = sum over its faces of their solid angle at p / 4 pi,
+
+and a camera that sees a point is in the region of that point, because no surface is between them.
+Where the region in front of a face is solid, or is bounded and within a box that the limits of a
+camera exclude, the face is out of reach; no sampling is involved. The argument requires the same
+winding number all over the face, that is, that no closed surface crosses it; this is tested.
+
+A. Van Oosterom, J. Strackee. The Solid Angle of a Plane Triangle. 1983.
 """
 
 import math
@@ -19,20 +45,393 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rastercov.base.closing import Closing
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import plural
 from rastercov.base.typed import typed
 from rastercov.camera.camera import Camera
+from rastercov.camera.image_boxes import box_corners
 from rastercov.camera.viewpoints import half_angles, look_at
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import frozen
 from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
-from rastercov.placement.candidates.clearance import KeepOut, check_clearance, filter_candidates
-from rastercov.placement.candidates.enclosure import Enclosure
-from rastercov.placement.candidates.framing import DEFAULT, Framing
-from rastercov.placement.candidates.hemicube import Hemicube, face_frames
-from rastercov.placement.candidates.open_directions import APART_DEG, OpenDirections, far_apart
+from rastercov.placement.candidates.clearance import (
+    KeepOut,
+    KeepOutBox,
+    KeepOutSphere,
+    check_clearance,
+    closed_faces,
+    filter_candidates,
+    in_solid,
+)
+from rastercov.placement.candidates.framing import DEFAULT, Framing, fit_vertices, rolled_frames
 from rastercov.placement.candidates.pool import Candidates, face_rows, rolled_candidates
+from rastercov.raster.cpu import CPURasterizer
+
+LIFT_REL = 1e-6
+"""Height of the camera above its face, relative to the mesh's diagonal."""
+
+
+class Hemicube(Closing):
+    """Rasterisers of the five images; use it in a `with` block.
+
+    Attributes
+    ----------
+    directions : (D, 3) float64
+        Unit vectors in the axes of a face, z along its normal; D = 3 N^2.
+    solid_angles : (D,) float64
+        Solid angle of the pixel of each, steradians; their sum is 2 pi.
+    missed : float
+        Half angle of a cone that certainly holds a direction, radians.
+    """
+
+    def __init__(self, mesh: Mesh, side: int) -> None:
+        half = side / 2
+        whole = Camera(width=side, height=side, fx=half, fy=half, cx=half, cy=half)
+        # The horizon lies between two rows of pixels and halves the image exactly.
+        upper = Camera(width=side, height=side // 2, fx=half, fy=half, cx=half, cy=half)
+        self.side = side
+        self.missed = 2 * math.asin(math.sqrt(2) / (2 * side))
+        self._lift = LIFT_REL * float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
+        self._whole, self._upper = (CPURasterizer(mesh, camera) for camera in (whole, upper))
+        self._axes = _five_axes()
+        step = (np.arange(side) + 0.5 - half) / half
+        y, x = np.meshgrid(step, step, indexing="ij")
+        rays = np.stack((x, y, np.ones_like(x)), axis=-1)
+        length = np.linalg.norm(rays, axis=-1)
+        parts = [rays, *4 * [rays[: side // 2]]]
+        self.directions = np.concatenate(
+            [(part @ axes.T).reshape(-1, 3) for part, axes in zip(parts, self._axes, strict=True)]
+        )
+        self._stretch = np.concatenate([length.ravel(), *4 * [length[: side // 2].ravel()]])
+        self.directions /= self._stretch[:, None]
+        self.solid_angles = half**-2 / self._stretch**3
+        self.solid_angles *= 2 * math.pi / self.solid_angles.sum()
+
+    def free_distances(self, points: FloatArray, frames: FloatArray) -> FloatArray:
+        """(N, D) metres to the first surface in each direction, inf where there is none.
+
+        Parameters
+        ----------
+        points : (N, 3) float64
+            Points on faces.
+        frames : (N, 3, 3) float64
+            Their axes as columns, the third the normal.
+        """
+        n = len(points)
+        free = np.empty((n, len(self.directions)))
+        poses = np.tile(np.eye(4), (n, len(self._axes), 1, 1))
+        poses[..., :3, 3] = (points + self._lift * frames[:, :, 2])[:, None]
+        poses[..., :3, :3] = frames[:, None] @ np.stack(self._axes)
+        whole = self._whole.render_all(poses[:, 0]).depth.reshape(n, -1)
+        upper = self._upper.render_all(poses[:, 1:].reshape(-1, 4, 4)).depth.reshape(n, -1)
+        free[:, : whole.shape[1]], free[:, whole.shape[1] :] = whole, upper
+        free *= self._stretch
+        return free
+
+    def blurred(self, values: FloatArray, reach: int) -> FloatArray:
+        """(D,) mean over the (2 reach + 1)^2 nearest pixels of the same image."""
+        out, start = np.empty_like(values), 0
+        for rows in (self.side, *4 * [self.side // 2]):
+            part = slice(start, start + rows * self.side)
+            image = values[part].reshape(rows, self.side)
+            for axis in (0, 1):
+                image = _running_mean(image, reach, axis)
+            out[part], start = image.ravel(), part.stop
+        return out
+
+    def close(self) -> None:
+        """Close both rasterisers."""
+        self._whole.close()
+        self._upper.close()
+
+
+def face_frames(normals: FloatArray) -> FloatArray:
+    """(N, 3, 3) right-handed axes whose third columns are unit normals (N, 3)."""
+    return look_at(-normals, np.zeros(3))[:, :3, :3]
+
+
+def _five_axes() -> list[FloatArray]:
+    """Camera axes as columns, in those of a face: along the normal, and to four sides, z up."""
+    axes = [np.eye(3)]
+    down = np.array([0.0, 0.0, -1.0])
+    for x, y in ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)):
+        ahead = np.array([x, y, 0.0])
+        axes.append(np.stack((np.cross(down, ahead), down, ahead), axis=1))
+    return axes
+
+
+def _running_mean(image: FloatArray, reach: int, axis: int) -> FloatArray:
+    """Mean over `reach` values before and after each, fewer at the ends."""
+    lines = np.moveaxis(image, axis, 0)
+    count = len(lines)
+    total = np.zeros((count + 1, lines.shape[1]))
+    np.cumsum(lines, axis=0, out=total[1:])
+    last = np.minimum(np.arange(count) + reach + 1, count)
+    first = np.maximum(np.arange(count) - reach, 0)
+    mean: FloatArray = (total[last] - total[first]) / (last - first)[:, None]
+    return np.moveaxis(mean, 0, axis)
+
+
+INSET = 0.5
+"""Relative position of three more points of a face, from the centroid towards each corner."""
+STEPS = 8
+"""Number of distances tried along a direction, from the nearest that frames the face."""
+APART_DEG = 15.0
+"""Least angle between two views of a face."""
+FIRST_RAYS, MORE_RAYS = 8, 256
+"""Directions tried for a face, and further ones where no position on those is allowed."""
+FARTHEST = 2.0
+"""Greatest distance relative to the mesh's diagonal, where nothing else limits it."""
+
+
+class OpenDirections:
+    """Search for open directions in front of one side of a face.
+
+    Attributes
+    ----------
+    proof : str
+        Reason why no camera can see it, "" without a proof.
+    n_points, n_directions, open_share, missed_deg, n_places
+        As in `Openings`.
+    rays : (M, 8) float64 or None
+        Origin, direction, nearest and farthest distance; the best first. None where no direction
+        is open.
+    n_first : int
+        Number of rays to try first.
+    poses : list of (4, 4) float64
+        Poses at allowed positions.
+    """
+
+    def __init__(
+        self, mesh: Mesh, camera: Camera, framing: Framing, clearance: float, face: int, sign: float
+    ) -> None:
+        self.camera, self.framing, self.clearance, self.face = camera, framing, clearance, face
+        self.limits = framing.limits(camera)
+        self.normal: FloatArray = sign * mesh.normals[face]
+        self.target: FloatArray = mesh.centroids[face]
+        self.corners: FloatArray = mesh.vertices[mesh.faces[face]]
+        self.reach = FARTHEST * float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
+        self.proof = ""
+        self.n_points, self.n_directions, self.n_places = 0, 0, 0
+        self.open_share, self.missed_deg = 0.0, 0.0
+        self.rays: FloatArray | None = None
+        self.n_first = 0
+        self.poses: list[FloatArray] = []
+
+    def origins(self, n_points: int) -> FloatArray:
+        """(n_points, 3) points of the face: the centroid, and three towards the corners."""
+        inset = self.target + INSET * (self.corners - self.target)
+        points: FloatArray = np.concatenate((self.target[None], inset))[:n_points]
+        return points
+
+    def search(self, hemicube: Hemicube, frame: FloatArray, free: FloatArray) -> None:
+        """Find the open directions, and rank the rays to try.
+
+        `free`, (n_points, D), are the free distances at the first `origins`.
+        """
+        origins = self.origins(len(free))
+        is_open = free > self.limits[0]
+        self.n_points, self.n_directions = len(free), len(hemicube.directions)
+        self.missed_deg = math.degrees(2 * hemicube.missed)
+        if not is_open.any():
+            return
+        self.open_share = float((is_open @ hemicube.solid_angles).max() / (2 * np.pi))
+        # Rank: open from all points of the face, within a wide opening, close to the normal.
+        share = is_open.mean(axis=0)
+        wide = sum(hemicube.blurred(share, max(1, hemicube.side // n)) for n in (32, 8))
+        score = share * wide * hemicube.directions[:, 2]
+        order = np.argsort(-score, kind="stable")
+        order = order[share[order] > 0]
+        chosen = far_apart(hemicube.directions, order, math.radians(APART_DEG), FIRST_RAYS)
+        more = order[:: max(1, len(order) // MORE_RAYS)]
+        picks = np.concatenate((chosen, more))
+        point = is_open[:, picks].argmax(axis=0)
+        self.rays = np.empty((len(picks), 8))
+        self.rays[:, :3] = origins[point]
+        self.rays[:, 3:6] = hemicube.directions[picks] @ frame.T
+        self.rays[:, 6] = self._nearest(self.rays[:, 3:6])
+        top = np.minimum(self.limits[1], np.maximum(self.reach, 2 * self.rays[:, 6]))
+        self.rays[:, 7] = np.minimum(top, free[point, picks] - self.clearance)
+        self.n_first = len(chosen)
+
+    def _nearest(self, directions: FloatArray) -> FloatArray:
+        """(M,) distance from which the whole face is in view for every roll."""
+        camera, framing = self.camera, self.framing
+        upright = look_at(directions, np.zeros(3), framing.up)[:, :3, :3]
+        frames = rolled_frames(upright, framing.rolls_deg)
+        starts = np.arange(len(directions))
+        seen = np.einsum("ki,mrij->rmkj", self.corners - self.target, frames)
+        distances = [fit_vertices(camera, framing, of_roll, starts) for of_roll in seen]
+        farthest: FloatArray = np.maximum(np.max(distances, axis=0), self.limits[0])
+        return farthest
+
+    def eyes(self, rays: slice) -> tuple[FloatArray, IntArray]:
+        """(N, 3) positions along some of the rays, nearest first, and the ray of each."""
+        if self.rays is None:
+            return np.zeros((0, 3)), np.zeros(0, np.int64)
+        chosen = self.rays[rays]
+        fits = np.flatnonzero(chosen[:, 7] >= chosen[:, 6])
+        low, high = chosen[fits, 6:7], chosen[fits, 7:8]
+        distance = low * (high / low) ** (np.arange(STEPS) / (STEPS - 1))
+        eyes = chosen[fits, None, :3] + distance[..., None] * chosen[fits, None, 3:6]
+        eyes = eyes.reshape(-1, 3)
+        # Rays may start off the centroid, to which the limits refer.
+        away = np.linalg.norm(eyes - self.target, axis=1)
+        tolerance = 1e-9 * away
+        within = away >= self.limits[0] - tolerance
+        within &= away <= self.limits[1] + tolerance
+        return eyes[within], np.repeat(fits, STEPS)[within]
+
+
+def far_apart(directions: FloatArray, order: IntArray, angle: float, most: int) -> IntArray:
+    """First directions of an order, each at least `angle` apart from those before it."""
+    chosen: list[int] = []
+    left = order
+    while len(left) and len(chosen) < most:
+        chosen.append(int(left[0]))
+        left = left[directions[left] @ directions[left[0]] < math.cos(angle)]
+    return np.array(chosen, np.int64)
+
+
+RIM_WIDTH_REL = 1e-3
+"""Relative width of the rim of a face that is left out of the proof, to exclude its neighbours."""
+WINDING_TOLERANCE = 1e-6
+"""Tolerance of an integer winding number."""
+
+
+class Enclosure:
+    """Closed surfaces of a mesh, for proofs that a face is enclosed.
+
+    Parameters
+    ----------
+    least : float
+        Least distance from a camera centre to the centroid of the face it sees, metres.
+    clearance : float
+        Least distance from a camera centre to any surface, metres.
+    keep_out : sequence of KeepOut
+        Boxes and spheres count here, because they are convex; others do not.
+    """
+
+    def __init__(
+        self, mesh: Mesh, least: float, clearance: float, keep_out: Sequence[KeepOut]
+    ) -> None:
+        self.mesh, self.least, self.clearance = mesh, least, clearance
+        self.keep_out = [v for v in keep_out if isinstance(v, KeepOutBox | KeepOutSphere)]
+        self._middle = mesh.bounds.mean(axis=0)
+        self._lift = LIFT_REL * float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
+        mesh = mesh.opaque  # targets enclose nothing
+        rows = np.flatnonzero(closed_faces(mesh))
+        # Sorted by component; those of one are from `_starts` of its number to that of the next.
+        _, part = np.unique(mesh.topology.components()[rows], return_inverse=True)
+        rows = rows[np.argsort(part, kind="stable")]
+        self._starts = np.concatenate(([0], np.cumsum(np.bincount(part))))
+        self._corners = mesh.vertices[mesh.faces[rows]] - self._middle
+        self._low, self._high = self._corners.min(axis=1), self._corners.max(axis=1)
+        low, high = (
+            (
+                end.reduceat(corners, self._starts[:-1])
+                for end, corners in ((np.minimum, self._low), (np.maximum, self._high))
+            )
+            if len(rows)
+            else np.empty((2, 0, 3))
+        )
+        self._boxes = np.stack((low, high), axis=1)
+
+    def proofs(self, faces: IntArray, normals: FloatArray) -> list[str]:
+        """Reason for each face why no camera can see it from the side of its normal, or "".
+
+        `faces` is (N,); `normals`, (N, 3), are their own, or the opposite for the back of a
+        two-sided face.
+        """
+        found = [""] * len(faces)
+        if not len(self._corners):
+            return found
+        corners = self.mesh.vertices[self.mesh.faces[faces]] - self._middle
+        centres = corners.mean(axis=1)
+        raised = centres[:, None] + (1 - RIM_WIDTH_REL) * (corners - centres[:, None])
+        raised += self._lift * normals[:, None]
+        points = raised.mean(axis=1)
+        is_solid = in_solid(self.mesh, points + self._middle)
+        for row in range(len(faces)):  # tens of microseconds each
+            why = (
+                "matter lies on it"
+                if is_solid[row]
+                else self._closed_space(points[row], centres[row])
+            )
+            if why and not self._is_crossed(raised[row]):
+                found[row] = why
+        return found
+
+    def _closed_space(self, point: FloatArray, target: FloatArray) -> str:
+        """Reason why no camera can be in a closed space around a point; "" for none."""
+        beyond = np.maximum(self._boxes[:, 0] - point, point - self._boxes[:, 1])
+        for part in np.flatnonzero(beyond.max(axis=1) <= self._lift):
+            if why := self._excluded(self._boxes[part], target):
+                corners = self._corners[self._starts[part] : self._starts[part + 1]]
+                turns = float(_solid_angles(corners - point).sum()) / (4 * np.pi)
+                if round(turns) and abs(turns - round(turns)) <= WINDING_TOLERANCE:
+                    return why
+        return ""
+
+    def _excluded(self, box: FloatArray, target: FloatArray) -> str:
+        """Reason why no camera can be in a closed space within a box, (2, 3); "" for none."""
+        ends = box_corners(box)
+        deep = float(np.linalg.norm(ends - target, axis=1).max())
+        if self.least > deep:
+            return (
+                f"the closed space before it ends within {deep:.3g} m, and cameras stand "
+                f"{self.least:.3g} m away or more"
+            )
+        narrow = float(np.ptp(box, axis=0).min())
+        if self.clearance > narrow / 2:
+            return (
+                f"the closed space before it is {narrow:.3g} m wide or less, and cameras keep "
+                f"{self.clearance:.3g} m from every surface"
+            )
+        for volume in self.keep_out:
+            if volume.contains(ends + self._middle).all():
+                return f"keep-out {volume.name} holds the closed space before it"
+        return ""
+
+    def _is_crossed(self, triangle: FloatArray) -> bool:
+        """True where a face of the closed surfaces cuts a triangle, (3, 3)."""
+        near = (self._low <= triangle.max(axis=0)) & (self._high >= triangle.min(axis=0))
+        others = self._corners[near.all(axis=1)]
+        if not len(others):
+            return False
+        one = np.broadcast_to(triangle, others.shape)
+        return bool(_edges_pierce(one, others).any() or _edges_pierce(others, one).any())
+
+
+def _solid_angles(corners: FloatArray) -> FloatArray:
+    """(N,) signed solid angles of triangles (N, 3, 3) at the origin, steradians."""
+    a, b, c = np.moveaxis(corners, 1, 0)
+    la, lb, lc = (np.linalg.norm(side, axis=1) for side in (a, b, c))
+    ab, bc, ca = (np.einsum("ni,ni->n", p, q) for p, q in ((a, b), (b, c), (c, a)))
+    volume = np.einsum("ni,ni->n", a, np.cross(b, c))
+    angles: FloatArray = 2 * np.arctan2(volume, la * lb * lc + ab * lc + bc * la + ca * lb)
+    return angles
+
+
+def _edges_pierce(ones: FloatArray, others: FloatArray) -> BoolArray:
+    """(N,) mask of triangles (N, 3, 3) with an edge through the interior of their partner."""
+    origin, along = others[:, 0], others[:, 1:] - others[:, :1]
+    normal = np.cross(along[:, 0], along[:, 1])
+    pierces = np.zeros(len(ones), np.bool_)
+    for corner in range(3):
+        start, end = ones[:, corner], ones[:, (corner + 1) % 3]
+        before = np.einsum("ni,ni->n", start - origin, normal)
+        after = np.einsum("ni,ni->n", end - origin, normal)
+        apart = np.where(before == after, 1.0, before - after)
+        where = start + (before / apart)[:, None] * (end - start)
+        inside = before * after < 0
+        for side in range(3):
+            p, q = others[:, side], others[:, (side + 1) % 3]
+            inside &= np.einsum("ni,ni->n", np.cross(q - p, where - p), normal) >= 0
+        pierces |= inside
+    return pierces
+
 
 PLACES_AT_ONCE = 20_000
 DIRECTIONS_AT_ONCE = 1 << 21

@@ -22,10 +22,9 @@ from rastercov.placement.candidates.framing import Framing
 from rastercov.placement.candidates.pool import Candidates
 from rastercov.placement.candidates.segments import Segmentation, segment
 from rastercov.placement.improve.pose_space import Place, PoseSpace
-from rastercov.placement.plan import generators as entries
-from rastercov.placement.plan.entry import no_limit, value_of
-from rastercov.placement.plan.errors import PlanError
-from rastercov.placement.plan.file import Plan
+from rastercov.placement.plan import sections as entries
+from rastercov.placement.plan.file import Plan, PlanError
+from rastercov.placement.plan.sections import no_limit, value_of
 
 FloatArray = NDArray[np.float64]
 

@@ -28,26 +28,23 @@ from rastercov.mesh import Mesh
 from rastercov.mesh.names import Names, listed, quoted
 from rastercov.placement.explain.uncovered import Leftover
 from rastercov.placement.improve.objective import Objective
-from rastercov.placement.plan.errors import PlanError
-from rastercov.placement.plan.file import Plan
+from rastercov.placement.plan.file import Plan, PlanError
 from rastercov.placement.plan.network import (
+    HOLDS,
     Measured,
+    Requirement,
     area_lines,
     areas_of,
+    counting,
+    judge,
+    judge_areas,
     left_over,
+    limits_of,
     measured,
     observer_of,
     summary_of,
 )
 from rastercov.placement.plan.prepare import Step, quiet
-from rastercov.placement.plan.requirements import (
-    HOLDS,
-    Requirement,
-    counting,
-    judge,
-    judge_areas,
-    limits_of,
-)
 from rastercov.placement.plan.scene import named_scene
 
 Limits = Mapping[str | None, float]

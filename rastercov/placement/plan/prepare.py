@@ -7,9 +7,10 @@ continue. Its folder is named by a hash of all that it depends on.
 import hashlib
 import json
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from functools import partial, reduce
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 
 from rastercov.base.errors import ConfigError, ResourceError
 from rastercov.base.format import percent
+from rastercov.base.memory import check_memory
 from rastercov.base.output import named
 from rastercov.camera.formats.unit_doubts import unit_doubts
 from rastercov.camera.pose import Poses, renumbered
@@ -35,7 +37,7 @@ from rastercov.placement.candidates.cavities import Openings, openings
 from rastercov.placement.candidates.pool import Candidates
 from rastercov.placement.candidates.segments import Segmentation
 from rastercov.placement.explain.candidate_visibility import CandidateBounds
-from rastercov.placement.matrix import build_matrix, measure_matrix
+from rastercov.placement.matrix import VisibilityMatrix, build_matrix, measure_matrix
 from rastercov.placement.matrix_folder import MatrixFolder
 from rastercov.placement.mounts import Mounts
 from rastercov.placement.plan.candidates import (
@@ -47,13 +49,9 @@ from rastercov.placement.plan.candidates import (
     mounts_of_entry,
     segmentation_of,
 )
-from rastercov.placement.plan.entry import no_limit
-from rastercov.placement.plan.errors import PlanError
-from rastercov.placement.plan.file import Plan
-from rastercov.placement.plan.generators import PerCavity
-from rastercov.placement.plan.held import Matrix, held, joined, words_on
-from rastercov.placement.plan.requirements import OF, counting, goal_of
-from rastercov.placement.plan.sections import SelectionSection
+from rastercov.placement.plan.file import Plan, PlanError
+from rastercov.placement.plan.network import OF, counting, goal_of, most_views
+from rastercov.placement.plan.sections import PerCavity, SelectionSection, no_limit
 from rastercov.placement.select.problem import (
     BestCoverage,
     FewestCameras,
@@ -74,6 +72,11 @@ OF_A_MATRIX = (
 """Files of a visibility matrix, see `shards`, in an order of removal that is safe to interrupt."""
 FALLBACK_SHARE = 0.99
 """Share of the reachable weight to cover where a plan requires more than is reachable."""
+MOST_LISTED_PAIRS = 50_000_000
+"""Pairs up to which a matrix is held as lists in the memory."""
+BYTES_A_PAIR = 16
+"""Of lists: 8 for the matrix, 8 for the selection."""
+Matrix = VisibilityMatrix | BitMatrix
 Progress = Callable[[int, int], None]
 Step = Callable[[str], Any]
 """Context manager by the name of a step, which yields its `Progress`."""
@@ -123,8 +126,8 @@ class Prepared:
         With the goal of the plan, or the nearest one that can be reached.
     cells : Cells or None
         Elements of the problem where the result is by area; None for faces.
-    matrix : VisibilityMatrix, BitMatrix or None
-        Shares of cells, for a stricter choice; None for faces.
+    matrix : callable
+        Gives the visibility matrix once more, from its folder, for a stricter choice.
     least_share : float
         Share of a cell that a candidate must cover, in the problem.
     reachable : AreaNetwork or None
@@ -151,8 +154,8 @@ class Prepared:
     measured_by: dict[str, Any]
     problem: Problem
     notes: tuple[str, ...]
+    matrix: Callable[[], Matrix]
     cells: Cells | None = None
-    matrix: Matrix | None = None
     least_share: float = 0.5
     reachable: AreaNetwork | None = None
     quarantined: Mapping[int, str] = field(default_factory=dict)
@@ -178,9 +181,8 @@ class Prepared:
             Where all of them together do not reach the goal so.
         """
         assert self.cells is not None
-        assert self.matrix is not None
         problem = problem_of(
-            self.matrix,
+            self.matrix(),
             self.cells,
             self.problem.goal,
             costs=self.pool.costs,
@@ -235,35 +237,27 @@ def prepare(
     bounds = CandidateBounds(mesh.n_faces, mesh.task_mask)
     tally = Tally()
 
-    folders: list[MatrixFolder] = []
+    parts: list[MatrixFolder | VisibilityMatrix] = []
 
-    def matrix_of(name: str, poses: Poses, before: Matrix | None = None) -> Matrix:
-        """Matrix of the poses, in a folder named by a hash of all that it depends on.
+    def matrix_of(name: str, poses: Poses) -> Matrix:
+        """Matrix of these poses after those of the calls before.
 
-        After the poses of the matrix `before`; in memory where there is no folder.
+        In a folder named by a hash of all that it depends on, in memory where there is no folder.
         """
+        options: dict[str, Any] = {"cells": cells, "bounds": bounds, "mounts": mounts}
         if folder is None:
             with clock(name) as progress:
-                own = build_matrix(
-                    observer,
-                    poses,
-                    task,
-                    cells=cells,
-                    bounds=bounds,
-                    mounts=mounts,
-                    progress=progress,
-                )
-            assert not isinstance(before, BitMatrix)
-            return own if before is None else joined(before, own)
+                parts.append(build_matrix(observer, poses, task, progress=progress, **options))
+                return held(plan, parts)
         header = json.dumps(describe(observer, poses, task, None, cells, mounts), sort_keys=True)
         used.append(folder / hashlib.sha256(header.encode()).hexdigest()[:16])
         with clock(name) as progress, named(used[-1]):
             measured = measure_matrix(
-                observer, poses, task, used[-1], cells=cells, bounds=bounds, mounts=mounts,
-                workers=workers, progress=progress, watch=tally.add,
+                observer, poses, task, used[-1], workers=workers, progress=progress,
+                watch=tally.add, **options,
             )  # fmt: skip
-            folders.append(measured)
-            return held(plan, folders, before, progress)
+            parts.append(measured)
+            return held(plan, parts, progress)
 
     with clock("candidates"):
         segmentation = segmentation_of(plan, mesh)
@@ -278,7 +272,7 @@ def prepare(
     if cavities and unseen.any():
         entry = cavities[0]
         with clock("cavities") as progress:
-            parts = []
+            into = []
             for index, cost in mounts_of_entry(plan, entry):
                 opened = openings(
                     mesh,
@@ -290,11 +284,12 @@ def prepare(
                     views=entry.views,
                     progress=progress,
                 )
-                parts.append((opened.candidates.of_camera(index), cost))
+                into.append((opened.candidates.of_camera(index), cost))
             before = len(found.candidates)
-            found = extended_pool(plan, mesh, found, parts)
+            found = extended_pool(plan, mesh, found, into)
             further = renumbered(found.candidates.placed[before:])
-        matrix = matrix_of("visibility matrix of cavities", further, matrix)
+        del matrix
+        matrix = matrix_of("visibility matrix of cavities", further)
         problem = problem_of(matrix, elements, goal, costs=found.costs, **counted)
         if cells is None:
             missed = unseen
@@ -334,7 +329,7 @@ def prepare(
             f"cells of {cells.size:g} m are whole faces; a smaller resolution_of_result makes the "
             "choice more accurate"
         )
-    # A matrix of faces is freed here: the problem holds all that selection needs.
+    # The lists of a matrix are freed here: the problem has their bits.
     return Prepared(
         plan=plan,
         selection=selection,
@@ -351,10 +346,61 @@ def prepare(
         problem=problem,
         notes=tuple(notes),
         cells=cells,
-        matrix=None if cells is None else matrix,
+        matrix=partial(held, plan, parts),
         quarantined=matrix.quarantined,
         tally=tally,
     )
+
+
+def held(
+    plan: Plan,
+    parts: Sequence[MatrixFolder | VisibilityMatrix],
+    progress: Progress = lambda done, total: None,
+) -> Matrix:
+    """Matrix of all parts, as lists up to `MOST_LISTED_PAIRS` and as bits beyond.
+
+    An angle between views, several views from rigs and the integer program need lists of any size.
+
+    Parameters
+    ----------
+    parts : sequence of MatrixFolder or of VisibilityMatrix
+        Of consecutive candidates.
+
+    Raises
+    ------
+    ResourceError
+        Where lists are needed and the memory has no room, or the disk has none for bits.
+    """
+    lists = [part for part in parts if isinstance(part, VisibilityMatrix)]
+    folders = [part for part in parts if isinstance(part, MatrixFolder)]
+    n_pairs = sum(folder.n_pairs for folder in folders)
+    reasons = [
+        *(["task.min_angle_deg"] if plan.task.min_angle_deg > 0 else []),
+        *(["selection.method integer"] if _is_integer(plan) else []),
+        *(["several views from rigs"] if plan.mounts.has_rigs and most_views(plan) > 1 else []),
+    ]
+    if n_pairs > MOST_LISTED_PAIRS and not reasons:
+        return reduce(BitMatrix.joined, (BitMatrix.of(folder, progress) for folder in folders))
+    if n_pairs > MOST_LISTED_PAIRS:
+        what = f"{n_pairs:,} pairs, which {' and '.join(reasons)} need in the memory,"
+        remedy = "leave them out, or use fewer candidates"
+        check_memory(what, BYTES_A_PAIR * n_pairs, remedy)
+    return reduce(VisibilityMatrix.joined, lists or map(VisibilityMatrix.of, folders))
+
+
+def _is_integer(plan: Plan) -> bool:
+    return plan.selection is not None and plan.selection.method == "integer"
+
+
+def words_on(matrix: Matrix) -> list[str]:
+    """Line on a matrix of bits; none for lists."""
+    if not isinstance(matrix, BitMatrix):
+        return []
+    size = matrix.bits.n_rows * matrix.bits.n_words * 8
+    return [
+        f"the matrix has {matrix.n_pairs:,} pairs and is held as {size / 1e6:,.0f} MB of bits on "
+        "the disk: exchanges of cameras are tried among the best candidates only"
+    ]
 
 
 def _faces_with(elements: BoolArray, cells: Cells | None) -> BoolArray:

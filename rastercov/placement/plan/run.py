@@ -26,12 +26,18 @@ from rastercov.placement.improve.objective import CellObjective, Objective
 from rastercov.placement.improve.refine import INTERRUPTED, Refined, refine
 from rastercov.placement.improve.search import Optimised, optimise
 from rastercov.placement.improve.tolerance import InstallationError, Tolerance, tolerance
-from rastercov.placement.plan.entry import value_of
-from rastercov.placement.plan.errors import PlanError
-from rastercov.placement.plan.file import NO_CAMERA, Plan
+from rastercov.placement.plan.file import NO_CAMERA, Plan, PlanError
 from rastercov.placement.plan.network import (
+    FAILS,
+    HOLDS,
+    CellRequirement,
     Measured,
+    Requirement,
+    counting,
+    judge,
+    judge_areas,
     left_over,
+    limits_of,
     measured,
     most_views,
     observer_of,
@@ -46,18 +52,8 @@ from rastercov.placement.plan.prepare import (
     prepare,
     quiet,
 )
-from rastercov.placement.plan.requirements import (
-    FAILS,
-    HOLDS,
-    CellRequirement,
-    Requirement,
-    counting,
-    judge,
-    judge_areas,
-    limits_of,
-)
 from rastercov.placement.plan.scene import named_scene
-from rastercov.placement.plan.sections import FewestSelection, SelectionSection
+from rastercov.placement.plan.sections import FewestSelection, SelectionSection, value_of
 from rastercov.placement.select.greedy import select_greedy
 from rastercov.placement.select.integer import select_integer
 from rastercov.placement.select.problem import FewestCameras, Problem

@@ -14,12 +14,12 @@ from rastercov.base.errors import MeshError, RastercovError
 from rastercov.mesh import Group, Mesh, shapes
 from rastercov.mesh.names import FileGroups, Names, refuse_twice
 from rastercov.mesh.targets import box_grid, count_for, sheet_above, with_target
-from rastercov.placement.plan.errors import PlanError
-from rastercov.placement.plan.file import Plan
-from rastercov.placement.plan.generators import Mounted, PerFace
+from rastercov.placement.plan.file import Plan, PlanError
 from rastercov.placement.plan.sections import (
     FewestSelection,
     MeshEntry,
+    Mounted,
+    PerFace,
     TargetEntry,
     TransformEntry,
 )

@@ -3,38 +3,529 @@
 Fields that belong to a dataclass of the package, such as `Task`, are taken from it. Limits that
 need the mesh are checked later; every field carries the description that an editor shows from
 `docs/plan.schema.json`.
+
+Types of entries are numbers with limits, files, directions and boxes. `fields_of` makes entries of
+the fields of a dataclass, so that a threshold and its limits are declared once. Lengths are metres,
+files are relative to the plan.
+
+Sections on cameras are the one camera, types of cameras with costs, and rigs. Each `[[candidates]]`
+entry names a generator of `pool`, `mounting` or `cavities` and holds its arguments.
 """
 
-from typing import Annotated, Literal, Self
+import math
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import MISSING, fields
+from pathlib import Path
+from types import NoneType
+from typing import Annotated, Any, Literal, Self, TypeVar, get_args, get_origin
 
-from pydantic import AfterValidator, Field, model_validator
+import numpy as np
+from annotated_types import Le
+from numpy.typing import NDArray
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationInfo,
+    create_model,
+    model_validator,
+)
 
+from rastercov.base.errors import CameraError, RastercovError
+from rastercov.base.limits import Reads, annotations_of, documented, reader_of
+from rastercov.camera.camera import Camera
+from rastercov.camera.camera_file import PRESETS, check_optics
+from rastercov.camera.formats import read_views
+from rastercov.camera.formats.conventions import Conventions
+from rastercov.camera.rig import Rig
 from rastercov.coverage.task import Task
+from rastercov.mesh.arrays import rotation_about
 from rastercov.mesh.formats import METRES, READERS, metres_per
 from rastercov.mesh.shapes import NAMES
 from rastercov.placement.candidates.clearance import KeepOutBox, KeepOutSphere
 from rastercov.placement.improve.refine import BUDGET
 from rastercov.placement.improve.tolerance import InstallationError
-from rastercov.placement.plan.cameras import ONE_CAMERA, CameraSection, CameraType, RigSection
-from rastercov.placement.plan.entry import (
-    Count,
-    Direction,
-    Entry,
-    File,
-    Limits,
-    Name,
-    NotNegative,
-    Number,
-    Positive,
-    Triple,
-    among,
-    both_or_none,
-    fields_of,
-    only_one,
-    value_of,
-)
-from rastercov.placement.plan.generators import CandidateEntry
 from rastercov.placement.select.problem import BestCoverage, FewestCameras
+
+Value = TypeVar("Value")
+Boxed = TypeVar("Boxed", bound=Any)
+
+
+class Entry(BaseModel):
+    """A table of the plan: unknown entries and values of another type are errors."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+
+def fields_of(
+    source: type,
+    words: Mapping[str, str] | None = None,
+    *,
+    base: type[Entry] = Entry,
+    is_optional: bool = False,
+    leave_out: Collection[str] = (),
+) -> Any:
+    """Entry with fields of a dataclass: their types, limits, defaults.
+
+    Parameters
+    ----------
+    source : type
+        Dataclass; `Annotated` metadata of its fields are limits.
+    words : mapping of str to str
+        Fields to take, in this order, and the description of each in the schema; by default those
+        that have a `Doc`.
+    base : type
+        Entry to add them to.
+    is_optional : bool
+        None is the default of every field, and allowed.
+    leave_out : collection of str
+        Fields that the section declares itself.
+    """
+    words = documented(source) if words is None else words
+    types, by_name = annotations_of(source), {field.name: field for field in fields(source)}
+    columns: dict[str, Any] = {}
+    for name in (each for each in words if each not in leave_out):
+        field, hint = by_name[name], _plan_type(types[name])
+        made = field.default_factory
+        default = field.default if made is MISSING else made()
+        if is_optional:
+            default, hint = None, hint | None
+        columns[name] = (hint, Field(default=default, description=words[name]))
+    return create_model(f"{source.__name__}Fields", __base__=base, **columns)
+
+
+def value_of(entry: BaseModel, kind: type[Value], **others: Any) -> Value:
+    """Dataclass value from the fields of an entry that have its names, and `others`."""
+    names = [field.name for field in fields(kind)]  # type: ignore[arg-type] # a dataclass
+    own = {name: getattr(entry, name) for name in names if name in type(entry).model_fields}
+    tuples = {name: tuple(value) for name, value in own.items() if isinstance(value, list)}
+    return kind(**(own | tuples | others))
+
+
+def _plan_type(hint: Any) -> Any:
+    """Annotation of a field in a plan: lists for tuples; no infinity or NaN in a number.
+
+    An upper limit excludes both already.
+    """
+    if NoneType in get_args(hint):
+        return _plan_type(next(each for each in get_args(hint) if each is not NoneType)) | None
+    kind, *limits = get_args(hint) if get_origin(hint) is Annotated else (hint,)
+    if get_args(kind) == (float, float, float):
+        return Triple
+    if kind is float and not any(isinstance(limit, Le) for limit in limits):
+        hint = Annotated[hint, Field(allow_inf_nan=False)]
+    reader = reader_of(hint)
+    return hint if reader is None else Annotated[hint, _read(hint, reader)]
+
+
+def _read(hint: Any, reader: Reads) -> BeforeValidator:
+    """Validator that reads text, with names and numbers with units in the schema."""
+
+    def number(value: Any) -> Any:
+        try:
+            return reader.read(value) if isinstance(value, str) else value
+        except ValueError as error:
+            raise ValueError(f"wanted {error}") from None
+
+    quantity = Annotated[str, Field(pattern=f"^({reader.pattern})$")]
+    shown = hint | Literal[reader.names] | quantity
+    return BeforeValidator(number, json_schema_input_type=shown)
+
+
+def _file(name: str, info: ValidationInfo) -> str:
+    """`name`; ValueError unless it is a file, relative to the plan."""
+    path = Path((info.context or {}).get("folder", "."), name)
+    try:
+        found = path.is_file()
+    except (OSError, ValueError):  # too long, or with a zero byte
+        found = False
+    if not found:
+        raise ValueError(f"wanted a file, got {name!r}, and there is no {path}; correct the name")
+    return name
+
+
+def ascending(pair: list[float]) -> list[float]:
+    """`pair`; ValueError where its first number is above its second."""
+    if not pair[0] <= pair[1]:
+        raise ValueError(f"wanted [least, greatest] with least <= greatest, got {pair}")
+    return pair
+
+
+def one_or_two(value: Any) -> Any:
+    """A number, or a list of it alone, as the pair of both limits."""
+    values = value if isinstance(value, list) else [value]
+    return values * 2 if len(values) == 1 else value
+
+
+def a_direction(triple: list[float]) -> list[float]:
+    """`triple`; ValueError where it is zero."""
+    if not any(triple):
+        raise ValueError("wanted a direction, got [0, 0, 0]")
+    return triple
+
+
+def only_one(entry: BaseModel, names: tuple[str, ...]) -> None:
+    """ValueError unless exactly one of these is given."""
+    given = [name for name in names if getattr(entry, name) is not None]
+    if len(given) != 1:
+        got = " and ".join(given) or "none"
+        raise ValueError(f"wanted one of {', '.join(names)}, got {got}; give exactly one")
+
+
+def both_or_none(entry: Boxed) -> Boxed:
+    """The entry; ValueError unless low and high are corners of a box, or both left out."""
+    if (entry.low is None) != (entry.high is None):
+        raise ValueError("low and high come together; give both or neither")
+    if entry.low is not None and not all(
+        a <= b for a, b in zip(entry.low, entry.high, strict=True)
+    ):
+        raise ValueError(f"wanted low <= high on every axis, got {entry.low} and {entry.high}")
+    return entry
+
+
+def among(names: Collection[str]) -> Callable[[str], str]:
+    """Validator that refuses every string but these names."""
+
+    def check(name: str) -> str:
+        if name not in names:
+            raise ValueError(f"wanted one of {', '.join(names)}, got {name!r}")
+        return name
+
+    return check
+
+
+Number = Annotated[float, Field(allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Count = Annotated[int, Field(ge=1)]
+Name = Annotated[str, Field(min_length=1)]
+File = Annotated[str, AfterValidator(_file)]
+Triple = Annotated[list[Number], Field(min_length=3, max_length=3)]
+Direction = Annotated[Triple, AfterValidator(a_direction)]
+Pair = Annotated[list[Number], Field(min_length=2, max_length=2)]
+Limits = Annotated[
+    list[Annotated[float, Field(ge=0)]],
+    Field(min_length=2, max_length=2),
+    AfterValidator(ascending),
+]
+
+
+def no_limit(pair: list[float] | None) -> tuple[float, float]:
+    """Limits as a pair; (0, inf) for None."""
+    return (0.0, math.inf) if pair is None else (pair[0], pair[1])
+
+
+OF_FILES = ("pixel_centre", "lens_model", "image_size")
+"""Entries that answer what a camera file leaves open."""
+Preset = Annotated[
+    str, AfterValidator(among(PRESETS)), Field(json_schema_extra={"enum": list(PRESETS)})
+]
+
+# Ignored types below: mypy does not follow the classes that `fields_of` makes.
+
+
+OF_A_LIST = ("pixel_size", "focus_range", "distortion")
+"""Entries of a camera that are arrays in a file, and tuples in a `Camera`."""
+
+
+class CameraSection(fields_of(Camera, is_optional=True, leave_out=OF_A_LIST)):  # type: ignore[misc]
+    """The camera: a preset, a file, or the entries of a camera file, which also change a preset."""
+
+    file: File | None = Field(
+        default=None,
+        description="Camera file, ours (.toml, .json) or of another program; with the entries that "
+        "answer what it leaves open, and the optics that it lacks: f_number, focus_distance, ...",
+    )
+    name: str | None = Field(default=None, description="Camera of a file with several.")
+    pixel_centre: float | None = Field(
+        default=None, description="Coordinate of the first pixel's centre in the file: 0 or 0.5."
+    )
+    lens_model: Literal["brown", "fisheye"] | None = Field(
+        default=None, description="Model of four coefficients in the file."
+    )
+    image_size: list[Count] | None = Field(
+        default=None, description="[width, height], px, for a file without."
+    )
+    preset: Preset | None = Field(
+        default=None, description="Camera of the thesis; other entries change it."
+    )
+    pixel_size: Number | list[Number] | None = Field(
+        default=None, description="Metres, one or two."
+    )
+    principal_point: Pair | None = Field(
+        default=None, description="Metres from the top-left corner."
+    )
+    f_number: Number | None = Field(
+        default=None, description="f/N; with focus_distance, and pixel_size beside fx and fy."
+    )
+    hfov_deg: Number | None = Field(
+        default=None, description="Angle between left and right, deg; instead of fx."
+    )
+    vfov_deg: Number | None = Field(
+        default=None, description="Angle between top and bottom, deg; instead of fy."
+    )
+    focus_range: list[float] | None = Field(
+        default=None, description="[near, far] depths in focus, m; instead of an aperture."
+    )
+    distortion: list[float] | None = Field(
+        default=None, description="Coefficients of the model, in its order."
+    )
+
+    @model_validator(mode="after")
+    def _check(self, info: ValidationInfo) -> Self:
+        self.build(Path((info.context or {}).get("folder", ".")))
+        return self
+
+    def build(self, folder: Path) -> Camera:
+        """The camera; CameraError where the entries do not make one."""
+        entries = self.model_dump(exclude_none=True, exclude={"cost"})
+        if self.file is None:
+            return Camera.from_dict(entries)
+        optics = {k: v for k, v in entries.items() if k not in ("file", "name", *OF_FILES)}
+        check_optics(optics)
+        try:
+            given = {name: entries[name] for name in OF_FILES if name in entries}
+            conventions = Conventions(**given)
+            views = read_views(folder / self.file, conventions=conventions)
+            return views.camera(self.name).with_optics(optics)
+        except RastercovError as error:
+            text = str(error).replace("--camera-name", "name")
+            for name in OF_FILES:
+                text = text.replace(f"--{name.replace('_', '-')}", f"{name} =")
+            raise CameraError(text.replace("= WIDTHxHEIGHT", "= [width, height]")) from None
+
+
+ONE_CAMERA = "camera"
+"""Name of the camera of a plan with one."""
+
+
+class CameraType(CameraSection):
+    """One of several types of cameras, by its name."""
+
+    cost: NotNegative | None = Field(
+        default=None, description="Of one of them, added to that of its place; 1 unless given."
+    )
+
+
+class RigCamera(Entry):
+    """Place of a camera on a rig: turned about an axis through the origin of the rig, then moved.
+
+    Axes of rig and camera: x right, y down, z forward.
+    """
+
+    camera: Name = Field(description="Name of the camera.")
+    name: Name | None = Field(
+        default=None, description="Its name on the rig; that of the camera unless given."
+    )
+    axis: Direction = Field(default=[0.0, 1.0, 0.0], description="Of the turn, in the rig's axes.")
+    angle_deg: Number = Field(default=0.0, description="Of the turn, degrees.")
+    translation: Triple = Field(default=[0.0, 0.0, 0.0], description="Metres, after the turn.")
+
+    def rig_from_camera(self) -> NDArray[np.float64]:
+        """(4, 4) place on the rig."""
+        place = np.eye(4)
+        place[:3, :3] = rotation_about(self.axis, math.radians(self.angle_deg))
+        place[:3, 3] = self.translation
+        return place
+
+
+class RigSection(Entry):
+    """Cameras that move together: of the plan, or all of a file with their places."""
+
+    cameras: Annotated[list[RigCamera], Field(min_length=1)] | None = Field(
+        default=None, description="Cameras of the plan and their places."
+    )
+    file: File | None = Field(
+        default=None, description="File of cameras with their places, such as a Kalibr camchain."
+    )
+    cost: NotNegative | None = Field(
+        default=None, description="Of the rig; that of its cameras together unless given."
+    )
+
+    @model_validator(mode="after")
+    def _check(self, info: ValidationInfo) -> Self:
+        only_one(self, ("cameras", "file"))
+        if self.file is not None:
+            self.build(Path((info.context or {}).get("folder", ".")), {})
+        return self
+
+    def build(self, folder: Path, cameras: Mapping[str, Camera]) -> Rig:
+        """The rig of the cameras of a plan, or of its file; CameraError where there is none."""
+        if self.file is not None:
+            views = read_views(folder / self.file)
+            if views.rig is None or not views.has_unit:
+                lacks = "cameras" if views.rig is None else "a unit of their places"
+                raise CameraError(f"{self.file} is without {lacks}; convert it, with its unit")
+            return views.rig
+        own = self.cameras or []
+        names = [each.name or each.camera for each in own]
+        places = [each.rig_from_camera() for each in own]
+        return Rig([cameras[each.camera] for each in own], names, places)
+
+
+class Generator(Entry):
+    """Entries of all generators of candidate poses."""
+
+    rolls_deg: Annotated[list[Number], Field(min_length=1)] = Field(
+        default=[0.0], description="A candidate for each: turned about its axis."
+    )
+    up: Direction = Field(default=[0.0, 0.0, 1.0], description="Upwards in the image.")
+    cost: NotNegative | None = Field(
+        default=None,
+        description="Of a place of this entry, added to that of the camera; 1 where neither has "
+        "one.",
+    )
+    cameras: list[Name] = Field(
+        default=[], description="Types of cameras at these places; all if empty."
+    )
+
+
+class Framed(Generator):
+    """Views at the distance that their target needs."""
+
+    stand_off: Limits | None = Field(
+        default=None, description="[least, greatest] distance to the target, m; inf for no limit."
+    )
+    margin: Positive = Field(default=1.0, description="How many times larger the image is.")
+
+
+class Square(Framed):
+    """Views square to parts of the surface."""
+
+    fit: Literal["extent", "vertices"] = Field(
+        default="vertices", description="Distance by (6.7), or until all vertices are in view."
+    )
+
+
+class PerSegment(Square):
+    """A view square to each segment, (6.1)-(6.11)."""
+
+    generator: Literal["per_segment"]
+    alpha_deg: Annotated[float, Field(ge=0, lt=90)] = Field(
+        default=15.0, description="Largest angle between two normals of a segment that grows."
+    )
+    beta_deg: Annotated[float, Field(ge=0, lt=90)] = Field(
+        default=25.0, description="Largest angle between average normals that are merged."
+    )
+    merge: Literal["leader", "closest", "none"] = Field(
+        default="leader", description="How segments are merged."
+    )
+    adjacent: bool = Field(default=False, description="Merge neighbours only.")
+
+
+class PerFace(Square):
+    """A view square to each face of the task."""
+
+    generator: Literal["per_face"]
+    groups: list[Name] = Field(default=[], description="Faces of these groups only; all if empty.")
+
+
+class PerConvexRegion(Square):
+    """The average view of the faces around each convex corner."""
+
+    generator: Literal["per_convex_region"]
+    least_bend_deg: Annotated[float, Field(ge=0, le=180)] = Field(
+        default=10.0, description="Bend of the sharpest edge of a corner, at least."
+    )
+
+
+class PerCavity(Square):
+    """Views into what no candidate of the other entries sees, along directions that are open."""
+
+    generator: Literal["per_cavity"]
+    views: Count = Field(default=3, description="Candidates for each face, at most.")
+
+
+class Around(Framed):
+    """Views from around the part, looking at its centre."""
+
+    generator: Literal["on_sphere", "on_hemisphere"]
+    count: Count = Field(description="Positions on each sphere.")
+    centre: Triple | None = Field(default=None, description="The middle of the scene if left out.")
+    distances: Annotated[list[Positive], Field(min_length=1)] | None = Field(
+        default=None, description="Radii, m; one from where all is in view if left out."
+    )
+
+
+class Aim(Entry):
+    """Direction of view of a mounted camera: one of the four."""
+
+    middle: Literal[True] | None = Field(default=None, description="The middle of the scene.")
+    point: Triple | None = Field(default=None, description="A point.")
+    direction: Direction | None = Field(default=None, description="A direction.")
+    nearest: list[Name] | None = Field(
+        default=None, description="The nearest surface of these groups; of the task if empty."
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        only_one(self, ("middle", "point", "direction", "nearest"))
+        return self
+
+
+class Mounted(Generator):
+    """Views from a grid of mounting positions."""
+
+    spacing: Positive = Field(description="Largest distance between neighbours, m.")
+    aim: Annotated[list[Aim], Field(min_length=1)] = Field(
+        default=[Aim(middle=True)], description="Where to look; a candidate for each."
+    )
+    low: Triple | None = Field(default=None, description="Corner of the box; that of the scene.")
+    high: Triple | None = Field(default=None, description="The opposite corner.")
+    _check = model_validator(mode="after")(both_or_none)
+
+
+class OnBox(Mounted):
+    """Mounting positions on the sides of a box."""
+
+    generator: Literal["on_box"]
+    outward: Number = Field(default=0.0, description="Enlarges the box on all sides, m.")
+    sides: Annotated[list[Literal["-x", "+x", "-y", "+y", "-z", "+z"]], Field(min_length=1)] = (
+        Field(default=["-x", "+x", "-y", "+y", "-z", "+z"], description="Sides to use.")
+    )
+
+
+class OnWalls(Mounted):
+    """Mounting positions on the four walls of a room; z is up."""
+
+    generator: Literal["on_walls"]
+    inset: Number = Field(default=0.1, description="Distance from walls, floor and ceiling, m.")
+    heights: Annotated[Pair, AfterValidator(ascending), BeforeValidator(one_or_two)] | None = Field(
+        default=None,
+        description="[lowest, highest] z, or one, m; from floor to ceiling if left out.",
+    )
+
+
+class OnCeiling(Mounted):
+    """Mounting positions under the ceiling of a room; z is up."""
+
+    generator: Literal["on_ceiling"]
+    inset: Number = Field(default=0.1, description="Distance from ceiling and walls, m.")
+
+
+class PoseFile(Generator):
+    """The poses of a file."""
+
+    generator: Literal["poses"]
+    file: File = Field(
+        description="Pose file, ours (.json, .npy) or of another program that states its unit."
+    )
+
+
+CandidateEntry = Annotated[
+    PerSegment
+    | PerFace
+    | PerConvexRegion
+    | PerCavity
+    | Around
+    | OnBox
+    | OnWalls
+    | OnCeiling
+    | PoseFile,
+    Field(discriminator="generator"),
+]
 
 
 def _unit(unit: str | float) -> str | float:

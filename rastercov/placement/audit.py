@@ -1,9 +1,13 @@
-"""Audit of a set of cameras over a surface: elements, cameras, and the smallest subset.
+"""Audit of a set of cameras over a surface: elements, cameras, groups, and the smallest subset.
 
     poses -> regions or coverage -> pairs of camera and element -> figures of both -> subset
 
 The elements are faces, or cells where the result is by area (`coverage.area.cells`); an element is
 covered by a camera that covers half of it or more. Density and angle are those at its centroid.
+
+Groups of poses are the frames of a rig, and the poses of each camera. A frame has the images that
+the cameras of a rig took at the same instant; in it each camera is a view of its own. So the
+smallest subset of frames is a selection of rigs (`Problem.starts`).
 """
 
 import logging
@@ -29,7 +33,6 @@ from rastercov.coverage.network import Network
 from rastercov.coverage.shards import EvaluationShards, Source, Wanted, open_for
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
-from rastercov.placement.audits.groups import Groups, groups_of
 from rastercov.placement.bits import CoveredBits
 from rastercov.placement.matrix_shards import shortened
 from rastercov.placement.select.greedy import select_greedy
@@ -39,6 +42,114 @@ from rastercov.placement.select.selection import Selection
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Groups:
+    """Figures of G groups of poses.
+
+    Attributes
+    ----------
+    names : tuple of str
+    of_pose : (P,) int64
+        Group of each pose.
+    seen_m2, lost_m2, alone_m2 : (G,) float64
+        Area that any pose of the group covers, that is covered no more without the group, and that
+        no other group covers.
+    subset : Selection or None
+        Fewest groups found that cover the same as all, with a bound; None where it was not asked.
+    """
+
+    names: tuple[str, ...]
+    of_pose: IntArray
+    seen_m2: FloatArray
+    lost_m2: FloatArray
+    alone_m2: FloatArray
+    subset: Selection | None = None
+
+    def entries(self, what: str) -> list[dict[str, Any]]:
+        """Figures of each group, with its name as entry `what`, ready for JSON."""
+        counts = np.bincount(self.of_pose, minlength=len(self.names))
+        return [
+            {
+                what: self.names[row],
+                "poses": int(counts[row]),
+                "seen_m2": float(self.seen_m2[row]),
+                "lost_m2": float(self.lost_m2[row]),
+                "alone_m2": float(self.alone_m2[row]),
+            }
+            for row in range(len(self.names))
+        ]
+
+
+def groups_of(
+    problem: Problem, covered: BoolArray, label: Sequence[str | int], *, has_subset: bool = False
+) -> Groups:
+    """Groups of the poses of a problem with equal labels, in the order in which they come.
+
+    Parameters
+    ----------
+    problem : Problem
+        Elements that each of P poses covers.
+    covered : (E,) bool
+        Elements that all poses together cover.
+    label : (P,) sequence of str or int
+    has_subset : bool
+        True where the smallest subset of groups is wanted.
+    """
+    index = {name: row for row, name in enumerate(dict.fromkeys(label))}
+    names, of_pose = tuple(map(str, index)), np.array([index[name] for name in label], np.int64)
+    indptr, face = problem.bits.pairs()
+    # A pair of group and element, and the poses of the group that cover it.
+    key = np.repeat(of_pose, np.diff(indptr)) * problem.n_faces + face
+    pairs, times = np.unique(key, return_counts=True)
+    group, element = np.divmod(pairs, max(1, problem.n_faces))
+    weights = problem.weights[element]
+    views = np.bincount(face, minlength=problem.n_faces)
+
+    def total(chosen: BoolArray) -> FloatArray:
+        found: FloatArray = np.bincount(group[chosen], weights[chosen], len(names)).astype(float)
+        return found
+
+    if problem.min_angle > 0:
+        lost = _lost_one_by_one(problem, covered, of_pose, len(names))
+    else:
+        lost = total(covered[element] & (views[element] - times < problem.views[element]))
+    subset = select_greedy(_choice(problem, of_pose, len(names))) if has_subset else None
+    return Groups(
+        names=names,
+        of_pose=of_pose,
+        seen_m2=total(np.ones(len(pairs), np.bool_)),
+        lost_m2=lost,
+        alone_m2=total(times == views[element]),
+        subset=subset,
+    )
+
+
+def _lost_one_by_one(
+    problem: Problem, covered: BoolArray, of_pose: IntArray, n_groups: int
+) -> FloatArray:
+    """Weight that is covered no more without each group, where directions matter, (G,)."""
+    lost = np.zeros(n_groups)
+    for group in range(n_groups):  # as much work as all pairs, each
+        without = problem.covered_by(np.flatnonzero(of_pose != group))[1]
+        lost[group] = problem.weights[covered & ~without].sum()
+    return lost
+
+
+def _choice(problem: Problem, of_pose: IntArray, n_groups: int) -> Problem:
+    """The problem with groups as candidates, whose poses are views of their own; each costs 1."""
+    order, counts = np.argsort(of_pose, kind="stable"), np.bincount(of_pose, minlength=n_groups)
+    assert problem.eyes is not None
+    return replace(
+        problem,
+        bits=problem.bits.take(order),
+        starts=np.concatenate(([0], np.cumsum(counts))),
+        eyes=problem.eyes[order],
+        costs=np.ones(n_groups),
+        mean_coverage=np.zeros(n_groups),
+    )
+
 
 LOG = logging.getLogger("rastercov")
 
@@ -286,21 +397,19 @@ def audit(
     )
     every = np.arange(len(accepted))
     views, covered = problem.covered_by(every)
-    best, by_camera, widest, lost, alone = _figures(problem, on, accepted, cameras_of(camera))
-    if task.min_angle_deg > 0:
-        lost = _lost_one_by_one(problem, covered)
+    best, by_camera, widest = _figures(problem, on, accepted, cameras_of(camera))
     weights = problem.weights
+    each = groups_of(problem, covered, every.tolist())
     covered &= weights > 0
     of_camera = None
     if cameras_apart(camera, accepted):
         labels = np.array(names_of(camera), object)[accepted.camera]
         of_camera = groups_of(problem, covered, labels.tolist())
-    sums = [float(weights[problem.faces_of(int(pose))].sum()) for pose in every]
     return Audit(
         mesh=mesh, camera=camera, task=task, by=unit, poses=accepted, names=words, cells=elements,
         problem=problem, views=views, best_density=best, best_camera=by_camera,
-        widest_angle=widest, covered=covered, seen_m2=np.array(sums, np.float64), lost_m2=lost,
-        alone_m2=alone, subset=select_greedy(problem), network=network, areas=areas,
+        widest_angle=widest, covered=covered, seen_m2=each.seen_m2, lost_m2=each.lost_m2,
+        alone_m2=each.alone_m2, subset=select_greedy(problem), network=network, areas=areas,
         frames=groups_of(problem, covered, instants, has_subset=True) if instants else None,
         by_camera=of_camera,
         quarantined={} if shards is None else shards.quarantined,
@@ -326,8 +435,8 @@ class _Pairs:
 
 def _figures(
     problem: Problem, elements: Mesh, poses: Poses, cameras: Sequence[Any]
-) -> tuple[FloatArray, NDArray[np.int32], FloatArray, FloatArray, FloatArray]:
-    """Best density and its camera, widest angle (E,); lost weight, and that of one camera (P,)."""
+) -> tuple[FloatArray, NDArray[np.int32], FloatArray]:
+    """Best density and its camera, and widest angle, (E,)."""
     from rastercov.base.memory import read_only
     from rastercov.coverage.records import lens_of
     from rastercov.kernels import audit
@@ -346,20 +455,9 @@ def _figures(
             starts, camera, points, normals, matrices, poses.camera, index,
             lens_of(cameras[index]), best, by,
         )  # fmt: skip
-    widest, lost, alone = np.empty(n), np.zeros(len(poses)), np.zeros(len(poses))
+    widest = np.empty(n)
     audit.widest_angles(starts, camera, points, np.ascontiguousarray(problem.eyes), widest)
-    audit.lost_weights(starts, camera, np.diff(starts), problem.views, problem.weights, lost, alone)
-    return best, by, widest, lost, alone
-
-
-def _lost_one_by_one(problem: Problem, covered: BoolArray) -> FloatArray:
-    """Weight that is covered no more without each camera, where directions matter, (P,)."""
-    every = np.arange(len(problem.costs))
-    lost = np.zeros(len(every))
-    for row in every:  # as much work as all pairs, each
-        without = problem.covered_by(np.delete(every, row))[1]
-        lost[row] = problem.weights[covered & ~without].sum()
-    return lost
+    return best, by, widest
 
 
 def _texts(what: str, texts: Sequence[str] | None, poses: Poses) -> tuple[str, ...]:
