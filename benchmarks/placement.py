@@ -147,7 +147,7 @@ class Site:
             found += on_ceiling(mesh, camera, framing, spacing=0.6, inset=0.3)
         poses = found.poses[space.allows(found.poses[:, :3, 3])][:count]
         low, high = space.aim
-        more = space.somewhere(count - len(poses), rng)
+        more = space.sample(count - len(poses), rng)
         return np.concatenate((poses, rc.look_at(more, rng.uniform(low, high, more.shape))))
 
 

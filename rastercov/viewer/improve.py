@@ -82,7 +82,7 @@ def refined(
     )
     progress(0, budget)
     start = own.pose.copy()
-    eyes, is_allowed = space.settled(start[None, :3, 3])
+    eyes, is_allowed = space.project_to_allowed(start[None, :3, 3])
     if not is_allowed[0]:
         raise ConfigError(f"{own.name} is far from any allowed place; move it to one to refine it")
     start[:3, 3] = eyes[0]
@@ -172,7 +172,7 @@ def tries(
     near, far = _distances(mesh, state.cameras[camera])
     reach = np.exp(rng.uniform(np.log(near), np.log(far), count))
     targets = np.asarray(mesh.centroids)[faces]
-    eyes, is_allowed = space.settled(targets + reach[:, None] * directions)
+    eyes, is_allowed = space.project_to_allowed(targets + reach[:, None] * directions)
     is_allowed &= np.linalg.norm(eyes - targets, axis=1) > 1e-9
     if not is_allowed.any():
         raise ConfigError("no place for a further camera is allowed; allow more")

@@ -231,7 +231,7 @@ class Session:
         """The pose at the nearest allowed place; the one before where there is none."""
         if not self.is_kept:
             return wanted
-        eyes, is_allowed = self.space().settled(wanted[None, :3, 3])
+        eyes, is_allowed = self.space().project_to_allowed(wanted[None, :3, 3])
         if not is_allowed[0]:
             return before
         pose = wanted.copy()

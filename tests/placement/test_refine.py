@@ -32,7 +32,7 @@ def objective():
 def network(count, seed, space=SPACE):
     """Cameras at random places that look near the middle of the part."""
     rng = np.random.default_rng(seed)
-    eyes = space.somewhere(count, rng)
+    eyes = space.sample(count, rng)
     return space.composed(eyes, rng.normal(0, 0.5, (count, 3)) - eyes, rng.uniform(-3, 3, count))
 
 

@@ -206,7 +206,7 @@ def test_bad_arguments_are_refused(objective, arguments, message):
 def test_what_is_settled_stands_where_it_may(eyes, least, clearance):
     ball = KeepOutSphere((1.5, 0, 0), 0.5)
     space = PoseSpace(mesh=MESH, stand_off=(least, 2.0), clearance=clearance, keep_out=(ball,))
-    points, allowed = space.settled(eyes)
+    points, allowed = space.project_to_allowed(eyes)
     assert holds(space, points[allowed])
     at_once = space.allows(eyes)
     np.testing.assert_array_equal(points[at_once], eyes[at_once])
@@ -219,10 +219,10 @@ def test_places_in_a_solid_too_near_or_too_far_are_settled():
     assert in_solid(MESH, inside).all()
     for points in (inside, 1.45 * inside, 9.0 * inside):
         assert not space.allows(points).any()
-        settled, allowed = space.settled(points)
+        settled, allowed = space.project_to_allowed(points)
         assert allowed.all()
         # No further than needed: across the tube, or to where the stand-off begins or ends.
-        assert (np.linalg.norm(settled - space.clipped(points), axis=1) < 1.5).all()
+        assert (np.linalg.norm(settled - space.nearest_in_boxes(points), axis=1) < 1.5).all()
 
 
 def test_every_reason_to_refuse_a_place_is_told():
@@ -282,7 +282,7 @@ def test_a_space_without_a_meaning_is_refused(values, message):
 def test_no_place_at_all_is_an_error():
     space = PoseSpace(mesh=MESH, boxes=[(8, 8, 8), (9, 9, 9)], stand_off=(0.0, 1.0))
     with pytest.raises(ConfigError, match="no place for 5 cameras"):
-        space.somewhere(5, np.random.default_rng(0))
+        space.sample(5, np.random.default_rng(0))
 
 
 # What a network is worth

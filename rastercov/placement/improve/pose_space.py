@@ -131,7 +131,7 @@ class PoseSpace:
             place[volume.contains(points)] = Place.KEPT_OUT
         place[in_solid(self.mesh, points)] = Place.IN_SOLID
         slack = POSITION_TOLERANCE_REL * np.linalg.norm(np.ptp(self.mesh.bounds, axis=0))
-        missed = np.abs(points - self.clipped(points)).max(axis=1)
+        missed = np.abs(points - self.nearest_in_boxes(points)).max(axis=1)
         place[~(missed <= slack)] = Place.OUTSIDE
         return place
 
@@ -156,7 +156,7 @@ class PoseSpace:
         """(N,) distance of (N, 3) camera centres from the nearest task face, metres."""
         return self._task.query(eyes).distance
 
-    def clipped(self, eyes: FloatArray) -> FloatArray:
+    def nearest_in_boxes(self, eyes: FloatArray) -> FloatArray:
         """(N, 3) nearest point within a box to each of (N, 3) points."""
         best = np.array(eyes, np.float64)
         least = np.full(len(best), np.inf)
@@ -167,24 +167,24 @@ class PoseSpace:
             best[nearer], least[nearer] = within[nearer], distance[nearer]
         return best
 
-    def settled(self, eyes: ArrayLike) -> tuple[FloatArray, BoolArray]:
+    def project_to_allowed(self, eyes: ArrayLike) -> tuple[FloatArray, BoolArray]:
         """Allowed positions near (N, 3) given ones, (N, 3), and the mask of those found.
 
         Alternating projections: out of solids and into the stand-off along the line to the nearest
         surface, then into the boxes. Allowed positions are not moved. Keep-out volumes are not
         evaded.
         """
-        points = self.clipped(np.asarray(eyes, np.float64).reshape(-1, 3))
+        points = self.nearest_in_boxes(np.asarray(eyes, np.float64).reshape(-1, 3))
         place = self.judge(points)
         for _ in range(TRIES):
             bad = np.flatnonzero(place != Place.ALLOWED)
             if not len(bad):
                 break
-            points[bad] = self.clipped(self._pushed(points[bad], place[bad]))
+            points[bad] = self.nearest_in_boxes(self._pushed(points[bad], place[bad]))
             place[bad] = self.judge(points[bad])
         return points, place == Place.ALLOWED
 
-    def somewhere(self, count: int, rng: np.random.Generator) -> FloatArray:
+    def sample(self, count: int, rng: np.random.Generator) -> FloatArray:
         """(count, 3) random allowed positions.
 
         Raises
@@ -195,7 +195,7 @@ class PoseSpace:
         found: list[FloatArray] = []
         low, high = self.hull
         for _ in range(64):
-            points, allowed = self.settled(rng.uniform(low, high, (max(count, 64), 3)))
+            points, allowed = self.project_to_allowed(rng.uniform(low, high, (max(count, 64), 3)))
             found.append(points[allowed])
             if sum(map(len, found)) >= count:
                 return np.concatenate(found)[:count]

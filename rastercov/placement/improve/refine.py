@@ -421,7 +421,7 @@ def _moves(
         turns.append(roll + rolled * turn if space.is_roll_free else roll)
     places, directions = np.array(to), np.array(looks)
     shifted = (places != eye).any(axis=1)
-    places[shifted] = space.clipped(places[shifted])
+    places[shifted] = space.nearest_in_boxes(places[shifted])
     allowed = (directions != 0).any(axis=1)
     allowed[shifted] &= space.allows(places[shifted])  # its present position is allowed
     return space.composed(places[allowed], directions[allowed], np.array(turns)[allowed])

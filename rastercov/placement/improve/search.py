@@ -120,7 +120,7 @@ def optimise(
     check_seed(seed)
     own = Poses.of(np.tile(np.eye(4), (cameras, 1, 1)), camera=camera).camera
     rng = np.random.default_rng(seed)
-    code = _Code(space, cameras, space.somewhere(KNOWN_PLACES, rng))
+    code = _Code(space, cameras, space.sample(KNOWN_PLACES, rng))
     first = rng.random((population, code.n_variables))
     given = _given(space, cameras, candidates, start, population, rng)
     for row, poses in enumerate(given[:population]):
@@ -182,7 +182,7 @@ class _Code:
         """(N, k, 4, 4) poses of (N, variables), all at allowed positions."""
         values = variables.reshape(-1, self.a_camera)
         hull, aim = self.space.hull, self.aim
-        eyes, allowed = self.space.settled(hull[0] + values[:, :3] * (hull[1] - hull[0]))
+        eyes, allowed = self.space.project_to_allowed(hull[0] + values[:, :3] * (hull[1] - hull[0]))
         for row in np.flatnonzero(~allowed).tolist():  # some ten microseconds each
             nearest = ((self.known - eyes[row]) ** 2).sum(axis=1).argmin()
             eyes[row] = self.known[nearest]

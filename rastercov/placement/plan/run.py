@@ -205,7 +205,7 @@ def place(
                 if _is_short(placement):
                     name = "stricter selection"
                     with clock(name):
-                        placement = _settled(placement, objectives, clock)
+                        placement = _selected_anew(placement, objectives, clock)
             except KeyboardInterrupt:
                 placement = replace(placement, interrupted=name)
         for name, work in _later_steps(plan, selection):
@@ -295,7 +295,7 @@ def _is_short(placement: Placement) -> bool:
     return is_reached and any(each.status == FAILS for each in placement.requirements)
 
 
-def _settled(placement: Placement, objectives: Objectives, clock: Clock) -> Placement:
+def _selected_anew(placement: Placement, objectives: Objectives, clock: Clock) -> Placement:
     """The placement with cameras selected anew until its exact area meets the goal.
 
     First a larger share of the cells is wanted, and then a larger part of each cell. Where neither
