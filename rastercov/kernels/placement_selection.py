@@ -147,7 +147,7 @@ def change_spread(
     is_spread : (F,) bool
         In and out: True where the rays to two of these differ by the angle.
     """
-    work = indptr[row + 1] - indptr[row]
+    work, changes = indptr[row + 1] - indptr[row], np.zeros(3, np.int64)
     for j in range(indptr[row], indptr[row + 1]):
         f = face[j]
         old, was_spread = count[f], is_spread[f]
@@ -176,30 +176,35 @@ def change_spread(
         if was_done != is_done:
             done[kind[f]] += sign * weights[f]
         work += (starts[f + 1] - starts[f]) * (old + 1)
-        n_rest = min(old, new)  # cameras without this one
+        n_rest, n, now_spread = min(old, new), 0, is_spread[f]  # cameras without this one
         i = starts[f]
         while i < starts[f + 1]:
             end = _run_end(cameras, owner, i, starts[f + 1])
-            is_far = any_differ(cameras, i, end, eyes, centroids, f, min_cosine)
+            # Where the rays differ already, those of a further candidate add nothing.
+            is_far = was_spread and is_spread[f]
+            is_far = is_far or any_differ(cameras, i, end, eyes, centroids, f, min_cosine)
             for k in range(i, end):
                 is_far = is_far or differs_from_any(
                     cameras[k], others, n_rest, eyes, centroids, f, min_cosine
                 )
-            is_far_of_all = is_far
+            is_far_of_all = is_far or was_spread or is_spread[f]
             for k in range(i, end):
                 is_far_of_all = is_far_of_all or rays_differ(
                     eyes, cameras[k], row, centroids, f, min_cosine
                 )
-            far_before = is_far if sign > 0 else is_far_of_all
-            far_after = is_far_of_all if sign > 0 else is_far
-            n = end - i
-            gain[owner[cameras[i]], kind[f]] += (
-                _worth(new + n, views[f], is_spread[f] or far_after, need[f], step[f], bonus[f])
-                - here
-            ) - (
-                _worth(old + n, views[f], was_spread or far_before, need[f], step[f], bonus[f])
-                - before
-            )
+            if end - i != n:
+                n = end - i
+                for which in range(3):  # far from none, from this camera only, from the others
+                    far_before = which == 2 or (which == 1 and sign < 0)
+                    far_after = which == 2 or (which == 1 and sign > 0)
+                    spread_before, spread_after = was_spread or far_before, now_spread or far_after
+                    changes[which] = (
+                        _worth(new + n, views[f], spread_after, need[f], step[f], bonus[f]) - here
+                    ) - (
+                        _worth(old + n, views[f], spread_before, need[f], step[f], bonus[f])
+                        - before
+                    )
+            gain[owner[cameras[i]], kind[f]] += changes[int(is_far) + int(is_far_of_all)]
             i = end
     return work
 
