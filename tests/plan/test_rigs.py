@@ -12,22 +12,13 @@ from surface_cases import room
 import rastercov as rc
 from rastercov.camera.formats import write_views
 from rastercov.placement import Objective
-<<<<<<< HEAD
+from rastercov.placement.plan import run as plan_run
 from rastercov.placement.plan.check import check, limits
 from rastercov.placement.plan.errors import PlanError
 from rastercov.placement.plan.file import read_plan
 from rastercov.placement.plan.network import observer_of
 from rastercov.placement.plan.prepare import counting
 from rastercov.placement.plan.run import place
-=======
-from rastercov.plan import run as plan_run
-from rastercov.plan.check import check, limits
-from rastercov.plan.errors import PlanError
-from rastercov.plan.file import read_plan
-from rastercov.plan.network import observer_of
-from rastercov.plan.prepare import counting
-from rastercov.plan.run import place
->>>>>>> main
 from rastercov.report import plan as report
 
 MESH, _, _ = room()
