@@ -17,17 +17,21 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+from numpy.typing import NDArray
 
+from rastercov.base.format import area, percent, plural
 from rastercov.base.interrupts import interrupts_held
 from rastercov.base.output import write_bytes, write_json, write_npz, write_text, writing
 from rastercov.camera.rig import names_of
+from rastercov.coverage.area.network import in_words
 from rastercov.coverage.provenance import Provenance
 from rastercov.coverage.shards import UNFINISHED, remove
 from rastercov.placement.audits import Audit
-from rastercov.report.audit_page import page, pictures_of
 from rastercov.report.coloured_mesh import write_coloured_mesh
+from rastercov.report.coverage_table import write_rig
 from rastercov.report.folder import ReportFolder, ReportKind
-from rastercov.report.rig_file import write_rig
+from rastercov.report.html import Picture, rendered
+from rastercov.report.modes import MODES, mode_picture, rounded
 
 AUDIT = ReportKind(
     "audit",
@@ -136,3 +140,93 @@ def _write_cameras(path: Path, found: Audit, names: tuple[str, ...]) -> None:
     )
     with writing(path) as part:
         pq.write_table(table, part)
+
+
+MOST_ROWS = 400
+"""Cameras in the table of a page; cameras.parquet has all."""
+MOST_LINES = 8
+"""Cameras with a line of their own; audit.json has all."""
+HEADINGS = ("image", "camera", "sees", "lost without it", "by it alone", "in the smallest set")
+
+
+def pictures_of(found: Audit) -> dict[str, Picture]:
+    """Pictures of the elements by number of views, best density and widest angle."""
+    on = found.mesh if found.cells is None else found.cells.elements
+    eyes, views = found.poses.world_from_camera[:, :3, 3], found.views
+    drawn: dict[str, NDArray[Any]] = {"views": views}
+    if views.any():
+        drawn["density"] = np.where(views > 0, found.best_density, 0.0)
+    if (views > 1).any():
+        drawn["angle"] = np.where(views > 1, np.degrees(found.widest_angle), 0.0)
+    return {
+        f"audit_{name}": Picture.of(MODES[name].words, mode_picture(name, on, values, eyes))
+        for name, values in drawn.items()
+    }
+
+
+def page(
+    found: Audit, summary: Mapping[str, Any], cameras: tuple[str, ...],
+    pictures: Mapping[str, Picture],
+) -> str:  # fmt: skip
+    """HTML of an audit and its summary; `cameras` are the names of the cameras."""
+    subset = summary["subset"]
+    chosen = np.zeros(len(found.poses), np.bool_)
+    chosen[found.subset.chosen] = True
+    order = np.lexsort((-found.seen_m2, -found.lost_m2))
+    rows = [
+        (
+            found.names[row],
+            cameras[found.poses.camera[row]],
+            area(float(found.seen_m2[row])),
+            area(float(found.lost_m2[row])),
+            area(float(found.alone_m2[row])),
+            "yes" if chosen[row] else "",
+        )
+        for row in order[:MOST_ROWS].tolist()
+    ]
+    exact = summary.get("covered_area")
+    lines = [
+        f"median density {rounded(summary['median_density_px_per_m'])} px/m, "
+        f"median angle between views {summary['median_widest_angle_deg']:.3g}°",
+        f"{plural(subset['cameras'], 'image', 'cover')} the same; "
+        f"none fewer than {subset['bound']:g}",
+        f"{summary['redundant_cameras']:,} could be left out one at a time",
+        *group_lines(summary),
+    ]
+    return rendered(
+        "audit.html",
+        title="rastercov audit",
+        heading="Audit of existing cameras",
+        answer=f"{plural(summary['cameras'], 'image', 'cover')} "
+        f"{percent(summary['covered_percent'] / 100)} of the surface",
+        exact="" if exact is None else in_words(exact),
+        lines=lines,
+        summary=summary,
+        headings=HEADINGS,
+        rows=rows,
+        n_more=max(0, len(found.poses) - MOST_ROWS),
+        pictures=list(pictures.values()),
+    )
+
+
+def group_lines(summary: Mapping[str, Any]) -> list[str]:
+    """Lines on the frames of an audit and on each of its cameras; often none."""
+    lines = []
+    if "frames" in summary:
+        frames = summary["frames"]
+        lines.append(
+            f"{frames['subset']['cameras']} of {frames['count']:,} frames cover the same; none "
+            f"fewer than {frames['subset']['bound']:g}; {frames['redundant']:,} could be left out "
+            "one at a time"
+        )
+    cameras = summary.get("by_camera", ())
+    for entry in cameras[:MOST_LINES]:
+        lost = f"{area(entry['lost_m2'])} is" if entry["lost_m2"] > 0 else "nothing is"
+        lines.append(
+            f"{entry['camera']}: {plural(entry['poses'], 'image', 'see')} "
+            f"{area(entry['seen_m2'])}, "
+            f"{lost} lost without them"
+        )
+    if cameras[MOST_LINES:]:
+        lines.append(f"{len(cameras) - MOST_LINES} more cameras are in audit.json")
+    return lines

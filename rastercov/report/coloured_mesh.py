@@ -14,8 +14,7 @@ from rastercov.coverage.area.union import Covered
 from rastercov.mesh import Mesh
 from rastercov.mesh.formats.glb_writer import Y_UP, GlbBuffer
 from rastercov.report import theme
-from rastercov.report.images import png
-from rastercov.report.target_pictures import OPACITY
+from rastercov.report.images import OPACITY, png
 
 FloatArray = NDArray[np.float64]
 

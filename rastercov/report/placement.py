@@ -12,19 +12,16 @@ import numpy as np
 from rastercov.base.format import length, percent, plural, signed, verb
 from rastercov.base.output import write_text
 from rastercov.camera.rig import cameras_of, names_of
+from rastercov.coverage.reasons import REASONS
 from rastercov.placement.candidates.cavities import Access, Openings
 from rastercov.placement.candidates.clearance import Dropped
 from rastercov.placement.candidates.pool import Candidates
-from rastercov.placement.explain.uncovered import WORDS
 from rastercov.placement.select.problem import BestCoverage
 from rastercov.report.by_camera import camera_rows
-from rastercov.report.directions import heading_and_tilt
 from rastercov.report.html import rendered
-from rastercov.report.placement_figures import Progress, drawn_for
-from rastercov.report.placement_report import PlanReport
+from rastercov.report.placement_pictures import PlanReport, Progress, drawn_for
+from rastercov.report.tables import heading_and_tilt
 from rastercov.report.zone_pictures import zone_rows
-
-__all__ = ["PlanReport", "page", "write_page"]
 
 MAX_SENTENCES = 12
 """Faces out of reach that have a sentence of their own."""
@@ -204,7 +201,7 @@ def _uncovered(left: Mapping[str, Any]) -> dict[str, Any]:
     """Tables of uncovered faces: reasons, answers of other candidates, occluders."""
     reasons = sorted(left["reasons"].items(), key=lambda item: -item[1]["faces"])
     return {
-        "reasons": [[WORDS[name], *_share(share)] for name, share in reasons]
+        "reasons": [[REASONS[name].sentence, *_share(share)] for name, share in reasons]
         + [["all that is left", *_share(left["left"])]],
         "candidate_rows": [
             [text, *_share(left[name])]

@@ -21,7 +21,7 @@ from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.raster import open_rasterizer
 from rastercov.raster.contract import Rasterizer, VisibilityBuffer
-from rastercov.report.area_pictures import covered_pixels
+from rastercov.report.camera_pictures import covered_pixels
 from rastercov.report.folder import ReportFolder
 from rastercov.report.images import (
     area_title,
@@ -31,11 +31,10 @@ from rastercov.report.images import (
     face_index_picture,
     pose_title,
     save_picture,
+    targets_in_view,
 )
 from rastercov.report.overview import best_covering, camera_colours, overview_picture
-from rastercov.report.placement_pictures import coverage_picture as whole_faces_picture
-from rastercov.report.placement_pictures import views_picture
-from rastercov.report.target_pictures import targets_in_view
+from rastercov.report.placement_pictures import best_picture, views_picture
 from rastercov.report.theme import Pixels
 from rastercov.report.zone_pictures import zones_picture
 
@@ -198,7 +197,7 @@ def draw_network(
         elif areas is not None:
             picture = views_picture(areas.covered, eyes)
         else:
-            picture = whole_faces_picture(mesh, network.best, eyes)
+            picture = best_picture(mesh, network.best, eyes)
         zones = None
         if areas is not None and len(areas.zones()):
             zones = zones_picture(areas.zones(), summary, eyes)

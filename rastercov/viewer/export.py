@@ -13,11 +13,11 @@ from typing import Any
 
 from rastercov.base.errors import ConfigError, RastercovError, ResourceError
 from rastercov.base.output import write_text
-from rastercov.viewer.colours import NETWORK_MODES
+from rastercov.report.modes import MODES as EVERY
 from rastercov.viewer.page_files import digest_of, page_text, static_file
 from rastercov.viewer.session import Session, unframed
 
-MODES = (*NETWORK_MODES, "area", "segments")
+MODES = tuple(name for name in EVERY if name not in ("model", "single"))
 """Ways to colour the faces that the file has."""
 MOST_FACES = 1_500_000
 """Faces of an exported page: 36 bytes each, a third more as text."""

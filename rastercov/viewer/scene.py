@@ -10,13 +10,14 @@ from numpy.typing import NDArray
 import rastercov
 from rastercov.base.limits import annotations_of, documented, metadata_of
 from rastercov.camera.camera_file import PRESETS
+from rastercov.coverage.reasons import REASONS
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
-from rastercov.models import MODELS
+from rastercov.models import MODELS as COVERAGE_MODELS
 from rastercov.placement.candidates.clearance import KeepOutBox, in_solid
 from rastercov.placement.improve.pose_space import PoseSpace
+from rastercov.report.modes import MODES
 from rastercov.viewer import lens
-from rastercov.viewer.colours import NETWORK_MODES
 from rastercov.viewer.improve import default_space
 from rastercov.viewer.rig_state import RigState
 
@@ -39,9 +40,11 @@ SEGMENT_OPTIONS: tuple[dict[str, Any], ...] = (
 )  # fmt: skip
 MODEL_OPTIONS: tuple[dict[str, Any], ...] = (
     {"name": "model", "words": "Coverage model of the literature, or ours.",
-     "kind": "choice", "low": None, "high": None, "choices": list(MODELS),
+     "kind": "choice", "low": None, "high": None, "choices": list(COVERAGE_MODELS),
      "default": "image_space", "is_optional": False, "unit": ""},
 )  # fmt: skip
+OPTIONS = {"model": MODEL_OPTIONS, "segments": SEGMENT_OPTIONS}
+"""Options of modes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,6 +117,7 @@ class Scene:
             ],
             "presets": list(PRESETS),
             "modes": modes(),
+            "reasons": {name: words.label for name, words in REASONS.items()},
             "constraints": self._constraints() | {"is_kept": is_kept},
             "can_edit": can_edit,
             "result": self.result,
@@ -158,20 +162,12 @@ class Scene:
 
 def modes() -> list[dict[str, Any]]:
     """Ways to colour the faces, in the order of a page."""
-    found = [
-        {"id": name, "label": label, "words": words, "panel": "network", "options": []}
-        for name, (label, words, _) in NETWORK_MODES.items()
-    ]
     return [
-        *found,
-        {"id": "area", "label": "Exact area", "panel": "network", "options": [],
-         "words": "Share of the exact area of each face that is covered."},
-        {"id": "model", "label": "Model", "panel": "network", "options": list(MODEL_OPTIONS),
-         "words": "Greatest coverage by any camera, by a model of the literature."},
-        {"id": "single", "label": "One camera", "panel": "camera", "options": [],
-         "words": "Coverage by the chosen camera: grey in proportion to it."},
-        {"id": "segments", "label": "Segments", "panel": "object",
-         "options": list(SEGMENT_OPTIONS), "words": "Segments by normals, (6.1) to (6.3)."},
+        {
+            "id": name, "label": mode.label, "words": mode.words, "panel": mode.panel,
+            "options": list(OPTIONS.get(name, ())),
+        }
+        for name, mode in MODES.items()
     ]  # fmt: skip
 
 

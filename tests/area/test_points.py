@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from exact_views import SEEDS
 from hypothesis import given, settings
+from rastercov.report.area_pictures import best_pose_at, covered_pixels, points_of_pixels
 from surface_cases import hostile_scene, in_regions, room
 
 import rastercov as rc
 from rastercov.coverage.area.points import covering_poses
 from rastercov.reference.regions import points_on
-from rastercov.report.area_pictures import best_pose_at, covered_pixels, points_of_pixels
 
 TASK = rc.Task(max_incidence_deg=75)
 

@@ -12,14 +12,16 @@ from scenes import joined, sheet
 
 import rastercov as rc
 from rastercov.base.errors import ConfigError
+from rastercov.coverage.coverage import evaluate_batches
 from rastercov.coverage.network import Network
+from rastercov.coverage.reasons import REASONS
 from rastercov.coverage.task import Reason, Task
 from rastercov.mesh import Group, Mesh, shapes
 from rastercov.placement.explain import candidate_visibility as sight
 from rastercov.placement.explain import uncovered
 from rastercov.placement.explain.blockers import in_front
 from rastercov.placement.explain.candidate_visibility import EDGE_ON, CandidateBounds
-from rastercov.placement.explain.uncovered import WORDS, Sight, what_is_left
+from rastercov.placement.explain.uncovered import Sight, what_is_left
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.matrix import build_matrix
 from rastercov.placement.plan.network import left_over, measured
@@ -235,7 +237,7 @@ def test_the_parts_of_what_is_left_add_up_and_agree_with_the_network():
     task, poses = Task(min_pixels=5), rc.look_at([[2.5, 2, 2.5], [-2, -2, 2.2]], [0, 0, 0.5])
     found = what_is_left((mesh, CAMERA), poses, task, candidates=poses)
     network = Network(mesh, task)
-    for batch in rc.coverage.evaluate_batches(rc.open_observer(mesh, CAMERA), poses, task):
+    for batch in evaluate_batches(rc.open_observer(mesh, CAMERA), poses, task):
         network.add(batch)
     told, known = found.summary(), network.summary()
     assert told["left"] == known["not_covered"]
@@ -245,7 +247,7 @@ def test_the_parts_of_what_is_left_add_up_and_agree_with_the_network():
     assert sum(group["left"]["faces"] for group in told["groups"]) == told["left"]["faces"]
     assert told["could_be_covered"]["faces"] == 0  # the network is all the candidates
     lines = "\n".join(found.lines())
-    assert all(WORDS[name] in lines for name in told["reasons"])
+    assert all(REASONS[name].sentence in lines for name in told["reasons"])
 
 
 def test_all_covered_is_told_in_one_line():

@@ -12,10 +12,15 @@ from rastercov.mesh import shapes
 from rastercov.raster import open_rasterizer
 from rastercov.report import placement_pictures
 from rastercov.report.coloured_mesh import write_coloured_mesh
-from rastercov.report.images import coverage_picture, coverage_pixels
+from rastercov.report.images import (
+    coverage_picture,
+    coverage_pixels,
+    hatch_over,
+    lay_over,
+    targets_in_view,
+)
 from rastercov.report.model_pictures import difference_picture, look_at_part
 from rastercov.report.panorama import look
-from rastercov.report.target_pictures import hatch_over, lay_over, targets_in_view
 from rastercov.validation.methods.closeup import neighbourhood
 
 CAMERA = Camera(width=80, height=80, fx=80, fy=80)
@@ -71,10 +76,10 @@ def test_pictures_of_a_placement_draw_targets_over_the_part():
     scene = look(mesh, (1, -1.5, 1), scale=0.3)
     assert scene.targets is not None
     assert (scene.targets >= room.n_faces).any()
-    assert scene.buffer.face.max() < room.n_faces
+    assert scene.face.max() < room.n_faces
     best = np.ones(mesh.n_faces)
     best[room.n_faces :] = 0
-    assert placement_pictures.coverage_picture(mesh, best).size > (0, 0)
+    assert placement_pictures.best_picture(mesh, best).size > (0, 0)
     alone = some_as_targets(square(1, 2), np.ones(2, bool))
     assert (look(alone, (0, 0, -1), scale=0.3).targets >= 0).any()
 
