@@ -720,7 +720,8 @@ class _Upright:
     """Image from above by a perspective rasteriser.
 
     The map (x, y, z) -> (x, -y, 1) / w with w = 1 + (z - low) / (high - low) keeps planes, and the
-    perspective image of its result is the orthographic image: u = x, v = -y, 1 / depth = w.
+    perspective image of its result is the orthographic image: u = x, v = -y, 1 / depth = w. So a
+    height is a depth, and the near plane cuts what is above it.
     """
 
     width: int
@@ -732,58 +733,27 @@ class _Upright:
 
     def drawn(self, mesh: Mesh, rows: IntArray, cut: float | None) -> tuple[FaceImage, FloatArray]:
         """Face of each pixel, of some faces below a height, and their z."""
-        vertices, index, of = mesh.vertices, mesh.faces[rows], rows
-        if cut is not None:
-            corners, part = below(vertices[index], cut)
-            of = rows[part]
-            vertices, index = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
         nothing = np.full((self.height, self.width), -1, np.int32)
-        if not len(of):
+        if not len(rows):
             return nothing, np.full(nothing.shape, -np.inf)
         low, span = self.z[0], max(float(np.ptp(self.z)), 1e-30)
-        w = 1 + (vertices[:, 2] - low) / span
+        w = 1 + (mesh.vertices[:, 2] - low) / span
         unit = self.width / self.scale  # coordinates of about 1, whatever the scene's size
-        flat = (vertices[:, :2] - self.middle) / unit
+        flat = (mesh.vertices[:, :2] - self.middle) / unit
         placed = np.stack((flat[:, 0], -flat[:, 1], np.ones_like(w)), axis=-1) / w[:, None]
-        part_mesh = Mesh(vertices=placed, faces=index.reshape(-1, 3))
+        part_mesh = Mesh(vertices=placed, faces=mesh.faces[rows])
         focal = self.scale * unit
         camera = Camera(
             width=self.width, height=self.height, fx=focal, fy=focal,
             cx=float(self.centre[0]), cy=float(self.centre[1]),
+            near=0.0 if cut is None else 1 / (1 + (cut - low) / span),
         )  # fmt: skip
         with open_rasterizer(part_mesh, camera, "cpu") as rasterizer:
             buffer = rasterizer.render(np.eye(4))
-        face = np.append(of, -1).astype(np.int32).take(buffer.face, mode="wrap")
+        face = np.append(rows, -1).astype(np.int32).take(buffer.face, mode="wrap")
         z, at = np.full(face.shape, -np.inf), np.flatnonzero(face >= 0)
         z.ravel()[at] = low + span * (1 / buffer.depth.ravel()[at].astype(np.float64) - 1)
         return face, z
-
-
-def below(corners: FloatArray, cut: float) -> tuple[FloatArray, IntArray]:
-    """Parts of triangles (N, 3, 3) below a height, (M, 3, 3), and the triangle of each, (M,)."""
-    z = corners[..., 2] - cut
-    n_above = (z > 0).sum(axis=1)
-    whole = np.flatnonzero(n_above == 0)
-    parts, of = [corners[whole]], [whole]
-    for count in (1, 2):
-        rows = np.flatnonzero(n_above == count)
-        if not len(rows):
-            continue
-        # The corner that is alone on its side comes first.
-        lone = z[rows] > 0 if count == 1 else z[rows] <= 0
-        turn = (lone.argmax(axis=1)[:, None] + np.arange(3)) % 3
-        own = np.take_along_axis(corners[rows], turn[..., None], axis=1)
-        height = np.take_along_axis(z[rows], turn, axis=1)
-        shares = height[:, :1] / (height[:, :1] - height[:, 1:])
-        cuts = own[:, :1] + shares[..., None] * (own[:, 1:] - own[:, :1])
-        if count == 2:
-            parts.append(np.stack((own[:, 0], cuts[:, 0], cuts[:, 1]), axis=1))
-            of.append(rows)
-        else:
-            parts.append(np.stack((cuts[:, 0], own[:, 1], own[:, 2]), axis=1))
-            parts.append(np.stack((cuts[:, 0], own[:, 2], cuts[:, 1]), axis=1))
-            of += [rows, rows]
-    return np.concatenate(parts), np.concatenate(of)
 
 
 def _draw_walls(image: Image.Image, plan: FloorPlan) -> None:

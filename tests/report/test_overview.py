@@ -18,7 +18,6 @@ from rastercov.report import overview, theme
 from rastercov.report.images import draw_scale_bar, font_for, length_of_bar, place_labels
 from rastercov.report.overview import best_covering, camera_colours
 from rastercov.report.panorama import (
-    below,
     floor_plan,
     is_enclosed,
     is_inside,
@@ -267,29 +266,6 @@ def test_the_outline_of_a_level_camera_encloses_its_horizontal_field_of_view():
     away = corners[np.linalg.norm(corners, axis=1) > 1e-9]
     angles = np.degrees(np.arctan2(away[:, 1], away[:, 0]))
     assert np.ptp(angles) == pytest.approx(90.0)
-
-
-@examples(15)
-@given(seed=st.integers(0, 2**32 - 1))
-def test_parts_below_and_above_a_height_make_up_the_triangles(seed):
-    rng = np.random.default_rng(seed)
-    corners = rng.normal(size=(6, 3, 3))
-    if rng.random() < 0.5:
-        corners = np.round(corners)  # corners at the height itself
-    cut = float(np.round(rng.normal(0, 0.5)))
-
-    def areas(parts, of):
-        u, v = parts[:, 1] - parts[:, 0], parts[:, 2] - parts[:, 0]
-        return np.bincount(of, np.linalg.norm(np.cross(u, v), axis=1) / 2, minlength=6)
-
-    flipped = corners * (1, 1, -1)
-    (low, of_low), (high, of_high) = below(corners, cut), below(flipped, -cut)
-    assert (low[..., 2] <= cut + 1e-9).all()
-    assert (high[..., 2] <= -cut + 1e-9).all()
-    level = (corners[..., 2] == cut).all(axis=1)  # in both
-    total = areas(corners, np.arange(6))
-    found = areas(low, of_low) + areas(high, of_high)
-    assert found[~level] == pytest.approx(total[~level])
 
 
 # Labels
