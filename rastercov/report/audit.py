@@ -40,6 +40,11 @@ AUDIT = ReportKind(
     ),
     last="audit.json",
 )
+MOST_ROWS = 400
+"""Cameras in the table of a page; cameras.parquet has all."""
+MOST_LINES = 8
+"""Cameras with a line of their own; audit.json has all."""
+HEADINGS = ("image", "camera", "sees", "lost without it", "by it alone", "in the smallest set")
 
 
 def write(
@@ -78,9 +83,11 @@ def write(
             for name, picture in pictures.items():
                 write_bytes(folder.file(f"{name}.png"), picture.light)
             write_text(folder.file("audit.html"), html)
-            _write_elements(folder.file("elements.parquet"), found)
-            _write_cameras(folder.file("cameras.parquet"), found, cameras)
-            write_npz(folder.file("elements.npz"), **_arrays(found))
+            elements = _arrays(found)
+            for name, columns in (("elements", elements), ("cameras", _cameras(found, cameras))):
+                with writing(folder.file(f"{name}.parquet")) as part:
+                    pq.write_table(pa.table(columns), part)
+            write_npz(folder.file("elements.npz"), **elements)
             write_coloured_mesh(
                 folder.file("audit.glb"),
                 found.mesh if found.cells is None else found.cells.elements,
@@ -109,44 +116,23 @@ def _arrays(found: Audit) -> dict[str, np.ndarray[Any, Any]]:
     }
 
 
-def _write_elements(path: Path, found: Audit) -> None:
-    """Write a row for each element, in the order of the numbers of their faces."""
-    with writing(path) as part:
-        pq.write_table(pa.table(_arrays(found)), part)
-
-
-def _frames(found: Audit) -> dict[str, Any]:
-    """Column with the frame of each pose, where there are frames."""
-    if found.frames is None:
-        return {}
-    return {"frame": [found.frames.names[row] for row in found.frames.of_pose]}
-
-
-def _write_cameras(path: Path, found: Audit, names: tuple[str, ...]) -> None:
-    """Write a row for each pose: `in_subset` is true for those of the smallest subset found."""
+def _cameras(found: Audit, names: tuple[str, ...]) -> dict[str, Any]:
+    """Figures of each pose: `in_subset` is true for those of the smallest subset found."""
     chosen = np.zeros(len(found.poses), np.bool_)
     chosen[found.subset.chosen] = True
-    table = pa.table(
-        {
-            "pose": found.poses.ids,
-            "name": list(found.names),
-            "camera": [names[index] for index in found.poses.camera],
-            "seen_m2": found.seen_m2,
-            "lost_m2": found.lost_m2,
-            "alone_m2": found.alone_m2,
-            "in_subset": chosen,
-            **_frames(found),
-        }
-    )
-    with writing(path) as part:
-        pq.write_table(table, part)
-
-
-MOST_ROWS = 400
-"""Cameras in the table of a page; cameras.parquet has all."""
-MOST_LINES = 8
-"""Cameras with a line of their own; audit.json has all."""
-HEADINGS = ("image", "camera", "sees", "lost without it", "by it alone", "in the smallest set")
+    frames = {}
+    if found.frames is not None:
+        frames["frame"] = [found.frames.names[row] for row in found.frames.of_pose]
+    return {
+        "pose": found.poses.ids,
+        "name": list(found.names),
+        "camera": [names[index] for index in found.poses.camera],
+        "seen_m2": found.seen_m2,
+        "lost_m2": found.lost_m2,
+        "alone_m2": found.alone_m2,
+        "in_subset": chosen,
+        **frames,
+    }
 
 
 def pictures_of(found: Audit) -> dict[str, Picture]:
@@ -165,13 +151,13 @@ def pictures_of(found: Audit) -> dict[str, Picture]:
 
 
 def page(
-    found: Audit, summary: Mapping[str, Any], cameras: tuple[str, ...],
+    found: Audit,
+    summary: Mapping[str, Any],
+    cameras: tuple[str, ...],
     pictures: Mapping[str, Picture],
-) -> str:  # fmt: skip
+) -> str:
     """HTML of an audit and its summary; `cameras` are the names of the cameras."""
-    subset = summary["subset"]
-    chosen = np.zeros(len(found.poses), np.bool_)
-    chosen[found.subset.chosen] = True
+    subset, chosen = summary["subset"], set(found.subset.chosen.tolist())
     order = np.lexsort((-found.seen_m2, -found.lost_m2))
     rows = [
         (
@@ -180,7 +166,7 @@ def page(
             area(float(found.seen_m2[row])),
             area(float(found.lost_m2[row])),
             area(float(found.alone_m2[row])),
-            "yes" if chosen[row] else "",
+            "yes" if row in chosen else "",
         )
         for row in order[:MOST_ROWS].tolist()
     ]

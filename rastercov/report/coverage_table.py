@@ -44,6 +44,8 @@ ROWS_A_GROUP = 1 << 18
 """Rows of a Parquet row group: about 13 MB of columns."""
 BATCHES_WAITING = 2
 """Batches of rows that wait for the thread that writes; `add` waits while there are more."""
+MOST_POSES = 5_000
+"""Poses up to which a result has the file: about 3 MB."""
 
 
 class CoverageTable:
@@ -238,10 +240,6 @@ def write_areas(path: Path, mesh: Mesh, covered: Covered) -> None:
     )
     with writing(path) as part:
         pq.write_table(table, part)
-
-
-MOST_POSES = 5_000
-"""Poses up to which a result has the file: about 3 MB."""
 
 
 def write_rig(path: Path, camera: Cameras, poses: Poses, names: Sequence[str] = ()) -> None:

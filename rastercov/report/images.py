@@ -321,6 +321,13 @@ class Key:
         self.name, self.low, self.high = name, low, high
         self.image = Image.fromarray(pixels)
 
+    @property
+    def colours(self) -> list[list[int]]:
+        """Colours of the swatch, the one in its corner first."""
+        pixels = np.asarray(self.image).reshape(-1, 3)
+        first: list[int] = pixels[0].tolist()
+        return [first, *(each for each in np.unique(pixels, axis=0).tolist() if each != first)]
+
     @classmethod
     def of(
         cls,

@@ -10,22 +10,26 @@ import secrets
 import struct
 import time
 from collections.abc import Mapping
+from io import BytesIO
 from threading import RLock
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
 from rastercov.coverage.area.network import AreaNetwork
+from rastercov.mesh import Mesh
 from rastercov.models import MODELS
 from rastercov.placement.candidates.segments import Segmentation, segment
 from rastercov.placement.improve.pose_space import PoseSpace
+from rastercov.report import theme
+from rastercov.report.camera_pictures import camera_image, camera_keys, camera_pixels
 from rastercov.report.modes import mode_of
 from rastercov.viewer.actions import Constrain, Redo, Request, Undo, request_of
-from rastercov.viewer.image import camera_png
-from rastercov.viewer.measurements import Measurements, NetworkFigures, exact_area
+from rastercov.viewer.measurements import Measurements, NetworkFigures, exact_area, of_one_camera
 from rastercov.viewer.rig_state import History, RigState
 from rastercov.viewer.scene import MODEL_OPTIONS, SEGMENT_OPTIONS, Scene, described_state
 from rastercov.viewer.why import why
@@ -34,6 +38,7 @@ FloatArray = NDArray[np.float64]
 
 MOST_FACES_OF_ZONE = 5_000
 """Faces of a dead zone that a page highlights."""
+LEAST_SIDE, MOST_SIDE = 64, 2048
 
 
 class StaleError(ConfigError):
@@ -171,7 +176,7 @@ class Session:
 
     def zones(self) -> list[dict[str, Any]]:
         """Dead zones by exact area, the largest first, ready for JSON."""
-        from rastercov.coverage.area.zone_report import zone_lines
+        from rastercov.coverage.area.zone_report import zone_line
 
         with self.lock:
             areas, state = self.areas(), self.state
@@ -183,7 +188,6 @@ class Session:
                 weights = np.asarray(self.scene.mesh.areas)[faces]
                 normal = (np.asarray(self.scene.mesh.normals)[faces] * weights[:, None]).sum(axis=0)
                 length = float(np.linalg.norm(normal))
-                lines = zone_lines({"dead_zones": [entry | {"percent": 100.0}]})
                 found.append(
                     {
                         "area": entry["area_m2"],
@@ -192,7 +196,7 @@ class Session:
                         "normal": (normal / length if length > 0 else normal).tolist(),
                         "group": entry["groups"][0],
                         "reason": entry["reason"],
-                        "words": lines[0] if lines else entry["reason"],
+                        "words": zone_line(entry),
                         "faces": faces[:MOST_FACES_OF_ZONE].tolist(),
                     }
                 )
@@ -301,3 +305,41 @@ def _option(known: tuple[dict[str, Any], ...], given: Mapping[str, Any], name: s
     if is_number != isinstance(default, float):
         raise ConfigError(f"{name} must be like {default!r}, got {shown(value)}")
     return value
+
+
+def camera_png(
+    mesh: Mesh, state: RigState, station: int, side: int
+) -> tuple[dict[str, Any], bytes]:
+    """The camera's own image, its distortion included: title, size and legend, and a PNG.
+
+    Parameters
+    ----------
+    station : int
+        Id of the station.
+    side : int
+        Longest side, px; at most that of the camera.
+
+    Raises
+    ------
+    ConfigError
+        For a station that is gone, or a side outside its limits.
+    """
+    if not LEAST_SIDE <= side <= MOST_SIDE:
+        raise ConfigError(f"side must be {LEAST_SIDE} to {MOST_SIDE} px, got {side}")
+    row = state.row(station)
+    own = state.stations[row]
+    camera, task = state.camera_of(own), of_one_camera(state.task)
+    red, green, blue = theme.camera_colours(row + 1)[row].tolist()
+    colour = (red, green, blue)
+    found = camera_image(mesh, camera, own.pose, task, side=side)
+    pixels = camera_pixels(found, colour)
+    legend = [
+        {"label": key.name, "colour": first, "stripe": next(iter(others), None)}
+        for key in camera_keys([found], colour, "covered")
+        for first, *others in (key.colours,)
+    ]
+    buffer = BytesIO()
+    Image.fromarray(pixels).save(buffer, "PNG", compress_level=1)
+    height, width = pixels.shape[:2]
+    title = f"{own.name}: covers {found.faces:,} whole faces"
+    return {"width": width, "height": height, "title": title, "legend": legend}, buffer.getvalue()

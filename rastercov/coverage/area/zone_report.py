@@ -64,10 +64,11 @@ def summary_of(
 def zone_lines(summary: Mapping[str, Any]) -> list[str]:
     """Lines about the largest zones of a summary; none where it has none."""
     zones = [each for each in summary.get("dead_zones", ()) if each["percent"] >= LEAST_PERCENT]
-    return [_line(zone) for zone in zones[:MOST_LINES]]
+    return [zone_line(zone) for zone in zones[:MOST_LINES]]
 
 
-def _line(zone: Mapping[str, Any]) -> str:
+def zone_line(zone: Mapping[str, Any]) -> str:
+    """Line about one zone."""
     size = math.sqrt(zone["area_m2"])
     digits = min(max(0, 1 - math.floor(math.log10(size))), 9)
     at = ", ".join(signed(value, digits) for value in zone["centroid"])
