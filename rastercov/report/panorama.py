@@ -436,24 +436,18 @@ def draw_in_space(image: Image.Image, scene: Scene, lines: Sequence[Line]) -> No
         column, row = np.clip(image_points, 0, (depth.shape[1] - 1, depth.shape[0] - 1)).T
         before = seen[:, 2] <= depth[row.astype(int), column.astype(int)] + slack
         is_ahead = seen[:, 2] > 1e-3 * DISTANCE * slack  # the viewer may be between them
-        faint = tuple(
-            round(0.3 * c + 0.7 * g) for c, g in zip(line.colour, (205,) * 3, strict=True)
-        )
+        faint = tuple(round(0.3 * c + 0.7 * 205) for c in line.colour)
         width = round(line.width * FINE)
         places = [tuple(place) for place in image_points.tolist()]
-        for piece in range(
-            line.pieces
-        ):  # a border, so that the line shows on a surface of its colour
-            if (before & is_ahead)[piece : piece + 2].all():
-                draw.line(places[piece : piece + 2], PAPER, width + 2 * FINE)
-        for piece in range(line.pieces):
-            if not (is_ahead[piece] and is_ahead[piece + 1]):
-                continue
-            is_seen = before[piece] and before[piece + 1]
-            if not is_seen and piece % 2:
-                continue
-            colour, across = (line.colour, width) if is_seen else (faint, max(1, width // 2))
-            draw.line(places[piece : piece + 2], colour, across)
+        is_drawn = is_ahead[:-1] & is_ahead[1:]
+        is_seen = is_drawn & before[:-1] & before[1:]
+        for piece in np.flatnonzero(is_seen):  # a border, for a surface of the line's colour
+            draw.line(places[piece : piece + 2], PAPER, width + 2 * FINE)
+        for piece in np.flatnonzero(is_drawn):
+            if is_seen[piece]:
+                draw.line(places[piece : piece + 2], line.colour, width)
+            elif piece % 2 == 0:
+                draw.line(places[piece : piece + 2], faint, max(1, width // 2))
 
 
 def fill_in_space(
@@ -696,23 +690,12 @@ def paint_plan(plan: FloorPlan, own: OwnColours) -> Image.Image:
 
 
 def outline(points: FloatArray) -> FloatArray:
-    """Convex hull of points (N, 2), counter-clockwise from the lowest of the leftmost.
+    """Corners (M, 2) of the convex hull of points (N, 2), around it."""
+    import shapely  # with the first plan only
 
-    A. M. Andrew. Another Efficient Algorithm for Convex Hulls in Two Dimensions. 1979.
-    """
-    order = np.unique(points, axis=0)
-    chains: list[FloatArray] = []
-    for row in (order, order[::-1]):
-        chain: list[FloatArray] = []
-        for point in row:
-            while len(chain) > 1:
-                (ax, ay), (bx, by) = chain[-1] - chain[-2], point - chain[-2]
-                if ax * by - ay * bx > 0:
-                    break
-                chain.pop()
-            chain.append(point)
-        chains += chain[:-1]
-    return np.array(chains) if chains else order
+    hull = shapely.convex_hull(shapely.multipoints(points))
+    corners: FloatArray = shapely.get_coordinates(hull)
+    return corners[:-1] if hull.geom_type == "Polygon" else corners  # a ring ends where it begins
 
 
 @dataclass(frozen=True)

@@ -370,9 +370,7 @@ class Work:
     def _with_next(
         self, own: Measurements, state: Any, camera: str, progress: Progress
     ) -> tuple[Any, float]:
-        if camera not in state.cameras:
-            known = ", ".join(state.cameras)
-            raise ConfigError(f"there is no camera {shown(camera)}; cameras are {known}")
+        state.camera(camera)
         scene = self.session.scene
         if scene.plan is not None and scene.pool is not None and len(scene.pool.candidates):
             mounts = scene.plan.mounts
