@@ -580,7 +580,7 @@ def length_of_bar(metres: float) -> str:
 
 def part_drawn(mesh: Mesh, camera: Camera, pose: ArrayLike, rows: IntArray) -> VisibilityBuffer:
     """Image of some faces of a mesh alone, on the CPU, with indices of the whole mesh."""
-    is_part = len(rows) < mesh.n_faces
+    is_part = mesh.has_targets or len(rows) < mesh.n_faces  # targets of a mesh are not drawn
     part = Mesh(vertices=mesh.vertices, faces=mesh.faces[rows]) if is_part else mesh
     with open_rasterizer(part, camera, "cpu") as rasterizer:
         buffer = rasterizer.render(pose)

@@ -203,7 +203,7 @@ def look(
     cx, cy = size / 2 - focal * (least + most) / 2
     camera = Camera(width=width, height=height, fx=focal, fy=focal, cx=float(cx), cy=float(cy))
     rows = np.arange(mesh.n_faces)
-    buffer = part_drawn(mesh, camera, pose, rows)
+    buffer = part_drawn(mesh, camera, pose, np.flatnonzero(~mesh.target_mask))
     away = turned_away(mesh, eye, eyes) | outer_skin(mesh, eyes)
     # A view of mostly back faces looks into a room through its walls.
     counts = np.bincount(buffer.face[buffer.face >= 0], minlength=mesh.n_faces)

@@ -254,7 +254,7 @@ def segments_picture(mesh: Mesh, segmentation: "Segmentation") -> Image.Image:
 
 def best_picture(mesh: Mesh, best: ArrayLike, eyes: ArrayLike = ()) -> Image.Image:
     """The part coloured by the best coverage of any camera, red where it is 0."""
-    zero = mesh.task_mask & (np.asarray(best) <= 0)
+    zero = theme.colour_rows(mesh, best) == theme.ZERO_ROW
     return mode_picture("coverage", mesh, best, eyes, through=zero)
 
 
