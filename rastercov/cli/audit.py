@@ -116,7 +116,8 @@ def audit(
 
 def _print(summary: Mapping[str, Any], out: Path) -> None:
     """Print the headline of an audit, and the cameras that add most."""
-    from rastercov.report.audit_page import group_lines, rounded
+    from rastercov.report.audit import group_lines
+    from rastercov.report.modes import rounded
 
     subset = summary["subset"]
     print(

@@ -139,9 +139,8 @@ def run_and_print(
     from rastercov.base.output import json_text
     from rastercov.coverage.area.zone_report import zone_lines
     from rastercov.exact.certificate import compile_once
-    from rastercov.report.by_camera import camera_table
     from rastercov.report.coverage import run
-    from rastercov.report.tables import run_table, summary_table
+    from rastercov.report.tables import camera_table, run_table, summary_table
 
     accepted, tally = Poses.of(poses), Tally()
     if settings.method != "sampled":

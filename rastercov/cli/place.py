@@ -93,8 +93,7 @@ def place(
     if as_json:
         print(json_text(report.summary(placed)))
     else:
-        from rastercov.report.by_camera import camera_table
-        from rastercov.report.tables import summary_table
+        from rastercov.report.tables import camera_table, summary_table
 
         console = Console()
         console.print(report.cameras_table(placed))
@@ -156,8 +155,8 @@ def check(
     """
     from rastercov.placement.plan import check as plan_check
     from rastercov.placement.plan.file import read_plan
-    from rastercov.report.by_camera import camera_table
     from rastercov.report.half_covered import half_covered_lines
+    from rastercov.report.tables import camera_table
 
     if junit is not None:
         plan_check.refuse_junit(junit)

@@ -98,9 +98,8 @@ def view(
 
     [bold]A page to send[/]: rastercov view teapot -c khepra -p sphere:8 --export page.html
     """
-    from rastercov.viewer.export import check_name, export_page
-    from rastercov.viewer.redirect import redirect
-    from rastercov.viewer.server import Address, serve
+    from rastercov.viewer.saving import check_name, export_page
+    from rastercov.viewer.server import Address, redirect, serve
     from rastercov.viewer.session import Session
 
     if export is not None:
@@ -167,7 +166,7 @@ def view(
 
 def _of_plan(path: Path, rig: Views | None) -> "Scene":
     from rastercov.placement.plan.file import PlanError
-    from rastercov.viewer.opening import open_plan
+    from rastercov.viewer.scene import open_plan
 
     try:
         return open_plan(path, rig)
@@ -184,7 +183,7 @@ def _of_result(
 
     Its meshes are looked for where they were, and beside it, unless they are given.
     """
-    from rastercov.viewer.opening import open_result, run_of
+    from rastercov.viewer.scene import open_result, run_of
 
     def found(names: list[str]) -> Mesh:
         options = run_of(folder).get("options")
@@ -223,7 +222,7 @@ def _of_meshes(
     task: Task,
     unit: list[str],
 ) -> "Scene":
-    from rastercov.viewer.opening import open_mesh
+    from rastercov.viewer.scene import open_mesh
 
     mesh = load(sources)
     if poses is not None:

@@ -17,17 +17,21 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+from numpy.typing import NDArray
 
+from rastercov.base.format import area, percent, plural
 from rastercov.base.interrupts import interrupts_held
 from rastercov.base.output import write_bytes, write_json, write_npz, write_text, writing
 from rastercov.camera.rig import names_of
+from rastercov.coverage.area.network import in_words
 from rastercov.coverage.provenance import Provenance
 from rastercov.coverage.shards import UNFINISHED, remove
 from rastercov.placement.audit import Audit
-from rastercov.report.audit_page import page, pictures_of
 from rastercov.report.coloured_mesh import write_coloured_mesh
+from rastercov.report.coverage_table import write_rig
 from rastercov.report.folder import ReportFolder, ReportKind
-from rastercov.report.rig_file import write_rig
+from rastercov.report.html import Picture, rendered
+from rastercov.report.modes import MODES, mode_picture, rounded
 
 AUDIT = ReportKind(
     "audit",
@@ -36,6 +40,11 @@ AUDIT = ReportKind(
     ),
     last="audit.json",
 )
+MOST_ROWS = 400
+"""Cameras in the table of a page; cameras.parquet has all."""
+MOST_LINES = 8
+"""Cameras with a line of their own; audit.json has all."""
+HEADINGS = ("image", "camera", "sees", "lost without it", "by it alone", "in the smallest set")
 
 
 def write(
@@ -74,9 +83,11 @@ def write(
             for name, picture in pictures.items():
                 write_bytes(folder.file(f"{name}.png"), picture.light)
             write_text(folder.file("audit.html"), html)
-            _write_elements(folder.file("elements.parquet"), found)
-            _write_cameras(folder.file("cameras.parquet"), found, cameras)
-            write_npz(folder.file("elements.npz"), **_arrays(found))
+            elements = _arrays(found)
+            for name, columns in (("elements", elements), ("cameras", _cameras(found, cameras))):
+                with writing(folder.file(f"{name}.parquet")) as part:
+                    pq.write_table(pa.table(columns), part)
+            write_npz(folder.file("elements.npz"), **elements)
             write_coloured_mesh(
                 folder.file("audit.glb"),
                 found.mesh if found.cells is None else found.cells.elements,
@@ -105,34 +116,103 @@ def _arrays(found: Audit) -> dict[str, np.ndarray[Any, Any]]:
     }
 
 
-def _write_elements(path: Path, found: Audit) -> None:
-    """Write a row for each element, in the order of the numbers of their faces."""
-    with writing(path) as part:
-        pq.write_table(pa.table(_arrays(found)), part)
-
-
-def _frames(found: Audit) -> dict[str, Any]:
-    """Column with the frame of each pose, where there are frames."""
-    if found.frames is None:
-        return {}
-    return {"frame": [found.frames.names[row] for row in found.frames.of_pose]}
-
-
-def _write_cameras(path: Path, found: Audit, names: tuple[str, ...]) -> None:
-    """Write a row for each pose: `in_subset` is true for those of the smallest subset found."""
+def _cameras(found: Audit, names: tuple[str, ...]) -> dict[str, Any]:
+    """Figures of each pose: `in_subset` is true for those of the smallest subset found."""
     chosen = np.zeros(len(found.poses), np.bool_)
     chosen[found.subset.chosen] = True
-    table = pa.table(
-        {
-            "pose": found.poses.ids,
-            "name": list(found.names),
-            "camera": [names[index] for index in found.poses.camera],
-            "seen_m2": found.seen_m2,
-            "lost_m2": found.lost_m2,
-            "alone_m2": found.alone_m2,
-            "in_subset": chosen,
-            **_frames(found),
-        }
+    frames = {}
+    if found.frames is not None:
+        frames["frame"] = [found.frames.names[row] for row in found.frames.of_pose]
+    return {
+        "pose": found.poses.ids,
+        "name": list(found.names),
+        "camera": [names[index] for index in found.poses.camera],
+        "seen_m2": found.seen_m2,
+        "lost_m2": found.lost_m2,
+        "alone_m2": found.alone_m2,
+        "in_subset": chosen,
+        **frames,
+    }
+
+
+def pictures_of(found: Audit) -> dict[str, Picture]:
+    """Pictures of the elements by number of views, best density and widest angle."""
+    on = found.mesh if found.cells is None else found.cells.elements
+    eyes, views = found.poses.world_from_camera[:, :3, 3], found.views
+    drawn: dict[str, NDArray[Any]] = {"views": views}
+    if views.any():
+        drawn["density"] = np.where(views > 0, found.best_density, 0.0)
+    if (views > 1).any():
+        drawn["angle"] = np.where(views > 1, np.degrees(found.widest_angle), 0.0)
+    return {
+        f"audit_{name}": Picture.of(MODES[name].words, mode_picture(name, on, values, eyes))
+        for name, values in drawn.items()
+    }
+
+
+def page(
+    found: Audit,
+    summary: Mapping[str, Any],
+    cameras: tuple[str, ...],
+    pictures: Mapping[str, Picture],
+) -> str:
+    """HTML of an audit and its summary; `cameras` are the names of the cameras."""
+    subset, chosen = summary["subset"], set(found.subset.chosen.tolist())
+    order = np.lexsort((-found.seen_m2, -found.lost_m2))
+    rows = [
+        (
+            found.names[row],
+            cameras[found.poses.camera[row]],
+            area(float(found.seen_m2[row])),
+            area(float(found.lost_m2[row])),
+            area(float(found.alone_m2[row])),
+            "yes" if row in chosen else "",
+        )
+        for row in order[:MOST_ROWS].tolist()
+    ]
+    exact = summary.get("covered_area")
+    lines = [
+        f"median density {rounded(summary['median_density_px_per_m'])} px/m, "
+        f"median angle between views {summary['median_widest_angle_deg']:.3g}°",
+        f"{plural(subset['cameras'], 'image', 'cover')} the same; "
+        f"none fewer than {subset['bound']:g}",
+        f"{summary['redundant_cameras']:,} could be left out one at a time",
+        *group_lines(summary),
+    ]
+    return rendered(
+        "audit.html",
+        title="rastercov audit",
+        heading="Audit of existing cameras",
+        answer=f"{plural(summary['cameras'], 'image', 'cover')} "
+        f"{percent(summary['covered_percent'] / 100)} of the surface",
+        exact="" if exact is None else in_words(exact),
+        lines=lines,
+        summary=summary,
+        headings=HEADINGS,
+        rows=rows,
+        n_more=max(0, len(found.poses) - MOST_ROWS),
+        pictures=list(pictures.values()),
     )
-    with writing(path) as part:
-        pq.write_table(table, part)
+
+
+def group_lines(summary: Mapping[str, Any]) -> list[str]:
+    """Lines on the frames of an audit and on each of its cameras; often none."""
+    lines = []
+    if "frames" in summary:
+        frames = summary["frames"]
+        lines.append(
+            f"{frames['subset']['cameras']} of {frames['count']:,} frames cover the same; none "
+            f"fewer than {frames['subset']['bound']:g}; {frames['redundant']:,} could be left out "
+            "one at a time"
+        )
+    cameras = summary.get("by_camera", ())
+    for entry in cameras[:MOST_LINES]:
+        lost = f"{area(entry['lost_m2'])} is" if entry["lost_m2"] > 0 else "nothing is"
+        lines.append(
+            f"{entry['camera']}: {plural(entry['poses'], 'image', 'see')} "
+            f"{area(entry['seen_m2'])}, "
+            f"{lost} lost without them"
+        )
+    if cameras[MOST_LINES:]:
+        lines.append(f"{len(cameras) - MOST_LINES} more cameras are in audit.json")
+    return lines

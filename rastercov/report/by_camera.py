@@ -4,16 +4,12 @@ A point, or a face, counts for a camera where any of its poses covers it, whatev
 the task wants of all cameras together.
 """
 
-from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.table import Table
-from rich.text import Text
 
-from rastercov.base.format import area, percent, plural
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, names_of
 from rastercov.coverage.area.by_camera import AreasByCamera, cameras_apart
@@ -76,30 +72,3 @@ class ByCamera:
             }
             found.append(entry | self._areas.entry(index))
         return found
-
-
-def camera_rows(summary: Mapping[str, Any]) -> list[list[str]]:
-    """Name, poses, covered area or faces, and its share, of each camera; often none."""
-    rows = []
-    for entry in summary.get("by_camera", ()):
-        covered = entry.get("covered_area")
-        size = plural(entry["covered"]["faces"], "face") if covered is None else area(covered["m2"])
-        share = (covered or entry["covered"])["percent"]
-        rows.append([entry["camera"], f"{entry['poses']:,}", size, percent(share / 100)])
-    return rows
-
-
-def camera_table(summary: Mapping[str, Any], most: int = 20) -> Table | None:
-    """Figures by camera for a terminal of 80 columns; None where there are none."""
-    rows = camera_rows(summary)
-    if not rows:
-        return None
-    table = Table(title="Covered by each camera alone", title_justify="left")
-    table.add_column("camera", no_wrap=True, max_width=30)
-    for name in ("poses", "covered", "share"):
-        table.add_column(name, justify="right", no_wrap=True)
-    for name, *figures in rows[:most]:
-        table.add_row(Text(name), *figures)
-    if rows[most:]:
-        table.add_row(f"... {len(rows) - most} more", style="dim")
-    return table

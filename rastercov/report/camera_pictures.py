@@ -8,23 +8,32 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
 from rastercov.base.format import area, percent, plural
 from rastercov.camera.camera import Camera
 from rastercov.coverage.area.failures import first_failures
+from rastercov.coverage.area.points import covering_poses
 from rastercov.coverage.area.regions import Regions
 from rastercov.coverage.coverage import evaluate
+from rastercov.coverage.reasons import REASONS
 from rastercov.coverage.task import Reason, Task
 from rastercov.mesh import Mesh
 from rastercov.raster import open_rasterizer
 from rastercov.report import theme
-from rastercov.report.area_pictures import covered_pixels, points_of_pixels
-from rastercov.report.images import Key, draw_lines, facing, framed, stripes
-from rastercov.report.panorama import LEAST_LIGHT, FaceImage
-from rastercov.report.placement_pictures import key, target_key
-from rastercov.report.target_pictures import hatch_over, targets_in_view
+from rastercov.report.images import (
+    Key,
+    draw_lines,
+    facing,
+    framed,
+    hatch_over,
+    part_drawn,
+    stripes,
+    target_key,
+    targets_in_view,
+)
+from rastercov.report.panorama import LEAST_LIGHT, PIXELS_AT_A_TIME, FaceImage, points_of_pixels
 from rastercov.report.theme import Colour, Pixels
 
 FloatArray = NDArray[np.float64]
@@ -32,17 +41,8 @@ States = NDArray[np.uint8]
 
 SIDE, SMALL, MANY = 720, 480, 24
 """Larger side of a picture, pixels: of up to `MANY` cameras, and of more."""
-WORDS = {
-    Reason.BACK_FACING: "seen from behind",
-    Reason.OUTSIDE: "not all of the face in the image",
-    Reason.OUT_OF_FOCUS: "out of focus",
-    Reason.UNSAMPLED: "too small for a sample",
-    Reason.TOO_COARSE: "too few pixels",
-    Reason.OCCLUDED: "face hidden too far",
-    Reason.TOO_OBLIQUE: "seen too flatly",
-    Reason.DEGENERATE: "without area",
-}
-"""Legend of the criteria that fail."""
+WHOLE_REL = 1e-6
+"""Area up to which a face may be uncovered and counts as wholly covered here, relative."""
 UNJUDGED = 255
 """State of a pixel whose point lies on the outline of a region: drawn like a line of the mesh."""
 FEW_REL = 2e-5
@@ -97,9 +97,7 @@ def camera_image(
     beneath = np.zeros(buffer.face.shape, np.bool_)
     scored = np.flatnonzero(mesh.task_mask & ~mesh.target_mask & facing(mesh, pose)[0])
     if not mesh.task_mask.all() and len(scored):
-        part = Mesh(vertices=mesh.vertices, faces=mesh.faces[scored])
-        with open_rasterizer(part, small, "cpu") as rasterizer:
-            behind = rasterizer.render(pose).face >= 0
+        behind = part_drawn(mesh, small, pose, scored).face >= 0
         beneath = behind & (buffer.face >= 0) & ~is_task[buffer.face]
     n_covered = None
     if regions is None:
@@ -138,6 +136,40 @@ def _states(
     return found
 
 
+def covered_pixels(
+    regions: Regions, camera: Camera, pose: ArrayLike, face: NDArray[np.int32]
+) -> NDArray[np.bool_]:
+    """Pixels at whose centre the surface is covered by a pose of some regions.
+
+    Parameters
+    ----------
+    regions : Regions
+        Of few poses, of the mesh in the image.
+    camera, pose
+        Of the image, (H, W).
+    face : (H, W) int32
+        Face at each pixel, -1 for none.
+
+    Returns
+    -------
+    (H, W) bool
+        False where no task face is.
+    """
+    mesh, area = regions.mesh, regions.areas().max(axis=0, initial=0.0)
+    is_whole = (area > 0) & (area >= (1 - WHOLE_REL) * mesh.areas)
+    covered = np.append(is_whole, False)[face]
+    # Only faces that are covered in part have to be asked point by point.
+    partly = np.append((area > 0) & ~is_whole, False)[face]
+    pixel = np.divmod(np.flatnonzero(partly), face.shape[1])
+    faces = face[pixel]
+    points = points_of_pixels(mesh, camera, np.asarray(pose, np.float64), faces, *pixel)
+    for at in range(0, len(faces), PIXELS_AT_A_TIME):
+        part = slice(at, at + PIXELS_AT_A_TIME)
+        found = covering_poses(regions, faces[part], points[part]).any(axis=1)
+        covered[pixel[0][part], pixel[1][part]] = found
+    return covered
+
+
 def camera_pixels(image: CameraImage, colour: Colour) -> Pixels:
     """(H, W, 3) pixels of a camera's image, with what it covers in its colour."""
     mesh, face = image.mesh, image.face
@@ -162,8 +194,8 @@ def _colours(colour: Colour) -> tuple[Pixels, Pixels]:
     table = np.empty((256, 3), np.uint8)
     table[:] = theme.COVERED
     striped = table.copy()
-    for reason in WORDS:
-        striped[reason] = theme.REASONS[reason.name.lower()]
+    for reason in Reason:
+        striped[reason] = theme.REASONS.get(reason.name.lower(), theme.COVERED)
     table[Reason.BACK_FACING], striped[Reason.BACK_FACING] = theme.BEHIND, theme.BEHIND_STRIPE
     table[Reason.COVERED] = striped[Reason.COVERED] = colour
     table[UNJUDGED] = striped[UNJUDGED] = theme.WALL_LINE
@@ -178,23 +210,21 @@ def camera_keys(images: Sequence[CameraImage], colour: Colour | None, name: str)
         shown[np.unique(image.state[is_task])] = True
         shown[np.unique(image.target_state[image.targets >= 0])] = True
     table, striped = _colours(colour or theme.PAPER)
-    keys = [key(name, colour)] if colour is not None else []
+    keys = [Key.of(name, colour)] if colour is not None else []
     keys += [
-        key(words, table[reason], striped[reason])
-        for reason, words in WORDS.items()
-        if shown[reason]
+        Key.of(REASONS[reason.name.lower()].label, table[reason], striped[reason])
+        for reason in Reason
+        if shown[reason] and reason != Reason.COVERED
     ]
     if any((~image.mesh.task_mask[image.face[image.face >= 0]]).any() for image in images):
-        keys.append(key("occluder", theme.OCCLUDER_PALE))
+        keys.append(Key.of("occluder", theme.OCCLUDER_PALE))
     if any(image.beneath.any() for image in images):
-        swatch = np.empty((24, 24, 3), np.uint8)
-        swatch[:] = theme.OCCLUDER_PALE
-        swatch[stripes((24, 24), 4, 4)] = theme.REASONS["occluded"]
-        keys.append(Key("occluder that hides the task", swatch))
+        red = theme.REASONS["occluded"]
+        keys.append(Key.of("occluder that hides the task", theme.OCCLUDER_PALE, red, 4, 4))
     if any((image.targets >= 0).any() for image in images):
         keys.append(target_key())
     if any((image.face < 0).any() for image in images):
-        keys.append(key("nothing", theme.BACKGROUND))
+        keys.append(Key.of("nothing", theme.BACKGROUND))
     return keys
 
 

@@ -7,40 +7,39 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
-from rastercov.base.errors import ConfigError
 from rastercov.base.output import write_bytes
 from rastercov.coverage.area.rest import with_rest
 from rastercov.coverage.area.union import Covered
 from rastercov.mesh import Mesh
 from rastercov.mesh.formats.glb_writer import Y_UP, GlbBuffer
 from rastercov.report import theme
-from rastercov.report.images import png
-from rastercov.report.target_pictures import OPACITY
+from rastercov.report.images import OPACITY, png
 
 FloatArray = NDArray[np.float64]
 
 
 def write_coloured_mesh(path: str | Path, mesh: Mesh, values: ArrayLike) -> None:
-    """Write the mesh, each face in the colour of its coverage, for any 3D viewer.
+    """Write the mesh as GLB, each face in the colour of its coverage, for any 3D viewer.
 
     Colours run from dark violet over teal to yellow for coverage up to 1; task faces without
     coverage are red, occluders grey-blue. Targets are translucent. Greys would be changed by a
     viewer's light. Faces share no vertices, so that each has one colour.
 
+    One node a group, which a viewer can hide; node matrices turn z up to glTF's y up and carry the
+    offset, so that a part far from the origin keeps its shape in float32. Colours come from a small
+    texture, because vertex colours are linear light in glTF and not every viewer shows them.
+
     Parameters
     ----------
-    path : path ending in .glb or .ply
-        GLB: one node a group, which a viewer can hide; node matrices turn z up to glTF's y up and
-        carry the offset, so that a part far from the origin keeps its shape in float32. Colours
-        come from a small texture, because vertex colours are linear light in glTF and not every
-        viewer shows them. PLY: unchanged axes, vertex colours, one mesh in the order of
-        `mesh.faces`, coordinates in float32.
+    path : path
+        Of the file.
     mesh : Mesh
         F faces.
     values : (F,) array_like
         Coverage, such as `Network.best`; beyond [0, 1] shown as the nearer end.
     """
-    _write(path, mesh, mesh.vertices[mesh.faces], mesh.face_group, theme.colour_rows(mesh, values))
+    rows = theme.colour_rows(mesh, values)
+    write_bytes(path, _glb(mesh, mesh.vertices[mesh.faces], mesh.face_group, rows))
 
 
 def write_covered_mesh(path: str | Path, covered: Covered) -> None:
@@ -51,8 +50,8 @@ def write_covered_mesh(path: str | Path, covered: Covered) -> None:
 
     Parameters
     ----------
-    path : path ending in .glb or .ply
-        As for `write_coloured_mesh`.
+    path : path
+        Of the file, as for `write_coloured_mesh`.
     covered : Covered
         Of the mesh.
     """
@@ -65,54 +64,13 @@ def write_covered_mesh(path: str | Path, covered: Covered) -> None:
     triangles = parts.points()[np.stack((first, first + step + 1, first + step + 2), axis=1)]
     is_other = ~mesh.task_mask
     entry = theme.level_rows(parts.views[of_piece] / len(parts.area))
-    _write(
-        path,
+    content = _glb(
         mesh,
         np.concatenate([triangles, mesh.vertices[mesh.faces[is_other]]]),
         np.concatenate([mesh.face_group[parts.face[of_piece]], mesh.face_group[is_other]]),
         np.concatenate([entry, np.full(is_other.sum(), theme.OCCLUDER_ROW)]),
     )
-
-
-def _write(
-    path: str | Path,
-    mesh: Mesh,
-    triangles: FloatArray,
-    group: NDArray[Any],
-    entry: NDArray[np.int64],
-) -> None:
-    """Write triangles (T, 3, 3), each of a group and in a row of the palette, (T,)."""
-    path = Path(path)
-    suffix = path.suffix.lower()
-    if suffix not in (".glb", ".ply"):
-        raise ConfigError(f"{path}: a coloured mesh is saved as .glb or .ply")
-    if suffix == ".ply":
-        is_target = np.array([each.is_target for each in mesh.groups])[group]
-        content = _ply(triangles, entry, is_target)
-    else:
-        content = _glb(mesh, triangles, group, entry)
     write_bytes(path, content)
-
-
-def _ply(triangles: FloatArray, entry: NDArray[np.int64], is_target: NDArray[np.bool_]) -> bytes:
-    """Separate triangles with vertex colours, in their order."""
-    n = len(triangles)
-    vertices = np.empty(3 * n, [("place", "<f4", 3), ("colour", "u1", 4)])
-    vertices["place"] = triangles.reshape(-1, 3)
-    colours = np.full((n, 4), 255, np.uint8)
-    colours[:, :3] = theme.coverage_colours()[entry]
-    colours[is_target, 3] = round(255 * OPACITY)
-    vertices["colour"] = np.repeat(colours, 3, axis=0)
-    faces = np.empty(n, [("count", "u1"), ("corners", "<i4", 3)])
-    faces["count"] = 3
-    faces["corners"] = np.arange(3 * n).reshape(-1, 3)
-    header = [
-        *("ply", "format binary_little_endian 1.0", f"element vertex {3 * n}"),
-        *(f"property float {name}" for name in "xyz"),
-        *(f"property uchar {name}" for name in ("red", "green", "blue", "alpha")),
-        *(f"element face {n}", "property list uchar int vertex_indices", "end_header", ""),
-    ]
-    return "\n".join(header).encode() + vertices.tobytes() + faces.tobytes()
 
 
 def _glb(

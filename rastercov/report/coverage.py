@@ -57,15 +57,13 @@ from rastercov.kernels.stopwatch import Stopwatch
 from rastercov.mesh import Mesh
 from rastercov.raster import open_rasterizer
 from rastercov.raster.contract import Rasterizer
-from rastercov.report.areas import write_areas
 from rastercov.report.by_camera import ByCamera
 from rastercov.report.coloured_mesh import write_coloured_mesh, write_covered_mesh
-from rastercov.report.coverage_table import CoverageTable
+from rastercov.report.coverage_table import CoverageTable, write_areas, write_rig
 from rastercov.report.doubts import dead_pixels, doubts
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.half_covered import half_covered
 from rastercov.report.pose_pictures import FULL, ShownRegions, draw_network, draw_poses
-from rastercov.report.rig_file import write_rig
 
 LOG = logging.getLogger("rastercov")
 MOST_ROWS = 10_000_000

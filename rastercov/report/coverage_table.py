@@ -8,6 +8,7 @@ import queue
 import threading
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack, suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -16,7 +17,13 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from rastercov.base.errors import ConfigError
-from rastercov.base.output import json_bytes, named, replacing
+from rastercov.base.output import json_bytes, named, replacing, write_json, writing
+from rastercov.camera.formats.own import content_of
+from rastercov.camera.pose import Poses
+from rastercov.camera.rig import Cameras, Rig, cameras_of, names_of
+from rastercov.camera.views import Views
+from rastercov.coverage.area.frames import frames_of
+from rastercov.coverage.area.union import Covered
 from rastercov.coverage.coverage import FIGURES, UNITS
 from rastercov.coverage.task import Reason
 from rastercov.mesh import Mesh
@@ -37,6 +44,8 @@ ROWS_A_GROUP = 1 << 18
 """Rows of a Parquet row group: about 13 MB of columns."""
 BATCHES_WAITING = 2
 """Batches of rows that wait for the thread that writes; `add` waits while there are more."""
+MOST_POSES = 5_000
+"""Poses up to which a result has the file: about 3 MB."""
 
 
 class CoverageTable:
@@ -207,3 +216,43 @@ class CoverageTable:
 
 def _names(names: Iterable[str]) -> Any:
     return pa.array(list(names), pa.string())
+
+
+def write_areas(path: Path, mesh: Mesh, covered: Covered) -> None:
+    """Write a table of the task faces: Parquet, a row for each face and number of views.
+
+    Columns: `face` (int32), `group` (its name), `views` (int32), `m2` that at least this number of
+    cameras covers, `bound_m2` of its error, and `area_m2` of the face (float64).
+    """
+    faces = np.flatnonzero(mesh.task_mask)
+    k = len(covered.area)
+    names = pa.array([group.name for group in mesh.groups])
+    groups = pa.array(np.repeat(mesh.face_group[faces], k).astype(np.int32))
+    table = pa.table(
+        {
+            "face": np.repeat(faces, k).astype(np.int32),
+            "group": pa.DictionaryArray.from_arrays(groups, names),
+            "views": np.tile(np.arange(1, k + 1, dtype=np.int32), len(faces)),
+            "m2": covered.area[:, faces].T.ravel(),
+            "bound_m2": np.repeat(covered.bound[faces], k),
+            "area_m2": np.repeat(frames_of(mesh).areas[faces], k),
+        }
+    )
+    with writing(path) as part:
+        pq.write_table(table, part)
+
+
+def write_rig(path: Path, camera: Cameras, poses: Poses, names: Sequence[str] = ()) -> None:
+    """Write the cameras and poses of a result; nothing for more than `MOST_POSES`.
+
+    `names` are those of the images, their rows in the input unless given.
+    """
+    if not 0 < len(poses) <= MOST_POSES:
+        return
+    cameras = cameras_of(camera)
+    used = np.unique(poses.camera).tolist()
+    rig = Rig([cameras[row] for row in used], [names_of(camera)[row] for row in used])
+    index = np.searchsorted(used, poses.camera)
+    placed = replace(poses, camera=index.astype(np.int32), rejected={})
+    images = tuple(names) or tuple(f"pose {row}" for row in poses.ids.tolist())
+    write_json(path, content_of(Views(rig=rig, poses=placed, images=images)))

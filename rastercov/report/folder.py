@@ -30,8 +30,9 @@ import re
 import stat
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext, suppress
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from importlib.metadata import version
+from itertools import chain, count
 from pathlib import Path
 from typing import Any, Self
 
@@ -65,15 +66,8 @@ class ReportKind:
         return f".rastercov-{self.name}.json"
 
 
-@dataclass(frozen=True)
-class _File:
-    """Size and hash of a file of a report."""
-
-    bytes: int
-    sha256: str
-
-
-Files = dict[str, _File]
+Files = dict[str, dict[str, Any]]
+"""Size in bytes and SHA-256 of the files of a report, by name."""
 
 
 class ReportFolder:
@@ -111,7 +105,6 @@ class ReportFolder:
         staging = self.path / STAGING
         self._staging, self._new, self._old = staging, staging / NEW, staging / OLD
         self._files: Files = {}
-        self._seen: dict[str, tuple[int, ...]] = {}
         self._stack = ExitStack()
 
     @classmethod
@@ -134,7 +127,7 @@ class ReportFolder:
                 )
             self._files = _read_manifest(self.path / self.kind.manifest, self.kind)
             self._refuse_what_is_not_ours()
-            self.has_earlier = bool(self._seen)
+            self.has_earlier = any(os.path.lexists(self.path / name) for name in self._files)
             stack.callback(self._clean)
             self._stack = stack.pop_all()
         return self
@@ -194,15 +187,21 @@ class ReportFolder:
             with suppress(OSError):
                 _sync(self.path)
             self._files = files
-            self._seen = {name: _signature(self.path / name) for name in files}
             self._clean()
 
     def _begin_swap(self, journal: Path, files: Files) -> None:
         """Record on the disk that the new report replaces the old one."""
         self._old.mkdir(exist_ok=True)
         part = journal.with_suffix(".part")
+        content = {
+            "format": FORMAT,
+            "rastercov": version("rastercov"),
+            "report": self.kind.name,
+            "last": self.kind.last,
+            "files": files,
+        }
         with part.open("wb") as file:
-            file.write(_manifest(self.kind, files))
+            file.write(json.dumps(content, indent=2).encode() + b"\n")
             file.flush()
             os.fsync(file.fileno())
         _sync(self._new)
@@ -214,22 +213,25 @@ class ReportFolder:
 
         The last file of a report goes first and comes last.
         """
-        coming = {name for name in new if os.path.lexists(self._new / name)}
-        going = {
+        coming = [name for name in new if os.path.lexists(self._new / name)]
+        going = [
             name
             for name in old
             if (name not in new or name in coming) and os.path.lexists(self.path / name)
-        }
+        ]
+        going.sort(key=lambda name: (name != last, name))
+        coming.sort(key=lambda name: (name == last, name))
         return [
-            (self.path / name, self._old / name)
-            for name in sorted(going, key=lambda name: (name != last, name))
-        ] + [
-            (self._new / name, self.path / name)
-            for name in sorted(coming, key=lambda name: (name == last, name))
+            *((self.path / name, self._old / name) for name in going),
+            *((self._new / name, self.path / name) for name in coming),
         ]
 
     def _finish_swap(self) -> None:
         """Complete the swap of a killed run."""
+        delete = (
+            f"the report that a killed run was putting here; delete {self._staging} and what is "
+            "there of the report"
+        )
         for journal in self._staging.glob(".rastercov-*.json"):
             manifest = self.path / journal.name
             try:
@@ -237,28 +239,18 @@ class ReportFolder:
                 last, new = str(content["last"]), _files_of(content)
                 old = _files_of(json.loads(manifest.read_bytes())) if manifest.exists() else {}
             except NOT_A_MANIFEST:
-                raise ConfigError(
-                    f"{journal}: damaged; it is of a report that a killed run was putting here: "
-                    f"delete {self._staging} and what is there of the report"
-                ) from None
-            moves = self._moves(last, new, old)
-            going = {source.name for source, target in moves if target.parent == self._old}
+                raise ConfigError(f"{journal}: damaged; it is of {delete}") from None
             for name in new:
                 if not any(os.path.lexists(path / name) for path in (self._new, self.path)):
+                    raise ConfigError(f"{self.path / name}: missing from {delete}")
+            moves = self._moves(last, new, old)
+            free = {source for source, _ in moves if _is(source, old.get(source.name))}
+            for name in {source.name for source, _ in moves}:
+                place = self.path / name
+                if os.path.lexists(place) and place not in free:
                     raise ConfigError(
-                        f"{self.path / name}: missing from the report that a killed run was "
-                        f"putting here; delete {self._staging} and what is there of the report"
-                    )
-            for source, target in moves:
-                is_of_old = target.parent == self._old
-                if (
-                    not _is(source, old[source.name])
-                    if is_of_old
-                    else os.path.lexists(target) and target.name not in going
-                ):
-                    raise ConfigError(
-                        f"{self.path / source.name}: in the way of the report that a killed run "
-                        "was putting here, and not of an earlier one; move it away"
+                        f"{place}: in the way of the report that a killed run was putting here, "
+                        "and not of an earlier one; move it away"
                     )
             for source, target in moves:
                 source.rename(target)
@@ -290,21 +282,17 @@ class ReportFolder:
             )
         for name, of_file in self._files.items():
             path = self.path / name
-            if os.path.lexists(path):
-                self._seen[name] = _signature(path)
-                if not _is(path, of_file):
-                    raise ConfigError(
-                        f"{path}: changed since it was written, and a new report would replace it; "
-                        "name another folder, or move it away or delete it"
-                    )
+            if os.path.lexists(path) and not _is(path, of_file):
+                raise ConfigError(
+                    f"{path}: changed since it was written, and a new report would replace it; "
+                    "name another folder, or move it away or delete it"
+                )
 
     def _refuse_what_has_come(self, new: Files) -> None:
         """Refuse files that came, or were changed, since the block began."""
         for name in sorted(new.keys() | self._files.keys()):
             path = self.path / name
-            if not os.path.lexists(path) or _signature(path) == self._seen.get(name):
-                continue
-            if not _is(path, self._files.get(name)):
+            if os.path.lexists(path) and not _is(path, self._files.get(name)):
                 aside = self._free_name()
                 self._new.rename(aside)
                 raise ConfigError(
@@ -314,11 +302,9 @@ class ReportFolder:
 
     def _free_name(self) -> Path:
         """Name for a folder that is not there yet."""
-        path, number = self.path / f"new-{self.kind.name}", 1
-        while os.path.lexists(path):
-            number += 1
-            path = self.path / f"new-{self.kind.name}-{number}"
-        return path
+        first = self.path / f"new-{self.kind.name}"
+        later = (first.with_name(f"{first.name}-{number}") for number in count(2))
+        return next(path for path in chain([first], later) if not os.path.lexists(path))
 
 
 @contextmanager
@@ -388,7 +374,7 @@ def _read_manifest(path: Path, kind: ReportKind) -> Files:
 
 def _files_of(content: dict[str, Any]) -> Files:
     files = {
-        name: _File(int(entry["bytes"]), str(entry["sha256"]))
+        name: {"bytes": int(entry["bytes"]), "sha256": str(entry["sha256"])}
         for name, entry in content["files"].items()
     }
     if not all(re.fullmatch(r"[\w-][\w.-]*", name) for name in files):
@@ -396,37 +382,20 @@ def _files_of(content: dict[str, Any]) -> Files:
     return files
 
 
-def _manifest(kind: ReportKind, files: Files) -> bytes:
-    content = {
-        "format": FORMAT,
-        "rastercov": version("rastercov"),
-        "report": kind.name,
-        "last": kind.last,
-        "files": {name: asdict(of_file) for name, of_file in files.items()},
-    }
-    return json.dumps(content, indent=2).encode() + b"\n"
-
-
-def _is(path: Path, of_file: _File | None) -> bool:
+def _is(path: Path, of_file: dict[str, Any] | None) -> bool:
     """True when a file is unchanged since it was written."""
     if of_file is None or not stat.S_ISREG(path.lstat().st_mode):
         return False
-    if path.stat().st_size != of_file.bytes:
+    if path.stat().st_size != of_file["bytes"]:
         return False
     with path.open("rb") as file:
         return _digest(file) == of_file
 
 
-def _digest(file: Any) -> _File:
+def _digest(file: Any) -> dict[str, Any]:
     """Size and hash of a file that is open at its start."""
     sha256 = hashlib.file_digest(file, "sha256").hexdigest()
-    return _File(file.tell(), sha256)
-
-
-def _signature(path: Path) -> tuple[int, ...]:
-    """Values that change with the content of a file."""
-    about = path.lstat()
-    return about.st_ino, about.st_size, about.st_mtime_ns, about.st_ctime_ns
+    return {"bytes": file.tell(), "sha256": sha256}
 
 
 def _sync(folder: Path) -> None:

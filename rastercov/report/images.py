@@ -1,15 +1,22 @@
 """Pictures of one pose (coverage, face index, depth), and what all pictures share.
 
-Shared are the frame with title and legend, the contact sheet, stripes, fonts and PNG encoding. In
+Shared are the frame with title and legend, labels that do not overlap, scale bars, the contact
+sheet, stripes, fonts and PNG encoding. In
 a picture of coverage brighter is better, as in the figures of the source; background, occluders
 and back faces have a hue, so that every grey is a coverage.
+
+Targets are translucent or hatched, with outlines, so that all behind them shows. Over greys they
+are translucent. Over a surface in many hues they are hatched, since a mixture of two hues would be
+a third one.
 
 E. S. Eissa. Image Space Coverage Model. 2020, figures 4.2 to 4.6.
 """
 
 import io
+import math
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
@@ -19,11 +26,12 @@ from numpy.typing import ArrayLike, NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from rastercov.base.errors import ConfigError
+from rastercov.base.format import number
 from rastercov.base.output import writing
 from rastercov.camera.camera import Camera
 from rastercov.mesh import Mesh
+from rastercov.raster import open_rasterizer
 from rastercov.raster.contract import VisibilityBuffer
-from rastercov.report.target_pictures import lay_over, targets_in_view
 from rastercov.report.theme import (
     BACKGROUND,
     BEHIND,
@@ -33,8 +41,10 @@ from rastercov.report.theme import (
     HEADLIGHT,
     INK,
     OCCLUDER,
+    OUTLINE_3D,
     PAPER,
     TARGET,
+    Colour,
     Pixels,
     index_colours,
 )
@@ -47,6 +57,16 @@ LACKING = "²µ"
 """Signs that the font of the text lacks."""
 LEAST_WIDTH = 320
 """Narrower images are enlarged by a whole factor, to make room for text."""
+DIRECTIONS, RINGS = 16, 14
+"""Places that are tried around the point of a label: directions, and rings of them."""
+UNITS = ((1e3, "km"), (1.0, "m"), (1e-2, "cm"), (1e-3, "mm"))
+"""Units of a scale bar, the largest first: metres, and their names; the font has no micro sign."""
+OPACITY = 0.4
+"""Of the nearest target at a pixel; others behind it do not show."""
+OUTLINE = 0.9
+"""Opacity of its outlines."""
+TIE_REL = 1e-5
+"""Depth by which a surface must be in front of a target to hide it, relative."""
 
 
 def coverage_picture(
@@ -95,25 +115,20 @@ def coverage_picture(
     drawn = np.unique(buffer.face)
     drawn = drawn[drawn >= 0]
     behind = mesh.task_mask[drawn] & ~facing(mesh, pose)[0][drawn]
-    keys = [Key("coverage", _scale_pixels(_grey(np.linspace(0, 1, 256))), "0", "1")]
+    keys = [Key.scale("coverage", _greys(np.linspace(0, 1, 256)), "0", "1")]
     ends = [(name, 1.0 - row) for row, name in enumerate(named)]
     if ends:
-        keys = [
-            Key(name, np.broadcast_to(_grey(np.full((24, 24, 1), level)), (24, 24, 3)))
-            for name, level in ends
-        ]
+        keys = [Key.of(name, _grey(np.array(level))) for name, level in ends]
     if behind.any():
-        swatch = np.where(stripes((24, 24), 3)[..., None], BEHIND_STRIPE, BEHIND)
-        keys.append(Key("seen from behind", swatch.astype(np.uint8)))
+        keys.append(Key.of("seen from behind", BEHIND, BEHIND_STRIPE, 3))
     if not mesh.task_mask[drawn].all():
-        keys.append(Key("occluder", np.full((24, 24, 3), OCCLUDER, np.uint8)))
+        keys.append(Key.of("occluder", OCCLUDER))
     if mesh.has_targets and ends:
         for name, level in ends:
-            tint = _tinted(np.array([level]))
-            keys.append(Key(f"target, {name}", np.broadcast_to(tint, (24, 24, 3)).copy()))
+            keys.append(Key.of(f"target, {name}", _tinted(np.array([level]))))
     elif mesh.has_targets:
-        scale = np.repeat(_tinted(np.linspace(0, 1, 256))[None], 24, axis=0)
-        keys.append(Key("coverage of a target", scale, "0", "1"))
+        scale = _tinted(np.linspace(0, 1, 256))
+        keys.append(Key.scale("coverage of a target", scale, "0", "1"))
     return framed(pixels, title, keys)
 
 
@@ -217,8 +232,8 @@ def depth_picture(buffer: VisibilityBuffer, title: str = "") -> Image.Image:
         share = (depths - near) / max(far - near, np.finfo(np.float64).tiny)
         pixels[seen] = _grey(1 - share)[:, None]
         digits = int(np.clip(2 - np.floor(np.log10(max(far - near, near * 1e-6, 1e-9))), 0, 9))
-        ramp = _scale_pixels(_grey(np.linspace(1, 0, 256)))
-        keys = [Key("depth", ramp, f"{near:.{digits}f} m", f"{far:.{digits}f} m")]
+        ends = f"{near:.{digits}f} m", f"{far:.{digits}f} m"
+        keys = [Key.scale("depth", _greys(np.linspace(1, 0, 256)), *ends)]
     return framed(pixels, title, keys)
 
 
@@ -306,6 +321,43 @@ class Key:
         self.name, self.low, self.high = name, low, high
         self.image = Image.fromarray(pixels)
 
+    @property
+    def colours(self) -> list[list[int]]:
+        """Colours of the swatch, the one in its corner first."""
+        pixels = np.asarray(self.image).reshape(-1, 3)
+        first: list[int] = pixels[0].tolist()
+        return [first, *(each for each in np.unique(pixels, axis=0).tolist() if each != first)]
+
+    @classmethod
+    def of(
+        cls,
+        name: str,
+        colour: ArrayLike,
+        stripe: ArrayLike | None = None,
+        width: int = 6,
+        period: int = 2,
+    ) -> "Key":
+        """Entry for a colour, or for one striped with another."""
+        swatch = np.empty((24, 24, 3), np.uint8)
+        swatch[:] = np.asarray(colour)
+        if stripe is not None:
+            swatch[stripes((24, 24), width, period)] = np.asarray(stripe)
+        return cls(name, swatch)
+
+    @classmethod
+    def scale(cls, name: str, colours: Pixels, low: str, high: str) -> "Key":
+        """Entry for a scale of colours (N, 3) from its low end to its high one."""
+        return cls(name, np.repeat(colours[None], 24, axis=0), low, high)
+
+
+def target_key() -> Key:
+    """Entry for targets: hatched, with an outline."""
+    swatch = np.empty((24, 24, 3), np.uint8)
+    swatch[:] = PAPER
+    hatch_over(swatch, np.zeros((24, 24), np.int32), np.array([OUTLINE_3D], np.uint8), 4)
+    swatch[[0, 1, -2, -1]] = swatch[:, [0, 1, -2, -1]] = OUTLINE_3D
+    return Key("targets are hatched this way, in their colours", swatch)
+
 
 def facing(mesh: Mesh, pose: ArrayLike) -> tuple[NDArray[np.bool_], FloatArray]:
     """Mask of faces that show the camera a valid side, and |cos| of their incidence in [0, 1]."""
@@ -320,27 +372,15 @@ def _grey(levels: FloatArray, cosine: FloatArray | float = 1.0) -> Pixels:
     return np.rint(DARKEST + GREY_SPAN * levels + HEADLIGHT * cosine).astype(np.uint8)
 
 
-def _scale_pixels(greys: Pixels) -> Pixels:
-    return np.broadcast_to(greys[:, None], (24, len(greys), 3)).copy()
+def _greys(levels: FloatArray) -> Pixels:
+    """(N, 3) greys of levels."""
+    return np.repeat(_grey(levels)[:, None], 3, axis=1)
 
 
 def stripes(shape: tuple[int, int], width: int, period: int = 2) -> NDArray[np.bool_]:
     """Mask of diagonal stripes: `width` pixels each, one in `period` of them set."""
     diagonals = np.arange(sum(shape) - 1) // width % period == 1
     return np.lib.stride_tricks.sliding_window_view(diagonals, shape[1]).copy()
-
-
-def shade(
-    pixels: Pixels,
-    colours: Pixels,
-    face: NDArray[np.int32],
-    light: FloatArray,
-    where: NDArray[np.bool_],
-) -> None:
-    """Put colours (H, W, 3) times the light of their faces, (F,) in [0, 1], on some pixels."""
-    at = np.flatnonzero(where)
-    lit = light.astype(np.float32)[face.ravel()[at], None]
-    pixels.reshape(-1, 3)[at] = colours.reshape(-1, 3)[at] * lit
 
 
 def draw_lines(pixels: Pixels, face: NDArray[np.int32], n_faces: int) -> None:
@@ -456,3 +496,146 @@ def cut(text: str, font: Font, width: float) -> str:
     while text and font.getlength(text + "...") > width:
         text = text[:-1]
     return text + "..."
+
+
+def place_labels(anchors: ArrayLike, sizes: ArrayLike, picture: tuple[int, int]) -> FloatArray:
+    """Centres of labels that overlap no other and are within the picture, (N, 2).
+
+    Each label is at its point or on the first free place on rings around it; where all are taken,
+    at its point.
+
+    Parameters
+    ----------
+    anchors, sizes : (N, 2) array_like
+        Points, and width and height of the labels, pixels.
+    picture : (int, int)
+        Width and height.
+    """
+    points, room = np.asarray(anchors, np.float64), np.asarray(sizes, np.float64)
+    angles = 2 * np.pi / DIRECTIONS * np.arange(DIRECTIONS)
+    ring = np.stack((np.cos(angles), -np.sin(angles)), axis=1)
+    placed = np.zeros_like(points)
+    for row, (point, size) in enumerate(zip(points, room, strict=True)):
+        step = 0.5 * (size + size.min())
+        tried = [point + k * step * ring for k in range(1, RINGS + 1)]
+        places = np.concatenate((point[None], *tried))
+        inside = (places >= size / 2).all(axis=1) & (places <= picture - size / 2).all(axis=1)
+        apart = np.abs(places[:, None] - placed[None, :row])
+        is_free = (apart >= (room[:row] + size) / 2).any(axis=2).all(axis=1)
+        fitting = np.flatnonzero(inside & is_free)
+        placed[row] = places[fitting[0]] if len(fitting) else point
+    return placed
+
+
+def write_labels(
+    image: Image.Image,
+    anchors: ArrayLike,
+    names: Sequence[str],
+    colours: Sequence[Colour],
+    font: Font,
+    fine: int,
+) -> None:
+    """Write each name on a plate with a border of its colour, and a line to its point."""
+    if not names:
+        return
+    draw = ImageDraw.Draw(image)
+    boxes = np.array([draw.textbbox((0, 0), name, font, anchor="mm") for name in names])
+    sizes = boxes[:, 2:] - boxes[:, :2] + np.array([9, 7]) * fine
+    points = np.asarray(anchors, np.float64)
+    places = place_labels(points, sizes, image.size)
+    for point, place, size, colour in zip(points, places, sizes, colours, strict=True):
+        if (np.abs(point - place) > size / 2).any():
+            ends = [tuple(point.tolist()), tuple(place.tolist())]
+            draw.line(ends, PAPER, 3 * fine)
+            draw.line(ends, colour, round(1.5 * fine))
+            (x, y), r = point.tolist(), 2.5 * fine
+            draw.ellipse((x - r, y - r, x + r, y + r), colour, PAPER, fine)
+    for place, size, name, colour in zip(places, sizes, names, colours, strict=True):
+        low, high = (place - size / 2 + fine).tolist(), (place + size / 2 - fine).tolist()
+        draw.rounded_rectangle((*low, *high), 3 * fine, PAPER, colour, round(1.5 * fine))
+        draw.text(tuple(place.tolist()), name, INK, font, anchor="mm")
+
+
+def draw_scale_bar(
+    image: Image.Image, corner: tuple[float, float], scale: float, most: float, font: Font
+) -> None:
+    """Draw a bar with its length, from its lower left corner; `scale` is in pixels a metre.
+
+    The length is 1, 2 or 5 times a power of ten, and at most `most` pixels.
+    """
+    power = 10.0 ** math.floor(math.log10(most / scale))
+    metres = max(m * power for m in (1, 2, 5) if m * power <= most / scale * (1 + 1e-9))
+    draw = ImageDraw.Draw(image)
+    (left, bottom), bar = corner, metres * scale
+    thick = max(2.0, font.getbbox("0")[3] / 5)
+    draw.rectangle((left, bottom - thick, left + bar, bottom), INK)
+    draw.text((left + bar + 2 * thick, bottom), length_of_bar(metres), INK, font, anchor="ls")
+
+
+def length_of_bar(metres: float) -> str:
+    """A length of one digit with the unit that suits it: "50 cm"."""
+    unit, name = next((u for u in UNITS if metres >= u[0] * (1 - 1e-9)), UNITS[-1])
+    return f"{number(metres / unit)} {name}"
+
+
+def part_drawn(mesh: Mesh, camera: Camera, pose: ArrayLike, rows: IntArray) -> VisibilityBuffer:
+    """Image of some faces of a mesh alone, on the CPU, with indices of the whole mesh."""
+    is_part = mesh.has_targets or len(rows) < mesh.n_faces  # targets of a mesh are not drawn
+    part = Mesh(vertices=mesh.vertices, faces=mesh.faces[rows]) if is_part else mesh
+    with open_rasterizer(part, camera, "cpu") as rasterizer:
+        buffer = rasterizer.render(pose)
+    if not is_part:
+        return buffer
+    return replace(buffer, face=np.append(rows, -1).astype(np.int32)[buffer.face])
+
+
+def targets_in_view(
+    mesh: Mesh, camera: Camera, pose: ArrayLike, depth: NDArray[np.float32]
+) -> NDArray[np.int32] | None:
+    """(H, W) nearest target at each pixel, -1 where there is none or a surface is in front of it.
+
+    None for a mesh without targets. `depth`, (H, W), is that of the surfaces, as in a
+    `VisibilityBuffer`.
+    """
+    if not mesh.has_targets:
+        return None
+    image = part_drawn(mesh, camera, pose, np.flatnonzero(mesh.target_mask))
+    with np.errstate(invalid="ignore"):  # inf where there is neither
+        is_hidden = image.depth > depth * np.float32(1 + TIE_REL)
+    return np.where(is_hidden, np.int32(-1), image.face)
+
+
+def lay_over(pixels: Pixels, targets: NDArray[np.int32], colours: Pixels) -> None:
+    """Lay targets (H, W) over an image, in place, each face in its colour of (F, 3).
+
+    Colours of shape (H, W, 3) are those of pixels.
+    """
+    share = np.where(targets >= 0, np.float32(OPACITY), np.float32(0))
+    share[_outlines(targets)] = OUTLINE
+    shown = targets >= 0
+    opacity = share[shown, None]
+    of_pixel = colours[shown] if colours.ndim == 3 else colours[targets[shown]]
+    mixed = opacity * of_pixel + (1 - opacity) * pixels[shown]
+    pixels[shown] = mixed.astype(np.uint8)
+
+
+def hatch_over(pixels: Pixels, targets: NDArray[np.int32], colours: Pixels, width: int) -> None:
+    """Hatch targets (H, W) over an image, in place, every other stripe in their own colours.
+
+    `colours` are as for `lay_over`, stripes `width` pixels wide; between them is the image.
+    """
+    rows, columns = np.ogrid[: targets.shape[0], : targets.shape[1]]
+    shown = (targets >= 0) & ((rows - columns) // width % 2 == 0)
+    shown |= _outlines(targets)
+    pixels[shown] = colours[shown] if colours.ndim == 3 else colours[targets[shown]]
+
+
+def _outlines(targets: NDArray[np.int32]) -> NDArray[np.bool_]:
+    """(H, W) pixels of targets beside one of another target or of none."""
+    found = np.zeros(targets.shape, np.bool_)
+    for step in ((0, 1), (1, 0)):
+        here = targets[: targets.shape[0] - step[0], : targets.shape[1] - step[1]]
+        following = targets[step[0] :, step[1] :]
+        found[: here.shape[0], : here.shape[1]] |= (here != following) & (here >= 0)
+        found[step[0] :, step[1] :] |= (here != following) & (following >= 0)
+    return found

@@ -17,8 +17,15 @@ from rastercov.camera.image_boxes import image_boxes
 from rastercov.mesh import Mesh
 from rastercov.raster import open_rasterizer
 from rastercov.raster.contract import VisibilityBuffer
-from rastercov.report.images import Key, contact_sheet, coverage_picture, coverage_pixels, framed
-from rastercov.report.target_pictures import OPACITY, targets_in_view
+from rastercov.report.images import (
+    OPACITY,
+    Key,
+    contact_sheet,
+    coverage_picture,
+    coverage_pixels,
+    framed,
+    targets_in_view,
+)
 from rastercov.report.theme import ENLARGED, FALSELY_SEEN, MISSED
 
 FloatArray = NDArray[np.float64]

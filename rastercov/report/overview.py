@@ -7,10 +7,9 @@ and 6.11.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,44 +19,47 @@ from rastercov.base.format import plural, short
 from rastercov.camera.camera import Camera
 from rastercov.camera.models import MODELS
 from rastercov.camera.pose import Poses
+from rastercov.camera.projection import to_camera
 from rastercov.camera.rays import view_border
 from rastercov.camera.rig import Cameras, cameras_of
+from rastercov.coverage.area.points import covering_poses
 from rastercov.coverage.area.regions import Regions
 from rastercov.coverage.network import Network
 from rastercov.mesh import Mesh
 from rastercov.report import theme
-from rastercov.report.area_pictures import best_pose_at, points_of_pixels
-from rastercov.report.floor_plan import FOOT, FloorPlan, floor_plan, outline, paint_plan
-from rastercov.report.images import Font, Key, font_for, framed
-from rastercov.report.labels import draw_scale_bar, write_labels
+from rastercov.report.images import Font, Key, draw_scale_bar, font_for, framed, write_labels
 from rastercov.report.panorama import (
     DIRECTIONS,
     FINE,
+    FOOT,
     HEIGHT,
     PIECES,
+    PIXELS_AT_A_TIME,
     WIDTH,
     FaceImage,
+    FloorPlan,
     Line,
     Scene,
+    View,
+    beside,
     best_directions,
     draw_in_space,
     fill_in_space,
+    floor_plan,
     is_in_picture,
     look,
+    neutral,
+    outline,
     paint,
+    paint_plan,
     place_in_image,
+    scene_keys,
     smooth,
     task_points,
 )
-from rastercov.report.placement_pictures import beside, key, neutral, scene_keys
 from rastercov.report.theme import Colour, Pixels
 
 FloatArray = NDArray[np.float64]
-PointsOf = Callable[
-    [FaceImage], tuple[NDArray[np.int32], FloatArray, tuple[NDArray[np.int64], ...]]
-]
-"""Faces (N,) and points (N, 3) at the pixels of a face image, with rows and columns."""
-
 FRUSTUM = 0.16
 """Length of the edges of a drawn view pyramid, relative to half the diagonal of the scene."""
 WEDGE = 0.16
@@ -134,12 +136,11 @@ class CameraColours:
         found[is_task] = np.array([*self.colours, theme.UNCOVERED], np.uint8)[best[is_task]]
         return found
 
-    def of_image(self, face: FaceImage, points: PointsOf) -> Pixels:
-        """(H, W, 3) colours of a face image, black where it has no face.
+    def of_image(self, view: View, face: FaceImage) -> Pixels:
+        """(H, W, 3) colours of a face image of a view, black where it has no face.
 
         One point of each block of `FINE` x `FINE` pixels is looked up, and all points of blocks
         beside one of another colour: what differs are details smaller than a pixel of the picture.
-        `points` gives faces, points and pixels of a face image.
         """
         if self.regions is None:  # a colour for each face
             of_face = self.of_points(np.arange(self.mesh.n_faces, dtype=np.int32), np.empty((0, 3)))
@@ -153,7 +154,7 @@ class CameraColours:
         def look_up(where: NDArray[np.bool_]) -> None:
             of = np.full_like(face, -1)
             of[box][where] = face[box][where]
-            faces, places, pixel = points(of)
+            faces, places, pixel = view.points(of)
             found[pixel] = self.of_points(faces, places)
 
         # The smallest box of whole blocks with all that is drawn.
@@ -189,11 +190,11 @@ class CameraColours:
     def keys(self) -> list[Key]:
         """Legend: each camera with its name, and what none covers."""
         keys = [
-            key(f"camera {name}" if row == 0 else str(name), colour)
+            Key.of(f"camera {name}" if row == 0 else str(name), colour)
             for row, (name, colour) in enumerate(zip(self.names, self.colours, strict=True))
         ]
         is_known = self.regions is not None or self.best_pose is not None
-        return [*keys, key("covered by none", theme.UNCOVERED)] if is_known else keys
+        return [*keys, Key.of("covered by none", theme.UNCOVERED)] if is_known else keys
 
     def title(self) -> str:
         """Number of cameras, and words on their colours."""
@@ -224,6 +225,34 @@ def camera_colours(
         poses = Poses.of(np.asarray(poses, np.float64).reshape(-1, 4, 4))
     titles = names or [str(row + 1) for row in range(len(poses))]
     return CameraColours(mesh, poses, titles, best_pose, regions)
+
+
+def best_pose_at(
+    regions: Regions, placed: Poses, face: NDArray[np.int32], points: FloatArray
+) -> NDArray[np.int64]:
+    """(N,) pose with most pixels on a m^2 at points (N, 3) of faces (N,), -1 where none covers it.
+
+    `placed` are the P poses of the regions, each with its camera.
+    """
+    best = np.full(len(face), -1, np.int64)
+    mesh, cameras = regions.mesh, cameras_of(regions.camera)
+    if not len(placed):
+        return best
+    pixels = [each.fx * each.fy if each.is_pinhole else 1.0 for each in cameras]
+    scales = [pixels[index] / pixels[0] for index in placed.camera]
+    for at in range(0, len(face), PIXELS_AT_A_TIME):
+        part = slice(at, at + PIXELS_AT_A_TIME)
+        covers = covering_poses(regions, face[part], points[part])
+        worth = np.full(len(covers), -np.inf)
+        for pose in np.flatnonzero(covers.any(axis=0)).tolist():  # few cameras, many points
+            rows = np.flatnonzero(covers[:, pose])
+            camera, matrix = cameras[placed.camera[pose]], placed.world_from_camera[pose]
+            density = _density(mesh, camera, matrix, face[part][rows], points[part][rows])
+            density *= scales[pose]
+            is_better = density > worth[rows]
+            worth[rows[is_better]] = density[is_better]
+            best[at + rows[is_better]] = pose
+    return best
 
 
 def best_covering(network: Network) -> NDArray[np.int64]:
@@ -268,14 +297,7 @@ def network_picture(shown: CameraColours, camera: Cameras) -> Image.Image:
 
 def _with_cameras(scene: Scene, camera: Cameras, shown: CameraColours) -> Image.Image:
     """A scene in the colours of its cameras, with those cameras that are in the picture."""
-
-    def points(face: FaceImage) -> Any:
-        pixel = np.divmod(np.flatnonzero(face >= 0), face.shape[1])
-        found = points_of_pixels(scene.mesh, scene.camera, scene.pose, face[pixel], *pixel)
-        return face[pixel], found, pixel
-
-    own = partial(shown.of_image, points=points)
-    image = Image.fromarray(paint(scene, neutral(scene.mesh), own=own))
+    image = Image.fromarray(paint(scene, neutral(scene.mesh), own=partial(shown.of_image, scene)))
     rows = np.flatnonzero(is_in_picture(scene, shown.eyes)).tolist()
     pyramids, cameras = shown.pyramids(camera), cameras_of(camera)
     for row in rows:
@@ -293,8 +315,8 @@ def _plan_picture(shown: CameraColours, camera: Cameras) -> tuple[FloorPlan, Ima
     """The floor plan, and its picture with all cameras."""
     outlines = [outline(pyramid[:, :2]) for pyramid in shown.pyramids(camera)]
     plan = floor_plan(shown.mesh, shown.eyes, np.concatenate([*outlines, np.zeros((0, 2))]))
-    own = partial(shown.of_image, points=plan.points)
-    image, task = paint_plan(plan, own), Image.fromarray(plan.shows_task())
+    image = paint_plan(plan, partial(shown.of_image, plan))
+    task = Image.fromarray(plan.shows_task())
     draw = ImageDraw.Draw(image)
     for wedge, colour in zip(outlines, shown.colours, strict=True):
         places = [tuple(place) for place in plan.places(wedge).tolist()]
@@ -354,3 +376,24 @@ def _edges(pyramid: FloatArray, colour: Colour) -> list[Line]:
         width = 1.6 if row >= parts else 4.0
         lines.append(Line(points[1 + row], points[1 + (row + 1) % n], colour, width, pieces))
     return lines
+
+
+def _density(
+    mesh: Mesh, camera: Camera, pose: FloatArray, face: NDArray[np.int32], points: FloatArray
+) -> FloatArray:
+    """(N,) pixels on a m^2 of a pose at points of faces; through a pinhole, divided by fx fy."""
+    away = points - pose[:3, 3]
+    if not camera.is_pinhole:
+        from rastercov.camera.lenses.of_camera import lens_of  # loads numba
+
+        slopes = lens_of(camera).jacobian(to_camera(points, pose))
+        across = np.cross(slopes[:, 0], slopes[:, 1])
+        normals = mesh.normals[face] @ pose[:3, :3]
+        of_lens: FloatArray = np.nan_to_num(np.abs(np.einsum("ni,ni->n", normals, across)))
+        return of_lens
+    # The height of the camera above the plane of each face is that above all its points.
+    heights = np.einsum("fi,fi->f", mesh.normals, mesh.vertices[mesh.faces[:, 0]] - pose[:3, 3])
+    depth = away[:, 0] * pose[0, 2] + away[:, 1] * pose[1, 2] + away[:, 2] * pose[2, 2]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        found: FloatArray = np.nan_to_num(np.abs(heights)[face] / depth**3)
+    return found

@@ -1,12 +1,17 @@
-"""Exterior views of a mesh with its faces in given colours, for pictures of a placement.
+"""Views of a mesh from outside and its floor plan, with faces or points in given colours.
 
 The mesh is drawn by the CPU rasteriser; lines and marks in space are drawn over it. The task fills
 the picture. Faces that turn away from the viewer are left out of an interior, as in a doll's house;
 an occluder in front of the task is hatched over it, and hides none of its colours.
+
+A floor plan is the scene from straight above, to scale: an orthographic projection. An interior is
+cut open below its roof: at the height of the highest camera, and without faces that turn down.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,17 +19,36 @@ from PIL import Image, ImageDraw
 
 from rastercov.camera.camera import Camera
 from rastercov.camera.projection import to_camera, to_image
+from rastercov.camera.rays import rays_of
 from rastercov.camera.viewpoints import look_at
 from rastercov.mesh import Mesh
 from rastercov.raster import open_rasterizer
-from rastercov.raster.contract import VisibilityBuffer
-from rastercov.report.images import draw_lines, facing, shade, stripes
-from rastercov.report.interiors import is_inside, outer_skin, turned_away
-from rastercov.report.target_pictures import hatch_over, targets_in_view
-from rastercov.report.theme import BACK, BACK_STRIPE, EXTERIOR, PAPER, Colour, Pixels
+from rastercov.report.images import (
+    Key,
+    draw_lines,
+    facing,
+    framed,
+    hatch_over,
+    part_drawn,
+    stripes,
+    target_key,
+    targets_in_view,
+)
+from rastercov.report.theme import (
+    BACK,
+    BACK_STRIPE,
+    COVERED,
+    EXTERIOR,
+    OCCLUDER_PALE,
+    PAPER,
+    WALL_LINE,
+    Colour,
+    Pixels,
+)
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
+IntArray = NDArray[np.int64]
 FaceImage = NDArray[np.int32]
 """(H, W) face at each pixel, -1 for none."""
 OwnColours = Callable[[FaceImage], Pixels]
@@ -46,31 +70,97 @@ DIRECTIONS = np.array(
     ]
 )
 """Directions from the scene to the viewer; the first two are the default."""
+ALL_SIDES = DIRECTIONS[[0, 5]]
+"""Two opposite corners: every side of a box is in one of the two pictures."""
 THROUGH = 0.6
 """Opacity of faces that show through the part."""
 PIECES = 96
 """Pieces of a line, each visible or hidden."""
+PIXELS_AT_A_TIME = 1 << 16
+"""Pixels whose points are looked up together."""
 LEAST_LIGHT = 0.72
 """Brightness of a face seen at a right angle to its normal, relative to one seen along it."""
 
 
-@dataclass(frozen=True, eq=False)
-class Scene:
-    """An exterior view of a mesh: camera, pose, and the drawn faces."""
+MOST_EYES = 16
+"""Cameras that are asked for the surfaces around them, spread evenly."""
+ENCLOSED = 4
+"""Directions of six in which a surface must be around a camera that is indoors."""
+SKIN_REL = 0.02
+"""Distance from the hull of a building up to which a face is of its skin, relative to the
+diagonal."""
+NORMALS_AT_A_TIME = 64
+_SKINS: WeakKeyDictionary[Mesh, tuple[bytes, BoolArray]] = WeakKeyDictionary()
+FOOT = 34
+"""Height of the strip below the plan, for its scale bar, pixels."""
+ABOVE_REL = 1e-3
+"""Height of the cut above the highest camera, relative to the height of the scene."""
+UPRIGHT = 0.02
+"""Vertical part of the normal up to which a face is a line of the plan."""
+MOST_LINES = 20_000
+"""Upright faces that are drawn."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class View(ABC):
+    """A mesh as it is drawn: the faces at the pixels of a picture, in layers.
+
+    Attributes
+    ----------
+    face : (H, W) int32
+        Nearest face that is no target; -1 for none.
+    targets : (H, W) int32 or None
+        Target that nothing is in front of.
+    beneath : (H, W) int32 or None
+        Task face behind an occluder.
+    light : (F,) float64
+        Brightness of each face in [0, 1].
+    backs : (F,) bool
+        Task faces that turn their backs.
+    """
 
     mesh: Mesh
+    face: FaceImage
+    targets: FaceImage | None
+    beneath: FaceImage | None
+    light: FloatArray
+    backs: BoolArray
+
+    @property
+    def layers(self) -> list[FaceImage]:
+        """Face images (H, W), from the lowest to the topmost."""
+        return [each for each in (self.face, self.beneath, self.targets) if each is not None]
+
+    def shows_task(self) -> BoolArray:
+        """(H, W) pixels of a task face or a target."""
+        found: BoolArray = np.append(self.mesh.task_mask, False)[self.face]
+        for layer in self.layers[1:]:
+            found = found | (layer >= 0)
+        return found
+
+    def shows_backs(self) -> bool:
+        """True if a task face is seen from behind."""
+        backs = np.append(self.backs, False)
+        return any(bool(backs[layer].any()) for layer in self.layers)
+
+    @abstractmethod
+    def points(self, face: FaceImage) -> tuple[NDArray[np.int32], FloatArray, tuple[IntArray, ...]]:
+        """Faces (N,) and points (N, 3) at the pixels of a face image, with rows and columns."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Scene(View):
+    """A view in perspective: camera, pose, and the drawn faces."""
+
     camera: Camera
     pose: FloatArray
-    rows: NDArray[np.int64]  # faces that are drawn: without those of an interior that turn away
-    buffer: VisibilityBuffer  # with indices of the whole mesh
-    targets: FaceImage | None = None  # in view, drawn over the image
-    beneath: FaceImage | None = None  # task faces behind occluders
+    rows: IntArray  # faces that are drawn: without those of an interior that turn away
+    depth: NDArray[np.float32]  # (H, W) m, of `face`
 
     @property
     def faces(self) -> FaceImage:
         """Face of each pixel of a surface, of each of a target, and behind occluders."""
-        images = [self.buffer.face, self.targets, self.beneath]
-        faces: FaceImage = np.concatenate([i[i >= 0] for i in images if i is not None])
+        faces: FaceImage = np.concatenate([layer[layer >= 0] for layer in self.layers])
         return faces
 
     @property
@@ -78,11 +168,11 @@ class Scene:
         """True if faces are left out."""
         return len(self.rows) < self.mesh.n_faces
 
-    def shows_backs(self) -> bool:
-        """True if a task face is seen from behind."""
-        drawn = np.unique(self.faces)
-        behind = self.mesh.task_mask & ~self.mesh.target_mask & ~facing(self.mesh, self.pose)[0]
-        return bool(behind[drawn].any())
+    def points(self, face: FaceImage) -> tuple[NDArray[np.int32], FloatArray, tuple[IntArray, ...]]:
+        """As of a view."""
+        pixel = np.divmod(np.flatnonzero(face >= 0), face.shape[1])
+        faces = face[pixel]
+        return faces, points_of_pixels(self.mesh, self.camera, self.pose, faces, *pixel), pixel
 
 
 def look(
@@ -113,7 +203,7 @@ def look(
     cx, cy = size / 2 - focal * (least + most) / 2
     camera = Camera(width=width, height=height, fx=focal, fy=focal, cx=float(cx), cy=float(cy))
     rows = np.arange(mesh.n_faces)
-    buffer = _drawn(mesh, camera, pose, rows)
+    buffer = part_drawn(mesh, camera, pose, np.flatnonzero(~mesh.target_mask))
     away = turned_away(mesh, eye, eyes) | outer_skin(mesh, eyes)
     # A view of mostly back faces looks into a room through its walls.
     counts = np.bincount(buffer.face[buffer.face >= 0], minlength=mesh.n_faces)
@@ -121,15 +211,25 @@ def look(
     kept = np.flatnonzero(~away & ~mesh.target_mask)
     if is_interior and len(kept) and (away & ~mesh.target_mask).any():
         rows = kept
-        buffer = _drawn(mesh, camera, pose, rows)
+        buffer = part_drawn(mesh, camera, pose, rows)
     targets = targets_in_view(mesh, camera, pose, buffer.depth)
     beneath = None
     of_task = rows[mesh.task_mask[rows] & ~mesh.target_mask[rows]]
     if len(of_task) and not mesh.task_mask.all():
-        beneath = _drawn(mesh, camera, pose, of_task).face
-        is_occluder = np.append(~mesh.task_mask, False)[buffer.face]
-        beneath = np.where(is_occluder, beneath, -1).astype(np.int32)
-    return Scene(mesh, camera, pose, rows, buffer, targets, beneath)
+        beneath = _behind_occluders(mesh, buffer.face, part_drawn(mesh, camera, pose, of_task).face)
+    is_front, cosine = facing(mesh, pose)
+    return Scene(
+        mesh=mesh, face=buffer.face, targets=targets, beneath=beneath,
+        light=LEAST_LIGHT + (1 - LEAST_LIGHT) * cosine,
+        backs=mesh.task_mask & ~mesh.target_mask & ~is_front,
+        camera=camera, pose=pose, rows=rows, depth=buffer.depth,
+    )  # fmt: skip
+
+
+def _behind_occluders(mesh: Mesh, face: FaceImage, task: FaceImage) -> FaceImage:
+    """The face image of the task where an occluder is drawn, else -1."""
+    is_occluder = np.append(~mesh.task_mask, False)[face]
+    return np.where(is_occluder, task, -1).astype(np.int32)
 
 
 def task_points(mesh: Mesh) -> FloatArray:
@@ -174,48 +274,48 @@ def best_directions(
 
 
 def paint(
-    scene: Scene,
+    view: View,
     colours: Pixels,
     through: BoolArray | None = None,
     own: OwnColours | None = None,
 ) -> Pixels:
-    """Pixels of a scene, (H, W, 3), with faces in `colours` (F, 3), lit from the viewer.
+    """Pixels of a view, (H, W, 3), with faces in `colours` (F, 3), lit from the viewer.
 
-    Faces of `through`, (F,), show through the part that hides them, faintly and striped. `own`
-    gives the colours of points instead, for those of task faces. Task faces seen from behind have a
-    colour of their own.
+    Faces of `through`, (F,), show through the part that hides them, faintly and striped: of a
+    `Scene` alone. `own` gives the colours of points instead, for those of task faces. Task faces
+    seen from behind have a colour of their own.
     """
-    mesh, face = scene.mesh, scene.buffer.face
-    pixels = _painted(scene, face, colours, own)
-    if scene.beneath is not None and (scene.beneath >= 0).any():
-        shown = (scene.beneath >= 0) & ~stripes(face.shape, 2 * FINE, 3)
-        pixels[shown] = _painted(scene, scene.beneath, colours, own)[shown]
+    face = view.face
+    pixels = _painted(view, face, colours, own)
+    if view.beneath is not None and (view.beneath >= 0).any():
+        shown = (view.beneath >= 0) & ~stripes(face.shape, 2 * FINE, 3)
+        pixels[shown] = _painted(view, view.beneath, colours, own)[shown]
     if through is not None and through.any():
-        behind = _drawn(mesh, scene.camera, scene.pose, np.flatnonzero(through)).face
+        assert isinstance(view, Scene)
+        behind = drawn_faces(view, np.flatnonzero(through))
         covered = np.append(through, False)[face]
         shown = (behind >= 0) & ~covered & stripes(behind.shape, 3 * FINE)
         tints = colours[behind] if own is None else own(behind)
         mixed = THROUGH * tints[shown] + (1 - THROUGH) * pixels[shown]
         pixels[shown] = mixed.astype(np.uint8)
-    if scene.targets is not None:
-        of_targets = colours if own is None else own(scene.targets)
-        hatch_over(pixels, scene.targets, of_targets, 3 * FINE)
+    if view.targets is not None:
+        of_targets = colours if own is None else own(view.targets)
+        hatch_over(pixels, view.targets, of_targets, 3 * FINE)
     return pixels
 
 
-def _painted(scene: Scene, face: FaceImage, colours: Pixels, own: OwnColours | None) -> Pixels:
+def _painted(view: View, face: FaceImage, colours: Pixels, own: OwnColours | None) -> Pixels:
     """Pixels of the opaque faces of one image."""
-    mesh = scene.mesh
-    is_front, cosine = facing(mesh, scene.pose)
-    light = (LEAST_LIGHT + (1 - LEAST_LIGHT) * cosine)[:, None]
+    mesh, light = view.mesh, view.light[:, None]
     palette = np.empty((mesh.n_faces + 1, 3), np.uint8)
     palette[:-1] = colours * light
     palette[-1] = EXTERIOR
     pixels = palette.take(face, axis=0, mode="wrap")
-    is_task = np.append(mesh.task_mask, False)[face]
     if own is not None:
-        shade(pixels, own(face), face, light[:, 0], is_task)
-    behind = is_task & ~np.append(is_front, True)[face]
+        at = np.flatnonzero(np.append(mesh.task_mask, False)[face])
+        lit = view.light.astype(np.float32)[face.ravel()[at], None]
+        pixels.reshape(-1, 3)[at] = own(face).reshape(-1, 3)[at] * lit
+    behind = np.append(view.backs, False)[face]
     if behind.any():
         for colour, rows in (
             (BACK, behind),
@@ -224,6 +324,92 @@ def _painted(scene: Scene, face: FaceImage, colours: Pixels, own: OwnColours | N
             pixels[rows] = np.array(colour) * light[face[rows]]
     draw_lines(pixels, face, mesh.n_faces)
     return pixels
+
+
+def points_of_pixels(
+    mesh: Mesh,
+    camera: Camera,
+    pose: FloatArray,
+    face: NDArray[np.int32],
+    rows: NDArray[np.int64],
+    columns: NDArray[np.int64],
+) -> FloatArray:
+    """(N, 3) points where the rays through the centres of pixels meet the planes of faces (N,)."""
+    rotation, eye = pose[:3, :3], pose[:3, 3]
+    normals = mesh.normals @ rotation
+    heights = np.einsum("fi,fi->f", mesh.normals, mesh.vertices[mesh.faces[:, 0]] - eye)
+    points = np.empty((len(face), 3))
+    for at in range(0, len(face), PIXELS_AT_A_TIME):
+        part = slice(at, at + PIXELS_AT_A_TIME)
+        rays = rays_of(np.stack((columns[part] + 0.5, rows[part] + 0.5), axis=1), camera)
+        slope = np.einsum("ni,ni->n", normals[face[part]], rays)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            rays *= np.nan_to_num(heights[face[part]] / slope)[:, None]
+        # Column by column: threads of a matrix product wait for each other where cores are busy.
+        for axis in range(3):
+            points[part, axis] = eye[axis] + rays[:, 0] * rotation[axis, 0]
+            points[part, axis] += rays[:, 1] * rotation[axis, 1] + rays[:, 2] * rotation[axis, 2]
+    return points
+
+
+def neutral(mesh: Mesh) -> Pixels:
+    """(F, 3) colours: the task in light grey, occluders in theirs."""
+    colours = np.empty((mesh.n_faces, 3), np.uint8)
+    colours[:] = COVERED
+    colours[~mesh.task_mask] = OCCLUDER_PALE
+    return colours
+
+
+def two_sides(
+    mesh: Mesh,
+    colours: Pixels | Callable[[Scene], OwnColours],
+    title: str,
+    keys: Sequence[Key],
+    directions: FloatArray = ALL_SIDES,
+    through: BoolArray | None = None,
+    eyes: ArrayLike = (),
+) -> Image.Image:
+    """Two views side by side, with title and legend; faces of `through` show through the part.
+
+    `colours` are those of faces, (F, 3), or a function that gives those of points for a scene.
+    """
+    scenes = [look(mesh, direction, eyes=eyes) for direction in directions]
+    keys, hidden = list(keys), np.zeros(mesh.n_faces, np.bool_)
+    if through is not None:
+        drawn = np.concatenate([np.unique(scene.faces) for scene in scenes])
+        hidden = through & ~np.isin(np.arange(mesh.n_faces), drawn)
+    if callable(colours):
+        found = [paint(scene, neutral(mesh), own=colours(scene)) for scene in scenes]
+    else:
+        found = [paint(scene, colours, hidden) for scene in scenes]
+        if hidden.any():
+            stripe = colours[np.flatnonzero(hidden)[0]]
+            keys.append(Key.of("hidden from both sides, shown through", COVERED, stripe))
+    images = [smooth(Image.fromarray(pixels)) for pixels in found]
+    return framed(beside(images), title, [*keys, *scene_keys(scenes)])
+
+
+def beside(images: Sequence[Image.Image]) -> Pixels:
+    """Pixels of pictures of equal height, side by side."""
+    gap = np.full((images[0].height, 6, 3), PAPER, np.uint8)
+    parts = [np.asarray(images[0])]
+    for image in images[1:]:
+        parts += [gap, np.asarray(image)]
+    return np.concatenate(parts, axis=1)
+
+
+def scene_keys(views: Sequence[View]) -> list[Key]:
+    """Entries for what several pictures may have: occluders, backs, targets."""
+    keys = []
+    if not views[0].mesh.task_mask.all():
+        keys.append(Key.of("occluder", OCCLUDER_PALE))
+    if any(view.beneath is not None and (view.beneath >= 0).any() for view in views):
+        keys.append(Key.of("occluder in front of the task", OCCLUDER_PALE, COVERED))
+    if any(view.shows_backs() for view in views):
+        keys.append(Key.of("back of the task, from here", BACK, BACK_STRIPE))
+    if any(view.targets is not None and (view.targets >= 0).any() for view in views):
+        keys.append(target_key())
+    return keys
 
 
 @dataclass(frozen=True)
@@ -240,7 +426,7 @@ class Line:
 def draw_in_space(image: Image.Image, scene: Scene, lines: Sequence[Line]) -> None:
     """Draw lines over the picture of a scene, fainter where the part hides them."""
     draw = ImageDraw.Draw(image)
-    depth = scene.buffer.depth
+    depth = scene.depth
     slack = 1e-3 * float(np.linalg.norm(np.ptp(scene.mesh.bounds, axis=0)))
     for line in lines:
         steps = np.linspace(0, 1, line.pieces + 1)[:, None]
@@ -250,24 +436,18 @@ def draw_in_space(image: Image.Image, scene: Scene, lines: Sequence[Line]) -> No
         column, row = np.clip(image_points, 0, (depth.shape[1] - 1, depth.shape[0] - 1)).T
         before = seen[:, 2] <= depth[row.astype(int), column.astype(int)] + slack
         is_ahead = seen[:, 2] > 1e-3 * DISTANCE * slack  # the viewer may be between them
-        faint = tuple(
-            round(0.3 * c + 0.7 * g) for c, g in zip(line.colour, (205,) * 3, strict=True)
-        )
+        faint = tuple(round(0.3 * c + 0.7 * 205) for c in line.colour)
         width = round(line.width * FINE)
         places = [tuple(place) for place in image_points.tolist()]
-        for piece in range(
-            line.pieces
-        ):  # a border, so that the line shows on a surface of its colour
-            if (before & is_ahead)[piece : piece + 2].all():
-                draw.line(places[piece : piece + 2], PAPER, width + 2 * FINE)
-        for piece in range(line.pieces):
-            if not (is_ahead[piece] and is_ahead[piece + 1]):
-                continue
-            is_seen = before[piece] and before[piece + 1]
-            if not is_seen and piece % 2:
-                continue
-            colour, across = (line.colour, width) if is_seen else (faint, max(1, width // 2))
-            draw.line(places[piece : piece + 2], colour, across)
+        is_drawn = is_ahead[:-1] & is_ahead[1:]
+        is_seen = is_drawn & before[:-1] & before[1:]
+        for piece in np.flatnonzero(is_seen):  # a border, for a surface of the line's colour
+            draw.line(places[piece : piece + 2], PAPER, width + 2 * FINE)
+        for piece in np.flatnonzero(is_drawn):
+            if is_seen[piece]:
+                draw.line(places[piece : piece + 2], line.colour, width)
+            elif piece % 2 == 0:
+                draw.line(places[piece : piece + 2], faint, max(1, width // 2))
 
 
 def fill_in_space(
@@ -279,16 +459,13 @@ def fill_in_space(
     if not is_in_picture(scene, points).all():
         return
     column, row = place_in_image(scene, middle)[0].astype(int)
-    if to_camera(middle, scene.pose)[0, 2] > scene.buffer.depth[row, column]:
+    if to_camera(middle, scene.pose)[0, 2] > scene.depth[row, column]:
         return
     mask = Image.new("L", image.size)
     corners = [tuple(corner) for corner in place_in_image(scene, points).tolist()]
     ImageDraw.Draw(mask).polygon(corners, round(255 * strength))
     # Over the task, a tint would be taken for its colour.
-    is_task = np.append(scene.mesh.task_mask, False)[scene.buffer.face]
-    if scene.targets is not None:
-        is_task |= scene.targets >= 0
-    mask.paste(0, (0, 0), Image.fromarray(is_task))
+    mask.paste(0, (0, 0), Image.fromarray(scene.shows_task()))
     image.paste(colour, (0, 0), mask)
 
 
@@ -315,19 +492,285 @@ def smooth(image: Image.Image) -> Image.Image:
     return image.reduce(FINE)
 
 
-def drawn_faces(mesh: Mesh, scene: Scene, rows: NDArray[np.int64]) -> FaceImage:
+def drawn_faces(scene: Scene, rows: IntArray) -> FaceImage:
     """(H, W) face image of some faces alone, as the scene shows the mesh."""
-    return _drawn(mesh, scene.camera, scene.pose, rows).face
+    return part_drawn(scene.mesh, scene.camera, scene.pose, rows).face
 
 
-def _drawn(
-    mesh: Mesh, camera: Camera, pose: FloatArray, rows: NDArray[np.int64]
-) -> VisibilityBuffer:
-    """Image of some faces of a mesh, with indices of the whole mesh."""
-    is_part = len(rows) < mesh.n_faces
-    part = Mesh(vertices=mesh.vertices, faces=mesh.faces[rows]) if is_part else mesh
-    with open_rasterizer(part, camera, "cpu") as rasterizer:
-        buffer = rasterizer.render(pose)
-    if not is_part:
-        return buffer
-    return replace(buffer, face=np.append(rows, -1).astype(np.int32)[buffer.face])
+def is_inside(mesh: Mesh, eyes: ArrayLike) -> bool:
+    """True if most of some cameras, (P, 3), are in the bounding box of the opaque faces."""
+    points = np.asarray(eyes, np.float64).reshape(-1, 3)
+    low, high = mesh.opaque.bounds
+    inside = ((points > low) & (points < high)).all(axis=1)
+    return 2 * int(inside.sum()) > len(points)
+
+
+def turned_away(mesh: Mesh, viewer: ArrayLike, eyes: ArrayLike = ()) -> BoolArray:
+    """(F,) faces that turn away from a viewer (3,).
+
+    A two-sided face does where the viewer is on one side of it and all cameras, (P, 3), on the
+    other, which is the side that they may cover.
+    """
+    pose = np.eye(4)
+    pose[:3, 3] = np.asarray(viewer, np.float64)
+    away = ~facing(mesh, pose)[0]
+    two_sided = np.flatnonzero(mesh.two_sided_mask)
+    points = np.asarray(eyes, np.float64).reshape(-1, 3)
+    if len(two_sided) and len(points):
+        normals, middles = mesh.normals[two_sided], mesh.centroids[two_sided]
+        own = np.einsum("fi,fi->f", normals, pose[:3, 3] - middles)
+        is_other = np.ones(len(two_sided), np.bool_)
+        for eye in points:
+            is_other &= np.einsum("fi,fi->f", normals, eye - middles) * own < 0
+        away[two_sided] = is_other
+    return away
+
+
+def is_enclosed(mesh: Mesh, eyes: ArrayLike) -> bool:
+    """True if most of some cameras, (P, 3), have opaque faces around them, as indoors.
+
+    Around means in at least four of the directions +x, -x, +y, -y, +z, -z.
+    """
+    points = np.asarray(eyes, np.float64).reshape(-1, 3)
+    if not is_inside(mesh, points):
+        return False
+    some = points[np.unique(np.linspace(0, len(points) - 1, MOST_EYES).astype(int))]
+    corners = mesh.vertices[mesh.faces[~mesh.target_mask]]
+    around = np.array([_directions_of_surfaces(corners, eye) for eye in some])
+    return bool(2 * (around >= ENCLOSED).sum() > len(some))
+
+
+def _directions_of_surfaces(corners: FloatArray, eye: FloatArray) -> int:
+    """Number of the six directions along the axes in which a point has triangles (N, 3, 3)."""
+    count = 0
+    away = corners - eye
+    for axis in range(3):
+        flat, along = np.delete(away, axis, axis=2), away[..., axis]
+        following = np.roll(flat, -1, axis=1)
+        # Twice the areas of the triangles that the point makes with each side.
+        twice = flat[..., 0] * following[..., 1] - flat[..., 1] * following[..., 0]
+        hit = (twice >= 0).all(axis=1) | (twice <= 0).all(axis=1)
+        hit &= twice.any(axis=1)
+        weights = np.roll(twice[hit], -1, axis=1)
+        place = (weights * along[hit]).sum(axis=1) / weights.sum(axis=1)
+        count += int((place > 0).any()) + int((place < 0).any())
+    return count
+
+
+def outer_skin(mesh: Mesh, eyes: ArrayLike) -> BoolArray:
+    """(F,) faces on the hull of a building that no camera, (P, 3), is in front of.
+
+    None unless the cameras are indoors: then the outside of its walls and roof, which would hide
+    all that is inside. The last answer for each mesh is kept.
+    """
+    key = np.asarray(eyes, np.float64).tobytes()
+    kept = _SKINS.get(mesh)
+    if kept is None or kept[0] != key:
+        kept = _SKINS[mesh] = (key, _outer_skin(mesh, eyes))
+    return kept[1]
+
+
+def _outer_skin(mesh: Mesh, eyes: ArrayLike) -> BoolArray:
+    """See `outer_skin`."""
+    found = np.zeros(mesh.n_faces, np.bool_)
+    if not is_enclosed(mesh, eyes):
+        return found
+    points = np.asarray(eyes, np.float64).reshape(-1, 3)
+    normals = mesh.normals
+    first = np.einsum("fi,fi->f", normals, mesh.vertices[mesh.faces[:, 0]])
+    is_behind = np.ones(mesh.n_faces, np.bool_)
+    for eye in points:
+        is_behind &= normals @ eye < first
+    rows = np.flatnonzero(is_behind & ~mesh.target_mask & ~mesh.degenerate_mask)
+    slack = SKIN_REL * float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
+    kinds, kind = np.unique(normals[rows].round(2), axis=0, return_inverse=True)
+    reach = np.empty(len(kinds))
+    for at in range(0, len(kinds), NORMALS_AT_A_TIME):
+        part = slice(at, at + NORMALS_AT_A_TIME)
+        reach[part] = (kinds[part] @ mesh.vertices.T).max(axis=1)
+    found[rows] = first[rows] >= reach[kind.ravel()] - slack
+    return found
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class FloorPlan(View):
+    """An orthographic view from above: the drawn faces, and the place of each pixel.
+
+    Attributes
+    ----------
+    height : (H, W) float64
+        z of the face at each pixel, metres; -inf where there is none.
+    scale : float
+        Pixels a metre.
+    corner : (2,) float64
+        x and y of the upper left corner of the picture, metres.
+    cut : float or None
+        z at which an interior is cut.
+    """
+
+    height: FloatArray
+    scale: float
+    corner: FloatArray
+    cut: float | None
+
+    def places(self, points: ArrayLike) -> FloatArray:
+        """(N, 2) positions of points (N, 2 or 3) in the picture, pixels."""
+        away = np.asarray(points, np.float64)[:, :2] - self.corner
+        found: FloatArray = away * np.array([self.scale, -self.scale])
+        return found
+
+    def points(self, face: FaceImage) -> tuple[NDArray[np.int32], FloatArray, tuple[IntArray, ...]]:
+        """As of a view."""
+        rows, columns = np.divmod(np.flatnonzero(face >= 0), face.shape[1])
+        faces, normals = face[rows, columns], self.mesh.normals[face[rows, columns]]
+        x = self.corner[0] + (columns + 0.5) / self.scale
+        y = self.corner[1] - (rows + 0.5) / self.scale
+        first = self.mesh.vertices[self.mesh.faces[faces, 0]]
+        with np.errstate(all="ignore"):
+            slope = normals[:, 0] * (x - first[:, 0]) + normals[:, 1] * (y - first[:, 1])
+            z = first[:, 2] - np.nan_to_num(slope / normals[:, 2])
+        return faces, np.stack((x, y, z), axis=1), (rows, columns)
+
+
+def floor_plan(mesh: Mesh, eyes: ArrayLike, more: ArrayLike = (), scale: float = FINE) -> FloorPlan:
+    """Draw the faces of a mesh from above, so that its task, the cameras and more points fit in.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Scene with z up.
+    eyes, more : (P, 3), (N, 2) array_like
+        Cameras, and other places that must be in the picture.
+    scale : float
+        Pixels drawn along one of the picture.
+    """
+    cameras = np.asarray(eyes, np.float64).reshape(-1, 3)
+    others = np.asarray(more, np.float64).reshape(-1, 2)
+    framed = np.concatenate((task_points(mesh)[:, :2], cameras[:, :2], others))
+    low, high = framed.min(axis=0), framed.max(axis=0)
+    width, height = round(WIDTH * scale), round(HEIGHT * scale)
+    size = np.array([width, height - FOOT * scale])
+    radius = max(float(np.linalg.norm(np.ptp(framed, axis=0))), 1e-12)
+    per_metre = float(((1 - 2 * MARGIN) * size / np.maximum(high - low, 1e-3 * radius)).min())
+    middle = (low + high) / 2
+    corner = middle + size / per_metre / 2 * np.array([-1, 1])
+    bounds = mesh.bounds
+    cut, rows = None, np.arange(mesh.n_faces)
+    above = bounds.mean(axis=0)
+    above[2] += 1e6 * max(float(np.linalg.norm(np.ptp(bounds, axis=0))), 1e-12)
+    if is_enclosed(mesh, cameras):
+        cut = float(cameras[:, 2].max() + ABOVE_REL * np.ptp(bounds[:, 2]))
+        rows = np.flatnonzero(~turned_away(mesh, above, cameras))
+    surfaces = rows[~mesh.target_mask[rows]]
+    image = _Upright(width, height, per_metre, middle, size / 2, bounds[:, 2])
+    face, z = image.drawn(mesh, surfaces, cut)
+    targets = None
+    if mesh.has_targets:
+        targets, target_z = image.drawn(mesh, np.flatnonzero(mesh.target_mask), None)
+        slack = 1e-5 * max(float(np.ptp(bounds[:, 2])), 1e-12)
+        targets = np.where(target_z >= z - slack, targets, -1).astype(np.int32)
+    beneath = None
+    of_task = surfaces[mesh.task_mask[surfaces]]
+    if len(of_task) < len(surfaces):
+        beneath = _behind_occluders(mesh, face, image.drawn(mesh, of_task, cut)[0])
+    is_down = (mesh.normals[:, 2] < 0) & ~mesh.two_sided_mask
+    return FloorPlan(
+        mesh=mesh, face=face, targets=targets, beneath=beneath,
+        light=LEAST_LIGHT + (1 - LEAST_LIGHT) * np.abs(mesh.normals[:, 2]),
+        backs=mesh.task_mask & ~mesh.target_mask & is_down,
+        height=z, scale=per_metre, corner=corner, cut=cut,
+    )  # fmt: skip
+
+
+def paint_plan(plan: FloorPlan, own: OwnColours) -> Image.Image:
+    """Picture of a plan with the colours of its points, and lines for upright faces."""
+    image = Image.fromarray(paint(plan, neutral(plan.mesh), own=own))
+    _draw_walls(image, plan)
+    return image
+
+
+def outline(points: FloatArray) -> FloatArray:
+    """Corners (M, 2) of the convex hull of points (N, 2), around it."""
+    import shapely  # with the first plan only
+
+    hull = shapely.convex_hull(shapely.multipoints(points))
+    corners: FloatArray = shapely.get_coordinates(hull)
+    return corners[:-1] if hull.geom_type == "Polygon" else corners  # a ring ends where it begins
+
+
+@dataclass(frozen=True)
+class _Upright:
+    """Image from above by a perspective rasteriser.
+
+    The map (x, y, z) -> (x, -y, 1) / w with w = 1 + (z - low) / (high - low) keeps planes, and the
+    perspective image of its result is the orthographic image: u = x, v = -y, 1 / depth = w. So a
+    height is a depth, and the near plane cuts what is above it.
+    """
+
+    width: int
+    height: int
+    scale: float
+    middle: FloatArray
+    centre: FloatArray
+    z: FloatArray
+
+    def drawn(self, mesh: Mesh, rows: IntArray, cut: float | None) -> tuple[FaceImage, FloatArray]:
+        """Face of each pixel, of some faces below a height, and their z."""
+        nothing = np.full((self.height, self.width), -1, np.int32)
+        if not len(rows):
+            return nothing, np.full(nothing.shape, -np.inf)
+        low, span = self.z[0], max(float(np.ptp(self.z)), 1e-30)
+        w = 1 + (mesh.vertices[:, 2] - low) / span
+        unit = self.width / self.scale  # coordinates of about 1, whatever the scene's size
+        flat = (mesh.vertices[:, :2] - self.middle) / unit
+        placed = np.stack((flat[:, 0], -flat[:, 1], np.ones_like(w)), axis=-1) / w[:, None]
+        part_mesh = Mesh(vertices=placed, faces=mesh.faces[rows])
+        focal = self.scale * unit
+        camera = Camera(
+            width=self.width, height=self.height, fx=focal, fy=focal,
+            cx=float(self.centre[0]), cy=float(self.centre[1]),
+            near=0.0 if cut is None else 1 / (1 + (cut - low) / span),
+        )  # fmt: skip
+        with open_rasterizer(part_mesh, camera, "cpu") as rasterizer:
+            buffer = rasterizer.render(np.eye(4))
+        face = np.append(rows, -1).astype(np.int32).take(buffer.face, mode="wrap")
+        z, at = np.full(face.shape, -np.inf), np.flatnonzero(face >= 0)
+        z.ravel()[at] = low + span * (1 / buffer.depth.ravel()[at].astype(np.float64) - 1)
+        return face, z
+
+
+def _draw_walls(image: Image.Image, plan: FloorPlan) -> None:
+    """Draw upright faces as lines, unless a surface is above them."""
+    mesh = plan.mesh
+    is_upright = np.abs(mesh.normals[:, 2]) < UPRIGHT
+    rows = np.flatnonzero(is_upright & ~mesh.target_mask & ~mesh.degenerate_mask)
+    corners = mesh.vertices[mesh.faces[rows]]
+    if plan.cut is not None:
+        corners = corners[corners[..., 2].min(axis=1) < plan.cut]
+    corners = corners[:MOST_LINES]
+    along = np.einsum("nki,ni->nk", corners[..., :2], _tangents(corners))
+    each = np.arange(len(corners))
+    ends = np.stack([corners[each, at, :2] for at in (along.argmin(1), along.argmax(1))], axis=1)
+    places = np.rint(plan.places(ends.reshape(-1, 2))).reshape(-1, 4)
+    top = corners[..., 2].max(axis=1)
+    slack = 1e-3 * max(float(np.ptp(mesh.bounds[:, 2])), 1e-12)
+    height, width = plan.face.shape
+    draw = ImageDraw.Draw(image)
+    for row in np.unique(places, axis=0, return_index=True)[1].tolist():
+        line = places[row].reshape(2, 2)
+        (j, i), reach = line.mean(axis=0).astype(int).tolist(), 2
+        if not (0 <= j < width and 0 <= i < height):
+            continue
+        around = plan.height[max(0, i - reach) : i + reach + 1, max(0, j - reach) : j + reach + 1]
+        if around.min() <= top[row] + slack:
+            draw.line([tuple(end) for end in line.tolist()], WALL_LINE, FINE)
+
+
+def _tangents(corners: FloatArray) -> FloatArray:
+    """(N, 2) horizontal directions of upright triangles, with x or else y above 0."""
+    sides = (np.roll(corners, -1, axis=1) - corners)[..., :2]
+    longest = np.einsum("nki,nki->nk", sides, sides).argmax(axis=1)
+    chosen = sides[np.arange(len(corners)), longest]
+    is_reversed = (chosen[:, 0] < 0) | ((chosen[:, 0] == 0) & (chosen[:, 1] < 0))
+    found: FloatArray = np.where(is_reversed[:, None], -chosen, chosen)
+    return found

@@ -3,7 +3,7 @@
 Unknown parts have no section, so that a check of any network has a page, too.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,19 +12,15 @@ import numpy as np
 from rastercov.base.format import length, percent, plural, signed, verb
 from rastercov.base.output import write_text
 from rastercov.camera.rig import cameras_of, names_of
+from rastercov.coverage.reasons import REASONS
 from rastercov.placement.candidates.cavities import Access, Openings
 from rastercov.placement.candidates.clearance import Dropped
 from rastercov.placement.candidates.pool import Candidates
-from rastercov.placement.explain.uncovered import WORDS
 from rastercov.placement.select.problem import BestCoverage
-from rastercov.report.by_camera import camera_rows
-from rastercov.report.directions import heading_and_tilt
 from rastercov.report.html import rendered
-from rastercov.report.placement_figures import Progress, drawn_for
-from rastercov.report.placement_report import PlanReport
+from rastercov.report.placement_pictures import PlanReport, Progress, drawn_for
+from rastercov.report.tables import camera_rows, heading_and_tilt
 from rastercov.report.zone_pictures import zone_rows
-
-__all__ = ["PlanReport", "page", "write_page"]
 
 MAX_SENTENCES = 12
 """Faces out of reach that have a sentence of their own."""
@@ -153,34 +149,29 @@ def _lines(report: PlanReport, summary: Mapping[str, Any]) -> list[str]:
 
 def _cameras(report: PlanReport) -> dict[str, Any]:
     """Table of positions, directions and figures of the cameras."""
-    network, origins, tolerance = report.network, report.origins, report.tolerance
-    types = report.types
-    headings = ["camera", *(["type"] if any(types) else []), *(["from"] if any(origins) else [])]
-    headings += ["x, m", "y, m", "z, m"]
-    headings += ["looks along", "heading", "down"]
-    regions = report.regions
-    areas = None
-    if regions is not None:
-        areas = np.bincount(regions.pair_pose, regions.area, len(report.poses))
-    headings += ["covers, faces", "mean coverage"] if areas is None else ["covers, m²"]
-    own = "cells" if report.regions is not None else "faces"
-    headings += ["covered without it", f"its own {own}"] if tolerance else []
-    rows = []
-    for row, (name, pose) in enumerate(zip(report.names, report.poses, strict=True)):
-        line = [name, *([types[row]] if any(types) else [])]
-        line += [origins[row]] if any(origins) else []
-        line += [length(value) for value in pose[:3, 3]]
-        line += [", ".join(signed(value) for value in pose[:3, 2])]
-        line += [f"{round(angle)}°" for angle in heading_and_tilt(pose)]
-        if areas is None:
-            line += [f"{network.covered_faces[row]:,}", f"{network.mean_coverage[row]:.3f}"]
-        else:
-            line.append(f"{areas[row]:.3g}")
-        if tolerance:
-            camera = tolerance.cameras[report.mounts[row]]
-            line += [percent(camera.without), f"{camera.own_faces:,}"]
-        rows.append(line)
-    return {"headings": headings, "rows": rows}
+    network, tolerance, poses = report.network, report.tolerance, report.poses
+    columns: dict[str, Sequence[str]] = {"camera": report.names}
+    if any(report.types):
+        columns["type"] = report.types
+    if any(report.origins):
+        columns["from"] = report.origins
+    for axis, name in enumerate("xyz"):
+        columns[f"{name}, m"] = [length(pose[axis, 3]) for pose in poses]
+    columns["looks along"] = [", ".join(signed(value) for value in pose[:3, 2]) for pose in poses]
+    for at, name in enumerate(("heading", "down")):
+        columns[name] = [f"{round(heading_and_tilt(pose)[at])}°" for pose in poses]
+    if (regions := report.regions) is None:
+        columns["covers, faces"] = [f"{faces:,}" for faces in network.covered_faces]
+        columns["mean coverage"] = [f"{mean:.3f}" for mean in network.mean_coverage]
+    else:
+        areas = np.bincount(regions.pair_pose, regions.area, len(poses))
+        columns["covers, m²"] = [f"{area:.3g}" for area in areas]
+    if tolerance:
+        each = [tolerance.cameras[mount] for mount in report.mounts]
+        own = "faces" if regions is None else "cells"
+        columns["covered without it"] = [percent(camera.without) for camera in each]
+        columns[f"its own {own}"] = [f"{camera.own_faces:,}" for camera in each]
+    return {"headings": list(columns), "rows": list(zip(*columns.values(), strict=True))}
 
 
 def _groups(summary: Mapping[str, Any]) -> list[list[str]]:
@@ -204,7 +195,7 @@ def _uncovered(left: Mapping[str, Any]) -> dict[str, Any]:
     """Tables of uncovered faces: reasons, answers of other candidates, occluders."""
     reasons = sorted(left["reasons"].items(), key=lambda item: -item[1]["faces"])
     return {
-        "reasons": [[WORDS[name], *_share(share)] for name, share in reasons]
+        "reasons": [[REASONS[name].sentence, *_share(share)] for name, share in reasons]
         + [["all that is left", *_share(left["left"])]],
         "candidate_rows": [
             [text, *_share(left[name])]

@@ -34,9 +34,9 @@ from rastercov.placement.plan.run import Placement, place
 from rastercov.placement.select.problem import BestCoverage, FewestCameras
 from rastercov.raster.contract import RasterizerInfo
 from rastercov.report.coverage import Options
-from rastercov.report.directions import heading_and_tilt
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.half_covered import half_covered_lines
+from rastercov.report.tables import heading_and_tilt
 
 MAX_ROWS = 30
 """Cameras that a table lists."""
@@ -393,8 +393,8 @@ def left_lines(placement: Placement) -> list[str]:
 
 def write_page(placement: Placement, path: Path, progress: Progress) -> None:
     """Write the page."""
-    from rastercov.report.placement import PlanReport
     from rastercov.report.placement import write_page as write  # with the first page only
+    from rastercov.report.placement_pictures import PlanReport
 
     prepared = placement.prepared
     found = zones = None

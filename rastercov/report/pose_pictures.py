@@ -20,8 +20,8 @@ from rastercov.coverage.network import Network
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.raster import open_rasterizer
-from rastercov.raster.contract import Rasterizer, VisibilityBuffer
-from rastercov.report.area_pictures import covered_pixels
+from rastercov.raster.contract import VisibilityBuffer
+from rastercov.report.camera_pictures import covered_pixels
 from rastercov.report.folder import ReportFolder
 from rastercov.report.images import (
     area_title,
@@ -31,11 +31,10 @@ from rastercov.report.images import (
     face_index_picture,
     pose_title,
     save_picture,
+    targets_in_view,
 )
 from rastercov.report.overview import best_covering, camera_colours, overview_picture
-from rastercov.report.placement_pictures import coverage_picture as whole_faces_picture
-from rastercov.report.placement_pictures import views_picture
-from rastercov.report.target_pictures import targets_in_view
+from rastercov.report.placement_pictures import best_picture, views_picture
 from rastercov.report.theme import Pixels
 from rastercov.report.zone_pictures import zones_picture
 
@@ -69,35 +68,35 @@ def draw_poses(
     tiles: dict[int, tuple[Image.Image, str]] = {}
     interrupted = False
     some, cameras = poses[np.isin(poses.ids, list(drawn))], cameras_of(camera)
-    wants_faces, wants_pose = full in ("faces", "all"), full in ("poses", "all")
     try:
         for index, rows in some.by_camera():
             eye, of_camera = cameras[index], f", {names_of(camera)[index]}"
+            scales = [TILE / eye.width]
+            if full != "none":
+                scales.append(PICTURE_SIDE / max(eye.width, eye.height))
             with ExitStack() as opened:
-
-                def view(scale: float, eye: Camera = eye, opened: ExitStack = opened) -> Rasterizer:
-                    small = eye.resized(min(1.0, scale))
-                    return opened.enter_context(
-                        open_rasterizer(mesh, small, **engine.rasterizer_options)
+                views = [
+                    opened.enter_context(
+                        open_rasterizer(
+                            mesh, eye.resized(min(1.0, scale)), **engine.rasterizer_options
+                        )
                     )
-
-                small = view(TILE / eye.width)
-                large = view(PICTURE_SIDE / max(eye.width, eye.height)) if full != "none" else small
+                    for scale in scales
+                ]
                 for pose in some[rows].ids.tolist():
                     own = replace(poses[poses.ids == pose], camera=np.zeros(1, np.int32))
                     regions = None if shown is None else shown.of_pose(pose)
                     of_pose = OfPose(mesh, poses.given[pose], drawn[pose], regions)
                     title = of_pose.title(f"{pose}{of_camera if len(cameras) > 1 else ''}", task)
-                    tile = of_pose.pixels(small.camera, small.render(own))
-                    found = []
-                    if full != "none":
-                        buffer = large.render(own)
-                        if wants_pose:
-                            found.append(("pose", of_pose.picture(large.camera, buffer, title)))
-                        if wants_faces:
-                            found.append(("faces", face_index_picture(buffer)))
+                    buffers = [(view.camera, view.render(own)) for view in views]
+                    tile, found = of_pose.pixels(*buffers[0]), {}
+                    for size, buffer in buffers[1:]:
+                        if full in ("poses", "all"):
+                            found["pose"] = of_pose.picture(size, buffer, title)
+                        if full in ("faces", "all"):
+                            found["faces"] = face_index_picture(buffer)
                     with interrupts_held():
-                        for name, picture in found:
+                        for name, picture in found.items():
                             save_picture(picture, folder.file(f"{name}_{pose:0{digits}d}.png"))
                         tiles[pose] = Image.fromarray(tile), title
     except KeyboardInterrupt:
@@ -198,7 +197,7 @@ def draw_network(
         elif areas is not None:
             picture = views_picture(areas.covered, eyes)
         else:
-            picture = whole_faces_picture(mesh, network.best, eyes)
+            picture = best_picture(mesh, network.best, eyes)
         zones = None
         if areas is not None and len(areas.zones()):
             zones = zones_picture(areas.zones(), summary, eyes)

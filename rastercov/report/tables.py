@@ -1,13 +1,17 @@
-"""Tables of a network for a terminal of 80 columns."""
+"""Tables of a network for a terminal of 80 columns, and figures of cameras for tables."""
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
 from rich.table import Table
 from rich.text import Text
 
-from rastercov.base.format import area, plural
+from rastercov.base.format import area, percent, plural
 from rastercov.coverage.area.network import in_words
+from rastercov.coverage.reasons import REASONS
 from rastercov.mesh.diagnosis import size_in_words
 
 BY_FACE = ("faces", "covered %", "by area %", "uncovered", "at zero")
@@ -47,7 +51,7 @@ def summary_table(summary: Mapping[str, Any], rows: int = 20) -> Table:
         table.add_row("whole faces are not" if by_area else "not covered because", style="dim")
     for name in sorted(reasons, key=lambda name: -int(reasons[name]["faces"])):
         count = str(reasons[name]["faces"])
-        table.add_row(f"  {name.replace('_', ' ')}", "", "", *(["", count] if by_area else [count]))
+        table.add_row(f"  {REASONS[name].label}", "", "", *(["", count] if by_area else [count]))
     return table
 
 
@@ -100,3 +104,39 @@ def _shares(entry: Mapping[str, Any], n_faces: int) -> tuple[str, ...]:
         str(n_faces - covered["faces"]),
         str(entry["zero_in_every_camera"]["faces"]),
     )
+
+
+def heading_and_tilt(pose: NDArray[np.float64]) -> tuple[float, float]:
+    """Direction of a camera in degrees, z up: counter-clockwise from +x, and down from level.
+
+    The heading of a camera that looks straight up or down has no meaning.
+    """
+    x, y, z = pose[:3, 2].tolist()
+    return math.degrees(math.atan2(y, x)), math.degrees(math.atan2(-z, math.hypot(x, y)))
+
+
+def camera_rows(summary: Mapping[str, Any]) -> list[list[str]]:
+    """Name, poses, covered area or faces, and its share, of each camera; often none."""
+    rows = []
+    for entry in summary.get("by_camera", ()):
+        covered = entry.get("covered_area")
+        size = plural(entry["covered"]["faces"], "face") if covered is None else area(covered["m2"])
+        share = (covered or entry["covered"])["percent"]
+        rows.append([entry["camera"], f"{entry['poses']:,}", size, percent(share / 100)])
+    return rows
+
+
+def camera_table(summary: Mapping[str, Any], most: int = 20) -> Table | None:
+    """Figures by camera for a terminal of 80 columns; None where there are none."""
+    rows = camera_rows(summary)
+    if not rows:
+        return None
+    table = Table(title="Covered by each camera alone", title_justify="left")
+    table.add_column("camera", no_wrap=True, max_width=30)
+    for name in ("poses", "covered", "share"):
+        table.add_column(name, justify="right", no_wrap=True)
+    for name, *figures in rows[:most]:
+        table.add_row(Text(name), *figures)
+    if rows[most:]:
+        table.add_row(f"... {len(rows) - most} more", style="dim")
+    return table

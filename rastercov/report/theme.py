@@ -74,7 +74,7 @@ REASONS: dict[str, Colour] = {
     "too_few_views": (230, 120, 180),
     "unsampled": (120, 94, 60),
     "degenerate": (84, 96, 100),
-    "no_cameras": (30, 34, 40),
+    "no_cameras": (52, 56, 62),
 }
 """Colours of uncovered faces, by the name of the reason."""
 CAMERAS: tuple[Colour, ...] = (

@@ -9,25 +9,26 @@ from PIL import Image
 
 from rastercov.base.format import area, percent, signed
 from rastercov.coverage.area.points import zones_at
-from rastercov.coverage.area.zone_report import WORDS
 from rastercov.coverage.area.zones import DeadZones
+from rastercov.coverage.reasons import REASONS
 from rastercov.mesh import Mesh
 from rastercov.report import theme
-from rastercov.report.area_pictures import PIXELS_AT_A_TIME, points_of_pixels
-from rastercov.report.images import font_for, framed, stripes
-from rastercov.report.interiors import outer_skin
-from rastercov.report.labels import write_labels
+from rastercov.report.images import Key, font_for, framed, stripes, write_labels
 from rastercov.report.panorama import (
     FINE,
+    PIXELS_AT_A_TIME,
     FaceImage,
     Scene,
+    beside,
     best_directions,
     drawn_faces,
     look,
+    neutral,
+    outer_skin,
     paint,
+    scene_keys,
     smooth,
 )
-from rastercov.report.placement_pictures import beside, key, neutral, scene_keys
 from rastercov.report.theme import Colour, Pixels
 
 FloatArray = NDArray[np.float64]
@@ -52,7 +53,7 @@ def zone_rows(summary: Mapping[str, Any]) -> list[list[str]]:
     rows = []
     for number, zone in enumerate(shown, start=1):
         first, *others = zone["groups"]
-        why = WORDS[zone["reason"]]
+        why = REASONS[zone["reason"]].label
         if zone["hidden_by"] is not None:
             why += f" by {'itself' if zone['hidden_by'] == first else zone['hidden_by']}"
         place = ", ".join(signed(value, digits) for value in zone["centroid"])
@@ -107,7 +108,7 @@ def zones_picture(
     views = [ZoneView(zones, scene, len(listed)) for scene in scenes]
     seen = np.zeros(len(listed) + 1, np.bool_)
     for view in views:
-        for layer in view.layers():
+        for layer in view.scene.layers:
             found = view.numbers(layer)
             seen[found[found >= 0]] = True
     is_skin = outer_skin(mesh, eyes)[zones.face]
@@ -116,14 +117,15 @@ def zones_picture(
     hidden = unseen[np.isin(unseen, inside)]
     outside = unseen[~np.isin(unseen, inside)]
     pictures = [_drawn(view, colours, hidden) for view in views]
-    keys = [key("covered", theme.COVERED)]
+    keys = [Key.of("covered", theme.COVERED)]
     drawn = [zone["reason"] for row, zone in enumerate(listed) if row not in outside]
     for reason in dict.fromkeys(drawn):
-        keys.append(key(WORDS[reason], theme.REASONS[reason]))
+        keys.append(Key.of(REASONS[reason].label, theme.REASONS[reason]))
     if len(zones) > len(listed):
-        keys.append(key("smaller zones, without a number", theme.UNCOVERED))
+        keys.append(Key.of("smaller zones, without a number", theme.UNCOVERED))
     if len(hidden):
-        keys.append(key("hidden from both sides, shown through", theme.COVERED, colours[hidden[0]]))
+        stripe = colours[hidden[0]]
+        keys.append(Key.of("hidden from both sides, shown through", theme.COVERED, stripe))
     percents = [part["percent"] for part in (*summary["dead_zones"], summary["other_dead_zones"])]
     count = f"{len(zones):,} dead zone{'' if len(zones) == 1 else 's'}"
     share = percent(min(1.0, round(sum(percents) / 100, 9)))
@@ -151,12 +153,6 @@ class ZoneView:
         self.zones, self.scene, self.n = zones, scene, n
         self._found: list[tuple[FaceImage, IntArray]] = []
 
-    def layers(self) -> list[FaceImage]:
-        """Face images (H, W) of the view, from the lowest to the topmost."""
-        scene = self.scene
-        layers = (scene.buffer.face, scene.beneath, scene.targets)
-        return [layer for layer in layers if layer is not None]
-
     def numbers(self, face: FaceImage) -> IntArray:
         """(H, W) zone at each pixel: its row, n for those without a number, -1 for none."""
         for layer, known in self._found:
@@ -164,9 +160,8 @@ class ZoneView:
                 return known
         mesh, scene = self.zones.mesh, self.scene
         found = np.full(face.shape, -1, np.int64)
-        pixel = np.nonzero(np.append(mesh.task_mask, False)[face])
-        of_pixel = face[pixel]
-        points = points_of_pixels(mesh, scene.camera, scene.pose, of_pixel, *pixel)
+        is_task = np.append(mesh.task_mask, False)[face]
+        of_pixel, points, pixel = scene.points(np.where(is_task, face, np.int32(-1)))
         zone = np.full(len(points), -1, np.int64)
         for at in range(0, len(points), PIXELS_AT_A_TIME):
             part = slice(at, at + PIXELS_AT_A_TIME)
@@ -186,13 +181,13 @@ def _drawn(view: ZoneView, colours: Sequence[Colour], hidden: IntArray) -> Image
         return _coloured(mesh, face, table[view.numbers(face)])
 
     pixels = paint(scene, neutral(mesh), own=own)
-    shown = view.numbers(scene.buffer.face)
-    for layer in view.layers()[1:]:
+    shown = view.numbers(scene.face)
+    for layer in scene.layers[1:]:
         of_layer = view.numbers(layer)
         shown = np.where(of_layer >= 0, of_layer, shown)
     if len(hidden):
         faces = np.unique(zones.face[np.isin(zones.zone, hidden)]).astype(np.int64)
-        behind = view.numbers(drawn_faces(mesh, scene, faces)).copy()
+        behind = view.numbers(drawn_faces(scene, faces)).copy()
         behind[~np.isin(behind, hidden)] = -1
         through = (behind >= 0) & stripes(behind.shape, 3 * FINE)
         pixels[through] = table[behind[through]]

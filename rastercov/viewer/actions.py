@@ -20,7 +20,7 @@ from rastercov.camera.viewpoints import look_at
 from rastercov.coverage.task import Task
 from rastercov.mesh.arrays import frozen
 from rastercov.viewer import lens
-from rastercov.viewer.rig_state import LONGEST_NAME, MOST_STATIONS, RigState, Station
+from rastercov.viewer.rig_state import LONGEST_NAME, MOST_STATIONS, RigState, Station, camera_in
 
 FloatArray = NDArray[np.float64]
 Settle = Callable[[FloatArray, FloatArray], FloatArray]
@@ -175,10 +175,7 @@ class ChangeCamera(StateEdit):
 
     def apply(self, state: RigState, settle: Settle) -> tuple[RigState, str]:
         """With the camera changed."""
-        if self.camera not in state.cameras:
-            known = ", ".join(state.cameras)
-            raise ConfigError(f"there is no camera {shown(self.camera)}; cameras are {known}")
-        made = lens.changed(state.cameras[self.camera], self.changes)
+        made = lens.changed(state.camera(self.camera), self.changes)
         return state.with_camera(self.camera, made), f"change the lens of {self.camera}"
 
 
@@ -211,11 +208,16 @@ class ChangeTask(StateEdit):
 
     def apply(self, state: RigState, settle: Settle) -> tuple[RigState, str]:
         """With the thresholds."""
-        known = asdict(state.task)
-        if unknown := [name for name in self.changes if name not in known]:
-            raise ConfigError(f"a task has {', '.join(known)}, got {shown(unknown[0])}")
-        made = Task(**(known | self.changes))
+        made = _task(state.task, self.changes)
         return state.with_task(made), f"change {', '.join(self.changes)}"
+
+
+def _task(task: Task, changes: Mapping[str, Any]) -> Task:
+    """The task with other thresholds; ConfigError for an unknown one."""
+    known = asdict(task)
+    if unknown := [name for name in changes if name not in known]:
+        raise ConfigError(f"a task has {', '.join(known)}, got {shown(unknown[0])}")
+    return Task(**(known | dict(changes)))
 
 
 class KeptStation(BaseModel):
@@ -256,15 +258,10 @@ class Restore(StateEdit):
         cameras = {name: Camera.from_dict(each.plain) for name, each in rig.cameras.items()}
         stations = []
         for each in rig.stations:
-            if each.camera not in cameras:
-                known = ", ".join(cameras)
-                raise ConfigError(f"there is no camera {shown(each.camera)}; cameras are {known}")
+            camera_in(cameras, each.camera)
             pose = valid_poses(straightened(np.reshape(each.pose, (4, 4))))[0].copy()
             stations.append(Station(each.id, each.name, each.camera, frozen(pose), each.is_on))
-        known_task = asdict(Task())
-        if unknown := [name for name in rig.task if name not in known_task]:
-            raise ConfigError(f"a task has {', '.join(known_task)}, got {shown(unknown[0])}")
-        task = Task(**(known_task | rig.task))
+        task = _task(Task(), rig.task)
         needed = state.needed if task.views == state.task.views else None
         made = RigState(tuple(stations), MappingProxyType(cameras), task, needed)
         return made, "restore the rig"

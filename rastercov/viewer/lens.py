@@ -13,27 +13,20 @@ from rastercov.camera.rays import view_border
 
 PARTS_OF_BORDER = 8
 """Rays of the border of a field of view along each side of the image."""
-FIELDS: tuple[dict[str, Any], ...] = (
-    {"name": "hfov_deg", "words": "Angle between left and right.", "unit": "deg"},
-    {"name": "fx", "words": "Focal length over pixel width.", "unit": "px"},
-    {"name": "width", "words": "Pixels across, at the same field of view.", "unit": "px"},
-    {"name": "focus_distance", "words": "Depth of the plane in focus.", "unit": "m"},
-    {"name": "f_number", "words": "Focal length over diameter of the aperture.", "unit": ""},
-    {"name": "focus_near", "words": "Least depth in focus.", "unit": "m"},
-    {"name": "focus_far", "words": "Greatest depth in focus.", "unit": "m"},
-    {"name": "near", "words": "Surfaces nearer than this are not seen.", "unit": "m"},
-)  # fmt: skip
-"""Values that can be changed; `LIMITS` has the ends of the sliders."""
-LIMITS: dict[str, tuple[float, float]] = {
-    "hfov_deg": (1.0, 175.0),
-    "fx": (10.0, 20_000.0),
-    "width": (64, 8192),
-    "focus_distance": (0.02, 100.0),
-    "f_number": (0.7, 45.0),
-    "focus_near": (0.0, 100.0),
-    "focus_far": (0.01, 1000.0),
-    "near": (0.0, 10.0),
-}
+FIELDS: tuple[dict[str, Any], ...] = tuple(
+    dict(zip(("name", "low", "high", "unit", "words"), row, strict=True))
+    for row in (
+        ("hfov_deg", 1.0, 175.0, "deg", "Angle between left and right."),
+        ("fx", 10.0, 20_000.0, "px", "Focal length over pixel width."),
+        ("width", 64, 8192, "px", "Pixels across, at the same field of view."),
+        ("focus_distance", 0.02, 100.0, "m", "Depth of the plane in focus."),
+        ("f_number", 0.7, 45.0, "", "Focal length over diameter of the aperture."),
+        ("focus_near", 0.0, 100.0, "m", "Least depth in focus."),
+        ("focus_far", 0.01, 1000.0, "m", "Greatest depth in focus."),
+        ("near", 0.0, 10.0, "m", "Surfaces nearer than this are not seen."),
+    )
+)
+"""Values that can be changed, with the ends of their sliders."""
 
 
 def described(camera: Camera) -> dict[str, Any]:

@@ -6,7 +6,7 @@ of them. `NetworkFigures` adds up what the stations of a state cover.
 
 import math
 from collections import OrderedDict
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -23,9 +23,12 @@ from rastercov.coverage.coverage import evaluate_batches
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.network import share_of_faces
 from rastercov.coverage.observer import Observer, open_observer
+from rastercov.coverage.reasons import NAMES, reason_rows
 from rastercov.coverage.spread import ViewSpread
 from rastercov.coverage.task import Reason, Task
 from rastercov.mesh import Mesh
+from rastercov.report.modes import OfCameras
+from rastercov.report.theme import camera_colours
 from rastercov.viewer.rig_state import RigState, Station
 
 FloatArray = NDArray[np.float64]
@@ -172,11 +175,30 @@ class NetworkFigures:
         self.need = state.need(mesh)
         self.covered = (self.views >= self.need) & spread.is_spread
 
-    def reason_names(self) -> list[str]:
-        """Name of each level of `reason` for faces that are not covered."""
-        if not self.rows:
-            return ["no_cameras"] * len(Reason)
-        return [r.name.lower() if r != Reason.COVERED else "too_few_views" for r in Reason]
+    @property
+    def values(self) -> dict[str, Callable[[], Any]]:
+        """Values of the modes of `rastercov.report.modes` that colour by the whole network."""
+        return {
+            "reason": lambda: self.reasons,
+            "coverage": lambda: self.best,
+            "camera": self._cameras,
+            "views": lambda: self.views,
+            "density": self.density,
+            "angle": self.widest_angle,
+        }
+
+    @cached_property
+    def reasons(self) -> NDArray[np.uint8]:
+        """(F,) row of `rastercov.coverage.reasons.REASONS`."""
+        return reason_rows(self.reason, self.covered, len(self.rows))
+
+    def _cameras(self) -> OfCameras:
+        """The camera that covers each face best; the first of equals."""
+        place = {each.id: row for row, each in enumerate(self.state.stations)}
+        every = camera_colours(max(1, len(place)))
+        row = np.where(self.views > 0, self.best_row, -1)
+        on = self.state.on
+        return OfCameras(row, [each.name for each in on], every[[place[each.id] for each in on]])
 
     def density(self) -> NDArray[np.float32]:
         """Greatest pixel density by a camera that covers the face, pixels a metre."""
@@ -186,7 +208,7 @@ class NetworkFigures:
         return density
 
     def widest_angle(self) -> FloatArray:
-        """Greatest angle between the rays to two cameras that cover the face, radians."""
+        """Greatest angle between rays to two cameras that cover the face, degrees; 0 for none."""
         from rastercov.base.memory import read_only
         from rastercov.kernels.audit import widest_angles
         from rastercov.kernels.placement_presolve import by_face
@@ -201,17 +223,16 @@ class NetworkFigures:
             starts, camera, read_only(self.mesh.centroids, np.float64),
             np.ascontiguousarray(eyes), widest,
         )  # fmt: skip
-        return widest
+        return np.where(self.views > 1, np.degrees(widest), 0.0)
 
     def summary(self) -> dict[str, Any]:
         """Figures of the network, ready for JSON, as `coverage.network.Network.summary`."""
         mesh, task_faces = self.mesh, self.mesh.task_mask
-        unseen, names = task_faces & ~self.covered, self.reason_names()
-        reasons: dict[str, Any] = {}
-        for name in dict.fromkeys(names):
-            levels = [level for level, each in enumerate(names) if each == name]
-            if (left := unseen & np.isin(self.reason, levels)).any():
-                reasons[name] = share_of_faces(mesh, left, task_faces)
+        unseen = task_faces & ~self.covered
+        reasons = {
+            NAMES[row]: share_of_faces(mesh, unseen & (self.reasons == row), task_faces)
+            for row in np.unique(self.reasons[unseen]).tolist()
+        }
         return {
             "covered": share_of_faces(mesh, task_faces & self.covered, task_faces),
             "task_faces": int(task_faces.sum()),

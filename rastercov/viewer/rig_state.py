@@ -142,7 +142,7 @@ class RigState:
         PoseError
             For a pose that is no rigid motion.
         """
-        self._check_camera(camera)
+        self.camera(camera)
         if len(self.stations) >= MOST_STATIONS:
             raise ConfigError(f"the viewer takes up to {MOST_STATIONS:,} cameras; delete some")
         checked = frozen(valid_poses(pose)[0].copy())
@@ -175,7 +175,7 @@ class RigState:
 
     def using(self, station: int, camera: str) -> "RigState":
         """With another camera at a station."""
-        self._check_camera(camera)
+        self.camera(camera)
         return self.with_station(replace(self.station(station), camera=camera))
 
     def with_camera(self, name: str, camera: Camera) -> "RigState":
@@ -214,10 +214,9 @@ class RigState:
         names = tuple(each.name for each in self.stations)
         return Views(rig=self.rig(), poses=self.poses(all_stations=True), images=names)
 
-    def _check_camera(self, name: str) -> None:
-        if name not in self.cameras:
-            known = ", ".join(self.cameras)
-            raise ConfigError(f"there is no camera {shown(name)}; cameras are {known}")
+    def camera(self, name: str) -> Camera:
+        """A camera by its name; ConfigError where there is none."""
+        return camera_in(self.cameras, name)
 
     def _free(self, name: str) -> str:
         """The name, or the first of "name 2", "name 3", ... that is not taken."""
@@ -225,6 +224,13 @@ class RigState:
         while free in taken:
             free, number = f"{name} {number}", number + 1
         return free
+
+
+def camera_in(cameras: Mapping[str, Camera], name: str) -> Camera:
+    """The camera of a name; ConfigError where there is none."""
+    if name not in cameras:
+        raise ConfigError(f"there is no camera {shown(name)}; cameras are {', '.join(cameras)}")
+    return cameras[name]
 
 
 @dataclass(frozen=True)

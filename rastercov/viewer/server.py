@@ -4,26 +4,33 @@ It binds to a loopback address, and every answer with data wants the token that 
 address, behind "#", where no other page and no log sees it. Requests of another host or origin are
 refused, so that a page elsewhere cannot reach it by a name of its own (DNS rebinding). Another
 address needs a certificate and a token of the user's.
+
+A browser gets what it opens as an argument, which every user of the machine can read. So it gets
+the name of a file that only this user can read, in a new folder that only this user can enter.
 """
 
 import asyncio
 import hmac
+import html
 import ipaddress
 import json
 import logging
+import os
 import re
 import secrets
-from collections.abc import Callable, Sequence
+import shutil
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from rastercov.base.errors import ConfigError, ResourceError
 from rastercov.base.files import StrPath, one_line
 from rastercov.base.interrupts import ABANDONED
-from rastercov.viewer.page_files import TYPES, digest_of, page_text, static_file
-from rastercov.viewer.saving import Saving
+from rastercov.viewer.saving import TYPES, Saving, digest_of, page_text, static_file
 from rastercov.viewer.session import Session, StaleError
 from rastercov.viewer.work import BusyError, Work
 
@@ -45,6 +52,13 @@ LEAST_TOKEN = 22
 """Characters of a token of the user's: 128 bits in base 64."""
 INSTALL = "the viewer needs starlette and uvicorn; install rastercov[view]"
 _IMPORT_MAP = re.compile(r'<script type="importmap">(.*?)</script>', re.DOTALL)
+PAGE = """<!DOCTYPE html>
+<meta charset="utf-8">
+<meta name="referrer" content="no-referrer">
+<meta http-equiv="refresh" content="0;url={url}">
+<title>rastercov</title>
+<a href="{url}">Open the viewer</a>
+"""
 
 
 @dataclass(frozen=True)
@@ -449,3 +463,16 @@ def serve(
             uvicorn.Server(config).run(sockets=[listener])
         finally:
             session.close(SECONDS_TO_CLOSE)
+
+
+@contextmanager
+def redirect(url: str) -> Iterator[Path]:
+    """File that leads a browser to a URL; it exists until the block ends."""
+    # Browsers packaged by snap read neither /tmp nor hidden folders.
+    place = Path.home() if shutil.which("snap") else None
+    with TemporaryDirectory(prefix="rastercov-", dir=place, ignore_cleanup_errors=True) as folder:
+        path = Path(folder) / "open.html"
+        descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+        with os.fdopen(descriptor, "w", encoding="utf-8") as file:
+            file.write(PAGE.format(url=html.escape(url)))
+        yield path

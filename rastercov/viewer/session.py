@@ -10,31 +10,35 @@ import secrets
 import struct
 import time
 from collections.abc import Mapping
+from io import BytesIO
 from threading import RLock
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
 from rastercov.coverage.area.network import AreaNetwork
+from rastercov.mesh import Mesh
 from rastercov.models import MODELS
 from rastercov.placement.candidates.segments import Segmentation, segment
 from rastercov.placement.improve.pose_space import PoseSpace
-from rastercov.viewer import colours
+from rastercov.report import theme
+from rastercov.report.camera_pictures import camera_image, camera_keys, camera_pixels
+from rastercov.report.modes import mode_of
 from rastercov.viewer.actions import Constrain, Redo, Request, Undo, request_of
-from rastercov.viewer.colours import Painted
-from rastercov.viewer.image import camera_png
-from rastercov.viewer.measurements import Measurements, NetworkFigures, exact_area
+from rastercov.viewer.measurements import Measurements, NetworkFigures, exact_area, of_one_camera
 from rastercov.viewer.rig_state import History, RigState
-from rastercov.viewer.scene import MODEL_OPTIONS, SEGMENT_OPTIONS, Scene, described_state, modes
+from rastercov.viewer.scene import MODEL_OPTIONS, SEGMENT_OPTIONS, Scene, described_state
 from rastercov.viewer.why import why
 
 FloatArray = NDArray[np.float64]
 
 MOST_FACES_OF_ZONE = 5_000
 """Faces of a dead zone that a page highlights."""
+LEAST_SIDE, MOST_SIDE = 64, 2048
 
 
 class StaleError(ConfigError):
@@ -102,7 +106,7 @@ class Session:
         """
         request = request_of(entries)
         with self.lock:
-            colours.mode_of(request.mode, [each["id"] for each in modes()])
+            mode_of(request.mode)
             self._edit(request)
             return self.frame(request.mode, request.options, request.station)
 
@@ -117,7 +121,8 @@ class Session:
         with self.lock:
             began = time.process_time()
             figures = self.figures()
-            painted = self._painted(figures, mode, options, station)
+            values = self._values(figures, mode, options, station)
+            painted = mode_of(mode).paint(self.scene.mesh, values)
             summary = figures.summary()
             areas = self._known_areas()
             summary["exact_area_percent"] = (
@@ -171,7 +176,7 @@ class Session:
 
     def zones(self) -> list[dict[str, Any]]:
         """Dead zones by exact area, the largest first, ready for JSON."""
-        from rastercov.coverage.area.zone_report import zone_lines
+        from rastercov.coverage.area.zone_report import zone_line
 
         with self.lock:
             areas, state = self.areas(), self.state
@@ -183,7 +188,6 @@ class Session:
                 weights = np.asarray(self.scene.mesh.areas)[faces]
                 normal = (np.asarray(self.scene.mesh.normals)[faces] * weights[:, None]).sum(axis=0)
                 length = float(np.linalg.norm(normal))
-                lines = zone_lines({"dead_zones": [entry | {"percent": 100.0}]})
                 found.append(
                     {
                         "area": entry["area_m2"],
@@ -192,7 +196,7 @@ class Session:
                         "normal": (normal / length if length > 0 else normal).tolist(),
                         "group": entry["groups"][0],
                         "reason": entry["reason"],
-                        "words": lines[0] if lines else entry["reason"],
+                        "words": zone_line(entry),
                         "faces": faces[:MOST_FACES_OF_ZONE].tolist(),
                     }
                 )
@@ -241,45 +245,38 @@ class Session:
     def _known_areas(self) -> AreaNetwork | None:
         return self._areas[1] if self._areas and self._areas[0] is self.state else None
 
-    def _painted(
-        self,
-        figures: NetworkFigures,
-        mode: str,
-        options: Mapping[str, Any],
-        station: int | None,
-    ) -> Painted:
+    def _values(
+        self, figures: NetworkFigures, mode: str, options: Mapping[str, Any], station: int | None
+    ) -> Any:
+        """Values of a mode of `rastercov.report.modes`, for its function."""
         mesh, state = self.scene.mesh, figures.state
-        if mode in colours.NETWORK_MODES:
-            return colours.NETWORK_MODES[mode][2](figures)
+        if mode in figures.values:
+            return figures.values[mode]()
         if mode == "area":
             rows = np.minimum(figures.need, state.most_views) - 1
             covered = self.areas().covered.area[rows, np.arange(mesh.n_faces)]
-            areas = np.maximum(np.asarray(mesh.areas), np.finfo(float).tiny)
-            return colours.by_share(mesh, covered / areas)
+            return covered / np.maximum(np.asarray(mesh.areas), np.finfo(float).tiny)
         if mode == "model":
-            name = _option(MODEL_OPTIONS, options, "model")
-            return colours.by_coverage(self._by_model(state, name))
+            return self._by_model(state, _option(MODEL_OPTIONS, options, "model"))
         if mode == "segments":
             alpha, beta = (_option(SEGMENT_OPTIONS, options, n) for n in ("alpha_deg", "beta_deg"))
-            return colours.by_segment(mesh, self._segmented(float(alpha), float(beta)).labels)
+            return self._segmented(float(alpha), float(beta)).labels
         if station is None:
             if not state.stations:
                 raise ConfigError("there is no camera; add one")
             station = state.stations[0].id
-        row = self.measurements.rows(state, [state.station(station)])[0]
-        return colours.by_one_camera(mesh, row)
+        return self.measurements.rows(state, [state.station(station)])[0].coverage
 
-    def _by_model(self, state: RigState, name: str) -> NetworkFigures:
-        """Figures with the coverage of a model in place of ours."""
+    def _by_model(self, state: RigState, name: str) -> FloatArray:
+        """(F,) greatest coverage by a model in place of ours."""
         if name not in MODELS:
             raise ConfigError(f"model must be one of {', '.join(MODELS)}, got {shown(name)}")
-        figures = NetworkFigures(self.scene.mesh, state, self.measurements.rows(state, state.on))
-        figures.best[:] = 0
+        best = np.zeros(self.scene.mesh.n_faces)
         for station in state.on:
             camera = state.camera_of(station)
             found = MODELS[name](self.scene.mesh, camera, station.pose[None], state.task)[0]
-            np.maximum(figures.best, found.astype(np.float32), out=figures.best)
-        return figures
+            np.maximum(best, found, out=best)
+        return best
 
     def _segmented(self, alpha: float, beta: float) -> Segmentation:
         """Segments, kept for the last angles."""
@@ -308,3 +305,41 @@ def _option(known: tuple[dict[str, Any], ...], given: Mapping[str, Any], name: s
     if is_number != isinstance(default, float):
         raise ConfigError(f"{name} must be like {default!r}, got {shown(value)}")
     return value
+
+
+def camera_png(
+    mesh: Mesh, state: RigState, station: int, side: int
+) -> tuple[dict[str, Any], bytes]:
+    """The camera's own image, its distortion included: title, size and legend, and a PNG.
+
+    Parameters
+    ----------
+    station : int
+        Id of the station.
+    side : int
+        Longest side, px; at most that of the camera.
+
+    Raises
+    ------
+    ConfigError
+        For a station that is gone, or a side outside its limits.
+    """
+    if not LEAST_SIDE <= side <= MOST_SIDE:
+        raise ConfigError(f"side must be {LEAST_SIDE} to {MOST_SIDE} px, got {side}")
+    row = state.row(station)
+    own = state.stations[row]
+    camera, task = state.camera_of(own), of_one_camera(state.task)
+    red, green, blue = theme.camera_colours(row + 1)[row].tolist()
+    colour = (red, green, blue)
+    found = camera_image(mesh, camera, own.pose, task, side=side)
+    pixels = camera_pixels(found, colour)
+    legend = [
+        {"label": key.name, "colour": first, "stripe": next(iter(others), None)}
+        for key in camera_keys([found], colour, "covered")
+        for first, *others in (key.colours,)
+    ]
+    buffer = BytesIO()
+    Image.fromarray(pixels).save(buffer, "PNG", compress_level=1)
+    height, width = pixels.shape[:2]
+    title = f"{own.name}: covers {found.faces:,} whole faces"
+    return {"width": width, "height": height, "title": title, "legend": legend}, buffer.getvalue()

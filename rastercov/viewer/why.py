@@ -9,10 +9,10 @@ from rastercov.base.errors import ConfigError
 from rastercov.base.format import area, length, percent, plural
 from rastercov.camera.camera import Camera
 from rastercov.coverage.coverage import Coverage, evaluate, evaluate_batches
+from rastercov.coverage.reasons import NAMES, REASONS
 from rastercov.coverage.task import Reason, Task
 from rastercov.mesh import Mesh
 from rastercov.placement.explain.uncovered import in_front
-from rastercov.viewer.colours import REASON_WORDS
 from rastercov.viewer.measurements import Measurements, NetworkFigures, of_one_camera
 from rastercov.viewer.rig_state import RigState, Station
 
@@ -76,7 +76,7 @@ def _words(mesh: Mesh, figures: NetworkFigures, face: int) -> str:
         if task.min_angle_deg > 0:
             asked += f" that differ by {task.min_angle_deg:g} deg"
         return f"Not covered, {size}: by {views} of {asked}."
-    return f"Not covered, {size}: at best {REASON_WORDS[Reason(int(figures.reason[face]))]}."
+    return f"Not covered, {size}: at best {REASONS[NAMES[figures.reasons[face]]].label}."
 
 
 def _of_station(
@@ -92,7 +92,7 @@ def _of_station(
     )
     reason = Reason(int(whole.reason[0, face]))
     depth = (mesh.vertices[mesh.faces[face]] - station.pose[:3, 3]) @ station.pose[:3, 2]
-    words, occluder = REASON_WORDS[reason], None
+    words, occluder = REASONS[reason.name.lower()].label, None
     if reason == Reason.OCCLUDED:
         occluder = _occluder(mesh, station, face)
     if occluder is not None:
@@ -120,8 +120,8 @@ def _of_station(
     }
 
 
-def _finer(single: Coverage, task: Task) -> str:
-    """Advice for a face that gets too few pixels, by the threshold that is farthest off."""
+def _finer(single: Coverage, task: Task) -> tuple[str, str]:
+    """What a face gets by the threshold that is farthest off, and the factor that is missing."""
     pixels = float(single.drawn_pixels[0, 0])
     densities = (
         (float(single.pixel_density[0, 0]), task.min_pixel_density),
@@ -136,11 +136,8 @@ def _finer(single: Coverage, task: Task) -> str:
         for found, least in densities
         if 0 < found < least
     ]
-    if not wanted:
-        return "come nearer, or take a longer lens"
-    factor, words = max(wanted)
-    times = f"{factor:.2g} times"
-    return f"it gets {words}: come {times} as near, or take {times} the focal length"
+    factor, words = max(wanted, default=(0.0, ""))
+    return words, f"{factor:.2g} times"
 
 
 def _occluder(mesh: Mesh, station: Station, face: int) -> dict[str, Any] | None:
@@ -160,28 +157,19 @@ def _help(
     occluder: dict[str, Any] | None,
     camera: Camera,
 ) -> str:
-    """Advice for a camera to cover the face."""
-    match reason:
-        case Reason.BACK_FACING:
-            return "move the camera to the side that its normal points to"
-        case Reason.OUTSIDE:
-            ahead = bool((depth > 0).all())
-            return "turn the camera towards it" + (", or take a wider lens" if ahead else "")
-        case Reason.OUT_OF_FOCUS:
-            z_n, z_f = camera.depth_of_field(task.max_blur)
-            far = "any depth" if math.isinf(z_f) else f"{length(float(z_f))} m"
-            span = f"{length(float(depth.min()))} to {length(float(depth.max()))} m"
-            return f"it is {span} deep, in focus are {length(float(z_n))} m to {far}: focus on it"
-        case Reason.TOO_COARSE:
-            return _finer(single, task)
-        case Reason.OCCLUDED:
-            what = "what is before it" if occluder is None else occluder["name"]
-            return f"move the camera so that {what} is not between"
-        case Reason.TOO_OBLIQUE:
-            angle = math.degrees(float(single.incidence[0, 0]))
-            return f"seen at {angle:.3g} deg of {task.max_incidence_deg:g}: move towards its normal"
-        case Reason.UNSAMPLED:
-            return "come nearer"
-        case Reason.DEGENERATE:
-            return "it has no area, and cannot be covered"
-    return ""
+    """Advice for a camera to cover the face: that of `REASONS` with the figures of the face."""
+    z_n, z_f = camera.depth_of_field(task.max_blur)
+    finer, times = _finer(single, task)
+    if reason == Reason.TOO_COARSE and not finer:
+        return "come nearer, or take a longer lens"
+    return REASONS[reason.name.lower()].advice.format(
+        wider=", or take a wider lens" if (depth > 0).all() else "",
+        depth=f"{length(float(depth.min()))} to {length(float(depth.max()))} m",
+        in_focus=f"{length(float(z_n))} m to "
+        + ("any depth" if math.isinf(z_f) else f"{length(float(z_f))} m"),
+        finer=finer,
+        times=times,
+        hider="what is before it" if occluder is None else occluder["name"],
+        angle=f"{math.degrees(float(single.incidence[0, 0])):.3g}",
+        max_angle=f"{task.max_incidence_deg:g}",
+    )

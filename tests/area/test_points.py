@@ -9,7 +9,9 @@ from surface_cases import hostile_scene, in_regions, room
 import rastercov as rc
 from rastercov.coverage.area.points import covering_poses
 from rastercov.reference.regions import points_on
-from rastercov.report.area_pictures import best_pose_at, covered_pixels, points_of_pixels
+from rastercov.report.camera_pictures import covered_pixels
+from rastercov.report.overview import best_pose_at
+from rastercov.report.panorama import points_of_pixels
 
 TASK = rc.Task(max_incidence_deg=75)
 

@@ -12,8 +12,9 @@ from rastercov.base.errors import ConfigError
 from rastercov.coverage.area.failures import first_failures
 from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.area.union import RegionUnion, polygon_areas
-from rastercov.coverage.area.zone_report import WORDS, summary_of, zone_lines
+from rastercov.coverage.area.zone_report import summary_of, zone_lines
 from rastercov.coverage.area.zones import dead_zones
+from rastercov.coverage.reasons import REASONS
 from rastercov.mesh import shapes
 from rastercov.reference.regions import covers_points, points_on
 
@@ -210,7 +211,7 @@ def test_the_reason_of_a_zone(reason, task, change):
     (zone,) = named(mesh, camera, AHEAD, rc.Task(**task))["dead_zones"]
     assert (zone["reason"], zone["hidden_by"]) == (reason, None)
     assert zone["area_m2"] == pytest.approx(1)
-    assert zone["reason"] in WORDS
+    assert zone["reason"] in REASONS
 
 
 def test_without_cameras_the_reason_is_that():

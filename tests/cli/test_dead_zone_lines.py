@@ -31,7 +31,7 @@ cameras = 1
 page = false
 """
 LINE = re.compile(
-    r"dead zone .* m² at \(-?[\d.]+, -?[\d.]+, -?[\d.]+\) in group mesh: seen from behind only"
+    r"dead zone .* m² at \(-?[\d.]+, -?[\d.]+, -?[\d.]+\) in group mesh: seen from behind"
 )
 
 

@@ -14,12 +14,13 @@ import rastercov as rc
 from rastercov.base.errors import ConfigError
 from rastercov.coverage.coverage import evaluate_batches
 from rastercov.coverage.network import Network
+from rastercov.coverage.reasons import REASONS
 from rastercov.coverage.task import Reason, Task
 from rastercov.mesh import Group, Mesh, shapes
 from rastercov.placement.explain import candidate_visibility as sight
 from rastercov.placement.explain import uncovered
 from rastercov.placement.explain.candidate_visibility import EDGE_ON, CandidateBounds
-from rastercov.placement.explain.uncovered import WORDS, Sight, in_front, what_is_left
+from rastercov.placement.explain.uncovered import Sight, in_front, what_is_left
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.matrix import build_matrix
 from rastercov.placement.plan.network import left_over, measured
@@ -245,7 +246,7 @@ def test_the_parts_of_what_is_left_add_up_and_agree_with_the_network():
     assert sum(group["left"]["faces"] for group in told["groups"]) == told["left"]["faces"]
     assert told["could_be_covered"]["faces"] == 0  # the network is all the candidates
     lines = "\n".join(found.lines())
-    assert all(WORDS[name] in lines for name in told["reasons"])
+    assert all(REASONS[name].sentence in lines for name in told["reasons"])
 
 
 def test_all_covered_is_told_in_one_line():

@@ -11,8 +11,8 @@ from coarse_pictures import coarse_pictures  # noqa: F401 # a fixture for every 
 import rastercov as rc
 from rastercov.coverage.area.by_camera import MOST_CAMERAS, cameras_apart
 from rastercov.mesh import shapes
-from rastercov.report.by_camera import camera_rows, camera_table
 from rastercov.report.coverage import Options, run
+from rastercov.report.tables import camera_rows, camera_table
 
 MESH = shapes.torus(24, 12)
 WIDE = rc.Camera(width=160, height=120, fx=90, fy=90)

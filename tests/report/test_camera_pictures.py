@@ -11,7 +11,6 @@ from rastercov.coverage.task import Reason
 from rastercov.mesh import Group, Mesh, shapes
 from rastercov.reference.regions import covers_points
 from rastercov.report import theme
-from rastercov.report.area_pictures import points_of_pixels
 from rastercov.report.camera_pictures import (
     UNJUDGED,
     camera_image,
@@ -20,6 +19,7 @@ from rastercov.report.camera_pictures import (
     camera_pixels,
     of_pose,
 )
+from rastercov.report.panorama import points_of_pixels
 
 TASK = rc.Task(max_incidence_deg=60, min_pixels_per_m2=12_000)
 MESH, CAMERA, POSES = room()

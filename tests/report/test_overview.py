@@ -15,14 +15,21 @@ from rastercov.coverage.network import Network
 from rastercov.mesh import Group, Mesh, shapes
 from rastercov.reference.regions import covers_points
 from rastercov.report import overview, theme
-from rastercov.report.area_pictures import points_of_pixels
-from rastercov.report.floor_plan import below, floor_plan, outline, paint_plan
-from rastercov.report.images import font_for
-from rastercov.report.interiors import is_enclosed, is_inside, outer_skin, turned_away
-from rastercov.report.labels import draw_scale_bar, length_of_bar, place_labels
+from rastercov.report.images import draw_scale_bar, font_for, length_of_bar, place_labels
 from rastercov.report.overview import best_covering, camera_colours
-from rastercov.report.panorama import look, paint
-from rastercov.report.placement_pictures import neutral
+from rastercov.report.panorama import (
+    floor_plan,
+    is_enclosed,
+    is_inside,
+    look,
+    neutral,
+    outer_skin,
+    outline,
+    paint,
+    paint_plan,
+    points_of_pixels,
+    turned_away,
+)
 
 TASK = rc.Task(max_incidence_deg=75)
 MESH, CAMERA, POSES = room()
@@ -63,10 +70,10 @@ def test_every_pixel_of_a_cameras_colour_is_of_a_point_that_it_covers(direction)
 
     pixels = paint(scene, neutral(MESH), own=own)
     rng = np.random.default_rng(0)
-    rows, columns = np.nonzero(scene.buffer.face >= 0)
+    rows, columns = np.nonzero(scene.face >= 0)
     some = rng.choice(len(rows), 2_000, replace=False)
     rows, columns = rows[some], columns[some]
-    face = scene.buffer.face[rows, columns]
+    face = scene.face[rows, columns]
     points = points_of_pixels(MESH, scene.camera, scene.pose, face, rows, columns)
     covers = covers_points(MESH, CAMERA, POSES, TASK, points, face.astype(np.int64))
     hue = hue_of(pixels[rows, columns], [*shown.colours, theme.UNCOVERED])
@@ -88,10 +95,8 @@ def test_by_face_only_covered_faces_have_a_colour():
 def test_the_task_fills_the_picture_whatever_stands_around_it():
     mesh = in_fixture()
     scene = look(mesh, (1, -1.5, 1), scale=0.3)
-    rows, columns = np.nonzero(
-        np.append(mesh.task_mask, False)[scene.buffer.face] | (scene.beneath >= 0)
-    )
-    height, width = scene.buffer.face.shape
+    rows, columns = np.nonzero(np.append(mesh.task_mask, False)[scene.face] | (scene.beneath >= 0))
+    height, width = scene.face.shape
     assert max(np.ptp(rows) / height, np.ptp(columns) / width) > 0.85
 
 
@@ -105,7 +110,7 @@ def test_an_occluder_hides_no_colour_of_the_task():
     is_red = pixels[..., 0] > 2 * pixels[..., 1]
     assert behind.sum() > 500
     assert 0.5 < is_red[behind].mean() < 0.8
-    assert not is_red[~behind & ~np.append(mesh.task_mask, False)[scene.buffer.face]].any()
+    assert not is_red[~behind & ~np.append(mesh.task_mask, False)[scene.face]].any()
 
 
 def test_a_target_hides_nothing():
@@ -178,7 +183,7 @@ def test_cameras_between_buildings_are_not_indoors():
 def test_backs_of_the_task_have_no_cameras_colour():
     mesh = Mesh([(0, 0, 0), (1, 0, 0), (0, 1, 0)], [(0, 2, 1)])  # faces down
     scene = look(mesh, (1, -1.5, 1), scale=0.3)
-    pixels = paint(scene, np.array([[255, 0, 0]], np.uint8))[scene.buffer.face == 0].astype(int)
+    pixels = paint(scene, np.array([[255, 0, 0]], np.uint8))[scene.face == 0].astype(int)
     assert scene.shows_backs()
     assert (np.ptp(pixels, axis=1) < 40).all()  # greyish
     assert turned_away(mesh, (0, 0, 5)).all()
@@ -261,29 +266,6 @@ def test_the_outline_of_a_level_camera_encloses_its_horizontal_field_of_view():
     away = corners[np.linalg.norm(corners, axis=1) > 1e-9]
     angles = np.degrees(np.arctan2(away[:, 1], away[:, 0]))
     assert np.ptp(angles) == pytest.approx(90.0)
-
-
-@examples(15)
-@given(seed=st.integers(0, 2**32 - 1))
-def test_parts_below_and_above_a_height_make_up_the_triangles(seed):
-    rng = np.random.default_rng(seed)
-    corners = rng.normal(size=(6, 3, 3))
-    if rng.random() < 0.5:
-        corners = np.round(corners)  # corners at the height itself
-    cut = float(np.round(rng.normal(0, 0.5)))
-
-    def areas(parts, of):
-        u, v = parts[:, 1] - parts[:, 0], parts[:, 2] - parts[:, 0]
-        return np.bincount(of, np.linalg.norm(np.cross(u, v), axis=1) / 2, minlength=6)
-
-    flipped = corners * (1, 1, -1)
-    (low, of_low), (high, of_high) = below(corners, cut), below(flipped, -cut)
-    assert (low[..., 2] <= cut + 1e-9).all()
-    assert (high[..., 2] <= -cut + 1e-9).all()
-    level = (corners[..., 2] == cut).all(axis=1)  # in both
-    total = areas(corners, np.arange(6))
-    found = areas(low, of_low) + areas(high, of_high)
-    assert found[~level] == pytest.approx(total[~level])
 
 
 # Labels

@@ -15,6 +15,7 @@ from rastercov.base.errors import ConfigError
 from rastercov.base.format import percent
 from rastercov.coverage.coverage import evaluate_batches
 from rastercov.coverage.network import Network
+from rastercov.coverage.reasons import REASONS
 from rastercov.coverage.task import Task
 from rastercov.mesh import Group, Mesh, shapes
 from rastercov.placement.candidates.cavities import openings
@@ -23,19 +24,19 @@ from rastercov.placement.candidates.framing import Framing
 from rastercov.placement.candidates.mounting import on_sphere
 from rastercov.placement.candidates.pool import Candidates, per_segment
 from rastercov.placement.candidates.segments import segment
-from rastercov.placement.explain.uncovered import WORDS, what_is_left
+from rastercov.placement.explain.uncovered import what_is_left
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.improve.tolerance import InstallationError, tolerance
 from rastercov.placement.matrix import build_matrix
 from rastercov.placement.select.greedy import select_greedy
 from rastercov.placement.select.problem import BestCoverage, FewestCameras, problem_of
 from rastercov.report import placement as page_module
-from rastercov.report import placement_figures, plots, theme
 from rastercov.report import placement_pictures as pictures
-from rastercov.report import placement_plots as network_plots
+from rastercov.report import plots, theme
 from rastercov.report.overview import camera_colours, network_picture
 from rastercov.report.panorama import DIRECTIONS, best_directions, look, paint, place_in_image
-from rastercov.report.placement import PlanReport, page, write_page
+from rastercov.report.placement import page, write_page
+from rastercov.report.placement_pictures import PlanReport
 from rastercov.report.theme import DARK, LIGHT
 
 CAMERA = rc.Camera(width=320, height=240, fx=300, fy=300, cx=160, cy=120)
@@ -208,7 +209,7 @@ def test_the_file_stands_alone_and_is_whole_or_what_was_there_before(report, tmp
     def fail(*arguments):
         raise OSError("no more ink")
 
-    monkeypatch.setattr(placement_figures, "network_picture", fail)
+    monkeypatch.setattr(pictures, "network_picture", fail)
     with pytest.raises(OSError, match="ink"):
         write_page(path, report)
     assert path.read_text(encoding="utf-8") == before
@@ -242,7 +243,7 @@ def test_faces_that_are_left_have_the_colour_of_their_reason(report):
 
 def test_every_reason_has_a_colour_and_words_and_colours_differ():
     colours = np.array(list(theme.REASONS.values()))
-    assert theme.REASONS.keys() == WORDS.keys()
+    assert theme.REASONS.keys() == REASONS.keys() - {"covered"}
     apart = np.abs(colours[:, None] - colours[None]).max(axis=2) + 999 * np.eye(len(colours))
     assert apart.min() > 30
 
@@ -316,7 +317,7 @@ def test_one_looks_into_a_room_through_its_walls_and_not_into_a_box():
     room, box = shapes.room(4), shapes.box()
     for direction in DIRECTIONS:
         scene = look(room, direction, scale=0.2)
-        seen = np.unique(scene.buffer.face)
+        seen = np.unique(scene.face)
         seen = seen[seen >= 0]
         ray = scene.pose[:3, 3] - room.centroids[seen]
         assert (np.einsum("fi,fi->f", room.normals[seen], ray) > 0).all()
@@ -341,7 +342,7 @@ def test_paint_gives_a_face_its_colour_lit_by_the_eye():
     mesh = shapes.box()
     colours = np.tile(np.array([[200, 100, 50]], np.uint8), (12, 1))
     scene = look(mesh, (1, -1.5, 1), scale=0.2)
-    lit = paint(scene, colours)[scene.buffer.face >= 0].astype(float)
+    lit = paint(scene, colours)[scene.face >= 0].astype(float)
     share = lit / [200, 100, 50]
     assert share.max() <= 1.01
     assert np.median(share) > 0.6
@@ -352,7 +353,7 @@ def test_paint_gives_a_face_its_colour_lit_by_the_eye():
 def test_bars_are_as_long_as_their_shares(colours):
     mesh = shapes.room(4)
     network = network_of(mesh, rc.look_at([[2.5, 2, 2.5]], [0, 0, 0.5]))
-    (axes,) = network_plots.group_bars(network, colours).axes
+    (axes,) = pictures.group_bars(colours, network).axes
     groups = {group["name"]: group["covered"] for group in network.summary()["groups"]}
     tracks, bars = axes.patches[: len(groups)], axes.patches[len(groups) :]
     names = [label.get_text() for label in axes.get_yticklabels()]
@@ -369,12 +370,12 @@ def test_views_of_faces_make_up_the_whole_area():
     mesh = shapes.sphere(2)
     poses = rc.look_at([[4, 0, 0], [0, 4, 0], [0, 0, 4.0]], [0, 0, 0])
     network = network_of(mesh, poses)
-    shares = network_plots.overlap_shares(network)
+    shares = pictures.overlap_shares(network)
     assert sum(share for _, share, _ in shares) == pytest.approx(1)
     assert shares[0][0] == "0 cameras"
     areas = mesh.areas
     assert shares[1][1] == pytest.approx(areas[network.views == 1].sum() / areas.sum())
-    (axes,) = network_plots.overlap_histogram(network, LIGHT).axes
+    (axes,) = pictures.overlap_histogram(LIGHT, network).axes
     assert [bar.get_width() for bar in axes.patches[len(shares) :]] == pytest.approx(
         [share for _, share, _ in shares]
     )
@@ -387,13 +388,11 @@ def test_bars_by_area_are_those_of_the_exact_area():
     covered = rc.unite(regions, views=3)
     total = mesh.areas[mesh.task_mask].sum()
     at_least = [1.0, *(covered.area.sum(axis=1) / total), 0.0]
-    bars = network_plots.overlap_shares(network, regions)
+    bars = pictures.overlap_shares(network, regions)
     np.testing.assert_allclose([share for _, share, _ in bars], -np.diff(at_least), atol=1e-12)
-    assert bars[0][1] < network_plots.overlap_shares(network)[0][1]
+    assert bars[0][1] < pictures.overlap_shares(network)[0][1]
     groups = [{"name": group.name, "covered_area": {"percent": 12.5}} for group in mesh.groups]
-    assert {share for _, share, _ in network_plots.group_shares(network, {"groups": groups})} == {
-        0.125
-    }
+    assert {share for _, share, _ in pictures.group_shares(network, {"groups": groups})} == {0.125}
 
 
 @pytest.fixture(scope="module")
@@ -405,7 +404,7 @@ def matrix(report):
 @pytest.mark.parametrize("goal", [BestCoverage(cameras=3), FewestCameras(0.9, of_reachable=True)])
 def test_the_curve_is_drawn_for_either_goal(report, matrix, goal):
     found = select_greedy(problem_of(matrix, report.mesh, goal))
-    (axes,) = network_plots.coverage_curve(found, goal, LIGHT).axes
+    (axes,) = pictures.coverage_curve(LIGHT, found, goal).axes
     curve = axes.lines[0]
     assert curve.get_xdata().tolist() == list(range(len(found.chosen) + 1))
     assert curve.get_ydata().tolist() == [0.0, *found.curve.tolist()]
@@ -418,7 +417,7 @@ def test_the_curve_is_drawn_for_either_goal(report, matrix, goal):
 def test_an_empty_selection_has_a_curve(report, matrix):
     goal = BestCoverage(cameras=0)
     found = select_greedy(problem_of(matrix, report.mesh, goal))
-    assert len(network_plots.coverage_curve(found, goal, LIGHT).axes[0].lines[0].get_xdata()) == 1
+    assert len(pictures.coverage_curve(LIGHT, found, goal).axes[0].lines[0].get_xdata()) == 1
 
 
 @pytest.mark.parametrize(
@@ -457,7 +456,7 @@ import rastercov.report.plan, rastercov.report.models, rastercov.report.placemen
 from rastercov.cli import command
 assert command(["demo", "--shape", "box", "--poses", "2", "--device", "cpu", "--json"]) == 0
 print(sorted({"jinja2", "matplotlib", "trimesh"} & sys.modules.keys()), file=sys.stderr)
-from rastercov.report import placement_plots as network_plots
+from rastercov.report import placement_pictures as network_plots
 from rastercov.report import plots, theme
 plots.image_of(plots.bar_plot("t", [("a", 0.5, "b")], theme.LIGHT))
 assert "matplotlib.pyplot" not in sys.modules
@@ -471,13 +470,13 @@ assert "matplotlib.pyplot" not in sys.modules
 @pytest.mark.slow
 def test_coverage_is_red_where_it_is_nothing():
     mesh = shapes.box()
-    nothing = pixels_of(pictures.coverage_picture(mesh, np.zeros(12)))[60:600]
-    full = pixels_of(pictures.coverage_picture(mesh, np.ones(12)))[60:600]
+    nothing = pixels_of(pictures.best_picture(mesh, np.zeros(12)))[60:600]
+    full = pixels_of(pictures.best_picture(mesh, np.ones(12)))[60:600]
     assert share_of_hue(nothing, (232, 33, 45)) > 0.2
     assert share_of_hue(full, (232, 33, 45)) == 0
     assert share_of_hue(full, (253, 231, 37)) > 0.2
     with pytest.raises(ConfigError, match="shape"):
-        pictures.coverage_picture(mesh, np.zeros(3))
+        pictures.best_picture(mesh, np.zeros(3))
 
 
 @pytest.mark.usefixtures("without_pictures")

@@ -335,8 +335,6 @@ def test_files_go_where_a_file_can_be(tmp_path):
         output.write_json(tmp_path, 1)
     with pytest.raises(ConfigError, match=r"as \.png"):
         pictures.save_picture(Image.new("RGB", (1, 1)), tmp_path / "a.jpg")
-    with pytest.raises(ConfigError, match=r"as \.glb or \.ply"):
-        write_coloured_mesh(tmp_path / "a.obj", STRIP, np.zeros(6))
     with pytest.raises(ConfigError, match="values must have shape"):
         write_coloured_mesh(tmp_path / "a.glb", STRIP, np.zeros(5))
     assert list(tmp_path.iterdir()) == []
@@ -357,16 +355,6 @@ EXPECTED = np.array(
         *(theme.OCCLUDER_3D, theme.OCCLUDER_3D),
     ]
 )
-
-
-def test_ply_has_each_face_in_the_colour_of_its_coverage(tmp_path):
-    write_coloured_mesh(tmp_path / "a.ply", STRIP, VALUES)
-    read = trimesh.load_mesh(tmp_path / "a.ply", process=False)
-    assert len(read.faces) == STRIP.n_faces
-    colours = read.visual.vertex_colors[read.faces][..., :3].astype(int)
-    assert (np.ptp(colours, axis=1) == 0).all()
-    assert np.abs(colours[:, 0] - EXPECTED).max() <= 2
-    np.testing.assert_array_equal(read.triangles, STRIP.vertices[STRIP.faces])
 
 
 def test_glb_has_each_face_in_the_colour_of_its_coverage_and_a_node_a_group(tmp_path):

@@ -12,10 +12,15 @@ from rastercov.mesh import shapes
 from rastercov.raster import open_rasterizer
 from rastercov.report import placement_pictures
 from rastercov.report.coloured_mesh import write_coloured_mesh
-from rastercov.report.images import coverage_picture, coverage_pixels
+from rastercov.report.images import (
+    coverage_picture,
+    coverage_pixels,
+    hatch_over,
+    lay_over,
+    targets_in_view,
+)
 from rastercov.report.model_pictures import difference_picture, look_at_part
 from rastercov.report.panorama import look
-from rastercov.report.target_pictures import hatch_over, lay_over, targets_in_view
 from rastercov.validation.methods.closeup import neighbourhood
 
 CAMERA = Camera(width=80, height=80, fx=80, fy=80)
@@ -71,23 +76,22 @@ def test_pictures_of_a_placement_draw_targets_over_the_part():
     scene = look(mesh, (1, -1.5, 1), scale=0.3)
     assert scene.targets is not None
     assert (scene.targets >= room.n_faces).any()
-    assert scene.buffer.face.max() < room.n_faces
+    assert scene.face.max() < room.n_faces
     best = np.ones(mesh.n_faces)
     best[room.n_faces :] = 0
-    assert placement_pictures.coverage_picture(mesh, best).size > (0, 0)
+    assert placement_pictures.best_picture(mesh, best).size > (0, 0)
     alone = some_as_targets(square(1, 2), np.ones(2, bool))
     assert (look(alone, (0, 0, -1), scale=0.3).targets >= 0).any()
 
 
 def test_coloured_meshes_have_translucent_targets(tmp_path):
-    for name in ("mesh.glb", "mesh.ply"):
-        write_coloured_mesh(tmp_path / name, SCENE, np.ones(6))
+    write_coloured_mesh(tmp_path / "mesh.glb", SCENE, np.ones(6))
     glb = trimesh.load_scene(tmp_path / "mesh.glb")
     modes = {name: part.visual.material.alphaMode for name, part in glb.geometry.items()}
     assert modes == {"mesh": None, "target 0": "BLEND", "target 1": "BLEND"}
-    ply = trimesh.load_mesh(tmp_path / "mesh.ply", process=False)
-    assert set(ply.visual.face_colors[:2, 3]) == {255}
-    assert set(ply.visual.face_colors[2:, 3]) == {102}
+    opacity = {name: part.visual.material.baseColorFactor for name, part in glb.geometry.items()}
+    assert opacity["mesh"] is None
+    assert opacity["target 0"][3] == opacity["target 1"][3] == 102
 
 
 def test_a_face_beside_a_target_is_seen_whole_in_its_close_up():

@@ -370,7 +370,7 @@ def test_a_page_at_rest_draws_nothing_and_asks_nobody_else(tab, program):
 
 
 def test_a_static_page_shows_and_changes_colours_without_a_program(context, program, tmp_path):
-    from rastercov.viewer.export import export_page
+    from rastercov.viewer.saving import export_page
 
     path = export_page(program.session, tmp_path / "page.html", modes=("reason", "views"))
     context.set_offline(True)
@@ -407,7 +407,7 @@ INJECTED = """() => {
 @pytest.mark.parametrize("is_served", [True, False])
 def test_the_policy_of_a_page_stops_what_is_not_its_own(browser, program, tmp_path, is_served):
     """With the policy in force, as in no other test: the page works, and nothing is injected."""
-    from rastercov.viewer.export import export_page
+    from rastercov.viewer.saving import export_page
 
     url = program.url if is_served else export_page(program.session, tmp_path / "a.html").as_uri()
     context = browser.new_context(viewport={"width": 1180, "height": 620})

@@ -7,15 +7,16 @@ from rigs_to_view import CAMERA, acted, around, moved, part, session_of, state_o
 import rastercov as rc
 from rastercov.coverage.task import Reason
 from rastercov.mesh import shapes
-from rastercov.viewer.improve import (
+from rastercov.viewer.measurements import Measurements
+from rastercov.viewer.scene import default_space
+from rastercov.viewer.work import (
+    BusyError,
     Cancelled,
-    default_space,
+    Work,
     refined,
     tries,
     with_next,
 )
-from rastercov.viewer.measurements import Measurements
-from rastercov.viewer.work import BusyError, Work
 
 MESH = part()
 CUBE = shapes.box()

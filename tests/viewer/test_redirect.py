@@ -12,7 +12,7 @@ from browser import CHROMIUM, Program, chromium
 from rigs_to_view import session_of_room
 from viewer_doors import Viewer
 
-from rastercov.viewer.redirect import redirect
+from rastercov.viewer.server import redirect
 
 pytest.importorskip("uvicorn", reason="the viewer needs rastercov[view]")
 BROWSER = """#!/bin/sh
@@ -86,7 +86,7 @@ def test_without_a_place_for_the_file_the_address_is_printed(tmp_path):
     program.chmod(0o755)
     # Python itself falls back on /tmp and the working folder, so that only a full disk is one.
     code = (
-        "import os, rastercov.viewer.redirect as made\n"
+        "import os, rastercov.viewer.server as made\n"
         "def full(*a, **k): raise OSError(28, 'No space left on device')\n"
         "made.TemporaryDirectory = full\n"
         "from rastercov.cli import main; main()"

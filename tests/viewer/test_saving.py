@@ -23,9 +23,8 @@ import rastercov as rc
 from rastercov import cli
 from rastercov.camera.formats import read_views
 from rastercov.mesh import shapes
-from rastercov.viewer.export import exported
-from rastercov.viewer.opening import open_plan, open_result
-from rastercov.viewer.saving import Saving, toml_text
+from rastercov.viewer.saving import Saving, exported, toml_text
+from rastercov.viewer.scene import open_plan, open_result
 from rastercov.viewer.session import Session, unframed
 
 SCALARS = st.booleans() | st.integers(-(2**63), 2**63 - 1) | st.floats(allow_nan=False) | st.text()

@@ -18,6 +18,7 @@ from rastercov.camera.rig import Cameras
 from rastercov.coverage.area.failures import first_failures
 from rastercov.coverage.area.frames import to_world
 from rastercov.coverage.area.zones import DeadZones
+from rastercov.coverage.reasons import REASONS
 from rastercov.coverage.task import Reason, Task
 
 FloatArray = NDArray[np.float64]
@@ -27,17 +28,6 @@ MOST_POINTS, LEAST_POINTS = 32, 4
 """Points of a zone that are judged; fewer for many cameras."""
 PAIRS = 4_000_000
 """Pairs of point and camera up to which there are more than `LEAST_POINTS`: a few seconds."""
-WORDS = {
-    "no_cameras": "no camera",
-    "back_facing": "seen from behind only",
-    "outside": "outside every image",
-    "out_of_focus": "out of focus",
-    "too_coarse": "too few pixels a metre",
-    "occluded": "occluded",
-    "too_oblique": "seen too flatly",
-    "too_few_views": "covered by too few cameras",
-}
-"""Words on a zone by the name of its reason."""
 ZONES = ("dead_zones", "other_dead_zones")
 """Keys of `summary_of`."""
 MOST_LINES = 5
@@ -74,17 +64,18 @@ def summary_of(
 def zone_lines(summary: Mapping[str, Any]) -> list[str]:
     """Lines about the largest zones of a summary; none where it has none."""
     zones = [each for each in summary.get("dead_zones", ()) if each["percent"] >= LEAST_PERCENT]
-    return [_line(zone) for zone in zones[:MOST_LINES]]
+    return [zone_line(zone) for zone in zones[:MOST_LINES]]
 
 
-def _line(zone: Mapping[str, Any]) -> str:
+def zone_line(zone: Mapping[str, Any]) -> str:
+    """Line about one zone."""
     size = math.sqrt(zone["area_m2"])
     digits = min(max(0, 1 - math.floor(math.log10(size))), 9)
     at = ", ".join(signed(value, digits) for value in zone["centroid"])
     first, *others = zone["groups"]
     more = f" and {len(others)} more" if others else ""
     text = f"dead zone {in_square_metres(zone['area_m2'])} at ({at}) in group {first}{more}: "
-    text += WORDS[zone["reason"]]
+    text += REASONS[zone["reason"]].label
     if zone["hidden_by"] is not None:
         text += f" by {'itself' if zone['hidden_by'] == first else zone['hidden_by']}"
     return text

@@ -33,6 +33,7 @@ from rastercov.camera.viewpoints import look_at
 from rastercov.coverage.coverage import Coverage, evaluate_batches
 from rastercov.coverage.network import Network, share_of_faces
 from rastercov.coverage.observer import Observer, open_observer
+from rastercov.coverage.reasons import NAMES, REASONS, reason_rows
 from rastercov.coverage.task import Reason, Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import frozen
@@ -136,19 +137,6 @@ def _samples_within(corners: FloatArray) -> BoolArray:
 
 __all__ = ["Leftover", "Sight", "what_is_left"]
 
-WORDS = {
-    "degenerate": "have no area",
-    "back_facing": "are seen from behind only",
-    "outside": "are outside every image",
-    "out_of_focus": "are out of focus",
-    "unsampled": "are too small for a sample",
-    "too_coarse": "get too few pixels",
-    "occluded": "are hidden",
-    "too_oblique": "are seen too flatly",
-    "too_few_views": "are covered by too few cameras",
-    "no_cameras": "have no camera",
-}
-"""Words on uncovered faces by the name of the reason."""
 COULD = {
     "could_be_covered": "could be covered by one",
     "seen_never_covered": "are seen by one, and covered by none",
@@ -226,10 +214,8 @@ class Leftover:
 
     def reason_names(self) -> NDArray[np.str_]:
         """(F,) reason of each uncovered face as in the summary of a network, "" for all others."""
-        names = [r.name.lower() if r != Reason.COVERED else "too_few_views" for r in Reason]
-        if not self.n_cameras:
-            names = ["no_cameras"] * len(names)
-        named: NDArray[np.str_] = np.where(self.left, np.array(names)[self.reason], "")
+        rows = reason_rows(self.reason, ~self.left, self.n_cameras)
+        named: NDArray[np.str_] = np.where(self.left, np.array(NAMES)[rows], "")
         return named
 
     def summary(self) -> dict[str, Any]:
@@ -271,7 +257,7 @@ class Leftover:
         left = np.unique(names[self.left & members])
         return {
             str(name): share_of_faces(self.mesh, (names == name) & members, members)
-            for name in sorted(left, key=list(WORDS).index)
+            for name in sorted(left, key=NAMES.index)
         }
 
     def lines(self) -> list[str]:
@@ -281,7 +267,7 @@ class Leftover:
             return ["Every face is covered."]
         lines = [f"{_amount(summary['left'])} are not covered."]
         reasons = sorted(summary["reasons"].items(), key=lambda item: -item[1]["faces"])
-        lines += [f"  {_amount(share)} {WORDS[name]}" for name, share in reasons]
+        lines += [f"  {_amount(share)} {REASONS[name].sentence}" for name, share in reasons]
         if self.n_candidates:
             lines.append(f"Of these, with {plural(self.n_candidates, 'candidate')}:")
             for name, words in COULD.items():

@@ -15,19 +15,6 @@ export function networkPanel(session, jobs) {
   );
 }
 
-const REASON_WORDS = {
-  occluded: "hidden",
-  outside: "outside every image",
-  back_facing: "seen from behind",
-  too_coarse: "too coarse",
-  out_of_focus: "out of focus",
-  too_oblique: "too oblique",
-  too_few_views: "too few views",
-  unsampled: "too small",
-  degenerate: "no area",
-  no_cameras: "no camera",
-};
-
 /** Table of what is not covered, by reason. */
 function reasons(session) {
   const table = element("table.reasons");
@@ -43,7 +30,7 @@ function reasons(session) {
         element(
           "tr",
           {},
-          element("th", { scope: "row" }, REASON_WORDS[name] ?? name.replaceAll("_", " ")),
+          element("th", { scope: "row" }, session.scene.reasons[name]),
           element("td", {}, percent(row.area_percent)),
         ),
       ),

@@ -1,0 +1,292 @@
+"""Ways to colour the faces of a mesh: values, palette, legend and words of each, in one table.
+
+Faces are one byte each, with a palette of 256 and a legend. The page of the viewer gets these
+bytes, and pictures of reports are drawn from them. Another way is an entry of `MODES`; it is shown
+wherever values of its name are known.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from PIL import Image
+
+from rastercov.base.checks import shown
+from rastercov.base.errors import ConfigError
+from rastercov.base.format import percent, plural
+from rastercov.coverage.reasons import NAMES, REASONS
+from rastercov.mesh import Mesh
+from rastercov.report import theme
+from rastercov.report.images import Key
+from rastercov.report.panorama import ALL_SIDES, two_sides
+from rastercov.report.theme import Colour, Pixels
+
+FloatArray = NDArray[np.float64]
+Levels = NDArray[np.uint8]
+
+NOTHING, OCCLUDER, FIRST, LAST = 0, 1, 2, 255
+"""Levels of faces without a value and of occluders, and those of values."""
+OCCLUDER_OF_REASONS = len(NAMES)
+"""Level of occluders beside reasons, whose levels are their rows in `REASONS`."""
+MOST_VIEWS = 12
+"""Views from which the colour is the same."""
+OCCLUDER_LABEL = "occluder"
+
+
+@dataclass(frozen=True, eq=False)
+class Painted:
+    """Faces in their colours.
+
+    Attributes
+    ----------
+    levels : (F,) uint8
+        Row of the palette.
+    palette : (256, 3) uint8
+        sRGB.
+    legend : list of dict
+        Classes: level, label, colour, and the percentage of the task's area, or None.
+    scale : dict or None
+        Ends of a scale: low, high, unit, is_log, and the rows first ... last of the palette.
+    """
+
+    levels: Levels
+    palette: Pixels
+    legend: list[dict[str, Any]] = field(default_factory=list)
+    scale: dict[str, Any] | None = None
+
+    @property
+    def colours(self) -> Pixels:
+        """(F, 3) sRGB of the faces."""
+        return self.palette[self.levels]
+
+    def keys(self, name: str) -> list[Key]:
+        """Legend of a picture, its scale under a name; without occluders, which views have."""
+        keys = []
+        if self.scale is not None:
+            ends = (f"{rounded(self.scale[end])} {self.scale['unit']}" for end in ("low", "high"))
+            how = ", by factors" if self.scale["is_log"] else ""
+            keys.append(Key.scale(name + how, self.palette[FIRST:], *map(str.strip, ends)))
+        for entry in sorted(self.legend, key=lambda entry: int(entry["level"])):
+            if entry["label"] != OCCLUDER_LABEL:
+                share = entry["percent"]
+                of_area = "" if share is None else f", {percent(share / 100)}"
+                keys.append(Key.of(entry["label"] + of_area, entry["colour"]))
+        return keys
+
+
+class OfCameras(NamedTuple):
+    """Row of the camera of each face, (F,), -1 for none; name and colour of each camera."""
+
+    row: NDArray[np.integer[Any]]
+    names: Sequence[str]
+    colours: Pixels
+
+
+class Mode(NamedTuple):
+    """A way to colour faces.
+
+    Attributes
+    ----------
+    label, words : str
+        In a menu, and in a sentence: the title of a picture.
+    paint : callable
+        Faces of a mesh in their colours, from the values of the mode.
+    panel : str
+        Panel of the viewer that offers it: "network", "camera" or "object".
+    """
+
+    label: str
+    words: str
+    paint: Callable[[Mesh, Any], Painted]
+    panel: str = "network"
+
+
+def by_reason(mesh: Mesh, rows: NDArray[np.uint8]) -> Painted:
+    """Rows of `REASONS`, (F,)."""
+    levels = np.where(mesh.task_mask, rows, np.uint8(OCCLUDER_OF_REASONS))
+    colours: list[Colour] = [theme.REASONS.get(name, theme.COVERED) for name in NAMES]
+    words = [each.label for each in REASONS.values()]
+    return _classes(mesh, levels, [*colours, theme.OCCLUDER_PALE], [*words, OCCLUDER_LABEL])
+
+
+def by_share(mesh: Mesh, share: ArrayLike) -> Painted:
+    """Coverage or covered shares, (F,), of which those beyond [0, 1] are shown as the nearer end.
+
+    ConfigError for values of another shape.
+    """
+    return _on_scale(mesh, share, (0.0, 1.0), "", "none of it")
+
+
+def by_camera(mesh: Mesh, cameras: OfCameras) -> Painted:
+    """Cameras, each in its colour."""
+    n = LAST - FIRST + 1
+    colours: list[Colour] = [theme.UNCOVERED, theme.OCCLUDER_PALE]
+    colours += [(r, g, b) for r, g, b in cameras.colours[:n].tolist()]
+    words = ["covered by none", OCCLUDER_LABEL, *cameras.names[:n]]
+    return _classes(mesh, _cycled(mesh, cameras.row), colours, words)
+
+
+def by_views(mesh: Mesh, views: NDArray[np.integer[Any]]) -> Painted:
+    """Numbers of cameras, (F,)."""
+    capped = np.minimum(views, MOST_VIEWS)
+    most = max(1, int(capped[mesh.task_mask].max(initial=0)))
+    levels = _cycled(mesh, capped - 1)
+    scale = theme.coverage_colours()[theme.level_rows(np.arange(most + 1) / most)].tolist()
+    colours = [tuple(scale[0]), theme.OCCLUDER_PALE, *map(tuple, scale[1:])]
+    words = [
+        plural(n, "camera") + (" or more" if n == MOST_VIEWS else "") for n in range(1, most + 1)
+    ]
+    return _classes(mesh, levels, colours, ["no camera", OCCLUDER_LABEL, *words])
+
+
+def by_density(mesh: Mesh, density: ArrayLike) -> Painted:
+    """Pixel densities, (F,) px/m, 0 for none; the ends are those of 2 and 98 % of the area."""
+    values = np.asarray(density, np.float64)
+    known = np.flatnonzero(mesh.task_mask & (values > 0))
+    low, high = 1.0, 10.0
+    if len(known):
+        order = known[np.argsort(values[known])]
+        below = np.cumsum(mesh.areas[order])
+        ends = np.searchsorted(below, np.array([0.02, 0.98]) * below[-1])
+        low, high = values[order[np.minimum(ends, len(order) - 1)]].tolist()
+        high = max(high, low * (1 + 1e-9))
+    at = np.log(np.maximum(values, low) / low) / math.log(high / low)
+    shares = np.where(values > 0, np.maximum(at, 1e-9), 0.0)
+    return _on_scale(mesh, shares, (low, high), "px/m", "not covered", is_log=True)
+
+
+def by_angle(mesh: Mesh, angle: ArrayLike) -> Painted:
+    """Angles between views, (F,) degrees, 0 for fewer than two."""
+    values = np.asarray(angle, np.float64)
+    high = float(values[mesh.task_mask].max(initial=0.0)) or 90.0
+    return _on_scale(mesh, values / high, (0.0, high), "deg", "fewer than two cameras")
+
+
+def by_one_camera(mesh: Mesh, coverage: ArrayLike) -> Painted:
+    """Coverage by one camera, (F,): grey in proportion to it, black where there is none."""
+    found = by_share(mesh, coverage)
+    palette = np.zeros((256, 3), np.uint8)
+    palette[FIRST:] = np.rint(np.linspace(60, 255, LAST - FIRST + 1))[:, None]
+    palette[OCCLUDER] = theme.OCCLUDER_PALE
+    legend = [each | {"colour": palette[each["level"]].tolist()} for each in found.legend]
+    return Painted(found.levels, palette, legend, found.scale)
+
+
+def by_segment(mesh: Mesh, labels: ArrayLike) -> Painted:
+    """Segments, (F,) from 0; -1 for faces in none. ConfigError for labels of another shape."""
+    label = np.asarray(labels)
+    if label.shape != (mesh.n_faces,):
+        raise ConfigError(
+            f"the segmentation has {len(label)} faces, the mesh {mesh.n_faces}; segment this mesh"
+        )
+    palette = np.concatenate(
+        (np.array([theme.UNCOVERED, theme.OCCLUDER_PALE]), theme.index_colours(np.arange(254)))
+    ).astype(np.uint8)
+    words = f"{plural(int(label.max(initial=-1)) + 1, 'segment')}, a colour each"
+    entry = {"level": FIRST, "label": words, "colour": palette[FIRST].tolist(), "percent": None}
+    return Painted(_cycled(mesh, label), palette, [entry])
+
+
+MODES: dict[str, Mode] = {
+    "reason": Mode("Reason", "Criterion that each face fails, or that it is covered.", by_reason),
+    "coverage": Mode("Best coverage", "Best coverage of each face by any camera.", by_share),
+    "camera": Mode("Camera", "Camera that covers each face best.", by_camera),
+    "views": Mode("Views", "Number of cameras that cover each part of the surface.", by_views),
+    "density": Mode("Pixel density", "Best pixel density of each part, in px/m.", by_density),
+    "angle": Mode("Angle", "Widest angle between two views of each part.", by_angle),
+    "area": Mode("Exact area", "Share of the exact area of each face that is covered.", by_share),
+    "model": Mode(
+        "Model", "Greatest coverage by any camera, by a model of the literature.", by_share
+    ),
+    "single": Mode(
+        "One camera", "Coverage by the chosen camera: grey in proportion to it.", by_one_camera,
+        "camera",
+    ),
+    "segments": Mode("Segments", "Segments by normals, (6.1) to (6.3).", by_segment, "object"),
+}  # fmt: skip
+"""Ways to colour faces by the name of their values, in the order of a menu."""
+
+
+def mode_of(name: str) -> Mode:
+    """The mode of a name; ConfigError where there is none."""
+    if name not in MODES:
+        raise ConfigError(f"mode must be one of {', '.join(MODES)}, got {shown(name)}")
+    return MODES[name]
+
+
+def mode_picture(
+    name: str,
+    mesh: Mesh,
+    values: Any,
+    eyes: ArrayLike = (),
+    *,
+    title: str = "",
+    directions: FloatArray = ALL_SIDES,
+    through: NDArray[np.bool_] | None = None,
+) -> Image.Image:
+    """Picture of a mesh coloured by a mode, from two sides; see `panorama.two_sides`."""
+    mode = mode_of(name)
+    painted = mode.paint(mesh, values)
+    keys = painted.keys(mode.label.lower())
+    words = title or mode.words.rstrip(".")
+    return two_sides(mesh, painted.colours, words, keys, directions, through, eyes)
+
+
+def rounded(value: float) -> str:
+    """A figure with three digits, without an exponent."""
+    return f"{float(f'{value:.3g}'):,.10g}"
+
+
+def _cycled(mesh: Mesh, row: NDArray[np.integer[Any]]) -> Levels:
+    """Levels of rows from 0, which begin again after the last; -1 has none."""
+    levels = np.where(row >= 0, FIRST + row % (LAST - FIRST + 1), NOTHING)
+    return np.where(mesh.task_mask, levels, OCCLUDER).astype(np.uint8)
+
+
+def _classes(
+    mesh: Mesh, levels: Levels, colours: Sequence[Sequence[int]], words: Sequence[str]
+) -> Painted:
+    """Painted faces of classes, from level 0; the legend has those that occur, by falling area."""
+    palette = np.zeros((256, 3), np.uint8)
+    palette[: len(colours)] = colours
+    areas = np.bincount(levels, weights=mesh.areas, minlength=256)
+    counts = np.bincount(levels, minlength=256)
+    task = mesh.task_mask
+    total = max(float(np.asarray(mesh.areas)[task].sum()), np.finfo(float).tiny)
+    scored = np.bincount(levels[task], minlength=256)
+    legend: list[dict[str, Any]] = [
+        {
+            "level": level,
+            "label": text,
+            "colour": palette[level].tolist(),
+            "percent": 100 * float(areas[level]) / total if scored[level] else None,
+        }
+        for level, text in enumerate(words)
+        if counts[level]
+    ]
+    legend.sort(key=lambda each: -1.0 if each["percent"] is None else each["percent"], reverse=True)
+    return Painted(levels, palette, legend)
+
+
+def _on_scale(
+    mesh: Mesh,
+    shares: ArrayLike,
+    ends: tuple[float, float],
+    unit: str,
+    none: str,
+    *,
+    is_log: bool = False,
+) -> Painted:
+    """Painted faces on the scale of coverage, and the classes beside it; those with 0 have none."""
+    levels = theme.colour_rows(mesh, shares).astype(np.uint8)
+    palette = theme.coverage_colours()
+    palette[OCCLUDER] = theme.OCCLUDER_PALE
+    legend = _classes(mesh, levels, palette[:FIRST].tolist(), [none, OCCLUDER_LABEL]).legend
+    scale = {
+        "low": ends[0], "high": ends[1], "unit": unit, "is_log": is_log,
+        "first": FIRST, "last": LAST,
+    }  # fmt: skip
+    return Painted(levels, palette, legend, scale)
