@@ -1,4 +1,4 @@
-"""Stages of the CPU rasteriser in numpy, with the names of `rastercov.raster.cpu.stage_*`.
+"""Stages of the CPU rasteriser in numpy, with the names of `rastercov.kernels.raster_stage_*`.
 
 Each function takes any number of vertices, faces or clusters and returns what the SIMD stage
 writes. Integer stages are exact; floating-point stages have the same order of operations, so
