@@ -69,7 +69,7 @@ SURFACE = {
     "raster.contract": {"MAX_RENDERED", "MAX_SUPERSAMPLE", "check_counts", "check_picture"},
     "raster.observation": set(),
     "coverage.observer": set(),
-    "coverage.task": {"THESIS", "Limits"},
+    "coverage.task": {"THESIS", "Rules"},
     "camera.views": {"MOST_NAMES"},
     "camera.viewpoints": {
         *("LARGEST_ANGLE", "WIDEST_DEG", "enclosing_distance", "fibonacci_sphere", "half_angles"),

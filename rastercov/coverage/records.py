@@ -7,6 +7,7 @@ import numpy as np
 from rastercov.base.memory import aligned_array, read_only
 from rastercov.camera.camera import Camera
 from rastercov.camera.lenses.curved import curved_lens
+from rastercov.kernels.cameras import CurvedLens, Lens
 from rastercov.kernels.criteria import (
     AT_A_TIME,
     BLOCK_ROWS,
@@ -14,11 +15,10 @@ from rastercov.kernels.criteria import (
     MOST_DOUBTFUL,
     SIDE_ROUNDING,
     FaceArrays,
-    Lens,
     Scene,
     Workspace,
 )
-from rastercov.kernels.lens_faces import CurvedLens, CurvedWorkspace, curved_workspace
+from rastercov.kernels.lens_faces import CurvedWorkspace, curved_workspace
 from rastercov.kernels.vertex_columns import COLUMNS
 from rastercov.mesh import Mesh
 
@@ -47,10 +47,10 @@ def lens_of(camera: Camera) -> Lens | CurvedLens:
 
 def workspace(n_vertices: int, lens: Any = None) -> Workspace | CurvedWorkspace:
     """Memory for one thread, for a lens."""
-    if isinstance(lens, CurvedLens):
-        return curved_workspace(n_vertices)
-    polygon, spare = np.empty((2, MOST_CORNERS, 2))
     block = aligned_array((BLOCK_ROWS, AT_A_TIME), np.float64)
+    if isinstance(lens, CurvedLens):
+        return curved_workspace(n_vertices, block)
+    polygon, spare = np.empty((2, MOST_CORNERS, 2))
     return Workspace(aligned_array((n_vertices, COLUMNS), np.float64), polygon, spare, block)
 
 

@@ -1,8 +1,11 @@
 """Coverage (3.6) of eight faces of a pose at a time by SIMD, for the loops of coverage.
 
-`judge_block` does what the functions of `rastercov.kernels.criteria` and `coverage` do for
-one face, in the same order of operations, where all of eight faces are wholly in the image of a
-pinhole. Other faces, and lenses, are left to those functions.
+`_decision` is the decision about a face, from its measures. Where all faces of a block are wholly
+in the image of a pinhole, `judge_eight` measures them; elsewhere the functions of
+`rastercov.kernels.coverage` put the measures of one face after another into the block, by the same
+order of operations.
+
+E. S. Eissa. Image Space Coverage Model for Deployment of Multi-Camera Networks. 2020, section 3.3.
 """
 
 import functools
@@ -12,21 +15,22 @@ import numpy as np
 from llvmlite import ir
 from numba.core import types
 
+from rastercov.kernels.cameras import by_lens, density_along, density_per_m2
 from rastercov.kernels.criteria import AT_A_TIME, BLOCK_ROWS
-from rastercov.kernels.jit import by_type, part_with_arrays
-from rastercov.kernels.lens_faces import CurvedLens
+from rastercov.kernels.jit import part_with_arrays
 from rastercov.kernels.simd import DOUBLE, LONG, load
-from rastercov.kernels.simd_kernel import Variable, pointer, simd, when
+from rastercov.kernels.simd_kernel import Variable, loop, pointer, simd, when
 from rastercov.kernels.vertex_blocks import transposed
 from rastercov.kernels.vertex_columns import COLUMNS, DOWN, INSIDE, RIGHT, STATE, U, V, X, Y, Z
 
 (
-    COSINE, PART, AREA, DENSITY, FACING, VISIBLE, DRAWN, VISIBILITY, RESOLUTION, FOCUSED, BOUND,
-    KIND, COVERAGE, REASON, ONE,
+    COSINE, IN_VIEW, PART, AREA, DENSITY, FACING, PER_M2, VISIBLE, DRAWN, VISIBILITY, RESOLUTION,
+    FOCUSED, BOUND, KIND, COVERAGE, REASON, SIDE, OBLIQUE, STATE_OF_FACE,
 ) = range(BLOCK_ROWS)  # fmt: skip
 """Rows of a block, see `rastercov.Coverage`: the cosine of the angle of incidence, figures in
-order, True and False and codes as 1, 0 and themselves, and 1 for each face. What is not asked for
-is 0."""
+order, True and False and codes as 1, 0 and themselves; 1 for a face that is seen from the front, 0
+from behind, -1 for one without area; 1 where the angle of incidence is too large; and the state of
+all vertices. What is not asked for is 0."""
 ROUNDING = 2.0**-52
 """Rounding of a quotient."""
 COSINE_ROUNDING = 1e-14
@@ -41,33 +45,32 @@ UNSAMPLED, TOO_COARSE, OCCLUDED, TOO_OBLIQUE, COVERED = 4, 5, 6, 7, 8
 BYTE = ir.IntType(8)
 
 
-def _by_face(first, scene, lens, seen, row, limits, work, asks_density, asks_facing, asks_bound):
-    """See `judge_block`: through a lens faces are judged one by one."""
+def _by_face(first, scene, lens, seen, row, rules, work, asks_density, asks_facing, asks_bound):
+    """See `judge_eight`: through a lens faces are measured one by one."""
     return False
 
 
-@by_type("lens", CurvedLens, _by_face)
-def judge_block(first, scene, lens, seen, row, limits, work, asks_density, asks_facing, asks_bound):
+@by_lens(_by_face)
+def judge_eight(first, scene, lens, seen, row, rules, work, asks_density, asks_facing, asks_bound):
     """Fill `work.block` with the figures of `AT_A_TIME` faces of a pose, from `first` on.
 
     Returns
     -------
     bool
         False where that must be done face by face: one is not wholly in the image, or at the limit
-        of incidence; a rare threshold is set, see `coverage.task.Limits`; bounds of counts are
-        asked for. The block is undefined then.
+        of incidence; bounds of counts are asked for. The block is undefined then.
     """
     n_faces, is_counted = scene.faces.shape[0], seen.kind.size == 0
-    if first + AT_A_TIME > n_faces or limits.one_by_one or (is_counted and asks_bound):
+    if is_counted and asks_bound:
         return False
     return measure_block(
         first, pointer(scene.faces), pointer(scene.normals), pointer(scene.two_sided),
-        pointer(work.points), pointer(seen.poses[row]), lens, limits,
+        pointer(work.points), pointer(seen.poses[row]), lens, rules,
         scene.doubtful_cosine if asks_bound else 0.0,
         np.int64(asks_density), np.int64(asks_facing), pointer(work.block),
-    ) and decide_block(
+    ) and judge_areas(
         first, row * n_faces + first, pointer(scene.degenerate), pointer(seen.visible),
-        pointer(seen.drawn), pointer(seen.kind), pointer(seen.area_error), seen.scale, limits,
+        pointer(seen.drawn), pointer(seen.kind), pointer(seen.area_error), seen.scale, rules,
         np.int64(asks_bound), np.int64(is_counted), np.int64(seen.area_error.size > 0),
         pointer(work.block),
     )  # fmt: skip
@@ -75,7 +78,7 @@ def judge_block(first, scene, lens, seen, row, limits, work, asks_density, asks_
 
 @simd(returns=types.boolean)
 def measure_block(
-    first, faces, normals, two_sided, points, pose, lens, limits, doubtful_cosine, asks_density,
+    first, faces, normals, two_sided, points, pose, lens, rules, doubtful_cosine, asks_density,
     asks_facing, block,
 ):  # fmt: skip
     """Fill the rows of a block that follow from geometry; arrays are pointers to their data.
@@ -96,17 +99,19 @@ def measure_block(
         area = ((u1 - u0) * (v2 - v1) - (v1 - v0) * (u2 - u1)).absolute() / 2
         has_image = area > 0
         nearest, farthest = z[0].minimum(z[1]).minimum(z[2]), z[0].maximum(z[1]).maximum(z[2])
-        is_focused = Variable((nearest >= limits.z_n) & (farthest <= limits.z_f))
-        with when(limits.focus_of_centroid):
+        is_focused = Variable((nearest >= rules.z_n) & (farthest <= rules.z_f))
+        with when(rules.focus_of_centroid):
             centre = sums[2] / 3
-            is_focused.now = (centre >= limits.z_n) & (centre <= limits.z_f)
+            is_focused.now = (centre >= rules.z_n) & (centre <= rules.z_f)
         facing, density = Variable(area.like(0.0)), Variable(area.like(0.0))
         with when(asks_facing > 0):
             facing.now = farthest.like(lens.fx.minimum(lens.fy)) / farthest
         is_front = cosine > 0
         with when((asks_density > 0) & (is_front.bits() > 0)):
-            least = _pixel_density(normal, right, down, z, lens)
+            least = _worst(density_along, normal, right, down, z, lens)
             density.now = least.where(is_front & has_image, 0.0)
+        with when(rules.min_pixels_per_m2 > 0):
+            _put(block, PER_M2, _worst(density_per_m2, normal, right, down, z, lens))
         p, q, r = sums
         height = cosine.absolute() * (p * p + q * q + r * r).sqrt()
         size = functools.reduce(operator.add, (each.absolute() for each in (*x, *y, *z)))
@@ -117,27 +122,25 @@ def measure_block(
         _put(block, DENSITY, density.now)
         _put(block, FACING, facing.now)
         _put(block, FOCUSED, area.like(1.0).where(is_focused.now, 0.0))
-        _put(block, ONE, area.like(1.0))
+        _put(block, IN_VIEW, area.like(1.0))
     return is_clear.now.equals((1 << AT_A_TIME) - 1)
 
 
 @simd(returns=types.boolean)
-def decide_block(
-    first, at, degenerate, visible, drawn, kind, area_error, scale, limits, asks_bound, is_counted,
+def judge_areas(
+    first, at, degenerate, visible, drawn, kind, area_error, scale, rules, asks_bound, is_counted,
     has_error, block,
 ):  # fmt: skip
-    """Complete a block, as `coverage.judge` and `bound_and_kind` do; arrays are pointers.
+    """Complete a block by what an observer measured, and decide; arrays are pointers.
 
     `at` is the place of the first face in the arrays of the observation. Returns False for a face
-    at the limit of incidence, and for a bound of counts.
+    at the limit of incidence.
     """
     builder = first.builder
     cosine = _row(block, COSINE)
     is_degenerate = load(builder, degenerate.at(first).pointer, AT_A_TIME) > 0
     is_front = (cosine > 0) & ~is_degenerate
     visible, drawn = _areas(at, visible, drawn, scale)
-    visibility = (visible / drawn).where(is_front & (drawn > 0), 0.0)
-    resolution = (drawn / limits.min_pixels).minimum(LARGEST_RESOLUTION)
     code = Variable(cosine.to(LONG).like(STATISTICAL))
     with when(~(is_counted > 0)):
         code.now = load(builder, kind.at(at).pointer, AT_A_TIME).zero_extended(LONG)
@@ -150,79 +153,110 @@ def decide_block(
             error = load(builder, area_error.at(at).pointer, AT_A_TIME)
             is_in_doubt = (drawn <= error) & code.now.equals(EXACT)
             is_seen.now = is_front | is_in_doubt
-    reach = (cosine - limits.least_cosine).absolute()
-    is_unclear = reach < COSINE_ROUNDING
-    is_unclear = is_unclear | (is_front & code.now.equals(STATISTICAL) & (asks_bound > 0))
-
-    capped = resolution.minimum(1.0).where(limits.cap_resolution.broadcast(AT_A_TIME), resolution)
-    is_dense = (_row(block, DENSITY) >= limits.min_pixel_density) | ~(limits.min_pixel_density > 0)
-    is_near = (_row(block, FACING) >= limits.min_facing_density) | ~(limits.min_facing_density > 0)
-    product = capped.where(is_dense & is_near, 0.0)
-    is_coarse = (product < limits.min_coverage) | product.equals(0.0)
-    product = product * visibility.where(visibility >= limits.min_visibility, 0.0)
-    is_hidden = (product < limits.min_coverage) | product.equals(0.0)
-    is_oblique = (cosine < limits.least_cosine) & ~product.equals(0.0)
-    is_focused = _row(block, FOCUSED) > 0
-    is_sampled = is_front & is_focused & (drawn > 0)
-    product = product.where(is_sampled & ~is_oblique, 0.0)
-    reason = product.like(COVERED)
-    for fails, value in (
-        (is_oblique, TOO_OBLIQUE), (is_hidden, OCCLUDED), (is_coarse, TOO_COARSE),
-        (~(drawn > 0), UNSAMPLED), (~is_focused, OUT_OF_FOCUS), (~is_front, BACK_FACING),
-        (is_degenerate, DEGENERATE),
-    ):  # fmt: skip
-        reason = reason.like(value).where(fails, reason)
-
+    density = _row(block, DENSITY).where(is_front, 0.0)
+    densities = density, _row(block, FACING), _row(block, PER_M2)
+    everywhere = is_front.like(1)
+    decision = _decision(
+        rules, is_degenerate, is_front, everywhere, everywhere, _row(block, FOCUSED) > 0, visible,
+        drawn, densities, cosine < rules.cos_incidence,
+    )  # fmt: skip
     for row, values in (
-        (VISIBLE, visible), (DRAWN, drawn), (VISIBILITY, visibility), (RESOLUTION, resolution),
-        (BOUND, bound.now.where(is_seen.now, 0.0)), (COVERAGE, product), (REASON, reason),
-        (KIND, code.now.where(is_front, EXACT).to(DOUBLE)),
-        (DENSITY, _row(block, DENSITY).where(is_front, 0.0)),
+        (VISIBLE, visible), (DRAWN, drawn), (BOUND, bound.now.where(is_seen.now, 0.0)),
+        (KIND, code.now.where(is_front, EXACT).to(DOUBLE)), (DENSITY, density), *decision,
     ):  # fmt: skip
         _put(block, row, values)
+    is_unclear = (cosine - rules.cos_incidence).absolute() < COSINE_ROUNDING
     return is_unclear.bits().equals(0)
 
 
 @simd(returns=types.void)
-def copy_lanes(row, block, at, array):
-    """Put a row of a block into an array from `at` on, as its type; both are pointers."""
-    value = load(at.builder, block.at(row * AT_A_TIME).pointer, AT_A_TIME)
-    value.to(array.kind).store(array.at(at).pointer)
+def decide_block(rules, block):
+    """Complete a block of faces that were measured one by one."""
+    side, has_part = _row(block, SIDE), ~_row(block, PART).equals(0.0)
+    is_inside, is_focused = _row(block, IN_VIEW) > 0, _row(block, FOCUSED) > 0
+    densities = _row(block, DENSITY), _row(block, FACING), _row(block, PER_M2)
+    for row, values in _decision(
+        rules, side < 0, side > 0, is_inside, is_inside | has_part, is_focused,
+        _row(block, VISIBLE), _row(block, DRAWN), densities, _row(block, OBLIQUE) > 0,
+    ):  # fmt: skip
+        _put(block, row, values)
+
+
+def _decision(
+    rules, is_degenerate, is_front, is_inside, has_part, is_focused, visible, drawn, densities,
+    exceeds_angle,
+):  # fmt: skip
+    """Visible fraction, resolution, coverage (3.6) and `Reason` of faces, each after its row.
+
+    One factor at a time: the reason is the first that brings the product below the threshold.
+    """
+    visibility = (visible / drawn).where(is_front & has_part & (drawn > 0), 0.0)
+    resolution = (drawn / rules.min_pixels).minimum(LARGEST_RESOLUTION)
+    product = resolution.minimum(1.0).where(rules.cap_resolution.broadcast(AT_A_TIME), resolution)
+    limits = rules.min_pixel_density, rules.min_facing_density, rules.min_pixels_per_m2
+    for density, least in zip(densities, limits, strict=True):
+        product = product.where((density >= least) | ~(least > 0), 0.0)
+    is_coarse = (product < rules.min_coverage) | product.equals(0.0)
+    product = product * visibility.where(visibility >= rules.min_visibility, 0.0)
+    is_hidden = (product < rules.min_coverage) | product.equals(0.0)
+    is_oblique = exceeds_angle & ~product.equals(0.0)
+    is_sampled = is_front & is_inside & is_focused & (drawn > 0)
+    product = product.where(is_sampled & ~is_oblique, 0.0)
+    reason = product.like(COVERED)
+    for fails, value in (
+        (is_oblique, TOO_OBLIQUE), (is_hidden, OCCLUDED), (is_coarse, TOO_COARSE),
+        (~(drawn > 0), UNSAMPLED), (~is_focused, OUT_OF_FOCUS), (~is_inside, OUTSIDE),
+        (~is_front, BACK_FACING), (is_degenerate, DEGENERATE),
+    ):  # fmt: skip
+        reason = reason.like(value).where(fails, reason)
+    return (
+        (VISIBILITY, visibility), (RESOLUTION, resolution), (COVERAGE, product), (REASON, reason),
+    )  # fmt: skip
+
+
+@simd(returns=types.void)
+def copy_lanes(row, block, n, at, array):
+    """Put n values of a row into an array from `at` on, as its type; both are pointers."""
+    with when(n.equals(AT_A_TIME)):
+        value = load(at.builder, block.at(row * AT_A_TIME).pointer, AT_A_TIME)
+        value.to(array.kind).store(array.at(at).pointer)
+    with when(n < AT_A_TIME), loop(n & 0, n, 1) as k:
+        array.put(at + k, block.value(row * AT_A_TIME + k))
 
 
 @part_with_arrays
-def copy_block(block, at, out):
-    """Put the figures of a block where they are asked for, into flat arrays from `at` on."""
+def copy_block(block, n, at, out):
+    """Put the figures of n faces where they are asked for, into flat arrays from `at` on."""
     if out.in_view.size:
-        copy_lanes(ONE, pointer(block), at, pointer(out.in_view))
+        copy_lanes(IN_VIEW, pointer(block), n, at, pointer(out.in_view))
     if out.in_view_fraction.size:
-        copy_lanes(PART, pointer(block), at, pointer(out.in_view_fraction))
+        copy_lanes(PART, pointer(block), n, at, pointer(out.in_view_fraction))
     if out.projected_area.size:
-        copy_lanes(AREA, pointer(block), at, pointer(out.projected_area))
+        copy_lanes(AREA, pointer(block), n, at, pointer(out.projected_area))
     if out.visible_pixels.size:
-        copy_lanes(VISIBLE, pointer(block), at, pointer(out.visible_pixels))
+        copy_lanes(VISIBLE, pointer(block), n, at, pointer(out.visible_pixels))
     if out.drawn_pixels.size:
-        copy_lanes(DRAWN, pointer(block), at, pointer(out.drawn_pixels))
+        copy_lanes(DRAWN, pointer(block), n, at, pointer(out.drawn_pixels))
     if out.resolution.size:
-        copy_lanes(RESOLUTION, pointer(block), at, pointer(out.resolution))
+        copy_lanes(RESOLUTION, pointer(block), n, at, pointer(out.resolution))
     if out.pixel_density.size:
-        copy_lanes(DENSITY, pointer(block), at, pointer(out.pixel_density))
+        copy_lanes(DENSITY, pointer(block), n, at, pointer(out.pixel_density))
     if out.facing_density.size:
-        copy_lanes(FACING, pointer(block), at, pointer(out.facing_density))
+        copy_lanes(FACING, pointer(block), n, at, pointer(out.facing_density))
     if out.in_focus.size:
-        copy_lanes(FOCUSED, pointer(block), at, pointer(out.in_focus))
+        copy_lanes(FOCUSED, pointer(block), n, at, pointer(out.in_focus))
     if out.visibility.size:
-        copy_lanes(VISIBILITY, pointer(block), at, pointer(out.visibility))
+        copy_lanes(VISIBILITY, pointer(block), n, at, pointer(out.visibility))
     if out.visibility_bound.size:
-        copy_lanes(BOUND, pointer(block), at, pointer(out.visibility_bound))
+        copy_lanes(BOUND, pointer(block), n, at, pointer(out.visibility_bound))
     if out.visibility_kind.size:
-        copy_lanes(KIND, pointer(block), at, pointer(out.visibility_kind))
+        copy_lanes(KIND, pointer(block), n, at, pointer(out.visibility_kind))
     if out.incidence.size:
-        copy_lanes(COSINE, pointer(block), at, pointer(out.incidence))
+        copy_lanes(COSINE, pointer(block), n, at, pointer(out.incidence))
     if out.coverage.size:
-        copy_lanes(COVERAGE, pointer(block), at, pointer(out.coverage))
+        copy_lanes(COVERAGE, pointer(block), n, at, pointer(out.coverage))
     if out.reason.size:
-        copy_lanes(REASON, pointer(block), at, pointer(out.reason))
+        copy_lanes(REASON, pointer(block), n, at, pointer(out.reason))
 
 
 @simd(returns=types.boolean)
@@ -314,26 +348,12 @@ def _incidence_cosine(normal, sums):
     return (-(a * x + b * y + c * z) / reach).where(reach > 0, 0.0)
 
 
-def _pixel_density(normal, right, down, z, lens):
-    """See `criteria.pixel_density`."""
-    a, b, c = normal
-    sign = c.sign()
-    d = c.like(-1.0) / (sign + c)
-    e = a * b * d
-    first_x, first_y, first_z = sign * a * a * d + 1.0, sign * e, -sign * a
-    second_x, second_y, second_z = e, sign + b * b * d, -b
+def _worst(density, normal, right, down, z, lens):
+    """Least of the densities at three vertices; see `cameras.density_along`."""
     worst = None
     for s in range(3):
-        a1 = (first_x - right[s] * first_z) * lens.fx
-        a2 = (second_x - right[s] * second_z) * lens.fx
-        b1 = (first_y - down[s] * first_z) * lens.fy
-        b2 = (second_y - down[s] * second_z) * lens.fy
-        total = a1 * a1 + a2 * a2 + b1 * b1 + b2 * b2
-        det = (a1 * b2 - a2 * b1).absolute()
-        gap = total * total - (det * det) * 4.0
-        greatest = ((total + gap.maximum(0.0).sqrt()) / 2).sqrt()
-        density = det / (greatest * z[s])
-        worst = density if worst is None else worst.where(density >= worst, density)
+        here = density(lens.fx, lens.fy, right[s], down[s], z[s], *normal)
+        worst = here if worst is None else worst.where(worst <= here, here)
     return worst
 
 

@@ -9,7 +9,7 @@ from rastercov.base.memory import read_only
 from rastercov.camera.camera import Camera
 from rastercov.camera.lenses.of_camera import lens_of, planes_of
 from rastercov.camera.models import MODELS
-from rastercov.kernels.lens_faces import MOST_SIDES, CurvedLens
+from rastercov.kernels.cameras import MOST_SIDES, CurvedLens
 
 FloatArray = NDArray[np.float64]
 

@@ -105,7 +105,7 @@ def _rules(camera: Camera, task: Task, scale: float) -> Any:
         "height": float(camera.height),
         "min_per_m2": float(task.min_pixels_per_m2) * scale**2,
         "min_density": float(task.min_pixel_density) * scale,
-        "cos_incidence": float(task.limits(camera).least_cosine) if is_limited else 0.0,
+        "cos_incidence": float(task.rules(camera).cos_incidence) if is_limited else 0.0,
         "margin": MARGIN_REL,
     }
     if camera.is_pinhole:

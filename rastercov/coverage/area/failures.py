@@ -100,7 +100,7 @@ def _failures(
         is_inside &= (v >= 0) & (v <= camera.height)
         is_dense = (per_m2 >= task.min_pixels_per_m2) & (towards >= task.min_facing_density)
         is_dense &= _least(columns @ columns.transpose(0, 2, 1)) >= task.min_pixel_density
-        is_oblique = facing < distance * task.limits(camera).least_cosine
+        is_oblique = facing < distance * task.rules(camera).cos_incidence
     failures = (
         (Reason.BACK_FACING, ~(facing > 0)),
         (Reason.OUTSIDE, ~is_inside),

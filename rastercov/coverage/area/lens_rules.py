@@ -84,7 +84,7 @@ def lens_rules(
         Diagonal of the mesh, metres.
     """
     plane, record = planes_of(camera)[index]
-    thresholds, pinhole = task.limits(camera), plane.camera
+    thresholds, pinhole = task.rules(camera), plane.camera
     is_limited = task.max_incidence_deg < 90
     depths, distances = (thresholds.z_n, thresholds.z_f), (0.0, math.inf)
     if not MODELS[camera.model].is_planar:
@@ -94,7 +94,7 @@ def lens_rules(
             fx=float(pinhole.fx), fy=float(pinhole.fy), cx=float(pinhole.cx),
             cy=float(pinhole.cy), width=float(pinhole.width), height=float(pinhole.height),
             z_n=0.0, z_f=math.inf, min_per_m2=0.0, min_density=0.0,
-            cos_incidence=thresholds.least_cosine if is_limited else 0.0,
+            cos_incidence=thresholds.cos_incidence if is_limited else 0.0,
             tan_incidence=float(np.tan(thresholds.max_incidence)) if is_limited else 0.0,
             gap=gap, pixel_error=pixel_error,
         ),

@@ -467,7 +467,7 @@ def _rules(camera: Camera, task: Task, pixel_error: float, diagonal: float) -> A
     """Pointwise criteria in a pinhole, for the loops."""
     from rastercov.kernels.area_plane import Rules
 
-    thresholds = task.limits(camera)
+    thresholds = task.rules(camera)
     is_limited = task.max_incidence_deg < 90
     # min(fx, fy) / z >= R is a half plane of depth, as the end of the depth of field is.
     facing = task.min_facing_density
@@ -477,7 +477,7 @@ def _rules(camera: Camera, task: Task, pixel_error: float, diagonal: float) -> A
         width=float(camera.width), height=float(camera.height),
         z_n=thresholds.z_n, z_f=min(thresholds.z_f, float(farthest)),
         min_per_m2=float(task.min_pixels_per_m2),
-        cos_incidence=thresholds.least_cosine if is_limited else 0.0,
+        cos_incidence=thresholds.cos_incidence if is_limited else 0.0,
         tan_incidence=float(np.tan(thresholds.max_incidence)) if is_limited else 0.0,
         min_density=float(task.min_pixel_density),
         gap=GAP_REL * diagonal,
