@@ -41,6 +41,11 @@ def lens_of(camera: Camera) -> Lens | CurvedLens:
     """Numbers of a `Camera`; the loops are compiled for either kind."""
     if not camera.is_pinhole:
         return curved_lens(camera)
+    return pinhole_of(camera)
+
+
+def pinhole_of(camera: Camera) -> Lens:
+    """Numbers of a `Camera` without distortion, or of an ideal plane."""
     size = float(camera.width), float(camera.height)
     return Lens(float(camera.fx), float(camera.fy), float(camera.cx), float(camera.cy), *size)
 

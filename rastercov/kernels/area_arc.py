@@ -87,7 +87,7 @@ def cap_of_chord(part, n, x0, y0, x1, y1, height, out, spare):
 
 
 @allocation_free
-def append_within_angle(face, polygon, n, rules, scratch, out):
+def append_within_angle(face, polygon, n, slope, criteria, scratch, out):
     """Append the part of a polygon within the largest angle of incidence.
 
     Parameters
@@ -96,18 +96,20 @@ def append_within_angle(face, polygon, n, rules, scratch, out):
         The face.
     polygon, n
         Convex, in the plane of the face.
-    rules, scratch, out
-        Rules; Scratch, with the face in `plane`; Found, to whose bound the area is added that the
-        polygon in the circle leaves undecided.
+    slope : float
+        Tangent of the largest angle; 0 for no limit.
+    criteria, scratch, out
+        Criteria; Scratch, with the face in `plane`; Found, to whose bound the area is added that
+        the polygon in the circle leaves undecided.
     """
     plane, caps, arcs, part = scratch.plane, scratch.caps, scratch.arcs, scratch.inner
-    if rules.tan_incidence == 0:
-        append_dense(face, polygon, n, rules, scratch, out)
+    if slope == 0:
+        append_dense(face, polygon, n, criteria, scratch, out)
         return
     height, error = abs(plane[HEIGHT]), plane[ERROR]
-    radius = height * rules.tan_incidence
-    error *= 2 + rules.tan_incidence
-    wanted = math.pi * math.sqrt(radius / (2 * rules.gap))
+    radius = height * slope
+    error *= 2 + slope
+    wanted = math.pi * math.sqrt(radius / (2 * criteria.gap))
     n_chords = np.int64(min(max(math.ceil(wanted), FEWEST_CHORDS), MOST_CHORDS))
     inner = radius * math.cos(math.pi / n_chords)
     farthest = 0.0
@@ -115,7 +117,7 @@ def append_within_angle(face, polygon, n, rules, scratch, out):
         away = length2(polygon[p, U] - plane[FOOT_X], polygon[p, V] - plane[FOOT_Y])
         farthest = max(farthest, away)
     if farthest < inner - error:
-        append_dense(face, polygon, n, rules, scratch, out)
+        append_dense(face, polygon, n, criteria, scratch, out)
         return
     towards = anchor(plane)
     top = push_parts(polygon, n, caps)
@@ -151,4 +153,4 @@ def append_within_angle(face, polygon, n, rules, scratch, out):
                 copy_polygon(scratch.spare, m, scratch.other)
             x0, y0 = x1, y1
         if m >= 3:
-            append_dense(face, scratch.other, m, rules, scratch, out)
+            append_dense(face, scratch.other, m, criteria, scratch, out)

@@ -15,7 +15,7 @@ singular vectors u, v of its B,
 Each is a convex function of at most 0: it holds in a piece if it holds at the corners. Both differ
 from the criterion by the square of the distance from the point. A piece that is neither inside nor
 outside is cut by a chord of the first region and one of the second. What is between them is halved
-until its area is less than `Rules.gap` times its length; then it goes into the bound.
+until its area is less than `Criteria.gap` times its length; then it goes into the bound.
 """
 
 import math
@@ -47,15 +47,15 @@ MARGIN_REL = 1e-12
 
 
 @part_with_arrays
-def image_of(x, y, plane, rules):
+def image_of(x, y, plane, criteria):
     """W = 1/z and the columns of B at a point of the plane, (b11, b21, b31), (b12, b22, b32)."""
     p0 = plane[ORIGIN] + x * plane[X_AXIS] + y * plane[Y_AXIS]
     p1 = plane[ORIGIN + 1] + x * plane[X_AXIS + 1] + y * plane[Y_AXIS + 1]
     p2 = plane[ORIGIN + 2] + x * plane[X_AXIS + 2] + y * plane[Y_AXIS + 2]
     w, h = 1 / p2, plane[HEIGHT]
-    m1, m2 = plane[NORMAL] / rules.fx / h, plane[NORMAL + 1] / rules.fy / h
-    first = w * (1 / rules.fx + p0 * m1), w * (p1 * m1), w * (p2 * m1)
-    second = w * (p0 * m2), w * (1 / rules.fy + p1 * m2), w * (p2 * m2)
+    m1, m2 = plane[NORMAL] / criteria.lens.fx / h, plane[NORMAL + 1] / criteria.lens.fy / h
+    first = w * (1 / criteria.lens.fx + p0 * m1), w * (p1 * m1), w * (p2 * m1)
+    second = w * (p0 * m2), w * (1 / criteria.lens.fy + p1 * m2), w * (p2 * m2)
     return w, first, second
 
 
@@ -80,36 +80,36 @@ def largest_singular(first, second):
 
 
 @part_with_arrays
-def too_thin(x, y, w0, plane, rules):
+def too_thin(x, y, w0, plane, criteria):
     """First test at a point: negative or 0 where the criterion surely holds."""
-    w, first, second = image_of(x, y, plane, rules)
+    w, first, second = image_of(x, y, plane, criteria)
     size, _, _ = largest_singular(first, second)
-    return rules.min_density * size * (1 + MARGIN_REL) - w0 * (2 * w - w0)
+    return criteria.rules.min_pixel_density * size * (1 + MARGIN_REL) - w0 * (2 * w - w0)
 
 
 @part_with_arrays
-def too_dense(x, y, left, right, plane, rules):
+def too_dense(x, y, left, right, plane, criteria):
     """Second test at a point: negative where the criterion surely fails."""
-    w, first, second = image_of(x, y, plane, rules)
+    w, first, second = image_of(x, y, plane, criteria)
     r1, r2 = right
     along = (
         left[0] * (first[0] * r1 + second[0] * r2)
         + left[1] * (first[1] * r1 + second[1] * r2)
         + left[2] * (first[2] * r1 + second[2] * r2)
     )
-    return w * w * (1 + MARGIN_REL) - rules.min_density * along
+    return w * w * (1 + MARGIN_REL) - criteria.rules.min_pixel_density * along
 
 
 @part_with_arrays
-def value_of(is_first, x, y, w0, left, right, plane, rules):
+def value_of(is_first, x, y, w0, left, right, plane, criteria):
     """One of the two tests."""
     if is_first:
-        return too_thin(x, y, w0, plane, rules)
-    return too_dense(x, y, left, right, plane, rules)
+        return too_thin(x, y, w0, plane, criteria)
+    return too_dense(x, y, left, right, plane, criteria)
 
 
 @allocation_free
-def accepted_part(is_first, polygon, n, tests, plane, rules, values, out):
+def accepted_part(is_first, polygon, n, tests, plane, criteria, values, out):
     """Hull of the points of a polygon's outline that a test accepts; its corner count.
 
     0 where none of the corners is accepted, or those that are do not follow one another.
@@ -129,7 +129,9 @@ def accepted_part(is_first, polygon, n, tests, plane, rules, values, out):
     if n + 2 > out.shape[0]:
         return 0
     for p in range(n):
-        values[p] = value_of(is_first, polygon[p, U], polygon[p, V], w0, left, right, plane, rules)
+        values[p] = value_of(
+            is_first, polygon[p, U], polygon[p, V], w0, left, right, plane, criteria
+        )
     for p in range(n):
         before = values[p - 1] if p > 0 else values[n - 1]
         if (values[p] <= 0) != (before <= 0):
@@ -155,7 +157,7 @@ def accepted_part(is_first, polygon, n, tests, plane, rules, values, out):
             t = (low + high) / 2
             x = polygon[a, U] + t * (polygon[b, U] - polygon[a, U])
             y = polygon[a, V] + t * (polygon[b, V] - polygon[a, V])
-            if value_of(is_first, x, y, w0, left, right, plane, rules) <= 0:
+            if value_of(is_first, x, y, w0, left, right, plane, criteria) <= 0:
                 low = t
             else:
                 high = t
@@ -166,13 +168,13 @@ def accepted_part(is_first, polygon, n, tests, plane, rules, values, out):
 
 
 @part_with_arrays
-def tests_at_centre(polygon, n, plane, rules):
+def tests_at_centre(polygon, n, plane, criteria):
     """w_0 and the singular vectors at the mean of the corners."""
     x = y = 0.0
     for p in range(n):
         x += polygon[p, U] / n
         y += polygon[p, V] / n
-    w, first, second = image_of(x, y, plane, rules)
+    w, first, second = image_of(x, y, plane, criteria)
     size, r1, r2 = largest_singular(first, second)
     left = (
         (first[0] * r1 + second[0] * r2) / size,
@@ -220,11 +222,11 @@ def extent_of(polygon, n):
 
 
 @allocation_free
-def append_dense(face, polygon, n, rules, scratch, out):
+def append_dense(face, polygon, n, criteria, scratch, out):
     """Append the part of a polygon whose pixel density is large enough; see the module."""
     plane, strips, levels = scratch.plane, scratch.strips, scratch.levels
     nearest = max(COINCIDENT_REL * plane[LONGEST], plane[ERROR])
-    if rules.min_density == 0:
+    if criteria.rules.min_pixel_density == 0:
         append_piece(face, polygon, n, nearest, scratch.tidy, out)
         return
     part, chosen, spare = scratch.inner, scratch.other, scratch.spare
@@ -237,11 +239,11 @@ def append_dense(face, polygon, n, rules, scratch, out):
         area = twice_area(part, n) / 2
         if not area > 0:
             continue
-        tests = tests_at_centre(part, n, plane, rules)
+        tests = tests_at_centre(part, n, plane, criteria)
         length = extent_of(part, n)
         is_decided = False
         for turn in range(2):
-            kept = accepted_part(turn == 0, part, n, tests, plane, rules, scratch.values, chosen)
+            kept = accepted_part(turn == 0, part, n, tests, plane, criteria, scratch.values, chosen)
             if kept < 3:
                 continue
             x0, y0 = chosen[kept - 2, U], chosen[kept - 2, V]
@@ -264,7 +266,11 @@ def append_dense(face, polygon, n, rules, scratch, out):
         if is_decided:
             continue
         rest = max(twice_area(part, n) / 2, 0.0)
-        if rest <= rules.gap * extent_of(part, n) or level == MOST_HALVINGS or top + 2 > STACK_ROOM:
+        if (
+            rest <= criteria.gap * extent_of(part, n)
+            or level == MOST_HALVINGS
+            or top + 2 > STACK_ROOM
+        ):
             out.bound[face] += rest
             continue
         top = halve(part, n, scratch, top, level + 1)

@@ -23,7 +23,6 @@ from rastercov.kernels.area_plane import (
     ORIGIN,
     X_AXIS,
     Y_AXIS,
-    Rules,
     append_piece,
     cut_by_lines,
     set_line,
@@ -61,63 +60,59 @@ def limit_bounds(planes, out):
 
 
 @allocation_free
-def cut_to_discs(planes, rules, seen, scratch, source, out):
+def cut_to_discs(planes, criteria, seen, scratch, source, out):
     """Cut pieces to the greatest distance in focus, and to the largest angle of incidence.
 
     Both are discs around the foot of the perpendicular from the camera; the smaller one counts.
 
     Parameters
     ----------
-    planes, rules, seen, scratch
-        Planes; LensRules; Seen of the ideal plane; Scratch.
+    planes, criteria, seen, scratch
+        Planes; LensCriteria; Seen of the ideal plane; Scratch.
     source : Found
         Pieces in the ideal plane, by face.
     out : Found
         Where `used` is more than there is room for, call again with that much.
     """
-    plane, polygon, own = scratch.plane, scratch.base, rules.pinhole
+    plane, polygon, farthest = scratch.plane, scratch.base, criteria.rules.z_f
     start_from(source, out)
     last, slope, square, is_grazed = -1, 0.0, 0.0, False
     for piece in range(source.used[0]):
         f = source.face[piece]
         if f != last:
             set_plane(planes, f, seen, plane)
-            last, slope, is_grazed = f, own.tan_incidence, False
+            last, slope, is_grazed = f, criteria.rules.tan_incidence, False
             height = abs(plane[HEIGHT])
-            square = rules.farthest * rules.farthest - height * height
-            if rules.farthest < math.inf and (
-                slope == 0 or square < slope * slope * height * height
-            ):
+            square = farthest * farthest - height * height
+            if slope == 0 or square < slope * slope * height * height:
                 # The radius of the circle at that distance is off by height / radius times the
                 # error of the height; one that is hardly there is left undecided.
-                is_grazed = square <= 16 * rules.farthest * plane[ERROR]
+                is_grazed = square <= 16 * farthest * plane[ERROR]
                 radius = math.sqrt(max(square, 0.0))
                 if not is_grazed:
                     slope = radius / height
                     plane[ERROR] *= 1 + height / radius
         if is_grazed:
-            if square > -16 * rules.farthest * plane[ERROR]:
+            if square > -16 * farthest * plane[ERROR]:
                 n = copy_piece(source, piece, polygon)
                 area = twice_area(polygon, n) / 2
-                out.bound[f] += min(area, 128 * rules.farthest * plane[ERROR])
+                out.bound[f] += min(area, 128 * farthest * plane[ERROR])
             continue
         n = copy_piece(source, piece, polygon)
-        disc = Rules(
-            own.fx, own.fy, own.cx, own.cy, own.width, own.height, own.z_n, own.z_f,
-            own.min_per_m2, own.cos_incidence, slope, own.min_density, own.gap, own.pixel_error,
-        )  # fmt: skip
-        append_within_angle(f, polygon, n, disc, scratch, out)
+        append_within_angle(f, polygon, n, slope, criteria.pinhole, scratch, out)
     limit_bounds(planes, out)
 
 
 @allocation_free
-def cut_to_view(planes, rules, seen, scratch, source, out):
+def cut_to_view(planes, criteria, seen, scratch, source, out):
     """Cut pieces to the field of view of a lens and to the depths that are in focus.
 
     Parameters are those of `cut_to_discs`.
     """
     plane, lines, polygon = scratch.plane, scratch.lines, scratch.base
-    has_depths = rules.z_n > 0 or rules.z_f < math.inf
+    has_depths = not criteria.by_distance and (
+        criteria.rules.z_n > 0 or criteria.rules.z_f < math.inf
+    )
     start_from(source, out)
     last = -1
     for piece in range(source.used[0]):
@@ -128,30 +123,30 @@ def cut_to_view(planes, rules, seen, scratch, source, out):
             if has_depths:
                 z = z_x = z_y = 0.0
                 for k in range(3):
-                    z += rules.axis[k] * plane[ORIGIN + k]
-                    z_x += rules.axis[k] * plane[X_AXIS + k]
-                    z_y += rules.axis[k] * plane[Y_AXIS + k]
-                set_line(lines, 0, z - rules.z_n, z_x, z_y, plane[ERROR])
+                    z += criteria.axis[k] * plane[ORIGIN + k]
+                    z_x += criteria.axis[k] * plane[X_AXIS + k]
+                    z_y += criteria.axis[k] * plane[Y_AXIS + k]
+                set_line(lines, 0, z - criteria.rules.z_n, z_x, z_y, plane[ERROR])
                 # What is infinitely far away needs no line.
                 set_line(lines, 1, 1.0, 0.0, 0.0, 0.0)
-                if rules.z_f < math.inf:
-                    set_line(lines, 1, rules.z_f - z, -z_x, -z_y, plane[ERROR])
+                if criteria.rules.z_f < math.inf:
+                    set_line(lines, 1, criteria.rules.z_f - z, -z_x, -z_y, plane[ERROR])
         n = copy_piece(source, piece, polygon)
         if has_depths:
             n, strips = cut_by_lines(polygon, n, lines, 0, 2, scratch.spare)
             out.bound[f] += strips
             if n < 3:
                 continue
-        if is_in_view(polygon, n, plane, rules):
+        if is_in_view(polygon, n, plane, criteria):
             nearest = max(COINCIDENT_REL * plane[LONGEST], plane[ERROR])
             append_piece(f, polygon, n, nearest, scratch.tidy, out)
         else:
-            append_in_view(f, polygon, n, rules, scratch, out)
+            append_in_view(f, polygon, n, criteria, scratch, out)
     limit_bounds(planes, out)
 
 
 @allocation_free
-def cut_to_densities(planes, rules, seen, scratch, source, out):
+def cut_to_densities(planes, criteria, seen, scratch, source, out):
     """Cut pieces to where densities through a lens are large enough; as `cut_to_discs`."""
     plane, polygon = scratch.plane, scratch.base
     start_from(source, out)
@@ -162,5 +157,5 @@ def cut_to_densities(planes, rules, seen, scratch, source, out):
             set_plane(planes, f, seen, plane)
             last = f
         n = copy_piece(source, piece, polygon)
-        append_dense_through_lens(f, polygon, n, rules, scratch, out)
+        append_dense_through_lens(f, polygon, n, criteria, scratch, out)
     limit_bounds(planes, out)

@@ -21,7 +21,7 @@ about its middle each differs from an affine function by K r^2 / 2 at most. The 
 matrix M is convex: it lies above u . M v with any unit vectors u, v, and the difference is greatest
 at a corner; w^2 lies above its tangent. So a piece has two parallel lines, beyond which a criterion
 holds and before which it fails. What is between them is halved until it is narrower than
-`LensRules.strip_gap`; then it goes into the bound.
+`LensCriteria.strip_gap`; then it goes into the bound.
 """
 
 import math
@@ -68,13 +68,13 @@ ROUNDING = 2.0**-46
 
 
 @allocation_free
-def figures_at(rules, plane, x, y, n_figures, out):
+def figures_at(criteria, plane, x, y, n_figures, out):
     """Fill `out` with |det A|^(-1/3), the columns of Q A^-1, and those of E A^-1.
 
     The first alone where `n_figures` is 1. Returns the norm and the least singular value of A, and
     |det A|.
     """
-    a, b, c, d = plane_slopes(rules.code, rules.params, rules.frame, x, y)
+    a, b, c, d = plane_slopes(criteria.code, criteria.params, criteria.frame, x, y)
     det = a * d - b * c
     total = a * a + b * b + c * c + d * d
     root = math.sqrt(max(total * total - 4 * det * det, 0.0))
@@ -146,7 +146,7 @@ def depth_line(plane):
 
 
 @allocation_free
-def fit_criteria(polygon, n, mask, plane, rules, places, fits):
+def fit_criteria(polygon, n, mask, plane, criteria, places, fits):
     """Fill `fits` with what each criterion is in a polygon, up to a remainder.
 
     Row i of `fits` is of bit i of `mask`: c + a x + b y is the affine part, with x and y those of
@@ -179,20 +179,20 @@ def fit_criteria(polygon, n, mask, plane, rules, places, fits):
         h = plane[HEIGHT]
         off = 4 * plane[ERROR] * (length2(a, b) + math.sqrt(over) + abs(h))
         fits[3, 0], fits[3, 1] = 2 * a, 2 * b
-        fits[3, 2] = a * a + b * b + h * h - rules.nearest * rules.nearest
+        fits[3, 2] = a * a + b * b + h * h - criteria.rules.z_n * criteria.rules.z_n
         fits[3, 2] -= 2 * a * mean_x + 2 * b * mean_y
         fits[3, 3], fits[3, 4], fits[3, KNOWN] = -off, over + off, 1.0
     if not mask & (PER_M2 | DENSE | FACING) or not r > 0:
         return
     if mask & PER_M2:
         # Most pieces are far from the border of this criterion: its range in the piece is enough.
-        least_det, most_det = sizes_within(rules.slopes, low_x, high_x, low_y, high_y)
+        least_det, most_det = sizes_within(criteria.slopes, low_x, high_x, low_y, high_y)
         h = abs(plane[HEIGHT])
         doubt = FAR_REL + 8 * plane[ERROR] / h
         # w >= (R / h)^(1/3) |det A|^(-1/3)
-        if least_w**3 * h * least_det > rules.min_per_m2 * (1 + doubt):
+        if least_w**3 * h * least_det > criteria.rules.min_pixels_per_m2 * (1 + doubt):
             set_known(fits, 0, 1.0)
-        elif most_w**3 * h * most_det < rules.min_per_m2 * (1 - doubt):
+        elif most_w**3 * h * most_det < criteria.rules.min_pixels_per_m2 * (1 - doubt):
             set_known(fits, 0, -1.0)
         if fits[0, KNOWN] > 0:
             mask -= PER_M2
@@ -201,11 +201,11 @@ def fit_criteria(polygon, n, mask, plane, rules, places, fits):
     w_x, w_y, w_0 = depth_line(plane)
     step = min(STEP_REL * r, LARGEST_STEP)
     second, third = bounds_within(
-        rules.slopes, low_x - step, high_x + step, low_y - step, high_y + step
+        criteria.slopes, low_x - step, high_x + step, low_y - step, high_y + step
     )
     here, by_x, by_y, there = fits[4], fits[5], fits[6], fits[7]
     n_figures = N_FIGURES if mask & (DENSE | FACING) else 1
-    norm, least, det = figures_at(rules, plane, x, y, n_figures, here)
+    norm, least, det = figures_at(criteria, plane, x, y, n_figures, here)
     norm += second * r
     least -= second * r
     least_det = det - 2 * norm * second * r
@@ -214,7 +214,7 @@ def fit_criteria(polygon, n, mask, plane, rules, places, fits):
     for axis in range(2):
         dx, dy = (step, 0.0) if axis == 0 else (0.0, step)
         slope = by_x if axis == 0 else by_y
-        figures_at(rules, plane, x + dx, y + dy, n_figures, there)
+        figures_at(criteria, plane, x + dx, y + dy, n_figures, there)
         for k in range(n_figures):
             slope[k] = (there[k] - here[k]) / step
     b = 1 / least
@@ -225,7 +225,7 @@ def fit_criteria(polygon, n, mask, plane, rules, places, fits):
     # Rounding of the figures, of their differences, and of the height.
     rounding = ROUNDING * (1 + r / step) + 4 * plane[ERROR] / h
     if mask & PER_M2:
-        c = (rules.min_per_m2 / h) ** (1 / 3)
+        c = (criteria.rules.min_pixels_per_m2 / h) ** (1 / 3)
         det_1, det_2 = 2 * norm * second, 2 * norm * third + 2 * second * second
         bend = least_det ** (-1 / 3)
         bend *= det_2 / (3 * least_det) + 4 / 9 * (det_1 / least_det) ** 2
@@ -238,7 +238,7 @@ def fit_criteria(polygon, n, mask, plane, rules, places, fits):
             continue
         first = 1 if i == 1 else 7
         bend = 2 * b_1 + tall * b_2 if i == 1 else 4.4 * b + 4 * b_1 + b_2
-        c = rules.min_density / h if i == 1 else rules.min_facing
+        c = criteria.rules.min_pixel_density / h if i == 1 else criteria.rules.min_facing_density
         size, right_x, right_y = norm_along(here, by_x, by_y, first, 0.0, 0.0)
         right = (right_x, right_y)
         left = (
@@ -305,19 +305,19 @@ def least_and_most(polygon, n, line):
 
 
 @allocation_free
-def append_dense_through_lens(face, polygon, n, rules, scratch, out):
+def append_dense_through_lens(face, polygon, n, criteria, scratch, out):
     """Append the part of a polygon that meets all criteria of densities; see the module."""
     plane, strips, levels = scratch.plane, scratch.strips, scratch.levels
     part, spare, fits, other = scratch.inner, scratch.spare, scratch.fits, scratch.other
     nearest = max(COINCIDENT_REL * plane[LONGEST], plane[ERROR])
     mask = 0
-    if rules.min_per_m2 > 0:
+    if criteria.rules.min_pixels_per_m2 > 0:
         mask |= PER_M2
-    if rules.min_density > 0:
+    if criteria.rules.min_pixel_density > 0:
         mask |= DENSE
-    if rules.min_facing > 0:
+    if criteria.rules.min_facing_density > 0:
         mask |= FACING
-    if rules.nearest > 0:
+    if criteria.by_distance and criteria.rules.z_n > 0:
         mask |= DISTANT
     if mask == 0:
         append_piece(face, polygon, n, nearest, scratch.tidy, out)
@@ -332,7 +332,7 @@ def append_dense_through_lens(face, polygon, n, rules, scratch, out):
         area = twice_area(part, n) / 2
         if not area > 0:
             continue
-        fit_criteria(part, n, mask, plane, rules, scratch.places, fits)
+        fit_criteria(part, n, mask, plane, criteria, scratch.places, fits)
         best, narrowest, is_out = -1, math.inf, False
         for i in range(4):
             if not mask >> i & 1 or fits[i, KNOWN] == 0:
@@ -374,7 +374,7 @@ def append_dense_through_lens(face, polygon, n, rules, scratch, out):
                 continue
         rest = max(twice_area(part, n) / 2, 0.0)
         if (
-            rest <= rules.strip_gap * extent_of(part, n)
+            rest <= criteria.strip_gap * extent_of(part, n)
             or level == MOST_HALVINGS
             or top + 2 > STACK_ROOM
         ):

@@ -107,15 +107,21 @@ def set_plane(planes, f, seen, plane):
 
 
 @part_with_arrays
-def set_lines(plane, rules, near, least, most, lines):
+def set_lines(plane, criteria, near, least, most, lines):
     """Fill `lines` with those of depth and of the viewing pyramid; returns the greatest depth."""
     z, z_x, z_y = plane[ORIGIN + 2], plane[X_AXIS + 2], plane[Y_AXIS + 2]
     error, height = plane[ERROR], abs(plane[HEIGHT])
     set_line(lines, NEAR_LINE, z - near, z_x, z_y, error)
-    set_line(lines, FOCUS_LINE, z - rules.z_n, z_x, z_y, error)
-    farthest, its_error = rules.z_f, error
-    if rules.min_per_m2 > 0:
-        limit = (rules.fx * rules.fy * height / rules.min_per_m2) ** (1 / 3)
+    set_line(lines, FOCUS_LINE, z - criteria.rules.z_n, z_x, z_y, error)
+    farthest, its_error = criteria.rules.z_f, error
+    if criteria.rules.min_facing_density > 0:
+        # min(fx, fy) / z, a half plane of depth as the end of the depth of field is.
+        limit = min(criteria.lens.fx, criteria.lens.fy) / criteria.rules.min_facing_density
+        farthest = min(farthest, limit)
+    if criteria.rules.min_pixels_per_m2 > 0:
+        limit = (
+            criteria.lens.fx * criteria.lens.fy * height / criteria.rules.min_pixels_per_m2
+        ) ** (1 / 3)
         if limit < farthest:
             farthest = limit
             its_error += limit * (error / height if height > error else 1.0)
@@ -124,9 +130,9 @@ def set_lines(plane, rules, near, least, most, lines):
     set_line(lines, FAR_LINE, limit - z, -z_x, -z_y, its_error)
     for side in range(4):
         axis = side // 2
-        f = rules.fx if axis == 0 else rules.fy
-        at = rules.cx if axis == 0 else rules.cy
-        size = rules.width if axis == 0 else rules.height
+        f = criteria.lens.fx if axis == 0 else criteria.lens.fy
+        at = criteria.lens.cx if axis == 0 else criteria.lens.cy
+        size = criteria.lens.width if axis == 0 else criteria.lens.height
         sign = 1.0 if side % 2 == 0 else -1.0
         ahead = at if side % 2 == 0 else size - at
         set_line(
@@ -140,15 +146,15 @@ def set_lines(plane, rules, near, least, most, lines):
 
 
 @part_with_arrays
-def bring_back(kept, piece, plane, rules, deepest, out):
+def bring_back(kept, piece, plane, criteria, deepest, out):
     """Bring a piece of the image to the plane of its face, counter-clockwise; its corner count."""
     n = kept.starts[piece + 1] - kept.starts[piece]
     normal_x, normal_y, normal_z = plane[NORMAL], plane[NORMAL + 1], plane[NORMAL + 2]
     is_reversed = plane[HEIGHT] > 0  # v points down, and the front is seen
     for p in range(n):
         at = kept.starts[piece] + (n - 1 - p if is_reversed else p)
-        x = (kept.corners[at, U] - rules.cx) / rules.fx
-        y = (kept.corners[at, V] - rules.cy) / rules.fy
+        x = (kept.corners[at, U] - criteria.lens.cx) / criteria.lens.fx
+        y = (kept.corners[at, V] - criteria.lens.cy) / criteria.lens.fy
         slope = normal_x * x + normal_y * y + normal_z
         # A corner near the horizon of the plane lies beyond the face.
         z = FARTHEST * deepest
@@ -172,13 +178,13 @@ def set_sides(planes, f, sides):
 
 
 @part_with_arrays
-def is_well_inside(corners, lines, plane, rules):
+def is_well_inside(corners, lines, plane, criteria):
     """True if a face meets all criteria of `lines` and of incidence by more than rounding.
 
     It is then a piece as it is: most faces of a fine mesh are decided here.
     """
-    reach = abs(plane[HEIGHT]) * rules.tan_incidence * LEAST_INNER_REL
-    reach -= plane[ERROR] * (2 + rules.tan_incidence)
+    reach = abs(plane[HEIGHT]) * criteria.rules.tan_incidence * LEAST_INNER_REL
+    reach -= plane[ERROR] * (2 + criteria.rules.tan_incidence)
     is_inside = True
     for p in range(3):
         u, v = corners[p, U], corners[p, V]
@@ -186,19 +192,19 @@ def is_well_inside(corners, lines, plane, rules):
             if not line_value(line_at(lines, s), u, v) > lines[s, LINE_ERROR]:
                 is_inside = False
         x, y = u - plane[FOOT_X], v - plane[FOOT_Y]
-        if rules.tan_incidence > 0 and not (reach > 0 and x * x + y * y < reach * reach):
+        if criteria.rules.tan_incidence > 0 and not (reach > 0 and x * x + y * y < reach * reach):
             is_inside = False
     return is_inside
 
 
 @allocation_free
-def cut_regions(planes, rules, seen, scratch, out):
+def cut_regions(planes, criteria, seen, scratch, out):
     """Regions of all faces that one pose covers.
 
     Parameters
     ----------
-    planes, rules, seen, scratch
-        Planes; Rules; Seen; Scratch.
+    planes, criteria, seen, scratch
+        Planes; Criteria; Seen; Scratch.
     out : Found
         Where `used` is more than there is room for, call again with that much.
     """
@@ -223,8 +229,8 @@ def cut_regions(planes, rules, seen, scratch, out):
             height = abs(height)
         if height <= -error:
             continue
-        farthest = set_lines(plane, rules, seen.near, least, most, lines)
-        nearest = max(seen.near, rules.z_n)
+        farthest = set_lines(plane, criteria, seen.near, least, most, lines)
+        nearest = max(seen.near, criteria.rules.z_n)
         if most < nearest - error or least > farthest:
             continue
         for p in range(3):
@@ -234,10 +240,10 @@ def cut_regions(planes, rules, seen, scratch, out):
             and seen.visible[f] > 0
             and image_error == 0
             and height > error
-            and rules.min_density == 0
-            and is_well_inside(base, lines, plane, rules)
+            and criteria.rules.min_pixel_density == 0
+            and is_well_inside(base, lines, plane, criteria)
         ):
-            append_dense(f, base, 3, rules, scratch, out)
+            append_dense(f, base, 3, criteria, scratch, out)
             bound[f] = min(bound[f], planes.areas[f])
             continue
         n, strips = cut_by_lines(base, np.int64(3), lines, 0, N_LINES, spare)
@@ -250,7 +256,7 @@ def cut_regions(planes, rules, seen, scratch, out):
                 plane[ORIGIN + 2] + base[p, U] * plane[X_AXIS + 2] + base[p, V] * plane[Y_AXIS + 2]
             )
             deepest, shallowest = max(deepest, depth), min(shallowest, depth)
-        if height + error < shallowest * rules.cos_incidence * (1 - POSITION_ERROR_REL):
+        if height + error < shallowest * criteria.rules.cos_incidence * (1 - POSITION_ERROR_REL):
             continue
         largest = min(twice_area(base, n) / 2 + strips, planes.areas[f])
         if height <= error:
@@ -261,19 +267,25 @@ def cut_regions(planes, rules, seen, scratch, out):
             x, y = base[p, U] - plane[FOOT_X], base[p, V] - plane[FOOT_Y]
             reach2 = max(reach2, x * x + y * y + height * height)
         # One px^2 of the image is z^3 / (fx fy h) m^2 of the plane.
-        bound[f] = image_error * (deepest / rules.fx) * (deepest / rules.fy) * (deepest / height)
+        bound[f] = (
+            image_error
+            * (deepest / criteria.lens.fx)
+            * (deepest / criteria.lens.fy)
+            * (deepest / height)
+        )
         if seen.visible[f] >= seen.area[f] and seen.visible[f] > 0:
             bound[f] += strips
-            append_within_angle(f, base, n, rules, scratch, out)
+            append_within_angle(f, base, n, criteria.rules.tan_incidence, criteria, scratch, out)
         elif seen.visible[f] > 0 and first[f] >= 0:
             set_sides(planes, f, sides)
             # Rounding of the position, the height and the ray, brought to the plane.
-            off = (2 * POSITION_ERROR_REL + 2 * rules.pixel_error / min(rules.fx, rules.fy)) * (
-                reach2 / height
-            )
+            off = (
+                2 * POSITION_ERROR_REL
+                + 2 * criteria.pixel_error / min(criteria.lens.fx, criteria.lens.fy)
+            ) * (reach2 / height)
             p = first[f]
             while p < kept.used[0] and kept.faces[p] == f:
-                n = bring_back(kept, p, plane, rules, most, part)
+                n = bring_back(kept, p, plane, criteria, most, part)
                 for s in range(3):
                     if n >= 3:
                         n = keep_inside(part, n, line_at(sides, s), spare)
@@ -283,6 +295,8 @@ def cut_regions(planes, rules, seen, scratch, out):
                     bound[f] += strips
                 if n >= 3:
                     bound[f] += off * perimeter_of(part, n)
-                    append_within_angle(f, part, n, rules, scratch, out)
+                    append_within_angle(
+                        f, part, n, criteria.rules.tan_incidence, criteria, scratch, out
+                    )
                 p += 1
         bound[f] = min(bound[f], largest)

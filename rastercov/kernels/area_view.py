@@ -40,9 +40,9 @@ def line_in_plane(line, plane):
 
 
 @allocation_free
-def is_in_view(corners, n, plane, rules):
+def is_in_view(corners, n, plane, criteria):
     """True if a polygon lies in one cell of the tree that is inside the image, without a cut."""
-    tree = rules.tree
+    tree = criteria.tree
     node = tree.root
     while node >= 0:
         value, along_x, along_y, error = line_in_plane(tree.lines[node], plane)
@@ -58,18 +58,18 @@ def is_in_view(corners, n, plane, rules):
 
 
 @allocation_free
-def append_in_view(face, polygon, n, rules, scratch, out):
+def append_in_view(face, polygon, n, criteria, scratch, out):
     """Append the part of a polygon that the image of the lens shows.
 
     Parameters
     ----------
     face, polygon, n, rules
-        A convex polygon of the face; LensRules, whose undecided cells are added to the bound.
+        A convex polygon of the face; LensCriteria, whose undecided cells are added to the bound.
     scratch, out
         Scratch, with the face in `plane`; Found.
     """
     plane, views, nodes, part = scratch.plane, scratch.views, scratch.nodes, scratch.seen
-    tree = rules.tree
+    tree = criteria.tree
     nearest = max(COINCIDENT_REL * plane[LONGEST], plane[ERROR])
     top = push_parts(polygon, n, views)
     for p in range(top):
@@ -82,7 +82,7 @@ def append_in_view(face, polygon, n, rules, scratch, out):
             kind = tree.kinds[node]
             if kind == BAND:
                 area = twice_area(part, n) / 2
-                if area <= rules.strip_gap * extent_of(part, n):
+                if area <= criteria.strip_gap * extent_of(part, n):
                     node = UNDECIDED
                     break
             value, along_x, along_y, error = line_in_plane(tree.lines[node], plane)
