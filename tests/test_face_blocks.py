@@ -18,9 +18,8 @@ from rastercov.coverage.network import Network
 from rastercov.coverage.pairs import CHOICES
 from rastercov.coverage.task import Reason
 from rastercov.kernels import coverage as kernels
-from rastercov.kernels import face_blocks as blocks
-from rastercov.kernels import network
-from rastercov.kernels.criteria import AT_A_TIME
+from rastercov.kernels import decision, network
+from rastercov.kernels.decision import AT_A_TIME
 from rastercov.mesh import shapes
 from rastercov.raster.observation import BoundKind
 
@@ -153,6 +152,9 @@ def test_eight_faces_are_judged_as_one_is(method, seed):
         expected = one_by_one(judge, measured, poses)
         for name in FIGURES:
             np.testing.assert_array_equal(getattr(found, name), expected[name], name)
+        observed = {name: np.empty_like(each) for name, each in expected.items()}
+        judge.fill(observer.observe(poses), poses, observed)  # counts as areas, with their kinds
+        np.testing.assert_equal(observed, expected)
         some = tuple(rng.choice(list(FIGURES), 3, replace=False))
         few = evaluate(mesh, CAMERA, poses, chosen, method=method, fields=some, **options)
         for name in some:
@@ -172,9 +174,9 @@ def test_eight_faces_are_judged_as_one_is(method, seed):
 
 def test_codes_are_those_of_the_package():
     for code in BoundKind:
-        assert getattr(blocks, code.name) == code
+        assert getattr(decision, code.name) == code
     for code in Reason:
-        assert getattr(blocks, code.name) == code
+        assert getattr(decision, code.name) == code
 
 
 @pytest.mark.parametrize("skew", [0, 1, 3, 7])

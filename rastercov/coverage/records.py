@@ -9,8 +9,6 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.lenses.curved import curved_lens
 from rastercov.kernels.cameras import CurvedLens, Lens
 from rastercov.kernels.criteria import (
-    AT_A_TIME,
-    BLOCK_ROWS,
     MOST_CORNERS,
     MOST_DOUBTFUL,
     SIDE_ROUNDING,
@@ -18,6 +16,7 @@ from rastercov.kernels.criteria import (
     Scene,
     Workspace,
 )
+from rastercov.kernels.decision import AT_A_TIME, BLOCK_ROWS
 from rastercov.kernels.lens_faces import CurvedWorkspace, curved_workspace
 from rastercov.kernels.vertex_columns import COLUMNS
 from rastercov.mesh import Mesh

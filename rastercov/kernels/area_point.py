@@ -1,8 +1,7 @@
-"""Single points of the surface: the decision about a point, and the pieces it lies in; by numba.
+"""Single points of the surface: why they are not covered, and the pieces they lie in; by numba.
 
-`judge_point` holds a point against the criteria of docs/area.md but occlusion, which is a segment
-from the near plane to the point, traced through a tree of triangles. `rastercov.reference.regions`
-judges points without a tree.
+Occlusion is a segment from the near plane to the point, traced through a tree of triangles.
+`rastercov.reference.regions` judges points without a tree.
 """
 
 import math
@@ -11,18 +10,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.kernels.cameras import along, facing, focus_depth, jacobian, per_m2, place
+from rastercov.kernels.cameras import jacobian, per_m2
+from rastercov.kernels.decision import COVERED, OCCLUDED, TOO_OBLIQUE, judge_point
 from rastercov.kernels.exact_records import U, V
-from rastercov.kernels.face_blocks import (
-    BACK_FACING,
-    COVERED,
-    OCCLUDED,
-    OUT_OF_FOCUS,
-    OUTSIDE,
-    TOO_COARSE,
-    TOO_OBLIQUE,
-)
-from rastercov.kernels.jit import allocation_free, part_with_arrays
+from rastercov.kernels.jit import allocation_free
 from rastercov.kernels.mesh_tree import distance_to, hit_of
 
 FloatArray = NDArray[np.float64]
@@ -39,44 +30,6 @@ class Points(NamedTuple):
     normals: FloatArray
     two_sided: NDArray[np.bool_]
     own: NDArray[np.int64]
-
-
-@part_with_arrays
-def judge_point(lens, rules, rotation, near, x, y, z, normals, i, is_two_sided):
-    """First criterion but occlusion that a point fails, as its `Reason`, and its depth.
-
-    (x, y, z) is the way from the camera in the axes of the world; `rules` and `near` are in its
-    unit of length.
-    """
-    height = -(x * normals[i, 0] + y * normals[i, 1] + z * normals[i, 2])
-    if is_two_sided:
-        height = abs(height)
-    if not height > 0.0:
-        return BACK_FACING, 0.0
-    X = x * rotation[0, 0] + y * rotation[1, 0] + z * rotation[2, 0]
-    Y = x * rotation[0, 1] + y * rotation[1, 1] + z * rotation[2, 1]
-    Z = x * rotation[0, 2] + y * rotation[1, 2] + z * rotation[2, 2]
-    depth, is_inside = place(lens, near, X, Y, Z)
-    if not is_inside:
-        return OUTSIDE, depth
-    if not rules.z_n <= focus_depth(lens, X, Y, Z) <= rules.z_f:
-        return OUT_OF_FOCUS, depth
-    if max(rules.min_pixels_per_m2, rules.min_pixel_density, rules.min_facing_density) > 0.0:
-        a = b = c = 0.0
-        for k in range(3):
-            a += normals[i, k] * rotation[k, 0]
-            b += normals[i, k] * rotation[k, 1]
-            c += normals[i, k] * rotation[k, 2]
-        slopes = jacobian(lens, X, Y, Z)
-        if not (
-            per_m2(slopes, a, b, c) >= rules.min_pixels_per_m2
-            and facing(slopes) >= rules.min_facing_density
-            and along(slopes, a, b, c) >= rules.min_pixel_density
-        ):
-            return TOO_COARSE, depth
-    if height < math.sqrt(x * x + y * y + z * z) * rules.cos_incidence:
-        return TOO_OBLIQUE, depth
-    return COVERED, depth
 
 
 @allocation_free

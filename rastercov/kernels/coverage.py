@@ -13,9 +13,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.kernels import decision as code
 from rastercov.kernels.cameras import by_lens
 from rastercov.kernels.criteria import (
-    AT_A_TIME,
     MOST_DOUBTFUL,
     SIDE_ROUNDING,
     camera_normal,
@@ -30,30 +30,8 @@ from rastercov.kernels.criteria import (
     pixels_per_m2,
     project,
 )
-from rastercov.kernels.face_blocks import (
-    AREA,
-    BOUND,
-    COSINE,
-    COSINE_ROUNDING,
-    DENSITY,
-    DRAWN,
-    EXACT,
-    FACING,
-    FOCUSED,
-    IN_VIEW,
-    KIND,
-    OBLIQUE,
-    PART,
-    PER_M2,
-    ROUNDING,
-    SIDE,
-    STATE_OF_FACE,
-    STATISTICAL,
-    VISIBLE,
-    copy_block,
-    decide_block,
-    judge_eight,
-)
+from rastercov.kernels.decision import AT_A_TIME, decide_block
+from rastercov.kernels.face_blocks import COSINE_ROUNDING, ROUNDING, copy_block, judge_eight
 from rastercov.kernels.jit import allocation_free, part_of, part_with_arrays
 from rastercov.kernels.simd_kernel import pointer
 from rastercov.kernels.vertex_columns import BEHIND, INSIDE, STATE, U, V, X, Y, Z
@@ -144,7 +122,7 @@ def in_focus(points, i, j, k, lens, rules):
 @part_with_arrays
 def kind_of(seen, row, f):
     """Kind of the bound of a visible fraction."""
-    return int(seen.kind[row, f]) if seen.kind.size else STATISTICAL
+    return int(seen.kind[row, f]) if seen.kind.size else code.STATISTICAL
 
 
 @part_with_arrays
@@ -157,11 +135,11 @@ def bound_of_fraction(seen, row, f, drawn, points, i, j, k, is_cut):
     bound = 1.0
     if drawn > 0:
         kind = kind_of(seen, row, f)
-        if kind == EXACT:
+        if kind == code.EXACT:
             error = seen.area_error[row, f] if seen.area_error.size else 0.0
             least = drawn - error
             bound = (error / least if least > 0 else 1.0) + ROUNDING
-        elif kind == STATISTICAL:
+        elif kind == code.STATISTICAL:
             samples = seen.samples_per_pixel
             length = math.inf if is_cut else perimeter(points, i, j, k) * math.sqrt(samples)
             deviation = 3 * 0.27 * math.sqrt(1.25 * length + 1) + length / 20
@@ -211,28 +189,40 @@ def measure_face(
         per_m2 = pixels_per_m2(points, i, j, k, normal, lens)
     is_seen = is_front and (part != 0 or state == INSIDE)
     side = 1.0 if is_front else 0.0
-    block[SIDE, lane] = -1.0 if scene.degenerate[f] else side
-    block[OBLIQUE, lane] = 1.0 if is_oblique else 0.0
-    block[STATE_OF_FACE, lane], block[IN_VIEW, lane] = state, 1.0 if state == INSIDE else 0.0
-    block[PART, lane], block[AREA, lane] = part, area
-    block[VISIBLE, lane], block[DRAWN, lane] = visible, drawn
-    block[DENSITY, lane] = block[FACING, lane] = 0.0
+    block[code.SIDE, lane] = -1.0 if scene.degenerate[f] else side
+    block[code.OBLIQUE, lane] = 1.0 if is_oblique else 0.0
+    block[code.STATE_OF_FACE, lane], block[code.IN_VIEW, lane] = (
+        state,
+        1.0 if state == INSIDE else 0.0,
+    )
+    block[code.PART, lane], block[code.AREA, lane] = part, area
+    block[code.VISIBLE, lane], block[code.DRAWN, lane] = visible, drawn
+    block[code.DENSITY, lane] = block[code.FACING, lane] = 0.0
     if asks_density:
-        block[DENSITY, lane] = density_of(scene, lens, seen, points, row, f, is_front, state, part)
+        block[code.DENSITY, lane] = density_of(
+            scene, lens, seen, points, row, f, is_front, state, part
+        )
     if asks_facing:
-        block[FACING, lane] = facing_density(points, i, j, k, lens)
-    block[PER_M2, lane] = per_m2
-    block[FOCUSED, lane] = 1.0 if in_focus(points, i, j, k, lens, rules) else 0.0
-    block[BOUND, lane], block[KIND, lane] = 1.0, kind_of(seen, row, f) if is_seen else EXACT
+        block[code.FACING, lane] = facing_density(points, i, j, k, lens)
+    block[code.PER_M2, lane] = per_m2
+    block[code.FOCUSED, lane] = 1.0 if in_focus(points, i, j, k, lens, rules) else 0.0
+    block[code.BOUND, lane], block[code.KIND, lane] = (
+        1.0,
+        kind_of(seen, row, f) if is_seen else code.EXACT,
+    )
 
 
 @part_with_arrays
 def put_bound(lane, f, scene, lens, seen, row, work, cosine):
     """Put the bound of the visible fraction of a measured face, and its kind, into its lane."""
     block = work.block
-    state, part, drawn = block[STATE_OF_FACE, lane], block[PART, lane], block[DRAWN, lane]
-    is_seen = block[SIDE, lane] > 0 and (part != 0 or state == INSIDE)
-    block[BOUND, lane], block[KIND, lane] = bound_and_kind(
+    state, part, drawn = (
+        block[code.STATE_OF_FACE, lane],
+        block[code.PART, lane],
+        block[code.DRAWN, lane],
+    )
+    is_seen = block[code.SIDE, lane] > 0 and (part != 0 or state == INSIDE)
+    block[code.BOUND, lane], block[code.KIND, lane] = bound_and_kind(
         scene, lens, seen, work.points, row, f, drawn, cosine, state, part, is_seen, work
     )
 
@@ -343,7 +333,7 @@ def is_in_doubt(scene, lens, seen, points, row, f, drawn, cosine, state, part, w
         return (cosine > 0 or edge_on) and may_reach_image(
             points, i, j, k, seen.near[row], lens, work, edge_on
         )
-    is_computed = kind_of(seen, row, f) == EXACT and seen.area_error.size > 0
+    is_computed = kind_of(seen, row, f) == code.EXACT and seen.area_error.size > 0
     if is_computed and drawn <= seen.area_error[row, f]:
         return True
     if cosine > 0 and (scene.two_sided[f] or not has_part):
@@ -355,7 +345,7 @@ def is_in_doubt(scene, lens, seen, points, row, f, drawn, cosine, state, part, w
 def bound_and_kind(scene, lens, seen, points, row, f, drawn, cosine, state, part, is_seen, work):
     """Bound of the visible fraction of a face, and its kind: 1 where rounding decides its side."""
     i, j, k = scene.faces[f, 0], scene.faces[f, 1], scene.faces[f, 2]
-    bound, kind = 0.0, EXACT
+    bound, kind = 0.0, code.EXACT
     if is_seen:
         bound = bound_of_fraction(seen, row, f, drawn, points, i, j, k, state == BEHIND)
         kind = kind_of(seen, row, f)
@@ -405,7 +395,7 @@ def judge_poses(rows, scene, lens, seen, work, rules, out, skew):
                         cosine > 0 and not scene.degenerate[f], exceeds_incidence(cosine, rules),
                         asks_area, asks_density, asks_facing,
                     )  # fmt: skip
-                    block[COSINE, lane] = cosine
+                    block[code.COSINE, lane] = cosine
                     if asks_bound:
                         put_bound(lane, f, scene, lens, seen, row, work, cosine)
                 decide_block(rules, pointer(block))

@@ -41,10 +41,6 @@ SIDE_ROUNDING = 2.0**-47
 the sine of the angle between two edges: the normal n is off by 8 * 2^-53 over that sine."""
 MOST_DOUBTFUL = 2.0**-6
 """Cosine above which a face inside the image, needle or not, is in doubt only if its area is."""
-AT_A_TIME = 8
-"""Faces of a block: doubles of the longest registers."""
-BLOCK_ROWS = 19
-"""Measures of a face in a block."""
 
 
 class Scene(NamedTuple):
@@ -63,7 +59,7 @@ class Scene(NamedTuple):
 class Workspace(NamedTuple):
     """Memory of one thread: the projected vertices (V, 8), and two polygons (MOST_CORNERS, 2).
 
-    And the measures of `AT_A_TIME` faces, see `rastercov.kernels.face_blocks`.
+    And the measures of eight faces, see `rastercov.kernels.decision`.
     """
 
     points: NDArray[np.float64]

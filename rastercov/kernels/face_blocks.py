@@ -1,11 +1,8 @@
-"""Coverage (3.6) of eight faces of a pose at a time by SIMD, for the loops of coverage.
+"""Measures of eight faces of a pose at a time by SIMD, and sums of them, for the loops of coverage.
 
-`_decision` is the decision about a face, from its measures. Where all faces of a block are wholly
-in the image of a pinhole, `judge_eight` measures them; elsewhere the functions of
-`rastercov.kernels.coverage` put the measures of one face after another into the block, by the same
-order of operations.
-
-E. S. Eissa. Image Space Coverage Model for Deployment of Multi-Camera Networks. 2020, section 3.3.
+Where all faces of a block are wholly in the image of a pinhole, `judge_eight` measures and judges
+them; elsewhere the functions of `rastercov.kernels.coverage` put the measures of one face after
+another into the block, by the same order of operations.
 """
 
 import functools
@@ -16,32 +13,44 @@ from llvmlite import ir
 from numba.core import types
 
 from rastercov.kernels.cameras import by_lens, density_along, density_per_m2
-from rastercov.kernels.criteria import AT_A_TIME, BLOCK_ROWS
+from rastercov.kernels.decision import (
+    AREA,
+    AT_A_TIME,
+    BACK_FACING,
+    BOUND,
+    CERTIFIED,
+    COSINE,
+    COVERAGE,
+    COVERED,
+    DEGENERATE,
+    DENSITY,
+    DRAWN,
+    EXACT,
+    FACING,
+    FOCUSED,
+    IN_VIEW,
+    KIND,
+    PART,
+    PER_M2,
+    REASON,
+    RESOLUTION,
+    STATISTICAL,
+    VISIBILITY,
+    VISIBLE,
+    decide,
+    put_row,
+    row_of,
+)
 from rastercov.kernels.jit import part_with_arrays
 from rastercov.kernels.simd import DOUBLE, LONG, load
 from rastercov.kernels.simd_kernel import Variable, loop, pointer, simd, when
 from rastercov.kernels.vertex_blocks import transposed
 from rastercov.kernels.vertex_columns import COLUMNS, DOWN, INSIDE, RIGHT, STATE, U, V, X, Y, Z
 
-(
-    COSINE, IN_VIEW, PART, AREA, DENSITY, FACING, PER_M2, VISIBLE, DRAWN, VISIBILITY, RESOLUTION,
-    FOCUSED, BOUND, KIND, COVERAGE, REASON, SIDE, OBLIQUE, STATE_OF_FACE,
-) = range(BLOCK_ROWS)  # fmt: skip
-"""Rows of a block, see `rastercov.Coverage`: the cosine of the angle of incidence, figures in
-order, True and False and codes as 1, 0 and themselves; 1 for a face that is seen from the front, 0
-from behind, -1 for one without area; 1 where the angle of incidence is too large; and the state of
-all vertices. What is not asked for is 0."""
 ROUNDING = 2.0**-52
 """Rounding of a quotient."""
 COSINE_ROUNDING = 1e-14
 """Greater than the error of a cosine, and of the cosine of its arccosine."""
-LARGEST_RESOLUTION = 1e300
-"""Of one face; a smaller R_min gives no more."""
-STATISTICAL, CERTIFIED, EXACT = 0, 1, 2
-"""Values of `rastercov.BoundKind`."""
-DEGENERATE, BACK_FACING, OUTSIDE, OUT_OF_FOCUS = 0, 1, 2, 3
-UNSAMPLED, TOO_COARSE, OCCLUDED, TOO_OBLIQUE, COVERED = 4, 5, 6, 7, 8
-"""Values of `rastercov.Reason`."""
 BYTE = ir.IntType(8)
 
 
@@ -111,18 +120,18 @@ def measure_block(
             least = _worst(density_along, normal, right, down, z, lens)
             density.now = least.where(is_front & has_image, 0.0)
         with when(rules.min_pixels_per_m2 > 0):
-            _put(block, PER_M2, _worst(density_per_m2, normal, right, down, z, lens))
+            put_row(block, PER_M2, _worst(density_per_m2, normal, right, down, z, lens))
         p, q, r = sums
         height = cosine.absolute() * (p * p + q * q + r * r).sqrt()
         size = functools.reduce(operator.add, (each.absolute() for each in (*x, *y, *z)))
         is_clear.now = (height > size * doubtful_cosine).bits()
-        _put(block, COSINE, cosine)
-        _put(block, PART, area.like(1.0).where(has_image, 0.0))
-        _put(block, AREA, area)
-        _put(block, DENSITY, density.now)
-        _put(block, FACING, facing.now)
-        _put(block, FOCUSED, area.like(1.0).where(is_focused.now, 0.0))
-        _put(block, IN_VIEW, area.like(1.0))
+        put_row(block, COSINE, cosine)
+        put_row(block, PART, area.like(1.0).where(has_image, 0.0))
+        put_row(block, AREA, area)
+        put_row(block, DENSITY, density.now)
+        put_row(block, FACING, facing.now)
+        put_row(block, FOCUSED, area.like(1.0).where(is_focused.now, 0.0))
+        put_row(block, IN_VIEW, area.like(1.0))
     return is_clear.now.equals((1 << AT_A_TIME) - 1)
 
 
@@ -134,10 +143,10 @@ def judge_areas(
     """Complete a block by what an observer measured, and decide; arrays are pointers.
 
     `at` is the place of the first face in the arrays of the observation. Returns False for a face
-    at the limit of incidence.
+    at the limit of incidence, and for a bound of counts.
     """
     builder = first.builder
-    cosine = _row(block, COSINE)
+    cosine = row_of(block, COSINE)
     is_degenerate = load(builder, degenerate.at(first).pointer, AT_A_TIME) > 0
     is_front = (cosine > 0) & ~is_degenerate
     visible, drawn = _areas(at, visible, drawn, scale)
@@ -153,65 +162,21 @@ def judge_areas(
             error = load(builder, area_error.at(at).pointer, AT_A_TIME)
             is_in_doubt = (drawn <= error) & code.now.equals(EXACT)
             is_seen.now = is_front | is_in_doubt
-    density = _row(block, DENSITY).where(is_front, 0.0)
-    densities = density, _row(block, FACING), _row(block, PER_M2)
+    density = row_of(block, DENSITY).where(is_front, 0.0)
+    densities = density, row_of(block, FACING), row_of(block, PER_M2)
     everywhere = is_front.like(1)
-    decision = _decision(
-        rules, is_degenerate, is_front, everywhere, everywhere, _row(block, FOCUSED) > 0, visible,
+    decision = decide(
+        rules, is_degenerate, is_front, everywhere, everywhere, row_of(block, FOCUSED) > 0, visible,
         drawn, densities, cosine < rules.cos_incidence,
     )  # fmt: skip
     for row, values in (
         (VISIBLE, visible), (DRAWN, drawn), (BOUND, bound.now.where(is_seen.now, 0.0)),
         (KIND, code.now.where(is_front, EXACT).to(DOUBLE)), (DENSITY, density), *decision,
     ):  # fmt: skip
-        _put(block, row, values)
+        put_row(block, row, values)
     is_unclear = (cosine - rules.cos_incidence).absolute() < COSINE_ROUNDING
+    is_unclear = is_unclear | (is_front & code.now.equals(STATISTICAL) & (asks_bound > 0))
     return is_unclear.bits().equals(0)
-
-
-@simd(returns=types.void)
-def decide_block(rules, block):
-    """Complete a block of faces that were measured one by one."""
-    side, has_part = _row(block, SIDE), ~_row(block, PART).equals(0.0)
-    is_inside, is_focused = _row(block, IN_VIEW) > 0, _row(block, FOCUSED) > 0
-    densities = _row(block, DENSITY), _row(block, FACING), _row(block, PER_M2)
-    for row, values in _decision(
-        rules, side < 0, side > 0, is_inside, is_inside | has_part, is_focused,
-        _row(block, VISIBLE), _row(block, DRAWN), densities, _row(block, OBLIQUE) > 0,
-    ):  # fmt: skip
-        _put(block, row, values)
-
-
-def _decision(
-    rules, is_degenerate, is_front, is_inside, has_part, is_focused, visible, drawn, densities,
-    exceeds_angle,
-):  # fmt: skip
-    """Visible fraction, resolution, coverage (3.6) and `Reason` of faces, each after its row.
-
-    One factor at a time: the reason is the first that brings the product below the threshold.
-    """
-    visibility = (visible / drawn).where(is_front & has_part & (drawn > 0), 0.0)
-    resolution = (drawn / rules.min_pixels).minimum(LARGEST_RESOLUTION)
-    product = resolution.minimum(1.0).where(rules.cap_resolution.broadcast(AT_A_TIME), resolution)
-    limits = rules.min_pixel_density, rules.min_facing_density, rules.min_pixels_per_m2
-    for density, least in zip(densities, limits, strict=True):
-        product = product.where((density >= least) | ~(least > 0), 0.0)
-    is_coarse = (product < rules.min_coverage) | product.equals(0.0)
-    product = product * visibility.where(visibility >= rules.min_visibility, 0.0)
-    is_hidden = (product < rules.min_coverage) | product.equals(0.0)
-    is_oblique = exceeds_angle & ~product.equals(0.0)
-    is_sampled = is_front & is_inside & is_focused & (drawn > 0)
-    product = product.where(is_sampled & ~is_oblique, 0.0)
-    reason = product.like(COVERED)
-    for fails, value in (
-        (is_oblique, TOO_OBLIQUE), (is_hidden, OCCLUDED), (is_coarse, TOO_COARSE),
-        (~(drawn > 0), UNSAMPLED), (~is_focused, OUT_OF_FOCUS), (~is_inside, OUTSIDE),
-        (~is_front, BACK_FACING), (is_degenerate, DEGENERATE),
-    ):  # fmt: skip
-        reason = reason.like(value).where(fails, reason)
-    return (
-        (VISIBILITY, visibility), (RESOLUTION, resolution), (COVERAGE, product), (REASON, reason),
-    )  # fmt: skip
 
 
 @simd(returns=types.void)
@@ -293,7 +258,7 @@ def add_lanes(first, pose, is_scored, sums, coverage, block):
     def of_faces(array):
         return load(builder, array.at(first).pointer, AT_A_TIME)
 
-    product, reason, bound = (_row(block, row) for row in (COVERAGE, REASON, BOUND))
+    product, reason, bound = (row_of(block, row) for row in (COVERAGE, REASON, BOUND))
     is_covered, counts = reason.equals(COVERED), of_faces(is_scored) > 0
     (of_faces(sums.views) + is_covered.to(LONG)).store(sums.views.at(first).pointer)
     best, best_row = of_faces(sums.best), of_faces(sums.best_row)
@@ -305,8 +270,8 @@ def add_lanes(first, pose, is_scored, sums, coverage, block):
     code = reason.to(BYTE)
     code.maximum(before).store(sums.reason.at(first).pointer)
     product.store(coverage.at(first).pointer)
-    in_view = counts & (reason > BACK_FACING) & (_row(block, PART) > 0)
-    kind = _row(block, KIND)
+    in_view = counts & (reason > BACK_FACING) & (row_of(block, PART) > 0)
+    kind = row_of(block, KIND)
     for value in (STATISTICAL, CERTIFIED, EXACT):
         found = (in_view & kind.equals(value)).bits().count_bits()
         sums.kinds.put(value, sums.kinds.value(value) + found)
@@ -315,14 +280,6 @@ def add_lanes(first, pose, is_scored, sums, coverage, block):
         largest = bound.where(chosen, 0.0).reduce("maximum")
         sums.bounds.put(place, largest.maximum(sums.bounds.value(place)))
     return is_covered.bits().count_bits()
-
-
-def _row(block, row):
-    return load(block.builder, block.at(row * AT_A_TIME).pointer, AT_A_TIME)
-
-
-def _put(block, row, value):
-    value.store(block.at(row * AT_A_TIME).pointer)
 
 
 def _corners(faces, points):

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.kernels import decision as code
 from rastercov.kernels.coverage import (
     cosine_of,
     density_of,
@@ -18,39 +19,13 @@ from rastercov.kernels.coverage import (
     put_bound,
 )
 from rastercov.kernels.criteria import (
-    AT_A_TIME,
     facing_density,
     image_of_face,
     incidence_angle,
     project,
 )
-from rastercov.kernels.face_blocks import (
-    AREA,
-    BACK_FACING,
-    BOUND,
-    COSINE,
-    COVERAGE,
-    COVERED,
-    DENSITY,
-    DRAWN,
-    EXACT,
-    FACING,
-    FOCUSED,
-    IN_VIEW,
-    KIND,
-    PART,
-    REASON,
-    RESOLUTION,
-    SIDE,
-    STATE_OF_FACE,
-    VISIBILITY,
-    VISIBLE,
-    add_backs,
-    add_lanes,
-    are_behind,
-    decide_block,
-    judge_eight,
-)
+from rastercov.kernels.decision import AT_A_TIME, decide_block
+from rastercov.kernels.face_blocks import add_backs, add_lanes, are_behind, judge_eight
 from rastercov.kernels.jit import allocation_free, part_with_arrays
 from rastercov.kernels.simd_kernel import pointer, pointers
 from rastercov.kernels.vertex_columns import INSIDE, X, Y, Z
@@ -133,7 +108,7 @@ def add_pair(row, f, is_scored, coverage, reason, bound, kind, fraction, sums):
     Of equal coverages the least row of the batch is the best, whatever the order in which rows
     come. A pair that fails no later than for its back is not in view.
     """
-    covers = reason == COVERED
+    covers = reason == code.COVERED
     if covers:
         sums.views[f] += 1
     if coverage > 0:
@@ -142,8 +117,8 @@ def add_pair(row, f, is_scored, coverage, reason, bound, kind, fraction, sums):
             sums.best[f], sums.best_row[f] = coverage, row
     if reason > sums.reason[f]:
         sums.reason[f] = reason
-    if is_scored[f] and reason > BACK_FACING and fraction > 0:
-        sums.kinds[min(kind, EXACT)] += 1
+    if is_scored[f] and reason > code.BACK_FACING and fraction > 0:
+        sums.kinds[min(kind, code.EXACT)] += 1
         sums.bounds[0] = max(sums.bounds[0], bound)
     if is_scored[f] and covers:
         sums.bounds[1] = max(sums.bounds[1], bound)
@@ -172,23 +147,32 @@ def add_row(at, pose_id, f, block, lane, rows):
     The bound includes the rounding of the visible fraction to float32, so that it still holds.
     """
     rows.pose[at], rows.face[at] = pose_id, f
-    rows.in_view[at], rows.in_focus[at] = block[IN_VIEW, lane] > 0, block[FOCUSED, lane] > 0
-    rows.in_view_fraction[at] = block[PART, lane]
-    rows.projected_area[at] = block[AREA, lane]
-    rows.visible_pixels[at], rows.drawn_pixels[at] = block[VISIBLE, lane], block[DRAWN, lane]
-    rows.resolution[at] = block[RESOLUTION, lane]
-    rows.pixel_density[at], rows.facing_density[at] = block[DENSITY, lane], block[FACING, lane]
-    visibility = block[VISIBILITY, lane]
+    rows.in_view[at], rows.in_focus[at] = (
+        block[code.IN_VIEW, lane] > 0,
+        block[code.FOCUSED, lane] > 0,
+    )
+    rows.in_view_fraction[at] = block[code.PART, lane]
+    rows.projected_area[at] = block[code.AREA, lane]
+    rows.visible_pixels[at], rows.drawn_pixels[at] = (
+        block[code.VISIBLE, lane],
+        block[code.DRAWN, lane],
+    )
+    rows.resolution[at] = block[code.RESOLUTION, lane]
+    rows.pixel_density[at], rows.facing_density[at] = (
+        block[code.DENSITY, lane],
+        block[code.FACING, lane],
+    )
+    visibility = block[code.VISIBILITY, lane]
     short = np.float32(visibility)
-    bound = block[BOUND, lane] + abs(short - visibility)
+    bound = block[code.BOUND, lane] + abs(short - visibility)
     short_bound = np.float32(bound)
     if short_bound < bound:
         short_bound = np.nextafter(short_bound, np.float32(np.inf))
     rows.visibility[at], rows.visibility_bound[at] = short, short_bound
-    rows.visibility_kind[at] = np.int64(block[KIND, lane])
-    rows.incidence[at] = incidence_angle(block[COSINE, lane])
-    rows.coverage[at] = block[COVERAGE, lane]
-    rows.reason[at] = np.int64(block[REASON, lane])
+    rows.visibility_kind[at] = np.int64(block[code.KIND, lane])
+    rows.incidence[at] = incidence_angle(block[code.COSINE, lane])
+    rows.coverage[at] = block[code.COVERAGE, lane]
+    rows.reason[at] = np.int64(block[code.REASON, lane])
 
 
 @part_with_arrays
@@ -224,7 +208,10 @@ def measure_each(first, n, row, scene, lens, seen, work, rules, rounding, measur
         height = height + normals[f, 2] * pose[2, 3] - scene.offsets[f]
         is_behind = height < -rounding and not scene.two_sided[f]
         if (is_behind or scene.degenerate[f]) and not measures_all:
-            block[SIDE, lane], block[PART, lane] = -1.0 if scene.degenerate[f] else 0.0, 0.0
+            block[code.SIDE, lane], block[code.PART, lane] = (
+                -1.0 if scene.degenerate[f] else 0.0,
+                0.0,
+            )
             continue
         is_front, is_oblique = orientation(
             scene, seen, rules, work.points, row, f, height, rounding
@@ -240,16 +227,19 @@ def complete_row(lane, f, row, scene, lens, seen, work, rules):
     """Fill what `measure_each` leaves out of the figures of a face."""
     points, block, near = work.points, work.block, seen.near[row]
     i, j, k = scene.faces[f, 0], scene.faces[f, 1], scene.faces[f, 2]
-    state, part = block[STATE_OF_FACE, lane], block[PART, lane]
+    state, part = block[code.STATE_OF_FACE, lane], block[code.PART, lane]
     if not seen.kind.size:  # counted, and no area has been asked for
         state, part, area = image_of_face(points, i, j, k, near, lens, work, -1.0)
-        block[IN_VIEW, lane], block[PART, lane] = 1.0 if state == INSIDE else 0.0, part
-        block[AREA, lane] = area
+        block[code.IN_VIEW, lane], block[code.PART, lane] = (
+            1.0 if state == INSIDE else 0.0,
+            part,
+        )
+        block[code.AREA, lane] = area
     if not rules.min_facing_density > 0:
-        block[FACING, lane] = facing_density(points, i, j, k, lens)
+        block[code.FACING, lane] = facing_density(points, i, j, k, lens)
     if not rules.min_pixel_density > 0:
-        block[DENSITY, lane] = density_of(
-            scene, lens, seen, points, row, f, block[SIDE, lane] > 0, state, part
+        block[code.DENSITY, lane] = density_of(
+            scene, lens, seen, points, row, f, block[code.SIDE, lane] > 0, state, part
         )
 
 
@@ -292,8 +282,8 @@ def add_pose(row, turn, scene, lens, seen, work, rules, is_scored, sums, covered
             )
             decide_block(rules, pointer(block))
         for lane in range(n):
-            f, reason, part = first + lane, block[REASON, lane], block[PART, lane]
-            covers, in_view = reason == COVERED, reason > BACK_FACING and part > 0
+            f, reason, part = first + lane, block[code.REASON, lane], block[code.PART, lane]
+            covers, in_view = reason == code.COVERED, reason > code.BACK_FACING and part > 0
             is_row = choice == ALL_PAIRS or (
                 (has_rows and covers) or (choice == SEEN_PAIRS and in_view)
             )
@@ -302,7 +292,7 @@ def add_pose(row, turn, scene, lens, seen, work, rules, is_scored, sums, covered
             ):
                 cosine = cosine_of(scene, seen, work.points, row, f)
                 put_bound(lane, f, scene, lens, seen, row, work, cosine)
-                block[COSINE, lane] = cosine
+                block[code.COSINE, lane] = cosine
             if is_row:
                 if not has_bounds:
                     complete_row(lane, f, row, scene, lens, seen, work, rules)
@@ -316,8 +306,9 @@ def add_pose(row, turn, scene, lens, seen, work, rules, is_scored, sums, covered
             continue
         for lane in range(n):
             f = first + lane
-            coverage[f] = block[COVERAGE, lane]
+            coverage[f] = block[code.COVERAGE, lane]
             covered_faces[row] += add_pair(
-                row, f, is_scored, block[COVERAGE, lane], np.int64(block[REASON, lane]),
-                block[BOUND, lane], np.int64(block[KIND, lane]), block[PART, lane], sums,
+                row, f, is_scored, block[code.COVERAGE, lane], np.int64(block[code.REASON, lane]),
+                block[code.BOUND, lane], np.int64(block[code.KIND, lane]), block[code.PART, lane],
+                sums,
             )  # fmt: skip
