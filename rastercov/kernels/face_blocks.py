@@ -67,30 +67,33 @@ def judge_eight(first, scene, lens, seen, row, rules, work, asks_density, asks_f
     -------
     bool
         False where that must be done face by face: one is not wholly in the image, or at the limit
-        of incidence; bounds of counts are asked for. The block is undefined then.
+        of incidence; bounds of counts are asked for beside others. The block is undefined then.
     """
     n_faces, is_counted = scene.faces.shape[0], seen.kind.size == 0
-    if is_counted and asks_bound:
-        return False
+    samples = 0.0
+    if asks_bound and (is_counted or seen.kind[row, first] == STATISTICAL):
+        samples = seen.samples_per_pixel
     return measure_block(
         first, pointer(scene.faces), pointer(scene.normals), pointer(scene.two_sided),
         pointer(work.points), pointer(seen.poses[row]), lens, rules,
         scene.doubtful_cosine if asks_bound else 0.0,
-        np.int64(asks_density), np.int64(asks_facing), pointer(work.block),
+        np.int64(asks_density), np.int64(asks_facing), samples, pointer(work.block),
     ) and judge_areas(
         first, row * n_faces + first, pointer(scene.degenerate), pointer(seen.visible),
         pointer(seen.drawn), pointer(seen.kind), pointer(seen.area_error), seen.scale, rules,
         np.int64(asks_bound), np.int64(is_counted), np.int64(seen.area_error.size > 0),
-        pointer(work.block),
+        samples, pointer(work.block),
     )  # fmt: skip
 
 
 @simd(returns=types.boolean)
 def measure_block(
     first, faces, normals, two_sided, points, pose, lens, rules, doubtful_cosine, asks_density,
-    asks_facing, block,
+    asks_facing, samples, block,
 ):  # fmt: skip
     """Fill the rows of a block that follow from geometry; arrays are pointers to their data.
+
+    BOUND is the perimeter, px, where there are `samples` a square pixel, 0 for areas.
 
     Returns False, and nothing, unless all vertices are inside the image, and no face is edge-on.
     """
@@ -132,18 +135,24 @@ def measure_block(
         put_row(block, FACING, facing.now)
         put_row(block, FOCUSED, area.like(1.0).where(is_focused.now, 0.0))
         put_row(block, IN_VIEW, area.like(1.0))
+        with when(samples > 0):
+            length = area.like(0.0)
+            for p, q in ((0, 1), (1, 2), (2, 0)):
+                du, dv = u[q] - u[p], v[q] - v[p]
+                length = length + (du * du + dv * dv).sqrt()
+            put_row(block, BOUND, length)
     return is_clear.now.equals((1 << AT_A_TIME) - 1)
 
 
 @simd(returns=types.boolean)
 def judge_areas(
     first, at, degenerate, visible, drawn, kind, area_error, scale, rules, asks_bound, is_counted,
-    has_error, block,
+    has_error, samples, block,
 ):  # fmt: skip
     """Complete a block by what an observer measured, and decide; arrays are pointers.
 
     `at` is the place of the first face in the arrays of the observation. Returns False for a face
-    at the limit of incidence, and for a bound of counts.
+    at the limit of incidence, and for a bound of counts among others.
     """
     builder = first.builder
     cosine = row_of(block, COSINE)
@@ -157,6 +166,9 @@ def judge_areas(
     is_seen.now = is_front
     with when(asks_bound > 0):
         bound.now = _bound_of_areas(at, drawn, area_error, has_error, code.now)
+        with when(samples > 0):
+            of_counts = _bound_of_counts(row_of(block, BOUND), drawn, samples)
+            bound.now = of_counts.where(code.now.equals(STATISTICAL), bound.now)
         # Nothing is known of an image within its rounding, whichever side is seen.
         with when(has_error > 0):
             error = load(builder, area_error.at(at).pointer, AT_A_TIME)
@@ -175,7 +187,8 @@ def judge_areas(
     ):  # fmt: skip
         put_row(block, row, values)
     is_unclear = (cosine - rules.cos_incidence).absolute() < COSINE_ROUNDING
-    is_unclear = is_unclear | (is_front & code.now.equals(STATISTICAL) & (asks_bound > 0))
+    is_left_out = code.now.equals(STATISTICAL) & ((asks_bound > 0) & ~(samples > 0))
+    is_unclear = is_unclear | (is_front & is_left_out)
     return is_unclear.bits().equals(0)
 
 
@@ -334,3 +347,11 @@ def _bound_of_areas(at, drawn, area_error, has_error, kind):
         exact.now = (error / least).where(least > 0, 1.0) + ROUNDING
     bound = exact.now.where(kind.equals(EXACT), 0.0).where(drawn > 0, 1.0)
     return bound.minimum(1.0)
+
+
+def _bound_of_counts(length, drawn, samples):
+    """See `coverage.bound_of_fraction`, for counts in faces of a perimeter, px."""
+    root = length.like(samples).sqrt()
+    length = length * root
+    deviation = (length * 1.25 + 1.0).sqrt() * (3 * 0.27) + length / 20.0
+    return (deviation / (drawn * samples)).where(drawn > 0, 1.0).minimum(1.0)
