@@ -18,7 +18,7 @@ from rastercov.kernels.criteria import (
 )
 from rastercov.kernels.decision import AT_A_TIME, BLOCK_ROWS
 from rastercov.kernels.lens_faces import CurvedWorkspace, curved_workspace
-from rastercov.kernels.vertex_columns import COLUMNS
+from rastercov.kernels.vertex_blocks import COLUMNS
 from rastercov.mesh import Mesh
 
 

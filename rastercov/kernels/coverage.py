@@ -34,7 +34,7 @@ from rastercov.kernels.decision import AT_A_TIME, decide_block
 from rastercov.kernels.face_blocks import COSINE_ROUNDING, ROUNDING, copy_block, judge_eight
 from rastercov.kernels.jit import allocation_free, part_of, part_with_arrays
 from rastercov.kernels.simd_kernel import pointer
-from rastercov.kernels.vertex_columns import BEHIND, INSIDE, STATE, U, V, X, Y, Z
+from rastercov.kernels.vertex_blocks import BEHIND, INSIDE, STATE, U, V, X, Y, Z
 
 BORDER_ROUNDING = 2.0**-46
 """Greater than the error of a position in the image, relative to the numbers it is made from."""

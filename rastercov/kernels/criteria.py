@@ -17,8 +17,7 @@ from rastercov.kernels import lens_faces
 from rastercov.kernels.cameras import Slopes, along, by_lens, facing, focus_depth, per_m2
 from rastercov.kernels.jit import allocation_free, part_of, part_with_arrays
 from rastercov.kernels.simd_kernel import pointer
-from rastercov.kernels.vertex_blocks import project_vertices
-from rastercov.kernels.vertex_columns import (
+from rastercov.kernels.vertex_blocks import (
     BEHIND,
     DOWN,
     INSIDE,
@@ -29,6 +28,7 @@ from rastercov.kernels.vertex_columns import (
     X,
     Y,
     Z,
+    project_vertices,
 )
 
 MOST_CORNERS = 20

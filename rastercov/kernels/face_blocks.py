@@ -44,8 +44,19 @@ from rastercov.kernels.decision import (
 from rastercov.kernels.jit import part_with_arrays
 from rastercov.kernels.simd import DOUBLE, LONG, load
 from rastercov.kernels.simd_kernel import Variable, loop, pointer, simd, when
-from rastercov.kernels.vertex_blocks import transposed
-from rastercov.kernels.vertex_columns import COLUMNS, DOWN, INSIDE, RIGHT, STATE, U, V, X, Y, Z
+from rastercov.kernels.vertex_blocks import (
+    COLUMNS,
+    DOWN,
+    INSIDE,
+    RIGHT,
+    STATE,
+    U,
+    V,
+    X,
+    Y,
+    Z,
+    transposed,
+)
 
 ROUNDING = 2.0**-52
 """Rounding of a quotient."""

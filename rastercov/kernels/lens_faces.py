@@ -26,14 +26,14 @@ from rastercov.kernels.lens_polygons import (
     polygon_image,
 )
 from rastercov.kernels.lens_tables import NODES
-from rastercov.kernels.vertex_columns import AHEAD, BEHIND, INSIDE, STATE, U, V, X, Y, Z
+from rastercov.kernels.vertex_blocks import AHEAD, BEHIND, INSIDE, STATE, U, V, X, Y, Z
 
 FloatArray = NDArray[np.float64]
 
 NOWHERE = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 """Corners of a face that is not in a plane."""
 SLOPES = 8
-"""First of six columns of a vertex, behind those of `vertex_columns`: the derivative of the lens,
+"""First of six columns of a vertex, behind those of `vertex_blocks`: the derivative of the lens,
 found when a density asks for it; NaN before."""
 OUTSIDE_TOLERANCE = 1e-9
 """Area outside the image, px^2 and relative to the face, up to which a face is inside it."""

@@ -28,7 +28,7 @@ from rastercov.kernels.decision import AT_A_TIME, decide_block
 from rastercov.kernels.face_blocks import add_backs, add_lanes, are_behind, judge_eight
 from rastercov.kernels.jit import allocation_free, part_with_arrays
 from rastercov.kernels.simd_kernel import pointer, pointers
-from rastercov.kernels.vertex_columns import INSIDE, X, Y, Z
+from rastercov.kernels.vertex_blocks import INSIDE, X, Y, Z
 
 NO_PAIRS, COVERED_PAIRS, SEEN_PAIRS, ALL_PAIRS = range(4)
 """Indices of `rastercov.coverage.pairs.CHOICES`."""

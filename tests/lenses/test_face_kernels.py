@@ -13,7 +13,7 @@ from rastercov.coverage.records import lens_of, scene_of, workspace
 from rastercov.kernels.criteria import facing_density, image_of_face, project
 from rastercov.kernels.jit import allocation_free
 from rastercov.kernels.lens_faces import curved_areas
-from rastercov.kernels.vertex_columns import INSIDE
+from rastercov.kernels.vertex_blocks import INSIDE
 from rastercov.mesh import Mesh, shapes
 
 NEAR = 0.05
