@@ -66,6 +66,16 @@ class Rules(NamedTuple):
     focus_of_centroid: bool
     cap_resolution: bool
 
+    def in_units_of(self, scale: float) -> Self:
+        """The same for a scene whose lengths are in units of `scale` metres."""
+        return self._replace(
+            z_n=self.z_n / scale,
+            z_f=self.z_f / scale,
+            min_pixel_density=self.min_pixel_density * scale,
+            min_facing_density=self.min_facing_density * scale,
+            min_pixels_per_m2=self.min_pixels_per_m2 * scale**2,
+        )
+
 
 @dataclass(frozen=True, kw_only=True)
 class Task:
@@ -152,8 +162,8 @@ class Task:
         """(3.6) to the letter: resolution uncapped, focus of the centroid, any coverage counts."""
         return cls(**(THESIS | changes))
 
-    def rules(self, camera: Camera, scale: float = 1.0) -> Rules:
-        """Thresholds for one camera; lengths are in units of `scale` metres."""
+    def rules(self, camera: Camera) -> Rules:
+        """Thresholds for one camera, as the compiled loops take them."""
         z_n, z_f = camera.depth_of_field(self.max_blur)
         angle = math.radians(self.max_incidence_deg)
         is_limited = self.max_incidence_deg < 90
@@ -161,11 +171,11 @@ class Task:
             min_pixels=float(self.min_pixels),
             min_visibility=float(self.min_visibility),
             min_coverage=float(self.min_coverage),
-            min_pixel_density=float(self.min_pixel_density) * scale,
-            min_facing_density=float(self.min_facing_density) * scale,
-            min_pixels_per_m2=float(self.min_pixels_per_m2) * scale**2,
-            z_n=float(z_n) / scale,
-            z_f=float(z_f) / scale,
+            min_pixel_density=float(self.min_pixel_density),
+            min_facing_density=float(self.min_facing_density),
+            min_pixels_per_m2=float(self.min_pixels_per_m2),
+            z_n=float(z_n),
+            z_f=float(z_f),
             max_incidence=angle,
             cos_incidence=math.cos(angle) if is_limited else 0.0,
             tan_incidence=float(np.tan(angle)) if is_limited else 0.0,

@@ -108,7 +108,7 @@ class PointPass:
             own=read_only(row[face], np.int64),
         )
         self._of_camera = [
-            (lens_of(each), task.rules(each, self._diagonal)) for each in self.cameras
+            (lens_of(each), task.rules(each).in_units_of(self._diagonal)) for each in self.cameras
         ]
 
     def _placed(self, points: FloatArray) -> FloatArray:
