@@ -18,12 +18,12 @@ LAYERS = (
     "cluster",
     "coverage",
     "placement",
-    "models",
-    "validation",
     "report",
     "viewer",
     "cli",
 )
+LABORATORY = {("cli", "compare"), ("cli", "validate"), ("cli", "view")}
+"""Commands that run models and oracles of `rastercov.reference`; nothing else imports it."""
 LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names.split()}
 
 
@@ -58,6 +58,13 @@ def test_no_import_goes_up():
         if found and LEVEL.get(found[0], -1) > LEVEL[parts[0]]
     }
     assert up == set()
+
+
+def test_only_commands_import_the_laboratory():
+    importing = {
+        parts for path, parts in modules() if any("reference" in name for name in imports(path))
+    }
+    assert importing == LABORATORY
 
 
 def test_no_two_modules_import_each_other():
