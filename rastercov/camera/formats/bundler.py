@@ -15,8 +15,8 @@ from rastercov.base.errors import CameraError
 from rastercov.base.format import plural
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import OPENGL_AXES, Border, inverse_of
-from rastercov.camera.formats.equivalents import brown
 from rastercov.camera.formats.rotations import from_vectors, motions
+from rastercov.camera.models import lens_of_parameters
 from rastercov.camera.views import Views
 
 FloatArray = NDArray[np.float64]
@@ -170,7 +170,7 @@ def _views(lenses: FloatArray, poses: FloatArray, images: list[str], border: Bor
     cameras: dict[Camera, int] = {}
     index = []
     for row, (f, k1, k2) in enumerate(lenses.tolist()):
-        model, coefficients = brown((k1, k2, *[0.0] * 12))
+        model, coefficients = lens_of_parameters("opencv", {"k1": k1, "k2": k2})
         try:
             camera = Camera(
                 width=width, height=height, fx=f, fy=f, model=model, distortion=coefficients

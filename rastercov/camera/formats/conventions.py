@@ -5,6 +5,7 @@ into those of this package, once; where the file does not say, it asks for the o
 and refuses without it.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
@@ -282,6 +283,46 @@ class Border:
             if getattr(self._given, field.name) not in (None, False)
             and field.name not in self._asked
         ]
+
+
+def panorama(width: int, height: int) -> Camera:
+    """Equirectangular image of all directions."""
+    return Camera(
+        width=width,
+        height=height,
+        fx=width / (2 * math.pi),
+        fy=height / math.pi,
+        model="equirectangular",
+    )
+
+
+def is_whole_panorama(camera: Camera) -> bool:
+    """True for an equirectangular image of all directions around the middle."""
+    whole = panorama(camera.width, camera.height)
+    return (
+        camera.model == whole.model
+        and not camera.skew
+        and math.isclose(camera.fx, whole.fx, rel_tol=1e-9)
+        and math.isclose(camera.fy, whole.fy, rel_tol=1e-9)
+        and (camera.cx, camera.cy) == (whole.cx, whole.cy)
+    )
+
+
+def lost(camera: Camera) -> list[str]:
+    """Fields that are set and that no format but our own keeps, such as the aperture."""
+    fields = ("focal_length", "pixel_size", "aperture", "focus_distance", "focus_range")
+    found = [name for name in (*fields, "max_angle_deg") if getattr(camera, name) is not None]
+    found += ["near"] if camera.near else []
+    return found + (["max_blur"] if camera.max_blur != 1.0 else [])
+
+
+def no_model(program: str, camera: Camera, name: str = "") -> CameraError:
+    """Error of a lens that a program has no model for; `name` is that of the camera."""
+    return CameraError(
+        f"{name}{': ' if name else ''}{program} has no model for {camera.model}"
+        f"{' with skew' if camera.skew and name else ' with these coefficients'}; undistort the "
+        "images, or write another format"
+    )
 
 
 def inverse_of(matrices: FloatArray) -> FloatArray:
