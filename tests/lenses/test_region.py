@@ -11,7 +11,7 @@ from lens_cases import HEIGHT, WIDTH, K, of_all_kinds, rays
 
 from rastercov.base.errors import CameraError
 from rastercov.camera.lenses import Lens, make_lens
-from rastercov.camera.lenses.intervals import Interval, Jet
+from rastercov.camera.lenses.balls import Interval, Jet
 from rastercov.camera.lenses.region import base_limit, border_pixels, certified_radius
 from rastercov.kernels import lens_formulas
 

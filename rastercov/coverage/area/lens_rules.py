@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 
 from rastercov.base.memory import read_only
 from rastercov.camera.camera import Camera
-from rastercov.camera.lenses.field import fields_of
-from rastercov.camera.lenses.of_camera import planes_of, slopes_of
+from rastercov.camera.lenses.of_camera import fields_of, planes_of, slopes_of
 from rastercov.camera.models import MODELS
 from rastercov.coverage.task import Task
 from rastercov.kernels.area_plane import Rules
