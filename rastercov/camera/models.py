@@ -11,13 +11,10 @@ documentation, "Camera Models"; nerfstudio documentation, "Data conventions".
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from rastercov.base.checks import coefficients_of, number, shown
 from rastercov.base.errors import CameraError
-
-if TYPE_CHECKING:
-    from rastercov.camera.camera import Camera
 
 
 class Model(NamedTuple):
@@ -263,50 +260,3 @@ def lens_of_parameters(ours: str, p: Mapping[str, float]) -> tuple[str, tuple[fl
 def opencv_length(values: Sequence[float], *lengths: int) -> int | None:
     """The least of these lengths that keeps all coefficients which are not 0; None for none."""
     return next((n for n in lengths if not any(values[n:])), None)
-
-
-def coefficients(camera: "Camera") -> dict[str, float]:
-    """Coefficients of the lens by name, 0 where they were left out."""
-    names = MODELS[camera.model].coefficients.split()
-    return dict.fromkeys(names, 0.0) | dict(zip(names, camera.distortion, strict=False))
-
-
-def as_opencv(camera: "Camera") -> tuple[float, ...] | None:
-    """The 14 coefficients of OpenCV's model for a camera; None if it is not of that model."""
-    c = coefficients(camera)
-    if camera.model == "metashape" and not c["k4"]:  # its p1 and p2 are OpenCV's p2 and p1
-        c |= {"p1": c["p2"], "p2": c["p1"]}
-    elif not (
-        camera.model in ("pinhole", "opencv")
-        or (camera.model == "omni" and not c["xi"])
-        or (camera.model == "fov" and not c["omega"])
-    ):
-        return None
-    return tuple(c.get(name, 0.0) for name in MODELS["opencv"].coefficients.split())
-
-
-def as_fisheye(camera: "Camera") -> tuple[float, ...] | None:
-    """The 4 coefficients of cv2.fisheye for a camera; None if it is not of that model."""
-    c = coefficients(camera)
-    radial = tuple(c.pop(f"k{i}", 0.0) for i in range(1, 5))
-    return radial if MODELS[camera.model].base == "equidistant" and not any(c.values()) else None
-
-
-def model_in(program: str, camera: "Camera") -> tuple[str, dict[str, float]] | None:
-    """Name of a model of a program, with fx and fy, that is the lens of a camera; None without one.
-
-    With it, values of its parameters by name.
-    """
-    forms = [(camera.model, coefficients(camera))]
-    for ours, values in (("opencv_fisheye", as_fisheye(camera)), ("opencv", as_opencv(camera))):
-        if values is not None:
-            names = MODELS[ours].coefficients.split()
-            forms.insert(0, (ours, dict(zip(names, values, strict=True))))
-    central = {name: getattr(camera, name) for name in ("fx", "fy", "cx", "cy")}
-    for ours, c in forms:
-        for name, foreign in PROGRAMS[program].items():
-            wanted = foreign.parameters.split()
-            held = foreign.ours == ours and all(key in wanted for key in c if c[key])
-            if held and "fx" in wanted:
-                return name, {key: (central | c)[key] for key in wanted}
-    return None

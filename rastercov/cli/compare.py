@@ -11,7 +11,7 @@ from rich.console import Console
 from rastercov.base.errors import ConfigError
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import Conventions
-from rastercov.camera.formats.unit_doubts import unit_doubts
+from rastercov.camera.formats.doubts import unit_doubts
 from rastercov.camera.pose import Poses
 from rastercov.cli import options
 from rastercov.cli.console import out_option, progress_bar, size_line, warn

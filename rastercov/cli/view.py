@@ -15,7 +15,7 @@ import typer
 from rastercov.base.errors import CameraError, ConfigError, MeshError
 from rastercov.base.format import plural
 from rastercov.camera.formats.conventions import Border, Conventions
-from rastercov.camera.formats.unit_doubts import unit_doubts
+from rastercov.camera.formats.doubts import unit_doubts
 from rastercov.camera.pose import Poses
 from rastercov.camera.views import Views
 from rastercov.cli import options

@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov.camera.camera import Camera
-from rastercov.camera.formats.pose_doubts import convention_doubts
-from rastercov.camera.formats.unit_doubts import unit_doubts
+from rastercov.camera.formats.doubts import convention_doubts, unit_doubts
 from rastercov.camera.near_plane import depth_from_near, near_limits
 from rastercov.camera.pose import Poses
 from rastercov.camera.projection import to_camera, to_image

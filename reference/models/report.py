@@ -23,8 +23,8 @@ from rich.table import Table
 
 from rastercov.base.format import milliseconds, number, percent_of, plural
 from rastercov.camera.camera import Camera
-from rastercov.camera.image_boxes import image_boxes
 from rastercov.camera.pose import valid_poses
+from rastercov.camera.projection import image_boxes
 from rastercov.coverage.observer import visibility
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh

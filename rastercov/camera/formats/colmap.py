@@ -20,8 +20,7 @@ from rastercov.base.checks import image_side, shown
 from rastercov.base.errors import CameraError, PoseError
 from rastercov.base.files import UnreadableError, open_file, printable
 from rastercov.camera.camera import Camera
-from rastercov.camera.formats.conventions import Border, inverse_of
-from rastercov.camera.formats.rotations import from_quaternions
+from rastercov.camera.formats.conventions import Border, from_quaternions, inverse_of
 from rastercov.camera.models import PROGRAMS, lens_of_parameters
 from rastercov.camera.views import Views
 

@@ -22,9 +22,8 @@ from rastercov.base.errors import ConfigError
 from rastercov.base.files import printable
 from rastercov.base.output import writing
 from rastercov.camera.formats.colmap import MODELS
-from rastercov.camera.formats.conventions import is_whole_panorama, no_model, unique
-from rastercov.camera.formats.rotations import to_quaternions
-from rastercov.camera.models import model_in
+from rastercov.camera.formats.conventions import to_quaternions, unique
+from rastercov.camera.formats.equivalents import is_whole_panorama, model_in, no_model
 from rastercov.camera.pose import inverse
 from rastercov.camera.views import Views
 

@@ -18,7 +18,7 @@ from rastercov.base.checks import shown
 from rastercov.base.errors import CameraError
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import Border, inverse_of
-from rastercov.camera.formats.entries import Entries
+from rastercov.camera.formats.source import Entries
 from rastercov.camera.models import PROGRAMS, lens_of_parameters
 from rastercov.camera.views import Views
 

@@ -8,7 +8,6 @@ Source: Agisoft Metashape Professional manual 2.1, appendix C, "Camera models"; 
 """
 
 import re
-from typing import Any
 from xml.etree.ElementTree import Element
 
 import numpy as np
@@ -17,8 +16,9 @@ from numpy.typing import NDArray
 from rastercov.base.checks import image_side, shown
 from rastercov.base.errors import CameraError
 from rastercov.camera.camera import Camera
-from rastercov.camera.formats.conventions import Border, panorama
-from rastercov.camera.formats.entries import checked
+from rastercov.camera.formats.conventions import Border
+from rastercov.camera.formats.equivalents import panorama
+from rastercov.camera.formats.source import checked, number_of
 from rastercov.camera.models import PROGRAMS, lens_of_parameters
 from rastercov.camera.views import Views
 from rastercov.mesh.formats.xml_tree import children, local_name, look_at_names, schema_of
@@ -267,10 +267,4 @@ def _text(owner: Element, name: str, default: str) -> str:
 
 
 def _numbers(text: str, what: str, shape: tuple[int, ...]) -> FloatArray:
-    def number(word: str) -> Any:
-        try:
-            return float(word if "_" not in word else "x")
-        except ValueError:
-            return word
-
-    return checked([number(word) for word in text.split()[:100]], what, shape)
+    return checked([*map(number_of, text.split()[:100])], what, shape)

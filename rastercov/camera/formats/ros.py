@@ -13,9 +13,10 @@ import numpy as np
 
 from rastercov.base.errors import CameraError
 from rastercov.camera.camera import Camera
-from rastercov.camera.formats.conventions import Border, no_model
-from rastercov.camera.formats.entries import Entries, checked
-from rastercov.camera.models import as_fisheye, as_opencv, opencv_length
+from rastercov.camera.formats.conventions import Border
+from rastercov.camera.formats.equivalents import as_fisheye, as_opencv, no_model
+from rastercov.camera.formats.source import Entries, checked
+from rastercov.camera.models import opencv_length
 from rastercov.camera.views import Views
 
 COUNTS = {

@@ -17,22 +17,17 @@ from numpy.typing import NDArray
 
 from rastercov.base.errors import CameraError
 from rastercov.camera.camera import Camera
-from rastercov.camera.formats.conventions import (
-    OPENGL_AXES,
-    Border,
+from rastercov.camera.formats.conventions import OPENGL_AXES, Border
+from rastercov.camera.formats.equivalents import (
+    as_fisheye,
+    as_opencv,
+    coefficients,
     is_whole_panorama,
     no_model,
     panorama,
 )
-from rastercov.camera.formats.entries import Entries
-from rastercov.camera.formats.source import Source
-from rastercov.camera.models import (
-    PROGRAMS,
-    as_fisheye,
-    as_opencv,
-    coefficients,
-    lens_of_parameters,
-)
+from rastercov.camera.formats.source import Entries, Source
+from rastercov.camera.models import PROGRAMS, lens_of_parameters
 from rastercov.camera.views import Views
 
 MODELS = PROGRAMS["nerfstudio"]
