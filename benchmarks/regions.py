@@ -17,11 +17,11 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from rastercov.camera.formats.equivalents import panorama
 from rows import Report, arguments
 from surface_cases import in_regions, off_clipper2, room
 
 import rastercov as rc
+from rastercov.camera.formats.equivalents import panorama
 from rastercov.coverage.area.cells import usual_size
 from rastercov.coverage.area.centres import CentrePass
 from rastercov.coverage.area.regions import RegionPass

@@ -25,7 +25,6 @@ from rastercov.base.output import json_bytes, write_bytes
 from rastercov.camera.formats import (
     bundler,
     colmap,
-    colmap_files,
     gltf,
     kalibr,
     metashape,
@@ -304,7 +303,7 @@ def write_views(
     try:
         contents, notes = _contents(place, views, target)
         if len(contents) > 1 or target.startswith("colmap"):
-            colmap_files.write(place, contents, overwrite=overwrite)
+            colmap.write(place, contents, overwrite=overwrite)
         elif place.exists() and not overwrite:
             raise ConfigError("it is there already; give another name, or --overwrite")
         else:
@@ -359,4 +358,4 @@ def _contents(path: Path, views: Views, target: str) -> tuple[dict[str, bytes], 
         return {"": gltf.glb_of(views)}, notes
     if target == "nerfstudio":
         return {"": json_bytes(transforms.content_of(views), indent=1) + b"\n"}, notes
-    return colmap_files.contents_of(views, as_text=target == "colmap-text", notes=notes), notes
+    return colmap.contents_of(views, as_text=target == "colmap-text", notes=notes), notes

@@ -4,25 +4,46 @@ Poses are camera_from_world, quaternions scalar first; axes and pixels are ours;
 An image has its own pose in every version, so that rigs are read for the places of cameras only,
 and frames for the images that were taken at the same instant.
 
+A model that is written has rigs and frames where the views have frames; else COLMAP makes a rig of
+each camera. The images of a frame were taken by cameras of one rig, and COLMAP takes their poses
+from the frame: rig_from_world, and sensor_from_rig of each camera. The first camera of a rig is its
+reference, at the rig's origin.
+
 Source: COLMAP documentation, "Output Format"; src/colmap/scene/reconstruction_io.cc.
 """
 
 import math
 import re
 import struct
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rastercov.base.checks import image_side, shown
-from rastercov.base.errors import CameraError, PoseError
+from rastercov.base.errors import CameraError, ConfigError, PoseError
 from rastercov.base.files import UnreadableError, open_file, printable
+from rastercov.base.output import writing
 from rastercov.camera.camera import Camera
-from rastercov.camera.formats.conventions import Border, from_quaternions, inverse_of
+from rastercov.camera.formats.conventions import (
+    Border,
+    from_quaternions,
+    inverse_of,
+    to_quaternions,
+    unique,
+)
+from rastercov.camera.formats.equivalents import is_whole_panorama, model_in, no_model
 from rastercov.camera.models import PROGRAMS, lens_of_parameters
+from rastercov.camera.pose import inverse
 from rastercov.camera.views import Views
+
+FloatArray = NDArray[np.float64]
+Record = tuple[str, Sequence[Any]]
+"""Form of a record in `struct`, and its values."""
 
 LARGEST_FILE = 1 << 36
 """Bytes of a file; points of images, the bulk of it, are passed over."""
@@ -36,6 +57,20 @@ MODELS = tuple(PROGRAMS["colmap"])
 """Names of the models by their ids."""
 SUBFOLDERS = ("sparse/0", "sparse", "0")
 """Folders of a project that COLMAP's pipelines put a model in."""
+RECORDS = {"cameras": ("a camera", 24), "rigs": ("a rig", 8), "frames": ("a frame", 68)}
+"""Name of a record of each part, and its least bytes."""
+HEADS = {
+    "cameras": "# Camera list: CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n# Number of cameras: {}",
+    "images": "# Image list: IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME; POINTS2D\n"
+    "# Number of images: {}",
+    "points3D": "# 3D point list: none",
+    "rigs": "# Rigs: RIG_ID, NUM_SENSORS, REF_SENSOR, SENSORS[]: TYPE, ID, HAS_POSE, Q, T",
+    "frames": "# Frames: FRAME_ID, RIG_ID, RIG_FROM_WORLD Q, T, NUM_DATA_IDS, TYPE, ID, DATA_ID",
+}
+"""Files of a model, and how each begins as text."""
+PLACE_TOLERANCE = 1e-9
+"""Difference of two poses of a rig by two of its cameras: of rotations, and of positions relative
+to their extent. At it a point moves by less than 1e-5 px."""
 
 
 class Image(NamedTuple):
@@ -250,13 +285,13 @@ class _Bytes:
         return MODELS[number]
 
 
-Records = Iterable[_Words | _Bytes]
+Fields = Iterable[_Words | _Bytes]
 Rigs = list[dict[int, tuple[float, ...] | None]]
 """For each rig, sensor_from_rig of its cameras: a quaternion and a translation; None if unknown,
 and () for the reference."""
 
 
-def _cameras(records: Records) -> dict[int, Camera]:
+def _cameras(records: Fields) -> dict[int, Camera]:
     table: dict[int, Camera] = {}
     for values in records:
         number = values.whole("the camera's id")
@@ -273,7 +308,7 @@ def _cameras(records: Records) -> dict[int, Camera]:
     return table
 
 
-def _rigs(records: Records) -> Rigs:
+def _rigs(records: Fields) -> Rigs:
     rigs: Rigs = []
     for values in records:
         rig: dict[int, tuple[float, ...] | None] = {}
@@ -290,7 +325,7 @@ def _rigs(records: Records) -> Rigs:
     return rigs
 
 
-def _frames(records: Records) -> list[tuple[int, list[int]]]:
+def _frames(records: Fields) -> list[tuple[int, list[int]]]:
     """Number of each frame, and the ids of its images."""
     frames: list[tuple[int, list[int]]] = []
     for values in records:
@@ -309,8 +344,6 @@ def _frames(records: Records) -> list[tuple[int, list[int]]]:
 
 
 PARSERS: dict[str, Any] = {"cameras": _cameras, "rigs": _rigs, "frames": _frames}
-RECORDS = {"cameras": ("a camera", 24), "rigs": ("a rig", 8), "frames": ("a frame", 68)}
-"""Name of a record of each part, and its least bytes."""
 
 
 # Text.
@@ -447,3 +480,187 @@ def _places(rigs: Rigs, row_of: dict[int, int], border: Border) -> Any:
     if len(rigs) > 1:
         border.note(f"places of cameras are those on {len(rigs)} rigs, each with its own origin")
     return places
+
+
+# Written.
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A frame: its rig, world_from_rig, and the rows of its images."""
+
+    rig: int
+    world_from_rig: FloatArray
+    rows: list[int]
+
+
+@dataclass(frozen=True)
+class RigsAndFrames:
+    """Cameras of each rig, the reference first, and the frames.
+
+    Attributes
+    ----------
+    cameras : list of list of int
+        Indices into the rig of the views.
+    sensor_from_rig : (N, 4, 4) float64
+        Of each camera.
+    frames : list of Frame
+    """
+
+    cameras: list[list[int]]
+    sensor_from_rig: FloatArray
+    frames: list[Frame]
+
+
+def _rigs_of(views: Views, notes: list[str]) -> RigsAndFrames | None:
+    """Rigs and frames of these views; None where there are none, or they do not fit together.
+
+    Cameras that share a frame are on one rig.
+    """
+    if not views.frames or views.rig is None:
+        return None
+    index = views.poses.camera
+    rows_of: dict[str, list[int]] = {}
+    for row, frame in enumerate(views.frames):
+        rows_of.setdefault(frame, []).append(row)
+    if any(len({int(index[row]) for row in rows}) < len(rows) for rows in rows_of.values()):
+        notes.append("frames are left out: one of them has two images of a camera")
+        return None
+    # Cameras on one rig have the number of its first camera.
+    first = list(range(len(views.rig)))
+    for rows in rows_of.values():
+        joined = {first[index[row]] for row in rows}
+        first = [min(joined) if each in joined else each for each in first]
+    places = views.rig.rig_from_camera
+    camera_from_reference = inverse(places) @ places[first]
+    world_from_rig = views.poses.world_from_camera @ camera_from_reference[index]
+    centres = views.poses.world_from_camera[:, :3, 3]
+    extent = max(1e-30, float(np.ptp(centres, axis=0).max()), float(np.abs(places[:, :3, 3]).max()))
+    scale = np.ones((4, 4))
+    scale[:3, 3] = extent
+    heads = sorted(set(first))
+    frames = []
+    for rows in rows_of.values():
+        of_frame = world_from_rig[rows]
+        if (np.abs(of_frame - of_frame[0]) > PLACE_TOLERANCE * scale).any():
+            notes.append(
+                "frames are left out: their images are not where the places of the cameras on the "
+                "rig put them; each image has its own pose"
+            )
+            return None
+        frames.append(Frame(heads.index(first[index[rows[0]]]), of_frame[0], rows))
+    cameras = [[row for row, head in enumerate(first) if head == each] for each in heads]
+    return RigsAndFrames(cameras, camera_from_reference, frames)
+
+
+class Word(NamedTuple):
+    """A value that is another one in binary than in text."""
+
+    code: Any
+    text: str
+
+
+CAMERA = Word(0, "CAMERA")
+
+
+def contents_of(views: Views, *, as_text: bool, notes: list[str]) -> dict[str, bytes]:
+    """Bytes of each file of a model, by name; what is lost is added to `notes`."""
+    rig = views.rig
+    assert rig is not None
+    cameras: list[Record] = []
+    for number, (camera, label) in enumerate(zip(rig.cameras, rig.names, strict=True)):
+        found = model_in("colmap", camera)
+        if is_whole_panorama(camera):
+            found = "EQUIRECTANGULAR", {"w": float(camera.width), "h": float(camera.height)}
+        if found is None or camera.skew:
+            raise no_model("COLMAP", camera, label)
+        name, p = found
+        model = Word(MODELS.index(name), name)
+        values = [number + 1, model, camera.width, camera.height, *p.values()]
+        cameras.append((f"IiQQ{len(p)}d", values))
+    names = unique([printable(name).replace("\0", "") for name in views.images], "image")
+    if names != list(views.images):
+        notes.append("names of images are made different from one another")
+    index = views.poses.camera.tolist()
+    images: list[Record] = []
+    motions = _motions(inverse(views.poses.world_from_camera))
+    for number, (motion, name) in enumerate(zip(motions, names, strict=True)):
+        # A zero byte ends the name, and a count of points follows; in text, a line of them.
+        end = Word(name.encode() + bytes(9), f"{name}\n")
+        values = [number + 1, *motion, index[number] + 1, end]
+        images.append((f"I7dI{len(end.code)}s", values))
+    parts: dict[str, list[Record]] = {"cameras": cameras, "images": images, "points3D": []}
+    rigs = _rigs_of(views, notes)
+    if rigs is not None:
+        parts |= _records_of(rigs, index)
+    elif len(set(index)) > 1 and (rig.rig_from_camera[1:] != rig.rig_from_camera[:1]).any():
+        notes.append("places of cameras on the rig are left out: each image has its own pose")
+    if as_text and any(" " in name for name in names):
+        notes.append("COLMAP ends names of a text model at spaces; write the binary one")
+    suffix, write = ("txt", _as_text) if as_text else ("bin", _as_binary)
+    return {f"{part}.{suffix}": write(part, records) for part, records in parts.items()}
+
+
+def _as_text(part: str, records: Sequence[Record]) -> bytes:
+    lines = [
+        " ".join(value.text if isinstance(value, Word) else repr(value) for value in values)
+        for _, values in records
+    ]
+    return "\n".join([HEADS[part].format(len(records)), *lines, ""]).encode()
+
+
+def _as_binary(part: str, records: Sequence[Record]) -> bytes:
+    packed = [
+        struct.pack(f"<{form}", *(v.code if isinstance(v, Word) else v for v in values))
+        for form, values in records
+    ]
+    return b"".join([struct.pack("<Q", len(records)), *packed])
+
+
+def _records_of(rigs: RigsAndFrames, camera: Sequence[int]) -> dict[str, list[Record]]:
+    """Rigs and frames; `camera` has the index of that of each image."""
+    places = _motions(rigs.sensor_from_rig)
+    of_rigs: list[Record] = []
+    for number, (first, *others) in enumerate(rigs.cameras):
+        values = [number + 1, 1 + len(others), CAMERA, first + 1]
+        for row in others:
+            values += [CAMERA, row + 1, 1, *places[row]]
+        of_rigs.append((f"IIiI{'iIB7d' * len(others)}", values))
+    of_frames: list[Record] = []
+    motions = _motions(inverse(np.array([frame.world_from_rig for frame in rigs.frames])))
+    for number, (frame, motion) in enumerate(zip(rigs.frames, motions, strict=True)):
+        values = [number + 1, frame.rig + 1, *motion, len(frame.rows)]
+        for row in frame.rows:
+            values += [CAMERA, camera[row] + 1, row + 1]
+        of_frames.append((f"II7dI{'iIQ' * len(frame.rows)}", values))
+    return {"rigs": of_rigs, "frames": of_frames}
+
+
+def _motions(matrices: FloatArray) -> list[list[float]]:
+    """Quaternion, scalar first, and translation of motions."""
+    quaternions = to_quaternions(matrices[:, :3, :3])
+    found: list[list[float]] = np.hstack([quaternions, matrices[:, :3, 3]]).tolist()
+    return found
+
+
+def write(folder: Path, contents: Mapping[str, bytes], *, overwrite: bool) -> None:
+    """Write the files of a model; a model that is there is replaced as a whole, if at all."""
+    if folder.exists() and not folder.is_dir():
+        raise ConfigError("a folder for the COLMAP model wanted, got a file; give another name")
+    others = [folder / f"{name}.{end}" for name in HEADS for end in ("bin", "txt")]
+    there = [path for path in others if path.exists()]
+    if there and not overwrite:
+        raise ConfigError(f"{there[0].name} is there already; give another folder, or --overwrite")
+    is_new = not folder.exists()
+    folder.mkdir(exist_ok=True)
+    try:
+        with ExitStack() as stack:  # all are written before any takes its place
+            for name, data in contents.items():
+                stack.enter_context(writing(folder / name)).write_bytes(data)
+    except BaseException:
+        if is_new and not any(folder.iterdir()):
+            folder.rmdir()
+        raise
+    for path in there:
+        if path.name not in contents:
+            path.unlink()  # of the model that was replaced: the new one has no such part
