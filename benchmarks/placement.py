@@ -45,7 +45,7 @@ from rastercov.placement.select.problem import (
     problem_of,
     problem_of_matrix,
 )
-from rastercov.placement.select.thesis import select_thesis
+from rastercov.reference.thesis import select_thesis
 
 PARTS = ("methods", "published", "best", "large", "kills", "cells")
 

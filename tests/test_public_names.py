@@ -40,6 +40,7 @@ SURFACE = {
     "camera.formats.conventions": {
         *("Border", "DRIFT_OF_FILES", "LENS_MODELS", "OPENGL_AXES", "POSE_CONVENTIONS"),
         *("inverse_of", "metres_per", "unique"),
+        *("from_quaternions", "from_vectors", "motions", "to_quaternions"),
     },
     "coverage.coverage": {
         *("EVALUATE_BUDGET", "FIGURES", "PAIRS_A_BATCH", "POSES_A_BATCH", "UNITS"),

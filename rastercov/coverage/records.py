@@ -6,7 +6,7 @@ import numpy as np
 
 from rastercov.base.memory import aligned_array, read_only
 from rastercov.camera.camera import Camera
-from rastercov.camera.lenses.curved import curved_lens
+from rastercov.camera.lenses.of_camera import curved_lens
 from rastercov.kernels.cameras import CurvedLens, Lens
 from rastercov.kernels.criteria import (
     MOST_CORNERS,

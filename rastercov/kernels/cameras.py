@@ -198,7 +198,7 @@ def jacobian_through_lens(lens, x, y, z):
 
 @called_whole
 def _jacobian(code, params, x, y, z):
-    """See `kernels.jacobian`, which is long."""
+    """See `lens.jacobian`, which is long."""
     return kernels.jacobian(code, params, x, y, z)
 
 

@@ -275,7 +275,7 @@ def curved_areas(points, i, j, k, near, lens, work):
             sign = -1.0 if area < 0 else 1.0
             whole += sign * area
             inside += sign * part
-        for side in range(sides):  # what is outside the hole, as in `exact.lens_outlines`
+        for side in range(sides):  # what is outside the hole, as in `exact_lens.append_cut`
             beyond = beyond_side_of(polygon, m, plane.hole, side, work.spare)
             if beyond >= 3:
                 area, part, _ = polygon_image(plane, work.spare, 0, beyond, work.edges)

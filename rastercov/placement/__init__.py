@@ -63,7 +63,6 @@ from rastercov.placement.select.problem import (
     problem_of_matrix,
 )
 from rastercov.placement.select.selection import Selection
-from rastercov.placement.select.thesis import select_thesis
 
 __all__ = [
     "Access",
@@ -123,7 +122,6 @@ __all__ = [
     "select_greedy",
     "select_integer",
     "select_lazy",
-    "select_thesis",
     "tolerance",
     "what_is_left",
 ]

@@ -5,8 +5,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
-from rastercov.camera.projection import to_camera
-from rastercov.camera.rays import rays_of
+from rastercov.camera.projection import rays_of, to_camera
 from rastercov.camera.rig import cameras_of
 from rastercov.coverage.area.points import covering_poses
 from rastercov.coverage.area.regions import Regions

@@ -1,5 +1,6 @@
 """Scene of a viewer: a mesh, the cameras to begin with, and the plan or result they are of."""
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal, get_args, get_origin
 
@@ -9,10 +10,10 @@ from numpy.typing import NDArray
 
 import rastercov
 from rastercov.base.limits import annotations_of, documented, metadata_of
+from rastercov.camera.camera import Camera
 from rastercov.camera.camera_file import PRESETS
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
-from rastercov.models import MODELS
 from rastercov.placement.candidates.clearance import KeepOutBox, in_solid
 from rastercov.placement.improve.pose_space import PoseSpace
 from rastercov.viewer import lens
@@ -37,11 +38,8 @@ SEGMENT_OPTIONS: tuple[dict[str, Any], ...] = (
      "kind": "float", "low": 0.0, "high": 89.0, "choices": None, "default": 10.0,
      "is_optional": False, "unit": "deg"},
 )  # fmt: skip
-MODEL_OPTIONS: tuple[dict[str, Any], ...] = (
-    {"name": "model", "words": "Coverage model of the literature, or ours.",
-     "kind": "choice", "low": None, "high": None, "choices": list(MODELS),
-     "default": "image_space", "is_optional": False, "unit": ""},
-)  # fmt: skip
+Model = Callable[[Mesh, Camera, NDArray[np.float64], Task], NDArray[np.float64]]
+"""Coverage (P, F) of each face in each pose."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +61,8 @@ class Scene:
         Kind of a result folder that was opened, and words on it.
     notes : tuple of str
         What was read and could not be kept.
+    models : mapping
+        Coverage models by name that may colour the faces.
     """
 
     title: str
@@ -73,6 +73,7 @@ class Scene:
     meshes: tuple[dict[str, Any], ...] = ()
     result: dict[str, str] | None = None
     notes: tuple[str, ...] = field(default=())
+    models: Mapping[str, Model] = field(default_factory=dict)
 
     @property
     def has_constraints(self) -> bool:
@@ -113,7 +114,7 @@ class Scene:
                 for each in lens.FIELDS
             ],
             "presets": list(PRESETS),
-            "modes": modes(),
+            "modes": modes(self.models),
             "constraints": self._constraints() | {"is_kept": is_kept},
             "can_edit": can_edit,
             "result": self.result,
@@ -156,18 +157,31 @@ class Scene:
         return {"boxes": boxes, "keep_out": volumes}
 
 
-def modes() -> list[dict[str, Any]]:
+def model_options(models: Mapping[str, Model]) -> tuple[dict[str, Any], ...]:
+    """Options of the mode that colours by a coverage model."""
+    return (
+        {"name": "model", "words": "Coverage model of the literature, or ours.",
+         "kind": "choice", "low": None, "high": None, "choices": list(models),
+         "default": "image_space", "is_optional": False, "unit": ""},
+    )  # fmt: skip
+
+
+def modes(models: Mapping[str, Model]) -> list[dict[str, Any]]:
     """Ways to colour the faces, in the order of a page."""
     found = [
         {"id": name, "label": label, "words": words, "panel": "network", "options": []}
         for name, (label, words, _) in NETWORK_MODES.items()
     ]
+    of_models = {
+        "id": "model", "label": "Model", "panel": "network",
+        "options": list(model_options(models)),
+        "words": "Greatest coverage by any camera, by a model of the literature.",
+    }  # fmt: skip
     return [
         *found,
         {"id": "area", "label": "Exact area", "panel": "network", "options": [],
          "words": "Share of the exact area of each face that is covered."},
-        {"id": "model", "label": "Model", "panel": "network", "options": list(MODEL_OPTIONS),
-         "words": "Greatest coverage by any camera, by a model of the literature."},
+        *([of_models] if models else []),
         {"id": "single", "label": "One camera", "panel": "camera", "options": [],
          "words": "Coverage by the chosen camera: grey in proportion to it."},
         {"id": "segments", "label": "Segments", "panel": "object",

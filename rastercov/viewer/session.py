@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
 from rastercov.coverage.area.network import AreaNetwork
-from rastercov.models import MODELS
 from rastercov.placement.candidates.segments import Segmentation, segment
 from rastercov.placement.improve.pose_space import PoseSpace
 from rastercov.viewer import colours
@@ -28,7 +27,13 @@ from rastercov.viewer.colours import Painted
 from rastercov.viewer.image import camera_png
 from rastercov.viewer.measurements import Measurements, NetworkFigures, exact_area
 from rastercov.viewer.rig_state import History, RigState
-from rastercov.viewer.scene import MODEL_OPTIONS, SEGMENT_OPTIONS, Scene, described_state, modes
+from rastercov.viewer.scene import (
+    SEGMENT_OPTIONS,
+    Scene,
+    described_state,
+    model_options,
+    modes,
+)
 from rastercov.viewer.why import why
 
 FloatArray = NDArray[np.float64]
@@ -102,7 +107,7 @@ class Session:
         """
         request = request_of(entries)
         with self.lock:
-            colours.mode_of(request.mode, [each["id"] for each in modes()])
+            colours.mode_of(request.mode, [each["id"] for each in modes(self.scene.models)])
             self._edit(request)
             return self.frame(request.mode, request.options, request.station)
 
@@ -257,7 +262,7 @@ class Session:
             areas = np.maximum(np.asarray(mesh.areas), np.finfo(float).tiny)
             return colours.by_share(mesh, covered / areas)
         if mode == "model":
-            name = _option(MODEL_OPTIONS, options, "model")
+            name = _option(model_options(self.scene.models), options, "model")
             return colours.by_coverage(self._by_model(state, name))
         if mode == "segments":
             alpha, beta = (_option(SEGMENT_OPTIONS, options, n) for n in ("alpha_deg", "beta_deg"))
@@ -271,13 +276,14 @@ class Session:
 
     def _by_model(self, state: RigState, name: str) -> NetworkFigures:
         """Figures with the coverage of a model in place of ours."""
-        if name not in MODELS:
-            raise ConfigError(f"model must be one of {', '.join(MODELS)}, got {shown(name)}")
+        models = self.scene.models
+        if name not in models:
+            raise ConfigError(f"model must be one of {', '.join(models)}, got {shown(name)}")
         figures = NetworkFigures(self.scene.mesh, state, self.measurements.rows(state, state.on))
         figures.best[:] = 0
         for station in state.on:
             camera = state.camera_of(station)
-            found = MODELS[name](self.scene.mesh, camera, station.pose[None], state.task)[0]
+            found = models[name](self.scene.mesh, camera, station.pose[None], state.task)[0]
             np.maximum(figures.best, found.astype(np.float32), out=figures.best)
         return figures
 

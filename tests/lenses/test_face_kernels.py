@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from lens_cameras import CAMERAS
 from nightly import examples
 
-from rastercov.camera.rays import rays_of
+from rastercov.camera.projection import rays_of
 from rastercov.camera.viewpoints import sphere_of_poses
 from rastercov.coverage.records import lens_of, scene_of, workspace
 from rastercov.kernels.criteria import facing_density, image_of_face, project

@@ -18,7 +18,7 @@ from rastercov.placement.select.integer import select_integer
 from rastercov.placement.select.presolve import presolve
 from rastercov.placement.select.problem import BestCoverage, FewestCameras
 from rastercov.placement.select.selection import in_order
-from rastercov.placement.select.thesis import select_thesis
+from rastercov.reference.thesis import select_thesis
 
 SELECTORS = {
     "plain": lambda problem: select_greedy(problem, effort=0),

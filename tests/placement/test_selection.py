@@ -42,7 +42,7 @@ from rastercov.placement.select.problem import (
     problem_of_matrix,
 )
 from rastercov.placement.select.selection import bound_of, in_order
-from rastercov.placement.select.thesis import select_thesis
+from rastercov.reference.thesis import select_thesis
 
 QUICK = 200_000
 """Effort of the greedy search in tests."""

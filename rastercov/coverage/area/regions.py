@@ -469,8 +469,7 @@ def _criteria(camera: Camera, task: Task, index: int, pixel_error: float, size: 
     mesh, metres.
     """
     from rastercov.base.memory import read_only
-    from rastercov.camera.lenses.field import fields_of
-    from rastercov.camera.lenses.of_camera import planes_of, slopes_of
+    from rastercov.camera.lenses.of_camera import fields_of, planes_of, slopes_of
     from rastercov.coverage.records import pinhole_of
     from rastercov.kernels.area_plane import Criteria, LensCriteria
 

@@ -16,7 +16,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rastercov.camera.image_boxes import box_corners
+from rastercov.camera.projection import box_corners
 from rastercov.mesh import Mesh
 from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
 from rastercov.placement.candidates.clearance import (

@@ -43,7 +43,7 @@ class AnyProblem(ABC):
     face_group : (F,) int32
         Index into `groups`.
     mean_coverage : (C,) float64
-        Mean coverage over all faces, for `select_thesis`.
+        Mean coverage over all faces, for `rastercov.reference.thesis`.
     """
 
     weights: FloatArray
