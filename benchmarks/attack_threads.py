@@ -25,9 +25,9 @@ from rows import Report, arguments
 
 import rastercov as rc
 from rastercov.mesh import shapes
-from rastercov.models import scott, zhang
-from rastercov.models.line_of_sight import LineOfSight
 from rastercov.placement.matrix import build_matrix
+from rastercov.reference.models import scott, zhang
+from rastercov.reference.models.line_of_sight import LineOfSight
 
 RUNS, CALLERS, CALLS = 12, 6, 5
 SHARED = ("certified", "exact", "sampled", "supersample", "rasteriser")

@@ -32,10 +32,10 @@ from rastercov.base.errors import DeviceError
 from rastercov.coverage.coverage import evaluate_batches
 from rastercov.coverage.criteria import face_geometry, in_focus
 from rastercov.mesh import shapes
-from rastercov.models import MODELS, zhang
-from rastercov.models.line_of_sight import LineOfSight
 from rastercov.reference import rational
 from rastercov.reference.algorithm1 import occlusion
+from rastercov.reference.models import MODELS, zhang
+from rastercov.reference.models.line_of_sight import LineOfSight
 
 FloatArray = NDArray[np.float64]
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from rastercov.camera.camera import Camera
 from rastercov.camera.near_plane import near_limit
-from rastercov.camera.projection import clip_near, clip_to_image, polygon_area, to_image
+from rastercov.camera.projection import clip_near, clip_polygons, to_image
 from rastercov.coverage.criteria import FaceGeometry
 from rastercov.mesh import Mesh
 
@@ -133,3 +133,24 @@ def _pixel_density(
         # The square of the depth would underflow for a very small mesh.
         worst = np.minimum(worst, det / (greatest * w))
     return worst
+
+
+def polygon_area(corners: FloatArray, counts: IntArray) -> FloatArray:
+    """Area of each polygon by (3.9), px^2, positive where it runs clockwise in the image (v down).
+
+    Corners are padded as `clip_polygons` returns them, (N, K, 2); fewer than 3 have no area.
+    """
+    local = corners - corners[:, :1]  # differences first: no cancellation far from the origin
+    ahead = np.roll(local, -1, axis=1)
+    twice = (local[..., 0] * ahead[..., 1] - local[..., 1] * ahead[..., 0]).sum(axis=1)
+    return np.where(counts >= 3, twice / 2, 0.0)
+
+
+def clip_to_image(
+    corners: FloatArray, counts: IntArray, camera: Camera
+) -> tuple[FloatArray, IntArray]:
+    """Image polygons cut at the image border: (N, K, 2) -> (N, K + 4, 2) and their counts."""
+    for axis, side in ((0, camera.width), (1, camera.height)):
+        corners, counts = clip_polygons(corners, counts, corners[..., axis])
+        corners, counts = clip_polygons(corners, counts, side - corners[..., axis])
+    return corners, counts

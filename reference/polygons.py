@@ -72,7 +72,7 @@ def visible_area(
     cull : bool
         Faces seen from behind are neither seen nor hide.
     near : float, optional
-        Depth in metres below which nothing is seen; `projection.near_limit` unless given.
+        Depth in metres below which nothing is seen; `near_plane.near_limit` unless given.
 
     Returns
     -------

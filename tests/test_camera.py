@@ -10,13 +10,13 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 import rastercov as rc
-from rastercov import models
 from rastercov.base.checks import MAX_IMAGE_SIDE
 from rastercov.base.errors import CameraError
 from rastercov.camera.camera import Camera
 from rastercov.camera.camera_file import PRESETS
 from rastercov.camera.models import MODELS
 from rastercov.mesh import shapes
+from rastercov.reference import models
 
 INTRINSICS = {"width": 640, "height": 480, "fx": 500.0, "fy": 510.0}
 LENS = {"width": 640, "height": 480, "focal_length": 8e-3, "pixel_size": 5e-6}

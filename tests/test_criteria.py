@@ -10,11 +10,12 @@ from scenes import square
 
 from rastercov.camera.camera import Camera
 from rastercov.camera.near_plane import near_limit
-from rastercov.camera.projection import clip_near, polygon_area, to_camera, to_image
+from rastercov.camera.projection import clip_near, to_camera, to_image
 from rastercov.camera.viewpoints import look_at
 from rastercov.coverage.criteria import face_geometry, in_focus
 from rastercov.kernels.criteria import incidence_angle
 from rastercov.mesh import Group, Mesh, shapes
+from rastercov.reference.criteria import polygon_area
 
 CAMERA = Camera(width=200, height=200, fx=100, fy=100)
 UNEVEN = Camera(width=640, height=480, fx=500, fy=400, cx=100, cy=350)

@@ -1,7 +1,6 @@
 """Faces judged eight at a time by SIMD, against the same faces one by one."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,22 +9,23 @@ from hypothesis import strategies as st
 from nightly import examples
 
 from rastercov import Camera, Mesh, Task, evaluate, open_observer, sphere_of_poses
-from rastercov.base.memory import CACHE_LINE, aligned_array
+from rastercov.base.memory import CACHE_LINE, aligned_array, read_only
 from rastercov.camera.pose import Poses
-from rastercov.coverage import records
-from rastercov.coverage.coverage import FIGURES
+from rastercov.coverage.coverage import FIGURES, measurements
 from rastercov.coverage.coverage_pass import CoveragePass
+from rastercov.coverage.judged_poses import Part
 from rastercov.coverage.network import Network
 from rastercov.coverage.pairs import CHOICES
 from rastercov.coverage.task import Reason
-from rastercov.kernels import face_blocks as blocks
+from rastercov.kernels import coverage as kernels
+from rastercov.kernels import decision, network
+from rastercov.kernels.decision import AT_A_TIME
 from rastercov.mesh import shapes
 from rastercov.raster.observation import BoundKind
 
 CAMERA = Camera(width=200, height=160, fx=170, fy=150, focus_range=(0.5, 6.0))
-BY_FACE = 1e-300
-"""Least pixels on a square metre that every face in view has; a task with it is judged face by
-face."""
+FEW = AT_A_TIME - 1
+"""Faces of a part of a mesh that are measured one by one: there is no block of that many."""
 KIND_OF_BOUND = {"certified": {}, "exact": {}, "sampled": {"backend": "cpu", "supersample": 2}}
 
 
@@ -58,6 +58,7 @@ def task(rng, poses, mesh):
         max_incidence_deg=float(limit),
         min_pixel_density=float(rng.choice([0.0, 20.0, 80.0])),
         min_facing_density=float(rng.choice([0.0, 40.0, 60.0])),
+        min_pixels_per_m2=float(rng.choice([0.0, 0.0, 900.0])),
         min_coverage=float(rng.choice([0.0, 0.3])),
         focus_rule=str(rng.choice(["centroid", "vertices"])),
         cap_resolution=bool(rng.uniform() < 0.5),
@@ -66,6 +67,72 @@ def task(rng, poses, mesh):
 
 def sums(network):
     return {n: v for n, v in vars(network).items() if isinstance(v, np.ndarray | list | float)}
+
+
+def parts_of(judge, measured, poses):
+    """Arguments scene, lens, seen and work of the loops, for a few faces at a time."""
+    whole, lens, seen, work = [], [], [], []
+    judge.share(measured, poses, lambda scope: lambda rows, index: whole.append(scope(index)))
+    scene, lens, seen, work = whole[0]
+    for first in range(0, judge.mesh.n_faces, FEW):
+        part = slice(first, first + FEW)
+        of_faces = {
+            name: read_only(getattr(scene, name)[part].copy())
+            for name in ("faces", "normals", "degenerate", "two_sided", "offsets")
+        }
+        of_pairs = {
+            name: read_only(getattr(seen, name)[:, part].copy())
+            for name in ("visible", "drawn", "kind", "area_error")
+            if getattr(seen, name).size
+        }
+        yield part, (scene._replace(**of_faces), lens, seen._replace(**of_pairs), work)
+
+
+def one_by_one(judge, measured, poses):
+    """Figures of all faces, each measured by itself."""
+    shape = len(poses), judge.mesh.n_faces
+    figures = {name: np.empty(shape, kind) for name, kind in FIGURES.items()}
+    for part, scope in parts_of(judge, measured, poses):
+        few = {n: np.empty_like(each[:, part], order="C") for n, each in figures.items()}
+        out = kernels.record(few)
+        kernels.judge_poses((0, len(poses)), *scope, judge.rules[0], out, 0)
+        kernels.replace_by_angles(out.incidence)
+        for name, each in few.items():
+            figures[name][:, part] = each
+    return figures
+
+
+def added_one_by_one(judge, measured, poses, choice):
+    """Sums of a network over all faces, each measured by itself, and rows by pose and face."""
+    mesh, found, rows = judge.mesh, [], []
+    for part, scope in parts_of(judge, measured, poses):
+        n = len(range(mesh.n_faces)[part])
+        totals = Part(mesh, len(poses)).sums
+        totals = totals._replace(**{k: getattr(totals, k)[:n] for k in BY_FACE})
+        memory = network.PairRows(
+            *(np.empty(len(poses) * n, network.ROW_TYPES[k]) for k in network.PairRows._fields)
+        )
+        counts = np.zeros(len(poses), np.int64)
+        sink = network.Sink(CHOICES.index(choice), poses.ids, counts, memory)
+        scored, covered = read_only(mesh.task_mask[part].copy()), np.zeros(len(poses), np.int64)
+        for row in range(len(poses)):
+            network.add_pose(
+                row, row, *scope, judge.rules[0], scored, totals, covered, np.empty(n), sink
+            )
+            some = slice(row * n, row * n + counts[row])
+            rows.append(memory._replace(face=memory.face + part.start))
+            rows[-1] = [column[some].copy() for column in rows[-1]]
+        found.append(totals)
+    whole = {name: np.concatenate([getattr(each, name) for each in found]) for name in BY_FACE}
+    whole["kinds"] = sum(each.kinds for each in found)
+    whole["bounds"] = np.max([each.bounds for each in found], axis=0)
+    columns = [np.concatenate(column) for column in zip(*rows, strict=True)]
+    order = np.lexsort((columns[1], columns[0]))
+    return whole, [column[order] for column in columns]
+
+
+BY_FACE = ("views", "best", "best_row", "reason")
+"""Sums of a network of each face."""
 
 
 @pytest.mark.slow
@@ -77,37 +144,39 @@ def test_eight_faces_are_judged_as_one_is(method, seed):
     mesh, options = scene(rng), KIND_OF_BOUND[method]
     distance = float(10 ** rng.uniform(0, 1))
     poses = Poses.of(sphere_of_poses((0, 0, 0), distance, 4))
-    once = task(rng, poses, mesh)
-    one_by_one = replace(once, min_pixels_per_m2=BY_FACE)
-    found, expected = (
-        evaluate(mesh, CAMERA, poses, each, method=method, **options) for each in (once, one_by_one)
-    )
-    for name in FIGURES:
-        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name), name)
-    some = tuple(rng.choice(list(FIGURES), 3, replace=False))
-    few = evaluate(mesh, CAMERA, poses, once, method=method, fields=some, **options)
-    for name in some:
-        np.testing.assert_array_equal(getattr(few, name), getattr(expected, name), name)
+    chosen = task(rng, poses, mesh)
+    found = evaluate(mesh, CAMERA, poses, chosen, method=method, **options)
     with open_observer(mesh, CAMERA, method, threads=1, **options) as observer:
+        judge = CoveragePass(observer, chosen)
+        measured = next(measurements(observer, poses))[-1]
+        expected = one_by_one(judge, measured, poses)
+        for name in FIGURES:
+            np.testing.assert_array_equal(getattr(found, name), expected[name], name)
+        observed = {name: np.empty_like(each) for name, each in expected.items()}
+        judge.fill(observer.observe(poses), poses, observed)  # counts as areas, with their kinds
+        np.testing.assert_equal(observed, expected)
+        some = tuple(rng.choice(list(FIGURES), 3, replace=False))
+        few = evaluate(mesh, CAMERA, poses, chosen, method=method, fields=some, **options)
+        for name in some:
+            np.testing.assert_array_equal(getattr(few, name), expected[name], name)
+        whole = Network(mesh, chosen)
+        whole.add(found)
         for pairs in CHOICES:
-            networks, rows = [], []
-            for each in (once, one_by_one):
-                networks.append(Network(mesh, each))
-                for batch in networks[-1].judge(observer, poses, pairs=pairs, keep=(0, 2)):
-                    rows.append((batch.rows, batch.kept))
-                    networks[-1].add(batch)
-            whole = Network(mesh, once)
-            whole.add(found)
-            np.testing.assert_equal(sums(networks[0]), sums(networks[1]))
-            np.testing.assert_equal(sums(networks[0]), sums(whole))
-            np.testing.assert_equal(rows[0], rows[1])
+            total = Network(mesh, chosen)
+            (batch,) = total.judge(observer, poses, pairs=pairs)
+            total.add(batch)
+            ((_, part),) = batch.parts
+            of_faces, rows = added_one_by_one(judge, measured, poses, pairs)
+            np.testing.assert_equal(part.sums._asdict(), of_faces)
+            np.testing.assert_equal(list(batch.rows), rows)
+            np.testing.assert_equal(sums(total), sums(whole))
 
 
 def test_codes_are_those_of_the_package():
     for code in BoundKind:
-        assert getattr(blocks, code.name) == code
+        assert getattr(decision, code.name) == code
     for code in Reason:
-        assert getattr(blocks, code.name) == code
+        assert getattr(decision, code.name) == code
 
 
 @pytest.mark.parametrize("skew", [0, 1, 3, 7])
@@ -127,22 +196,3 @@ def test_figures_are_the_same_in_any_place(skew):
     for name, found in figures.items():
         np.testing.assert_array_equal(found, getattr(expected, name))
         assert getattr(expected, name).ctypes.data % CACHE_LINE == 0
-
-
-def test_faces_in_the_image_are_judged_in_blocks(monkeypatch):
-    """Otherwise this file would compare the same loop with itself."""
-    mesh = shapes.torus(16, 8)
-    workspaces, workspace = [], records.workspace
-
-    def kept(*arguments):
-        workspaces.append(workspace(*arguments))
-        workspaces[-1].block[:] = np.nan
-        return workspaces[-1]
-
-    monkeypatch.setattr(records, "workspace", kept)
-    radius = 4 * float(np.abs(mesh.bounds).max())
-    poses = sphere_of_poses(mesh.bounds.mean(axis=0), radius, 1)
-    for limit, is_filled in ((0.0, True), (BY_FACE, False)):
-        workspaces.clear()
-        evaluate(mesh, CAMERA, poses, Task(min_pixels_per_m2=limit), threads=1)
-        assert np.isfinite(workspaces[0].block).all() == is_filled

@@ -10,17 +10,17 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from rastercov.camera.camera import Camera
-from rastercov.camera.image_boxes import box_corners, image_boxes
 from rastercov.camera.near_plane import NEAR_TO_FAR, depth_range, near_limit, nearest_depth_in_view
 from rastercov.camera.projection import (
+    box_corners,
     clip_near,
     clip_polygons,
-    clip_to_image,
-    polygon_area,
+    image_boxes,
     to_camera,
     to_image,
 )
 from rastercov.camera.viewpoints import look_at
+from rastercov.reference.criteria import clip_to_image, polygon_area
 
 # The pyramid of this camera has the sides x = z, x = -z, y = z and y = -z.
 CAMERA = Camera(width=200, height=200, fx=100, fy=100)

@@ -40,6 +40,7 @@ SURFACE = {
     "camera.formats.conventions": {
         *("Border", "DRIFT_OF_FILES", "LENS_MODELS", "OPENGL_AXES", "POSE_CONVENTIONS"),
         *("inverse_of", "metres_per", "unique"),
+        *("from_quaternions", "from_vectors", "motions", "to_quaternions"),
     },
     "coverage.coverage": {
         *("EVALUATE_BUDGET", "FIGURES", "PAIRS_A_BATCH", "POSES_A_BATCH", "UNITS"),
@@ -69,7 +70,7 @@ SURFACE = {
     "raster.contract": {"MAX_RENDERED", "MAX_SUPERSAMPLE", "check_counts", "check_picture"},
     "raster.observation": set(),
     "coverage.observer": set(),
-    "coverage.task": {"THESIS", "Limits"},
+    "coverage.task": {"THESIS", "Rules"},
     "camera.views": {"MOST_NAMES"},
     "camera.viewpoints": {
         *("LARGEST_ANGLE", "WIDEST_DEG", "enclosing_distance", "fibonacci_sphere", "half_angles"),

@@ -13,10 +13,10 @@ import rastercov as rc
 from rastercov.coverage.coverage import FIGURES
 from rastercov.coverage.task import Reason
 from rastercov.mesh import Mesh, shapes
-from rastercov.models import MODELS
 from rastercov.placement import what_is_left
 from rastercov.reference.algorithm1 import occlusion
 from rastercov.reference.coverage import figures_of_pose
+from rastercov.reference.models import MODELS
 
 METHODS = ("certified", "exact", "sampled:cpu", "sampled:cpu@3", "sampled:surfaceless")
 ROOM = shapes.room(4)

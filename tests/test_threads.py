@@ -29,7 +29,7 @@ from rastercov.exact import surface
 from rastercov.kernels import jit as compiled
 from rastercov.kernels import raster_loops as kernels
 from rastercov.mesh import contacts, shapes
-from rastercov.models.scott import coverage as scott_coverage
+from rastercov.reference.models.scott import coverage as scott_coverage
 
 ATTACK = Path(__file__).resolve().parents[1] / "benchmarks" / "attack_threads.py"
 CAMERA = rc.Camera(width=96, height=80, fx=85, fy=90)

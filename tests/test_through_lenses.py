@@ -11,12 +11,17 @@ from lens_cameras import CAMERAS, SIDE
 
 import rastercov as rc
 from rastercov import Camera, ConfigError
-from rastercov.camera.image_boxes import image_boxes
 from rastercov.camera.lenses.of_camera import lens_of
 from rastercov.camera.models import MODELS
 from rastercov.camera.near_plane import depth_from_near
-from rastercov.camera.projection import to_camera, to_image
-from rastercov.camera.rays import border_of, rays_of, view_border
+from rastercov.camera.projection import (
+    border_of,
+    image_boxes,
+    rays_of,
+    to_camera,
+    to_image,
+    view_border,
+)
 from rastercov.camera.viewpoints import WIDEST_DEG, enclosing_distance, half_angles, sphere_of_poses
 from rastercov.mesh import shapes
 

@@ -21,18 +21,26 @@ def was_interrupted() -> bool:
     return bool(_came)
 
 
+def forget_interrupts() -> None:
+    """Begin anew: signals that came before say nothing about what follows."""
+    _came.clear()
+
+
 AGAIN_S = 0.05
 """Seconds until an interrupt comes again that was lost."""
+_again: list[threading.Timer] = []
 
 
 def come_again(lost: Any) -> None:
     """Raise an interrupt anew that a callback of a library swallowed, as `sys.unraisablehook`."""
     if lost.exc_type is KeyboardInterrupt and _came:
+        for earlier in _again:  # one is enough, and a second would meet the report of the first
+            earlier.cancel()
         # To the main thread, whose call of the system it ends.
         main = threading.main_thread().ident
-        again = threading.Timer(AGAIN_S, signal.pthread_kill, (main, _came[-1]))
-        again.daemon = True
-        again.start()
+        _again[:] = [threading.Timer(AGAIN_S, signal.pthread_kill, (main, _came[-1]))]
+        _again[0].daemon = True
+        _again[0].start()
     else:
         sys.__unraisablehook__(lost)
 

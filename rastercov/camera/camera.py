@@ -55,7 +55,7 @@ class Camera:
         Principal point in pixels; the image centre unless given.
     near : float, optional
         Surfaces nearer than this depth are not seen, metres. 0 (the default) leaves only the
-        numerical limit of `projection.near_limit`.
+        numerical limit of `near_plane.near_limit`.
     focal_length : float, optional
         f in metres.
     pixel_size : (float, float), optional

@@ -2,6 +2,11 @@
 
 Equations are in docs/cameras.md. A ray (x, y) = (X/Z, Y/Z), or its angle for a fisheye, is moved by
 radial, tangential and thin-prism terms, and fx, fy, cx, cy and the skew make pixels of it.
+
+`PROGRAMS` has the models of other programs with their parameters, which readers and writers of
+`rastercov.camera.formats` go by. Sources: COLMAP 4.2 `src/colmap/sensor/models.h`; Kalibr wiki,
+"Supported models"; Agisoft Metashape Professional manual 2.1, appendix "Camera models"; OpenSfM
+documentation, "Camera Models"; nerfstudio documentation, "Data conventions".
 """
 
 import math
@@ -60,6 +65,85 @@ MODELS: Mapping[str, Model] = {
 """Models by name. "opencv" and "opencv_fisheye" are OpenCV's; the next two, "fov" and "division"
 COLMAP's THIN_PRISM_FISHEYE, RAD_TAN_THIN_PRISM_FISHEYE, FOV and DIVISION; "fisheye62" OpenSfM's
 fisheye62 and fisheye624; "omni", "eucm" and "double_sphere" Kalibr's with radtan distortion."""
+
+
+class Foreign(NamedTuple):
+    """Model of another program: ours, and its parameters in order, with our letters.
+
+    One of Brown's model is "opencv" here, also where it has no coefficients.
+    """
+
+    ours: str
+    parameters: str = ""
+
+
+_FISHEYE_62 = "k1 k2 k3 k4 k5 k6 p1 p2"
+_LATE = MODELS["rad_tan_thin_prism_fisheye"].coefficients
+PROGRAMS: Mapping[str, Mapping[str, Foreign]] = {
+    "colmap": {  # in the order of their ids, from 0
+        "SIMPLE_PINHOLE": Foreign("opencv", "f cx cy"),
+        "PINHOLE": Foreign("opencv", "fx fy cx cy"),
+        "SIMPLE_RADIAL": Foreign("opencv", "f cx cy k1"),
+        "RADIAL": Foreign("opencv", "f cx cy k1 k2"),
+        "OPENCV": Foreign("opencv", "fx fy cx cy k1 k2 p1 p2"),
+        "OPENCV_FISHEYE": Foreign("opencv_fisheye", "fx fy cx cy k1 k2 k3 k4"),
+        "FULL_OPENCV": Foreign("opencv", "fx fy cx cy k1 k2 p1 p2 k3 k4 k5 k6"),
+        "FOV": Foreign("fov", "fx fy cx cy omega"),
+        "SIMPLE_RADIAL_FISHEYE": Foreign("opencv_fisheye", "f cx cy k1"),
+        "RADIAL_FISHEYE": Foreign("opencv_fisheye", "f cx cy k1 k2"),
+        "THIN_PRISM_FISHEYE": Foreign("thin_prism_fisheye", "fx fy cx cy k1 k2 p1 p2 k3 k4 s1 s3"),
+        # Its p0 and p1 are OpenCV's p2 and p1.
+        "RAD_TAN_THIN_PRISM_FISHEYE": Foreign("rad_tan_thin_prism_fisheye", f"fx fy cx cy {_LATE}"),
+        "SIMPLE_DIVISION": Foreign("division", "f cx cy k"),
+        "DIVISION": Foreign("division", "fx fy cx cy k"),
+        "SIMPLE_FISHEYE": Foreign("opencv_fisheye", "f cx cy"),
+        "FISHEYE": Foreign("opencv_fisheye", "fx fy cx cy"),
+        "EUCM": Foreign("eucm", "fx fy cx cy alpha beta"),
+        "EQUIRECTANGULAR": Foreign("equirectangular", "w h"),
+    },
+    "kalibr": {  # camera and distortion model; parameters after cy are those of distortion
+        "pinhole-none": Foreign("opencv", "fx fy cx cy"),
+        "pinhole-radtan": Foreign("opencv", "fx fy cx cy k1 k2 p1 p2"),
+        "pinhole-equi": Foreign("opencv_fisheye", "fx fy cx cy k1 k2 k3 k4"),
+        "pinhole-equidistant": Foreign("opencv_fisheye", "fx fy cx cy k1 k2 k3 k4"),
+        "pinhole-fov": Foreign("fov", "fx fy cx cy omega"),
+        "omni-none": Foreign("omni", "xi fx fy cx cy"),
+        "omni-radtan": Foreign("omni", "xi fx fy cx cy k1 k2 p1 p2"),
+        "eucm-none": Foreign("eucm", "alpha beta fx fy cx cy"),
+        "eucm-radtan": Foreign("eucm", "alpha beta fx fy cx cy k1 k2 p1 p2"),
+        "ds-none": Foreign("double_sphere", "xi alpha fx fy cx cy"),
+        "ds-radtan": Foreign("double_sphere", "xi alpha fx fy cx cy k1 k2 p1 p2"),
+    },
+    "metashape": {
+        "frame": Foreign("metashape", "k1 k2 k3 k4 p1 p2"),
+        "fisheye": Foreign("metashape_fisheye", "k1 k2 k3 k4 p1 p2"),
+        "equidistant_fisheye": Foreign("metashape_fisheye", "k1 k2 k3 k4 p1 p2"),
+        "equisolid_fisheye": Foreign("metashape_equisolid", "k1 k2 k3 k4 p1 p2"),
+        "spherical": Foreign("equirectangular"),
+    },
+    "nerfstudio": {
+        **dict.fromkeys(
+            ("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV"),
+            Foreign("opencv", "k1 k2 k3 k4 p1 p2"),
+        ),
+        "OPENCV_FISHEYE": Foreign("opencv_fisheye", "k1 k2 k3 k4"),
+        "EQUIRECTANGULAR": Foreign("equirectangular"),
+        "FISHEYE624": Foreign("rad_tan_thin_prism_fisheye", _LATE),
+    },
+    "opensfm": {
+        "perspective": Foreign("opencv", "k1 k2"),
+        "simple_radial": Foreign("opencv", "k1"),
+        "radial": Foreign("opencv", "k1 k2"),
+        "brown": Foreign("opencv", "k1 k2 p1 p2 k3"),
+        "fisheye": Foreign("opencv_fisheye", "k1 k2"),
+        "fisheye_opencv": Foreign("opencv_fisheye", "k1 k2 k3 k4"),
+        "fisheye62": Foreign("fisheye62", _FISHEYE_62),
+        "fisheye624": Foreign("fisheye62", f"{_FISHEYE_62} s1 s2 s3 s4"),
+        "spherical": Foreign("equirectangular"),
+        "equirectangular": Foreign("equirectangular"),
+    },
+}
+"""Models of other programs by the names that they have there."""
 
 LARGEST = 1e12
 """Coefficient of any model at most."""
@@ -157,3 +241,22 @@ def lens_terms(model: str, distortion: Sequence[float]) -> dict[str, Any]:
         "tilt": of("tau_x", "tau_y"),
         "is_late": model == "rad_tan_thin_prism_fisheye",
     }
+
+
+def lens_of_parameters(ours: str, p: Mapping[str, float]) -> tuple[str, tuple[float, ...]]:
+    """Model and coefficients of a lens with these parameters by name, 0 where they are left out.
+
+    Brown's model has as few as hold all that are not 0, and is a pinhole where all are.
+    """
+    names = MODELS[ours].coefficients.split()
+    values = tuple(p.get(name, 0.0) for name in names)
+    if ours == "opencv":
+        values = values[: opencv_length(values, 4, 5, 8, 12, 14)]
+        return (ours, values) if any(values) else ("pinhole", ())
+    least = max((row + 1 for row, name in enumerate(names) if name in p), default=len(names[:1]))
+    return ours, values[: next(n for n in MODELS[ours].counts or (len(names),) if n >= least)]
+
+
+def opencv_length(values: Sequence[float], *lengths: int) -> int | None:
+    """The least of these lengths that keeps all coefficients which are not 0; None for none."""
+    return next((n for n in lengths if not any(values[n:])), None)

@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.camera.camera import Camera
-from rastercov.camera.image_boxes import box_corners
 from rastercov.camera.pose import Poses
-from rastercov.camera.projection import clip_near, clip_polygons, to_camera
+from rastercov.camera.projection import box_corners, clip_near, clip_polygons, to_camera
 from rastercov.mesh import Mesh
 
 FloatArray = NDArray[np.float64]

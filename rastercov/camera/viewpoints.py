@@ -12,8 +12,7 @@ from rastercov.base.errors import ConfigError, PoseError
 from rastercov.camera.camera import Camera
 from rastercov.camera.models import MODELS
 from rastercov.camera.pose import real_numbers
-from rastercov.camera.projection import to_image
-from rastercov.camera.rays import border_of, rays_of
+from rastercov.camera.projection import border_of, rays_of, to_image
 from rastercov.mesh import Mesh
 
 FloatArray = NDArray[np.float64]

@@ -10,7 +10,7 @@ from rastercov.base.errors import CameraError, PoseError
 from rastercov.base.format import area, percent, plural
 from rastercov.camera.formats import read_through
 from rastercov.camera.formats.conventions import Border, Conventions
-from rastercov.camera.formats.unit_doubts import unit_doubts
+from rastercov.camera.formats.doubts import unit_doubts
 from rastercov.cli import options
 from rastercov.cli.console import progress_bar, say, warn
 from rastercov.cli.inputs import arguments_of, read_scene

@@ -11,7 +11,7 @@ from rich.console import Console
 from rastercov.base.errors import ConfigError
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import Conventions
-from rastercov.camera.formats.unit_doubts import unit_doubts
+from rastercov.camera.formats.doubts import unit_doubts
 from rastercov.camera.pose import Poses
 from rastercov.cli import options
 from rastercov.cli.console import out_option, progress_bar, size_line, warn
@@ -72,9 +72,9 @@ def compare(
         _compare_models(scene, eye, matrices, out, as_json)
         return
     from rastercov.base.output import json_text
-    from rastercov.report import methods as report
+    from rastercov.reference.methods import compare as compared
+    from rastercov.reference.methods import report
     from rastercov.report.folder import ReportFolder
-    from rastercov.validation.methods import compare as compared
 
     warn(scene.warnings)
     with ReportFolder(out, report.COMPARISON) as folder:
@@ -110,9 +110,9 @@ def _compare_models(
 ) -> None:
     """Compare all coverage models, leave the page, and print a table or the JSON."""
     from rastercov.base.output import json_text
-    from rastercov.report import models as report
+    from rastercov.reference.models import report
+    from rastercov.reference.models.comparison import compare_models, left_out
     from rastercov.report.folder import ReportFolder
-    from rastercov.validation.models.comparison import compare_models, left_out
 
     warn(mesh.warnings)
     warn(

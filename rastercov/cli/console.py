@@ -21,7 +21,7 @@ from rich.console import Console
 
 from rastercov.base.errors import RastercovError
 from rastercov.base.format import plural, shortened
-from rastercov.base.interrupts import ABANDONED, was_interrupted
+from rastercov.base.interrupts import ABANDONED, forget_interrupts, was_interrupted
 from rastercov.kernels.stopwatch import Stopwatch
 
 if TYPE_CHECKING:
@@ -37,6 +37,7 @@ def exit_code(app: Callable[..., Any], arguments: Sequence[str]) -> int:
 
     RASTERCOV_TRACEBACK=1 in the environment raises unexpected errors instead.
     """
+    forget_interrupts()
     code = _outcome(app, arguments)
     try:
         if sys.stdout is not None:

@@ -13,7 +13,7 @@ from rich.console import Console
 from rastercov.base.errors import RastercovError
 from rastercov.base.format import plural
 from rastercov.camera.formats.conventions import Conventions
-from rastercov.camera.formats.unit_doubts import unit_doubts
+from rastercov.camera.formats.doubts import unit_doubts
 from rastercov.cli.console import out_option, progress_bar, say, size_line, warn
 from rastercov.cli.options import (
     AsJson,

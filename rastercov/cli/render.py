@@ -11,7 +11,7 @@ import typer
 from rastercov.base.errors import PoseError
 from rastercov.base.format import plural, verb
 from rastercov.camera.formats.conventions import Conventions
-from rastercov.camera.formats.unit_doubts import unit_doubts
+from rastercov.camera.formats.doubts import unit_doubts
 from rastercov.camera.pose import Poses
 from rastercov.cli import options
 from rastercov.cli.console import out_option, size_line, warn

@@ -49,8 +49,11 @@ def markers(
     [bold]In seconds[/]: rastercov validate markers --scenes 0
     """
     from rastercov.base.output import json_text
-    from rastercov.report.folder import ReportFolder
-    from rastercov.report.markers import (
+    from rastercov.reference.markers.detect import patterns
+    from rastercov.reference.markers.experiments import run_experiments
+    from rastercov.reference.markers.random_scenes import models, run_random
+    from rastercov.reference.markers.render import MarkerRenderer
+    from rastercov.reference.markers.report import (
         REQUIREMENTS,
         VALIDATION,
         Validation,
@@ -58,12 +61,8 @@ def markers(
         score_table,
         write_validation,
     )
-    from rastercov.report.markers import as_json as figures
-    from rastercov.validation.markers.detect import patterns
-    from rastercov.validation.markers.experiments import run_experiments
-    from rastercov.validation.markers.random_scenes import run_random
-    from rastercov.validation.markers.render import MarkerRenderer
-    from rastercov.validation.markers.scoring import models
+    from rastercov.reference.markers.report import as_json as figures
+    from rastercov.report.folder import ReportFolder
 
     with ReportFolder(out, VALIDATION) as folder, MarkerRenderer(patterns(), device) as renderer:
         with progress_bar() as progress:

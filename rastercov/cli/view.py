@@ -15,7 +15,7 @@ import typer
 from rastercov.base.errors import CameraError, ConfigError, MeshError
 from rastercov.base.format import plural
 from rastercov.camera.formats.conventions import Border, Conventions
-from rastercov.camera.formats.unit_doubts import unit_doubts
+from rastercov.camera.formats.doubts import unit_doubts
 from rastercov.camera.pose import Poses
 from rastercov.camera.views import Views
 from rastercov.cli import options
@@ -98,6 +98,7 @@ def view(
 
     [bold]A page to send[/]: rastercov view teapot -c khepra -p sphere:8 --export page.html
     """
+    from rastercov.reference.models import MODELS
     from rastercov.viewer.saving import check_name, export_page
     from rastercov.viewer.server import Address, redirect, serve
     from rastercov.viewer.session import Session
@@ -137,7 +138,7 @@ def view(
     start = scene.start
     doubts = unit_doubts(scene.mesh, start.rig(), start.poses())
     warn([*scene.mesh.warnings, *scene.notes, *doubts])
-    session = Session(scene, method)
+    session = Session(replace(scene, models=MODELS), method)
     print(f"{scene.title}: {size_line(scene.mesh)}, {plural(len(scene.start.stations), 'camera')}")
     if export is not None:
         print(export_page(session, export))

@@ -24,7 +24,7 @@ class CoveragePass(FacePass):
         if not isinstance(threads, int):
             threads = thread_count(None)
         super().__init__(observer.mesh, observer.camera, threads)
-        self.limits = [task.limits(camera) for camera in self.cameras]
+        self.rules = [task.rules(camera) for camera in self.cameras]
 
     def fill(self, measured: Measured, poses: Poses, figures: Mapping[str, NDArray[Any]]) -> None:
         """Fill (P, F) arrays with the figures of the poses of a measurement."""
@@ -35,8 +35,8 @@ class CoveragePass(FacePass):
 
         def worker(scope: Scope) -> Worker:
             def work(rows: slice, index: int) -> None:
-                limits = self.limits[index]
-                self.kernels.judge_poses((rows.start, rows.stop), *scope(index), limits, out, skew)
+                rules = self.rules[index]
+                self.kernels.judge_poses((rows.start, rows.stop), *scope(index), rules, out, skew)
                 if out.incidence.size:
                     self.kernels.replace_by_angles(out.incidence[rows])
 

@@ -14,6 +14,7 @@ from rastercov.base.threads import share_poses
 from rastercov.camera.near_plane import near_limits
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, cameras_of
+from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.raster.contract import FaceCounts
 from rastercov.raster.observation import Observation
@@ -56,15 +57,19 @@ class FacePass:
         exactly 0 for a hidden one, whatever the resolution: both counts come from the same samples.
         """
         shape = len(poses), self.mesh.n_faces
-        out = np.empty(shape), np.empty(shape), np.empty(shape, np.uint8)
+        value, bound, kind = np.empty(shape), np.empty(shape), np.empty(shape, np.uint8)
+        out = self.kernels.record(
+            {"visibility": value, "visibility_bound": bound, "visibility_kind": kind}
+        )
+        rules = Task().rules(self.cameras[0])  # of which none decides here
 
         def worker(scope: Scope) -> Worker:
-            return lambda rows, index: self.kernels.find_fractions(
-                (rows.start, rows.stop), *scope(index), *out
+            return lambda rows, index: self.kernels.judge_poses(
+                (rows.start, rows.stop), *scope(index), rules, out, 0
             )
 
         self.share(measured, poses, worker)
-        return out
+        return value, bound, kind
 
     def share(
         self, measured: Measured, poses: Poses, make_worker: Callable[[Scope], Worker]

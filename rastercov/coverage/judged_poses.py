@@ -11,7 +11,7 @@ from rastercov.base.memory import read_only
 from rastercov.camera.pose import Poses
 from rastercov.coverage.coverage import Coverage
 from rastercov.coverage.face_pass import Measured, Scope
-from rastercov.coverage.task import Limits
+from rastercov.coverage.task import Rules
 from rastercov.kernels.direct import DirectCalls
 from rastercov.mesh import Mesh
 from rastercov.raster.observation import BoundKind
@@ -166,7 +166,7 @@ class Part:
     def add_poses(
         self,
         scope: Scope,
-        limits: Sequence[Limits],
+        rules: Sequence[Rules],
         sink: "Sink",
         kept: dict[int, FloatArray],
         rows: slice,
@@ -178,7 +178,7 @@ class Part:
         own = self._is_scored, self.sums, self.covered_faces, coverage
         call = self._calls.setdefault(index, DirectCalls())
         for row in range(rows.start, rows.stop):
-            call(self.kernels.add_pose, row, rows.start, *arguments, limits[index], *own, sink)
+            call(self.kernels.add_pose, row, rows.start, *arguments, rules[index], *own, sink)
             drawn = seen.drawn[row]
             if seen.scale != 1 or drawn.dtype != np.float64:
                 drawn = np.divide(drawn, seen.scale, out=self._drawn)

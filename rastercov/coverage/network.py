@@ -194,7 +194,7 @@ class Network:
                 if camera not in own:
                     own[camera] = Part(self.mesh, len(poses))
                     parts.append((camera, own[camera]))
-                own[camera].add_poses(scope, judge.limits, sink, kept, rows, index)
+                own[camera].add_poses(scope, judge.rules, sink, kept, rows, index)
 
             return work
 

@@ -6,20 +6,19 @@ import numpy as np
 
 from rastercov.base.memory import aligned_array, read_only
 from rastercov.camera.camera import Camera
-from rastercov.camera.lenses.curved import curved_lens
+from rastercov.camera.lenses.of_camera import curved_lens
+from rastercov.kernels.cameras import CurvedLens, Lens
 from rastercov.kernels.criteria import (
-    AT_A_TIME,
-    BLOCK_ROWS,
     MOST_CORNERS,
     MOST_DOUBTFUL,
     SIDE_ROUNDING,
     FaceArrays,
-    Lens,
     Scene,
     Workspace,
 )
-from rastercov.kernels.lens_faces import CurvedLens, CurvedWorkspace, curved_workspace
-from rastercov.kernels.vertex_columns import COLUMNS
+from rastercov.kernels.decision import AT_A_TIME, BLOCK_ROWS
+from rastercov.kernels.lens_faces import CurvedWorkspace, curved_workspace
+from rastercov.kernels.vertex_blocks import COLUMNS
 from rastercov.mesh import Mesh
 
 
@@ -41,16 +40,21 @@ def lens_of(camera: Camera) -> Lens | CurvedLens:
     """Numbers of a `Camera`; the loops are compiled for either kind."""
     if not camera.is_pinhole:
         return curved_lens(camera)
+    return pinhole_of(camera)
+
+
+def pinhole_of(camera: Camera) -> Lens:
+    """Numbers of a `Camera` without distortion, or of an ideal plane."""
     size = float(camera.width), float(camera.height)
     return Lens(float(camera.fx), float(camera.fy), float(camera.cx), float(camera.cy), *size)
 
 
 def workspace(n_vertices: int, lens: Any = None) -> Workspace | CurvedWorkspace:
     """Memory for one thread, for a lens."""
-    if isinstance(lens, CurvedLens):
-        return curved_workspace(n_vertices)
-    polygon, spare = np.empty((2, MOST_CORNERS, 2))
     block = aligned_array((BLOCK_ROWS, AT_A_TIME), np.float64)
+    if isinstance(lens, CurvedLens):
+        return curved_workspace(n_vertices, block)
+    polygon, spare = np.empty((2, MOST_CORNERS, 2))
     return Workspace(aligned_array((n_vertices, COLUMNS), np.float64), polygon, spare, block)
 
 

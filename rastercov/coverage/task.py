@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Annotated, Any, Literal, NamedTuple, Self
 
+import numpy as np
 from annotated_types import Ge, Gt, Le
 from typing_extensions import Doc
 
@@ -43,26 +44,37 @@ class Reason(IntEnum):
     """Every criterion holds."""
 
 
-class Limits(NamedTuple):
+class Rules(NamedTuple):
     """Thresholds of a task for one camera, as plain numbers for compiled loops.
 
-    `z_n` and `z_f` are the depth of field in metres, `max_incidence` is in radians, `least_cosine`
-    its cosine; `one_by_one` says that one is set that `face_blocks` does not know, the last ones.
+    Those that a `Task` has keep their names. `z_n` and `z_f` are the depth of field, or for a lens
+    that is sharp by distance the distances in focus; `max_incidence` is in radians, and the cosine
+    and tangent of it are 0 where there is no limit, as are the densities.
     """
 
     min_pixels: float
     min_visibility: float
+    min_coverage: float
+    min_pixel_density: float
+    min_facing_density: float
+    min_pixels_per_m2: float
     z_n: float
     z_f: float
     max_incidence: float
-    least_cosine: float
-    min_pixel_density: float
-    min_facing_density: float
-    min_coverage: float
+    cos_incidence: float
+    tan_incidence: float
     focus_of_centroid: bool
     cap_resolution: bool
-    one_by_one: bool
-    min_pixels_per_m2: float
+
+    def in_units_of(self, scale: float) -> Self:
+        """The same for a scene whose lengths are in units of `scale` metres."""
+        return self._replace(
+            z_n=self.z_n / scale,
+            z_f=self.z_f / scale,
+            min_pixel_density=self.min_pixel_density * scale,
+            min_facing_density=self.min_facing_density * scale,
+            min_pixels_per_m2=self.min_pixels_per_m2 * scale**2,
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -150,24 +162,25 @@ class Task:
         """(3.6) to the letter: resolution uncapped, focus of the centroid, any coverage counts."""
         return cls(**(THESIS | changes))
 
-    def limits(self, camera: Camera) -> Limits:
-        """Thresholds that `rastercov.kernels.coverage.judge` decides by."""
+    def rules(self, camera: Camera) -> Rules:
+        """Thresholds for one camera, as the compiled loops take them."""
         z_n, z_f = camera.depth_of_field(self.max_blur)
-        rare = {"min_pixels_per_m2": self.min_pixels_per_m2}
-        return Limits(
-            min_pixels=self.min_pixels,
-            min_visibility=self.min_visibility,
+        angle = math.radians(self.max_incidence_deg)
+        is_limited = self.max_incidence_deg < 90
+        return Rules(
+            min_pixels=float(self.min_pixels),
+            min_visibility=float(self.min_visibility),
+            min_coverage=float(self.min_coverage),
+            min_pixel_density=float(self.min_pixel_density),
+            min_facing_density=float(self.min_facing_density),
+            min_pixels_per_m2=float(self.min_pixels_per_m2),
             z_n=float(z_n),
             z_f=float(z_f),
-            max_incidence=math.radians(self.max_incidence_deg),
-            least_cosine=math.cos(math.radians(self.max_incidence_deg)),
-            min_pixel_density=self.min_pixel_density,
-            min_facing_density=self.min_facing_density,
-            min_coverage=self.min_coverage,
+            max_incidence=angle,
+            cos_incidence=math.cos(angle) if is_limited else 0.0,
+            tan_incidence=float(np.tan(angle)) if is_limited else 0.0,
             focus_of_centroid=self.focus_rule == "centroid",
             cap_resolution=self.cap_resolution,
-            one_by_one=any(rare.values()),
-            **rare,
         )
 
 

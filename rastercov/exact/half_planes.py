@@ -8,7 +8,7 @@ T n M n {1/z_M > 1/z_T}, and
 No depth sorting is needed: faces that overlap cyclically or pierce one another are correct.
 Surfaces at equal depth coincide, and the face with the lower index is visible. Targets hide
 nothing, and nothing at their depth hides them. The compiled loops are in `kernels.exact_half_plane`
-and `kernels.exact_target`.
+and `kernels.exact_half_plane`.
 
 A. Appel. The Notion of Quantitative Invisibility and the Machine Rendering of Solids. 1967.
 """
@@ -42,7 +42,6 @@ from rastercov.kernels.direct import DirectCalls
 from rastercov.kernels.exact_block import lay_boxes
 from rastercov.kernels.exact_grid import ask_for_all, ask_for_faces, fill_grid
 from rastercov.kernels.exact_half_plane import visible_areas as visible_areas_kernel
-from rastercov.kernels.exact_intersection import MOST_INTERSECTIONS
 from rastercov.kernels.exact_records import (
     CORNERS,
     LIVE,
@@ -55,6 +54,7 @@ from rastercov.kernels.exact_records import (
     VisiblePieces,
     Work,
 )
+from rastercov.kernels.exact_segment import MOST_INTERSECTIONS
 from rastercov.kernels.exact_setup import CLIP_MARGIN, OUTLINE_ERROR_FACTOR, UNIT_ROUNDING
 from rastercov.mesh import Mesh
 
@@ -359,7 +359,7 @@ class HalfPlaneSolver:
         """Compute some targets, from the opaque faces in the cells that they touch."""
         if self._target_image is None:
             return
-        from rastercov.kernels.exact_target import target_areas  # compiled where a mesh has any
+        from rastercov.kernels.exact_half_plane import target_areas  # compiled where a mesh has any
 
         projected = self._target_image.everything
         targets = targets[projected.state[targets] & (LIVE | THIN) > 0]

@@ -16,7 +16,6 @@ from rastercov.camera.lenses.of_camera import planes_of
 from rastercov.exact.half_planes import HalfPlaneSolver
 from rastercov.exact.surface import Surface
 from rastercov.kernels import exact_lens as kernels
-from rastercov.kernels import exact_lens_outlines as outlines
 from rastercov.kernels.direct import DirectCalls
 from rastercov.kernels.exact_lens_edges import edge_bulges, edge_lists, vertex_images, whole_groups
 from rastercov.kernels.exact_records import Edges
@@ -71,8 +70,8 @@ class LensSolver:
             bulge=np.empty(len(self._ends)),
         )
         self._is_done = np.empty(n, np.bool_)
-        self._own, self._scratch = np.empty(n), outlines.scratch()
-        self._found = outlines.room_for_polygons(1024, 8192)
+        self._own, self._scratch = np.empty(n), kernels.scratch()
+        self._found = kernels.room_for_polygons(1024, 8192)
         self._measured, self._edges = np.empty((1024, 2)), edge_scratch()
         self._flat: NDArray[np.bool_] = surface.flat
         self._vertices: FloatArray = surface.vertices
@@ -187,14 +186,14 @@ class LensSolver:
         while True:
             found = self._found
             self._call(
-                outlines.collect,
+                kernels.collect,
                 self._vertices, is_done, projected, kept, solver.camera, record, self._scratch,
                 found,
             )  # fmt: skip
             n, corners = found.used.tolist()
             if n <= len(found.face) and corners <= len(found.corners):
                 break
-            self._found = outlines.room_for_polygons(n * 5 // 4, corners * 5 // 4)
+            self._found = kernels.room_for_polygons(n * 5 // 4, corners * 5 // 4)
         if len(self._measured) < n:
             self._measured = np.empty((n * 5 // 4, 2))
         images = self._measured[:n]

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.kernels.cameras import Lens
 from rastercov.kernels.exact_polygon import (
     MOST_CORNERS,
     copy_polygon,
@@ -20,6 +21,8 @@ from rastercov.kernels.exact_polygon import (
 )
 from rastercov.kernels.exact_records import DU, DV, LINE_ERROR, OFFSET, PIECE_ROOM, Pieces, U, V
 from rastercov.kernels.jit import allocation_free, part_of, part_with_arrays
+from rastercov.kernels.lens_field import Tree
+from rastercov.kernels.lens_slopes import Slopes
 
 FloatArray = NDArray[np.float64]
 
@@ -50,30 +53,40 @@ class Planes(NamedTuple):
     is_asked: NDArray[np.bool_]
 
 
-class Rules(NamedTuple):
-    """Pointwise criteria of a task for one camera.
+class Criteria(NamedTuple):
+    """Pointwise criteria of a task in the image of a pinhole.
 
-    `z_n` and `z_f` are the depth of field, metres, the latter up to the depth at which a target
-    that faces the camera has enough pixels a metre; `tan_incidence` is 0 where there is no limit,
-    and so are `min_per_m2` and `min_density`; `gap` is the largest distance between the arc of the
+    `rules` are a `coverage.task.Rules`; `gap` is the largest distance between the arc of the
     incidence criterion and its chords, and the mean width of the strips that no test decides,
-    metres.
+    metres; `pixel_error` is the largest error of a position in the image, px.
     """
 
-    fx: float
-    fy: float
-    cx: float
-    cy: float
-    width: float
-    height: float
-    z_n: float
-    z_f: float
-    min_per_m2: float
-    cos_incidence: float
-    tan_incidence: float
-    min_density: float
+    lens: Lens
+    rules: Any
     gap: float
     pixel_error: float
+
+
+class LensCriteria(NamedTuple):
+    """Pointwise criteria of a task in one ideal plane of a lens.
+
+    `pinhole` has what a surface must meet in the plane itself: to be in its image, and the angle of
+    incidence; `rules` has all. `by_distance` says whether distances are in focus; if not, depths
+    along `axis` are, the axis of the lens in the axes of the plane. `strip_gap` is the mean width
+    of the strips that no test decides, metres. `tree` is the field of view; `code`, `params` and
+    `frame` are the lens, and `slopes` bounds of its derivatives.
+    """
+
+    pinhole: Criteria
+    rules: Any
+    by_distance: bool
+    axis: FloatArray
+    strip_gap: float
+    tree: Tree
+    code: int
+    params: FloatArray
+    frame: FloatArray
+    slopes: Slopes
 
 
 class Scratch(NamedTuple):

@@ -1,7 +1,92 @@
-"""Points in convex pieces of faces, compiled by numba."""
+"""Single points of the surface: why they are not covered, and the pieces they lie in; by numba.
 
+Occlusion is a segment from the near plane to the point, traced through a tree of triangles.
+`rastercov.reference.regions` judges points without a tree.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov.kernels.cameras import jacobian, per_m2
+from rastercov.kernels.decision import COVERED, OCCLUDED, TOO_OBLIQUE, judge_point
 from rastercov.kernels.exact_records import U, V
 from rastercov.kernels.jit import allocation_free
+from rastercov.kernels.mesh_tree import distance_to, hit_of
+
+FloatArray = NDArray[np.float64]
+
+
+class Points(NamedTuple):
+    """Points in a scene of diagonal 1 about the origin, their unit normals, and their triangles.
+
+    `own` is the triangle of each point in the order of the tree, -1 where it is not in it;
+    `two_sided` says whether either side counts.
+    """
+
+    points: FloatArray
+    normals: FloatArray
+    two_sided: NDArray[np.bool_]
+    own: NDArray[np.int64]
+
+
+@allocation_free
+def judge_points(
+    points, lens, rules, corners, nodes, rotation, eye, near, margin, is_nearest, stack, reason,
+    hider,
+):  # fmt: skip
+    """Find the first criterion that each point fails in one pose.
+
+    Parameters
+    ----------
+    points, lens, rules
+        Points; Lens or CurvedLens; `coverage.task.Rules` in a scene of diagonal 1.
+    corners, nodes : (T, 3, 3), (2 L, 6) float64
+        Tree of the triangles that hide.
+    rotation, eye : (3, 3), (3,) float64
+        world_from_camera of the pose; `eye` in the scene of diagonal 1.
+    near, margin : float
+        Depth of the near plane; distance from the point up to which a surface hides nothing.
+    is_nearest : bool
+        `hider` is the nearest triangle in front of each point. If not, it is any, and points beyond
+        the largest angle of incidence are not asked.
+    stack : (STACK_SIZE,) int64
+        Scratch.
+    reason, hider : (N,) uint8, (N,) int64
+        Out: `Reason`, and the triangle that hides, -1 for none.
+    """
+    last = -1
+    for i in range(points.points.shape[0]):
+        x, y = points.points[i, 0] - eye[0], points.points[i, 1] - eye[1]
+        z = points.points[i, 2] - eye[2]
+        reason[i], depth = judge_point(
+            lens, rules, rotation, near, x, y, z, points.normals, i, points.two_sided[i]
+        )
+        hider[i] = -1
+        if reason[i] != COVERED and not (is_nearest and reason[i] == TOO_OBLIQUE):
+            continue
+        length, share = math.sqrt(x * x + y * y + z * z), near / depth
+        reach = length * (1.0 - share) - margin
+        if not reach > 0.0:
+            continue
+        at_x, at_y, at_z = eye[0] + share * x, eye[1] + share * y, eye[2] + share * z
+        x, y, z, own = x / length, y / length, z / length, points.own[i]
+        # What hides the point before it often hides this one, too.
+        hit = last if not is_nearest and last != own else -1
+        if hit < 0 or not 0.0 <= distance_to(corners, hit, at_x, at_y, at_z, x, y, z) <= reach:
+            hit = hit_of(at_x, at_y, at_z, x, y, z, reach, own, is_nearest, corners, nodes, stack)
+        if hit >= 0:
+            reason[i], hider[i], last = OCCLUDED, hit, hit
+
+
+@allocation_free
+def find_per_m2(lens, points, normals, out):
+    """Pixels on a square metre of surfaces at points in view, (N, 3) in camera axes; out: (N,)."""
+    for i in range(points.shape[0]):
+        slopes = jacobian(lens, points[i, 0], points[i, 1], points[i, 2])
+        out[i] = per_m2(slopes, normals[i, 0], normals[i, 1], normals[i, 2])
 
 
 @allocation_free

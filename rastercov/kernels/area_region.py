@@ -5,6 +5,34 @@ point P = z r of the plane n . P = -h at depth z = -h / (n . r). The visible pie
 `rastercov.exact` are brought to the plane in this way; a face that is wholly visible in its part
 of the image is cut in its own plane. Depth is affine in the plane, so focus and pixels per m^2 are
 half planes, and so are the borders of the image and the near plane.
+
+The pixel density is decided piece by piece. A step d (px) in the image moves the point P of the
+plane by M d, with P = z r on the ray r and
+
+    M = z (D + P m^T / h),   D = diag(1/fx, 1/fy) over 0,   m = D^T n,   h = -n . P,
+
+in camera axes. The density along the worst direction is 1 / |M|, |M| the largest singular value, so
+that the criterion is |B| <= w^2 / rho with w = 1/z and B = w (D + P m^T / h) = M w^2. In the image
+w and B are affine, hence |B| is convex, and so is w^2. At a point of a piece, with its w_0, and the
+singular vectors u, v of its B,
+
+    |B| <= (2 w_0 w - w_0^2) / rho   implies   |B| <= w^2 / rho   (a tangent lies below a parabola),
+    u . B v > w^2 / rho              implies   |B| >  w^2 / rho.
+
+Each is a convex function of at most 0: it holds in a piece if it holds at the corners. Both differ
+from the criterion by the square of the distance from the point. A piece that is neither inside nor
+outside is cut by a chord of the first region and one of the second. What is between them is halved
+until its area is less than `Criteria.gap` times its length; then it goes into the bound.
+
+The angle of incidence is at most theta within h tan(theta) of the foot of the camera's
+perpendicular, h being its height above the plane. The disc is replaced by the regular polygon of N
+corners inscribed in it, whose corners lie in directions that depend on the camera and the plane
+alone, so that it does not matter how the plane is cut into faces. The area between the chords and
+the arc goes into the bound.
+
+A piece is taken apart from the inside outwards: what lies within 8 chords is covered; beyond each
+chord only the rectangle around its segment of the circle is looked at again, with 8 chords of its
+own, down to the sides of the polygon.
 """
 
 import math
@@ -13,9 +41,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.kernels.area_arc import FEWEST_CHORDS, append_within_angle
-from rastercov.kernels.area_density import append_dense
 from rastercov.kernels.area_plane import (
+    COINCIDENT_REL,
     ERROR,
     FAR_LINE,
     FOCUS_LINE,
@@ -29,10 +56,14 @@ from rastercov.kernels.area_plane import (
     NORMAL,
     ORIGIN,
     POSITION_ERROR_REL,
+    STACK_ROOM,
     X_AXIS,
     Y_AXIS,
+    append_piece,
     cut_by_lines,
+    length2,
     perimeter_of,
+    push_parts,
     set_line,
     set_side,
 )
@@ -46,10 +77,367 @@ from rastercov.kernels.exact_polygon import (
 from rastercov.kernels.exact_records import DOUBTFUL, LINE_ERROR, LIVE, THIN, U, V
 from rastercov.kernels.jit import allocation_free, part_with_arrays
 
+BISECTIONS = 24
+"""Halvings of a side to find a point of it that a test accepts."""
+MOST_HALVINGS = 48
+"""Halvings of a piece, after which it is undecided."""
+MARGIN_REL = 1e-12
+"""Greater than the rounding of both sides of either test."""
+CHORDS = 8
+"""Chords that an arc is divided by at a time."""
+FEWEST_CHORDS, MOST_CHORDS = 16, 1 << 20
+"""Corners of the polygon in the circle."""
 LEAST_INNER_REL = math.cos(math.pi / FEWEST_CHORDS) * (1 - 1e-9)
 """Radius within the chords of any circle of incidence, relative to its own."""
 FARTHEST = 2.0
 """Depth up to which a corner is brought back, relative to the deepest corner of its face."""
+
+
+@part_with_arrays
+def image_of(x, y, plane, criteria):
+    """W = 1/z and the columns of B at a point of the plane, (b11, b21, b31), (b12, b22, b32)."""
+    p0 = plane[ORIGIN] + x * plane[X_AXIS] + y * plane[Y_AXIS]
+    p1 = plane[ORIGIN + 1] + x * plane[X_AXIS + 1] + y * plane[Y_AXIS + 1]
+    p2 = plane[ORIGIN + 2] + x * plane[X_AXIS + 2] + y * plane[Y_AXIS + 2]
+    w, h = 1 / p2, plane[HEIGHT]
+    m1, m2 = plane[NORMAL] / criteria.lens.fx / h, plane[NORMAL + 1] / criteria.lens.fy / h
+    first = w * (1 / criteria.lens.fx + p0 * m1), w * (p1 * m1), w * (p2 * m1)
+    second = w * (p0 * m2), w * (1 / criteria.lens.fy + p1 * m2), w * (p2 * m2)
+    return w, first, second
+
+
+@part_with_arrays
+def dot(a, b):
+    """Scalar product."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@part_with_arrays
+def largest_singular(first, second):
+    """Largest singular value of a matrix of two columns, and its right vector."""
+    a, b, c = dot(first, first), dot(first, second), dot(second, second)
+    half, apart = (a + c) / 2, (a - c) / 2
+    root = math.sqrt(apart * apart + b * b)
+    # The eigenvector of (a b; b c): (root + apart, b) or (b, root - apart), the longer.
+    x, y = (root + apart, b) if apart >= 0 else (b, root - apart)
+    size = length2(x, y)
+    if not size > 0:
+        x, y, size = 1.0, 0.0, 1.0
+    return math.sqrt(half + root), x / size, y / size
+
+
+@part_with_arrays
+def too_thin(x, y, w0, plane, criteria):
+    """First test at a point: negative or 0 where the criterion surely holds."""
+    w, first, second = image_of(x, y, plane, criteria)
+    size, _, _ = largest_singular(first, second)
+    return criteria.rules.min_pixel_density * size * (1 + MARGIN_REL) - w0 * (2 * w - w0)
+
+
+@part_with_arrays
+def too_dense(x, y, left, right, plane, criteria):
+    """Second test at a point: negative where the criterion surely fails."""
+    w, first, second = image_of(x, y, plane, criteria)
+    r1, r2 = right
+    along = (
+        left[0] * (first[0] * r1 + second[0] * r2)
+        + left[1] * (first[1] * r1 + second[1] * r2)
+        + left[2] * (first[2] * r1 + second[2] * r2)
+    )
+    return w * w * (1 + MARGIN_REL) - criteria.rules.min_pixel_density * along
+
+
+@part_with_arrays
+def value_of(is_first, x, y, w0, left, right, plane, criteria):
+    """One of the two tests."""
+    if is_first:
+        return too_thin(x, y, w0, plane, criteria)
+    return too_dense(x, y, left, right, plane, criteria)
+
+
+@allocation_free
+def accepted_part(is_first, polygon, n, tests, plane, criteria, values, out):
+    """Hull of the points of a polygon's outline that a test accepts; its corner count.
+
+    0 where none of the corners is accepted, or those that are do not follow one another.
+
+    Parameters
+    ----------
+    is_first : bool
+        The first test or the second.
+    tests : tuple
+        w_0, and the singular vectors.
+    values, out
+        Scratch; and the polygon, whose last two corners, where not all of `polygon` is accepted,
+        are those of the chord.
+    """
+    w0, left, right = tests
+    changes, start = 0, -1
+    if n + 2 > out.shape[0]:
+        return 0
+    for p in range(n):
+        values[p] = value_of(
+            is_first, polygon[p, U], polygon[p, V], w0, left, right, plane, criteria
+        )
+    for p in range(n):
+        before = values[p - 1] if p > 0 else values[n - 1]
+        if (values[p] <= 0) != (before <= 0):
+            changes += 1
+            if values[p] <= 0:
+                start = p
+    if changes == 0 and values[0] <= 0:
+        copy_polygon(polygon, n, out)
+        return n
+    if changes != 2:
+        return 0
+    kept, p = 0, start
+    while values[p] <= 0:
+        out[kept, U], out[kept, V] = polygon[p, U], polygon[p, V]
+        kept += 1
+        p = p + 1 if p + 1 < n else 0
+    last = p - 1 if p > 0 else n - 1
+    before = start - 1 if start > 0 else n - 1
+    for side in range(2):
+        a, b = (last, p) if side == 0 else (start, before)
+        low, high = 0.0, 1.0
+        for _ in range(BISECTIONS):
+            t = (low + high) / 2
+            x = polygon[a, U] + t * (polygon[b, U] - polygon[a, U])
+            y = polygon[a, V] + t * (polygon[b, V] - polygon[a, V])
+            if value_of(is_first, x, y, w0, left, right, plane, criteria) <= 0:
+                low = t
+            else:
+                high = t
+        out[kept, U] = polygon[a, U] + low * (polygon[b, U] - polygon[a, U])
+        out[kept, V] = polygon[a, V] + low * (polygon[b, V] - polygon[a, V])
+        kept += 1
+    return kept
+
+
+@part_with_arrays
+def tests_at_centre(polygon, n, plane, criteria):
+    """w_0 and the singular vectors at the mean of the corners."""
+    x = y = 0.0
+    for p in range(n):
+        x += polygon[p, U] / n
+        y += polygon[p, V] / n
+    w, first, second = image_of(x, y, plane, criteria)
+    size, r1, r2 = largest_singular(first, second)
+    left = (
+        (first[0] * r1 + second[0] * r2) / size,
+        (first[1] * r1 + second[1] * r2) / size,
+        (first[2] * r1 + second[2] * r2) / size,
+    )
+    return w, left, (r1, r2)
+
+
+@allocation_free
+def halve(polygon, n, scratch, top, level):
+    """Push both halves of a polygon across its longest extent; returns the height of the stack."""
+    strips, levels = scratch.strips, scratch.levels
+    # The longest way from the first corner to another, roughly the length.
+    far = 1
+    for p in range(2, n):
+        here = length2(polygon[p, U] - polygon[0, U], polygon[p, V] - polygon[0, V])
+        there = length2(polygon[far, U] - polygon[0, U], polygon[far, V] - polygon[0, V])
+        if here > there:
+            far = p
+    other = 0
+    for p in range(n):
+        here = length2(polygon[p, U] - polygon[far, U], polygon[p, V] - polygon[far, V])
+        there = length2(polygon[other, U] - polygon[far, U], polygon[other, V] - polygon[far, V])
+        if here > there:
+            other = p
+    x, y = (polygon[far, U] + polygon[other, U]) / 2, (polygon[far, V] + polygon[other, V]) / 2
+    dx, dy = polygon[far, U] - polygon[other, U], polygon[far, V] - polygon[other, V]
+    for sign in (-1.0, 1.0):
+        kept = keep_inside(polygon, n, (x, y, sign * dy, -sign * dx, 0.0), strips.corners[top])
+        if kept >= 3:
+            strips.n_corners[top], levels[top] = kept, level
+            top += 1
+    return top
+
+
+@part_with_arrays
+def extent_of(polygon, n):
+    """Greatest distance of a corner from the first: between half the diameter and all of it."""
+    extent = 0.0
+    for p in range(1, n):
+        away = length2(polygon[p, U] - polygon[0, U], polygon[p, V] - polygon[0, V])
+        extent = max(extent, away)
+    return extent
+
+
+@allocation_free
+def append_dense(face, polygon, n, criteria, scratch, out):
+    """Append the part of a polygon whose pixel density is large enough; see the module."""
+    plane, strips, levels = scratch.plane, scratch.strips, scratch.levels
+    nearest = max(COINCIDENT_REL * plane[LONGEST], plane[ERROR])
+    if criteria.rules.min_pixel_density == 0:
+        append_piece(face, polygon, n, nearest, scratch.tidy, out)
+        return
+    part, chosen, spare = scratch.inner, scratch.other, scratch.spare
+    top = push_parts(polygon, n, strips)
+    levels[:top] = 0
+    while top > 0:
+        top -= 1
+        n, level = strips.n_corners[top], levels[top]
+        copy_polygon(strips.corners[top], n, part)
+        area = twice_area(part, n) / 2
+        if not area > 0:
+            continue
+        tests = tests_at_centre(part, n, plane, criteria)
+        length = extent_of(part, n)
+        is_decided = False
+        for turn in range(2):
+            kept = accepted_part(turn == 0, part, n, tests, plane, criteria, scratch.values, chosen)
+            if kept < 3:
+                continue
+            x0, y0 = chosen[kept - 2, U], chosen[kept - 2, V]
+            x1, y1 = chosen[kept - 1, U], chosen[kept - 1, V]
+            is_whole = kept == n and chosen[0, U] == part[0, U] and chosen[0, V] == part[0, V]
+            is_whole = is_whole and twice_area(chosen, kept) >= 2 * area
+            # A short chord has no direction.
+            if not is_whole and length2(x1 - x0, y1 - y0) <= 1e-6 * length:
+                continue
+            if turn == 0:
+                append_piece(face, chosen, kept, nearest, scratch.tidy, out)
+            if is_whole:
+                is_decided = True
+                break
+            n = keep_inside(part, n, (x0, y0, x0 - x1, y0 - y1, 0.0), spare)
+            copy_polygon(spare, n, part)
+            if n < 3:
+                is_decided = True
+                break
+        if is_decided:
+            continue
+        rest = max(twice_area(part, n) / 2, 0.0)
+        if (
+            rest <= criteria.gap * extent_of(part, n)
+            or level == MOST_HALVINGS
+            or top + 2 > STACK_ROOM
+        ):
+            out.bound[face] += rest
+            continue
+        top = halve(part, n, scratch, top, level + 1)
+
+
+@part_with_arrays
+def anchor(plane):
+    """Direction in the plane of a face that the polygon's first corner lies in, (x, y).
+
+    A tangent of the plane, in camera axes: continuous except for a plane seen exactly from behind.
+    """
+    x, y, z = plane[NORMAL], plane[NORMAL + 1], plane[NORMAL + 2]
+    if plane[HEIGHT] < 0:
+        x, y, z = -x, -y, -z
+    a = 1.0 / max(1.0 - z, 1e-9)
+    first = 1.0 - x * x * a
+    second = -x * y * a
+    along = first * plane[X_AXIS] + second * plane[X_AXIS + 1] + x * plane[X_AXIS + 2]
+    across = first * plane[Y_AXIS] + second * plane[Y_AXIS + 1] + x * plane[Y_AXIS + 2]
+    size = length2(along, across)
+    return along / size, across / size
+
+
+@part_with_arrays
+def corner_of_circle(k, n, plane, radius, towards):
+    """Corner k of the polygon of n corners in the circle."""
+    angle = 2 * math.pi * k / n
+    c, s = radius * math.cos(angle), radius * math.sin(angle)
+    x = plane[FOOT_X] + (c * towards[0] - s * towards[1])
+    y = plane[FOOT_Y] + (c * towards[1] + s * towards[0])
+    return x, y
+
+
+@part_with_arrays
+def cap_of_chord(part, n, x0, y0, x1, y1, height, out, spare):
+    """Part of a polygon in the rectangle beyond a chord that holds its segment; corner count.
+
+    The segment must be less than half of the circle, `height` its greatest distance from the chord.
+    """
+    dx, dy = x1 - x0, y1 - y0
+    # Beyond the chord, between its ends, and not beyond the tangent.
+    n = keep_inside(part, n, (x0, y0, -dx, -dy, 0.0), spare)
+    if n >= 3:
+        n = keep_inside(spare, n, (x0, y0, dy, -dx, 0.0), out)
+    if n >= 3:
+        n = keep_inside(out, n, (x1, y1, -dy, dx, 0.0), spare)
+    if n >= 3:
+        size = length2(dx, dy)
+        n = keep_inside(spare, n, (x0, y0, dx, dy, height * size), out)
+    return n if n >= 3 else 0
+
+
+@allocation_free
+def append_within_angle(face, polygon, n, slope, criteria, scratch, out):
+    """Append the part of a polygon within the largest angle of incidence.
+
+    Parameters
+    ----------
+    face : int
+        The face.
+    polygon, n
+        Convex, in the plane of the face.
+    slope : float
+        Tangent of the largest angle; 0 for no limit.
+    criteria, scratch, out
+        Criteria; Scratch, with the face in `plane`; Found, to whose bound the area is added that
+        the polygon in the circle leaves undecided.
+    """
+    plane, caps, arcs, part = scratch.plane, scratch.caps, scratch.arcs, scratch.inner
+    if slope == 0:
+        append_dense(face, polygon, n, criteria, scratch, out)
+        return
+    height, error = abs(plane[HEIGHT]), plane[ERROR]
+    radius = height * slope
+    error *= 2 + slope
+    wanted = math.pi * math.sqrt(radius / (2 * criteria.gap))
+    n_chords = np.int64(min(max(math.ceil(wanted), FEWEST_CHORDS), MOST_CHORDS))
+    inner = radius * math.cos(math.pi / n_chords)
+    farthest = 0.0
+    for p in range(n):
+        away = length2(polygon[p, U] - plane[FOOT_X], polygon[p, V] - plane[FOOT_Y])
+        farthest = max(farthest, away)
+    if farthest < inner - error:
+        append_dense(face, polygon, n, criteria, scratch, out)
+        return
+    towards = anchor(plane)
+    top = push_parts(polygon, n, caps)
+    for p in range(top):
+        arcs[p, 0], arcs[p, 1] = 0, n_chords
+    while top > 0:
+        top -= 1
+        start, end, n = arcs[top, 0], arcs[top, 1], caps.n_corners[top]
+        copy_polygon(caps.corners[top], n, part)
+        area = max(twice_area(part, n) / 2, 0.0)
+        if end - start == 1:
+            out.bound[face] += area + error * perimeter_of(part, n)
+            continue
+        if top + CHORDS > STACK_ROOM or not area > 0:
+            out.bound[face] += area
+            continue
+        n_parts = min(CHORDS, end - start)
+        copy_polygon(part, n, scratch.other)
+        m = n
+        x0, y0 = corner_of_circle(start, n_chords, plane, radius, towards)
+        for c in range(n_parts):
+            first = start + (end - start) * c // n_parts
+            last = start + (end - start) * (c + 1) // n_parts
+            x1, y1 = corner_of_circle(last, n_chords, plane, radius, towards)
+            over = radius * (1 - math.cos(math.pi * (last - first) / n_chords)) + error
+            k = cap_of_chord(part, n, x0, y0, x1, y1, over, caps.corners[top], scratch.spare)
+            if k >= 3:
+                caps.n_corners[top] = k
+                arcs[top, 0], arcs[top, 1] = first, last
+                top += 1
+            if m >= 3:
+                m = keep_inside(scratch.other, m, (x0, y0, x1 - x0, y1 - y0, 0.0), scratch.spare)
+                copy_polygon(scratch.spare, m, scratch.other)
+            x0, y0 = x1, y1
+        if m >= 3:
+            append_dense(face, scratch.other, m, criteria, scratch, out)
 
 
 class Seen(NamedTuple):
@@ -107,15 +495,21 @@ def set_plane(planes, f, seen, plane):
 
 
 @part_with_arrays
-def set_lines(plane, rules, near, least, most, lines):
+def set_lines(plane, criteria, near, least, most, lines):
     """Fill `lines` with those of depth and of the viewing pyramid; returns the greatest depth."""
     z, z_x, z_y = plane[ORIGIN + 2], plane[X_AXIS + 2], plane[Y_AXIS + 2]
     error, height = plane[ERROR], abs(plane[HEIGHT])
     set_line(lines, NEAR_LINE, z - near, z_x, z_y, error)
-    set_line(lines, FOCUS_LINE, z - rules.z_n, z_x, z_y, error)
-    farthest, its_error = rules.z_f, error
-    if rules.min_per_m2 > 0:
-        limit = (rules.fx * rules.fy * height / rules.min_per_m2) ** (1 / 3)
+    set_line(lines, FOCUS_LINE, z - criteria.rules.z_n, z_x, z_y, error)
+    farthest, its_error = criteria.rules.z_f, error
+    if criteria.rules.min_facing_density > 0:
+        # min(fx, fy) / z, a half plane of depth as the end of the depth of field is.
+        limit = min(criteria.lens.fx, criteria.lens.fy) / criteria.rules.min_facing_density
+        farthest = min(farthest, limit)
+    if criteria.rules.min_pixels_per_m2 > 0:
+        limit = (
+            criteria.lens.fx * criteria.lens.fy * height / criteria.rules.min_pixels_per_m2
+        ) ** (1 / 3)
         if limit < farthest:
             farthest = limit
             its_error += limit * (error / height if height > error else 1.0)
@@ -124,9 +518,9 @@ def set_lines(plane, rules, near, least, most, lines):
     set_line(lines, FAR_LINE, limit - z, -z_x, -z_y, its_error)
     for side in range(4):
         axis = side // 2
-        f = rules.fx if axis == 0 else rules.fy
-        at = rules.cx if axis == 0 else rules.cy
-        size = rules.width if axis == 0 else rules.height
+        f = criteria.lens.fx if axis == 0 else criteria.lens.fy
+        at = criteria.lens.cx if axis == 0 else criteria.lens.cy
+        size = criteria.lens.width if axis == 0 else criteria.lens.height
         sign = 1.0 if side % 2 == 0 else -1.0
         ahead = at if side % 2 == 0 else size - at
         set_line(
@@ -140,15 +534,15 @@ def set_lines(plane, rules, near, least, most, lines):
 
 
 @part_with_arrays
-def bring_back(kept, piece, plane, rules, deepest, out):
+def bring_back(kept, piece, plane, criteria, deepest, out):
     """Bring a piece of the image to the plane of its face, counter-clockwise; its corner count."""
     n = kept.starts[piece + 1] - kept.starts[piece]
     normal_x, normal_y, normal_z = plane[NORMAL], plane[NORMAL + 1], plane[NORMAL + 2]
     is_reversed = plane[HEIGHT] > 0  # v points down, and the front is seen
     for p in range(n):
         at = kept.starts[piece] + (n - 1 - p if is_reversed else p)
-        x = (kept.corners[at, U] - rules.cx) / rules.fx
-        y = (kept.corners[at, V] - rules.cy) / rules.fy
+        x = (kept.corners[at, U] - criteria.lens.cx) / criteria.lens.fx
+        y = (kept.corners[at, V] - criteria.lens.cy) / criteria.lens.fy
         slope = normal_x * x + normal_y * y + normal_z
         # A corner near the horizon of the plane lies beyond the face.
         z = FARTHEST * deepest
@@ -172,13 +566,13 @@ def set_sides(planes, f, sides):
 
 
 @part_with_arrays
-def is_well_inside(corners, lines, plane, rules):
+def is_well_inside(corners, lines, plane, criteria):
     """True if a face meets all criteria of `lines` and of incidence by more than rounding.
 
     It is then a piece as it is: most faces of a fine mesh are decided here.
     """
-    reach = abs(plane[HEIGHT]) * rules.tan_incidence * LEAST_INNER_REL
-    reach -= plane[ERROR] * (2 + rules.tan_incidence)
+    reach = abs(plane[HEIGHT]) * criteria.rules.tan_incidence * LEAST_INNER_REL
+    reach -= plane[ERROR] * (2 + criteria.rules.tan_incidence)
     is_inside = True
     for p in range(3):
         u, v = corners[p, U], corners[p, V]
@@ -186,19 +580,19 @@ def is_well_inside(corners, lines, plane, rules):
             if not line_value(line_at(lines, s), u, v) > lines[s, LINE_ERROR]:
                 is_inside = False
         x, y = u - plane[FOOT_X], v - plane[FOOT_Y]
-        if rules.tan_incidence > 0 and not (reach > 0 and x * x + y * y < reach * reach):
+        if criteria.rules.tan_incidence > 0 and not (reach > 0 and x * x + y * y < reach * reach):
             is_inside = False
     return is_inside
 
 
 @allocation_free
-def cut_regions(planes, rules, seen, scratch, out):
+def cut_regions(planes, criteria, seen, scratch, out):
     """Regions of all faces that one pose covers.
 
     Parameters
     ----------
-    planes, rules, seen, scratch
-        Planes; Rules; Seen; Scratch.
+    planes, criteria, seen, scratch
+        Planes; Criteria; Seen; Scratch.
     out : Found
         Where `used` is more than there is room for, call again with that much.
     """
@@ -223,8 +617,8 @@ def cut_regions(planes, rules, seen, scratch, out):
             height = abs(height)
         if height <= -error:
             continue
-        farthest = set_lines(plane, rules, seen.near, least, most, lines)
-        nearest = max(seen.near, rules.z_n)
+        farthest = set_lines(plane, criteria, seen.near, least, most, lines)
+        nearest = max(seen.near, criteria.rules.z_n)
         if most < nearest - error or least > farthest:
             continue
         for p in range(3):
@@ -234,10 +628,10 @@ def cut_regions(planes, rules, seen, scratch, out):
             and seen.visible[f] > 0
             and image_error == 0
             and height > error
-            and rules.min_density == 0
-            and is_well_inside(base, lines, plane, rules)
+            and criteria.rules.min_pixel_density == 0
+            and is_well_inside(base, lines, plane, criteria)
         ):
-            append_dense(f, base, 3, rules, scratch, out)
+            append_dense(f, base, 3, criteria, scratch, out)
             bound[f] = min(bound[f], planes.areas[f])
             continue
         n, strips = cut_by_lines(base, np.int64(3), lines, 0, N_LINES, spare)
@@ -250,7 +644,7 @@ def cut_regions(planes, rules, seen, scratch, out):
                 plane[ORIGIN + 2] + base[p, U] * plane[X_AXIS + 2] + base[p, V] * plane[Y_AXIS + 2]
             )
             deepest, shallowest = max(deepest, depth), min(shallowest, depth)
-        if height + error < shallowest * rules.cos_incidence * (1 - POSITION_ERROR_REL):
+        if height + error < shallowest * criteria.rules.cos_incidence * (1 - POSITION_ERROR_REL):
             continue
         largest = min(twice_area(base, n) / 2 + strips, planes.areas[f])
         if height <= error:
@@ -261,19 +655,25 @@ def cut_regions(planes, rules, seen, scratch, out):
             x, y = base[p, U] - plane[FOOT_X], base[p, V] - plane[FOOT_Y]
             reach2 = max(reach2, x * x + y * y + height * height)
         # One px^2 of the image is z^3 / (fx fy h) m^2 of the plane.
-        bound[f] = image_error * (deepest / rules.fx) * (deepest / rules.fy) * (deepest / height)
+        bound[f] = (
+            image_error
+            * (deepest / criteria.lens.fx)
+            * (deepest / criteria.lens.fy)
+            * (deepest / height)
+        )
         if seen.visible[f] >= seen.area[f] and seen.visible[f] > 0:
             bound[f] += strips
-            append_within_angle(f, base, n, rules, scratch, out)
+            append_within_angle(f, base, n, criteria.rules.tan_incidence, criteria, scratch, out)
         elif seen.visible[f] > 0 and first[f] >= 0:
             set_sides(planes, f, sides)
             # Rounding of the position, the height and the ray, brought to the plane.
-            off = (2 * POSITION_ERROR_REL + 2 * rules.pixel_error / min(rules.fx, rules.fy)) * (
-                reach2 / height
-            )
+            off = (
+                2 * POSITION_ERROR_REL
+                + 2 * criteria.pixel_error / min(criteria.lens.fx, criteria.lens.fy)
+            ) * (reach2 / height)
             p = first[f]
             while p < kept.used[0] and kept.faces[p] == f:
-                n = bring_back(kept, p, plane, rules, most, part)
+                n = bring_back(kept, p, plane, criteria, most, part)
                 for s in range(3):
                     if n >= 3:
                         n = keep_inside(part, n, line_at(sides, s), spare)
@@ -283,6 +683,8 @@ def cut_regions(planes, rules, seen, scratch, out):
                     bound[f] += strips
                 if n >= 3:
                     bound[f] += off * perimeter_of(part, n)
-                    append_within_angle(f, part, n, rules, scratch, out)
+                    append_within_angle(
+                        f, part, n, criteria.rules.tan_incidence, criteria, scratch, out
+                    )
                 p += 1
         bound[f] = min(bound[f], largest)

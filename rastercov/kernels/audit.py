@@ -1,60 +1,39 @@
 """Compiled loops of an audit: best density and widest angle over pairs of camera and element.
 
 Pairs come by element in compressed rows, as `placement_presolve.by_face` gives them.
-
 """
 
 import math
 
-from rastercov.kernels.criteria import by_lens
-from rastercov.kernels.jit import allocation_free
+from rastercov.kernels.cameras import along, by_lens, jacobian
+from rastercov.kernels.jit import allocation_free, part_with_arrays
 from rastercov.kernels.lens import is_valid
-from rastercov.kernels.lens_density import density_of_ray
 
 
-def density_through_lens(x, y, z, pose, normal, lens):
-    """The same for a lens that is no pinhole, by its derivative; 0 outside its valid region."""
-    a, b, c = x - pose[0, 3], y - pose[1, 3], z - pose[2, 3]
-    right = a * pose[0, 0] + b * pose[1, 0] + c * pose[2, 0]
-    down = a * pose[0, 1] + b * pose[1, 1] + c * pose[2, 1]
-    depth = a * pose[0, 2] + b * pose[1, 2] + c * pose[2, 2]
-    if not is_valid(lens.params, right, down, depth):
-        return 0.0
-    nx = normal[0] * pose[0, 0] + normal[1] * pose[1, 0] + normal[2] * pose[2, 0]
-    ny = normal[0] * pose[0, 1] + normal[1] * pose[1, 1] + normal[2] * pose[2, 1]
-    nz = normal[0] * pose[0, 2] + normal[1] * pose[1, 2] + normal[2] * pose[2, 2]
-    return density_of_ray(lens, right, down, depth, nx, ny, nz)
+def is_ahead_of_lens(lens, x, y, z):
+    """The same for a lens that is no pinhole: True in its valid region."""
+    return is_valid(lens.params, x, y, z)
 
 
-@by_lens(density_through_lens)
+@by_lens(is_ahead_of_lens)
+def is_ahead(lens, x, y, z):
+    """True for a point in camera axes that a camera has in front of it."""
+    return z > 0
+
+
+@part_with_arrays
 def density_at(x, y, z, pose, normal, lens):
-    """Pixels a metre along the worst direction of a surface at a point, in a pinhole camera.
-
-    The least singular value of the projection restricted to the plane of the surface, as
-    `criteria.pixel_density`; 0 for a point that is not ahead of the camera.
-    """
+    """Pixels a metre along the worst direction of a surface at a point; 0 where it has no image."""
     a, b, c = x - pose[0, 3], y - pose[1, 3], z - pose[2, 3]
     right = a * pose[0, 0] + b * pose[1, 0] + c * pose[2, 0]
     down = a * pose[0, 1] + b * pose[1, 1] + c * pose[2, 1]
     depth = a * pose[0, 2] + b * pose[1, 2] + c * pose[2, 2]
-    if not depth > 0:
+    if not is_ahead(lens, right, down, depth):
         return 0.0
     nx = normal[0] * pose[0, 0] + normal[1] * pose[1, 0] + normal[2] * pose[2, 0]
     ny = normal[0] * pose[0, 1] + normal[1] * pose[1, 1] + normal[2] * pose[2, 1]
     nz = normal[0] * pose[0, 2] + normal[1] * pose[1, 2] + normal[2] * pose[2, 2]
-    right, down = right / depth, down / depth
-    sign = math.copysign(1.0, nz)
-    k = -1.0 / (sign + nz)
-    mixed = nx * ny * k
-    first = 1 + sign * nx * nx * k, sign * mixed, -sign * nx
-    second = mixed, sign + ny * ny * k, -ny
-    a1, a2 = lens.fx * (first[0] - right * first[2]), lens.fx * (second[0] - right * second[2])
-    b1, b2 = lens.fy * (first[1] - down * first[2]), lens.fy * (second[1] - down * second[2])
-    total = a1 * a1 + a2 * a2 + b1 * b1 + b2 * b2
-    det = abs(a1 * b2 - a2 * b1)
-    gap = total * total - 4 * (det * det)
-    greatest = math.sqrt((total + math.sqrt(gap if gap > 0 else 0.0)) / 2)
-    return det / greatest / depth
+    return along(jacobian(lens, right, down, depth), nx, ny, nz)
 
 
 @allocation_free

@@ -13,15 +13,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.kernels import decision as code
+from rastercov.kernels.cameras import by_lens
 from rastercov.kernels.criteria import (
-    AT_A_TIME,
     MOST_DOUBTFUL,
     SIDE_ROUNDING,
-    by_lens,
     camera_normal,
     cut,
     facing_density,
-    focus_depth,
+    focus_depth_of,
     image_of_face,
     incidence_angle,
     incidence_cosine,
@@ -30,26 +30,11 @@ from rastercov.kernels.criteria import (
     pixels_per_m2,
     project,
 )
-from rastercov.kernels.face_blocks import (
-    BACK_FACING,
-    COSINE_ROUNDING,
-    COVERED,
-    DEGENERATE,
-    EXACT,
-    LARGEST_RESOLUTION,
-    OCCLUDED,
-    OUT_OF_FOCUS,
-    OUTSIDE,
-    ROUNDING,
-    STATISTICAL,
-    TOO_COARSE,
-    TOO_OBLIQUE,
-    UNSAMPLED,
-    copy_block,
-    judge_block,
-)
+from rastercov.kernels.decision import AT_A_TIME, decide_block
+from rastercov.kernels.face_blocks import COSINE_ROUNDING, ROUNDING, copy_block, judge_eight
 from rastercov.kernels.jit import allocation_free, part_of, part_with_arrays
-from rastercov.kernels.vertex_columns import BEHIND, INSIDE, STATE, U, V, X, Y, Z
+from rastercov.kernels.simd_kernel import pointer
+from rastercov.kernels.vertex_blocks import BEHIND, INSIDE, STATE, U, V, X, Y, Z
 
 BORDER_ROUNDING = 2.0**-46
 """Greater than the error of a position in the image, relative to the numbers it is made from."""
@@ -113,67 +98,31 @@ def record(arrays: Mapping[str, NDArray[Any]]) -> Figures:
 
 
 @part_of
-def judge(limits, is_degenerate, is_front, is_inside, is_focused, is_sampled, figures, is_oblique):
-    """Coverage (3.6) of a face and its `Reason`.
-
-    `limits` is a `coverage.task.Limits`; `figures` are resolution, pixels a metre of the surface
-    and of a target that faces the camera, pixels a square metre, and visibility. One factor at a
-    time: the reason is the first that brings the product below the threshold.
-    """
-    resolution, density, facing, per_m2, visibility = figures
-    if is_degenerate:
-        return 0.0, DEGENERATE
-    if not is_front:
-        return 0.0, BACK_FACING
-    if not is_inside:
-        return 0.0, OUTSIDE
-    if not is_focused:
-        return 0.0, OUT_OF_FOCUS
-    if not is_sampled:
-        return 0.0, UNSAMPLED
-    reason = COVERED
-    product = 0.0
-    is_dense = density >= limits.min_pixel_density and facing >= limits.min_facing_density
-    if is_dense and per_m2 >= limits.min_pixels_per_m2:
-        product = min(resolution, 1.0) if limits.cap_resolution else resolution
-    if product < limits.min_coverage or product == 0:
-        reason = TOO_COARSE
-    product *= visibility if visibility >= limits.min_visibility else 0.0
-    if reason == COVERED and (product < limits.min_coverage or product == 0):
-        reason = OCCLUDED
-    if is_oblique and product != 0:
-        product = 0.0
-        if reason == COVERED:
-            reason = TOO_OBLIQUE
-    return product, reason
-
-
-@part_of
-def exceeds_incidence(cosine, limits):
+def exceeds_incidence(cosine, rules):
     """True if the angle of incidence is greater than the task allows.
 
     The arccosine takes long, so cosines decide, except where they are equal to rounding.
     """
-    if abs(cosine - limits.least_cosine) < COSINE_ROUNDING:
-        return not incidence_angle(cosine) <= limits.max_incidence
-    return cosine < limits.least_cosine
+    if abs(cosine - rules.cos_incidence) < COSINE_ROUNDING:
+        return not incidence_angle(cosine) <= rules.max_incidence
+    return cosine < rules.cos_incidence
 
 
 @part_with_arrays
-def in_focus(points, i, j, k, lens, limits):
+def in_focus(points, i, j, k, lens, rules):
     """True if a face is within the depth of field, (3.12), by the rule of the task."""
-    a, b = focus_depth(points, i, lens), focus_depth(points, j, lens)
-    c = focus_depth(points, k, lens)
-    if limits.focus_of_centroid:
+    a, b = focus_depth_of(points, i, lens), focus_depth_of(points, j, lens)
+    c = focus_depth_of(points, k, lens)
+    if rules.focus_of_centroid:
         centre = (a + b + c) / 3
-        return limits.z_n <= centre and centre <= limits.z_f
-    return limits.z_n <= min(a, b, c) and max(a, b, c) <= limits.z_f
+        return rules.z_n <= centre and centre <= rules.z_f
+    return rules.z_n <= min(a, b, c) and max(a, b, c) <= rules.z_f
 
 
 @part_with_arrays
 def kind_of(seen, row, f):
     """Kind of the bound of a visible fraction."""
-    return int(seen.kind[row, f]) if seen.kind.size else STATISTICAL
+    return int(seen.kind[row, f]) if seen.kind.size else code.STATISTICAL
 
 
 @part_with_arrays
@@ -186,11 +135,11 @@ def bound_of_fraction(seen, row, f, drawn, points, i, j, k, is_cut):
     bound = 1.0
     if drawn > 0:
         kind = kind_of(seen, row, f)
-        if kind == EXACT:
+        if kind == code.EXACT:
             error = seen.area_error[row, f] if seen.area_error.size else 0.0
             least = drawn - error
             bound = (error / least if least > 0 else 1.0) + ROUNDING
-        elif kind == STATISTICAL:
+        elif kind == code.STATISTICAL:
             samples = seen.samples_per_pixel
             length = math.inf if is_cut else perimeter(points, i, j, k) * math.sqrt(samples)
             deviation = 3 * 0.27 * math.sqrt(1.25 * length + 1) + length / 20
@@ -218,43 +167,64 @@ def areas_of(seen, row, f):
 
 
 @part_with_arrays
-def judge_face(
-    scene, lens, seen, limits, work, row, f, is_front, is_oblique, asks_area, asks_density,
+def measure_face(
+    lane, f, scene, lens, seen, row, rules, work, is_front, is_oblique, asks_area, asks_density,
     asks_facing,
 ):  # fmt: skip
-    """Figures of a face in one pose: geometry, areas, and the decision.
+    """Put the measures of a face in one pose into a lane of a block, see `face_blocks`.
 
-    A density that is not asked for is 0, and an area may be any positive number in place of itself.
-
-    Returns the state of all vertices, the part of the image of the face that is in the image, its
-    area and both densities; True if it is seen, by definition not from behind or outside the image;
-    visible and drawn area, and visible fraction; resolution, focus, coverage and reason.
+    A density that is not asked for is 0, an area may be any positive number in place of itself, and
+    the bound is 1, see `put_bound`. A face is seen, by definition, not from behind or outside the
+    image.
     """
-    points, near = work.points, seen.near[row]
+    points, block, near = work.points, work.block, seen.near[row]
     i, j, k = scene.faces[f, 0], scene.faces[f, 1], scene.faces[f, 2]
     visible, drawn = areas_of(seen, row, f)
     # A count is no area.
     known = drawn if seen.kind.size or not asks_area else -1.0
     state, part, area = image_of_face(points, i, j, k, near, lens, work, known)
-    density = 0.0
-    if asks_density:
-        density = density_of(scene, lens, seen, points, row, f, is_front, state, part)
-    resolution = min(drawn / limits.min_pixels, LARGEST_RESOLUTION)
-    is_seen = is_front and (part != 0 or state == INSIDE)
-    visibility = visible / drawn if is_seen and drawn > 0 else 0.0
-    is_focused = in_focus(points, i, j, k, lens, limits)
     per_m2 = 0.0
-    if limits.min_pixels_per_m2 > 0:
+    if rules.min_pixels_per_m2 > 0:
         normal = camera_normal(scene.normals, f, seen.poses[row])
         per_m2 = pixels_per_m2(points, i, j, k, normal, lens)
-    facing = facing_density(points, i, j, k, lens) if asks_facing else 0.0
-    figures = resolution, density, facing, per_m2, visibility
-    product, reason = judge(
-        limits, scene.degenerate[f], is_front, state == INSIDE, is_focused, drawn > 0, figures,
-        is_oblique,
-    )  # fmt: skip
-    geometry = state, part, area, density, facing
-    return geometry, is_seen, (visible, drawn, visibility), resolution, is_focused, product, reason
+    is_seen = is_front and (part != 0 or state == INSIDE)
+    side = 1.0 if is_front else 0.0
+    block[code.SIDE, lane] = -1.0 if scene.degenerate[f] else side
+    block[code.OBLIQUE, lane] = 1.0 if is_oblique else 0.0
+    block[code.STATE_OF_FACE, lane], block[code.IN_VIEW, lane] = (
+        state,
+        1.0 if state == INSIDE else 0.0,
+    )
+    block[code.PART, lane], block[code.AREA, lane] = part, area
+    block[code.VISIBLE, lane], block[code.DRAWN, lane] = visible, drawn
+    block[code.DENSITY, lane] = block[code.FACING, lane] = 0.0
+    if asks_density:
+        block[code.DENSITY, lane] = density_of(
+            scene, lens, seen, points, row, f, is_front, state, part
+        )
+    if asks_facing:
+        block[code.FACING, lane] = facing_density(points, i, j, k, lens)
+    block[code.PER_M2, lane] = per_m2
+    block[code.FOCUSED, lane] = 1.0 if in_focus(points, i, j, k, lens, rules) else 0.0
+    block[code.BOUND, lane], block[code.KIND, lane] = (
+        1.0,
+        kind_of(seen, row, f) if is_seen else code.EXACT,
+    )
+
+
+@part_with_arrays
+def put_bound(lane, f, scene, lens, seen, row, work, cosine):
+    """Put the bound of the visible fraction of a measured face, and its kind, into its lane."""
+    block = work.block
+    state, part, drawn = (
+        block[code.STATE_OF_FACE, lane],
+        block[code.PART, lane],
+        block[code.DRAWN, lane],
+    )
+    is_seen = block[code.SIDE, lane] > 0 and (part != 0 or state == INSIDE)
+    block[code.BOUND, lane], block[code.KIND, lane] = bound_and_kind(
+        scene, lens, seen, work.points, row, f, drawn, cosine, state, part, is_seen, work
+    )
 
 
 @part_with_arrays
@@ -363,7 +333,7 @@ def is_in_doubt(scene, lens, seen, points, row, f, drawn, cosine, state, part, w
         return (cosine > 0 or edge_on) and may_reach_image(
             points, i, j, k, seen.near[row], lens, work, edge_on
         )
-    is_computed = kind_of(seen, row, f) == EXACT and seen.area_error.size > 0
+    is_computed = kind_of(seen, row, f) == code.EXACT and seen.area_error.size > 0
     if is_computed and drawn <= seen.area_error[row, f]:
         return True
     if cosine > 0 and (scene.two_sided[f] or not has_part):
@@ -375,33 +345,13 @@ def is_in_doubt(scene, lens, seen, points, row, f, drawn, cosine, state, part, w
 def bound_and_kind(scene, lens, seen, points, row, f, drawn, cosine, state, part, is_seen, work):
     """Bound of the visible fraction of a face, and its kind: 1 where rounding decides its side."""
     i, j, k = scene.faces[f, 0], scene.faces[f, 1], scene.faces[f, 2]
-    bound, kind = 0.0, EXACT
+    bound, kind = 0.0, code.EXACT
     if is_seen:
         bound = bound_of_fraction(seen, row, f, drawn, points, i, j, k, state == BEHIND)
         kind = kind_of(seen, row, f)
     if is_in_doubt(scene, lens, seen, points, row, f, drawn, cosine, state, part, work):
         bound = 1.0
     return bound, kind
-
-
-@allocation_free
-def find_fractions(rows, scene, lens, seen, work, value, bound, kind):
-    """Fill rows of visible fractions, their bounds and kinds; see `FacePass.fractions`."""
-    points = work.points
-    for row in range(rows[0], rows[1]):
-        near = seen.near[row]
-        project(scene.vertices, seen.poses[row], near, lens, points)
-        for f in range(scene.faces.shape[0]):
-            i, j, k = scene.faces[f, 0], scene.faces[f, 1], scene.faces[f, 2]
-            cosine = cosine_of(scene, seen, points, row, f)
-            visible, drawn = seen.visible[row, f] / seen.scale, seen.drawn[row, f] / seen.scale
-            state, part, _ = image_of_face(points, i, j, k, near, lens, work, drawn)
-            is_front = cosine > 0 and not scene.degenerate[f]
-            is_seen = is_front and (part != 0 or state == INSIDE)
-            value[row, f] = visible / drawn if is_seen and drawn > 0 else 0.0
-            bound[row, f], kind[row, f] = bound_and_kind(
-                scene, lens, seen, points, row, f, drawn, cosine, state, part, is_seen, work
-            )
 
 
 @allocation_free
@@ -413,72 +363,41 @@ def replace_by_angles(cosines):
 
 
 @allocation_free
-def judge_poses(rows, scene, lens, seen, work, limits, out, skew):
+def judge_poses(rows, scene, lens, seen, work, rules, out, skew):
     """Fill rows of `out` with the figures of poses `rows[0]` to `rows[1] - 1`.
 
-    A `coverage.task.Limits` holds the thresholds. What is not asked for is not computed, unless
+    A `coverage.task.Rules` holds the thresholds. What is not asked for is not computed, unless
     the coverage depends on it. `incidence` becomes the cosine, see `replace_by_angles`.
 
     Blocks begin at cache lines: `skew` float64 lie between one and the arrays of float64 of `out`.
     """
     asks_area = out.projected_area.size > 0
-    asks_density = out.pixel_density.size > 0 or limits.min_pixel_density > 0
-    asks_facing = out.facing_density.size > 0 or limits.min_facing_density > 0
+    asks_density = out.pixel_density.size > 0 or rules.min_pixel_density > 0
+    asks_facing = out.facing_density.size > 0 or rules.min_facing_density > 0
     asks_bound = out.visibility_bound.size > 0 or out.visibility_kind.size > 0
-    n_faces = scene.faces.shape[0]
+    n_faces, block = scene.faces.shape[0], work.block
     for row in range(rows[0], rows[1]):
         project(scene.vertices, seen.poses[row], seen.near[row], lens, work.points)
-        is_judged = False
-        for f in range(n_faces):
-            if (skew + row * n_faces + f) % AT_A_TIME == 0:
-                is_judged = judge_block(
-                    f, scene, lens, seen, row, limits, work, asks_density, asks_facing, asks_bound
-                )
-                if is_judged:
-                    copy_block(work.block, row * n_faces + f, out)
-            if is_judged:
-                continue
-            cosine = cosine_of(scene, seen, work.points, row, f)
-            is_front = cosine > 0 and not scene.degenerate[f]
-            geometry, is_seen, areas, resolution, is_focused, product, reason = judge_face(
-                scene, lens, seen, limits, work, row, f, is_front,
-                exceeds_incidence(cosine, limits), asks_area, asks_density, asks_facing,
-            )  # fmt: skip
-            state, part, area, density, facing = geometry
-            visible, drawn, visibility = areas
-            bound, kind = 0.0, EXACT
-            if asks_bound:
-                bound, kind = bound_and_kind(
-                    scene, lens, seen, work.points, row, f, drawn, cosine, state, part, is_seen,
-                    work,
-                )  # fmt: skip
-            if out.in_view.size:
-                out.in_view[row, f] = state == INSIDE
-            if out.in_view_fraction.size:
-                out.in_view_fraction[row, f] = part
-            if out.projected_area.size:
-                out.projected_area[row, f] = area
-            if out.visible_pixels.size:
-                out.visible_pixels[row, f] = visible
-            if out.drawn_pixels.size:
-                out.drawn_pixels[row, f] = drawn
-            if out.resolution.size:
-                out.resolution[row, f] = resolution
-            if out.pixel_density.size:
-                out.pixel_density[row, f] = density
-            if out.facing_density.size:
-                out.facing_density[row, f] = facing
-            if out.in_focus.size:
-                out.in_focus[row, f] = is_focused
-            if out.visibility.size:
-                out.visibility[row, f] = visibility
-            if out.visibility_bound.size:
-                out.visibility_bound[row, f] = bound
-            if out.visibility_kind.size:
-                out.visibility_kind[row, f] = kind
-            if out.incidence.size:
-                out.incidence[row, f] = cosine
-            if out.coverage.size:
-                out.coverage[row, f] = product
-            if out.reason.size:
-                out.reason[row, f] = reason
+        first = 0
+        while first < n_faces:
+            at = row * n_faces + first
+            n = min(AT_A_TIME - (skew + at) % AT_A_TIME, n_faces - first)
+            if n == AT_A_TIME and judge_eight(
+                first, scene, lens, seen, row, rules, work, asks_density, asks_facing, asks_bound
+            ):
+                copy_block(block, AT_A_TIME, at, out)
+            else:
+                for lane in range(n):
+                    f = first + lane
+                    cosine = cosine_of(scene, seen, work.points, row, f)
+                    measure_face(
+                        lane, f, scene, lens, seen, row, rules, work,
+                        cosine > 0 and not scene.degenerate[f], exceeds_incidence(cosine, rules),
+                        asks_area, asks_density, asks_facing,
+                    )  # fmt: skip
+                    block[code.COSINE, lane] = cosine
+                    if asks_bound:
+                        put_bound(lane, f, scene, lens, seen, row, work, cosine)
+                decide_block(rules, pointer(block))
+                copy_block(block, n, at, out)
+            first += n

@@ -5,20 +5,19 @@ that `project` leaves. `rastercov.reference.criteria` computes the same with who
 same order of operations.
 
 I. Sutherland, G. Hodgman. Reentrant Polygon Clipping. 1974.
-T. Duff et al. Building an Orthonormal Basis, Revisited. 2017 (tangents of a normal).
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.kernels import lens_density, lens_faces
-from rastercov.kernels.jit import allocation_free, by_type, part_of, part_with_arrays
+from rastercov.kernels import lens_faces
+from rastercov.kernels.cameras import Slopes, along, by_lens, facing, focus_depth, per_m2
+from rastercov.kernels.jit import allocation_free, part_of, part_with_arrays
 from rastercov.kernels.simd_kernel import pointer
-from rastercov.kernels.vertex_blocks import project_vertices
-from rastercov.kernels.vertex_columns import (
+from rastercov.kernels.vertex_blocks import (
     BEHIND,
     DOWN,
     INSIDE,
@@ -29,6 +28,7 @@ from rastercov.kernels.vertex_columns import (
     X,
     Y,
     Z,
+    project_vertices,
 )
 
 MOST_CORNERS = 20
@@ -41,10 +41,6 @@ SIDE_ROUNDING = 2.0**-47
 the sine of the angle between two edges: the normal n is off by 8 * 2^-53 over that sine."""
 MOST_DOUBTFUL = 2.0**-6
 """Cosine above which a face inside the image, needle or not, is in doubt only if its area is."""
-AT_A_TIME = 8
-"""Faces of a block: doubles of the longest registers."""
-BLOCK_ROWS = 15
-"""Measures of a face in a block."""
 
 
 class Scene(NamedTuple):
@@ -60,21 +56,10 @@ class Scene(NamedTuple):
     doubtful_cosine: float  # below which a face may be edge-on, see `SIDE_ROUNDING`
 
 
-class Lens(NamedTuple):
-    """Intrinsics and image size of a camera, pixels."""
-
-    fx: float
-    fy: float
-    cx: float
-    cy: float
-    width: float
-    height: float
-
-
 class Workspace(NamedTuple):
     """Memory of one thread: the projected vertices (V, 8), and two polygons (MOST_CORNERS, 2).
 
-    And the measures of a few faces, see `rastercov.kernels.face_blocks`.
+    And the measures of eight faces, see `rastercov.kernels.decision`.
     """
 
     points: NDArray[np.float64]
@@ -95,11 +80,6 @@ class FaceArrays(NamedTuple):
     facing_density: NDArray[np.float64]
     depth: NDArray[np.float64]
     incidence: NDArray[np.float64]
-
-
-def by_lens(curved: Any) -> Any:
-    """Function of a pinhole that is `curved` for other lenses; both have the argument `lens`."""
-    return by_type("lens", lens_faces.CurvedLens, curved)
 
 
 @by_lens(lens_faces.project)
@@ -270,68 +250,54 @@ def perimeter(points, i, j, k):
     return total
 
 
-@by_lens(lens_density.pixel_density)
-def pixel_density(points, i, j, k, normal, lens):
-    """Least singular value of the projection restricted to the face's plane, px/m.
+@by_lens(lens_faces.slopes_at)
+def slopes_at(points, p, lens):
+    """Derivative of the image at a vertex beyond the near plane."""
+    return Slopes(lens.fx, lens.fy, points[p, RIGHT], points[p, DOWN], points[p, Z])
 
-    With tangents e_1, e_2 of the face and p = (x, y, z) a vertex, column i of the Jacobian is
-    ((fx (e_ix - x/z e_iz))/z, (fy (e_iy - y/z e_iz))/z). Its singular values are the pixels a metre
-    along the best and the worst direction on the surface; the result is the worst of the vertices.
-    """
-    x, y, z = normal
-    sign = math.copysign(1.0, z)
-    a = -1.0 / (sign + z)
-    b = x * y * a
-    first_x, first_y, first_z = 1 + sign * x * x * a, sign * b, -sign * x
-    second_x, second_y, second_z = b, sign + y * y * a, -y
+
+@part_with_arrays
+def pixel_density(points, i, j, k, normal, lens):
+    """Pixels a metre on a face along its worst direction, at its worst vertex; `cameras.along`."""
     worst = math.inf
     for s in range(3):
         p = i if s == 0 else j if s == 1 else k
-        right, down = points[p, RIGHT], points[p, DOWN]
-        a1 = lens.fx * (first_x - right * first_z)
-        a2 = lens.fx * (second_x - right * second_z)
-        b1 = lens.fy * (first_y - down * first_z)
-        b2 = lens.fy * (second_y - down * second_z)
-        total = a1 * a1 + a2 * a2 + b1 * b1 + b2 * b2
-        det = abs(a1 * b2 - a2 * b1)
-        gap = total * total - 4 * (det * det)
-        greatest = math.sqrt((total + math.sqrt(gap if gap > 0 else 0.0)) / 2)
-        # The square of the depth would underflow for a very small mesh.
-        density = det / (greatest * points[p, Z])
+        density = along(slopes_at(points, p, lens), normal[0], normal[1], normal[2])
         worst = worst if density >= worst else density
     return worst
 
 
-@by_lens(lens_density.facing_density)
+@part_with_arrays
 def facing_density(points, i, j, k, lens):
-    """Pixels a metre, worst direction, of a target that faces the camera at the deepest vertex.
+    """Pixels a metre of a target that faces the camera at the worst vertex; `cameras.facing`.
 
-    The projection has the Jacobian J = D (1 0 -x/z; 0 1 -y/z) / z, D = diag(fx, fy), and J p = 0
-    for the ray p = (x, y, z): restricted to the plane perpendicular to it, it has the singular
-    values of J J^T = D (1 + q q^T) D / z^2 with q = (x/z, y/z), which is at least
-    min(fx, fy)^2 / z^2. The result is min(fx, fy) / z: exact for fx = fy, and where q is along the
-    axis of the greater one; a lower bound elsewhere. 0 for a face not wholly beyond the near plane.
+    0 for a face not wholly beyond the near plane, or not in the valid region of the lens.
     """
     if min(points[i, STATE], points[j, STATE], points[k, STATE]) == BEHIND:
         return 0.0
-    return min(lens.fx, lens.fy) / max(points[i, Z], points[j, Z], points[k, Z])
+    worst = math.inf
+    for s in range(3):
+        p = i if s == 0 else j if s == 1 else k
+        worst = min(worst, facing(slopes_at(points, p, lens)))
+    return worst
 
 
-@by_lens(lens_density.pixels_per_m2)
+@part_with_arrays
 def pixels_per_m2(points, i, j, k, normal, lens):
-    """Pixels on a square metre of a face at its deepest vertex, where they are fewest.
+    """Pixels on a square metre of a face at the vertex where they are fewest; 0 as above."""
+    if min(points[i, STATE], points[j, STATE], points[k, STATE]) == BEHIND:
+        return 0.0
+    worst = math.inf
+    for s in range(3):
+        p = i if s == 0 else j if s == 1 else k
+        worst = min(worst, per_m2(slopes_at(points, p, lens), normal[0], normal[1], normal[2]))
+    return worst
 
-    fx fy h / z^3, h being the distance of the camera from the plane; 0 behind the camera.
-    """
-    z = max(points[i, Z], points[j, Z], points[k, Z])
-    height = abs(normal[0] * points[i, X] + normal[1] * points[i, Y] + normal[2] * points[i, Z])
-    return (lens.fx / z) * (lens.fy / z) * (height / z) if z > 0 else 0.0
 
-
-@by_lens(lens_faces.focus_depth)
-def focus_depth(points, p, lens):
+@part_with_arrays
+def focus_depth_of(points, p, lens):
     """Depth of a vertex that its sharpness depends on, metres."""
-    return points[p, Z]
+    return focus_depth(lens, points[p, X], points[p, Y], points[p, Z])
 
 
 @allocation_free
@@ -356,6 +322,6 @@ def measure(scene, pose, near, lens, work, out):
             density = pixel_density(points, i, j, k, normal, lens)
         out.pixel_density[f] = density
         out.facing_density[f] = facing_density(points, i, j, k, lens)
-        out.depth[f, 0] = focus_depth(points, i, lens)
-        out.depth[f, 1] = focus_depth(points, j, lens)
-        out.depth[f, 2] = focus_depth(points, k, lens)
+        out.depth[f, 0] = focus_depth_of(points, i, lens)
+        out.depth[f, 1] = focus_depth_of(points, j, lens)
+        out.depth[f, 2] = focus_depth_of(points, k, lens)

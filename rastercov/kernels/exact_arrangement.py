@@ -24,20 +24,17 @@ from rastercov.kernels.exact_grid import (
     likely_hider,
 )
 from rastercov.kernels.exact_half_plane import hides_all
-from rastercov.kernels.exact_intersection import NOT_KNOWN, SURE, add_intersection
-from rastercov.kernels.exact_outline import (
+from rastercov.kernels.exact_polygon import (
+    clip,
+    copy_polygon,
+    drop_pieces,
     is_joined,
+    line_value,
     n_sides_of,
     outline,
     outline_error,
     plane_of,
     side_of,
-)
-from rastercov.kernels.exact_polygon import (
-    clip,
-    copy_polygon,
-    drop_pieces,
-    line_value,
     split,
     store_piece,
 )
@@ -61,6 +58,7 @@ from rastercov.kernels.exact_records import (
     U,
     V,
 )
+from rastercov.kernels.exact_segment import NOT_KNOWN, SURE, add_intersection
 from rastercov.kernels.exact_setup import OUTLINE_ERROR_FACTOR
 from rastercov.kernels.jit import allocation_free, part_with_arrays
 

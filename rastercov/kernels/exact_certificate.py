@@ -1,15 +1,18 @@
-"""Faces that cannot be certified, and decisions over regions, compiled by numba.
+"""Faces that cannot be certified, regions of the others, and decisions over them; by numba.
 
 `exact_event` finds the faces that a visible part of an event edge crosses in the image, at or
-before the face. The remaining faces form regions, see `exact_region`: a region is wholly visible
-or wholly hidden. See `certificate`.
+before the face. The remaining faces, joined by edges that are no event edges, form regions: a
+region is wholly visible or wholly hidden. Where a good part of the blocks has no crossed face,
+blocks are joined by their patches, and only the others face by face; see `certificate`.
 
 A. Appel. The Notion of Quantitative Invisibility and the Machine Rendering of Solids. 1967.
+R. E. Tarjan. Efficiency of a Good but not Linear Set Union Algorithm. 1975.
 """
 
 import numpy as np
 
 from rastercov.kernels.exact_block import lay_boxes_of_block
+from rastercov.kernels.exact_patch import root_of
 from rastercov.kernels.exact_records import (
     ABSENT,
     BLOCK,
@@ -17,19 +20,374 @@ from rastercov.kernels.exact_records import (
     CROSSED,
     IN_CONTACT,
     LIVE,
+    MIXED,
     PARTLY,
     THIN,
     U_MAX,
     U_MIN,
+    UNEVEN,
     UNFIT,
     V_MAX,
     V_MIN,
+    U,
+    V,
+    W,
 )
-from rastercov.kernels.exact_region import is_of_a_region, is_one_patch
-from rastercov.kernels.jit import allocation_free
+from rastercov.kernels.jit import allocation_free, part_of, part_with_arrays
 
+FEW_BLOCKS = 0.7
+"""Share of the blocks in view that can be certified as a whole below which regions are joined edge
+by edge."""
 HIDDEN, VISIBLE, IN_DOUBT = range(3)
 """Decisions over a region."""
+
+
+@part_of
+def is_inside(u, v, w, width, height):
+    """True if a projected vertex lies in the image."""
+    return w > 0 and 0 <= u <= width and 0 <= v <= height
+
+
+@part_with_arrays
+def is_of_a_region(b, projected):
+    """True if all faces of a block can be certified: they are live, uncrossed, of one side."""
+    return projected.block_state[b] == LIVE and projected.block_side[b] != MIXED
+
+
+@part_with_arrays
+def is_one_patch(b, blocks):
+    """True if a block has one patch only."""
+    return blocks.patch_starts[b + 1] - blocks.patch_starts[b] == 1
+
+
+@part_with_arrays
+def node_of(f, parent, projected):
+    """Node of a face in the forest of regions, -1 for a face in no region.
+
+    Nodes are the patches, of blocks `is_of_a_region`, and after them the faces, of other blocks.
+    """
+    blocks = projected.blocks
+    b = f // BLOCK
+    if is_of_a_region(b, projected):
+        return blocks.patch[f]
+    node = blocks.lowest.shape[0] + f
+    is_in = projected.block_state[b] & LIVE and parent[node] >= 0
+    return node if is_in else -1
+
+
+@part_with_arrays
+def join(f, g, parent):
+    """Join the trees of two nodes."""
+    f, g = root_of(parent, f), root_of(parent, g)
+    parent[max(f, g)] = min(f, g)
+
+
+@part_with_arrays
+def is_joint(e, edges, camera, projected):
+    """True if visibility does not change across an edge that is no event edge.
+
+    It may if both of its faces leave the image and it lies outside, where nothing is checked.
+    """
+    uvw, state, width, height = projected.uvw, projected.state, camera.width, camera.height
+    if not (state[edges.faces[e, 0]] & PARTLY and state[edges.faces[e, 1]] & PARTLY):
+        return True
+    a, b = edges.vertices[e, 0], edges.vertices[e, 1]
+    return is_inside(uvw[a, U], uvw[a, V], uvw[a, W], width, height) or is_inside(
+        uvw[b, U], uvw[b, V], uvw[b, W], width, height
+    )
+
+
+@part_with_arrays
+def join_along(e, edges, camera, projected, parent):
+    """Join the regions on both sides of an edge along which visibility does not change."""
+    if edges.faces[e, 1] < 0 or not is_joint(e, edges, camera, projected):
+        return
+    f = node_of(edges.faces[e, 0], parent, projected)
+    g = node_of(edges.faces[e, 1], parent, projected)
+    if f >= 0 and g >= 0 and parent[f] != parent[g]:
+        join(f, g, parent)
+
+
+@part_with_arrays
+def sort(numbers, n, key):
+    """Sort the first n numbers by their keys.
+
+    D. Shell. A High-Speed Sorting Procedure. 1959.
+    """
+    gap = np.int64(1)
+    while 3 * gap + 1 < n:
+        gap = 3 * gap + 1
+    while gap > 0:
+        for i in range(gap, n):
+            number, j = numbers[i], i
+            while j >= gap and key[numbers[j - gap]] > key[number]:
+                numbers[j] = numbers[j - gap]
+                j -= gap
+            numbers[j] = number
+        gap //= 3
+
+
+@part_with_arrays
+def list_crossed(projected, targets):
+    """List the crossed faces; returns their number."""
+    state, n = projected.state, 0
+    for b in range(projected.block_state.shape[0]):
+        if projected.block_state[b] & CROSSED:
+            for f in range(b * BLOCK, min((b + 1) * BLOCK, state.shape[0])):
+                if state[f] & CROSSED:
+                    targets[n] = f
+                    n += 1
+    return n
+
+
+@part_with_arrays
+def take_larger(f, r, area, largest):
+    """Make f the largest face of region r if it is larger, or equal and lower."""
+    g = largest[r]
+    if g < 0 or area[f] > area[g] or (area[f] == area[g] and f < g):
+        largest[r] = f
+
+
+@part_with_arrays
+def find_largest_listed(projected, listed, is_listed, region, largest):
+    """Find the largest face of each region among those that are listed in all their cells."""
+    blocks, n_patches = projected.blocks, projected.blocks.lowest.shape[0]
+    block, is_whole, of_block = np.int64(-1), False, np.int64(-1)
+    for index in range(listed.shape[0]):
+        f = listed[index]
+        if f // BLOCK != block:  # the faces of a block follow one another
+            block, of_block = np.int64(f // BLOCK), np.int64(-1)
+            is_whole = is_of_a_region(block, projected)
+            if is_whole and is_one_patch(block, blocks):
+                of_block = np.int64(region[blocks.patch_starts[block]])
+        if is_listed[f] and projected.block_state[block] & LIVE:
+            r = of_block
+            if r < 0:
+                r = np.int64(region[blocks.patch[f] if is_whole else n_patches + f])
+            if r >= 0:
+                take_larger(f, r, projected.area, largest)
+
+
+@allocation_free
+def find_largest(projected, region, is_known, largest):
+    """Find the largest face of each region that has none yet, the lowest of equal ones.
+
+    Parameters
+    ----------
+    region : (C + F,) int32
+        Of `find_regions`.
+    is_known : (N,) int32
+        Scratch.
+    largest : (N,) int32
+        In and out: -1 for a region of which none is known.
+    """
+    blocks, n_patches = projected.blocks, projected.blocks.lowest.shape[0]
+    for r in range(largest.shape[0]):
+        is_known[r] = largest[r] >= 0
+    for b in range(projected.block_state.shape[0]):
+        if not projected.block_state[b] & LIVE:
+            continue
+        is_whole = is_of_a_region(b, projected)
+        if is_whole and is_one_patch(b, blocks) and is_known[region[blocks.patch_starts[b]]]:
+            continue
+        for f in range(b * BLOCK, min((b + 1) * BLOCK, blocks.patch.shape[0])):
+            r = region[blocks.patch[f] if is_whole else n_patches + f]
+            if r >= 0 and not is_known[r]:
+                take_larger(f, r, projected.area, largest)
+
+
+@part_with_arrays
+def regions_of_blocks(
+    events, edges, is_event, is_hidden, camera, projected, listed, is_listed, region, number, found
+):
+    """Collect blocks patch by patch, and the others face by face; returns the number of regions.
+
+    See `regions_of_faces` for `found`, and `find_regions` for the others.
+    """
+    state, parent, blocks = projected.state, region, projected.blocks
+    lowest, joins, n_blocks = blocks.lowest, blocks.joins, projected.block_state.shape[0]
+    n_faces, n_patches = blocks.patch.shape[0], lowest.shape[0]
+    for b in range(n_blocks):
+        if is_of_a_region(b, projected):
+            for c in range(blocks.patch_starts[b], blocks.patch_starts[b + 1]):
+                parent[c] = c
+        elif projected.block_state[b] & LIVE:
+            for f in range(b * BLOCK, min((b + 1) * BLOCK, n_faces)):
+                node = n_patches + f
+                parent[node] = node if state[f] & (LIVE | CROSSED) == LIVE else -1
+    for k in range(joins.shape[0]):
+        is_reversed = joins[k, 1] < 0
+        c, d = joins[k, 0], ~joins[k, 1] if is_reversed else joins[k, 1]
+        its, other = blocks.of_patch[c], blocks.of_patch[d]
+        side = projected.block_side[other]
+        if (
+            projected.block_side[its] == (-side if is_reversed else side)
+            and is_of_a_region(its, projected)
+            and is_of_a_region(other, projected)
+            and parent[c] != parent[d]
+        ):
+            join(c, d, parent)
+    for b in range(n_blocks):
+        if projected.block_state[b] & LIVE and not is_of_a_region(b, projected):
+            for f in range(b * BLOCK, min((b + 1) * BLOCK, n_faces)):
+                if parent[n_patches + f] >= 0:
+                    for s in range(3):
+                        e = edges.of_face[f, s]
+                        # Once: from the first of its faces, unless the block of that is whole.
+                        g = edges.faces[e, 0]
+                        is_mine = g == f or is_of_a_region(g // BLOCK, projected)
+                        if is_mine and not is_event[e]:
+                            join_along(e, edges, camera, projected, parent)
+    for index in range(events.shape[0]):
+        if is_hidden[events[index]]:
+            join_along(events[index], edges, camera, projected, parent)
+
+    # Regions are numbered by their lowest faces.
+    n = np.int64(0)
+    for b in range(n_blocks):
+        if is_of_a_region(b, projected):
+            for c in range(blocks.patch_starts[b], blocks.patch_starts[b + 1]):
+                if parent[c] == c:
+                    found[n], number[c] = c, lowest[c]
+                    n += 1
+        elif projected.block_state[b] & LIVE:
+            for f in range(b * BLOCK, min((b + 1) * BLOCK, n_faces)):
+                node = n_patches + f
+                if parent[node] == node:
+                    found[n], number[node] = node, f
+                    n += 1
+    for b in range(n_blocks):
+        if is_of_a_region(b, projected):
+            for c in range(blocks.patch_starts[b], blocks.patch_starts[b + 1]):
+                parent[c] = root_of(parent, c)
+                number[parent[c]] = min(number[parent[c]], lowest[c])
+        elif projected.block_state[b] & LIVE:
+            for f in range(b * BLOCK, min((b + 1) * BLOCK, n_faces)):
+                node = n_patches + f
+                if parent[node] >= 0:
+                    parent[node] = root_of(parent, node)
+                    number[parent[node]] = min(number[parent[node]], f)
+    largest = found[:n]
+    sort(largest, n, number)
+    for r in range(n):
+        number[largest[r]] = r
+        largest[r] = -1
+    for b in range(n_blocks):
+        if is_of_a_region(b, projected):
+            for c in range(blocks.patch_starts[b], blocks.patch_starts[b + 1]):
+                region[c] = number[parent[c]]
+        elif projected.block_state[b] & LIVE:
+            for f in range(b * BLOCK, min((b + 1) * BLOCK, n_faces)):
+                node = n_patches + f
+                region[node] = number[parent[node]] if parent[node] >= 0 else -1
+    find_largest_listed(projected, listed, is_listed, region, largest)
+    for r in range(n):
+        if largest[r] < 0:
+            find_largest(projected, region, number, largest)
+            break
+    return n
+
+
+@part_with_arrays
+def regions_of_faces(
+    edges, is_event, is_hidden, camera, projected, is_listed, parent, region, found
+):
+    """Collect faces edge by edge; returns the number of regions.
+
+    Parameters
+    ----------
+    parent : (F,) int32
+        Scratch.
+    region : (F,) int32
+        Out: number of each face's region, -1 for none.
+    found : (N,) int32
+        Out: the largest face of each region.
+
+    See `find_regions` for the others.
+    """
+    state, area, edge_faces = projected.state, projected.area, edges.faces
+    for f in range(state.shape[0]):
+        parent[f] = f if state[f] & (LIVE | CROSSED) == LIVE else -1
+    for e in range(edge_faces.shape[0]):
+        f, g = edge_faces[e, 0], edge_faces[e, 1]
+        if (
+            g >= 0
+            and parent[f] != parent[g]
+            and min(parent[f], parent[g]) >= 0
+            and (not is_event[e] or is_hidden[e])
+            and is_joint(e, edges, camera, projected)
+        ):
+            join(f, g, parent)
+    n = np.int64(0)
+    for f in range(state.shape[0]):
+        root = parent[f]
+        if root < 0:
+            region[f] = -1
+            continue
+        if root == f:
+            region[f], found[n] = n, f
+            n += 1
+            continue
+        # The parents of lower faces are roots by now.
+        parent[f] = root = parent[root]
+        r = region[root]
+        g, region[f] = found[r], r
+        if is_listed[f] != is_listed[g]:
+            if is_listed[f]:
+                found[r] = f
+        elif area[f] > area[g]:
+            found[r] = f
+    return n
+
+
+@allocation_free
+def find_regions(
+    events, edges, is_event, is_hidden, camera, projected, listed, is_listed, region, number,
+    targets,
+):  # fmt: skip
+    """Collect the uncrossed faces into regions; number of crossed faces, and of regions.
+
+    A forest of faces, whose roots have the lowest index of their region, is joined edge by edge;
+    in blocks that no event edge comes near, patch by patch, unless these are few.
+
+    Parameters
+    ----------
+    events : (N,) int32
+        Event edges.
+    is_event, is_hidden : (E,) bool
+        Of `find_event_edges` and `mark_crossed`. What hides an event edge hides both of its faces.
+    projected : Projected
+        With `CROSSED` in the states of faces and blocks.
+    listed : (N,) int32
+        Faces that the grid lists.
+    is_listed : (F,) bool
+        Those of them that are listed in all their cells, which are preferred as the largest of a
+        region.
+    region : (C + F,) int32
+        Out: number of each patch's region, in blocks `is_of_a_region`; and of each face's region,
+        -1 for none, in other blocks with a live face.
+    number : (C + F,) int32
+        Scratch.
+    targets : (F,) int32
+        Out: the crossed faces, and after them the largest face of each region, of those that are
+        listed if any is.
+    """
+    n_patches, n_blocks = projected.blocks.lowest.shape[0], projected.block_state.shape[0]
+    n_crossed, n_whole, n_live = list_crossed(projected, targets), 0, 0
+    for b in range(n_blocks):
+        n_whole += is_of_a_region(b, projected)
+        n_live += projected.block_state[b] & LIVE != 0
+    if n_whole >= FEW_BLOCKS * n_live:
+        return n_crossed, regions_of_blocks(
+            events, edges, is_event, is_hidden, camera, projected, listed, is_listed, region,
+            number, targets[n_crossed:],
+        )  # fmt: skip
+    for b in range(n_blocks):
+        projected.block_state[b] |= UNEVEN
+    return n_crossed, regions_of_faces(
+        edges, is_event, is_hidden, camera, projected, is_listed, number, region[n_patches:],
+        targets[n_crossed:],
+    )  # fmt: skip
 
 
 @allocation_free

@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from rastercov.kernels.exact_block import lay_boxes_of_block
-from rastercov.kernels.exact_block_measures import (
+from rastercov.kernels.exact_block import (
     AT_A_TIME,
     entries_that_touch,
     faces_near,
     lay_box,
+    lay_boxes_of_block,
 )
 from rastercov.kernels.exact_records import (
     BLOCK,

@@ -11,13 +11,15 @@ visible part, whatever the order of the occluders; a misjudged cut misplaces are
 any, so that the error is of the order of the rounding. No topology is kept that could become
 inconsistent.
 
+A target is scored but hides nothing, so no event edge of it exists: what is visible of it follows
+from the opaque faces in front of it. They alone are listed in the grid.
+
 A. Appel. The Notion of Quantitative Invisibility and the Machine Rendering of Solids. 1967.
 """
 
 import numpy as np
 
-from rastercov.kernels.exact_grid import cell, cells_of_box, likely_hider, sort_cell
-from rastercov.kernels.exact_outline import outline, outline_error, plane_of
+from rastercov.kernels.exact_grid import cell, cell_at, cells_of_box, likely_hider, sort_cell
 from rastercov.kernels.exact_polygon import (
     clip,
     clip_subtract,
@@ -26,6 +28,9 @@ from rastercov.kernels.exact_polygon import (
     drop_pieces,
     keep_inside,
     length,
+    outline,
+    outline_error,
+    plane_of,
     separates,
     separates_box,
     store_piece,
@@ -448,4 +453,25 @@ def visible_areas(
             visible[t] = area[t] if seen >= area[t] - tolerance else seen
         if visible[t] == 0 or visible[t] == area[t]:
             drop_pieces(kept, n_kept, n_kept_corners)
+    return targets.shape[0]
+
+
+@allocation_free
+def target_areas(targets, first, camera, projected, grid, marks, pieces, work, visible, area_error):
+    """Visible areas of targets; arguments and result as of `exact_half_plane.visible_areas`.
+
+    The face that hid another target there is forgotten before each: the figures of a target, and
+    their bounds, must not depend on other targets.
+    """
+    box = projected.box
+    for index in range(first, targets.shape[0]):
+        t = targets[index]
+        u, v = (box[t, U_MIN] + box[t, U_MAX]) / 2, (box[t, V_MIN] + box[t, V_MAX]) / 2
+        grid.hider[cell_at(u, v, grid)] = -1
+        done = visible_areas(
+            targets[index : index + 1], 0, camera, projected, grid, marks, pieces, work, visible,
+            area_error,
+        )  # fmt: skip
+        if done == 0:
+            return index
     return targets.shape[0]

@@ -1,10 +1,24 @@
-"""Loops of `blocks`, compiled by numba: parts of a surface that depend on no camera."""
+"""Loops of `blocks`, compiled by numba: parts of a surface that depend on no camera.
+
+Patches, as other parts that are joined, are disjoint sets in a forest: each set is a tree whose
+root names it.
+
+R. E. Tarjan. Efficiency of a Good But Not Linear Set Union Algorithm. 1975.
+"""
 
 import numpy as np
 
 from rastercov.kernels.exact_records import BLOCK, CONSISTENT, NON_MANIFOLD
-from rastercov.kernels.forest import root_of
-from rastercov.kernels.jit import compiled
+from rastercov.kernels.jit import compiled, part_with_arrays
+
+
+@part_with_arrays
+def root_of(parent, i):
+    """Root of the tree of i; the path to it is halved on the way."""
+    while parent[i] != i:
+        parent[i] = parent[parent[i]]
+        i = parent[i]
+    return i
 
 
 @compiled

@@ -1,8 +1,8 @@
-"""Coverage (3.6) of eight faces of a pose at a time by SIMD, for the loops of coverage.
+"""Measures of eight faces of a pose at a time by SIMD, and sums of them, for the loops of coverage.
 
-`judge_block` does what the functions of `rastercov.kernels.criteria` and `coverage` do for
-one face, in the same order of operations, where all of eight faces are wholly in the image of a
-pinhole. Other faces, and lenses, are left to those functions.
+Where all faces of a block are wholly in the image of a pinhole, `judge_eight` measures and judges
+them; elsewhere the functions of `rastercov.kernels.coverage` put the measures of one face after
+another into the block, by the same order of operations.
 """
 
 import functools
@@ -12,73 +12,99 @@ import numpy as np
 from llvmlite import ir
 from numba.core import types
 
-from rastercov.kernels.criteria import AT_A_TIME, BLOCK_ROWS
-from rastercov.kernels.jit import by_type, part_with_arrays
-from rastercov.kernels.lens_faces import CurvedLens
+from rastercov.kernels.cameras import by_lens, density_along, density_per_m2
+from rastercov.kernels.decision import (
+    AREA,
+    AT_A_TIME,
+    BACK_FACING,
+    BOUND,
+    CERTIFIED,
+    COSINE,
+    COVERAGE,
+    COVERED,
+    DEGENERATE,
+    DENSITY,
+    DRAWN,
+    EXACT,
+    FACING,
+    FOCUSED,
+    IN_VIEW,
+    KIND,
+    PART,
+    PER_M2,
+    REASON,
+    RESOLUTION,
+    STATISTICAL,
+    VISIBILITY,
+    VISIBLE,
+    decide,
+    put_row,
+    row_of,
+)
+from rastercov.kernels.jit import part_with_arrays
 from rastercov.kernels.simd import DOUBLE, LONG, load
-from rastercov.kernels.simd_kernel import Variable, pointer, simd, when
-from rastercov.kernels.vertex_blocks import transposed
-from rastercov.kernels.vertex_columns import COLUMNS, DOWN, INSIDE, RIGHT, STATE, U, V, X, Y, Z
+from rastercov.kernels.simd_kernel import Variable, loop, pointer, simd, when
+from rastercov.kernels.vertex_blocks import (
+    COLUMNS,
+    DOWN,
+    INSIDE,
+    RIGHT,
+    STATE,
+    U,
+    V,
+    X,
+    Y,
+    Z,
+    transposed,
+)
 
-(
-    COSINE, PART, AREA, DENSITY, FACING, VISIBLE, DRAWN, VISIBILITY, RESOLUTION, FOCUSED, BOUND,
-    KIND, COVERAGE, REASON, ONE,
-) = range(BLOCK_ROWS)  # fmt: skip
-"""Rows of a block, see `rastercov.Coverage`: the cosine of the angle of incidence, figures in
-order, True and False and codes as 1, 0 and themselves, and 1 for each face. What is not asked for
-is 0."""
 ROUNDING = 2.0**-52
 """Rounding of a quotient."""
 COSINE_ROUNDING = 1e-14
 """Greater than the error of a cosine, and of the cosine of its arccosine."""
-LARGEST_RESOLUTION = 1e300
-"""Of one face; a smaller R_min gives no more."""
-STATISTICAL, CERTIFIED, EXACT = 0, 1, 2
-"""Values of `rastercov.BoundKind`."""
-DEGENERATE, BACK_FACING, OUTSIDE, OUT_OF_FOCUS = 0, 1, 2, 3
-UNSAMPLED, TOO_COARSE, OCCLUDED, TOO_OBLIQUE, COVERED = 4, 5, 6, 7, 8
-"""Values of `rastercov.Reason`."""
 BYTE = ir.IntType(8)
 
 
-def _by_face(first, scene, lens, seen, row, limits, work, asks_density, asks_facing, asks_bound):
-    """See `judge_block`: through a lens faces are judged one by one."""
+def _by_face(first, scene, lens, seen, row, rules, work, asks_density, asks_facing, asks_bound):
+    """See `judge_eight`: through a lens faces are measured one by one."""
     return False
 
 
-@by_type("lens", CurvedLens, _by_face)
-def judge_block(first, scene, lens, seen, row, limits, work, asks_density, asks_facing, asks_bound):
+@by_lens(_by_face)
+def judge_eight(first, scene, lens, seen, row, rules, work, asks_density, asks_facing, asks_bound):
     """Fill `work.block` with the figures of `AT_A_TIME` faces of a pose, from `first` on.
 
     Returns
     -------
     bool
         False where that must be done face by face: one is not wholly in the image, or at the limit
-        of incidence; a rare threshold is set, see `coverage.task.Limits`; bounds of counts are
-        asked for. The block is undefined then.
+        of incidence; bounds of counts are asked for beside others. The block is undefined then.
     """
     n_faces, is_counted = scene.faces.shape[0], seen.kind.size == 0
-    if first + AT_A_TIME > n_faces or limits.one_by_one or (is_counted and asks_bound):
-        return False
+    samples = 0.0
+    if asks_bound and (is_counted or seen.kind[row, first] == STATISTICAL):
+        samples = seen.samples_per_pixel
     return measure_block(
         first, pointer(scene.faces), pointer(scene.normals), pointer(scene.two_sided),
-        pointer(work.points), pointer(seen.poses[row]), lens, limits,
+        pointer(work.points), pointer(seen.poses[row]), lens, rules,
         scene.doubtful_cosine if asks_bound else 0.0,
-        np.int64(asks_density), np.int64(asks_facing), pointer(work.block),
-    ) and decide_block(
+        np.int64(asks_density), np.int64(asks_facing), samples, pointer(work.block),
+    ) and judge_areas(
         first, row * n_faces + first, pointer(scene.degenerate), pointer(seen.visible),
-        pointer(seen.drawn), pointer(seen.kind), pointer(seen.area_error), seen.scale, limits,
+        pointer(seen.drawn), pointer(seen.kind), pointer(seen.area_error), seen.scale, rules,
         np.int64(asks_bound), np.int64(is_counted), np.int64(seen.area_error.size > 0),
-        pointer(work.block),
+        samples, pointer(work.block),
     )  # fmt: skip
 
 
 @simd(returns=types.boolean)
 def measure_block(
-    first, faces, normals, two_sided, points, pose, lens, limits, doubtful_cosine, asks_density,
-    asks_facing, block,
+    first, faces, normals, two_sided, points, pose, lens, rules, doubtful_cosine, asks_density,
+    asks_facing, samples, block,
 ):  # fmt: skip
     """Fill the rows of a block that follow from geometry; arrays are pointers to their data.
+
+    BOUND is the perimeter, px, where there are `samples` a square pixel, 0 for areas.
 
     Returns False, and nothing, unless all vertices are inside the image, and no face is edge-on.
     """
@@ -96,48 +122,54 @@ def measure_block(
         area = ((u1 - u0) * (v2 - v1) - (v1 - v0) * (u2 - u1)).absolute() / 2
         has_image = area > 0
         nearest, farthest = z[0].minimum(z[1]).minimum(z[2]), z[0].maximum(z[1]).maximum(z[2])
-        is_focused = Variable((nearest >= limits.z_n) & (farthest <= limits.z_f))
-        with when(limits.focus_of_centroid):
+        is_focused = Variable((nearest >= rules.z_n) & (farthest <= rules.z_f))
+        with when(rules.focus_of_centroid):
             centre = sums[2] / 3
-            is_focused.now = (centre >= limits.z_n) & (centre <= limits.z_f)
+            is_focused.now = (centre >= rules.z_n) & (centre <= rules.z_f)
         facing, density = Variable(area.like(0.0)), Variable(area.like(0.0))
         with when(asks_facing > 0):
             facing.now = farthest.like(lens.fx.minimum(lens.fy)) / farthest
         is_front = cosine > 0
         with when((asks_density > 0) & (is_front.bits() > 0)):
-            least = _pixel_density(normal, right, down, z, lens)
+            least = _worst(density_along, normal, right, down, z, lens)
             density.now = least.where(is_front & has_image, 0.0)
+        with when(rules.min_pixels_per_m2 > 0):
+            put_row(block, PER_M2, _worst(density_per_m2, normal, right, down, z, lens))
         p, q, r = sums
         height = cosine.absolute() * (p * p + q * q + r * r).sqrt()
         size = functools.reduce(operator.add, (each.absolute() for each in (*x, *y, *z)))
         is_clear.now = (height > size * doubtful_cosine).bits()
-        _put(block, COSINE, cosine)
-        _put(block, PART, area.like(1.0).where(has_image, 0.0))
-        _put(block, AREA, area)
-        _put(block, DENSITY, density.now)
-        _put(block, FACING, facing.now)
-        _put(block, FOCUSED, area.like(1.0).where(is_focused.now, 0.0))
-        _put(block, ONE, area.like(1.0))
+        put_row(block, COSINE, cosine)
+        put_row(block, PART, area.like(1.0).where(has_image, 0.0))
+        put_row(block, AREA, area)
+        put_row(block, DENSITY, density.now)
+        put_row(block, FACING, facing.now)
+        put_row(block, FOCUSED, area.like(1.0).where(is_focused.now, 0.0))
+        put_row(block, IN_VIEW, area.like(1.0))
+        with when(samples > 0):
+            length = area.like(0.0)
+            for p, q in ((0, 1), (1, 2), (2, 0)):
+                du, dv = u[q] - u[p], v[q] - v[p]
+                length = length + (du * du + dv * dv).sqrt()
+            put_row(block, BOUND, length)
     return is_clear.now.equals((1 << AT_A_TIME) - 1)
 
 
 @simd(returns=types.boolean)
-def decide_block(
-    first, at, degenerate, visible, drawn, kind, area_error, scale, limits, asks_bound, is_counted,
-    has_error, block,
+def judge_areas(
+    first, at, degenerate, visible, drawn, kind, area_error, scale, rules, asks_bound, is_counted,
+    has_error, samples, block,
 ):  # fmt: skip
-    """Complete a block, as `coverage.judge` and `bound_and_kind` do; arrays are pointers.
+    """Complete a block by what an observer measured, and decide; arrays are pointers.
 
     `at` is the place of the first face in the arrays of the observation. Returns False for a face
-    at the limit of incidence, and for a bound of counts.
+    at the limit of incidence, and for a bound of counts among others.
     """
     builder = first.builder
-    cosine = _row(block, COSINE)
+    cosine = row_of(block, COSINE)
     is_degenerate = load(builder, degenerate.at(first).pointer, AT_A_TIME) > 0
     is_front = (cosine > 0) & ~is_degenerate
     visible, drawn = _areas(at, visible, drawn, scale)
-    visibility = (visible / drawn).where(is_front & (drawn > 0), 0.0)
-    resolution = (drawn / limits.min_pixels).minimum(LARGEST_RESOLUTION)
     code = Variable(cosine.to(LONG).like(STATISTICAL))
     with when(~(is_counted > 0)):
         code.now = load(builder, kind.at(at).pointer, AT_A_TIME).zero_extended(LONG)
@@ -145,84 +177,75 @@ def decide_block(
     is_seen.now = is_front
     with when(asks_bound > 0):
         bound.now = _bound_of_areas(at, drawn, area_error, has_error, code.now)
+        with when(samples > 0):
+            of_counts = _bound_of_counts(row_of(block, BOUND), drawn, samples)
+            bound.now = of_counts.where(code.now.equals(STATISTICAL), bound.now)
         # Nothing is known of an image within its rounding, whichever side is seen.
         with when(has_error > 0):
             error = load(builder, area_error.at(at).pointer, AT_A_TIME)
             is_in_doubt = (drawn <= error) & code.now.equals(EXACT)
             is_seen.now = is_front | is_in_doubt
-    reach = (cosine - limits.least_cosine).absolute()
-    is_unclear = reach < COSINE_ROUNDING
-    is_unclear = is_unclear | (is_front & code.now.equals(STATISTICAL) & (asks_bound > 0))
-
-    capped = resolution.minimum(1.0).where(limits.cap_resolution.broadcast(AT_A_TIME), resolution)
-    is_dense = (_row(block, DENSITY) >= limits.min_pixel_density) | ~(limits.min_pixel_density > 0)
-    is_near = (_row(block, FACING) >= limits.min_facing_density) | ~(limits.min_facing_density > 0)
-    product = capped.where(is_dense & is_near, 0.0)
-    is_coarse = (product < limits.min_coverage) | product.equals(0.0)
-    product = product * visibility.where(visibility >= limits.min_visibility, 0.0)
-    is_hidden = (product < limits.min_coverage) | product.equals(0.0)
-    is_oblique = (cosine < limits.least_cosine) & ~product.equals(0.0)
-    is_focused = _row(block, FOCUSED) > 0
-    is_sampled = is_front & is_focused & (drawn > 0)
-    product = product.where(is_sampled & ~is_oblique, 0.0)
-    reason = product.like(COVERED)
-    for fails, value in (
-        (is_oblique, TOO_OBLIQUE), (is_hidden, OCCLUDED), (is_coarse, TOO_COARSE),
-        (~(drawn > 0), UNSAMPLED), (~is_focused, OUT_OF_FOCUS), (~is_front, BACK_FACING),
-        (is_degenerate, DEGENERATE),
-    ):  # fmt: skip
-        reason = reason.like(value).where(fails, reason)
-
+    density = row_of(block, DENSITY).where(is_front, 0.0)
+    densities = density, row_of(block, FACING), row_of(block, PER_M2)
+    everywhere = is_front.like(1)
+    decision = decide(
+        rules, is_degenerate, is_front, everywhere, everywhere, row_of(block, FOCUSED) > 0, visible,
+        drawn, densities, cosine < rules.cos_incidence,
+    )  # fmt: skip
     for row, values in (
-        (VISIBLE, visible), (DRAWN, drawn), (VISIBILITY, visibility), (RESOLUTION, resolution),
-        (BOUND, bound.now.where(is_seen.now, 0.0)), (COVERAGE, product), (REASON, reason),
-        (KIND, code.now.where(is_front, EXACT).to(DOUBLE)),
-        (DENSITY, _row(block, DENSITY).where(is_front, 0.0)),
+        (VISIBLE, visible), (DRAWN, drawn), (BOUND, bound.now.where(is_seen.now, 0.0)),
+        (KIND, code.now.where(is_front, EXACT).to(DOUBLE)), (DENSITY, density), *decision,
     ):  # fmt: skip
-        _put(block, row, values)
+        put_row(block, row, values)
+    is_unclear = (cosine - rules.cos_incidence).absolute() < COSINE_ROUNDING
+    is_left_out = code.now.equals(STATISTICAL) & ((asks_bound > 0) & ~(samples > 0))
+    is_unclear = is_unclear | (is_front & is_left_out)
     return is_unclear.bits().equals(0)
 
 
 @simd(returns=types.void)
-def copy_lanes(row, block, at, array):
-    """Put a row of a block into an array from `at` on, as its type; both are pointers."""
-    value = load(at.builder, block.at(row * AT_A_TIME).pointer, AT_A_TIME)
-    value.to(array.kind).store(array.at(at).pointer)
+def copy_lanes(row, block, n, at, array):
+    """Put n values of a row into an array from `at` on, as its type; both are pointers."""
+    with when(n.equals(AT_A_TIME)):
+        value = load(at.builder, block.at(row * AT_A_TIME).pointer, AT_A_TIME)
+        value.to(array.kind).store(array.at(at).pointer)
+    with when(n < AT_A_TIME), loop(n & 0, n, 1) as k:
+        array.put(at + k, block.value(row * AT_A_TIME + k))
 
 
 @part_with_arrays
-def copy_block(block, at, out):
-    """Put the figures of a block where they are asked for, into flat arrays from `at` on."""
+def copy_block(block, n, at, out):
+    """Put the figures of n faces where they are asked for, into flat arrays from `at` on."""
     if out.in_view.size:
-        copy_lanes(ONE, pointer(block), at, pointer(out.in_view))
+        copy_lanes(IN_VIEW, pointer(block), n, at, pointer(out.in_view))
     if out.in_view_fraction.size:
-        copy_lanes(PART, pointer(block), at, pointer(out.in_view_fraction))
+        copy_lanes(PART, pointer(block), n, at, pointer(out.in_view_fraction))
     if out.projected_area.size:
-        copy_lanes(AREA, pointer(block), at, pointer(out.projected_area))
+        copy_lanes(AREA, pointer(block), n, at, pointer(out.projected_area))
     if out.visible_pixels.size:
-        copy_lanes(VISIBLE, pointer(block), at, pointer(out.visible_pixels))
+        copy_lanes(VISIBLE, pointer(block), n, at, pointer(out.visible_pixels))
     if out.drawn_pixels.size:
-        copy_lanes(DRAWN, pointer(block), at, pointer(out.drawn_pixels))
+        copy_lanes(DRAWN, pointer(block), n, at, pointer(out.drawn_pixels))
     if out.resolution.size:
-        copy_lanes(RESOLUTION, pointer(block), at, pointer(out.resolution))
+        copy_lanes(RESOLUTION, pointer(block), n, at, pointer(out.resolution))
     if out.pixel_density.size:
-        copy_lanes(DENSITY, pointer(block), at, pointer(out.pixel_density))
+        copy_lanes(DENSITY, pointer(block), n, at, pointer(out.pixel_density))
     if out.facing_density.size:
-        copy_lanes(FACING, pointer(block), at, pointer(out.facing_density))
+        copy_lanes(FACING, pointer(block), n, at, pointer(out.facing_density))
     if out.in_focus.size:
-        copy_lanes(FOCUSED, pointer(block), at, pointer(out.in_focus))
+        copy_lanes(FOCUSED, pointer(block), n, at, pointer(out.in_focus))
     if out.visibility.size:
-        copy_lanes(VISIBILITY, pointer(block), at, pointer(out.visibility))
+        copy_lanes(VISIBILITY, pointer(block), n, at, pointer(out.visibility))
     if out.visibility_bound.size:
-        copy_lanes(BOUND, pointer(block), at, pointer(out.visibility_bound))
+        copy_lanes(BOUND, pointer(block), n, at, pointer(out.visibility_bound))
     if out.visibility_kind.size:
-        copy_lanes(KIND, pointer(block), at, pointer(out.visibility_kind))
+        copy_lanes(KIND, pointer(block), n, at, pointer(out.visibility_kind))
     if out.incidence.size:
-        copy_lanes(COSINE, pointer(block), at, pointer(out.incidence))
+        copy_lanes(COSINE, pointer(block), n, at, pointer(out.incidence))
     if out.coverage.size:
-        copy_lanes(COVERAGE, pointer(block), at, pointer(out.coverage))
+        copy_lanes(COVERAGE, pointer(block), n, at, pointer(out.coverage))
     if out.reason.size:
-        copy_lanes(REASON, pointer(block), at, pointer(out.reason))
+        copy_lanes(REASON, pointer(block), n, at, pointer(out.reason))
 
 
 @simd(returns=types.boolean)
@@ -259,7 +282,7 @@ def add_lanes(first, pose, is_scored, sums, coverage, block):
     def of_faces(array):
         return load(builder, array.at(first).pointer, AT_A_TIME)
 
-    product, reason, bound = (_row(block, row) for row in (COVERAGE, REASON, BOUND))
+    product, reason, bound = (row_of(block, row) for row in (COVERAGE, REASON, BOUND))
     is_covered, counts = reason.equals(COVERED), of_faces(is_scored) > 0
     (of_faces(sums.views) + is_covered.to(LONG)).store(sums.views.at(first).pointer)
     best, best_row = of_faces(sums.best), of_faces(sums.best_row)
@@ -271,8 +294,8 @@ def add_lanes(first, pose, is_scored, sums, coverage, block):
     code = reason.to(BYTE)
     code.maximum(before).store(sums.reason.at(first).pointer)
     product.store(coverage.at(first).pointer)
-    in_view = counts & (reason > BACK_FACING) & (_row(block, PART) > 0)
-    kind = _row(block, KIND)
+    in_view = counts & (reason > BACK_FACING) & (row_of(block, PART) > 0)
+    kind = row_of(block, KIND)
     for value in (STATISTICAL, CERTIFIED, EXACT):
         found = (in_view & kind.equals(value)).bits().count_bits()
         sums.kinds.put(value, sums.kinds.value(value) + found)
@@ -281,14 +304,6 @@ def add_lanes(first, pose, is_scored, sums, coverage, block):
         largest = bound.where(chosen, 0.0).reduce("maximum")
         sums.bounds.put(place, largest.maximum(sums.bounds.value(place)))
     return is_covered.bits().count_bits()
-
-
-def _row(block, row):
-    return load(block.builder, block.at(row * AT_A_TIME).pointer, AT_A_TIME)
-
-
-def _put(block, row, value):
-    value.store(block.at(row * AT_A_TIME).pointer)
 
 
 def _corners(faces, points):
@@ -314,26 +329,12 @@ def _incidence_cosine(normal, sums):
     return (-(a * x + b * y + c * z) / reach).where(reach > 0, 0.0)
 
 
-def _pixel_density(normal, right, down, z, lens):
-    """See `criteria.pixel_density`."""
-    a, b, c = normal
-    sign = c.sign()
-    d = c.like(-1.0) / (sign + c)
-    e = a * b * d
-    first_x, first_y, first_z = sign * a * a * d + 1.0, sign * e, -sign * a
-    second_x, second_y, second_z = e, sign + b * b * d, -b
+def _worst(density, normal, right, down, z, lens):
+    """Least of the densities at three vertices; see `cameras.density_along`."""
     worst = None
     for s in range(3):
-        a1 = (first_x - right[s] * first_z) * lens.fx
-        a2 = (second_x - right[s] * second_z) * lens.fx
-        b1 = (first_y - down[s] * first_z) * lens.fy
-        b2 = (second_y - down[s] * second_z) * lens.fy
-        total = a1 * a1 + a2 * a2 + b1 * b1 + b2 * b2
-        det = (a1 * b2 - a2 * b1).absolute()
-        gap = total * total - (det * det) * 4.0
-        greatest = ((total + gap.maximum(0.0).sqrt()) / 2).sqrt()
-        density = det / (greatest * z[s])
-        worst = density if worst is None else worst.where(density >= worst, density)
+        here = density(lens.fx, lens.fy, right[s], down[s], z[s], *normal)
+        worst = here if worst is None else worst.where(worst <= here, here)
     return worst
 
 
@@ -357,3 +358,11 @@ def _bound_of_areas(at, drawn, area_error, has_error, kind):
         exact.now = (error / least).where(least > 0, 1.0) + ROUNDING
     bound = exact.now.where(kind.equals(EXACT), 0.0).where(drawn > 0, 1.0)
     return bound.minimum(1.0)
+
+
+def _bound_of_counts(length, drawn, samples):
+    """See `coverage.bound_of_fraction`, for counts in faces of a perimeter, px."""
+    root = length.like(samples).sqrt()
+    length = length * root
+    deviation = (length * 1.25 + 1.0).sqrt() * (3 * 0.27) + length / 20.0
+    return (deviation / (drawn * samples)).where(drawn > 0, 1.0).minimum(1.0)

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.kernels import lens as kernels
+from rastercov.kernels.cameras import CurvedSlopes, jacobian
 from rastercov.kernels.jit import allocation_free, called_whole, part_with_arrays
-from rastercov.kernels.lens_density import SLOPES
 from rastercov.kernels.lens_edges import bulge, nodes_for
 from rastercov.kernels.lens_lanes import GROUP, project_lanes
 from rastercov.kernels.lens_planes import PlaneRecord
@@ -26,64 +26,23 @@ from rastercov.kernels.lens_polygons import (
     polygon_image,
 )
 from rastercov.kernels.lens_tables import NODES
-from rastercov.kernels.vertex_columns import AHEAD, BEHIND, INSIDE, STATE, U, V, X, Y, Z
+from rastercov.kernels.vertex_blocks import AHEAD, BEHIND, INSIDE, STATE, U, V, X, Y, Z
 
 FloatArray = NDArray[np.float64]
 
-MOST_SIDES = 132
-"""Room for the sides of a region: a cone of 128 sides cut by a square."""
 NOWHERE = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 """Corners of a face that is not in a plane."""
+SLOPES = 8
+"""First of six columns of a vertex, behind those of `vertex_blocks`: the derivative of the lens,
+found when a density asks for it; NaN before."""
 OUTSIDE_TOLERANCE = 1e-9
 """Area outside the image, px^2 and relative to the face, up to which a face is inside it."""
 
 
-class CurvedLens(NamedTuple):
-    """A lens for the loops over faces; arrays read-only, one row for each of its planes.
-
-    Attributes
-    ----------
-    code, params
-        The lens.
-    width, height : float
-        Image size, px.
-    by_distance : bool
-        Sharpness depends on the distance, not on the depth.
-    frames : (N, 3, 3) float64
-        lens_from_plane.
-    own_params : (N, 32) float64
-    regions, holes : (N, MOST_SIDES, 2) float64
-    region_sides, hole_sides : (N,) int64
-    longest : (N, M) float64
-    parts_of : (N,) int64
-    is_graded : (N,) bool
-    bends : (N,) float64
-    tolerance : float
-        See `PlaneRecord` of `lens_planes`.
-    """
-
-    code: int
-    params: FloatArray
-    width: float
-    height: float
-    by_distance: bool
-    frames: FloatArray
-    own_params: FloatArray
-    regions: FloatArray
-    region_sides: NDArray[np.int64]
-    holes: FloatArray
-    hole_sides: NDArray[np.int64]
-    longest: FloatArray
-    parts_of: NDArray[np.int64]
-    is_graded: NDArray[np.bool_]
-    bends: FloatArray
-    tolerance: float
-
-
 class CurvedWorkspace(NamedTuple):
-    """Memory of one thread: the projected vertices (V, 14), and polygons of a plane.
+    """Memory of one thread: the projected vertices (V, 14), polygons of a plane, and a `block`.
 
-    `block`, (0, 0), is for a pinhole only.
+    The latter is as in `criteria.Workspace`.
     """
 
     points: FloatArray
@@ -95,12 +54,10 @@ class CurvedWorkspace(NamedTuple):
     block: FloatArray
 
 
-def curved_workspace(n_vertices: int) -> CurvedWorkspace:
+def curved_workspace(n_vertices: int, block: FloatArray) -> CurvedWorkspace:
     """Memory for one thread."""
     sizes = [(n_vertices, SLOPES + 6)] + [(MOST_CORNERS, 2)] * 2 + [(MOST_CORNERS, 3)] * 2
-    return CurvedWorkspace._make(
-        [*(np.empty(size) for size in sizes), edge_scratch(), np.empty((0, 0))]
-    )
+    return CurvedWorkspace._make([*(np.empty(size) for size in sizes), edge_scratch(), block])
 
 
 def project(vertices, pose, near, lens, points):
@@ -318,7 +275,7 @@ def curved_areas(points, i, j, k, near, lens, work):
             sign = -1.0 if area < 0 else 1.0
             whole += sign * area
             inside += sign * part
-        for side in range(sides):  # what is outside the hole, as in `exact.lens_outlines`
+        for side in range(sides):  # what is outside the hole, as in `exact_lens.append_cut`
             beyond = beyond_side_of(polygon, m, plane.hole, side, work.spare)
             if beyond >= 3:
                 area, part, _ = polygon_image(plane, work.spare, 0, beyond, work.edges)
@@ -351,7 +308,13 @@ def _cut_to_near(corners, n, near, out):
     return kept
 
 
-def focus_depth(points, p, lens):
-    """Depth of a vertex that its sharpness depends on: z, or the distance for a wide lens."""
-    x, y, z = points[p, X], points[p, Y], points[p, Z]
-    return math.sqrt(x * x + y * y + z * z) if lens.by_distance else z
+def slopes_at(points, p, lens):
+    """Derivative of the lens at a vertex in its valid region; six faces share a vertex."""
+    if math.isnan(points[p, SLOPES]):
+        ux, uy, uz, vx, vy, vz = jacobian(lens, points[p, X], points[p, Y], points[p, Z])
+        points[p, SLOPES], points[p, SLOPES + 1], points[p, SLOPES + 2] = ux, uy, uz
+        points[p, SLOPES + 3], points[p, SLOPES + 4], points[p, SLOPES + 5] = vx, vy, vz
+    return CurvedSlopes(
+        points[p, SLOPES], points[p, SLOPES + 1], points[p, SLOPES + 2],
+        points[p, SLOPES + 3], points[p, SLOPES + 4], points[p, SLOPES + 5],
+    )  # fmt: skip

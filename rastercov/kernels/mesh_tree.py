@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.kernels.jit import compiled
+from rastercov.kernels.jit import allocation_free, compiled, part_of, part_with_arrays
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -32,8 +32,11 @@ CELLS = 2.0**20 - 1
 TINY = float(np.finfo(np.float64).tiny)
 VOLUME_TOLERANCE = 1e-15
 """Rounding of a volume in a scene of diagonal 1: no line through a vertex passes between faces."""
-SLAB_TOLERANCE = 1e-14
-"""Relative and absolute rounding of the distance to a box: a triangle may lie in the side of it."""
+LEAST_STEP = 1e-12
+"""Least component of a direction in the test of a box."""
+BOX_MARGIN = 1e-11
+"""Growth of boxes on each side, for a segment of length 0 and again for each unit of its length:
+more than rounding and `LEAST_STEP` move a point."""
 
 
 @compiled
@@ -100,55 +103,101 @@ def grow_boxes(
 # --- segment hit ----------------------------------------------------------------------------------
 
 
-@compiled
-def volume(points: FloatArray, i: int, j: int, d: FloatArray) -> Any:
-    """Triple product d . (p_i x p_j): its sign is the side of edge i j on which direction d passes.
+@part_of
+def volume(d_x, d_y, d_z, p_x, p_y, p_z, q_x, q_y, q_z):
+    """Triple product d . (p x q): its sign is the side of edge p q on which direction d passes.
 
-    Swapping i and j changes the sign and no other bit: two faces agree about their edge.
+    Swapping p and q changes the sign and no other bit: two faces agree about their edge.
     """
     return (
-        d[0] * (points[i, 1] * points[j, 2] - points[i, 2] * points[j, 1])
-        + d[1] * (points[i, 2] * points[j, 0] - points[i, 0] * points[j, 2])
-        + d[2] * (points[i, 0] * points[j, 1] - points[i, 1] * points[j, 0])
+        d_x * (p_y * q_z - p_z * q_y)
+        + d_y * (p_z * q_x - p_x * q_z)
+        + d_z * (p_x * q_y - p_y * q_x)
     )
 
 
-@compiled
-def meets_triangle(points: FloatArray, d: FloatArray, reach: float) -> bool:
-    """True if the segment from the origin to reach * d meets a triangle, including its edges.
+@part_with_arrays
+def distance_to(corners, t, x, y, z, d_x, d_y, d_z):
+    """Distance along a unit vector d from (x, y, z) to triangle t, or to its edges; -1 for none.
 
     A triangle seen edge-on is not met.
     """
-    u, v, w = volume(points, 1, 2, d), volume(points, 2, 0, d), volume(points, 0, 1, d)
+    a_x, a_y, a_z = corners[t, 0, 0] - x, corners[t, 0, 1] - y, corners[t, 0, 2] - z
+    b_x, b_y, b_z = corners[t, 1, 0] - x, corners[t, 1, 1] - y, corners[t, 1, 2] - z
+    c_x, c_y, c_z = corners[t, 2, 0] - x, corners[t, 2, 1] - y, corners[t, 2, 2] - z
+    u = volume(d_x, d_y, d_z, b_x, b_y, b_z, c_x, c_y, c_z)
+    v = volume(d_x, d_y, d_z, c_x, c_y, c_z, a_x, a_y, a_z)
+    w = volume(d_x, d_y, d_z, a_x, a_y, a_z, b_x, b_y, b_z)
     least, greatest = min(u, min(v, w)), max(u, max(v, w))
     # Both true: the line passes outside. Both false: all volumes are rounding, edge-on.
     if (least < -VOLUME_TOLERANCE) == (greatest > VOLUME_TOLERANCE):
-        return False
+        return -1.0
     total = u + v + w
-    along = 0.0
-    for k in range(3):
-        along += (u * points[0, k] + v * points[1, k] + w * points[2, k]) / total * d[k]
-    return 0.0 <= along <= reach
+    along = (u * a_x + v * b_x + w * c_x) / total * d_x
+    along += (u * a_y + v * b_y + w * c_y) / total * d_y
+    along += (u * a_z + v * b_z + w * c_z) / total * d_z
+    return along
 
 
-@compiled
-def meets_box(origin: FloatArray, direction: FloatArray, reach: float, box: FloatArray) -> bool:
-    """True if a segment meets a box."""
-    first, last = 0.0, reach
-    for k in range(3):
-        low, high = box[k] - origin[k], -box[3 + k] - origin[k]
-        d = direction[k]
-        if d == 0.0:
-            if low > 0.0 or high < 0.0:
-                return False
+@part_with_arrays
+def slab(nodes, node, k, x, inverse, margin):
+    """Distances between which a line is within the planes of a box across axis k, in any order."""
+    low, high = nodes[node, k] - margin - x, margin - nodes[node, 3 + k] - x
+    return low * inverse, high * inverse
+
+
+@allocation_free
+def hit_of(x, y, z, d_x, d_y, d_z, reach, own, is_nearest, corners, nodes, stack):
+    """Triangle that a segment meets, other than `own`: the nearest, or any; -1 for none.
+
+    Parameters
+    ----------
+    x, y, z, d_x, d_y, d_z, reach : float
+        Start, unit vector and length, in a scene of diagonal 1 about the origin.
+    own : int
+        Triangle that does not count, in the order of the tree; -1 for none.
+    is_nearest : bool
+        Search for the nearest one, which takes longer.
+    corners, nodes : (T, 3, 3), (2 L, 6) float64
+        Triangles in the order of the tree, and its boxes.
+    stack : (STACK_SIZE,) int64
+        Scratch.
+    """
+    leaves, hit = nodes.shape[0] // 2, -1
+    # A direction along an axis has no reciprocal; boxes are grown by more than this moves a point.
+    margin = BOX_MARGIN * (1.0 + reach)
+    a = 1.0 / (d_x if abs(d_x) > LEAST_STEP else LEAST_STEP)
+    b = 1.0 / (d_y if abs(d_y) > LEAST_STEP else LEAST_STEP)
+    c = 1.0 / (d_z if abs(d_z) > LEAST_STEP else LEAST_STEP)
+    stack[0], depth = 1, 1
+    while depth:
+        depth -= 1
+        node = stack[depth]
+        if nodes[node, 0] == np.inf:  # an empty box
             continue
-        # Ordered by the sign of d, not by size: an empty box must stay the wrong way round.
-        near, far = (low / d, high / d) if d > 0.0 else (high / d, low / d)
-        first = max(first, near * (1 - SLAB_TOLERANCE) - SLAB_TOLERANCE)
-        last = min(last, far * (1 + SLAB_TOLERANCE) + SLAB_TOLERANCE)
-        if first > last:
-            return False
-    return True
+        low, high = slab(nodes, node, 0, x, a, margin)
+        first, last = min(low, high), max(low, high)
+        low, high = slab(nodes, node, 1, y, b, margin)
+        first, last = max(first, min(low, high)), min(last, max(low, high))
+        low, high = slab(nodes, node, 2, z, c, margin)
+        first, last = max(first, min(low, high)), min(last, max(low, high))
+        if first > last or first > reach or last < 0.0:
+            continue
+        if node < leaves:
+            stack[depth], stack[depth + 1] = 2 * node, 2 * node + 1
+            depth += 2
+            continue
+        begin = (node - leaves) * LEAF
+        for t in range(begin, min(begin + LEAF, corners.shape[0])):
+            if t == own:
+                continue
+            along = distance_to(corners, t, x, y, z, d_x, d_y, d_z)
+            if 0.0 <= along <= reach:
+                hit = t
+                if not is_nearest:
+                    return hit
+                reach = along
+    return hit
 
 
 @compiled
@@ -165,32 +214,13 @@ def hit_segments(
     Directions are unit vectors; a segment without a positive reach, its length, meets nothing. The
     (T, 3, 3) corners of the triangles are in the order of the tree.
     """
-    leaves = nodes.shape[0] // 2
     stack = np.empty(STACK_SIZE, np.int64)
-    points = np.empty((3, 3))
     for i in range(origins.shape[0]):
-        hit[i] = False
-        if not reaches[i] > 0.0:
-            continue
-        start, d = origins[i], directions[i]
-        stack[0], depth = 1, 1
-        while depth and not hit[i]:
-            depth -= 1
-            node = stack[depth]
-            if not meets_box(start, d, reaches[i], nodes[node]):
-                continue
-            if node < leaves:
-                stack[depth], stack[depth + 1] = 2 * node, 2 * node + 1
-                depth += 2
-                continue
-            first = (node - leaves) * LEAF
-            for t in range(first, min(first + LEAF, corners.shape[0])):
-                for corner in range(3):
-                    for k in range(3):
-                        points[corner, k] = corners[t, corner, k] - start[k]
-                if meets_triangle(points, d, reaches[i]):
-                    hit[i] = True
-                    break
+        hit[i] = reaches[i] > 0.0 and hit_of(
+            origins[i, 0], origins[i, 1], origins[i, 2],
+            directions[i, 0], directions[i, 1], directions[i, 2],
+            reaches[i], -1, False, corners, nodes, stack,
+        ) >= 0  # fmt: skip
 
 
 # --- nearest point --------------------------------------------------------------------------------

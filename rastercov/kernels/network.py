@@ -10,48 +10,25 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.kernels import decision as code
 from rastercov.kernels.coverage import (
-    bound_and_kind,
     cosine_of,
     density_of,
     exceeds_incidence,
-    judge_face,
-    kind_of,
+    measure_face,
+    put_bound,
 )
 from rastercov.kernels.criteria import (
-    AT_A_TIME,
     facing_density,
     image_of_face,
     incidence_angle,
     project,
 )
-from rastercov.kernels.face_blocks import (
-    AREA,
-    BACK_FACING,
-    BOUND,
-    COSINE,
-    COVERAGE,
-    COVERED,
-    DEGENERATE,
-    DENSITY,
-    DRAWN,
-    EXACT,
-    FACING,
-    FOCUSED,
-    KIND,
-    PART,
-    REASON,
-    RESOLUTION,
-    VISIBILITY,
-    VISIBLE,
-    add_backs,
-    add_lanes,
-    are_behind,
-    judge_block,
-)
+from rastercov.kernels.decision import AT_A_TIME, decide_block
+from rastercov.kernels.face_blocks import add_backs, add_lanes, are_behind, judge_eight
 from rastercov.kernels.jit import allocation_free, part_with_arrays
 from rastercov.kernels.simd_kernel import pointer, pointers
-from rastercov.kernels.vertex_columns import INSIDE, X, Y, Z
+from rastercov.kernels.vertex_blocks import INSIDE, X, Y, Z
 
 NO_PAIRS, COVERED_PAIRS, SEEN_PAIRS, ALL_PAIRS = range(4)
 """Indices of `rastercov.coverage.pairs.CHOICES`."""
@@ -131,7 +108,7 @@ def add_pair(row, f, is_scored, coverage, reason, bound, kind, fraction, sums):
     Of equal coverages the least row of the batch is the best, whatever the order in which rows
     come. A pair that fails no later than for its back is not in view.
     """
-    covers = reason == COVERED
+    covers = reason == code.COVERED
     if covers:
         sums.views[f] += 1
     if coverage > 0:
@@ -140,8 +117,8 @@ def add_pair(row, f, is_scored, coverage, reason, bound, kind, fraction, sums):
             sums.best[f], sums.best_row[f] = coverage, row
     if reason > sums.reason[f]:
         sums.reason[f] = reason
-    if is_scored[f] and reason > BACK_FACING and fraction > 0:
-        sums.kinds[min(kind, EXACT)] += 1
+    if is_scored[f] and reason > code.BACK_FACING and fraction > 0:
+        sums.kinds[min(kind, code.EXACT)] += 1
         sums.bounds[0] = max(sums.bounds[0], bound)
     if is_scored[f] and covers:
         sums.bounds[1] = max(sums.bounds[1], bound)
@@ -164,32 +141,42 @@ def add_rows(is_scored, coverage, reason, bound, kind, fraction, sums, covered_f
 
 
 @part_with_arrays
-def add_row(at, pose_id, f, geometry, is_focused, resolution, areas, bound, kind, decision, rows):
-    """Put the figures of a pair into row `at`.
+def add_row(at, pose_id, f, block, lane, rows):
+    """Put the figures of a pair, a lane of a block, into row `at`.
 
     The bound includes the rounding of the visible fraction to float32, so that it still holds.
     """
-    cosine, state, part, area, density, facing = geometry
-    visible, drawn, visibility = areas
     rows.pose[at], rows.face[at] = pose_id, f
-    rows.in_view[at], rows.in_focus[at] = state == INSIDE, is_focused
-    rows.in_view_fraction[at], rows.projected_area[at] = part, area
-    rows.visible_pixels[at], rows.drawn_pixels[at] = visible, drawn
-    rows.resolution[at], rows.pixel_density[at] = resolution, density
-    rows.facing_density[at] = facing
+    rows.in_view[at], rows.in_focus[at] = (
+        block[code.IN_VIEW, lane] > 0,
+        block[code.FOCUSED, lane] > 0,
+    )
+    rows.in_view_fraction[at] = block[code.PART, lane]
+    rows.projected_area[at] = block[code.AREA, lane]
+    rows.visible_pixels[at], rows.drawn_pixels[at] = (
+        block[code.VISIBLE, lane],
+        block[code.DRAWN, lane],
+    )
+    rows.resolution[at] = block[code.RESOLUTION, lane]
+    rows.pixel_density[at], rows.facing_density[at] = (
+        block[code.DENSITY, lane],
+        block[code.FACING, lane],
+    )
+    visibility = block[code.VISIBILITY, lane]
     short = np.float32(visibility)
-    bound += abs(short - visibility)
+    bound = block[code.BOUND, lane] + abs(short - visibility)
     short_bound = np.float32(bound)
     if short_bound < bound:
         short_bound = np.nextafter(short_bound, np.float32(np.inf))
     rows.visibility[at], rows.visibility_bound[at] = short, short_bound
-    rows.visibility_kind[at] = kind
-    rows.incidence[at] = incidence_angle(cosine)
-    rows.coverage[at], rows.reason[at] = decision
+    rows.visibility_kind[at] = np.int64(block[code.KIND, lane])
+    rows.incidence[at] = incidence_angle(block[code.COSINE, lane])
+    rows.coverage[at] = block[code.COVERAGE, lane]
+    rows.reason[at] = np.int64(block[code.REASON, lane])
 
 
 @part_with_arrays
-def orientation(scene, seen, limits, points, row, f, height, rounding):
+def orientation(scene, seen, rules, points, row, f, height, rounding):
     """True if a face is seen from the front; True if its angle of incidence is too great.
 
     `height` is that of the camera centre above the plane of the face, which the cosine of the angle
@@ -201,128 +188,127 @@ def orientation(scene, seen, limits, points, row, f, height, rounding):
     y = points[i, Y] + points[j, Y] + points[k, Y]
     z = points[i, Z] + points[j, Z] + points[k, Z]
     squared = 9 * (height * height)
-    least = limits.least_cosine * limits.least_cosine * (x * x + y * y + z * z)
+    least = rules.cos_incidence * rules.cos_incidence * (x * x + y * y + z * z)
     if 0.1 * CLEAR_REL * abs(height) > rounding and (
         squared > (1 + CLEAR_REL) * least or squared < (1 - CLEAR_REL) * least
     ):
         is_front = (height > 0 or scene.two_sided[f]) and not scene.degenerate[f]
         return is_front, squared < least
     cosine = cosine_of(scene, seen, points, row, f)
-    return cosine > 0 and not scene.degenerate[f], exceeds_incidence(cosine, limits)
+    return cosine > 0 and not scene.degenerate[f], exceeds_incidence(cosine, rules)
 
 
 @part_with_arrays
-def add_block(first, row, turn, scene, lens, seen, work, limits, is_scored, sums, covered_faces,
-              coverage, sink, rounding):  # fmt: skip
-    """Add `AT_A_TIME` faces from `first` on, as `add_pose` does each; False where it must."""
-    choice, block, pose = sink.choice, work.block, seen.poses[row]
-    has_rows, n_faces = choice != NO_PAIRS, scene.faces.shape[0]
-    if choice != ALL_PAIRS and first + AT_A_TIME <= n_faces and are_behind(
-        first, pointer(scene.normals), pointer(scene.offsets), pointer(scene.two_sided),
-        pose[0, 3], pose[1, 3], pose[2, 3], rounding,
-    ):  # fmt: skip
-        add_backs(first, pointer(scene.degenerate), pointer(sums.reason), pointer(coverage))
-        return True
-    # The sums hold the largest bounds, and none exceeds 1.
-    asks_bound = seen.kind.size > 0 or has_rows or min(sums.bounds[0], sums.bounds[1]) < 1
-    if not judge_block(
-        first, scene, lens, seen, row, limits, work, has_rows or limits.min_pixel_density > 0,
-        has_rows or limits.min_facing_density > 0, asks_bound,
-    ):  # fmt: skip
-        return False
-    covered_faces[row] += add_lanes(
-        first, row, pointer(is_scored), pointers(sums), pointer(coverage), pointer(block)
-    )
-    for lane in range(AT_A_TIME if has_rows else 0):
-        reason, part = np.int64(block[REASON, lane]), block[PART, lane]
-        if (
-            choice == ALL_PAIRS
-            or reason == COVERED
-            or (choice == SEEN_PAIRS and reason > BACK_FACING and part > 0)
-        ):
-            at = turn * n_faces + sink.counts[turn]
-            sink.counts[turn] += 1
-            geometry = (
-                block[COSINE, lane], INSIDE, part, block[AREA, lane], block[DENSITY, lane],
-                block[FACING, lane],
-            )  # fmt: skip
-            areas = block[VISIBLE, lane], block[DRAWN, lane], block[VISIBILITY, lane]
-            add_row(
-                at, sink.pose_ids[row], first + lane, geometry, block[FOCUSED, lane] > 0,
-                block[RESOLUTION, lane], areas, block[BOUND, lane], np.int64(block[KIND, lane]),
-                (block[COVERAGE, lane], reason), sink.rows,
-            )  # fmt: skip
-    return True
+def measure_each(first, n, row, scene, lens, seen, work, rules, rounding, measures_all):
+    """Measure n faces one by one; unless all are asked for, those seen from behind are left out."""
+    block, pose, normals = work.block, seen.poses[row], scene.normals
+    for lane in range(n):
+        f = first + lane
+        height = normals[f, 0] * pose[0, 3] + normals[f, 1] * pose[1, 3]
+        height = height + normals[f, 2] * pose[2, 3] - scene.offsets[f]
+        is_behind = height < -rounding and not scene.two_sided[f]
+        if (is_behind or scene.degenerate[f]) and not measures_all:
+            block[code.SIDE, lane], block[code.PART, lane] = (
+                -1.0 if scene.degenerate[f] else 0.0,
+                0.0,
+            )
+            continue
+        is_front, is_oblique = orientation(
+            scene, seen, rules, work.points, row, f, height, rounding
+        )
+        measure_face(
+            lane, f, scene, lens, seen, row, rules, work, is_front, is_oblique, False,
+            rules.min_pixel_density > 0, rules.min_facing_density > 0,
+        )  # fmt: skip
+
+
+@part_with_arrays
+def complete_row(lane, f, row, scene, lens, seen, work, rules):
+    """Fill what `measure_each` leaves out of the figures of a face."""
+    points, block, near = work.points, work.block, seen.near[row]
+    i, j, k = scene.faces[f, 0], scene.faces[f, 1], scene.faces[f, 2]
+    state, part = block[code.STATE_OF_FACE, lane], block[code.PART, lane]
+    if not seen.kind.size:  # counted, and no area has been asked for
+        state, part, area = image_of_face(points, i, j, k, near, lens, work, -1.0)
+        block[code.IN_VIEW, lane], block[code.PART, lane] = (
+            1.0 if state == INSIDE else 0.0,
+            part,
+        )
+        block[code.AREA, lane] = area
+    if not rules.min_facing_density > 0:
+        block[code.FACING, lane] = facing_density(points, i, j, k, lens)
+    if not rules.min_pixel_density > 0:
+        block[code.DENSITY, lane] = density_of(
+            scene, lens, seen, points, row, f, block[code.SIDE, lane] > 0, state, part
+        )
 
 
 @allocation_free
-def add_pose(row, turn, scene, lens, seen, work, limits, is_scored, sums, covered_faces, coverage,
+def add_pose(row, turn, scene, lens, seen, work, rules, is_scored, sums, covered_faces, coverage,
              sink):  # fmt: skip
     """Judge the faces in one pose and add them to `sums`, as `judge_poses` and `add_rows` would.
 
     Out: an element of `covered_faces`, (P,), and `coverage`, (F,); and in `sink`, behind those of
     this turn, the rows of the pairs that it asks for.
     """
-    points, pose, choice, n_faces = work.points, seen.poses[row], sink.choice, scene.faces.shape[0]
-    asks_density, asks_facing = limits.min_pixel_density > 0, limits.min_facing_density > 0
+    choice, n_faces, block, pose = sink.choice, scene.faces.shape[0], work.block, seen.poses[row]
+    has_rows, has_kinds = choice != NO_PAIRS, seen.kind.size > 0
     x, y, z = pose[0, 3], pose[1, 3], pose[2, 3]
     rounding = PLANE_ROUNDING * (abs(x) + abs(y) + abs(z) + scene.reach)
-    project(scene.vertices, pose, seen.near[row], lens, points)
-    normals, is_added = scene.normals, False
-    for f in range(n_faces):
-        if f % AT_A_TIME == 0:
-            is_added = add_block(
-                f, row, turn, scene, lens, seen, work, limits, is_scored, sums, covered_faces,
-                coverage, sink, rounding,
-            )  # fmt: skip
-        if is_added:
+    project(scene.vertices, pose, seen.near[row], lens, work.points)
+    for first in range(0, n_faces, AT_A_TIME):
+        n = min(AT_A_TIME, n_faces - first)
+        is_whole = n == AT_A_TIME
+        if is_whole and choice != ALL_PAIRS and are_behind(
+            first, pointer(scene.normals), pointer(scene.offsets), pointer(scene.two_sided),
+            x, y, z, rounding,
+        ):  # fmt: skip
+            add_backs(first, pointer(scene.degenerate), pointer(sums.reason), pointer(coverage))
             continue
-        product, reason, bound, kind, part = 0.0, BACK_FACING, 0.0, EXACT, 0.0
-        height = normals[f, 0] * x + normals[f, 1] * y + normals[f, 2] * z - scene.offsets[f]
-        is_behind = height < -rounding and not scene.two_sided[f]
-        if scene.degenerate[f]:
-            is_behind, reason = True, DEGENERATE
-        if not is_behind or choice == ALL_PAIRS:
-            is_front, is_oblique = orientation(
-                scene, seen, limits, points, row, f, height, rounding
+        # The sums hold the largest bounds, and none exceeds 1.
+        has_bounds = is_whole and judge_eight(
+            first, scene, lens, seen, row, rules, work, has_rows or rules.min_pixel_density > 0,
+            has_rows or rules.min_facing_density > 0,
+            has_kinds or has_rows or min(sums.bounds[0], sums.bounds[1]) < 1,
+        )  # fmt: skip
+        if has_bounds and not has_rows:
+            covered_faces[row] += add_lanes(
+                first, row, pointer(is_scored), pointers(sums), pointer(coverage), pointer(block)
             )
-            geometry, is_seen, areas, resolution, is_focused, product, reason = judge_face(
-                scene, lens, seen, limits, work, row, f, is_front, is_oblique, False,
-                asks_density, asks_facing,
-            )  # fmt: skip
-            part = geometry[1]
-            is_row = choice != NO_PAIRS and (
-                choice == ALL_PAIRS
-                or reason == COVERED
-                or (choice == SEEN_PAIRS and reason > BACK_FACING and part > 0)
+            continue
+        if not has_bounds:
+            measure_each(
+                first, n, row, scene, lens, seen, work, rules, rounding, choice == ALL_PAIRS
             )
-            # The sums hold the largest bounds, and none exceeds 1.
-            bound, kind = 1.0, kind_of(seen, row, f) if is_seen else EXACT
-            if is_row or sums.bounds[0] < 1 or (reason == COVERED and sums.bounds[1] < 1):
-                cosine = cosine_of(scene, seen, points, row, f)
-                bound, kind = bound_and_kind(
-                    scene, lens, seen, points, row, f, areas[1], cosine, geometry[0], part,
-                    is_seen, work,
-                )  # fmt: skip
+            decide_block(rules, pointer(block))
+        for lane in range(n):
+            f, reason, part = first + lane, block[code.REASON, lane], block[code.PART, lane]
+            covers, in_view = reason == code.COVERED, reason > code.BACK_FACING and part > 0
+            is_row = choice == ALL_PAIRS or (
+                (has_rows and covers) or (choice == SEEN_PAIRS and in_view)
+            )
+            if not has_bounds and (
+                is_row or (in_view and sums.bounds[0] < 1) or (covers and sums.bounds[1] < 1)
+            ):
+                cosine = cosine_of(scene, seen, work.points, row, f)
+                put_bound(lane, f, scene, lens, seen, row, work, cosine)
+                block[code.COSINE, lane] = cosine
             if is_row:
-                state, part, area, density, facing = geometry
-                i, j, k = scene.faces[f, 0], scene.faces[f, 1], scene.faces[f, 2]
-                if not seen.kind.size:  # counted, and no area has been asked for
-                    near = seen.near[row]
-                    state, part, area = image_of_face(points, i, j, k, near, lens, work, -1.0)
-                if not asks_facing:
-                    facing = facing_density(points, i, j, k, lens)
-                if not asks_density:
-                    density = density_of(
-                        scene, lens, seen, points, row, f, reason > BACK_FACING, state, part
-                    )
-                cosine = cosine_of(scene, seen, points, row, f)
-                geometry = cosine, state, part, area, density, facing
+                if not has_bounds:
+                    complete_row(lane, f, row, scene, lens, seen, work, rules)
                 at = turn * n_faces + sink.counts[turn]
                 sink.counts[turn] += 1
-                add_row(
-                    at, sink.pose_ids[row], f, geometry, is_focused, resolution, areas, bound,
-                    kind, (product, reason), sink.rows,
-                )  # fmt: skip
-        coverage[f] = product
-        covered_faces[row] += add_pair(row, f, is_scored, product, reason, bound, kind, part, sums)
+                add_row(at, sink.pose_ids[row], f, block, lane, sink.rows)
+        if is_whole:
+            covered_faces[row] += add_lanes(
+                first, row, pointer(is_scored), pointers(sums), pointer(coverage), pointer(block)
+            )
+            continue
+        for lane in range(n):
+            f = first + lane
+            coverage[f] = block[code.COVERAGE, lane]
+            covered_faces[row] += add_pair(
+                row, f, is_scored, block[code.COVERAGE, lane], np.int64(block[code.REASON, lane]),
+                block[code.BOUND, lane], np.int64(block[code.KIND, lane]), block[code.PART, lane],
+                sums,
+            )  # fmt: skip

@@ -1,6 +1,6 @@
 """Compiled loop of `candidate_visibility`; `rastercov.reference.views` is the twin."""
 
-from rastercov.kernels.face_blocks import COVERED, STATISTICAL
+from rastercov.kernels.decision import COVERED, STATISTICAL
 from rastercov.kernels.jit import compiled
 
 

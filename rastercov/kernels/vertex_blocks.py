@@ -1,11 +1,20 @@
-"""Projection of eight vertices at a time by SIMD, for the loops over faces in one pose."""
+"""Projected vertices, eight at a time by SIMD, for the loops over faces in one pose.
+
+A projected vertex has the columns below.
+"""
 
 from numba.core import types
 
 from rastercov.kernels.simd import joined, load
 from rastercov.kernels.simd_kernel import loop, simd
-from rastercov.kernels.vertex_columns import AHEAD, BEHIND, COLUMNS, INSIDE
 
+X, Y, Z, RIGHT, DOWN, U, V, STATE = range(8)
+"""Camera axes, metres; x/z and y/z, for a pinhole; pixels; and the state of the vertex."""
+COLUMNS = 8
+"""Columns in all."""
+BEHIND, AHEAD, INSIDE = 0.0, 1.0, 2.0
+"""States: before the near plane, or outside the valid region of the lens; beyond it; beyond it and
+inside the image."""
 AT_A_TIME = 8
 """Vertices that are projected at a time: doubles of the longest registers."""
 
@@ -25,7 +34,7 @@ def project_vertices(n, vertices, pose, near, lens, points):
 
 
 def _columns(vertices, axes, near, lens):
-    """Columns of a projected vertex, see `vertex_columns`."""
+    """Columns of a projected vertex, see `vertex_blocks`."""
     *turn, centre = axes
     a, b, c = (vertices.every(3, axis) - centre[axis] for axis in range(3))
     x, y, z = (a * p + b * q + c * r for p, q, r in turn)

@@ -50,7 +50,7 @@ from rastercov.placement.improve.search import Optimised, optimise
 from rastercov.placement.improve.tolerance import InstallationError, Tolerance, tolerance
 from rastercov.placement.matrix import VisibilityMatrix, build_matrix, measure_matrix
 from rastercov.placement.matrix_folder import MatrixFolder
-from rastercov.placement.select.greedy import select_greedy, select_thesis
+from rastercov.placement.select.greedy import select_greedy
 from rastercov.placement.select.integer import select_integer
 from rastercov.placement.select.problem import (
     BestCoverage,
@@ -116,7 +116,6 @@ __all__ = [
     "segment",
     "select_greedy",
     "select_integer",
-    "select_thesis",
     "tolerance",
     "what_is_left",
 ]

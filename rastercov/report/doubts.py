@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov.camera.camera import Camera
-from rastercov.camera.formats.pose_doubts import convention_doubts
-from rastercov.camera.formats.unit_doubts import unit_doubts
+from rastercov.camera.formats.doubts import convention_doubts, unit_doubts
 from rastercov.camera.near_plane import depth_from_near, near_limits
 from rastercov.camera.pose import Poses
 from rastercov.camera.projection import to_camera, to_image
@@ -108,11 +107,11 @@ def _sides(network: Network, cameras: Sequence[Camera], poses: Poses) -> list[st
     area = float(mesh.areas[scored].sum())
     if not area or mesh.areas[scored & (network.best == 0)].sum() < LEAST_UNSEEN_SHARE * area:
         return []
-    from rastercov.models.line_of_sight import LineOfSight  # compiles loops
+    from rastercov.coverage.line_of_sight import LineOfSight  # compiles loops
 
     faces = np.flatnonzero(scored)
     faces = faces[_spread(len(faces), MOST_FACES)]
-    points, sight = mesh.centroids[faces], LineOfSight(mesh, "own")
+    points, sight = mesh.centroids[faces], LineOfSight(mesh)
     front = behind = 0.0
     near_of = near_limits(cameras, mesh.bounds, poses)
     for pose, index, near in zip(poses.world_from_camera, poses.camera, near_of, strict=True):

@@ -38,9 +38,9 @@ class Picture:
         return cls(alt, png(image, Image.Quantize.FASTOCTREE))
 
 
-def rendered(template: str, **values: Any) -> str:
-    """HTML of a template in `templates` with some values."""
-    return _environment().get_template(template).render(values)
+def rendered(template: str, package: str = "rastercov.report", **values: Any) -> str:
+    """HTML of a template in the folder `templates` of a package, with some values."""
+    return _environment(package).get_template(template).render(values)
 
 
 def publish(
@@ -62,13 +62,13 @@ def publish(
 
 
 @cache
-def _environment() -> "Environment":
-    from jinja2 import Environment, PackageLoader, StrictUndefined
+def _environment(package: str) -> "Environment":
+    from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 
     environment = Environment(
         autoescape=True,
         keep_trailing_newline=True,
-        loader=PackageLoader("rastercov.report"),
+        loader=ChoiceLoader([PackageLoader(package), PackageLoader("rastercov.report")]),
         lstrip_blocks=True,
         trim_blocks=True,
         undefined=StrictUndefined,

@@ -19,8 +19,7 @@ from rastercov.base.format import plural, short
 from rastercov.camera.camera import Camera
 from rastercov.camera.models import MODELS
 from rastercov.camera.pose import Poses
-from rastercov.camera.projection import to_camera
-from rastercov.camera.rays import view_border
+from rastercov.camera.projection import to_camera, view_border
 from rastercov.camera.rig import Cameras, cameras_of
 from rastercov.coverage.area.points import covering_poses
 from rastercov.coverage.area.regions import Regions

@@ -18,8 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from PIL import Image, ImageDraw
 
 from rastercov.camera.camera import Camera
-from rastercov.camera.projection import to_camera, to_image
-from rastercov.camera.rays import rays_of
+from rastercov.camera.projection import rays_of, to_camera, to_image
 from rastercov.camera.viewpoints import look_at
 from rastercov.mesh import Mesh
 from rastercov.raster import open_rasterizer

@@ -9,7 +9,7 @@ from rastercov.base.checks import image_side, number, positive, shown
 from rastercov.base.errors import CameraError
 from rastercov.camera.camera import Camera
 from rastercov.camera.models import MODELS
-from rastercov.camera.rays import view_border
+from rastercov.camera.projection import view_border
 
 PARTS_OF_BORDER = 8
 """Rays of the border of a field of view along each side of the image."""
@@ -32,7 +32,7 @@ FIELDS: tuple[dict[str, Any], ...] = tuple(
 def described(camera: Camera) -> dict[str, Any]:
     """Values of a camera for the page, ready for JSON; None for what it does not have.
 
-    `border` are rays around its field of view, see `camera.rays.view_border`; `plain` is what
+    `border` are rays around its field of view, see `camera.projection.view_border`; `plain` is what
     `Camera.from_dict` makes the camera of.
     """
     z_n, z_f = camera.depth_of_field()

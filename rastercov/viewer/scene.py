@@ -26,7 +26,6 @@ from rastercov.coverage.provenance import sha256
 from rastercov.coverage.reasons import REASONS
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
-from rastercov.models import MODELS as COVERAGE_MODELS
 from rastercov.placement.candidates.clearance import KeepOutBox, in_solid
 from rastercov.placement.improve.pose_space import PoseSpace
 from rastercov.placement.plan.candidates import candidate_pool
@@ -53,13 +52,6 @@ SEGMENT_OPTIONS: tuple[dict[str, Any], ...] = (
      "kind": "float", "low": 0.0, "high": 89.0, "choices": None, "default": 10.0,
      "is_optional": False, "unit": "deg"},
 )  # fmt: skip
-MODEL_OPTIONS: tuple[dict[str, Any], ...] = (
-    {"name": "model", "words": "Coverage model of the literature, or ours.",
-     "kind": "choice", "low": None, "high": None, "choices": list(COVERAGE_MODELS),
-     "default": "image_space", "is_optional": False, "unit": ""},
-)  # fmt: skip
-OPTIONS = {"model": MODEL_OPTIONS, "segments": SEGMENT_OPTIONS}
-"""Options of modes."""
 RESULTS = {
     "summary.json": ("evaluate", "Result of rastercov evaluate"),
     "plan.json": ("place", "Result of rastercov place"),
@@ -68,6 +60,9 @@ RESULTS = {
 """File that marks the folder of each command's result; its kind, and words for it."""
 RIGS = {"evaluate": "rig.json", "place": "poses.json", "audit": "rig.json"}
 """File of the cameras in each of them."""
+
+Model = Callable[[Mesh, Camera, NDArray[np.float64], Task], NDArray[np.float64]]
+"""Coverage (P, F) of each face in each pose."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,6 +84,8 @@ class Scene:
         Kind of a result folder that was opened, and words on it.
     notes : tuple of str
         What was read and could not be kept.
+    models : mapping
+        Coverage models by name that may colour the faces.
     """
 
     title: str
@@ -99,6 +96,7 @@ class Scene:
     meshes: tuple[dict[str, Any], ...] = ()
     result: dict[str, str] | None = None
     notes: tuple[str, ...] = field(default=())
+    models: Mapping[str, Model] = field(default_factory=dict)
 
     @property
     def has_constraints(self) -> bool:
@@ -136,7 +134,7 @@ class Scene:
             "task_fields": task_fields(),
             "camera_fields": list(lens.FIELDS),
             "presets": list(PRESETS),
-            "modes": modes(),
+            "modes": modes(self.models),
             "reasons": {name: words.label for name, words in REASONS.items()},
             "constraints": self._constraints() | {"is_kept": is_kept},
             "can_edit": can_edit,
@@ -193,14 +191,25 @@ def default_space(mesh: Mesh, state: RigState) -> PoseSpace:
     return PoseSpace(mesh=mesh, boxes=box, clearance=1e-3 * size)
 
 
-def modes() -> list[dict[str, Any]]:
+def model_options(models: Mapping[str, Model]) -> tuple[dict[str, Any], ...]:
+    """Options of the mode that colours by a coverage model."""
+    return (
+        {"name": "model", "words": "Coverage model of the literature, or ours.",
+         "kind": "choice", "low": None, "high": None, "choices": list(models),
+         "default": "image_space", "is_optional": False, "unit": ""},
+    )  # fmt: skip
+
+
+def modes(models: Mapping[str, Model]) -> list[dict[str, Any]]:
     """Ways to colour the faces, in the order of a page."""
+    options = {"model": model_options(models), "segments": SEGMENT_OPTIONS}
     return [
         {
             "id": name, "label": mode.label, "words": mode.words, "panel": mode.panel,
-            "options": list(OPTIONS.get(name, ())),
+            "options": list(options.get(name, ())),
         }
         for name, mode in MODES.items()
+        if models or name != "model"
     ]  # fmt: skip
 
 

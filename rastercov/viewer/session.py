@@ -22,7 +22,6 @@ from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
 from rastercov.coverage.area.network import AreaNetwork
 from rastercov.mesh import Mesh
-from rastercov.models import MODELS
 from rastercov.placement.candidates.segments import Segmentation, segment
 from rastercov.placement.improve.pose_space import PoseSpace
 from rastercov.report import theme
@@ -31,7 +30,7 @@ from rastercov.report.modes import mode_of
 from rastercov.viewer.actions import Constrain, Redo, Request, Undo, request_of
 from rastercov.viewer.measurements import Measurements, NetworkFigures, exact_area, of_one_camera
 from rastercov.viewer.rig_state import History, RigState
-from rastercov.viewer.scene import MODEL_OPTIONS, SEGMENT_OPTIONS, Scene, described_state
+from rastercov.viewer.scene import SEGMENT_OPTIONS, Scene, described_state, model_options
 from rastercov.viewer.why import why
 
 FloatArray = NDArray[np.float64]
@@ -257,7 +256,8 @@ class Session:
             covered = self.areas().covered.area[rows, np.arange(mesh.n_faces)]
             return covered / np.maximum(np.asarray(mesh.areas), np.finfo(float).tiny)
         if mode == "model":
-            return self._by_model(state, _option(MODEL_OPTIONS, options, "model"))
+            name = _option(model_options(self.scene.models), options, "model")
+            return self._by_model(state, name)
         if mode == "segments":
             alpha, beta = (_option(SEGMENT_OPTIONS, options, n) for n in ("alpha_deg", "beta_deg"))
             return self._segmented(float(alpha), float(beta)).labels
@@ -269,12 +269,13 @@ class Session:
 
     def _by_model(self, state: RigState, name: str) -> FloatArray:
         """(F,) greatest coverage by a model in place of ours."""
-        if name not in MODELS:
-            raise ConfigError(f"model must be one of {', '.join(MODELS)}, got {shown(name)}")
+        models = self.scene.models
+        if name not in models:
+            raise ConfigError(f"model must be one of {', '.join(models)}, got {shown(name)}")
         best = np.zeros(self.scene.mesh.n_faces)
         for station in state.on:
             camera = state.camera_of(station)
-            found = MODELS[name](self.scene.mesh, camera, station.pose[None], state.task)[0]
+            found = models[name](self.scene.mesh, camera, station.pose[None], state.task)[0]
             np.maximum(best, found, out=best)
         return best
 

@@ -9,8 +9,8 @@ from view_files import pixels_of, same_pixels, some_points
 
 import rastercov as rc
 from rastercov.camera.formats import read_views, write_views
-from rastercov.camera.formats.colmap_models import BY_ID
 from rastercov.camera.formats.conventions import Conventions
+from rastercov.camera.models import PROGRAMS
 
 PARAMETERS = {
     "SIMPLE_PINHOLE": [500, 321, 239],
@@ -104,9 +104,9 @@ def test_every_model_and_pose_projects_as_pycolmap_does(tmp_path, form):
 
 
 def test_every_model_of_colmap_is_tested():
-    assert set(PARAMETERS) == {model.name for model in BY_ID.values()}
+    assert set(PARAMETERS) == set(PROGRAMS["colmap"])
     known = pycolmap.CameraModelId.__members__
-    assert {model.name: number for number, model in BY_ID.items()} == {
+    assert {name: number for number, name in enumerate(PROGRAMS["colmap"])} == {
         name: int(each) for name, each in known.items() if name != "INVALID"
     }
 

@@ -5,7 +5,7 @@ import pytest
 
 import rastercov as rc
 from rastercov.camera.formats.conventions import OPENGL_AXES, POSE_CONVENTIONS
-from rastercov.camera.formats.pose_doubts import convention_doubts
+from rastercov.camera.formats.doubts import convention_doubts
 from rastercov.camera.pose import inverse
 from rastercov.mesh import shapes
 

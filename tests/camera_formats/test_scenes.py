@@ -10,7 +10,7 @@ import trimesh
 from view_files import lens_of, same_pixels, some_points
 
 import rastercov as rc
-from rastercov.camera.formats import frusta, read_views, write_views
+from rastercov.camera.formats import gltf, read_views, write_views
 from rastercov.camera.formats.conventions import Conventions
 
 SIZE = Conventions(image_size=(640, 480))
@@ -116,7 +116,7 @@ def test_frusta_are_read_back_and_drawn_at_the_border_of_the_image(tmp_path, len
     assert set(loaded.geometry) == {"left", "right"}
     assert set(views.images) <= set(loaded.graph.nodes)
     camera = views.cameras()[0]
-    points, lines = frusta._pyramid(camera, 0.5)
+    points, lines = gltf._pyramid(camera, 0.5)
     pixels = lens_of(camera).project(points[:-2] * (1, -1, -1) * (1 - 1e-9))
     at_border = np.minimum(np.abs(pixels), np.abs(pixels - (640, 480))).min(axis=1)
     assert np.nanmax(at_border) < 1e-4
@@ -132,7 +132,7 @@ def test_a_border_that_no_ray_reaches_is_drawn_where_the_lens_ends(tmp_path, fx)
     path = tmp_path / "rig.glb"
     write_views(path, rc.Views(rc.Rig([camera]), poses, images))
     assert len(trimesh.load(path).geometry) == 1
-    base = frusta._pyramid(camera, 0.5)[0][:-2] * (1, -1, -1)
+    base = gltf._pyramid(camera, 0.5)[0][:-2] * (1, -1, -1)
     angles = np.arccos(base[:, 2] / np.linalg.norm(base, axis=1))
     limit = lens_of(camera).valid_angle
     assert angles.max() == pytest.approx(limit, rel=1e-6 if fx < 500 else 0.03)

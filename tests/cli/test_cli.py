@@ -21,6 +21,7 @@ from PIL import Image
 
 import rastercov
 from rastercov import cli
+from rastercov.base.interrupts import interrupt
 from rastercov.camera.pose_file import write_poses
 from rastercov.camera.viewpoints import sphere_of_poses
 from rastercov.mesh import shapes
@@ -225,6 +226,13 @@ def test_what_nobody_foresaw_is_one_line_too(capsys, monkeypatch, error, words):
 
     monkeypatch.setattr("rastercov.report.coverage.run", fail)
     assert words in refusal(capsys, QUICK)
+
+
+def test_an_interrupt_before_a_command_does_not_hide_its_defect(capsys, monkeypatch):
+    with pytest.raises(KeyboardInterrupt):
+        interrupt(signal.SIGINT, None)
+    monkeypatch.setattr("rastercov.report.coverage.run", lambda *_: 1 / 0)
+    assert "ZeroDivisionError" in refusal(capsys, QUICK)
 
 
 def test_the_traceback_can_be_had(capsys, monkeypatch):

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from commands import call, enter, write_part
 
-from rastercov.camera.formats.unit_doubts import unit_doubts
+from rastercov.camera.formats.doubts import unit_doubts
 from rastercov.camera.pose import Poses
 from rastercov.camera.pose_file import write_poses
 from rastercov.camera.viewpoints import sphere_of_poses

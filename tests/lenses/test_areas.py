@@ -3,6 +3,7 @@
 import math
 from functools import cache
 
+import lens_cases
 import numpy as np
 import pytest
 import shapely
@@ -13,7 +14,7 @@ from lens_rooms import on_plane, room
 
 import rastercov as rc
 from rastercov.base.errors import CameraError
-from rastercov.camera.lenses import make_lens, sources
+from rastercov.camera.lenses import make_lens
 from rastercov.camera.lenses.areas import blind_area, polygon_areas
 from rastercov.camera.lenses.quadrature import edge_table
 from rastercov.kernels import lens_formulas
@@ -83,7 +84,7 @@ def test_longer_edges_than_the_table_allows_are_cut():
 @pytest.mark.slow
 def test_without_distortion_areas_are_those_of_the_reference():
     matrix = K - [[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]]
-    lens = sources.opencv(matrix, WIDTH, HEIGHT)
+    lens = lens_cases.opencv(matrix)
     camera = rc.Camera(width=WIDTH, height=HEIGHT, fx=900, fy=880, cx=654.75, cy=500.0)
     (plane,) = lens.planes
     rng = np.random.default_rng(4)
@@ -211,7 +212,8 @@ def test_lenses_on_a_plane_may_see_up_to_its_horizon(base):
 
 @pytest.mark.slow
 def test_pixels_beyond_a_panorama_see_nothing():
-    lens = sources.equirectangular(1000, 500, 900, 450)
+    whole = {"fx": 900 / (2 * np.pi), "fy": 450 / np.pi, "cx": 450, "cy": 225}
+    lens = lens_cases.lens("equirectangular", size=(1000, 500), **whole)
     assert not lens.is_whole
     assert blind_area(lens) == pytest.approx(1000 * 500 - 900 * 450)
     assert np.isnan(lens.unproject([950.0, 200.0])).all()

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from lens_cases import is_outside_hole, of_all_kinds
 
-from rastercov.camera.lenses import expansions
-from rastercov.camera.lenses.expansions import DIRECTIONS, ORDER, Expansion, coefficient_bounds
+from rastercov.camera.lenses import quadrature as expansions
+from rastercov.camera.lenses.quadrature import DIRECTIONS, ORDER, Expansion, coefficient_bounds
 from rastercov.kernels import lens_formulas
 
 LENSES = of_all_kinds()

@@ -7,13 +7,13 @@ from hypothesis import strategies as st
 from lens_cameras import CAMERAS
 from nightly import examples
 
-from rastercov.camera.rays import rays_of
+from rastercov.camera.projection import rays_of
 from rastercov.camera.viewpoints import sphere_of_poses
 from rastercov.coverage.records import lens_of, scene_of, workspace
 from rastercov.kernels.criteria import facing_density, image_of_face, project
 from rastercov.kernels.jit import allocation_free
 from rastercov.kernels.lens_faces import curved_areas
-from rastercov.kernels.vertex_columns import INSIDE
+from rastercov.kernels.vertex_blocks import INSIDE
 from rastercov.mesh import Mesh, shapes
 
 NEAR = 0.05

@@ -8,8 +8,7 @@ from lens_cameras import CAMERAS
 from nightly import examples
 
 from rastercov import Camera
-from rastercov.camera.lenses.field import field_of, fields_of
-from rastercov.camera.lenses.of_camera import lens_of, planes_of
+from rastercov.camera.lenses.of_camera import field_of, fields_of, lens_of, planes_of
 from rastercov.kernels import lens_field as kernels
 
 TOLERANCE = 1e-4

@@ -3,12 +3,13 @@
 import dataclasses
 import math
 
+import lens_cases
 import numpy as np
 import pytest
 from lens_cases import BROWN, HEIGHT, WIDTH, K, of_all_kinds, pixels
 
 from rastercov.base.errors import CameraError
-from rastercov.camera.lenses import Lens, make_lens, sources
+from rastercov.camera.lenses import Lens, make_lens
 from rastercov.kernels import lens_formulas
 
 LENSES = of_all_kinds()
@@ -99,7 +100,7 @@ def test_shapes_are_kept(lens):
 
 
 def test_a_lens_is_a_value():
-    one, other = (sources.opencv(K, WIDTH, HEIGHT, BROWN) for _ in range(2))
+    one, other = (make_lens("pinhole", **PLAIN, radial=BROWN[:2]) for _ in range(2))
     assert one == other
     assert hash(one) == hash(other)
     assert one != dataclasses.replace(one, max_angle_deg=30.0)
@@ -141,15 +142,6 @@ PLAIN = {"width": WIDTH, "height": HEIGHT, "fx": 900, "fy": 900}
         (lambda: make_lens("equirectangular", **PLAIN, radial=[0.1]), "has no distortion"),
         (lambda: make_lens("pinhole", **PLAIN, tangential=(1e12, 0)), "folds there"),
         (lambda: make_lens("pinhole", **PLAIN, prism=(1e12, 1, 1, 1)), "folds there"),
-        (lambda: sources.opencv(K, WIDTH, HEIGHT, [0.1]), "0, 4, 5, 8, 12 or 14 numbers"),
-        (lambda: sources.opencv(K[:2], WIDTH, HEIGHT), "K must have shape"),
-        (lambda: sources.opencv(K.T, WIDTH, HEIGHT), "K must be"),
-        (lambda: sources.opencv_fisheye(K, WIDTH, HEIGHT, [0.1] * 5), "0 or 4 numbers"),
-        (lambda: sources.colmap("OPENCV2", 9, 9, []), "COLMAP model must be one of"),
-        (lambda: sources.colmap("RADIAL", 9, 9, [1, 2]), "must have 5 parameters: f cx cy k1 k2"),
-        (lambda: sources.kalibr("ds", [1] * 6, "equi", [0] * 4, (9, 9)), "must come with"),
-        (lambda: sources.kalibr("pinhole", [9] * 4, "none", [], 9), "width and height"),
-        (lambda: sources.metashape(9, 9, f=9, kind="film"), "kind of a Metashape sensor"),
         (lambda: LENSES["opencv brown"].project([1, 2]), "rays must have shape"),
         (lambda: LENSES["opencv brown"].unproject(["a", "b"]), "pixels must be real numbers"),
         (lambda: LENSES["opencv brown"].project(3.0), "rays must have shape"),
@@ -161,34 +153,28 @@ def test_what_is_no_lens_is_refused_in_one_line(call, words):
     assert "\n" not in str(caught.value)
 
 
-def test_constructors_of_one_lens_agree():
-    from_opencv = sources.opencv(K, WIDTH, HEIGHT, BROWN)
-    from_kalibr = sources.kalibr(
-        "pinhole", [900, 880, 654.75, 500.0], "radtan", BROWN[:4], (WIDTH, HEIGHT)
-    )
-    given = from_kalibr.unproject(pixels(100))
-    plain = sources.opencv(K, WIDTH, HEIGHT, BROWN[:4])
-    assert np.abs(from_kalibr.project(given) - plain.project(given)).max() < 1e-12
-    shape = sources.metashape(
-        *(WIDTH, HEIGHT), f=880, b1=20, cx=655.25 - WIDTH / 2, cy=500.5 - HEIGHT / 2,
-        k1=BROWN[0], k2=BROWN[1], k3=BROWN[4], p1=BROWN[3], p2=BROWN[2],
+def test_models_of_one_lens_agree():
+    shape = lens_cases.lens(
+        *("metashape", (BROWN[0], BROWN[1], BROWN[4], 0, BROWN[3], BROWN[2])),
+        fx=900, fy=880, cx=655.25, cy=500.5,
     )  # fmt: skip
-    assert np.abs(shape.project(given) - from_opencv.project(given)).max() < 1e-12
+    brown, given = lens_cases.opencv(K, BROWN), pixels(100)
+    assert np.abs(shape.project(brown.unproject(given)) - given).max() < 1e-9
 
 
 def test_a_unified_lens_is_the_same_in_two_notations():
     xi, given = 0.8, pixels(200)
-    omni = sources.kalibr("omni", [xi, 900, 910, 640, 512], "none", [], (WIDTH, HEIGHT))
     alpha = xi / (1 + xi)
-    focal = (900 / (1 + xi), 910 / (1 + xi), 640, 512)
-    eucm = sources.kalibr("eucm", [alpha, 1.0, *focal], "none", [], (WIDTH, HEIGHT))
+    omni = lens_cases.lens("omni", (xi,), fx=900, fy=910)
+    eucm = lens_cases.lens("eucm", (alpha, 1.0), fx=900 / (1 + xi), fy=910 / (1 + xi))
     assert np.abs(omni.unproject(given) - eucm.unproject(given)).max() < 1e-12
 
 
 def test_the_center_of_a_double_sphere_is_a_unified_lens():
     given = pixels(200)
-    double = sources.kalibr("ds", [0.0, 0.6, 420, 420, 640, 512], "none", [], (WIDTH, HEIGHT))
-    eucm = sources.kalibr("eucm", [0.6, 1.0, 420, 420, 640, 512], "none", [], (WIDTH, HEIGHT))
+    double, eucm = (lens_cases.lens(*each) for each in (
+        ("double_sphere", (0.0, 0.6)), ("eucm", (0.6, 1.0))
+    ))  # fmt: skip
     assert np.abs(double.unproject(given) - eucm.unproject(given)).max() < 1e-12
 
 

@@ -12,12 +12,12 @@ from nightly import amount
 from numpy.polynomial import chebyshev
 
 from rastercov.camera.camera import Camera
-from rastercov.camera.lenses.expansions import coefficient_bounds
 from rastercov.camera.lenses.of_camera import lens_of
 from rastercov.camera.lenses.quadrature import (
     DEGREES,
     PAIR_ERRORS,
     EdgeBounds,
+    coefficient_bounds,
     edge_table,
 )
 from rastercov.kernels import lens_edges as kernels

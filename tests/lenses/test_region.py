@@ -2,6 +2,7 @@
 
 import math
 
+import lens_cases
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
@@ -9,8 +10,8 @@ from hypothesis import strategies as st
 from lens_cases import HEIGHT, WIDTH, K, of_all_kinds, rays
 
 from rastercov.base.errors import CameraError
-from rastercov.camera.lenses import Lens, make_lens, sources
-from rastercov.camera.lenses.intervals import Interval, Jet
+from rastercov.camera.lenses import Lens, make_lens
+from rastercov.camera.lenses.balls import Interval, Jet
 from rastercov.camera.lenses.region import base_limit, border_pixels, certified_radius
 from rastercov.kernels import lens_formulas
 
@@ -237,7 +238,7 @@ def test_wide_region_is_all_but_a_cone_behind():
 
 
 def test_a_pinhole_has_the_rays_of_its_matrix():
-    lens = sources.opencv(K, **SIDE)
+    lens = lens_cases.opencv(K, **SIDE)
     given = rays(1000, least_z=0.8)
     image = given @ np.add(K, [[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]]).T
     seen = lens.project(given)

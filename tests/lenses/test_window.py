@@ -12,9 +12,9 @@ from nightly import examples
 from rastercov import Camera
 from rastercov.base.errors import CameraError
 from rastercov.camera.lenses import make_lens
+from rastercov.camera.lenses.areas import record_of
 from rastercov.camera.lenses.of_camera import lens_of, planes_of
 from rastercov.camera.lenses.quadrature import edge_table
-from rastercov.camera.lenses.records import record_of
 
 LENSES = of_all_kinds()
 

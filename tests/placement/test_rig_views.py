@@ -13,11 +13,12 @@ from rastercov.base.errors import ConfigError
 from rastercov.placement.bits import CoveredBits
 from rastercov.placement.select import integer as integer_module
 from rastercov.placement.select.cover import CoverState
-from rastercov.placement.select.greedy import select_greedy, select_thesis
+from rastercov.placement.select.greedy import select_greedy
 from rastercov.placement.select.integer import select_integer
 from rastercov.placement.select.presolve import presolve
 from rastercov.placement.select.problem import BestCoverage, FewestCameras
 from rastercov.placement.select.selection import in_order
+from rastercov.reference.thesis import select_thesis
 
 SELECTORS = {
     "plain": lambda problem: select_greedy(problem, effort=0),

@@ -38,7 +38,6 @@ from rastercov.placement.select.greedy import (
     construct,
     improve,
     select_greedy,
-    select_thesis,
 )
 from rastercov.placement.select.integer import select_integer
 from rastercov.placement.select.presolve import presolve
@@ -48,6 +47,7 @@ from rastercov.placement.select.problem import (
     problem_of_matrix,
 )
 from rastercov.placement.select.selection import in_order
+from rastercov.reference.thesis import select_thesis
 
 QUICK = 200_000
 """Effort of the greedy search in tests."""

@@ -6,11 +6,11 @@ from target_scenes import beside, sheet_at
 
 import rastercov as rc
 from rastercov.mesh import shapes
-from rastercov.models.line_of_sight import LineOfSight
 from rastercov.placement import build_matrix, filter_candidates, on_box
 from rastercov.placement.candidates.clearance import in_solid, nearest_obstacle
 from rastercov.placement.candidates.mounting import at_point
 from rastercov.placement.improve.pose_space import Place, PoseSpace
+from rastercov.reference.models.line_of_sight import LineOfSight
 
 ROOM = shapes.room(4)
 VOLUME = shapes.box((2, 2, 2))

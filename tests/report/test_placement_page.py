@@ -451,8 +451,8 @@ def test_names_of_any_language_and_with_markup_are_drawn_in_one_size():
 def test_only_a_page_imports_its_libraries(tmp_path):
     code = """
 import sys
-import rastercov.cli, rastercov.validation.methods, rastercov.report.methods
-import rastercov.report.plan, rastercov.report.models, rastercov.report.placement
+import rastercov.cli, rastercov.reference.methods, rastercov.reference.methods.report
+import rastercov.report.plan, rastercov.reference.models.report, rastercov.report.placement
 from rastercov.cli import command
 assert command(["demo", "--shape", "box", "--poses", "2", "--device", "cpu", "--json"]) == 0
 print(sorted({"jinja2", "matplotlib", "trimesh"} & sys.modules.keys()), file=sys.stderr)

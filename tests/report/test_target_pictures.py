@@ -10,6 +10,8 @@ from target_scenes import beside, some_as_targets
 from rastercov.camera.camera import Camera
 from rastercov.mesh import shapes
 from rastercov.raster import open_rasterizer
+from rastercov.reference.methods.faces import neighbourhood
+from rastercov.reference.models.report import difference_picture, look_at_part
 from rastercov.report import placement_pictures
 from rastercov.report.coloured_mesh import write_coloured_mesh
 from rastercov.report.images import (
@@ -19,9 +21,7 @@ from rastercov.report.images import (
     lay_over,
     targets_in_view,
 )
-from rastercov.report.model_pictures import difference_picture, look_at_part
 from rastercov.report.panorama import look
-from rastercov.validation.methods.closeup import neighbourhood
 
 CAMERA = Camera(width=80, height=80, fx=80, fy=80)
 WALL = square(2, 4)

@@ -4,7 +4,10 @@ from functools import cache
 
 import numpy as np
 
-from rastercov.camera.lenses import make_lens, sources
+from rastercov.camera.camera import Camera
+from rastercov.camera.formats.colmap import camera_of
+from rastercov.camera.lenses import make_lens
+from rastercov.camera.lenses.of_camera import lens_of
 
 WIDTH, HEIGHT = 1280, 1024
 FOCAL, CENTRE = (900.0, 880.0), (655.25, 500.5)
@@ -41,36 +44,41 @@ COLMAP = {
 """A camera of each of COLMAP's models."""
 
 
+def opencv(matrix, distortion=(), width=WIDTH, height=HEIGHT, fisheye=False):
+    """Lens of OpenCV's camera matrix and coefficients."""
+    return lens_of(Camera.from_opencv(matrix, width, height, distortion, fisheye=fisheye))
+
+
+def colmap(model):
+    """Lens of the camera of a model of COLMAP."""
+    return lens_of(camera_of(model, WIDTH, HEIGHT, COLMAP[model]))
+
+
+def lens(model, distortion=(), *, f=420, size=(WIDTH, HEIGHT), **fields):
+    """Lens of a model of ours."""
+    sides = dict(zip(("width", "height"), size, strict=True))
+    focal = {"fx": f, "fy": f}
+    return lens_of(Camera(**(sides | focal | fields), model=model, distortion=distortion))
+
+
 @cache
 def of_all_kinds():
     """Lenses of all bases and distortions by name, each of which sees the whole image."""
-    lenses = {
-        f"colmap {name}": sources.colmap(name, WIDTH, HEIGHT, COLMAP[name]) for name in COLMAP
-    }
+    lenses = {f"colmap {name}": colmap(name) for name in COLMAP}
     for name, distortion in (("brown", BROWN), ("prism", PRISM), ("tilted", TILTED)):
-        lenses[f"opencv {name}"] = sources.opencv(K, WIDTH, HEIGHT, distortion)
+        lenses[f"opencv {name}"] = opencv(K, distortion)
     wide = K * [[0.55, 1, 1], [1, 0.55, 1], [1, 1, 1]]
-    lenses["opencv fisheye"] = sources.opencv_fisheye(wide, WIDTH, HEIGHT, KANNALA)
-    lenses["opencv skew"] = sources.opencv(
-        np.add(K, [[0, 7.5, 0], [0, 0, 0], [0, 0, 0]]), WIDTH, HEIGHT, BROWN
-    )
-    lenses["kalibr omni"] = sources.kalibr(
-        *("omni", [1.2, 1000, 1010, 640, 512], "radtan", [-0.2, 0.05, 1e-3, -2e-3]), (WIDTH, HEIGHT)
-    )
+    lenses["opencv fisheye"] = opencv(wide, KANNALA, fisheye=True)
+    lenses["opencv skew"] = opencv(np.add(K, [[0, 7.5, 0], [0, 0, 0], [0, 0, 0]]), BROWN)
+    lenses["kalibr omni"] = lens("omni", (1.2, -0.2, 0.05, 1e-3, -2e-3), fx=1000, fy=1010)
     # Beyond 90 degrees, with a pole behind the image that sides of the cube reach.
-    lenses["kalibr wide omni"] = sources.kalibr(
-        *("omni", [0.6, 380, 385, 640, 512], "none", []), (WIDTH, HEIGHT)
-    )
-    lenses["kalibr ds"] = sources.kalibr(
-        *("ds", [-0.2, 0.55, 420, 425, 640, 512], "none", []), (WIDTH, HEIGHT)
-    )
-    lenses["metashape frame"] = sources.metashape(
-        *(WIDTH, HEIGHT), f=1100, cx=7, cy=-4, b1=3, b2=-2, k1=-0.1, k2=0.05, k3=-0.02, k4=0.003,
-        p1=1e-3, p2=-5e-4,
+    lenses["kalibr wide omni"] = lens("omni", (0.6,), fx=380, fy=385)
+    lenses["kalibr ds"] = lens("double_sphere", (-0.2, 0.55), fy=425)
+    lenses["metashape frame"] = lens(
+        "metashape", (-0.1, 0.05, -0.02, 0.003, 1e-3, -5e-4), f=1100, fx=1103, skew=-2,
+        cx=WIDTH / 2 + 7, cy=HEIGHT / 2 - 4,
     )  # fmt: skip
-    lenses["metashape equisolid"] = sources.metashape(
-        *(WIDTH, HEIGHT), f=430, k1=0.01, p1=1e-4, kind="equisolid_fisheye"
-    )
+    lenses["metashape equisolid"] = lens("metashape_equisolid", (0.01, 0, 0, 0, 1e-4, 0), f=430)
     lenses["wide equidistant"] = make_lens(
         "equidistant", WIDTH, HEIGHT, fx=300, fy=300, radial=(0.01,)
     )

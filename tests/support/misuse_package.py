@@ -94,7 +94,7 @@ def calls():
             | {"pose_convention": "opencv", "original_world": False, "skip_bad_poses": False},
         ),
         Call("Task", rc.Task, thresholds),
-        Call("Task.limits", TASK.limits, {"camera": CAMERA}),
+        Call("Task.rules", TASK.rules, {"camera": CAMERA}),
         Call("Task.thesis", rc.Task.thesis, thresholds),
         Call(
             "Group",

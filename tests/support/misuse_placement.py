@@ -32,7 +32,7 @@ from rastercov.placement.improve.refine import refine
 from rastercov.placement.improve.search import optimise
 from rastercov.placement.improve.tolerance import InstallationError, tolerance
 from rastercov.placement.matrix import build_matrix
-from rastercov.placement.select.greedy import select_greedy, select_thesis
+from rastercov.placement.select.greedy import select_greedy
 from rastercov.placement.select.integer import select_integer
 from rastercov.placement.select.problem import (
     BestCoverage,
@@ -40,6 +40,7 @@ from rastercov.placement.select.problem import (
     problem_of,
     problem_of_matrix,
 )
+from rastercov.reference.thesis import select_thesis
 
 
 def calls():

@@ -8,6 +8,7 @@ from rastercov.camera.rig import Rig
 from rastercov.camera.viewpoints import look_at, sphere_of_poses
 from rastercov.coverage.task import Reason
 from rastercov.mesh import shapes
+from rastercov.reference.models import MODELS
 from rastercov.viewer.rig_state import RigState
 from rastercov.viewer.scene import Scene
 from rastercov.viewer.session import Session, unframed
@@ -39,7 +40,7 @@ def state_of(mesh, count=4, camera=CAMERA, task=None):
 def session_of(mesh=None, count=4, **options):
     """A session on a part."""
     mesh = part() if mesh is None else mesh
-    return Session(Scene("part", mesh, state_of(mesh, count, **options)))
+    return Session(Scene("part", mesh, state_of(mesh, count, **options), models=MODELS))
 
 
 def session_of_room():

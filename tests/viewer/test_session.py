@@ -11,7 +11,7 @@ from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.area.regions import regions
 from rastercov.coverage.reasons import NO_CAMERAS
 from rastercov.coverage.task import Reason
-from rastercov.models import MODELS
+from rastercov.reference.models import MODELS
 from rastercov.report.modes import OCCLUDER_OF_REASONS
 from rastercov.viewer.scene import modes, task_fields
 from rastercov.viewer.session import StaleError
@@ -260,7 +260,7 @@ def test_dead_zones_are_those_of_the_area(session):
 def test_every_mode_has_a_legend_whose_colours_are_of_the_palette(session):
     import base64
 
-    for mode in modes():
+    for mode in modes(session.scene.models):
         head, levels = acted(session, mode["id"])
         palette = np.frombuffer(base64.b64decode(head["palette"]), np.uint8).reshape(256, 3)
         for each in head["legend"]:

@@ -25,11 +25,9 @@ from rastercov.base.output import json_bytes, write_bytes
 from rastercov.camera.formats import (
     bundler,
     colmap,
-    colmap_files,
     gltf,
     kalibr,
     metashape,
-    mvsnet,
     opencv,
     opensfm,
     own,
@@ -73,10 +71,10 @@ def _with_optics(folder: Path, content: Mapping[str, Any], border: Border) -> Vi
 def _mvsnet(source: Source, border: Border) -> Views:
     files = [source.path]
     if source.path.is_dir():
-        files = mvsnet.files_of(source.path) or mvsnet.files_of(source.path / "cams")
+        files = bundler.mvsnet_files(source.path) or bundler.mvsnet_files(source.path / "cams")
     if not files:
-        raise CameraError(f"files {mvsnet.PATTERN} wanted, got a folder without any")
-    return mvsnet.read([Source(path) for path in files], border)
+        raise CameraError(f"files {bundler.PATTERN} wanted, got a folder without any")
+    return bundler.read_mvsnet([Source(path) for path in files], border)
 
 
 READERS: Mapping[str, Reader] = {
@@ -190,10 +188,10 @@ def _of_folder(path: Path, format: str | None) -> tuple[Path, str]:
     for name, its in IN_FOLDERS.items():
         if format in (None, its) and (path / name).is_file():
             return path / name, its
-    if format is None and not (mvsnet.files_of(path) or mvsnet.files_of(path / "cams")):
+    if format is None and not (bundler.mvsnet_files(path) or bundler.mvsnet_files(path / "cams")):
         raise CameraError(
-            f"a COLMAP model, {', '.join(IN_FOLDERS)}, or {mvsnet.PATTERN} of MVSNet wanted, got a "
-            "folder without any; name the file itself"
+            f"a COLMAP model, {', '.join(IN_FOLDERS)}, or {bundler.PATTERN} of MVSNet wanted, got "
+            "a folder without any; name the file itself"
         )
     if format in (None, "mvsnet"):
         return path, "mvsnet"
@@ -210,7 +208,7 @@ def _of_content(source: Source) -> str:
         return _of_yaml(source.yaml)
     if start.startswith(bundler.HEADER.encode()):
         return "bundler"
-    if mvsnet.is_mine(source.text):
+    if bundler.is_mvsnet(source.text):
         return "mvsnet"
     if bundler.is_bal(source.text):
         return "bal"
@@ -305,7 +303,7 @@ def write_views(
     try:
         contents, notes = _contents(place, views, target)
         if len(contents) > 1 or target.startswith("colmap"):
-            colmap_files.write(place, contents, overwrite=overwrite)
+            colmap.write(place, contents, overwrite=overwrite)
         elif place.exists() and not overwrite:
             raise ConfigError("it is there already; give another name, or --overwrite")
         else:
@@ -355,11 +353,9 @@ def _contents(path: Path, views: Views, target: str) -> tuple[dict[str, bytes], 
     if views.has_unit and n_poses and target not in IN_METRES:
         notes.append("lengths are metres, which the format does not say")
     if target == "gltf":
-        from rastercov.camera.formats import frusta  # loads the equations of lenses
-
         for camera, name in zip(rig, its.names, strict=True):
-            notes.append(f"{name}: left out: {', '.join(frusta.lost(camera))}")
-        return {"": frusta.glb_of(views)}, notes
+            notes.append(f"{name}: left out: {', '.join(gltf.lost(camera))}")
+        return {"": gltf.glb_of(views)}, notes
     if target == "nerfstudio":
         return {"": json_bytes(transforms.content_of(views), indent=1) + b"\n"}, notes
-    return colmap_files.contents_of(views, as_text=target == "colmap-text", notes=notes), notes
+    return colmap.contents_of(views, as_text=target == "colmap-text", notes=notes), notes

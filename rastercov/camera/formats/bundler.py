@@ -1,22 +1,33 @@
-"""Bundler's bundle.out, and the problems of Bundle Adjustment in the Large (BAL).
+"""Plain text: Bundler's bundle.out, problems of Bundle Adjustment in the Large (BAL), and MVSNet.
 
-Both have the same camera: looking along -z with y up, camera_from_world, a focal length, two radial
-coefficients, and pixels from the middle of the image, whose size they do not have; nor a unit.
+The first two have the same camera: looking along -z with y up, camera_from_world, a focal length,
+two radial coefficients, and pixels from the middle of the image, whose size they do not have; nor a
+unit. MVSNet has a file an image, or a folder of them, with extrinsic and intrinsic.
 
 Sources: N. Snavely. Bundler v0.4 User's Manual. 2010. S. Agarwal et al. Bundle Adjustment in the
-Large. 2010.
+Large. 2010. Y. Yao et al. MVSNet. 2018, README of the code, "File Formats".
 """
+
+from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.checks import shown
 from rastercov.base.errors import CameraError
+from rastercov.base.files import printable
 from rastercov.base.format import plural
 from rastercov.camera.camera import Camera
-from rastercov.camera.formats.conventions import OPENGL_AXES, Border, inverse_of
-from rastercov.camera.formats.equivalents import brown
-from rastercov.camera.formats.rotations import from_vectors, motions
+from rastercov.camera.formats.conventions import (
+    OPENGL_AXES,
+    Border,
+    from_vectors,
+    inverse_of,
+    motions,
+)
+from rastercov.camera.formats.source import Source, checked, number_of
+from rastercov.camera.models import lens_of_parameters
 from rastercov.camera.views import Views
 
 FloatArray = NDArray[np.float64]
@@ -27,6 +38,8 @@ MOST_COMPARED = 20_000
 FEWEST_COMPARED = 8
 CLEARLY_LESS = 0.5
 """Share of one error that another is below where a file decides between two readings."""
+PATTERN = "*cam.txt"
+MOST_FILES = 100_000
 
 
 def is_bal(text: str) -> bool:
@@ -170,7 +183,7 @@ def _views(lenses: FloatArray, poses: FloatArray, images: list[str], border: Bor
     cameras: dict[Camera, int] = {}
     index = []
     for row, (f, k1, k2) in enumerate(lenses.tolist()):
-        model, coefficients = brown((k1, k2, *[0.0] * 12))
+        model, coefficients = lens_of_parameters("opencv", {"k1": k1, "k2": k2})
         try:
             camera = Camera(
                 width=width, height=height, fx=f, fy=f, model=model, distortion=coefficients
@@ -181,6 +194,61 @@ def _views(lenses: FloatArray, poses: FloatArray, images: list[str], border: Bor
     return border.views(
         list(cameras),
         world_from_camera=inverse_of(poses) @ OPENGL_AXES,
+        camera=index,
+        images=images,
+    )
+
+
+def is_mvsnet(text: str) -> bool:
+    """True for text that begins with the word extrinsic."""
+    return text[:200].split(maxsplit=1)[:1] == ["extrinsic"]
+
+
+def mvsnet_files(folder: Path) -> list[Path]:
+    """Camera files of a folder, in order."""
+    return sorted(path for path in folder.glob(PATTERN) if path.is_file())[:MOST_FILES]
+
+
+def read_mvsnet(sources: Sequence[Source], border: Border) -> Views:
+    """Cameras and poses of these files.
+
+    Axes are ours and the matrix is camera_from_world. A file has no image size and no unit, and
+    does not say where pixels are counted from; its last line, the depths of the sweep, is left out.
+    """
+    width, height = border.image_size("an MVSNet file")
+    shift = border.pixel_shift("an MVSNet file")
+    cameras: dict[Camera, int] = {}
+    index, poses, images = [], [], []
+    for source in sources:
+        name = printable(source.path.name)
+        words = source.text[:10_000].split()
+        if len(words) < 27 or words[0] != "extrinsic" or words[17] != "intrinsic":
+            raise CameraError(
+                f"{name}: extrinsic with 16 numbers and intrinsic with 9 wanted, got "
+                f"{len(words)} words"
+            )
+        extrinsic = checked([*map(number_of, words[1:17])], f"{name}: extrinsic", (16,)).reshape(
+            4, 4
+        )
+        k = checked([*map(number_of, words[18:27])], f"{name}: intrinsic", (9,)).reshape(3, 3)
+        if k[1, 0] or not np.array_equal(k[2], (0, 0, 1)):
+            raise CameraError(f"{name}: intrinsic must be [[fx, skew, cx], [0, fy, cy], [0, 0, 1]]")
+        (fx, skew, cx), (_, fy, cy) = k[:2].tolist()
+        camera = Camera(
+            width=width,
+            height=height,
+            fx=fx,
+            fy=fy,
+            cx=cx + shift,
+            cy=cy + shift,
+            skew=skew,
+        )
+        index.append(cameras.setdefault(camera, len(cameras)))
+        poses.append(extrinsic)
+        images.append(source.path.stem.removesuffix("cam").rstrip("_") or source.path.stem)
+    return border.views(
+        list(cameras),
+        world_from_camera=inverse_of(np.array(poses)),
         camera=index,
         images=images,
     )

@@ -4,25 +4,46 @@ Poses are camera_from_world, quaternions scalar first; axes and pixels are ours;
 An image has its own pose in every version, so that rigs are read for the places of cameras only,
 and frames for the images that were taken at the same instant.
 
+A model that is written has rigs and frames where the views have frames; else COLMAP makes a rig of
+each camera. The images of a frame were taken by cameras of one rig, and COLMAP takes their poses
+from the frame: rig_from_world, and sensor_from_rig of each camera. The first camera of a rig is its
+reference, at the rig's origin.
+
 Source: COLMAP documentation, "Output Format"; src/colmap/scene/reconstruction_io.cc.
 """
 
+import math
 import re
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rastercov.base.checks import image_side, shown
-from rastercov.base.errors import CameraError, PoseError
-from rastercov.base.files import StrPath, UnreadableError, open_file, printable
+from rastercov.base.errors import CameraError, ConfigError, PoseError
+from rastercov.base.files import UnreadableError, open_file, printable
+from rastercov.base.output import writing
 from rastercov.camera.camera import Camera
-from rastercov.camera.formats.colmap_models import BY_ID, IDS, ColmapModel, camera_of
-from rastercov.camera.formats.conventions import Border, inverse_of
-from rastercov.camera.formats.rotations import from_quaternions
+from rastercov.camera.formats.conventions import (
+    Border,
+    from_quaternions,
+    inverse_of,
+    to_quaternions,
+    unique,
+)
+from rastercov.camera.formats.equivalents import is_whole_panorama, model_in, no_model
+from rastercov.camera.models import PROGRAMS, lens_of_parameters
+from rastercov.camera.pose import inverse
 from rastercov.camera.views import Views
+
+FloatArray = NDArray[np.float64]
+Record = tuple[str, Sequence[Any]]
+"""Form of a record in `struct`, and its values."""
 
 LARGEST_FILE = 1 << 36
 """Bytes of a file; points of images, the bulk of it, are passed over."""
@@ -32,8 +53,24 @@ LONGEST_NAME = 4096
 LONGEST_COMMENT = 1000
 PROMISE = re.compile(r"#\s*number of (\w+)\s*[:=]\s*([0-9]{1,15})\b", re.IGNORECASE)
 """Line by which COLMAP begins a text: # Number of images: 12, mean observations ..."""
+MODELS = tuple(PROGRAMS["colmap"])
+"""Names of the models by their ids."""
 SUBFOLDERS = ("sparse/0", "sparse", "0")
 """Folders of a project that COLMAP's pipelines put a model in."""
+RECORDS = {"cameras": ("a camera", 24), "rigs": ("a rig", 8), "frames": ("a frame", 68)}
+"""Name of a record of each part, and its least bytes."""
+HEADS = {
+    "cameras": "# Camera list: CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n# Number of cameras: {}",
+    "images": "# Image list: IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME; POINTS2D\n"
+    "# Number of images: {}",
+    "points3D": "# 3D point list: none",
+    "rigs": "# Rigs: RIG_ID, NUM_SENSORS, REF_SENSOR, SENSORS[]: TYPE, ID, HAS_POSE, Q, T",
+    "frames": "# Frames: FRAME_ID, RIG_ID, RIG_FROM_WORLD Q, T, NUM_DATA_IDS, TYPE, ID, DATA_ID",
+}
+"""Files of a model, and how each begins as text."""
+PLACE_TOLERANCE = 1e-9
+"""Difference of two poses of a rig by two of its cameras: of rotations, and of positions relative
+to their extent. At it a point moves by less than 1e-5 px."""
 
 
 class Image(NamedTuple):
@@ -57,7 +94,7 @@ def model_folder(path: Path) -> Path | None:
 def read(path: Path, border: Border) -> Views:
     """Cameras and poses of a folder; cameras alone of a file `cameras.bin` or `cameras.txt`."""
     if path.is_file():
-        table = _one_file(path, _cameras_of(path.suffix == ".bin"), border)
+        table = _one_file(path, "cameras", border)
         cameras, _ = _ordered(table)
         return border.views(cameras, _names(sorted(table)))
     if not path.exists():
@@ -65,16 +102,17 @@ def read(path: Path, border: Border) -> Views:
     folder = model_folder(path)
     if folder is None:
         raise CameraError("a COLMAP model wanted, got a folder without cameras.bin or cameras.txt")
-    is_binary = (folder / "cameras.bin").is_file()
-    suffix = ".bin" if is_binary else ".txt"
-    table = _one_file(folder / f"cameras{suffix}", _cameras_of(is_binary), border)
+    suffix = ".bin" if (folder / "cameras.bin").is_file() else ".txt"
+
+    def part(name: str) -> Any:
+        there = (folder / f"{name}{suffix}").is_file()
+        return _one_file(folder / f"{name}{suffix}", name, border) if there else None
+
+    table = part("cameras")
     cameras, row_of = _ordered(table)
-    images: list[Image] = []
-    if (folder / f"images{suffix}").is_file():
-        images = _one_file(
-            folder / f"images{suffix}", _binary_images if is_binary else _text_images, border
-        )
-    else:
+    images: list[Image] | None = part("images")
+    if images is None:
+        images = []
         border.note(f"there is no images{suffix}: cameras alone")
     numbers: set[int] = set()
     for image in images:
@@ -86,17 +124,8 @@ def read(path: Path, border: Border) -> Views:
                 f"image {shown(image.name)} is of camera {image.camera_id}, which is not in "
                 f"cameras{suffix}; export the model again"
             )
-    places = None
-    if (folder / f"rigs{suffix}").is_file():
-        parse = _binary_rigs if is_binary else _text_rigs
-        found = _one_file(folder / f"rigs{suffix}", parse, border)
-        places = _places(found, row_of, border)
-    frames: list[tuple[int, list[int]]] = []
-    if (folder / f"frames{suffix}").is_file():
-        frames = _one_file(
-            folder / f"frames{suffix}", _binary_frames if is_binary else _text_frames, border
-        )
-    frame_of = {image: frame for frame, images_of_it in frames for image in images_of_it}
+    places = _places(part("rigs") or [], row_of, border)
+    frame_of = {image: frame for frame, of_it in part("frames") or [] for image in of_it}
     motions = from_quaternions([i.quaternion for i in images], [i.translation for i in images])
     return border.views(
         cameras,
@@ -133,35 +162,188 @@ def _ordered(table: dict[int, Camera]) -> tuple[list[Camera], dict[int, int]]:
     return [table[number] for number in ids], {number: row for row, number in enumerate(ids)}
 
 
-def _one_file(path: StrPath, parse: Any, border: Border) -> Any:
-    """Result of `parse` on a file; errors name the file."""
-    name = printable(Path(path).name)
+def _one_file(path: Path, part: str, border: Border) -> Any:
+    """Content of a file with a part of a model; errors name the file."""
+    name = printable(path.name)
     try:
         with open_file(path, LARGEST_FILE) as file:
-            found = parse(file)
-            if Path(path).suffix == ".txt":
-                file.seek(0)
-                _check_promise(_promised(file), len(found), name, border)
+            if path.suffix == ".bin":
+                if part == "images":
+                    return _binary_images(file)
+                what, least_bytes = RECORDS[part]
+                count = _count(file, part, least_bytes)
+                return PARSERS[part](_Bytes(file, what) for _ in range(count))
+            if part == "images":
+                found: Any = _text_images(file)
+            else:
+                found = PARSERS[part](_Words(*line) for line in _lines(file) if line[1])
+            file.seek(0)
+            _check_promise(_promised(file), len(found), name, border)
             return found
-    except UnreadableError as error:
-        raise CameraError(f"{name}: {error}") from None
-    except (CameraError, PoseError) as error:
+    except (UnreadableError, CameraError, PoseError) as error:
         raise CameraError(f"{name}: {error}") from None
 
 
-def _cameras_of(is_binary: bool) -> Any:
-    return _binary_cameras if is_binary else _text_cameras
+def camera_of(model: str, width: int, height: int, parameters: Sequence[float]) -> Camera:
+    """Camera of a model of COLMAP; CameraError for another number of parameters than it has."""
+    ours, order = PROGRAMS["colmap"][model]
+    names = order.split()
+    if len(names) != len(parameters):
+        raise CameraError(
+            f"{model} must have {len(names)} parameters ({order}), got {len(parameters)}"
+        )
+    p = dict(zip(names, parameters, strict=True))
+    if ours == "equirectangular":
+        w, h = p["w"], p["h"]
+        p = {"fx": w / (2 * math.pi), "fy": h / math.pi, "cx": w / 2, "cy": h / 2}
+    name, distortion = lens_of_parameters(ours, p)
+    return Camera(
+        width=width,
+        height=height,
+        fx=p["fx"] if "fx" in p else p["f"],
+        fy=p["fy"] if "fy" in p else p["f"],
+        cx=p["cx"],
+        cy=p["cy"],
+        model=name,
+        distortion=distortion,
+    )
 
 
-def _add(table: dict[int, Camera], number: int, model: ColmapModel, *values: Any) -> None:
-    if number in table:
-        raise CameraError(f"camera {number} comes twice; leave one")
-    width, height, parameters = values
-    try:
-        size = image_side("width", width), image_side("height", height)
-        table[number] = camera_of(model, *size, parameters)
-    except CameraError as error:
-        raise CameraError(f"camera {number}: {error}") from None
+# Records of both forms.
+
+
+class _Words:
+    """Values of a line of text, taken one after the other."""
+
+    def __init__(self, number: int, text: str) -> None:
+        self._where, self._words, self._at = f"line {number}", text.split(), 0
+
+    def take(self, what: str) -> str:
+        if self._at >= len(self._words):
+            raise CameraError(f"{self._where} ends before {what}; the file is truncated")
+        self._at += 1
+        return self._words[self._at - 1]
+
+    def whole(self, what: str, form: str = "") -> int:
+        word = self.take(what)
+        # The longest: -2^63 and 2^64 - 1.
+        if not _is_whole(word) or len(word) > 20:
+            raise CameraError(f"{self._where}: {what} must be a whole number, got {shown(word)}")
+        return int(word)
+
+    def reals(self, what: str, count: int) -> tuple[float, ...]:
+        return tuple(self._real(what, self.take(what)) for _ in range(count))
+
+    def parameters(self, count: int) -> tuple[float, ...]:
+        return self.reals("a parameter", len(self._words) - self._at)
+
+    def is_camera(self) -> bool:
+        return self.take("a sensor") == "CAMERA"
+
+    def model(self, camera_id: int) -> str:
+        name = self.take("the model")
+        if name not in MODELS:
+            raise CameraError(
+                f"{self._where}: the model must be one of {', '.join(MODELS)}, got {shown(name)}"
+            )
+        return name
+
+    def _real(self, what: str, word: str) -> float:
+        try:
+            return float(word if "_" not in word else "")  # Python reads 1_0 as ten
+        except ValueError:
+            raise CameraError(
+                f"{self._where}: {what} must be a number, got {shown(word)}"
+            ) from None
+
+
+class _Bytes:
+    """Values of a record of a binary file, taken one after the other; `record` is its name."""
+
+    def __init__(self, file: BinaryIO, record: str) -> None:
+        self._file, self._record = file, record
+
+    def whole(self, what: str, form: str = "I") -> int:
+        (found,) = _unpack(self._file, form, self._record)
+        return int(found)
+
+    def reals(self, what: str, count: int) -> tuple[float, ...]:
+        return _unpack(self._file, f"{count}d", self._record)
+
+    def parameters(self, count: int) -> tuple[float, ...]:
+        return self.reals("a parameter", count)
+
+    def is_camera(self) -> bool:
+        return self.whole("a sensor", "i") == 0  # 1 is an IMU
+
+    def model(self, camera_id: int) -> str:
+        number = self.whole("the model", "i")
+        if not 0 <= number < len(MODELS):
+            raise CameraError(
+                f"camera {camera_id}: the model must be 0 to {len(MODELS) - 1}, got {number}"
+            )
+        return MODELS[number]
+
+
+Fields = Iterable[_Words | _Bytes]
+Rigs = list[dict[int, tuple[float, ...] | None]]
+"""For each rig, sensor_from_rig of its cameras: a quaternion and a translation; None if unknown,
+and () for the reference."""
+
+
+def _cameras(records: Fields) -> dict[int, Camera]:
+    table: dict[int, Camera] = {}
+    for values in records:
+        number = values.whole("the camera's id")
+        model = values.model(number)
+        width, height = values.whole("the width", "Q"), values.whole("the height", "Q")
+        parameters = values.parameters(len(PROGRAMS["colmap"][model].parameters.split()))
+        if number in table:
+            raise CameraError(f"camera {number} comes twice; leave one")
+        try:
+            size = image_side("width", width), image_side("height", height)
+            table[number] = camera_of(model, *size, parameters)
+        except CameraError as error:
+            raise CameraError(f"camera {number}: {error}") from None
+    return table
+
+
+def _rigs(records: Fields) -> Rigs:
+    rigs: Rigs = []
+    for values in records:
+        rig: dict[int, tuple[float, ...] | None] = {}
+        values.whole("the rig's id")
+        for row in range(values.whole("the number of sensors")):
+            is_camera, sensor = values.is_camera(), values.whole("the sensor's id")
+            place: tuple[float, ...] | None = ()
+            if row:
+                has_pose = values.whole("HAS_POSE", "B")
+                place = values.reals("sensor_from_rig", 7) if has_pose else None
+            if is_camera:
+                rig[sensor] = place
+        rigs.append(rig)
+    return rigs
+
+
+def _frames(records: Fields) -> list[tuple[int, list[int]]]:
+    """Number of each frame, and the ids of its images."""
+    frames: list[tuple[int, list[int]]] = []
+    for values in records:
+        frames.append((values.whole("the frame's id"), []))
+        values.whole("the rig's id")
+        values.reals("rig_from_world", 7)
+        for _ in range(values.whole("the number of images")):
+            is_camera, _, image = (
+                values.is_camera(),
+                values.whole("an id"),
+                values.whole("an id", "Q"),
+            )
+            if is_camera:
+                frames[-1][1].append(image)
+    return frames
+
+
+PARSERS: dict[str, Any] = {"cameras": _cameras, "rigs": _rigs, "frames": _frames}
 
 
 # Text.
@@ -201,58 +383,6 @@ def _lines(file: BinaryIO) -> Iterator[tuple[int, str]]:
             yield number, text
 
 
-class _Words:
-    """Words of a line, taken one after the other."""
-
-    def __init__(self, number: int, text: str) -> None:
-        self._where, self._words, self._at = f"line {number}", text.split(), 0
-
-    def take(self, what: str) -> str:
-        if self._at >= len(self._words):
-            raise CameraError(f"{self._where} ends before {what}; the file is truncated")
-        self._at += 1
-        return self._words[self._at - 1]
-
-    def whole(self, what: str) -> int:
-        word = self.take(what)
-        # The longest: -2^63 and 2^64 - 1.
-        if not word.removeprefix("-").isdecimal() or len(word) > 20:
-            raise CameraError(f"{self._where}: {what} must be a whole number, got {shown(word)}")
-        return int(word)
-
-    def reals(self, what: str, count: int) -> tuple[float, ...]:
-        return tuple(self._real(what, self.take(what)) for _ in range(count))
-
-    def others(self, what: str) -> tuple[float, ...]:
-        rest, self._at = self._words[self._at :], len(self._words)
-        return tuple(self._real(what, word) for word in rest)
-
-    def _real(self, what: str, word: str) -> float:
-        try:
-            value = float(word if "_" not in word else "")  # Python reads 1_0 as ten
-        except ValueError:
-            raise CameraError(
-                f"{self._where}: {what} must be a number, got {shown(word)}"
-            ) from None
-        return value
-
-
-def _text_cameras(file: BinaryIO) -> dict[int, Camera]:
-    table: dict[int, Camera] = {}
-    for number, text in _lines(file):
-        if not text:
-            continue
-        words = _Words(number, text)
-        camera_id, name = words.whole("the camera's id"), words.take("the model")
-        if name not in IDS:
-            raise CameraError(
-                f"line {number}: the model must be one of {', '.join(IDS)}, got {shown(name)}"
-            )
-        size = words.whole("the width"), words.whole("the height")
-        _add(table, camera_id, BY_ID[IDS[name]], *size, words.others("a parameter"))
-    return table
-
-
 def _text_images(file: BinaryIO) -> list[Image]:
     images: list[Image] = []
     lines = _lines(file)
@@ -283,49 +413,6 @@ def _is_whole(word: str) -> bool:
     return word.removeprefix("-").isdecimal()
 
 
-Rigs = list[dict[int, tuple[float, ...] | None]]
-"""For each rig, sensor_from_rig of its cameras: a quaternion and a translation; None if unknown,
-and () for the reference."""
-
-
-def _text_rigs(file: BinaryIO) -> Rigs:
-    rigs: Rigs = []
-    for number, text in _lines(file):
-        if not text:
-            continue
-        words, rig = _Words(number, text), dict[int, tuple[float, ...] | None]()
-        words.whole("the rig's id")
-        count = words.whole("the number of sensors")
-        for row in range(count):
-            kind, sensor = words.take("a sensor"), words.whole("the sensor's id")
-            place: tuple[float, ...] | None = ()
-            if row:
-                has_pose = words.whole("HAS_POSE")
-                place = words.reals("sensor_from_rig", 7) if has_pose else None
-            if kind == "CAMERA":
-                rig[sensor] = place
-        rigs.append(rig)
-    return rigs
-
-
-def _text_frames(file: BinaryIO) -> list[tuple[int, list[int]]]:
-    """Number of each frame, and the ids of its images."""
-    frames: list[tuple[int, list[int]]] = []
-    for number, text in _lines(file):
-        if not text:
-            continue
-        words = _Words(number, text)
-        frame_id = words.whole("the frame's id")
-        words.whole("the rig's id")
-        words.reals("rig_from_world", 7)
-        frames.append((frame_id, []))
-        for _ in range(words.whole("the number of images")):
-            kind, _, image_id = (words.take("a sensor"), *(words.whole("an id") for _ in "12"))
-            if kind == "CAMERA":
-                frames[-1][1].append(image_id)
-    return frames
-
-
 # Binary, little-endian.
 
 
@@ -351,20 +438,6 @@ def _count(file: BinaryIO, what: str, least_bytes: int) -> int:
     return int(count)
 
 
-def _binary_cameras(file: BinaryIO) -> dict[int, Camera]:
-    table: dict[int, Camera] = {}
-    for _ in range(_count(file, "cameras", 24)):
-        camera_id, model_id, width, height = _unpack(file, "IiQQ", "a camera")
-        if model_id not in BY_ID:
-            raise CameraError(
-                f"camera {camera_id}: the model must be 0 to {len(BY_ID) - 1}, got {model_id}"
-            )
-        model = BY_ID[model_id]
-        parameters = _unpack(file, f"{len(model.parameters.split())}d", "a camera")
-        _add(table, camera_id, model, width, height, parameters)
-    return table
-
-
 def _binary_images(file: BinaryIO) -> list[Image]:
     images: list[Image] = []
     for _ in range(_count(file, "images", 73)):
@@ -384,36 +457,6 @@ def _name(file: BinaryIO) -> str:
         raise CameraError("the name of an image has no end; the file is truncated or broken")
     file.seek(start + end + 1)
     return data[:end].decode("utf-8", errors="replace")
-
-
-def _binary_rigs(file: BinaryIO) -> Rigs:
-    rigs: Rigs = []
-    for _ in range(_count(file, "rigs", 8)):
-        _, n_sensors = _unpack(file, "II", "a rig")
-        rig: dict[int, tuple[float, ...] | None] = {}
-        for row in range(n_sensors):
-            kind, sensor = _unpack(file, "iI", "a sensor")
-            place: tuple[float, ...] | None = ()
-            if row:
-                (has_pose,) = _unpack(file, "B", "a sensor")
-                place = _unpack(file, "7d", "a sensor") if has_pose else None
-            if kind == 0:  # a camera; 1 is an IMU
-                rig[sensor] = place
-        rigs.append(rig)
-    return rigs
-
-
-def _binary_frames(file: BinaryIO) -> list[tuple[int, list[int]]]:
-    """Number of each frame, and the ids of its images."""
-    frames: list[tuple[int, list[int]]] = []
-    for _ in range(_count(file, "frames", 68)):
-        frame_id, _, *_, n_images = _unpack(file, "II7dI", "a frame")
-        frames.append((frame_id, []))
-        for _ in range(n_images):
-            kind, _, image_id = _unpack(file, "iIQ", "a frame")
-            if kind == 0:  # a camera
-                frames[-1][1].append(image_id)
-    return frames
 
 
 def _places(rigs: Rigs, row_of: dict[int, int], border: Border) -> Any:
@@ -437,3 +480,187 @@ def _places(rigs: Rigs, row_of: dict[int, int], border: Border) -> Any:
     if len(rigs) > 1:
         border.note(f"places of cameras are those on {len(rigs)} rigs, each with its own origin")
     return places
+
+
+# Written.
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A frame: its rig, world_from_rig, and the rows of its images."""
+
+    rig: int
+    world_from_rig: FloatArray
+    rows: list[int]
+
+
+@dataclass(frozen=True)
+class RigsAndFrames:
+    """Cameras of each rig, the reference first, and the frames.
+
+    Attributes
+    ----------
+    cameras : list of list of int
+        Indices into the rig of the views.
+    sensor_from_rig : (N, 4, 4) float64
+        Of each camera.
+    frames : list of Frame
+    """
+
+    cameras: list[list[int]]
+    sensor_from_rig: FloatArray
+    frames: list[Frame]
+
+
+def _rigs_of(views: Views, notes: list[str]) -> RigsAndFrames | None:
+    """Rigs and frames of these views; None where there are none, or they do not fit together.
+
+    Cameras that share a frame are on one rig.
+    """
+    if not views.frames or views.rig is None:
+        return None
+    index = views.poses.camera
+    rows_of: dict[str, list[int]] = {}
+    for row, frame in enumerate(views.frames):
+        rows_of.setdefault(frame, []).append(row)
+    if any(len({int(index[row]) for row in rows}) < len(rows) for rows in rows_of.values()):
+        notes.append("frames are left out: one of them has two images of a camera")
+        return None
+    # Cameras on one rig have the number of its first camera.
+    first = list(range(len(views.rig)))
+    for rows in rows_of.values():
+        joined = {first[index[row]] for row in rows}
+        first = [min(joined) if each in joined else each for each in first]
+    places = views.rig.rig_from_camera
+    camera_from_reference = inverse(places) @ places[first]
+    world_from_rig = views.poses.world_from_camera @ camera_from_reference[index]
+    centres = views.poses.world_from_camera[:, :3, 3]
+    extent = max(1e-30, float(np.ptp(centres, axis=0).max()), float(np.abs(places[:, :3, 3]).max()))
+    scale = np.ones((4, 4))
+    scale[:3, 3] = extent
+    heads = sorted(set(first))
+    frames = []
+    for rows in rows_of.values():
+        of_frame = world_from_rig[rows]
+        if (np.abs(of_frame - of_frame[0]) > PLACE_TOLERANCE * scale).any():
+            notes.append(
+                "frames are left out: their images are not where the places of the cameras on the "
+                "rig put them; each image has its own pose"
+            )
+            return None
+        frames.append(Frame(heads.index(first[index[rows[0]]]), of_frame[0], rows))
+    cameras = [[row for row, head in enumerate(first) if head == each] for each in heads]
+    return RigsAndFrames(cameras, camera_from_reference, frames)
+
+
+class Word(NamedTuple):
+    """A value that is another one in binary than in text."""
+
+    code: Any
+    text: str
+
+
+CAMERA = Word(0, "CAMERA")
+
+
+def contents_of(views: Views, *, as_text: bool, notes: list[str]) -> dict[str, bytes]:
+    """Bytes of each file of a model, by name; what is lost is added to `notes`."""
+    rig = views.rig
+    assert rig is not None
+    cameras: list[Record] = []
+    for number, (camera, label) in enumerate(zip(rig.cameras, rig.names, strict=True)):
+        found = model_in("colmap", camera)
+        if is_whole_panorama(camera):
+            found = "EQUIRECTANGULAR", {"w": float(camera.width), "h": float(camera.height)}
+        if found is None or camera.skew:
+            raise no_model("COLMAP", camera, label)
+        name, p = found
+        model = Word(MODELS.index(name), name)
+        values = [number + 1, model, camera.width, camera.height, *p.values()]
+        cameras.append((f"IiQQ{len(p)}d", values))
+    names = unique([printable(name).replace("\0", "") for name in views.images], "image")
+    if names != list(views.images):
+        notes.append("names of images are made different from one another")
+    index = views.poses.camera.tolist()
+    images: list[Record] = []
+    motions = _motions(inverse(views.poses.world_from_camera))
+    for number, (motion, name) in enumerate(zip(motions, names, strict=True)):
+        # A zero byte ends the name, and a count of points follows; in text, a line of them.
+        end = Word(name.encode() + bytes(9), f"{name}\n")
+        values = [number + 1, *motion, index[number] + 1, end]
+        images.append((f"I7dI{len(end.code)}s", values))
+    parts: dict[str, list[Record]] = {"cameras": cameras, "images": images, "points3D": []}
+    rigs = _rigs_of(views, notes)
+    if rigs is not None:
+        parts |= _records_of(rigs, index)
+    elif len(set(index)) > 1 and (rig.rig_from_camera[1:] != rig.rig_from_camera[:1]).any():
+        notes.append("places of cameras on the rig are left out: each image has its own pose")
+    if as_text and any(" " in name for name in names):
+        notes.append("COLMAP ends names of a text model at spaces; write the binary one")
+    suffix, write = ("txt", _as_text) if as_text else ("bin", _as_binary)
+    return {f"{part}.{suffix}": write(part, records) for part, records in parts.items()}
+
+
+def _as_text(part: str, records: Sequence[Record]) -> bytes:
+    lines = [
+        " ".join(value.text if isinstance(value, Word) else repr(value) for value in values)
+        for _, values in records
+    ]
+    return "\n".join([HEADS[part].format(len(records)), *lines, ""]).encode()
+
+
+def _as_binary(part: str, records: Sequence[Record]) -> bytes:
+    packed = [
+        struct.pack(f"<{form}", *(v.code if isinstance(v, Word) else v for v in values))
+        for form, values in records
+    ]
+    return b"".join([struct.pack("<Q", len(records)), *packed])
+
+
+def _records_of(rigs: RigsAndFrames, camera: Sequence[int]) -> dict[str, list[Record]]:
+    """Rigs and frames; `camera` has the index of that of each image."""
+    places = _motions(rigs.sensor_from_rig)
+    of_rigs: list[Record] = []
+    for number, (first, *others) in enumerate(rigs.cameras):
+        values = [number + 1, 1 + len(others), CAMERA, first + 1]
+        for row in others:
+            values += [CAMERA, row + 1, 1, *places[row]]
+        of_rigs.append((f"IIiI{'iIB7d' * len(others)}", values))
+    of_frames: list[Record] = []
+    motions = _motions(inverse(np.array([frame.world_from_rig for frame in rigs.frames])))
+    for number, (frame, motion) in enumerate(zip(rigs.frames, motions, strict=True)):
+        values = [number + 1, frame.rig + 1, *motion, len(frame.rows)]
+        for row in frame.rows:
+            values += [CAMERA, camera[row] + 1, row + 1]
+        of_frames.append((f"II7dI{'iIQ' * len(frame.rows)}", values))
+    return {"rigs": of_rigs, "frames": of_frames}
+
+
+def _motions(matrices: FloatArray) -> list[list[float]]:
+    """Quaternion, scalar first, and translation of motions."""
+    quaternions = to_quaternions(matrices[:, :3, :3])
+    found: list[list[float]] = np.hstack([quaternions, matrices[:, :3, 3]]).tolist()
+    return found
+
+
+def write(folder: Path, contents: Mapping[str, bytes], *, overwrite: bool) -> None:
+    """Write the files of a model; a model that is there is replaced as a whole, if at all."""
+    if folder.exists() and not folder.is_dir():
+        raise ConfigError("a folder for the COLMAP model wanted, got a file; give another name")
+    others = [folder / f"{name}.{end}" for name in HEADS for end in ("bin", "txt")]
+    there = [path for path in others if path.exists()]
+    if there and not overwrite:
+        raise ConfigError(f"{there[0].name} is there already; give another folder, or --overwrite")
+    is_new = not folder.exists()
+    folder.mkdir(exist_ok=True)
+    try:
+        with ExitStack() as stack:  # all are written before any takes its place
+            for name, data in contents.items():
+                stack.enter_context(writing(folder / name)).write_bytes(data)
+    except BaseException:
+        if is_new and not any(folder.iterdir()):
+            folder.rmdir()
+        raise
+    for path in there:
+        if path.name not in contents:
+            path.unlink()  # of the model that was replaced: the new one has no such part

@@ -1,7 +1,10 @@
-"""Cameras of glTF 2 scenes (.gltf, .glb).
+"""Cameras of glTF 2 scenes (.gltf, .glb), and frusta of cameras to look at a rig in any viewer.
 
 A camera looks along -z of its node with y up; lengths are metres. The format has a vertical angle
-and no image size, principal point or distortion: the size is asked for.
+and no image size, principal point or distortion: the size is asked for. Frusta that are written
+have a node for each pose, with its name and a pyramid of lines whose base is the border of the
+image, or of the valid region of a lens that ends within it, curved where the lens bends it, with a
+mark at its top; and, below it, glTF's own camera.
 
 Source: Khronos Group. glTF 2.0 Specification. 2021, sections 3.5.3 and 3.10.
 """
@@ -15,21 +18,30 @@ from numpy.typing import NDArray
 from rastercov.base.checks import shown
 from rastercov.base.errors import CameraError, MeshError
 from rastercov.camera.camera import Camera
-from rastercov.camera.formats.conventions import OPENGL_AXES, Border
-from rastercov.camera.formats.entries import Entries
-from rastercov.camera.formats.rotations import from_quaternions
-from rastercov.camera.formats.source import Source
+from rastercov.camera.formats.conventions import OPENGL_AXES, Border, from_quaternions
+from rastercov.camera.formats.source import Entries, Source
+from rastercov.camera.projection import view_border
 from rastercov.camera.views import Views
 from rastercov.mesh.formats.glb_container import chunks
+from rastercov.mesh.formats.glb_writer import Y_UP, GlbBuffer
 from rastercov.mesh.formats.gltf_names import unknown_names
 
 FloatArray = NDArray[np.float64]
 
 WORLD = "rastercov_world"
 """Entry in `extras` of the node whose frame is the world: viewers have y up, and we have not."""
-
 MOST_ASPECT = 1.1
 """Largest ratio of fx and fy: a larger one is an image size that does not belong to the scene."""
+PARTS = 12
+"""Parts of each side of the image, so that the border of a distorted image is a curve."""
+LENGTH_REL = 0.4
+"""Longest edge of a pyramid by the median distance of neighbouring cameras."""
+LENGTH_ALONE = 0.1
+"""Metres: longest edge of the pyramid of a camera by itself."""
+MOST_NEIGHBOURS = 200
+"""Cameras whose neighbours are looked for."""
+TOP_REL = 0.15
+"""Height of the mark by the height of the base."""
 
 
 def is_mine(content: Any) -> bool:
@@ -158,3 +170,95 @@ def _camera(entries: Entries, size: tuple[int, int]) -> Camera:
         )
     fy = height / 2 / math.tan(yfov / 2)
     return Camera(width=width, height=height, fx=fy * square, fy=fy)
+
+
+def lost(camera: Camera) -> list[str]:
+    """Parts of this camera that glTF's own does not hold."""
+    is_middle = (camera.cx, camera.cy) == (camera.width / 2, camera.height / 2)
+    lost = ["image size"] + ([] if is_middle else ["principal point"])
+    return lost + (["lens (only the lines show it)"] if not camera.is_pinhole else [])
+
+
+def glb_of(views: Views, length: float | None = None) -> bytes:
+    """A scene with a node for each pose: a camera, and a pyramid of lines.
+
+    `length` is that of its longest edge, metres.
+    """
+    if not len(views.poses):
+        raise CameraError("a scene of frusta holds poses, and there are none to write")
+    rig = views.rig
+    assert rig is not None
+    poses = views.poses.world_from_camera
+    size = _usual_length(poses[:, :3, 3]) if length is None else length
+    used = np.unique(views.poses.camera).tolist()
+    pieces = [_pyramid(rig.cameras[row], size) for row in used]
+    buffer = GlbBuffer()
+    meshes, cameras = [], []
+    for row, (points, lines) in zip(used, pieces, strict=True):
+        name, camera = rig.names[row], rig.cameras[row]
+        primitive = {
+            "attributes": {"POSITION": buffer.add(points.astype(np.float32))},
+            "indices": buffer.add(lines.astype(np.uint32)),
+            "mode": 1,  # lines
+            "material": 0,
+        }
+        meshes.append({"name": name, "primitives": [primitive]})
+        vertical = 2 * math.atan(camera.height / 2 / camera.fy)
+        ratio = camera.width / camera.height * camera.fy / camera.fx
+        lens = {"yfov": vertical, "aspectRatio": ratio, "znear": max(camera.near, size / 100)}
+        cameras.append({"name": name, "type": "perspective", "perspective": lens})
+    matrices = poses @ OPENGL_AXES
+    row_of = {row: number for number, row in enumerate(used)}
+    n = len(poses)
+    world = {"name": "rig", "matrix": Y_UP.T.ravel().tolist(), "children": list(range(1, n + 1))}
+    nodes: list[dict[str, Any]] = [world | {"extras": {WORLD: True}}]
+    for row, (image, index) in enumerate(
+        zip(views.images, views.poses.camera.tolist(), strict=True)
+    ):
+        matrix = matrices[row].T.ravel().tolist()
+        # The camera is a node below: some programs drop the mesh of a node that has a camera.
+        node = {"name": image, "matrix": matrix, "mesh": row_of[index], "children": [n + 1 + row]}
+        nodes.append(node)
+    nodes += [{"camera": row_of[index]} for index in views.poses.camera.tolist()]
+    colour = {"baseColorFactor": [0.9, 0.35, 0.1, 1.0], "metallicFactor": 0.0}
+    scene = {
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": nodes,
+        "cameras": cameras,
+        "meshes": meshes,
+        "materials": [
+            {
+                "name": "frusta",
+                "pbrMetallicRoughness": colour,
+                "extensions": {"KHR_materials_unlit": {}},
+            }
+        ],
+        "extensionsUsed": ["KHR_materials_unlit"],
+    }
+    return buffer.file(scene)
+
+
+def _usual_length(centres: FloatArray) -> float:
+    """Length of the pyramids, so that neighbours do not hide each other."""
+    rows = np.linspace(0, len(centres) - 1, min(len(centres), MOST_NEIGHBOURS)).astype(np.int64)
+    nearest = []
+    for row in rows:  # 200 at most
+        distance = np.linalg.norm(centres - centres[row], axis=1)
+        nearest.append(float(distance[distance > 0].min(initial=np.inf)))
+    found = [each for each in nearest if math.isfinite(each)]
+    return LENGTH_REL * float(np.median(found)) if found else LENGTH_ALONE
+
+
+def _pyramid(camera: Camera, length: float) -> tuple[FloatArray, NDArray[np.int64]]:
+    """Points (N, 3) in OpenGL axes, and indices of their lines, two a line."""
+    base = view_border(camera, PARTS)
+    base *= length / float(np.linalg.norm(base, axis=1).max())
+    n = len(base)
+    height = np.linalg.norm(base[PARTS // 2] - base[2 * PARTS + PARTS // 2])
+    top = base[PARTS // 2] + (0.0, -TOP_REL * height, 0.0)
+    points = np.concatenate([base, [[0.0, 0.0, 0.0], top]])
+    corners = range(0, n, PARTS)
+    lines = [[row, (row + 1) % n] for row in range(n)] + [[n, row] for row in corners]
+    lines += [[PARTS // 4, n + 1], [n + 1, PARTS - PARTS // 4]]
+    return points * (1.0, -1.0, -1.0), np.array(lines).ravel()

@@ -18,26 +18,17 @@ from rastercov.base.checks import shown
 from rastercov.base.errors import CameraError
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import Border, inverse_of
-from rastercov.camera.formats.entries import Entries
-from rastercov.camera.models import MODELS
+from rastercov.camera.formats.source import Entries
+from rastercov.camera.models import PROGRAMS, lens_of_parameters
 from rastercov.camera.views import Views
 
 CAMERA_NAME = re.compile(r"cam(0|[1-9][0-9]{0,5})")
 MOST_SHOWN = 8
 """Names of cameras in a message."""
-INTRINSICS = {
-    "pinhole": "fx fy cx cy",
-    "omni": "xi fx fy cx cy",
-    "eucm": "alpha beta fx fy cx cy",
-    "ds": "xi alpha fx fy cx cy",
-}
-DISTORTIONS = {
-    "none": "",
-    "radtan": "k1 k2 p1 p2",
-    "equi": "k1 k2 k3 k4",
-    "equidistant": "k1 k2 k3 k4",
-    "fov": "omega",
-}
+KALIBR = PROGRAMS["kalibr"]
+CAMERA_MODELS, DISTORTION_MODELS = (
+    tuple(dict.fromkeys(name.split("-")[part] for name in KALIBR)) for part in (0, 1)
+)
 HARMLESS = frozenset(
     {"rostopic", "cam_overlaps", "timeshift_cam_imu", "line_delay", "shutter_type"}
 )
@@ -46,16 +37,6 @@ KNOWN = HARMLESS | {
     *("T_cn_cnm1", "T_cam_imu", "T_imu_cam"),
 }
 """Entries of a camera."""
-OURS = {
-    ("pinhole", "none"): "pinhole",
-    ("pinhole", "radtan"): "opencv",
-    ("pinhole", "equi"): "opencv_fisheye",
-    ("pinhole", "equidistant"): "opencv_fisheye",
-    ("pinhole", "fov"): "fov",
-    **{("omni", each): "omni" for each in ("none", "radtan")},
-    **{("eucm", each): "eucm" for each in ("none", "radtan")},
-    **{("ds", each): "double_sphere" for each in ("none", "radtan")},
-}
 
 
 def is_mine(content: Any) -> bool:
@@ -130,23 +111,23 @@ def _inverse(entries: Entries, name: str) -> Any:
 def _camera(entries: Entries) -> Camera:
     model = entries.text("camera_model")
     distortion = entries.text("distortion_model", "none")
-    if model not in INTRINSICS or distortion not in DISTORTIONS:
+    if model not in CAMERA_MODELS or distortion not in DISTORTION_MODELS:
         raise CameraError(
-            f"{entries.where}: camera_model must be one of {', '.join(INTRINSICS)}, and "
-            f"distortion_model one of {', '.join(DISTORTIONS)}, got {shown(model)}, "
+            f"{entries.where}: camera_model must be one of {', '.join(CAMERA_MODELS)}, and "
+            f"distortion_model one of {', '.join(DISTORTION_MODELS)}, got {shown(model)}, "
             f"{shown(distortion)}"
         )
-    if (model, distortion) not in OURS:
+    foreign = KALIBR.get(f"{model}-{distortion}")
+    if foreign is None:
         raise CameraError(
             f"{entries.where}: distortion {distortion} comes with camera model pinhole only, "
             f"got {model}"
         )
-    p = _named(entries, "intrinsics", INTRINSICS[model])
-    d = _named(entries, "distortion_coeffs", DISTORTIONS[distortion])
-    ours = OURS[model, distortion]
-    wanted = MODELS[ours].coefficients.split()
-    if ours == "opencv":
-        wanted = wanted[:4]
+    intrinsics, _, coefficients = foreign.parameters.partition(" cy")
+    p = dict.fromkeys(("k1", "k2", "p1", "p2"), 0.0)
+    p |= _named(entries, "intrinsics", f"{intrinsics} cy")
+    p |= _named(entries, "distortion_coeffs", coefficients.strip())
+    ours, values = lens_of_parameters(foreign.ours, p)
     size = entries.array("resolution", (2,)).tolist()
     return Camera(
         width=size[0],
@@ -156,7 +137,7 @@ def _camera(entries: Entries) -> Camera:
         cx=p["cx"] + 0.5,
         cy=p["cy"] + 0.5,
         model=ours,
-        distortion=tuple((p | d).get(name, 0.0) for name in wanted),
+        distortion=values,
     )
 
 

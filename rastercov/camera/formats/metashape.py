@@ -8,7 +8,6 @@ Source: Agisoft Metashape Professional manual 2.1, appendix C, "Camera models"; 
 """
 
 import re
-from typing import Any
 from xml.etree.ElementTree import Element
 
 import numpy as np
@@ -18,21 +17,16 @@ from rastercov.base.checks import image_side, shown
 from rastercov.base.errors import CameraError
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import Border
-from rastercov.camera.formats.entries import checked
-from rastercov.camera.formats.equivalents import brown, panorama
+from rastercov.camera.formats.equivalents import panorama
+from rastercov.camera.formats.source import checked, number_of
+from rastercov.camera.models import PROGRAMS, lens_of_parameters
 from rastercov.camera.views import Views
 from rastercov.mesh.formats.xml_tree import children, local_name, look_at_names, schema_of
 
 FloatArray = NDArray[np.float64]
 
-MODELS = {
-    "frame": "metashape",
-    "fisheye": "metashape_fisheye",
-    "equidistant_fisheye": "metashape_fisheye",
-    "equisolid_fisheye": "metashape_equisolid",
-    "spherical": "equirectangular",
-}
-TERMS = ("k1", "k2", "k3", "k4", "p1", "p2")
+MODELS = PROGRAMS["metashape"]
+TERMS = MODELS["frame"].parameters.split()
 UNKNOWN_TERM = re.compile(r"[a-z][0-9]")
 """A coefficient; p3 and p4, of older versions, change the tangential terms."""
 
@@ -210,9 +204,10 @@ def _camera(element: Element, kind: str, label: str, sensor: Element | None = No
                 "calibrate again without it, or undistort the photos"
             )
     b1, f = of("b1"), of("f", "")
-    model, values = MODELS[kind], tuple(c.values())
-    if model == "metashape" and not c["k4"]:
-        model, values = brown((c["k1"], c["k2"], c["p2"], c["p1"], c["k3"], *[0.0] * 9))
+    ours = MODELS[kind].ours
+    if ours == "metashape" and not c["k4"]:
+        ours, c = "opencv", c | {"p1": c["p2"], "p2": c["p1"]}
+    model, values = lens_of_parameters(ours, c)
     return Camera(
         width=width,
         height=height,
@@ -272,10 +267,4 @@ def _text(owner: Element, name: str, default: str) -> str:
 
 
 def _numbers(text: str, what: str, shape: tuple[int, ...]) -> FloatArray:
-    def number(word: str) -> Any:
-        try:
-            return float(word if "_" not in word else "x")
-        except ValueError:
-            return word
-
-    return checked([number(word) for word in text.split()[:100]], what, shape)
+    return checked([*map(number_of, text.split()[:100])], what, shape)

@@ -22,10 +22,10 @@ from numpy.typing import NDArray
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import CameraError
 from rastercov.camera.camera import Camera
-from rastercov.camera.formats.conventions import Border, inverse_of
-from rastercov.camera.formats.equivalents import as_fisheye, as_opencv, opencv_length
-from rastercov.camera.formats.rotations import from_vectors, motions
-from rastercov.camera.formats.source import Source
+from rastercov.camera.formats.conventions import Border, from_vectors, inverse_of, motions
+from rastercov.camera.formats.equivalents import as_fisheye, as_opencv, no_model
+from rastercov.camera.formats.source import Source, number_of
+from rastercov.camera.models import opencv_length
 from rastercov.camera.views import Views
 from rastercov.mesh.formats.xml_tree import local_name
 
@@ -93,11 +93,9 @@ def _xml_value(element: Element, depth: int) -> Any:
 def _number(word: str) -> Any:
     if word.lower().lstrip("+-") in (".nan", ".inf"):
         word = word.replace(".", "")
-    try:
-        value = float(word if "_" not in word else "x")
-    except ValueError:
-        return word
-    return int(word) if word.lstrip("+-").isdecimal() and len(word) < 20 else value
+    is_whole = word.lstrip("+-").isdecimal() and len(word) < 20
+    value = number_of(word)
+    return int(word) if is_whole and isinstance(value, float) else value
 
 
 def read(content: Mapping[str, Any], border: Border) -> Views:
@@ -427,10 +425,7 @@ def text_of(views: Views) -> str:
     camera = views.camera()
     values, radial = as_opencv(camera), as_fisheye(camera)
     if values is None and radial is None:
-        raise CameraError(
-            f"OpenCV has no model for {camera.model} with these coefficients; undistort the "
-            "images, or write another format"
-        )
+        raise no_model("OpenCV", camera)
     lines = ["%YAML:1.0", "---", f"image_width: {camera.width}", f"image_height: {camera.height}"]
     if values is None:
         assert radial is not None

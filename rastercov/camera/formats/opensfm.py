@@ -18,31 +18,22 @@ from numpy.typing import NDArray
 from rastercov.base.checks import shown
 from rastercov.base.errors import CameraError
 from rastercov.camera.camera import Camera
-from rastercov.camera.formats.conventions import Border, inverse_of
-from rastercov.camera.formats.entries import Entries
-from rastercov.camera.formats.equivalents import brown
-from rastercov.camera.formats.rotations import from_vectors
+from rastercov.camera.formats.conventions import Border, from_vectors, inverse_of
+from rastercov.camera.formats.source import Entries
+from rastercov.camera.models import PROGRAMS, lens_of_parameters
 from rastercov.camera.views import Views
 
-FISHEYE_62 = "k1 k2 k3 k4 k5 k6 p1 p2"
-MODELS = {
-    "perspective": ("", "k1 k2"),
-    "simple_radial": ("", "k1"),
-    "radial": ("", "k1 k2"),
-    "brown": ("", "k1 k2 p1 p2 k3"),
-    "fisheye": ("opencv_fisheye", "k1 k2 - -"),
-    "fisheye_opencv": ("opencv_fisheye", "k1 k2 k3 k4"),
-    "fisheye62": ("fisheye62", FISHEYE_62),
-    "fisheye624": ("fisheye62", f"{FISHEYE_62} s0 s1 s2 s3"),
-    "spherical": ("equirectangular", ""),
-    "equirectangular": ("equirectangular", ""),
-}
-"""Our model by OpenSfM's projection_type, empty for Brown's, and its coefficients in our order."""
+MODELS = PROGRAMS["opensfm"]
+
+
+def _own_name(name: str) -> str:
+    """Name that OpenSfM has for a coefficient: it counts those of prisms from 0."""
+    return f"s{int(name[1]) - 1}" if name[0] == "s" else name
 
 
 KNOWN_OF_CAMERA = frozenset(
     {"projection_type", "width", "height", "focal", "focal_x", "focal_y", "c_x", "c_y"}
-    | {name for _, order in MODELS.values() for name in order.split()}
+    | {_own_name(name) for each in MODELS.values() for name in each.parameters.split()}
 )
 OTHERS = frozenset({"points", "biases", "reference_lla", "main_component"})
 """Further entries of a reconstruction."""
@@ -159,10 +150,8 @@ def _camera(entries: Entries) -> Camera:
         fx, fy = entries.number("focal_x"), entries.number("focal_y")
     else:
         fx = fy = entries.number("focal")
-    values = tuple(0.0 if name == "-" else entries.number(name, 0.0) for name in order.split())
-    if kind == "simple_radial":
-        values = (*values, 0.0)
-    lens = (ours, values) if ours else brown((*values, *[0.0] * (14 - len(values))))
+    p = {name: entries.number(_own_name(name), 0.0) for name in order.split()}
+    model, distortion = lens_of_parameters(ours, p)
     return Camera(
         width=width,
         height=height,
@@ -170,6 +159,6 @@ def _camera(entries: Entries) -> Camera:
         fy=fy * side,
         cx=width / 2 + entries.number("c_x", 0.0) * side,
         cy=height / 2 + entries.number("c_y", 0.0) * side,
-        model=lens[0],
-        distortion=lens[1],
+        model=model,
+        distortion=distortion,
     )

@@ -21,7 +21,7 @@ from rastercov.base.checks import shown
 from rastercov.base.errors import CameraError, PoseError
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import Border
-from rastercov.camera.formats.entries import Entries
+from rastercov.camera.formats.source import Entries
 from rastercov.camera.pose import DRIFT_TOLERANCE, as_matrices, real_numbers
 from rastercov.camera.views import Views
 

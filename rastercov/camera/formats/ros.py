@@ -14,8 +14,9 @@ import numpy as np
 from rastercov.base.errors import CameraError
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import Border
-from rastercov.camera.formats.entries import Entries, checked
-from rastercov.camera.formats.equivalents import as_fisheye, as_opencv, opencv_length
+from rastercov.camera.formats.equivalents import as_fisheye, as_opencv, no_model
+from rastercov.camera.formats.source import Entries, checked
+from rastercov.camera.models import opencv_length
 from rastercov.camera.views import Views
 
 COUNTS = {
@@ -109,10 +110,7 @@ def text_of(views: Views) -> str:
     elif radial is not None:
         model, coefficients = "equidistant", radial
     else:
-        raise CameraError(
-            f"ROS has no model for {camera.model} with these coefficients; undistort the images, "
-            "or write another format"
-        )
+        raise no_model("ROS", camera)
     k = camera.opencv_K
     k[0, 1] = camera.skew
     name = "".join(c if c.isalnum() else "_" for c in views.rig.names[0])

@@ -1,10 +1,15 @@
-"""Content of a file to be recognised and read: its bytes once, and what they parse to."""
+"""Content of a file to be recognised and read: its bytes once, what they parse to, and look-ups."""
 
+from collections.abc import Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import Element
 
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov.base.checks import finite_number, image_side, shown
 from rastercov.base.errors import CameraError, MeshError
 from rastercov.base.files import (
     LARGEST_ARRAY,
@@ -15,6 +20,8 @@ from rastercov.base.files import (
     read_toml,
 )
 from rastercov.mesh.formats.xml_tree import parsed
+
+FloatArray = NDArray[np.float64]
 
 XML_BUDGET = 8 << 30
 """Bytes of memory that a tree of XML may need."""
@@ -77,3 +84,128 @@ class Source:
             return parsed(self.data, "it", XML_BUDGET)
         except MeshError as error:
             raise CameraError(str(error)) from None
+
+
+class Entries:
+    """A table of a file; `where` names it in errors."""
+
+    def __init__(self, value: Any, where: str) -> None:
+        if not isinstance(value, Mapping):
+            raise CameraError(f"{where}: a table of names and values wanted, got {shown(value)}")
+        self._table, self.where = value, where
+
+    def __contains__(self, name: str) -> bool:
+        return self._table.get(name) is not None
+
+    def names(self) -> list[str]:
+        """Names of the table, as texts."""
+        return [str(name) for name in self._table]
+
+    def get(self, name: str, default: Any = None) -> Any:
+        """The value as it came; `default` where it is missing or null."""
+        value = self._table.get(name)
+        return default if value is None else value
+
+    def any_of(self, *names: str) -> str | None:
+        """The first of these names that the table has."""
+        return next((name for name in names if name in self), None)
+
+    def need(self, name: str) -> Any:
+        """The value, which must be there."""
+        if name not in self:
+            raise CameraError(f"{self.where}: {name} is missing; export the file again")
+        return self._table[name]
+
+    def number(self, name: str, default: float | None = None) -> float:
+        """A finite number."""
+        value = self.need(name) if default is None else self.get(name, default)
+        found = finite_number(value)
+        if np.isnan(found):
+            raise CameraError(
+                f"{self.where}: {name} must be a finite number, got {shown(value)}; correct it"
+            )
+        return found
+
+    def side(self, name: str) -> int:
+        """Width or height of an image; some programs write 640.0."""
+        return image_side(f"{self.where}: {name}", self.number(name))
+
+    def text(self, name: str, default: str | None = None) -> str:
+        """A text."""
+        value = self.need(name) if default is None else self.get(name, default)
+        if not isinstance(value, str):
+            raise CameraError(f"{self.where}: {name} must be a text, got {shown(value)}")
+        return value
+
+    def flag(self, name: str) -> bool:
+        """A truth value, False where it is missing; 0 and 1 count."""
+        value = self.get(name, False)
+        if value not in (0, 1):
+            raise CameraError(f"{self.where}: {name} must be true or false, got {shown(value)}")
+        return bool(value)
+
+    def table(self, name: str) -> "Entries":
+        """A table within."""
+        return Entries(self.need(name), f"{self.where}, {name}")
+
+    def tables(self, name: str) -> Iterator[tuple[str, "Entries"]]:
+        """Tables of a list or a table within, with their names or numbers."""
+        value = self.need(name)
+        if isinstance(value, Mapping):
+            pairs = [(str(key), each) for key, each in value.items()]
+        elif isinstance(value, list):
+            pairs = [(str(row), each) for row, each in enumerate(value)]
+        else:
+            raise CameraError(f"{self.where}: {name} must be a list or table, got {shown(value)}")
+        for key, each in pairs:
+            yield key, Entries(each, f"{self.where}, {name} {key[:60]}")
+
+    def array(self, name: str, *shapes: tuple[int, ...]) -> FloatArray:
+        """Finite numbers of one of these shapes, as a list or a list of rows."""
+        return checked(self.need(name), f"{self.where}: {name}", *shapes)
+
+    def row(self, name: str, most: int = 100) -> list[float]:
+        """A list of at most `most` finite numbers."""
+        value = self.need(name)
+        if not isinstance(value, list) or len(value) > most:
+            raise CameraError(
+                f"{self.where}: {name} must be up to {most} numbers, got {shown(value)}"
+            )
+        found: list[float] = checked(value, f"{self.where}: {name}", (len(value),)).tolist()
+        return found
+
+
+def checked(value: Any, what: str, *shapes: tuple[int, ...]) -> FloatArray:
+    """Finite numbers of one of these shapes; `what` names them in errors."""
+    most = max(int(np.prod(shape)) for shape in shapes)
+    found: list[float] = []
+    shape = _collect(value, found, most, depth=3)
+    if shape not in shapes or len(found) != np.prod(shape) or not np.isfinite(found).all():
+        words = " or ".join(" x ".join(map(str, each)) for each in shapes)
+        raise CameraError(f"{what} must be {words} finite numbers, got {shown(value)}; correct it")
+    return np.array(found, dtype=np.float64).reshape(shape)
+
+
+def _collect(value: Any, found: list[float], most: int, depth: int) -> tuple[int, ...] | None:
+    """Shape of a nested list, whose numbers are appended to `found`; None where it has no shape."""
+    if not isinstance(value, list):
+        found.append(finite_number(value))
+        return ()
+    if depth == 0 or len(value) > most:
+        return None
+    inner: set[tuple[int, ...] | None] = set()
+    for each in value:
+        if len(found) > most:
+            return None
+        inner.add(_collect(each, found, most, depth - 1))
+    if len(inner) > 1 or None in inner:
+        return None
+    return (len(value), *(inner.pop() if inner else ()))  # type: ignore[misc] # None is ruled out
+
+
+def number_of(word: str) -> float | str:
+    """Number of a word, or the word itself where it is none."""
+    try:
+        return float(word if "_" not in word else "x")  # Python reads 1_0 as ten
+    except ValueError:
+        return word

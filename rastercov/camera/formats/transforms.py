@@ -18,24 +18,19 @@ from numpy.typing import NDArray
 from rastercov.base.errors import CameraError
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import OPENGL_AXES, Border
-from rastercov.camera.formats.entries import Entries
 from rastercov.camera.formats.equivalents import (
     as_fisheye,
     as_opencv,
-    brown,
     coefficients,
     is_whole_panorama,
+    no_model,
     panorama,
 )
-from rastercov.camera.formats.source import Source
+from rastercov.camera.formats.source import Entries, Source
+from rastercov.camera.models import PROGRAMS, lens_of_parameters
 from rastercov.camera.views import Views
 
-MODELS = {
-    **dict.fromkeys(("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV"), "brown"),
-    "OPENCV_FISHEYE": "fisheye",
-    "EQUIRECTANGULAR": "equirectangular",
-    "FISHEYE624": "fisheye624",
-}
+MODELS = PROGRAMS["nerfstudio"]
 INTRINSICS = (
     *("fl_x", "fl_y", "cx", "cy", "w", "h", "k1", "k2", "k3", "k4", "p1", "p2"),
     *("camera_model", "camera_angle_x", "camera_angle_y", "distortion_params"),
@@ -162,23 +157,20 @@ def _camera(entries: Entries, border: Border) -> Camera:
         raise CameraError(
             f"{entries.where}: camera_model must be one of {', '.join(MODELS)}, got {model[:40]!r}"
         )
-    kind = MODELS[model]
-    if entries.flag("is_fisheye"):
-        kind = "fisheye"
+    ours = MODELS["OPENCV_FISHEYE" if entries.flag("is_fisheye") else model].ours
     if "w" in entries or "h" in entries:
         size = entries.side("w"), entries.side("h")
     else:
         size = border.image_size(entries.where)
-    if kind == "equirectangular" and not entries.any_of("fl_x", "fl_y"):
+    if ours == "equirectangular" and not entries.any_of("fl_x", "fl_y"):
         return panorama(*size)
     fx, fy = _focal_lengths(entries, *size)
-    lens: tuple[str, tuple[float, ...]] = kind, ()
-    if (
-        kind == "equirectangular"
-    ):  # longitude and latitude are pi (u - cx) / fl_x, pi (v - cy) / fl_y
+    lens: tuple[str, tuple[float, ...]] = ours, ()
+    if ours == "equirectangular":
+        # Longitude and latitude are pi (u - cx) / fl_x and pi (v - cy) / fl_y.
         fx, fy = fx / math.pi, fy / math.pi
     else:
-        lens = _lens(entries, kind)
+        lens = _lens(entries, ours)
     return Camera(
         width=size[0],
         height=size[1],
@@ -219,27 +211,28 @@ def _focal_lengths(entries: Entries, width: int, height: int) -> tuple[float, fl
     return (fy if math.isnan(fx) else fx), (fx if math.isnan(fy) else fy)
 
 
-def _lens(entries: Entries, kind: str) -> tuple[str, tuple[float, ...]]:
+def _lens(entries: Entries, ours: str) -> tuple[str, tuple[float, ...]]:
     """Model of the lens and its coefficients."""
     given: Sequence[float] = ()
     if "distortion_params" in entries:
         given = entries.array("distortion_params", (4,), (6,), (12,)).tolist()
-    if kind == "fisheye624":
+    if ours == "rad_tan_thin_prism_fisheye":
         if len(given) != 12:
             raise CameraError(f"{entries.where}: FISHEYE624 needs 12 distortion_params")
-        return "rad_tan_thin_prism_fisheye", tuple(given)
+        return ours, tuple(given)
     if len(given) == 12:
         raise CameraError(f"{entries.where}: 12 distortion_params belong to FISHEYE624")
+    names = MODELS["OPENCV"].parameters.split()
     if not given:
-        given = [entries.number(name, 0.0) for name in ("k1", "k2", "k3", "k4", "p1", "p2")]
-    k1, k2, k3, k4, p1, p2 = (*given, 0.0, 0.0)[:6]
-    if kind == "fisheye":
-        if p1 or p2:
-            raise CameraError(f"{entries.where}: a fisheye has no p1 and p2, got {p1:g}, {p2:g}")
-        return "opencv_fisheye", (k1, k2, k3, k4)
-    if k4:  # of r^8, which OpenCV's model does not have; Metashape's p1 and p2 are turned around
-        return "metashape", (k1, k2, k3, k4, p2, p1)
-    return brown((k1, k2, p1, p2, k3, *[0.0] * 9))
+        given = [entries.number(name, 0.0) for name in names]
+    p = dict(zip(names, (*given, 0.0, 0.0), strict=False))
+    p1, p2 = p["p1"], p["p2"]
+    if ours == "opencv_fisheye" and (p1 or p2):
+        raise CameraError(f"{entries.where}: a fisheye has no p1 and p2, got {p1:g}, {p2:g}")
+    if ours == "opencv" and p["k4"]:
+        # Of r^8, which OpenCV's model does not have; Metashape's p1 and p2 are turned around.
+        ours, p = "metashape", p | {"p1": p2, "p2": p1}
+    return lens_of_parameters(ours, p)
 
 
 def content_of(views: Views) -> dict[str, Any]:
@@ -273,19 +266,14 @@ def _table(camera: Camera, name: str) -> dict[str, Any]:
     elif camera.model == "equirectangular":
         model = "EQUIRECTANGULAR"
     elif camera.model == "metashape":
-        terms = (c["k1"], c["k2"], c["k3"], c["k4"], c["p2"], c["p1"])
-        model, found = "OPENCV", dict(zip(("k1", "k2", "k3", "k4", "p1", "p2"), terms, strict=True))
+        model, found = "OPENCV", c | {"p1": c["p2"], "p2": c["p1"]}
     elif (values := as_opencv(camera)) is not None and not any(values[5:]):
         k1, k2, p1, p2, k3 = values[:5]
         model, found = "OPENCV", {"k1": k1, "k2": k2, "k3": k3, "p1": p1, "p2": p2}
         if not any(values):
             model, found = "PINHOLE", {}
     if not model or camera.skew:
-        raise CameraError(
-            f"{name}: transforms.json has no model for {camera.model}"
-            f"{' with skew' if camera.skew else ' with these coefficients'}; undistort the images, "
-            "or write another format"
-        )
+        raise no_model("transforms.json", camera, name)
     fx, fy = camera.fx, camera.fy
     if model == "EQUIRECTANGULAR":
         fx, fy = fx * math.pi, fy * math.pi

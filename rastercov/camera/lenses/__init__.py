@@ -1,7 +1,7 @@
 """Lenses of real cameras: their models, certified valid regions, ideal planes and exact areas.
 
-`sources` makes lenses from the parameters of other programs, `lens` from their terms.
-docs/cameras.md has the equations.
+`of_camera` has the lens of a camera, `lens` makes lenses from their terms. docs/cameras.md has the
+equations.
 """
 
 from rastercov.camera.lenses.lens import BASES, Lens, make_lens

@@ -1,18 +1,209 @@
-"""Areas of polygons of an ideal plane in the image of a lens, with bounds."""
+"""Areas of polygons of an ideal plane in the image of a lens, and planes as loops take them.
 
-from collections.abc import Sequence
+A plane has a window, few sides around all that the image shows of its region. The border of a
+region is a circle of 128 sides, nearly all of whose images are outside the image. A chord from
+corner i to corner j of the region cuts off a piece of it. The lens is a homeomorphism, so a piece
+whose border misses the image has either all of the image or nothing of it, and nothing if a point
+of the rest of the region has its pixel in the image. What is beyond a line along x or y is cut off
+for the same reason.
+"""
+
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.base.memory import read_only
 from rastercov.camera.lenses.lens import Lens
-from rastercov.camera.lenses.planes import IdealPlane
+from rastercov.camera.lenses.planes import IdealPlane, keep
 from rastercov.camera.lenses.quadrature import EdgeTable, edge_table
-from rastercov.camera.lenses.records import record_of
+from rastercov.camera.lenses.slopes import slopes_in
+from rastercov.kernels import lens_formulas
+from rastercov.kernels.lens import unproject_many
+from rastercov.kernels.lens_planes import PlaneRecord
 from rastercov.kernels.lens_polygons import edge_scratch, measure_polygons
 
 FloatArray = NDArray[np.float64]
+Misses = Callable[[FloatArray, FloatArray], NDArray[np.bool_]]
+
+PARTS = 64
+"""Parts of a segment whose images are compared with the image, each with its bend."""
+ROUNDING_PX = 1e-9
+"""More than the rounding of a pixel."""
+TRIMMINGS = 10
+"""Halvings in the search for a line that cuts off what the image does not show."""
+FEW_SIDES = 8
+"""A region of so few sides is its own window."""
+
+
+def window_of(plane: IdealPlane, width: float, height: float, bend: float) -> FloatArray:
+    """Convex polygon within the region that holds every point of it whose pixel is in the image.
+
+    Parameters
+    ----------
+    plane : IdealPlane
+    width, height : float
+        Size of the image, px.
+    bend : float
+        Bound of the second derivative of pixels along lines of the plane, px; infinite for a plane
+        with a pole.
+
+    Returns
+    -------
+    (K, 2) float64
+        Some corners of the region, in its order, and where these are few, cut by lines along x and
+        y; all of the region if nothing is proved, or it has a hole. No corner if it is proved that
+        the image shows nothing.
+    """
+    region = plane.region
+    if plane.hole is not None or not bend < math.inf:
+        return region
+
+    def misses(start: FloatArray, end: FloatArray) -> NDArray[np.bool_]:
+        """True for segments of the plane whose images are outside the image."""
+        t = np.linspace(0.0, 1.0, PARTS + 1)[:, None, None]
+        u, v = _pixels(plane, (1 - t) * start + t * end)
+        stray = bend * ((end - start) ** 2).sum(axis=1) / (8 * PARTS**2) + ROUNDING_PX
+        is_out: Any = False
+        for value, size in ((u, width), (v, height)):
+            low, high = np.minimum(value[1:], value[:-1]), np.maximum(value[1:], value[:-1])
+            is_out = is_out | (high < -stray) | (low > size + stray)
+        result: NDArray[np.bool_] = is_out.all(axis=0)
+        return result
+
+    window = _between_chords(region, misses)
+    if not _shows(plane, window, width, height):
+        is_free = misses(region, np.roll(region, -1, axis=0)).all()
+        is_empty = is_free and _is_elsewhere(plane, width / 2, height / 2)
+        return np.empty((0, 2)) if is_empty else region
+    if len(window) > FEW_SIDES:
+        return window  # the region ends in the image
+    for a, b in ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)):
+        trimmed = _trimmed(window, a, b, misses)
+        if _shows(plane, trimmed, width, height):
+            window = trimmed
+    return window
+
+
+def _between_chords(region: FloatArray, misses: Misses) -> FloatArray:
+    """Fewest corners of a region between which chords cut off all of the others."""
+    n = len(region)
+    if n <= FEW_SIDES:
+        return region
+    index = np.arange(n)
+
+    # A chord is good if it misses the image, and if all sides that it cuts off do. Then so does any
+    # chord between corners of the piece that it cuts off.
+    is_free = np.tile(misses(region, np.roll(region, -1, axis=0)), 2)
+    next_met = np.minimum.accumulate(np.where(is_free, 2 * n, np.arange(2 * n))[::-1])[::-1]
+    low, high = np.ones(n, np.int64), np.maximum(np.minimum(next_met[:n] - index, n - 2), 1)
+    while (low < high).any():
+        middle = (low + high + 1) // 2
+        is_good = misses(region, region[(index + middle) % n])
+        low, high = np.where(is_good, middle, low), np.where(is_good, high, middle - 1)
+        low = np.minimum(low, np.maximum(high, 1))
+    fewest = min((_walk(int(first), low) for first in index), key=len)
+    window: FloatArray = region[sorted(fewest)]
+    return window
+
+
+def _trimmed(window: FloatArray, a: float, b: float, misses: Misses) -> FloatArray:
+    """Part of a window with a x + b y <= c, for about the least c beyond which nothing is shown."""
+    value = window @ (a, b)
+    low, high, found = float(value.min()), float(value.max()), window
+    for _ in range(TRIMMINGS):
+        middle = (low + high) / 2
+        piece = keep(window, a, b, -middle)
+        if len(piece) >= 3 and misses(piece, np.roll(piece, -1, axis=0)).all():
+            high, found = middle, keep(window, -a, -b, middle)
+        else:
+            low = middle
+    return found
+
+
+def _is_elsewhere(plane: IdealPlane, u: float, v: float) -> bool:
+    """True where a pixel has a ray that is outside the region of a plane."""
+    ray = np.empty((1, 3))
+    unproject_many(plane.code, plane.params, np.array([[u, v]]), ray)
+    x, y, z = ray[0] @ plane.frame
+    if not np.isfinite(z):
+        return False
+    start, side = plane.region, np.roll(plane.region, -1, axis=0) - plane.region
+    inner = side[:, 0] * (y - start[:, 1] * z) - side[:, 1] * (x - start[:, 0] * z)
+    return bool(z <= 0 or (inner < 0).any())
+
+
+def _walk(first: int, farthest: NDArray[np.int64]) -> list[int]:
+    """Corners of the region that the longest good chords from one of them meet."""
+    n, at, corners = len(farthest), first, [first]
+    while (at := at + int(farthest[at % n])) < first + n:
+        corners.append(at % n)
+    return corners
+
+
+def _shows(plane: IdealPlane, window: FloatArray, width: float, height: float) -> bool:
+    """True where some point of a polygon has its pixel in the image."""
+    if len(window) < 3:
+        return False
+    middle = window.mean(axis=0)
+    u, v = _pixels(plane, middle + np.linspace(0.0, 0.99, 12)[:, None, None] * (window - middle))
+    return bool(((u > 1) & (u < width - 1) & (v > 1) & (v < height - 1)).any())
+
+
+def _pixels(plane: IdealPlane, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Pixels u, v (...) of points (..., 2) of a plane."""
+    project: Any = lens_formulas.project  # which has no types
+    x, y, z = np.moveaxis(points @ plane.frame[:, :2].T + plane.frame[:, 2], -1, 0)
+    with np.errstate(all="ignore"):
+        u, v = project(plane.code, plane.params, x, y, z)
+    return u, v
+
+
+def record_of(plane: IdealPlane, width: int, height: int, table: EdgeTable) -> PlaneRecord:
+    """Record of a plane of a lens with an image of that size, px."""
+    pinhole, (speed, bend) = plane.camera, _derivatives(plane)
+    return PlaneRecord(
+        code=plane.code,
+        params=read_only(plane.params),
+        frame=read_only(plane.frame),
+        fx=float(pinhole.fx),
+        fy=float(pinhole.fy),
+        cx=float(pinhole.cx),
+        cy=float(pinhole.cy),
+        region=read_only(plane.region),
+        hole=read_only(np.empty((0, 2)) if plane.hole is None else plane.hole),
+        window=read_only(window_of(plane, width, height, bend)),
+        longest=read_only(table.longest),
+        parts_of=table.parts_of,
+        is_graded=table.is_graded,
+        width=float(width),
+        height=float(height),
+        bend=bend,
+        stretch=speed**2 / 2 / (pinhole.fx * pinhole.fy),
+        speed=speed / min(pinhole.fx, pinhole.fy),
+        tolerance=table.tolerance,
+    )
+
+
+def _derivatives(plane: IdealPlane) -> tuple[float, float]:
+    """Bounds of the first and the second derivative of pixels along lines of a plane, px.
+
+    Of an analytic u with |u - u0| <= M within R the first is at most M / R, and the second 2 M /
+    R^2, by Cauchy. Both coordinates together change by (x^2 + y^2)^(1/2) times 2^(1/2) at most.
+    Differences tell some thirty times more about the second (`slopes`): how many edges are next to
+    the border of the image, and how many tiles of samples a face may reach, depends on it.
+    """
+    if plane.has_pole:
+        return math.inf, math.inf
+    speed = bend = math.inf
+    for radius, across, down in plane.reaches:
+        reach = math.hypot(across, down)
+        speed = min(speed, math.sqrt(2) * reach / radius)
+        bend = min(bend, 4 * reach / radius**2)
+    return speed, min(bend, float(slopes_in(plane).second.max()))
 
 
 @dataclass(frozen=True, eq=False)

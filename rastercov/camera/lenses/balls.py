@@ -1,4 +1,7 @@
-"""Bounds of lenses over complex numbers: the equations on balls, and `reach` and `bend` from them.
+"""Numbers with bounds, and bounds of lenses over complex numbers: `reach`, `slope_reach`.
+
+The equations of `kernels.lens_formulas` run on any numbers: intervals of real numbers that hold
+their exact results, values with one derivative, and balls.
 
 A ball is a centre and a radius, complex numbers within the radius of the centre; an operation gives
 a ball that holds all its results. Values are arrays: many balls are computed at once. Where a
@@ -9,12 +12,13 @@ By Cauchy's estimate a bound M of |u - u0| within R of a point bounds the deriva
 second is at most 2 M / R^2. By Bernstein's, it bounds the error of a quadrature (`edge_rule`).
 """
 
+import math
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov.camera.lenses.intervals import Jet
 from rastercov.kernels import lens_formulas
 
 FloatArray = NDArray[np.float64]
@@ -24,36 +28,135 @@ ROUNDING = 1 + 1e-9
 INFLATIONS = 8
 
 
-class Ball:
-    """Complex numbers within `radius` of `centre`, arrays of one shape."""
+class Arithmetic:
+    """Operations of a number that follow from its +, -x, * and /."""
 
     __array_ufunc__ = None  # numpy leaves the operations to this class
+
+    def __add__(self, other: Any) -> Any:
+        raise NotImplementedError
+
+    __neg__: Any
+    __mul__: Any
+
+    @classmethod
+    def of(cls, value: Any) -> Any:
+        """The value itself, or a constant."""
+        return value if isinstance(value, cls) else cls.constant(value)
+
+    @classmethod
+    def constant(cls, value: Any) -> Any:
+        """A plain number as one of these."""
+        raise NotImplementedError
+
+    def __radd__(self, other: Any) -> Any:
+        return self + other
+
+    def __sub__(self, other: Any) -> Any:
+        return self + -other
+
+    def __rsub__(self, other: Any) -> Any:
+        return -self + other
+
+    def __rmul__(self, other: Any) -> Any:
+        return self * other
+
+    def __rtruediv__(self, other: Any) -> Any:
+        return self.of(other) / self
+
+
+def _down(x: float) -> float:
+    return math.nextafter(x, -math.inf) if x == x else -math.inf
+
+
+def _up(x: float) -> float:
+    return math.nextafter(x, math.inf) if x == x else math.inf
+
+
+@dataclass(frozen=True)
+class Interval(Arithmetic):
+    """Numbers from `low` to `high`; each operation is rounded outwards."""
+
+    low: float
+    high: float
+
+    @classmethod
+    def constant(cls, value: Any) -> "Interval":
+        """A number as an interval."""
+        return cls(float(value), float(value))
+
+    def __add__(self, other: Any) -> "Interval":
+        other = Interval.of(other)
+        return Interval(_down(self.low + other.low), _up(self.high + other.high))
+
+    def __neg__(self) -> "Interval":
+        return Interval(-self.high, -self.low)
+
+    def __mul__(self, other: Any) -> "Interval":
+        other = Interval.of(other)
+        # A product with an exact 0 is 0, also of an unlimited interval.
+        products = [
+            0.0 if 0.0 in (a, b) else a * b
+            for a in (self.low, self.high)
+            for b in (other.low, other.high)
+        ]
+        return Interval(_down(min(products)), _up(max(products)))
+
+    def __truediv__(self, other: Any) -> "Interval":
+        other = Interval.of(other)
+        if other.low <= 0.0 <= other.high or other.low != other.low or other.high != other.high:
+            return Interval(-math.inf, math.inf)
+        return self * Interval(_down(1.0 / other.high), _up(1.0 / other.low))
+
+
+class Jet(Arithmetic):
+    """A value and its derivative by one variable, over any numbers with + - * /."""
+
+    def __init__(self, value: Any, slope: Any) -> None:
+        self.value, self.slope = value, slope
+
+    @classmethod
+    def constant(cls, value: Any) -> "Jet":
+        """A constant, of slope 0."""
+        return cls(value, 0.0)
+
+    def __add__(self, other: Any) -> "Jet":
+        other = Jet.of(other)
+        return Jet(self.value + other.value, self.slope + other.slope)
+
+    def __neg__(self) -> "Jet":
+        return Jet(-self.value, -self.slope)
+
+    def __mul__(self, other: Any) -> "Jet":
+        other = Jet.of(other)
+        return Jet(self.value * other.value, self.slope * other.value + self.value * other.slope)
+
+    def __truediv__(self, other: Any) -> "Jet":
+        other = Jet.of(other)
+        value = self.value / other.value
+        return Jet(value, (self.slope - value * other.slope) / other.value)
+
+
+class Ball(Arithmetic):
+    """Complex numbers within `radius` of `centre`, arrays of one shape."""
 
     def __init__(self, centre: ArrayLike, radius: ArrayLike) -> None:
         self.centre = np.asarray(centre, np.complex128)
         self.radius = np.asarray(radius, np.float64)
 
-    @staticmethod
-    def of(value: Any) -> "Ball":
-        """The value itself, or numbers as balls of radius 0."""
-        return value if isinstance(value, Ball) else Ball(value, 0.0)
+    @classmethod
+    def constant(cls, value: Any) -> "Ball":
+        """Numbers as balls of radius 0."""
+        return cls(value, 0.0)
 
-    def __add__(self, other: "Ball | float | NDArray[Any]") -> "Ball":
+    def __add__(self, other: Any) -> "Ball":
         if isinstance(other, float):
             return self if other == 0.0 else Ball(self.centre + other, self.radius)
         other = Ball.of(other)
         return Ball(self.centre + other.centre, self.radius + other.radius)
 
-    __radd__ = __add__
-
     def __neg__(self) -> "Ball":
         return Ball(-self.centre, self.radius)
-
-    def __sub__(self, other: "Ball | float | NDArray[Any]") -> "Ball":
-        return self + -other
-
-    def __rsub__(self, other: "float | NDArray[Any]") -> "Ball":
-        return -self + other
 
     def __mul__(self, other: Any) -> Any:
         """Product; the number 0.0 for a factor of 0.0, where no ball is without limit."""
@@ -66,8 +169,6 @@ class Ball:
         a, b = np.abs(self.centre), np.abs(other.centre)
         radius = a * other.radius + b * self.radius + self.radius * other.radius
         return _ball(self.centre * other.centre, radius, radius < np.inf)
-
-    __rmul__ = __mul__
 
     def _inverse(self) -> "Ball":
         size = np.abs(self.centre)

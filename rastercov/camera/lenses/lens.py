@@ -33,8 +33,8 @@ MOST_TILT = math.radians(60)
 class Lens:
     """A central camera model: a ray (X, Y, Z), x right, y down, z forward, has one pixel (u, v).
 
-    The centre of the top-left pixel is at (0.5, 0.5). `make_lens` makes a lens from its terms, and
-    `camera.lenses.sources` from the parameters of OpenCV, COLMAP, Kalibr, Metashape and others.
+    The centre of the top-left pixel is at (0.5, 0.5). `of_camera.lens_of` has the lens of
+    a camera, and `make_lens` makes one from its terms.
 
     Parameters
     ----------

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.errors import CameraError
-from rastercov.camera.lenses.intervals import Interval, Jet
+from rastercov.camera.lenses.balls import Interval, Jet
 from rastercov.kernels import lens_formulas as lens
 from rastercov.kernels.lens import SECTORS, base_points, rays_of, unproject_many
 

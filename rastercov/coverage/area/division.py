@@ -169,7 +169,7 @@ class Cells:
 
     def _halved(self, pieces: Pieces, lost: FloatArray) -> Pieces:
         """Pieces in divided cells, in the halves of these."""
-        from rastercov.kernels.area_division import halve_pieces, room_for_halves
+        from rastercov.kernels.area_union import halve_pieces, room_for_halves
 
         face, at = self.face[pieces.cell], self.division[pieces.cell]
         n, corners = len(pieces.cell), len(pieces.xy)
@@ -214,7 +214,7 @@ class Cells:
 
     def _halves_of(self, cell: int, line: FloatArray) -> list[FloatArray] | None:
         """Corners of the halves of a cell; None where they have too many sides, or no area."""
-        from rastercov.kernels.area_division import halve_pieces, room_for_halves
+        from rastercov.kernels.area_union import halve_pieces, room_for_halves
 
         xy, starts = self.polygons(np.array([cell]))
         out = room_for_halves(1, len(xy))

@@ -5,19 +5,18 @@ from the near plane to the point, traced through a tree of triangles; the first 
 meets is the one that hides. `rastercov.reference.regions` judges points without a tree.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov.camera.camera import Camera
-from rastercov.camera.models import MODELS
 from rastercov.camera.near_plane import near_limits
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, cameras_of
 from rastercov.coverage.area.frames import frames_of
-from rastercov.coverage.task import Reason, Task
+from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.triangle_tree import TriangleTree
 
@@ -48,177 +47,94 @@ def first_failures(
     points, face : (N, 3) float64, (N,) int
         Points of faces with an area, metres.
     """
-    frames, sight = frames_of(mesh), Sight(mesh)
-    axes = [each[face] for each in (frames.normal, frames.x_axis, frames.y_axis)]
-    cameras, placed = cameras_of(camera), Poses.of(poses)
-    near_of = near_limits(cameras, mesh.bounds, placed)
-    for pose, index, near in zip(placed.world_from_camera, placed.camera, near_of, strict=True):
-        local = (points - pose[:3, 3]) @ pose[:3, :3]
-        turned = [each @ pose[:3, :3] for each in axes]
-        reason = _failures(mesh, cameras[index], task, near, local, face, turned)
-        hidden_by = np.full(len(points), -1)
-        rows = np.flatnonzero(reason >= Reason.OCCLUDED)
-        share = float(near) / depth_of(cameras[index], local[rows])
-        hidden_by[rows] = sight.in_front(points[rows], face[rows], pose, share)
-        reason[hidden_by >= 0] = Reason.OCCLUDED
-        yield reason, hidden_by
-
-
-def _failures(
-    mesh: Mesh,
-    camera: Camera,
-    task: Task,
-    near: float,
-    local: FloatArray,
-    face: IntArray,
-    axes: list[FloatArray],
-) -> NDArray[np.uint8]:
-    """First criterion but occlusion that points in camera axes fail; `COVERED` for none."""
-    normal, x_axis, y_axis = axes
-    z_n, z_f = camera.depth_of_field(task.max_blur)
-    with np.errstate(all="ignore"):
-        height = -np.einsum("ni,ni->n", normal, local)
-        facing = np.where(mesh.two_sided_mask[face], np.abs(height), height)
-        distance = np.linalg.norm(local, axis=1)
-        sharp = local[:, 2]
-        if camera.is_pinhole:
-            pixels, columns = _through_pinhole(camera, local, x_axis, y_axis)
-            towards = min(camera.fx, camera.fy) / local[:, 2]
-        else:
-            from rastercov.camera.lenses.of_camera import lens_of  # loads numba
-
-            lens = lens_of(camera)
-            pixels, slopes = lens.project(local), lens.jacobian(local)
-            columns = np.stack(
-                [np.einsum("nij,nj->ni", slopes, axis) for axis in (x_axis, y_axis)], axis=2
-            )
-            towards = _least(slopes @ slopes.transpose(0, 2, 1))
-            sharp = sharp if MODELS[camera.model].is_planar else distance
-        u, v = pixels.T
-        per_m2 = pixels_per_m2(camera, local, normal)
-        is_inside = (depth_of(camera, local) >= near) & (u >= 0) & (u <= camera.width)
-        is_inside &= (v >= 0) & (v <= camera.height)
-        is_dense = (per_m2 >= task.min_pixels_per_m2) & (towards >= task.min_facing_density)
-        is_dense &= _least(columns @ columns.transpose(0, 2, 1)) >= task.min_pixel_density
-        is_oblique = facing < distance * task.limits(camera).least_cosine
-    failures = (
-        (Reason.BACK_FACING, ~(facing > 0)),
-        (Reason.OUTSIDE, ~is_inside),
-        (Reason.OUT_OF_FOCUS, ~((z_n <= sharp) & (sharp <= z_f))),
-        (Reason.TOO_COARSE, ~is_dense),
-        (Reason.TOO_OBLIQUE, is_oblique & (task.max_incidence_deg < 90)),
-    )
-    found = np.full(len(local), Reason.COVERED, np.uint8)
-    for reason, fails in reversed(failures):
-        found[fails] = reason
-    return found
-
-
-def _through_pinhole(
-    camera: Camera, local: FloatArray, x_axis: FloatArray, y_axis: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Pixels (N, 2) of points, and their derivatives (N, 2, 2) along two axes, px/m."""
-    x, y, z = local.T
-    right, down = x / z, y / z
-    columns = [
-        np.stack(
-            (
-                camera.fx * (axis[:, 0] - right * axis[:, 2]) / z,
-                camera.fy * (axis[:, 1] - down * axis[:, 2]) / z,
-            ),
-            axis=1,
-        )
-        for axis in (x_axis, y_axis)
-    ]
-    pixels = np.stack((camera.fx * right + camera.cx, camera.fy * down + camera.cy), axis=1)
-    return pixels, np.stack(columns, axis=2)
-
-
-def _least(squares: FloatArray) -> FloatArray:
-    """Least singular values (N,) of matrices by their products (N, 2, 2) with the transposed."""
-    a, b, d = squares[:, 0, 0], squares[:, 0, 1], squares[:, 1, 1]
-    largest = (a + d + np.sqrt((a - d) ** 2 + 4 * b * b)) / 2
-    least: FloatArray = np.sqrt(np.maximum(a * d - b * b, 0) / largest)
-    return least
+    placed = Poses.of(poses)
+    judge = PointPass(mesh, cameras_of(camera), task, points, face)
+    near = near_limits(judge.cameras, mesh.bounds, placed)
+    for row in range(len(placed)):
+        reason, hidden_by = np.empty(len(points), np.uint8), np.empty(len(points), np.int64)
+        judge.worker(placed, near, is_nearest=True)(row, reason, hidden_by)
+        yield reason, np.where(hidden_by >= 0, judge.faces[hidden_by], -1)
 
 
 def pixels_per_m2(camera: Camera, local: FloatArray, normal: FloatArray) -> FloatArray:
     """Pixels (N,) on a square metre of surfaces at points of the image, in camera axes."""
-    found: FloatArray
-    with np.errstate(all="ignore"):
-        if camera.is_pinhole:
-            height = np.abs(np.einsum("ni,ni->n", normal, local))
-            found = camera.fx * camera.fy * height / local[:, 2] ** 3
-        else:
-            from rastercov.camera.lenses.of_camera import lens_of  # loads numba
+    from rastercov.base.memory import read_only
+    from rastercov.coverage.records import lens_of
+    from rastercov.kernels.area_point import find_per_m2
 
-            slopes = lens_of(camera).jacobian(local)
-            across = np.cross(slopes[:, 0], slopes[:, 1])
-            found = np.abs(np.einsum("ni,ni->n", across, normal))
+    found = np.empty(len(local))
+    points, normals = (read_only(each, np.float64) for each in (local, normal))
+    find_per_m2(lens_of(camera), points, normals, found)
     return found
 
 
-def depth_of(camera: Camera, local: FloatArray) -> FloatArray:
-    """Depth (N,) of points in camera axes that the near plane cuts; a wide lens has a cube."""
-    is_wide = False
-    if not camera.is_pinhole:
-        from rastercov.camera.lenses.of_camera import lens_of  # loads numba
-
-        is_wide = len(lens_of(camera).planes) > 1
-    depth: FloatArray = np.abs(local).max(axis=1) if is_wide else local[:, 2]
-    return depth
-
-
-class Sight:
-    """Segments from the near plane of a camera to points of faces.
+class PointPass:
+    """Points of faces, (N, 3) metres, held against the criteria of a task; for any threads.
 
     Attributes
     ----------
-    diagonal : float
-        Of the mesh, metres.
-    row : (F,) int64
-        Triangle of each face in the tree; -1 for those that hide nothing.
-    corners, nodes : (T, 3, 3), (2 L, 6) float64
-        Tree over the faces that hide, see `rastercov.mesh.triangle_tree`, in the scene of
-        `placed`.
+    cameras : sequence of Camera
+    faces : (T,) int64
+        Faces that hide, in the order of the tree; one -1 where there is none.
     """
 
-    def __init__(self, mesh: Mesh) -> None:
-        from rastercov.kernels import area_failure
+    def __init__(
+        self,
+        mesh: Mesh,
+        cameras: Sequence[Camera],
+        task: Task,
+        points: FloatArray,
+        face: NDArray[np.integer[Any]],
+    ) -> None:
+        from rastercov.base.memory import read_only
+        from rastercov.coverage.records import lens_of
+        from rastercov.kernels import area_point
 
-        self._kernels: Any = area_failure
+        self.cameras, self._kernels = cameras, area_point
         self._centre = mesh.bounds.mean(axis=0)
-        self.diagonal = float(np.linalg.norm(np.ptp(mesh.bounds, axis=0))) or 1.0
+        self._diagonal = float(np.linalg.norm(np.ptp(mesh.bounds, axis=0))) or 1.0
         solid = np.flatnonzero(~mesh.degenerate_mask & ~mesh.target_mask)
-        self.row = np.full(mesh.n_faces, -1)
-        self.corners, self.nodes = np.empty((0, 3, 3)), np.full((4, 6), np.inf)
-        self._face = np.empty(0, np.int64)
+        self.faces, row = np.full(1, -1), np.full(mesh.n_faces, -1)
+        corners, nodes = np.empty((0, 3, 3)), np.full((4, 6), np.inf)
         if len(solid):
-            tree = TriangleTree.over(self.placed(mesh.vertices), mesh.faces[solid])
-            self.corners, self.nodes, self._face = tree.corners, tree.nodes, solid[tree.order]
-            self.row[self._face] = np.arange(len(self._face))
+            tree = TriangleTree.over(self._placed(mesh.vertices), mesh.faces[solid])
+            corners, nodes, self.faces = tree.corners, tree.nodes, solid[tree.order]
+            row[self.faces] = np.arange(len(self.faces))
+        self._tree = read_only(corners, np.float64), read_only(nodes, np.float64)
+        self._points = area_point.Points(
+            points=read_only(self._placed(points), np.float64),
+            normals=read_only(frames_of(mesh).normal[face], np.float64),
+            two_sided=read_only(mesh.two_sided_mask[face], np.bool_),
+            own=read_only(row[face], np.int64),
+        )
+        self._of_camera = [
+            (lens_of(each), task.rules(each).in_units_of(self._diagonal)) for each in self.cameras
+        ]
 
-    def placed(self, points: FloatArray) -> FloatArray:
+    def _placed(self, points: FloatArray) -> FloatArray:
         """Points (N, 3) in a scene of diagonal 1 about the origin."""
-        found: FloatArray = (points - self._centre) / self.diagonal
+        found: FloatArray = (points - self._centre) / self._diagonal
         return found
 
-    def in_front(
-        self, points: FloatArray, face: IntArray, pose: FloatArray, share: FloatArray
-    ) -> IntArray:
-        """(N,) face that a camera has in front of each point, which it has in view; -1 for none.
+    def worker(
+        self, poses: Poses, near: FloatArray, *, is_nearest: bool
+    ) -> Callable[[int, NDArray[np.uint8], IntArray], None]:
+        """Function of one thread that fills the reasons, and the triangles that hide, of a pose.
 
-        `share`, (N,), is the part of each segment from the camera that the near plane cuts off.
+        It takes the row of the pose, (N,) `Reason` and (N,) rows of `faces`, -1 where nothing
+        hides. `near`, (P,), are the depths of the near planes; see `judge_points` for the rest.
         """
-        if not len(self._face):
-            return np.full(len(points), -1)
-        ray = points - pose[:3, 3]
-        start = self.placed(pose[:3, 3] + share[:, None] * ray)
-        length = np.linalg.norm(ray, axis=1)
-        reach = length * (1 - share) / self.diagonal - MARGIN_REL
-        hit = np.empty(len(points), np.int64)
-        self._kernels.first_hits(
-            start, ray / length[:, None], reach, self.corners, self.nodes,
-            self.row[face], hit,
-        )  # fmt: skip
-        return np.where(hit >= 0, self._face[hit], -1)
+        from rastercov.kernels.mesh_tree import STACK_SIZE
+
+        matrices, stack = poses.world_from_camera, np.empty(STACK_SIZE, np.int64)
+        eyes = self._placed(matrices[:, :3, 3])
+
+        def judge(row: int, reason: NDArray[np.uint8], hider: IntArray) -> None:
+            lens, rules = self._of_camera[poses.camera[row]]
+            self._kernels.judge_points(
+                self._points, lens, rules, *self._tree,
+                np.ascontiguousarray(matrices[row, :3, :3]), eyes[row],
+                float(near[row]) / self._diagonal, MARGIN_REL, is_nearest, stack, reason, hider,
+            )  # fmt: skip
+
+        return judge

@@ -18,6 +18,7 @@ from rastercov.base.arguments import check_kind, checked_array
 from rastercov.base.errors import ConfigError
 from rastercov.base.threads import ScratchPool, share_poses, thread_count
 from rastercov.camera.camera import Camera
+from rastercov.camera.models import MODELS
 from rastercov.camera.near_plane import limits_of_poses
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, cameras_of, check_scene
@@ -345,7 +346,8 @@ class _Finder:
                 read_only(is_asked, np.bool_),
             ]
         )
-        self._cameras, self._task, self._rules = cameras, task, dict[tuple[int, int], Any]()
+        self._cameras, self._task = cameras, task
+        self._criteria: dict[tuple[int, int], Any] = {}
         self._work = area_plane.scratch_for(mesh.n_faces)
         self._rooms = [area_plane.room_for_found(1024, 8192, mesh.n_faces) for _ in range(2)]
 
@@ -354,22 +356,15 @@ class _Finder:
         self.solver.set_camera(self._cameras[index])
         self._camera = index
 
-    def _rules_of(self, plane: int, solver: "HalfPlaneSolver") -> Any:
+    def _criteria_of(self, plane: int, solver: "HalfPlaneSolver") -> Any:
         """Pointwise criteria in an ideal plane of the camera, or of a pinhole."""
         key = self._camera, plane
-        if key not in self._rules:
-            camera, pixel_error = self._cameras[self._camera], solver.camera.pixel_error
-            if camera.is_pinhole:
-                found = _rules(camera, self._task, pixel_error, self._diagonal)
-            else:
-                from rastercov.coverage.area.lens_rules import lens_rules
-
-                gap = GAP_REL * self._diagonal
-                found = lens_rules(
-                    camera, self._task, plane, pixel_error, gap, STRIP_REL, self._diagonal
-                )
-            self._rules[key] = found
-        return self._rules[key]
+        if key not in self._criteria:
+            self._criteria[key] = _criteria(
+                self._cameras[self._camera], self._task, plane, solver.camera.pixel_error,
+                self._diagonal,
+            )  # fmt: skip
+        return self._criteria[key]
 
     def leave_out(self, closed: NDArray[np.bool_] | None, *, is_measured: bool) -> None:
         """Find no regions of some faces, (F,) bool, from now on; or, not measured, nothing else."""
@@ -392,7 +387,7 @@ class _Finder:
         parts: list[tuple[Any, ...]] = []
 
         def visit(plane: int, solver: "HalfPlaneSolver") -> None:
-            parts.append(self._cut(solver, near, self._rules_of(plane, solver)))
+            parts.append(self._cut(solver, near, self._criteria_of(plane, solver)))
 
         self.solver.set_pose(pose, near, front_only)
         if self._asks_nothing:
@@ -406,7 +401,7 @@ class _Finder:
             visit(0, self.solver)
         return parts[0] if len(parts) == 1 else _of_planes(parts, self.planes.areas)
 
-    def _cut(self, solver: "HalfPlaneSolver", near: float, rules: Any) -> tuple[Any, ...]:
+    def _cut(self, solver: "HalfPlaneSolver", near: float, criteria: Any) -> tuple[Any, ...]:
         """Regions in one solved plane; see `find`."""
         rows, kept = self._rows, solver.kept_pieces
         seen = self.kernels.Seen(
@@ -415,16 +410,20 @@ class _Finder:
             solver.area_error[rows], solver.is_certified[rows],
             kept._replace(faces=self._face_of.take(kept.faces, mode="clip")),
         )  # fmt: skip
-        pinhole = getattr(rules, "pinhole", rules)
-        found = self._run(self.kernels.cut_regions, pinhole, seen)
-        if rules is not pinhole:
+        if not self._is_of_lens or self._cameras[self._camera].is_pinhole:
+            found = self._run(self.kernels.cut_regions, criteria, seen)
+        else:
             from rastercov.kernels import area_lens
 
-            if rules.has_discs:
-                found = self._run(area_lens.cut_to_discs, rules, seen, found)
-            found = self._run(area_lens.cut_to_view, rules, seen, found)
-            if rules.has_densities:
-                found = self._run(area_lens.cut_to_densities, rules, seen, found)
+            rules, by_distance = criteria.rules, criteria.by_distance
+            found = self._run(self.kernels.cut_regions, criteria.pinhole, seen)
+            if by_distance and rules.z_f < np.inf:
+                found = self._run(area_lens.cut_to_discs, criteria, seen, found)
+            found = self._run(area_lens.cut_to_view, criteria, seen, found)
+            if max(
+                rules.min_pixels_per_m2, rules.min_pixel_density, rules.min_facing_density
+            ) > 0 or (by_distance and rules.z_n > 0):
+                found = self._run(area_lens.cut_to_densities, criteria, seen, found)
         n, corners = found.used.tolist()
         listed = np.flatnonzero((found.area > 0) | (found.bound > 0)).astype(np.int32)
         return (
@@ -432,12 +431,12 @@ class _Finder:
             listed, found.area[listed], found.bound[listed],
         )  # fmt: skip
 
-    def _run(self, kernel: Any, rules: Any, seen: Any, *source: Any) -> Any:
+    def _run(self, kernel: Any, criteria: Any, seen: Any, *source: Any) -> Any:
         """Pieces that a loop finds, or makes of the pieces of another one."""
         slot = 1 if source and source[0] is self._rooms[0] else 0
         while True:
             out = self._rooms[slot]
-            kernel(self.planes, rules, seen, self._work, *source, out)
+            kernel(self.planes, criteria, seen, self._work, *source, out)
             n, corners = out.used.tolist()
             if n <= len(out.face) and corners <= len(out.xy):
                 return out
@@ -463,26 +462,37 @@ def _of_planes(parts: Sequence[tuple[Any, ...]], face_areas: FloatArray) -> tupl
     )  # fmt: skip
 
 
-def _rules(camera: Camera, task: Task, pixel_error: float, diagonal: float) -> Any:
-    """Pointwise criteria in a pinhole, for the loops."""
-    from rastercov.kernels.area_plane import Rules
+def _criteria(camera: Camera, task: Task, index: int, pixel_error: float, size: float) -> Any:
+    """Pointwise criteria in ideal plane `index` of a camera, or in a pinhole, for the loops.
 
-    thresholds = task.limits(camera)
-    is_limited = task.max_incidence_deg < 90
-    # min(fx, fy) / z >= R is a half plane of depth, as the end of the depth of field is.
-    facing = task.min_facing_density
-    farthest = min(camera.fx, camera.fy) / facing if facing > 0 else np.inf
-    return Rules(
-        fx=float(camera.fx), fy=float(camera.fy), cx=float(camera.cx), cy=float(camera.cy),
-        width=float(camera.width), height=float(camera.height),
-        z_n=thresholds.z_n, z_f=min(thresholds.z_f, float(farthest)),
-        min_per_m2=float(task.min_pixels_per_m2),
-        cos_incidence=thresholds.least_cosine if is_limited else 0.0,
-        tan_incidence=float(np.tan(thresholds.max_incidence)) if is_limited else 0.0,
-        min_density=float(task.min_pixel_density),
-        gap=GAP_REL * diagonal,
-        pixel_error=pixel_error,
-    )  # fmt: skip
+    `pixel_error` is the largest error of a position in the pinhole, px, `size` the diagonal of the
+    mesh, metres.
+    """
+    from rastercov.base.memory import read_only
+    from rastercov.camera.lenses.of_camera import fields_of, planes_of, slopes_of
+    from rastercov.coverage.records import pinhole_of
+    from rastercov.kernels.area_plane import Criteria, LensCriteria
+
+    rules, gap = task.rules(camera), GAP_REL * size
+    if camera.is_pinhole:
+        return Criteria(pinhole_of(camera), rules, gap, pixel_error)
+    plane, record = planes_of(camera)[index]
+    # What else there is in the plane, the lens decides.
+    of_pinhole = rules._replace(
+        z_n=0.0, z_f=np.inf, min_pixel_density=0.0, min_facing_density=0.0, min_pixels_per_m2=0.0
+    )
+    return LensCriteria(
+        pinhole=Criteria(pinhole_of(plane.camera), of_pinhole, gap, pixel_error),
+        rules=rules,
+        by_distance=not MODELS[camera.model].is_planar,
+        axis=read_only(plane.frame[2], np.float64),
+        strip_gap=STRIP_REL * size,
+        tree=fields_of(camera, STRIP_REL / 4)[index],
+        code=record.code,
+        params=record.params,
+        frame=record.frame,
+        slopes=slopes_of(camera)[index],
+    )
 
 
 def _concatenated(arrays: Sequence[NDArray[Any]], empty: NDArray[Any]) -> NDArray[Any]:

@@ -50,7 +50,7 @@ from rastercov.base.errors import ConfigError
 from rastercov.base.format import plural
 from rastercov.base.typed import typed
 from rastercov.camera.camera import Camera
-from rastercov.camera.image_boxes import box_corners
+from rastercov.camera.projection import box_corners
 from rastercov.camera.viewpoints import half_angles, look_at
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import frozen

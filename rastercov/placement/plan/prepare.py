@@ -21,7 +21,7 @@ from rastercov.base.errors import ConfigError, ResourceError
 from rastercov.base.format import percent
 from rastercov.base.memory import check_memory
 from rastercov.base.output import named
-from rastercov.camera.formats.unit_doubts import unit_doubts
+from rastercov.camera.formats.doubts import unit_doubts
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.camera.rig import Rig
 from rastercov.cluster import Tally, Workers

@@ -259,36 +259,3 @@ def _prune(state: Cover, deadline: Deadline = NEVER) -> None:
         state.remove(camera)
         if not state.is_met:
             state.add(camera)
-
-
-def select_thesis(problem: Problem) -> Selection:
-    """Candidates in order of mean coverage, up to the allowed number or the required coverage.
-
-    The rule of the thesis ignores the coverage of the cameras chosen before, so it chooses near
-    copies of the best one. It is the baseline of the comparison.
-
-    E. S. Eissa. Image Space Coverage Model. 2020, section 6.4.
-
-    Ties go by position; a candidate beyond the budget is skipped.
-    """
-    clock = Stopwatch()
-    goal, reduced = problem.goal, presolve(problem).listed()
-    chosen: list[int] = []
-    cost = 0.0
-    for camera in np.argsort(-problem.mean_coverage, kind="stable"):
-        if isinstance(goal, BestCoverage):
-            if len(chosen) == goal.cameras:
-                break
-            if goal.budget is not None and cost + problem.costs[camera] > goal.budget:
-                continue
-        elif problem.is_met(problem.covered_by(chosen)[1]):
-            break
-        chosen.append(int(camera))
-        cost += float(problem.costs[camera])
-    state = CoverState(reduced)
-    state.become(np.flatnonzero(np.isin(reduced.candidates, chosen)).tolist())
-    if not isinstance(goal, BestCoverage):
-        # The step length of the bound needs a selection that meets the requirements.
-        state.become(range(reduced.n_candidates))
-    bound = bound_of(reduced, state)
-    return finish("thesis", problem, np.array(chosen), bound, clock.seconds)

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.camera.camera import Camera
-from rastercov.camera.image_boxes import box_corners, image_boxes
 from rastercov.camera.near_plane import can_cull, depth_range
+from rastercov.camera.projection import box_corners, image_boxes
 from rastercov.mesh import Mesh
 from rastercov.raster.gl.resources import Resources, set_uniforms
 from rastercov.raster.gl.strategy import FloatArray, IntArray, face_ranges

@@ -1,0 +1,161 @@
+"""Lines about a mesh that was probably read in another unit, and poses in another convention.
+
+A pose file of bare matrices does not state its convention. Where few cameras have a part of the
+mesh in their images, and nearly all would in another convention, a line names that one.
+"""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rastercov.camera.camera import Camera
+from rastercov.camera.formats.conventions import OPENGL_AXES, POSE_CONVENTIONS
+from rastercov.camera.models import MODELS
+from rastercov.camera.pose import Poses, inverse
+from rastercov.camera.projection import to_camera, to_image
+from rastercov.camera.rig import Cameras, cameras_of
+from rastercov.mesh import Mesh
+from rastercov.mesh.diagnosis import size_in_words
+
+FloatArray = NDArray[np.float64]
+
+UNLIKELY_RATIO = 300.0
+"""Distance of the nearest camera by the size of the mesh above which the unit is asked for."""
+UNLIKELY_DEPTH_RATIO, UNLIKELY_BEYOND_RATIO = 100.0, 30.0
+"""Size of the mesh by the greatest depth in focus, and where all of it is beyond that: a thousand
+is the usual slip, and a part of a mesh may be meant."""
+UNLIKELY_SPREAD_RATIO = 100.0
+"""Size of the mesh by the extent of several cameras."""
+MM = 1e-3
+LEAST_SHARE_IN_MM, MOST_SHARE_IN_METRES = 0.9, 0.5
+"""Shares of the cameras that have the whole mesh before them, read in mm and in metres."""
+LEAST_SIZE_IN_IMAGE = 0.05
+"""Angle of a mesh, by that of the image, above which it is what the camera looks at."""
+MOST_SHARE_GIVEN = 0.5
+"""Share of the poses that look at the mesh above which nothing is doubted; a third do by chance."""
+LEAST_SHARE_OTHERWISE = 0.9
+"""Share of the poses that must look at it in another convention."""
+MOST_POSES, MOST_POINTS = 100, 500
+"""Poses and vertices that are looked at, spread evenly: about 5 ms."""
+
+
+def unit_doubts(
+    mesh: Mesh, camera: Cameras, poses: Poses | None = None, reach: float = math.inf
+) -> list[str]:
+    """A line where the size of the mesh is unlikely beside what its cameras look at; often none.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    camera : Camera, or several
+        Their depth of field is compared with the size.
+    poses : Poses, optional
+        Cameras, or places where they may be.
+    reach : float
+        Greatest distance from the mesh that is allowed, m.
+    """
+    size = float(np.ptp(mesh.bounds, axis=0).max())
+    if not size > 0:
+        return []
+    cameras, words = cameras_of(camera), f"the mesh measures {mesh.size_in_words}"
+    has_poses = poses is not None and len(poses) > 0
+    used = np.unique(poses.camera) if poses is not None and has_poses else range(len(cameras))
+    far = max((float(cameras[index].depth_of_field()[1]) for index in used), default=math.inf)
+    nearest = 0.0
+    if poses is not None and has_poses:
+        eyes = poses.world_from_camera[:, :3, 3]
+        apart = np.maximum(np.maximum(mesh.bounds[0] - eyes, eyes - mesh.bounds[1]), 0)
+        nearest = float(np.linalg.norm(apart, axis=1).min())
+    ratio = UNLIKELY_BEYOND_RATIO if nearest > far else UNLIKELY_DEPTH_RATIO
+    if math.isfinite(far) and size > ratio * far:
+        return [f"{words}, and the camera is in focus to {size_in_words(far)}: --unit mm?"]
+    if math.isfinite(reach) and size > UNLIKELY_DEPTH_RATIO * reach:
+        return [f"{words}, and cameras are within {size_in_words(reach)} of it: --unit mm?"]
+    if poses is None or not has_poses:
+        return []
+    if nearest > UNLIKELY_RATIO * size:
+        return [f"{words}, and the nearest camera is {size_in_words(nearest)} away: check --unit"]
+    spread = float(np.ptp(eyes, axis=0).max())
+    if len(eyes) > 1 and spread > 0 and size > UNLIKELY_SPREAD_RATIO * spread:
+        return [f"{words}, and all cameras are within {size_in_words(spread)}: --unit mm?"]
+    focal = np.array([min(each.fx, each.fy) for each in cameras])[poses.camera]
+    sides = np.array([min(each.width, each.height) for each in cameras])[poses.camera]
+    half = np.arctan(sides / 2 / focal)
+    in_mm, in_metres = (_before(mesh.bounds * scale, poses, half) for scale in (MM, 1.0))
+    if in_mm.mean() >= LEAST_SHARE_IN_MM and in_metres.mean() <= MOST_SHARE_IN_METRES:
+        return [
+            f"{words}; in mm it is what {in_mm.sum()} of {len(eyes)} cameras look at, and in "
+            f"metres what {in_metres.sum()} do: --unit mm?"
+        ]
+    return []
+
+
+def _before(
+    bounds: NDArray[np.float64], poses: Poses, half: NDArray[np.float64]
+) -> NDArray[np.bool_]:
+    """(P,) cameras outside a sphere around a mesh that look at it, with a good part of the image.
+
+    `half` is half of the angle of each image, radians.
+    """
+    radius = float(np.linalg.norm(np.ptp(bounds, axis=0))) / 2
+    to_middle = bounds.mean(axis=0) - poses.world_from_camera[:, :3, 3]
+    distance = np.linalg.norm(to_middle, axis=1)
+    is_outside = distance > radius
+    away = np.where(is_outside, distance, 1.0)
+    along = np.einsum("pi,pi->p", to_middle, poses.world_from_camera[:, :3, 2]) / away
+    angle = np.arcsin(np.minimum(radius / away, 1.0))
+    seen = np.arccos(np.clip(along, -1, 1)) < np.maximum(half, angle)
+    found: NDArray[np.bool_] = is_outside & seen & (angle > LEAST_SIZE_IN_IMAGE * half)
+    return found
+
+
+def convention_doubts(mesh: Mesh, camera: Cameras, poses: ArrayLike | Poses) -> list[str]:
+    """A line where the poses look away from the mesh and would not in another convention.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        The scene.
+    camera : Camera, or several
+        Its image is what a part of the mesh must be in.
+    poses : (P, 4, 4) array_like, or Poses
+        world_from_camera as it was taken.
+    """
+    placed, cameras = Poses.of(poses), cameras_of(camera)
+    if not len(placed):
+        return []
+    rows = np.linspace(0, len(placed) - 1, min(len(placed), MOST_POSES)).astype(np.int64)
+    own = [cameras[index] for index in placed.camera[rows]]
+    matrices = placed.world_from_camera[rows]
+    used = np.unique(mesh.faces)
+    points = mesh.vertices[used[:: max(1, len(used) // MOST_POINTS)]]
+    seen = _looking(points, own, matrices)
+    if seen > MOST_SHARE_GIVEN * len(rows):
+        return []
+    found = {}
+    for name, (has_opengl_axes, is_inverse) in POSE_CONVENTIONS.items():
+        taken = inverse(matrices) if is_inverse else matrices
+        found[name] = _looking(points, own, taken @ OPENGL_AXES if has_opengl_axes else taken)
+    name = max(found, key=found.__getitem__)
+    if found[name] < LEAST_SHARE_OTHERWISE * len(rows):
+        return []
+    return [
+        f"{seen} of {len(rows)} cameras look at the mesh, and {found[name]} would if the poses are "
+        f"in another convention: --pose-convention {name}?"
+    ]
+
+
+def _looking(points: FloatArray, cameras: Sequence[Camera], poses: FloatArray) -> int:
+    """Number of poses with a point in the image; in front, for a lens that is no plane."""
+    count = 0
+    for pose, camera in zip(poses, cameras, strict=True):  # 100 at most
+        inside = to_camera(points, pose)
+        ahead = inside[inside[:, 2] > 0]
+        if MODELS[camera.model].is_planar:
+            with np.errstate(all="ignore"):
+                pixels = to_image(ahead, camera)
+            ahead = ahead[((pixels >= 0) & (pixels <= (camera.width, camera.height))).all(axis=1)]
+        count += len(ahead) > 0
+    return count

@@ -1,1 +1,0 @@
-"""Comparison of methods, coverage models and detectors with a reference."""

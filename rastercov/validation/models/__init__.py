@@ -1,1 +1,0 @@
-"""Coverage models compared with each other."""

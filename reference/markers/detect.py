@@ -1,0 +1,95 @@
+"""Marker detection by OpenCV: grey image -> marker numbers and corners.
+
+OpenCV comes with the extra `markers`.
+
+S. Garrido-Jurado et al. Automatic generation and detection of highly reliable fiducial markers
+under occlusion. Pattern Recognition 47(6), 2280-2292, 2014.
+"""
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov.base.errors import DeviceError
+from rastercov.mesh.arrays import frozen
+from rastercov.reference.markers.scene import CELLS
+
+FloatArray = NDArray[np.float64]
+
+MIN_PERIMETER = 128.0
+"""P_min of the thesis, px of contour."""
+
+
+@cache
+def opencv() -> Any:
+    """The module cv2; DeviceError with the package to install where it is missing."""
+    try:
+        import cv2
+    except ImportError as error:
+        raise DeviceError(
+            f"OpenCV is not there ({error}); pip install 'rastercov[markers]'"
+        ) from None
+    if not hasattr(cv2, "aruco") or not hasattr(cv2.aruco, "ArucoDetector"):
+        raise DeviceError(
+            f"OpenCV {cv2.__version__} has no marker detector; 4.7 or newer is needed: "
+            "pip install -U opencv-python-headless"
+        )
+    return cv2
+
+
+def dictionary() -> Any:
+    """OpenCV's DICT_6X6_250."""
+    cv2 = opencv()
+    return cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_6X6_250)
+
+
+@cache
+def patterns() -> NDArray[np.uint8]:
+    """Cells of all markers, (250, 8, 8): 1 is white; the border is black."""
+    cv2, known = opencv(), dictionary()
+    count = len(known.bytesList)
+    images = [cv2.aruco.generateImageMarker(known, number, CELLS) for number in range(count)]
+    return frozen((np.stack(images) > 127).astype(np.uint8))
+
+
+def detect(
+    image: NDArray[np.uint8],
+    *,
+    min_perimeter: float = MIN_PERIMETER,
+    subpixel: bool = False,
+    **parameters: Any,
+) -> dict[int, FloatArray]:
+    """Markers found: number -> corners (4, 2) in our pixels, clockwise from the top left.
+
+    Parameters
+    ----------
+    image : (H, W) uint8
+        A whole picture or a part of it.
+    min_perimeter : float
+        Least number of contour points; OpenCV's parameter is relative to the image's longer side.
+    subpixel : bool
+        Refine corners; OpenCV's default leaves them on whole pixels.
+    **parameters
+        Attributes of cv2.aruco.DetectorParameters; the others keep their defaults.
+    """
+    cv2 = opencv()
+    settings = cv2.aruco.DetectorParameters()
+    longer = max(image.shape)
+    settings.minMarkerPerimeterRate = min_perimeter / longer
+    # A marker may fill a picture that is a small part of an image.
+    settings.maxMarkerPerimeterRate = max(4.0, 4 * 1280 / longer)
+    if subpixel:
+        settings.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+    for name, value in parameters.items():
+        setattr(settings, name, value)
+    corners, numbers, _ = cv2.aruco.ArucoDetector(dictionary(), settings).detectMarkers(image)
+    if numbers is None:
+        return {}
+    # (N, 1) up to OpenCV 4, (N,) from 5 on. OpenCV counts from pixel centres.
+    found = np.ravel(numbers)
+    return {
+        int(number): np.reshape(corner, (4, 2)).astype(np.float64) + 0.5
+        for number, corner in zip(found, corners, strict=True)
+    }

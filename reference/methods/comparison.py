@@ -1,0 +1,230 @@
+"""Comparison of visibility methods with a reference, and a verdict on their bounds.
+
+Observers and the reference get the same poses; errors are added up pose by pose, so that memory
+does not grow with poses. Compared are the visible fraction (3.14) with its bound and the visible
+area in px^2 of all faces in view from the front, including those partly outside the image.
+
+`report.write_comparison` writes the page.
+"""
+
+import math
+import platform
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rastercov.base.errors import ConfigError
+from rastercov.base.interrupts import interrupts_held
+from rastercov.camera.camera import Camera
+from rastercov.camera.pose import valid_poses
+from rastercov.coverage.criteria import face_geometry
+from rastercov.coverage.engine import Engine
+from rastercov.coverage.provenance import Provenance
+from rastercov.mesh import Mesh
+from rastercov.reference.methods.contenders import (
+    REFERENCES,
+    open_contender,
+    open_engine,
+    open_reference,
+)
+from rastercov.reference.methods.convergence import N_POSES as SWEPT_POSES
+from rastercov.reference.methods.convergence import (
+    SWEEPS,
+    Convergence,
+    KnownFaces,
+    converge,
+    levels,
+)
+from rastercov.reference.methods.error_statistics import (
+    MUST_HOLD,
+    ROUNDING,
+    Check,
+    Comparison,
+    Score,
+)
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+CANDIDATES = ("certified", "sampled", "sampled@4")
+"""Methods that are compared by default."""
+MIN_FACES = 1000
+"""Least number of partly hidden faces for a positive verdict on a statistical bound."""
+SIGNIFICANCE = 0.01
+"""Largest probability that a valid bound fails its check."""
+PAIRS_A_BATCH = 1 << 19
+"""Pose-face pairs observed at a time: about 10 MB for each candidate."""
+POSES_A_BATCH = 16
+"""Most poses observed at a time."""
+
+
+def compare(
+    mesh: Mesh,
+    camera: Camera,
+    poses: ArrayLike,
+    candidates: Sequence[str | Engine] = CANDIDATES,
+    against: str = "exact",
+    *,
+    worst: int = 6,
+    convergence: bool = True,
+    batch: int = POSES_A_BATCH,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> Comparison:
+    """Errors of several visibility methods, and checks of their bounds.
+
+    An interrupt (Ctrl-C) ends it after the current pose; the comparison then covers the poses so
+    far. Before the first pose is done, the interrupt is raised.
+
+    Parameters
+    ----------
+    mesh, camera
+        Any scene.
+    poses : (P, 4, 4) array_like
+        world_from_camera.
+    candidates : sequence of str or Engine
+        Engines; strings as for `Engine.parse`.
+    against : {"exact", "polygons", "rational"}
+        The reference: the analytic method; polygon Booleans or exact rational arithmetic, which
+        share no code with it and take milliseconds a face.
+    worst : int
+        Faces with the greatest errors to keep for each candidate.
+    convergence : bool
+        Measure errors over the density of samples, too.
+    batch : int
+        Most poses observed at a time; it changes no result.
+    progress : callable
+        Called with the poses done and the poses in all, those of `convergence` among them.
+
+    Raises
+    ------
+    ConfigError
+        For an unknown candidate or reference, a candidate that is the reference or comes twice, or
+        an empty comparison.
+    PoseError
+        For a pose that is no rigid motion.
+    """
+    named = [Engine.parse(c) if isinstance(c, str) else c for c in candidates]
+    matrices = valid_poses(poses)
+    _check_arguments(named, against, matrices)
+    swept = list(
+        {c.device: replace(c, supersample=1) for c in named if c.method == "sampled"}.values()
+    )
+    chosen = np.unique(np.linspace(0, len(matrices) - 1, SWEPT_POSES).astype(int)).tolist()
+    sweeps = [(c, sweep) for c in swept for sweep in SWEEPS if convergence]
+    total = len(matrices) + len(chosen) * sum(len(levels(sweep, camera)) for _, sweep in sweeps)
+    done, interrupted = 0, False
+    known: list[KnownFaces] = []
+    found: list[Convergence] = []
+    with ExitStack() as stack:
+        reference = stack.enter_context(open_reference(against, mesh, camera))
+        contenders = [
+            stack.enter_context(open_contender(c, mesh, camera, matrices, worst)) for c in named
+        ]
+        at_once = max(1, min(batch, PAIRS_A_BATCH // max(1, mesh.n_faces)))
+        try:
+            progress(0, total)
+            for start in range(0, len(matrices), at_once):
+                of_batch = matrices[start : start + at_once]
+                for contender in contenders:
+                    contender.run(of_batch)
+                reference.run(of_batch)
+                for row, pose in enumerate(of_batch):
+                    view = face_geometry(mesh, camera, pose)
+                    face = np.flatnonzero(view.is_front & (view.in_view_fraction > 0))
+                    visible, area, error = reference.areas(row, face)
+                    with interrupts_held():
+                        for contender in contenders:
+                            contender.add_pose(start + row, row, face, visible, area, error)
+                        if start + row in chosen and sweeps:
+                            known.append(_partly_hidden(pose, face, visible, area, error))
+                        done += 1
+                    progress(done, total)
+        except KeyboardInterrupt:
+            if not done:
+                raise
+            interrupted = True
+    counter = iter(range(done + 1, total + 1))
+    try:
+        for engine, sweep in sweeps if not interrupted else ():
+            step = lambda: progress(next(counter), total)  # noqa: E731 - a name for the call
+            found.append(
+                converge(
+                    str(engine), partial(open_engine, engine), sweep, mesh, camera, known, step
+                )
+            )
+    except KeyboardInterrupt:
+        interrupted = True
+    scores = tuple(contender.score() for contender in contenders)
+    if not any(score.all_sizes.figures for score in scores):
+        raise ConfigError("no face is in view from the front in any pose: nothing to compare")
+    checks = tuple(check for score in scores for check in _checks(score))
+    return Comparison(
+        against=against,
+        truth_error=reference.error,
+        truth_seconds_per_pose=reference.seconds / reference.poses,
+        faces=mesh.n_faces,
+        poses=len(matrices),
+        poses_done=done,
+        passed=all(check.passed is not False for check in checks),
+        checks=checks,
+        scores=scores,
+        convergence=tuple(found),
+        interrupted=interrupted,
+        run=_provenance(mesh, camera, matrices),
+    )
+
+
+def _check_arguments(candidates: Sequence[Engine], against: str, poses: FloatArray) -> None:
+    if against not in REFERENCES:
+        raise ConfigError(f"the truth must be {', '.join(REFERENCES)}, got {against!r}")
+    names = [str(engine) for engine in candidates]
+    if not names:
+        raise ConfigError("name at least one method to compare")
+    if twice := sorted(name for name in set(names) if names.count(name) > 1):
+        raise ConfigError(f"{twice[0]} is named twice; once is enough")
+    if against in names:
+        raise ConfigError(f"{against} is the truth here; compare it against polygons")
+    if not len(poses):
+        raise ConfigError("there are no poses, so there is nothing to compare")
+
+
+def _checks(score: Score) -> Iterator[Check]:
+    for bound in score.bounds:
+        if bound.kind == "statistical":
+            held, n = bound.partly_hidden_held, bound.partly_hidden
+            yield Check(score.name, bound.kind, held, n, MUST_HOLD, _often_enough(held, n))
+        else:
+            passed = bound.held == bound.figures
+            yield Check(score.name, bound.kind, bound.held, bound.figures, 1.0, passed)
+
+
+def _often_enough(held: int, n: int) -> bool | None:
+    """True when a bound held for `MUST_HOLD` of n faces; None where the result may be chance."""
+    broken, expected = n - held, (1 - MUST_HOLD) * n
+    if held >= MUST_HOLD * n:
+        return True if n >= MIN_FACES else None
+    if broken > expected + 10 * math.sqrt(expected) + 20:
+        return False
+    # Poisson: probability of this many or more broken bounds at the allowed rate.
+    fewer = sum(expected**k / math.factorial(k) for k in range(broken)) * math.exp(-expected)
+    return False if 1 - fewer < SIGNIFICANCE else None
+
+
+def _partly_hidden(
+    pose: FloatArray, face: IntArray, visible: FloatArray, area: FloatArray, error: FloatArray
+) -> KnownFaces:
+    least = np.maximum(ROUNDING, error) + ROUNDING * area
+    rows = (area >= 1) & (visible > least) & (visible < area - least)
+    return KnownFaces(pose, face[rows], area[rows], visible[rows] / area[rows])
+
+
+def _provenance(mesh: Mesh, camera: Camera, poses: FloatArray) -> dict[str, Any]:
+    packages = ("rastercov", "numba", "numpy", "shapely")
+    entries = Provenance(mesh, camera, poses, packages=packages).as_dict()
+    del entries["scene"]
+    return entries | {"machine": {"system": platform.platform(), "processor": platform.machine()}}

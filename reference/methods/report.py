@@ -1,0 +1,486 @@
+"""Report of a comparison of methods: page, JSON, pictures, and a table for a terminal.
+
+compare.html   verdict, figures, plots, the worst faces; all inline, for phone and desk
+compare.json   `Comparison` as it is
+plot_*.png     plots of the page
+worst_*.png    faces with the greatest errors of each method
+missed_*.png   visible faces whose figure is 0
+
+They replace an earlier comparison together, when all are whole.
+"""
+
+import math
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+from rich.table import Table
+from rich.text import Text
+
+from rastercov.base.format import milliseconds, number, percent_of, plural
+from rastercov.camera.camera import Camera
+from rastercov.camera.pose import valid_poses
+from rastercov.mesh import Mesh
+from rastercov.reference.methods.convergence import Convergence
+from rastercov.reference.methods.error_statistics import (
+    MUST_HOLD,
+    ROUNDING,
+    BoundCheck,
+    Check,
+    Comparison,
+    FaceError,
+    Score,
+    SizeClass,
+)
+from rastercov.reference.methods.faces import face_picture, fraction
+from rastercov.report.folder import ReportFolder, ReportKind
+from rastercov.report.html import Picture, publish, rendered
+from rastercov.report.plots import LABEL, Axis, Curve, line_plot, new_axes, picture_of
+from rastercov.report.theme import DARK, LIGHT, Theme
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+COMPARISON = ReportKind(
+    "compare",
+    re.compile(r"compare\.(json|html)|(plot|worst|missed)_\w+\.png"),
+    last="compare.json",
+)
+NEGLIGIBLE_ERROR = 1e-6
+"""Greatest error of a method below which it is only named beside larger curves, and two faces are
+shown instead of all that were kept."""
+TRUTH = {
+    "exact": "the analytic method: half-planes, every face computed",
+    "polygons": "polygon Booleans by GEOS, which share no code with the methods compared",
+    "rational": "exact rational arithmetic: no rounding anywhere",
+}
+SCORE_HEADINGS = (
+    *("method", "faces", "partly hidden", "rms error, partly hidden", "greatest error"),
+    *("missed", "bound held", "error / bound", "time per pose"),
+)
+KIND_HEADINGS = (
+    *("kind of figure", "figures", "bound held", "partly hidden", "bound held"),
+    *("error / bound, median", "greatest"),
+)
+SIZE_HEADINGS = (
+    *("px^2", "faces", "partly hidden", "median error", "99 % below", "greatest error"),
+    *("rms error, partly hidden", "mean bound, partly hidden", "missed", "bound held"),
+)
+PASSED = "Passed: certain figures are right, and statistical bounds hold as often as they must."
+FACE_TITLES = {
+    "worst": "Greatest errors: broken bounds first, then figures with a bound below 1",
+    "missed": "Missed: of what it calls hidden, the faces of which most is seen",
+}
+MIN_FACES = 5
+"""Partly hidden faces of a size class that has a point in a plot."""
+
+
+def write_comparison(
+    out: Path | ReportFolder,
+    comparison: Comparison,
+    mesh: Mesh,
+    camera: Camera,
+    poses: ArrayLike,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> Path:
+    """Write the page, the JSON and the pictures; returns the path of the page.
+
+    An interrupt (Ctrl-C) while pictures are drawn leaves out the rest of them: the files are
+    written, the JSON says `"interrupted": true`, and then the interrupt is raised. `progress` gets
+    the pictures drawn and the pictures in all.
+    """
+    with ReportFolder.opened(out, COMPARISON) as folder:
+        pictures: dict[str, Picture] = {}
+        interrupted = False
+        try:
+            _draw(pictures, comparison, mesh, camera, poses, progress)
+        except KeyboardInterrupt:
+            interrupted = True
+            comparison = replace(comparison, interrupted=True)
+        path = publish(folder, page(comparison, pictures), comparison, pictures)
+        if interrupted:
+            raise KeyboardInterrupt
+        return path
+
+
+def _draw(
+    pictures: dict[str, Picture],
+    comparison: Comparison,
+    mesh: Mesh,
+    camera: Camera,
+    poses: ArrayLike,
+    progress: Callable[[int, int], None],
+) -> None:
+    """Add the pictures by the names of their files."""
+    light, dark = (comparison_plots(comparison, theme) for theme in (LIGHT, DARK))
+    for name in light:
+        alt = f"Plot: {name.replace('_', ' ')}"
+        pictures[f"plot_{name}"] = picture_of(alt, light[name], dark[name])
+    matrices = valid_poses(poses)
+    wanted = [
+        (score, name, face) for score in comparison.scores for name, face in _shown(score).items()
+    ]
+    for done, (score, name, face) in enumerate(wanted):
+        progress(done, len(wanted))
+        image = face_picture(
+            mesh, camera, matrices[face.pose], face, score.name, score.supersample, score.roll
+        )
+        if image:
+            alt = (
+                f"Face {face.face} in pose {face.pose}: says {fraction(face.value)} ± "
+                f"{fraction(face.bound)}, truth {fraction(face.truth)}"
+            )
+            pictures[name] = Picture.of(alt, image)
+    progress(len(wanted), len(wanted))
+
+
+def _shown(score: Score) -> dict[str, FaceError]:
+    """Faces of a method to show, by the names of their pictures."""
+    is_good = score.all_sizes.greatest < NEGLIGIBLE_ERROR and all(w.held for w in score.worst)
+    faces = {"worst": score.worst[: 2 if is_good else None], "missed": score.missed_faces}
+    return {
+        f"{kind}_{file_name(score.name)}_{rank}": face
+        for kind, of_kind in faces.items()
+        for rank, face in enumerate(of_kind, start=1)
+    }
+
+
+def page(comparison: Comparison, pictures: dict[str, Picture]) -> str:
+    """HTML of a comparison; pictures by name: `plot_*`, `worst_*`, `missed_*`, as far as drawn."""
+    passed, done = comparison.passed, f"{comparison.poses_done:,}"
+    interrupted = f"{done} of {plural(comparison.poses, 'pose')} (it was interrupted)"
+    sections = [
+        (
+            score,
+            score_text(score),
+            [kind_row(bound) for bound in score.bounds],
+            [size_row(size) for size in (*score.size_classes, score.all_sizes)],
+            _face_pictures(score, pictures),
+        )
+        for score in comparison.scores
+    ]
+    return rendered(
+        "methods.html",
+        "rastercov.reference",
+        title=f"rastercov compare: {'passed' if passed else 'failed'}",
+        heading="Visibility of faces: computed and counted, beside the truth",
+        answer=PASSED if passed else "Failed: a bound does not hold.",
+        comparison=comparison,
+        poses=interrupted
+        if comparison.poses_done < comparison.poses
+        else plural(comparison.poses_done, "pose"),
+        truth=TRUTH[comparison.against],
+        checks=[(str(check), check.passed) for check in comparison.checks],
+        score_headings=SCORE_HEADINGS,
+        score_rows=[score_row(score) for score in comparison.scores],
+        kind_headings=KIND_HEADINGS,
+        size_headings=SIZE_HEADINGS,
+        plots=[picture for name, picture in pictures.items() if name.startswith("plot_")],
+        sections=sections,
+    )
+
+
+def _face_pictures(score: Score, pictures: dict[str, Picture]) -> list[tuple[str, list[Picture]]]:
+    """Titles and pictures of the faces of a method, without empty ones."""
+    names = [name for name in _shown(score) if name in pictures]
+    found = [
+        (title, [pictures[name] for name in names if name.startswith(kind)])
+        for kind, title in FACE_TITLES.items()
+    ]
+    return [(title, of_kind) for title, of_kind in found if of_kind]
+
+
+def score_row(score: Score) -> tuple[str, ...]:
+    """A method under `SCORE_HEADINGS`."""
+    sizes = score.all_sizes
+    ratios = [bound.median_ratio for bound in score.bounds if bound.kind == "statistical"]
+    return (
+        score.name,
+        f"{sizes.figures:,}",
+        f"{sizes.partly_hidden:,}",
+        number(sizes.rms_partly_hidden),
+        number(sizes.greatest),
+        f"{score.missed:,}",
+        percent_of(sizes.held, sizes.figures),
+        _optional(ratios[0] if ratios else None),
+        milliseconds(score.seconds_per_pose),
+    )
+
+
+def kind_row(bound: BoundCheck) -> tuple[str, ...]:
+    """A kind of bound under `KIND_HEADINGS`."""
+    return (
+        bound.kind,
+        f"{bound.figures:,}",
+        percent_of(bound.held, bound.figures),
+        f"{bound.partly_hidden:,}",
+        percent_of(bound.partly_hidden_held, bound.partly_hidden),
+        _optional(bound.median_ratio),
+        _optional(bound.greatest_ratio),
+    )
+
+
+def size_row(size: SizeClass) -> tuple[str, ...]:
+    """A size class under `SIZE_HEADINGS`."""
+    if math.isinf(size.high):
+        limits = f"from {size.low:g}" if size.low else "all"
+    else:
+        limits = f"{size.low:g} to {size.high:g}"
+    return (
+        limits,
+        f"{size.figures:,}",
+        f"{size.partly_hidden:,}",
+        number(size.median),
+        number(size.percentile_99),
+        number(size.greatest),
+        number(size.rms_partly_hidden) if size.partly_hidden else "",
+        number(size.mean_bound_partly_hidden) if size.partly_hidden else "",
+        f"{size.missed:,}",
+        percent_of(size.held, size.figures),
+    )
+
+
+def _optional(value: float | None) -> str:
+    return "" if value is None else number(value)
+
+
+def score_text(score: Score) -> str:
+    """Sentences about a method that no table has."""
+    text = [
+        f"The visible area is off by {number(score.rms_pixels)} px^2 rms, "
+        f"{number(score.greatest_pixels)} px^2 at most."
+    ]
+    if score.missed:
+        unsaid = f"all but {score.missed_unsaid:,}" if score.missed_unsaid else "all"
+        text.append(
+            f"It misses {score.missed:,} faces, of which {score.missed_area:,.3g} px^2 are seen in "
+            f"all; its bound allows for that in {unsaid} of them."
+        )
+    if score.phantoms:
+        text.append(f"It calls {score.phantoms:,} hidden faces seen.")
+    if score.unjudged:
+        text.append(
+            f"{plural(score.unjudged, 'face', 'are')} too small in the image for a judgement."
+        )
+    return " ".join(text)
+
+
+def comparison_table(comparison: Comparison) -> Table:
+    """Methods beside the reference, for a terminal of 80 columns.
+
+    "partly" are faces that are partly hidden; the rms error is theirs.
+    """
+    title = f"Against {comparison.against}, {plural(comparison.poses_done, 'pose')}"
+    table = Table(title=title, title_justify="left")
+    table.add_column("method", overflow="fold")
+    for name in ("faces", "partly", "rms error", "worst", "missed", "held %", "ms"):
+        table.add_column(name, justify="right", no_wrap=True)
+    for score in comparison.scores:
+        row = score_row(score)
+        time = row[8].removesuffix(" ms")
+        table.add_row(Text(score.name), *row[1:6], row[6].removesuffix(" %"), time)
+    seconds = milliseconds(comparison.truth_seconds_per_pose).removesuffix(" ms")
+    table.add_row(f"truth: {comparison.against}", "", "", "", "", "", "", seconds, style="dim")
+    return table
+
+
+def check_lines(checks: Sequence[Check]) -> list[str]:
+    """The verdict, one line a check."""
+    results = {True: "holds ", False: "FAILS ", None: "      "}
+    return [results[check.passed] + str(check) for check in checks]
+
+
+def comparison_plots(comparison: Comparison, theme: Theme) -> "dict[str, Figure]":
+    """Plots of a comparison by the name of their file; those without figures are left out."""
+    scores = comparison.scores
+    colours = {s.name: theme.series[i % len(theme.series)] for i, s in enumerate(scores)}
+    plots = {"error_by_size": _error_by_size(scores, colours, theme)}
+    for score in scores:
+        plots[f"errors_{file_name(score.name)}"] = _error_distribution(score, theme)
+    plots["bounds"] = _bound_tightness(scores, colours, theme)
+    plots["convergence"] = _convergence(comparison.convergence, theme)
+    plots["time"] = _time(comparison, colours, theme)
+    return {name: figure for name, figure in plots.items() if figure}
+
+
+def file_name(name: str) -> str:
+    """Name of a method as part of the name of a file."""
+    return "".join(c if c.isalnum() else "_" for c in name)
+
+
+def _error_by_size(
+    scores: Sequence[Score], colours: dict[str, str], theme: Theme
+) -> "Figure | None":
+    """RMS error of partly hidden faces over the area of their images, and the mean bound."""
+    curves, notes, errors = [], [], []
+    for score in scores:
+        classes = [c for c in score.size_classes if c.partly_hidden >= MIN_FACES]
+        points = [(_middle(c.low, c.high), c.rms_partly_hidden) for c in classes]
+        greatest = max((error for _, error in points), default=0.0)
+        if greatest < NEGLIGIBLE_ERROR:
+            notes.append(f"{score.name}: {_negligible(greatest)}")
+            continue
+        colour = colours[score.name]
+        points = [(x, max(y, NEGLIGIBLE_ERROR)) for x, y in points]
+        bounds = [(_middle(c.low, c.high), c.mean_bound_partly_hidden) for c in classes]
+        curves += [Curve(score.name, points, colour), Curve("", bounds, colour, True, False)]
+        errors += [y for _, y in points]
+    if not curves:
+        return None
+    curves.append(Curve("dashed: mean bound", (), theme.soft, True, False))
+    return line_plot(
+        "Error of partly hidden faces, by size",
+        Axis("area of the face in the image, px²", 0.03, 8192, is_log=True),
+        Axis("rms error of the visible fraction", min(errors) / 2, 1.2, is_log=True),
+        curves,
+        theme,
+        notes=notes,
+    )
+
+
+def _error_distribution(score: Score, theme: Theme) -> "Figure | None":
+    """Share of faces whose error exceeds x, one curve for each size class."""
+    curves, ends = [], []
+    ramp = _ramp(theme.sizes, len(score.size_classes))
+    for size, colour in zip(score.size_classes, ramp, strict=True):
+        if points := _share_above(size.errors, size.figures):
+            limits = f"{size.low:g} to {size.high:g}"
+            name = limits if size.high < math.inf else f"from {size.low:g}"
+            curves.append(Curve(name, points, colour, has_markers=False))
+            ends += [x for x, _ in points]
+    if not curves:
+        return None
+    low = max(min(ends), 1e-4 if max(ends) > NEGLIGIBLE_ERROR else 0) / 2
+    lowest = min(y for curve in curves for _, y in curve.points)
+    return line_plot(
+        f"{score.name}: faces whose error exceeds x",
+        Axis("error of the visible fraction", low, max(max(ends), low * 20), is_log=True),
+        Axis("share of faces", min(lowest / 2, 0.1), 1.0, is_log=True, is_percent=True),
+        curves,
+        theme,
+        notes=["by the area of the face in the image, px²"],
+    )
+
+
+def _bound_tightness(
+    scores: Sequence[Score], colours: dict[str, str], theme: Theme
+) -> "Figure | None":
+    """Share of partly hidden faces whose |error| / bound exceeds x."""
+    curves, ends = [], [1.0]
+    for score in scores:
+        for bound in score.bounds:
+            points = _share_above(bound.ratios, sum(n for _, n in bound.ratios))
+            if bound.kind == "statistical" and points:
+                curves.append(Curve(score.name, points, colours[score.name], has_markers=False))
+                ends += [x for x, _ in points]
+    if not curves:
+        return None
+    lowest = min(y for curve in curves for _, y in curve.points)
+    most = max(2.0, 1.5 * max(x for x in ends if x < math.inf))
+    return line_plot(
+        "Tightness of the statistical bounds",
+        Axis("error / bound", 1e-3, most, is_log=True),
+        Axis(
+            "share of partly hidden faces", min(lowest / 2, 3e-4), 1.0, is_log=True, is_percent=True
+        ),
+        curves,
+        theme,
+        marks=(
+            ("x", 1.0, "the bound"),
+            ("y", 1 - MUST_HOLD, f"allowed: {100 * (1 - MUST_HOLD):.1f} % beyond the bound"),
+        ),
+    )
+
+
+def _convergence(found: Sequence[Convergence], theme: Theme) -> "Figure | None":
+    """RMS error of the same faces over the density of samples, with the fitted power law."""
+    curves: list[Curve] = []
+    points: list[tuple[float, float]] = []
+    for i, sweep in enumerate(s for s in found if s.slope is not None):
+        colour = theme.series[i % len(theme.series)]
+        assert sweep.slope is not None
+        error = f" ± {sweep.slope_error:.2f}" if sweep.slope_error else ""
+        name = f"{sweep.method}, {sweep.sweep}: slope {sweep.slope:.2f}{error}"
+        measured = list(zip(sweep.samples_per_side, sweep.rms, strict=True))
+        curves.append(Curve(name, measured, colour))
+        # The fitted line goes through the mean of the logarithms.
+        x, y = np.log(measured).T
+        fit = np.exp(y.mean() + sweep.slope * (x - x.mean())).tolist()
+        fitted = list(zip(sweep.samples_per_side, fit, strict=True))
+        curves.append(Curve("", fitted, colour, True, False))
+        points += measured + fitted
+    if not curves:
+        return None
+    xs, ys = zip(*points, strict=True)
+    return line_plot(
+        "Error over the density of samples",
+        Axis("samples along a side of a camera pixel", min(xs) / 1.2, max(xs) * 1.2, is_log=True),
+        Axis("rms error, partly hidden faces", min(ys) / 1.6, max(ys) * 1.6, is_log=True),
+        curves,
+        theme,
+    )
+
+
+def _time(comparison: Comparison, colours: dict[str, str], theme: Theme) -> "Figure":
+    """Time per pose of each method and of the reference, on a logarithmic scale."""
+    rows = [(s.name, 1e3 * s.seconds_per_pose, colours[s.name]) for s in comparison.scores]
+    truth = f"truth: {comparison.against}"
+    rows.append((truth, 1e3 * comparison.truth_seconds_per_pose, theme.soft))
+    figure, axes = new_axes("Time per pose (logarithmic scale)", theme, 1.1 + 0.38 * len(rows))
+    times = [ms for _, ms, _ in rows]
+    low, high = math.floor(math.log10(min(times))), math.ceil(math.log10(max(times) * 1.01))
+    axis = Axis("ms", 10.0**low, 10.0**high, is_log=True)
+    axes.set_xscale("log")
+    axes.set_xlim(axis.low, axis.high)
+    axes.set_ylim(len(rows) - 0.5, -0.5)
+    axes.set_xticks(axis.ticks(), [f"{axis.text(v)} ms" for v in axis.ticks()])
+    axes.set_xticks([], minor=True)
+    axes.set_yticks(range(len(rows)), [name for name, _, _ in rows], color=theme.ink)
+    axes.grid(axis="x", color=theme.grid, linewidth=0.8)
+    for row, (_, ms, colour) in enumerate(rows):
+        axes.plot([axis.low, ms], [row, row], color=colour, linewidth=2.2)
+        axes.plot([ms], [row], "o", color=colour, markersize=8, clip_on=False)
+        axes.annotate(
+            f"{ms:,.{max(0, 1 - math.floor(math.log10(ms)))}f} ms", (ms, row), (9, 0),
+            textcoords="offset points", va="center", color=theme.ink, fontsize=LABEL,
+        )  # fmt: skip
+    return figure
+
+
+def _share_above(counts: Sequence[tuple[float, int]], total: int) -> list[tuple[float, float]]:
+    """Share of a histogram above the end of each of its bins, while it is above 0."""
+    left = total
+    points: list[tuple[float, float]] = []
+    for end, n in counts:
+        if 0 < end < math.inf:
+            # The curve is constant up to the start of the first bin.
+            points += [] if points else [(end / 10**0.1, left / total)]
+            points.append((end, (left - n) / total))
+        left -= n
+    return [(x, y) for x, y in points if y > 0]
+
+
+def _middle(low: float, high: float) -> float:
+    """Position of a size class on a logarithmic axis."""
+    if low == 0:
+        return high / 2
+    return low * 2 if math.isinf(high) else math.sqrt(low * high)
+
+
+def _negligible(error: float) -> str:
+    """Text for an error that is rounding."""
+    if error == 0:
+        return "no error at all"
+    return f"error below {ROUNDING:g}" if error < ROUNDING else f"error up to {error:.1g}"
+
+
+def _ramp(ends: tuple[str, str], count: int) -> list[str]:
+    """Colours from one end to the other."""
+    first, last = (np.array([int(text[i : i + 2], 16) for i in (1, 3, 5)]) for text in ends)
+    steps = np.linspace(0, 1, count)[:, None]
+    colours = np.rint(first + steps * (last - first)).astype(int).tolist()
+    return ["#" + "".join(f"{channel:02x}" for channel in colour) for colour in colours]

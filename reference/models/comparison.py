@@ -1,0 +1,343 @@
+"""Coverage models side by side: their disagreements, and the visibility of the faces there.
+
+Every model of `MODELS` gets the same mesh, camera, poses and task; the engine computes the visible
+fraction of each face, with a proof or to rounding. No model is called wrong, because their criteria
+differ; only the bivalent occlusion test of several models is compared with the visible fraction.
+
+E. S. Eissa. Image Space Coverage Model. 2020, section 4.3, does this for one model, by eye.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from heapq import nlargest
+from itertools import product
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rastercov.base.errors import ConfigError
+from rastercov.camera.camera import Camera
+from rastercov.camera.pose import valid_poses
+from rastercov.coverage.coverage import Coverage, evaluate_batches
+from rastercov.coverage.observer import open_observer
+from rastercov.coverage.provenance import Provenance
+from rastercov.coverage.task import Reason, Task
+from rastercov.kernels.stopwatch import Stopwatch
+from rastercov.mesh import Mesh
+from rastercov.raster.observation import BoundKind
+from rastercov.reference.models import MODELS, zhang
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+Values = dict[str, FloatArray]
+"""Coverage by the name of the model."""
+
+OURS = "image_space"
+"""The model whose coverage the engine computes together with visibility."""
+POSES_A_BATCH = 16
+"""Most poses evaluated at a time."""
+FACES_KEPT = 24
+"""Number of faces to keep: those with the largest errors of the bivalent test."""
+
+
+@dataclass(frozen=True)
+class ModelScore:
+    """Coverage of the task's faces by one model, over all poses."""
+
+    name: str  # in `MODELS`
+    covered: int  # pairs of pose and face that it covers
+    covered_percent: float  # their share of all pairs
+    graded_percent: float  # of the pairs with coverage above 0, those below 1
+    mean: float  # coverage over all pairs
+    seen_percent: float  # visible part of the images of the faces it covers, all together
+    seconds_per_pose: float  # computing time
+
+
+@dataclass(frozen=True)
+class Disagreement:
+    """Pairs of pose and face that one model covers and another does not."""
+
+    covers: str
+    does_not: str
+    faces: int
+    mean_visibility: float
+    hidden: int
+    partly: int
+    whole: int
+    image_pixels: float  # area of their images, px^2
+    visible_pixels: float  # of the visible parts, px^2
+
+
+@dataclass(frozen=True)
+class Bivalence:
+    """The bivalent test of `zhang.visible` compared with the visible area, for any task.
+
+    Faces in view from the front, wholly inside the image, count, once for each pose.
+    """
+
+    faces: int
+    partly_hidden: int  # with a visible and a hidden part
+    called_hidden: int  # called hidden although a part is visible
+    called_hidden_visibility: float  # mean visible fraction of these
+    called_hidden_pixels: float  # their visible area, px^2
+    called_seen: int  # called seen although a part is hidden
+    called_seen_visibility: float  # mean visible fraction of these
+    called_seen_pixels: float  # their hidden area, px^2
+
+
+@dataclass(frozen=True)
+class FaceValues:
+    """One face in one pose: visibility, and coverage by every model."""
+
+    pose: int  # row of the poses
+    face: int  # row of `mesh.faces`
+    visibility: float  # visible fraction
+    bound: float
+    kind: str  # of the bound, see `rastercov.BoundKind`
+    bivalent: bool  # True when the bivalent test calls it seen
+    image_pixels: float  # area of its image, px^2
+    coverage: dict[str, float]  # by the name of the model
+
+
+@dataclass(frozen=True)
+class ModelComparison:
+    """Models side by side."""
+
+    models: tuple[ModelScore, ...]  # in the order asked for
+    disagreements: tuple[Disagreement, ...]  # of every pair of models that disagree, both ways
+    bivalence: Bivalence  # errors of the bivalent test
+    worst: tuple[FaceValues, ...]  # faces with its largest errors by area in the image
+    misjudged: tuple[float, ...]  # its error in each pose, px^2
+    poses: int
+    task_faces: int
+    run: dict[str, Any]  # provenance: mesh, camera, poses, task, versions
+
+
+def compare_models(
+    mesh: Mesh,
+    camera: Camera,
+    poses: ArrayLike,
+    task: Task | None = None,
+    names: Sequence[str] | None = None,
+    *,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> ModelComparison:
+    """Coverage of every model, their disagreements, and the visibility of the faces there.
+
+    Parameters
+    ----------
+    mesh, camera
+        Any scene.
+    poses : (P, 4, 4) array_like
+        world_from_camera.
+    task : Task, optional
+        For all models; each uses the thresholds that it has.
+    names : sequence of str, optional
+        Names in `MODELS`; all that take the lens of the camera unless given.
+    progress : callable
+        Called with the poses done and the poses in all.
+
+    Raises
+    ------
+    ConfigError
+        For an unknown model or one named twice, or without poses.
+    CameraError
+        For a named model that wants a pinhole, and another lens.
+    PoseError
+        For a pose that is no rigid motion.
+    """
+    task = task or Task()
+    matrices = valid_poses(poses)
+    names = [name for name in MODELS if name not in left_out(camera)] if names is None else names
+    _check(names, len(matrices))
+    statistics = _Statistics(mesh, task, tuple(names))
+    progress(0, len(matrices))
+    with open_observer(mesh, camera) as observer:
+        # Kernels are compiled before the time is measured.
+        observer.observe(matrices[:1])
+        zhang.visible(mesh, camera, matrices[:1])
+        for start in range(0, len(matrices), POSES_A_BATCH):
+            of_batch = matrices[start : start + POSES_A_BATCH]
+            clock = Stopwatch()
+            batches = list(evaluate_batches(observer, of_batch, task))
+            statistics.seconds[OURS] += clock.seconds
+            values: Values = {}
+            for name in names:
+                if name == OURS:
+                    values[name] = np.concatenate([batch.coverage for batch in batches])
+                    continue
+                clock = Stopwatch()
+                values[name] = MODELS[name](mesh, camera, of_batch, task)
+                statistics.seconds[name] += clock.seconds
+            bivalent = zhang.visible(mesh, camera, of_batch) > 0
+            rows = [(batch, row) for batch in batches for row in range(len(batch.pose_ids))]
+            for pose, (batch, row) in enumerate(rows):
+                by_name = {name: value[pose] for name, value in values.items()}
+                statistics.add(batch, row, by_name, bivalent[pose])
+            progress(start + len(of_batch), len(matrices))
+        info = observer.info
+    run = Provenance(mesh, camera, matrices, task, measured_by=info).as_dict()
+    return statistics.result(run)
+
+
+def left_out(camera: Camera) -> dict[str, str]:
+    """Reason of each model that does not take the lens of a camera."""
+    if camera.is_pinhole:
+        return {}
+    reasons = {name: model.pinhole_because for name, model in MODELS.items()}
+    return {name: reason for name, reason in reasons.items() if reason}
+
+
+def covers(coverage: FloatArray, task: Task) -> BoolArray:
+    """Mask of coverage that is enough for the task: `Task.min_coverage`, and above 0."""
+    return (coverage >= task.min_coverage) & (coverage > 0)
+
+
+def _check(names: Sequence[str], n_poses: int) -> None:
+    if unknown := [name for name in names if name not in MODELS]:
+        raise ConfigError(f"there is no model {unknown[0]!r}; there are {', '.join(MODELS)}")
+    if not names:
+        raise ConfigError(f"name at least one model of {', '.join(MODELS)}")
+    if twice := sorted({name for name in names if names.count(name) > 1}):
+        raise ConfigError(f"{twice[0]} is named twice; once is enough")
+    if not n_poses:
+        raise ConfigError("there are no poses, so there is nothing to compare")
+
+
+class _Statistics:
+    """Sums over poses, by model and by pair of models (covers, does not cover)."""
+
+    def __init__(self, mesh: Mesh, task: Task, names: tuple[str, ...]) -> None:
+        self.mesh, self.task, self.names = mesh, task, names
+        self.seconds = dict.fromkeys((*names, OURS), 0.0)
+        n = len(names)
+        # Covered, above 0, between 0 and 1, sum; visible px^2 and px^2 of covered faces.
+        self._of_model = np.zeros((n, 6))
+        # Faces, sum of visibility, hidden, partly, whole, px^2, visible px^2.
+        self._of_pair = np.zeros((n, n, 7))
+        self._bivalent = np.zeros(8)
+        self._misjudged: list[float] = []
+        self._worst: list[tuple[float, FaceValues]] = []
+
+    def add(self, batch: Coverage, row: int, values: Values, bivalent: BoolArray) -> None:
+        """Add the next pose, a row of the batch."""
+        chosen = np.flatnonzero(self.mesh.task_mask)
+        visibility = batch.visibility[row, chosen]
+        image = batch.drawn_pixels[row, chosen]
+        seen = visibility * image
+        partly = (visibility > 0) & (visibility < 1)
+        whole = visibility >= 1
+        stack = np.stack([values[name][chosen] for name in self.names])
+        enough = covers(stack, self.task)
+        for model, (value, yes) in enumerate(zip(stack, enough, strict=True)):
+            above = value > 0
+            terms = (yes, above, above & (value < 1), value, seen[yes], image[yes])
+            self._of_model[model] += [term.sum() for term in terms]
+            for other in range(len(self.names)):
+                only = yes & ~enough[other]
+                hidden = only & ~partly & ~whole
+                counts = (only, visibility[only], hidden, only & partly, only & whole)
+                areas = (image[only], seen[only])
+                self._of_pair[model, other] += [term.sum() for term in (*counts, *areas)]
+        self._add_bivalent(batch, row, values, bivalent)
+
+    def _add_bivalent(self, batch: Coverage, row: int, values: Values, bivalent: BoolArray) -> None:
+        """Compare the bivalent test of one pose with the visible fractions."""
+        counted = self.mesh.task_mask & batch.in_view[row] & (batch.drawn_pixels[row] > 0)
+        counted &= batch.reason[row] > Reason.BACK_FACING
+        visibility, bound = batch.visibility[row], batch.visibility_bound[row]
+        image = batch.drawn_pixels[row]
+        # A computed fraction that is 0 or 1 to rounding counts as 0 or 1.
+        some = visibility > bound
+        all_of_it = visibility >= 1 - bound
+        called_hidden = counted & ~bivalent & some
+        called_seen = counted & bivalent & ~all_of_it
+        seen_part, hidden_part = visibility * image, (1 - visibility) * image
+        terms = (
+            *(counted, counted & some & ~all_of_it),
+            *(called_hidden, visibility[called_hidden], seen_part[called_hidden]),
+            *(called_seen, visibility[called_seen], hidden_part[called_seen]),
+        )
+        self._bivalent += [term.sum() for term in terms]
+        off = np.where(counted, np.abs(bivalent - visibility) * image, 0.0)
+        pose = len(self._misjudged)
+        self._misjudged.append(float(off.sum()))
+        for face in np.argsort(-off, kind="stable")[:FACES_KEPT].tolist():
+            if called_hidden[face] or called_seen[face]:
+                of_face = FaceValues(
+                    pose=pose,
+                    face=face,
+                    visibility=float(visibility[face]),
+                    bound=float(bound[face]),
+                    kind=BoundKind(batch.visibility_kind[row, face]).name.lower(),
+                    bivalent=bool(bivalent[face]),
+                    image_pixels=float(image[face]),
+                    coverage={name: float(value[face]) for name, value in values.items()},
+                )
+                self._worst.append((float(off[face]), of_face))
+        self._worst = nlargest(FACES_KEPT, self._worst, key=lambda entry: entry[0])
+
+    def result(self, run: dict[str, Any]) -> ModelComparison:
+        """Result of all poses."""
+        n_poses = len(self._misjudged)
+        n_faces = int(self.mesh.task_mask.sum())
+        pairs = max(1, n_poses * n_faces)
+        scores = []
+        for name, sums in zip(self.names, self._of_model.tolist(), strict=True):
+            covered, above, between, total, seen, image = sums
+            scores.append(
+                ModelScore(
+                    name=name,
+                    covered=int(covered),
+                    covered_percent=100 * covered / pairs,
+                    graded_percent=100 * between / max(1, above),
+                    mean=total / pairs,
+                    seen_percent=100 * _ratio(seen, image),
+                    seconds_per_pose=self.seconds[name] / n_poses,
+                )
+            )
+        disagreements = []
+        pairs_of_models = product(self.names, repeat=2)
+        for (a, b), sums in zip(
+            pairs_of_models, self._of_pair.reshape(-1, 7).tolist(), strict=True
+        ):
+            count, visibility, hidden, partly, whole, image, seen = sums
+            if count:
+                disagreements.append(
+                    Disagreement(
+                        covers=a,
+                        does_not=b,
+                        faces=int(count),
+                        mean_visibility=visibility / count,
+                        hidden=int(hidden),
+                        partly=int(partly),
+                        whole=int(whole),
+                        image_pixels=image,
+                        visible_pixels=seen,
+                    )
+                )
+        faces, partly, hidden, of_hidden, lost, seen, of_seen, gained = self._bivalent.tolist()
+        return ModelComparison(
+            models=tuple(scores),
+            disagreements=tuple(disagreements),
+            bivalence=Bivalence(
+                faces=int(faces),
+                partly_hidden=int(partly),
+                called_hidden=int(hidden),
+                called_hidden_visibility=_ratio(of_hidden, hidden),
+                called_hidden_pixels=lost,
+                called_seen=int(seen),
+                called_seen_visibility=_ratio(of_seen, seen),
+                called_seen_pixels=gained,
+            ),
+            worst=tuple(of_face for _, of_face in self._worst),
+            misjudged=tuple(self._misjudged),
+            poses=n_poses,
+            task_faces=n_faces,
+            run=run | {"task": asdict(self.task)},
+        )
+
+
+def _ratio(part: float, whole: float) -> float:
+    return part / whole if whole else 0.0

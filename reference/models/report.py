@@ -1,0 +1,409 @@
+"""Report of a comparison of models: page, JSON, pictures, and a table for a terminal.
+
+models.html       figures, pictures, disagreements of models; all inline, for phone and desk
+models.json       `ModelComparison` as it is
+occlusion_*.png   bivalent and graded occlusion of one pose, and their difference
+models_*.png      coverage of that pose by every model
+
+They replace an earlier comparison together, when all are whole. White is covered and black is not,
+as in figures 4.2 to 4.6 of E. S. Eissa. Image Space Coverage Model. 2020; a third picture shows the
+difference of bivalent and graded occlusion in two hues, and the region where they differ most is
+enlarged.
+"""
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import astuple, dataclass, fields, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from PIL import Image, ImageDraw
+from rich.table import Table
+
+from rastercov.base.format import milliseconds, number, percent_of, plural
+from rastercov.camera.camera import Camera
+from rastercov.camera.pose import valid_poses
+from rastercov.camera.projection import image_boxes
+from rastercov.coverage.observer import visibility
+from rastercov.coverage.task import Task
+from rastercov.mesh import Mesh
+from rastercov.raster import open_rasterizer
+from rastercov.raster.contract import VisibilityBuffer
+from rastercov.reference.models import MODELS, zhang
+from rastercov.reference.models.base import Criteria
+from rastercov.reference.models.comparison import OURS, FaceValues, ModelComparison, covers
+from rastercov.report.folder import ReportFolder, ReportKind
+from rastercov.report.html import Picture, publish, rendered
+from rastercov.report.images import (
+    OPACITY,
+    Key,
+    contact_sheet,
+    coverage_picture,
+    coverage_pixels,
+    framed,
+    png,
+    targets_in_view,
+)
+from rastercov.report.theme import ENLARGED, FALSELY_SEEN, MISSED
+
+FloatArray = NDArray[np.float64]
+Box = tuple[float, float, float, float]
+"""Left, top, right, bottom in pixels of the camera's image."""
+
+MODEL_COMPARISON = ReportKind(
+    "models",
+    re.compile(r"models\.(json|html)|(occlusion|models)_\d+\.png"),
+    last="models.json",
+)
+POSES_DRAWN = 3
+"""Poses with pictures, at most: those in which the bivalent test misjudges most."""
+CRITERIA_HEADINGS = (
+    "model",
+    *(field.name.replace("_", " ") for field in fields(Criteria)),
+)
+SCORE_HEADINGS = (
+    *("model", "covers", "of all faces", "of these really seen", "between 0 and 1", "mean"),
+    "time per pose",
+)
+DETAIL_HEADINGS = ("covers", "faces", "hidden", "partly", "whole", "px^2", "px^2 seen")
+WORST_HEADINGS = ("pose", "face", "px^2", "really seen", "kind", "bivalent")
+PICTURES = {"occlusion": "Bivalent and graded occlusion", "models": "Coverage by every model"}
+"""Descriptions of the pictures, by the start of their names."""
+WIDTH = 720
+"""Pixels of a picture in a sheet of two or three."""
+SMALL = 560
+"""The same in a sheet of all models."""
+MAX_ASPECT = 1.0
+"""Largest height of a picture, relative to its width."""
+MARGIN = 0.03
+"""Margin around the part, relative to its size in the image."""
+DETAIL = 0.28
+"""Side of the enlarged region, relative to the picture."""
+MIN_DIFFERENCE = 0.01
+"""Difference below which a face keeps its grey."""
+
+
+def write_model_comparison(
+    out: Path | ReportFolder,
+    comparison: ModelComparison,
+    mesh: Mesh,
+    camera: Camera,
+    poses: ArrayLike,
+    task: Task | None = None,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> Path:
+    """Write the page, the JSON and the pictures; returns the path of the page.
+
+    `progress` gets the poses drawn and the poses to draw.
+    """
+    with ReportFolder.opened(out, MODEL_COMPARISON) as folder:
+        matrices = valid_poses(poses)
+        chosen = sorted(np.argsort(-np.array(comparison.misjudged), kind="stable")[:POSES_DRAWN])
+        digits = len(str(len(matrices) - 1))
+        pictures: dict[str, Picture] = {}
+        for done, pose in enumerate(int(row) for row in chosen):
+            progress(done, len(chosen))
+            for name, image in _draw(comparison, mesh, camera, matrices[pose], task).items():
+                # All colours are kept: the grey of a face is its coverage.
+                alt = f"{PICTURES[name]}, pose {pose}"
+                pictures[f"{name}_{pose:0{digits}d}"] = Picture(alt, png(image))
+        progress(len(chosen), len(chosen))
+        return publish(folder, page(comparison, pictures), comparison, pictures)
+
+
+def _draw(
+    comparison: ModelComparison,
+    mesh: Mesh,
+    camera: Camera,
+    pose: NDArray[np.float64],
+    task: Task | None,
+) -> dict[str, Image.Image]:
+    """Both sheets of one pose."""
+    task = task or Task()
+    graded = visibility(mesh, camera, pose[None]).value[0]
+    bivalent = zhang.visible(mesh, camera, pose[None])[0]
+    whole = look_at_part(mesh, camera, pose)
+    closer = look_closer(mesh, camera, pose, np.abs(graded - bivalent))
+    values = {
+        score.name: MODELS[score.name](mesh, camera, pose[None], task)[0]
+        for score in comparison.models
+    }
+    n_faces = max(1, int(mesh.task_mask.sum()))
+    captions = [
+        f"{name}: covers {100 * (covers(of_model, task) & mesh.task_mask).sum() / n_faces:.1f} %"
+        for name, of_model in values.items()
+    ]
+    return {
+        "occlusion": occlusion_sheet(whole, closer, bivalent, graded),
+        "models": models_sheet(look_at_part(mesh, camera, pose, SMALL), values, captions),
+    }
+
+
+def page(comparison: ModelComparison, pictures: dict[str, Picture]) -> str:
+    """HTML of a comparison; pictures by name: `occlusion_*` and `models_*`, a row of the poses."""
+    names = [score.name for score in comparison.models]
+    of_kind = {
+        kind: [(int(n.rpartition("_")[2]), pictures[n]) for n in sorted(pictures) if kind in n]
+        for kind in PICTURES
+    }
+    return rendered(
+        "models.html",
+        "rastercov.reference",
+        title="rastercov compare --models",
+        heading="Coverage models side by side",
+        comparison=comparison,
+        bivalence=bivalence_lines(comparison),
+        occlusion=of_kind["occlusion"],
+        coverage=of_kind["models"],
+        criteria_headings=CRITERIA_HEADINGS,
+        criteria_rows=[(_title(name), *astuple(MODELS[name].criteria)) for name in names],
+        score_headings=SCORE_HEADINGS,
+        score_rows=score_rows(comparison),
+        pair_headings=("covers, but not", *names),
+        pair_rows=_pair_rows(comparison, names),
+        detail_headings=DETAIL_HEADINGS,
+        detail_rows=_detail_rows(comparison),
+        worst_headings=(*WORST_HEADINGS, *names),
+        worst_rows=[_worst_row(each, names) for each in comparison.worst],
+    )
+
+
+def _title(name: str) -> str:
+    """Name of a model, with a mark at ours."""
+    return f"{name} (ours)" if name == OURS else name
+
+
+def bivalence_lines(comparison: ModelComparison) -> list[str]:
+    """Errors of the bivalent test, in sentences."""
+    found = comparison.bivalence
+    lines = [
+        f"{found.partly_hidden:,} of {found.faces:,} faces in view from the front are partly hidden"
+    ]
+    if found.called_hidden:
+        lines.append(
+            f"the bivalent test calls {found.called_hidden:,} faces hidden of which "
+            f"{100 * found.called_hidden_visibility:.0f} % is seen on average, "
+            f"{found.called_hidden_pixels:,.0f} px^2 in all"
+        )
+    if found.called_seen:
+        lines.append(
+            f"it calls {found.called_seen:,} faces seen of which "
+            f"{100 * (1 - found.called_seen_visibility):.0f} % is hidden on average, "
+            f"{found.called_seen_pixels:,.0f} px^2 in all"
+        )
+    return lines
+
+
+def score_rows(comparison: ModelComparison) -> list[tuple[str, ...]]:
+    """Models under `SCORE_HEADINGS`."""
+    return [
+        (
+            _title(score.name),
+            f"{score.covered:,}",
+            f"{score.covered_percent:.2f} %",
+            percent_of(score.seen_percent, 100, 2) if score.covered else "",
+            f"{score.graded_percent:.1f} %",
+            number(score.mean),
+            milliseconds(score.seconds_per_pose),
+        )
+        for score in comparison.models
+    ]
+
+
+def _pair_rows(comparison: ModelComparison, names: list[str]) -> list[list[str]]:
+    """Faces that the row's model covers and the column's does not, and their mean visibility."""
+    cells = {
+        (each.covers, each.does_not): f"{each.faces:,} ({100 * each.mean_visibility:.0f} %)"
+        for each in comparison.disagreements
+    }
+    return [[_title(a), *("" if a == b else cells.get((a, b), "0") for b in names)] for a in names]
+
+
+def _detail_rows(comparison: ModelComparison) -> list[tuple[str, ...]]:
+    """Disagreements between ours and each other model, under `DETAIL_HEADINGS`."""
+    return [
+        (
+            f"{_title(each.covers)}, not {_title(each.does_not)}",
+            f"{each.faces:,}",
+            f"{each.hidden:,}",
+            f"{each.partly:,}",
+            f"{each.whole:,}",
+            f"{each.image_pixels:,.0f}",
+            f"{each.visible_pixels:,.0f}",
+        )
+        for each in comparison.disagreements
+        if OURS in (each.covers, each.does_not)
+    ]
+
+
+def _worst_row(face: FaceValues, names: list[str]) -> tuple[str, ...]:
+    return (
+        f"{face.pose}",
+        f"{face.face}",
+        f"{face.image_pixels:,.0f}",
+        f"{100 * face.visibility:.2f} %",
+        face.kind,
+        "seen" if face.bivalent else "hidden",
+        *(number(face.coverage[name]) for name in names),
+    )
+
+
+def score_table(comparison: ModelComparison) -> Table:
+    """Models side by side, for a terminal of 80 columns."""
+    poses = plural(comparison.poses, "pose")
+    table = Table(title=f"{comparison.task_faces:,} faces, {poses}", title_justify="left")
+    table.add_column("model", no_wrap=True)
+    for name in ("covers", "faces", "seen", "graded", "mean", "time"):
+        table.add_column(name, justify="right", no_wrap=True)
+    for row in score_rows(comparison):
+        table.add_row(*row)
+    return table
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """A part of one pose's image at some size: its camera and its nearest faces."""
+
+    mesh: Mesh
+    camera: Camera
+    pose: FloatArray
+    buffer: VisibilityBuffer
+
+
+def look_at_part(mesh: Mesh, camera: Camera, pose: FloatArray, width: int = WIDTH) -> Look:
+    """The part of the image that holds the mesh, `width` pixels wide."""
+    return _look(mesh, camera, pose, _box_of(mesh, camera, pose), width)
+
+
+def look_closer(mesh: Mesh, camera: Camera, pose: FloatArray, weights: FloatArray) -> Look:
+    """The region of the image with the largest sum of weights (F,), enlarged."""
+    whole = _box_of(mesh, camera, pose)
+    look = _look(mesh, camera, pose, whole, WIDTH)
+    height, width = look.buffer.face.shape
+    weight = np.append(weights, 0.0)[look.buffer.face]
+    side = max(8, round(DETAIL * width)), max(8, round(DETAIL * height))
+    total = np.zeros((height + 1, width + 1))
+    total[1:, 1:] = weight.cumsum(axis=0).cumsum(axis=1)
+    across, down = min(side[0], width), min(side[1], height)
+    sums = total[down:, across:] - total[:-down, across:] - total[down:, :-across]
+    sums = sums + total[:-down, :-across]
+    top, left = np.unravel_index(int(sums.argmax()), sums.shape)
+    zoom = (whole[2] - whole[0]) / width
+    corner = whole[0] + float(left) * zoom, whole[1] + float(top) * zoom
+    box = (*corner, corner[0] + across * zoom, corner[1] + down * zoom)
+    return _look(mesh, camera, pose, box, WIDTH)
+
+
+def occlusion_sheet(
+    whole: Look, closer: Look, bivalent: FloatArray, graded: FloatArray
+) -> Image.Image:
+    """Bivalent occlusion, graded occlusion and their difference, a row for each look.
+
+    Parameters
+    ----------
+    whole, closer : Look
+        All of one pose, and a region of it.
+    bivalent, graded : (F,) float64
+        Visible fraction of each face.
+    """
+    pictures, captions = [], []
+    for look, more in zip((whole, closer), ("", ", enlarged"), strict=True):
+        three = [
+            coverage_picture(look.buffer, values, look.mesh, look.camera, look.pose)
+            for values in (bivalent, graded)
+        ]
+        three.append(difference_picture(look, bivalent, graded))
+        pictures += three if more else [_with_frame(each, whole, closer) for each in three]
+        names = ("(a) bivalent occlusion", "(b) graded occlusion", "(c) where they differ")
+        captions += [f"{name}{more}" for name in names]
+    return _sheet(pictures, captions)
+
+
+def difference_picture(look: Look, bivalent: FloatArray, graded: FloatArray) -> Image.Image:
+    """The look in soft grey, with colour on faces whose bivalent and graded occlusion differ.
+
+    The strength of the colour grows with the difference.
+    """
+    mesh = look.mesh
+    shown = coverage_pixels(look.buffer, graded, mesh, look.pose, look.camera)
+    pixels = 0.55 * shown + 0.45 * 205
+    differs = np.append(np.where(mesh.task_mask, graded - bivalent, 0.0), 0.0)
+    targets = targets_in_view(mesh, look.camera, look.pose, look.buffer.depth)
+    layers = [(look.buffer.face, 1.0)] + ([] if targets is None else [(targets, OPACITY)])
+    for face, opacity in layers:
+        off = differs[face]
+        for sign, colour in ((1, MISSED), (-1, FALSELY_SEEN)):
+            rows = sign * off > MIN_DIFFERENCE
+            strength = opacity * (0.35 + 0.65 * np.abs(off[rows])[:, None])
+            pixels[rows] = (1 - strength) * pixels[rows] + strength * np.array(colour)
+    keys = [
+        Key("seen, but called hidden", _swatch(MISSED), "0", "1"),
+        Key("hidden, but called seen", _swatch(FALSELY_SEEN), "0", "1"),
+    ]
+    return framed(pixels.astype(np.uint8), "", keys)
+
+
+def models_sheet(look: Look, values: dict[str, FloatArray], captions: Sequence[str]) -> Image.Image:
+    """Coverage by every model, side by side."""
+    pictures = [
+        coverage_picture(look.buffer, of_model, look.mesh, look.camera, look.pose)
+        for of_model in values.values()
+    ]
+    return _sheet(pictures, captions)
+
+
+def _sheet(pictures: Sequence[Image.Image], captions: Sequence[str]) -> Image.Image:
+    """Pictures in rows of three, at their own size."""
+    return contact_sheet(pictures, captions, 3, max(picture.width for picture in pictures))
+
+
+def _with_frame(picture: Image.Image, look: Look, closer: Look) -> Image.Image:
+    """Picture of a look with a frame around the region that another look enlarges."""
+    if picture.width != look.camera.width:  # a narrow one, which `framed` has enlarged
+        return picture
+    zoom = look.camera.fx / closer.camera.fx
+    left = look.camera.cx - closer.camera.cx * zoom
+    top = look.camera.cy - closer.camera.cy * zoom
+    box = (left, top, left + closer.camera.width * zoom, top + closer.camera.height * zoom)
+    ImageDraw.Draw(picture).rectangle(box, outline=ENLARGED, width=3)
+    return picture
+
+
+def _box_of(mesh: Mesh, camera: Camera, pose: FloatArray) -> Box:
+    """Bounding box of the mesh in the image with a margin; the image where there is none."""
+    left, top, right, bottom = image_boxes(mesh.vertices, camera, pose[None])[0].tolist()
+    if right <= left or bottom <= top:
+        return 0.0, 0.0, float(camera.width), float(camera.height)
+    margin = MARGIN * (right - left)
+    return (
+        max(0.0, left - margin),
+        max(0.0, top - margin),
+        min(float(camera.width), right + margin),
+        min(float(camera.height), bottom + margin),
+    )
+
+
+def _look(mesh: Mesh, camera: Camera, pose: FloatArray, box: Box, width: int) -> Look:
+    """Draw a part of the image, `width` pixels wide or `MAX_ASPECT * width` high."""
+    across, down = box[2] - box[0], box[3] - box[1]
+    scale = min(width / across, MAX_ASPECT * width / down)
+    cut = replace(
+        camera,
+        width=max(1, round(across * scale)),
+        height=max(1, round(down * scale)),
+        fx=camera.fx * scale,
+        fy=camera.fy * scale,
+        cx=(camera.cx - box[0]) * scale,
+        cy=(camera.cy - box[1]) * scale,
+        skew=camera.skew * scale,
+    )
+    with open_rasterizer(mesh, cut, "cpu") as rasterizer:
+        return Look(mesh, cut, pose, rasterizer.render(pose))
+
+
+def _swatch(colour: tuple[int, int, int]) -> NDArray[np.uint8]:
+    """Ramp of a colour from its strength at a small difference to that at 1."""
+    strength = np.linspace(0.35, 1.0, 256)[:, None]
+    line = (1 - strength) * 205 + strength * np.array(colour)
+    return np.broadcast_to(line.astype(np.uint8), (24, 256, 3)).copy()

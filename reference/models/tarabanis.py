@@ -1,0 +1,85 @@
+"""Field of view and resolution, after Tarabanis et al.
+
+    V = 1 where |x| <= t z and |y| <= t z at every vertex, t the tangent of half the smaller angle
+    R = min over edges AB of w(AB) / |AB|,   w(AB) = f |((A - o) x u) x v| / ((A - o).v (B - o).v)
+    C = V min(1, R / R_req)
+
+with o the camera centre, v the optical axis, u the direction of the edge, and w the length of the
+edge in the image, in pixels, computed here as the distance of its end points in the image, which is
+equal. R_req follows from the task, see `base.required_density`.
+
+K. A. Tarabanis, R. Y. Tsai, P. K. Allen. The MVP Sensor Planning System for Robotic Vision Tasks.
+IEEE Transactions on Robotics and Automation 11(1), 72-85, 1995.
+K. A. Tarabanis, P. K. Allen, R. Y. Tsai. A Survey of Sensor Planning in Computer Vision. The same,
+86-104, 1995.
+
+Caveats
+-------
+- The tables of the thesis (2.1, 3.1) mark field of view and resolution only, and this file follows
+  them. The MVP system itself also plans for focus and for occlusion; the tables understate it.
+- In the papers resolution is a binary constraint on edges that the user chooses. It is graded here,
+  as in the tables, and applied to all three edges of a face.
+- The field of view is the pyramid of the smaller angle of view (thesis, 2.2.4.1), so a face at the
+  long sides of the image is outside. With a principal point off the centre it is the widest such
+  pyramid within the image.
+- A face seen from behind is not covered. This is our addition; the tables mark no such criterion.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rastercov.camera.camera import Camera
+from rastercov.camera.projection import to_camera, to_image
+from rastercov.coverage.criteria import face_geometry
+from rastercov.coverage.task import Task
+from rastercov.mesh import Mesh
+from rastercov.reference.models.base import (
+    Criteria,
+    FloatArray,
+    ResolutionParameters,
+    coverage_model,
+    each_pose,
+    required_density,
+    share_of,
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TarabanisParameters(ResolutionParameters):
+    """R_req of the model, applied to the worst edge of a face."""
+
+
+@coverage_model(
+    TarabanisParameters(),
+    Criteria(field_of_view="smaller angle", resolution="edges"),
+    pinhole_because="its edges are straight in the image",
+)
+def coverage(
+    mesh: Mesh, camera: Camera, poses: ArrayLike, task: Task, parameters: TarabanisParameters
+) -> FloatArray:
+    """Coverage of each face in each pose, (P, F) in [0, 1].
+
+    Depends on `min_pixels` and `min_pixel_density` of the task.
+    """
+    required = required_density(mesh, task, parameters.required_density)
+    slope = min(
+        min(camera.cx, camera.width - camera.cx) / camera.fx,
+        min(camera.cy, camera.height - camera.cy) / camera.fy,
+    )
+
+    def strength(pose: FloatArray, near: float) -> FloatArray:
+        points = to_camera(mesh.vertices, pose)
+        within = np.abs(points[:, :2]).max(axis=1) <= slope * points[:, 2]
+        within &= points[:, 2] >= near
+        seen = face_geometry(mesh, camera, pose).is_front & within[mesh.faces].all(axis=1)
+        safe = np.where((points[:, 2] >= near)[:, None], points, (0.0, 0.0, 1.0))
+        image = to_image(safe, camera)[mesh.faces]
+        corners = points[mesh.faces]
+        length = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
+        pixels = np.linalg.norm(np.roll(image, -1, axis=1) - image, axis=2)
+        density = np.divide(pixels, length, out=np.zeros_like(pixels), where=length > 0)
+        return np.where(seen, share_of(density.min(axis=1), required), 0.0)
+
+    return each_pose(mesh, camera, poses, strength)

@@ -1,0 +1,809 @@
+"""The comparison harness: liars are caught, its figures are right, its page stands alone."""
+
+import dataclasses
+import json
+import math
+import re
+from contextlib import contextmanager
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+from matplotlib.colors import to_rgba
+from pages import read_alone
+from PIL import Image
+from scenes import joined, sheet, square
+
+from rastercov import cli
+from rastercov.base.closing import Closing
+from rastercov.base.errors import ConfigError, PoseError
+from rastercov.camera.camera import Camera
+from rastercov.camera.viewpoints import look_at, sphere_of_poses
+from rastercov.coverage.criteria import face_geometry
+from rastercov.coverage.engine import Engine
+from rastercov.coverage.observer import open_observer, visibility
+from rastercov.mesh import Mesh, shapes
+from rastercov.raster.observation import BoundKind, Observation
+from rastercov.reference import polygons
+from rastercov.reference.methods import contenders as compare_entrants
+from rastercov.reference.methods import convergence as compare_convergence
+from rastercov.reference.methods.comparison import MIN_FACES, SIGNIFICANCE, _often_enough, compare
+from rastercov.reference.methods.convergence import KnownFaces, converge
+from rastercov.reference.methods.error_statistics import (
+    MUST_HOLD,
+    SIZES,
+    ErrorStatistics,
+    FaceError,
+    PoseFigures,
+)
+from rastercov.reference.methods.faces import Samples, face_picture, neighbourhood
+from rastercov.reference.methods.report import comparison_plots, page, write_comparison
+from rastercov.reference.samples import grid_points
+from rastercov.report.plots import Axis
+from rastercov.report.theme import DARK, LIGHT
+
+CAMERA = Camera(width=160, height=120, fx=190, fy=185)
+TEAPOT = shapes.teapot(3)
+AHEAD = np.eye(4)
+# A sheet with a smaller one before it, of which a part lies outside the image.
+OVERLAP = joined(sheet((-0.9, -0.4), (0.3, 0.4), 1.0), sheet((-0.5, -0.15), (0.1, 0.2), 0.8))
+
+
+def around(n, mesh=TEAPOT, distance=0.5):
+    return sphere_of_poses(mesh.bounds.mean(axis=0), distance, n)
+
+
+class Altered(Closing):
+    """An observer whose observations are changed before anyone sees them."""
+
+    def __init__(self, observer, alter):
+        self._observer, self._alter = observer, alter
+        self.mesh, self.camera, self.info = observer.mesh, observer.camera, observer.info
+
+    def observe(self, poses):
+        seen = self._observer.observe(poses)
+        arrays = (seen.visible_pixels.copy(), seen.drawn_pixels.copy(), seen.kind.copy())
+        return self._alter(
+            Observation(*arrays, seen.area_error, seen.clipped, seen.samples_per_pixel)
+        )
+
+    def close(self):
+        self._observer.close()
+
+
+def altered(monkeypatch, method, alter):
+    """Make every observer of a method one that is altered."""
+
+    def open_one(mesh, camera, engine="certified"):
+        observer = open_observer(mesh, camera, engine)
+        return Altered(observer, alter) if Engine.of(engine).method == method else observer
+
+    monkeypatch.setattr(compare_entrants, "open_observer", open_one)
+
+
+def flip_a_certified_face(seen):
+    face = np.flatnonzero((seen.kind[0] == BoundKind.CERTIFIED) & (seen.visible_pixels[0] > 1))[0]
+    seen.visible_pixels[0, face] = 0
+    return seen
+
+
+def half_of_everything(seen):
+    seen.visible_pixels[:] /= 2
+    seen.drawn_pixels[:] /= 2
+    return seen
+
+
+def a_millionth_less(seen):
+    seen.visible_pixels[seen.kind == BoundKind.EXACT] *= 1 - 1e-6
+    return seen
+
+
+def everything_certified(seen):
+    seen.kind[:] = BoundKind.CERTIFIED
+    return seen
+
+
+def no_numbers(seen):
+    seen.visible_pixels[:] = np.nan
+    return seen
+
+
+# --- the verdict ----------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("against", ["exact", "polygons", "rational"])
+def test_a_right_candidate_passes(against):
+    names = ["certified", "sampled@2"] + ["exact"] * (against != "exact")
+    found = compare(TEAPOT, CAMERA, around(1), names, against, convergence=False)
+    assert found.passed
+    assert {check.passed for check in found.checks} <= {True, None}
+    certain = [check for check in found.checks if check.kind != "statistical"]
+    assert all(check.held == check.figures > 0 for check in certain)
+    assert found.scores[0].all_sizes.greatest < 1e-9
+    assert found.scores[0].missed == found.scores[0].phantoms == 0
+
+
+LIES = (
+    *(flip_a_certified_face, half_of_everything, a_millionth_less, everything_certified),
+    no_numbers,
+)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("lie", "against"), [*((lie, "exact") for lie in LIES), (a_millionth_less, "polygons")]
+)
+def test_certain_figures_that_are_wrong_fail(monkeypatch, lie, against):
+    altered(monkeypatch, "certified", lie)
+    found = compare(TEAPOT, CAMERA, around(1), ["certified"], against, convergence=False)
+    assert not found.passed
+    assert any(check.held < check.figures for check in found.checks)
+    assert not found.scores[0].worst[0].held
+
+
+def test_a_statistical_bound_that_is_too_small_fails(monkeypatch):
+    def boast(seen):
+        return dataclasses.replace(seen, samples_per_pixel=seen.samples_per_pixel * 10_000)
+
+    honest = compare(TEAPOT, CAMERA, around(5), ["sampled"], convergence=False)
+    altered(monkeypatch, "sampled", boast)
+    found = compare(TEAPOT, CAMERA, around(5), ["sampled"], convergence=False)
+    assert honest.passed
+    assert not found.passed
+
+
+def test_a_candidate_cannot_make_the_truth_its_own(monkeypatch):
+    """The truth of `--against exact` is opened beside the candidates, not through them."""
+    altered(monkeypatch, "certified", half_of_everything)
+    one = compare(TEAPOT, CAMERA, around(1), ["certified"], convergence=False)
+    area = one.scores[0].worst[0].area
+    face = one.scores[0].worst[0].face
+    assert area == pytest.approx(polygons.image_area(TEAPOT, CAMERA, around(1)[0], [face])[0])
+
+
+@settings(max_examples=25)
+@given(st.integers(0, 5000), st.integers(0, 5000))
+def test_a_bound_is_judged_by_how_often_it_must_hold(broken, more):
+    n = broken + more
+    verdict = _often_enough(n - broken, n)
+    if n - broken >= MUST_HOLD * n:
+        assert verdict is (True if n >= MIN_FACES else None)
+    else:
+        assert verdict in (False, None)
+    if verdict is False:  # one more that does not hold makes nothing better
+        assert _often_enough(n - broken, n + 1) is False
+
+
+def test_chance_seldom_fails_a_bound_that_holds_just_often_enough():
+    rng = np.random.default_rng(1)
+    for n in (10, 300, 1284, 20_000):
+        broken = rng.binomial(n, 1 - MUST_HOLD, 1000)
+        failed = np.mean([_often_enough(n - k, n) is False for k in broken.tolist()])
+        assert failed < 3 * SIGNIFICANCE
+        assert _often_enough(n - round(0.02 * n) - 2, n) is False
+
+
+# --- the figures ----------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_figures_are_those_of_an_independent_reckoning(tmp_path):
+    mesh, poses = shapes.teapot(2), around(2)
+    found = compare(mesh, CAMERA, poses, ["sampled"], "polygons", worst=3, convergence=False)
+    write_comparison(tmp_path, found, mesh, CAMERA, poses)
+    score = json.loads((tmp_path / "compare.json").read_text())["scores"][0]
+
+    figures = visibility(mesh, CAMERA, poses, "sampled")
+    rows = []
+    for i, pose in enumerate(poses):
+        view = face_geometry(mesh, CAMERA, pose)
+        area = polygons.image_area(mesh, CAMERA, pose)
+        seen = polygons.visible_area(mesh, CAMERA, pose)
+        for face in range(mesh.n_faces):
+            if view.is_front[face] and area[face] > 1e-7:
+                value, bound = figures.value[i, face], figures.bound[i, face]
+                rows.append((i, face, area[face], seen[face] / area[face], value, bound))
+    pose, face, area, truth, value, bound = np.array(rows).T
+    error = np.abs(value - truth)
+    partly = (truth > 1e-6) & (truth < 1 - 1e-6)
+
+    every = score["all_sizes"]
+    assert every["figures"] == len(rows)
+    assert every["partly_hidden"] == partly.sum() > 20
+    assert every["rms"] == pytest.approx(np.sqrt((error**2).mean()))
+    assert every["mean"] == pytest.approx(error.mean())
+    assert every["greatest"] == pytest.approx(error.max())
+    assert every["rms_partly_hidden"] == pytest.approx(np.sqrt((error[partly] ** 2).mean()))
+    assert every["mean_bound_partly_hidden"] == pytest.approx(bound[partly].mean())
+    assert score["missed"] == ((value == 0) & (truth * area > 1e-6)).sum()
+    assert score["missed_area"] == pytest.approx((truth * area)[value == 0].sum(), abs=1e-5)
+    for size in score["size_classes"]:
+        high = math.inf if size["high"] is None else size["high"]
+        of_size = (area >= size["low"]) & (area < high)
+        assert size["figures"] == of_size.sum()
+        assert size["greatest"] == pytest.approx(error[of_size].max(), abs=1e-6)
+        assert sum(n for _, n in size["errors"]) == size["figures"]
+    check = score["bounds"][0]
+    assert check["kind"] == "statistical"
+    assert check["held"] == (error <= bound + 1e-6).sum()
+    assert check["partly_hidden_held"] == (error <= bound + 1e-6)[partly].sum()
+    assert check["greatest_ratio"] == pytest.approx((error / bound)[partly].max(), rel=1e-5)
+    known = bound < 1
+    weight = np.where(known, error * np.minimum(area, 1), -1)
+    worst = np.lexsort((face, pose, -weight))[:3]
+    assert [(w["pose"], w["face"]) for w in score["worst"]] == [(pose[i], face[i]) for i in worst]
+
+
+def test_faces_seen_in_part_at_the_border_of_the_image_are_compared():
+    found = compare(OVERLAP, CAMERA, AHEAD[None], ["sampled@4"], "rational", convergence=False)
+    truth = compare(OVERLAP, CAMERA, AHEAD[None], ["certified"], "rational", convergence=False)
+    view = face_geometry(OVERLAP, CAMERA, AHEAD)
+    assert (view.in_view_fraction[:2] < 1).all()
+    assert found.scores[0].all_sizes.figures == truth.scores[0].all_sizes.figures == 4
+    assert found.scores[0].all_sizes.partly_hidden == 2
+    assert truth.scores[0].all_sizes.greatest < 1e-12
+    assert 0 < found.scores[0].all_sizes.greatest < 0.01
+
+
+def test_a_face_between_the_samples_is_missed_and_its_bound_says_so():
+    sliver = joined(sheet((0.1, 0.1001), (0.102, 0.1003), 1.0), square(0.02, 1.0))
+    found = compare(sliver, CAMERA, AHEAD[None], ["sampled"], convergence=False).scores[0]
+    assert found.missed >= 1
+    assert found.missed_unsaid == 0
+    assert found.missed_faces[0].value == 0
+    assert found.missed_faces[0].bound == 1
+    assert found.missed_area == pytest.approx(sum(f.visible for f in found.missed_faces))
+
+
+def judged(rows):
+    """Figures of a pose from (area, share seen, value, bound, kind) of each face."""
+    area, share, value, bound, kind = (np.array(column) for column in zip(*rows, strict=True))
+    return PoseFigures(
+        face=np.arange(len(rows)),
+        area=area,
+        visible=area * share,
+        value=value,
+        bound=bound,
+        kind=kind.astype(np.uint8),
+        visible_pixels=area * value,
+        truth_error=np.zeros(len(rows)),
+    )
+
+
+FRACTION = st.one_of(st.just(0.0), st.just(1.0), st.floats(0, 1))
+ROW = st.tuples(
+    st.floats(-8, 6).map(lambda power: 10.0**power), FRACTION, FRACTION, FRACTION, st.integers(0, 2)
+)
+
+
+@pytest.mark.slow
+@settings(max_examples=25)
+@given(st.lists(st.lists(ROW, min_size=1, max_size=12), min_size=1, max_size=4))
+@example([[(4.0, 0.5, 0.9, 0.5, 0)] * 3 + [(4.0, 0.5, 0.51, 0.001, 0)]])
+def test_a_tally_agrees_with_all_figures_side_by_side(poses):
+    tally = ErrorStatistics(3)
+    for pose, rows in enumerate(poses):
+        tally.add(pose, judged(rows), 0)
+    all_rows = judged([row for rows in poses for row in rows])
+    error, held = np.abs(all_rows.value - all_rows.truth), all_rows.is_held()
+    every = tally.all_sizes()
+    assert every.figures == len(error) == sum(size.figures for size in tally.classes())
+    assert every.held == held.sum() == sum(bound.held for bound in tally.bounds())
+    assert every.greatest == pytest.approx(error.max())
+    assert every.rms == pytest.approx(np.sqrt((error**2).mean()), abs=1e-12)
+    assert every.partly_hidden == sum(bound.partly_hidden for bound in tally.bounds())
+    assert every.median >= np.sort(error)[(len(error) - 1) // 2] * (1 - 1e-9) - 1e-17
+    assert every.percentile_99 <= max(every.greatest * 10**0.1, 1e-17)
+    # Whatever is broken comes first among the worst, as far as there is room.
+    assert sum(not w.held for w in tally.worst) == min(3, (~held).sum())
+    for size in tally.classes():
+        assert size.low in SIZES
+        inside = (all_rows.area >= size.low) & (all_rows.area < size.high)
+        assert size.figures == inside.sum()
+    assert (
+        tally.missed
+        == ((all_rows.value == 0) & (all_rows.visible > 1e-9 + 1e-9 * all_rows.area)).sum()
+    )
+
+
+@settings(max_examples=25)
+@given(st.floats(1e-6, 1e6), FRACTION, FRACTION, st.floats(0, 1))
+@example(4.0, 0.5, 0.5 + 2e-9, 0.0)
+def test_a_figure_is_held_when_its_error_is_within_its_bound(area, share, value, bound):
+    of_face = judged([(area, share, value, bound, BoundKind.STATISTICAL)])
+    error = abs(value - share)
+    if error < bound * (1 - 1e-9):
+        assert of_face.is_held()[0]
+    if error > bound + 1e-9:
+        assert not of_face.is_held()[0]
+
+
+# --- long runs ------------------------------------------------------------------------------------
+
+
+def without_times(found):
+    """A comparison as JSON has it, without what a watch measured."""
+    text = json.dumps(dataclasses.asdict(found))
+    return re.sub(r'"[a-z_]*seconds[a-z_]*": (\[.*?\]|[^,}]*)', '""', text)
+
+
+def test_batches_change_nothing():
+    poses = around(5)
+    whole = compare(TEAPOT, CAMERA, poses, ["certified", "sampled"], convergence=False, batch=5)
+    pieces = compare(TEAPOT, CAMERA, poses, ["certified", "sampled"], convergence=False, batch=2)
+    assert without_times(pieces) == without_times(whole)
+
+
+class Stop:
+    """Progress that interrupts once so much is done."""
+
+    def __init__(self, at):
+        self.at, self.calls = at, []
+
+    def __call__(self, done, total):
+        self.calls.append((done, total))
+        if done == self.at:
+            raise KeyboardInterrupt
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("at", [1, 4, 6])
+def test_an_interrupt_keeps_the_poses_that_are_done(at):
+    poses = around(7)
+    found = compare(TEAPOT, CAMERA, poses, ["certified", "sampled"], batch=3, progress=Stop(at))
+    short = compare(TEAPOT, CAMERA, poses[:at], ["certified", "sampled"], convergence=False)
+    assert found.interrupted
+    assert (found.poses, found.poses_done) == (7, at)
+    assert found.convergence == ()
+    assert [dataclasses.replace(s, open_seconds=0, seconds_per_pose=0) for s in found.scores] == [
+        dataclasses.replace(s, open_seconds=0, seconds_per_pose=0) for s in short.scores
+    ]
+
+
+def test_an_interrupt_before_the_first_pose_is_raised():
+    with pytest.raises(KeyboardInterrupt):
+        compare(TEAPOT, CAMERA, around(2), ["certified"], progress=Stop(0))
+
+
+def test_an_interrupt_between_sweeps_keeps_the_first():
+    poses = around(2)
+    first = 2 + 2 * len(compare_convergence.levels("supersampling", CAMERA))
+    found = compare(TEAPOT, CAMERA, poses, ["sampled"], progress=Stop(first + 1))
+    assert found.interrupted
+    assert found.poses_done == 2
+    assert [sweep.sweep for sweep in found.convergence] == ["supersampling"]
+
+
+def test_progress_counts_up_to_its_total():
+    watch = Stop(-1)
+    compare(TEAPOT, CAMERA, around(3), ["certified", "sampled"], progress=watch)
+    done, totals = zip(*watch.calls, strict=True)
+    assert list(done) == list(range(totals[0] + 1))
+    assert set(totals) == {totals[0]}
+
+
+# --- convergence ----------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_counts_converge_with_the_power_of_one_and_a_half():
+    mesh = shapes.teapot(6)
+    camera = Camera(width=320, height=240, fx=380, fy=380)
+    found = compare(mesh, camera, around(8, mesh), ["sampled:cpu"])
+    for sweep in found.convergence:
+        assert sweep.faces >= 100
+        assert sweep.slope == pytest.approx(-1.5, abs=0.35)
+        assert sweep.slope_error < 0.2
+        assert sorted(sweep.rms, reverse=True) == list(sweep.rms)
+    assert [sweep.method for sweep in found.convergence] == ["sampled:cpu"] * 2
+
+
+@pytest.mark.parametrize("power", [-3.0, -1.234, -0.5])
+def test_the_slope_of_a_power_law_is_its_power(power):
+    """An observer whose fractions are off by a power of its samples a side."""
+    rng = np.random.default_rng(0)
+    mesh, pose = joined(*(square(0.01, 1, (x, 0.1)) for x in np.linspace(-0.3, 0.3, 20))), AHEAD
+    size = rng.uniform(0.5, 1, mesh.n_faces) * rng.choice((-1, 1), mesh.n_faces)
+
+    def opener(mesh, camera, supersample=None):
+        scale = supersample * camera.width / CAMERA.width
+
+        def off(seen):
+            value = 0.5 + 0.1 * size * scale**power
+            return dataclasses.replace(seen, visible_pixels=seen.drawn_pixels * value)
+
+        return Altered(open_observer(mesh, camera, "exact"), off)
+
+    faces = np.arange(mesh.n_faces)
+    known = [KnownFaces(pose, faces, np.full(len(faces), 100.0), np.full(len(faces), 0.5))]
+    for sweep in compare_convergence.SWEEPS:
+        found = converge("made up", opener, sweep, mesh, CAMERA, known, lambda: None)
+        assert found.slope == pytest.approx(power)
+        assert found.slope_error == pytest.approx(0, abs=1e-9)
+
+
+def test_too_few_faces_give_no_slope():
+    found = compare(OVERLAP, CAMERA, AHEAD[None], ["sampled"]).convergence
+    assert [sweep.slope for sweep in found] == [None, None]
+    assert all(len(sweep.rms) == len(sweep.samples_per_side) for sweep in found)
+
+
+# --- arguments ------------------------------------------------------------------------------------
+
+
+def test_a_candidate_is_its_name():
+    for text, wanted in {
+        "certified": Engine("certified"),
+        "exact": Engine("exact"),
+        "sampled": Engine("sampled"),
+        "sampled:cpu": Engine("sampled", "cpu"),
+        "sampled@4": Engine("sampled", supersample=4),
+        "sampled:egl:0@2": Engine("sampled", "egl:0", 2),
+    }.items():
+        assert Engine.parse(text) == wanted
+        assert str(wanted) == text
+
+
+def test_what_is_no_candidate_is_refused():
+    known = ["", "gl", "certified@2", "exact:cpu", "sampled:", "sampled@"]
+    counts = ["sampled@0", "sampled@x", "sampled@65", "sampled@²", "sampled@" + "9" * 5000]
+    for text in known + counts:
+        with pytest.raises(ConfigError):
+            pytest.fail(f"{text[:40]!r} was taken for {Engine.parse(text)}")
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"candidates": []}, "at least one"),
+        ({"candidates": ["sampled", "sampled@1"]}, "twice"),
+        ({"candidates": ["exact"]}, "exact is the truth"),
+        ({"against": "certified"}, "the truth must be"),
+        ({"poses": np.empty((0, 4, 4))}, "no poses"),
+        ({"poses": look_at((0, 0, 9), (0, 0, 99))}, "nothing to compare"),
+    ],
+)
+def test_bad_arguments_are_named(changes, words):
+    whole = {"poses": around(1), "candidates": ["certified"], "against": "exact"} | changes
+    with pytest.raises(ConfigError, match=words):
+        compare(TEAPOT, CAMERA, **whole)
+
+
+def test_a_pose_that_is_no_motion_is_refused():
+    with pytest.raises(PoseError):
+        compare(TEAPOT, CAMERA, 2 * np.eye(4)[None])
+
+
+# --- the page -------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    """A folder with everything, and the comparison it tells of."""
+    out, poses = tmp_path_factory.mktemp("compare"), around(2)
+    found = compare(TEAPOT, CAMERA, poses, ["certified", "sampled"], worst=2)
+    write_comparison(out, found, TEAPOT, CAMERA, poses)
+    return out, found
+
+
+@pytest.mark.slow
+def test_the_page_stands_alone(written):
+    assert read_alone((written[0] / "compare.html").read_text(encoding="utf-8")).loads
+
+
+@pytest.mark.slow
+def test_the_page_and_the_json_tell_what_was_found(written):
+    out, found = written
+    text = (out / "compare.html").read_text(encoding="utf-8")
+    data = json.loads((out / "compare.json").read_bytes())
+    assert data["passed"] is found.passed is True
+    assert "Passed: " in text
+    assert [score["name"] for score in data["scores"]] == [score.name for score in found.scores]
+    for score in found.scores:
+        assert f"<h2>{score.name}</h2>" in text
+        assert f"{score.all_sizes.figures:,}" in text
+    assert data["scores"][0]["all_sizes"]["high"] is None
+
+
+@pytest.mark.slow
+def test_each_picture_is_in_the_folder_and_on_the_page(written):
+    out, found = written
+    names = {path.name for path in out.glob("*.png")}
+    sampled = found.scores[1]
+    assert {f"worst_sampled_{i + 1}.png" for i in range(len(sampled.worst))} <= names
+    assert {f"missed_sampled_{i + 1}.png" for i in range(len(sampled.missed_faces))} <= names
+    assert {"plot_error_by_size.png", "plot_time.png", "plot_bounds.png"} <= names
+    text = (out / "compare.html").read_text(encoding="utf-8")
+    plots_drawn = sum(name.startswith("plot_") for name in names)
+    assert text.count("<img ") == len(names)
+    assert text.count("<source ") == plots_drawn  # each plot for a dark page, too
+    for name in names:
+        with Image.open(out / name) as picture:
+            picture.load()
+            assert min(picture.size) > 150
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("without_plots")
+def test_a_failed_check_is_written_on_the_page(monkeypatch, tmp_path):
+    altered(monkeypatch, "certified", flip_a_certified_face)
+    found = compare(TEAPOT, CAMERA, around(1), ["certified"], convergence=False)
+    write_comparison(tmp_path, found, TEAPOT, CAMERA, around(1))
+    text = (tmp_path / "compare.html").read_text(encoding="utf-8")
+    assert "Failed: " in text
+    assert "are wrong" in text
+    assert (tmp_path / "worst_certified_1.png").exists()
+
+
+def test_names_from_files_are_escaped():
+    found = compare(OVERLAP, CAMERA, AHEAD[None], ["certified"], convergence=False)
+    run = found.run | {"mesh": [{"name": "<script>alert('&')</script>.stl"}]}
+    text = page(dataclasses.replace(found, run=run), {})
+    assert "<script" not in text
+    assert "&lt;script&gt;" in text
+
+
+@pytest.fixture
+def without_plots(monkeypatch):
+    """Pages take less time to draw."""
+    monkeypatch.setattr("rastercov.reference.methods.report.comparison_plots", lambda *_: {})
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("without_plots")
+def test_a_second_comparison_replaces_the_first_and_nothing_else(tmp_path):
+    for worst in (2, 1):
+        found = compare(OVERLAP, CAMERA, AHEAD[None], ["sampled"], convergence=False, worst=worst)
+        write_comparison(tmp_path, found, OVERLAP, CAMERA, AHEAD[None])
+        assert (tmp_path / "worst_sampled_2.png").exists() == (worst == 2)
+        (tmp_path / "mine.png").write_text("mine")
+    assert (tmp_path / "worst_sampled_1.png").exists()
+    assert (tmp_path / "mine.png").read_text() == "mine"
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("without_plots")
+def test_an_interrupt_while_drawing_leaves_a_whole_page(tmp_path):
+    found = compare(OVERLAP, CAMERA, AHEAD[None], ["sampled"], convergence=False, worst=2)
+    assert len(found.scores[0].worst) == 2
+    with pytest.raises(KeyboardInterrupt):
+        write_comparison(tmp_path, found, OVERLAP, CAMERA, AHEAD[None], Stop(1))
+    names = {path.name for path in tmp_path.iterdir()}
+    assert {"compare.html", "compare.json", "worst_sampled_1.png"} <= names
+    assert "worst_sampled_2.png" not in names
+    told = json.loads((tmp_path / "compare.json").read_bytes())
+    assert told["scores"]
+    assert told["interrupted"] is True
+    read_alone((tmp_path / "compare.html").read_text(encoding="utf-8"))
+
+
+# --- pictures -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("supersample", "roll"), [(1, 0.4), (3, 0.4), (2, 0.0)])
+def test_samples_in_a_picture_stand_where_they_are_counted(supersample, roll):
+    camera = Camera(width=15, height=8, fx=30, fy=30)
+    drawn = Samples(camera, supersample, roll).inside((-5.0, -5.0, 50.0))
+    counted = grid_points(camera, supersample, roll)
+    assert len(drawn) == len(counted)
+    near = np.abs(drawn[:, None] - counted[None]).max(axis=2).min(axis=1)
+    assert near.max() < 1e-9
+
+
+@pytest.mark.slow
+def test_the_neighbourhood_of_a_face_holds_all_that_hides_it():
+    pose = around(4)[1]
+    front = np.flatnonzero(face_geometry(TEAPOT, CAMERA, pose).is_front)[::25]
+    truth = polygons.visible_area(TEAPOT, CAMERA, pose, front)
+    area = polygons.image_area(TEAPOT, CAMERA, pose, front)
+    for face, seen, whole in zip(front.tolist(), truth, area, strict=True):
+        around_it = neighbourhood(TEAPOT, CAMERA, pose, face)
+        if whole == 0:
+            assert around_it is None
+            continue
+        assert around_it.seen.area == pytest.approx(seen, abs=1e-7)
+        assert around_it.seen.area + around_it.hidden.area == pytest.approx(whole, abs=1e-6)
+
+
+@pytest.mark.slow
+def test_a_picture_is_mostly_green_where_a_face_is_seen_and_orange_where_it_is_hidden():
+    mesh = joined(square(0.2, 2), sheet((0.0, -0.3), (0.3, 0.3), 1.0))
+    found = compare(mesh, CAMERA, AHEAD[None], ["sampled"], "polygons", convergence=False)
+    hidden = next(w for w in found.scores[0].worst if w.face < 2)
+    picture = face_picture(mesh, CAMERA, AHEAD, hidden, "sampled", 1, 0.4)
+    pixels = np.asarray(picture.convert("RGB")).astype(int)[:640]
+    green = (pixels[..., 1] > pixels[..., 0] + 60).sum()
+    orange = (pixels[..., 0] > pixels[..., 2] + 60).sum()
+    assert green / (green + orange) == pytest.approx(hidden.truth, abs=0.06)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("roll", [None, 0.4])
+def test_faces_cut_by_the_near_plane_or_the_border_are_drawn(roll):
+    floor = Mesh(vertices=[(-9, 1, -5), (9, 1, -5), (0, 1, 40)], faces=[(0, 1, 2)])
+    for mesh, face in ((joined(floor, square(0.3, 2)), 0), (OVERLAP, 0), (OVERLAP, 1)):
+        some = FaceError(0, face, 9.0, 4.5, 0.5, 0.4, 0.05, "statistical", False, 3.6)
+        assert face_picture(mesh, CAMERA, AHEAD, some, "any", 1, roll).size == (640, 772)
+
+
+def test_a_face_that_is_not_in_the_image_has_no_picture():
+    found = compare(OVERLAP, CAMERA, AHEAD[None], ["sampled"], convergence=False)
+    away = look_at((0, 0, 5), (0, 0, 9))[0]
+    assert face_picture(OVERLAP, CAMERA, away, found.scores[0].worst[0], "any") is None
+
+
+def test_a_comparison_without_errors_still_has_plots():
+    found = compare(square(0.1, 1), CAMERA, AHEAD[None], ["certified"], convergence=False)
+    assert set(comparison_plots(found, LIGHT)) == {"time"}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("theme", [LIGHT, DARK])
+def test_plots_have_their_curves_names_and_colours(written, theme):
+    found = written[1]
+    drawn = comparison_plots(found, theme)
+    names = [score.name for score in found.scores]
+    for figure in drawn.values():
+        (axes,) = figure.axes
+        assert figure.get_suptitle()
+        assert (figure.get_figwidth(), figure.dpi) == (5.6, 200)
+        assert figure.get_facecolor() == axes.get_facecolor() == to_rgba(theme.paper)
+        assert axes.get_xlim()[0] < axes.get_xlim()[1]
+    (time,) = drawn["time"].axes
+    assert [text.get_text() for text in time.get_yticklabels()] == [*names, "truth: exact"]
+    (by_size,) = drawn["error_by_size"].axes
+    solid = [line for line in by_size.lines if line.get_linestyle() == "-"]
+    dashed = [line for line in by_size.lines if line.get_linestyle() == "--"]
+    assert [line.get_label() for line in solid] == names[1:]  # certified has no error
+    assert len(dashed) == len(solid) + 1  # their bounds, and an entry of the legend
+    sizes = found.scores[1].size_classes
+    assert len(solid[0].get_xdata()) == sum(size.partly_hidden >= 5 for size in sizes)
+    assert solid[0].get_ydata().tolist() == pytest.approx(
+        [size.rms_partly_hidden for size in sizes if size.partly_hidden >= 5]
+    )
+    (bounds,) = drawn["bounds"].axes
+    assert [text.get_text() for text in bounds.texts] == [
+        "the bound",
+        "allowed: 0.1 % beyond the bound",
+    ]
+    assert by_size.get_xscale() == by_size.get_yscale() == "log"
+
+
+@pytest.mark.slow
+def test_labels_of_plots_do_not_overlap(written):
+    for name, figure in comparison_plots(written[1], LIGHT).items():
+        figure.draw_without_rendering()  # sets the places of all texts
+        (axes,) = figure.axes
+        inside = figure.bbox.padded(1)
+        for ticks in (axes.get_xticklabels(), axes.get_yticklabels()):
+            boxes = [tick.get_window_extent() for tick in ticks if tick.get_text()]
+            assert all(not a.overlaps(b) for a, b in pairwise(boxes)), name
+            assert all(inside.contains(*box.min) and inside.contains(*box.max) for box in boxes)
+        for legend in figure.legends:
+            box = legend.get_window_extent()
+            assert inside.contains(*box.min), name
+            assert inside.contains(*box.max), name
+            assert box.y1 < axes.get_tightbbox().y0, name
+
+
+@settings(max_examples=25)
+@given(st.floats(-15, 5), st.floats(0.4, 12))
+def test_ticks_lie_on_their_axis(power, decades):
+    axis = Axis("x", 10.0**power, 10.0 ** (power + decades), is_log=True)
+    ticks = axis.ticks()
+    assert 1 <= len(ticks) <= 8
+    assert ticks == sorted(ticks)
+    assert all(axis.low * 0.998 <= value <= axis.high * 1.002 for value in ticks)
+    assert len({axis.text(value) for value in ticks}) == len(ticks)
+
+
+# --- the command ----------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "100")
+    Path("camera.toml").write_text("width = 64\nheight = 48\nfx = 70\nfy = 70\n")
+    return tmp_path
+
+
+def call(capsys, line):
+    code = cli.command(line.split())
+    out, err = capsys.readouterr()
+    return code, out, err
+
+
+QUICK = "compare box -c camera.toml -p sphere:2 --no-convergence --faces 1"
+
+
+@pytest.mark.usefixtures("folder", "without_plots")
+def test_the_command_prints_a_table_and_a_verdict(capsys):
+    code, out, _ = call(capsys, QUICK + " -o here --method sampled:cpu@2")
+    assert code == 0
+    assert "sampled:cpu@2" in out
+    assert "truth: exact" in out
+    assert out.splitlines()[-1] == "here/compare.html"
+    assert Path("here/compare.html").exists()
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("folder")
+def test_json_is_what_the_file_holds(capsys):
+    code, out, _ = call(capsys, QUICK + " --json --method certified --against polygons")
+    assert code == 0
+    assert json.loads(out) == json.loads(Path("compare/compare.json").read_bytes())
+    assert json.loads(out)["against"] == "polygons"
+
+
+@pytest.mark.usefixtures("folder")
+@pytest.mark.parametrize("name", ["compare.json", "compare.html", "plot_time.png", "worst_x_1.png"])
+def test_files_of_nobody_are_refused_before_the_work(capsys, monkeypatch, name):
+    Path("compare").mkdir()
+    Path("compare", name).write_text("mine")
+    monkeypatch.setattr("rastercov.reference.methods.compare", lambda *_, **__: 1 / 0)
+    code, out, err = call(capsys, QUICK)
+    assert (code, out) == (2, "")
+    assert err.splitlines()[-1].startswith(f"error: compare/{name}: not of an earlier report")
+    assert [path.read_text() for path in Path("compare").iterdir()] == ["mine"]
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("folder", "without_plots")
+def test_a_liar_ends_the_command_with_1(capsys, monkeypatch):
+    altered(monkeypatch, "certified", flip_a_certified_face)
+    code, out, _ = call(capsys, QUICK + " --method certified")
+    assert code == 1
+    assert "FAILS certified" in out
+    assert json.loads(Path("compare/compare.json").read_bytes())["passed"] is False
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("folder")
+@pytest.mark.parametrize(
+    "more",
+    [
+        "--method nonsense",
+        "--method certified@2",
+        "--method sampled@99",
+        "--method sampled:nowhere",
+        "--method exact",
+        "--method certified --method certified",
+        "--against certified",
+        "--against nonsense",
+        "--faces -1",
+        "--out camera.toml",
+        "--unit mm",
+        "-c nowhere.toml",
+        "-p nowhere.json",
+        "-p sphere:0",
+    ],
+)
+def test_bad_usage_is_one_line_and_2(capsys, more):
+    code, out, err = call(capsys, f"{QUICK} {more}")
+    assert (code, out) == (2, "")
+    errors = [line for line in err.splitlines() if not line.startswith("warning: ")]
+    assert len(errors) == 1
+    assert errors[0].startswith("error: ")
+    assert "defect of rastercov" not in errors[0]
+    assert not Path("compare").exists()
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("folder")
+def test_an_interrupted_command_leaves_what_is_done(capsys, monkeypatch):
+    @contextmanager
+    def stop():
+        yield Stop(1)
+
+    monkeypatch.setattr("rastercov.cli.compare.progress_bar", stop)
+    code, _, err = call(capsys, QUICK + " --method certified --faces 0")
+    assert code == 130
+    assert "1 of 2 poses" in err
+    data = json.loads(Path("compare/compare.json").read_bytes())
+    assert (data["interrupted"], data["poses_done"]) == (True, 1)
+    assert "it was interrupted" in Path("compare/compare.html").read_text(encoding="utf-8")
