@@ -47,7 +47,8 @@ SURFACE = {
     },
     "coverage.engine": {"METHODS"},
     "cluster.workers": {
-        *("CONNECT_SECONDS", "ENVIRONMENT", "LOGS", "MOST_WORKERS"),
+        *("ASK_SECONDS", "CONNECT_SECONDS", "ENVIRONMENT", "LOGS", "MOST_WORKERS", "OfScheduler"),
+        *("Pool", "SchedulerLostError", "check_address", "risk"),
     },
     "base.errors": set(),
     "report.jobs": set(),

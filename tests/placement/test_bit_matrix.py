@@ -12,6 +12,7 @@ from matrix_damage import contents_of, flip
 
 import rastercov as rc
 from rastercov.base.errors import ConfigError, ResourceError
+from rastercov.cluster.store import locked
 from rastercov.mesh import shapes
 from rastercov.placement import bit_file
 from rastercov.placement.bit_matrix import BitMatrix
@@ -20,7 +21,6 @@ from rastercov.placement.select.bit_problem import bit_problem_of
 from rastercov.placement.select.greedy import select_greedy
 from rastercov.placement.select.lazy import select_lazy
 from rastercov.placement.select.problem import BestCoverage, problem_of
-from rastercov.placement.shards import locked
 
 CAMERA = rc.Camera(width=64, height=64, fx=70, fy=70)
 TASK = rc.Task(min_coverage=0.3, max_incidence_deg=80)
