@@ -14,8 +14,8 @@ from typing_extensions import Doc
 
 import rastercov as rc
 from rastercov import cli
+from rastercov.base.arguments import check_limits
 from rastercov.base.errors import ConfigError, PoseError
-from rastercov.base.limits import check_limits
 from rastercov.camera import pose as pose_module
 from rastercov.camera.pose import Poses
 from rastercov.camera.viewpoints import sphere_of_poses

@@ -19,9 +19,8 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import enclosing_distance, sphere_of_poses
 from rastercov.mesh import Mesh, shapes
 from rastercov.mesh.formats import READERS
-from rastercov.mesh.groups import named
+from rastercov.mesh.groups import FileGroups, Names, by_file, files_named, named
 from rastercov.mesh.mesh import names_of
-from rastercov.mesh.names import FileGroups, Names, by_file, files_named
 
 
 def read_scene(

@@ -11,8 +11,8 @@ from typing import Annotated, Any, Union, get_args, get_origin
 
 import typer
 
+from rastercov.base.arguments import annotations_of, documented, reader_of
 from rastercov.base.errors import ConfigError
-from rastercov.base.limits import annotations_of, documented, reader_of
 from rastercov.camera.camera_file import PRESETS
 from rastercov.camera.formats.conventions import POSE_CONVENTIONS, Conventions
 from rastercov.cli.console import out_option, progress_as_json

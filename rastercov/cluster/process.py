@@ -17,9 +17,8 @@ from queue import SimpleQueue
 from types import MappingProxyType
 from typing import Any
 
-from rastercov.base.child import child_environment
-from rastercov.base.closing import Closing
 from rastercov.base.errors import RastercovError
+from rastercov.base.threads import Closing, child_environment
 
 PROGRAM = "from rastercov.cluster.process import serve; serve()"
 EMPTY: Mapping[str, str] = MappingProxyType({})

@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.closing import Closing
 from rastercov.base.errors import DeviceError
 from rastercov.base.memory import check_memory
-from rastercov.base.threads import ScratchPool, share_poses, thread_count
+from rastercov.base.threads import Closing, ScratchPool, share_poses, thread_count
 from rastercov.camera.near_plane import limits_of_poses
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, cameras_of

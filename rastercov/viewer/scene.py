@@ -8,7 +8,7 @@ from annotated_types import Ge, Gt, Le
 from numpy.typing import NDArray
 
 import rastercov
-from rastercov.base.limits import annotations_of, documented, metadata_of
+from rastercov.base.arguments import annotations_of, documented, metadata_of
 from rastercov.camera.camera_file import PRESETS
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh

@@ -18,8 +18,8 @@ from PIL import Image
 from scenes import joined, sheet, square
 
 from rastercov import cli
-from rastercov.base.closing import Closing
 from rastercov.base.errors import ConfigError, PoseError
+from rastercov.base.threads import Closing
 from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import look_at, sphere_of_poses
 from rastercov.coverage.criteria import face_geometry

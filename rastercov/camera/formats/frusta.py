@@ -19,7 +19,7 @@ from rastercov.camera.formats.conventions import OPENGL_AXES
 from rastercov.camera.formats.gltf import WORLD
 from rastercov.camera.rays import view_border
 from rastercov.camera.views import Views
-from rastercov.mesh.formats.glb_writer import Y_UP, GlbBuffer
+from rastercov.mesh.formats.gltf_file import Y_UP, GlbBuffer
 
 FloatArray = NDArray[np.float64]
 

@@ -20,8 +20,7 @@ from rastercov.camera.formats.entries import Entries
 from rastercov.camera.formats.rotations import from_quaternions
 from rastercov.camera.formats.source import Source
 from rastercov.camera.views import Views
-from rastercov.mesh.formats.glb_container import chunks
-from rastercov.mesh.formats.gltf_names import unknown_names
+from rastercov.mesh.formats.gltf_file import chunks, unknown_names
 
 FloatArray = NDArray[np.float64]
 

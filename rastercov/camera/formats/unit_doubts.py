@@ -5,10 +5,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.base.format import size_in_words
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, cameras_of
 from rastercov.mesh import Mesh
-from rastercov.mesh.diagnosis import size_in_words
 
 UNLIKELY_RATIO = 300.0
 """Distance of the nearest camera by the size of the mesh above which the unit is asked for."""

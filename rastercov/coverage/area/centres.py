@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.lists import Lists
+from rastercov.base.memory import Lists
 from rastercov.base.threads import share_poses, thread_count
 from rastercov.camera.camera import Camera
 from rastercov.camera.models import MODELS

@@ -15,12 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.errors import MeshError
-from rastercov.base.names import UnknownNames
+from rastercov.base.files import UnknownNames
 from rastercov.mesh.arrays import rotation_about
-from rastercov.mesh.formats import assembly
-from rastercov.mesh.formats.assembly import Assembly, Shape
-from rastercov.mesh.formats.glb import broken_files_refused
-from rastercov.mesh.formats.polygons import Polygons, check_budget
+from rastercov.mesh.formats.gltf import broken_files_refused
+from rastercov.mesh.formats.polygons import Assembly, Part, Polygons, Shape, check_budget
 from rastercov.mesh.formats.xml_tree import (
     children,
     floats,
@@ -175,7 +173,7 @@ class _Scene:
             raise MeshError(f"the id {key[:80]!r} comes twice; correct it")
         return element
 
-    def _node(self, node: Any) -> assembly.Element:
+    def _node(self, node: Any) -> Part:
         """A node: the geometries and the nodes that it holds or names."""
         step = _parent_from_node(node)
         pieces: list[tuple[NDArray[np.float64] | None, Any]] = []
@@ -192,7 +190,7 @@ class _Scene:
                 placed = None if step is None else step @ node_from_shape
                 pieces.append((placed, self._shape(geometry)))
         why = "is placed by lookat or skew, which is not supported; export it with matrices"
-        return assembly.Element(name, f"node {name!r}", pieces, why)
+        return Part(name, f"node {name!r}", pieces, why)
 
     def _geometry(self, url: str, is_controlled: bool) -> tuple[Element, NDArray[np.float64]]:
         """Geometry of an instance, and its place in the node."""

@@ -20,11 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.errors import MeshError, ResourceError
-from rastercov.base.names import UnknownNames
-from rastercov.mesh.formats import assembly
-from rastercov.mesh.formats.assembly import Assembly, Shape
-from rastercov.mesh.formats.glb import broken_files_refused
-from rastercov.mesh.formats.polygons import Polygons, check_budget
+from rastercov.base.files import UnknownNames
+from rastercov.mesh.formats.gltf import broken_files_refused
+from rastercov.mesh.formats.polygons import Assembly, Part, Polygons, Shape, check_budget
 from rastercov.mesh.formats.xml_tree import (
     BYTES_PER_XML_BYTE,
     attribute,
@@ -174,7 +172,7 @@ class _Model:
                     raise MeshError(f"object {each.attrib['id'][:40]!r} comes twice; correct it")
         return root
 
-    def _object(self, key: Any) -> assembly.Element:
+    def _object(self, key: Any) -> Part:
         """An object: its triangles, and the objects that it is made of."""
         path, number = key
         self._part(path)
@@ -190,7 +188,7 @@ class _Model:
         for components in children(owner, "components"):
             for each in children(components, "component"):
                 pieces.append((_transform(each), self._key(each, path)))
-        return assembly.Element(owner.get("name") or f"object {number}", title, pieces)
+        return Part(owner.get("name") or f"object {number}", title, pieces)
 
 
 def _shape(mesh: Element) -> Shape:

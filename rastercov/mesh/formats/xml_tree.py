@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.errors import MeshError
-from rastercov.base.names import UnknownNames
+from rastercov.base.files import UnknownNames
 from rastercov.mesh.formats.polygons import check_budget
 
 BYTES_PER_XML_BYTE = 12

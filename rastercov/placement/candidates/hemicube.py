@@ -16,7 +16,7 @@ import math
 
 import numpy as np
 
-from rastercov.base.closing import Closing
+from rastercov.base.threads import Closing
 from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import look_at
 from rastercov.mesh import Mesh

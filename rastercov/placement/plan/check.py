@@ -25,7 +25,7 @@ from rastercov.camera.views import Views
 from rastercov.coverage.area.zone_report import ZONES
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
-from rastercov.mesh.names import Names, listed, quoted
+from rastercov.mesh.groups import Names, listed, quoted
 from rastercov.placement.explain.uncovered import Leftover
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.plan.errors import PlanError

@@ -22,7 +22,7 @@ from pydantic import (
     create_model,
 )
 
-from rastercov.base.limits import Reads, annotations_of, documented, reader_of
+from rastercov.base.arguments import Reads, annotations_of, documented, reader_of
 
 Value = TypeVar("Value")
 Boxed = TypeVar("Boxed", bound=Any)
