@@ -35,7 +35,7 @@ from rastercov.mesh.formats.gltf_file import (
     unknown_names,
     unread_data,
 )
-from rastercov.mesh.formats.polygons import Polygons
+from rastercov.mesh.formats.polygons import Polygons, strip_triangles
 
 TRIANGLES, STRIP, FAN = 4, 5, 6
 CAD_FACES = "TM_brep_faces"
@@ -260,10 +260,9 @@ def _triangles(corners: NDArray[np.int64], mode: int) -> NDArray[np.int64]:
         return corners.reshape(-1, 3)
     if 0 < len(corners) < 3:
         raise MeshError(f"a strip needs 3 corners or more, got {len(corners)}; export it again")
-    i = np.arange(max(len(corners) - 2, 0))
-    if mode == FAN:
-        return corners[np.stack([i + 1, i + 2, 0 * i], axis=1)]
-    return corners[np.stack([i, i + 1 + i % 2, i + 2 - i % 2], axis=1)]
+    if mode == FAN:  # the first corner of a fan is the last of each triangle
+        return corners[np.roll(strip_triangles(len(corners), is_fan=True), -1, axis=1)]
+    return corners[strip_triangles(len(corners))]
 
 
 _Shape = tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]

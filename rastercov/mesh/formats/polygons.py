@@ -290,6 +290,14 @@ BYTES_PER_INSTANCE = 1000
 """Memory and work that an instance counts for beside its faces."""
 
 
+def strip_triangles(n_corners: int, *, is_fan: bool = False) -> IntArray:
+    """(T, 3) corners of the triangles of a strip, every other one reversed, or of a fan."""
+    i = np.arange(max(n_corners - 2, 0))
+    if is_fan:
+        return np.stack([0 * i, i + 1, i + 2], axis=1)
+    return np.stack([i, i + 1 + i % 2, i + 2 - i % 2], axis=1)
+
+
 class Shape(NamedTuple):
     """Points, corners of all polygons, number of corners of each, number of triangles."""
 
