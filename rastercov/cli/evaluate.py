@@ -138,6 +138,7 @@ def run_and_print(
     """Evaluate all poses, leave the report, and print a summary or the JSON."""
     from rastercov.base.output import json_text
     from rastercov.coverage.area.zone_report import zone_lines
+    from rastercov.coverage.job import Staff
     from rastercov.exact.certificate import compile_once
     from rastercov.report.by_camera import camera_table
     from rastercov.report.coverage import run
@@ -151,10 +152,8 @@ def run_and_print(
     if not len(accepted):
         warn(["there are no poses, so nothing is covered"])
     with progress_bar() as progress:
-        summary = run(
-            mesh, camera, accepted, task, out, settings, progress, workers, tally.add,
-            lambda line: warn([line]),
-        )  # fmt: skip
+        staff = Staff(workers, progress, tally.add, lambda line: warn([line]))
+        summary = run(mesh, camera, accepted, task, out, settings, staff)
     if any(summary["visibility_figures"].values()) and summary["largest_image_pixels"] < 1:
         across = float(np.ptp(mesh.bounds, axis=0).max())
         warn([f"less than a pixel in every image: {across:.2g} m across; see --unit"])

@@ -157,7 +157,7 @@ def check(
     from rastercov.placement.plan import check as plan_check
     from rastercov.placement.plan.file import read_plan
     from rastercov.report.by_camera import camera_table
-    from rastercov.report.half_covered import half_covered_lines
+    from rastercov.report.plan import half_covered_lines
 
     if junit is not None:
         plan_check.refuse_junit(junit)
@@ -186,7 +186,7 @@ def check(
 
 def _doubts(plan: "Plan", cameras: "Measured") -> list[str]:
     """Lines about the unit of the meshes, and the side that their faces show."""
-    from rastercov.report.doubts import doubts
+    from rastercov.coverage.doubts import doubts
 
     return _of_plan(doubts(cameras.network, plan.rig, cameras.placed))
 

@@ -23,7 +23,7 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
 
-_ADDED: dict[str, Any] = {
+SUMMED: dict[str, Any] = {
     "coverage": np.float64,
     "reason": np.uint8,
     "visibility_bound": np.float64,
@@ -85,8 +85,8 @@ def joined(mesh: Mesh, poses: Poses, batches: "Sequence[JudgedPoses]") -> Judged
     )
 
 
-def plain(batch: JudgedPoses) -> dict[str, NDArray[Any]]:
-    """Arrays of a batch by name; `from_plain` has their meaning."""
+def to_arrays(batch: JudgedPoses) -> dict[str, NDArray[Any]]:
+    """Arrays of a batch by name; `from_arrays` has their meaning."""
     arrays = {f"rows.{name}": values for name, values in batch.rows._asdict().items()}
     arrays["clipped"] = batch.clipped
     arrays |= {f"kept.{pose}": values for pose, values in batch.kept.items()}
@@ -96,8 +96,8 @@ def plain(batch: JudgedPoses) -> dict[str, NDArray[Any]]:
     return arrays
 
 
-def from_plain(mesh: Mesh, poses: Poses, arrays: Mapping[str, NDArray[Any]]) -> JudgedPoses:
-    """Batch of some poses from the arrays of `plain`."""
+def from_arrays(mesh: Mesh, poses: Poses, arrays: Mapping[str, NDArray[Any]]) -> JudgedPoses:
+    """Batch of some poses from the arrays of `to_arrays`."""
     from rastercov.kernels.network import PairRows, Sums
 
     tree: dict[str, dict[str, Any]] = {"rows": {}, "kept": {}}
@@ -157,7 +157,7 @@ class Part:
 
     def add_coverage(self, coverage: Coverage) -> None:
         """Add all poses of the batch."""
-        arrays = [read_only(getattr(coverage, name), kind) for name, kind in _ADDED.items()]
+        arrays = [read_only(getattr(coverage, name), kind) for name, kind in SUMMED.items()]
         *added, drawn = arrays
         self.kernels.add_rows(self._is_scored, *added, self.sums, self.covered_faces)
         for row in range(len(drawn)):  # 10 us each

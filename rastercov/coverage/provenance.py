@@ -4,6 +4,7 @@ import hashlib
 import platform
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from functools import cached_property
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
@@ -46,6 +47,10 @@ class Provenance:
 
     def as_dict(self) -> dict[str, Any]:
         """Entries ready for JSON; "mesh" has the files as read, "scene" the faces in metres."""
+        return dict(self._entries)
+
+    @cached_property
+    def _entries(self) -> dict[str, Any]:
         mesh = self.mesh
         optional = {
             "task": asdict(self.task) if self.task else None,

@@ -33,7 +33,7 @@ from rastercov.cluster.scene_file import read_scene, scene_bytes
 from rastercov.coverage.area.observer import RegionObserver
 from rastercov.coverage.area.regions import Regions
 from rastercov.coverage.engine import Engine
-from rastercov.coverage.judged_poses import JudgedPoses, from_plain, joined, plain
+from rastercov.coverage.judged_poses import JudgedPoses, from_arrays, joined, to_arrays
 from rastercov.coverage.network import Network
 from rastercov.coverage.observer import Observer, open_observer
 from rastercov.coverage.provenance import sha256
@@ -72,9 +72,9 @@ class Wanted:
 
     engine: Engine
     by_area: bool
-    pairs: str
-    keep: tuple[int, ...]
-    apart: bool
+    pairs: str = "none"
+    keep: tuple[int, ...] = ()
+    apart: bool = False
 
 
 Part = tuple[JudgedPoses, Regions | None]
@@ -176,7 +176,7 @@ class EvaluationShards:
         if self.wanted.by_area:
             of_regions = {name: arrays.pop(f"regions.{name}") for name in OF_REGIONS}
             found = Regions(mesh, self.observer.camera, self.task, left.ids, **of_regions)
-        return from_plain(mesh, left, arrays), found
+        return from_arrays(mesh, left, arrays), found
 
 
 def remove(above: Path) -> None:
@@ -347,7 +347,7 @@ def _measured(observer: Any, poses: Poses, task: Task, wanted: Wanted) -> bytes:
         network.judge(observer, poses, pairs=wanted.pairs, keep=wanted.keep, apart=wanted.apart)
     )
     arrays: dict[str, NDArray[Any]] = {"ids": poses.ids}
-    arrays |= plain(joined(observer.mesh, poses, batches))
+    arrays |= to_arrays(joined(observer.mesh, poses, batches))
     if wanted.by_area:
         found = [batch.measured.regions for batch in batches]  # type: ignore[union-attr] # of a RegionObserver
         arrays |= {f"regions.{name}": values for name, values in _joined_regions(found).items()}
