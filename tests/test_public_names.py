@@ -109,6 +109,56 @@ def test_every_name_is_there_and_nothing_public_is_left_out():
     assert found == set(rastercov.__all__)
 
 
+def test_dir_has_public_names_only():
+    assert dir(rastercov) == rastercov.__all__
+    assert rastercov.shapes is rastercov.mesh.shapes  # by its name, as any module
+    assert rastercov.__version__
+
+
+CAMERA = rastercov.Camera(width=24, height=18, fx=20, fy=20)
+POSES = rastercov.sphere_of_poses((0, 0, 0), 4, 3)
+
+
+def values():
+    """A value of every public class but errors."""
+    mesh = rastercov.mesh.shapes.box()
+    regions = rastercov.regions(mesh, CAMERA, POSES)
+    covered, cells = rastercov.unite(regions), rastercov.cells(mesh, 0.5)
+    found = rastercov.evaluate(mesh, CAMERA, POSES, by="area", fields=["coverage"])
+    rig = rastercov.Rig([CAMERA] * 20)
+    with (
+        rastercov.open_observer(mesh, CAMERA) as observer,
+        rastercov.open_rasterizer(mesh, CAMERA, "cpu") as rasterizer,
+    ):
+        seen, counts, picture = (
+            observer.observe(POSES), rasterizer.count(POSES), rasterizer.render(POSES[0])
+        )  # fmt: skip
+        fractions, part = (
+            observer.visibility(POSES),
+            next(rastercov.evaluate_batches(observer, POSES)),
+        )
+        return [
+            *(mesh, regions, covered, cells, found, rig, observer, rasterizer, seen, counts),
+            *(picture, fractions, part, found.network, rasterizer.info, CAMERA, rastercov.Task()),
+            *(cells.share(regions), rastercov.dead_zones(covered), rastercov.Poses.of(POSES)),
+            rastercov.Mesh(mesh.vertices, mesh.faces, [rastercov.Group("two\nlines")]),
+            rastercov.Views(rig=rig, poses=rastercov.Poses.of(POSES), images=("a", "b\n", "c")),
+            *(rastercov.RegionUnion(mesh), rastercov.Engine(), rastercov.Workers(2)),
+            *(rastercov.Conventions(), mesh.groups[0], rastercov.Reason(0), rastercov.BoundKind(0)),
+        ]
+
+
+def test_every_repr_is_one_line():
+    found = values()
+    for value in found:
+        text = repr(value)
+        assert "\n" not in text
+        assert len(text) < 500, text
+    classes = {n for n in rastercov.__all__ if inspect.isclass(getattr(rastercov, n))}
+    shown = {kind.__name__ for value in found for kind in type(value).__mro__}
+    assert {n for n in classes - shown if not n.endswith("Error")} == {"Rasterizer"}  # a protocol
+
+
 def test_the_modules_offer_these_names_and_no_others():
     offered = MESH | {name for module, own in SURFACE.items() for name in defined(module) - own}
     assert offered == set(rastercov.__all__)

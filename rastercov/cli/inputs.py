@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 
 from rastercov.base.arguments import MOST_POSES
 from rastercov.base.errors import ConfigError, MeshError, PoseError
+from rastercov.base.files import is_file
 from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import enclosing_distance, sphere_of_poses
 from rastercov.mesh import Mesh, shapes
-from rastercov.mesh.formats import READERS
 from rastercov.mesh.groups import named
 from rastercov.mesh.mesh import names_of
-from rastercov.mesh.names import FileGroups, Names, by_file, files_named
+from rastercov.mesh.names import by_file, files_named
 
 
 def read_scene(
@@ -39,26 +39,11 @@ def read_scene(
     """
     roles = {"--occluder": occluders, "--target": targets or []}
     further = [name for names in roles.values() for name in names if _is_further(name, meshes)]
-    for name in map(str, meshes):
-        if _is_file(name):
-            continue
-        if name not in shapes.NAMES and Path(name).suffix.lower() not in READERS:
-            raise MeshError(
-                f"{name}: there is no such file, nor a built-in mesh of that name; "
-                f"built in are {', '.join(shapes.NAMES)}"
-            )
-        if name in shapes.NAMES and (len(meshes) > 1 or further or unit != ["m"]):
-            raise ConfigError(f"{name} is built in: it takes no --unit and no other mesh files")
     paths = [*meshes, *dict.fromkeys(map(Path, further))]
     places = [_transform(each) for each in by_file("--transform", _named(transform), paths, "")]
-    if str(meshes[0]) in shapes.NAMES and not _is_file(meshes[0]):
-        mesh = shapes.by_name(str(meshes[0])).moved(**places[0])
-        groups = [group.name for group in mesh.groups]
-        names = Names(groups, [FileGroups(meshes[0], groups)])
-    else:
-        units = [_unit(each) for each in by_file("--unit", _named(unit), paths, "m")]
-        mesh = Mesh.load(paths, units, transforms=places, drop_invalid=drop_invalid)
-        names = names_of(mesh, paths)
+    units = [_unit(each) for each in by_file("--unit", _named(unit), paths, "m")]
+    mesh = Mesh.load(paths, units, transforms=places, drop_invalid=drop_invalid)
+    names = names_of(mesh, paths)
     both = "all" if "all" in two_sided else named("--two-sided", two_sided, names)
     hiding, transparent = (named(role, given, names) for role, given in roles.items())
     mesh = mesh.with_groups(hiding, both, transparent)
@@ -112,7 +97,7 @@ def read_again(
         tries = [places[0] / file, *(place / name for place in places)]
         if name in found:
             tries = [found[name]]
-        near = next(filter(_is_file, tries), None)
+        near = next(filter(is_file, tries), None)
         if near is None:
             raise MeshError(
                 f"{file} of {result} is neither where it was nor near; name it after the folder"
@@ -135,19 +120,11 @@ def _is_further(name: str, meshes: list[Path]) -> bool:
 
     ConfigError where it is a file of that name here, and one of the meshes has the name, too.
     """
-    if not _is_file(name) or any(path.exists() and path.samefile(name) for path in meshes):
+    if not is_file(name) or any(path.exists() and path.samefile(name) for path in meshes):
         return False
     if Path(name).name == name and (rows := files_named(name, meshes)[0]):
         raise ConfigError(f"{name} may be {meshes[rows[0]]} or ./{name}; give the path")
     return True
-
-
-def _is_file(name: str | Path) -> bool:
-    """True for a file of that name, and no folder; False for a name too long."""
-    try:
-        return Path(name).is_file()
-    except OSError:
-        return False
 
 
 def _named(values: list[str]) -> list[tuple[str | None, str]]:

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from rastercov.base.checks import share_meant
 from rastercov.base.errors import ConfigError, MeshError, PoseError
-from rastercov.base.format import plural
+from rastercov.base.format import InOneLine, plural
 from rastercov.base.output import write_bytes
 from rastercov.camera.formats import read_views
 from rastercov.camera.pose import Poses, renumbered
@@ -55,8 +55,8 @@ MOST_GROUPS = 5
 """Number of groups named, those with the most uncovered weight."""
 
 
-@dataclass(frozen=True, eq=False)
-class Checked:
+@dataclass(frozen=True, eq=False, repr=False)
+class Checked(InOneLine):
     """A rig and the status of each requirement.
 
     Attributes
