@@ -17,7 +17,7 @@ from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras
 from rastercov.cli import options
 from rastercov.cli.console import progress_bar, say, warn
-from rastercov.cli.inputs import arguments_of, read_scene
+from rastercov.cli.inputs import SceneOptions
 from rastercov.cli.views import left_out, read_eyes
 from rastercov.cluster import Tally, Workers
 from rastercov.coverage.task import Task
@@ -53,22 +53,17 @@ Full = Annotated[
 ]
 
 
-@options.with_conventions
-@options.with_task
+@options.expanded
 def evaluate(
     meshes: options.Meshes,
     poses: options.PosesOption,
+    scene: SceneOptions,
+    conventions: Conventions,
+    task: Task,
+    processes: options.Processes,
     camera: options.CamerasOption = [],  # noqa: B006 - typer copies it
-    conventions: Conventions = Conventions(),  # noqa: B008 - becomes options
     camera_name: options.CameraName = None,
     out: options.Out = Path("report"),
-    unit: options.Unit = options.UNIT,
-    transform: options.Transform = [],  # noqa: B006 - typer copies it
-    occluder: options.Occluders = [],  # noqa: B006 - typer copies it
-    target: options.Targets = [],  # noqa: B006 - the same
-    two_sided: options.TwoSided = [],  # noqa: B006 - the same
-    drop_invalid: options.DropInvalid = False,
-    task: Task = Task(),  # noqa: B008 - becomes options
     skip_bad_poses: options.SkipBadPoses = False,
     table: Table = None,
     pictures: Pictures = 12,
@@ -77,9 +72,6 @@ def evaluate(
     method: Method = "certified",
     supersample: Supersample = 1,
     device: options.Device = "auto",
-    workers: options.WorkersOption = None,
-    scheduler: options.SchedulerOption = None,
-    json_progress: options.JsonProgress = False,
     as_json: options.AsJson = False,
 ) -> None:
     """Evaluate every pose and leave a report: a table, figures, pictures, a coloured mesh.
@@ -92,10 +84,9 @@ def evaluate(
     """
     from rastercov.report.coverage import Options  # loads pyarrow
 
-    staff = Workers.of(workers, scheduler)
-    scene = read_scene(meshes, unit, transform, occluder, two_sided, drop_invalid, target)
+    workers, mesh = processes.open(), scene.read(meshes)
     with _remedy():
-        eyes = read_eyes(scene, camera, poses, conventions, camera_name, several=True)
+        eyes = read_eyes(mesh, camera, poses, conventions, camera_name, several=True)
     warn(eyes.notes)
     settings = Options(
         method=method,
@@ -106,13 +97,10 @@ def evaluate(
         pictures=pictures,
         full=full,
         skip_bad_poses=skip_bad_poses,
-        scene=arguments_of(
-            out, meshes, unit=unit, transform=transform, occluders=occluder, two_sided=two_sided,
-            drop_invalid=drop_invalid, targets=target,
-        ),
-    )  # fmt: skip
+        scene=scene.entries(out, meshes),
+    )
     assert eyes.rig is not None
-    run_and_print(scene, eyes.rig, eyes.poses, task, out, settings, as_json, staff)
+    run_and_print(mesh, eyes.rig, eyes.poses, task, out, settings, as_json, workers)
 
 
 @contextmanager

@@ -8,7 +8,7 @@ import tomllib
 from collections.abc import Collection, Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from rastercov.base.errors import ConfigError, MeshError, PoseError
 from rastercov.base.files import is_file
 from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import enclosing_distance, sphere_of_poses
+from rastercov.cli import options
 from rastercov.mesh import Mesh, shapes
 from rastercov.mesh.groups import named
 from rastercov.mesh.mesh import names_of
@@ -52,19 +53,33 @@ def read_scene(
     return mesh
 
 
-def arguments_of(out: Path, meshes: list[Path], **options: Any) -> dict[str, Any]:
-    """Arguments of `read_scene`, with the working folder, for the report in a folder.
+class SceneOptions(NamedTuple):
+    """Options of the mesh files of a command."""
 
-    The working folder is named as it is seen from there, so that both may move together.
-    """
-    folder = str(Path.cwd())
-    with suppress(ValueError):  # on another drive
-        folder = os.path.relpath(folder, out.resolve())
-    return {"folder": folder, "meshes": list(map(str, meshes)), **options}
+    unit: options.Unit = options.UNIT
+    transform: options.Transform = []  # noqa: RUF012 - typer copies it
+    occluders: options.Occluders = []  # noqa: RUF012 - the same
+    two_sided: options.TwoSided = []  # noqa: RUF012 - the same
+    drop_invalid: options.DropInvalid = False
+    targets: options.Targets = []  # noqa: RUF012 - the same
+
+    def read(self, meshes: list[Path]) -> Mesh:
+        """Scene of these files or the built-in mesh."""
+        return read_scene(meshes, *self)
+
+    def entries(self, out: Path, meshes: list[Path]) -> dict[str, Any]:
+        """Arguments of `read_scene`, with the working folder, for the report in a folder.
+
+        The working folder is named as it is seen from there, so that both may move together.
+        """
+        folder = str(Path.cwd())
+        with suppress(ValueError):  # on another drive
+            folder = os.path.relpath(folder, out.resolve())
+        return {"folder": folder, "meshes": list(map(str, meshes)), **self._asdict()}
 
 
 def are_arguments(value: Any) -> bool:
-    """True for what `arguments_of` gives, after a way through JSON."""
+    """True for what `SceneOptions.entries` gives, after a way through JSON."""
     lists = {"meshes", "unit", "transform", "occluders", "two_sided", "targets"}
     return (
         isinstance(value, dict)
@@ -79,7 +94,7 @@ def are_arguments(value: Any) -> bool:
 def read_again(
     result: Path, arguments: Mapping[str, Any], names: Collection[str], given: list[Path]
 ) -> Mesh:
-    """Scene of `arguments_of` a result's folder, whose files have these names.
+    """Scene of the entries in a result's folder, whose files have these names.
 
     Files that are not where they were are looked for by their names in the working folder, in the
     result's and beside it; `given` ones, in the order of the names or with the same, come first.

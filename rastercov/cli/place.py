@@ -19,10 +19,8 @@ from rastercov.cli.options import (
     AsJson,
     CameraName,
     CamerasOption,
-    JsonProgress,
-    SchedulerOption,
-    WorkersOption,
-    with_conventions,
+    Processes,
+    expanded,
 )
 from rastercov.cli.views import read_rig
 
@@ -41,8 +39,10 @@ def _print_schema(wanted: bool) -> None:
         raise typer.Exit
 
 
+@expanded
 def place(
     plan: PlanFile,
+    processes: Processes,
     out: Annotated[
         Path | None,
         out_option("Folder for the files; the plan's own if left out."),
@@ -56,15 +56,12 @@ def place(
             help="Print the JSON schema of plan files, for editors.",
         ),
     ] = False,
-    workers: WorkersOption = None,
-    scheduler: SchedulerOption = None,
     skip_bad_poses: Annotated[
         bool,
         typer.Option(
             "--skip-bad-poses", help="Accept that poses which kill a worker are left out."
         ),
     ] = False,
-    json_progress: JsonProgress = False,
     as_json: AsJson = False,
 ) -> None:
     """Find out where cameras go: carry out a plan file; 1 when its goal is not reached.
@@ -76,13 +73,11 @@ def place(
     """
     asked = _plan(plan)
     from rastercov.base.output import json_text
-    from rastercov.cluster import Workers
     from rastercov.report import plan as report
 
     folder = out or asked.folder / (asked.outputs.folder or asked.path.stem)
-    staff = Workers.of(workers, scheduler)
     with _errors_by_line():
-        placed = report.run_into(asked, folder, _step, staff)
+        placed = report.run_into(asked, folder, _step, processes.open())
     warn(placed.prepared.mesh.warnings)
     prepared = placed.prepared
     doubts = _doubts(asked, placed.cameras)
@@ -119,7 +114,7 @@ def place(
         raise typer.Exit(1)
 
 
-@with_conventions
+@expanded
 def check(
     plan: PlanFile,
     poses: Annotated[
@@ -130,7 +125,7 @@ def check(
             help="Pose file of the rig: ours (.json, .npy), or of COLMAP and others.",
         ),
     ],
-    conventions: Conventions = Conventions(),  # noqa: B008 - becomes options
+    conventions: Conventions,
     camera: CamerasOption = [],  # noqa: B006 - typer copies it
     camera_name: CameraName = None,
     min_coverage: Annotated[

@@ -80,7 +80,7 @@ class Staff:
 
 
 ALONE = Staff()
-"""This process, which reports to nobody."""
+"""This process, without reports."""
 
 
 def evaluate(
