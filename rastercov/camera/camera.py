@@ -337,14 +337,14 @@ class Camera:
 
     def save(self, path: StrPath) -> None:
         """Write the camera as a `.json` file that `load` reads back to an equal camera."""
-        write_entries(path, self.plain())
+        write_entries(path, self.to_json())
 
     def with_optics(self, entries: Mapping[str, Any]) -> "Camera":
         """Camera with depth of field and near limit of the entries of a camera file, `OPTICS`."""
         check_optics(entries)
-        return Camera.from_dict(self.plain() | dict(entries)) if entries else self
+        return Camera.from_dict(self.to_json() | dict(entries)) if entries else self
 
-    def plain(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Any]:
         """Arguments of the constructor that are set, ready for JSON; `model` unless a pinhole."""
         fields = {k: v for k, v in asdict(self).items() if v not in (None, ())}
         if self.model == "pinhole":

@@ -170,7 +170,7 @@ def check(
     warn(_doubts(found.plan, found.cameras))
     warn(half_covered_lines(found.plan, found.cameras))
     if as_json:
-        print(json.dumps(plan_check.plain(found), indent=2))
+        print(json.dumps(plan_check.to_json(found), indent=2))
     else:
         print("\n".join([*found.lines(), size_line(found.mesh)]))
         if (by_camera := camera_table(found.summary())) is not None:

@@ -317,8 +317,8 @@ def _opened(folder: Path, modified: int) -> tuple[Any, Poses, Task, Wanted, list
 
 def _header(observer: Observer, poses: Poses, task: Task, wanted: Wanted) -> dict[str, Any]:
     mesh = observer.mesh
-    cameras = [json.dumps(each.plain(), sort_keys=True) for each in cameras_of(observer.camera)]
-    groups = json.dumps([group.plain() for group in mesh.groups])
+    cameras = [json.dumps(each.to_json(), sort_keys=True) for each in cameras_of(observer.camera)]
+    groups = json.dumps([group.to_json() for group in mesh.groups])
     return {
         "rastercov": version("rastercov"),
         "mesh": sha256(mesh.vertices, mesh.faces, mesh.face_group, groups),

@@ -277,7 +277,7 @@ class Mesh(Faces):
                 "face_group": self.face_group.copy(),
                 "source_face": self.source_face.copy(),
             },
-            metadata={TRIMESH_GROUPS: [group.plain() for group in self.groups]},
+            metadata={TRIMESH_GROUPS: [group.to_json() for group in self.groups]},
         )
 
     def with_groups(

@@ -83,8 +83,8 @@ def describe(
     mesh, cameras = observer.mesh, cameras_of(observer.camera)
     n_mounts = len(cameras) if mounts is None else len(mounts)
     poses.check_cameras(n_mounts)
-    plain = [json.dumps(camera.plain(), sort_keys=True) for camera in cameras]
-    groups = json.dumps([group.plain() for group in mesh.groups])
+    plain = [json.dumps(camera.to_json(), sort_keys=True) for camera in cameras]
+    groups = json.dumps([group.to_json() for group in mesh.groups])
     if poses_a_shard is not None and (isinstance(poses_a_shard, bool) or poses_a_shard < 1):
         raise ConfigError(f"poses_a_shard must be 1 or more, got {poses_a_shard!r}")
     n_faces = mesh.n_faces if cells is None else len(cells)

@@ -145,7 +145,7 @@ def summary(placement: Placement) -> dict[str, Any]:
     prepared, cameras = placement.prepared, placement.cameras
     plan, selection = prepared.plan, dict(placement.selection.summary())
     seconds: dict[str, Any] = {"steps": placement.steps, "selection": selection.pop("seconds")}
-    if workers := prepared.tally.plain():
+    if workers := prepared.tally.to_json():
         seconds["workers"] = workers
     moved: dict[str, Any] = {}
     steps = {"search": placement.optimised, "refinement": placement.refined}

@@ -289,7 +289,7 @@ def seen_by_cameras(plan: Plan, views: Views) -> tuple[Plan, Poses]:
     return plan, Poses.of(views.poses, camera=0)
 
 
-def plain(checked: Checked) -> dict[str, Any]:
+def to_json(checked: Checked) -> dict[str, Any]:
     """The outcome, ready for JSON."""
     network = checked.summary()
     zones = {name: network.pop(name) for name in ZONES if name in network}
