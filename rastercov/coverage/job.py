@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov.base.errors import ResourceError
 from rastercov.base.interrupts import interrupts_held
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, cameras_of, check_scene
+from rastercov.camera.rig import Cameras, check_scene
 from rastercov.cluster import Made, Workers
 from rastercov.coverage.area.by_camera import ByCamera
 from rastercov.coverage.area.network import AreaNetwork, unit_of_result
@@ -35,7 +35,7 @@ from rastercov.coverage.evaluation import Evaluation
 from rastercov.coverage.face_pass import CoveragePass
 from rastercov.coverage.judged_poses import SUMMED, JudgedPoses
 from rastercov.coverage.network import Network
-from rastercov.coverage.observer import Observer, open_observer
+from rastercov.coverage.observer import open_observer
 from rastercov.coverage.provenance import Provenance
 from rastercov.coverage.shards import (
     UNFINISHED,
@@ -197,7 +197,6 @@ def measure(
         Processes that measure.
     """
     mesh, camera = observer.mesh, observer.camera
-    poses.check_cameras(len(cameras_of(camera)))
     provenance = Provenance(mesh, camera, poses.given, task, options, observer.info)
     network, areas = Network(mesh, task), AreaNetwork(mesh, task) if wanted.by_area else None
     apart = ByCamera(mesh, task, camera, poses, by_area=wanted.by_area)
@@ -221,7 +220,11 @@ def measure(
         if open_table is not None:
             table = opened.enter_context(open_table(provenance.as_dict()))
         clock = Stopwatch()
-        parts = _unsummed(observer, poses)
+        nothing: Any = ()  # no rows and no sums
+        parts: Iterator[Part] = (
+            (JudgedPoses(part, seen.clipped, nothing, {}, seen, []), getattr(seen, "regions", None))
+            for part, seen in measurements(observer, poses)
+        )
         if is_summed:
             source = Source(network, observer, poses, wanted, shards)
             parts = source.parts(staff.progress, staff.workers, watch, staff.note)
@@ -272,13 +275,6 @@ def measure(
     if is_summed:
         vars(evaluation)["network"] = network
     return evaluation
-
-
-def _unsummed(observer: Observer, poses: Poses) -> Iterator[Part]:
-    """Poses that are measured and not judged, and their regions by area."""
-    for part, seen in measurements(observer, poses):
-        nothing: Any = ()  # no rows and no sums
-        yield JudgedPoses(part, seen.clipped, nothing, {}, seen, []), getattr(seen, "regions", None)
 
 
 def _of_rows(batch: JudgedPoses, found: Regions) -> NDArray[np.float32]:

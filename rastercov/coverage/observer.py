@@ -79,8 +79,7 @@ class Observer(Closing, ABC):
 
     def visibility(self, poses: ArrayLike | Poses) -> Visibility:
         """Visible fraction of each face in each pose, with a bound; errors as for `observe`."""
-        accepted = self._accepted(poses)
-        _check_figures(len(accepted), self.mesh.n_faces, OBSERVED + FRACTION)
+        accepted = self._accepted(poses, OBSERVED + FRACTION)
         measured = self.measure(accepted)
         found = FacePass(self.mesh, self.camera, self.threads).fractions(measured, accepted)
         return Visibility(*found, self.info)
@@ -92,18 +91,14 @@ class Observer(Closing, ABC):
         A call that another thread is in ends as ever.
         """
 
-    def _accepted(self, poses: ArrayLike | Poses) -> Poses:
-        """Poses that this observer can measure."""
+    def _accepted(self, poses: ArrayLike | Poses, bytes_a_pair: int = 0) -> Poses:
+        """Poses that this observer can measure, with room for what it finds of each face."""
         if not self._is_open:
             raise DeviceError("this observer is closed; open a new one")
         accepted = Poses.of(poses)
         accepted.check_cameras(len(cameras_of(self.camera)))
-        return accepted
-
-    def _checked(self, poses: ArrayLike | Poses) -> Poses:
-        """The same, of which an `Observation` has room in the memory."""
-        accepted = self._accepted(poses)
-        _check_figures(len(accepted), self.mesh.n_faces, OBSERVED)
+        if bytes_a_pair:
+            _check_figures(len(accepted), self.mesh.n_faces, bytes_a_pair)
         return accepted
 
 
@@ -133,7 +128,7 @@ class SampledObserver(Observer):
 
     def observe(self, poses: ArrayLike | Poses) -> Observation:
         """Areas from the counts of samples, see `Observer`."""
-        return Observation.of_counts(self.measure(self._checked(poses)))
+        return Observation.of_counts(self.measure(self._accepted(poses, OBSERVED)))
 
     def measure(self, poses: ArrayLike | Poses) -> FaceCounts:
         """The counts of samples themselves."""
@@ -180,7 +175,7 @@ class ExactObserver(Observer):
 
     def observe(self, poses: ArrayLike | Poses) -> Observation:
         """Exact or certified areas, see `Observer`."""
-        accepted, cameras = self._checked(poses), cameras_of(self.camera)
+        accepted, cameras = self._accepted(poses, OBSERVED), cameras_of(self.camera)
         matrices = accepted.world_from_camera
         n_poses = len(matrices)
         figures = Figures.room(n_poses, self.mesh.n_faces)

@@ -9,7 +9,7 @@ from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras
 from rastercov.coverage.area.regions import RegionPass, Regions
 from rastercov.coverage.engine import Engine
-from rastercov.coverage.observer import ExactObserver
+from rastercov.coverage.observer import OBSERVED, ExactObserver
 from rastercov.coverage.task import Task
 from rastercov.exact.figures import Figures
 from rastercov.mesh import Mesh
@@ -50,7 +50,7 @@ class RegionObserver(ExactObserver):
 
     def observe(self, poses: ArrayLike | Poses) -> RegionObservation:
         """Areas and regions of every face in each pose."""
-        accepted = self._checked(poses)
+        accepted = self._accepted(poses, OBSERVED)
         figures = Figures.room(len(accepted), self.mesh.n_faces)
         found = self._finder.find(accepted, closed=self.closed, figures=figures)
         visible, area, error, kind, clipped = figures
