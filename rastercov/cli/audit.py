@@ -13,8 +13,7 @@ from rastercov.camera.formats.conventions import Border, Conventions
 from rastercov.camera.formats.unit_doubts import unit_doubts
 from rastercov.cli import options
 from rastercov.cli.console import progress_bar, say, warn
-from rastercov.cli.inputs import SceneOptions
-from rastercov.cli.views import left_out
+from rastercov.cli.inputs import SceneOptions, left_out
 from rastercov.cluster import Tally
 from rastercov.coverage.task import Task
 

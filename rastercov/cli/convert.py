@@ -12,7 +12,7 @@ from rastercov.camera.formats import READERS, WRITERS, format_of, read_views, wr
 from rastercov.camera.formats.conventions import Conventions
 from rastercov.cli import options
 from rastercov.cli.console import warn
-from rastercov.cli.views import left_out
+from rastercov.cli.inputs import left_out
 
 
 @options.expanded

@@ -1,4 +1,4 @@
-"""The command `evaluate`: coverage of every pose, and a report."""
+"""The commands `evaluate`, coverage of every pose and a report, and `demo`, on a built-in mesh."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -12,16 +12,16 @@ from rich.console import Console
 
 from rastercov.base.errors import PoseError
 from rastercov.base.format import plural
+from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import Conventions
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras
 from rastercov.cli import options
 from rastercov.cli.console import progress_bar, say, warn
-from rastercov.cli.inputs import SceneOptions
-from rastercov.cli.views import left_out, read_eyes
+from rastercov.cli.inputs import SceneOptions, left_out, poses_around, read_eyes
 from rastercov.cluster import Tally, Workers
 from rastercov.coverage.task import Task
-from rastercov.mesh import Mesh
+from rastercov.mesh import Mesh, shapes
 
 FloatArray = NDArray[np.float64]
 
@@ -174,3 +174,22 @@ def run_and_print(
         )
         if not settings.skip_bad_poses:
             raise typer.Exit(1)
+
+
+def demo(
+    out: options.Out = Path("report"),
+    shape: Annotated[str, typer.Option(help=f"One of {', '.join(shapes.NAMES)}.")] = "aeroplane",
+    poses: Annotated[int, typer.Option(min=1, help="Poses around it.")] = 12,
+    device: options.Device = "auto",
+    as_json: options.AsJson = False,
+) -> None:
+    """Run the main job on a built-in mesh.
+
+    [bold]Example[/]: rastercov demo --shape teapot --out report/
+    """
+    from rastercov.report.coverage import Options
+
+    mesh, camera = shapes.by_name(shape), Camera.preset("icube-ns4133bu-8mm")
+    matrices = poses_around(f"sphere:{poses}", mesh, camera)
+    task = Task(max_incidence_deg=75)
+    run_and_print(mesh, camera, matrices, task, out, Options(device=device), as_json)

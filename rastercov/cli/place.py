@@ -15,6 +15,7 @@ from rastercov.base.format import plural
 from rastercov.camera.formats.conventions import Conventions
 from rastercov.camera.formats.unit_doubts import unit_doubts
 from rastercov.cli.console import out_option, progress_bar, say, size_line, warn
+from rastercov.cli.inputs import read_rig
 from rastercov.cli.options import (
     AsJson,
     CameraName,
@@ -22,7 +23,6 @@ from rastercov.cli.options import (
     Processes,
     expanded,
 )
-from rastercov.cli.views import read_rig
 
 if TYPE_CHECKING:
     from rastercov.placement.plan.file import Plan

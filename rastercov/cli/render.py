@@ -15,8 +15,7 @@ from rastercov.camera.formats.unit_doubts import unit_doubts
 from rastercov.camera.pose import Poses
 from rastercov.cli import options
 from rastercov.cli.console import out_option, size_line, warn
-from rastercov.cli.inputs import SceneOptions
-from rastercov.cli.views import read_eyes
+from rastercov.cli.inputs import SceneOptions, read_eyes
 
 
 @options.expanded

@@ -20,8 +20,14 @@ from rastercov.camera.pose import Poses
 from rastercov.camera.views import Views
 from rastercov.cli import options
 from rastercov.cli.console import say, size_line, warn
-from rastercov.cli.inputs import SceneOptions, are_arguments, read_again
-from rastercov.cli.views import read_cameras, read_eyes, read_rig
+from rastercov.cli.inputs import (
+    SceneOptions,
+    are_arguments,
+    read_again,
+    read_cameras,
+    read_eyes,
+    read_rig,
+)
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh, shapes
 

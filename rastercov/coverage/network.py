@@ -17,9 +17,8 @@ from rastercov.base.typed import typed
 from rastercov.camera.pose import Poses
 from rastercov.coverage.coverage import Coverage, batch_size, check_observer, measurements
 from rastercov.coverage.face_pass import CoveragePass, Measured, Scope, Worker
-from rastercov.coverage.judged_poses import JudgedPoses, Part
+from rastercov.coverage.judged_poses import JudgedPoses, PairBuffer, Part
 from rastercov.coverage.observer import Observer
-from rastercov.coverage.pairs import PairBuffer
 from rastercov.coverage.spread import ViewSpread
 from rastercov.coverage.task import Reason, Task
 from rastercov.mesh import Mesh
@@ -143,7 +142,7 @@ class Network:
         poses : Poses
             World from camera.
         pairs : {"none", "covered", "seen", "all"}
-            Pairs of pose and face whose figures are kept as rows; see `rastercov.coverage.pairs`.
+            Pairs of pose and face whose figures are kept as rows; see `CHOICES`.
         keep : collection of int
             Ids of poses whose coverage is kept.
         apart : bool

@@ -63,7 +63,7 @@ class Wanted:
     by_area : bool
         True where regions are kept.
     pairs : str
-        Rows of the table, of `rastercov.coverage.pairs.CHOICES`.
+        Rows of the table, of `rastercov.coverage.judged_poses.CHOICES`.
     keep : tuple of int
         Ids of poses whose coverage is kept, for pictures.
     apart : bool

@@ -15,9 +15,9 @@ from rastercov.coverage.coverage import FIGURES, evaluate_batches
 from rastercov.coverage.criteria import face_geometry
 from rastercov.coverage.face_pass import FacePass
 from rastercov.coverage.job import evaluate
+from rastercov.coverage.judged_poses import CHOICES
 from rastercov.coverage.network import Network
 from rastercov.coverage.observer import Observer, open_observer
-from rastercov.coverage.pairs import CHOICES
 from rastercov.coverage.task import Task
 from rastercov.mesh import Group, Mesh, shapes
 from rastercov.raster.observation import BoundKind, Observation
