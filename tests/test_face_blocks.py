@@ -14,9 +14,9 @@ from rastercov.base.memory import CACHE_LINE, aligned_array
 from rastercov.camera.pose import Poses
 from rastercov.coverage import records
 from rastercov.coverage.coverage import FIGURES
-from rastercov.coverage.coverage_pass import CoveragePass
+from rastercov.coverage.face_pass import CoveragePass
+from rastercov.coverage.judged_poses import CHOICES
 from rastercov.coverage.network import Network
-from rastercov.coverage.pairs import CHOICES
 from rastercov.coverage.task import Reason
 from rastercov.kernels import face_blocks as blocks
 from rastercov.mesh import shapes

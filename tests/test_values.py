@@ -176,10 +176,10 @@ def test_a_new_threshold_is_an_option_of_the_command_line(monkeypatch):
     monkeypatch.setattr(options, "Task", Stricter)
     found = []
 
-    def command(task: rc.Task) -> None:
+    def command(task: Stricter) -> None:
         found.append(task)
 
-    wrapped = options.with_task(command)
+    wrapped = options.expanded(command)
     assert "max_distance" in inspect.signature(wrapped).parameters
     defaults = {n: p.default for n, p in inspect.signature(wrapped).parameters.items()}
     wrapped(**(defaults | {"max_distance": 3.0}))

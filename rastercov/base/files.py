@@ -65,6 +65,14 @@ def suffix_of(path: StrPath) -> str:
     return _as_path(path).suffix.lower()
 
 
+def is_file(path: StrPath) -> bool:
+    """True for a file of that name, and no folder; False for a name that is none."""
+    try:
+        return Path(path).is_file()
+    except (OSError, TypeError, ValueError):
+        return False
+
+
 def printable(text: str, most: int = 200) -> str:
     """Printable part of `text`, not too long: names end up in terminals, tables and pictures.
 

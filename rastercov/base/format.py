@@ -1,7 +1,30 @@
 """Numbers as text: the one format of each quantity in tables, pages, plots and messages."""
 
 import math
+from collections.abc import Mapping
+from dataclasses import fields
 from typing import Any
+
+MOST_SHOWN, MOST_LETTERS = 8, 60
+"""Entries of a field, and characters of it, that a value in one line shows as they are."""
+
+
+class InOneLine:
+    """Base of dataclasses whose `repr` is one line: arrays are shown by their shape and type."""
+
+    def __repr__(self) -> str:
+        own: Any = self
+        named = [each.name for each in fields(own) if each.name in vars(self)]
+        entries = ", ".join(f"{name}={_in_short(vars(self)[name])}" for name in named)
+        return f"{type(self).__name__}({entries})"
+
+
+def _in_short(value: Any) -> str:
+    if hasattr(value, "dtype") and hasattr(value, "shape"):
+        return f"{value.shape} {value.dtype}"
+    if isinstance(value, Mapping | tuple | list) and len(value) > MOST_SHOWN:
+        return f"{len(value)} entries"
+    return shortened(" ".join(repr(value).split()), MOST_LETTERS)
 
 
 def number(value: float) -> str:

@@ -41,12 +41,6 @@ def thread_count(threads: int | None) -> int:
     return int(number)
 
 
-def threads_of(observer: object) -> int:
-    """Threads among which an observer shares the poses of a call, 1 if it does not say."""
-    threads: int = getattr(observer, "threads", 1)
-    return threads
-
-
 def share_poses(n_poses: int, workers: Sequence[Callable[[slice], None]]) -> None:
     """Call the workers side by side with slices that together cover the poses.
 

@@ -168,7 +168,7 @@ class Tally:
         for place, value in enumerate((1, made.n_poses, made.seconds, made.cpu_seconds)):
             sums[place] += value
 
-    def plain(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Any]:
         """Sums by worker, ready for JSON; empty where no worker made a shard."""
         names = ("shards", "poses", "seconds", "cpu_seconds")
         return {

@@ -33,7 +33,7 @@ from rastercov.cluster.work import FolderLostError
 from rastercov.coverage.area.observer import RegionObserver
 from rastercov.coverage.area.regions import Regions
 from rastercov.coverage.engine import Engine
-from rastercov.coverage.judged_poses import JudgedPoses, from_plain, joined, plain
+from rastercov.coverage.judged_poses import JudgedPoses, from_arrays, joined, to_arrays
 from rastercov.coverage.network import Network
 from rastercov.coverage.observer import Observer, open_observer
 from rastercov.coverage.provenance import sha256
@@ -68,7 +68,7 @@ class Wanted:
     by_area : bool
         True where regions are kept.
     pairs : str
-        Rows of the table, of `rastercov.coverage.pairs.CHOICES`.
+        Rows of the table, of `rastercov.coverage.judged_poses.CHOICES`.
     keep : tuple of int
         Ids of poses whose coverage is kept, for pictures.
     apart : bool
@@ -77,9 +77,9 @@ class Wanted:
 
     engine: Engine
     by_area: bool
-    pairs: str
-    keep: tuple[int, ...]
-    apart: bool
+    pairs: str = "none"
+    keep: tuple[int, ...] = ()
+    apart: bool = False
 
 
 Part = tuple[JudgedPoses, Regions | None]
@@ -150,7 +150,7 @@ class EvaluationShards:
         if self.wanted.by_area:
             of_regions = {name: arrays.pop(f"regions.{name}") for name in OF_REGIONS}
             found = Regions(mesh, self.observer.camera, self.task, left.ids, **of_regions)
-        return from_plain(mesh, left, arrays), found
+        return from_arrays(mesh, left, arrays), found
 
 
 def remove(above: Path) -> None:
@@ -255,8 +255,8 @@ def _header(observer: Observer, poses: Poses, task: Task, wanted: Wanted) -> dic
 def inputs_of(observer: Observer, task: Task) -> dict[str, Any]:
     """Entries of a header on all that shards depend on but the poses, ready for JSON."""
     mesh = observer.mesh
-    cameras = [json.dumps(each.plain(), sort_keys=True) for each in cameras_of(observer.camera)]
-    groups = json.dumps([group.plain() for group in mesh.groups])
+    cameras = [json.dumps(each.to_json(), sort_keys=True) for each in cameras_of(observer.camera)]
+    groups = json.dumps([group.to_json() for group in mesh.groups])
     return {
         "rastercov": version("rastercov"),
         "mesh": sha256(mesh.vertices, mesh.faces, mesh.face_group, groups),
@@ -281,7 +281,7 @@ def _measured(
         batches.append(batch)
         did(len(batch.poses))
     arrays: dict[str, NDArray[Any]] = {"ids": poses.ids}
-    arrays |= plain(joined(observer.mesh, poses, batches))
+    arrays |= to_arrays(joined(observer.mesh, poses, batches))
     if wanted.by_area:
         found = [batch.measured.regions for batch in batches]  # type: ignore[union-attr] # of a RegionObserver
         arrays |= {f"regions.{name}": values for name, values in _joined_regions(found).items()}

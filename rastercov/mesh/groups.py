@@ -236,7 +236,7 @@ class Group:
         """`"task"` (scored, hides), `"occluder"` (hides) or `"target"` (scored, hides nothing)."""
         return "occluder" if self.is_occluder else "target" if self.is_target else "task"
 
-    def plain(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Any]:
         """Arguments of the constructor, ready for JSON; `is_target` only where it is set.
 
         So that hashes of scenes without targets, which name matrices on the disk, stay the same.

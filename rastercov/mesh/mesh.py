@@ -4,10 +4,10 @@ A `Mesh` is checked once, at construction, and never changes, so all other modul
 arrays. Topology is computed on positions, because files repeat vertices along seams.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
+from itertools import filterfalse, pairwise
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -15,7 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.arguments import check_kind, members
 from rastercov.base.errors import MeshError
-from rastercov.base.files import StrPath
+from rastercov.base.files import StrPath, is_file, printable, suffix_of
+from rastercov.base.format import shortened
 from rastercov.base.typed import check_type
 from rastercov.mesh.arrays import (
     check_coordinates,
@@ -26,7 +27,7 @@ from rastercov.mesh.arrays import (
     frozen,
     some,
 )
-from rastercov.mesh.formats import LARGEST_FILE, metres_per, paths_of, read_files
+from rastercov.mesh.formats import LARGEST_FILE, READERS, metres_per, paths_of, read_files
 from rastercov.mesh.groups import (
     FileGroups,
     Group,
@@ -154,6 +155,8 @@ DEPENDS_ON_TARGETS = {
     "topology", "is_closed_outward", "can_cull_back_faces", "contacts", "inside_out_mask"
 }  # fmt: skip
 """Cached properties of a mesh that depend on which faces are targets."""
+BUILT_IN: dict[str, Callable[[], "Mesh"]] = {}
+"""Built-in meshes by their names; `mesh.shapes` fills it."""
 TRIMESH_GROUPS = "rastercov_groups"
 """Key of the groups in the metadata of a `trimesh.Trimesh`."""
 
@@ -243,8 +246,8 @@ class Mesh(Faces):
             object.__setattr__(self, name, frozen(value) if hasattr(value, "flags") else value)
 
     def __repr__(self) -> str:
-        names = ", ".join(group.name for group in self.groups)
-        return f"Mesh({self.n_faces} faces, {self.n_vertices} vertices; {names})"
+        names = " ".join(", ".join(group.name for group in self.groups).split())
+        return f"Mesh({self.n_faces} faces, {self.n_vertices} vertices; {shortened(names, 200)})"
 
     def __reduce__(self) -> tuple[Any, ...]:  # arrays from a pickle must be read-only, too
         return Mesh, tuple(getattr(self, name) for name in self.__dataclass_fields__)
@@ -269,7 +272,8 @@ class Mesh(Faces):
         ----------
         path : path or sequence of paths
             STL, OBJ, PLY, OFF, GLB, glTF, 3MF, DAE or STEP files; regular files (or links to
-            them) on this machine. STEP needs the extra `formats`.
+            them) on this machine. STEP needs the extra `formats`. Or the name of a built-in mesh,
+            such as "teapot", where there is no file of that name.
         unit : str or float, or a list or mapping of them
             Unit of the coordinates: m, mm, cm, um, in, ft, or metres per unit; of all files, one
             for each, or by names of files, "m" of the others. 3MF, STEP and most DAE files state
@@ -308,24 +312,28 @@ class Mesh(Faces):
         paths = paths_of(path)
         scales = [metres_per(each) for each in of_files("unit", unit, paths, "m")]
         places = of_files("transforms", transforms or {}, paths, {})
-        scene, files = read_files(
-            paths, scales, drop_invalid=drop_invalid, max_bytes=max_bytes,
-            memory_budget=memory_budget,
-        )  # fmt: skip
-        mesh = cls(
-            vertices=scene.vertices,
-            faces=scene.faces,
-            groups=[Group(str(name)) for name in scene.group_names],
-            face_group=scene.face_group,
-            source_face=scene.source_face,
-            sources=[MeshSource(*file) for file in files],
-            notes=scene.notes,
-        )
+        if name := _built_in(paths):
+            if len(paths) > 1 or scales != [1.0]:
+                raise MeshError(f"{name} is built in: it takes no unit and no other mesh files")
+            mesh = BUILT_IN[name]()
+        else:
+            scene, files = read_files(
+                paths, scales, drop_invalid=drop_invalid, max_bytes=max_bytes,
+                memory_budget=memory_budget,
+            )  # fmt: skip
+            mesh = cls(
+                vertices=scene.vertices,
+                faces=scene.faces,
+                groups=[Group(str(name)) for name in scene.group_names],
+                face_group=scene.face_group,
+                source_face=scene.source_face,
+                sources=[MeshSource(*file) for file in files],
+                notes=scene.notes,
+            )
         names = names_of(mesh, paths)
         for each, place in zip(names.files, places, strict=True):
             mesh = mesh.moved(**place, groups=each.groups) if place else mesh
-        ends = np.cumsum([source.n_faces for source in mesh.sources])
-        parts = np.split(mesh.faces, ends[:-1])
+        parts = np.split(mesh.faces, np.cumsum([file.n_faces for file in mesh.sources])[:-1])
         refuse_twice((str(p), mesh.vertices, own) for p, own in zip(paths, parts, strict=True))
         return mesh._with_flags(flagged(names, mesh.groups, occluders, two_sided, targets))
 
@@ -380,7 +388,7 @@ class Mesh(Faces):
                 "face_group": self.face_group.copy(),
                 "source_face": self.source_face.copy(),
             },
-            metadata={TRIMESH_GROUPS: [group.plain() for group in self.groups]},
+            metadata={TRIMESH_GROUPS: [group.to_json() for group in self.groups]},
         )
 
     def with_groups(
@@ -610,9 +618,24 @@ class Mesh(Faces):
         return tuple(found)
 
 
+def _built_in(paths: Sequence[StrPath]) -> str | None:
+    """First of some paths that names a built-in mesh; MeshError for one that is no file either."""
+    for path in filterfalse(is_file, paths):
+        if str(path) in BUILT_IN:
+            return str(path)
+        if suffix_of(path) not in READERS:
+            raise MeshError(
+                f"{printable(str(path))}: there is no such file, nor a built-in mesh of that name; "
+                f"built in are {', '.join(BUILT_IN)}"
+            )
+    return None
+
+
 def names_of(mesh: Mesh, paths: Sequence[StrPath] | None = None) -> Names:
     """Names of a mesh whose faces are those of its sources; `paths` are these as the user typed."""
     groups = [group.name for group in mesh.groups]
+    if paths is not None and not mesh.sources:
+        return Names(groups, [FileGroups(paths[0], groups)])
     ends = np.cumsum([0, *(source.n_faces for source in mesh.sources)])
     if ends[-1] != mesh.n_faces:  # there are others
         return Names(groups)

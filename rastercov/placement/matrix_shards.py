@@ -24,10 +24,9 @@ from rastercov.coverage.area.cells import Cells, cells
 from rastercov.coverage.area.frames import check_same_mesh
 from rastercov.coverage.area.observer import RegionObserver
 from rastercov.coverage.coverage import Coverage, evaluate_batches, judged, measurements
-from rastercov.coverage.coverage_pass import CoveragePass
 from rastercov.coverage.engine import Engine
-from rastercov.coverage.observer import Observer, open_observer
-from rastercov.coverage.observers import ExactObserver
+from rastercov.coverage.face_pass import CoveragePass
+from rastercov.coverage.observer import ExactObserver, Observer, open_observer
 from rastercov.coverage.task import Task
 from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
 from rastercov.placement.explain.candidate_visibility import FIGURES, CandidateBounds

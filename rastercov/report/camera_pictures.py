@@ -15,7 +15,7 @@ from rastercov.base.format import area, percent, plural
 from rastercov.camera.camera import Camera
 from rastercov.coverage.area.failures import first_failures
 from rastercov.coverage.area.regions import Regions
-from rastercov.coverage.coverage import evaluate
+from rastercov.coverage.job import evaluate
 from rastercov.coverage.task import Reason, Task
 from rastercov.mesh import Mesh
 from rastercov.raster import open_rasterizer

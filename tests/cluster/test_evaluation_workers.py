@@ -13,6 +13,7 @@ import rastercov as rc
 from rastercov.base.errors import ConfigError
 from rastercov.cluster import Workers
 from rastercov.coverage import shards as evaluation_shards
+from rastercov.coverage.job import Staff
 from rastercov.coverage.shards import UNFINISHED
 from rastercov.mesh import shapes
 from rastercov.placement.audits import audit
@@ -36,7 +37,7 @@ def small_shards(monkeypatch):
 
 def evaluated(out, poses=POSES, camera=CAMERA, task=None, workers=None, **options):
     options = Options(**{"pictures": 0, **options})
-    return run(MESH, camera, poses, task or rc.Task(), out, options, workers=workers)
+    return run(MESH, camera, poses, task or rc.Task(), out, options, Staff(workers))
 
 
 def content(out):

@@ -5,7 +5,7 @@ scene, says so by the figure, and names what to try.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,6 +18,10 @@ from rastercov.camera.pose import Poses
 from rastercov.camera.projection import to_camera, to_image
 from rastercov.camera.rig import Cameras, cameras_of, names_of
 from rastercov.coverage.network import Network
+from rastercov.mesh import Mesh
+from rastercov.mesh.triangle_tree import BOX_MARGIN, TriangleTree
+
+FloatArray = NDArray[np.float64]
 
 LEAST_UNSEEN_SHARE = 0.5
 """Share of the area with coverage 0 in every camera above which its sides are looked at."""
@@ -27,6 +31,8 @@ LEAST_DEAD_SHARE, WIDE = 0.01, math.radians(80)
 """Share of an image without rays above which there is a line; a lens that sees that far from its
 axis is a fisheye, whose image may be a disc, and has a line above `MOST_DEAD_SHARE` alone."""
 MOST_DEAD_SHARE = 0.9
+MARGIN = 1e-4
+"""Distance from a point, in diagonals of the mesh, up to which a surface hides nothing."""
 MOST_FACES, MOST_POSES = 2000, 16
 """Faces and cameras whose lines of sight are traced, spread evenly: about 0.1 s."""
 
@@ -108,21 +114,21 @@ def _sides(network: Network, cameras: Sequence[Camera], poses: Poses) -> list[st
     area = float(mesh.areas[scored].sum())
     if not area or mesh.areas[scored & (network.best == 0)].sum() < LEAST_UNSEEN_SHARE * area:
         return []
-    from rastercov.models.line_of_sight import LineOfSight  # compiles loops
-
     faces = np.flatnonzero(scored)
     faces = faces[_spread(len(faces), MOST_FACES)]
-    points, sight = mesh.centroids[faces], LineOfSight(mesh, "own")
+    points, is_hidden = mesh.centroids[faces], _tracer(mesh)
     front = behind = 0.0
     near_of = near_limits(cameras, mesh.bounds, poses)
     for pose, index, near in zip(poses.world_from_camera, poses.camera, near_of, strict=True):
         camera = cameras[index]
         in_camera = to_camera(points, pose)
-        seen = depth_from_near(in_camera, camera) > near
+        depth = depth_from_near(in_camera, camera)
+        seen = depth > near
         pixel = to_image(np.where(seen[:, None], in_camera, (0.0, 0.0, 1.0)), camera)
         seen &= ((pixel >= 0) & (pixel <= (camera.width, camera.height))).all(axis=1)
-        seen[seen] = ~sight.hidden(points[seen], pose, float(near), camera)
         to_eye = pose[:3, 3] - points[seen]
+        is_open = ~is_hidden(points[seen], to_eye, 1 - near / depth[seen])
+        seen[seen], to_eye = is_open, to_eye[is_open]
         is_front = np.einsum("fi,fi->f", mesh.normals[faces[seen]], to_eye) > 0
         front += float(mesh.areas[faces[seen]][is_front].sum())
         behind += float(mesh.areas[faces[seen]][~is_front].sum())
@@ -132,3 +138,25 @@ def _sides(network: Network, cameras: Sequence[Camera], poses: Poses) -> list[st
         f"{behind / (front + behind):.0%} of what the cameras look at is seen from behind: "
         "normals point inwards, or the surface is open: use two_sided"
     ]
+
+
+def _tracer(mesh: Mesh) -> Callable[[FloatArray, FloatArray, FloatArray], NDArray[np.bool_]]:
+    """Function that finds points with a face between them and the camera centre.
+
+    Its arguments are (N, 3) points, (N, 3) vectors to the centre, and (N,) the part of each that
+    counts. Faces within `MARGIN` of a point do not hide it.
+    """
+    mesh = mesh.opaque
+    faces = mesh.faces[~mesh.degenerate_mask]
+    centre, diagonal = mesh.bounds.mean(axis=0), float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
+    if not len(faces):
+        return lambda points, to_eye, part: np.zeros(len(points), np.bool_)
+    tree = TriangleTree.over((mesh.vertices - centre) / diagonal, faces, margin=BOX_MARGIN)
+
+    def is_hidden(points: FloatArray, to_eye: FloatArray, part: FloatArray) -> NDArray[np.bool_]:
+        length = np.linalg.norm(to_eye, axis=1)
+        direction = to_eye / np.where(length > 0, length, 1.0)[:, None]
+        starts = (points - centre) / diagonal + MARGIN * direction
+        return tree.hit_segments(starts, direction, part * length / diagonal - MARGIN)
+
+    return is_hidden
