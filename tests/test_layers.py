@@ -90,22 +90,22 @@ def test_the_path_from_mesh_to_coverage_is_read_in_one_sitting():
 # Code lines of each package, without blank lines, comments, docstrings and imports. A feature that
 # needs more says what it retires.
 BUDGET = {
-    "base": 890,
-    "camera": 5_930,
-    "cli": 1_640,
-    "cluster": 580,
-    "coverage": 2_860,
+    "base": 910,
+    "camera": 5_960,
+    "cli": 1_600,
+    "cluster": 660,
+    "coverage": 3_120,
     "exact": 900,
     "kernels": 13_040,
-    "mesh": 3_670,
+    "mesh": 3_650,
     "models": 570,
-    "placement": 8_010,
+    "placement": 7_890,
     "raster": 3_260,
-    "report": 5_300,
+    "report": 5_050,
     "validation": 1_730,
     "viewer": 2_270,
 }
-MOST_FILES = 448
+MOST_FILES = 423
 
 
 def code_lines(path):

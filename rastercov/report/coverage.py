@@ -75,7 +75,7 @@ class Options:
     supersample: int = 1
     device: str = "auto"
     by: str | None = None  # unit of the result, of `area.network.UNITS`; None: area where it can be
-    table: str | None = None  # of `pairs.CHOICES`; None: "seen", but none above `MOST_ROWS`
+    table: str | None = None  # of `judged_poses.CHOICES`; None: "seen", but none above `MOST_ROWS`
     pictures: int = 12  # poses to draw, spread evenly over the run; 0 for none
     full: str = "none"  # full pictures of each of them, of `pose_pictures.FULL`
     skip_bad_poses: bool = False  # leave out poses that are no rigid motion
