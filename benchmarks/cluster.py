@@ -66,7 +66,7 @@ def empty_task(folder: Path) -> float:
     """CPU milliseconds of head and workers for a task that does nothing."""
     import cluster_job
 
-    job, missing = cluster_job.prepared(folder, TASKS, poses=1)
+    job = cluster_job.prepared(folder, TASKS, poses=1)
     first, done, at = TASKS // 10, 0, {}  # starting the workers is not counted
 
     def count(made: Made) -> None:
@@ -75,7 +75,7 @@ def empty_task(folder: Path) -> float:
             at[done] = cpu_of_children()
         done += 1
 
-    make_shards(Workers(WORKERS), job, missing, count, print)
+    make_shards(Workers(WORKERS), job, count, print)
     return 1e3 * (at[TASKS - 1] - at[first]) / (TASKS - 1 - first)
 
 

@@ -25,7 +25,7 @@ import rastercov as rc
 from rastercov.camera.near_plane import near_limit
 from rastercov.cli.inputs import poses_around
 from rastercov.coverage.criteria import face_geometry
-from rastercov.coverage.observers import ROLL
+from rastercov.coverage.observer import ROLL
 from rastercov.exact.certificate import CertificateSolver
 from rastercov.exact.half_planes import HalfPlaneSolver
 from rastercov.exact.surface import surface_of

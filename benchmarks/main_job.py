@@ -35,7 +35,7 @@ from rastercov.base.threads import thread_count
 from rastercov.cli import inputs
 from rastercov.coverage.coverage import FIGURES, batch_size
 from rastercov.coverage.network import Network
-from rastercov.coverage.observers import ROLL
+from rastercov.coverage.observer import ROLL
 from rastercov.mesh import shapes
 from rastercov.mesh.formats import READERS
 from rastercov.reference.coverage import figures_of_pose, rows_of

@@ -19,7 +19,7 @@ from scenes import joined
 import rastercov as rc
 from rastercov.coverage.criteria import face_geometry
 from rastercov.coverage.face_pass import FacePass
-from rastercov.coverage.observers import ROLL
+from rastercov.coverage.observer import ROLL
 from rastercov.mesh import shapes
 from rastercov.reference import polygons
 

@@ -3,10 +3,8 @@
 import numpy as np
 
 import rastercov as rc
-from rastercov.mesh import shapes
 
-# From a file: mesh = rc.Mesh.load("part.stl", unit="mm")
-mesh = shapes.teapot(12)
+mesh = rc.Mesh.load("teapot-12")  # or a file: rc.Mesh.load("part.stl", unit="mm")
 camera = rc.Camera.from_lens(
     width=1280,
     height=1024,
@@ -23,9 +21,7 @@ poses = rc.sphere_of_poses(mesh.bounds.mean(axis=0), distance=0.5, count=24)
 task = rc.Task(min_pixels=10, min_visibility=0.5, max_incidence_deg=75)
 coverage = rc.evaluate(mesh, camera, poses, task=task)
 
-network = rc.Network(mesh, task)
-network.add(coverage)
-summary = network.summary()
+summary = coverage.summary()
 print(f"covered: {summary['covered']['percent']:.1f} % of faces, ", end="")
 print(f"{summary['covered']['area_percent']:.1f} % of area")
 for reason, share in summary["not_covered_because"].items():

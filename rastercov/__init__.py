@@ -31,8 +31,10 @@ if _TYPE_CHECKING:
     from rastercov.coverage.area.regions import Regions, regions
     from rastercov.coverage.area.union import Covered, RegionUnion, unite
     from rastercov.coverage.area.zones import DeadZones, dead_zones
-    from rastercov.coverage.coverage import Coverage, evaluate, evaluate_batches
+    from rastercov.coverage.coverage import Coverage, evaluate_batches
     from rastercov.coverage.engine import Engine
+    from rastercov.coverage.evaluation import Evaluation
+    from rastercov.coverage.job import evaluate
     from rastercov.coverage.network import Network
     from rastercov.coverage.observer import Observer, open_observer, visibility
     from rastercov.coverage.task import Reason, Task
@@ -60,6 +62,7 @@ __all__ = [
     "DeadZones",
     "DeviceError",
     "Engine",
+    "Evaluation",
     "FaceCounts",
     "Group",
     "Mesh",
@@ -119,8 +122,10 @@ _NAMES = {
     "coverage.area.regions": "Regions regions",
     "coverage.area.union": "Covered RegionUnion unite",
     "coverage.area.zones": "DeadZones dead_zones",
-    "coverage.coverage": "Coverage evaluate evaluate_batches",
+    "coverage.coverage": "Coverage evaluate_batches",
     "coverage.engine": "Engine",
+    "coverage.evaluation": "Evaluation",
+    "coverage.job": "evaluate",
     "coverage.network": "Network",
     "coverage.observer": "Observer open_observer visibility",
     "coverage.task": "Reason Task",
@@ -147,4 +152,4 @@ def __getattr__(name: str) -> _Any:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    return list(__all__)

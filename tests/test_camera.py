@@ -623,3 +623,42 @@ def test_whatever_json_holds_instead_of_a_table_is_refused(value):
 def test_a_table_whose_names_are_no_words_is_refused():
     with pytest.raises(CameraError, match="unknown entry"):
         Camera.from_dict({1: 2, "b": 3, None: 4})
+
+
+# --- angles of view -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("angle", [1e-3, 20, 90, 170])
+def test_an_angle_of_view_is_that_between_the_rays_at_the_sides(angle):
+    sides = {"hfov_deg": (640, 0), "vfov_deg": (0, 480), "diagonal_deg": (640, 480)}
+    for name, (across, down) in sides.items():
+        camera = Camera.from_fov(640, 480, **{name: angle}, near=0.5)
+        assert camera.fx == camera.fy
+        assert (camera.cx, camera.cy, camera.near) == (320, 240, 0.5)
+        half = np.hypot(across, down) / 2 / camera.fx
+        assert 2 * np.degrees(np.arctan(half)) == pytest.approx(angle, rel=1e-9)
+
+
+def test_an_angle_of_view_has_the_principal_point_that_is_given():
+    camera = Camera.from_fov(640, 480, hfov_deg=60, cx=200)
+    found = np.arctan(200 / camera.fx) + np.arctan(440 / camera.fx)
+    assert np.degrees(found) == pytest.approx(60)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({}, "give one of hfov_deg, vfov_deg, diagonal_deg, got none"),
+        ({"hfov_deg": 60, "vfov_deg": 40}, "got hfov_deg, vfov_deg"),
+        ({"hfov_deg": 180}, "hfov_deg must be above 0 and below 180, got 180"),
+        ({"diagonal_deg": 0}, "diagonal_deg must be above 0 and below 180, got 0"),
+        ({"diagonal_deg": 60, "cx": 3}, "principal point in the middle; leave out cx and cy"),
+        ({"hfov_deg": 60, "fx": 3}, "give hfov_deg and vfov_deg, or fx, not both"),
+        ({"hfov_deg": 60, "model": "opencv", "distortion": (0.1,) * 4}, "are of a pinhole"),
+        ({"hfov_deg": "60"}, "hfov_deg must be a number, got '60'"),
+        ({"hfov_deg": 60, "colour": 1}, "unknown entry 'colour'"),
+    ],
+)
+def test_other_angles_of_view_are_refused(arguments, words):
+    with pytest.raises(CameraError, match=words):
+        Camera.from_fov(640, 480, **arguments)

@@ -15,9 +15,11 @@ from rastercov.base.errors import ConfigError, PoseError, ResourceError
 from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import look_at, sphere_of_poses
 from rastercov.coverage import coverage as module
-from rastercov.coverage.coverage import FIGURES, evaluate, evaluate_batches
+from rastercov.coverage import job
+from rastercov.coverage.coverage import FIGURES, evaluate_batches
 from rastercov.coverage.criteria import face_geometry, in_focus
 from rastercov.coverage.engine import METHODS
+from rastercov.coverage.job import evaluate
 from rastercov.coverage.observer import open_observer
 from rastercov.coverage.task import Reason, Task
 from rastercov.mesh import Group, Mesh, shapes
@@ -327,7 +329,7 @@ class Untouched:
 def test_a_bad_pose_is_named_before_anything_runs(monkeypatch):
     poses = POSES.copy()
     poses[4, 0, 0] = np.nan
-    monkeypatch.setattr(module, "open_observer", lambda *_, **__: pytest.fail("opened"))
+    monkeypatch.setattr(job, "open_observer", lambda *_, **__: pytest.fail("opened"))
     for attempt in (
         lambda: evaluate(TEAPOT, SMALL, poses),
         lambda: evaluate_batches(Untouched(), poses),
@@ -353,16 +355,16 @@ def test_methods_agree_within_their_bounds():
 
 
 def test_a_run_too_large_to_return_is_refused_before_anything_runs(monkeypatch):
-    monkeypatch.setattr(module, "open_observer", lambda *_, **__: pytest.fail("opened"))
+    monkeypatch.setattr(job, "open_observer", lambda *_, **__: pytest.fail("opened"))
     bytes_a_pair = sum(np.dtype(kind).itemsize for kind in FIGURES.values())
-    monkeypatch.setattr(module, "EVALUATE_BUDGET", bytes_a_pair * 6 * TEAPOT.n_faces - 1)
+    monkeypatch.setattr(job, "EVALUATE_BUDGET", bytes_a_pair * 6 * TEAPOT.n_faces - 1)
     with pytest.raises(ResourceError, match=r"6 poses x 552 faces.*evaluate_batches"):
         evaluate(TEAPOT, SMALL, POSES)
 
 
 def test_a_run_within_the_budget_is_returned_and_skipped_poses_are_free(how, monkeypatch):
     bytes_a_pair = sum(np.dtype(kind).itemsize for kind in FIGURES.values())
-    monkeypatch.setattr(module, "EVALUATE_BUDGET", bytes_a_pair * 6 * TEAPOT.n_faces)
+    monkeypatch.setattr(job, "EVALUATE_BUDGET", bytes_a_pair * 6 * TEAPOT.n_faces)
     poses = np.concatenate((POSES, POSES * np.nan))
     assert len(evaluate(TEAPOT, SMALL, POSES, **how).pose_ids) == 6
     found = evaluate(TEAPOT, SMALL, poses, skip_bad_poses=True, **how)
@@ -460,7 +462,7 @@ def test_only_what_is_asked_for_is_computed(how):
     with pytest.raises(ConfigError, match="has no incidence, which was not asked for"):
         _ = some.incidence
     assert not hasattr(some, "nonsense")
-    assert "reason=array" in repr(some)
+    assert repr(some) == "Evaluation(6 poses x 552 faces: coverage, reason)"
     np.testing.assert_array_equal(copy.copy(some).reason, some.reason)
 
 
@@ -471,5 +473,5 @@ def test_an_unknown_figure_is_refused(fields):
 
 
 def test_figures_not_asked_for_do_not_count_against_the_budget(how, monkeypatch):
-    monkeypatch.setattr(module, "EVALUATE_BUDGET", 6 * TEAPOT.n_faces)
+    monkeypatch.setattr(job, "EVALUATE_BUDGET", 6 * TEAPOT.n_faces)
     assert evaluate(TEAPOT, SMALL, POSES, fields=["reason"], **how).reason.shape == (6, 552)

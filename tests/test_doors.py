@@ -24,26 +24,23 @@ from rastercov.kernels.lens import unproject_many
 SUPPORT = Path(cluster_job.__file__).parent
 HEAD = """
 import sys
-from pathlib import Path
 import cluster_job
-from rastercov.cluster import Job, Workers, make_shards
-folder = Path(sys.argv[1])
-missing = lambda: {n: 8 for n in range(40) if not (folder / f"shards/{n}").exists()}
-make_shards(Workers(2), Job.of(folder, cluster_job.FUNCTION), missing, lambda made: None, print)
+from rastercov.cluster import Workers, make_shards
+make_shards(Workers(2), cluster_job.store_of(sys.argv[1], 40), lambda made: None, print)
 """
 
 
 @pytest.fixture
 def head(tmp_path):
     """A run by two workers, after its first shards; it kills one of them now and then."""
-    _, missing = cluster_job.prepared(tmp_path / "job", 40, seconds=0.3, kill=[100])
+    store = cluster_job.prepared(tmp_path / "job", 40, seconds=0.3, kill=[100])
     program = tmp_path / "head.py"
     program.write_text(HEAD)
     paths = os.pathsep.join([str(SUPPORT.parents[1]), str(SUPPORT)])
     environment = os.environ | {"PYTHONPATH": paths}
     with subprocess.Popen([sys.executable, program, tmp_path / "job"], env=environment) as head:
         try:
-            while len(missing()) > 36:
+            while len(store.missing()) > 36:
                 assert head.poll() is None
                 time.sleep(0.05)
             yield head

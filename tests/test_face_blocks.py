@@ -12,10 +12,9 @@ from rastercov import Camera, Mesh, Task, evaluate, open_observer, sphere_of_pos
 from rastercov.base.memory import CACHE_LINE, aligned_array, read_only
 from rastercov.camera.pose import Poses
 from rastercov.coverage.coverage import FIGURES, measurements
-from rastercov.coverage.coverage_pass import CoveragePass
-from rastercov.coverage.judged_poses import Part
+from rastercov.coverage.face_pass import CoveragePass
+from rastercov.coverage.judged_poses import CHOICES, Part
 from rastercov.coverage.network import Network
-from rastercov.coverage.pairs import CHOICES
 from rastercov.coverage.task import Reason
 from rastercov.kernels import coverage as kernels
 from rastercov.kernels import decision, network

@@ -1,4 +1,4 @@
-"""`place`, `check` and `audit` as functions: results of the commands, and no files."""
+"""`evaluate`, `place`, `check` and `audit` as functions: results of the commands, and no files."""
 
 import json
 from pathlib import Path
@@ -6,9 +6,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from commands import call, enter, write_part
+from test_golden import differences
 
 import rastercov as rc
+from rastercov.coverage.coverage import FIGURES
+from rastercov.coverage.job import measure
+from rastercov.coverage.observer import ExactObserver
+from rastercov.coverage.shards import Wanted
 from rastercov.report import plan as report
+from rastercov.report.coverage import Options, run
 
 CAMERA = {"width": 96, "height": 72, "fx": 90, "fy": 90}
 PLAN = {
@@ -77,6 +83,75 @@ def test_place_writes_nothing_and_finds_what_the_command_finds(capsys):
     assert found == function["cameras"]
     for name in ("poses.json", "page.html", "plan.json"):
         assert Path("function", name).exists()
+
+
+RIG = rc.Rig([rc.Camera(**CAMERA), rc.Camera(**CAMERA | {"fx": 60, "fy": 60})], ["long", "wide"])
+PLACED = {
+    "one": (RIG.cameras[0], POSES),
+    "two": (RIG, rc.Poses.of(POSES, camera=[0, 1, 0, 1, 0, 1])),
+}
+
+
+@pytest.mark.parametrize("placed", PLACED)
+@pytest.mark.parametrize("by", ["area", "face"])
+@pytest.mark.parametrize("fields", [None, (), ["visibility"]])
+def test_evaluate_is_the_command(placed, by, fields, folder):
+    mesh, task = rc.Mesh.load("part.obj"), rc.Task(max_incidence_deg=70, views=2)
+    camera, poses = PLACED[placed]
+    found = rc.evaluate(mesh, camera, poses, task, by=by, fields=fields)
+    assert files() == {"part.obj"}
+    written = as_stored(run(mesh, camera, poses, task, folder / "out", Options(by=by, pictures=0)))
+    summary = as_stored(found.summary())
+    for each in (written, summary):
+        assert each["by"] == by
+        for name in ("seconds", "poses_per_second", "table"):
+            each.pop(name)
+        each["run"].pop("options")
+    assert list(differences(written, summary)) == []
+    coverage = rc.evaluate(mesh, camera, poses, task)
+    for name in FIGURES if fields is None else fields:
+        np.testing.assert_array_equal(getattr(found, name), getattr(coverage, name))
+    if by == "area":
+        exact = rc.unite(rc.regions(mesh, camera, poses, task), 2)
+        np.testing.assert_allclose(found.covered.area, exact.area, atol=1e-9)
+    else:
+        with pytest.raises(rc.ConfigError, match='give by="area" for covered areas'):
+            _ = found.covered
+
+
+def test_evaluate_says_why_it_is_by_face():
+    mesh, camera = rc.Mesh.load("part.obj"), RIG.cameras[0]
+    assert rc.evaluate(mesh, camera, POSES, by=None).by == "area"
+    found = rc.evaluate(mesh, camera, POSES, rc.Task(min_pixels=3), by=None)
+    assert found.by == "face"
+    assert "min_pixels is of a face" in found.summary()["by_face_because"]
+    with pytest.raises(rc.ConfigError, match="method sampled counts whole faces"):
+        rc.evaluate(mesh, camera, POSES, method="sampled", by="area")
+    with pytest.raises(rc.ConfigError, match="by must be one of area, face, got 'mesh'"):
+        rc.evaluate(mesh, camera, POSES, by="mesh")
+
+
+def test_an_interrupt_is_raised_by_the_function_and_kept_by_the_job(monkeypatch):
+    monkeypatch.setattr("rastercov.coverage.coverage.POSES_A_BATCH", 2)
+    mesh, camera = rc.Mesh.load("part.obj"), RIG.cameras[0]
+    n = []
+
+    def stop(observer, poses):
+        n.append(len(poses))
+        if len(n) == 2:
+            raise KeyboardInterrupt
+        return observe(observer, poses)
+
+    observe = ExactObserver.observe
+    monkeypatch.setattr(ExactObserver, "observe", stop)
+    with rc.open_observer(mesh, camera, threads=1) as observer:
+        found = measure(observer, rc.Poses.of(POSES), rc.Task(), Wanted(rc.Engine(), False))
+    assert found.interrupted
+    assert found.pose_ids.tolist() == [0, 1]
+    assert found.summary()["poses"] == 2
+    n.clear()
+    with pytest.raises(KeyboardInterrupt):
+        rc.evaluate(mesh, camera, POSES, threads=1)
 
 
 def test_place_takes_other_cameras():

@@ -90,27 +90,27 @@ def test_the_path_from_mesh_to_coverage_is_read_in_one_sitting():
     page = (ROOT.parent / "docs" / "architecture.md").read_text(encoding="utf-8")
     section = page.split("## From mesh to coverage")[1].split("\n## ")[0]
     files = re.findall(r"^\| `([\w/]+\.py)` \|", section, re.MULTILINE)
-    assert files[-1] == "coverage/coverage.py"
-    assert sum(len((ROOT / name).read_text().splitlines()) for name in files) < 2300
+    assert files[-1] == "coverage/job.py"
+    assert sum(len((ROOT / name).read_text().splitlines()) for name in files) < 2400
 
 
 # Code lines of each package, without blank lines, comments, docstrings and imports. A feature that
 # needs more says what it retires.
 BUDGET = {
-    "base": 890,
-    "camera": 5_570,
-    "cli": 1_640,
-    "cluster": 580,
-    "coverage": 2_800,
+    "base": 920,
+    "camera": 5_600,
+    "cli": 1_600,
+    "cluster": 660,
+    "coverage": 3_050,
     "exact": 900,
     "kernels": 12_630,
-    "mesh": 3_670,
-    "placement": 7_720,
+    "mesh": 3_650,
+    "placement": 7_600,
     "raster": 3_260,
-    "report": 4_080,
+    "report": 3_830,
     "viewer": 2_050,
 }
-MOST_FILES = 339
+MOST_FILES = 313
 
 
 def code_lines(path):

@@ -25,6 +25,7 @@ OF_PLACEMENT = {
 """Classes of placement: most are results, and their methods take what its functions make. Their
 signatures are tried, and the values of those that have a call."""
 UNTRIED = {
+    "Evaluation": "is made by evaluate; its arrays are those of Coverage",
     "RegionUnion.unite": "takes pieces that `add` has made",
     "audit out": "writes a report for each text",
     "place out": "the same",

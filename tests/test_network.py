@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from rastercov.base.errors import ConfigError
 from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import look_at, sphere_of_poses
-from rastercov.coverage.coverage import FIGURES, Coverage, evaluate
+from rastercov.coverage.coverage import FIGURES, Coverage
+from rastercov.coverage.job import evaluate
 from rastercov.coverage.network import Network
 from rastercov.coverage.observer import open_observer
 from rastercov.coverage.task import Reason, Task

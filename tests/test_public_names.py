@@ -43,12 +43,15 @@ SURFACE = {
         *("from_quaternions", "from_vectors", "motions", "to_quaternions"),
     },
     "coverage.coverage": {
-        *("EVALUATE_BUDGET", "FIGURES", "PAIRS_A_BATCH", "POSES_A_BATCH", "UNITS"),
-        *("batch_size", "check_observer", "judged", "measurements"),
+        *("FIGURES", "PAIRS_A_BATCH", "POSES_A_BATCH", "UNITS", "arrays_for", "batch_size"),
+        *("check_observer", "checked_fields", "checked_task", "judged", "measurements"),
     },
-    "coverage.engine": {"METHODS"},
+    "coverage.evaluation": set(),
+    "coverage.job": {"ALONE", "EVALUATE_BUDGET", "LOG", "Staff", "measure"},
+    "coverage.engine": {"METHODS", "settled"},
     "cluster.workers": {
-        *("CONNECT_SECONDS", "ENVIRONMENT", "LOGS", "MOST_WORKERS"),
+        *("ASK_SECONDS", "CONNECT_SECONDS", "ENVIRONMENT", "LOGS", "MOST_WORKERS", "OfScheduler"),
+        *("Pool", "SchedulerLostError", "check_address", "risk"),
     },
     "base.errors": set(),
     "report.jobs": set(),
@@ -69,7 +72,7 @@ SURFACE = {
     },
     "raster.contract": {"MAX_RENDERED", "MAX_SUPERSAMPLE", "check_counts", "check_picture"},
     "raster.observation": set(),
-    "coverage.observer": set(),
+    "coverage.observer": {"ExactObserver", "ROLL", "SampledObserver"},
     "coverage.task": {"THESIS", "Rules"},
     "camera.views": {"MOST_NAMES"},
     "camera.viewpoints": {
@@ -106,6 +109,56 @@ def test_every_name_is_there_and_nothing_public_is_left_out():
         if not name.startswith("_") and not inspect.ismodule(value)
     }
     assert found == set(rastercov.__all__)
+
+
+def test_dir_has_public_names_only():
+    assert dir(rastercov) == rastercov.__all__
+    assert rastercov.shapes is rastercov.mesh.shapes  # by its name, as any module
+    assert rastercov.__version__
+
+
+CAMERA = rastercov.Camera(width=24, height=18, fx=20, fy=20)
+POSES = rastercov.sphere_of_poses((0, 0, 0), 4, 3)
+
+
+def values():
+    """A value of every public class but errors."""
+    mesh = rastercov.mesh.shapes.box()
+    regions = rastercov.regions(mesh, CAMERA, POSES)
+    covered, cells = rastercov.unite(regions), rastercov.cells(mesh, 0.5)
+    found = rastercov.evaluate(mesh, CAMERA, POSES, by="area", fields=["coverage"])
+    rig = rastercov.Rig([CAMERA] * 20)
+    with (
+        rastercov.open_observer(mesh, CAMERA) as observer,
+        rastercov.open_rasterizer(mesh, CAMERA, "cpu") as rasterizer,
+    ):
+        seen, counts, picture = (
+            observer.observe(POSES), rasterizer.count(POSES), rasterizer.render(POSES[0])
+        )  # fmt: skip
+        fractions, part = (
+            observer.visibility(POSES),
+            next(rastercov.evaluate_batches(observer, POSES)),
+        )
+        return [
+            *(mesh, regions, covered, cells, found, rig, observer, rasterizer, seen, counts),
+            *(picture, fractions, part, found.network, rasterizer.info, CAMERA, rastercov.Task()),
+            *(cells.share(regions), rastercov.dead_zones(covered), rastercov.Poses.of(POSES)),
+            rastercov.Mesh(mesh.vertices, mesh.faces, [rastercov.Group("two\nlines")]),
+            rastercov.Views(rig=rig, poses=rastercov.Poses.of(POSES), images=("a", "b\n", "c")),
+            *(rastercov.RegionUnion(mesh), rastercov.Engine(), rastercov.Workers(2)),
+            *(rastercov.Conventions(), mesh.groups[0], rastercov.Reason(0), rastercov.BoundKind(0)),
+        ]
+
+
+def test_every_repr_is_one_line():
+    found = values()
+    for value in found:
+        text = repr(value)
+        assert "\n" not in text
+        assert len(text) < 500, text
+    classes = {n for n in rastercov.__all__ if inspect.isclass(getattr(rastercov, n))}
+    shown = {kind.__name__ for value in found for kind in type(value).__mro__}
+    assert {n for n in classes - shown if not n.endswith("Error")} == {"Rasterizer"}  # a protocol
 
 
 def test_the_modules_offer_these_names_and_no_others():
@@ -150,7 +203,17 @@ def test_every_parameter_of_a_function_is_documented_and_typed(name):
             assert parameter.name in text, parameter.name
 
 
-VALUES = ["Camera", "Coverage", "Engine", "FaceCounts", "Group", "Mesh", "Observation", "Poses"]
+VALUES = [
+    "Camera",
+    "Coverage",
+    "Engine",
+    "Evaluation",
+    "FaceCounts",
+    "Group",
+    "Mesh",
+    "Observation",
+    "Poses",
+]
 VALUES += ["RasterizerInfo", "Rig", "Task", "Visibility", "VisibilityBuffer"]
 VALUES += ["CellShares", "Cells", "Covered", "DeadZones", "Regions"]
 VALUES += ["Conventions", "Views", "Workers"]
@@ -166,7 +229,15 @@ def test_values_are_frozen(name):
         setattr(thing, dataclasses.fields(kind)[0].name, None)
 
 
-RESULTS = ["Coverage", "FaceCounts", "Observation", "Poses", "Visibility", "VisibilityBuffer"]
+RESULTS = [
+    "Coverage",
+    "Evaluation",
+    "FaceCounts",
+    "Observation",
+    "Poses",
+    "Visibility",
+    "VisibilityBuffer",
+]
 RESULTS += ["CellShares", "Cells", "Covered", "DeadZones", "Regions", "Views"]
 
 
@@ -185,7 +256,7 @@ def test_values_of_arrays_are_compared_by_identity(name):
 @pytest.mark.parametrize("name", RESULTS)
 def test_every_array_of_a_result_is_documented(name):
     kind = getattr(rastercov, name)
-    text = inspect.getdoc(kind)
+    text = " ".join(map(inspect.getdoc, kind.__mro__))
     own = {"mesh", "camera", "task", "info"}
     for field in dataclasses.fields(kind):
         assert field.name in own or field.name in text, field.name

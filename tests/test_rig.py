@@ -12,8 +12,9 @@ from rastercov.camera.rig import Rig, cameras_of, only_camera
 from rastercov.camera.viewpoints import look_at, sphere_of_poses
 from rastercov.coverage.area.observer import RegionObserver
 from rastercov.coverage.area.regions import regions
-from rastercov.coverage.coverage import FIGURES, evaluate
+from rastercov.coverage.coverage import FIGURES
 from rastercov.coverage.engine import Engine
+from rastercov.coverage.job import evaluate
 from rastercov.coverage.network import Network
 from rastercov.coverage.observer import open_observer, visibility
 from rastercov.coverage.task import Task

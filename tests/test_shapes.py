@@ -261,3 +261,29 @@ def test_plane_jitter_moves_every_inner_vertex_and_no_other():
 def test_impossible_shapes_say_what_is_wanted(make, message):
     with pytest.raises(MeshError, match=message):
         make()
+
+
+@pytest.mark.parametrize("name", shapes.NAMES)
+def test_a_built_in_mesh_is_loaded_by_its_name(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    found, own = Mesh.load(name), shapes.by_name(name)
+    np.testing.assert_array_equal(found.vertices, own.vertices)
+    np.testing.assert_array_equal(found.faces, own.faces)
+    assert found.groups == own.groups
+
+
+def test_a_built_in_mesh_takes_flags_and_a_place(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    group = shapes.box().groups[0].name
+    found = Mesh.load("box", two_sided=[group], transforms=[{"scale": 2.0}])
+    assert found.groups[0].is_two_sided
+    np.testing.assert_allclose(found.bounds, 2 * shapes.box().bounds)
+    Mesh.load(["box"], ["m"])
+    for path, unit in (("box", "mm"), (["box", "torus"], "m"), (["gone.stl", "box"], "m")):
+        with pytest.raises(MeshError, match="box is built in: it takes no unit and no other mesh"):
+            Mesh.load(path, unit)
+    with pytest.raises(MeshError, match="bax: there is no such file, nor a built-in mesh"):
+        Mesh.load("bax")
+    (tmp_path / "box").write_text("a file comes first")
+    with pytest.raises(MeshError, match="box: supported formats are"):
+        Mesh.load("box")

@@ -19,8 +19,7 @@ from processes import python
 import rastercov as rc
 from rastercov.base import memory
 from rastercov.base.errors import DeviceError, ResourceError
-from rastercov.base.once import Once
-from rastercov.base.threads import ScratchPool, share_poses
+from rastercov.base.threads import Once, ScratchPool, share_poses
 from rastercov.camera.viewpoints import sphere_of_poses
 from rastercov.exact import certificate as contour
 from rastercov.exact import half_planes as analytic
@@ -146,7 +145,7 @@ thread.join()
 def test_a_child_works_out_what_its_parent_was_working_out_when_it_forked():
     run_python("""
 import os, signal, threading
-from rastercov.base.once import Once
+from rastercov.base.threads import Once
 value, begun, ended = Once(), threading.Event(), threading.Event()
 def slow():
     begun.set()

@@ -13,7 +13,7 @@ from repeated_parts import CAMERA, CAMERAS, HERE, KALIBR, dae, metashape, opensf
 
 import rastercov as rc
 from rastercov.base.errors import CameraError, MeshError
-from rastercov.base.names import UnknownNames, is_slip
+from rastercov.base.files import UnknownNames, is_slip
 from rastercov.camera.formats.conventions import Conventions
 from rastercov.mesh import Mesh
 

@@ -14,8 +14,8 @@ from typing_extensions import Doc
 
 import rastercov as rc
 from rastercov import cli
+from rastercov.base.arguments import check_limits
 from rastercov.base.errors import ConfigError, PoseError
-from rastercov.base.limits import check_limits
 from rastercov.camera import pose as pose_module
 from rastercov.camera.pose import Poses
 from rastercov.camera.viewpoints import sphere_of_poses
@@ -176,10 +176,10 @@ def test_a_new_threshold_is_an_option_of_the_command_line(monkeypatch):
     monkeypatch.setattr(options, "Task", Stricter)
     found = []
 
-    def command(task: rc.Task) -> None:
+    def command(task: Stricter) -> None:
         found.append(task)
 
-    wrapped = options.with_task(command)
+    wrapped = options.expanded(command)
     assert "max_distance" in inspect.signature(wrapped).parameters
     defaults = {n: p.default for n, p in inspect.signature(wrapped).parameters.items()}
     wrapped(**(defaults | {"max_distance": 3.0}))

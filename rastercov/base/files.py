@@ -4,6 +4,10 @@ Serves every reader of cameras, poses, plans and meshes, and turns errors of the
 line. A pipe without a writer would make it wait for ever, and a device such as /dev/zero has no
 end. So a path is looked at before it is opened, and what was opened is looked at again, because the
 path may lead elsewhere by then.
+
+`UnknownNames` looks at names of a file that its format does not have. One flipped bit in the name
+of an optional entry makes a valid file that says less. So a name that is one slip away from one
+that matters, and that is missing, is an error; any other is a note.
 """
 
 import json
@@ -11,10 +15,14 @@ import os
 import stat
 import tomllib
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, BinaryIO
+
+from rastercov.base.checks import shown
+from rastercov.base.errors import RastercovError
 
 StrPath = str | os.PathLike[str]
 
@@ -55,6 +63,14 @@ class UnparsedError(UnreadableError):
 def suffix_of(path: StrPath) -> str:
     """Suffix in lower case; UnreadableError for anything else than a string or a path."""
     return _as_path(path).suffix.lower()
+
+
+def is_file(path: StrPath) -> bool:
+    """True for a file of that name, and no folder; False for a name that is none."""
+    try:
+        return Path(path).is_file()
+    except (OSError, TypeError, ValueError):
+        return False
 
 
 def printable(text: str, most: int = 200) -> str:
@@ -182,3 +198,78 @@ def _as_path(path: StrPath) -> Path:
     except TypeError:
         kind = type(path).__name__
         raise UnreadableError(f"a path wanted, got {kind}; pass a string or a Path") from None
+
+
+SHORTEST = 3
+"""Characters of a name in which a slip is looked for: any two shorter ones are a slip apart."""
+MOST_LISTED = 5
+
+
+class UnknownNames:
+    """Unknown names of one file, each with the place where it came first.
+
+    Parameters
+    ----------
+    error : type
+        Error that a slip raises.
+    """
+
+    def __init__(self, error: type[RastercovError]) -> None:
+        self._error = error
+        self._found: dict[str, str] = {}
+
+    def look(
+        self,
+        where: str,
+        names: Collection[str],
+        known: frozenset[str],
+        harmless: frozenset[str] = frozenset(),
+    ) -> None:
+        """Look at the names of one table; `harmless` are known ones that nothing depends on."""
+        if known.issuperset(names):
+            return
+        for name in names:
+            if name not in known:
+                self._add(where, name, names, known - harmless)
+
+    def _add(self, where: str, name: str, names: Collection[str], needed: frozenset[str]) -> None:
+        meant = next((other for other in _slips(name, needed) if other not in names), None)
+        if meant is not None:
+            raise self._error(
+                f"{where} has {shown(name)}, which the format does not have, and no {meant!r}; "
+                "correct the name"
+            )
+        self._found.setdefault(name, where)
+
+    def notes(self) -> list[str]:
+        """A note with each name once, the first few by name; none without unknown names."""
+        words = [
+            f"{printable(name, 40)} of {where}"
+            for name, where in list(self._found.items())[:MOST_LISTED]
+        ]
+        n_more = len(self._found) - len(words)
+        words += [f"{n_more} others"] if n_more else []
+        return [f"not read: {', '.join(words)}; content may be missing"] if words else []
+
+
+@lru_cache(maxsize=1 << 12)
+def _slips(name: str, needed: frozenset[str]) -> tuple[str, ...]:
+    return tuple(sorted(other for other in needed if is_slip(name, other)))
+
+
+def is_slip(name: str, other: str) -> bool:
+    """True for two names that differ in one character, two neighbours' order, or upper case."""
+    n, m = len(name), len(other)
+    if min(n, m) < SHORTEST or abs(n - m) > 1:
+        return n == m and name.casefold() == other.casefold()
+    start = next(
+        (i for i, (a, b) in enumerate(zip(name, other, strict=False)) if a != b), min(n, m)
+    )
+    if n != m:
+        longer, shorter = (name, other) if n > m else (other, name)
+        return longer[start + 1 :] == shorter[start:]
+    is_turned = name[start : start + 2] == other[start : start + 2][::-1]
+    is_turned &= name[start + 2 :] == other[start + 2 :]
+    return (
+        is_turned or name[start + 1 :] == other[start + 1 :] or name.casefold() == other.casefold()
+    )

@@ -1,6 +1,30 @@
 """Numbers as text: the one format of each quantity in tables, pages, plots and messages."""
 
 import math
+from collections.abc import Mapping
+from dataclasses import fields
+from typing import Any
+
+MOST_SHOWN, MOST_LETTERS = 8, 60
+"""Entries of a field, and characters of it, that a value in one line shows as they are."""
+
+
+class InOneLine:
+    """Base of dataclasses whose `repr` is one line: arrays are shown by their shape and type."""
+
+    def __repr__(self) -> str:
+        own: Any = self
+        named = [each.name for each in fields(own) if each.name in vars(self)]
+        entries = ", ".join(f"{name}={_in_short(vars(self)[name])}" for name in named)
+        return f"{type(self).__name__}({entries})"
+
+
+def _in_short(value: Any) -> str:
+    if hasattr(value, "dtype") and hasattr(value, "shape"):
+        return f"{value.shape} {value.dtype}"
+    if isinstance(value, Mapping | tuple | list) and len(value) > MOST_SHOWN:
+        return f"{len(value)} entries"
+    return shortened(" ".join(repr(value).split()), MOST_LETTERS)
 
 
 def number(value: float) -> str:
@@ -48,6 +72,24 @@ def area(square_metres: float) -> str:
     if value < 999.5 or not math.isfinite(value):
         return f"{number(value)} {unit}"
     return f"{round(value, 2 - math.floor(math.log10(value))):,.0f} {unit}"
+
+
+def size_in_words(extent: Any) -> str:
+    """Lengths in metres as text, such as "85 x 62 x 20 m": three digits, one unit for all."""
+    lengths = [float(each) for each in (extent if hasattr(extent, "__len__") else [extent])]
+    largest = max(lengths)
+    unit, factor = next(
+        (each for each in (("m", 1.0), ("mm", 1e3)) if largest * each[1] >= 1), ("µm", 1e6)
+    )
+    power = math.floor(min(math.log10(largest * factor), 2)) if largest > 0 else 2
+    digits = max(0, min(2 - power, 2))
+    return " x ".join(_decimals(length * factor, digits) for length in lengths) + f" {unit}"
+
+
+def _decimals(value: float, digits: int) -> str:
+    """`value` with at most these decimals and no zeros at their end."""
+    text = f"{value:,.{digits}f}"
+    return text.rstrip("0").rstrip(".") if "." in text else text
 
 
 def signed(value: float, digits: int = 2) -> str:

@@ -1,18 +1,24 @@
-"""Many poses in several threads: compiled loops hold no lock, so they run side by side.
+"""Threads, processes, and objects that must be closed.
 
-An object that measures poses may itself be used from several threads at once. So what its loops
-work in belongs to a call, not to the object: a call takes it from a `ScratchPool`.
+Many poses in several threads: compiled loops hold no lock, so they run side by side. An object that
+measures poses may itself be used from several threads at once. So what its loops work in belongs to
+a call, not to the object: a call takes it from a `ScratchPool`. A value that threads share is
+`Once`.
 """
 
 import os
 import sys
 import threading
+from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
-from typing import Generic, TypeVar
+from contextlib import suppress
+from pathlib import Path
+from typing import Generic, NoReturn, Self, TypeVar
 
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import ConfigError
+from rastercov.base.typed import guarded_class
 
 Scratch = TypeVar("Scratch")
 
@@ -33,12 +39,6 @@ def thread_count(threads: int | None) -> int:
             f"{MOST_THREADS}, or None for one a core"
         )
     return int(number)
-
-
-def threads_of(observer: object) -> int:
-    """Threads among which an observer shares the poses of a call, 1 if it does not say."""
-    threads: int = getattr(observer, "threads", 1)
-    return threads
 
 
 def share_poses(n_poses: int, workers: Sequence[Callable[[slice], None]]) -> None:
@@ -134,3 +134,88 @@ class ScratchPool(Generic[Scratch]):
             return self._idle.pop()
         except IndexError:
             return self._make()
+
+
+T = TypeVar("T")
+
+
+class Once(Generic[T]):
+    """One value, made at most once in a process; any thread may ask for it at any time.
+
+    The first that asks works it out, the others wait for it. `functools.cached_property` has no
+    lock, so threads that ask at the same time each compute the value for themselves. That is right
+    for what is frozen and quickly made; `Once` is for what takes seconds, takes much memory, or
+    must not happen twice.
+    """
+
+    def __init__(self) -> None:
+        self._made: list[T] = []
+        # One lock for each process: in a forked child the lock of its parent may be held by a
+        # thread that the child does not have. A thread may take its own lock again, as a signal
+        # handler does that asks for the value while the thread is making it.
+        self._locks: dict[int, threading.RLock] = {}
+
+    def get(self, make: Callable[[], T]) -> T:
+        """Give the value, from `make` where no call has returned it yet.
+
+        What `make` raises is raised in this thread only; the next one that asks calls its own.
+        """
+        if not self._made:
+            with self._locks.setdefault(os.getpid(), threading.RLock()):
+                if not self._made:
+                    self._made.append(make())
+        return self._made[0]
+
+
+def child_environment() -> dict[str, str]:
+    """Environment of a process that finds the modules of this one, and none in the working folder.
+
+    Python itself would put the working folder first for `-c` and `-m`, and takes an empty entry of
+    PYTHONPATH for it. It stays only where this package lies in it.
+    """
+    return os.environ | {"PYTHONPATH": os.pathsep.join(_paths()), "PYTHONSAFEPATH": "1"}
+
+
+def _paths() -> list[str]:
+    """Entries of the path of this process, without the working folder."""
+    here, root = None, Path(__file__).resolve().parents[2]
+    with suppress(OSError):  # it was removed
+        here = Path.cwd()
+    paths = [Path(here or "", entry) for entry in sys.path]
+    return [
+        str(path)
+        for path in paths
+        if path.is_absolute() and (path.resolve() == root or path.resolve() != here)
+    ]
+
+
+class Unique:
+    """Base of objects that cannot be copied: they hold a device, threads or scratch memory.
+
+    A copy would give back what the first still uses, and a pickle would reach a process that has
+    none of it, so `copy`, `deepcopy` and `pickle` raise `ConfigError`.
+    """
+
+    def __reduce_ex__(self, protocol: object) -> NoReturn:
+        name = type(self).__name__.lstrip("_")
+        raise ConfigError(
+            f"a {name} cannot be copied or pickled: it holds a device or memory of this process; "
+            "open another one where it is wanted, of the same mesh and camera"
+        )
+
+
+class Closing(Unique, ABC):
+    """Closed at the end of a `with` block, whatever ends it."""
+
+    def __init_subclass__(cls) -> None:
+        guarded_class(cls)  # callers have its instances for an Observer or a Rasterizer
+
+    @abstractmethod
+    def close(self) -> None:
+        """Give back what it holds; again it does nothing."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()

@@ -230,6 +230,47 @@ class Camera:
         )
 
     @classmethod
+    def from_fov(
+        cls,
+        width: int,
+        height: int,
+        *,
+        hfov_deg: float | None = None,
+        vfov_deg: float | None = None,
+        diagonal_deg: float | None = None,
+        **others: Any,
+    ) -> "Camera":
+        """Pinhole with square pixels from one angle of view.
+
+        Parameters
+        ----------
+        width, height : int
+            Image size in pixels.
+        hfov_deg, vfov_deg, diagonal_deg : float
+            Angle between left and right, between top and bottom, or between opposite corners,
+            degrees, (0, 180): one of them. That of the corners is of a principal point in the
+            middle.
+        **others
+            All others of `Camera`, such as `near`; `f_number` of a `focal_length`.
+        """
+        angles = {"hfov_deg": hfov_deg, "vfov_deg": vfov_deg, "diagonal_deg": diagonal_deg}
+        given = {name: angle for name, angle in angles.items() if angle is not None}
+        if len(given) != 1:
+            raise CameraError(f"give one of {', '.join(angles)}, got {', '.join(given) or 'none'}")
+        if diagonal_deg is not None:
+            if others.get("cx") is not None or others.get("cy") is not None:
+                raise CameraError(
+                    "diagonal_deg is of a principal point in the middle; leave out cx and cy"
+                )
+            sides = image_side("width", width), image_side("height", height)
+            angle = number("diagonal_deg", diagonal_deg)
+            if not 0 < angle < 180:
+                raise CameraError(f"diagonal_deg must be above 0 and below 180, got {angle:g}")
+            across = math.tan(math.radians(angle) / 2) * sides[0] / math.hypot(*sides)
+            given = {"hfov_deg": 2 * math.degrees(math.atan(across))}
+        return cls.from_dict({"width": width, "height": height} | others | given)
+
+    @classmethod
     def from_opencv(
         cls,
         K: ArrayLike,
@@ -296,14 +337,14 @@ class Camera:
 
     def save(self, path: StrPath) -> None:
         """Write the camera as a `.json` file that `load` reads back to an equal camera."""
-        write_entries(path, self.plain())
+        write_entries(path, self.to_json())
 
     def with_optics(self, entries: Mapping[str, Any]) -> "Camera":
         """Camera with depth of field and near limit of the entries of a camera file, `OPTICS`."""
         check_optics(entries)
-        return Camera.from_dict(self.plain() | dict(entries)) if entries else self
+        return Camera.from_dict(self.to_json() | dict(entries)) if entries else self
 
-    def plain(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Any]:
         """Arguments of the constructor that are set, ready for JSON; `model` unless a pinhole."""
         fields = {k: v for k, v in asdict(self).items() if v not in (None, ())}
         if self.model == "pinhole":

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.arguments import LARGEST_COORDINATE, checked_array, flag, owned
 from rastercov.base.errors import PoseError
+from rastercov.base.format import InOneLine
 from rastercov.base.typed import check_fields
 
 FloatArray = NDArray[np.float64]
@@ -84,8 +85,8 @@ def renumbered(poses: "ArrayLike | Poses") -> "Poses":
     return Poses(matrices, np.arange(n), matrices, {}, placed.camera)
 
 
-@dataclass(frozen=True, eq=False)
-class Poses:
+@dataclass(frozen=True, eq=False, repr=False)
+class Poses(InOneLine):
     """Camera poses that were checked, once: every function that takes poses takes them as they are.
 
     Attributes

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov.base.arguments import check_kind, members
 from rastercov.base.checks import shown
 from rastercov.base.errors import CameraError, MeshError
+from rastercov.base.format import InOneLine
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses, valid_poses
 from rastercov.mesh import Mesh
@@ -22,8 +23,8 @@ MOST_CAMERAS = 100_000
 """Cameras of a rig: a reconstruction may have one for each image."""
 
 
-@dataclass(frozen=True, init=False, eq=False)
-class Rig:
+@dataclass(frozen=True, init=False, eq=False, repr=False)
+class Rig(InOneLine):
     """Named cameras that are mounted together, or that share one job.
 
     Parameters

@@ -13,6 +13,7 @@ import numpy as np
 from rastercov.base.arguments import check_kind, members
 from rastercov.base.checks import shown
 from rastercov.base.errors import CameraError, PoseError
+from rastercov.base.format import InOneLine
 from rastercov.base.typed import typed
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
@@ -22,8 +23,8 @@ MOST_NAMES = 8
 """Names of cameras that a message lists."""
 
 
-@dataclass(frozen=True, eq=False)
-class Views:
+@dataclass(frozen=True, eq=False, repr=False)
+class Views(InOneLine):
     """Cameras with names, poses, and a name for the image of each pose.
 
     Parameters

@@ -45,7 +45,7 @@ COMMANDS = {
 """Commands and the first line of their help, which the list shows before any is loaded."""
 GARBAGE = 200_000
 """Objects that are made between two looks for garbage."""
-IN_MODULE = {"check": "place"}
+IN_MODULE = {"check": "place", "demo": "evaluate"}
 """Modules of commands that have another name."""
 
 

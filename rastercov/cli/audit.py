@@ -13,17 +13,15 @@ from rastercov.camera.formats.conventions import Border, Conventions
 from rastercov.camera.formats.doubts import unit_doubts
 from rastercov.cli import options
 from rastercov.cli.console import progress_bar, say, warn
-from rastercov.cli.inputs import arguments_of, read_scene
-from rastercov.cli.views import left_out
-from rastercov.cluster import Tally, Workers
+from rastercov.cli.inputs import SceneOptions, left_out
+from rastercov.cluster import Tally
 from rastercov.coverage.task import Task
 
 MOST_NAMED = 5
 """Cameras that are named one by one."""
 
 
-@options.with_conventions
-@options.with_task
+@options.expanded
 def audit(
     source: Annotated[
         Path,
@@ -34,15 +32,11 @@ def audit(
         ),
     ],
     meshes: options.Meshes,
-    conventions: Conventions = Conventions(),  # noqa: B008 - becomes options
+    scene: SceneOptions,
+    conventions: Conventions,
+    task: Task,
+    processes: options.Processes,
     out: options.Out = Path("audit"),
-    unit: options.Unit = options.UNIT,
-    transform: options.Transform = [],  # noqa: B006 - typer copies it
-    occluder: options.Occluders = [],  # noqa: B006 - the same
-    target: options.Targets = [],  # noqa: B006 - the same
-    two_sided: options.TwoSided = [],  # noqa: B006 - the same
-    drop_invalid: options.DropInvalid = False,
-    task: Task = Task(),  # noqa: B008 - becomes options
     by: Annotated[
         str | None, typer.Option(help="Unit of the result: area or face.", show_default="area")
     ] = None,
@@ -51,9 +45,6 @@ def audit(
     ] = None,
     method: Annotated[str, typer.Option(help="certified, exact or sampled.")] = "certified",
     skip_bad_poses: options.SkipBadPoses = False,
-    workers: options.WorkersOption = None,
-    scheduler: options.SchedulerOption = None,
-    json_progress: options.JsonProgress = False,
     as_json: options.AsJson = False,
 ) -> None:
     """Audit existing cameras: what each sees, what is lost without it, and the smallest subset.
@@ -66,8 +57,7 @@ def audit(
     from rastercov.placement.audit import audit as run
     from rastercov.report.audit import write  # loads pyarrow
 
-    staff, tally = Workers.of(workers, scheduler), Tally()
-    scene = read_scene(meshes, unit, transform, occluder, two_sided, drop_invalid, target)
+    staff, tally, mesh = processes.open(), Tally(), scene.read(meshes)
     border = Border(conventions)
     views = read_through(source, border)
     if views.rig is None:
@@ -78,8 +68,8 @@ def audit(
             "they are in metres"
         )
     notes = [*views.notes, *left_out(views.poses)]
-    doubts = unit_doubts(scene, views.rig, views.poses)
-    warn([*scene.warnings, *notes, *border.unused(), *doubts])
+    doubts = unit_doubts(mesh, views.rig, views.poses)
+    warn([*mesh.warnings, *notes, *border.unused(), *doubts])
     with progress_bar() as progress:
         options: Any = {
             "by": by,
@@ -91,17 +81,14 @@ def audit(
 
         def made(shards: Path | None) -> Audit:
             return run(
-                scene, rig, poses, task, names=names, frames=frames, progress=progress,
+                mesh, rig, poses, task, names=names, frames=frames, progress=progress,
                 folder=shards, workers=staff, watch=tally.add, note=lambda line: warn([line]),
                 **options,
             )  # fmt: skip
 
-        is_kept = staff is not None or is_long(len(poses), scene.n_faces)
-        inputs = arguments_of(
-            out, meshes, unit=unit, transform=transform, occluders=occluder, two_sided=two_sided,
-            drop_invalid=drop_invalid, targets=target,
-        )  # fmt: skip
-        _, summary = write(made, out, options | {"scene": inputs}, notes, is_kept=is_kept)
+        is_kept = staff is not None or is_long(len(poses), mesh.n_faces)
+        kept = options | {"scene": scene.entries(out, meshes)}
+        _, summary = write(made, out, kept, notes, is_kept=is_kept)
     quarantined = summary["quarantined"]
     warn(f"pose {pose} left out: its process {end}" for pose, end in quarantined.items())
     if as_json:

@@ -15,8 +15,7 @@ from rastercov.camera.formats.doubts import unit_doubts
 from rastercov.camera.pose import Poses
 from rastercov.cli import options
 from rastercov.cli.console import out_option, progress_bar, size_line, warn
-from rastercov.cli.inputs import read_scene
-from rastercov.cli.views import read_eyes
+from rastercov.cli.inputs import read_eyes, read_scene
 from rastercov.mesh import Mesh
 
 COMPARED = ["certified", "sampled", "sampled@4"]

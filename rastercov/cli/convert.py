@@ -12,10 +12,10 @@ from rastercov.camera.formats import READERS, WRITERS, format_of, read_views, wr
 from rastercov.camera.formats.conventions import Conventions
 from rastercov.cli import options
 from rastercov.cli.console import warn
-from rastercov.cli.views import left_out
+from rastercov.cli.inputs import left_out
 
 
-@options.with_conventions
+@options.expanded
 def convert(
     source: Annotated[
         Path,
@@ -35,6 +35,7 @@ def convert(
             show_default=False,
         ),
     ],
+    conventions: Conventions,
     read_as: Annotated[
         str | None,
         typer.Option("--from", help=f"Format of IN: {', '.join(READERS)}; else by its content."),
@@ -43,7 +44,6 @@ def convert(
         str | None,
         typer.Option("--to", help=f"Format of OUT: {', '.join(WRITERS)}; else by its name."),
     ] = None,
-    conventions: Conventions = Conventions(),  # noqa: B008 - becomes options
     camera_name: options.CameraName = None,
     skip_bad_poses: options.SkipBadPoses = False,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace OUT.")] = False,

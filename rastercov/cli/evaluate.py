@@ -1,4 +1,4 @@
-"""The command `evaluate`: coverage of every pose, and a report."""
+"""The commands `evaluate`, coverage of every pose and a report, and `demo`, on a built-in mesh."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -12,16 +12,16 @@ from rich.console import Console
 
 from rastercov.base.errors import PoseError
 from rastercov.base.format import plural
+from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import Conventions
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras
 from rastercov.cli import options
 from rastercov.cli.console import progress_bar, say, warn
-from rastercov.cli.inputs import arguments_of, read_scene
-from rastercov.cli.views import left_out, read_eyes
+from rastercov.cli.inputs import SceneOptions, left_out, poses_around, read_eyes
 from rastercov.cluster import Tally, Workers
 from rastercov.coverage.task import Task
-from rastercov.mesh import Mesh
+from rastercov.mesh import Mesh, shapes
 
 FloatArray = NDArray[np.float64]
 
@@ -53,22 +53,17 @@ Full = Annotated[
 ]
 
 
-@options.with_conventions
-@options.with_task
+@options.expanded
 def evaluate(
     meshes: options.Meshes,
     poses: options.PosesOption,
+    scene: SceneOptions,
+    conventions: Conventions,
+    task: Task,
+    processes: options.Processes,
     camera: options.CamerasOption = [],  # noqa: B006 - typer copies it
-    conventions: Conventions = Conventions(),  # noqa: B008 - becomes options
     camera_name: options.CameraName = None,
     out: options.Out = Path("report"),
-    unit: options.Unit = options.UNIT,
-    transform: options.Transform = [],  # noqa: B006 - typer copies it
-    occluder: options.Occluders = [],  # noqa: B006 - typer copies it
-    target: options.Targets = [],  # noqa: B006 - the same
-    two_sided: options.TwoSided = [],  # noqa: B006 - the same
-    drop_invalid: options.DropInvalid = False,
-    task: Task = Task(),  # noqa: B008 - becomes options
     skip_bad_poses: options.SkipBadPoses = False,
     table: Table = None,
     pictures: Pictures = 12,
@@ -77,9 +72,6 @@ def evaluate(
     method: Method = "certified",
     supersample: Supersample = 1,
     device: options.Device = "auto",
-    workers: options.WorkersOption = None,
-    scheduler: options.SchedulerOption = None,
-    json_progress: options.JsonProgress = False,
     as_json: options.AsJson = False,
 ) -> None:
     """Evaluate every pose and leave a report: a table, figures, pictures, a coloured mesh.
@@ -92,10 +84,9 @@ def evaluate(
     """
     from rastercov.report.coverage import Options  # loads pyarrow
 
-    staff = Workers.of(workers, scheduler)
-    scene = read_scene(meshes, unit, transform, occluder, two_sided, drop_invalid, target)
+    workers, mesh = processes.open(), scene.read(meshes)
     with _remedy():
-        eyes = read_eyes(scene, camera, poses, conventions, camera_name, several=True)
+        eyes = read_eyes(mesh, camera, poses, conventions, camera_name, several=True)
     warn(eyes.notes)
     settings = Options(
         method=method,
@@ -106,13 +97,10 @@ def evaluate(
         pictures=pictures,
         full=full,
         skip_bad_poses=skip_bad_poses,
-        scene=arguments_of(
-            out, meshes, unit=unit, transform=transform, occluders=occluder, two_sided=two_sided,
-            drop_invalid=drop_invalid, targets=target,
-        ),
-    )  # fmt: skip
+        scene=scene.entries(out, meshes),
+    )
     assert eyes.rig is not None
-    run_and_print(scene, eyes.rig, eyes.poses, task, out, settings, as_json, staff)
+    run_and_print(mesh, eyes.rig, eyes.poses, task, out, settings, as_json, workers)
 
 
 @contextmanager
@@ -138,6 +126,7 @@ def run_and_print(
     """Evaluate all poses, leave the report, and print a summary or the JSON."""
     from rastercov.base.output import json_text
     from rastercov.coverage.area.zone_report import zone_lines
+    from rastercov.coverage.job import Staff
     from rastercov.exact.certificate import compile_once
     from rastercov.report.coverage import run
     from rastercov.report.tables import camera_table, run_table, summary_table
@@ -150,10 +139,8 @@ def run_and_print(
     if not len(accepted):
         warn(["there are no poses, so nothing is covered"])
     with progress_bar() as progress:
-        summary = run(
-            mesh, camera, accepted, task, out, settings, progress, workers, tally.add,
-            lambda line: warn([line]),
-        )  # fmt: skip
+        staff = Staff(workers, progress, tally.add, lambda line: warn([line]))
+        summary = run(mesh, camera, accepted, task, out, settings, staff)
     if any(summary["visibility_figures"].values()) and summary["largest_image_pixels"] < 1:
         across = float(np.ptp(mesh.bounds, axis=0).max())
         warn([f"less than a pixel in every image: {across:.2g} m across; see --unit"])
@@ -186,3 +173,22 @@ def run_and_print(
         )
         if not settings.skip_bad_poses:
             raise typer.Exit(1)
+
+
+def demo(
+    out: options.Out = Path("report"),
+    shape: Annotated[str, typer.Option(help=f"One of {', '.join(shapes.NAMES)}.")] = "aeroplane",
+    poses: Annotated[int, typer.Option(min=1, help="Poses around it.")] = 12,
+    device: options.Device = "auto",
+    as_json: options.AsJson = False,
+) -> None:
+    """Run the main job on a built-in mesh.
+
+    [bold]Example[/]: rastercov demo --shape teapot --out report/
+    """
+    from rastercov.report.coverage import Options
+
+    mesh, camera = shapes.by_name(shape), Camera.preset("icube-ns4133bu-8mm")
+    matrices = poses_around(f"sphere:{poses}", mesh, camera)
+    task = Task(max_incidence_deg=75)
+    run_and_print(mesh, camera, matrices, task, out, Options(device=device), as_json)

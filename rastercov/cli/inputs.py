@@ -1,27 +1,38 @@
-"""Values that the command line names: a scene, and poses around it.
+"""Values that the command line names: a scene, cameras and poses.
 
-Between `cli` and the chain: files and built-in meshes. `views` has cameras and pose files.
+Between `cli` and the chain: files of this and other programs, built-in meshes, presets, poses on a
+sphere; one file may give both cameras and poses.
 """
 
 import os
 import tomllib
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.arguments import MOST_POSES
-from rastercov.base.errors import ConfigError, MeshError, PoseError
+from rastercov.base.errors import CameraError, ConfigError, MeshError, PoseError
+from rastercov.base.files import is_file
 from rastercov.camera.camera import Camera
+from rastercov.camera.camera_file import PRESETS
+from rastercov.camera.formats import read_through
+from rastercov.camera.formats.conventions import Border, Conventions
+from rastercov.camera.pose import Poses
+from rastercov.camera.rig import Rig
 from rastercov.camera.viewpoints import enclosing_distance, sphere_of_poses
+from rastercov.camera.views import Views
+from rastercov.cli import options
 from rastercov.mesh import Mesh, shapes
-from rastercov.mesh.formats import READERS
-from rastercov.mesh.groups import named
+from rastercov.mesh.groups import by_file, files_named, named
 from rastercov.mesh.mesh import names_of
-from rastercov.mesh.names import FileGroups, Names, by_file, files_named
+
+MOST_WARNINGS = 5
+"""Rejected poses that are named one by one."""
 
 
 def read_scene(
@@ -35,30 +46,15 @@ def read_scene(
 ) -> Mesh:
     """Scene of the named files; an occluder or target may be a further file or a group of these.
 
-    Entries of `unit` and `transform` are for all files, or by name: NAME:UNIT; see `mesh.names`.
+    Entries of `unit` and `transform` are for all files, or by name: NAME:UNIT; see `mesh.groups`.
     """
     roles = {"--occluder": occluders, "--target": targets or []}
     further = [name for names in roles.values() for name in names if _is_further(name, meshes)]
-    for name in map(str, meshes):
-        if _is_file(name):
-            continue
-        if name not in shapes.NAMES and Path(name).suffix.lower() not in READERS:
-            raise MeshError(
-                f"{name}: there is no such file, nor a built-in mesh of that name; "
-                f"built in are {', '.join(shapes.NAMES)}"
-            )
-        if name in shapes.NAMES and (len(meshes) > 1 or further or unit != ["m"]):
-            raise ConfigError(f"{name} is built in: it takes no --unit and no other mesh files")
     paths = [*meshes, *dict.fromkeys(map(Path, further))]
     places = [_transform(each) for each in by_file("--transform", _named(transform), paths, "")]
-    if str(meshes[0]) in shapes.NAMES and not _is_file(meshes[0]):
-        mesh = shapes.by_name(str(meshes[0])).moved(**places[0])
-        groups = [group.name for group in mesh.groups]
-        names = Names(groups, [FileGroups(meshes[0], groups)])
-    else:
-        units = [_unit(each) for each in by_file("--unit", _named(unit), paths, "m")]
-        mesh = Mesh.load(paths, units, transforms=places, drop_invalid=drop_invalid)
-        names = names_of(mesh, paths)
+    units = [_unit(each) for each in by_file("--unit", _named(unit), paths, "m")]
+    mesh = Mesh.load(paths, units, transforms=places, drop_invalid=drop_invalid)
+    names = names_of(mesh, paths)
     both = "all" if "all" in two_sided else named("--two-sided", two_sided, names)
     hiding, transparent = (named(role, given, names) for role, given in roles.items())
     mesh = mesh.with_groups(hiding, both, transparent)
@@ -67,19 +63,33 @@ def read_scene(
     return mesh
 
 
-def arguments_of(out: Path, meshes: list[Path], **options: Any) -> dict[str, Any]:
-    """Arguments of `read_scene`, with the working folder, for the report in a folder.
+class SceneOptions(NamedTuple):
+    """Options of the mesh files of a command."""
 
-    The working folder is named as it is seen from there, so that both may move together.
-    """
-    folder = str(Path.cwd())
-    with suppress(ValueError):  # on another drive
-        folder = os.path.relpath(folder, out.resolve())
-    return {"folder": folder, "meshes": list(map(str, meshes)), **options}
+    unit: options.Unit = options.UNIT
+    transform: options.Transform = []  # noqa: RUF012 - typer copies it
+    occluders: options.Occluders = []  # noqa: RUF012 - the same
+    two_sided: options.TwoSided = []  # noqa: RUF012 - the same
+    drop_invalid: options.DropInvalid = False
+    targets: options.Targets = []  # noqa: RUF012 - the same
+
+    def read(self, meshes: list[Path]) -> Mesh:
+        """Scene of these files or the built-in mesh."""
+        return read_scene(meshes, *self)
+
+    def entries(self, out: Path, meshes: list[Path]) -> dict[str, Any]:
+        """Arguments of `read_scene`, with the working folder, for the report in a folder.
+
+        The working folder is named as it is seen from there, so that both may move together.
+        """
+        folder = str(Path.cwd())
+        with suppress(ValueError):  # on another drive
+            folder = os.path.relpath(folder, out.resolve())
+        return {"folder": folder, "meshes": list(map(str, meshes)), **self._asdict()}
 
 
 def are_arguments(value: Any) -> bool:
-    """True for what `arguments_of` gives, after a way through JSON."""
+    """True for what `SceneOptions.entries` gives, after a way through JSON."""
     lists = {"meshes", "unit", "transform", "occluders", "two_sided", "targets"}
     return (
         isinstance(value, dict)
@@ -94,7 +104,7 @@ def are_arguments(value: Any) -> bool:
 def read_again(
     result: Path, arguments: Mapping[str, Any], names: Collection[str], given: list[Path]
 ) -> Mesh:
-    """Scene of `arguments_of` a result's folder, whose files have these names.
+    """Scene of the entries in a result's folder, whose files have these names.
 
     Files that are not where they were are looked for by their names in the working folder, in the
     result's and beside it; `given` ones, in the order of the names or with the same, come first.
@@ -112,7 +122,7 @@ def read_again(
         tries = [places[0] / file, *(place / name for place in places)]
         if name in found:
             tries = [found[name]]
-        near = next(filter(_is_file, tries), None)
+        near = next(filter(is_file, tries), None)
         if near is None:
             raise MeshError(
                 f"{file} of {result} is neither where it was nor near; name it after the folder"
@@ -135,19 +145,11 @@ def _is_further(name: str, meshes: list[Path]) -> bool:
 
     ConfigError where it is a file of that name here, and one of the meshes has the name, too.
     """
-    if not _is_file(name) or any(path.exists() and path.samefile(name) for path in meshes):
+    if not is_file(name) or any(path.exists() and path.samefile(name) for path in meshes):
         return False
     if Path(name).name == name and (rows := files_named(name, meshes)[0]):
         raise ConfigError(f"{name} may be {meshes[rows[0]]} or ./{name}; give the path")
     return True
-
-
-def _is_file(name: str | Path) -> bool:
-    """True for a file of that name, and no folder; False for a name too long."""
-    try:
-        return Path(name).is_file()
-    except OSError:
-        return False
 
 
 def _named(values: list[str]) -> list[tuple[str | None, str]]:
@@ -194,3 +196,195 @@ def poses_around(source: str, mesh: Mesh, camera: Camera) -> NDArray[np.float64]
     except ConfigError:
         raise PoseError("--poses sphere:N needs a principal point inside the image") from None
     return sphere_of_poses(centre, distance, int(count))
+
+
+def left_out(poses: Poses, more: str = "") -> list[str]:
+    """Lines on poses that are no rigid motion and were left out; `more` ends that of many."""
+    rejected = sorted(poses.rejected.items())
+    lines = [f"pose {row} left out: it {text}" for row, text in rejected[:MOST_WARNINGS]]
+    others = len(rejected) - MOST_WARNINGS
+    return lines + ([f"{others} more poses left out{more}"] if others > 0 else [])
+
+
+def read_eyes(
+    mesh: Mesh,
+    camera: str | Sequence[str] | None,
+    poses: str,
+    conventions: Conventions,
+    camera_name: str | None = None,
+    *,
+    several: bool = False,
+) -> Views:
+    """Camera of a command, or its cameras, and the poses.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        The scene, for poses around it.
+    camera : str or sequence of str, optional
+        A preset or a file, or NAME=FILE for each of several; the file of the poses unless given.
+    poses : str
+        A file, or sphere:N.
+    conventions : Conventions
+        Answers to what the files leave open.
+    camera_name : str, optional
+        Camera of a file with several.
+    several : bool
+        Take all cameras unless one is named; the poses then name theirs.
+
+    Raises
+    ------
+    CameraError
+        Where there is no camera, or several to choose from.
+    PoseError
+        For poses without a unit, and for what is no pose file.
+    """
+    border = Border(conventions)
+    given = [camera] if isinstance(camera, str) else list(camera or ())
+    cameras = read_cameras(given, border)
+    if poses.startswith("sphere:"):
+        if cameras is None:
+            raise CameraError("--poses sphere:N needs a camera; give --camera")
+        found = cameras.of_camera(camera_name)
+        around = Poses.of(poses_around(poses, mesh, found.camera()))
+        names = tuple(f"pose {row}" for row in range(len(around)))
+        return replace(found, poses=around, images=names, has_unit=True)
+    is_same = len(given) == 1 and _is_same(given[0], poses)
+    views = cameras if is_same and cameras else read_through(poses, border)
+    if not len(views.poses) and not views.poses.rejected and views.rig is not None:
+        raise PoseError(f"{poses}: there are cameras and no poses; give a pose file as --poses")
+    if cameras is None and views.rig is None:
+        raise CameraError(f"{poses} has poses and no camera; give --camera")
+    if not views.has_unit:
+        raise PoseError(
+            f"{poses}: the poses have no unit, and the mesh is in metres; give --pose-unit, 1 if "
+            "they are in metres"
+        )
+    if cameras is None or cameras is views:
+        found = _chosen(views, camera_name, several=several)
+    else:
+        by_name = several and (len(cameras.cameras()) > 1 or _named_camera(given[0]) is not None)
+        found = _with_cameras(views, cameras, camera_name, by_name=by_name)
+    notes = list(dict.fromkeys([*found.notes, *border.unused()]))
+    return replace(found, notes=tuple(notes))
+
+
+def read_rig(
+    camera: Sequence[str], poses: Path, conventions: Conventions, camera_name: str | None = None
+) -> Views:
+    """Poses of a file in metres, with cameras where any are given or the file has them.
+
+    `camera` replaces the cameras of the file; arguments as for `read_eyes`.
+    """
+    border = Border(conventions)
+    cameras = read_cameras(camera, border)
+    views = read_through(poses, border)
+    if not views.has_unit:
+        raise PoseError(f"{poses}: the poses have no unit; give --pose-unit, 1 if it is metres")
+    if cameras is not None:
+        by_name = len(cameras.cameras()) > 1 or _named_camera(camera[0]) is not None
+        views = _with_cameras(views, cameras, camera_name, by_name=by_name)
+    elif camera_name is not None:
+        views = views.of_camera(camera_name)
+    return replace(views, notes=(*views.notes, *border.unused()))
+
+
+def read_cameras(given: Sequence[str], border: Border) -> Views | None:
+    """Cameras of the option --camera: of one file, or NAME=FILE for each; None where none is.
+
+    Raises
+    ------
+    CameraError
+        For several without names, for two of one name, and for files without a camera.
+    """
+    if not given:
+        return None
+    if len(given) == 1 and _named_camera(given[0]) is None:
+        return _cameras(given[0], border)
+    found: dict[str, Camera] = {}
+    for text in given:
+        if (pair := _named_camera(text)) is None:
+            raise CameraError(
+                f"--camera {text}: of several cameras each wants a name and a file or preset, "
+                "--camera left=left.yaml; correct it"
+            )
+        name, source = pair
+        if name in found:
+            raise CameraError(f"--camera {text}: there is a camera {name!r} already; rename it")
+        views = _cameras(source, border)
+        assert views.rig is not None
+        found[name] = views.camera(name if name in views.rig.names else None)
+    rig = Rig(list(found.values()), list(found))
+    return Views(rig=rig, poses=Poses.of(np.zeros((0, 4, 4))))
+
+
+def _named_camera(text: str) -> tuple[str, str] | None:
+    """Name and file, or preset, of NAME=FILE; None for anything else."""
+    name, equals, source = text.partition("=")
+    is_known = source in PRESETS or os.path.exists(source)  # noqa: PTH110 - of a text
+    is_file = os.path.exists(text)  # noqa: PTH110 - a name with = in it
+    return (name, source) if name and equals and is_known and not is_file else None
+
+
+def _cameras(camera: str, border: Border) -> Views:
+    if camera in PRESETS:
+        return _alone(Camera.preset(camera), camera)
+    if "=" in camera and not os.path.exists(camera):  # noqa: PTH110 - of a text
+        return _alone(_of_entries(camera), "camera")
+    found = read_through(camera, border)
+    if found.rig is None:
+        raise CameraError(f"{camera} has poses and no camera; give a camera file")
+    return found
+
+
+def _of_entries(text: str) -> Camera:
+    """Camera of the entries of a camera file, as one line."""
+    inside = text.strip().removeprefix("{").removesuffix("}")
+    try:
+        entries = tomllib.loads(f"camera = {{ {inside} }}")["camera"]
+        return Camera.from_dict(entries)
+    except CameraError as error:
+        raise CameraError(f"--camera {text}: {error}") from None
+    except (tomllib.TOMLDecodeError, RecursionError, AttributeError):
+        raise CameraError(
+            f'--camera {text}: a file, a preset, or entries such as \'preset = "khepra", near = '
+            "0.1' wanted; correct it"
+        ) from None
+
+
+def _alone(camera: Camera, name: str) -> Views:
+    return Views(rig=Rig([camera], [name]), poses=Poses.of(np.zeros((0, 4, 4))))
+
+
+def _is_same(camera: str | None, poses: str) -> bool:
+    try:
+        return camera is not None and os.path.samefile(camera, poses)  # noqa: PTH121 - of two texts
+    except OSError:
+        return False
+
+
+def _chosen(views: Views, name: str | None, *, several: bool) -> Views:
+    """Views of the chosen camera, of the only one that has poses, of the only one, or of all."""
+    used = np.unique(views.poses.camera)
+    if name is None and len(used) == 1 and views.rig is not None:
+        name = views.rig.names[int(used[0])]
+    return views if several and name is None else views.of_camera(name)
+
+
+def _with_cameras(views: Views, cameras: Views, name: str | None, *, by_name: bool) -> Views:
+    """Poses of one file with the camera of another, or each with that of its name."""
+    assert cameras.rig is not None
+    notes = (*cameras.notes, *views.notes)
+    if name is None and by_name:
+        return _chosen(replace(views.with_cameras(cameras.rig), notes=notes), None, several=True)
+    chosen = cameras.of_camera(name)
+    rows = np.arange(len(views.poses))
+    if name in views.camera_names:
+        rows = np.flatnonzero(views.poses.camera == views.camera_names.index(name))
+    poses = replace(views.poses[rows], camera=np.zeros(len(rows), np.int32))
+    return Views(
+        rig=chosen.rig,
+        poses=replace(poses, rejected=views.poses.rejected),
+        images=tuple(views.images[row] for row in rows),
+        notes=notes,
+    )

@@ -4,18 +4,19 @@ import functools
 import inspect
 import re
 from collections.abc import Callable
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from types import UnionType
-from typing import Annotated, Any, Union, get_args, get_origin
+from typing import Annotated, Any, NamedTuple, Union, get_args, get_origin, get_type_hints
 
 import typer
 
+from rastercov.base.arguments import annotations_of, documented, reader_of
 from rastercov.base.errors import ConfigError
-from rastercov.base.limits import annotations_of, documented, reader_of
 from rastercov.camera.camera_file import PRESETS
 from rastercov.camera.formats.conventions import POSE_CONVENTIONS, Conventions
 from rastercov.cli.console import out_option, progress_as_json
+from rastercov.cluster import Workers
 from rastercov.coverage.task import THESIS, Task
 from rastercov.mesh import shapes
 
@@ -122,6 +123,20 @@ JsonProgress = Annotated[
         help="Print progress as JSON, a line a second, on standard error.",
     ),
 ]
+
+
+class Processes(NamedTuple):
+    """Processes that measure, and the form of the progress that they report."""
+
+    workers: WorkersOption = None
+    scheduler: SchedulerOption = None
+    json_progress: JsonProgress = False
+
+    def open(self) -> Workers | None:
+        """Choice of workers; None for this process."""
+        return Workers.of(self.workers, self.scheduler)
+
+
 CONVENTIONS = {
     "pixel_centre": (
         float | None,
@@ -146,30 +161,70 @@ CONVENTIONS = {
 """Types and words of the options that answer what a file leaves open."""
 
 
-def with_conventions(command: Callable[..., None]) -> Callable[..., None]:
-    """Replace the parameter `conventions` of a command by an option for each of its answers."""
-    new = functools.partial(inspect.Parameter, kind=inspect.Parameter.POSITIONAL_OR_KEYWORD)
-    given = []
-    for name, (hint, text) in CONVENTIONS.items():
-        words = (f"--{name.replace('_', '-')}",) if hint is bool else ()
-        option: Any = Annotated[hint, typer.Option(*words, help=text)]
-        given.append(new(name, default=False if hint is bool else None, annotation=option))
+def expanded(command: Callable[..., None]) -> Callable[..., None]:
+    """Replace parameters of a command that are several options together by these options.
+
+    They are of type `Conventions`, `Task`, or a named tuple of options. With `--thesis` the fields
+    that `Task.thesis` sets keep its values.
+    """
+    signature = inspect.signature(command)
+    parameters: list[inspect.Parameter] = []
+    made: dict[str, tuple[list[str], Callable[..., Any]]] = {}
+    make: Callable[..., Any]
+    for each in signature.parameters.values():
+        kind = each.annotation
+        if kind is Conventions:
+            own, make = _of_conventions(), _conventions
+        elif kind is Task:
+            own, make = _of_task(), _task
+        elif hasattr(kind, "_fields"):
+            own, make = _of_tuple(kind), kind
+        else:
+            parameters.append(each)
+            continue
+        parameters += own
+        made[each.name] = [option.name for option in own], make
 
     @functools.wraps(command)
     def with_options(**values: Any) -> None:
-        answers = {name: values.pop(name) for name in CONVENTIONS}
-        answers["image_size"] = _image_size(answers["image_size"])
-        answers["pose_unit"] = _number_or_name(answers["pose_unit"])
-        answers["skip_bad_poses"] = values.get("skip_bad_poses", False)
-        command(conventions=Conventions(**answers), **values)
+        for name, (names, make) in made.items():
+            values[name] = make(**{option: values.pop(option) for option in names})
+            if "skip_bad_poses" in values and isinstance(values[name], Conventions):
+                answers = values[name]
+                values[name] = replace(answers, skip_bad_poses=values["skip_bad_poses"])
+        command(**values)
 
-    signature = inspect.signature(command)
-    parameters: list[inspect.Parameter] = []
-    for parameter in signature.parameters.values():
-        parameters += given if parameter.name == "conventions" else [parameter]
     with_options.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined] # of Callable
     with_options.__annotations__ = {each.name: each.annotation for each in parameters}
     return with_options
+
+
+with_conventions = with_task = expanded
+
+
+def _parameter(name: str, default: Any, annotation: Any) -> inspect.Parameter:
+    kind = inspect.Parameter.POSITIONAL_OR_KEYWORD
+    return inspect.Parameter(name, kind, default=default, annotation=annotation)
+
+
+def _of_tuple(kind: Any) -> list[inspect.Parameter]:
+    hints = get_type_hints(kind, include_extras=True)
+    return [_parameter(name, kind._field_defaults[name], hints[name]) for name in kind._fields]
+
+
+def _of_conventions() -> list[inspect.Parameter]:
+    found = []
+    for name, (hint, text) in CONVENTIONS.items():
+        words = (f"--{name.replace('_', '-')}",) if hint is bool else ()
+        option: Any = Annotated[hint, typer.Option(*words, help=text)]
+        found.append(_parameter(name, False if hint is bool else None, option))
+    return found
+
+
+def _conventions(**answers: Any) -> Conventions:
+    answers["image_size"] = _image_size(answers["image_size"])
+    answers["pose_unit"] = _number_or_name(answers["pose_unit"])
+    return Conventions(**answers)
 
 
 def _image_size(text: str | None) -> tuple[int, int] | None:
@@ -187,42 +242,22 @@ def _number_or_name(text: str | None) -> str | float | None:
         return text
 
 
-def with_task(command: Callable[..., None]) -> Callable[..., None]:
-    """Replace the parameter `task` of a command by an option for each number of `Task`.
-
-    With `--thesis` the fields that `Task.thesis` sets keep its values.
-    """
-    hints = annotations_of(Task)
+def _of_task() -> list[inspect.Parameter]:
+    """An option for each number of `Task`, and `--thesis`."""
+    hints, defaults = annotations_of(Task), {field.name: field.default for field in fields(Task)}
     numbers = {name for name, hint in hints.items() if _plain(hint) in (int, float, float | None)}
-    docs = {name: text for name, text in documented(Task).items() if name in numbers}
-    defaults = {field.name: field.default for field in fields(Task)}
-    new = functools.partial(inspect.Parameter, kind=inspect.Parameter.POSITIONAL_OR_KEYWORD)
-    given = [
-        new(
-            name,
-            default=defaults[name],
-            annotation=_option(hints[name], text),
-        )
-        for name, text in docs.items()
+    found = [
+        _parameter(name, defaults[name], _option(hints[name], text))
+        for name, text in documented(Task).items()
+        if name in numbers
     ]
-    given.append(new("thesis", default=False, annotation=Thesis))
+    return [*found, _parameter("thesis", False, Thesis)]
 
-    @functools.wraps(command)
-    def with_options(thesis: bool, **values: Any) -> None:
-        thresholds = {name: values.pop(name) for name in docs}
-        if thesis:
-            task = Task.thesis(**{k: v for k, v in thresholds.items() if k not in THESIS})
-        else:
-            task = Task(**thresholds)
-        command(task=task, **values)
 
-    signature = inspect.signature(command)
-    parameters: list[inspect.Parameter] = []
-    for parameter in signature.parameters.values():
-        parameters += given if parameter.name == "task" else [parameter]
-    with_options.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined] # of Callable
-    with_options.__annotations__ = {each.name: each.annotation for each in parameters}
-    return with_options
+def _task(thesis: bool, **thresholds: Any) -> Task:
+    if thesis:
+        return Task.thesis(**{k: v for k, v in thresholds.items() if k not in THESIS})
+    return Task(**thresholds)
 
 
 def _option(hint: Any, text: str) -> Any:

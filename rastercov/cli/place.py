@@ -15,16 +15,14 @@ from rastercov.base.format import plural
 from rastercov.camera.formats.conventions import Conventions
 from rastercov.camera.formats.doubts import unit_doubts
 from rastercov.cli.console import out_option, progress_bar, say, size_line, warn
+from rastercov.cli.inputs import read_rig
 from rastercov.cli.options import (
     AsJson,
     CameraName,
     CamerasOption,
-    JsonProgress,
-    SchedulerOption,
-    WorkersOption,
-    with_conventions,
+    Processes,
+    expanded,
 )
-from rastercov.cli.views import read_rig
 
 if TYPE_CHECKING:
     from rastercov.placement.plan.file import Plan
@@ -41,8 +39,10 @@ def _print_schema(wanted: bool) -> None:
         raise typer.Exit
 
 
+@expanded
 def place(
     plan: PlanFile,
+    processes: Processes,
     out: Annotated[
         Path | None,
         out_option("Folder for the files; the plan's own if left out."),
@@ -56,15 +56,12 @@ def place(
             help="Print the JSON schema of plan files, for editors.",
         ),
     ] = False,
-    workers: WorkersOption = None,
-    scheduler: SchedulerOption = None,
     skip_bad_poses: Annotated[
         bool,
         typer.Option(
             "--skip-bad-poses", help="Accept that poses which kill a worker are left out."
         ),
     ] = False,
-    json_progress: JsonProgress = False,
     as_json: AsJson = False,
 ) -> None:
     """Find out where cameras go: carry out a plan file; 1 when its goal is not reached.
@@ -76,13 +73,11 @@ def place(
     """
     asked = _plan(plan)
     from rastercov.base.output import json_text
-    from rastercov.cluster import Workers
     from rastercov.report import plan as report
 
     folder = out or asked.folder / (asked.outputs.folder or asked.path.stem)
-    staff = Workers.of(workers, scheduler)
     with _errors_by_line():
-        placed = report.run_into(asked, folder, _step, staff)
+        placed = report.run_into(asked, folder, _step, processes.open())
     warn(placed.prepared.mesh.warnings)
     prepared = placed.prepared
     doubts = _doubts(asked, placed.cameras)
@@ -118,7 +113,7 @@ def place(
         raise typer.Exit(1)
 
 
-@with_conventions
+@expanded
 def check(
     plan: PlanFile,
     poses: Annotated[
@@ -129,7 +124,7 @@ def check(
             help="Pose file of the rig: ours (.json, .npy), or of COLMAP and others.",
         ),
     ],
-    conventions: Conventions = Conventions(),  # noqa: B008 - becomes options
+    conventions: Conventions,
     camera: CamerasOption = [],  # noqa: B006 - typer copies it
     camera_name: CameraName = None,
     min_coverage: Annotated[
@@ -155,7 +150,7 @@ def check(
     """
     from rastercov.placement.plan import check as plan_check
     from rastercov.placement.plan.file import read_plan
-    from rastercov.report.half_covered import half_covered_lines
+    from rastercov.report.plan import half_covered_lines
     from rastercov.report.tables import camera_table
 
     if junit is not None:
@@ -174,7 +169,7 @@ def check(
     warn(_doubts(found.plan, found.cameras))
     warn(half_covered_lines(found.plan, found.cameras))
     if as_json:
-        print(json.dumps(plan_check.plain(found), indent=2))
+        print(json.dumps(plan_check.to_json(found), indent=2))
     else:
         print("\n".join([*found.lines(), size_line(found.mesh)]))
         if (by_camera := camera_table(found.summary())) is not None:
@@ -185,7 +180,7 @@ def check(
 
 def _doubts(plan: "Plan", cameras: "Measured") -> list[str]:
     """Lines about the unit of the meshes, and the side that their faces show."""
-    from rastercov.report.doubts import doubts
+    from rastercov.coverage.doubts import doubts
 
     return _of_plan(doubts(cameras.network, plan.rig, cameras.placed))
 

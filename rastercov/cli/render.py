@@ -15,24 +15,19 @@ from rastercov.camera.formats.doubts import unit_doubts
 from rastercov.camera.pose import Poses
 from rastercov.cli import options
 from rastercov.cli.console import out_option, size_line, warn
-from rastercov.cli.inputs import read_scene
-from rastercov.cli.views import read_eyes
+from rastercov.cli.inputs import SceneOptions, read_eyes
 
 
-@options.with_conventions
+@options.expanded
 def render(
     meshes: options.Meshes,
     poses: options.PosesOption,
+    scene: SceneOptions,
+    conventions: Conventions,
     camera: options.CameraOption = None,
-    conventions: Conventions = Conventions(),  # noqa: B008 - becomes options
     camera_name: options.CameraName = None,
     pose: Annotated[int, typer.Option(min=0, help="Row of the pose file.")] = 0,
     out: Annotated[Path, out_option("Folder for the files.")] = Path("render"),
-    unit: options.Unit = options.UNIT,
-    transform: options.Transform = [],  # noqa: B006 - typer copies it
-    occluder: options.Occluders = [],  # noqa: B006 - typer copies it
-    target: options.Targets = [],  # noqa: B006 - the same
-    drop_invalid: options.DropInvalid = False,
     device: options.Device = "auto",
     as_json: options.AsJson = False,
 ) -> None:
@@ -50,26 +45,26 @@ def render(
         save_picture,
     )
 
-    scene = read_scene(meshes, unit, transform, occluder, [], drop_invalid, target)
-    eyes = read_eyes(scene, camera, poses, conventions, camera_name)
+    mesh = scene.read(meshes)
+    eyes = read_eyes(mesh, camera, poses, conventions, camera_name)
     eye, matrices = eyes.camera(), eyes.poses.world_from_camera
     if pose >= len(matrices):
         raise PoseError(f"--pose {pose} is not there: {poses} has {len(matrices)} poses, from 0")
     names = ("picture.png", "faces.png", "depth.png", "buffers.npz")
     files_of_it = re.compile("|".join(map(re.escape, names)))
     with ReportFolder(out, ReportKind("render", files_of_it, last=names[-1])) as folder:
-        warn([*scene.warnings, *eyes.notes, *unit_doubts(scene, eye, Poses.of(matrices))])
-        with Options(device=device).open_rasterizer(scene, eye) as rasterizer:
+        warn([*mesh.warnings, *eyes.notes, *unit_doubts(mesh, eye, Poses.of(matrices))])
+        with Options(device=device).open_rasterizer(mesh, eye) as rasterizer:
             buffer = rasterizer.render(matrices[pose])
             info = rasterizer.info
-            is_seen = np.isin(np.arange(scene.n_faces), buffer.face)
-            if scene.has_targets:  # the image has none
+            is_seen = np.isin(np.arange(mesh.n_faces), buffer.face)
+            if mesh.has_targets:  # the image has none
                 is_seen |= rasterizer.count(matrices[pose]).visible[0] > 0
         n_seen = int(is_seen.sum())
-        title = f"pose {pose}: {n_seen} of {plural(scene.n_faces, 'face')} "
+        title = f"pose {pose}: {n_seen} of {plural(mesh.n_faces, 'face')} "
         title += f"{verb(n_seen, 'have')} a pixel"
         picture = coverage_picture(
-            buffer, is_seen, scene, eye, matrices[pose], title, named=("seen from the front",)
+            buffer, is_seen, mesh, eye, matrices[pose], title, named=("seen from the front",)
         )
         save_picture(picture, folder.file("picture.png"))
         save_picture(face_index_picture(buffer), folder.file("faces.png"))
@@ -79,8 +74,8 @@ def render(
     files = [str(out / name) for name in names]
     result = {
         "pose": pose,
-        "faces": scene.n_faces,
-        "size_m": np.ptp(scene.bounds, axis=0).tolist(),
+        "faces": mesh.n_faces,
+        "size_m": np.ptp(mesh.bounds, axis=0).tolist(),
         "faces_with_a_pixel": n_seen,
         "pixels_covered": int((buffer.face >= 0).sum()),
         "renderer": info.renderer,
@@ -89,5 +84,5 @@ def render(
     if as_json:
         print(json.dumps(result, indent=2))
     else:
-        print(f"{title} ({info.renderer}); {size_line(scene)}")
+        print(f"{title} ({info.renderer}); {size_line(mesh)}")
         print("\n".join(files))

@@ -2,7 +2,7 @@
 
 import os
 import webbrowser
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -20,8 +20,14 @@ from rastercov.camera.pose import Poses
 from rastercov.camera.views import Views
 from rastercov.cli import options
 from rastercov.cli.console import say, size_line, warn
-from rastercov.cli.inputs import are_arguments, read_again, read_scene
-from rastercov.cli.views import read_cameras, read_eyes, read_rig
+from rastercov.cli.inputs import (
+    SceneOptions,
+    are_arguments,
+    read_again,
+    read_cameras,
+    read_eyes,
+    read_rig,
+)
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh, shapes
 
@@ -48,30 +54,23 @@ RigOption = Annotated[
 ]
 DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
 """Variables of a desktop; without one, Python would open a browser in the terminal."""
-Load = Callable[[list[Path]], Mesh]
 Host = Annotated[
     str, typer.Option(help="Address to bind to; any but loopback needs the next three.")
 ]
 
 
-@options.with_conventions
-@options.with_task
+@options.expanded
 def view(
     sources: Sources,
+    files: SceneOptions,
+    conventions: Conventions,
+    task: Task,
     camera: options.CamerasOption = [],  # noqa: B006 - typer copies it
     poses: RigOption = None,
-    conventions: Conventions = Conventions(),  # noqa: B008 - becomes options
     camera_name: options.CameraName = None,
     out: Annotated[
         Path, typer.Option("--out", "-o", help="Folder for what the page saves.")
     ] = Path("view"),
-    unit: options.Unit = options.UNIT,
-    transform: options.Transform = [],  # noqa: B006 - the same
-    occluder: options.Occluders = [],  # noqa: B006 - the same
-    target: options.Targets = [],  # noqa: B006 - the same
-    two_sided: options.TwoSided = [],  # noqa: B006 - the same
-    drop_invalid: options.DropInvalid = False,
-    task: Task = Task(),  # noqa: B008 - becomes options
     method: Annotated[str, typer.Option(help="certified, exact or sampled.")] = "certified",
     port: Annotated[int, typer.Option(help="Port; 0 takes a free one.")] = 0,
     host: Host = "127.0.0.1",
@@ -107,11 +106,6 @@ def view(
         check_name(export)
     address = Address.of(host, port, token_file, certificate, key)
 
-    def load(meshes: list[Path]) -> Mesh:
-        return read_scene(meshes, unit, transform, occluder, two_sided, drop_invalid, target)
-
-    is_told = bool(transform or occluder or two_sided or target or drop_invalid or unit != ["m"])
-
     first = sources[0]
     is_plan = first.suffix.lower() == ".toml"
     if (is_plan or first.is_dir()) and poses is not None and poses.startswith("sphere:"):
@@ -132,9 +126,9 @@ def view(
             raise ConfigError("a plan names its meshes; give the plan alone")
         scene = _of_plan(first, rig)
     elif first.is_dir():
-        scene = _of_result(first, sources[1:], load, rig, is_told)
+        scene = _of_result(first, sources[1:], files, rig)
     else:
-        scene = _of_meshes(sources, load, camera, poses, conventions, camera_name, task, unit)
+        scene = _of_meshes(sources, files, camera, poses, conventions, camera_name, task)
     start = scene.start
     doubts = unit_doubts(scene.mesh, start.rig(), start.poses())
     warn([*scene.mesh.warnings, *scene.notes, *doubts])
@@ -177,9 +171,7 @@ def _of_plan(path: Path, rig: Views | None) -> "Scene":
         raise typer.Exit(2) from None
 
 
-def _of_result(
-    folder: Path, meshes: list[Path], load: Load, rig: Views | None, is_told: bool
-) -> "Scene":
+def _of_result(folder: Path, meshes: list[Path], given: SceneOptions, rig: Views | None) -> "Scene":
     """Scene of a result, from its own arguments unless others are given.
 
     Its meshes are looked for where they were, and beside it, unless they are given.
@@ -189,10 +181,10 @@ def _of_result(
     def found(names: list[str]) -> Mesh:
         options = run_of(folder).get("options")
         arguments = options.get("scene") if isinstance(options, Mapping) else None
-        if arguments is not None and are_arguments(arguments) and not is_told:
+        if arguments is not None and are_arguments(arguments) and given == SceneOptions():
             return read_again(folder, arguments, names, meshes)
         if meshes:
-            return load(meshes)
+            return given.read(meshes)
         paths = []
         for name in names:
             places = [Path(name), folder / name, folder.parent / name]
@@ -201,7 +193,7 @@ def _of_result(
                 what = "the built-in mesh" if name == "arrays" else name
                 raise MeshError(f"{what} of {folder} is not found by itself; name it after it")
             paths.append(near or Path(name))
-        return load(paths)
+        return given.read(paths)
 
     scene = open_result(folder, found)
     if rig is None:
@@ -215,28 +207,27 @@ def _of_result(
 
 def _of_meshes(
     sources: list[Path],
-    load: Load,
+    given: SceneOptions,
     camera: list[str],
     poses: str | None,
     conventions: Conventions,
     camera_name: str | None,
     task: Task,
-    unit: list[str],
 ) -> "Scene":
     from rastercov.viewer.scene import open_mesh
 
-    mesh = load(sources)
+    mesh = given.read(sources)
     if poses is not None:
         views = read_eyes(mesh, camera, poses, conventions, camera_name, several=True)
     else:
-        given = read_cameras(camera, Border(conventions))
-        if given is None:
+        cameras = read_cameras(camera, Border(conventions))
+        if cameras is None:
             raise CameraError("there is no camera; give --camera, a file or a preset")
-        views = replace(given, poses=Poses.of(np.zeros((0, 4, 4))), images=())
+        views = replace(cameras, poses=Poses.of(np.zeros((0, 4, 4))), images=())
     entries = [
         {"built_in": str(path)}
         if str(path) in shapes.NAMES and not path.is_file()
-        else {"path": str(path.resolve()), "unit": unit[-1].rpartition(":")[2]}
+        else {"path": str(path.resolve()), "unit": given.unit[-1].rpartition(":")[2]}
         for path in sources
     ]
     names = ", ".join(path.name for path in sources[:3])

@@ -1,26 +1,23 @@
-"""Shards made by other processes: workers of this machine, or those of a Dask scheduler.
+"""Shards of a job: files of a folder, made here or by other processes.
 
-    head:   job folder -> numbers of missing shards -> scheduler -> results of a few numbers each
-    worker: number -> shard, written into the job folder aside and renamed
+    head:   store -> numbers of missing shards -> pool of processes -> results of a few numbers each
+    worker: number -> shard, written into the folder aside and renamed
 
-Nothing but numbers passes through the scheduler. What a shard depends on lies in the folder, which
-all processes share; so a worker that dies loses its shard at most, and the bytes of a shard do not
+Nothing but numbers passes through a pool. What a shard depends on lies in the folder, which all
+processes share; so a worker that dies loses its shard at most, and the bytes of a shard do not
 depend on the process that made it. A scheduler needs the extra `cluster` (dask, distributed).
 
-address.py      the addresses that are safe to connect to
-workers.py      `Workers`: the choice of processes, and their client
-job.py          `Job`: a folder and a function; what a worker does with a number
-run.py          `make_shards`: numbers in flight, retries, a scheduler that is lost
+store.py        `ShardStore`: files with checksums, notes on poses that were left out, the lock
+run.py          `fill`: all shards, made here or by workers, with retries
+work.py         work on one shard by a worker; poses that kill their process; `Made`, `Tally`
+workers.py      `Workers`: the choice of processes, and the addresses that are safe to connect to
 process.py      processes of this machine, called through pipes
-quarantine.py   the poses of a shard that kill their process
-tally.py        where the time went, by worker
-files.py        files with checksums
-scene_file.py   mesh and cameras in a job folder
+scene_file.py   mesh and cameras in the folder of a store
 """
 
-from rastercov.cluster.job import Job, Made
-from rastercov.cluster.run import make_shards
-from rastercov.cluster.tally import Tally
+from rastercov.cluster.run import fill, make_shards
+from rastercov.cluster.store import ShardStore
+from rastercov.cluster.work import Made, Tally
 from rastercov.cluster.workers import Workers
 
-__all__ = ["Job", "Made", "Tally", "Workers", "make_shards"]
+__all__ = ["Made", "ShardStore", "Tally", "Workers", "fill", "make_shards"]

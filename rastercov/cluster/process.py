@@ -10,16 +10,15 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterable, Mapping
-from concurrent.futures import Future
+from collections.abc import Callable, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from queue import SimpleQueue
 from types import MappingProxyType
 from typing import Any
 
-from rastercov.base.child import child_environment
-from rastercov.base.closing import Closing
 from rastercov.base.errors import RastercovError
+from rastercov.base.threads import Closing, child_environment
 
 PROGRAM = "from rastercov.cluster.process import serve; serve()"
 EMPTY: Mapping[str, str] = MappingProxyType({})
@@ -83,92 +82,54 @@ class Process(Closing):
                 pipe.close()  # type: ignore[union-attr] # there is one
 
 
-class Answer(Future[Any]):
-    """Outcome of a call, as `distributed.Future`, as far as `run` uses that."""
-
-    def __init__(self, key: str, call: tuple[Any, ...]) -> None:
-        super().__init__()
-        self.key, self.call = key, call
-
-    @property
-    def status(self) -> str:
-        """One of "pending", "cancelled", "error" and "finished"."""
-        if not self.done():
-            return "pending"
-        return "cancelled" if self.cancelled() else "error" if self.exception() else "finished"
-
-
 class Processes(Closing):
-    """Some processes of this machine, as `distributed.Client`, as far as `run` uses that.
-
-    A process that has ended is replaced when there is more to do.
-    """
-
-    status = "running"
+    """Some processes of this machine. One that has ended is replaced when there is more to do."""
 
     def __init__(self, number: int, environment: Mapping[str, str]) -> None:
         self._number, self._environment = number, environment
-        self._asked: SimpleQueue[Answer | None] = SimpleQueue()
-        self._lock, self._running, self._is_closed = threading.Lock(), set[Process](), False
-        self._threads = [threading.Thread(target=self._serve, daemon=True) for _ in range(number)]
-        for thread in self._threads:
-            thread.start()
+        self._threads = ThreadPoolExecutor(number)
+        self._lock, self._is_closed = threading.Lock(), False
+        self._all, self._free = set[Process](), list[Process]()
 
-    def submit(self, *call: Any, key: str, pure: bool) -> Answer:
-        """Answer of a function and its arguments, which are called once."""
-        answer = Answer(key, call)
-        self._asked.put(answer)
-        return answer
+    def submit(self, function: Callable[..., Any], *arguments: Any) -> Future[Any]:
+        """Outcome of a call, as by `Process.call`."""
+        return self._threads.submit(self._call, function, *arguments)
 
-    def nthreads(self) -> dict[str, int]:
-        """Threads of all processes, one each."""
-        return {"this machine": self._number}
+    def result(self, future: Any) -> Any:
+        """Result of a call that is done."""
+        return future.result()
 
-    def cancel(self, answers: Iterable[Answer]) -> None:
-        """Call nothing of these that has not begun."""
-        for answer in answers:
-            answer.cancel()
+    def n_threads(self) -> int:
+        """Calls that are made at a time."""
+        return self._number
 
     def close(self) -> None:
         """Kill all processes."""
         with self._lock:
             self._is_closed = True
-            for process in self._running:
+            for process in self._all:
                 process.close()
-        for _ in self._threads:
-            self._asked.put(None)
-        for thread in self._threads:
-            thread.join()
+        self._threads.shutdown(cancel_futures=True)
 
-    def _serve(self) -> None:
-        """One process after the other, in a thread."""
-        process = None
-        while (answer := self._asked.get()) is not None:
-            if not answer.set_running_or_notify_cancel():
-                continue
-            try:
-                process = process or self._started()
-                answer.set_result(process.call(*answer.call))
-            except ProcessEndedError as error:
-                self._forget(process)
-                process = None
-                answer.set_exception(error)
-            except Exception as error:
-                answer.set_exception(error)
-
-    def _started(self) -> Process:
+    def _call(self, function: Callable[..., Any], *arguments: Any) -> Any:
         with self._lock:
             if self._is_closed:
                 raise ProcessEndedError(-signal.SIGKILL)
-            process = Process(self._environment)
-            self._running.add(process)
-            return process
-
-    def _forget(self, process: Process | None) -> None:
-        with self._lock:
-            if process is not None and not self._is_closed:
-                process.close()
-                self._running.remove(process)
+            process = self._free.pop() if self._free else Process(self._environment)
+            self._all.add(process)
+        has_ended = False
+        try:
+            return process.call(function, *arguments)
+        except ProcessEndedError:
+            has_ended = True
+            with self._lock:
+                if not self._is_closed:
+                    process.close()
+                    self._all.remove(process)
+            raise
+        finally:
+            if not has_ended:
+                self._free.append(process)
 
 
 def serve() -> None:

@@ -1,22 +1,20 @@
-"""Shards of a job made by workers: numbers in flight, retries, workers and schedulers that die."""
+"""All shards of a store: made here, or by workers with retries when they or a scheduler die."""
 
 import errno
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Mapping
-from concurrent.futures import CancelledError
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
-from pathlib import Path
+from dataclasses import replace
 from queue import Empty, SimpleQueue
 from typing import Any
 
 from rastercov.base.errors import ConfigError, RastercovError
 from rastercov.base.format import plural
-from rastercov.cluster.address import risk
-from rastercov.cluster.job import Job, Made, work
 from rastercov.cluster.process import ProcessEndedError
-from rastercov.cluster.quarantine import alone, forget, quarantined_of
-from rastercov.cluster.workers import Workers
+from rastercov.cluster.store import Note, ShardStore
+from rastercov.cluster.work import Made, alone, work
+from rastercov.cluster.workers import Pool, SchedulerLostError, Workers, risk
 
 IN_FLIGHT = 4
 """Shards with the scheduler at a time, for each thread of the workers."""
@@ -27,28 +25,81 @@ SCHEDULER_PATIENCE = 60.0
 LOST = "lost"
 """Name for the worker of a shard that is in the folder, but whose cost was never heard of."""
 FULL = (errno.ENOSPC, errno.EDQUOT)
-Note = Callable[[str], None]
 
 
-class _SchedulerLostError(Exception):
-    """The scheduler does not answer any more."""
+def fill(
+    store: ShardStore,
+    make: Callable[[int, Callable[[int], None]], bytes | memoryview],
+    workers: Workers | None,
+    progress: Callable[[int, int], None],
+    watch: Callable[[Made], None],
+    note: Note,
+) -> Iterator[int]:
+    """Numbers of all shards in order, each once it is there; missing ones are made.
+
+    Parameters
+    ----------
+    store : ShardStore
+        Its damaged shards are taken for whole ones: see `ShardStore.mend`.
+    make : callable
+        Gives the content of a shard by its number, and calls its second argument with the poses
+        that are done meanwhile.
+    workers : Workers, optional
+        Processes that make the missing shards, before the first number is given; this one unless
+        given. After an interrupt the shards that are there are given before it is raised.
+    progress : callable
+        Called with the poses done and the total.
+    watch : callable
+        Called with each shard that a worker made.
+    note : callable
+        As for `make_shards`.
+    """
+    missing = store.missing()
+    did = counted(store.n_poses, progress, store.n_poses - sum(missing.values()))
+
+    def made(shard: Made) -> None:
+        did(shard.n_poses)
+        watch(shard)
+
+    if workers is not None and missing:
+        try:
+            make_shards(workers, store, made, note)
+        except KeyboardInterrupt:
+            missing = store.missing()
+            yield from (number for number in range(len(store)) if number not in missing)
+            raise
+        missing = {}
+    for number in range(len(store)):
+        if number in missing:
+            data = make(number, did)
+            store.note(number, {})
+            store.write(number, data)
+        yield number
+
+
+def counted(
+    n_poses: int, progress: Callable[[int, int], None], done: int = 0
+) -> Callable[[int], None]:
+    """Function of a number of poses, which tells `progress` how many are done of all so far."""
+
+    def did(number: int) -> None:
+        nonlocal done
+        done += number
+        progress(done, n_poses)
+
+    did(0)
+    return did
 
 
 def make_shards(
-    workers: Workers,
-    job: Job,
-    missing: Callable[[], Mapping[int, int]],
-    done: Callable[[Made], None],
-    note: Note,
+    workers: Workers, store: ShardStore, done: Callable[[Made], None], note: Note
 ) -> None:
-    """Make all missing shards of a job.
+    """Have all missing shards of a store made by workers.
 
     Parameters
     ----------
     workers : Workers
-    job : Job
-    missing : callable
-        Gives the number of poses of each missing shard; asked again after a scheduler was lost.
+    store : ShardStore
     done : callable
         Called once with each shard that was made, in any order.
     note : callable
@@ -67,22 +118,22 @@ def make_shards(
             heard.add(made.number)
             done(made)
 
+    store = replace(store, folder=store.folder.resolve())
     asked: dict[int, int] = {}
     until = None
     if line := risk(workers.scheduler or ""):
         note(line)
     while True:
-        shards = missing()
+        shards = store.missing()
         for number in asked.keys() - shards.keys() - heard:  # made, but the scheduler was lost
-            left_out = quarantined_of(Path(job.folder), number)
-            heard_of(Made(number, asked[number], LOST, 0.0, 0.0, left_out))
+            heard_of(Made(number, asked[number], LOST, 0.0, 0.0, store.left_out(number)))
         if not shards:
             return
         asked |= shards
         try:
-            with workers.client() as client:
-                _Run(client, job, shards, heard_of, note).make()
-        except _SchedulerLostError:
+            with workers.pool() as pool:
+                _Run(pool, store, heard_of, note, workers.scheduler).make(sorted(shards))
+        except SchedulerLostError:
             until = time.monotonic() + SCHEDULER_PATIENCE
             note(f"{workers.scheduler}: the scheduler is lost; waiting for it to come back")
         except ConfigError:
@@ -92,34 +143,33 @@ def make_shards(
 
 
 class _Run:
-    """Shards of a job through one client."""
+    """Shards of a store through one pool of processes."""
 
     def __init__(
         self,
-        client: Any,
-        job: Job,
-        shards: Mapping[int, int],
+        pool: Pool,
+        store: ShardStore,
         done: Callable[[Made], None],
         note: Note,
+        address: str | None,
     ) -> None:
-        self.client, self.job, self.shards = client, job, shards
-        self.done, self.note = done, note
+        self.pool, self.store, self.done = pool, store, done
+        self.note, self.address = note, address
         self.finished: SimpleQueue[Any] = SimpleQueue()
-        self.in_flight: dict[str, tuple[int, Any]] = {}
-        self.attempts = 0
+        self.in_flight: dict[int, tuple[int, Any]] = {}
         self.room = IN_FLIGHT
-        self.last_made = self.asked = time.monotonic()
+        self.last_made = self.last_worker = time.monotonic()
 
-    def make(self) -> None:
-        """Make all shards: side by side, and those whose worker died alone in a process."""
+    def make(self, numbers: Iterable[int]) -> None:
+        """Make these shards: side by side, and those whose worker died alone in a process."""
         try:
-            suspects = self._all_of(sorted(self.shards), self._usual)
+            suspects = self._all_of(numbers, work)
             if suspects:
                 self.note(
                     f"a worker died; {plural(len(suspects), 'shard')} to make once more, each in a "
                     "process of its own"
                 )
-                again = self._all_of(suspects, self._alone)
+                again = self._all_of(suspects, alone)
                 if again:
                     raise ConfigError(
                         f"workers died while they watched shards {again}; shards that were made "
@@ -127,63 +177,53 @@ class _Run:
                     )
         finally:
             with suppress(Exception):  # a lost scheduler
-                self.client.cancel([future for _, future in self.in_flight.values()])
+                for _, future in self.in_flight.values():
+                    future.cancel()
 
-    def _usual(self, number: int, key: str) -> Any:
-        return self.client.submit(work, self.job, number, key=key, pure=False)
-
-    def _alone(self, number: int, key: str) -> Any:
-        return self.client.submit(alone, self.job, number, self.shards[number], key=key, pure=False)
-
-    def _all_of(self, numbers: Iterable[int], submit: Callable[[int, str], Any]) -> list[int]:
+    def _all_of(self, numbers: Iterable[int], make: Callable[..., Made]) -> list[int]:
         """Make these shards; gives those whose worker died."""
         waiting, suspects = deque(numbers), []
         while waiting or self.in_flight:
-            self._watch_workers()
+            self._check_workers()
             while waiting and len(self.in_flight) < self.room:
                 number = waiting.popleft()
-                self.attempts += 1
-                key = f"rastercov-{id(self):x}-{number}-{self.attempts}"
-                future = submit(number, key)
-                self.in_flight[key] = number, future
+                future = self.pool.submit(make, self.store, number)
+                self.in_flight[id(future)] = number, future
                 future.add_done_callback(self.finished.put)
             try:
                 future = self.finished.get(timeout=1)
             except Empty:
                 continue
-            number = self.in_flight.pop(future.key)[0]
-            outcome = self._outcome(future)
-            if outcome == "killed":
-                suspects.append(number)
-            elif outcome == "again":
+            number, _ = self.in_flight.pop(id(future))
+            try:
+                made = self.pool.result(future)
+            except SchedulerLostError:
+                raise
+            except OSError as error:
+                self._wait_after(error)
                 waiting.append(number)
+            except Exception as error:
+                # The second is of Dask, which need not be installed.
+                is_end = isinstance(error, ProcessEndedError)
+                if is_end or type(error).__name__ == "KilledWorker":
+                    suspects.append(number)
+                elif isinstance(error, RastercovError):
+                    raise
+                else:
+                    fault = f"a worker failed: {type(error).__name__}: {error}"
+                    raise RastercovError(fault) from error
+            else:
+                if not made.quarantined:
+                    self.store.note(number, {})
+                self.done(made)
+                self.last_made = time.monotonic()
         return suspects
 
-    def _outcome(self, future: Any) -> str:
-        """Result of a shard: "made", "killed" with its worker, or "again"."""
-        if future.status == "finished":
-            try:
-                made = future.result()
-            except CancelledError:  # the scheduler was lost before it sent the result
-                raise _SchedulerLostError from None
-            if not made.quarantined:
-                forget(Path(self.job.folder), made.number)
-            self.done(made)
-            self.last_made = time.monotonic()
-            return "made"
-        if future.status != "error":  # cancelled, or lost
-            raise _SchedulerLostError
-        error = future.exception()
-        # The second is of Dask, which need not be installed.
-        if isinstance(error, ProcessEndedError) or type(error).__name__ == "KilledWorker":
-            return "killed"
-        if isinstance(error, RastercovError):
-            raise error
-        if not isinstance(error, OSError):
-            raise RastercovError(f"a worker failed: {type(error).__name__}: {error}") from error
+    def _wait_after(self, error: OSError) -> None:
+        """Wait for a folder that is lost; a full disk, and one that stays lost, end the run."""
         if error.errno in FULL:
             raise ConfigError(
-                f"{error.filename or self.job.folder}: the disk is full; shards that were made "
+                f"{error.filename or self.store.folder}: the disk is full; shards that were made "
                 "stay: free some space and run again"
             )
         if time.monotonic() - self.last_made > FOLDER_PATIENCE:
@@ -192,23 +232,12 @@ class _Run:
             )
         self.note(f"{error}; trying again")
         time.sleep(1)
-        return "again"
 
-    def _watch_workers(self) -> None:
-        """Count the threads of the workers from time to time; give up where there are none."""
-        now = time.monotonic()
-        if self.client.status != "running":
-            raise _SchedulerLostError
-        if now < self.asked:
-            return
-        try:
-            threads = sum(self.client.nthreads().values())
-        except (OSError, TimeoutError):
-            raise _SchedulerLostError from None
-        if threads:
-            self.room, self.asked = IN_FLIGHT * threads, now + 5
-        elif now - max(self.last_made, self.asked) > SCHEDULER_PATIENCE:
+    def _check_workers(self) -> None:
+        """Count the threads of the workers; give up where there are none for long."""
+        if threads := self.pool.n_threads():
+            self.room, self.last_worker = IN_FLIGHT * threads, time.monotonic()
+        elif time.monotonic() - self.last_worker > SCHEDULER_PATIENCE:
             raise ConfigError(
-                f"{self.client.scheduler.address}: the scheduler has no workers; start some with "
-                "`dask worker`"
+                f"{self.address}: the scheduler has no workers; start some with `dask worker`"
             )

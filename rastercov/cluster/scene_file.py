@@ -30,10 +30,10 @@ class Scene(NamedTuple):
 def scene_bytes(mesh: Mesh, cameras: Cameras, more: Mapping[str, NDArray[Any]] = EMPTY) -> bytes:
     """File of a scene; equal scenes give the same bytes."""
     words = {
-        "groups": [group.plain() for group in mesh.groups],
+        "groups": [group.to_json() for group in mesh.groups],
         "sources": [asdict(source) for source in mesh.sources],
         "notes": list(mesh.notes),
-        "cameras": [camera.plain() for camera in cameras_of(cameras)],
+        "cameras": [camera.to_json() for camera in cameras_of(cameras)],
     }
     file = io.BytesIO()
     arrays = {name: getattr(mesh, name) for name in ARRAYS}

@@ -1,21 +1,32 @@
-"""Choice of the processes that make shards, and a client of their scheduler."""
+"""Choice of the processes that make shards: those of this machine, or those of a Dask scheduler.
 
+Whoever reaches an open scheduler can run any program on its workers, and whoever answers in its
+place can run one in this process. So an address is of this machine, or of TLS with certificates on
+both sides. On this machine its other users reach an open one, too: `risk` says so, and does not
+refuse, because a machine or container with one user has no others.
+"""
+
+import ipaddress
 import logging
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import CancelledError
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import import_module
 from typing import Any
+from urllib.parse import urlsplit
 
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
-from rastercov.cluster.address import check_address
 from rastercov.cluster.process import Processes
 
 MOST_WORKERS = 1024
 """Processes on one machine; more are a slip of the keyboard."""
 CONNECT_SECONDS = 20
 """Time for the first connection to a scheduler."""
+ASK_SECONDS = 5
+"""Time between two questions for the number of threads of a scheduler."""
 ENVIRONMENT = {
     "OMP_NUM_THREADS": "1",
     "OPENBLAS_NUM_THREADS": "1",
@@ -27,6 +38,10 @@ ENVIRONMENT = {
 """Environment of a worker, which must be set before it starts."""
 LOGS = ("distributed", "distributed.client")
 """Channels that Dask sets a level of."""
+
+
+class SchedulerLostError(Exception):
+    """The scheduler does not answer any more."""
 
 
 @dataclass(frozen=True)
@@ -73,8 +88,8 @@ class Workers:
         return None if number is None and scheduler is None else cls(number, scheduler)
 
     @contextmanager
-    def client(self) -> Iterator[Any]:
-        """Own workers, which start and end here, or a client (`distributed.Client`).
+    def pool(self) -> "Iterator[Pool]":
+        """Own workers, which start and end here, or those of the scheduler.
 
         Raises
         ------
@@ -87,7 +102,92 @@ class Workers:
             return
         assert self.scheduler is not None
         with _quiet_log(), _connected(self.scheduler) as client:
-            yield client
+            yield OfScheduler(client)
+
+
+class OfScheduler:
+    """Processes of a scheduler, called as `Processes` are.
+
+    Raises
+    ------
+    SchedulerLostError
+        By each method, where the scheduler is lost.
+    """
+
+    def __init__(self, client: Any) -> None:
+        self._client, self._threads, self._asked = client, 0, 0.0
+
+    def submit(self, function: Callable[..., Any], *arguments: Any) -> Any:
+        """Outcome of a call."""
+        return self._client.submit(function, *arguments, pure=False)
+
+    def result(self, future: Any) -> Any:
+        """Result of a call that is done."""
+        try:
+            if future.status != "lost":
+                return future.result()
+        except CancelledError:  # also where the result has not been sent
+            pass
+        raise SchedulerLostError
+
+    def n_threads(self) -> int:
+        """Calls that are made at a time."""
+        if self._client.status != "running":
+            raise SchedulerLostError
+        if not self._threads or time.monotonic() > self._asked + ASK_SECONDS:
+            try:
+                self._threads = sum(self._client.nthreads().values())
+            except (OSError, TimeoutError):
+                raise SchedulerLostError from None
+            self._asked = time.monotonic()
+        return self._threads
+
+
+Pool = Processes | OfScheduler
+
+
+def check_address(address: str) -> None:
+    """Accept the address of a scheduler.
+
+    Raises
+    ------
+    ConfigError
+        For an address of another form, and for one of another machine without TLS.
+    """
+    try:
+        parts = urlsplit(address)
+        host, port = parts.hostname, parts.port
+    except ValueError:
+        host = port = None
+    if not host or port is None or parts.path or parts.scheme not in ("tcp", "tls"):
+        raise ConfigError(
+            "scheduler must be an address such as tcp://127.0.0.1:8786 or tls://host:8786, got "
+            f"{shown(address)}"
+        )
+    if parts.scheme == "tcp" and not _is_loopback(host):
+        raise ConfigError(
+            f"{address}: refused, because anyone who reaches an open scheduler can run programs on "
+            "its workers; use tls:// with certificates, or a tunnel to 127.0.0.1 (docs/scale.md)"
+        )
+
+
+def risk(address: str) -> str:
+    """Line on the users of this machine, empty for TLS."""
+    if not address.startswith("tcp:"):
+        return ""
+    return (
+        f"{address}: every user of this machine can run programs as you through it; where there "
+        "are others use --workers, or tls:// with certificates (docs/scale.md)"
+    )
+
+
+def _is_loopback(host: str) -> bool:
+    if host == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:  # a name, which may mean any machine
+        return False
 
 
 def _distributed() -> Any:

@@ -13,14 +13,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.arguments import check_kind
 from rastercov.base.checks import shown
-from rastercov.base.errors import ConfigError, ResourceError
+from rastercov.base.errors import ConfigError
+from rastercov.base.format import plural
 from rastercov.base.memory import aligned_array
-from rastercov.base.threads import threads_of
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, check_scene
-from rastercov.coverage.coverage_pass import CoveragePass
-from rastercov.coverage.face_pass import Measured
-from rastercov.coverage.observer import Observer, open_observer
+from rastercov.camera.rig import Cameras
+from rastercov.coverage.face_pass import CoveragePass, Measured
+from rastercov.coverage.observer import Observer
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.raster.contract import RasterizerInfo
@@ -33,8 +32,6 @@ PAIRS_A_BATCH = 1 << 19
 """Pose-face pairs evaluated at a time: about 50 MB of figures."""
 POSES_A_BATCH = 256
 """Most poses evaluated at a time: a second or two of work between two signs of progress."""
-EVALUATE_BUDGET = 4 << 30
-"""Bytes `evaluate` may return; larger runs go through `evaluate_batches`."""
 
 
 def _figure(dtype: type, unit: str = "") -> dict[str, Any]:
@@ -113,7 +110,9 @@ class Coverage:
                 object.__delattr__(self, name)
 
     def __repr__(self) -> str:
-        return f"Coverage({', '.join(f'{name}={value!r}' for name, value in vars(self).items())})"
+        names = ", ".join(name for name in FIGURES if name in vars(self)) or "no figures of pairs"
+        shape = f"{plural(len(self.pose_ids), 'pose')} x {plural(self.mesh.n_faces, 'face')}"
+        return f"{type(self).__name__}({shape}: {names})"
 
     if not TYPE_CHECKING:
 
@@ -138,71 +137,6 @@ UNITS: dict[str, str] = {
 }
 
 
-def evaluate(
-    mesh: Mesh,
-    camera: Cameras,
-    poses: ArrayLike,
-    task: Task | None = None,
-    *,
-    method: str = "certified",
-    backend: str = "auto",
-    supersample: int = 1,
-    skip_bad_poses: bool = False,
-    fields: Sequence[str] | None = None,
-    **options: Any,
-) -> Coverage:
-    """Coverage of each face in each pose, all at once.
-
-    Parameters
-    ----------
-    mesh : Mesh
-        What is looked at.
-    camera : Camera, Rig or sequence of Camera
-        What looks; where there are several, `Poses.camera` says which of them is in each pose.
-    poses : (P, 4, 4) array_like, or Poses
-        world_from_camera.
-    task : Task, optional
-        Thresholds; `Task()` unless given.
-    method, backend, supersample, **options
-        How visibility is found; as for `open_observer`.
-    skip_bad_poses : bool
-        Leave out poses that are no rigid motion instead of raising; see `Coverage.pose_ids`.
-    fields : sequence of str, optional
-        Names of the (P, F) arrays to compute, such as ("coverage", "reason"); all unless given.
-        Any other array of the result raises `ConfigError` when it is read.
-
-    Raises
-    ------
-    ConfigError
-        For a field that does not exist.
-    PoseError
-        For a pose that is no rigid motion.
-    ResourceError
-        When the arrays would exceed `EVALUATE_BUDGET`; use `evaluate_batches`.
-    """
-    check_scene(mesh, camera)
-    accepted, names = Poses.of(poses, skip_bad=skip_bad_poses), _checked_fields(fields)
-    task = _checked_task(task)
-    shape = len(accepted), mesh.n_faces
-    size = shape[0] * shape[1] * sum(np.dtype(FIGURES[name]).itemsize for name in names)
-    if size > EVALUATE_BUDGET:
-        raise ResourceError(
-            f"{shape[0]} poses x {shape[1]} faces would take {size / 2**30:.1f} GiB; "
-            "use evaluate_batches, which holds a few poses at a time"
-        )
-    with open_observer(
-        mesh, camera, method, backend=backend, supersample=supersample, **options
-    ) as observer:
-        whole, clipped = _arrays(names, shape), np.empty(shape[0], np.bool_)
-        judge = CoveragePass(observer, task)
-        for rows in _batches(len(accepted), observer):
-            part = accepted[rows]
-            seen = _measured(observer, part)
-            judge.fill(seen, part, {name: array[rows] for name, array in whole.items()})
-            clipped[rows] = seen.clipped
-        return _coverage(observer, task, accepted, clipped, whole)
-
-
 def evaluate_batches(
     observer: Observer,
     poses: ArrayLike,
@@ -218,7 +152,7 @@ def evaluate_batches(
     observer : Observer
         Open, for the mesh and camera to evaluate.
     poses, task, skip_bad_poses, fields
-        As for `evaluate`.
+        As for `rastercov.evaluate`.
 
     Returns
     -------
@@ -227,9 +161,9 @@ def evaluate_batches(
         each batch is measured when it is asked for. Any number of threads may have an iterator each
         over one observer, but not share an iterator.
     """
-    accepted, names = Poses.of(poses, skip_bad=skip_bad_poses), _checked_fields(fields)
+    accepted, names = Poses.of(poses, skip_bad=skip_bad_poses), checked_fields(fields)
     check_observer(observer)
-    task = _checked_task(task)
+    task = checked_task(task)
     judge = CoveragePass(observer, task)
     batches = measurements(observer, accepted)
     return (judged(observer, judge, task, part, seen, names) for part, seen in batches)
@@ -237,7 +171,7 @@ def evaluate_batches(
 
 def check_observer(observer: object) -> None:
     """Raise `ConfigError` for what cannot observe."""
-    if not isinstance(getattr(observer, "mesh", None), Mesh) or not hasattr(observer, "observe"):
+    if not isinstance(observer, Observer):
         raise ConfigError(
             f"observer must be what open_observer gives, got {shown(observer)}; open one"
         )
@@ -245,14 +179,10 @@ def check_observer(observer: object) -> None:
 
 def measurements(observer: Observer, poses: Poses) -> Iterator[tuple[Poses, Measured]]:
     """Poses and what is measured of them, a few at a time; at least once, maybe of none."""
-    for rows in _batches(len(poses), observer):
-        yield poses[rows], _measured(observer, poses[rows])
-
-
-def _measured(observer: Observer, poses: Poses) -> Measured:
-    """Observation, or the counts that it would be made of where an observer gives these."""
-    measured: Measured = getattr(observer, "measure", observer.observe)(poses)
-    return measured
+    step = batch_size(observer.mesh.n_faces, observer.threads)
+    for at in range(0, max(1, len(poses)), step):
+        part = poses[at : at + step]
+        yield part, observer.measure(part)
 
 
 def batch_size(n_faces: int, threads: int) -> int:
@@ -265,12 +195,6 @@ def batch_size(n_faces: int, threads: int) -> int:
     return min(POSES_A_BATCH, -(-poses // threads) * threads)
 
 
-def _batches(n_poses: int, observer: Observer) -> Iterator[slice]:
-    """Slices of poses that are measured together; at least one, maybe empty."""
-    step = batch_size(observer.mesh.n_faces, threads_of(observer))
-    return (slice(at, at + step) for at in range(0, max(1, n_poses), step))
-
-
 def judged(
     observer: Observer,
     judge: CoveragePass,
@@ -280,25 +204,19 @@ def judged(
     names: Sequence[str],
 ) -> Coverage:
     """Coverage of poses from their measurement, with the named figures."""
-    values = _arrays(names, (len(poses), observer.mesh.n_faces))
+    values = arrays_for(names, (len(poses), observer.mesh.n_faces))
     judge.fill(seen, poses, values)
-    return _coverage(observer, task, poses, seen.clipped, values)
-
-
-def _arrays(names: Sequence[str], shape: tuple[int, int]) -> dict[str, NDArray[Any]]:
-    return {name: aligned_array(shape, FIGURES[name]) for name in names}
-
-
-def _coverage(
-    observer: Observer, task: Task, poses: Poses, clipped: BoolArray, values: dict[str, Any]
-) -> Coverage:
-    """Coverage with some of the figures."""
-    head = observer.mesh, observer.camera, task, observer.info, poses.ids, clipped
+    head = observer.mesh, observer.camera, task, observer.info, poses.ids, seen.clipped
     figures: dict[str, Any] = dict.fromkeys(FIGURES)
     return Coverage(*head, **(figures | values), eyes=poses.world_from_camera[:, :3, 3])
 
 
-def _checked_fields(names: Sequence[str] | None) -> list[str]:
+def arrays_for(names: Sequence[str], shape: tuple[int, int]) -> dict[str, NDArray[Any]]:
+    """Memory for the named figures, (P, F) each."""
+    return {name: aligned_array(shape, FIGURES[name]) for name in names}
+
+
+def checked_fields(names: Sequence[str] | None) -> list[str]:
     """Names of figures that were asked for, in the order of `FIGURES`."""
     if names is None:
         return list(FIGURES)
@@ -308,7 +226,8 @@ def _checked_fields(names: Sequence[str] | None) -> list[str]:
     return [name for name in FIGURES if name in names]
 
 
-def _checked_task(task: Task | None) -> Task:
+def checked_task(task: Task | None) -> Task:
+    """The task, or `Task()` for None."""
     task = Task() if task is None else task
     check_kind("task", task, Task, "a Task or None", ConfigError)
     return task

@@ -8,8 +8,8 @@ guidelines. 2025.
 
 import re
 
+from rastercov.base.arguments import Reads
 from rastercov.base.checks import shown
-from rastercov.base.limits import Reads
 
 EDITIONS = {
     "EN 62676-4:2015": {

@@ -4,7 +4,8 @@ The text form is METHOD[:DEVICE][@S], such as `certified`, `sampled:cpu` or `sam
 accepted wherever `method` is: in Python, on the command line and in plan files.
 """
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import Any, Self
 
 from rastercov.base.arguments import check_kind
@@ -117,3 +118,34 @@ class Engine:
             return {"backend": "gl", "device": self.device}
         has_threads = self.threads is not None and self.device != "gl"
         return {"backend": self.device} | ({"threads": self.threads} if has_threads else {})
+
+
+def settled(
+    method: str | Engine, backend: str, supersample: int, options: Mapping[str, Any]
+) -> tuple[Engine, dict[str, Any]]:
+    """Engine of arguments of `open_observer`, and the options of its rasteriser where it has one.
+
+    ConfigError where they contradict each other, or for an option that the method has not.
+    """
+    engine = Engine.of(method)
+    own: dict[str, Any] = {"backend": backend, "supersample": supersample} | dict(options)
+    if method not in METHODS:
+        if backend != "auto" or supersample != 1 or options.keys() & {"threads", "device"}:
+            raise ConfigError(
+                f"engine {engine} has its device, samples and threads; leave out the arguments "
+                "backend, device, supersample and threads"
+            )
+        own |= {"threads": engine.threads} if engine.threads is not None else {}
+        if engine.method == "sampled":
+            own |= engine.rasterizer_options | {"supersample": engine.supersample}
+    if engine.method == "sampled":
+        return engine, own
+    if finite_number(supersample) != 1:
+        raise ConfigError(
+            f"method {engine.method} has no samples, so supersample must be 1, "
+            f"got {shown(supersample)}; use method sampled"
+        )
+    unknown = options.keys() - {"threads"}
+    if unknown:
+        raise ConfigError(f"method {engine.method} takes no option {', '.join(sorted(unknown))}")
+    return replace(engine, threads=own.get("threads")), {}

@@ -1,9 +1,11 @@
-"""Pass over poses and faces, in threads: what an observer measured, face by face.
+"""Passes over poses and faces, in threads: what an observer measured becomes figures of each face.
 
-Here it becomes visible fractions; `coverage_pass` makes all figures of it.
+`FacePass` makes visible fractions of it, `CoveragePass` all figures; a network adds them up. The
+loops are in `kernels.coverage`.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -80,11 +82,19 @@ class FacePass:
         lens, seen and work of the loops; it is called with consecutive poses of one camera.
         """
         seen = self._seen(measured, poses)
-        workers = [
-            _by_camera(make_worker(self._scope(seen)), poses.camera)
-            for _ in range(max(1, min(self._threads, len(poses))))
-        ]
-        share_poses(len(poses), workers)
+
+        def worker() -> Callable[[slice], None]:
+            work = make_worker(self._scope(seen))
+
+            def work_in_turn(turn: slice) -> None:
+                camera = poses.camera[turn]
+                cuts = turn.start + 1 + np.flatnonzero(camera[1:] != camera[:-1])
+                for start, stop in pairwise([turn.start, *cuts.tolist(), turn.stop]):
+                    work(slice(start, stop), int(poses.camera[start]))
+
+            return work_in_turn
+
+        share_poses(len(poses), [worker() for _ in range(max(1, min(self._threads, len(poses))))])
 
     def _scope(self, seen: Any) -> Scope:
         spaces: dict[type, Any] = {}
@@ -99,7 +109,6 @@ class FacePass:
 
     def _seen(self, measured: Measured, poses: Poses) -> Any:
         """Measurement of an observer, for the loops."""
-        matrices = poses.world_from_camera
         visible: NDArray[Any]
         drawn: NDArray[Any]
         kind: NDArray[Any]
@@ -116,8 +125,8 @@ class FacePass:
             if any(measured.area_error.strides):
                 error = measured.area_error
         return self.kernels.Seen(
-            read_only(matrices, np.float64),
-            read_only(self._near(poses), np.float64),
+            read_only(poses.world_from_camera, np.float64),
+            read_only(near_limits(self.cameras, self.mesh.opaque.bounds, poses), np.float64),
             read_only(visible, dtype),
             read_only(drawn, dtype),
             scale,
@@ -126,21 +135,28 @@ class FacePass:
             samples,
         )
 
-    def _near(self, poses: Poses) -> NDArray[np.float64]:
-        """Near limit of each pose."""
-        return near_limits(self.cameras, self.mesh.opaque.bounds, poses)
 
+class CoveragePass(FacePass):
+    """Figures of the poses of one observer by one task; any number of threads may use it."""
 
-def _by_camera(worker: Worker, camera: NDArray[np.int32]) -> Callable[[slice], None]:
-    """Worker for turns of poses, of one for runs of poses of the same camera."""
+    def __init__(self, observer: Any, task: Task) -> None:
+        super().__init__(observer.mesh, observer.camera, observer.threads)
+        self.rules = [task.rules(each) for each in self.cameras]
 
-    def work(turn: slice) -> None:
-        start = turn.start
-        while start < turn.stop:
-            stop = start + 1
-            while stop < turn.stop and camera[stop] == camera[start]:
-                stop += 1
-            worker(slice(start, stop), int(camera[start]))
-            start = stop
+    def fill(self, measured: Measured, poses: Poses, figures: Mapping[str, NDArray[Any]]) -> None:
+        """Fill (P, F) arrays with the figures of the poses of a measurement."""
+        out = self.kernels.record(figures)
+        # Faces before the first at a cache line, in each array of float64 that `evaluate` makes.
+        places = (array.ctypes.data for array in figures.values() if array.dtype == np.float64)
+        skew = next(places, 0) // 8
 
-    return work
+        def worker(scope: Scope) -> Worker:
+            def work(rows: slice, index: int) -> None:
+                rules = self.rules[index]
+                self.kernels.judge_poses((rows.start, rows.stop), *scope(index), rules, out, skew)
+                if out.incidence.size:
+                    self.kernels.replace_by_angles(out.incidence[rows])
+
+            return work
+
+        self.share(measured, poses, worker)

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.base.checks import shown
+from rastercov.base.errors import ConfigError
 from rastercov.base.memory import read_only
 from rastercov.camera.pose import Poses
 from rastercov.coverage.coverage import Coverage
@@ -23,7 +25,10 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
 
-_ADDED: dict[str, Any] = {
+CHOICES = ("none", "covered", "seen", "all")
+"""Pairs that a table may hold: those covered; those seen, that is with some part of the face in the
+image and its front to the camera, though other faces may hide it; or every pair."""
+SUMMED: dict[str, Any] = {
     "coverage": np.float64,
     "reason": np.uint8,
     "visibility_bound": np.float64,
@@ -85,8 +90,8 @@ def joined(mesh: Mesh, poses: Poses, batches: "Sequence[JudgedPoses]") -> Judged
     )
 
 
-def plain(batch: JudgedPoses) -> dict[str, NDArray[Any]]:
-    """Arrays of a batch by name; `from_plain` has their meaning."""
+def to_arrays(batch: JudgedPoses) -> dict[str, NDArray[Any]]:
+    """Arrays of a batch by name; `from_arrays` has their meaning."""
     arrays = {f"rows.{name}": values for name, values in batch.rows._asdict().items()}
     arrays["clipped"] = batch.clipped
     arrays |= {f"kept.{pose}": values for pose, values in batch.kept.items()}
@@ -96,8 +101,8 @@ def plain(batch: JudgedPoses) -> dict[str, NDArray[Any]]:
     return arrays
 
 
-def from_plain(mesh: Mesh, poses: Poses, arrays: Mapping[str, NDArray[Any]]) -> JudgedPoses:
-    """Batch of some poses from the arrays of `plain`."""
+def from_arrays(mesh: Mesh, poses: Poses, arrays: Mapping[str, NDArray[Any]]) -> JudgedPoses:
+    """Batch of some poses from the arrays of `to_arrays`."""
     from rastercov.kernels.network import PairRows, Sums
 
     tree: dict[str, dict[str, Any]] = {"rows": {}, "kept": {}}
@@ -157,7 +162,7 @@ class Part:
 
     def add_coverage(self, coverage: Coverage) -> None:
         """Add all poses of the batch."""
-        arrays = [read_only(getattr(coverage, name), kind) for name, kind in _ADDED.items()]
+        arrays = [read_only(getattr(coverage, name), kind) for name, kind in SUMMED.items()]
         *added, drawn = arrays
         self.kernels.add_rows(self._is_scored, *added, self.sums, self.covered_faces)
         for row in range(len(drawn)):  # 10 us each
@@ -206,3 +211,53 @@ class Part:
         own = slice(first, first + len(other.totals))
         for name in OF_POSES:
             getattr(self, name)[own] += getattr(other, name)
+
+
+class PairBuffer:
+    """Memory for the rows of a batch of poses, used again for each batch.
+
+    Parameters
+    ----------
+    choice : {"none", "covered", "seen", "all"}
+        Pairs to keep.
+    n_poses, n_faces : int
+        Size of the largest batch.
+
+    Raises
+    ------
+    ConfigError
+        For another choice.
+    """
+
+    def __init__(self, choice: str, n_poses: int, n_faces: int) -> None:
+        from rastercov.kernels import network as kernels  # loads numba
+
+        check_choice(choice)
+        self.choice, self._kernels, self._n_faces = CHOICES.index(choice), kernels, n_faces
+        size = n_poses * n_faces if self.choice else 0
+        # Memory that no row is written to is never taken from the system.
+        self._memory = kernels.PairRows(
+            *(np.empty(size, kernels.ROW_TYPES[name]) for name in kernels.PairRows._fields)
+        )
+        self._counts: NDArray[np.int64] = np.zeros(0, np.int64)
+
+    def sink(self, pose_ids: NDArray[np.int64]) -> "Sink":
+        """Empty memory for the rows of these poses, (P,)."""
+        self._counts = np.zeros(len(pose_ids), np.int64)
+        return self._kernels.Sink(self.choice, pose_ids, self._counts, self._memory)
+
+    def rows(self) -> "PairRows":
+        """Copy of the rows of the batch, by pose, then by face."""
+        starts = np.flatnonzero(self._counts)
+        spans = [(at * self._n_faces, self._counts[at]) for at in starts.tolist()]
+        return self._kernels.PairRows(*(_joined(column, spans) for column in self._memory))
+
+
+def check_choice(choice: object) -> None:
+    """Raise `ConfigError` for what is no choice of pairs."""
+    if choice not in CHOICES:
+        raise ConfigError(f"pairs must be one of {', '.join(CHOICES)}, got {shown(choice)}")
+
+
+def _joined(column: NDArray[Any], spans: list[tuple[int, int]]) -> NDArray[Any]:
+    return np.concatenate([column[:0], *(column[at : at + n] for at, n in spans)])

@@ -13,15 +13,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.arguments import check_kind
 from rastercov.base.errors import ConfigError, MeshError
-from rastercov.base.threads import threads_of
 from rastercov.base.typed import typed
 from rastercov.camera.pose import Poses
 from rastercov.coverage.coverage import Coverage, batch_size, check_observer, measurements
-from rastercov.coverage.coverage_pass import CoveragePass
-from rastercov.coverage.face_pass import Measured, Scope, Worker
-from rastercov.coverage.judged_poses import JudgedPoses, Part
+from rastercov.coverage.face_pass import CoveragePass, Measured, Scope, Worker
+from rastercov.coverage.judged_poses import JudgedPoses, PairBuffer, Part
 from rastercov.coverage.observer import Observer
-from rastercov.coverage.pairs import PairBuffer
 from rastercov.coverage.spread import ViewSpread
 from rastercov.coverage.task import Reason, Task
 from rastercov.mesh import Mesh
@@ -145,7 +142,7 @@ class Network:
         poses : Poses
             World from camera.
         pairs : {"none", "covered", "seen", "all"}
-            Pairs of pose and face whose figures are kept as rows; see `rastercov.coverage.pairs`.
+            Pairs of pose and face whose figures are kept as rows; see `CHOICES`.
         keep : collection of int
             Ids of poses whose coverage is kept.
         apart : bool
@@ -164,9 +161,7 @@ class Network:
 
         judge = CoveragePass(observer, self.task)
         n_faces = self.mesh.n_faces
-        buffer = PairBuffer(
-            pairs, min(len(poses), batch_size(n_faces, threads_of(observer))), n_faces
-        )
+        buffer = PairBuffer(pairs, min(len(poses), batch_size(n_faces, observer.threads)), n_faces)
         return (
             self._judged(judge, batch, seen, buffer, keep, apart)
             for batch, seen in measurements(observer, poses)

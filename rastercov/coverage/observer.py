@@ -10,22 +10,36 @@ sampled
     Counts of a rasteriser, with a statistical bound; see `rastercov.raster.observation`.
 """
 
-from typing import Any, Protocol, Self
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from functools import partial
+from importlib.metadata import version
+from typing import Any
 
+import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.checks import finite_number, shown
-from rastercov.base.errors import ConfigError
+from rastercov.base.errors import DeviceError
+from rastercov.base.memory import check_memory
+from rastercov.base.threads import Closing, ScratchPool, share_poses, thread_count
+from rastercov.camera.near_plane import limits_of_poses
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, check_scene
-from rastercov.coverage.engine import METHODS, Engine
-from rastercov.coverage.observers import ExactObserver, SampledObserver, check_visibility
+from rastercov.camera.rig import Cameras, cameras_of, check_scene
+from rastercov.coverage.engine import Engine, settled
+from rastercov.coverage.face_pass import FacePass, Measured
+from rastercov.exact.figures import Figures
 from rastercov.mesh import Mesh
-from rastercov.raster.contract import RasterizerInfo
+from rastercov.raster import backend_of
+from rastercov.raster.contract import FaceCounts, RasterizerInfo
 from rastercov.raster.observation import Observation, Visibility
+from rastercov.raster.several import Rasterizers
+
+ROLL = 0.4
+"""Radians by which the grid of samples is turned against the image: 23 degrees, far from every
+direction that is common in manufactured parts. Along rows of samples errors of counting add up."""
 
 
-class Observer(Protocol):
+class Observer(Closing, ABC):
     """Areas of one mesh that one camera sees; open it with `open_observer`, use it in a `with`.
 
     Any number of threads may use one observer at once, except method "sampled" on OpenGL: that
@@ -35,7 +49,11 @@ class Observer(Protocol):
     mesh: Mesh
     camera: Cameras
     info: RasterizerInfo
+    threads: int
+    """Threads that share the poses of a call."""
+    _is_open = True
 
+    @abstractmethod
     def observe(self, poses: ArrayLike | Poses) -> Observation:
         """Measure every face in each pose.
 
@@ -53,22 +71,139 @@ class Observer(Protocol):
         DeviceError
             After `close`.
         """
-        ...
+
+    def measure(self, poses: ArrayLike | Poses) -> Measured:
+        """Result of `observe`, or the counts that it is made of where these are less work."""
+        return self.observe(poses)
 
     def visibility(self, poses: ArrayLike | Poses) -> Visibility:
         """Visible fraction of each face in each pose, with a bound; errors as for `observe`."""
-        ...
+        accepted = self._accepted(poses, OBSERVED + FRACTION)
+        measured = self.measure(accepted)
+        found = FacePass(self.mesh, self.camera, self.threads).fractions(measured, accepted)
+        return Visibility(*found, self.info)
 
+    @abstractmethod
     def close(self) -> None:
         """Give back what it holds: later calls raise `DeviceError`; again it does nothing.
 
         A call that another thread is in ends as ever.
         """
-        ...
 
-    def __enter__(self) -> Self: ...
+    def _accepted(self, poses: ArrayLike | Poses, bytes_a_pair: int = 0) -> Poses:
+        """Poses that this observer can measure, with room for what it finds of each face."""
+        if not self._is_open:
+            raise DeviceError("this observer is closed; open a new one")
+        accepted = Poses.of(poses)
+        accepted.check_cameras(len(cameras_of(self.camera)))
+        if bytes_a_pair:
+            _check_figures(len(accepted), self.mesh.n_faces, bytes_a_pair)
+        return accepted
 
-    def __exit__(self, *error: object) -> None: ...
+
+OBSERVED, FRACTION = 3 * 8 + 1, 2 * 8 + 1
+"""Bytes of a pair of pose and face in an `Observation` and in a `Visibility`."""
+
+
+def _check_figures(n_poses: int, n_faces: int, bytes_a_pair: int) -> None:
+    check_memory(
+        f"figures of {n_poses:,} poses x {n_faces:,} faces",
+        bytes_a_pair * n_poses * n_faces,
+        "observe fewer poses at a time",
+    )
+
+
+class SampledObserver(Observer):
+    """Observer that counts samples of a rasteriser."""
+
+    def __init__(self, mesh: Mesh, camera: Cameras, options: Mapping[str, Any]) -> None:
+        self.threads = thread_count(options.get("threads"))
+        own = {"backend", "supersample", "threads"}
+        others = {name: value for name, value in options.items() if name not in own}
+        if backend_of(options["backend"], others)[0] == "gl":  # which takes none: they judge counts
+            options = {k: v for k, v in options.items() if k != "threads"}
+        self._rasterizers = Rasterizers(mesh, cameras_of(camera), roll=ROLL, **options)
+        self.mesh, self.camera, self.info = mesh, camera, self._rasterizers.info
+
+    def observe(self, poses: ArrayLike | Poses) -> Observation:
+        """Areas from the counts of samples, see `Observer`."""
+        return Observation.of_counts(self.measure(self._accepted(poses, OBSERVED)))
+
+    def measure(self, poses: ArrayLike | Poses) -> FaceCounts:
+        """The counts of samples themselves."""
+        return self._rasterizers.count(self._accepted(poses))
+
+    def close(self) -> None:
+        """Release the memory."""
+        self._rasterizers.close()  # refuses in a thread that may not, and all stays open
+        self._is_open = False
+
+
+class ExactObserver(Observer):
+    """Observer that computes areas by half planes, all of them or where no proof decides."""
+
+    def __init__(self, mesh: Mesh, camera: Cameras, engine: Engine) -> None:
+        # These compile, or load what was compiled.
+        from rastercov.exact import certificate, half_planes
+        from rastercov.exact.surface import surface_of
+
+        certificate.compile_once()
+        method = engine.method
+        self.mesh, self.camera, cameras = mesh, camera, cameras_of(camera)
+        self.info = RasterizerInfo(
+            backend="analytic",
+            plan=method,
+            renderer=f"{method}, numba {version('numba')}",
+            driver="",
+            device="cpu",
+            depth="float64",
+            shaders="",
+        )
+        self.threads = thread_count(engine.threads)
+        solver_type = (
+            certificate.CertificateSolver if method == "certified" else half_planes.HalfPlaneSolver
+        )
+        self._surface = surface_of(mesh)
+        if all(each.is_pinhole for each in cameras):
+            make: Any = partial(solver_type, self._surface, cameras[0])
+        else:
+            from rastercov.exact.lens_solver import LensSolver
+
+            make = partial(LensSolver, self._surface, cameras[0], solver_type)
+        self._scratch: ScratchPool[half_planes.HalfPlaneSolver] = ScratchPool(make, self.threads)
+
+    def observe(self, poses: ArrayLike | Poses) -> Observation:
+        """Exact or certified areas, see `Observer`."""
+        accepted, cameras = self._accepted(poses, OBSERVED), cameras_of(self.camera)
+        matrices = accepted.world_from_camera
+        n_poses = len(matrices)
+        figures = Figures.room(n_poses, self.mesh.n_faces)
+        near, front_only, figures.clipped[:] = limits_of_poses(self.mesh, cameras, accepted)
+
+        def worker(solver: Any) -> Any:
+            def work(turn: slice) -> None:
+                for row in range(n_poses)[turn]:
+                    is_lent = figures.lend(solver, row)
+                    solver.set_camera(cameras[accepted.camera[row]])
+                    solver.set_pose(matrices[row], near[row], front_only[row])
+                    solver.solve_all()
+                    figures.take(solver, row, is_lent=is_lent)
+
+            return work
+
+        solvers = self._scratch.take(max(1, min(self.threads, n_poses)))
+        share_poses(n_poses, [worker(solver) for solver in solvers])
+        for solver in solvers:  # so that they keep no result alive
+            solver.write_to(*np.empty((3, 0)))
+        self._scratch.give_back(solvers)
+        return Observation(
+            figures.visible, figures.area, figures.kind, figures.error, figures.clipped
+        )
+
+    def close(self) -> None:
+        """Release the memory."""
+        self._is_open = False
+        self._scratch.close()
 
 
 def open_observer(
@@ -101,30 +236,10 @@ def open_observer(
         For a method or an option that does not exist.
     """
     check_scene(mesh, camera)
-    engine = Engine.of(method)
-    if method not in METHODS:
-        if backend != "auto" or supersample != 1 or options.keys() & {"threads", "device"}:
-            raise ConfigError(
-                f"engine {engine} has its device, samples and threads; leave out the arguments "
-                "backend, device, supersample and threads"
-            )
-        supersample = engine.supersample
-        if engine.method == "sampled":
-            options = engine.rasterizer_options | options
-            backend = options.pop("backend")
-        if engine.threads is not None:
-            options = options | {"threads": engine.threads}
+    engine, options = settled(method, backend, supersample, options)
     if engine.method == "sampled":
-        return SampledObserver(mesh, camera, backend, supersample, options)
-    if finite_number(supersample) != 1:
-        raise ConfigError(
-            f"method {engine.method} has no samples, so supersample must be 1, "
-            f"got {shown(supersample)}; use method sampled"
-        )
-    unknown = options.keys() - {"threads"}
-    if unknown:
-        raise ConfigError(f"method {engine.method} takes no option {', '.join(sorted(unknown))}")
-    return ExactObserver(mesh, camera, engine.method, options.get("threads"))
+        return SampledObserver(mesh, camera, options)
+    return ExactObserver(mesh, camera, engine)
 
 
 def visibility(
@@ -155,7 +270,7 @@ def visibility(
     """
     check_scene(mesh, camera)
     accepted = Poses.of(poses)
-    check_visibility(len(accepted), mesh.n_faces)
+    _check_figures(len(accepted), mesh.n_faces, OBSERVED + FRACTION)
     with open_observer(
         mesh, camera, method, backend=backend, supersample=supersample, **options
     ) as observer:

@@ -4,6 +4,7 @@ import hashlib
 import platform
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from functools import cached_property
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
@@ -46,6 +47,10 @@ class Provenance:
 
     def as_dict(self) -> dict[str, Any]:
         """Entries ready for JSON; "mesh" has the files as read, "scene" the faces in metres."""
+        return dict(self._entries)
+
+    @cached_property
+    def _entries(self) -> dict[str, Any]:
         mesh = self.mesh
         optional = {
             "task": asdict(self.task) if self.task else None,
@@ -57,7 +62,7 @@ class Provenance:
             "scene": {
                 "sha256": sha256(mesh.vertices, mesh.faces, mesh.face_group),
                 "n_faces": mesh.n_faces,
-                "groups": [group.plain() for group in mesh.groups],
+                "groups": [group.to_json() for group in mesh.groups],
             },
             "poses": {"sha256": sha256(self.poses), "n_poses": len(self.poses)},
             **plain_cameras(self.camera),
@@ -73,10 +78,10 @@ def plain_cameras(camera: Cameras) -> dict[str, Any]:
     """Entry "camera" of one camera, or "cameras" with the names of all, ready for JSON."""
     cameras = cameras_of(camera)
     if len(cameras) == 1:
-        return {"camera": cameras[0].plain()}
+        return {"camera": cameras[0].to_json()}
     return {
         "cameras": [
-            {"name": name} | each.plain()
+            {"name": name} | each.to_json()
             for name, each in zip(names_of(camera), cameras, strict=True)
         ]
     }

@@ -24,16 +24,16 @@ from numpy.typing import NDArray
 from rastercov.base.output import json_text
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, cameras_of
-from rastercov.cluster import Job, Made, Workers, make_shards
-from rastercov.cluster.files import SUMS, DamagedError, contents, store
-from rastercov.cluster.job import FolderLostError
-from rastercov.cluster.quarantine import FOLDER as QUARANTINE
-from rastercov.cluster.quarantine import drop_damaged, forget, quarantined
+from rastercov.cluster import Made, ShardStore, Workers, fill
+from rastercov.cluster.run import counted
 from rastercov.cluster.scene_file import read_scene, scene_bytes
+from rastercov.cluster.store import Note, contents, renew
+from rastercov.cluster.store import remove as remove_files
+from rastercov.cluster.work import FolderLostError
 from rastercov.coverage.area.observer import RegionObserver
 from rastercov.coverage.area.regions import Regions
 from rastercov.coverage.engine import Engine
-from rastercov.coverage.judged_poses import JudgedPoses, from_plain, joined, plain
+from rastercov.coverage.judged_poses import JudgedPoses, from_arrays, joined, to_arrays
 from rastercov.coverage.network import Network
 from rastercov.coverage.observer import Observer, open_observer
 from rastercov.coverage.provenance import sha256
@@ -41,14 +41,19 @@ from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 
 FUNCTION = "rastercov.coverage.shards:make"
-"""Function of a `rastercov.cluster.Job` of shards."""
+"""Function by which workers make a shard."""
 PAIRS_A_SHARD = 1 << 22
 """Pose-face pairs of one shard: several seconds of work."""
 UNFINISHED = "unfinished"
 """Folder in that of a report, for the shards of a run until its report is whole."""
 LONG_RUN = 16
 """Shards from which on a run is kept: shorter ones are done again in a minute or two."""
-HEADER, SCENE, POSES, SHARDS = "header.json", "scene.npz", "poses.npz", "shards"
+HEADER, SCENE, POSES = "header.json", "scene.npz", "poses.npz"
+FILES = (
+    "shards/shard-*.npz", "shards/.*.part", "quarantine/shard-*.json", SCENE, POSES, HEADER,
+    "sha256/*.sha256",
+)  # fmt: skip
+"""Files of a folder, in an order of removal that is safe to interrupt."""
 OF_REGIONS = ("xy", "starts", "face", "pose", "pair_pose", "pair_face", "area", "bound")
 """Arrays of `Regions` in a shard."""
 
@@ -63,7 +68,7 @@ class Wanted:
     by_area : bool
         True where regions are kept.
     pairs : str
-        Rows of the table, of `rastercov.coverage.pairs.CHOICES`.
+        Rows of the table, of `rastercov.coverage.judged_poses.CHOICES`.
     keep : tuple of int
         Ids of poses whose coverage is kept, for pictures.
     apart : bool
@@ -72,9 +77,9 @@ class Wanted:
 
     engine: Engine
     by_area: bool
-    pairs: str
-    keep: tuple[int, ...]
-    apart: bool
+    pairs: str = "none"
+    keep: tuple[int, ...] = ()
+    apart: bool = False
 
 
 Part = tuple[JudgedPoses, Regions | None]
@@ -103,72 +108,41 @@ class EvaluationShards:
         self.observer, self.poses, self.task, self.wanted = observer, poses, task, wanted
         header = _header(observer, poses, task, wanted)
         text = json_text(header).encode()
-        self.folder = folder / hashlib.sha256(text).hexdigest()[:16]
-        for part in (self.folder / SHARDS, self.folder / SUMS):
-            part.mkdir(parents=True, exist_ok=True)
-        self.shards = list(_shards_of(len(poses), header["poses_a_shard"]))
-        self._store(HEADER, text)
-        self._store(SCENE, scene_bytes(observer.mesh, observer.camera))
+        own = folder / hashlib.sha256(text).hexdigest()[:16]
+        own.mkdir(parents=True, exist_ok=True)
+        size = header["poses_a_shard"]
+        self.store = ShardStore(own, "shards/shard-{}.npz", len(poses), size, FUNCTION)
         file = io.BytesIO()
         np.savez(file, poses=poses.world_from_camera, ids=poses.ids, camera=poses.camera)
-        self._store(POSES, file.getvalue())
-
-    def _store(self, name: str, data: bytes) -> None:
-        try:
-            if contents(self.folder, name) == data:
-                return
-        except DamagedError:
-            pass
-        store(self.folder, name, data)
-
-    @property
-    def missing(self) -> dict[int, int]:
-        """Number of poses of each shard that is not there."""
-        return {
-            number: rows.stop - rows.start
-            for number, rows in enumerate(self.shards)
-            if not (self.folder / _name(number)).exists()
-        }
+        scene = scene_bytes(observer.mesh, observer.camera)
+        for name, data in ((HEADER, text), (SCENE, scene), (POSES, file.getvalue())):
+            renew(own, name, data)
 
     @property
     def quarantined(self) -> dict[int, str]:
         """Poses, by their ids, that were left out because they kill their process."""
-        found = quarantined(self.folder, len(self.shards))
-        return {
-            int(self.poses.ids[self.shards[number].start + pose]): end
-            for number, poses in found.items()
-            for pose, end in poses.items()
-        }
+        return {int(self.poses.ids[row]): end for row, end in self.store.quarantined().items()}
 
-    def drop_damaged(self, note: Callable[[str], None]) -> None:
-        """Remove shards whose note on poses that were left out is damaged."""
-        drop_damaged(self.folder, [_name(number) for number in range(len(self.shards))], note)
+    def parts(
+        self,
+        progress: Callable[[int, int], None],
+        workers: Workers | None,
+        watch: Callable[[Made], None],
+        note: Note,
+    ) -> Iterator[Part]:
+        """Every shard in turn, as of `Source.parts`."""
+        store = self.store
 
-    def made_by(self, workers: Workers, done: Callable[[Made], None], note: Any) -> None:
-        """Have the missing shards made by workers."""
-        make_shards(workers, Job.of(self.folder, FUNCTION), lambda: self.missing, done, note)
+        def make(number: int, did: Callable[[int], None]) -> bytes:
+            poses = self.poses[store.rows(number)]
+            return _measured(self.observer, poses, self.task, self.wanted, did)
 
-    def parts(self, note: Callable[[str], None], *, only_present: bool = False) -> Iterator[Part]:
-        """Every shard in turn; a missing or damaged one is made by this process.
+        store.mend(note, store.read)
+        for number in fill(store, make, workers, progress, watch, note):
+            yield self._part(store.read(number) or b"", self.poses[store.rows(number)])
 
-        With `only_present` a missing one is left out.
-        """
-        for number, rows in enumerate(self.shards):
-            try:
-                data = contents(self.folder, _name(number))
-            except DamagedError as error:
-                note(f"{error}; its poses are measured again")
-                data = None
-            if data is None:
-                if only_present:
-                    continue
-                data = _measured(self.observer, self.poses[rows], self.task, self.wanted)
-                store(self.folder, _name(number), data)
-                forget(self.folder, number)
-            yield self._part(data, rows, number)
-
-    def _part(self, data: bytes, rows: slice, number: int) -> Part:
-        poses, mesh = self.poses[rows], self.observer.mesh
+    def _part(self, data: bytes, poses: Poses) -> Part:
+        mesh = self.observer.mesh
         with np.load(io.BytesIO(data), allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}
         left = poses[np.isin(poses.ids, arrays.pop("ids"))]
@@ -176,23 +150,13 @@ class EvaluationShards:
         if self.wanted.by_area:
             of_regions = {name: arrays.pop(f"regions.{name}") for name in OF_REGIONS}
             found = Regions(mesh, self.observer.camera, self.task, left.ids, **of_regions)
-        return from_plain(mesh, left, arrays), found
+        return from_arrays(mesh, left, arrays), found
 
 
 def remove(above: Path) -> None:
     """Remove the shards of evaluations in a folder; only files that are known, and then empty."""
     for folder in above.glob("[0-9a-f]" * 16):
-        for path in (
-            *folder.glob(f"{SHARDS}/shard-*.npz"),
-            *folder.glob(f"{SHARDS}/.*.part"),
-            *folder.glob(f"{QUARANTINE}/shard-*.json"),
-            *(folder / name for name in (SCENE, POSES, HEADER)),
-            *folder.glob(f"{SUMS}/*.sha256"),
-        ):
-            path.unlink(missing_ok=True)
-        for path in (folder / SHARDS, folder / QUARANTINE, folder / SUMS, folder):
-            if path.is_dir() and not any(path.iterdir()):
-                path.rmdir()
+        remove_files(folder, FILES)
     if above.is_dir() and not any(above.iterdir()):
         above.rmdir()
 
@@ -228,41 +192,15 @@ class Source:
 
         An interrupt while workers are busy is raised after the shards that are there.
         """
-        total, done = len(self.poses), 0
-        progress(done, total)
         if self.shards is not None:
-            self.shards.drop_damaged(note)
-        if self.shards is None or workers is None:
-            for part in self._own(note):
-                yield part
-                done += len(part[0].poses)
-                progress(done, total)
+            yield from self.shards.parts(progress, workers, watch, note)
             return
-        done = total - sum(self.shards.missing.values())
-
-        def made(shard: Made) -> None:
-            nonlocal done
-            done += shard.n_poses
-            progress(done, total)
-            watch(shard)
-
-        try:
-            self.shards.made_by(workers, made, note)
-        except KeyboardInterrupt:
-            yield from self.shards.parts(note, only_present=True)
-            raise
-        yield from self.shards.parts(note)
-
-    def _own(self, note: Callable[[str], None]) -> Iterator[Part]:
-        """Poses that this process measures, and what it finds kept."""
-        if self.shards is not None:
-            yield from self.shards.parts(note)
-            return
-        wanted = self.wanted
+        wanted, did = self.wanted, counted(len(self.poses), progress)
         for batch in self.network.judge(
             self.observer, self.poses, pairs=wanted.pairs, keep=wanted.keep, apart=wanted.apart
         ):
             yield batch, batch.measured.regions if wanted.by_area else None  # type: ignore[union-attr] # of a RegionObserver
+            did(len(batch.poses))
 
 
 def is_long(n_poses: int, n_faces: int) -> bool:
@@ -270,22 +208,14 @@ def is_long(n_poses: int, n_faces: int) -> bool:
     return n_poses * n_faces > LONG_RUN * PAIRS_A_SHARD
 
 
-def make(
-    folder: Path, number: int, *, leave_out: Sequence[int] = (), only: Sequence[int] | None = None
-) -> int:
-    """Make a shard, as `rastercov.cluster.job` wants it; gives the number of its poses."""
+def make(folder: Path, number: int | None, chosen: NDArray[np.int64]) -> bytes:
+    """Content of a shard, as `rastercov.cluster.ShardStore` wants it."""
     try:
         modified = (folder / POSES).stat().st_mtime_ns
     except OSError:
         raise FolderLostError(f"{folder}: {POSES} is missing") from None
-    observer, poses, task, wanted, shards = _opened(folder, modified)
-    rows = shards[number]
-    chosen = np.arange(rows.start, rows.stop)
-    chosen = chosen[list(only)] if only is not None else np.delete(chosen, list(leave_out))
-    data = _measured(observer, poses[chosen], task, wanted)
-    if only is None:
-        store(folder, _name(number), data)
-    return int(rows.stop - rows.start)
+    observer, poses, task, wanted = _opened(folder, modified)
+    return _measured(observer, poses[chosen], task, wanted)
 
 
 def open_for(mesh: Mesh, camera: Cameras, task: Task, wanted: Wanted) -> Any:
@@ -296,7 +226,7 @@ def open_for(mesh: Mesh, camera: Cameras, task: Task, wanted: Wanted) -> Any:
 
 
 @lru_cache(2)
-def _opened(folder: Path, modified: int) -> tuple[Any, Poses, Task, Wanted, list[slice]]:
+def _opened(folder: Path, modified: int) -> tuple[Any, Poses, Task, Wanted]:
     """Evaluation of a folder; its observer lives as long as this process, or until two others."""
     data = [contents(folder, name) for name in (HEADER, SCENE, POSES)]
     if None in data:
@@ -311,43 +241,47 @@ def _opened(folder: Path, modified: int) -> tuple[Any, Poses, Task, Wanted, list
     with np.load(io.BytesIO(data[2] or b""), allow_pickle=False) as file:
         matrices, ids, camera = file["poses"], file["ids"], file["camera"]
     poses = Poses(matrices, ids, matrices, {}, camera)
-    observer = open_for(scene.mesh, scene.cameras, task, wanted)
-    return observer, poses, task, wanted, list(_shards_of(len(poses), header["poses_a_shard"]))
+    return open_for(scene.mesh, scene.cameras, task, wanted), poses, task, wanted
 
 
 def _header(observer: Observer, poses: Poses, task: Task, wanted: Wanted) -> dict[str, Any]:
-    mesh = observer.mesh
-    cameras = [json.dumps(each.plain(), sort_keys=True) for each in cameras_of(observer.camera)]
-    groups = json.dumps([group.plain() for group in mesh.groups])
-    return {
-        "rastercov": version("rastercov"),
-        "mesh": sha256(mesh.vertices, mesh.faces, mesh.face_group, groups),
-        "cameras": sha256(*cameras),
+    return inputs_of(observer, task) | {
         "poses": sha256(poses.world_from_camera, poses.ids, poses.camera),
-        "task": asdict(task),
-        "measured_by": asdict(observer.info),
         "wanted": asdict(replace(wanted, engine=replace(wanted.engine, threads=None))),
-        "poses_a_shard": max(1, PAIRS_A_SHARD // max(1, mesh.n_faces)),
+        "poses_a_shard": max(1, PAIRS_A_SHARD // max(1, observer.mesh.n_faces)),
     }
 
 
-def _shards_of(n_poses: int, poses_a_shard: int) -> Iterator[slice]:
-    for start in range(0, max(1, n_poses), poses_a_shard):
-        yield slice(start, min(start + poses_a_shard, n_poses))
+def inputs_of(observer: Observer, task: Task) -> dict[str, Any]:
+    """Entries of a header on all that shards depend on but the poses, ready for JSON."""
+    mesh = observer.mesh
+    cameras = [json.dumps(each.to_json(), sort_keys=True) for each in cameras_of(observer.camera)]
+    groups = json.dumps([group.to_json() for group in mesh.groups])
+    return {
+        "rastercov": version("rastercov"),
+        "mesh": sha256(mesh.vertices, mesh.faces, mesh.face_group, groups),
+        "camera": sha256(*cameras),
+        "task": asdict(task),
+        "measured_by": asdict(observer.info),
+    }
 
 
-def _name(number: int) -> str:
-    return f"{SHARDS}/shard-{number:05d}.npz"
-
-
-def _measured(observer: Any, poses: Poses, task: Task, wanted: Wanted) -> bytes:
-    """File of a shard of some poses."""
-    network = Network(observer.mesh, task)
-    batches = list(
-        network.judge(observer, poses, pairs=wanted.pairs, keep=wanted.keep, apart=wanted.apart)
-    )
+def _measured(
+    observer: Any,
+    poses: Poses,
+    task: Task,
+    wanted: Wanted,
+    did: Callable[[int], None] = lambda n_poses: None,
+) -> bytes:
+    """File of a shard of some poses; `did` is called with the poses that are done."""
+    network, batches = Network(observer.mesh, task), []
+    for batch in network.judge(
+        observer, poses, pairs=wanted.pairs, keep=wanted.keep, apart=wanted.apart
+    ):
+        batches.append(batch)
+        did(len(batch.poses))
     arrays: dict[str, NDArray[Any]] = {"ids": poses.ids}
-    arrays |= plain(joined(observer.mesh, poses, batches))
+    arrays |= to_arrays(joined(observer.mesh, poses, batches))
     if wanted.by_area:
         found = [batch.measured.regions for batch in batches]  # type: ignore[union-attr] # of a RegionObserver
         arrays |= {f"regions.{name}": values for name, values in _joined_regions(found).items()}

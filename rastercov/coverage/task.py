@@ -15,7 +15,7 @@ import numpy as np
 from annotated_types import Ge, Gt, Le
 from typing_extensions import Doc
 
-from rastercov.base.limits import check_limits
+from rastercov.base.arguments import check_limits
 from rastercov.camera.camera import Camera
 from rastercov.coverage.densities import PX_PER_M
 

@@ -16,7 +16,7 @@ A. Appel. The Notion of Quantitative Invisibility and the Machine Rendering of S
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.once import Once
+from rastercov.base.threads import Once
 from rastercov.camera.camera import Camera
 from rastercov.exact.half_planes import HalfPlaneSolver
 from rastercov.exact.surface import Surface, surface_of

@@ -11,7 +11,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.once import Once
+from rastercov.base.threads import Once
 from rastercov.exact.blocks import blocks_of, blocks_of_targets, is_large, local_order
 from rastercov.kernels.exact_records import CONSISTENT, NON_MANIFOLD, REVERSED, Blocks, Edges
 from rastercov.mesh import Mesh

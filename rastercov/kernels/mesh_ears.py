@@ -220,7 +220,7 @@ def complement(xy, leaf):
 
 @compiled
 def cut_polygons(xy, leaf, starts, triangles, verdicts):
-    """Triangulate every polygon; see `rastercov.mesh.ear_clipping.cut_concave`.
+    """Triangulate every polygon; see `rastercov.mesh.formats.polygons.cut_concave`.
 
     Polygon p has the corners starts[p] ... starts[p + 1] - 1; its triangles, as indices into its
     own corners, begin at row starts[p] - 2 p. A polygon is UNPROVEN if none of its triangles is

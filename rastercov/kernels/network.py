@@ -31,7 +31,7 @@ from rastercov.kernels.simd_kernel import pointer, pointers
 from rastercov.kernels.vertex_blocks import INSIDE, X, Y, Z
 
 NO_PAIRS, COVERED_PAIRS, SEEN_PAIRS, ALL_PAIRS = range(4)
-"""Indices of `rastercov.coverage.pairs.CHOICES`."""
+"""Indices of `rastercov.coverage.judged_poses.CHOICES`."""
 
 
 PLANE_ROUNDING = 1e-12

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.once import Once
+from rastercov.base.threads import Once
 from rastercov.kernels import mesh_contacts as kernels
 from rastercov.mesh.arrays import blocks, normals_and_areas
 from rastercov.mesh.topology import first_equal_row

@@ -4,10 +4,10 @@ A `Mesh` is checked once, at construction, and never changes, so all other modul
 arrays. Topology is computed on positions, because files repeat vertices along seams.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
+from itertools import filterfalse, pairwise
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -15,7 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.arguments import check_kind, members
 from rastercov.base.errors import MeshError
-from rastercov.base.files import StrPath
+from rastercov.base.files import StrPath, is_file, printable, suffix_of
+from rastercov.base.format import shortened
 from rastercov.base.typed import check_type
 from rastercov.mesh.arrays import (
     check_coordinates,
@@ -26,16 +27,127 @@ from rastercov.mesh.arrays import (
     frozen,
     some,
 )
-from rastercov.mesh.diagnosis import surface_faults
-from rastercov.mesh.faces import Faces
-from rastercov.mesh.formats import LARGEST_FILE, metres_per, paths_of, read_files
-from rastercov.mesh.groups import Group, checked_groups, flagged, named
-from rastercov.mesh.motion import moved_points, with_moved_faces
-from rastercov.mesh.names import FileGroups, Names, of_files, refuse_twice
-from rastercov.mesh.topology import Topology
+from rastercov.mesh.formats import LARGEST_FILE, READERS, metres_per, paths_of, read_files
+from rastercov.mesh.groups import (
+    FileGroups,
+    Group,
+    Names,
+    checked_groups,
+    flagged,
+    named,
+    of_files,
+    refuse_twice,
+)
+from rastercov.mesh.topology import Topology, surface_faults
 
 if TYPE_CHECKING:
     from rastercov.mesh.contacts import Contacts
+from rastercov.base.arguments import checked_array, owned
+from rastercov.base.checks import finite_number, shown
+from rastercov.base.format import size_in_words
+from rastercov.mesh.arrays import blocks, normals_and_areas, rotation_about
+from rastercov.mesh.topology import first_equal_row
+
+
+class Faces:
+    """Faces with groups; arrays as of `Mesh`."""
+
+    vertices: NDArray[np.float64]
+    faces: NDArray[np.int64]
+    groups: tuple[Group, ...]
+    face_group: NDArray[np.int32]
+
+    @property
+    def n_faces(self) -> int:
+        """Number of faces F."""
+        return len(self.faces)
+
+    @property
+    def n_vertices(self) -> int:
+        """Number of vertices V."""
+        return len(self.vertices)
+
+    @cached_property
+    def task_mask(self) -> NDArray[np.bool_]:
+        """(F,) faces that are scored, of the task or a target: all but the occluders."""
+        scored = np.array([not group.is_occluder for group in self.groups])
+        return frozen(scored[self.face_group])
+
+    @cached_property
+    def two_sided_mask(self) -> NDArray[np.bool_]:
+        """(F,) faces that count as covered from either side."""
+        two_sided = np.array([group.is_two_sided for group in self.groups])
+        return frozen(two_sided[self.face_group])
+
+    @cached_property
+    def target_mask(self) -> NDArray[np.bool_]:
+        """(F,) faces that are scored but hide nothing."""
+        transparent = np.array([group.is_target for group in self.groups])
+        return frozen(transparent[self.face_group])
+
+    @cached_property
+    def bounds(self) -> NDArray[np.float64]:
+        """(2, 3) lowest and highest coordinates of the vertices that faces use, metres."""
+        is_used = np.zeros(self.n_vertices, dtype=bool)
+        is_used[self.faces] = True
+        used = self.vertices[is_used]
+        return frozen(np.stack([used.min(axis=0), used.max(axis=0)]))
+
+    @property
+    def size_in_words(self) -> str:
+        """Extent along x, y and z with its unit, such as "85 x 62 x 20 m"."""
+        return size_in_words(np.ptp(self.bounds, axis=0))
+
+    @cached_property
+    def centroids(self) -> NDArray[np.float64]:
+        """(F, 3) mean of each face's vertices, metres."""
+        centroids = np.empty((self.n_faces, 3))
+        for block in blocks(self.n_faces):
+            centroids[block] = self.vertices[self.faces[block]].mean(axis=1)
+        return frozen(centroids)
+
+    @cached_property
+    def _normals_and_areas(self) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+        normals, areas, least_sine = normals_and_areas(self.vertices, self.faces)
+        return frozen(normals), frozen(areas), least_sine
+
+    @property
+    def normals(self) -> NDArray[np.float64]:
+        """(F, 3) unit normals, right-hand rule; 0 for degenerate faces."""
+        return self._normals_and_areas[0]
+
+    @cached_property
+    def plane_offsets(self) -> NDArray[np.float64]:
+        """(F,) scalar product of the normal and the centroid of each face, metres."""
+        return frozen(np.einsum("fi,fi->f", self.normals, self.centroids))
+
+    @property
+    def areas(self) -> NDArray[np.float64]:
+        """(F,) areas, m^2; exactly 0 for degenerate faces."""
+        return self._normals_and_areas[1]
+
+    @property
+    def least_sine(self) -> float:
+        """Least sine of the angle between the first two edges of a face that is not degenerate."""
+        return self._normals_and_areas[2]
+
+    @cached_property
+    def degenerate_mask(self) -> NDArray[np.bool_]:
+        """(F,) faces without area, to within rounding, or with a repeated vertex."""
+        return frozen(~np.any(self.normals, axis=1))
+
+    @cached_property
+    def welded_faces(self) -> NDArray[np.int64]:
+        """(F, 3) vertex indices like `faces`, the same one for all vertices at one point."""
+        same = first_equal_row((self.vertices + 0.0).view(np.uint64))  # -0.0 + 0.0 is 0.0
+        return frozen(same[self.faces])
+
+    @cached_property
+    def duplicate_mask(self) -> NDArray[np.bool_]:
+        """(F,) later copies of a face: the same three positions, in any order."""
+        same = first_equal_row(np.sort(self.welded_faces, axis=1).view(np.uint64))
+        return frozen(same != np.arange(self.n_faces))
+
 
 __all__ = ["Group", "Mesh", "MeshSource"]
 
@@ -43,6 +155,8 @@ DEPENDS_ON_TARGETS = {
     "topology", "is_closed_outward", "can_cull_back_faces", "contacts", "inside_out_mask"
 }  # fmt: skip
 """Cached properties of a mesh that depend on which faces are targets."""
+BUILT_IN: dict[str, Callable[[], "Mesh"]] = {}
+"""Built-in meshes by their names; `mesh.shapes` fills it."""
 TRIMESH_GROUPS = "rastercov_groups"
 """Key of the groups in the metadata of a `trimesh.Trimesh`."""
 
@@ -132,8 +246,8 @@ class Mesh(Faces):
             object.__setattr__(self, name, frozen(value) if hasattr(value, "flags") else value)
 
     def __repr__(self) -> str:
-        names = ", ".join(group.name for group in self.groups)
-        return f"Mesh({self.n_faces} faces, {self.n_vertices} vertices; {names})"
+        names = " ".join(", ".join(group.name for group in self.groups).split())
+        return f"Mesh({self.n_faces} faces, {self.n_vertices} vertices; {shortened(names, 200)})"
 
     def __reduce__(self) -> tuple[Any, ...]:  # arrays from a pickle must be read-only, too
         return Mesh, tuple(getattr(self, name) for name in self.__dataclass_fields__)
@@ -158,7 +272,8 @@ class Mesh(Faces):
         ----------
         path : path or sequence of paths
             STL, OBJ, PLY, OFF, GLB, glTF, 3MF, DAE or STEP files; regular files (or links to
-            them) on this machine. STEP needs the extra `formats`.
+            them) on this machine. STEP needs the extra `formats`. Or the name of a built-in mesh,
+            such as "teapot", where there is no file of that name.
         unit : str or float, or a list or mapping of them
             Unit of the coordinates: m, mm, cm, um, in, ft, or metres per unit; of all files, one
             for each, or by names of files, "m" of the others. 3MF, STEP and most DAE files state
@@ -197,24 +312,28 @@ class Mesh(Faces):
         paths = paths_of(path)
         scales = [metres_per(each) for each in of_files("unit", unit, paths, "m")]
         places = of_files("transforms", transforms or {}, paths, {})
-        scene, files = read_files(
-            paths, scales, drop_invalid=drop_invalid, max_bytes=max_bytes,
-            memory_budget=memory_budget,
-        )  # fmt: skip
-        mesh = cls(
-            vertices=scene.vertices,
-            faces=scene.faces,
-            groups=[Group(str(name)) for name in scene.group_names],
-            face_group=scene.face_group,
-            source_face=scene.source_face,
-            sources=[MeshSource(*file) for file in files],
-            notes=scene.notes,
-        )
+        if name := _built_in(paths):
+            if len(paths) > 1 or scales != [1.0]:
+                raise MeshError(f"{name} is built in: it takes no unit and no other mesh files")
+            mesh = BUILT_IN[name]()
+        else:
+            scene, files = read_files(
+                paths, scales, drop_invalid=drop_invalid, max_bytes=max_bytes,
+                memory_budget=memory_budget,
+            )  # fmt: skip
+            mesh = cls(
+                vertices=scene.vertices,
+                faces=scene.faces,
+                groups=[Group(str(name)) for name in scene.group_names],
+                face_group=scene.face_group,
+                source_face=scene.source_face,
+                sources=[MeshSource(*file) for file in files],
+                notes=scene.notes,
+            )
         names = names_of(mesh, paths)
         for each, place in zip(names.files, places, strict=True):
             mesh = mesh.moved(**place, groups=each.groups) if place else mesh
-        ends = np.cumsum([source.n_faces for source in mesh.sources])
-        parts = np.split(mesh.faces, ends[:-1])
+        parts = np.split(mesh.faces, np.cumsum([file.n_faces for file in mesh.sources])[:-1])
         refuse_twice((str(p), mesh.vertices, own) for p, own in zip(paths, parts, strict=True))
         return mesh._with_flags(flagged(names, mesh.groups, occluders, two_sided, targets))
 
@@ -269,7 +388,7 @@ class Mesh(Faces):
                 "face_group": self.face_group.copy(),
                 "source_face": self.source_face.copy(),
             },
-            metadata={TRIMESH_GROUPS: [group.plain() for group in self.groups]},
+            metadata={TRIMESH_GROUPS: [group.to_json() for group in self.groups]},
         )
 
     def with_groups(
@@ -499,9 +618,24 @@ class Mesh(Faces):
         return tuple(found)
 
 
+def _built_in(paths: Sequence[StrPath]) -> str | None:
+    """First of some paths that names a built-in mesh; MeshError for one that is no file either."""
+    for path in filterfalse(is_file, paths):
+        if str(path) in BUILT_IN:
+            return str(path)
+        if suffix_of(path) not in READERS:
+            raise MeshError(
+                f"{printable(str(path))}: there is no such file, nor a built-in mesh of that name; "
+                f"built in are {', '.join(BUILT_IN)}"
+            )
+    return None
+
+
 def names_of(mesh: Mesh, paths: Sequence[StrPath] | None = None) -> Names:
     """Names of a mesh whose faces are those of its sources; `paths` are these as the user typed."""
     groups = [group.name for group in mesh.groups]
+    if paths is not None and not mesh.sources:
+        return Names(groups, [FileGroups(paths[0], groups)])
     ends = np.cumsum([0, *(source.n_faces for source in mesh.sources)])
     if ends[-1] != mesh.n_faces:  # there are others
         return Names(groups)
@@ -512,3 +646,59 @@ def names_of(mesh: Mesh, paths: Sequence[StrPath] | None = None) -> Names:
         for path, own in zip(sources, rows, strict=True)
     ]
     return Names(groups, files, group_first=paths is None)
+
+
+def moved_points(
+    points: NDArray[np.float64],
+    scale: float,
+    axis: ArrayLike,
+    angle_deg: float,
+    translation: ArrayLike,
+) -> NDArray[np.float64]:
+    """Points (N, 3) of `Mesh.moved`: scaled, then turned, then translated."""
+    factor, angle = finite_number(scale), np.radians(finite_number(angle_deg))
+    direction, offset = _triple("axis", axis), _triple("translation", translation)
+    length = np.linalg.norm(direction)
+    if not factor > 0:
+        raise MeshError(f"scale must be a number above 0, got {shown(scale)}; correct it")
+    if not np.isfinite(angle):
+        raise MeshError(f"angle_deg must be a finite number, got {shown(angle_deg)}")
+    if not length > 0:
+        raise MeshError(f"axis must be a direction, got {direction.tolist()}; correct it")
+    with np.errstate(over="ignore", invalid="ignore"):  # the constructor finds what overflows
+        moved = points * factor
+        if angle:
+            moved = moved @ rotation_about(direction, angle).T
+        return moved + offset
+
+
+def with_moved_faces(
+    vertices: NDArray[np.float64],
+    moved: NDArray[np.float64],
+    faces: NDArray[np.int64],
+    is_moved: NDArray[np.bool_],
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Vertices and faces of a mesh of which some faces, `is_moved` (F,), use `moved` vertices.
+
+    Vertices that they share with the others are doubled.
+    """
+    is_used = np.zeros((2, len(vertices)), bool)
+    for row, mask in enumerate((is_moved, ~is_moved)):
+        is_used[row, faces[mask]] = True
+    shared = np.flatnonzero(is_used.all(axis=0))
+    number = np.arange(len(vertices))
+    number[shared] = len(vertices) + np.arange(len(shared))
+    renumbered = faces.copy()
+    renumbered[is_moved] = number[faces[is_moved]]
+    moves_alone = is_used[0] & ~is_used[1]
+    kept = np.where(moves_alone[:, None], moved, vertices)
+    return np.concatenate([kept, moved[shared]]), renumbered
+
+
+def _triple(name: str, values: ArrayLike) -> NDArray[np.float64]:
+    """(3,) finite numbers, or MeshError."""
+    wanted = "three finite numbers"
+    triple = owned(name, checked_array(name, values, "iuf", wanted, MeshError), np.float64)
+    if triple.shape != (3,) or not np.isfinite(triple).all():
+        raise MeshError(f"{name} must be {wanted}, got {shown(values)}; correct it")
+    return triple

@@ -8,7 +8,6 @@ Coverage Model for Deployment of Multi-Camera Networks. 2020, which is not publi
 """
 
 import json
-from collections.abc import Callable
 from importlib.resources import files
 from itertools import combinations
 from math import comb
@@ -22,7 +21,8 @@ from rastercov.base.arguments import LARGEST_COORDINATE, check_seed
 from rastercov.base.checks import shown
 from rastercov.base.errors import MeshError
 from rastercov.base.typed import typed
-from rastercov.mesh import Group, Mesh
+from rastercov.mesh.groups import Group
+from rastercov.mesh.mesh import BUILT_IN, Mesh
 
 DATA = files("rastercov") / "data"
 TEAPOT_UNIT = 0.05  # metres for Newell's unit: 0.32 m from handle to spout, 0.16 m high
@@ -295,7 +295,7 @@ def tessellated_plane(
     return Mesh(vertices=points, faces=_triangulated(corners))
 
 
-_BUILT_IN: dict[str, Callable[[], Mesh]] = {
+BUILT_IN |= {
     "aeroplane": aeroplane,
     "aeroplane-9856": lambda: aeroplane(9856),
     "box": box,
@@ -307,15 +307,15 @@ _BUILT_IN: dict[str, Callable[[], Mesh]] = {
     "teapot-12": lambda: teapot(12),
     "torus": torus,
 }
-NAMES = tuple(_BUILT_IN)
+NAMES = tuple(BUILT_IN)
 
 
 @typed
 def by_name(name: str) -> Mesh:
     """Built-in mesh of that name, one of `NAMES`; MeshError otherwise."""
-    if name not in _BUILT_IN:
+    if name not in BUILT_IN:
         raise MeshError(f"built-in meshes are {', '.join(NAMES)}; got {name!r}")
-    return _BUILT_IN[name]()
+    return BUILT_IN[name]()
 
 
 def _at_least(least: int, **counts: int) -> None:

@@ -14,9 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov.base.arguments import finite_points
 from rastercov.base.errors import MeshError
 from rastercov.base.typed import typed
-from rastercov.mesh.groups import Group, named
+from rastercov.mesh.groups import Group, listed, named
 from rastercov.mesh.mesh import Mesh, names_of
-from rastercov.mesh.names import listed
 
 FloatArray = NDArray[np.float64]
 

@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.arguments import check_kind, members
 from rastercov.base.errors import ConfigError
+from rastercov.base.format import InOneLine
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, cameras_of, check_scene, names_of
 from rastercov.cluster import Made, Workers
@@ -154,8 +155,8 @@ def _choice(problem: Problem, of_pose: IntArray, n_groups: int) -> Problem:
 LOG = logging.getLogger("rastercov")
 
 
-@dataclass(frozen=True, eq=False)
-class Audit:
+@dataclass(frozen=True, eq=False, repr=False)
+class Audit(InOneLine):
     """Figures of P cameras over E elements of the task surface, faces or cells.
 
     Attributes

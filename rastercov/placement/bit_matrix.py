@@ -30,13 +30,12 @@ from numpy.typing import NDArray
 
 from rastercov.base.errors import ConfigError, ResourceError
 from rastercov.base.threads import share_poses, thread_count
-from rastercov.cluster.files import SUMS, DamagedError, contents, store
+from rastercov.cluster.store import SUMS, DamagedError, contents, locked, store
 from rastercov.coverage.task import Task
 from rastercov.kernels import placement_bits as kernels
 from rastercov.placement._arrays import FloatArray
 from rastercov.placement.bits import CoveredBits, n_words
-from rastercov.placement.matrix_folder import MatrixFolder, greatest
-from rastercov.placement.shards import BITS, locked
+from rastercov.placement.matrix_folder import BITS, MatrixFolder, greatest
 
 MOST_THREADS = 4
 """Threads that read shards at a time; each takes some ten bytes a pair of one."""

@@ -33,8 +33,9 @@ from rastercov.base.errors import ConfigError
 from rastercov.base.typed import typed
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.camera.rig import Cameras
-from rastercov.cluster import Job, Made, Workers, make_shards
-from rastercov.cluster.quarantine import drop_damaged, forget
+from rastercov.cluster import Made, Workers, fill
+from rastercov.cluster.run import counted
+from rastercov.cluster.store import Note, locked
 from rastercov.coverage.area.cells import Cells
 from rastercov.coverage.observer import Observer, open_observer
 from rastercov.coverage.task import Task
@@ -43,28 +44,25 @@ from rastercov.mesh import Mesh
 from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
 from rastercov.placement.bits import CoveredBits, n_words
 from rastercov.placement.explain.candidate_visibility import CandidateBounds
-from rastercov.placement.matrix_folder import MatrixFolder, greatest, rows_in
+from rastercov.placement.matrix_folder import (
+    MatrixFolder,
+    claim,
+    describe,
+    greatest,
+    log_warning,
+    rows_in,
+    store_of,
+)
 from rastercov.placement.matrix_shards import (
     Batch,
     add_bounds,
     batches_of,
     gathered,
     region_observer,
+    shard_bytes,
     write_scene,
-    write_shard,
 )
 from rastercov.placement.mounts import Mounts
-from rastercov.placement.shards import (
-    Note,
-    claim,
-    describe,
-    locked,
-    log_warning,
-    shards_of,
-)
-
-SHARD_FUNCTION = "rastercov.placement.shard_work:make"
-"""Function by which workers make a shard."""
 
 POSES_A_TURN = 256
 """Poses whose pairs are made bits at a time."""
@@ -372,14 +370,12 @@ def _measured(
     note: Note,
 ) -> MatrixFolder | VisibilityMatrix:
     """Folder of a matrix with all its shards; without a folder, the matrix itself."""
-    placed, task, done = renumbered(poses), task or Task(), 0
+    placed, task = renumbered(poses), task or Task()
 
-    def batches(rows: slice) -> Iterator[Batch]:
-        nonlocal done
+    def batches(rows: slice, did: Callable[[int], None]) -> Iterator[Batch]:
         for batch in batches_of(observer, placed[rows], task, cells, bounds, mounts):
             yield batch
-            done += batch[-1]
-            progress(done, len(placed))
+            did(batch[-1])
 
     with ExitStack() as opened:
         observer: Observer = (
@@ -389,56 +385,28 @@ def _measured(
             observer = opened.enter_context(region_observer(observer, cells, task))
         header = describe(observer, placed, task, poses_a_shard, cells, mounts)
         if folder is None:
-            progress(0, len(placed))
-            pairs = gathered(batches(slice(None)))
+            pairs = gathered(batches(slice(None), counted(len(placed), progress)))
             columns = pairs.counts, pairs.face, pairs.coverage, pairs.on_rig
             return VisibilityMatrix._of(placed, header, *columns)
         with locked(Path(folder)) as place:
             kept = claim(place, header, placed, poses_a_shard is not None, note)
-            shards = list(shards_of(len(placed), kept["poses_a_shard"]))
-            drop_damaged(place, [shard for shard, _ in shards], note)
-            sizes = {shard: rows_in(place, shard, kept, note) for shard, _ in shards}
-            missing = [(shard, rows) for shard, rows in shards if sizes[shard] is None]
-            done = len(placed) - sum(rows.stop - rows.start for _, rows in missing)
-            progress(done, len(placed))
-            if workers is not None and missing:
+            shards, sizes = store_of(place, kept), dict[int, int]()
 
-                def made(shard: Made) -> None:
-                    nonlocal done
-                    done += shard.n_poses
-                    progress(done, len(placed))
-                    watch(shard)
+            def check(number: int) -> None:
+                sizes[number] = rows_in(place, kept, shards.name(number))
 
-                write_scene(place, observer, mounts)
-                _make_by_workers(workers, place, shards, dict(missing), made, note)
-                if bounds is not None:
-                    add_bounds(place, range(len(shards)), bounds)
-                sizes = {shard: rows_in(place, shard, kept) for shard, _ in shards}
-                missing = []
-            for shard, rows in missing:
+            def make(number: int, did: Callable[[int], None]) -> memoryview:
+                rows = shards.rows(number)
                 numbers = np.arange(rows.start, rows.stop)
-                sizes[shard] = write_shard(place, shard, kept, batches(rows), numbers)
-                forget(place, shards.index((shard, rows)))
-            return MatrixFolder(place, kept, sum(size or 0 for size in sizes.values()))
+                return shard_bytes(shards.name(number), kept, batches(rows, did), numbers)
 
-
-def _make_by_workers(
-    workers: Workers,
-    folder: Path,
-    shards: list[tuple[str, slice]],
-    missing: dict[str, slice],
-    made: Callable[[Made], None],
-    note: Note,
-) -> None:
-    """Have the missing shards made by workers."""
-    for shard in missing:
-        (folder / shard).unlink(missing_ok=True)  # a damaged one
-
-    def left() -> dict[int, int]:
-        return {
-            number: rows.stop - rows.start
-            for number, (shard, rows) in enumerate(shards)
-            if shard in missing and not (folder / shard).exists()
-        }
-
-    make_shards(workers, Job.of(folder, SHARD_FUNCTION), left, made, note)
+            shards.mend(note, check)
+            is_by_workers = workers is not None and bool(shards.missing())
+            if is_by_workers:
+                write_scene(place, observer, mounts)
+            for number in fill(shards, make, workers, progress, watch, note):
+                if number not in sizes:
+                    check(number)
+            if is_by_workers and bounds is not None:
+                add_bounds(place, len(shards), bounds)
+            return MatrixFolder(place, kept, sum(sizes.values()))

@@ -1,7 +1,13 @@
-"""Pairs of a visibility matrix as they are measured, and the shards they are written to."""
+"""Content of the shards of a visibility matrix: pairs as they are measured, here or by workers."""
 
 import io
-from collections.abc import Iterable, Iterator, Sequence
+import math
+import os
+import secrets
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack
+from dataclasses import asdict
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -9,27 +15,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.errors import ConfigError
-from rastercov.camera.pose import Poses
-from rastercov.cluster.files import DamagedError, contents, store
-from rastercov.cluster.scene_file import scene_bytes
-from rastercov.coverage.area.cells import Cells
+from rastercov.camera.pose import Poses, renumbered
+from rastercov.camera.rig import Rig
+from rastercov.cluster.scene_file import read_scene, scene_bytes
+from rastercov.cluster.store import DamagedError, contents, renew, store
+from rastercov.cluster.work import FolderLostError
+from rastercov.coverage.area.cells import Cells, cells
 from rastercov.coverage.area.frames import check_same_mesh
 from rastercov.coverage.area.observer import RegionObserver
 from rastercov.coverage.coverage import Coverage, evaluate_batches, judged, measurements
-from rastercov.coverage.coverage_pass import CoveragePass
 from rastercov.coverage.engine import Engine
-from rastercov.coverage.observer import Observer
-from rastercov.coverage.observers import ExactObserver
+from rastercov.coverage.face_pass import CoveragePass
+from rastercov.coverage.observer import ExactObserver, Observer, open_observer
 from rastercov.coverage.task import Task
 from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
 from rastercov.placement.explain.candidate_visibility import FIGURES, CandidateBounds
+from rastercov.placement.matrix_folder import read_header, read_poses, schema_of, store_of
 from rastercov.placement.mounts import Mounts
-from rastercov.placement.shards import schema_of
 
 SCENE = "scene.npz"
 """Mesh and cameras in the folder of a matrix that workers make."""
 BOUNDS = "bounds"
 """Folder of the bounds that workers found, a file for each."""
+OPEN = 2
+"""Matrices that a worker keeps open: that of a plan, and that of its cavities."""
 ROWS_A_GROUP = 1 << 20
 """Rows of a shard that Parquet compresses together."""
 OnRig = NDArray[np.uint16]
@@ -37,47 +46,6 @@ Batch = tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.float32], BoolArr
 """Row, face, coverage, covered mask and, of rigs, the number of the camera on its rig of each pair
 of some poses; and the number of poses."""
 NOT_ON_RIGS = np.zeros(0, np.uint16)
-
-
-def write_scene(folder: Path, observer: Observer, mounts: Mounts | None) -> None:
-    """Write mesh, cameras and mounts into the folder of a matrix, for workers."""
-    arrays = {}
-    if mounts is not None and mounts.has_rigs:
-        arrays = {"starts": mounts.starts, "places": mounts.rig.rig_from_camera}
-    data = scene_bytes(observer.mesh, observer.camera, arrays)
-    if contents(folder, SCENE) != data:
-        store(folder, SCENE, data)
-
-
-def write_bounds(folder: Path, name: str, bounds: CandidateBounds, shards: list[int]) -> None:
-    """Write the bounds that a worker has of the poses of its shards so far, in place of earlier."""
-    file = io.BytesIO()
-    np.savez(
-        file, low=bounds.low, high=bounds.high, covering=bounds.covering, n_poses=bounds.n_poses,
-        shards=np.array(shards, np.int64),
-    )  # fmt: skip
-    (folder / BOUNDS).mkdir(exist_ok=True)
-    store(folder, f"{BOUNDS}/{name}.npz", file.getvalue())
-
-
-def add_bounds(folder: Path, shards: Sequence[int], bounds: CandidateBounds) -> None:
-    """Add the bounds that workers left of these shards, unless some are missing or damaged."""
-    found = []
-    for path in sorted((folder / BOUNDS).glob("*.npz")):
-        try:
-            data = contents(folder, f"{BOUNDS}/{path.name}")
-        except DamagedError:
-            return
-        with np.load(io.BytesIO(data or b""), allow_pickle=False) as file:
-            found.append({name: file[name] for name in file.files})
-    of_file = [part["shards"] for part in found]
-    if not found or sorted(np.concatenate(of_file).tolist()) != sorted(shards):
-        return  # a shard was made again, by another worker
-    for part in found:
-        np.maximum(bounds.low, part["low"], out=bounds.low)
-        np.maximum(bounds.high, part["high"], out=bounds.high)
-        bounds.covering += part["covering"]
-        bounds.n_poses += int(part["n_poses"])
 
 
 class Pairs(NamedTuple):
@@ -207,10 +175,10 @@ def shortened(coverage: FloatArray, least: float) -> tuple[NDArray[np.float32], 
     return short, covered
 
 
-def write_shard(
-    folder: Path, shard: str, header: dict[str, Any], batches: Iterable[Batch], numbers: IntArray
-) -> int:
-    """Write the shard of the poses of these numbers; gives the number of its pairs."""
+def shard_bytes(
+    shard: str, header: dict[str, Any], batches: Iterable[Batch], numbers: IntArray
+) -> memoryview:
+    """File of a shard of the poses of these numbers."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -221,5 +189,114 @@ def write_shard(
     # In one piece: the bytes depend on neither batches nor threads.
     with pq.ParquetWriter(sink, schema, compression="zstd", write_page_checksum=True) as writer:
         writer.write_table(table, row_group_size=ROWS_A_GROUP)
-    store(folder, shard, memoryview(sink.getvalue()))
-    return len(table)
+    return memoryview(sink.getvalue())
+
+
+def write_scene(folder: Path, observer: Observer, mounts: Mounts | None) -> None:
+    """Write mesh, cameras and mounts into the folder of a matrix, for workers."""
+    arrays = {}
+    if mounts is not None and mounts.has_rigs:
+        arrays = {"starts": mounts.starts, "places": mounts.rig.rig_from_camera}
+    renew(folder, SCENE, scene_bytes(observer.mesh, observer.camera, arrays))
+
+
+def add_bounds(folder: Path, n_shards: int, bounds: CandidateBounds) -> None:
+    """Add the bounds that workers left of all shards, unless some are missing or damaged."""
+    found = []
+    for path in sorted((folder / BOUNDS).glob("*.npz")):
+        try:
+            data = contents(folder, f"{BOUNDS}/{path.name}")
+        except DamagedError:
+            return
+        with np.load(io.BytesIO(data or b""), allow_pickle=False) as file:
+            found.append({name: file[name] for name in file.files})
+    of_file = [part["shards"] for part in found]
+    if not found or sorted(np.concatenate(of_file).tolist()) != list(range(n_shards)):
+        return  # a shard was made again, by another worker
+    for part in found:
+        np.maximum(bounds.low, part["low"], out=bounds.low)
+        np.maximum(bounds.high, part["high"], out=bounds.high)
+        bounds.covering += part["covering"]
+        bounds.n_poses += int(part["n_poses"])
+
+
+class _Open(NamedTuple):
+    """Matrix that this process makes shards of, and the bounds that it has found."""
+
+    header: dict[str, Any]
+    batches: Callable[[IntArray, CandidateBounds | None], Iterator[Batch]]
+    bounds: CandidateBounds
+    bounded: list[int]
+    file: str
+
+
+def make(folder: Path, number: int | None, chosen: IntArray) -> memoryview:
+    """Content of a shard, as `rastercov.cluster.ShardStore` wants it.
+
+    The bounds of the poses of its shards so far are written in place of earlier ones.
+
+    Raises
+    ------
+    ConfigError
+        Where this process measures by another device than the header says.
+    FolderLostError
+        Where the files of the matrix are not there.
+    """
+    try:
+        modified = (folder / SCENE).stat().st_mtime_ns
+    except OSError:
+        raise FolderLostError(f"{folder}: {SCENE} is missing") from None
+    header, batches, bounds, bounded, file = _opened(folder, modified)
+    if number is None:
+        return shard_bytes("", header, batches(chosen, None), chosen)
+    shard = store_of(folder, header).name(number)
+    data = shard_bytes(shard, header, batches(chosen, bounds), chosen)
+    bounded.append(number)
+    arrays = {name: getattr(bounds, name) for name in ("low", "high", "covering", "n_poses")}
+    content = io.BytesIO()
+    np.savez(content, shards=np.array(bounded, np.int64), **arrays)
+    store(folder, f"{BOUNDS}/{file}.npz", content.getvalue())
+    return data
+
+
+@lru_cache(OPEN)
+def _opened(folder: Path, modified: int) -> _Open:
+    """Matrix of a folder; its observer lives as long as this process, or until two others."""
+    header, data = read_header(folder), contents(folder, SCENE)
+    if header is None or data is None:
+        raise FolderLostError(f"{folder}: files of the matrix are missing")
+    poses, scene, task = read_poses(folder, header), read_scene(data), Task(**header["task"])
+    with ExitStack() as opened:
+        observer: Any = open_observer(scene.mesh, scene.cameras, _engine_of(header))
+        opened.callback(observer.close)
+        made_on = cells(scene.mesh, header["cells"]) if "cells" in header else None
+        if made_on is not None:
+            observer = region_observer(observer, made_on, task)
+            opened.callback(observer.close)
+        info = asdict(observer.info)
+        if info != header["measured_by"]:
+            raise ConfigError(
+                f"{folder}: a worker measures by {info['renderer']}, and the run by "
+                f"{header['measured_by']['renderer']}; use the same versions and devices"
+            )
+        opened.pop_all()
+    mounts = None
+    if scene.more:
+        starts, places = scene.more["starts"], scene.more["places"]
+        names = tuple(f"mount {index}" for index in range(len(starts) - 1))
+        mounts = Mounts(names, Rig(scene.cameras, None, places), starts)
+
+    def batches(chosen: IntArray, bounds: CandidateBounds | None) -> Iterator[Batch]:
+        return batches_of(observer, renumbered(poses[chosen]), task, made_on, bounds, mounts)
+
+    bounds = CandidateBounds(scene.mesh.n_faces, scene.mesh.task_mask)
+    file = f"{os.uname().nodename}-{os.getpid()}-{secrets.token_hex(4)}"
+    return _Open(header, batches, bounds, [], file)
+
+
+def _engine_of(header: dict[str, Any]) -> Engine:
+    """Engine that a matrix is measured by, on one thread."""
+    by = header["measured_by"]
+    if by["backend"] == "analytic":
+        return Engine(by["plan"], threads=1)
+    return Engine("sampled", by["backend"], math.isqrt(header["samples"]), threads=1)

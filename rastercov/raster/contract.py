@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.errors import ConfigError, ResourceError
+from rastercov.base.format import InOneLine
 from rastercov.base.memory import check_memory
 from rastercov.camera.camera import Camera
 from rastercov.mesh import Mesh
@@ -61,8 +62,8 @@ class RasterizerInfo:
     shaders: str
 
 
-@dataclass(frozen=True, eq=False)
-class FaceCounts:
+@dataclass(frozen=True, eq=False, repr=False)
+class FaceCounts(InOneLine):
     """Samples per pose and face.
 
     Attributes
@@ -107,8 +108,8 @@ class FaceCounts:
         return self.drawn / self.supersample**2
 
 
-@dataclass(frozen=True, eq=False)
-class VisibilityBuffer:
+@dataclass(frozen=True, eq=False, repr=False)
+class VisibilityBuffer(InOneLine):
     """The image of one pose.
 
     Attributes

@@ -19,6 +19,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.base.format import InOneLine
 from rastercov.raster.contract import FaceCounts, RasterizerInfo
 
 FloatArray = NDArray[np.float64]
@@ -36,8 +37,8 @@ class BoundKind(IntEnum):
     """Computed; the bound is rounding."""
 
 
-@dataclass(frozen=True, eq=False)
-class Observation:
+@dataclass(frozen=True, eq=False, repr=False)
+class Observation(InOneLine):
     """Areas that an observer measured, of faces seen from behind too.
 
     Attributes
@@ -71,8 +72,8 @@ class Observation:
         return cls(*areas, kind, area_error, counts.clipped, counts.supersample**2)
 
 
-@dataclass(frozen=True, eq=False)
-class Visibility:
+@dataclass(frozen=True, eq=False, repr=False)
+class Visibility(InOneLine):
     """Visible fraction of each face in each pose.
 
     Attributes

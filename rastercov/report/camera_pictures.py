@@ -16,7 +16,7 @@ from rastercov.camera.camera import Camera
 from rastercov.coverage.area.failures import first_failures
 from rastercov.coverage.area.points import covering_poses
 from rastercov.coverage.area.regions import Regions
-from rastercov.coverage.coverage import evaluate
+from rastercov.coverage.job import evaluate
 from rastercov.coverage.reasons import REASONS
 from rastercov.coverage.task import Reason, Task
 from rastercov.mesh import Mesh

@@ -11,7 +11,7 @@ from rastercov.base.output import write_bytes
 from rastercov.coverage.area.rest import with_rest
 from rastercov.coverage.area.union import Covered
 from rastercov.mesh import Mesh
-from rastercov.mesh.formats.glb_writer import Y_UP, GlbBuffer
+from rastercov.mesh.formats.gltf_file import Y_UP, GlbBuffer
 from rastercov.report import theme
 from rastercov.report.images import OPACITY, png
 

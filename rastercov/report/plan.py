@@ -26,16 +26,16 @@ from rastercov.base.output import write_json
 from rastercov.cluster import Workers
 from rastercov.coverage.area.regions import regions
 from rastercov.coverage.area.zone_report import ZONES
+from rastercov.coverage.half_covered import half_covered
 from rastercov.coverage.provenance import Provenance, plain_cameras
 from rastercov.placement.plan.file import Plan
-from rastercov.placement.plan.network import OF, area_lines, goal_of, summary_of
+from rastercov.placement.plan.network import OF, Measured, area_lines, goal_of, summary_of
 from rastercov.placement.plan.prepare import Prepared, Progress, Step, quiet
 from rastercov.placement.plan.run import Placement, place
 from rastercov.placement.select.problem import BestCoverage, FewestCameras
 from rastercov.raster.contract import RasterizerInfo
 from rastercov.report.coverage import Options
 from rastercov.report.folder import ReportFolder, ReportKind
-from rastercov.report.half_covered import half_covered_lines
 from rastercov.report.tables import heading_and_tilt
 
 MAX_ROWS = 30
@@ -144,7 +144,7 @@ def summary(placement: Placement) -> dict[str, Any]:
     prepared, cameras = placement.prepared, placement.cameras
     plan, selection = prepared.plan, dict(placement.selection.summary())
     seconds: dict[str, Any] = {"steps": placement.steps, "selection": selection.pop("seconds")}
-    if workers := prepared.tally.plain():
+    if workers := prepared.tally.to_json():
         seconds["workers"] = workers
     moved: dict[str, Any] = {}
     steps = {"search": placement.optimised, "refinement": placement.refined}
@@ -330,6 +330,14 @@ def lines(placement: Placement) -> list[str]:
 def _what(prepared: Prepared) -> str:
     """Word for what is chosen and moved."""
     return "mount" if prepared.mounts.has_rigs else "camera"
+
+
+def half_covered_lines(plan: Plan, cameras: Measured) -> list[str]:
+    """`half_covered` of the network of a plan, in the words of plan files; none by area."""
+    if cameras.areas is not None:
+        return []
+    lines = half_covered(cameras.network, plan.rig, cameras.placed, plan.task.method)
+    return [line.replace("--by area", 'by = "area" in [task]') for line in lines]
 
 
 def _interrupted(placement: Placement) -> str:

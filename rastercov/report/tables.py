@@ -9,10 +9,9 @@ from numpy.typing import NDArray
 from rich.table import Table
 from rich.text import Text
 
-from rastercov.base.format import area, percent, plural
+from rastercov.base.format import area, percent, plural, size_in_words
 from rastercov.coverage.area.network import in_words
 from rastercov.coverage.reasons import REASONS
-from rastercov.mesh.diagnosis import size_in_words
 
 BY_FACE = ("faces", "covered %", "by area %", "uncovered", "at zero")
 BY_AREA = ("area", "covered %", "faces", "not whole", "at zero")

@@ -59,7 +59,7 @@ def described(camera: Camera) -> dict[str, Any]:
         "depth_of_field": [float(z_n), _finite(float(z_f))] if is_focused else None,
         "can_focus": camera.focal_length is not None and camera.pixel_size is not None
         and MODELS[camera.model].is_planar,
-        "plain": camera.plain(),
+        "plain": camera.to_json(),
         "border": view_border(camera, PARTS_OF_BORDER).tolist(),
     }  # fmt: skip
 

@@ -265,12 +265,12 @@ class History:
         return self._steps[self._at].state
 
     @property
-    def undo_words(self) -> str:
+    def undo_label(self) -> str:
         """Edit that `undo` takes back; "" where there is none."""
         return self._steps[self._at].words
 
     @property
-    def redo_words(self) -> str:
+    def redo_label(self) -> str:
         """Edit that `redo` makes again; "" where there is none."""
         return self._steps[self._at + 1].words if self._at + 1 < len(self._steps) else ""
 
@@ -298,10 +298,10 @@ class History:
         with self._lock:
             return self.state, {
                 "revision": self.revision,
-                "can_undo": bool(self.undo_words),
-                "can_redo": bool(self.redo_words),
-                "undo_words": self.undo_words,
-                "redo_words": self.redo_words,
+                "can_undo": bool(self.undo_label),
+                "can_redo": bool(self.redo_label),
+                "undo_label": self.undo_label,
+                "redo_label": self.redo_label,
                 "is_saved": self.is_saved,
             }
 

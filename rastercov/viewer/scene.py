@@ -13,9 +13,9 @@ from annotated_types import Ge, Gt, Le
 from numpy.typing import NDArray
 
 import rastercov
+from rastercov.base.arguments import annotations_of, documented, metadata_of
 from rastercov.base.errors import ConfigError, PoseError
 from rastercov.base.files import UnreadableError, printable, read_json
-from rastercov.base.limits import annotations_of, documented, metadata_of
 from rastercov.camera.camera import Camera
 from rastercov.camera.camera_file import PRESETS
 from rastercov.camera.formats import read_views

@@ -8,7 +8,8 @@ import numpy as np
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import area, length, percent, plural
 from rastercov.camera.camera import Camera
-from rastercov.coverage.coverage import Coverage, evaluate, evaluate_batches
+from rastercov.coverage.coverage import Coverage, evaluate_batches
+from rastercov.coverage.job import evaluate
 from rastercov.coverage.reasons import NAMES, REASONS
 from rastercov.coverage.task import Reason, Task
 from rastercov.mesh import Mesh

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov import shaders
-from rastercov.base.closing import Closing
 from rastercov.base.errors import ConfigError
+from rastercov.base.threads import Closing
 from rastercov.camera.camera import Camera
 from rastercov.camera.projection import to_camera
 from rastercov.raster.gl.context import HeadlessContext, open_context

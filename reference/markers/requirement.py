@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 
 from rastercov.camera.camera import Camera
 from rastercov.camera.projection import to_image
-from rastercov.coverage.coverage import Coverage, evaluate
+from rastercov.coverage.coverage import Coverage
+from rastercov.coverage.job import evaluate
 from rastercov.coverage.task import Reason, Task
 from rastercov.reference.markers.scene import CELLS, MARKER_SIDE, PlateScene
 

@@ -13,8 +13,7 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.face_pass import FacePass
-from rastercov.coverage.observer import Observer, open_observer
-from rastercov.coverage.observers import ROLL
+from rastercov.coverage.observer import ROLL, Observer, open_observer
 from rastercov.kernels.stopwatch import Stopwatch
 from rastercov.mesh import Mesh
 from rastercov.raster.observation import Observation

@@ -233,7 +233,7 @@ def test_frames_with_names_that_print_alike_stay_apart(tmp_path):
     long = "x" * 250
     frames = [f"{long}1", f"{long}1", f"{long}2", f"{long}2", "a", "a ", "", "\n"]
     table = {
-        "cameras": [CAMERA.plain()],
+        "cameras": [CAMERA.to_json()],
         "world_from_camera": np.tile(np.eye(4), (8, 1, 1)).tolist(),
         "frame": frames,
     }

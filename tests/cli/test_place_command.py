@@ -19,10 +19,10 @@ from notices import without_notices
 import rastercov as rc
 from rastercov.camera.pose_file import read_poses, write_poses
 from rastercov.camera.viewpoints import sphere_of_poses
+from rastercov.cluster.store import locked
 from rastercov.placement.candidates.cavities import openings
 from rastercov.placement.improve.refine import refine
 from rastercov.placement.plan import run as plan_run
-from rastercov.placement.shards import locked
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "plans"
 MESHES = Path(__file__).parents[3] / "shared" / "meshes"
@@ -347,7 +347,7 @@ SHARD = 300_000
 """Pairs a shard: 30 poses of the plan below, which then has five."""
 CHILD = [
     *(sys.executable, "-W", "error", "-c"),
-    f"from rastercov.placement import shards; shards.PAIRS_A_SHARD = {SHARD}; {ENTRY}",
+    f"from rastercov.placement import matrix_folder as m; m.PAIRS_A_SHARD = {SHARD}; {ENTRY}",
     "place",
 ]
 LONG = """
@@ -587,7 +587,7 @@ def test_a_run_that_was_ended_goes_on_from_its_shards(capsys, monkeypatch, numbe
         assert (process.returncode, without_notices(err)) == (130, b"interrupted\n")
     done = {path: path.stat().st_mtime_ns for path in Path("long").rglob("pairs-*.parquet")}
     assert not Path("long/plan.json").exists()
-    monkeypatch.setattr("rastercov.placement.shards.PAIRS_A_SHARD", SHARD)
+    monkeypatch.setattr("rastercov.placement.matrix_folder.PAIRS_A_SHARD", SHARD)
     code, _, err = call(capsys, "place long.toml")
     assert (code, err) == (0, "")
     after = {path: path.stat().st_mtime_ns for path in Path("long").rglob("pairs-*.parquet")}

@@ -4,7 +4,7 @@ import pytest
 
 from rastercov.base.errors import ConfigError
 from rastercov.cluster import Workers
-from rastercov.cluster.address import check_address
+from rastercov.cluster.workers import check_address
 
 
 @pytest.mark.slow

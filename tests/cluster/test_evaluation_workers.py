@@ -13,6 +13,7 @@ import rastercov as rc
 from rastercov.base.errors import ConfigError
 from rastercov.cluster import Workers
 from rastercov.coverage import shards as evaluation_shards
+from rastercov.coverage.job import Staff
 from rastercov.coverage.shards import UNFINISHED
 from rastercov.mesh import shapes
 from rastercov.placement.audit import audit
@@ -36,7 +37,7 @@ def small_shards(monkeypatch):
 
 def evaluated(out, poses=POSES, camera=CAMERA, task=None, workers=None, **options):
     options = Options(**{"pictures": 0, **options})
-    return run(MESH, camera, poses, task or rc.Task(), out, options, workers=workers)
+    return run(MESH, camera, poses, task or rc.Task(), out, options, Staff(workers))
 
 
 def content(out):
@@ -99,11 +100,11 @@ def test_a_run_that_was_ended_goes_on(tmp_path, monkeypatch):
     evaluated(tmp_path / "whole")
     measured, calls = evaluation_shards._measured, []
 
-    def counted(observer, poses, task, wanted):
+    def counted(observer, poses, *arguments):
         calls.append(poses.ids.tolist())
         if len(calls) == 4:
             raise EndedError
-        return measured(observer, poses, task, wanted)
+        return measured(observer, poses, *arguments)
 
     monkeypatch.setattr(evaluation_shards, "_measured", counted)
     with pytest.raises(EndedError):
@@ -136,13 +137,11 @@ FEW, SMALL = POSES[:6], 2
 """Poses, and those of each shard, where processes die: each suspect is tried in a process."""
 
 
-def poisoned(folder, number, *, leave_out=(), only=None):
+def poisoned(folder, number, chosen):
     """`evaluation_shards.make`, which one pose kills."""
-    rows = np.arange(SMALL * number, SMALL * (number + 1))
-    chosen = np.delete(rows, list(leave_out)) if only is None else rows[list(only)]
     if POISONED in chosen:
         os.kill(os.getpid(), signal.SIGKILL)
-    return evaluation_shards.make(folder, number, leave_out=leave_out, only=only)
+    return evaluation_shards.make(folder, number, chosen)
 
 
 @pytest.fixture

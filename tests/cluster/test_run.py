@@ -11,6 +11,7 @@ import threading
 import time
 from concurrent.futures import CancelledError
 from contextlib import ExitStack, contextmanager, nullcontext, suppress
+from dataclasses import replace
 from pathlib import Path
 
 import cluster_job
@@ -20,9 +21,9 @@ import pytest
 from rastercov.base.errors import ConfigError, RastercovError
 from rastercov.cluster import Workers, make_shards
 from rastercov.cluster import run as run_module
-from rastercov.cluster.files import store
-from rastercov.cluster.job import work
-from rastercov.cluster.quarantine import _note, quarantined
+from rastercov.cluster.store import store
+from rastercov.cluster.work import work
+from rastercov.cluster.workers import OfScheduler, SchedulerLostError
 
 pytestmark = pytest.mark.slow
 SUPPORT = Path(cluster_job.__file__).parent
@@ -44,9 +45,9 @@ class Watch:
         return sorted(made.number for made in self.made)
 
 
-def run(job, missing, watch, workers=None):
-    make_shards(workers or Workers(2), job, missing, watch.done, watch.lines.append)
-    assert not missing()
+def run(job, watch, workers=None):
+    make_shards(workers or Workers(2), job, watch.done, watch.lines.append)
+    assert not job.missing()
 
 
 def kill(made):
@@ -58,30 +59,30 @@ def shards(folder):
 
 
 def test_all_shards_are_made_once_by_both_workers(tmp_path):
-    job, missing = cluster_job.prepared(tmp_path / "job", 12, seconds=0.1)
+    job = cluster_job.prepared(tmp_path / "job", 12, seconds=0.1)
     watch = Watch()
-    run(job, missing, watch)
+    run(job, watch)
     assert watch.numbers == list(range(12))
     assert len({made.worker for made in watch.made}) == 2
     assert not watch.lines
 
 
 def test_a_killed_worker_costs_a_shard_at_most(tmp_path):
-    job, missing = cluster_job.prepared(tmp_path / "job", 12, seconds=0.2)
+    job = cluster_job.prepared(tmp_path / "job", 12, seconds=0.2)
     watch = Watch(after=4, act=kill)
-    run(job, missing, watch)
+    run(job, watch)
     assert watch.numbers == list(range(12))
     assert all(len(poses) == 8 for poses in shards(tmp_path / "job").values())
-    assert not quarantined(tmp_path / "job", 12)
+    assert not job.quarantined()
 
 
 def test_poses_that_kill_are_found_and_left_out(tmp_path):
     folder = tmp_path / "job"
-    job, missing = cluster_job.prepared(folder, 6, poses=4, kill=[5, 6, 19])
+    job = cluster_job.prepared(folder, 6, poses=4, kill=[5, 6, 19])
     watch = Watch()
-    run(job, missing, watch)
+    run(job, watch)
     assert watch.numbers == list(range(6))
-    found = quarantined(folder, 6)
+    found = {number: left for number in range(6) if (left := job.left_out(number))}
     assert {n: set(poses) for n, poses in found.items()} == {1: {1, 2}, 4: {3}}
     assert set(found[1].values()) == {"was killed by SIGKILL"}
     assert {made.number: made.quarantined for made in watch.made if made.quarantined} == found
@@ -92,14 +93,14 @@ def test_poses_that_kill_are_found_and_left_out(tmp_path):
 
 def test_a_lost_folder_is_waited_for(tmp_path):
     folder, aside = tmp_path / "job", tmp_path / "aside"
-    job, missing = cluster_job.prepared(folder, 12, seconds=0.2)
+    job = cluster_job.prepared(folder, 12, seconds=0.2)
 
     def lose(made):
         folder.rename(aside)
         threading.Timer(2.0, aside.rename, [folder]).start()
 
     watch = Watch(after=4, act=lose)
-    run(job, missing, watch)
+    run(job, watch)
     assert watch.numbers == list(range(12))
     assert any("no such folder" in line for line in watch.lines)
 
@@ -107,10 +108,10 @@ def test_a_lost_folder_is_waited_for(tmp_path):
 def test_a_folder_that_stays_lost_ends_the_run(tmp_path, monkeypatch):
     monkeypatch.setattr(run_module, "FOLDER_PATIENCE", 1.0)
     folder = tmp_path / "job"
-    job, missing = cluster_job.prepared(folder, 12, seconds=0.2)
+    job = cluster_job.prepared(folder, 12, seconds=0.2)
     watch = Watch(after=2, act=lambda made: folder.rename(tmp_path / "aside"))
     with pytest.raises(ConfigError, match="must be there for every worker under the same name"):
-        run(job, missing, watch)
+        run(job, watch)
 
 
 @pytest.mark.parametrize(
@@ -120,37 +121,37 @@ def test_a_folder_that_stays_lost_ends_the_run(tmp_path, monkeypatch):
      ("other", RastercovError, "a worker failed: ZeroDivisionError: a defect")],
 )  # fmt: skip
 def test_an_error_ends_the_run_in_one_line_and_shards_stay(tmp_path, what, error, words):
-    job, missing = cluster_job.prepared(tmp_path / "job", 8, **{"raise": {"5": what}})
+    job = cluster_job.prepared(tmp_path / "job", 8, **{"raise": {"5": what}})
     with pytest.raises(error, match=words):
-        run(job, missing, watch := Watch())
-    assert 5 in missing()
-    assert not set(missing()) & set(watch.numbers)
+        run(job, watch := Watch())
+    assert 5 in job.missing()
+    assert not set(job.missing()) & set(watch.numbers)
 
 
 def test_an_error_of_one_process_is_that_of_the_run(tmp_path):
-    job, missing = cluster_job.prepared(tmp_path / "job", 1, kill=[3], **{"raise": {"0": "config"}})
+    job = cluster_job.prepared(tmp_path / "job", 1, kill=[3], **{"raise": {"0": "config"}})
     with pytest.raises(ConfigError, match="shard 5 is not to be had"):
-        run(job, missing, Watch())
-    assert missing()
+        run(job, Watch())
+    assert job.missing()
 
 
 def test_another_version_of_rastercov_is_refused(tmp_path):
-    job, missing = cluster_job.prepared(tmp_path / "job", 1)
+    job = cluster_job.prepared(tmp_path / "job", 1)
     with pytest.raises(ConfigError, match=r"has rastercov .*, and the run 0\.0\.1; install"):
-        run(job._replace(version="0.0.1"), missing, Watch())
+        run(replace(job, version="0.0.1"), Watch())
 
 
 def test_an_address_without_a_scheduler_is_refused_in_one_line(tmp_path, monkeypatch):
     monkeypatch.setattr("rastercov.cluster.workers.CONNECT_SECONDS", 1)
-    job, missing = cluster_job.prepared(tmp_path / "job", 1)
+    job = cluster_job.prepared(tmp_path / "job", 1)
     with pytest.raises(ConfigError, match=r"no scheduler answers .* start one with"):
-        run(job, missing, Watch(), Workers(scheduler="tcp://127.0.0.1:9"))
+        run(job, Watch(), Workers(scheduler="tcp://127.0.0.1:9"))
 
 
 def test_tls_without_certificates_is_refused(tmp_path):
-    job, missing = cluster_job.prepared(tmp_path / "job", 1)
+    job = cluster_job.prepared(tmp_path / "job", 1)
     with pytest.raises(ConfigError, match="TLS needs certificates"):
-        run(job, missing, Watch(), Workers(scheduler="tls://127.0.0.1:9"))
+        run(job, Watch(), Workers(scheduler="tls://127.0.0.1:9"))
 
 
 @contextmanager
@@ -195,19 +196,19 @@ def port():
 
 
 def test_a_lost_scheduler_is_waited_for(tmp_path, port):
-    job, missing = cluster_job.prepared(tmp_path / "job", 16, seconds=0.3)
+    job = cluster_job.prepared(tmp_path / "job", 16, seconds=0.3)
     with ExitStack() as programs:
         first = programs.enter_context(scheduler(port))
         programs.enter_context(worker(port, tmp_path / "w"))
 
-        def replace(made):
+        def exchange(made):
             first.kill()
             first.wait()
             programs.enter_context(scheduler(port))
             programs.enter_context(worker(port, tmp_path / "v"))
 
-        watch = Watch(after=4, act=replace)
-        run(job, missing, watch, Workers(scheduler=f"tcp://127.0.0.1:{port}"))
+        watch = Watch(after=4, act=exchange)
+        run(job, watch, Workers(scheduler=f"tcp://127.0.0.1:{port}"))
         assert any("the scheduler is lost" in line for line in watch.lines)
     assert len(shards(tmp_path / "job")) == 16
     # A shard that the workers finished while nobody listened is not made again, but counted.
@@ -254,19 +255,19 @@ def certificates(tmp_path, monkeypatch):
 def test_a_scheduler_with_certificates_is_used_without_a_line_on_its_risk(
     tmp_path, port, certificates
 ):
-    job, missing = cluster_job.prepared(tmp_path / "job", 4)
+    job = cluster_job.prepared(tmp_path / "job", 4)
     watch = Watch()
     with scheduler(port, "--protocol", "tls"), worker(port, tmp_path / "w", "tls"):
-        run(job, missing, watch, Workers(scheduler=f"tls://127.0.0.1:{port}"))
+        run(job, watch, Workers(scheduler=f"tls://127.0.0.1:{port}"))
     assert watch.numbers == list(range(4))
     assert not [line for line in watch.lines if "run programs as you" in line]
 
 
 def test_an_open_scheduler_is_used_with_one_line_on_its_risk(tmp_path, port):
-    job, missing = cluster_job.prepared(tmp_path / "job", 4)
+    job = cluster_job.prepared(tmp_path / "job", 4)
     watch = Watch()
     with scheduler(port), worker(port, tmp_path / "w"):
-        run(job, missing, watch, Workers(scheduler=f"tcp://127.0.0.1:{port}"))
+        run(job, watch, Workers(scheduler=f"tcp://127.0.0.1:{port}"))
     (line,) = watch.lines
     assert "every user of this machine can run programs as you through it" in line
 
@@ -276,25 +277,25 @@ class NoWorkers:
 
     scheduler = "nowhere"
 
-    def client(self):
+    def pool(self):
         return nullcontext()
 
 
 def test_a_shard_whose_report_was_lost_is_counted_once(tmp_path, monkeypatch):
-    job, missing = cluster_job.prepared(tmp_path / "job", 6, poses=4)
+    job = cluster_job.prepared(tmp_path / "job", 6, poses=4)
 
-    def make(self):
-        for number in sorted(self.shards):
+    def make(self, numbers):
+        for number in numbers:
             made = work(job, number)
             if number == 2:
-                _note(tmp_path / "job", number, {3: "was killed by SIGKILL"})
-                raise run_module._SchedulerLostError
+                job.note(number, {3: "was killed by SIGKILL"})
+                raise SchedulerLostError
             self.done(made)
             self.done(made)
 
     monkeypatch.setattr(run_module._Run, "make", make)
     watch = Watch()
-    run(job, missing, watch, NoWorkers())
+    run(job, watch, NoWorkers())
     assert watch.numbers == list(range(6))
     lost = [made for made in watch.made if made.worker == run_module.LOST]
     assert [(made.number, made.n_poses, made.quarantined) for made in lost] == [
@@ -303,7 +304,7 @@ def test_a_shard_whose_report_was_lost_is_counted_once(tmp_path, monkeypatch):
 
 
 def test_a_result_that_a_lost_scheduler_did_not_send_is_asked_for_again(tmp_path, monkeypatch):
-    job, missing = cluster_job.prepared(tmp_path / "job", 3)
+    job = cluster_job.prepared(tmp_path / "job", 3)
     lost = []
 
     class Client:
@@ -312,72 +313,66 @@ def test_a_result_that_a_lost_scheduler_did_not_send_is_asked_for_again(tmp_path
         def nthreads(self):
             return {"own": 1}
 
-        def cancel(self, futures):
-            pass
-
-        def submit(self, function, *arguments, key, pure):
-            return Finished(key, function(*arguments))
+        def submit(self, function, *arguments, pure):
+            return Finished(function(*arguments))
 
     class Finished:
         status = "finished"
 
-        def __init__(self, key, made):
-            self.key, self.made = key, made
+        def __init__(self, made):
+            self.made = made
 
         def add_done_callback(self, call):
             call(self)
 
         def result(self):
             if not lost:
-                lost.append(self.key)
+                lost.append(self.made)
                 raise CancelledError
             return self.made
 
-    monkeypatch.setattr(NoWorkers, "client", lambda self: nullcontext(Client()))
+    monkeypatch.setattr(NoWorkers, "pool", lambda self: nullcontext(OfScheduler(Client())))
     watch = Watch()
-    run(job, missing, watch, NoWorkers())
+    run(job, watch, NoWorkers())
     assert watch.numbers == list(range(3))
     assert [line for line in watch.lines if "the scheduler is lost" in line]
 
 
 def test_a_scheduler_without_workers_ends_the_run(tmp_path, port, monkeypatch):
     monkeypatch.setattr(run_module, "SCHEDULER_PATIENCE", 1.0)
-    job, missing = cluster_job.prepared(tmp_path / "job", 2)
+    job = cluster_job.prepared(tmp_path / "job", 2)
     with scheduler(port), pytest.raises(ConfigError, match="the scheduler has no workers"):
-        run(job, missing, Watch(), Workers(scheduler=f"tcp://127.0.0.1:{port}"))
+        run(job, Watch(), Workers(scheduler=f"tcp://127.0.0.1:{port}"))
 
 
 HEAD = """
 import sys
-from pathlib import Path
 import cluster_job
-from rastercov.cluster import Job, Workers, make_shards
-folder = Path(sys.argv[1])
-missing = lambda: {n: 8 for n in range(12) if not (folder / f"shards/{n}").exists()}
+from rastercov.cluster import Workers, make_shards
 if __name__ == "__main__":
-    make_shards(Workers(2), Job.of(folder, cluster_job.FUNCTION), missing, lambda made: None, print)
+    make_shards(Workers(2), cluster_job.store_of(sys.argv[1], 12), lambda made: None, print)
 """
 
 
 def test_a_killed_head_leaves_whole_shards_and_no_workers(tmp_path):
     folder = tmp_path / "job"
-    job, missing = cluster_job.prepared(folder, 12, seconds=0.4)
+    job = cluster_job.prepared(folder, 12, seconds=0.4)
     program = tmp_path / "head.py"
     program.write_text(HEAD)
     path = os.pathsep.join([str(SUPPORT.parents[1]), str(SUPPORT)])
     head = subprocess.Popen(
         [sys.executable, program, folder], env=os.environ | {"PYTHONPATH": path}
     )
-    while len(missing()) > 8:
+    while len(job.missing()) > 8:
         time.sleep(0.05)
     head.kill()
     head.wait()
     time.sleep(1.5)
-    done = set(range(12)) - set(missing())
+    done = set(range(12)) - set(job.missing())
     time.sleep(1.0)
-    assert done == set(range(12)) - set(missing())  # its workers ended with it
-    times = {n: (folder / f"shards/{n}").stat().st_mtime_ns for n in done}
+    assert done == set(range(12)) - set(job.missing())  # its workers ended with it
+    times = {n: (folder / job.name(n)).stat().st_mtime_ns for n in done}
     watch = Watch()
-    run(job, missing, watch)
+    run(job, watch)
     assert watch.numbers == sorted(set(range(12)) - done)
-    assert times == {n: (folder / f"shards/{n}").stat().st_mtime_ns for n in done}
+    assert times == {n: (folder / job.name(n)).stat().st_mtime_ns for n in done}

@@ -17,7 +17,8 @@ from rastercov.camera.lenses.slopes import slopes_in
 from rastercov.camera.near_plane import limits
 from rastercov.camera.rig import Rig
 from rastercov.camera.viewpoints import look_at, sphere_of_poses
-from rastercov.coverage.coverage import FIGURES, evaluate
+from rastercov.coverage.coverage import FIGURES
+from rastercov.coverage.job import evaluate
 from rastercov.coverage.observer import open_observer
 from rastercov.coverage.task import Task
 from rastercov.exact.certificate import CertificateSolver

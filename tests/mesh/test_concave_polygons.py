@@ -10,7 +10,7 @@ from mesh_files import WRITERS
 from nightly import amount
 
 from rastercov.kernels import mesh_ears
-from rastercov.mesh.ear_clipping import cut_concave
+from rastercov.mesh.formats.polygons import cut_concave
 
 
 def fan(n: int, first: int = 0) -> np.ndarray:

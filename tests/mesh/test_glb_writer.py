@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from rastercov.mesh import Mesh
-from rastercov.mesh.formats.glb_writer import Y_UP, GlbBuffer
+from rastercov.mesh.formats.gltf_file import Y_UP, GlbBuffer
 
 COORDINATES = st.floats(-1e3, 1e3, width=32)
 NAMES = st.text(min_size=1, max_size=12).filter(

@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rastercov.base.errors import MeshError, ResourceError
+from rastercov.base.format import size_in_words
 from rastercov.mesh import Group, Mesh, shapes
-from rastercov.mesh.diagnosis import size_in_words
 from rastercov.mesh.topology import first_equal_row
 
 #      7-----6

@@ -99,5 +99,5 @@ def test_targets_survive_trimesh_and_pickle():
 
 
 def test_scenes_without_targets_are_written_as_before():
-    assert Group("part").plain() == {"name": "part", "is_occluder": False, "is_two_sided": False}
-    assert Group("sheet", is_target=True).plain()["is_target"] is True
+    assert Group("part").to_json() == {"name": "part", "is_occluder": False, "is_two_sided": False}
+    assert Group("sheet", is_target=True).to_json()["is_target"] is True

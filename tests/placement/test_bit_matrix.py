@@ -11,13 +11,13 @@ from matrix_damage import contents_of, flip
 
 import rastercov as rc
 from rastercov.base.errors import ConfigError, ResourceError
+from rastercov.cluster.store import locked
 from rastercov.mesh import shapes
 from rastercov.placement import bit_matrix as bit_file
 from rastercov.placement.bit_matrix import BitMatrix
 from rastercov.placement.matrix import VisibilityMatrix, build_matrix, measure_matrix
 from rastercov.placement.select.greedy import select_greedy
 from rastercov.placement.select.problem import BestCoverage, problem_of
-from rastercov.placement.shards import locked
 
 CAMERA = rc.Camera(width=64, height=64, fx=70, fy=70)
 TASK = rc.Task(min_coverage=0.3, max_incidence_deg=80)

@@ -18,12 +18,12 @@ from nightly import IS_NIGHTLY
 
 import rastercov as rc
 from rastercov.base.errors import ConfigError, PoseError
+from rastercov.cluster.store import locked, store
+from rastercov.coverage import shards as evaluation_shards
 from rastercov.mesh import shapes
-from rastercov.placement import shards as shards_module
 from rastercov.placement.matrix import VisibilityMatrix, build_matrix
 from rastercov.placement.matrix_shards import shortened
 from rastercov.placement.select.problem import BestCoverage, FewestCameras, problem_of
-from rastercov.placement.shards import locked
 
 CAMERA = rc.Camera(width=64, height=64, fx=70, fy=70)
 TASK = rc.Task(min_coverage=0.3, max_incidence_deg=80)
@@ -202,22 +202,25 @@ def test_another_method_and_another_version_are_refused(tmp_path, monkeypatch):
                 continue
             with pytest.raises(ConfigError, match="another supersample"):
                 build_matrix(observer, POSES, TASK, tmp_path / "sampled")
-    monkeypatch.setattr(shards_module, "version", lambda name: "0.0.0")
+    monkeypatch.setattr(evaluation_shards, "version", lambda name: "0.0.0")
     with pytest.raises(ConfigError, match="another version"):
         build(tmp_path)
 
 
 def test_a_matrix_of_an_earlier_format_and_a_strange_header_are_refused(tmp_path):
     build(tmp_path)
-    shutil.rmtree(tmp_path / "sha256")  # the earlier format had no checksums
     path = tmp_path / "header.json"
-    path.write_text(json.dumps(json.loads(path.read_text()) | {"format": 1}))
-    before = contents_of(tmp_path)
     reads = (lambda: build(tmp_path), lambda: VisibilityMatrix.load(tmp_path))
+    header = json.loads(path.read_text()) | {"format": 1}
+    store(tmp_path, path.name, json.dumps(header).encode())
+    before = contents_of(tmp_path)
     for read in reads:
         with pytest.raises(ConfigError, match="in another file format; name another folder"):
             read()
-    for text in ("{", "[]", "{}", '{"format": 2}', "[" * 100_000, '"of something else"'):
+    assert contents_of(tmp_path) == before
+    shutil.rmtree(tmp_path / "sha256")  # the first format had no checksums
+    before = contents_of(tmp_path)
+    for text in ("{", "[]", "{}", '{"format": 1}', "[" * 100_000, '"of something else"'):
         path.write_text(text)
         for read in reads:
             with pytest.raises(ConfigError, match="no header") as error:

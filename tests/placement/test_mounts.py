@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from surface_cases import room
 
 import rastercov as rc
-from rastercov.base.lists import Lists
+from rastercov.base.memory import Lists
 from rastercov.coverage.area.regions import RegionPass
 from rastercov.mesh import shapes
 from rastercov.placement import (

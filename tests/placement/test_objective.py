@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from nightly import examples
 
-from rastercov.base.lists import Lists
+from rastercov.base.memory import Lists
 from rastercov.coverage.task import Task
 from rastercov.placement.improve.objective import Objective
 from rastercov.reference.views import covered_faces

@@ -9,7 +9,7 @@ from nightly import IS_NIGHTLY, examples, nightly
 from test_search import CAMERA, KEPT_OUT, MESH, SPACE, TASK, holds
 
 from rastercov.base.errors import ConfigError
-from rastercov.base.lists import Lists
+from rastercov.base.memory import Lists
 from rastercov.camera.viewpoints import sphere_of_poses
 from rastercov.coverage.area.cells import cells
 from rastercov.coverage.area.regions import RegionPass

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from nightly import IS_NIGHTLY, examples
 
 from rastercov.base.errors import ConfigError
-from rastercov.base.lists import Lists
+from rastercov.base.memory import Lists
 from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import sphere_of_poses
 from rastercov.coverage.observer import open_observer

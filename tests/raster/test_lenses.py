@@ -289,7 +289,7 @@ def test_near_plane_cuts_as_in_the_exact_method(open_lens, lens):
         faces=[(0, 1, 2), (0, 2, 3)],
     )
     for near in (0.0, 0.9):
-        cut = Camera(**{**camera.plain(), "near": near})
+        cut = Camera(**{**camera.to_json(), "near": near})
         with open_observer(ramp, cut, "certified") as exact:
             area = exact.observe(np.eye(4)[None]).drawn_pixels[0]
         counts = open_lens(ramp, cut, supersample=4).count(np.eye(4)[None])

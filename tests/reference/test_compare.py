@@ -18,13 +18,12 @@ from PIL import Image
 from scenes import joined, sheet, square
 
 from rastercov import cli
-from rastercov.base.closing import Closing
 from rastercov.base.errors import ConfigError, PoseError
 from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import look_at, sphere_of_poses
 from rastercov.coverage.criteria import face_geometry
 from rastercov.coverage.engine import Engine
-from rastercov.coverage.observer import open_observer, visibility
+from rastercov.coverage.observer import Observer, open_observer, visibility
 from rastercov.mesh import Mesh, shapes
 from rastercov.raster.observation import BoundKind, Observation
 from rastercov.reference import polygons
@@ -56,12 +55,13 @@ def around(n, mesh=TEAPOT, distance=0.5):
     return sphere_of_poses(mesh.bounds.mean(axis=0), distance, n)
 
 
-class Altered(Closing):
+class Altered(Observer):
     """An observer whose observations are changed before anyone sees them."""
 
     def __init__(self, observer, alter):
         self._observer, self._alter = observer, alter
         self.mesh, self.camera, self.info = observer.mesh, observer.camera, observer.info
+        self.threads = observer.threads
 
     def observe(self, poses):
         seen = self._observer.observe(poses)

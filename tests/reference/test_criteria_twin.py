@@ -11,12 +11,13 @@ from hypothesis import strategies as st
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.camera.viewpoints import look_at
-from rastercov.coverage.coverage import FIGURES, evaluate, evaluate_batches
+from rastercov.coverage.coverage import FIGURES, evaluate_batches
 from rastercov.coverage.criteria import face_geometry
 from rastercov.coverage.face_pass import FacePass
+from rastercov.coverage.job import evaluate
+from rastercov.coverage.judged_poses import CHOICES
 from rastercov.coverage.network import Network
-from rastercov.coverage.observer import open_observer
-from rastercov.coverage.pairs import CHOICES
+from rastercov.coverage.observer import Observer, open_observer
 from rastercov.coverage.task import Task
 from rastercov.mesh import Group, Mesh, shapes
 from rastercov.raster.observation import BoundKind, Observation
@@ -109,10 +110,10 @@ def assert_close(name, found, expected):
     assert np.array_equal(found == 0, expected == 0), name
 
 
-class Recorded:
+class Recorded(Observer):
     """An observer that gives one observation whatever it is asked for."""
 
-    info = None
+    info, threads = None, 2
 
     def __init__(self, mesh, camera, seen):
         self.mesh, self.camera, self.seen = mesh, camera, seen
@@ -121,7 +122,8 @@ class Recorded:
         assert len(poses) == len(self.seen.kind)
         return self.seen
 
-    visibility = close = None  # not asked for
+    def close(self):
+        pass
 
 
 def assert_judged(found, task, poses, seen):

@@ -14,7 +14,7 @@ from rastercov.base.errors import ConfigError, DeviceError
 from rastercov.camera.camera import Camera
 from rastercov.camera.camera_file import PRESETS
 from rastercov.camera.projection import to_image
-from rastercov.coverage.coverage import evaluate
+from rastercov.coverage.job import evaluate
 from rastercov.coverage.task import Task
 from rastercov.raster.gl import GLRasterizer
 from rastercov.reference.markers import detect as detection

@@ -18,8 +18,8 @@ from scenes import joined, sheet, square
 from rastercov.base.errors import ConfigError, PoseError
 from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import look_at, sphere_of_poses
-from rastercov.coverage.coverage import evaluate
 from rastercov.coverage.criteria import face_geometry
+from rastercov.coverage.job import evaluate
 from rastercov.coverage.line_of_sight import MARGIN, OwnTracer
 from rastercov.coverage.observer import visibility
 from rastercov.coverage.task import Task

@@ -79,7 +79,7 @@ def test_one_camera_has_the_report_it_always_had(tmp_path):
     other = run(MESH, rig, MATRICES, TASKS["face"], tmp_path / "b", Options(pictures=0))
     for summary in (one, other):
         assert "by_camera" not in summary
-        assert summary["run"]["camera"] == WIDE.plain()
+        assert summary["run"]["camera"] == WIDE.to_json()
         assert camera_rows(summary) == []
         assert camera_table(summary) is None
         for name in ("seconds", "poses_per_second"):

@@ -22,8 +22,8 @@ from rastercov.base.errors import ConfigError, DeviceError, PoseError
 from rastercov.base.interrupts import interrupts_held
 from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import sphere_of_poses
-from rastercov.coverage.coverage import evaluate
-from rastercov.coverage.pairs import CHOICES
+from rastercov.coverage.job import Staff, evaluate
+from rastercov.coverage.judged_poses import CHOICES
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh, shapes
 from rastercov.raster import open_rasterizer
@@ -65,7 +65,7 @@ def stop_after(done_at):
         if done >= done_at:
             raise KeyboardInterrupt
 
-    return progress
+    return Staff(progress=progress)
 
 
 # --- what is written ------------------------------------------------------------------------------
@@ -273,7 +273,7 @@ def test_a_run_that_fails_leaves_the_old_report(tmp_path, small_batches):
             raise DeviceError("gone")
 
     with pytest.raises(DeviceError, match="gone"):
-        run(MESH, CAMERA, around(12), TASK, tmp_path, PLAIN, lose)
+        run(MESH, CAMERA, around(12), TASK, tmp_path, PLAIN, Staff(progress=lose))
     assert content(tmp_path) == before
 
 
@@ -289,7 +289,15 @@ def test_an_interrupt_before_the_first_batch_leaves_the_old_report(tmp_path, sma
 @pytest.mark.parametrize("done_at", [1, 8])
 def test_an_interrupt_keeps_whole_batches(tmp_path, small_batches, done_at):
     whole = run(MESH, CAMERA, around(12), TASK, tmp_path / "whole", PLAIN)
-    part = run(MESH, CAMERA, around(12), TASK, tmp_path / "part", PLAIN, stop_after(done_at))
+    part = run(
+        MESH,
+        CAMERA,
+        around(12),
+        TASK,
+        tmp_path / "part",
+        PLAIN,
+        stop_after(done_at),
+    )
     done = {1: 4, 8: 8}[done_at]
     assert part["interrupted"] is True
     assert part["poses"] == done
@@ -463,8 +471,9 @@ def test_bad_poses_are_refused_or_left_out(tmp_path):
 def test_no_poses_at_all(tmp_path):
     calls = []
     summary = run(
-        MESH, CAMERA, np.zeros((0, 4, 4)), TASK, tmp_path, Options(), lambda *a: calls.append(a)
-    )
+        MESH, CAMERA, np.zeros((0, 4, 4)), TASK, tmp_path, Options(),
+        Staff(progress=lambda *a: calls.append(a)),
+    )  # fmt: skip
     assert (summary["poses"], summary["poses_per_second"]) == (0, 0)
     assert calls == [(0, 0), (0, 0)]
     assert pq.read_table(tmp_path / "coverage.parquet").num_rows == 0
@@ -473,7 +482,7 @@ def test_no_poses_at_all(tmp_path):
 
 def test_progress_tells_the_poses_done(tmp_path, small_batches):
     calls = []
-    run(MESH, CAMERA, around(10), TASK, tmp_path, PLAIN, lambda *a: calls.append(a))
+    run(MESH, CAMERA, around(10), TASK, tmp_path, PLAIN, Staff(progress=lambda *a: calls.append(a)))
     assert calls == [(0, 10), (4, 10), (8, 10), (10, 10)]
 
 

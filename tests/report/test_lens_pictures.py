@@ -12,12 +12,12 @@ from surface_cases import room
 import rastercov as rc
 from rastercov.camera.projection import to_camera, to_image
 from rastercov.camera.viewpoints import sphere_of_poses
+from rastercov.coverage.doubts import doubts
 from rastercov.coverage.task import Reason
 from rastercov.mesh import shapes
 from rastercov.report import overview
 from rastercov.report.camera_pictures import camera_image, camera_picture, camera_pixels
 from rastercov.report.coverage import Options, run
-from rastercov.report.doubts import doubts
 from rastercov.report.images import draw_text, font_for
 from rastercov.report.overview import camera_colours, network_picture, overview_picture
 from rastercov.report.panorama import points_of_pixels

@@ -16,8 +16,9 @@ from rastercov.base.errors import ConfigError
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.camera.viewpoints import look_at
-from rastercov.coverage.coverage import FIGURES, Coverage, evaluate
+from rastercov.coverage.coverage import FIGURES, Coverage
 from rastercov.coverage.engine import METHODS
+from rastercov.coverage.job import evaluate
 from rastercov.coverage.network import Network
 from rastercov.coverage.observer import open_observer
 from rastercov.coverage.task import Reason, Task

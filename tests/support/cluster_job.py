@@ -12,46 +12,35 @@ import time
 from pathlib import Path
 
 from rastercov.base.errors import ConfigError
-from rastercov.cluster import Job
+from rastercov.cluster import ShardStore
 
 FUNCTION = "cluster_job:make"
 
 
 def prepared(folder, n_shards=10, poses=8, **settings):
-    """Job of a new folder, and a function that gives the missing shards."""
+    """Store of a new folder."""
     folder.mkdir()
-    (folder / "shards").mkdir()
     (folder / "job.json").write_text(json.dumps({"poses": poses, **settings}))
-
-    def missing():
-        return {
-            number: poses
-            for number in range(n_shards)
-            if not (folder / f"shards/{number}").exists()
-        }
-
-    return Job.of(folder, FUNCTION), missing
+    return store_of(folder, n_shards)
 
 
-def make(folder, number, *, leave_out=(), only=None):
-    settings = json.loads((Path(folder) / "job.json").read_text())
+def store_of(folder, n_shards):
+    poses = json.loads(Path(folder, "job.json").read_text())["poses"]
+    return ShardStore(Path(folder), "shards/{}", n_shards * poses, poses, FUNCTION)
+
+
+def make(folder, number, chosen):
+    settings = json.loads((folder / "job.json").read_text())
     n_poses = settings["poses"]
-    chosen = [pose for pose in range(n_poses) if pose not in leave_out]
-    if only is not None:
-        chosen = list(only)
     for pose in chosen:
-        if number * n_poses + pose in settings.get("kill", ()):
+        if pose in settings.get("kill", ()):
             os.kill(os.getpid(), signal.SIGKILL)
     time.sleep(settings.get("seconds", 0))
-    what = settings.get("raise", {}).get(str(number))
+    what = settings.get("raise", {}).get(str(chosen[0] // n_poses))
     if what == "config":
         raise ConfigError("shard 5 is not to be had")
     if what == "disk":
         raise OSError(errno.ENOSPC, "No space left on device", f"{folder}/shards/{number}")
     if what == "other":
         raise ZeroDivisionError("a defect")
-    if only is None:
-        part = Path(folder) / f"shards/.{number}-{os.getpid()}.part"
-        part.write_text(json.dumps(chosen))
-        part.replace(Path(folder) / f"shards/{number}")
-    return n_poses
+    return json.dumps((chosen % n_poses).tolist()).encode()

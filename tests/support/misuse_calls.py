@@ -101,7 +101,7 @@ def public_callables():
                 found[thing.__name__] = thing
             elif inspect.isclass(thing) and not issubclass(thing, Exception | Enum):
                 found |= methods_of(thing)
-                if not getattr(thing, "_is_protocol", False):
+                if not (getattr(thing, "_is_protocol", False) or inspect.isabstract(thing)):
                     found[thing.__name__] = thing
     return found
 

@@ -74,6 +74,21 @@ def calls():
             | {"aperture": 0.001, "focus_distance": 1.0},
         ),
         Call(
+            "Camera.from_fov",
+            rc.Camera.from_fov,
+            {"width": 32, "height": 24, "hfov_deg": 60.0, "near": 0.1},
+        ),
+        Call(
+            "Camera.from_fov, down",
+            rc.Camera.from_fov,
+            {"width": 32, "height": 24, "vfov_deg": 60.0},
+        ),
+        Call(
+            "Camera.from_fov, corners",
+            rc.Camera.from_fov,
+            {"width": 32, "height": 24, "diagonal_deg": 60.0},
+        ),
+        Call(
             "Camera.from_opencv",
             rc.Camera.from_opencv,
             {"K": CAMERA.opencv_K, "width": 32, "height": 24, "distortion": (0, 0, 0, 0)}
@@ -115,6 +130,7 @@ def calls():
             | {"targets": (), "drop_invalid": False, "max_bytes": 1000, "memory_budget": 1 << 20}
             | {"transforms": {}},
         ),
+        Call("Mesh.load, built in", rc.Mesh.load, {"path": "box", "two_sided": ()}),
         Call(
             "Mesh.load, a file",
             rc.Mesh.load,
@@ -187,6 +203,7 @@ def calls():
         Call("visibility", rc.visibility, seen | {"method": "certified", "threads": 1}),
         Call("visibility, sampled", rc.visibility, seen | sampled),
         Call("evaluate", rc.evaluate, seen | exact | judged | {"skip_bad_poses": False}),
+        Call("evaluate, by area", rc.evaluate, seen | exact | {"by": "area", "fields": []}),
         Call("evaluate, sampled", rc.evaluate, seen | sampled | {"task": TASK}),
         Call(
             "evaluate_batches",
@@ -201,6 +218,7 @@ def calls():
         ),
         Call("Observer.visibility", observer.visibility, {"poses": POSES}),
         Call("Observer.observe", observer.observe, {"poses": POSES}),
+        Call("Observer.measure", observer.measure, {"poses": POSES}),
         Call(
             "open_rasterizer",
             lambda **named: closed(rc.open_rasterizer(**named)),

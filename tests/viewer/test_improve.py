@@ -125,7 +125,7 @@ def test_work_becomes_one_step_of_the_history():
     said = finished(work)
     assert (said["status"], said["done"]) == ("done", said["total"])
     assert len(session.state.stations) == 3
-    assert session.history.undo_words == "add the best next camera"
+    assert session.history.undo_label == "add the best next camera"
     acted(session, do="undo")
     assert session.state is before
     work.start({"kind": "area"})

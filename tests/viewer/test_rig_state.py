@@ -62,8 +62,8 @@ def test_undo_and_redo_walk_through_the_states_to_the_bit(steps):
             history.take(made, f"step {number}")
             states, at = [*states[: at + 1], made], at + 1
         assert same(history.state, states[at])
-        assert bool(history.undo_words) == (at > 0)
-        assert bool(history.redo_words) == (at + 1 < len(states))
+        assert bool(history.undo_label) == (at > 0)
+        assert bool(history.redo_label) == (at + 1 < len(states))
 
 
 def test_a_gesture_is_one_step():

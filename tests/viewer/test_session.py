@@ -30,7 +30,7 @@ def shared():
 
 @pytest.fixture
 def session(shared):
-    while shared.history.undo_words:
+    while shared.history.undo_label:
         shared.history.undo()
     return shared
 

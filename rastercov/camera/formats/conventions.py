@@ -14,8 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov.base.arguments import check_choice, flag
 from rastercov.base.checks import finite_number, image_side, shown, two
 from rastercov.base.errors import CameraError, ConfigError, PoseError
-from rastercov.base.files import printable
-from rastercov.base.names import UnknownNames
+from rastercov.base.files import UnknownNames, printable
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import DRIFT_TOLERANCE, Poses, inverse
 from rastercov.camera.rig import Rig

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rastercov.base.format import size_in_words
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import OPENGL_AXES, POSE_CONVENTIONS
 from rastercov.camera.models import MODELS
@@ -17,7 +18,6 @@ from rastercov.camera.pose import Poses, inverse
 from rastercov.camera.projection import to_camera, to_image
 from rastercov.camera.rig import Cameras, cameras_of
 from rastercov.mesh import Mesh
-from rastercov.mesh.diagnosis import size_in_words
 
 FloatArray = NDArray[np.float64]
 

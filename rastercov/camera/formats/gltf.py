@@ -22,9 +22,7 @@ from rastercov.camera.formats.conventions import OPENGL_AXES, Border, from_quate
 from rastercov.camera.formats.source import Entries, Source
 from rastercov.camera.projection import view_border
 from rastercov.camera.views import Views
-from rastercov.mesh.formats.glb_container import chunks
-from rastercov.mesh.formats.glb_writer import Y_UP, GlbBuffer
-from rastercov.mesh.formats.gltf_names import unknown_names
+from rastercov.mesh.formats.gltf_file import Y_UP, GlbBuffer, chunks, unknown_names
 
 FloatArray = NDArray[np.float64]
 

@@ -146,7 +146,7 @@ def toml_of(camera: Camera) -> str:
         # repr: json writes infinity in another way.
         return json.dumps(each) if isinstance(each, (str, bool)) else repr(each)
 
-    return "".join(f"{name} = {value(each)}\n" for name, each in camera.plain().items())
+    return "".join(f"{name} = {value(each)}\n" for name, each in camera.to_json().items())
 
 
 def content_of(views: Views) -> dict[str, Any]:
@@ -154,7 +154,7 @@ def content_of(views: Views) -> dict[str, Any]:
     content: dict[str, Any] = {}
     if views.rig is not None:
         content["cameras"] = [
-            {"name": name, **camera.plain()}
+            {"name": name, **camera.to_json()}
             for name, camera in zip(views.rig.names, views.rig.cameras, strict=True)
         ]
         if not np.array_equal(

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from rastercov.base.arguments import check_kind
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import ConfigError, MeshError, ResourceError
+from rastercov.base.format import InOneLine
 from rastercov.coverage.area.frames import check_same_mesh, frames_of, to_world
 from rastercov.coverage.area.regions import Regions
 from rastercov.mesh import Mesh
@@ -29,8 +30,8 @@ FINEST_REL = 1 / 500
 """Least size of `usual_size`, relative to the diagonal of the task faces."""
 
 
-@dataclass(frozen=True, eq=False)
-class CellShares:
+@dataclass(frozen=True, eq=False, repr=False)
+class CellShares(InOneLine):
     """Shares of cells that P poses cover: M pairs of a pose and a cell.
 
     Attributes
@@ -51,8 +52,8 @@ class CellShares:
     share: FloatArray
 
 
-@dataclass(frozen=True, eq=False)
-class Cells:
+@dataclass(frozen=True, eq=False, repr=False)
+class Cells(InOneLine):
     """Triangles that divide the task faces of a mesh, none with a side longer than `size`.
 
     Cells of a face follow one another, halves of halves of it. They share no vertices.

@@ -9,7 +9,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.lists import Lists
+from rastercov.base.memory import Lists
 from rastercov.base.threads import share_poses, thread_count
 from rastercov.camera.near_plane import near_limits
 from rastercov.camera.pose import Poses

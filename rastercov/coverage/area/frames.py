@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.arguments import check_kind
 from rastercov.base.errors import ConfigError, MeshError
-from rastercov.base.once import Once
+from rastercov.base.threads import Once
 from rastercov.mesh import Mesh
 
 FloatArray = NDArray[np.float64]

@@ -9,7 +9,7 @@ from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras
 from rastercov.coverage.area.regions import RegionPass, Regions
 from rastercov.coverage.engine import Engine
-from rastercov.coverage.observers import ExactObserver
+from rastercov.coverage.observer import OBSERVED, ExactObserver
 from rastercov.coverage.task import Task
 from rastercov.exact.figures import Figures
 from rastercov.mesh import Mesh
@@ -44,16 +44,14 @@ class RegionObserver(ExactObserver):
         *,
         only_task: bool = False,
     ) -> None:
-        super().__init__(mesh, camera, engine.method, engine.threads)
+        super().__init__(mesh, camera, engine)
         self._finder = RegionPass(mesh, camera, task, method=engine, only_task=only_task)
         self.closed: NDArray[np.bool_] = np.zeros(mesh.n_faces, np.bool_)
 
     def observe(self, poses: ArrayLike | Poses) -> RegionObservation:
         """Areas and regions of every face in each pose."""
-        accepted = self._accepted(poses)
-        n_poses, n_faces = len(accepted), self.mesh.n_faces
-        self._check_memory(n_poses)
-        figures = Figures.room(n_poses, n_faces)
+        accepted = self._accepted(poses, OBSERVED)
+        figures = Figures.room(len(accepted), self.mesh.n_faces)
         found = self._finder.find(accepted, closed=self.closed, figures=figures)
         visible, area, error, kind, clipped = figures
         return RegionObservation(visible, area, kind, error, clipped, regions=found)

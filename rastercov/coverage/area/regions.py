@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.arguments import check_kind, checked_array
 from rastercov.base.errors import ConfigError
+from rastercov.base.format import InOneLine
 from rastercov.base.threads import ScratchPool, share_poses, thread_count
 from rastercov.camera.camera import Camera
 from rastercov.camera.models import MODELS
@@ -65,8 +66,8 @@ def check_pointwise(task: Task) -> None:
             raise ConfigError(f"{text}, got {name} {getattr(task, name)}")
 
 
-@dataclass(frozen=True, eq=False)
-class Regions:
+@dataclass(frozen=True, eq=False, repr=False)
+class Regions(InOneLine):
     """Parts of the faces that cameras cover: P poses, N convex pieces of C corners in all.
 
     The pieces of a pose do not overlap, and lie in their faces. Pieces are ordered by pose, then by

@@ -5,7 +5,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from rastercov.base.once import Once
+from rastercov.base.threads import Once
 from rastercov.coverage.area.division import NO_PIECES
 from rastercov.coverage.area.frames import frames_of
 from rastercov.coverage.area.union import Covered, RegionUnion

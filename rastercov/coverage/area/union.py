@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from rastercov.base.arguments import check_kind
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import ConfigError, MeshError
+from rastercov.base.format import InOneLine
 from rastercov.base.memory import check_memory
 from rastercov.base.typed import typed
 from rastercov.coverage.area.division import (
@@ -34,8 +35,8 @@ WHOLE_PAIR_REL = 1e-9
 """Part of the area of a face that a camera may miss and still count as covering all of it."""
 
 
-@dataclass(frozen=True, eq=False)
-class Covered:
+@dataclass(frozen=True, eq=False, repr=False)
+class Covered(InOneLine):
     """Area of each face that at least 1 ... k cameras cover, and a partition of it.
 
     `bound` holds for every row of `area`: |area - exact area| <= bound.

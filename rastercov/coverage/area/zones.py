@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov.base.arguments import check_kind, checked_array
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
+from rastercov.base.format import InOneLine
 from rastercov.base.typed import typed
 from rastercov.coverage.area.frames import frames_of, to_world
 from rastercov.coverage.area.rest import with_rest
@@ -40,8 +41,8 @@ SLIVER_REL = 1e-9
 """Part of the area of the task below which a zone is rounding, and is not listed."""
 
 
-@dataclass(frozen=True, eq=False)
-class DeadZones:
+@dataclass(frozen=True, eq=False, repr=False)
+class DeadZones(InOneLine):
     """Connected parts that too few cameras cover: Z zones, the largest first, of N pieces.
 
     Attributes

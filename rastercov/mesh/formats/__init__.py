@@ -24,19 +24,18 @@ from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import MeshError, ResourceError
 from rastercov.base.files import StrPath, UnreadableError, file_bytes, printable
 from rastercov.mesh.arrays import check_coordinates, some, unusable_points
-from rastercov.mesh.ear_clipping import cut_concave
-from rastercov.mesh.formats import dae, glb, gltf, obj, off, ply, step, stl, threemf
-from rastercov.mesh.formats.polygons import PEAK_BYTES_PER_FACE, Polygons
+from rastercov.mesh.formats import dae, gltf, ply, step, stl, text, threemf
+from rastercov.mesh.formats.polygons import PEAK_BYTES_PER_FACE, Polygons, cut_concave
 
 Reader = Callable[..., Polygons]
 
 READERS: dict[str, Reader] = {
     ".3mf": threemf.read,
     ".dae": dae.read,
-    ".glb": glb.read,
-    ".gltf": gltf.read,
-    ".obj": obj.read,
-    ".off": off.read,
+    ".glb": gltf.read_glb,
+    ".gltf": gltf.read_gltf,
+    ".obj": text.read_obj,
+    ".off": text.read_off,
     ".ply": ply.read,
     ".step": step.read,
     ".stl": stl.read,
@@ -130,8 +129,8 @@ def _read_file(
     if memory_budget is None:
         memory_budget = min(MEMORY_BUDGET, PEAK_BYTES_PER_FACE * max(FREE_FACES, len(data)))
     beside = _Beside(path, max_bytes - len(data))
-    if reader is gltf.read:
-        reader = partial(gltf.read, bytes_beside=beside.read)
+    if reader is gltf.read_gltf:
+        reader = partial(gltf.read_gltf, bytes_beside=beside.read)
     polygons = reader(data, memory_budget)
     _check_indices(polygons)
     if not polygons.is_in_metres:

@@ -15,13 +15,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.errors import MeshError
-from rastercov.base.names import UnknownNames
+from rastercov.base.files import UnknownNames
 from rastercov.mesh.arrays import rotation_about
-from rastercov.mesh.formats import assembly
-from rastercov.mesh.formats.assembly import Assembly, Shape
-from rastercov.mesh.formats.glb import broken_files_refused
-from rastercov.mesh.formats.polygons import Polygons, check_budget
+from rastercov.mesh.formats.gltf import broken_files_refused
+from rastercov.mesh.formats.polygons import (
+    Assembly,
+    Part,
+    Polygons,
+    Shape,
+    check_budget,
+    strip_triangles,
+)
 from rastercov.mesh.formats.xml_tree import (
+    below,
     children,
     floats,
     integers,
@@ -29,6 +35,7 @@ from rastercov.mesh.formats.xml_tree import (
     look_at_names,
     parsed,
     schema_of,
+    transform_numbers,
 )
 
 POLYGONS = ("triangles", "polylist", "polygons")
@@ -134,9 +141,7 @@ class _Scene:
 
     def _metres_per_unit(self) -> float | None:
         """Metres in a unit of the file, None where it states none."""
-        units = [
-            unit for asset in children(self._root, "asset") for unit in children(asset, "unit")
-        ]
+        units = below(self._root, "asset", "unit")
         text = units[0].get("meter") if units else None
         if text is None:
             return None
@@ -147,14 +152,9 @@ class _Scene:
 
     def _visual_scene(self) -> Element:
         """The scene that is to be shown, or the only one."""
-        scenes = [
-            scene
-            for library in children(self._root, "library_visual_scenes")
-            for scene in children(library, "visual_scene")
-        ]
-        for shown in children(self._root, "scene"):
-            for instance in children(shown, "instance_visual_scene"):
-                return self._target(instance.attrib["url"], "visual_scene")
+        for instance in below(self._root, "scene", "instance_visual_scene"):
+            return self._target(instance.attrib["url"], "visual_scene")
+        scenes = below(self._root, "library_visual_scenes", "visual_scene")
         if len(scenes) != 1:
             raise MeshError(f"one scene wanted, got {len(scenes)} and none named; export it again")
         return scenes[0]
@@ -175,7 +175,7 @@ class _Scene:
             raise MeshError(f"the id {key[:80]!r} comes twice; correct it")
         return element
 
-    def _node(self, node: Any) -> assembly.Element:
+    def _node(self, node: Any) -> Part:
         """A node: the geometries and the nodes that it holds or names."""
         step = _parent_from_node(node)
         pieces: list[tuple[NDArray[np.float64] | None, Any]] = []
@@ -192,7 +192,7 @@ class _Scene:
                 placed = None if step is None else step @ node_from_shape
                 pieces.append((placed, self._shape(geometry)))
         why = "is placed by lookat or skew, which is not supported; export it with matrices"
-        return assembly.Element(name, f"node {name!r}", pieces, why)
+        return Part(name, f"node {name!r}", pieces, why)
 
     def _geometry(self, url: str, is_controlled: bool) -> tuple[Element, NDArray[np.float64]]:
         """Geometry of an instance, and its place in the node."""
@@ -296,9 +296,9 @@ class _Scene:
                 "export it again"
             )
         if kind in STRIPS:
-            indices = np.concatenate(
-                [np.empty(0, np.int64), *(_strip(row, kind == "tristrips") for row in rows)]
-            )
+            is_fan = kind == "trifans"
+            corners = [row[strip_triangles(len(row), is_fan=is_fan)].ravel() for row in rows]
+            indices = np.concatenate([np.empty(0, np.int64), *corners])
             counts = np.full(len(indices) // 3, 3)
         return indices, counts, at[1]
 
@@ -319,11 +319,7 @@ class _Scene:
     def _source(self, url: str) -> NDArray[np.float64]:
         """(V, 3) numbers of a source, by its accessor."""
         source = self._target(url, "source")
-        (accessor,) = [
-            each
-            for common in children(source, "technique_common")
-            for each in children(common, "accessor")
-        ]
+        (accessor,) = below(source, "technique_common", "accessor")
         array = self._target(accessor.attrib["source"], "float_array")
         if array not in self._numbers:
             self._numbers[array] = floats(array.text)
@@ -359,19 +355,10 @@ class _Scene:
         notes += self._unknown.notes()
         if self._n_lines:
             notes.append(f"{self._n_lines} sets of lines were not read")
-        moved = [
-            each
-            for library in children(self._root, "library_animations")
-            for each in children(library, "animation")
-        ]
-        if moved:
+        if moved := below(self._root, "library_animations", "animation"):
             notes.append(f"{len(moved)} animations were not played; the nodes are at rest")
-        known = [
-            each.get("id", "")
-            for library in children(self._root, "library_geometries")
-            for each in children(library, "geometry")
-        ]
-        if n_unused := sum(key not in self._shapes for key in known):
+        known = below(self._root, "library_geometries", "geometry")
+        if n_unused := sum(each.get("id", "") not in self._shapes for each in known):
             notes.append(f"{n_unused} geometries belong to no node of the scene, not read")
         return notes
 
@@ -392,11 +379,11 @@ def _parent_from_node(node: Element) -> NDArray[np.float64] | None:
         if kind == "matrix":
             step = _matrix(each.text)
         elif kind == "translate":
-            step[:3, 3] = _numbers(each.text, 3)
+            step[:3, 3] = transform_numbers(each.text, 3)
         elif kind == "scale":
-            step[[0, 1, 2], [0, 1, 2]] = _numbers(each.text, 3)
+            step[[0, 1, 2], [0, 1, 2]] = transform_numbers(each.text, 3)
         else:
-            *axis, angle_deg = _numbers(each.text, 4)
+            *axis, angle_deg = transform_numbers(each.text, 4)
             if angle_deg:  # the axis of no rotation is often 0 0 0
                 step[:3, :3] = rotation_about(axis, np.radians(angle_deg))
         product = product @ step
@@ -405,27 +392,9 @@ def _parent_from_node(node: Element) -> NDArray[np.float64] | None:
 
 def _matrix(text: str | None) -> NDArray[np.float64]:
     """(4, 4) matrix by rows; its last row must be 0 0 0 1."""
-    matrix = _numbers(text, 16).reshape(4, 4)
+    matrix = transform_numbers(text, 16).reshape(4, 4)
     if not np.allclose(matrix[3], (0, 0, 0, 1), rtol=0, atol=AFFINE_ROW_TOLERANCE):
         raise MeshError(
             f"a matrix whose last row is 0 0 0 1 wanted, got {matrix[3].tolist()}; export it again"
         )
     return matrix
-
-
-def _numbers(text: str | None, count: int) -> NDArray[np.float64]:
-    values = floats(text)
-    if values.shape != (count,) or not np.isfinite(values).all():
-        raise MeshError(
-            f"a transform of {count} finite numbers wanted, got {(text or '').strip()[:60]!r}; "
-            "correct it"
-        )
-    return values
-
-
-def _strip(row: IntArray, alternates: bool) -> IntArray:
-    """Corners of the triangles of a strip, every other one reversed, or of a fan."""
-    i = np.arange(len(row) - 2)
-    if alternates:
-        return row[np.stack([i, i + 1 + i % 2, i + 2 - i % 2], axis=1)].ravel()
-    return row[np.stack([0 * i, i + 1, i + 2], axis=1)].ravel()

@@ -1,29 +1,466 @@
-"""glTF 2 files in JSON (.gltf), with buffers in files beside them or in data URIs.
+"""Scenes of glTF 2: binary files (.glb), and JSON (.gltf) with buffers beside it or in data URIs.
 
-The scene is read as that of a GLB file. A buffer is opened only if its name leads to a file in the
-folder of the .gltf or below it. Images are never opened.
+Only the shape is read: the nodes of the default scene, their transforms and instances, and the
+triangles of their meshes with their morph weights, without animation. No other file is ever opened
+for a GLB; for JSON a buffer is, if its name leads to a file in the folder of the .gltf or below it.
+Images are never opened. Compressed data is an error rather than zeros, and any other content that
+is not read is a note.
 
-Source: Khronos Group. glTF 2.0 Specification. 2021, section 3.6.1.
+Source: Khronos Group. glTF 2.0 Specification. 2021.
 """
 
 import base64
 import binascii
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 from urllib.parse import unquote
 
-from rastercov.base.errors import MeshError
-from rastercov.mesh.formats.glb import broken_files_refused, scene_polygons
-from rastercov.mesh.formats.glb_container import json_count, json_header, json_list
-from rastercov.mesh.formats.polygons import Polygons
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov.base.errors import MeshError, ResourceError
+from rastercov.base.format import plural
+from rastercov.mesh.formats.gltf_file import (
+    INSTANCING,
+    Accessors,
+    chunks,
+    json_count,
+    json_header,
+    json_list,
+    json_name,
+    json_numbers,
+    json_object,
+    unknown_names,
+    unread_data,
+)
+from rastercov.mesh.formats.polygons import Polygons, strip_triangles
+
+TRIANGLES, STRIP, FAN = 4, 5, 6
+CAD_FACES = "TM_brep_faces"
+"""Extension that numbers the CAD face of each triangle."""
+HARMLESS = (
+    "KHR_materials_",
+    "KHR_texture_",
+    "EXT_texture_",
+    "KHR_lights_",
+)
+"""Beginnings of extensions without influence on the shape."""
+READ = ("KHR_mesh_quantization", CAD_FACES, INSTANCING)
+"""Extensions that are read here."""
+OPTIONAL = (
+    "EXT_lights_",
+    "EXT_mesh_features",
+    "EXT_instance_features",
+    "EXT_structural_metadata",
+    "EXT_meshopt_compression",
+    "KHR_audio",
+    "KHR_draco_mesh_compression",
+    "KHR_meshopt_compression",
+    "KHR_xmp",
+)
+"""Harmless unless required: their data is also there uncompressed, or its absence is an error."""
+MOST_CAD_FACES = 1 << 20
+QUATERNION_LENGTH_TOLERANCE = 0.01  # components of 8 bits are off by up to 0.004
+AFFINE_ROW_TOLERANCE = 1e-6
+BYTES_PER_DELTA = 100  # a point, while a morph target is added
+BYTES_PER_INSTANCE = 500  # an instance, while its matrix is computed
+
+
+def read_glb(data: bytes, budget: int) -> Polygons:
+    """Triangles of a GLB file in metres, one group a node, in the order of the scene's tree."""
+    with broken_files_refused():
+        header, binary, notes = chunks(data)
+        has_chunk = not any("uri" in buffer for buffer in json_list(header, "buffers")[:1])
+        buffers = [binary] if has_chunk else []
+        return scene_polygons(header, buffers, budget, notes + _chunk_notes(header, binary))
+
+
+@contextmanager
+def broken_files_refused() -> Iterator[None]:
+    """Turn errors of a look-up or of a computation in the block into a MeshError."""
+    try:
+        yield
+    except (MeshError, ResourceError):
+        raise
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
+        # Any JSON value may have any type; a check of each would be longer and no clearer.
+        raise MeshError(f"the file contradicts its format ({error!r}); export it again") from error
+
+
+def scene_polygons(
+    header: dict[str, Any],
+    buffers: Sequence[memoryview],
+    budget: int,
+    notes: Sequence[str],
+    *,
+    by_cad_face: bool = False,
+) -> Polygons:
+    """Triangles of a scene by its JSON and its buffers, in metres, one group a node.
+
+    With `by_cad_face` the groups are the CAD faces of each node, where the file numbers them, named
+    "node/face 1" and so on.
+    """
+    needed = [str(e) for e in json_list(header, "extensionsRequired")]
+    foreign = [e[:80] for e in needed if not (e in READ or e.startswith(HARMLESS))]
+    if foreign:
+        raise MeshError(
+            f"extensions {foreign[:5]} are required, not supported; export without them"
+        )
+    notes = [*notes, *unknown_names(header), *unread_data(header)]
+    nodes = _nodes(header)
+    accessors = Accessors(header, buffers, budget)
+    shapes = _Shapes(accessors)
+    vertices, faces, labels = [np.empty((0, 3))], [np.empty((0, 3), np.int64)], []
+    names: list[str] = []
+    node_names: list[str] = []
+    n_vertices = n_faces = 0
+    for node, world_from_node in nodes:
+        mesh = json_object(header, "meshes", node["mesh"])
+        points, triangles, cad_faces = shapes.of(node, mesh)
+        name = json_name(node) or json_name(mesh) or f"node{len(node_names)}"
+        node_names.append(name)
+        world_from_instance = world_from_node @ shapes.instances(node, len(triangles))
+        n = len(world_from_instance)
+        accessors.reserve(n * len(triangles), n * len(points))
+        if n:
+            moved = points @ world_from_instance[:, :3, :3].transpose(0, 2, 1)
+            moved += world_from_instance[:, None, :3, 3]
+            vertices.append(moved.reshape(-1, 3))
+            is_mirrored = np.linalg.det(world_from_instance[:, :3, :3]) < 0
+            turned = np.where(is_mirrored[:, None, None], triangles[:, [0, 2, 1]], triangles)
+            first = n_vertices + len(points) * np.arange(n)
+            faces.append((first[:, None, None] + turned).reshape(-1, 3))
+            if by_cad_face and cad_faces.min() >= 0:
+                known, row = np.unique(cad_faces, return_inverse=True)
+                labels.append(np.tile(len(names) + row, n))
+                names += [f"{name}/face {face + 1}" for face in known.tolist()]
+            else:
+                labels.append(np.full(n * len(triangles), len(names)))
+                names.append(name)
+            n_vertices += n * len(points)
+            n_faces += n * len(triangles)
+    notes = [*notes, *_notes(header, [node for node, _ in nodes], node_names), *shapes.notes()]
+    label = np.concatenate(labels) if labels else np.empty(0, np.int64)
+    return Polygons(
+        np.concatenate(vertices), np.concatenate(faces), np.arange(n_faces), label, names, notes
+    )
+
+
+def _nodes(header: dict[str, Any]) -> list[tuple[dict[str, Any], NDArray[np.float64]]]:
+    """Nodes with a mesh, depth first, each with its world_from_node."""
+    if json_list(header, "scenes"):
+        roots = json_list(json_object(header, "scenes", header.get("scene", 0)), "nodes")
+    else:
+        below = {c for node in json_list(header, "nodes") for c in json_list(node, "children")}
+        roots = [i for i in range(len(json_list(header, "nodes"))) if i not in below]
+    found, seen = [], set()
+    stack = [(root, np.eye(4)) for root in reversed(roots)]
+    while stack:
+        index, world_from_parent = stack.pop()
+        node = json_object(header, "nodes", index)
+        if index in seen:  # a cycle, or a subtree repeated until memory is exhausted
+            raise MeshError(f"nodes must form a tree, node {index} has two parents; correct it")
+        seen.add(index)
+        world_from_node = world_from_parent @ _parent_from_node(index, node)
+        stack.extend((child, world_from_node) for child in reversed(json_list(node, "children")))
+        if "mesh" in node:
+            found.append((node, world_from_node))
+    return found
+
+
+def _parent_from_node(index: int, node: dict[str, Any]) -> NDArray[np.float64]:
+    placed: NDArray[np.float64] = np.eye(4)
+    if not node.keys().isdisjoint(("translation", "rotation", "scale")):
+        (placed,) = _affine(
+            json_numbers(node, "translation", (0, 0, 0))[None],
+            json_numbers(node, "rotation", (0, 0, 0, 1))[None],
+            json_numbers(node, "scale", (1, 1, 1))[None],
+        )
+    if "matrix" not in node:
+        return placed
+    matrix: NDArray[np.float64] = json_numbers(node, "matrix", (0,) * 16).reshape(4, 4).T
+    if not np.allclose(matrix[3], (0, 0, 0, 1), rtol=0, atol=AFFINE_ROW_TOLERANCE):
+        raise MeshError(
+            f"node {index}: a matrix whose last row is 0 0 0 1 wanted, got "
+            f"{matrix[3].tolist()}; export it again"
+        )
+    if not (np.array_equal(placed, np.eye(4)) or np.allclose(placed, matrix)):
+        raise MeshError(
+            f"node {index} has a matrix and, beside it, another translation, rotation or scale; "
+            "keep one of them"
+        )
+    return matrix
+
+
+def _affine(
+    translation: NDArray[np.float64], rotation: NDArray[np.float64], scale: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """(N, 4, 4) matrices: scale, then rotation by a quaternion x y z w, then translation."""
+    length = np.linalg.norm(rotation, axis=1)
+    wrong = np.flatnonzero(~(np.abs(length - 1) <= QUATERNION_LENGTH_TOLERANCE))
+    if len(wrong):
+        raise MeshError(
+            f"a rotation must be a quaternion of length 1, got {rotation[wrong[0]].tolist()} of "
+            f"length {length[wrong[0]]:.3g}; export it again"
+        )
+    x, y, z, w = (rotation / length[:, None]).T
+    matrix = np.zeros((len(rotation), 4, 4))
+    matrix[:, :3, :3] = np.moveaxis(
+        np.array(
+            [
+                [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+                [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+                [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+            ]
+        ),
+        2,
+        0,
+    )
+    matrix[:, :3, :3] *= scale[:, None, :]
+    matrix[:, :3, 3] = translation
+    matrix[:, 3, 3] = 1
+    return matrix
+
+
+def _notes(header: dict[str, Any], nodes: list[dict[str, Any]], names: list[str]) -> list[str]:
+    """Notes on content of the file that was not read."""
+    notes = []
+    skinned = [name for node, name in zip(nodes, names, strict=True) if "skin" in node]
+    if skinned:
+        more = f" (and {len(skinned) - 1} others)" if len(skinned) > 1 else ""
+        notes.append(f"node {skinned[0][:80]!r}{more} has a skin; it is read unposed")
+    if animations := json_list(header, "animations"):
+        notes.append(f"{len(animations)} animations were not played; the nodes are at rest")
+    outside = sum("mesh" in node for node in json_list(header, "nodes")) - len(nodes)
+    if outside:
+        notes.append(f"{outside} nodes with meshes are outside the default scene, not read")
+    used = {node["mesh"] for node in json_list(header, "nodes") if "mesh" in node}
+    n_unused = len(json_list(header, "meshes")) - len(used)
+    if n_unused > 0:
+        notes.append(f"{plural(n_unused, 'mesh', 'belong')} to no node, not read")
+    return notes
+
+
+def _chunk_notes(header: dict[str, Any], binary: memoryview) -> list[str]:
+    """A note where the binary chunk has not the promised length."""
+    for buffer in json_list(header, "buffers")[:1]:
+        promised = json_count(buffer, "byteLength")
+        if "uri" not in buffer and not 0 <= len(binary) - promised <= 3:  # padding to 4 bytes
+            return [f"buffer 0 promises {promised} bytes, the binary chunk holds {len(binary)}"]
+    return []
+
+
+def _triangles(corners: NDArray[np.int64], mode: int) -> NDArray[np.int64]:
+    """(F, 3) triangles of a primitive; odd ones of a strip are reversed, which unifies winding."""
+    if mode == TRIANGLES:
+        if len(corners) % 3:
+            raise MeshError(f"triangles need 3 corners each, got {len(corners)}; export it again")
+        return corners.reshape(-1, 3)
+    if 0 < len(corners) < 3:
+        raise MeshError(f"a strip needs 3 corners or more, got {len(corners)}; export it again")
+    if mode == FAN:  # the first corner of a fan is the last of each triangle
+        return corners[np.roll(strip_triangles(len(corners), is_fan=True), -1, axis=1)]
+    return corners[strip_triangles(len(corners))]
+
+
+_Shape = tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]
+"""Points and triangles of a mesh, and the CAD face of each triangle, -1 where none is given."""
+_Surfaces = tuple[list[dict[str, Any]], tuple[float, ...], set[int]]
+"""Primitives of a mesh with triangles, its weights, and the numbers of their morph targets."""
+
+
+def _weights(owner: dict[str, Any]) -> tuple[float, ...]:
+    """Weights of the morph targets of a mesh or node."""
+    n_weights = len(json_list(owner, "weights"))
+    return tuple(json_numbers(owner, "weights", (0.0,) * n_weights).tolist())
+
+
+class _Shapes:
+    """Shapes of meshes, each read once for all nodes with the same morph weights."""
+
+    def __init__(self, accessors: Accessors) -> None:
+        self._accessors = accessors
+        self._meshes: dict[int, _Surfaces] = {}
+        self._known: dict[tuple[int, tuple[float, ...] | None], _Shape] = {}
+        self._foreign: set[str] = set()
+        self._n_skipped = self._n_empty = 0
+
+    def of(self, node: dict[str, Any], mesh: dict[str, Any]) -> _Shape:
+        """Shape of a node's mesh, in the coordinates of the node."""
+        self._look_for_extensions(node)
+        index = node["mesh"]
+        if index not in self._meshes:
+            self._meshes[index] = self._surfaces(index, mesh)
+        surfaces, weights, n_targets = self._meshes[index]
+        own = _weights(node) if "weights" in node else None
+        weights = weights if own is None else own
+        if weights and n_targets and n_targets != {len(weights)}:
+            raise MeshError(
+                f"mesh {index}: a weight for each of {max(n_targets)} morph targets wanted, got "
+                f"{len(weights)}; correct the weights"
+            )
+        if (index, own) not in self._known:
+            self._known[index, own] = self._read(index, surfaces, weights)
+        return self._known[index, own]
+
+    def instances(self, node: dict[str, Any], n_triangles: int) -> NDArray[np.float64]:
+        """(N, 4, 4) node_from_instance; the identity for a node without instances.
+
+        Nothing is computed of instances without triangles: N is 0.
+        """
+        if not n_triangles:
+            return np.empty((0, 4, 4))
+        extension = node.get("extensions", {}).get(INSTANCING)
+        if extension is None:
+            return np.eye(4)[None]
+        found = [extension["attributes"].get(key) for key in ("TRANSLATION", "ROTATION", "SCALE")]
+        counts = sorted({self._accessors.count(index) for index in found if index is not None})
+        if len(counts) != 1:
+            raise MeshError(
+                f"instances need TRANSLATION, ROTATION or SCALE of one length, got lengths "
+                f"{counts}; export it again"
+            )
+        self._accessors.reserve(0, 0, counts[0] * BYTES_PER_INSTANCE)
+        self._accessors.check(counts[0] * n_triangles, 0)
+        rest = (("VEC3", (0, 0, 0)), ("VEC4", (0, 0, 0, 1)), ("VEC3", (1, 1, 1)))
+        return _affine(
+            *(
+                np.tile(np.array(one, float), (counts[0], 1))
+                if index is None
+                else self._accessors.read(index, kind).astype(np.float64)
+                for index, (kind, one) in zip(found, rest, strict=True)
+            )
+        )
+
+    def notes(self) -> list[str]:
+        """Notes on skipped content of the nodes and meshes that were read."""
+        notes = []
+        if self._n_skipped:
+            notes.append(f"{self._n_skipped} primitives of points or lines were not read")
+        if self._n_empty:
+            notes.append(f"{self._n_empty} primitives have no triangles")
+        if self._foreign:
+            notes.append(
+                f"extensions {sorted(self._foreign)[:5]} were not read; they may change the shape"
+            )
+        return notes
+
+    def _look_for_extensions(self, owner: dict[str, Any]) -> None:
+        names = owner.get("extensions", ())
+        self._foreign |= {
+            n[:80] for n in names if not (n in READ or n.startswith((*HARMLESS, *OPTIONAL)))
+        }
+
+    def _surfaces(self, index: int, mesh: dict[str, Any]) -> _Surfaces:
+        """Primitives of a mesh with triangles, checked once; the others are counted for a note."""
+        self._look_for_extensions(mesh)
+        surfaces: list[dict[str, Any]] = []
+        n_targets: set[int] = set()
+        for primitive in json_list(mesh, "primitives"):
+            self._look_for_extensions(primitive)
+            mode = primitive.get("mode", TRIANGLES)
+            if type(mode) is not int or not 0 <= mode <= FAN:
+                raise MeshError(
+                    f"mesh {index}: a mode from 0 to 6 wanted, got {mode!r}; correct it"
+                )
+            if mode < TRIANGLES:
+                self._n_skipped += 1
+                continue
+            position = primitive.get("attributes", {}).get("POSITION")
+            if position is None:
+                raise MeshError(f"mesh {index}: a primitive without POSITION; export it again")
+            n_targets.add(len(json_list(primitive, "targets")))
+            if self._accessors.count(primitive.get("indices", position)):
+                surfaces.append(primitive)
+            else:
+                self._n_empty += 1
+        if not json_list(mesh, "primitives"):
+            raise MeshError(f"mesh {index} has no primitives; export it again")
+        return surfaces, _weights(mesh), n_targets
+
+    def _read(
+        self, index: int, surfaces: list[dict[str, Any]], weights: tuple[float, ...]
+    ) -> _Shape:
+        """Shape of a mesh with these weights. Its primitives may share their vertices."""
+        points, triangles = [np.empty((0, 3))], [np.empty((0, 3), np.int64)]
+        cad_faces = [np.empty(0, np.int64)]
+        first_of: dict[tuple[Any, ...], int] = {}
+        n_points = n_triangles = 0
+        active = [(target, weight) for target, weight in enumerate(weights) if weight]
+        for primitive in surfaces:
+            mode, position = primitive.get("mode", TRIANGLES), primitive["attributes"]["POSITION"]
+            targets = json_list(primitive, "targets")
+            deltas = [
+                (weight, targets[target]["POSITION"])
+                for target, weight in active
+                if "POSITION" in targets[target]
+            ]
+            key = (position, *deltas)
+            n_new = self._accessors.count(position)
+            n_corners = self._accessors.count(primitive.get("indices", position))
+            n_triangles += n_corners // 3 if mode == TRIANGLES else max(n_corners - 2, 0)
+            self._accessors.check(n_triangles, n_points + (key not in first_of) * n_new)
+            if key not in first_of:
+                first_of[key] = n_points
+                n_points += n_new
+                points.append(self._points(position, deltas))
+            if "indices" in primitive:
+                corners = self._corners(index, primitive["indices"], n_new)
+            else:
+                corners = np.arange(n_new)
+            triangles.append(first_of[key] + _triangles(corners, mode))
+            cad_faces.append(self._cad_faces(index, primitive, len(triangles[-1])))
+        return np.concatenate(points), np.concatenate(triangles), np.concatenate(cad_faces)
+
+    def _cad_faces(
+        self, index: int, primitive: dict[str, Any], n_triangles: int
+    ) -> NDArray[np.int64]:
+        """(n_triangles,) CAD face of each triangle of a primitive, -1 where none is given."""
+        extension = primitive.get("extensions", {}).get(CAD_FACES)
+        if extension is None:
+            return np.full(n_triangles, -1)
+        values = self._accessors.read(extension["faceIndices"], "SCALAR")[:, 0]
+        # A number beyond the triangles would ask for as many names of groups.
+        if len(values) != n_triangles or (n_triangles and values.max() >= MOST_CAD_FACES):
+            raise MeshError(
+                f"mesh {index}: CAD faces below {MOST_CAD_FACES} for {n_triangles} triangles "
+                f"wanted, got {len(values)} up to {values.max(initial=0)}; export it again"
+            )
+        return values.astype(np.int64)
+
+    def _points(self, position: Any, deltas: list[tuple[float, Any]]) -> NDArray[np.float64]:
+        points = self._accessors.read(position, "VEC3").astype(np.float64)
+        for weight, target in deltas:
+            if self._accessors.count(target) != len(points):
+                raise MeshError(
+                    f"accessor {target} moves {self._accessors.count(target)} points, the mesh has "
+                    f"{len(points)}; export it again"
+                )
+            # Targets may share their bytes, so a short file could demand unlimited work.
+            self._accessors.reserve(0, 0, BYTES_PER_INSTANCE + len(points) * BYTES_PER_DELTA)
+            points += weight * self._accessors.read(target, "VEC3")
+        return points
+
+    def _corners(self, index: int, indices: Any, n_points: int) -> NDArray[np.int64]:
+        values = self._accessors.read(indices, "SCALAR")[:, 0]
+        # The largest value of a type is the primitive restart index, which glTF forbids.
+        limit = min(n_points, int(np.iinfo(values.dtype).max))
+        if len(values) and values.max() >= limit:
+            raise MeshError(
+                f"mesh {index}: vertex indices must lie in 0 ... {limit - 1}, got {values.max()}; "
+                "export it again"
+            )
+        return values.astype(np.int64)
+
 
 DATA_URI = re.compile(r"data:[\w.+-]+/[\w.+-]+(?:;[^,;]*)*;base64,")
 PADDING = 3
 """Bytes that a buffer may hold beyond its length without a note: padding to 4 bytes."""
 
 
-def read(data: bytes, budget: int, bytes_beside: Callable[[str], bytes]) -> Polygons:
+def read_gltf(data: bytes, budget: int, bytes_beside: Callable[[str], bytes]) -> Polygons:
     """Triangles of a .gltf file in metres, one group a node, in the order of the scene's tree.
 
     Parameters

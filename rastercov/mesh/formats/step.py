@@ -14,10 +14,10 @@ from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 
-from rastercov.base.child import child_environment
 from rastercov.base.errors import MeshError
-from rastercov.mesh.formats.glb import broken_files_refused, scene_polygons
-from rastercov.mesh.formats.glb_container import chunks
+from rastercov.base.threads import child_environment
+from rastercov.mesh.formats.gltf import broken_files_refused, scene_polygons
+from rastercov.mesh.formats.gltf_file import chunks
 from rastercov.mesh.formats.polygons import Polygons
 
 DEFLECTION = 1e-4

@@ -20,20 +20,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.errors import MeshError, ResourceError
-from rastercov.base.names import UnknownNames
-from rastercov.mesh.formats import assembly
-from rastercov.mesh.formats.assembly import Assembly, Shape
-from rastercov.mesh.formats.glb import broken_files_refused
-from rastercov.mesh.formats.polygons import Polygons, check_budget
+from rastercov.base.files import UnknownNames
+from rastercov.mesh.formats.gltf import broken_files_refused
+from rastercov.mesh.formats.polygons import Assembly, Part, Polygons, Shape, check_budget
 from rastercov.mesh.formats.xml_tree import (
     BYTES_PER_XML_BYTE,
     attribute,
+    below,
     children,
-    floats,
     look_at_names,
     parsed,
     schema_of,
     table,
+    transform_numbers,
 )
 
 METRES = {
@@ -126,7 +125,7 @@ class _Model:
         needed = root.get("requiredextensions", "").split()
         if foreign := [name[:80] for name in needed if name not in KNOWN_EXTENSIONS]:
             raise MeshError(f"extensions {foreign[:5]} are required, not supported; export without")
-        items = [item for build in children(root, "build") for item in children(build, "item")]
+        items = below(root, "build", "item")
         roots = [(_transform(item), self._key(item, path)) for item in items]
         polygons = Assembly(self._object, self._budget).polygons(roots, METRES[unit])
         return replace(polygons, notes=self._notes())
@@ -168,13 +167,12 @@ class _Model:
         root = self._parts[path] = parsed(text, f"its part {path[:80]!r}", self._bytes_left)
         self._bytes_left -= info.file_size * BYTES_PER_XML_BYTE
         look_at_names(root, SCHEMA, self._unknown)
-        for resources in children(root, "resources"):
-            for each in children(resources, "object"):
-                if self._objects.setdefault((path, each.attrib["id"]), each) is not each:
-                    raise MeshError(f"object {each.attrib['id'][:40]!r} comes twice; correct it")
+        for each in below(root, "resources", "object"):
+            if self._objects.setdefault((path, each.attrib["id"]), each) is not each:
+                raise MeshError(f"object {each.attrib['id'][:40]!r} comes twice; correct it")
         return root
 
-    def _object(self, key: Any) -> assembly.Element:
+    def _object(self, key: Any) -> Part:
         """An object: its triangles, and the objects that it is made of."""
         path, number = key
         self._part(path)
@@ -187,17 +185,14 @@ class _Model:
         if len(meshes) > 1:
             raise MeshError(f"{title} has {len(meshes)} meshes, one wanted; export it again")
         pieces: list[tuple[NDArray[np.float64], Any]] = [(np.eye(4), _shape(m)) for m in meshes]
-        for components in children(owner, "components"):
-            for each in children(components, "component"):
-                pieces.append((_transform(each), self._key(each, path)))
-        return assembly.Element(owner.get("name") or f"object {number}", title, pieces)
+        for each in below(owner, "components", "component"):
+            pieces.append((_transform(each), self._key(each, path)))
+        return Part(owner.get("name") or f"object {number}", title, pieces)
 
 
 def _shape(mesh: Element) -> Shape:
-    vertices = [v for each in children(mesh, "vertices") for v in children(each, "vertex")]
-    triangles = [t for each in children(mesh, "triangles") for t in children(each, "triangle")]
-    points = table(vertices, ("x", "y", "z"), np.float64)
-    faces = table(triangles, ("v1", "v2", "v3"), np.int64)
+    points = table(below(mesh, "vertices", "vertex"), ("x", "y", "z"), np.float64)
+    faces = table(below(mesh, "triangles", "triangle"), ("v1", "v2", "v3"), np.int64)
     if len(faces) and not (faces.min() >= 0 and faces.max() < len(points)):
         raise MeshError(
             f"vertex indices must lie in 0 ... {len(points) - 1}, got {faces.min()} ... "
@@ -211,9 +206,6 @@ def _transform(owner: Element) -> NDArray[np.float64]:
     text = owner.get("transform")
     if text is None:
         return np.eye(4)
-    numbers = floats(text)
-    if numbers.shape != (12,) or not np.isfinite(numbers).all():
-        raise MeshError(f"a transform of 12 finite numbers wanted, got {text[:60]!r}; correct it")
     matrix: NDArray[np.float64] = np.eye(4)
-    matrix[:3] = numbers.reshape(4, 3).T
+    matrix[:3] = transform_numbers(text, 12).reshape(4, 3).T
     return matrix

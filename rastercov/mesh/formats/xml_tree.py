@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.errors import MeshError
-from rastercov.base.names import UnknownNames
+from rastercov.base.files import UnknownNames
 from rastercov.mesh.formats.polygons import check_budget
 
 BYTES_PER_XML_BYTE = 12
@@ -105,6 +105,14 @@ def children(owner: Element, *names: str) -> list[Element]:
     return [each for each in owner if local_name(each) in names]
 
 
+def below(owner: Element, *path: str) -> list[Element]:
+    """Elements at the end of a path of names, in any namespace: children, theirs, and so on."""
+    found = [owner]
+    for name in path:
+        found = [each for parent in found for each in children(parent, name)]
+    return found
+
+
 Schema = Mapping[str, tuple[frozenset[str] | None, frozenset[str], frozenset[str]]]
 """Names of the children of an element (None for any; "text" for words), of its attributes, and of
 those among both that no triangle depends on."""
@@ -157,6 +165,17 @@ def table(
 def floats(text: str | None) -> NDArray[np.float64]:
     """(N,) numbers of a text, including nan and inf."""
     return np.array(_plain((text or "").split()), dtype=np.float64)
+
+
+def transform_numbers(text: str | None, count: int) -> NDArray[np.float64]:
+    """Numbers of a transform, finite and that many, or MeshError."""
+    values = floats(text)
+    if values.shape != (count,) or not np.isfinite(values).all():
+        raise MeshError(
+            f"a transform of {count} finite numbers wanted, got {(text or '').strip()[:60]!r}; "
+            "correct it"
+        )
+    return values
 
 
 def integers(text: str | None) -> NDArray[np.int64]:

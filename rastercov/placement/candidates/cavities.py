@@ -45,9 +45,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov.base.closing import Closing
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import plural
+from rastercov.base.threads import Closing
 from rastercov.base.typed import typed
 from rastercov.camera.camera import Camera
 from rastercov.camera.projection import box_corners

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.errors import ConfigError
-from rastercov.base.lists import Lists
+from rastercov.base.memory import Lists
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.coverage.area.cells import Cells
 from rastercov.coverage.area.centres import CentrePass

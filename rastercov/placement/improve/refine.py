@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike
 from rastercov.base.arguments import LARGEST_COORDINATE, check_seed
 from rastercov.base.errors import ConfigError
 from rastercov.base.interrupts import interrupts_held
-from rastercov.base.lists import Lists
+from rastercov.base.memory import Lists
 from rastercov.base.typed import typed
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.kernels.stopwatch import Stopwatch

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from rastercov.base.arguments import check_seed
 from rastercov.base.errors import ConfigError
-from rastercov.base.lists import Lists
+from rastercov.base.memory import Lists
 from rastercov.base.typed import check_fields, typed
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.mesh.arrays import frozen

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from rastercov.base.checks import share_meant
 from rastercov.base.errors import ConfigError, MeshError, PoseError
-from rastercov.base.format import plural
+from rastercov.base.format import InOneLine, plural
 from rastercov.base.output import write_bytes
 from rastercov.camera.formats import read_views
 from rastercov.camera.pose import Poses, renumbered
@@ -25,7 +25,7 @@ from rastercov.camera.views import Views
 from rastercov.coverage.area.zone_report import ZONES
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
-from rastercov.mesh.names import Names, listed, quoted
+from rastercov.mesh.groups import Names, listed, quoted
 from rastercov.placement.explain.uncovered import Leftover
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.plan.file import Plan, PlanError
@@ -52,8 +52,8 @@ MOST_GROUPS = 5
 """Number of groups named, those with the most uncovered weight."""
 
 
-@dataclass(frozen=True, eq=False)
-class Checked:
+@dataclass(frozen=True, eq=False, repr=False)
+class Checked(InOneLine):
     """A rig and the status of each requirement.
 
     Attributes
@@ -286,7 +286,7 @@ def seen_by_cameras(plan: Plan, views: Views) -> tuple[Plan, Poses]:
     return plan, Poses.of(views.poses, camera=0)
 
 
-def plain(checked: Checked) -> dict[str, Any]:
+def to_json(checked: Checked) -> dict[str, Any]:
     """The outcome, ready for JSON."""
     network = checked.summary()
     zones = {name: network.pop(name) for name in ZONES if name in network}

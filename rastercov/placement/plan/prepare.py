@@ -25,6 +25,7 @@ from rastercov.camera.formats.doubts import unit_doubts
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.camera.rig import Rig
 from rastercov.cluster import Tally, Workers
+from rastercov.cluster.store import locked
 from rastercov.coverage.area.cells import Cells, cells, usual_size
 from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.coverage import evaluate_batches
@@ -38,7 +39,7 @@ from rastercov.placement.candidates.pool import Candidates
 from rastercov.placement.candidates.segments import Segmentation
 from rastercov.placement.explain.candidate_visibility import CandidateBounds
 from rastercov.placement.matrix import VisibilityMatrix, build_matrix, measure_matrix
-from rastercov.placement.matrix_folder import MatrixFolder
+from rastercov.placement.matrix_folder import MatrixFolder, describe, read_header
 from rastercov.placement.mounts import Mounts
 from rastercov.placement.plan.candidates import (
     CandidatePool,
@@ -59,7 +60,6 @@ from rastercov.placement.select.problem import (
     Problem,
     problem_of,
 )
-from rastercov.placement.shards import describe, locked, read_header
 
 BoolArray = NDArray[np.bool_]
 N_DIAGNOSED = 32
@@ -69,7 +69,7 @@ OF_A_MATRIX = (
     "scene.npz", "poses.npy", "cameras.npy",
     "header.json", "sha256/*.sha256",
 )  # fmt: skip
-"""Files of a visibility matrix, see `shards`, in an order of removal that is safe to interrupt."""
+"""Files of a matrix, see `matrix_folder`, in an order of removal that is safe to interrupt."""
 FALLBACK_SHARE = 0.99
 """Share of the reachable weight to cover where a plan requires more than is reachable."""
 MOST_LISTED_PAIRS = 50_000_000

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.errors import ConfigError
+from rastercov.base.format import InOneLine
 from rastercov.camera.pose import Poses
 from rastercov.cluster import Workers
 from rastercov.coverage.area.network import AreaNetwork
@@ -73,8 +74,8 @@ STRICTER = (0.75, 0.95, 0.999)
 whole never promise too much."""
 
 
-@dataclass(frozen=True, eq=False)
-class Placement:
+@dataclass(frozen=True, eq=False, repr=False)
+class Placement(InOneLine):
     """A network of cameras with its results; those of later steps are None unless done.
 
     Attributes

@@ -12,7 +12,7 @@ import numpy as np
 
 from rastercov.base.errors import MeshError, RastercovError
 from rastercov.mesh import Group, Mesh, shapes
-from rastercov.mesh.names import FileGroups, Names, refuse_twice
+from rastercov.mesh.groups import FileGroups, Names, refuse_twice
 from rastercov.mesh.targets import box_grid, count_for, sheet_above, with_target
 from rastercov.placement.plan.file import Plan, PlanError
 from rastercov.placement.plan.sections import (

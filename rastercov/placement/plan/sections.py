@@ -33,8 +33,8 @@ from pydantic import (
     model_validator,
 )
 
+from rastercov.base.arguments import Reads, annotations_of, documented, reader_of
 from rastercov.base.errors import CameraError, RastercovError
-from rastercov.base.limits import Reads, annotations_of, documented, reader_of
 from rastercov.camera.camera import Camera
 from rastercov.camera.camera_file import PRESETS, check_optics
 from rastercov.camera.formats import read_views

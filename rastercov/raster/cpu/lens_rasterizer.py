@@ -25,9 +25,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.arguments import flag
-from rastercov.base.closing import Closing
 from rastercov.base.errors import ConfigError, DeviceError
-from rastercov.base.threads import ScratchPool, share_poses, thread_count
+from rastercov.base.threads import Closing, ScratchPool, share_poses, thread_count
 from rastercov.camera.camera import Camera
 from rastercov.camera.near_plane import limits, picture_limits
 from rastercov.camera.pose import Poses as AcceptedPoses

@@ -25,8 +25,8 @@ from typing import Any, cast
 
 import moderngl
 
-from rastercov.base.closing import Unique
 from rastercov.base.errors import DeviceError
+from rastercov.base.threads import Unique
 from rastercov.raster.gl import devices
 from rastercov.raster.gl.devices import DeviceInfo
 from rastercov.raster.gl.libraries import (

@@ -20,8 +20,8 @@ import numpy as np
 
 import rastercov
 from rastercov import shaders
-from rastercov.base.child import child_environment
 from rastercov.base.errors import DeviceError, RastercovError
+from rastercov.base.threads import child_environment
 from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import sphere_of_poses
 from rastercov.mesh import shapes

@@ -22,8 +22,8 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov import shaders
 from rastercov.base.arguments import check_choice, flag
 from rastercov.base.checks import shown
-from rastercov.base.closing import Closing
 from rastercov.base.errors import ConfigError, DeviceError
+from rastercov.base.threads import Closing
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import valid_poses
 from rastercov.mesh import Mesh

@@ -12,8 +12,8 @@ export function topBar(session, { summary, help }) {
   const show = (state) => {
     undo.disabled = !state.can_undo;
     redo.disabled = !state.can_redo;
-    undo.title = state.can_undo ? `undo: ${state.undo_words} (Ctrl+Z)` : "nothing to undo";
-    redo.title = state.can_redo ? `redo: ${state.redo_words} (Ctrl+Shift+Z)` : "nothing to redo";
+    undo.title = state.can_undo ? `undo: ${state.undo_label} (Ctrl+Z)` : "nothing to undo";
+    redo.title = state.can_redo ? `redo: ${state.redo_label} (Ctrl+Shift+Z)` : "nothing to redo";
     unsaved.textContent = state.is_saved === false ? "●" : "";
   };
   session.on("state", show);

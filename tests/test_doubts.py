@@ -6,9 +6,9 @@ import pytest
 import rastercov as rc
 from rastercov.camera.lenses.of_camera import lens_of
 from rastercov.camera.viewpoints import sphere_of_poses
+from rastercov.coverage.doubts import dead_pixels, doubts
 from rastercov.coverage.network import Network
 from rastercov.mesh import Mesh, shapes
-from rastercov.report.doubts import dead_pixels, doubts
 
 CAMERA = rc.Camera(width=200, height=200, fx=200, fy=200)
 FOCUSED = rc.Camera(width=200, height=200, fx=200, fy=200, focus_range=(0.1, 0.5))

@@ -18,6 +18,8 @@ from rastercov.camera.projection import to_camera, to_image
 from rastercov.camera.rig import Cameras, cameras_of, names_of
 from rastercov.coverage.network import Network
 
+FloatArray = NDArray[np.float64]
+
 LEAST_UNSEEN_SHARE = 0.5
 """Share of the area with coverage 0 in every camera above which its sides are looked at."""
 LEAST_SHARE_FROM_BEHIND = 0.8
@@ -26,6 +28,8 @@ LEAST_DEAD_SHARE, WIDE = 0.01, math.radians(80)
 """Share of an image without rays above which there is a line; a lens that sees that far from its
 axis is a fisheye, whose image may be a disc, and has a line above `MOST_DEAD_SHARE` alone."""
 MOST_DEAD_SHARE = 0.9
+MARGIN = 1e-4
+"""Distance from a point, in diagonals of the mesh, up to which a surface hides nothing."""
 MOST_FACES, MOST_POSES = 2000, 16
 """Faces and cameras whose lines of sight are traced, spread evenly: about 0.1 s."""
 

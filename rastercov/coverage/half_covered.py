@@ -5,7 +5,6 @@ A sample of points on the faces that are not covered as a whole is judged point 
 """
 
 from dataclasses import fields, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,10 +19,6 @@ from rastercov.coverage.engine import Engine
 from rastercov.coverage.network import Network
 from rastercov.coverage.task import Reason, Task
 from rastercov.mesh import Mesh
-
-if TYPE_CHECKING:
-    from rastercov.placement.plan.file import Plan
-    from rastercov.placement.plan.network import Measured
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -59,14 +54,6 @@ def half_covered(
         f"about {percent(round(share, 2))} of the area is covered point by point, but in faces "
         "that are not covered as a whole: use --by area" + (f" ({obstacle})" if obstacle else "")
     ]
-
-
-def half_covered_lines(plan: "Plan", cameras: "Measured") -> list[str]:
-    """The same line for the network of a plan, in the words of plan files; none by area."""
-    if cameras.areas is not None:
-        return []
-    lines = half_covered(cameras.network, plan.rig, cameras.placed, plan.task.method)
-    return [line.replace("--by area", 'by = "area" in [task]') for line in lines]
 
 
 def share_in_parts(network: Network, camera: Cameras, poses: ArrayLike | Poses) -> float:

@@ -1,0 +1,251 @@
+"""Folder of shards: numbered files, each made from some consecutive poses.
+
+Every file has a checksum, and appears under its name only when it is whole. The checksums are in
+`sha256/`, in the format of `sha256sum -c`. A checksum is computed from the bytes that are then
+decoded, so that no decoder reads damaged ones. It is written before its file: a run killed between
+the two leaves a missing file, or one that is made again. Poses that kill the process which makes
+their shard are left out of it; `quarantine/` has a note for each such shard.
+"""
+
+import fcntl
+import hashlib
+import json
+import os
+import secrets
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from importlib.metadata import version as version_of
+from pathlib import Path
+
+from rastercov.base.errors import ConfigError
+from rastercov.base.output import named
+
+SUMS, QUARANTINE = "sha256", "quarantine"
+"""Folders of the checksums of all files, and of the notes on poses that were left out."""
+Note = Callable[[str], None]
+
+
+class DamagedError(ConfigError):
+    """A file of a folder has changed since it was written; the message names file and reason."""
+
+    def __init__(self, path: Path, why: str) -> None:
+        super().__init__(f"{path}: damaged, {why}")
+
+
+def contents(folder: Path, name: str) -> bytes | None:
+    """Bytes of a file, None where it is missing.
+
+    Raises
+    ------
+    DamagedError
+        When they cannot be read, or do not match the checksum.
+    """
+    try:
+        data = (folder / name).read_bytes()
+    except FileNotFoundError:
+        return None
+    except OSError as error:
+        raise DamagedError(folder / name, f"it cannot be read ({error.strerror})") from None
+    try:
+        is_whole = sum_file(folder, name).read_bytes() == _sum_line(name, data)
+    except OSError:
+        raise DamagedError(folder / name, "its checksum is missing") from None
+    if not is_whole:
+        raise DamagedError(folder / name, "its checksum is not the one recorded")
+    return data
+
+
+def store(folder: Path, name: str, data: bytes | memoryview) -> None:
+    """Write a file, and its checksum before it."""
+    _write(sum_file(folder, name), _sum_line(name, data))
+    _write(folder / name, data)
+
+
+def renew(folder: Path, name: str, data: bytes) -> None:
+    """Write a file unless it is there with this content."""
+    try:
+        if contents(folder, name) == data:
+            return
+    except DamagedError:
+        pass
+    store(folder, name, data)
+
+
+def discard(folder: Path, name: str) -> None:
+    """Remove a file and its checksum; again it does nothing."""
+    (folder / name).unlink(missing_ok=True)
+    sum_file(folder, name).unlink(missing_ok=True)
+
+
+def sum_file(folder: Path, name: str) -> Path:
+    """File with the checksum of a file."""
+    return folder / SUMS / f"{Path(name).name}.sha256"
+
+
+def _sum_line(name: str, data: bytes | memoryview) -> bytes:
+    """Line of `sha256sum` for a file, relative to the folder."""
+    return f"{hashlib.sha256(data).hexdigest()}  {name}\n".encode()
+
+
+def _write(path: Path, data: bytes | memoryview) -> None:
+    """Write a file atomically: it appears under its name when it is complete and on the disk."""
+    part = path.with_name(f".{secrets.token_hex(6)}.part")
+    with named(path):
+        path.parent.mkdir(exist_ok=True)
+        try:
+            with part.open("wb") as file:
+                file.write(data)
+                file.flush()
+                os.fsync(file.fileno())
+            os.replace(part, path)  # noqa: PTH105 - the atomic one by name
+        finally:
+            part.unlink(missing_ok=True)
+        folder = os.open(path.parent, os.O_RDONLY)
+        try:
+            os.fsync(folder)  # makes the new name durable
+        finally:
+            os.close(folder)
+
+
+@contextmanager
+def locked(folder: Path) -> Iterator[Path]:
+    """Lock a folder for this process, and make it when it is missing; a kill leaves no lock.
+
+    Files that a run which was killed left half written are removed.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        descriptor = os.open(folder, os.O_RDONLY)
+    except OSError as error:
+        raise ConfigError(f"{folder}: the folder cannot be made ({error.strerror})") from None
+    try:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise ConfigError(
+                f"{folder}: another process is writing to this folder; wait or name another"
+            ) from None
+        except OSError:
+            pass  # a file system without locks
+        for left in (*folder.glob(".*.part"), *folder.glob("*/.*.part")):
+            left.unlink()
+        yield folder
+    finally:
+        os.close(descriptor)
+
+
+def remove(folder: Path, names: Sequence[str]) -> None:
+    """Remove files of these names, which may have wildcards, and their folders that are empty."""
+    for name in names:
+        for path in folder.glob(name):
+            path.unlink()
+    for path in sorted({(folder / name).parent for name in names}, reverse=True):
+        if path.is_dir() and not any(path.iterdir()):
+            path.rmdir()
+
+
+@dataclass(frozen=True)
+class ShardStore:
+    """Shards of a folder, whose other files have what they depend on.
+
+    Attributes
+    ----------
+    folder : Path
+        The same for all workers.
+    pattern : str
+        Name of the file of a shard, with braces for its number.
+    n_poses, poses_a_shard : int
+    function : str
+        As "module:function", by which a worker makes the content of a shard:
+
+            function(folder: Path, number: int | None, poses: (K,) int64) -> bytes
+
+        Poses are numbers of poses. Without a number they are only tried out.
+    version : str
+        Version of rastercov that the shards are made with.
+    """
+
+    folder: Path
+    pattern: str
+    n_poses: int
+    poses_a_shard: int
+    function: str
+    version: str = version_of("rastercov")
+
+    def __len__(self) -> int:
+        """Number of shards, at least one."""
+        return max(1, -(-self.n_poses // self.poses_a_shard))
+
+    def rows(self, number: int) -> slice:
+        """Poses of a shard."""
+        start = number * self.poses_a_shard
+        return slice(start, min(start + self.poses_a_shard, self.n_poses))
+
+    def name(self, number: int) -> str:
+        """Name of a shard in the folder."""
+        return self.pattern.format(str(number).zfill(max(5, len(str(len(self) - 1)))))
+
+    def missing(self) -> dict[int, int]:
+        """Number of poses of each shard that is not there."""
+        numbers = [n for n in range(len(self)) if not (self.folder / self.name(n)).exists()]
+        return {number: self.rows(number).stop - self.rows(number).start for number in numbers}
+
+    def read(self, number: int) -> bytes | None:
+        """Bytes of a shard, None where it is missing; errors as of `contents`."""
+        return contents(self.folder, self.name(number))
+
+    def write(self, number: int, data: bytes | memoryview) -> None:
+        """Write a shard."""
+        store(self.folder, self.name(number), data)
+
+    def mend(self, note: Note, check: Callable[[int], object]) -> None:
+        """Remove damaged shards, and those whose note on poses left out is damaged.
+
+        `check` reads a shard by its number, such as `read`, or raises `DamagedError`; it is called
+        with all that are there. `note` is called with a line on each that is removed.
+        """
+        missing = self.missing()
+        for number in range(len(self)):
+            try:
+                self.left_out(number)
+                if number not in missing:
+                    check(number)
+            except DamagedError as error:
+                note(f"{error}; its poses are measured again")
+                self.note(number, {})
+                discard(self.folder, self.name(number))
+
+    def note(self, number: int, left_out: dict[int, str]) -> None:
+        """Note the poses that a shard is without, by their number in it, and why; none of none."""
+        if left_out:
+            store(self.folder, _note(number), (json.dumps(left_out, indent=2) + "\n").encode())
+        else:
+            discard(self.folder, _note(number))
+
+    def left_out(self, number: int) -> dict[int, str]:
+        """Poses left out of a shard, by their number within it, and why.
+
+        Raises
+        ------
+        DamagedError
+            Where the note on them has changed, or was removed and its checksum was not.
+        """
+        name = _note(number)
+        data = contents(self.folder, name)
+        if data is None and sum_file(self.folder, name).exists():
+            raise DamagedError(self.folder / name, "it is missing")
+        entries = {} if data is None else json.loads(data)
+        return {int(pose): str(why) for pose, why in entries.items()}
+
+    def quarantined(self) -> dict[int, str]:
+        """Poses that all shards are without, and why; errors as of `left_out`."""
+        return {
+            self.rows(number).start + pose: why
+            for number in range(len(self))
+            for pose, why in self.left_out(number).items()
+        }
+
+
+def _note(number: int) -> str:
+    return f"{QUARANTINE}/shard-{number}.json"

@@ -1,0 +1,127 @@
+"""Result of `evaluate`: figures of all cameras together, and of each pair of pose and face."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov.base.errors import ConfigError
+from rastercov.camera.pose import Poses
+from rastercov.camera.rig import cameras_of
+from rastercov.coverage.area.by_camera import ByCamera
+from rastercov.coverage.area.network import AreaNetwork
+from rastercov.coverage.area.union import Covered
+from rastercov.coverage.coverage import Coverage
+from rastercov.coverage.doubts import dead_pixels, doubts
+from rastercov.coverage.engine import Engine
+from rastercov.coverage.half_covered import half_covered
+from rastercov.coverage.network import Network
+from rastercov.coverage.provenance import Provenance
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class Evaluation(Coverage):
+    """Result of `evaluate`: figures of pairs of pose and face, and of all cameras together.
+
+    Attributes
+    ----------
+    poses : Poses
+        Those that were measured: all of them, unless the run was interrupted.
+    engine : Engine
+        Method and device.
+    provenance : Provenance
+        Inputs, options and versions.
+    by_face_because : str
+        Reason of a result by face that was not asked for.
+    areas : AreaNetwork or None
+        Covered area, where the result is by area; see `covered`.
+    apart : ByCamera
+        Figures of each of several cameras alone.
+    kept : dict
+        Coverage (F,) float64 of the poses to keep, by their ids.
+    pairs : str
+        Pairs of pose and face that went to a table, `n_rows` of them.
+    is_kept : bool
+        True where shards of the run are left in a folder.
+    quarantined : dict of int to str
+        Poses that were left out because they kill their process.
+    seconds : float
+        Time that measuring took, without that of compiling loops.
+    interrupted : bool
+        True where poses are missing because the run was interrupted.
+    """
+
+    poses: Poses
+    engine: Engine
+    provenance: Provenance
+    by_face_because: str
+    areas: AreaNetwork | None
+    apart: ByCamera
+    kept: Mapping[int, FloatArray]
+    pairs: str
+    n_rows: int
+    is_kept: bool
+    quarantined: Mapping[int, str]
+    seconds: float
+    interrupted: bool
+
+    @cached_property
+    def network(self) -> Network:
+        """Coverage of each face by all cameras together."""
+        network = Network(self.mesh, self.task)
+        network.add(self)
+        self.apart.add_figures(self, self.poses)
+        return network
+
+    @property
+    def by(self) -> str:
+        """Unit of the result: "area" or "face"."""
+        return "face" if self.areas is None else "area"
+
+    @property
+    def covered(self) -> Covered:
+        """Exact area of each face that 1 to k cameras cover; ConfigError by face."""
+        if self.areas is None:
+            raise ConfigError('this evaluation is by face; give by="area" for covered areas')
+        return self.areas.covered
+
+    def summary(self) -> dict[str, Any]:
+        """Content of `summary.json`: figures of the network and of each pose, doubts, inputs."""
+        network, placed = self.network, self.poses
+        found = network.summary() | {"by": self.by, "by_face_because": self.by_face_because}
+        said = doubts(network, self.camera, placed)
+        if self.areas is None:
+            said += half_covered(network, self.camera, placed, self.engine.method)
+        else:
+            self.areas.add_to(found)
+            found |= self.areas.dead_zones(self.camera, placed)
+        per_pose = [
+            {"pose": pose, "covered_faces": covered, "mean_coverage": mean}
+            for pose, covered, mean in zip(
+                network.pose_ids, network.covered_faces, network.mean_coverage, strict=True
+            )
+        ]
+        found |= {
+            "interrupted": self.interrupted,
+            "table": {"pairs": self.pairs, "rows": self.n_rows},
+            "quarantined": {str(pose): end for pose, end in self.quarantined.items()},
+            "skipped_poses": {str(row): text for row, text in placed.rejected.items()},
+            "seconds": self.seconds,
+            "poses_per_second": len(placed) / self.seconds if len(placed) else 0.0,
+            "run": self.provenance.as_dict(),
+            "size_m": np.ptp(self.mesh.bounds, axis=0).tolist(),
+            "warnings": list(self.mesh.warnings),
+            "dead_pixels": dead_pixels(self.camera),
+            "doubts": said,
+            "per_pose": per_pose,
+        }
+        if len(cameras_of(self.camera)) > 1:
+            found["by_camera"] = self.apart.summary()
+            for entry, index in zip(per_pose, placed.camera.tolist(), strict=True):
+                entry["camera"] = self.apart.names[index]
+        return found

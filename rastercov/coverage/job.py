@@ -1,0 +1,285 @@
+"""The job of `evaluate`: poses are measured batch by batch and added up, without a file or picture.
+
+`measure` does it for `rastercov.evaluate`, which keeps the figures of every pair of pose and face,
+and for the command, which writes chosen pairs to a table while it runs.
+"""
+
+import logging
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rastercov.base.errors import ResourceError
+from rastercov.base.interrupts import interrupts_held
+from rastercov.camera.pose import Poses
+from rastercov.camera.rig import Cameras, check_scene
+from rastercov.cluster import Made, Workers
+from rastercov.coverage.area.by_camera import ByCamera
+from rastercov.coverage.area.network import AreaNetwork, unit_of_result
+from rastercov.coverage.area.regions import Regions
+from rastercov.coverage.coverage import (
+    FIGURES,
+    arrays_for,
+    checked_fields,
+    checked_task,
+    measurements,
+)
+from rastercov.coverage.engine import settled
+from rastercov.coverage.evaluation import Evaluation
+from rastercov.coverage.face_pass import CoveragePass
+from rastercov.coverage.judged_poses import SUMMED, JudgedPoses
+from rastercov.coverage.network import Network
+from rastercov.coverage.observer import open_observer
+from rastercov.coverage.provenance import Provenance
+from rastercov.coverage.shards import (
+    UNFINISHED,
+    EvaluationShards,
+    Part,
+    Source,
+    Wanted,
+    is_long,
+    open_for,
+)
+from rastercov.coverage.task import Task
+from rastercov.kernels.stopwatch import Stopwatch
+from rastercov.mesh import Mesh
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+LOG = logging.getLogger("rastercov")
+EVALUATE_BUDGET = 4 << 30
+"""Bytes of figures that `evaluate` may return; longer runs go through `evaluate_batches`."""
+
+
+@dataclass(frozen=True)
+class Staff:
+    """Processes that measure, and the functions that they report to.
+
+    Attributes
+    ----------
+    workers : Workers, optional
+        Processes that measure; this one unless given.
+    progress : callable
+        Called with the poses done and the poses in all.
+    watch : callable
+        Called with each shard that a worker made.
+    note : callable
+        Called with a line on what went wrong and was mended; logs it as a warning unless given.
+    """
+
+    workers: Workers | None = None
+    progress: Callable[[int, int], None] = lambda done, total: None
+    watch: Callable[[Made], None] = lambda made: None
+    note: Callable[[str], None] = LOG.warning
+
+
+ALONE = Staff()
+"""This process, without reports."""
+
+
+def evaluate(
+    mesh: Mesh,
+    camera: Cameras,
+    poses: ArrayLike,
+    task: Task | None = None,
+    *,
+    by: str | None = "face",
+    method: str = "certified",
+    backend: str = "auto",
+    supersample: int = 1,
+    skip_bad_poses: bool = False,
+    fields: Sequence[str] | None = None,
+    **options: Any,
+) -> Evaluation:
+    """Coverage of each face in each pose, and by all of them: what the command `evaluate` finds.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        What is looked at.
+    camera : Camera, Rig or sequence of Camera
+        What looks; where there are several, `Poses.camera` says which of them is in each pose.
+    poses : (P, 4, 4) array_like, or Poses
+        world_from_camera.
+    task : Task, optional
+        Thresholds; `Task()` unless given.
+    by : {"face", "area"}, optional
+        Unit of the result: whole faces as in the thesis, or exact area, with the unions and dead
+        zones of docs/area.md. None is the choice of the command: area, unless a threshold is of a
+        face or the method counts samples.
+    method, backend, supersample, **options
+        How visibility is found; as for `open_observer`.
+    skip_bad_poses : bool
+        Leave out poses that are no rigid motion instead of raising; see `Coverage.pose_ids`.
+    fields : sequence of str, optional
+        Names of the (P, F) arrays to keep, such as ("coverage", "reason"); all unless given, and
+        none for (). Any other array of the result raises `ConfigError` when it is read.
+
+    Raises
+    ------
+    ConfigError
+        For a field that does not exist, and by area where that cannot be.
+    PoseError
+        For a pose that is no rigid motion.
+    ResourceError
+        When the arrays would exceed `EVALUATE_BUDGET`; use `evaluate_batches`.
+    """
+    check_scene(mesh, camera)
+    accepted, names = Poses.of(poses, skip_bad=skip_bad_poses), checked_fields(fields)
+    task = checked_task(task)
+    engine, _ = settled(method, backend, supersample, options)
+    unit, reason = unit_of_result(by, task, engine)
+    size = sum(np.dtype(FIGURES[name]).itemsize for name in names) * len(accepted) * mesh.n_faces
+    if size > EVALUATE_BUDGET:
+        raise ResourceError(
+            f"{len(accepted)} poses x {mesh.n_faces} faces would take {size / 2**30:.1f} GiB; "
+            "use evaluate_batches, which holds a few poses at a time"
+        )
+    wanted = Wanted(engine, unit == "area")
+    if wanted.by_area:
+        observer = open_for(mesh, camera, task, wanted)
+    else:
+        observer = open_observer(
+            mesh, camera, method, backend=backend, supersample=supersample, **options
+        )
+    given = {"by": by, "method": str(method), "device": backend, "supersample": supersample}
+    with observer:
+        found = measure(
+            observer, accepted, task, wanted, fields=names, reason=reason, options=given
+        )
+    if found.interrupted:
+        raise KeyboardInterrupt
+    return found
+
+
+def measure(
+    observer: Any,
+    poses: Poses,
+    task: Task,
+    wanted: Wanted,
+    *,
+    fields: Sequence[str] = (),
+    reason: str = "",
+    options: Mapping[str, Any] | None = None,
+    open_table: Callable[[Mapping[str, Any]], Any] | None = None,
+    folder: Path | None = None,
+    staff: Staff = ALONE,
+) -> Evaluation:
+    """Measure all poses and add them up.
+
+    An interrupt ends the run after the current batch; what was finished is the result. A batch
+    counts everywhere or nowhere; before the first is done, the interrupt is raised.
+
+    Parameters
+    ----------
+    observer : Observer
+        Open, of `open_for`.
+    poses, task, wanted
+        The engine is that of the observer; `wanted.apart` is decided here.
+    fields : sequence of str
+        Figures to keep of all pairs of pose and face, of `FIGURES`.
+    reason : str
+        Reason of a result by face that was not asked for.
+    options : mapping, optional
+        Options of the run, for its provenance.
+    open_table : callable, optional
+        Opens a table of the wanted pairs, such as a `CoverageTable`, from a `Provenance` as
+        entries.
+    folder : Path, optional
+        Folder for the shards of a long run, and of one by workers, without fields; they stay there.
+    staff : Staff
+        Processes that measure.
+    """
+    mesh, camera = observer.mesh, observer.camera
+    provenance = Provenance(mesh, camera, poses.given, task, options, observer.info)
+    network, areas = Network(mesh, task), AreaNetwork(mesh, task) if wanted.by_area else None
+    apart = ByCamera(mesh, task, camera, poses, by_area=wanted.by_area)
+    wanted = replace(wanted, apart=apart.is_asked)
+    whole = arrays_for(fields, (len(poses), mesh.n_faces))
+    judge = CoveragePass(observer, task) if whole else None
+    is_summed = not SUMMED.keys() <= set(fields)  # otherwise they are added up when it is asked for
+    shards = None
+    if folder is not None and (staff.workers or is_long(len(poses), mesh.n_faces)):
+        shards = EvaluationShards(folder / UNFINISHED, observer, poses, task, wanted)
+    done, n_rows, interrupted, table = 0, 0, False, None
+    ids, clipped = [poses.ids[:0]], [np.zeros(0, np.bool_)]
+    kept: dict[int, FloatArray] = {}
+    compiled: dict[str, float] = defaultdict(float)  # seconds of each worker
+
+    def watch(made: Made) -> None:
+        compiled[made.worker] += made.compiled_s
+        staff.watch(made)
+
+    with ExitStack() as opened:
+        if open_table is not None:
+            table = opened.enter_context(open_table(provenance.as_dict()))
+        clock = Stopwatch()
+        nothing: Any = ()  # no rows and no sums
+        parts: Iterator[Part] = (
+            (JudgedPoses(part, seen.clipped, nothing, {}, seen, []), getattr(seen, "regions", None))
+            for part, seen in measurements(observer, poses)
+        )
+        if is_summed:
+            source = Source(network, observer, poses, wanted, shards)
+            parts = source.parts(staff.progress, staff.workers, watch, staff.note)
+        try:
+            for batch, found in parts:
+                with interrupts_held():
+                    if judge is not None and batch.measured is not None:
+                        rows = slice(done, done + len(batch.poses))
+                        figures = {name: array[rows] for name, array in whole.items()}
+                        judge.fill(batch.measured, batch.poses, figures)
+                    if table is not None:
+                        table.add(batch.rows, None if found is None else _of_rows(batch, found))
+                        n_rows += len(batch.rows.pose)
+                    if is_summed:
+                        network.add(batch)
+                    apart.add(batch, found)
+                    if areas is not None and found is not None:
+                        areas.add(found)
+                        # The table has the area of every pair, also of faces that need no more.
+                        # Shards do not depend on one another.
+                        if table is None and shards is None:
+                            observer.closed = apart.closed(areas.closed)
+                    kept |= batch.kept
+                    ids.append(batch.pose_ids)
+                    clipped.append(batch.clipped)
+                    done += len(batch.poses)
+        except KeyboardInterrupt:
+            if not done:
+                raise
+            interrupted = True
+        try:
+            with interrupts_held():
+                opened.close()
+        except KeyboardInterrupt:
+            interrupted = True
+        seconds = clock.seconds - max(compiled.values(), default=0.0)
+    measured = poses[np.isin(poses.ids, np.concatenate(ids))]
+    evaluation = Evaluation(
+        mesh, camera, task, observer.info, measured.ids, np.concatenate(clipped),
+        **(dict.fromkeys(FIGURES) | {name: array[:done] for name, array in whole.items()}),
+        eyes=measured.world_from_camera[:, :3, 3],
+        poses=replace(measured, rejected=poses.rejected),
+        engine=wanted.engine, provenance=provenance, by_face_because=reason, areas=areas,
+        apart=apart, kept=kept, pairs=wanted.pairs, n_rows=n_rows,
+        is_kept=shards is not None, quarantined={} if shards is None else shards.quarantined,
+        seconds=seconds, interrupted=interrupted,
+    )  # fmt: skip
+    if is_summed:
+        vars(evaluation)["network"] = network
+    return evaluation
+
+
+def _of_rows(batch: JudgedPoses, found: Regions) -> NDArray[np.float32]:
+    """(R,) covered area of the pairs of a batch, m^2."""
+    dense = np.zeros((len(found.pose_ids), found.mesh.n_faces), np.float32)
+    dense[found.pair_pose, found.pair_face] = found.area
+    row = np.searchsorted(found.pose_ids, batch.rows.pose)
+    return dense[row, batch.rows.face]
