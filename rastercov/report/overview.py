@@ -21,12 +21,14 @@ from rastercov.camera.models import MODELS
 from rastercov.camera.pose import Poses
 from rastercov.camera.projection import to_camera, view_border
 from rastercov.camera.rig import Cameras, cameras_of
-from rastercov.coverage.area.points import covering_poses
+from rastercov.coverage.area.points import covering_poses, views_at
 from rastercov.coverage.area.regions import Regions
+from rastercov.coverage.area.union import Covered
 from rastercov.coverage.network import Network
 from rastercov.mesh import Mesh
 from rastercov.report import theme
 from rastercov.report.images import Font, Key, draw_scale_bar, font_for, framed, write_labels
+from rastercov.report.modes import mode_picture
 from rastercov.report.panorama import (
     DIRECTIONS,
     FINE,
@@ -38,6 +40,7 @@ from rastercov.report.panorama import (
     FaceImage,
     FloorPlan,
     Line,
+    OwnColours,
     Scene,
     View,
     beside,
@@ -55,6 +58,7 @@ from rastercov.report.panorama import (
     scene_keys,
     smooth,
     task_points,
+    two_sides,
 )
 from rastercov.report.theme import Colour, Pixels
 
@@ -396,3 +400,30 @@ def _density(
     with np.errstate(divide="ignore", invalid="ignore"):
         found: FloatArray = np.nan_to_num(np.abs(heights)[face] / depth**3)
     return found
+
+
+def best_picture(mesh: Mesh, best: ArrayLike, eyes: ArrayLike = ()) -> Image.Image:
+    """The part coloured by the best coverage of any camera, red where it is 0."""
+    zero = theme.colour_rows(mesh, best) == theme.ZERO_ROW
+    return mode_picture("coverage", mesh, best, eyes, through=zero)
+
+
+def views_picture(covered: Covered, eyes: ArrayLike = ()) -> Image.Image:
+    """The part coloured by the number of cameras that cover each point, up to the required one."""
+    mesh, views = covered.mesh, len(covered.area)
+    levels = theme.coverage_colours()[theme.level_rows(np.arange(views + 1) / views)]
+    words = ["covered by none", *(f"by {n}" for n in range(1, views + 1))]
+    words[-1] += " or more"
+
+    def colours(scene: Scene) -> OwnColours:
+        def own(face: FaceImage) -> Pixels:
+            is_task = np.append(mesh.task_mask, False)[face]
+            faces, points, pixel = scene.points(np.where(is_task, face, np.int32(-1)))
+            found = np.zeros((*face.shape, 3), np.uint8)
+            found[pixel] = levels[views_at(covered, faces, points)]
+            return found
+
+        return own
+
+    keys = [Key.of(text, colour) for text, colour in zip(words, levels, strict=True)]
+    return two_sides(mesh, colours, "Cameras that cover each point of the surface", keys, eyes=eyes)

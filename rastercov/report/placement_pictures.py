@@ -18,29 +18,28 @@ from rastercov.base.errors import ConfigError
 from rastercov.base.format import percent, plural
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, cameras_of, names_of
-from rastercov.coverage.area.points import views_at
 from rastercov.coverage.area.regions import Regions
-from rastercov.coverage.area.union import Covered, unite
+from rastercov.coverage.area.union import unite
 from rastercov.coverage.area.zones import DeadZones
 from rastercov.coverage.network import Network, share_of_faces
 from rastercov.coverage.reasons import reason_rows
 from rastercov.mesh import Mesh
 from rastercov.placement.select.problem import BestCoverage, FewestCameras, Goal
-from rastercov.report import theme
 from rastercov.report.camera_pictures import MANY, SIDE, SMALL, camera_picture, of_pose
 from rastercov.report.html import Picture
-from rastercov.report.images import Key
 from rastercov.report.modes import mode_picture
 from rastercov.report.overview import (
     CameraColours,
     best_covering,
+    best_picture,
     camera_colours,
     network_picture,
     overview_picture,
+    views_picture,
 )
-from rastercov.report.panorama import FaceImage, OwnColours, Scene, best_directions, two_sides
+from rastercov.report.panorama import best_directions
 from rastercov.report.plots import Axis, Curve, bar_plot, line_plot, picture_of
-from rastercov.report.theme import DARK, LIGHT, Pixels, Theme
+from rastercov.report.theme import DARK, LIGHT, Theme
 from rastercov.report.zone_pictures import zones_picture
 
 if TYPE_CHECKING:
@@ -252,12 +251,6 @@ def segments_picture(mesh: Mesh, segmentation: "Segmentation") -> Image.Image:
     return mode_picture("segments", mesh, segmentation.labels, title=title)
 
 
-def best_picture(mesh: Mesh, best: ArrayLike, eyes: ArrayLike = ()) -> Image.Image:
-    """The part coloured by the best coverage of any camera, red where it is 0."""
-    zero = theme.colour_rows(mesh, best) == theme.ZERO_ROW
-    return mode_picture("coverage", mesh, best, eyes, through=zero)
-
-
 def leftover_picture(leftover: "Leftover", eyes: ArrayLike = ()) -> Image.Image:
     """Faces that no camera covers, by reason, from the directions that show most of them."""
     mesh, left = leftover.mesh, leftover.left
@@ -268,27 +261,6 @@ def leftover_picture(leftover: "Leftover", eyes: ArrayLike = ()) -> Image.Image:
         f"{percent(share['area_percent'] / 100)} of the area",
         directions=best_directions(mesh, left, eyes=eyes), through=left,
     )  # fmt: skip
-
-
-def views_picture(covered: Covered, eyes: ArrayLike = ()) -> Image.Image:
-    """The part coloured by the number of cameras that cover each point, up to the required one."""
-    mesh, views = covered.mesh, len(covered.area)
-    levels = theme.coverage_colours()[theme.level_rows(np.arange(views + 1) / views)]
-    words = ["covered by none", *(f"by {n}" for n in range(1, views + 1))]
-    words[-1] += " or more"
-
-    def colours(scene: Scene) -> OwnColours:
-        def own(face: FaceImage) -> Pixels:
-            is_task = np.append(mesh.task_mask, False)[face]
-            faces, points, pixel = scene.points(np.where(is_task, face, np.int32(-1)))
-            found = np.zeros((*face.shape, 3), np.uint8)
-            found[pixel] = levels[views_at(covered, faces, points)]
-            return found
-
-        return own
-
-    keys = [Key.of(text, colour) for text, colour in zip(words, levels, strict=True)]
-    return two_sides(mesh, colours, "Cameras that cover each point of the surface", keys, eyes=eyes)
 
 
 def group_bars(

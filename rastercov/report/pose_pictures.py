@@ -33,8 +33,13 @@ from rastercov.report.images import (
     save_picture,
     targets_in_view,
 )
-from rastercov.report.overview import best_covering, camera_colours, overview_picture
-from rastercov.report.placement_pictures import best_picture, views_picture
+from rastercov.report.overview import (
+    best_covering,
+    best_picture,
+    camera_colours,
+    overview_picture,
+    views_picture,
+)
 from rastercov.report.theme import Pixels
 from rastercov.report.zone_pictures import zones_picture
 

@@ -30,9 +30,9 @@ from rastercov.placement.improve.tolerance import InstallationError, tolerance
 from rastercov.placement.matrix import build_matrix
 from rastercov.placement.select.greedy import select_greedy
 from rastercov.placement.select.problem import BestCoverage, FewestCameras, problem_of
+from rastercov.report import overview, plots, theme
 from rastercov.report import placement as page_module
 from rastercov.report import placement_pictures as pictures
-from rastercov.report import plots, theme
 from rastercov.report.overview import camera_colours, network_picture
 from rastercov.report.panorama import DIRECTIONS, best_directions, look, paint, place_in_image
 from rastercov.report.placement import page, write_page
@@ -470,13 +470,13 @@ assert "matplotlib.pyplot" not in sys.modules
 @pytest.mark.slow
 def test_coverage_is_red_where_it_is_nothing():
     mesh = shapes.box()
-    nothing = pixels_of(pictures.best_picture(mesh, np.zeros(12)))[60:600]
-    full = pixels_of(pictures.best_picture(mesh, np.ones(12)))[60:600]
+    nothing = pixels_of(overview.best_picture(mesh, np.zeros(12)))[60:600]
+    full = pixels_of(overview.best_picture(mesh, np.ones(12)))[60:600]
     assert share_of_hue(nothing, (232, 33, 45)) > 0.2
     assert share_of_hue(full, (232, 33, 45)) == 0
     assert share_of_hue(full, (253, 231, 37)) > 0.2
     with pytest.raises(ConfigError, match="shape"):
-        pictures.best_picture(mesh, np.zeros(3))
+        overview.best_picture(mesh, np.zeros(3))
 
 
 @pytest.mark.usefixtures("without_pictures")
