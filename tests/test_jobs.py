@@ -102,12 +102,8 @@ def test_evaluate_is_the_command(placed, by, fields, folder):
     assert files() == {"part.obj"}
     written = as_stored(run(mesh, camera, poses, task, folder / "out", Options(by=by, pictures=0)))
     summary = as_stored(found.summary())
-    for each in (written, summary):
-        assert each["by"] == by
-        for name in ("seconds", "poses_per_second", "table"):
-            each.pop(name)
-        each["run"].pop("options")
-    assert list(differences(written, summary)) == []
+    assert written["by"] == summary["by"] == by
+    assert list(differences(*map(without_run_times, (written, summary)))) == []
     coverage = rc.evaluate(mesh, camera, poses, task)
     for name in FIGURES if fields is None else fields:
         np.testing.assert_array_equal(getattr(found, name), getattr(coverage, name))
@@ -117,6 +113,31 @@ def test_evaluate_is_the_command(placed, by, fields, folder):
     else:
         with pytest.raises(rc.ConfigError, match='give by="area" for covered areas'):
             _ = found.covered
+
+
+@pytest.mark.parametrize("by", ["area", "face"])
+def test_the_command_prints_what_evaluate_returns(by, capsys):
+    camera = RIG.cameras[0]
+    camera.save("camera.json")
+    rc.write_poses("poses.json", POSES)
+    line = f"evaluate part.obj -c camera.json -p poses.json --by {by} --pictures 0 -o out --json"
+    code, out, err = call(capsys, line + " --max-incidence-deg 70 --views 2")
+    assert code == 0, err
+    printed = json.loads(out)
+    assert printed == json.loads(Path("out", "summary.json").read_text())
+    task = rc.Task(max_incidence_deg=70, views=2)
+    found = rc.evaluate(rc.Mesh.load("part.obj"), camera, rc.read_poses("poses.json"), task, by=by)
+    assert list(differences(*map(without_run_times, (printed, as_stored(found.summary()))))) == []
+
+
+def without_run_times(summary):
+    """A summary without times, and without options and files, which a function does not have."""
+    summary = summary | {"run": summary["run"] | {"options": None}}
+    return {
+        name: value
+        for name, value in summary.items()
+        if name not in ("seconds", "poses_per_second", "table")
+    }
 
 
 def test_evaluate_says_why_it_is_by_face():
