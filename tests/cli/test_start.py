@@ -10,7 +10,7 @@ from processes import run_python
 import rastercov
 from rastercov import cli
 
-HEAVY = ("matplotlib", "trimesh", "shapely", "scipy.spatial", "rastercov.placement", "dask")
+HEAVY = ("matplotlib", "trimesh", "scipy.spatial", "rastercov.placement", "dask")
 
 
 def loaded_after(*arguments):
