@@ -651,6 +651,7 @@ def test_an_angle_of_view_has_the_principal_point_that_is_given():
         ({}, "give one of hfov_deg, vfov_deg, diagonal_deg, got none"),
         ({"hfov_deg": 60, "vfov_deg": 40}, "got hfov_deg, vfov_deg"),
         ({"hfov_deg": 180}, "hfov_deg must be above 0 and below 180, got 180"),
+        ({"vfov_deg": 5e-324}, "vfov_deg must be above 0 and below 180, got 4.94066e-324"),
         ({"diagonal_deg": 0}, "diagonal_deg must be above 0 and below 180, got 0"),
         ({"diagonal_deg": 60, "cx": 3}, "principal point in the middle; leave out cx and cy"),
         ({"hfov_deg": 60, "fx": 3}, "give hfov_deg and vfov_deg, or fx, not both"),

@@ -168,11 +168,12 @@ def _focal_length(name: str, angle: float, side: int, centre: float) -> float:
 
     atan(c / f) + atan((w - c) / f) = a, so that f^2 sin a - f w cos a - c (w - c) sin a = 0.
     """
-    if not 0 < angle < 180:
+    radians = math.radians(angle)  # 0 for the least angles
+    if not 0 < radians < math.pi:
         raise CameraError(f"{name} must be above 0 and below 180, got {angle:g}")
     if not 0 < centre < side:
         raise CameraError(f"{name} needs a principal point inside the image, got {centre:g}")
-    sine, cosine = math.sin(math.radians(angle)), math.cos(math.radians(angle))
+    sine, cosine = math.sin(radians), math.cos(radians)
     root = math.sqrt((side * cosine) ** 2 + 4 * sine * sine * centre * (side - centre))
     return (side * cosine + root) / (2 * sine)
 

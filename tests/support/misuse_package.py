@@ -47,7 +47,7 @@ def calls():
     observer = rc.open_observer(MESH, CAMERA, threads=1)
     rasterizer = rc.open_rasterizer(MESH, CAMERA, "cpu", threads=1)
     counts = rasterizer.count(POSES)
-    coverage = rc.evaluate(MESH, CAMERA, POSES, threads=1)
+    coverage = next(rc.evaluate_batches(observer, POSES))
     covered = rc.regions(MESH, CAMERA, POSES, threads=1)
     zones = rc.dead_zones(rc.unite(covered, 2), 2)
     views = rc.Views(rc.Rig([CAMERA], ["a"]), rc.Poses.of(POSES), ("a", "b"))
