@@ -579,8 +579,11 @@ def length_of_bar(metres: float) -> str:
 
 
 def part_drawn(mesh: Mesh, camera: Camera, pose: ArrayLike, rows: IntArray) -> VisibilityBuffer:
-    """Image of some faces of a mesh alone, on the CPU, with indices of the whole mesh."""
-    is_part = mesh.has_targets or len(rows) < mesh.n_faces  # targets of a mesh are not drawn
+    """Image of some faces of a mesh alone, on the CPU, with indices of the whole mesh.
+
+    Targets among them are drawn; without any faces the image is empty where all are targets.
+    """
+    is_part = len(rows) > 0 and (mesh.has_targets or len(rows) < mesh.n_faces)
     part = Mesh(vertices=mesh.vertices, faces=mesh.faces[rows]) if is_part else mesh
     with open_rasterizer(part, camera, "cpu") as rasterizer:
         buffer = rasterizer.render(pose)

@@ -122,7 +122,7 @@ def _of_station(
 
 
 def _finer(single: Coverage, task: Task) -> tuple[str, str]:
-    """What a face gets by the threshold that is farthest off, and the factor that is missing."""
+    """Figure of a face by the threshold that is farthest off, and the factor that is missing."""
     pixels = float(single.drawn_pixels[0, 0])
     densities = (
         (float(single.pixel_density[0, 0]), task.min_pixel_density),

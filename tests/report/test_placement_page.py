@@ -334,8 +334,8 @@ def test_one_looks_from_where_the_faces_in_question_are_seen(axis, sign):
     faces = mesh.normals[:, axis] * sign > 0.9
     towards = best_directions(mesh, faces)[0]
     assert towards[axis] * sign > 0
-    buffer = look(mesh, towards, scale=0.2).buffer
-    assert faces[np.unique(buffer.face[buffer.face >= 0])].any()
+    scene = look(mesh, towards, scale=0.2)
+    assert faces[np.unique(scene.face[scene.face >= 0])].any()
 
 
 def test_paint_gives_a_face_its_colour_lit_by_the_eye():
