@@ -8,6 +8,7 @@ E. S. Eissa. Image Space Coverage Model. 2020, section 6.4.
 
 import numpy as np
 
+from rastercov.base.typed import typed
 from rastercov.kernels.stopwatch import Stopwatch
 from rastercov.placement.select.bounds import bound_of
 from rastercov.placement.select.cover import CoverState
@@ -16,6 +17,7 @@ from rastercov.placement.select.problem import BestCoverage, Problem
 from rastercov.placement.select.selection import Selection, finish
 
 
+@typed
 def select_thesis(problem: Problem) -> Selection:
     """Candidates in order of mean coverage, up to the allowed number or the required coverage.
 
