@@ -387,3 +387,20 @@ def read_depths(columns, buffers, depth):
                 sample = (sample << SIDE_BITS) + (column & (SIDE - 1))
                 if buffers.depth[sample] > 0:
                     depth[row, column] = np.float32(1.0 / buffers.depth[sample])
+
+
+@compiled
+def count_weighted(buffers, weights, visible):
+    """Add weights of the samples that show each face to (F,) counts; returns their sum.
+
+    `weights`, int32, are those of the band that `count_poses` left in its buffers, in its order.
+    """
+    n_samples = LANES << STRIP_BITS
+    total = 0
+    for strip in range(len(weights) // n_samples):
+        if buffers.marks[strip]:
+            for sample in range(strip * n_samples, (strip + 1) * n_samples):
+                if weights[sample] and buffers.depth[sample] > 0:
+                    visible[buffers.face[sample]] += weights[sample]
+                    total += weights[sample]
+    return total

@@ -30,7 +30,7 @@ two triangles that share an edge.
 from collections.abc import Callable, Iterator
 from functools import partial
 from importlib.metadata import version
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -68,6 +68,9 @@ from rastercov.raster.cpu.clusters import group_faces
 from rastercov.raster.sample_grid import Box, SampleGrid
 from rastercov.raster.targets import TargetFaces
 from rastercov.raster.tie_order import in_one_order
+
+if TYPE_CHECKING:
+    from rastercov.raster.lens import View
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -157,6 +160,10 @@ class CPURasterizer(Closing):
         check_picture(self.camera)
         image = self.render_all(accepted)
         return VisibilityBuffer(image.face[0], image.depth[0])
+
+    def drawer(self, camera: Camera) -> "_Worker":
+        """Draw the opaque faces of the mesh through another pinhole; see `raster.lens`."""
+        return _Worker(self._scene, SampleGrid(camera))
 
     def render_all(self, poses: ArrayLike) -> VisibilityBuffer:
         """`render` of many poses, (P, H, W), in threads; for images that are small."""
@@ -406,3 +413,35 @@ class _Worker:
             raster_loops.read_band(band[0], band[1], self.columns, self.buffers, face, depth)
         # A face cut at the near plane can own a sample 1/512 of one beyond its rim.
         np.maximum(depth, np.float32(near[0]), out=depth)
+
+    def picture(
+        self, pose: FloatArray, near: float, cull: bool
+    ) -> tuple[WordArray, NDArray[np.float32]]:
+        """Face, -1 for none, and depth (H, W) at each sample of a pose (4, 4)."""
+        shape = self.grid.height, self.grid.width
+        face, depth = np.full(shape, -1, np.int32), np.full(shape, np.inf, np.float32)
+        self.render(pose[None], np.array([near]), np.array([cull]), face, depth)
+        return face, depth
+
+    def add_shown(
+        self, pose: FloatArray, near: float, cull: bool, view: "View", visible: NDArray[Any]
+    ) -> int:
+        """Add the samples of a lens that show each face of a pose (4, 4); returns their number."""
+        if view.of_drawer is None:
+            view.of_drawer = self._by_block(view.weights())
+        total, filled, row = 0, np.empty(1, np.int64), self.columns * SIDE
+        limits = np.array([near]), np.array([cull])
+        for band in self.all_bands:
+            self.count(pose[None], *limits, band[None], self.no_counts, None, filled)
+            if filled[0]:
+                weights = view.of_drawer[band[0] * row : -(-band[1] // SIDE) * SIDE * row]
+                total += raster_loops.count_weighted(self.buffers, weights, visible)
+        return total
+
+    def _by_block(self, weights: WordArray) -> WordArray:
+        """Values (H, W) in the order of `Buffers`."""
+        n_rows, n_columns = len(self.canvas.inner), self.columns
+        whole = np.zeros((SIDE * n_rows, SIDE * n_columns), np.int32)
+        whole[: self.grid.height, : self.grid.width] = weights
+        blocks = whole.reshape(n_rows, SIDE, n_columns, SIDE).swapaxes(1, 2)
+        return np.ascontiguousarray(blocks).ravel()

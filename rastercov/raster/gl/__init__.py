@@ -3,10 +3,9 @@
     GLRasterizer (rasterizer)           contract, ownership, self-test
         HeadlessContext (context)       OpenGL context of a device (devices, libraries)
         Resources (resources)           every OpenGL object, error polling
-        Strategy (strategy)             one of three:
+        Strategy (strategy)             one of two:
             Pipeline (pipeline)         plans "software" and "hardware"; scene, coplanar
-            Compute (compute)           plan "compute" of pinholes
-            LensCompute (lens_compute)  plan "compute" of other lenses; lens_places
+            Compute (compute)           plan "compute"
 
 `rastercov.raster.contract` asks `devices` for hardware even when the CPU then counts. The
 rasteriser and moderngl are therefore imported when one of the names below is first used.

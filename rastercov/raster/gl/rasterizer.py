@@ -5,8 +5,7 @@
 - *compute*: compute shaders, many poses at a time, counted on the GPU; see `compute`.
 
 "auto" is "software" on a software device and "hardware" on a hardware device with the features it
-needs; "compute" for a focal length so long that the graphics pipeline would misplace edges, and for
-cameras that are no pinholes, which only that plan draws (`lens_compute`).
+needs; "compute" for a focal length so long that the graphics pipeline would misplace edges.
 
 A device is tested against a scene with known counts at opening and every `SELF_TEST_INTERVAL`
 poses, with the programs, images and buffers in use.
@@ -14,7 +13,8 @@ poses, with the programs, images and buffers in use.
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+from copy import copy
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -49,6 +49,9 @@ from rastercov.raster.gl.strategy import (
 from rastercov.raster.sample_grid import SampleGrid
 from rastercov.raster.targets import TargetFaces
 
+if TYPE_CHECKING:
+    from rastercov.raster.lens import View, ViewDrawer
+
 PLANS = ("software", "hardware", "compute")
 MAX_FOCAL_LENGTH = 1 << 16
 """Largest focal length and principal point of the graphics pipeline, in pixels. Its float32 places
@@ -77,7 +80,7 @@ class GLRasterizer(Closing):
     Raises
     ------
     CameraError, ConfigError, DeviceError, ResourceError
-        For a lens that the plan does not draw; a bad argument; a device that lacks a feature or
+        For a lens, which `open_rasterizer` draws; a bad argument; a device that lacks a feature or
         fails its self-test; lack of memory.
     """
 
@@ -95,6 +98,9 @@ class GLRasterizer(Closing):
         max_faces_a_draw: int = MAX_FACES_A_DRAW,
         image_budget: int = IMAGE_BUDGET,
     ) -> None:
+        camera.check_pinhole(
+            "GLRasterizer draws pinholes only", "take open_rasterizer, which draws any lens"
+        )
         check_choice("plan", plan, ("auto", *PLANS))
         require_hardware = flag("require_hardware", require_hardware)
         limits = (max_tile, max_faces_a_draw, image_budget)
@@ -124,19 +130,6 @@ class GLRasterizer(Closing):
         """Plan to run, "auto" resolved; ConfigError or DeviceError when it cannot run."""
         known = self._context.info
         reach = max(self.camera.fx, self.camera.fy, abs(self.camera.cx), abs(self.camera.cy))
-        if not self.camera.is_pinhole:
-            if plan in ("software", "hardware"):
-                self.camera.check_pinhole(
-                    f"plan '{plan}' draws pinholes only",
-                    "take plan 'compute', or --device cpu (backend cpu)",
-                )
-            if not known.has_compute_raster:
-                raise DeviceError(
-                    f"a lens of model {self.camera.model} needs compute shaders and storage "
-                    f"buffers, which {known.renderer} (OpenGL {known.gl_version}) lacks; take "
-                    "--device cpu (backend cpu)"
-                )
-            return "compute"
         if plan == "auto" and reach > MAX_FOCAL_LENGTH and known.has_compute_raster:
             return "compute"
         if plan != "compute" and reach > MAX_FOCAL_LENGTH:
@@ -164,11 +157,7 @@ class GLRasterizer(Closing):
         grid = SampleGrid(camera, self.supersample, self.roll)
         resources.use()
         self._strategy: Strategy
-        if not camera.is_pinhole:
-            from rastercov.raster.gl.lens_compute import LensCompute  # loads numba
-
-            self._strategy = LensCompute(resources, mesh, camera, grid, limits)
-        elif plan == "compute":
+        if plan == "compute":
             self._strategy = Compute(resources, mesh, camera, grid, limits)
         else:
             is_layered = plan == "hardware"
@@ -209,18 +198,29 @@ class GLRasterizer(Closing):
         if len(matrices) != 1:
             raise ConfigError(f"render takes one pose, got {len(matrices)}")
         check_picture(self.camera)
-        shape = (self.camera.height, self.camera.width)
-        face, depth = np.empty(shape, np.int32), np.empty(shape, np.float32)
         with self._current():
-            prepared = self._strategy.prepare(self._scene, matrices, self._pixels)
-            self._strategy.begin(prepared, np.array([0]))
-            for tile in self._strategy.tiles(self._scene, self._pixels):
-                x, y, width, height = tile
-                part = np.s_[y : y + height, x : x + width]
-                face[part], depth[part] = self._strategy.image(self._scene, prepared, tile)
+            face, depth = self._picture(self._scene, self._pixels, matrices)
         if self._targets is not None:
             face = self._targets.face_of(face)
         return VisibilityBuffer(face, depth)
+
+    def drawer(self, camera: Camera) -> "ViewDrawer":
+        """Draw the opaque faces of the mesh through another pinhole; see `raster.lens`."""
+        return _Drawer(self, camera)
+
+    def _picture(
+        self, scene: Any, grid: SampleGrid, poses: NDArray[np.float64]
+    ) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
+        """Face, -1 for none, and depth (H, W) at each sample of a grid in one pose (1, 4, 4)."""
+        shape = grid.height, grid.width
+        face, depth = np.empty(shape, np.int32), np.empty(shape, np.float32)
+        prepared = self._strategy.prepare(scene, poses, grid)
+        self._strategy.begin(prepared, np.array([0]))
+        for tile in self._strategy.tiles(scene, grid):
+            x, y, width, height = tile
+            part = np.s_[y : y + height, x : x + width]
+            face[part], depth[part] = self._strategy.image(scene, prepared, tile)
+        return face, depth
 
     def close(self) -> None:
         """Release everything on the device; later calls raise `DeviceError`."""
@@ -292,3 +292,35 @@ class GLRasterizer(Closing):
         assert counts.drawn is not None
         if not np.array_equal(counts.drawn, self_test.DRAWN[[view]]):
             raise self._resources.untrusted("counted a known scene wrongly")
+
+
+class _Drawer:
+    """`rastercov.raster.lens.ViewDrawer` on a rasteriser that is open."""
+
+    def __init__(self, rasterizer: GLRasterizer, camera: Camera) -> None:
+        self._rasterizer = rasterizer
+        self._scene = copy(rasterizer._scene)
+        self._scene.camera, self._scene.grid = camera, SampleGrid(camera)
+
+    def picture(
+        self, pose: NDArray[np.float64], near: float, cull: bool
+    ) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
+        """Face, -1 for none, and depth (H, W) at each sample of a pose (4, 4)."""
+        rasterizer = self._rasterizer
+        with rasterizer._current():
+            found = rasterizer._picture(self._scene, self._scene.grid, pose[None])
+        rasterizer._poses_since_self_test += 1
+        if rasterizer._poses_since_self_test >= SELF_TEST_INTERVAL:
+            rasterizer._run_self_test()
+        return found
+
+    def add_shown(
+        self, pose: NDArray[np.float64], near: float, cull: bool, view: "View", visible: Any
+    ) -> int:
+        """Add the samples of a lens that show each face of a pose (4, 4); returns their number."""
+        from rastercov.kernels.raster_targets import count_shown  # loads numba
+
+        face = self.picture(pose, near, cull)[0]
+        if (last := int(face.max())) >= len(visible):
+            raise self._rasterizer._resources.untrusted(f"drew face {last} of {len(visible)}")
+        return int(count_shown(face, view.sums, visible))

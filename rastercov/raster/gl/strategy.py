@@ -1,8 +1,7 @@
 """Interface between the OpenGL rasteriser and the strategies that draw and count.
 
 `rasterizer` owns the contract, the context and the self-test; a strategy owns the programs and the
-images. `pipeline` implements it with the graphics pipeline, `compute` with compute shaders, and
-`lens_compute` with these for cameras that are no pinholes.
+images. `pipeline` implements it with the graphics pipeline, `compute` with compute shaders.
 """
 
 from collections.abc import Iterator
