@@ -12,12 +12,12 @@ from nightly import examples
 from rastercov import Camera, Mesh, Task, evaluate, open_observer, sphere_of_poses
 from rastercov.base.memory import CACHE_LINE, aligned_array
 from rastercov.camera.pose import Poses
+from rastercov.coverage import records
 from rastercov.coverage.coverage import FIGURES
 from rastercov.coverage.coverage_pass import CoveragePass
 from rastercov.coverage.network import Network
 from rastercov.coverage.pairs import CHOICES
 from rastercov.coverage.task import Reason
-from rastercov.kernels import criteria
 from rastercov.kernels import face_blocks as blocks
 from rastercov.mesh import shapes
 from rastercov.raster.observation import BoundKind
@@ -132,14 +132,14 @@ def test_figures_are_the_same_in_any_place(skew):
 def test_faces_in_the_image_are_judged_in_blocks(monkeypatch):
     """Otherwise this file would compare the same loop with itself."""
     mesh = shapes.torus(16, 8)
-    workspaces, workspace = [], criteria.workspace
+    workspaces, workspace = [], records.workspace
 
     def kept(*arguments):
         workspaces.append(workspace(*arguments))
         workspaces[-1].block[:] = np.nan
         return workspaces[-1]
 
-    monkeypatch.setattr(criteria, "workspace", kept)
+    monkeypatch.setattr(records, "workspace", kept)
     radius = 4 * float(np.abs(mesh.bounds).max())
     poses = sphere_of_poses(mesh.bounds.mean(axis=0), radius, 1)
     for limit, is_filled in ((0.0, True), (BY_FACE, False)):

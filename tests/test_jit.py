@@ -62,7 +62,8 @@ def run(module, cache, **options):
 def run_all(names, module, cache, **options):
     """As `run`, of several modules beside `module` in one process: a triple of each."""
     path = {"PYTHONPATH": f"{module.parent}{os.pathsep}{ROOT}", "NUMBA_CACHE_DIR": str(cache)}
-    words = ("-W", "error", "-c", f"import {', '.join(names)}")
+    # Two versions of a module of one length and one second share Python's own kept bytecode.
+    words = ("-B", "-W", "error", "-c", f"import {', '.join(names)}")
     done = python(*words, env=os.environ | path, **options)
     assert done.returncode == 0, done.stderr
     return [tuple(map(int, line.split())) for line in done.stdout.splitlines()], done.stderr

@@ -1,6 +1,7 @@
 """Ctrl-C: noted where it comes, and held back while something must not be left half done."""
 
 import signal
+import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -18,6 +19,22 @@ def interrupt(number: int, frame: object) -> NoReturn:
 def was_interrupted() -> bool:
     """True once a signal came, whatever error the code that it met made of it."""
     return bool(_came)
+
+
+AGAIN_S = 0.05
+"""Seconds until an interrupt comes again that was lost."""
+
+
+def come_again(lost: Any) -> None:
+    """Raise an interrupt anew that a callback of a library swallowed, as `sys.unraisablehook`."""
+    if lost.exc_type is KeyboardInterrupt and _came:
+        # To the main thread, whose call of the system it ends.
+        main = threading.main_thread().ident
+        again = threading.Timer(AGAIN_S, signal.pthread_kill, (main, _came[-1]))
+        again.daemon = True
+        again.start()
+    else:
+        sys.__unraisablehook__(lost)
 
 
 ABANDONED = "rastercov-abandoned"

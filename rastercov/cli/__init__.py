@@ -17,7 +17,7 @@ import typer
 from typer.core import TyperCommand
 
 import rastercov
-from rastercov.base.interrupts import interrupt
+from rastercov.base.interrupts import come_again, interrupt
 from rastercov.cli.console import exit_code, leave, notices_shown
 from rastercov.cli.help import Command, Group
 
@@ -106,6 +106,7 @@ def main() -> None:
     signal.signal(signal.SIGTERM, interrupt)
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # not ignored by a shell
         signal.signal(signal.SIGINT, interrupt)
+    sys.unraisablehook = come_again
     # Names of files may hold what the terminal cannot show.
     if isinstance(sys.stdout, TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")

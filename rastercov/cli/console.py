@@ -64,7 +64,10 @@ def _outcome(app: Callable[..., Any], arguments: Sequence[str]) -> int:
         return say(f"error: not enough memory: {error}".rstrip(": "))
     except Exception as error:
         if hasattr(error, "format_message"):  # of Typer, whose own class has moved between versions
-            path = getattr(getattr(error, "ctx", None), "command_path", "rastercov")
+            # An option without its value is noticed before there is a context.
+            is_known = bool(arguments) and arguments[0] in getattr(app, "commands", ())
+            own = f"rastercov {arguments[0]}" if is_known else "rastercov"
+            path = getattr(getattr(error, "ctx", None), "command_path", own)
             return say(f"error: {error.format_message().rstrip('.')}; see {path} --help")
         if os.environ.get("RASTERCOV_TRACEBACK"):
             raise

@@ -341,7 +341,11 @@ def test_a_cpu_that_fails_is_reported_in_one_line(no_library, monkeypatch, error
 
 def test_a_machine_without_numba_is_told_so(no_library, monkeypatch):
     monkeypatch.setitem(sys.modules, "numba", None)
-    for name in [name for name in sys.modules if name.startswith("rastercov.raster.cpu")]:
+    for name in [
+        name
+        for name in sys.modules
+        if name.startswith(("rastercov.raster.cpu", "rastercov.kernels"))
+    ]:
         monkeypatch.delitem(sys.modules, name)
     report = diagnose.examine()
     assert "ModuleNotFoundError: import of numba halted" in report["cpu"]["self_test"]

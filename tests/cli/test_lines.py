@@ -72,3 +72,29 @@ def test_an_interrupt_that_becomes_another_error_is_no_defect(name, error):
     code = INTERRUPTED.format(name=name, error=error)
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (130, "interrupted\n")
+
+
+SWALLOWED = """
+import ctypes, os, signal, time
+from rastercov import cli
+def callback():
+    os.kill(os.getpid(), signal.{name})
+    time.sleep(1)
+def stopped(arguments, **options):
+    for _ in range({times}):
+        ctypes.CFUNCTYPE(None)(callback)()
+    time.sleep(60)
+cli._group = lambda: stopped
+cli.main()
+"""
+
+
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
+@pytest.mark.parametrize("times", [1, 2])
+def test_an_interrupt_that_a_callback_swallows_comes_again(name, times):
+    """As in LLVM, which calls Python with what it has compiled."""
+    code = SWALLOWED.format(name=name, times=times)
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=30
+    )
+    assert (done.returncode, done.stderr) == (130, "interrupted\n")

@@ -683,7 +683,7 @@ def test_junit_has_a_test_case_for_each_requirement(capsys):
     failure = cases["coverage of all"].find("failure")
     assert "6.7 points short" in failure.get("message")
     assert "faces uncovered: 2 back facing" in failure.text
-    assert all(case.get("classname") == "rastercov.placement.plan" for case in cases.values())
+    assert all(case.get("classname") == "rastercov.plan" for case in cases.values())
 
 
 def test_junit_holds_names_that_xml_has_no_way_to_write(capsys):

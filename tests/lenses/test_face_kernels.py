@@ -9,14 +9,8 @@ from nightly import examples
 
 from rastercov.camera.rays import rays_of
 from rastercov.camera.viewpoints import sphere_of_poses
-from rastercov.kernels.criteria import (
-    facing_density,
-    image_of_face,
-    lens_of,
-    project,
-    scene_of,
-    workspace,
-)
+from rastercov.coverage.records import lens_of, scene_of, workspace
+from rastercov.kernels.criteria import facing_density, image_of_face, project
 from rastercov.kernels.jit import allocation_free
 from rastercov.kernels.lens_faces import curved_areas
 from rastercov.kernels.vertex_columns import INSIDE

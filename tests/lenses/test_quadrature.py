@@ -16,17 +16,13 @@ from rastercov.camera.lenses.expansions import coefficient_bounds
 from rastercov.camera.lenses.of_camera import lens_of
 from rastercov.camera.lenses.quadrature import (
     DEGREES,
-    FEWEST,
-    MOST,
-    NODES,
     PAIR_ERRORS,
-    RULE,
     EdgeBounds,
     edge_table,
-    lobatto,
 )
 from rastercov.kernels import lens_edges as kernels
 from rastercov.kernels import lens_formulas
+from rastercov.kernels.lens_tables import FEWEST, MOST, NODES, RULE, lobatto
 
 LENSES = of_all_kinds()
 FINE = 40

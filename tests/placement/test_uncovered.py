@@ -235,7 +235,7 @@ def test_the_parts_of_what_is_left_add_up_and_agree_with_the_network():
     task, poses = Task(min_pixels=5), rc.look_at([[2.5, 2, 2.5], [-2, -2, 2.2]], [0, 0, 0.5])
     found = what_is_left((mesh, CAMERA), poses, task, candidates=poses)
     network = Network(mesh, task)
-    for batch in rc.coverage.evaluate_batches(rc.open_observer(mesh, CAMERA), poses, task):
+    for batch in rc.evaluate_batches(rc.open_observer(mesh, CAMERA), poses, task):
         network.add(batch)
     told, known = found.summary(), network.summary()
     assert told["left"] == known["not_covered"]

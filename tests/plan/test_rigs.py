@@ -12,6 +12,7 @@ from surface_cases import room
 import rastercov as rc
 from rastercov.camera.formats import write_views
 from rastercov.placement import Objective
+from rastercov.placement.plan import run as plan_run
 from rastercov.placement.plan.check import check, limits
 from rastercov.placement.plan.errors import PlanError
 from rastercov.placement.plan.file import read_plan
@@ -87,6 +88,24 @@ def test_a_rig_of_one_camera_is_placed_as_that_camera():
     assert alone.selection.chosen.tolist() == rig.selection.chosen.tolist()
     assert rig.prepared.mounts.names == ("eye", "one")
     assert set(rig.cameras.placed.camera) == {1}  # a camera on a rig is no candidate of its own
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("task", [BY_AREA, 'by = "face"\nmin_pixels = 4'])
+def test_a_rig_that_adds_nothing_after_refinement_is_left_out_with_all_its_cameras(
+    task, monkeypatch
+):
+    def onto_the_first(placement, objectives, poses, how):
+        """A refinement that leaves the second rig where the first is."""
+        return plan_run._of_rows(placement, objectives, [0, 0])
+
+    monkeypatch.setattr(plan_run, "_moved", onto_the_first)
+    found = placed(EYE + PAIR, TWO + "\nrefine = true\nrefine_budget = 3", task=task)
+    assert found.left_out == (1,)
+    assert (len(found.cameras.mounted), len(found.cameras.placed)) == (1, 2)
+    names = found.prepared.mounts.rig.names
+    assert [names[row] for row in found.cameras.placed.camera] == ["pair/left", "pair/right"]
+    assert any("added nothing after refinement" in line for line in report.lines(found))
 
 
 @pytest.mark.slow
