@@ -22,14 +22,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.arguments import flag
 from rastercov.base.closing import Closing
-from rastercov.base.errors import ConfigError, DeviceError
+from rastercov.base.errors import ConfigError, DeviceError, ResourceError
 from rastercov.base.memory import check_memory
 from rastercov.base.threads import ScratchPool, share_poses, thread_count
 from rastercov.camera.camera import Camera
 from rastercov.camera.lenses.of_camera import lens_of, planes_of
 from rastercov.camera.near_plane import limits, picture_limits
 from rastercov.camera.pose import Poses, valid_poses
-from rastercov.kernels import raster_targets as kernels
+from rastercov.kernels.raster_memory import MOST_WEIGHT
+from rastercov.kernels.raster_targets import count_targets
 from rastercov.mesh import Mesh
 from rastercov.raster.contract import (
     FaceCounts,
@@ -40,13 +41,13 @@ from rastercov.raster.contract import (
 )
 from rastercov.raster.sample_grid import SampleGrid
 from rastercov.raster.targets import TargetFaces
-from rastercov.raster.tie_order import in_one_order
+from rastercov.raster.tie_order import corners_of
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 WordArray = NDArray[np.int32]
 
-RESOLUTION, OF_PICTURES = 1.1, 2.0
+RESOLUTION, OF_PICTURES = 1.0, 2.0
 """Samples of a view to one of the lens, a side, where the lens is as dense as `DENSEST`."""
 DENSEST = 0.95
 """Share of the samples of a view that are no denser than that."""
@@ -76,10 +77,13 @@ class ViewDrawer(Protocol):
     ) -> tuple[WordArray, NDArray[np.float32]]:
         """Face, -1 for none, and depth (H, W) at each sample, until the next call."""
 
-    def add_shown(
-        self, pose: FloatArray, near: float, cull: bool, view: "View", visible: Any
-    ) -> int:
-        """Add the samples of the lens that show each face to (F,) counts; returns their number."""
+    def add_counts(
+        self, pose: FloatArray, near: float, cull: bool, view: "View", visible: Any, drawn: Any
+    ) -> None:
+        """Add the samples of the lens that show each face to (F,) counts, and those of it alone.
+
+        `drawn` may be None.
+        """
 
 
 class PinholeRasterizer(Protocol):
@@ -118,7 +122,7 @@ class View:
         self.camera, self.turn, self.index = camera, turn, index
         self.samples, self.places = samples, places
         self.of_drawer: Any = None
-        """What a drawer keeps with the view, of its weights in another order."""
+        """What a drawer keeps with the view."""
 
     @cached_property
     def grid(self) -> SampleGrid:
@@ -129,6 +133,10 @@ class View:
         """Samples of the lens at each sample of the pinhole, (H, W) int32."""
         size = self.camera.width * self.camera.height
         counts = np.bincount(self.index, minlength=size).astype(np.int32)
+        if counts.max() > MOST_WEIGHT:
+            raise ResourceError(
+                f"{counts.max():,} samples of the lens share a ray; lower supersample or resolution"
+            )
         return counts.reshape(self.camera.height, self.camera.width)
 
     @cached_property
@@ -137,6 +145,28 @@ class View:
         sums = np.zeros((self.camera.height, self.camera.width + 1), np.int32)
         np.cumsum(self.weights(), axis=1, out=sums[:, 1:])
         return sums
+
+    def count_alone(
+        self,
+        corners: FloatArray,
+        centre: FloatArray,
+        pose: FloatArray,
+        near: float,
+        depth: NDArray[np.float32] | None,
+        visible: Any,
+        drawn: Any,
+    ) -> None:
+        """Add the samples that faces (N, 3, 3) cover alone, and those that a depth leaves.
+
+        The corners are from `centre`, the pose (4, 4) is that of the view. `visible` is not written
+        where there is no depth (H, W).
+        """
+        grid = self.grid
+        count_targets(
+            corners, np.ascontiguousarray(pose[:3, :3]), pose[:3, 3] - centre, grid.lens, near,
+            np.empty((0, 2), np.int64), (0, 0, grid.width, grid.height), (grid.first, grid.last),
+            np.empty((0, 0), np.float32) if depth is None else depth, self.sums, visible, drawn,
+        )  # fmt: skip
 
 
 class Views:
@@ -164,7 +194,7 @@ class Views:
         most_rows: int = MOST_ROWS,
     ) -> None:
         self.grid = grid = SampleGrid(camera, supersample, roll)
-        self._keeps_places, self._lens = keeps_places, lens_of(camera)
+        self._keeps_places, self._lens, self._near = keeps_places, lens_of(camera), camera.near
         self._resolution = OF_PICTURES if keeps_places else RESOLUTION
         c, s = math.cos(TURN), math.sin(TURN)
         turned = np.array(((c, -s, 0), (s, c, 0), (0, 0, 1)))
@@ -205,9 +235,8 @@ class Views:
             places = (own @ frame[:, :2]) / (own @ frame[:, 2])[:, None]
             camera = self._pinhole(own, places, frame)
             side = max(camera.width, camera.height)
-            if (
-                side > MOST_SIDE
-                or side > LEAST_SIDE
+            if side > MOST_SIDE or (
+                side > LEAST_SIDE
                 and camera.width * camera.height > MOST_WASTE * self._resolution**2 * len(at)
             ):
                 axis = int(camera.height > camera.width)
@@ -259,8 +288,8 @@ class Views:
         # At a pole the lens is infinitely dense: a few samples have no larger view.
         scale = np.minimum(scale, (LEAST_SIDE + len(rays)) / np.maximum(high - low, 1e-9))
         width, height = (np.ceil((high - low) * scale).astype(int) + 2).tolist()
-        fx, fy, cx, cy = *scale.tolist(), *(1.0 - low * scale).tolist()
-        return Camera(width=width, height=height, fx=fx, fy=fy, cx=cx, cy=cy)
+        (fx, fy), (cx, cy) = scale.tolist(), (1.0 - low * scale).tolist()
+        return Camera(width=width, height=height, fx=fx, fy=fy, cx=cx, cy=cy, near=self._near)
 
 
 @lru_cache(maxsize=8)
@@ -306,15 +335,10 @@ class LensRasterizer(Closing):
         self._views = views_of(camera, supersample, roll, keeps_places=False)
         self._drawers: ScratchPool[dict[View, ViewDrawer]] = ScratchPool(dict, self._threads)
         self._targets = TargetFaces.of(mesh)
-        self._centre: FloatArray = mesh.opaque.bounds.mean(axis=0)
 
     @cached_property
-    def _corners(self) -> FloatArray:
-        """Points of the opaque faces from the centre, (F, 3, 3), in the order for ties."""
-        corners: FloatArray = (self.mesh.opaque.vertices - self._centre)[
-            in_one_order(self.mesh.opaque)
-        ]
-        return corners
+    def _corners(self) -> tuple[FloatArray, FloatArray]:
+        return corners_of(self.mesh.opaque)
 
     def count(self, poses: ArrayLike, *, drawn: bool = True) -> FaceCounts:
         """Samples of each face in each pose; see `Rasterizer.count`."""
@@ -326,7 +350,6 @@ class LensRasterizer(Closing):
         limit, cull, clipped = limits(self.mesh, self.camera, matrices)
         visible: Any = np.zeros((len(matrices), mesh.n_faces), grid.count_type)
         covered: Any = np.zeros_like(visible) if drawn else None
-        filled = np.zeros(len(matrices), np.int64)
         n_targets = 0 if self._targets is None else len(self._targets.rows)
         of_targets = np.zeros((2, len(matrices), n_targets), np.int64)
         workers = self._drawers.take(max(1, min(self._threads, len(matrices))))
@@ -340,14 +363,15 @@ class LensRasterizer(Closing):
                     for row in range(len(matrices))[turn]:
                         pose = matrices[row] @ view.turn
                         near, hides = float(limit[row]), bool(cull[row])
-                        filled[row] += drawer.add_shown(pose, near, hides, view, visible[row])
-                        if covered is not None:
-                            self._add(view, pose, near, self._corners, None, covered[row])
+                        drawer.add_counts(
+                            pose, near, hides, view, visible[row],
+                            None if covered is None else covered[row],
+                        )  # fmt: skip
                         if self._targets is not None:
                             depth = drawer.picture(pose, near, hides)[1]
-                            self._add(
-                                view, pose, near, self._targets.corners, depth,
-                                of_targets[1, row], of_targets[0, row],
+                            view.count_alone(
+                                self._targets.corners, self._targets.centre, pose, near, depth,
+                                of_targets[0, row], of_targets[1, row],
                             )  # fmt: skip
 
             return work
@@ -355,16 +379,9 @@ class LensRasterizer(Closing):
         for views in self._views.bands(self._threads):
             share_poses(len(matrices), [work_of(drawers, views) for drawers in workers])
         self._drawers.give_back(workers)
-        if covered is not None:  # devices that round otherwise
-            np.maximum(covered, visible, out=covered)
+        background = grid.n_samples - visible.sum(axis=1, dtype=np.int64)
         counts = FaceCounts(
-            visible,
-            covered,
-            grid.n_samples - filled,
-            clipped,
-            grid.supersample,
-            self.info,
-            self.roll,
+            visible, covered, background, clipped, grid.supersample, self.info, self.roll
         )
         return counts if self._targets is None else self._targets.added(counts, *of_targets)
 
@@ -384,13 +401,13 @@ class LensRasterizer(Closing):
             for view in views:
                 turned = matrix[0] @ view.turn
                 drawer = self._pinholes.drawer(view.camera)
-                image = [
-                    each.ravel()[view.index] for each in drawer.picture(turned, near[0], cull[0])
-                ]
-                is_seen = image[0] >= 0
+                drawn_face, drawn_depth = drawer.picture(turned, float(near[0]), bool(cull[0]))
+                found = drawn_face.ravel()[view.index]
+                is_seen = found >= 0
                 at, places = view.samples[is_seen], view.places[is_seen].astype(np.float64)
-                face[at] = image[0][is_seen]
-                z = self._depths(turned, float(near[0]), face[at], places, image[1][is_seen])
+                face[at] = found[is_seen]
+                drawn = drawn_depth.ravel()[view.index[is_seen]]
+                z = self._depths(turned, float(near[0]), face[at], places, drawn)
                 if len(pictures.frames) > 1:
                     z *= np.sqrt(1 + (places**2).sum(axis=1))
                 depth[at] = z
@@ -417,25 +434,6 @@ class LensRasterizer(Closing):
         if not self._is_open:
             raise DeviceError("this rasteriser is closed; open a new one")
 
-    def _add(
-        self,
-        view: View,
-        pose: FloatArray,
-        near: float,
-        corners: FloatArray,
-        depth: NDArray[np.float32] | None,
-        drawn: Any,
-        visible: IntArray | None = None,
-    ) -> None:
-        """Add the samples that faces (N, 3, 3) cover alone, and those that a depth leaves."""
-        grid = view.grid
-        kernels.count_targets(
-            corners, np.ascontiguousarray(pose[:3, :3]), pose[:3, 3] - self._centre, grid.lens, near,
-            np.empty((0, 2), np.int64), (0, 0, grid.width, grid.height), (grid.first, grid.last),
-            np.empty((0, 0), np.float32) if depth is None else depth, view.sums,
-            np.zeros(len(corners), np.int64) if visible is None else visible, drawn,
-        )  # fmt: skip
-
     def _depths(
         self,
         pose: FloatArray,
@@ -445,10 +443,11 @@ class LensRasterizer(Closing):
         drawn: NDArray[np.float32],
     ) -> FloatArray:
         """Camera z at places of a view, by the planes of faces; what was drawn if edge-on."""
-        is_used = np.zeros(len(self._corners), np.bool_)
+        corners, centre = self._corners
+        is_used = np.zeros(len(corners), np.bool_)
         is_used[face] = True
         row = np.cumsum(is_used) - 1
-        corners = (self._corners[is_used] - (pose[:3, 3] - self._centre)) @ pose[:3, :3]
+        corners = (corners[is_used] - (pose[:3, 3] - centre)) @ pose[:3, :3]
         normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         height = np.einsum("fi,fi->f", normal, corners[:, 0])
         own = normal[row[face]]

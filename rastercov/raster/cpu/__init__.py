@@ -371,12 +371,14 @@ class _Worker:
         visible: WordArray,
         drawn: WordArray | None,
         filled: IntArray,
+        weights: tuple[Any, Any] = (None, None),
     ) -> None:
         """Count the bands of poses into the rows of `visible`, `drawn`, `filled`."""
         moved = self.grid.axes(poses).copy()
         moved[:, :3, 3] -= self.scene.centre
         with_drawn = drawn is not None
-        output = Output(visible, drawn if with_drawn else self.no_drawn, filled, with_drawn)
+        rows = drawn if with_drawn else self.no_drawn
+        output = Output(visible, rows, filled, with_drawn, *weights)
         raster_loops.count_poses(
             Poses(moved, near, cull), self.canvas, bands, self.scene.clusters, self.buffers, output,
             self.scratch,
@@ -423,25 +425,30 @@ class _Worker:
         self.render(pose[None], np.array([near]), np.array([cull]), face, depth)
         return face, depth
 
-    def add_shown(
-        self, pose: FloatArray, near: float, cull: bool, view: "View", visible: NDArray[Any]
-    ) -> int:
-        """Add the samples of a lens that show each face of a pose (4, 4); returns their number."""
+    def add_counts(
+        self, pose: FloatArray, near: float, cull: bool, view: "View", visible: Any, drawn: Any
+    ) -> None:
+        """Add the samples of a lens in a view to (F,) counts; see `raster.lens.ViewDrawer`."""
         if view.of_drawer is None:
-            view.of_drawer = self._by_block(view.weights())
-        total, filled, row = 0, np.empty(1, np.int64), self.columns * SIDE
-        limits = np.array([near]), np.array([cull])
-        for band in self.all_bands:
-            self.count(pose[None], *limits, band[None], self.no_counts, None, filled)
-            if filled[0]:
-                weights = view.of_drawer[band[0] * row : -(-band[1] // SIDE) * SIDE * row]
-                total += raster_loops.count_weighted(self.buffers, weights, visible)
-        return total
+            view.of_drawer = self._by_block(view)
+        n_faces, filled = self.scene.mesh.n_faces, np.empty(1, np.int64)
+        found = np.empty((2 - (drawn is None), 1, n_faces), np.int32)
+        self.count(
+            pose[None], np.array([near]), np.array([cull]), self.all_bands, found[0],
+            None if drawn is None else found[1], filled, view.of_drawer,
+        )  # fmt: skip
+        if drawn is not None:
+            drawn += found[1, 0]
+        if filled[0]:
+            visible += found[0, 0]
 
-    def _by_block(self, weights: WordArray) -> WordArray:
-        """Values (H, W) in the order of `Buffers`."""
-        n_rows, n_columns = len(self.canvas.inner), self.columns
-        whole = np.zeros((SIDE * n_rows, SIDE * n_columns), np.int32)
-        whole[: self.grid.height, : self.grid.width] = weights
+    def _by_block(self, view: "View") -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+        """`weights` and `cell_bounds` of a view, for `Output`."""
+        n_rows, n_columns = -(-len(self.canvas.inner) // SIDE) * SIDE, self.columns
+        whole = np.zeros((SIDE * n_rows, SIDE * n_columns), np.uint8)
+        whole[: self.grid.height, : self.grid.width] = view.weights()
         blocks = whole.reshape(n_rows, SIDE, n_columns, SIDE).swapaxes(1, 2)
-        return np.ascontiguousarray(blocks).ravel()
+        cells = blocks.reshape(n_rows // SIDE, SIDE, n_columns // SIDE, SIDE, LANES)
+        is_used = cells.any(axis=(1, 3, 4)).ravel()
+        bounds = np.where(is_used, 0, np.inf).astype(np.float32)
+        return np.ascontiguousarray(blocks).ravel(), bounds

@@ -14,6 +14,7 @@ poses, with the programs, images and buffers in use.
 from collections.abc import Iterator
 from contextlib import contextmanager
 from copy import copy
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -48,6 +49,7 @@ from rastercov.raster.gl.strategy import (
 )
 from rastercov.raster.sample_grid import SampleGrid
 from rastercov.raster.targets import TargetFaces
+from rastercov.raster.tie_order import corners_of
 
 if TYPE_CHECKING:
     from rastercov.raster.lens import View, ViewDrawer
@@ -208,6 +210,10 @@ class GLRasterizer(Closing):
         """Draw the opaque faces of the mesh through another pinhole; see `raster.lens`."""
         return _Drawer(self, camera)
 
+    @cached_property
+    def _corners(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        return corners_of(self.mesh.opaque)
+
     def _picture(
         self, scene: Any, grid: SampleGrid, poses: NDArray[np.float64]
     ) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
@@ -314,13 +320,23 @@ class _Drawer:
             rasterizer._run_self_test()
         return found
 
-    def add_shown(
-        self, pose: NDArray[np.float64], near: float, cull: bool, view: "View", visible: Any
-    ) -> int:
-        """Add the samples of a lens that show each face of a pose (4, 4); returns their number."""
+    def add_counts(
+        self,
+        pose: NDArray[np.float64],
+        near: float,
+        cull: bool,
+        view: "View",
+        visible: Any,
+        drawn: Any,
+    ) -> None:
+        """Add the samples of a lens in a view to (F,) counts; see `raster.lens.ViewDrawer`."""
         from rastercov.kernels.raster_targets import count_shown  # loads numba
 
         face = self.picture(pose, near, cull)[0]
         if (last := int(face.max())) >= len(visible):
             raise self._rasterizer._resources.untrusted(f"drew face {last} of {len(visible)}")
-        return int(count_shown(face, view.sums, visible))
+        count_shown(face, view.sums, visible)
+        if drawn is not None:
+            corners, centre = self._rasterizer._corners
+            view.count_alone(corners, centre, pose, near, None, visible, drawn)
+            np.maximum(drawn, visible, out=drawn)  # the device rounds otherwise
