@@ -267,7 +267,7 @@ def test_every_method_of_a_closed_rasteriser_says_so(open_raster):
             with pytest.raises(DeviceError, match="this rasteriser is closed; open a new one"):
                 member(POSES[0])
             told.append(name)
-    assert told[:2] == ["count", "render"]  # and those of one rasteriser alone
+    assert {"count", "render"} <= set(told)  # and those of one rasteriser alone
     with rasterizer as again, pytest.raises(DeviceError, match="closed"):
         again.count(POSES)
 

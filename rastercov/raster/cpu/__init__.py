@@ -163,6 +163,7 @@ class CPURasterizer(Closing):
 
     def drawer(self, camera: Camera) -> "_Worker":
         """Draw the opaque faces of the mesh through another pinhole; see `raster.lens`."""
+        self._check_open()
         return _Worker(self._scene, SampleGrid(camera))
 
     def render_all(self, poses: ArrayLike) -> VisibilityBuffer:

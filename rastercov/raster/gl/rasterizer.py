@@ -208,7 +208,8 @@ class GLRasterizer(Closing):
 
     def drawer(self, camera: Camera) -> "ViewDrawer":
         """Draw the opaque faces of the mesh through another pinhole; see `raster.lens`."""
-        return _Drawer(self, camera)
+        with self._current():
+            return _Drawer(self, camera)
 
     @cached_property
     def _corners(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
