@@ -147,7 +147,7 @@ def count_block(bits, at, weights):
 
 @simd(returns=types.int64)
 def weight_of(sample, weights):
-    """How often a sample counts."""
+    """Weight of a sample, 1 where there are none."""
     if weights is None:
         return sample.to(LONG).like(1)
     return weights.value(sample).to(LONG) & MOST_WEIGHT

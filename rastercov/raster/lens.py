@@ -99,7 +99,7 @@ class PinholeRasterizer(Protocol):
 
 
 class View:
-    """Pinhole at the place of a lens, and where it shows what samples of the lens see.
+    """Pinhole at the place of a lens, and the samples of it that show the rays of the lens.
 
     Attributes
     ----------
@@ -122,7 +122,7 @@ class View:
         self.camera, self.turn, self.index = camera, turn, index
         self.samples, self.places = samples, places
         self.of_drawer: Any = None
-        """What a drawer keeps with the view."""
+        """Kept by a drawer with the view."""
 
     @cached_property
     def grid(self) -> SampleGrid:
