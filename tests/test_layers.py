@@ -100,7 +100,7 @@ BUDGET = {
     "mesh": 3_670,
     "models": 570,
     "placement": 8_010,
-    "raster": 2_970,
+    "raster": 2_990,
     "report": 5_300,
     "validation": 1_730,
     "viewer": 2_270,

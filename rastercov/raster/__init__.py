@@ -23,7 +23,7 @@ BACKENDS = ("auto", "cpu", "gl")
 _OPTIONS = {
     "cpu": ("threads",),
     "gl": (
-        *("device", "plan", "require_hardware"),
+        *("device", "plan", "max_layers", "require_hardware"),
         *("max_tile", "max_faces_a_draw", "image_budget"),
     ),
 }

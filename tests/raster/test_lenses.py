@@ -25,7 +25,7 @@ from rastercov.camera.viewpoints import sphere_of_poses
 from rastercov.mesh import shapes
 from rastercov.raster import lens as lens_module
 from rastercov.raster.cpu import CPURasterizer
-from rastercov.raster.gl import PLANS, GLRasterizer
+from rastercov.raster.gl import PLANS, WAYS, GLRasterizer
 from rastercov.raster.lens import LensRasterizer, Views
 from rastercov.raster.observation import BoundKind
 from rastercov.raster.sample_grid import SampleGrid
@@ -65,7 +65,7 @@ def opened(by, context, mesh, camera, **options):
     """Rasteriser on the CPU, or by a plan of OpenGL."""
     if by == "cpu":
         return open_rasterizer(mesh, camera, "cpu", **options)
-    return open_rasterizer(mesh, camera, "gl", device=context, plan=by, **options)
+    return open_rasterizer(mesh, camera, "gl", device=context, **WAYS[by], **options)
 
 
 def on_pipeline(counts, number):
@@ -73,10 +73,10 @@ def on_pipeline(counts, number):
     return 0 if counts.info.plan in ("threads", "compute") else number
 
 
-BY = pytest.mark.parametrize("by", ["cpu", *PLANS])
+BY = pytest.mark.parametrize("by", ["cpu", *WAYS])
 
 
-@pytest.fixture(params=["cpu", *PLANS])
+@pytest.fixture(params=["cpu", *WAYS])
 def open_lens(request, device):
     """Open rasterisers of either kind; they are closed when the test ends."""
     with ExitStack() as stack:

@@ -206,8 +206,8 @@ def verify_device(label: str) -> Report:
     """Plan and depth under "auto", after counting known scenes under every plan; for `ask`.
 
     The counts of the self-test scene are known. A convex mesh shows the whole of a face or nothing,
-    and samples add up. Plan "hardware" must repeat plan "software", since both use the same
-    pipeline; plan "compute" projects in double precision and may differ from them.
+    and samples add up. Layers must repeat what the pipeline counts one by one; plan "compute"
+    projects in double precision and may differ.
 
     Raises
     ------
@@ -216,7 +216,7 @@ def verify_device(label: str) -> Report:
     """
     # Not above, as in `open_device`.
     from rastercov.raster.gl.context import open_context
-    from rastercov.raster.gl.rasterizer import GLRasterizer
+    from rastercov.raster.gl.rasterizer import WAYS, GLRasterizer
 
     scenes = {
         "known scene": (self_test.MESH, self_test.CAMERA, self_test.POSES),
@@ -229,25 +229,25 @@ def verify_device(label: str) -> Report:
     }
     of_compute = of_pipeline.copy()
     with open_context(label) as context:
-        plans = {"software": of_pipeline}
+        expected = {"pipeline": of_pipeline}
         if context.info.has_batches:
-            plans["hardware"] = of_pipeline
+            expected["layers"] = of_pipeline
         if context.info.has_compute_raster:
-            plans["compute"] = of_compute
-        for plan, name in ((plan, name) for plan in plans for name in scenes):
+            expected["compute"] = of_compute
+        for way, name in ((way, name) for way in expected for name in scenes):
             mesh, camera, poses = scenes[name]
             try:
-                with GLRasterizer(mesh, camera, device=context, plan=plan) as rasterizer:
+                with GLRasterizer(mesh, camera, device=context, **WAYS[way]) as rasterizer:
                     counts = rasterizer.count(poses)
                 assert counts.drawn is not None
                 all_or_nothing = np.where(counts.visible > 0, counts.drawn, 0)
-                visible, drawn = plans[plan].setdefault(name, (all_or_nothing, counts.drawn))
+                visible, drawn = expected[way].setdefault(name, (all_or_nothing, counts.drawn))
                 total = counts.visible.sum(axis=1) + counts.background
                 _require_equal("visible", counts.visible, visible)
                 _require_equal("drawn", counts.drawn, drawn)
                 _require_equal("visible + background", total, camera.width * camera.height)
             except RastercovError as error:
-                raise DeviceError(f"plan {plan}, {name}: {error}") from error
+                raise DeviceError(f"plan {way}, {name}: {error}") from error
         with GLRasterizer(self_test.MESH, self_test.CAMERA, device=context) as rasterizer:
             return {"plan": rasterizer.info.plan, "depth": rasterizer.info.depth}
 
