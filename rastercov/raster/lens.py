@@ -63,8 +63,8 @@ MOST_ROWS = 1 << 22
 RAY_BYTES = 120
 MOST_KEPT = 1 << 23
 """Samples of the lens whose views are kept; those of all others are made for each call."""
-MOST_DRAWERS = 64
-"""Views whose scratch memory a thread keeps."""
+MOST_DRAWERS = 1024
+"""Views whose drawers a thread keeps."""
 ROWS_A_TURN = 8
 """Rows of samples a thread unprojects at a time."""
 
@@ -91,8 +91,8 @@ class PinholeRasterizer(Protocol):
 
     info: RasterizerInfo
 
-    def drawer(self, camera: Camera) -> ViewDrawer:
-        """Draw through another pinhole."""
+    def drawer(self, camera: Camera, beside: Any = None) -> ViewDrawer:
+        """Draw through another pinhole, with the memory of another drawer of the thread."""
 
     def close(self) -> None:
         """Give everything on the device back."""
@@ -427,7 +427,7 @@ class LensRasterizer(Closing):
         if view not in drawers:
             if len(drawers) >= MOST_DRAWERS:
                 drawers.clear()
-            drawers[view] = self._pinholes.drawer(view.camera)
+            drawers[view] = self._pinholes.drawer(view.camera, next(iter(drawers.values()), None))
         return drawers[view]
 
     def _check_open(self) -> None:

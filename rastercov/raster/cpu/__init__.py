@@ -161,10 +161,12 @@ class CPURasterizer(Closing):
         image = self.render_all(accepted)
         return VisibilityBuffer(image.face[0], image.depth[0])
 
-    def drawer(self, camera: Camera) -> "_Worker":
+    def drawer(self, camera: Camera, beside: "_Worker | None" = None) -> "_Worker":
         """Draw the opaque faces of the mesh through another pinhole; see `raster.lens`."""
         self._check_open()
-        return _Worker(self._scene, SampleGrid(camera))
+        largest = MAX_BAND // (LANES << STRIP_BITS)
+        memory = _Memory(self._scene, largest, 2 * largest) if beside is None else beside.memory
+        return _Worker(self._scene, SampleGrid(camera), memory)
 
     def render_all(self, poses: ArrayLike) -> VisibilityBuffer:
         """`render` of many poses, (P, H, W), in threads; for images that are small."""
@@ -310,25 +312,16 @@ def _total(parts: Any, kind: type) -> Any:
     return parts[0] if len(parts) == 1 else parts.sum(axis=0, dtype=kind)
 
 
-class _Worker:
-    """Scratch memory of one thread, and its calls of the compiled loops."""
+class _Memory:
+    """Scratch memory of one thread: of a number of strips of blocks, and of cells."""
 
-    def __init__(self, scene: _Scene, grid: SampleGrid) -> None:
-        self.scene, self.grid = scene, grid
-        strip = SIDE << STRIP_BITS
-        n_strips = -(-grid.width // strip)
-        n_block_rows = -(-grid.height // SIDE)
-        self.block_rows = min(n_block_rows, max(1, MAX_BAND // (n_strips * strip * SIDE)))
-        if n_block_rows > self.block_rows > SIDE:
-            self.block_rows -= self.block_rows % SIDE  # whole cells
-        self.columns = n_strips << STRIP_BITS
-        n_marks = self.block_rows * n_strips
-        n_cells = -(-self.block_rows // SIDE) * (self.columns // SIDE)
+    def __init__(self, scene: _Scene, n_marks: int, n_cells: int) -> None:
+        n_samples = n_marks * (LANES << STRIP_BITS)
         n_clusters = scene.clusters.bounds.shape[1]
         self.buffers = Buffers(
             marks=np.zeros(n_marks, np.uint8),
-            depth=aligned_zeros(n_marks * strip * SIDE, np.float32),
-            face=aligned_zeros(n_marks * strip * SIDE, np.int32),
+            depth=aligned_zeros(n_samples, np.float32),
+            face=aligned_zeros(n_samples, np.int32),
             cell_depth=np.zeros(n_cells, np.float32),
             n_marks=n_marks,
             kept=np.empty(n_clusters // LANES, np.int64),
@@ -339,6 +332,25 @@ class _Worker:
         self.scratch = make_scratch()
         self.no_drawn = np.zeros((1, 1), np.int32)
         self.no_counts = np.zeros((1, scene.mesh.n_faces), np.int32)
+
+
+class _Worker:
+    """Calls of the compiled loops by one thread, with memory of its own unless it is given some."""
+
+    def __init__(self, scene: _Scene, grid: SampleGrid, memory: _Memory | None = None) -> None:
+        self.scene, self.grid = scene, grid
+        strip = SIDE << STRIP_BITS
+        n_strips = -(-grid.width // strip)
+        n_block_rows = -(-grid.height // SIDE)
+        self.block_rows = min(n_block_rows, max(1, MAX_BAND // (n_strips * strip * SIDE)))
+        if n_block_rows > self.block_rows > SIDE:
+            self.block_rows -= self.block_rows % SIDE  # whole cells
+        self.columns = n_strips << STRIP_BITS
+        n_marks = self.block_rows * n_strips
+        n_cells = -(-self.block_rows // SIDE) * (self.columns // SIDE)
+        self.memory = memory = memory or _Memory(scene, n_marks, n_cells)
+        self.buffers, self.scratch = memory.buffers._replace(n_marks=n_marks), memory.scratch
+        self.no_drawn, self.no_counts = memory.no_drawn, memory.no_counts
         firsts, lasts = np.zeros((2, n_block_rows, SIDE), np.int32)
         firsts.ravel()[: grid.height], lasts.ravel()[: grid.height] = grid.first, grid.last
         inner = -(-firsts.max(axis=1) // SIDE), lasts.min(axis=1) // SIDE

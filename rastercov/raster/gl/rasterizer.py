@@ -219,7 +219,7 @@ class GLRasterizer(Closing):
             face = self._targets.face_of(face)
         return VisibilityBuffer(face, depth)
 
-    def drawer(self, camera: Camera) -> "ViewDrawer":
+    def drawer(self, camera: Camera, beside: Any = None) -> "ViewDrawer":
         """Draw the opaque faces of the mesh through another pinhole; see `raster.lens`."""
         with self._current():
             return _Drawer(self, camera)
