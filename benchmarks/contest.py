@@ -20,6 +20,7 @@ from peers import VTK, Embreex, Open3D, Ours, Runner
 
 import rastercov as rc
 from rastercov.mesh import shapes
+from rastercov.raster.gl import WAYS
 
 WORKERS = 2
 SOFTWARE = "surfaceless"
@@ -54,11 +55,11 @@ def contestants(device: str) -> dict[str, Contestant]:
     n = WORKERS if device == SOFTWARE else 1
     draw = {
         f"gl-{plan}": Contestant(
-            f"{name}", partial(Ours, backend="gl", device=device, plan=plan), n
+            f"{name}", partial(Ours, backend="gl", device=device, **WAYS[plan]), n
         )
         for plan, name in (
-            ("software", "OpenGL"),
-            ("hardware", "OpenGL in batches"),
+            ("pipeline", "OpenGL"),
+            ("layers", "OpenGL in batches"),
             ("compute", "compute shaders"),
         )
     }

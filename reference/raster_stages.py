@@ -326,18 +326,20 @@ def count_triangle(
     plane: tuple[float, float, float],
     least: float,
     greatest: float,
-    corner: tuple[int, int],
+    tile: tuple[int, int, int, int],
     runs: tuple[Array, Array],
     depth: Array,
+    sums: Array,
 ) -> tuple[int, int]:
-    """Samples that a part of a target covers, and those of them with no surface in front of it.
+    """Samples that a part of a face covers, and those of them with no surface in front of it.
 
     Arguments as of `rastercov.kernels.raster_targets.count_triangle`.
     """
-    rows, columns = np.mgrid[: depth.shape[0], : depth.shape[1]]
-    rows, columns = rows + corner[1], columns + corner[0]
+    left, top, width, height = tile
+    rows, columns = np.mgrid[top : top + height, left : left + width]
+    weights = np.diff(sums, axis=1) if sums.size else np.ones((height, width), np.int64)
     covered = covers(np.stack((x, y), axis=-1), columns, rows)
     covered &= (columns >= runs[0][rows]) & (columns < runs[1][rows])
     inverse = np.clip(plane[0] + plane[2] * rows + plane[1] * columns, least, greatest)
-    seen = covered & (inverse * depth * (1 + TIE_REL) >= 1)
-    return int(covered.sum()), int(seen.sum())
+    seen = covered & (inverse * depth * (1 + TIE_REL) >= 1) if depth.size else np.False_
+    return int((covered * weights).sum()), int((seen * weights).sum())

@@ -1,7 +1,6 @@
 """GLSL sources, named `name.stage.glsl`, and the one cached loader that reads them."""
 
 import hashlib
-import re
 from functools import cache
 from importlib.resources import files
 
@@ -11,8 +10,6 @@ from rastercov.base.errors import DeviceError
 @cache
 def source(name: str, version: int = 330, **defines: int) -> str:
     """GLSL text of one stage, with its `#version` line and its defines.
-
-    A line `#include "part.glsl"` is replaced by that file.
 
     Parameters
     ----------
@@ -28,21 +25,15 @@ def source(name: str, version: int = 330, **defines: int) -> str:
     DeviceError
         When the file is missing from the installation.
     """
-    parts = re.split(r'^#include "(\S+)\.glsl"\n', _text(name), flags=re.MULTILINE)
-    text = "".join(_text(part) if odd % 2 else part for odd, part in enumerate(parts))
-    head = [f"#version {version} core"]
-    head += [f"#define {key} {value}" for key, value in defines.items()]
-    return "\n".join(head) + "\n#line 1\n" + text
-
-
-def _text(name: str) -> str:
-    """Contents of a file."""
     try:
-        return (files(__name__) / f"{name}.glsl").read_text(encoding="utf-8")
+        text = (files(__name__) / f"{name}.glsl").read_text(encoding="utf-8")
     except FileNotFoundError:
         raise DeviceError(
             f"shader {name}.glsl is missing from the installation; reinstall rastercov"
         ) from None
+    head = [f"#version {version} core"]
+    head += [f"#define {key} {value}" for key, value in defines.items()]
+    return "\n".join(head) + "\n#line 1\n" + text
 
 
 @cache

@@ -18,7 +18,7 @@ from rastercov.base.errors import DeviceError
 from rastercov.kernels.direct import DirectCalls
 from rastercov.mesh import Mesh
 from rastercov.raster.cpu import CPURasterizer
-from rastercov.raster.gl import PLANS, GLRasterizer
+from rastercov.raster.gl import WAYS, GLRasterizer
 from rastercov.raster.gl.context import open_context
 
 # New examples on every run at a desk, the same ones where a run decides over a change. No time
@@ -124,7 +124,7 @@ def device(gl_context):
     assert left == []
 
 
-@pytest.fixture(params=PLANS)
+@pytest.fixture(params=WAYS)
 def plan(request):
     """All ways for the OpenGL rasteriser to run; the software device can do them all."""
     return request.param
@@ -135,11 +135,11 @@ def open_gl(device, plan):
     """Open OpenGL rasterisers under the plan; they are closed when the test ends."""
     with ExitStack() as stack:
         yield lambda mesh, camera, **options: stack.enter_context(
-            GLRasterizer(mesh, camera, device=device, **{"plan": plan, **options})
+            GLRasterizer(mesh, camera, device=device, **WAYS[plan], **options)
         )
 
 
-@pytest.fixture(params=[*PLANS, "cpu"])
+@pytest.fixture(params=[*WAYS, "cpu"])
 def open_raster(request, device):
     """Open rasterisers of every kind, for the laws that all of them keep."""
     with ExitStack() as stack:
@@ -148,7 +148,7 @@ def open_raster(request, device):
             if request.param == "cpu":
                 return stack.enter_context(CPURasterizer(mesh, camera, **options))
             return stack.enter_context(
-                GLRasterizer(mesh, camera, device=device, plan=request.param, **options)
+                GLRasterizer(mesh, camera, device=device, **WAYS[request.param], **options)
             )
 
         yield open_one

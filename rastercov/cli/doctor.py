@@ -108,7 +108,7 @@ def _limits(row: Report) -> Rows:
     side = min(limits["max_texture_size"], *limits["max_viewport_dims"])
     return [
         ("image side", f"{side:,} samples", "larger images are drawn in tiles"),
-        ("image layers", f"{limits['max_array_layers']:,}", "poses in one batch, plan hardware"),
+        ("image layers", f"{limits['max_array_layers']:,}", "poses in one draw, plan pipeline"),
         ("storage block", f"{limits['max_ssbo_bytes'] >> 20:,} MiB", "4 bytes a face counter"),
         (
             "64-bit atomics",

@@ -22,6 +22,7 @@ from rastercov.kernels.raster_stage_cover import (
     fit_count_samples,
     reach_blocks,
 )
+from rastercov.kernels.raster_stage_depth import count_block
 from rastercov.kernels.raster_stage_setup import set_up_edges
 from rastercov.kernels.simd_kernel import align_stack, count_bits, lowest_bit
 
@@ -68,8 +69,8 @@ def blocks_of_tile(k, tile_x, tile_y, blocks, setup):
 
 
 @compiled
-def count_covered(k, window, setup):
-    """Number of samples that triangle k covers, of any size."""
+def count_covered(k, window, weights, setup):
+    """Number of samples that triangle k covers, of any size, by their weights."""
     reached = blocks_of(k, setup)
     first_x, last_x, first_y, last_y = reached
     is_cut = last_x >= window.full_x or last_y >= window.full_y
@@ -81,11 +82,18 @@ def count_covered(k, window, setup):
                 lane = lowest_bit(blocks)
                 blocks &= blocks - 1
                 bits = cover_block(lane, setup)
+                block_x, block_y = tile_x + (lane & (SIDE - 1)), tile_y + (lane >> SIDE_BITS)
                 if is_cut:
-                    block_x, block_y = tile_x + (lane & (SIDE - 1)), tile_y + (lane >> SIDE_BITS)
                     bits = mask_in_image(bits, block_x, block_y, window)
-                covered += count_bits(bits)
+                block = (block_y - (window.top >> SIDE_BITS)) * window.columns + block_x
+                covered += count_block(bits, block << 2 * SIDE_BITS, weights)
     return covered
+
+
+@part_of
+def counts_in_blocks(window, counts):
+    """True where samples count by their places: at the border, and where they have weights."""
+    return window.full_x == 0 or counts.weights is not None
 
 
 @part_of
@@ -100,9 +108,10 @@ def count_samples_2x2(slots, n, faces, drawn):
 @part_of
 def count_lanes(chosen, n, setup, target):
     """Add the samples of chosen ones of n triangles of up to `LARGE` steps to `drawn`."""
-    window = target.window
+    window, counts = target.window, target.counts
+    in_blocks = counts_in_blocks(window, counts)
     small = fit_count_samples(setup) & chosen
-    if window.full_x == 0 or count_bits(small) < MIN_VECTOR_FACES:
+    if in_blocks or count_bits(small) < MIN_VECTOR_FACES:
         small = 0
     if small:
         count_samples(small, setup)
@@ -112,13 +121,13 @@ def count_lanes(chosen, n, setup, target):
         covered = 0
         if small >> k & 1:
             covered = np.int64(setup.masks[k])
-        elif window.full_x == 0:
-            covered = count_covered(k, window, setup)
+        elif in_blocks:
+            covered = count_covered(k, window, counts.weights, setup)
         else:
             n_rows = setup.bounds[LAST_Y * LANES + k] - setup.bounds[FIRST_Y * LANES + k] + 1
             for start in range(0, n_rows, LANES):
                 covered += count_rows(k, start, setup)
-        target.counts.drawn[setup.bounds[FACE * LANES + k]] += covered
+        counts.drawn[setup.bounds[FACE * LANES + k]] += covered
 
 
 @compiled

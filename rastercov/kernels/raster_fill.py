@@ -20,6 +20,7 @@ from rastercov.kernels.raster_coverage import (
     border_mask,
     count_covered,
     count_hidden_lanes,
+    counts_in_blocks,
     mask_in_image,
 )
 from rastercov.kernels.raster_memory import (
@@ -52,12 +53,14 @@ from rastercov.kernels.raster_stage_cover import (
 )
 from rastercov.kernels.raster_stage_cull import bin_faces
 from rastercov.kernels.raster_stage_depth import (
+    count_block,
     depth_of_samples,
     depth_test,
     hidden_blocks,
     least_in_tile,
     samples_of_face,
     samples_of_later_faces,
+    weight_of,
     write_face,
 )
 from rastercov.kernels.raster_stage_setup import set_up_triangles
@@ -65,12 +68,12 @@ from rastercov.kernels.simd_kernel import align_stack, append_set_bits, count_bi
 
 
 @part_of
-def cull_and_bin(faces, n_slots, window, is_plain, with_hidden, bit_indices, bins):
+def cull_and_bin(faces, n_slots, window, is_plain, counts, bit_indices, bins):
     """List the slots of faces that can cover a sample, by path; returns the lengths of the lists.
 
     The cluster has `n_slots`, a multiple of `LANES`; `is_plain` is not 0 where no face can be wide
     or need clipping. `bins` gets the faces that cover a sample of at most 2 x 2; that reach more;
-    those of either kind that are hidden, only `with_hidden`; faces for 64 bits; and faces to clip.
+    those of either kind that are hidden, only `with_drawn`; faces for 64 bits; and faces to clip.
     """
     small, larger, hidden_small, hidden_larger, wide, clipped, _ = bins
     n_small = n_larger = n_hidden_small = n_hidden_larger = n_wide = n_clipped = 0
@@ -83,8 +86,8 @@ def cull_and_bin(faces, n_slots, window, is_plain, with_hidden, bit_indices, bin
             n_wide = append_set_bits(bit_indices, bits, at, wide, n_wide)
             bits = shown >> 3 * LANES & ALL_LANES
             n_clipped = append_set_bits(bit_indices, bits, at, clipped, n_clipped)
-        if with_hidden:
-            if window.full_x == 0:  # the mask of 2 x 2 has samples outside the image
+        if counts.with_drawn:
+            if counts_in_blocks(window, counts):  # the mask of 2 x 2 has no places
                 hidden = (hidden | hidden << LANES) & ALL_LANES << LANES
             bits = hidden & ALL_LANES
             n_hidden_small = append_set_bits(bit_indices, bits, at, hidden_small, n_hidden_small)
@@ -107,28 +110,29 @@ def fill_samples_2x2(chosen, setup, target):
         covered &= covered - 1
         lane = k & (LANES - 1)
         face, sample = setup.bounds[FACE * LANES + lane], setup.sample[k]
+        n = weight_of(sample, counts.weights)
         if window.full_x == 0:
             x = np.int64(setup.bounds[FIRST_X * LANES + lane] + (k >> 4 & 1))
             y = setup.bounds[FIRST_Y * LANES + lane] + (k >> 5)
             if x < window.first[y] or x >= window.last[y]:
                 continue
-            if counts.with_drawn:
-                counts.drawn[face] += 1
+        if counts.with_drawn and counts_in_blocks(window, counts):
+            counts.drawn[face] += n
         depth, old = setup.depth[k], image.depth[sample]
         if depth > old or (depth == old and image.face[sample] > face):
             if old > 0:
-                counts.visible[image.face[sample]] -= 1
+                counts.visible[image.face[sample]] -= n
             else:
                 filled += 1
-            counts.visible[face] += 1
+            counts.visible[face] += n
             image.depth[sample] = depth
             image.face[sample] = face
     return filled
 
 
 @part_of
-def fill_block(at, covered, setup, k, start, face, image, visible):
-    """Write the nearer samples of a block; returns their number, and how many were empty."""
+def fill_block(at, covered, setup, k, start, face, image, counts):
+    """Write the nearer samples of a block; returns their count, and how many were empty."""
     found = depth_test(image, at, covered, setup, k, start)
     won = found & ALL_LANES
     lost = found >> LANES & ALL_LANES
@@ -139,15 +143,14 @@ def fill_block(at, covered, setup, k, start, face, image, visible):
         lost |= ties
     if won == 0:
         return 0, 0
-    n_won = count_bits(won)
-    n_new = n_won - count_bits(lost)
+    n_new = count_bits(won) - count_bits(lost)
     while lost:
         loser = image.face[at + lowest_bit(lost)]
         its = samples_of_face(image.face, at, loser) & lost
-        visible[loser] -= count_bits(its)
+        counts.visible[loser] -= count_block(its, at, counts.weights)
         lost &= ~its
     write_face(image.face, at, won, face)
-    return n_won, n_new
+    return count_block(won, at, counts.weights), n_new
 
 
 @part_of
@@ -172,10 +175,10 @@ def fill_blocks_2x2(chosen, wide, tall, setup, target):
             block_x = np.int64(setup.bounds[FIRST_X * LANES + lane] >> SIDE_BITS) + (k >> 4 & 1)
             block_y = np.int64(setup.bounds[FIRST_Y * LANES + lane] >> SIDE_BITS) + (k >> 5)
             bits &= border_mask(block_x, block_y, window)
-        if counts.with_drawn:
-            counts.drawn[face] += count_bits(bits)
         at, start = np.int64(setup.sample[k]), setup.depth[k]
-        n_won, n_new = fill_block(at, bits, setup, lane, start, face, image, counts.visible)
+        if counts.with_drawn:
+            counts.drawn[face] += count_block(bits, at, counts.weights)
+        n_won, n_new = fill_block(at, bits, setup, lane, start, face, image, counts)
         counts.visible[face] += n_won
         filled += n_new
     return filled
@@ -203,20 +206,21 @@ def fill_cells(k, setup, target):
             cell = cells + (tile_x >> SIDE_BITS)
             start_blocks(k, tile_x, tile_y, window, setup)
             shown = blocks & ~hidden_blocks(k, image.cell_depth[cell], setup)
-            if shown == 0 and not counts.with_drawn:
+            if shown == 0 and not (counts.with_drawn and image.cell_depth[cell] < np.inf):
                 continue
             is_cut = tile_x + SIDE > window.full_x or tile_y + SIDE > window.full_y
             is_whole = blocks == ALL_LANES and not is_cut
             if is_whole and whole_blocks(k, setup) == ALL_LANES:
-                covered += LANES * LANES
+                if counts.with_drawn:
+                    for lane in range(LANES):
+                        at = np.int64(setup.sample[lane])
+                        covered += count_block(ALL_LANES, at, counts.weights)
                 least = least_in_tile(k, setup)
                 while shown:
                     lane = lowest_bit(shown)
                     shown &= shown - 1
                     at, start = np.int64(setup.sample[lane]), setup.depth[lane]
-                    n_won, n_new = fill_block(
-                        at, ALL_LANES, setup, k, start, face, image, counts.visible
-                    )
+                    n_won, n_new = fill_block(at, ALL_LANES, setup, k, start, face, image, counts)
                     gained += n_won
                     filled += n_new
                 image.cell_depth[cell] = max(image.cell_depth[cell], least)
@@ -230,12 +234,10 @@ def fill_cells(k, setup, target):
                 if is_cut:
                     block_x, block_y = tile_x + (lane & (SIDE - 1)), tile_y + (lane >> SIDE_BITS)
                     bits = mask_in_image(bits, block_x, block_y, window)
-                covered += count_bits(bits)
+                at, start = np.int64(setup.sample[lane]), setup.depth[lane]
+                covered += count_block(bits, at, counts.weights)
                 if bits and shown >> lane & 1:
-                    at, start = np.int64(setup.sample[lane]), setup.depth[lane]
-                    n_won, n_new = fill_block(
-                        at, bits, setup, k, start, face, image, counts.visible
-                    )
+                    n_won, n_new = fill_block(at, bits, setup, k, start, face, image, counts)
                     gained += n_won
                     filled += n_new
     if gained:
@@ -274,11 +276,10 @@ def fill_tiles(chosen, setup, target):
                         bits = mask_in_image(bits, block_x, block_y, window)
                     if bits == 0:
                         continue
-                    covered += count_bits(bits)
                     at, start = np.int64(setup.sample[lane]), setup.depth[lane]
-                    n_won, n_new = fill_block(
-                        at, bits, setup, k, start, face, image, counts.visible
-                    )
+                    if counts.with_drawn:
+                        covered += count_block(bits, at, counts.weights)
+                    n_won, n_new = fill_block(at, bits, setup, k, start, face, image, counts)
                     gained += n_won
                     filled += n_new
         if gained:
@@ -372,7 +373,7 @@ def fill_any(slots, n, faces, setup, target, plane):
         hidden = sides >> LANES & valid
         while hidden and target.counts.with_drawn:
             k = lowest_bit(hidden)
-            drawn = count_covered(k, target.window, setup)
+            drawn = count_covered(k, target.window, target.counts.weights, setup)
             target.counts.drawn[setup.bounds[FACE * LANES + k]] += drawn
             hidden &= hidden - 1
     return filled

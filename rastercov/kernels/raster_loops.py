@@ -4,7 +4,11 @@ import numpy as np
 
 from rastercov.kernels.jit import compiled, part_of
 from rastercov.kernels.raster_clipping import clip_and_triangulate
-from rastercov.kernels.raster_coverage import count_hidden, count_samples_2x2
+from rastercov.kernels.raster_coverage import (
+    count_hidden,
+    count_samples_2x2,
+    counts_in_blocks,
+)
 from rastercov.kernels.raster_fill import cull_and_bin, fill_any, fill_small
 from rastercov.kernels.raster_memory import (
     ALL_LANES,
@@ -158,13 +162,14 @@ def draw_cluster(mesh, cluster, workspace, target):
     target = Target(window, image, counts, tests_cells)
     faces = Faces(mesh, cluster.first_slot, vertices, bins.coverage_2x2)
     n_slots = cluster.end_slot - cluster.first_slot
-    n = cull_and_bin(faces, n_slots, window, is_plain, counts.with_drawn, bit_indices, bins)
-    if counts.with_drawn and window.full_x > 0:
+    n = cull_and_bin(faces, n_slots, window, is_plain, counts, bit_indices, bins)
+    in_blocks = counts_in_blocks(window, counts)
+    if counts.with_drawn and not in_blocks:
         count_samples_2x2(bins.samples_2x2, n.samples_2x2, faces, counts.drawn)
         count_samples_2x2(bins.hidden_samples_2x2, n.hidden_samples_2x2, faces, counts.drawn)
     filled, n_tried = 0, n.wide * LANES
     if is_behind:
-        if window.full_x == 0:
+        if in_blocks:
             count_hidden(bins.samples_2x2, n.samples_2x2, faces, setup, target)
         count_hidden(bins.larger, n.larger, faces, setup, target)
     elif n.samples_2x2 + n.larger:
@@ -195,7 +200,9 @@ def draw_clipped(mesh, cluster, n, workspace, target, scratch):
 
 
 @part_of
-def draw_band(window, n_bands, canvas, clusters, mesh, buffers, counts, scratch, workspace):
+def draw_band(
+    window, n_bands, canvas, clusters, mesh, buffers, counts, cell_bounds, scratch, workspace
+):
     """Draw the clusters that reach into a band; returns how many samples were empty."""
     fy, cy = canvas.intrinsics[1], canvas.intrinsics[3]
     top, bottom = window.top, window.bottom + 1
@@ -222,12 +229,12 @@ def draw_band(window, n_bands, canvas, clusters, mesh, buffers, counts, scratch,
             buffers.depth[sample] = 0.0
     n_rows = ((window.bottom - window.top) >> CELL_BITS) + 1
     for cell in range(n_rows * (window.columns >> SIDE_BITS)):
-        buffers.cell_depth[cell] = 0.0
+        buffers.cell_depth[cell] = 0.0 if cell_bounds is None else cell_bounds[cell]
     ordered = buffers.ordered
     forward = offset(buffers.centres, clusters.stride)
     order_by_depth(clusters, seen, n_seen, forward, workspace.bucket_ends, ordered)
     image = Image(buffers.depth, buffers.face, buffers.cell_depth, buffers.marks, is_clear)
-    filled, in_vain, tests_cells = 0, 0, False
+    filled, in_vain, tests_cells = 0, 0, cell_bounds is not None
     filled_when_bounded = 0
     for i in range(n_seen):
         if i + PREFETCH_DISTANCE < n_seen:
@@ -307,7 +314,10 @@ def count_poses(poses, canvas, bands, clusters, buffers, output, scratch):
         `centres` (2, K) float64. `seen` (K + LANES,) int32: clusters in a band.
     output : Output
         `visible`, `drawn` (P, F) int32: samples; `drawn` only `with_drawn`, else one row that is
-        not written. `filled` (P,) int64: samples with a face in them.
+        not written. `filled` (P,) int64: samples with a face in them. `weights` (N,) uint8: how
+        often each sample of the image counts in the first two, in the order of `Buffers` for all
+        of its rows; None where each counts once. `cell_bounds` (cells,) float32: inf for cells
+        whose samples do not count, 0 for others; None without weights.
     scratch : Scratch
         From `make_scratch`.
     """
@@ -322,7 +332,6 @@ def count_poses(poses, canvas, bands, clusters, buffers, output, scratch):
     full_y = 0 if canvas.is_rolled else height >> SIDE_BITS
     visible, drawn, with_drawn = output.visible, output.drawn, output.with_drawn
     for p in range(len(poses.near)):
-        counts = Counts(pointer(visible[p]), pointer(drawn[p if with_drawn else 0]), with_drawn)
         visible[p] = 0
         if with_drawn:
             drawn[p] = 0
@@ -338,8 +347,23 @@ def count_poses(poses, canvas, bands, clusters, buffers, output, scratch):
                 np.int32(poses.cull[p]), np.int32(columns), height, np.int32(full_x),
                 np.int32(full_y), canvas.inner, canvas.first, canvas.last,
             )  # fmt: skip
+            block = (bands[band, 0] >> SIDE_BITS) * columns
+            weights = offset(pointer(output.weights), block << 2 * SIDE_BITS)
+            cell_bounds = offset(pointer(output.cell_bounds), block >> 2 * SIDE_BITS)
+            counts = Counts(
+                pointer(visible[p]), pointer(drawn[p if with_drawn else 0]), with_drawn, weights
+            )
             filled += draw_band(
-                window, len(bands), canvas, clusters, mesh, buffers, counts, scratch, workspace
+                window,
+                len(bands),
+                canvas,
+                clusters,
+                mesh,
+                buffers,
+                counts,
+                cell_bounds,
+                scratch,
+                workspace,
             )
         output.filled[p] = filled
 

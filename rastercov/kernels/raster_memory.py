@@ -36,6 +36,8 @@ LANE_X, LANE_Y = [k % SIDE for k in range(LANES)], [k // SIDE for k in range(LAN
 """Column and row of each lane in a block or tile."""
 STRIP_BITS = 4
 """Blocks in a row that are cleared together, as a power of 2."""
+MOST_WEIGHT = 255
+"""Largest weight of a sample, a byte."""
 CELL_BITS = 2 * SIDE_BITS
 """Samples along the side of a cell, a tile whose depth is bounded, as a power of 2."""
 
@@ -125,8 +127,9 @@ samples the first one inside, and the one after the last."""
 Image = namedtuple("Image", "depth face cell_depth marks is_clear")
 """Pointers to blocks of samples: 1/z, 0 where empty, and the index of the nearest face; to lower
 bounds of 1/z in each cell; to marks of strips that are cleared; and whether all are."""
-Counts = namedtuple("Counts", "visible drawn with_drawn")
-"""Pointers to the samples of each face, added to; `drawn` only `with_drawn`."""
+Counts = namedtuple("Counts", "visible drawn with_drawn weights")
+"""Pointers to the samples of each face, added to; `drawn` only `with_drawn`; and to how often each
+sample of the band counts, in its order, or None where each counts once."""
 Target = namedtuple("Target", "window image counts tests_cells")
 """`Window`, `Image` and `Counts` that a band is drawn to, and whether faces are compared with the
 bounds of depth in cells before they are filled."""
@@ -134,7 +137,7 @@ bounds of depth in cells before they are filled."""
 Poses = namedtuple("Poses", "world_from_camera near cull")
 Canvas = namedtuple("Canvas", "magnification intrinsics size inner first last is_rolled")
 Buffers = namedtuple("Buffers", "marks depth face cell_depth n_marks kept centres seen ordered")
-Output = namedtuple("Output", "visible drawn filled with_drawn")
+Output = namedtuple("Output", "visible drawn filled with_drawn weights cell_bounds")
 """Arguments of `count_poses`, which documents them."""
 Scratch = namedtuple(
     "Scratch",

@@ -11,13 +11,14 @@ from rastercov.kernels.raster_memory import (
     LANES,
     LEAST,
     LINE_BITS,
+    MOST_WEIGHT,
     SIDE,
     SIDE_BITS,
     STEP_X,
     STEP_Y,
 )
 from rastercov.kernels.raster_stage_cover import block_starts, plane_rows
-from rastercov.kernels.simd import SINGLE, WORD, pack
+from rastercov.kernels.simd import LONG, SINGLE, WORD, pack
 from rastercov.kernels.simd_kernel import Variable, loop, simd
 
 
@@ -133,6 +134,23 @@ def write_face(faces, at, bits, face):
     block = faces.at(at)
     old = block[0]
     block[0] = old.like(face).where(bits.as_mask(LANES), old)
+
+
+@simd(returns=types.int64)
+def count_block(bits, at, weights):
+    """Number of the samples of a block in a mask, by their weights if they have any."""
+    if weights is None:
+        return bits.count_bits()
+    found = weights.at(at)[0].where(bits.as_mask(LANES), 0).zero_extended(WORD)
+    return found.reduce("__add__").to(LONG)
+
+
+@simd(returns=types.int64)
+def weight_of(sample, weights):
+    """Weight of a sample, 1 where there are none."""
+    if weights is None:
+        return sample.to(LONG).like(1)
+    return weights.value(sample).to(LONG) & MOST_WEIGHT
 
 
 @simd(returns=types.void)

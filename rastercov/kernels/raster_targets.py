@@ -1,8 +1,9 @@
-"""Samples of targets against the depths of an image, compiled by numba.
+"""Samples of faces one by one against an image that is drawn, compiled by numba.
 
-Each target is filled by itself and nothing is written to the image, so it hides nothing. Positions
-are rounded to 1/256 sample and edge functions are integers, as in `rastercov.raster.cpu`: the
-samples that a face covers are the same as those of a face that hides.
+Each face is filled by itself and nothing is written to the image, so it hides nothing: targets are
+counted so, and what faces cover alone through a lens. Positions are rounded to 1/256 sample and
+edge functions are integers, as in `rastercov.raster.cpu`: the samples that a face covers are the
+same as those of a face that hides.
 
 J. Pineda. A Parallel Algorithm for Polygon Rasterization. 1988.
 """
@@ -16,6 +17,8 @@ from rastercov.kernels.raster_memory import CLIP_CORNERS, GUARD_BAND, HALF_SAMPL
 TIE_REL = 2.0**-20
 """Depth by which a surface must be in front of a target to hide it, relative: 8 roundings to
 float32, by which the depths of one surface differ between devices."""
+MOST_TESTED = 24
+"""Samples of a row, at most, that are tested one by one."""
 REACH = 0.99 * GUARD_BAND / STEPS
 """Samples from the origin of the canvas beyond which targets are clipped."""
 
@@ -66,7 +69,7 @@ def clip_to_canvas(polygon, lens, near, out):
 
 
 @compiled
-def count_triangle(x, y, plane, least, greatest, corner, runs, depth):
+def count_triangle(x, y, plane, least, greatest, tile, runs, depth, sums):
     """Samples of a tile that a triangle covers, and those of them that no surface is in front of.
 
     Parameters
@@ -77,12 +80,16 @@ def count_triangle(x, y, plane, least, greatest, corner, runs, depth):
         1/z at the centre of the first sample of the canvas, its steps to the next column and row.
     least, greatest : float
         1/z at the corners: a sample can lie beyond them by rounding, its depth must not.
-    corner : tuple of 2 int
-        First column and row of the tile.
+    tile : tuple of 4 int
+        First column and row, width and height.
     runs : tuple of two (H,) int32 arrays
         First sample of each row of the canvas that counts, and the one after the last.
     depth : (h, w) float32
-        Depth of the nearest surface at each sample of the tile, metres; inf for none.
+        Depth of the nearest surface at each sample of the tile, metres; inf for none. Empty where
+        what is in front does not matter: then none is counted as seen.
+    sums : (h, w + 1) or (0, 0) int32
+        How often the samples of each row of the tile count, those before each column together;
+        empty where each counts once.
     """
     ax, ay, bx, by, cx, cy = x[0], y[0], x[1], y[1], x[2], y[2]
     area = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay)
@@ -90,42 +97,76 @@ def count_triangle(x, y, plane, least, greatest, corner, runs, depth):
         return 0, 0
     if area < 0:
         bx, by, cx, cy = cx, cy, bx, by
-    left, top = corner
-    height, width = depth.shape
+    left, top, width, height = tile
     first_row = max((min(ay, by, cy) + HALF_SAMPLE - 1) >> STEP_BITS, top)
     last_row = min((max(ay, by, cy) + HALF_SAMPLE - 1) >> STEP_BITS, top + height)
     first_column = max((min(ax, bx, cx) + HALF_SAMPLE - 1) >> STEP_BITS, left)
     last_column = min((max(ax, bx, cx) + HALF_SAMPLE - 1) >> STEP_BITS, left + width)
     covered = seen = 0
+    is_weighted, sees = sums.shape[0] > 0, depth.size > 0
+    # A sample on a left or upper edge is inside.
+    a_in = 0 if by < ay or (by == ay and bx > ax) else 1
+    b_in = 0 if cy < by or (cy == by and cx > bx) else 1
+    c_in = 0 if ay < cy or (ay == cy and ax > cx) else 1
+    a_step, b_step, c_step = (ay - by) << STEP_BITS, (by - cy) << STEP_BITS, (cy - ay) << STEP_BITS
     for row in range(first_row, last_row):
         begin = max(first_column, np.int64(runs[0][row]))
         end = min(last_column, np.int64(runs[1][row])) - 1
-        v = (row << STEP_BITS) + HALF_SAMPLE
-        for side in range(3):
-            if side == 0:
-                px, py, qx, qy = ax, ay, bx, by
-            elif side == 1:
-                px, py, qx, qy = bx, by, cx, cy
-            else:
-                px, py, qx, qy = cx, cy, ax, ay
-            u = (begin << STEP_BITS) + HALF_SAMPLE
-            value = (qx - px) * (v - py) - (qy - py) * (u - px)
-            # A sample on a left or upper edge is inside.
-            is_inside = qy < py or (qy == py and qx > px)
-            value -= 0 if is_inside else 1
-            begin, end = samples_right_of(value, (py - qy) << STEP_BITS, begin, end)
+        v, u = (row << STEP_BITS) + HALF_SAMPLE, (begin << STEP_BITS) + HALF_SAMPLE
+        a = (bx - ax) * (v - ay) - (by - ay) * (u - ax) - a_in
+        b = (cx - bx) * (v - by) - (cy - by) * (u - bx) - b_in
+        c = (ax - cx) * (v - cy) - (ay - cy) * (u - cx) - c_in
+        if end - begin < MOST_TESTED:
+            while begin <= end and (a | b | c) < 0:
+                a, b, c, begin = a + a_step, b + b_step, c + c_step, begin + 1
+            last = begin - 1
+            while last < end and (a | b | c) >= 0:
+                a, b, c, last = a + a_step, b + b_step, c + c_step, last + 1
+            end = last
+        else:
+            first = begin
+            begin, end = samples_right_of(a, a_step, begin, end)
+            begin, end = samples_right_of(b + (begin - first) * b_step, b_step, begin, end)
+            begin, end = samples_right_of(c + (begin - first) * c_step, c_step, begin, end)
         if begin > end:
             continue
-        covered += end - begin + 1
+        if is_weighted:
+            n = np.int64(sums[row - top, end + 1 - left] - sums[row - top, begin - left])
+            covered += n
+        else:
+            n = end - begin + 1
+            covered += n
+        if n == 0 or not sees:
+            continue
         start = plane[0] + plane[2] * row
         for column in range(begin, end + 1):
             inverse = min(max(start + plane[1] * column, least), greatest)
-            seen += inverse * depth[row - top, column - left] * (1 + TIE_REL) >= 1
+            if inverse * depth[row - top, column - left] * (1 + TIE_REL) >= 1:
+                at = column - left
+                seen += (
+                    np.int64(sums[row - top, at + 1] - sums[row - top, at]) if is_weighted else 1
+                )
     return covered, seen
 
 
+@part_of
+def is_beside(polygon, lens, tile):
+    """True where a face is wholly beyond one side of a tile."""
+    for axis in range(2):
+        first = float(tile[axis]) - lens[2 + axis]
+        last = first + tile[2 + axis]
+        n_before = n_behind = 0
+        for i in range(3):
+            across, z = lens[axis] * polygon[3 * i + axis], polygon[3 * i + 2]
+            n_before += across < first * z
+            n_behind += across > last * z
+        if n_before == 3 or n_behind == 3:
+            return True
+    return False
+
+
 @compiled
-def count_targets(corners, axes, eye, lens, near, rows, corner, runs, depth, visible, drawn):
+def count_targets(corners, axes, eye, lens, near, rows, tile, runs, depth, sums, visible, drawn):
     """Add the samples of targets in a tile of one pose to their counts.
 
     Parameters
@@ -140,9 +181,9 @@ def count_targets(corners, axes, eye, lens, near, rows, corner, runs, depth, vis
     near : float
         Depth of the near plane, metres.
     rows : (N, 2) int64
-        Of `rows_of_targets`.
-    corner, runs, depth
-        The tile, as for `count_triangle`.
+        Of `rows_of_targets`; empty where they are not known.
+    tile, runs, depth, sums
+        As for `count_triangle`.
     visible, drawn : (N,) int64
         Samples of each target, added to.
     """
@@ -150,9 +191,11 @@ def count_targets(corners, axes, eye, lens, near, rows, corner, runs, depth, vis
     u, v, w = np.empty((3, CLIP_CORNERS))
     x, y = np.empty((2, 3), np.int64)
     for f in range(corners.shape[0]):
-        if rows[f, 1] <= corner[1] or rows[f, 0] >= corner[1] + depth.shape[0]:
+        if len(rows) and (rows[f, 1] <= tile[1] or rows[f, 0] >= tile[1] + tile[3]):
             continue
         put_in_camera(corners, f, axes, eye, polygon)
+        if is_beside(polygon, lens, tile):
+            continue
         ax, ay, az = polygon[0], polygon[1], polygon[2]
         dx, dy, dz = polygon[3] - ax, polygon[4] - ay, polygon[5] - az
         ex, ey, ez = polygon[6] - ax, polygon[7] - ay, polygon[8] - az
@@ -177,7 +220,7 @@ def count_targets(corners, axes, eye, lens, near, rows, corner, runs, depth, vis
                 at = 0 if i == 0 else k + i
                 x[i], y[i] = np.int64(np.floor(u[at] + 0.5)), np.int64(np.floor(v[at] + 0.5))
             covered, seen = count_triangle(
-                x, y, (origin, across, down), least, greatest, corner, runs, depth
+                x, y, (origin, across, down), least, greatest, tile, runs, depth, sums
             )
             drawn[f] += covered
             visible[f] += seen
@@ -201,3 +244,26 @@ def rows_of_targets(corners, axes, eye, lens, near, height, rows):
         if least <= most:
             rows[f, 0] = np.int64(min(max(least - 1.0, 0.0), np.float64(height)))
             rows[f, 1] = np.int64(min(max(most + 2.0, 0.0), np.float64(height)))
+
+
+@compiled
+def count_shown(face, sums, visible):
+    """Add the samples that show each face of an image to (F,) counts; returns their number.
+
+    Parameters
+    ----------
+    face : (h, w) int32
+        Face at each sample, -1 for none.
+    sums : (h, w + 1) int32
+        As for `count_triangle`.
+    """
+    total = 0
+    for row in range(face.shape[0]):
+        before = sums[row, 0]
+        for column in range(face.shape[1]):
+            n = sums[row, column + 1] - before
+            before += n
+            if n > 0 and face[row, column] >= 0:
+                visible[face[row, column]] += n
+                total += n
+    return total

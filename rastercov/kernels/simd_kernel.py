@@ -91,6 +91,8 @@ def _wrapped(context: Any, builder: Any, value: Any, kind: Any) -> Any:
         return Fields(context, builder, value, kind)
     if isinstance(kind, types.CPointer):
         return Rows(context, builder, value)
+    if isinstance(kind, types.NoneType):
+        return None
     return Scalar(builder, value)
 
 
@@ -163,7 +165,9 @@ def when(condition: Scalar, likely: bool | None = None) -> Any:
 
 @intrinsic
 def pointer(typing, array):
-    """Pointer to the data of an array."""
+    """Pointer to the data of an array; None for None."""
+    if isinstance(array, types.NoneType):
+        return array(array), lambda context, *_: context.get_dummy_value()
 
     def generate(context, builder, signature, args):
         return context.make_array(signature.args[0])(context, builder, args[0]).data
@@ -173,7 +177,9 @@ def pointer(typing, array):
 
 @intrinsic
 def offset(typing, where, n):
-    """Pointer to the element n after that of a pointer."""
+    """Pointer to the element n after that of a pointer; None for None."""
+    if isinstance(where, types.NoneType):
+        return where(where, n), lambda context, *_: context.get_dummy_value()
 
     def generate(context, builder, signature, args):
         return builder.gep(args[0], [context.cast(builder, args[1], n, types.int64)])

@@ -23,7 +23,7 @@ BACKENDS = ("auto", "cpu", "gl")
 _OPTIONS = {
     "cpu": ("threads",),
     "gl": (
-        *("device", "plan", "require_hardware"),
+        *("device", "plan", "max_layers", "require_hardware"),
         *("max_tile", "max_faces_a_draw", "image_budget"),
     ),
 }
@@ -85,17 +85,31 @@ def open_rasterizer(
             return hardware
         backend = "cpu"
     if backend == "cpu":
-        # Each compiles, or loads what was compiled.
-        if not camera.is_pinhole:
-            from rastercov.raster.cpu.lens_rasterizer import LensRasterizer
-
-            return LensRasterizer(mesh, camera, **common, **options)
+        # It compiles, or loads what was compiled.
         from rastercov.raster.cpu import CPURasterizer
 
-        return CPURasterizer(mesh, camera, **common, **options)
+        return _opened(CPURasterizer, mesh, camera, common, options)
     from rastercov.raster.gl import GLRasterizer  # imports OpenGL only when it is wanted
 
-    return GLRasterizer(mesh, camera, **common, **options)
+    return _opened(GLRasterizer, mesh, camera, common, options)
+
+
+def _opened(
+    kind: Any, mesh: Mesh, camera: Camera, common: dict[str, Any], options: dict[str, Any]
+) -> Rasterizer:
+    """Rasteriser of a kind; for a lens, one on it that looks samples up in its images."""
+    if camera.is_pinhole:
+        rasterizer: Rasterizer = kind(mesh, camera, **common, **options)
+        return rasterizer
+    from rastercov.raster.lens import LensRasterizer, largest_view
+
+    pinholes = kind(mesh, largest_view(camera, common["supersample"]), **options)
+    threads = options.get("threads") if pinholes.info.backend == "cpu" else 1
+    try:
+        return LensRasterizer(mesh, camera, pinholes, **common, threads=threads)
+    except BaseException:
+        pinholes.close()
+        raise
 
 
 def backend_of(backend: Any, options: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
@@ -139,6 +153,6 @@ def _open_hardware(mesh: Mesh, camera: Camera, common: dict[str, Any]) -> Raster
     from rastercov.raster.gl import GLRasterizer
 
     try:
-        return GLRasterizer(mesh, camera, require_hardware=True, **common)
+        return _opened(GLRasterizer, mesh, camera, common, {"require_hardware": True})
     except DeviceError:
         return None

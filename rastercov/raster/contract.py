@@ -42,9 +42,8 @@ class RasterizerInfo:
     backend : str
         `"gl"` or `"cpu"`.
     plan : str
-        How it ran: `"threads"` on the CPU; on OpenGL `"software"` (one pose at a time, counted on
-        the CPU), `"hardware"` (batches drawn and counted on the GPU) or `"compute"` (the same
-        without the graphics pipeline).
+        How it ran: `"threads"` on the CPU; on OpenGL `"pipeline"` or `"compute"` (without the
+        graphics pipeline).
     renderer, driver, device : str
         The device's own names.
     depth : str

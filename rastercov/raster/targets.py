@@ -22,6 +22,8 @@ IntArray = NDArray[np.int64]
 Depths = Callable[[int, int], Iterator[tuple[Box, NDArray[np.float32]]]]
 """Tiles of one pose that together hold the rows from a first one up to a last one, each with the
 depth of the nearest surface at its samples: metres, inf for none."""
+ONCE = np.empty((0, 0), np.int32)
+"""For the loops: each sample counts once."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,8 +84,8 @@ class TargetFaces:
         in_view = rows[rows[:, 0] < rows[:, 1]]
         if len(in_view):
             runs = grid.first, grid.last
-            for (x, y, _, _), depth in depths(int(in_view[:, 0].min()), int(in_view[:, 1].max())):
-                kernels.count_targets(*view, rows, (x, y), runs, depth, visible, drawn)
+            for tile, depth in depths(int(in_view[:, 0].min()), int(in_view[:, 1].max())):
+                kernels.count_targets(*view, rows, tile, runs, depth, ONCE, visible, drawn)
         return visible, drawn
 
     def added(self, counts: FaceCounts, visible: IntArray, drawn: IntArray) -> FaceCounts:

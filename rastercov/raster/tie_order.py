@@ -22,3 +22,9 @@ def in_one_order(mesh: Mesh) -> IntArray:
     rank[np.lexsort((z, y, x))] = np.arange(mesh.n_vertices)
     order = np.argsort(rank[mesh.faces], axis=1)
     return np.take_along_axis(mesh.faces, order, axis=1)
+
+
+def corners_of(mesh: Mesh) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Corners (F, 3, 3) of the faces in that order, from the centre of the mesh, and the centre."""
+    centre: NDArray[np.float64] = mesh.bounds.mean(axis=0)
+    return (mesh.vertices - centre)[in_one_order(mesh)], centre

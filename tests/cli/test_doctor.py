@@ -17,7 +17,7 @@ from rastercov.base.errors import DeviceError
 from rastercov.cli import doctor
 from rastercov.raster import self_test
 from rastercov.raster.cpu import CPURasterizer
-from rastercov.raster.gl import PLANS, GLRasterizer, devices, diagnose, libraries
+from rastercov.raster.gl import WAYS, GLRasterizer, devices, diagnose, libraries
 from rastercov.raster.gl.devices import SURFACELESS, DeviceInfo
 
 ON_CPU = re.compile(
@@ -96,7 +96,7 @@ def bad_driver(tmp_path, monkeypatch, examined):
 def gpu_report(report):
     """A machine with a graphics card, made up from the software renderer of this one."""
     row = next(r for r in report["reports"] if r["device"]["label"] == "surfaceless")
-    card = copy.deepcopy(row) | {"plan": "hardware"}
+    card = copy.deepcopy(row) | {"plan": "pipeline"}
     card["device"] = dataclasses.asdict(GPU) | {"label": "egl:0"}
     card["context"] |= {
         "renderer": "NVIDIA H200/PCIe/SSE2 [x]",
@@ -127,7 +127,7 @@ def test_every_device_that_opens_passes_its_self_test(report):
     for row in rows:
         assert row["problem"] == ""
         assert row["self_test"] == "passed"
-        assert row["plan"] in ("software", "hardware")
+        assert row["plan"] == "pipeline"
         assert "float32" in row["depth"]
     assert doctor.exit_code(report) == 0
 
@@ -205,7 +205,7 @@ def test_a_default_device_is_printed_with_its_limits_and_named_at_the_end(gpu_re
     assert "64-bit atomics  no" in text
     row, why = gpu_report["reports"][0], gpu_report["default"]["why"]
     sentence = f"By default rastercov draws on egl:0, {row['context']['renderer']}"
-    assert flat(text).endswith(f"{sentence}, plan hardware, because {why}.")
+    assert flat(text).endswith(f"{sentence}, plan pipeline, because {why}.")
 
 
 def test_environment_is_printed_with_its_effect(report):
@@ -223,45 +223,52 @@ def test_self_test_runs_every_plan_the_device_has(device, monkeypatch):
     plans, start = [], GLRasterizer.__init__
 
     def remember(self, *arguments, **options):
-        plans.append(options.get("plan", "auto"))
+        plans.append((options.get("plan", "auto"), options.get("max_layers")))
         start(self, *arguments, **options)
 
     monkeypatch.setattr(GLRasterizer, "__init__", remember)
-    assert diagnose.verify_device("surfaceless")["plan"] == "software"
-    hardware = ["hardware"] * 3 if device.info.has_batches else []
-    compute = ["compute"] * 3 if device.info.has_compute_raster else []
-    assert plans == ["software"] * 3 + hardware + compute + ["auto"]
+    assert diagnose.verify_device("surfaceless")["plan"] == "pipeline"
+    layers = [("pipeline", 128)] * 2 if device.info.has_batches else []
+    compute = [("compute", None)] * 2 if device.info.has_compute_raster else []
+    assert plans == [("pipeline", 1)] * 2 + layers + compute + [("auto", None)]
 
 
-COUNTS, SCENES = ("visible", "drawn", "background"), ("known scene", "box", "sphere")
+COUNTS, SCENES = ("visible", "drawn", "background"), ("box", "sphere")
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("row", range(9))
 def test_one_wrong_count_fails_the_self_test(device, monkeypatch, row):
-    """Each two of plan, count and scene meet once."""
-    plan, scene, name = PLANS[row // 3], SCENES[row % 3], COUNTS[(row // 3 + row) % 3]
-    has = {"hardware": device.info.has_batches, "compute": device.info.has_compute_raster}
+    """Each plan and count, on one of the scenes."""
+    plan, scene, name = list(WAYS)[row // 3], SCENES[row % 2], COUNTS[(row // 3 + row) % 3]
+    has = {"layers": device.info.has_batches, "compute": device.info.has_compute_raster}
     if not has.get(plan, True):
         pytest.skip(f"this device does not run plan {plan}")
-    count, faces = GLRasterizer.count, {"known scene": 6, "box": 48, "sphere": 80}
+    count, faces = GLRasterizer.count, {"box": 48, "sphere": 80}
 
     def miscount(self, poses):
         counts = count(self, poses)
-        if self.info.plan == plan and self.mesh.n_faces == faces[scene]:
+        way = self.info.plan
+        if way == "pipeline" and self._strategy._layers > 1:
+            way = "layers"
+        if way == plan and self.mesh.n_faces == faces[scene]:
             most = counts.visible.argmax() if name != "background" else 0
             getattr(counts, name).flat[most] += 1
         return counts
 
     monkeypatch.setattr(GLRasterizer, "count", miscount)
-    with pytest.raises(DeviceError, match=rf"plan {plan}, {scene}: \d+ of \d+ counts .* got"):
+    with pytest.raises(
+        DeviceError, match=rf"plan {plan}: {scene}: 1 of 4 poses are counted wrongly"
+    ):
         diagnose.verify_device("surfaceless")
 
 
 @pytest.mark.slow
 def test_a_wrong_count_is_reported_as_the_line_that_failed(device, monkeypatch):
     monkeypatch.setattr(self_test, "DRAWN", self_test.DRAWN + 1)
-    with pytest.raises(DeviceError, match=r"plan software, known scene: llvmpipe .* wrongly"):
+    with pytest.raises(
+        DeviceError, match=r"plan pipeline: llvmpipe .* counted a known scene wrongly"
+    ):
         diagnose.verify_device("surfaceless")
 
 
@@ -275,7 +282,7 @@ def test_a_wrong_count_is_reported_as_the_line_that_failed(device, monkeypatch):
         ("echo no libLLVM >&2; exit 7", "ended with code 7: no libLLVM"),
         ("exit 0", "ended with code 0 and no answer"),
         ("echo '{}'; kill -SEGV $$", "crashed with SIGSEGV"),  # after the answer
-        ('echo \'{"problem": "plan software, box: bad"}\'; exit 0', "plan software, box: bad"),
+        ('echo \'{"problem": "plan pipeline: box: bad"}\'; exit 0', "plan pipeline: box: bad"),
     ],
 )
 def test_a_driver_that_fails_is_reported(bad_driver, script, problem, when):
@@ -397,7 +404,7 @@ def test_libraries_without_a_driver_say_what_to_install(device, monkeypatch):
 def test_a_graphics_card_is_shown_with_its_cuda_number_and_driver(gpu_report):
     text = printed(gpu_report, width=120)
     cells = r"egl:0 +NVIDIA H200/PCIe/SSE2 \[x\] +NVIDIA 580\.105\.08 +4\.6 +hardware"
-    assert re.search(cells + " +hardware +passed", text)
+    assert re.search(cells + " +pipeline +passed", text)
     assert re.search("^ ?CUDA 3 ", text, re.MULTILINE)
     assert "Why no hardware" not in text
     assert flat(text).endswith("because it is the first that draws in hardware.")
@@ -412,12 +419,12 @@ def test_a_graphics_card_is_shown_with_its_cuda_number_and_driver(gpu_report):
     ],
 )
 def test_a_default_that_fails_is_answered_with_what_passes(gpu_report, cpu, surfaceless, advice):
-    gpu_report["reports"][0]["self_test"] = "plan hardware, box: 1 of 240 counts are wrong"
+    gpu_report["reports"][0]["self_test"] = "plan layers: box: 1 of 4 poses are counted wrongly"
     gpu_report["reports"][1]["self_test"] = surfaceless
     gpu_report["cpu"]["self_test"] = cpu
     assert doctor.exit_code(gpu_report) == 1
     text = flat(printed(gpu_report))
-    assert "egl:0: plan hardware, box: 1 of 240 counts are wrong" in text
+    assert "egl:0: plan layers: box: 1 of 4 poses are counted wrongly" in text
     assert text.endswith(f"tries egl:0, which fails its self-test; {advice}")
 
 

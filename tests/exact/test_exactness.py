@@ -308,7 +308,7 @@ def regions():
     return found
 
 
-software_and_cpu = pytest.mark.parametrize("open_raster", ["software", "cpu"], indirect=True)
+software_and_cpu = pytest.mark.parametrize("open_raster", ["pipeline", "cpu"], indirect=True)
 
 
 @pytest.mark.slow

@@ -61,7 +61,7 @@ def test_the_back_of_a_bow_tie_shows():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("open_raster", ["software", "cpu"], indirect=True)
+@pytest.mark.parametrize("open_raster", ["pipeline", "cpu"], indirect=True)
 def test_rasterisers_see_the_back_of_a_bow_tie(open_raster):
     mesh = prism(BOW_TIE)
     area = rational.visible_area(mesh, CAMERA, OUTSIDE[0])

@@ -14,7 +14,7 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import look_at, sphere_of_poses
 from rastercov.mesh import Mesh, shapes
 from rastercov.raster.cpu import CPURasterizer
-from rastercov.raster.gl import GLRasterizer, compute
+from rastercov.raster.gl import WAYS, GLRasterizer, compute
 from rastercov.raster.gl.context import open_context
 from rastercov.raster.gl.resources import Resources
 
@@ -285,7 +285,7 @@ ATOMICS = "GL_NV_shader_atomic_int64"
 
 
 @pytest.mark.hardware
-@pytest.mark.parametrize("plan", ["compute", "hardware"])
+@pytest.mark.parametrize("plan", ["compute", "layers"])
 def test_a_graphics_card_sees_what_the_cpu_sees(scene, plan):
     try:
         context = open_context(require_hardware=True)
@@ -294,7 +294,7 @@ def test_a_graphics_card_sees_what_the_cpu_sees(scene, plan):
     mesh, poses = scene
     with (
         context,
-        GLRasterizer(mesh, CAMERA, device=context, plan=plan) as found,
+        GLRasterizer(mesh, CAMERA, device=context, **WAYS[plan]) as found,
         CPURasterizer(mesh, CAMERA) as expected,
     ):
         found, expected = everything(found, poses), everything(expected, poses)

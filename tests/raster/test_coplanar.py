@@ -123,7 +123,7 @@ def test_depth_of_overlapping_faces_is_that_of_the_cpu(device):
     mesh = SCENES["triangulations"](rng)
     pose = look_at(mesh.bounds[1] + 1, mesh.bounds.mean(axis=0))[0]
     with (
-        GLRasterizer(mesh, CAMERA, device=device, plan="software") as drawn,
+        GLRasterizer(mesh, CAMERA, device=device, plan="pipeline") as drawn,
         GLRasterizer(mesh, CAMERA, device=device, plan="compute") as computed,
     ):
         one, other = drawn.render(pose), computed.render(pose)
@@ -138,13 +138,13 @@ def test_depth_of_overlapping_faces_is_that_of_the_cpu(device):
 def test_device_without_doubles_says_that_overlaps_are_undecided(device, monkeypatch):
     mesh = joined(square(1, 2), sheet((-0.5, -0.4), (1.2, 1.3), 2.0))
     camera = Camera(width=40, height=30, fx=30, fy=30)
-    with GLRasterizer(mesh, camera, device=device, plan="software") as rasterizer:
+    with GLRasterizer(mesh, camera, device=device, plan="pipeline") as rasterizer:
         assert rasterizer.info.depth == "float32 reversed"
     with open_context("surfaceless") as context:
         info = dataclasses.replace(context.info, gl_version=330, extensions=frozenset())
         monkeypatch.setattr(context, "info", info)
         for scene, said in ((mesh, True), (square(1, 2), False)):
-            with GLRasterizer(scene, camera, device=context, plan="software") as rasterizer:
+            with GLRasterizer(scene, camera, device=context, plan="pipeline") as rasterizer:
                 depth = rasterizer.info.depth
             assert ("undecided where faces of one plane overlap" in depth) == said
 

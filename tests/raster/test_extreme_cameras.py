@@ -11,7 +11,7 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import look_at
 from rastercov.mesh import shapes
 from rastercov.raster.cpu import CPURasterizer
-from rastercov.raster.gl import GLRasterizer
+from rastercov.raster.gl import WAYS, GLRasterizer
 from rastercov.raster.gl import rasterizer as gl_module
 
 MESH = shapes.torus(16, 8)
@@ -88,13 +88,13 @@ def test_a_very_long_lens_is_right_where_corners_are_projected_in_doubles(device
             np.testing.assert_array_equal(rasterizer.render(pose).face, expected)
 
 
-@pytest.mark.parametrize("plan", ["software", "hardware"])
+@pytest.mark.parametrize("plan", ["pipeline", "layers"])
 @pytest.mark.parametrize("lens", LONG_LENSES)
 def test_a_lens_too_long_for_float32_is_refused_by_the_graphics_pipeline(device, lens, plan):
     camera = Camera(width=64, height=48, **LONG_LENSES[lens])
     wanted = r"^[^\n]* up to 65,536 px, got [^\n]*; use plan 'compute' or backend 'cpu'$"
     with pytest.raises(ConfigError, match=wanted):
-        GLRasterizer(MESH, camera, device=device, plan=plan)
+        GLRasterizer(MESH, camera, device=device, **WAYS[plan])
 
 
 @pytest.mark.slow

@@ -1,8 +1,9 @@
-"""The rasterisers of any lens: each sample shows the face that its ray meets first."""
+"""The rasteriser of any lens: each sample shows what a ray meets first, within 1 px of its own."""
 
 import math
 from contextlib import ExitStack
 
+import lens_cameras
 import lens_cases
 import lens_rooms
 import numpy as np
@@ -14,7 +15,6 @@ from target_scenes import some_as_targets
 from rastercov import (
     Camera,
     CameraError,
-    DeviceError,
     Mesh,
     look_at,
     open_observer,
@@ -23,15 +23,16 @@ from rastercov import (
 from rastercov.camera.lenses.of_camera import lens_of
 from rastercov.camera.viewpoints import sphere_of_poses
 from rastercov.mesh import shapes
-from rastercov.raster.cpu import lens_samples
-from rastercov.raster.cpu.lens_rasterizer import LensRasterizer
-from rastercov.raster.gl import GLRasterizer
+from rastercov.raster import lens as lens_module
+from rastercov.raster.cpu import CPURasterizer
+from rastercov.raster.gl import PLANS, WAYS, GLRasterizer
+from rastercov.raster.lens import LensRasterizer, Views
 from rastercov.raster.observation import BoundKind
 from rastercov.raster.sample_grid import SampleGrid
 
 SCALE = 0.1
-EDGE_PX = 4e-3
-"""Px from an edge within which a sample may show either side: snapping moves edges by as much."""
+EDGE_PX = 0.4
+"""Px from an edge within which a pixel may show either side: half a sample of a view, across."""
 BIG = {"width": 1280, "height": 1024, "cx": 655.25, "cy": 500.5}
 LENSES = {
     "brown": Camera(**BIG, fx=900, fy=880, model="opencv", distortion=lens_cases.BROWN),
@@ -61,16 +62,21 @@ SCENES = {
 
 
 def opened(by, context, mesh, camera, **options):
-    """Rasteriser on the CPU, or by the plan "compute" of OpenGL."""
+    """Rasteriser on the CPU, or by a plan of OpenGL."""
     if by == "cpu":
-        return LensRasterizer(mesh, camera, **options)
-    return GLRasterizer(mesh, camera, device=context, plan="compute", **options)
+        return open_rasterizer(mesh, camera, "cpu", **options)
+    return open_rasterizer(mesh, camera, "gl", device=context, **WAYS[by], **options)
 
 
-BY = pytest.mark.parametrize("by", ["cpu", "compute"])
+def on_pipeline(counts, number):
+    """A number where the graphics pipeline drew, whose positions are float32; else 0."""
+    return 0 if counts.info.plan in ("threads", "compute") else number
 
 
-@pytest.fixture(params=["cpu", "compute"])
+BY = pytest.mark.parametrize("by", ["cpu", *WAYS])
+
+
+@pytest.fixture(params=["cpu", *WAYS])
 def open_lens(request, device):
     """Open rasterisers of either kind; they are closed when the test ends."""
     with ExitStack() as stack:
@@ -140,9 +146,6 @@ def in_camera(mesh, pose):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "open_lens", ["cpu", pytest.param("compute", marks=pytest.mark.slow)], indirect=True
-)
 @pytest.mark.parametrize("lens", CAMERAS)
 @pytest.mark.parametrize("scene", SCENES)
 def test_each_sample_shows_the_face_its_ray_meets(open_lens, scene, lens):
@@ -158,13 +161,13 @@ def test_each_sample_shows_the_face_its_ray_meets(open_lens, scene, lens):
         wrong, expected, distance = wrong_samples(
             camera, corners, directions[is_live], shown[is_live]
         )
-        assert wrong == []
+        # The lens is denser than its views near a pole.
+        assert len(wrong) <= (0.01 * is_live.sum() if lens == "equirectangular" else 3)
         assert (expected >= 0).mean() > (0.99 if scene == "room" else 0.005)
         same = (shown[is_live] == expected) & (expected >= 0)
-        assert (shown[is_live] != expected).sum() <= 3
         if lens not in ("wide", "equirectangular"):
             distance = distance * directions[is_live, 2]
-        np.testing.assert_allclose(depth[is_live][same], distance[same], rtol=1e-6)
+        np.testing.assert_allclose(depth[is_live][same], distance[same], rtol=2e-6)
         assert np.isinf(depth[shown < 0]).all()
 
 
@@ -182,7 +185,7 @@ def test_positions_agree_with_opencv():
     with open_rasterizer(mesh, camera, "cpu") as rasterizer:
         shown = rasterizer.render(poses[0]).face.ravel()
     wrong, expected, _ = wrong_samples(camera, in_camera(mesh, poses[0]), directions, shown)
-    assert wrong == []
+    assert len(wrong) <= 1
     assert (expected >= 0).mean() > 0.1
 
 
@@ -201,7 +204,8 @@ def test_closed_room_leaves_no_live_sample_without_a_face(open_lens, lens, super
     assert counts.background[0] == dead
     assert counts.visible.sum() + dead == grid.n_samples
     # One surface a ray: each live sample is drawn once, so no edge is owned twice.
-    assert counts.drawn.sum() == counts.visible.sum()
+    off = counts.drawn.sum() - counts.visible.sum()
+    assert 0 <= off <= on_pipeline(counts, 1e-4 * grid.n_samples)
 
 
 @pytest.mark.slow
@@ -220,7 +224,10 @@ def test_counts_are_of_rays_at_the_samples_of_the_grid(open_lens, lens, supersam
     directions = rays(camera, points[is_in])
     expected, _ = first_hits(in_camera(mesh, poses[0]), directions)
     seen = np.bincount(expected[expected >= 0], minlength=mesh.n_faces)
-    assert np.abs(counts.visible[0] - seen).sum() <= 4
+    differ = np.abs(counts.visible[0] - seen)
+    assert differ[seen > 0].mean() < 0.7 * np.sqrt(seen[seen > 0]).mean()
+    assert (differ <= 6 + 2 * np.sqrt(seen)).all()
+    assert abs(counts.visible.sum() - seen.sum()) <= 0.01 * seen.sum()
     assert counts.visible.sum() + counts.background[0] == grid.n_samples
 
 
@@ -229,22 +236,21 @@ def test_counts_are_of_rays_at_the_samples_of_the_grid(open_lens, lens, supersam
 def test_without_distortion_counts_are_those_of_the_pinhole(scene):
     mesh, poses = SCENES[scene]
     camera = Camera(width=160, height=128, fx=115, fy=110, cx=81.6, cy=62.5)
-    with open_rasterizer(mesh, camera, "cpu") as pinhole, LensRasterizer(mesh, camera) as table:
+    with (
+        open_rasterizer(mesh, camera, "cpu") as pinhole,
+        LensRasterizer(mesh, camera, CPURasterizer(mesh, camera)) as table,
+    ):
         one, other = pinhole.count(poses), table.count(poses)
         image, by_table = pinhole.render(poses[0]), table.render(poses[0])
     n = np.maximum(one.drawn, 1)
-    assert np.abs(one.background - other.background).max() <= 8
-    # Snapping moves edges by 1/512 px: the samples that it moves them over are few.
-    assert np.abs(one.drawn - other.drawn).sum() <= 0.01 * n.sum()
-    assert np.abs(one.visible - other.visible).max() <= 0.2 * n.max()
+    # Both are within the bound of a count; here of faces of about square shape.
+    assert (np.abs(one.drawn - other.drawn) <= 4 + 2.5 * np.sqrt(n)).all()
+    assert np.abs(one.visible.sum() - other.visible.sum()) <= 0.01 * one.visible.sum()
     np.testing.assert_array_equal(one.clipped, other.clipped)
     differ = (image.face != by_table.face).ravel()
     directions = rays(camera, pixels(camera))
     corners = in_camera(mesh, poses[0])
-    assert wrong_samples(camera, corners, directions, by_table.face.ravel())[0] == []
-    for n in np.flatnonzero(differ):
-        named = [f for f in (image.face.ravel()[n], by_table.face.ravel()[n]) if f >= 0]
-        assert min(edge_distance(camera, corners[f], directions[n]) for f in named) <= EDGE_PX
+    assert len(wrong_samples(camera, corners, directions, by_table.face.ravel())[0]) <= 1
     same = ~differ.reshape(image.face.shape)
     np.testing.assert_allclose(image.depth[same], by_table.depth[same], rtol=1e-5)
 
@@ -276,7 +282,11 @@ def test_sample_at_a_corner_of_a_fan_belongs_to_one_face(gl_context, by, seed, l
         image = rasterizer.render(np.eye(4))
     column, row = points.astype(int)
     assert image.face[row, column] >= 0
-    assert counts.drawn.sum() == counts.visible.sum() == (image.face >= 0).sum()
+    off = counts.drawn.sum() - counts.visible.sum()
+    assert 0 <= off <= on_pipeline(counts, 4)
+    assert (
+        abs(counts.visible.sum() - (image.face >= 0).sum()) <= 4 + 2 * counts.visible.sum() ** 0.5
+    )
 
 
 @pytest.mark.slow
@@ -311,30 +321,79 @@ def test_eye_within_a_face_does_not_see_it(open_lens, lens):
     heights = np.einsum("pi,pi->p", np.cross(corners[:, 0], corners[:, 1]), corners[:, 2])
     assert 5 < (heights == 0).sum() < 55  # in its plane, and beside it by rounding
     counts = open_lens(mesh, CAMERAS[lens]).count(poses)
-    assert counts.drawn[:, 0].max() == 0
-    assert counts.visible[:, 0].max() == 0
+    # Its image is a line, which owns what samples rounding gives it: all of them by float32.
+    most = 5 + on_pipeline(counts, 400)
+    assert counts.visible[:, 0].max() <= counts.drawn[:, 0].max() <= most
     with open_observer(mesh, CAMERAS[lens], "exact") as observer:
         observed = observer.observe(poses)
     off = np.abs(counts.visible - observed.visible_pixels)
-    assert (off <= 0.05 * observed.drawn_pixels + 30).all()
+    assert (off <= 0.05 * observed.drawn_pixels + 30 + on_pipeline(counts, 170)).all()
     assert counts.visible.any()
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("lens", ["brown", "kannala", "wide"])
-def test_sampled_areas_are_within_their_bound_of_certified_ones(lens):
-    (mesh, poses), camera = SCENES["torus"], CAMERAS[lens]
+@pytest.mark.parametrize("lens", lens_cameras.CAMERAS)
+@pytest.mark.parametrize("scene", ["torus", "room"])
+def test_sampled_areas_are_within_their_bound_of_certified_ones(scene, lens):
+    (mesh, poses), camera = SCENES[scene], lens_cameras.CAMERAS[lens].resized(0.2)
     with open_observer(mesh, camera, "certified") as exact:
         expected, areas = exact.visibility(poses), exact.observe(poses)
-    with open_observer(mesh, camera, "sampled", backend="cpu", supersample=4) as sampled:
+    with open_observer(mesh, camera, "sampled", backend="cpu", supersample=3) as sampled:
         found, counts = sampled.visibility(poses), sampled.observe(poses)
     assert (found.kind == BoundKind.STATISTICAL).any()
     error = np.abs(found.value - expected.value)
-    assert (error <= found.bound + expected.bound).mean() > 0.995
+    assert (error <= found.bound + expected.bound).mean() > 0.998
     is_informed = (found.bound < 0.5) & (areas.drawn_pixels > 1)
     assert is_informed.sum() > 20
     assert error[is_informed].mean() < 0.02
     assert counts.visible_pixels.sum() == pytest.approx(areas.visible_pixels.sum(), rel=2e-3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("lens", ["brown", "equirectangular"])
+def test_threads_give_the_same_counts(lens):
+    (mesh, _), camera = SCENES["torus"], CAMERAS[lens]
+    poses = around(mesh, 7)
+    found = []
+    for threads in (1, 3):
+        with open_rasterizer(mesh, camera, "cpu", threads=threads, roll=0.4) as rasterizer:
+            found.append(rasterizer.count(poses))
+    for name in ("visible", "drawn", "background"):
+        np.testing.assert_array_equal(getattr(found[0], name), getattr(found[1], name))
+    assert (found[0].visible <= found[0].drawn).all()
+
+
+@pytest.mark.parametrize("lens", lens_cameras.CAMERAS)
+@pytest.mark.parametrize("roll", [0.0, 0.4])
+def test_views_hold_each_sample_with_a_ray_once_and_as_finely(lens, roll):
+    camera = lens_cameras.CAMERAS[lens].resized(0.2)
+    views = Views(camera, 1, roll, keeps_places=True)
+    (band,) = views.bands(1)
+    samples = np.concatenate([view.samples for view in band])
+    grid = views.grid
+    column = np.arange(grid.width)
+    inside = (column >= grid.first[:, None]) & (column < grid.last[:, None])
+    is_live = inside & ~np.isnan(rays(camera, grid.positions(0, grid.height))[..., 0])
+    np.testing.assert_array_equal(np.sort(samples), np.flatnonzero(is_live))
+    fine = total = 0
+    for view in band:
+        width, height = view.camera.width, view.camera.height
+        assert (
+            width * height <= lens_module.MOST_WASTE * 4 * len(view.samples)
+            or max(width, height) <= lens_module.LEAST_SIDE
+        )
+        assert view.weights().sum() == len(view.samples) == view.sums[:, -1].sum()
+        # Back to the image, from the middle of the sample of the view.
+        row, column = np.divmod(view.index, view.camera.width)
+        x = (column + 0.5 - view.camera.cx) / view.camera.fx
+        y = (row + 0.5 - view.camera.cy) / view.camera.fy
+        ray = np.column_stack((x, y, np.ones_like(x))) @ view.turn[:3, :3].T
+        there = lens_of(camera).project(ray)
+        own = grid.positions(0, grid.height).reshape(-1, 2)[view.samples]
+        away = np.abs(there - own)
+        fine += (np.linalg.norm(away, axis=1) <= EDGE_PX).sum()
+        total += np.isfinite(away).all(axis=1).sum()
+    assert fine > 0.95 * total > 0.9 * len(samples)
 
 
 def test_targets_hide_nothing_and_are_counted_against_surfaces(open_lens):
@@ -359,18 +418,21 @@ def test_targets_hide_nothing_and_are_counted_against_surfaces(open_lens):
 
 
 @pytest.mark.slow
-def test_bands_of_rows_add_up_to_the_whole():
+def test_bands_of_rows_add_up_to_the_whole(monkeypatch):
     (mesh, poses), camera = SCENES["torus"], CAMERAS["wide"]
-    with LensRasterizer(mesh, camera, supersample=2, roll=0.3) as rasterizer:
+    with open_rasterizer(mesh, camera, "cpu", supersample=2, roll=0.3) as rasterizer:
         whole = rasterizer.count(poses)
-        rasterizer._tables = lens_samples.SampleTables(camera, 2, 0.3, max_table=9000)
-        assert rasterizer._tables.n_bands > lens_samples.MOST_KEPT
-        parts = rasterizer.count(poses)
+        rasterizer._views = Views(camera, 2, 0.3, most_rows=9000)
+        monkeypatch.setattr(lens_module, "MOST_KEPT", 20_000)
+        parts = [rasterizer.count(poses) for _ in range(2)][1]
+        assert 1 < len(rasterizer._views._kept) < len(list(rasterizer._views.bands(1)))
         no_drawn = rasterizer.count(poses, drawn=False)
-    np.testing.assert_array_equal(whole.visible, parts.visible)
-    np.testing.assert_array_equal(whole.drawn, parts.drawn)
-    np.testing.assert_array_equal(whole.background, parts.background)
-    np.testing.assert_array_equal(whole.visible, no_drawn.visible)
+    # Views of a band are as fine as that band of the lens is.
+    most = np.maximum(whole.drawn, parts.drawn)
+    assert (np.abs(whole.visible - parts.visible) <= 5 + 2 * np.sqrt(most)).all()
+    assert abs(whole.visible.sum() - parts.visible.sum()) <= 0.01 * whole.visible.sum()
+    np.testing.assert_array_equal(parts.visible, no_drawn.visible)
+    assert (parts.visible.sum(axis=1) + parts.background == rasterizer._views.grid.n_samples).all()
     assert no_drawn.drawn is None
 
 
@@ -385,21 +447,13 @@ def test_pixels_without_a_ray_are_background(open_lens):
     assert open_lens(shapes.room(3), camera).count(INSIDE).background[0] == dead
 
 
-@pytest.mark.parametrize("plan", ["software", "hardware"])
 @pytest.mark.parametrize("lens", ["brown", "skew"])
-def test_plans_of_the_graphics_pipeline_name_what_draws_a_lens(device, plan, lens):
+def test_rasterisers_of_pinholes_name_what_draws_a_lens(device, lens):
     mesh, camera = SCENES["room"][0], CAMERAS[lens]
-    line = rf"plan '{plan}' draws pinholes only, got a lens of .*plan 'compute', or --device cpu"
-    with pytest.raises(CameraError, match=line) as caught:
-        open_rasterizer(mesh, camera, "gl", device=device, plan=plan)
-    assert "\n" not in str(caught.value)
-
-
-def test_a_device_without_compute_shaders_names_the_cpu(device, monkeypatch):
-    monkeypatch.setattr(type(device.info), "has_compute_raster", False)
-    for plan in ("auto", "compute"):
-        with pytest.raises(DeviceError, match=r"needs compute shaders .*--device cpu") as caught:
-            GLRasterizer(SCENES["room"][0], CAMERAS["brown"], device=device, plan=plan)
+    for kind, options in ((GLRasterizer, {"device": device}), (CPURasterizer, {})):
+        line = r"draws pinholes only, got a lens of .*take open_rasterizer, which draws any lens"
+        with pytest.raises(CameraError, match=line) as caught:
+            kind(mesh, camera, **options)
         assert "\n" not in str(caught.value)
 
 
@@ -408,7 +462,7 @@ def test_auto_takes_what_draws_a_lens(device):
     with open_rasterizer(mesh, camera, threads=1) as rasterizer:
         assert rasterizer.info.backend == "cpu"
     with open_rasterizer(mesh, camera, device=device) as rasterizer:
-        assert (rasterizer.info.backend, rasterizer.info.plan) == ("gl", "compute")
+        assert (rasterizer.info.backend, rasterizer.info.plan) == ("gl", PLANS[0])
 
 
 @pytest.mark.parametrize("lens", ["brown", "kannala"])

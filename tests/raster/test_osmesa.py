@@ -10,7 +10,7 @@ from image_laws import assert_same_counts, assert_same_image, reference_view
 from test_raster_laws import CAMERA, SCENES, scene_of
 
 from rastercov.raster.cpu import CPURasterizer
-from rastercov.raster.gl import GLRasterizer
+from rastercov.raster.gl import WAYS, GLRasterizer
 
 FEW = 1e-3
 
@@ -21,7 +21,7 @@ def scene(request):
 
 
 def images(mesh, camera, poses, device, plan):
-    with GLRasterizer(mesh, camera, device=device, plan=plan) as rasterizer:
+    with GLRasterizer(mesh, camera, device=device, **WAYS[plan]) as rasterizer:
         return [rasterizer.render(pose) for pose in poses], rasterizer.count(poses)
 
 

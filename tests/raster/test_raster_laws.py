@@ -1,7 +1,7 @@
 """Laws of the rasteriser, against the reference where it has a say, up to ambiguous samples.
 
 Laws of counts, edges, depths and clipping hold under all plans; the others are shown for plan
-"software" and the CPU, since `test_image_equals_reference` ties the images of all plans together.
+"pipeline" and the CPU, since `test_image_equals_reference` ties the images of all plans together.
 """
 
 from dataclasses import replace

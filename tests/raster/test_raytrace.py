@@ -20,7 +20,7 @@ from image_laws import shown_by_two
 from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import look_at, sphere_of_poses
 from rastercov.mesh import Mesh, shapes
-from rastercov.raster.gl import PLANS
+from rastercov.raster.gl import WAYS
 from rastercov.reference import samples
 
 CAMERA = Camera(width=640, height=512, fx=700, fy=690, cx=327.75, cy=250.25)
@@ -105,8 +105,8 @@ def outside(mesh, n=3):
 @pytest.mark.parametrize(
     ("open_raster", "name"),
     [
-        *itertools.product((*PLANS, "cpu"), ("teapot", "aeroplane")),
-        ("software", "aeroplane-9856"),
+        *itertools.product((*WAYS, "cpu"), ("teapot", "aeroplane")),
+        ("pipeline", "aeroplane-9856"),
         ("cpu", "torus"),
     ],
     indirect=["open_raster"],

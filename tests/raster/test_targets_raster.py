@@ -218,7 +218,7 @@ def test_a_camera_inside_a_target_sees_through_it(open_raster):
 @examples(200)
 def test_samples_of_a_triangle_are_those_of_the_twin(seed):
     rng = np.random.default_rng(seed)
-    width, height = (int(side) for side in rng.integers(1, 40, 2))
+    width, height = (int(side) for side in rng.integers(1, rng.choice((40, 120)), 2))
     corner = tuple(int(place) for place in rng.integers(0, 30, 2))
     size = 256 * (corner[0] + width + 1)
     x, y = rng.integers(-size // 2, size, (2, 3))
@@ -228,5 +228,9 @@ def test_samples_of_a_triangle_are_those_of_the_twin(seed):
     last = np.maximum(first, rng.integers(0, corner[0] + width + 9, len(first)).astype(np.int32))
     plane = 1.0, *rng.uniform(-0.05, 0.05, 2)
     depth = rng.choice((0.5, 0.9, 1.0, 1.1, np.inf), (height, width)).astype(np.float32)
-    arguments = x, y, plane, 0.8, 1.2, corner, (first, last), depth
+    weights = rng.integers(0, 3, (height, width + 1)) * (rng.random() < 0.7)
+    sums = (np.cumsum(weights, axis=1) - weights[:, :1]).astype(np.int32)
+    depth = depth if rng.random() < 0.7 else depth[:0, :0]
+    sums = sums if rng.random() < 0.5 else sums[:0, :0]
+    arguments = x, y, plane, 0.8, 1.2, (*corner, width, height), (first, last), depth, sums
     assert count_triangle(*arguments) == twin.count_triangle(*arguments)

@@ -31,7 +31,7 @@ from rastercov.report import coverage_table, tables, theme
 from rastercov.report import images as pictures
 from rastercov.report.coloured_mesh import write_coloured_mesh
 
-INFO = RasterizerInfo("gl", "software", "renderer", "driver", "device", "float32", "hash")
+INFO = RasterizerInfo("gl", "pipeline", "renderer", "driver", "device", "float32", "hash")
 CAMERA = Camera(width=480, height=360, fx=400, fy=400, cx=240, cy=180)
 
 # Three squares side by side in the plane z = 0, two faces each, seen from z = 5:

@@ -30,7 +30,7 @@ two triangles that share an edge.
 from collections.abc import Callable, Iterator
 from functools import partial
 from importlib.metadata import version
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -67,6 +67,9 @@ from rastercov.raster.cpu.clusters import group_faces
 from rastercov.raster.sample_grid import Box, SampleGrid
 from rastercov.raster.targets import TargetFaces
 from rastercov.raster.tie_order import in_one_order
+
+if TYPE_CHECKING:
+    from rastercov.raster.lens import View
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -156,6 +159,13 @@ class CPURasterizer(Closing):
         check_picture(self.camera)
         image = self.render_all(accepted)
         return VisibilityBuffer(image.face[0], image.depth[0])
+
+    def drawer(self, camera: Camera, beside: "_Worker | None" = None) -> "_Worker":
+        """Draw the opaque faces of the mesh through another pinhole; see `raster.lens`."""
+        self._check_open()
+        largest = MAX_BAND // (LANES << STRIP_BITS)
+        memory = _Memory(self._scene, largest, 2 * largest) if beside is None else beside.memory
+        return _Worker(self._scene, SampleGrid(camera), memory)
 
     def render_all(self, poses: ArrayLike) -> VisibilityBuffer:
         """`render` of many poses, (P, H, W), in threads; for images that are small."""
@@ -301,25 +311,16 @@ def _total(parts: Any, kind: type) -> Any:
     return parts[0] if len(parts) == 1 else parts.sum(axis=0, dtype=kind)
 
 
-class _Worker:
-    """Scratch memory of one thread, and its calls of the compiled loops."""
+class _Memory:
+    """Scratch memory of one thread: of a number of strips of blocks, and of cells."""
 
-    def __init__(self, scene: _Scene, grid: SampleGrid) -> None:
-        self.scene, self.grid = scene, grid
-        strip = SIDE << STRIP_BITS
-        n_strips = -(-grid.width // strip)
-        n_block_rows = -(-grid.height // SIDE)
-        self.block_rows = min(n_block_rows, max(1, MAX_BAND // (n_strips * strip * SIDE)))
-        if n_block_rows > self.block_rows > SIDE:
-            self.block_rows -= self.block_rows % SIDE  # whole cells
-        self.columns = n_strips << STRIP_BITS
-        n_marks = self.block_rows * n_strips
-        n_cells = -(-self.block_rows // SIDE) * (self.columns // SIDE)
+    def __init__(self, scene: _Scene, n_marks: int, n_cells: int) -> None:
+        n_samples = n_marks * (LANES << STRIP_BITS)
         n_clusters = scene.clusters.bounds.shape[1]
         self.buffers = Buffers(
             marks=np.zeros(n_marks, np.uint8),
-            depth=aligned_zeros(n_marks * strip * SIDE, np.float32),
-            face=aligned_zeros(n_marks * strip * SIDE, np.int32),
+            depth=aligned_zeros(n_samples, np.float32),
+            face=aligned_zeros(n_samples, np.int32),
             cell_depth=np.zeros(n_cells, np.float32),
             n_marks=n_marks,
             kept=np.empty(n_clusters // LANES, np.int64),
@@ -330,6 +331,25 @@ class _Worker:
         self.scratch = make_scratch()
         self.no_drawn = np.zeros((1, 1), np.int32)
         self.no_counts = np.zeros((1, scene.mesh.n_faces), np.int32)
+
+
+class _Worker:
+    """Calls of the compiled loops by one thread, with memory of its own unless it is given some."""
+
+    def __init__(self, scene: _Scene, grid: SampleGrid, memory: _Memory | None = None) -> None:
+        self.scene, self.grid = scene, grid
+        strip = SIDE << STRIP_BITS
+        n_strips = -(-grid.width // strip)
+        n_block_rows = -(-grid.height // SIDE)
+        self.block_rows = min(n_block_rows, max(1, MAX_BAND // (n_strips * strip * SIDE)))
+        if n_block_rows > self.block_rows > SIDE:
+            self.block_rows -= self.block_rows % SIDE  # whole cells
+        self.columns = n_strips << STRIP_BITS
+        n_marks = self.block_rows * n_strips
+        n_cells = -(-self.block_rows // SIDE) * (self.columns // SIDE)
+        self.memory = memory = memory or _Memory(scene, n_marks, n_cells)
+        self.buffers, self.scratch = memory.buffers._replace(n_marks=n_marks), memory.scratch
+        self.no_drawn, self.no_counts = memory.no_drawn, memory.no_counts
         firsts, lasts = np.zeros((2, n_block_rows, SIDE), np.int32)
         firsts.ravel()[: grid.height], lasts.ravel()[: grid.height] = grid.first, grid.last
         inner = -(-firsts.max(axis=1) // SIDE), lasts.min(axis=1) // SIDE
@@ -363,12 +383,14 @@ class _Worker:
         visible: WordArray,
         drawn: WordArray | None,
         filled: IntArray,
+        weights: tuple[Any, Any] = (None, None),
     ) -> None:
         """Count the bands of poses into the rows of `visible`, `drawn`, `filled`."""
         moved = self.grid.axes(poses).copy()
         moved[:, :3, 3] -= self.scene.centre
         with_drawn = drawn is not None
-        output = Output(visible, drawn if with_drawn else self.no_drawn, filled, with_drawn)
+        rows = drawn if with_drawn else self.no_drawn
+        output = Output(visible, rows, filled, with_drawn, *weights)
         raster_loops.count_poses(
             Poses(moved, near, cull), self.canvas, bands, self.scene.clusters, self.buffers, output,
             self.scratch,
@@ -405,3 +427,40 @@ class _Worker:
             raster_loops.read_band(band[0], band[1], self.columns, self.buffers, face, depth)
         # A face cut at the near plane can own a sample 1/512 of one beyond its rim.
         np.maximum(depth, np.float32(near[0]), out=depth)
+
+    def picture(
+        self, pose: FloatArray, near: float, cull: bool
+    ) -> tuple[WordArray, NDArray[np.float32]]:
+        """Face, -1 for none, and depth (H, W) at each sample of a pose (4, 4)."""
+        shape = self.grid.height, self.grid.width
+        face, depth = np.full(shape, -1, np.int32), np.full(shape, np.inf, np.float32)
+        self.render(pose[None], np.array([near]), np.array([cull]), face, depth)
+        return face, depth
+
+    def add_counts(
+        self, pose: FloatArray, near: float, cull: bool, view: "View", visible: Any, drawn: Any
+    ) -> None:
+        """Add the samples of a lens in a view to (F,) counts; see `raster.lens.ViewDrawer`."""
+        if view.of_drawer is None:
+            view.of_drawer = self._by_block(view)
+        n_faces, filled = self.scene.mesh.n_faces, np.empty(1, np.int64)
+        found = np.empty((2 - (drawn is None), 1, n_faces), np.int32)
+        self.count(
+            pose[None], np.array([near]), np.array([cull]), self.all_bands, found[0],
+            None if drawn is None else found[1], filled, view.of_drawer,
+        )  # fmt: skip
+        if drawn is not None:
+            drawn += found[1, 0]
+        if filled[0]:
+            visible += found[0, 0]
+
+    def _by_block(self, view: "View") -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+        """`weights` and `cell_bounds` of a view, for `Output`."""
+        n_rows, n_columns = -(-len(self.canvas.inner) // SIDE) * SIDE, self.columns
+        whole = np.zeros((SIDE * n_rows, SIDE * n_columns), np.uint8)
+        whole[: self.grid.height, : self.grid.width] = view.weights()
+        blocks = whole.reshape(n_rows, SIDE, n_columns, SIDE).swapaxes(1, 2)
+        cells = blocks.reshape(n_rows // SIDE, SIDE, n_columns // SIDE, SIDE, LANES)
+        is_used = cells.any(axis=(1, 3, 4)).ravel()
+        bounds = np.where(is_used, 0, np.inf).astype(np.float32)
+        return np.ascontiguousarray(blocks).ravel(), bounds

@@ -3,10 +3,9 @@
     GLRasterizer (rasterizer)           contract, ownership, self-test
         HeadlessContext (context)       OpenGL context of a device (devices, libraries)
         Resources (resources)           every OpenGL object, error polling
-        Strategy (strategy)             one of three:
-            Pipeline (pipeline)         plans "software" and "hardware"; scene, coplanar
-            Compute (compute)           plan "compute" of pinholes
-            LensCompute (lens_compute)  plan "compute" of other lenses; lens_places
+        Strategy (strategy)             one of two:
+            Pipeline (pipeline)         plan "pipeline"; scene, coplanar
+            Compute (compute)           plan "compute"
 
 `rastercov.raster.contract` asks `devices` for hardware even when the CPU then counts. The
 rasteriser and moderngl are therefore imported when one of the names below is first used.
@@ -15,13 +14,13 @@ rasteriser and moderngl are therefore imported when one of the names below is fi
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from rastercov.raster.gl.rasterizer import PLANS, GLRasterizer
+    from rastercov.raster.gl.rasterizer import PLANS, WAYS, GLRasterizer
 
-__all__ = ["PLANS", "GLRasterizer"]
+__all__ = ["PLANS", "WAYS", "GLRasterizer"]
 
 
 def __getattr__(name: str) -> Any:
-    """Import the rasteriser on first use of `GLRasterizer` or `PLANS`."""
+    """Import the rasteriser on first use of `GLRasterizer`, `PLANS` or `WAYS`."""
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     from rastercov.raster.gl import rasterizer

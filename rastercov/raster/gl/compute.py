@@ -10,7 +10,6 @@ counts are read back:
 4. count the faces in the keys; repeat all steps in parts if the queue was too small.
 
 Results equal those of the CPU rasteriser, so its near plane is used, not the one fitted to a pose.
-`lens_compute` draws other lenses by the same steps, with another program and other records.
 """
 
 from collections.abc import Iterator
@@ -157,8 +156,6 @@ class Compute:
         self._queue = resources.buffer("queue", size=queue_bytes)
         rows = max(grid.height, camera.height, self_test.HEIGHT)
         self._runs = resources.buffer("rows of samples", size=RUN_BYTES * rows)
-
-    # --- differences from `lens_compute` --------------------------------------------------------
 
     def _sizes(self, camera: Camera, grid: SampleGrid, limits: DrawLimits, block: int) -> Sizes:
         """Choose the tiles, for storage blocks of `block` bytes."""

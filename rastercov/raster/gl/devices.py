@@ -166,7 +166,7 @@ class ContextInfo:
 
     @property
     def has_batches(self) -> bool:
-        """Features of plan "hardware": many poses in one draw, counted on the device."""
+        """Features of layers: many poses in one draw, counted on the device."""
         return bool(self.has_layer_from_vertex_shader) and self.has_compute_raster
 
     @property

@@ -13,20 +13,18 @@ import sys
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import asdict
+from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any, get_args
-
-import numpy as np
 
 import rastercov
 from rastercov import shaders
 from rastercov.base.errors import DeviceError, RastercovError
-from rastercov.base.threads import child_environment
+from rastercov.base.threads import Closing, child_environment
 from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import sphere_of_poses
-from rastercov.mesh import shapes
+from rastercov.mesh import Mesh, shapes
 from rastercov.raster import self_test
-from rastercov.raster.contract import CountArray
 from rastercov.raster.gl.devices import (
     DeviceInfo,
     DeviceKind,
@@ -174,11 +172,25 @@ def _cpu_result() -> str:
 
 
 def verify_cpu() -> None:
-    """Count convex meshes on the CPU; DeviceError when a sum, a face or an image disagrees."""
+    """Count known and convex scenes on the CPU; DeviceError when a count disagrees."""
     from rastercov.raster.cpu import CPURasterizer  # not above: numba may be broken
 
-    for name, mesh in {"box": shapes.box(), "sphere": shapes.sphere(1)}.items():
-        with CPURasterizer(mesh, CAMERA) as rasterizer:
+    _verify(CPURasterizer)
+
+
+def _verify(opened: Callable[[Mesh, Camera], Closing]) -> None:
+    """Count convex meshes, of which each pose shows the whole of a face or nothing.
+
+    A rasteriser counts the scene of `self_test` when it is opened.
+
+    Raises
+    ------
+    DeviceError
+        Where a sum, a face or an image disagrees.
+    """
+    for name, mesh in {"box": shapes.box(n=2), "sphere": shapes.sphere(1)}.items():
+        rasterizer: Any
+        with opened(mesh, CAMERA) as rasterizer:
             counts = rasterizer.count(POSES)
             background = [(rasterizer.render(pose).face < 0).sum() for pose in POSES]
         wrong = counts.visible.sum(axis=1) + background != CAMERA.width * CAMERA.height
@@ -203,61 +215,28 @@ def open_device(label: str) -> Report:
 
 
 def verify_device(label: str) -> Report:
-    """Plan and depth under "auto", after counting known scenes under every plan; for `ask`.
-
-    The counts of the self-test scene are known. A convex mesh shows the whole of a face or nothing,
-    and samples add up. Plan "hardware" must repeat plan "software", since both use the same
-    pipeline; plan "compute" projects in double precision and may differ from them.
+    """Plan and depth under "auto", after counting known and convex scenes in every way; for `ask`.
 
     Raises
     ------
     DeviceError
-        Names the plan, the scene and the wrong count.
+        Names the way, and the scene or the count that is wrong.
     """
     # Not above, as in `open_device`.
     from rastercov.raster.gl.context import open_context
-    from rastercov.raster.gl.rasterizer import GLRasterizer
+    from rastercov.raster.gl.rasterizer import WAYS, GLRasterizer
 
-    scenes = {
-        "known scene": (self_test.MESH, self_test.CAMERA, self_test.POSES),
-        "box": (shapes.box(n=2), CAMERA, POSES),
-        "sphere": (shapes.sphere(1), CAMERA, POSES),
-    }
-    # Expected (visible, drawn) of each scene; those of the convex meshes come from the first plan.
-    of_pipeline: dict[str, tuple[CountArray, CountArray]] = {
-        "known scene": (self_test.VISIBLE, self_test.DRAWN)
-    }
-    of_compute = of_pipeline.copy()
     with open_context(label) as context:
-        plans = {"software": of_pipeline}
-        if context.info.has_batches:
-            plans["hardware"] = of_pipeline
-        if context.info.has_compute_raster:
-            plans["compute"] = of_compute
-        for plan, name in ((plan, name) for plan in plans for name in scenes):
-            mesh, camera, poses = scenes[name]
-            try:
-                with GLRasterizer(mesh, camera, device=context, plan=plan) as rasterizer:
-                    counts = rasterizer.count(poses)
-                assert counts.drawn is not None
-                all_or_nothing = np.where(counts.visible > 0, counts.drawn, 0)
-                visible, drawn = plans[plan].setdefault(name, (all_or_nothing, counts.drawn))
-                total = counts.visible.sum(axis=1) + counts.background
-                _require_equal("visible", counts.visible, visible)
-                _require_equal("drawn", counts.drawn, drawn)
-                _require_equal("visible + background", total, camera.width * camera.height)
-            except RastercovError as error:
-                raise DeviceError(f"plan {plan}, {name}: {error}") from error
+        info = context.info
+        has = {"layers": info.has_batches, "compute": info.has_compute_raster}
+        for way, options in WAYS.items():
+            if has.get(way, True):
+                try:
+                    _verify(partial(GLRasterizer, device=context, **options))
+                except RastercovError as error:
+                    raise DeviceError(f"plan {way}: {error}") from error
         with GLRasterizer(self_test.MESH, self_test.CAMERA, device=context) as rasterizer:
             return {"plan": rasterizer.info.plan, "depth": rasterizer.info.depth}
-
-
-def _require_equal(name: str, got: Any, wanted: Any) -> None:
-    wrong = np.argwhere(got != wanted)
-    if wrong.size:
-        at = tuple(int(index) for index in wrong[0])
-        first = f"wanted {np.broadcast_to(wanted, got.shape)[at]}, got {got[at]} at {at}"
-        raise DeviceError(f"{len(wrong)} of {got.size} counts '{name}' are wrong; {first}")
 
 
 # --- child processes ------------------------------------------------------------------------------

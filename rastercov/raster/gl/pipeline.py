@@ -1,12 +1,12 @@
-"""Strategy of the plans "software" and "hardware": the graphics pipeline.
+"""Strategy of the plan "pipeline": the graphics pipeline.
 
 Each face is drawn with its index + 1 as colour into a 32-bit integer image; the depth buffer keeps
 the nearest. Depth is float32 and reversed (near is 1, infinity 0), which gives the same relative
-precision at every distance, with near fitted to each pose. The plans share shaders and state:
+precision at every distance, with near fitted to each pose. Two ways share shaders and state:
 
-- *software*: one pose at a time, ids read back and counted by numpy. On Mesa's llvmpipe batches
-  gain nothing, and reading back is a copy in memory.
-- *hardware*: many poses a draw, one image layer each; a compute shader counts, and only counts are
+- one pose at a time, ids read back and counted by numpy. On Mesa's llvmpipe batches gain nothing,
+  and reading back is a copy in memory.
+- layers: many poses a draw, one image layer each; a compute shader counts, and only counts are
   read back.
 
 `drawn` counts come from a second pass without the depth test, where every sample adds one to its
@@ -51,10 +51,7 @@ NO_LAYER = 0xFFFFFFFF
 
 
 class Pipeline:
-    """`rastercov.raster.gl.strategy.Strategy` on the graphics pipeline.
-
-    `is_layered` is true for plan "hardware" and false for "software".
-    """
+    """`rastercov.raster.gl.strategy.Strategy` on the graphics pipeline."""
 
     def __init__(
         self,
@@ -63,9 +60,8 @@ class Pipeline:
         camera: Camera,
         grid: SampleGrid,
         limits: DrawLimits,
-        *,
-        is_layered: bool,
     ) -> None:
+        is_layered = limits.max_layers > 1
         self._resources, self._is_layered = resources, is_layered
         self.depth = "float32 reversed" if resources.is_reversed else "float32"
         info = resources.context.info
@@ -77,7 +73,8 @@ class Pipeline:
         if is_layered:
             image = SAMPLE_BYTES * self.tile[0] * self.tile[1]
             in_budget = limits.image_budget // image
-            layers = max(1, min(MAX_POSES, device["max_array_layers"], in_budget))
+            most = min(MAX_POSES, limits.max_layers, device["max_array_layers"])
+            layers = max(1, min(most, in_budget))
         self._max_faces = min(limits.max_faces, mesh.n_faces)
         if info.has_ssbo:
             # A counter a face and one for background must fit one storage block, for each layer.
@@ -193,7 +190,7 @@ class Pipeline:
     def _count_on_host(
         self, scene: Scene, tile: Box, mesh_box: tuple[int, ...]
     ) -> tuple[IntArray, Any]:
-        """Count a tile in numpy, plan "software"; reads only the box that the mesh can reach."""
+        """Count a tile in numpy; reads only the box that the mesh can reach."""
         x, y, width, height = tile
         left, right = (min(max(edge - x, 0), width) for edge in mesh_box[::2])
         top, bottom = (min(max(edge - y, 0), height) for edge in mesh_box[1::2])
@@ -219,7 +216,7 @@ class Pipeline:
         return counts.astype(np.int64)
 
     def _count_on_device(self, scene: Scene, tile: Box, poses: int) -> tuple[WordArray, Any]:
-        """Count a batch in a compute shader, plan "hardware", in windows of faces that fit."""
+        """Count a batch of layers in a compute shader, in windows of faces that fit."""
         counting = self._counting
         self._bind_runs(scene)
         windows = []

@@ -1,12 +1,10 @@
-"""OpenGL rasteriser: the contract of `raster.contract` around one of three strategies.
+"""OpenGL rasteriser: the contract of `raster.contract` around one of two strategies.
 
-- *software*: graphics pipeline, one pose at a time, counted by numpy; see `pipeline`.
-- *hardware*: graphics pipeline, many poses a draw, counted on the GPU.
+- *pipeline*: graphics pipeline of any driver, many poses a draw where a GPU can; see `pipeline`.
 - *compute*: compute shaders, many poses at a time, counted on the GPU; see `compute`.
 
-"auto" is "software" on a software device and "hardware" on a hardware device with the features it
-needs; "compute" for a focal length so long that the graphics pipeline would misplace edges, and for
-cameras that are no pinholes, which only that plan draws (`lens_compute`).
+"auto" is "pipeline", and "compute" for a focal length so long that the graphics pipeline would
+misplace edges.
 
 A device is tested against a scene with known counts at opening and every `SELF_TEST_INTERVAL`
 poses, with the programs, images and buffers in use.
@@ -14,7 +12,9 @@ poses, with the programs, images and buffers in use.
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+from copy import copy
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -37,7 +37,7 @@ from rastercov.raster.contract import (
 )
 from rastercov.raster.gl.compute import Compute
 from rastercov.raster.gl.context import HeadlessContext, open_context
-from rastercov.raster.gl.pipeline import Pipeline
+from rastercov.raster.gl.pipeline import MAX_POSES, Pipeline
 from rastercov.raster.gl.resources import Resources
 from rastercov.raster.gl.strategy import (
     IMAGE_BUDGET,
@@ -48,8 +48,18 @@ from rastercov.raster.gl.strategy import (
 )
 from rastercov.raster.sample_grid import SampleGrid
 from rastercov.raster.targets import TargetFaces
+from rastercov.raster.tie_order import corners_of
 
-PLANS = ("software", "hardware", "compute")
+if TYPE_CHECKING:
+    from rastercov.raster.lens import View, ViewDrawer
+
+PLANS = ("pipeline", "compute")
+WAYS: dict[str, dict[str, Any]] = {
+    "pipeline": {"plan": "pipeline", "max_layers": 1},
+    "layers": {"plan": "pipeline", "max_layers": MAX_POSES},
+    "compute": {"plan": "compute"},
+}
+"""Options of every way to draw and count, for self-tests."""
 MAX_FOCAL_LENGTH = 1 << 16
 """Largest focal length and principal point of the graphics pipeline, in pixels. Its float32 places
 edges to about 2^-23 of that: 1/128 px."""
@@ -67,8 +77,11 @@ class GLRasterizer(Closing):
     device : str, int or HeadlessContext
         "auto", "egl:0", "surfaceless" or "osmesa" as for `open_context`; a context that is
         already open is used and left open.
-    plan : {"auto", "software", "hardware", "compute"}
-        Way to draw and count; "auto" follows the device.
+    plan : {"auto", "pipeline", "compute"}
+        Way to draw and count.
+    max_layers : int, optional
+        Most poses of a draw of plan "pipeline", up to 128, each an image of its own; above 1 they
+        are counted on the device. By default 128 on a GPU that can do so, else 1.
     require_hardware : bool
         Refuse a software renderer.
     max_tile, max_faces_a_draw, image_budget : int
@@ -77,7 +90,7 @@ class GLRasterizer(Closing):
     Raises
     ------
     CameraError, ConfigError, DeviceError, ResourceError
-        For a lens that the plan does not draw; a bad argument; a device that lacks a feature or
+        For a lens, which `open_rasterizer` draws; a bad argument; a device that lacks a feature or
         fails its self-test; lack of memory.
     """
 
@@ -90,18 +103,23 @@ class GLRasterizer(Closing):
         roll: float = 0.0,
         device: str | int | HeadlessContext = "auto",
         plan: str = "auto",
+        max_layers: int | None = None,
         require_hardware: bool = False,
         max_tile: int = MAX_TILE,
         max_faces_a_draw: int = MAX_FACES_A_DRAW,
         image_budget: int = IMAGE_BUDGET,
     ) -> None:
+        camera.check_pinhole(
+            "GLRasterizer draws pinholes only", "take open_rasterizer, which draws any lens"
+        )
         check_choice("plan", plan, ("auto", *PLANS))
         require_hardware = flag("require_hardware", require_hardware)
         limits = (max_tile, max_faces_a_draw, image_budget)
-        if not all(isinstance(each, int | np.integer) and each >= 1 for each in limits):
+        given = limits if max_layers is None else (*limits, max_layers)
+        if not all(isinstance(each, int | np.integer) and each >= 1 for each in given):
             raise ConfigError(
-                "max_tile, max_faces_a_draw and image_budget must be 1 or more, in whole numbers, "
-                f"got {shown(list(limits))}"
+                "max_tile, max_faces_a_draw, image_budget and max_layers must be 1 or more, in "
+                f"whole numbers, got {shown(list(given))}"
             )
         self.mesh, self.camera, self.supersample, self.roll = mesh, camera, supersample, roll
         self._is_open = True
@@ -114,48 +132,39 @@ class GLRasterizer(Closing):
             self._context = open_context(device, require_hardware=require_hardware)
         self._resources = Resources(self._context)
         try:
-            self._prepare(self._choose(plan), DrawLimits(*map(int, limits)))
+            plan, layers = self._choose(plan, max_layers)
+            self._prepare(plan, DrawLimits(*map(int, (*limits, layers))))
             self._run_self_test()
         except BaseException:
             self.close()
             raise
 
-    def _choose(self, plan: str) -> str:
-        """Plan to run, "auto" resolved; ConfigError or DeviceError when it cannot run."""
+    def _choose(self, plan: str, max_layers: int | None) -> tuple[str, int]:
+        """Plan and layers to run; ConfigError or DeviceError when they cannot run."""
         known = self._context.info
         reach = max(self.camera.fx, self.camera.fy, abs(self.camera.cx), abs(self.camera.cy))
-        if not self.camera.is_pinhole:
-            if plan in ("software", "hardware"):
-                self.camera.check_pinhole(
-                    f"plan '{plan}' draws pinholes only",
-                    "take plan 'compute', or --device cpu (backend cpu)",
-                )
-            if not known.has_compute_raster:
-                raise DeviceError(
-                    f"a lens of model {self.camera.model} needs compute shaders and storage "
-                    f"buffers, which {known.renderer} (OpenGL {known.gl_version}) lacks; take "
-                    "--device cpu (backend cpu)"
-                )
-            return "compute"
-        if plan == "auto" and reach > MAX_FOCAL_LENGTH and known.has_compute_raster:
-            return "compute"
-        if plan != "compute" and reach > MAX_FOCAL_LENGTH:
+        if plan == "auto":
+            is_long = reach > MAX_FOCAL_LENGTH and known.has_compute_raster
+            plan = "compute" if is_long else "pipeline"
+        if plan == "pipeline" and reach > MAX_FOCAL_LENGTH:
             raise ConfigError(
                 f"OpenGL's pipeline takes fx, fy, cx and cy up to {MAX_FOCAL_LENGTH:,} px, "
                 f"got {reach:,g}: float32 would misplace edges; use plan 'compute' or backend 'cpu'"
             )
-        if plan == "auto":
-            return "hardware" if known.has_batches and not known.is_software else "software"
-        needs = {
-            "hardware": (known.has_batches, "compute shaders and layered drawing"),
-            "compute": (known.has_compute_raster, "compute shaders and storage buffers"),
-        }
-        if plan in needs and not needs[plan][0]:
+        if max_layers is None:
+            max_layers = MAX_POSES if known.has_batches and not known.is_software else 1
+        where = f"{known.renderer} (OpenGL {known.gl_version}) lacks"
+        if plan == "compute" and not known.has_compute_raster:
             raise DeviceError(
-                f"plan '{plan}' needs {needs[plan][1]}, which "
-                f"{known.renderer} (OpenGL {known.gl_version}) lacks; use plan 'software'"
+                "plan 'compute' needs compute shaders and storage buffers, which "
+                f"{where}; use plan 'pipeline'"
             )
-        return plan
+        if plan == "pipeline" and max_layers > 1 and not known.has_batches:
+            raise DeviceError(
+                f"max_layers={max_layers} needs compute shaders and layered drawing, which "
+                f"{where}; leave it out"
+            )
+        return plan, int(max_layers)
 
     def _prepare(self, plan: str, limits: DrawLimits) -> None:
         """Compile the programs, allocate the images and upload the mesh."""
@@ -164,15 +173,10 @@ class GLRasterizer(Closing):
         grid = SampleGrid(camera, self.supersample, self.roll)
         resources.use()
         self._strategy: Strategy
-        if not camera.is_pinhole:
-            from rastercov.raster.gl.lens_compute import LensCompute  # loads numba
-
-            self._strategy = LensCompute(resources, mesh, camera, grid, limits)
-        elif plan == "compute":
+        if plan == "compute":
             self._strategy = Compute(resources, mesh, camera, grid, limits)
         else:
-            is_layered = plan == "hardware"
-            self._strategy = Pipeline(resources, mesh, camera, grid, limits, is_layered=is_layered)
+            self._strategy = Pipeline(resources, mesh, camera, grid, limits)
         self.info = RasterizerInfo(
             backend="gl",
             plan=plan,
@@ -209,18 +213,34 @@ class GLRasterizer(Closing):
         if len(matrices) != 1:
             raise ConfigError(f"render takes one pose, got {len(matrices)}")
         check_picture(self.camera)
-        shape = (self.camera.height, self.camera.width)
-        face, depth = np.empty(shape, np.int32), np.empty(shape, np.float32)
         with self._current():
-            prepared = self._strategy.prepare(self._scene, matrices, self._pixels)
-            self._strategy.begin(prepared, np.array([0]))
-            for tile in self._strategy.tiles(self._scene, self._pixels):
-                x, y, width, height = tile
-                part = np.s_[y : y + height, x : x + width]
-                face[part], depth[part] = self._strategy.image(self._scene, prepared, tile)
+            face, depth = self._picture(self._scene, self._pixels, matrices)
         if self._targets is not None:
             face = self._targets.face_of(face)
         return VisibilityBuffer(face, depth)
+
+    def drawer(self, camera: Camera, beside: Any = None) -> "ViewDrawer":
+        """Draw the opaque faces of the mesh through another pinhole; see `raster.lens`."""
+        with self._current():
+            return _Drawer(self, camera)
+
+    @cached_property
+    def _corners(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        return corners_of(self.mesh.opaque)
+
+    def _picture(
+        self, scene: Any, grid: SampleGrid, poses: NDArray[np.float64]
+    ) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
+        """Face, -1 for none, and depth (H, W) at each sample of a grid in one pose (1, 4, 4)."""
+        shape = grid.height, grid.width
+        face, depth = np.empty(shape, np.int32), np.empty(shape, np.float32)
+        prepared = self._strategy.prepare(scene, poses, grid)
+        self._strategy.begin(prepared, np.array([0]))
+        for tile in self._strategy.tiles(scene, grid):
+            x, y, width, height = tile
+            part = np.s_[y : y + height, x : x + width]
+            face[part], depth[part] = self._strategy.image(scene, prepared, tile)
+        return face, depth
 
     def close(self) -> None:
         """Release everything on the device; later calls raise `DeviceError`."""
@@ -292,3 +312,45 @@ class GLRasterizer(Closing):
         assert counts.drawn is not None
         if not np.array_equal(counts.drawn, self_test.DRAWN[[view]]):
             raise self._resources.untrusted("counted a known scene wrongly")
+
+
+class _Drawer:
+    """`rastercov.raster.lens.ViewDrawer` on a rasteriser that is open."""
+
+    def __init__(self, rasterizer: GLRasterizer, camera: Camera) -> None:
+        self._rasterizer = rasterizer
+        self._scene = copy(rasterizer._scene)
+        self._scene.camera, self._scene.grid = camera, SampleGrid(camera)
+
+    def picture(
+        self, pose: NDArray[np.float64], near: float, cull: bool
+    ) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
+        """Face, -1 for none, and depth (H, W) at each sample of a pose (4, 4)."""
+        rasterizer = self._rasterizer
+        with rasterizer._current():
+            found = rasterizer._picture(self._scene, self._scene.grid, pose[None])
+        rasterizer._poses_since_self_test += 1
+        if rasterizer._poses_since_self_test >= SELF_TEST_INTERVAL:
+            rasterizer._run_self_test()
+        return found
+
+    def add_counts(
+        self,
+        pose: NDArray[np.float64],
+        near: float,
+        cull: bool,
+        view: "View",
+        visible: Any,
+        drawn: Any,
+    ) -> None:
+        """Add the samples of a lens in a view to (F,) counts; see `raster.lens.ViewDrawer`."""
+        from rastercov.kernels.raster_targets import count_shown  # loads numba
+
+        face = self.picture(pose, near, cull)[0]
+        if (last := int(face.max())) >= len(visible):
+            raise self._rasterizer._resources.untrusted(f"drew face {last} of {len(visible)}")
+        count_shown(face, view.sums, visible)
+        if drawn is not None:
+            corners, centre = self._rasterizer._corners
+            view.count_alone(corners, centre, pose, near, None, visible, drawn)
+            np.maximum(drawn, visible, out=drawn)  # the device rounds otherwise

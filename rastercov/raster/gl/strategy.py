@@ -1,8 +1,7 @@
 """Interface between the OpenGL rasteriser and the strategies that draw and count.
 
 `rasterizer` owns the contract, the context and the self-test; a strategy owns the programs and the
-images. `pipeline` implements it with the graphics pipeline, `compute` with compute shaders, and
-`lens_compute` with these for cameras that are no pinholes.
+images. `pipeline` implements it with the graphics pipeline, `compute` with compute shaders.
 """
 
 from collections.abc import Iterator
@@ -36,11 +35,15 @@ COUNT_COLUMNS, COUNT_ROWS = 8 * 16, 8
 
 @dataclass(frozen=True)
 class DrawLimits:
-    """Limits below those of the device: samples a side, faces a draw, bytes of images a batch."""
+    """Limits below those of the device.
+
+    Samples a side, faces a draw, bytes of images a batch, poses a draw of the pipeline.
+    """
 
     max_tile: int = MAX_TILE
     max_faces: int = MAX_FACES_A_DRAW
     image_budget: int = IMAGE_BUDGET
+    max_layers: int = 1
 
 
 class Strategy(Protocol):
