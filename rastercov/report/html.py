@@ -5,18 +5,13 @@ and fits a phone and a desk. Text is escaped by default. jinja2 is imported with
 """
 
 import base64
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from PIL import Image
 
-from rastercov.base.format import number, percent, plural
-from rastercov.base.interrupts import interrupts_held
-from rastercov.base.output import write_bytes, write_json, write_text
-from rastercov.report.folder import ReportFolder
+from rastercov.base.format import length, number, percent, plural
 from rastercov.report.images import png
 from rastercov.report.theme import DARK, LIGHT
 
@@ -43,24 +38,6 @@ def rendered(template: str, package: str = "rastercov.report", **values: Any) ->
     return _environment(package).get_template(template).render(values)
 
 
-def publish(
-    folder: ReportFolder, page: str, data: Any, pictures: Mapping[str, Picture] | None = None
-) -> Path:
-    """Write the pictures, the page and the JSON of a report, and publish them with signals held.
-
-    The last file of the folder, such as compare.json, names the page, such as compare.html, whose
-    path is returned. Pictures are given by the names of their files without ".png".
-    """
-    name = Path(folder.kind.last).stem
-    with interrupts_held():
-        for stem, picture in (pictures or {}).items():
-            write_bytes(folder.file(f"{stem}.png"), picture.light)
-        write_text(folder.file(f"{name}.html"), page)
-        write_json(folder.file(f"{name}.json"), data)
-        folder.publish()
-    return folder.path / f"{name}.html"
-
-
 @cache
 def _environment(package: str) -> "Environment":
     from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
@@ -75,6 +52,7 @@ def _environment(package: str) -> "Environment":
     )
     environment.filters |= {
         "count": "{:,}".format,
+        "metres": length,
         "number": number,
         "percent": percent,
         "plural": plural,

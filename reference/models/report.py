@@ -33,8 +33,9 @@ from rastercov.raster.contract import VisibilityBuffer
 from rastercov.reference.models import MODELS, zhang
 from rastercov.reference.models.base import Criteria
 from rastercov.reference.models.comparison import OURS, FaceValues, ModelComparison, covers
+from rastercov.reference.pages import publish
 from rastercov.report.folder import ReportFolder, ReportKind
-from rastercov.report.html import Picture, publish, rendered
+from rastercov.report.html import Picture, rendered
 from rastercov.report.images import (
     OPACITY,
     Key,

@@ -268,12 +268,12 @@ def test_poses_at_fault_end_the_run_or_are_left_out(capsys):
 @pytest.mark.slow
 def test_files_units_and_groups(capsys):
     line = "evaluate part.obj --unit mm -c camera.toml -p sphere:4 --occluder lid --two-sided rest"
-    code, out, err = call(capsys, line + " --full all")
+    code, out, err = call(capsys, line)
     assert (code, err) == (0, "")
     assert "lid" in out
     assert out.endswith("report/contact_sheet.png\n")
-    pictures = {f"{name}_{pose}.png" for name in ("pose", "faces") for pose in range(4)}
-    assert names("report") == REPORT | pictures | {"contact_sheet.png", "overview.png", MANIFEST}
+    drawn = {"contact_sheet.png", "overview.png", "view.html"}
+    assert names("report") == REPORT | drawn | {MANIFEST}
     summary = json.loads(Path("report/summary.json").read_text())
     assert (summary["faces"], summary["task_faces"]) == (12, 10)
     assert summary["covered"]["faces"] == 10
@@ -610,9 +610,9 @@ def test_a_run_that_is_killed_leaves_the_old_report_or_the_new_one(capsys):
     out = Path("report")
     (out / "notes.txt").write_text("mine")
     old = {path.name: data for path, data in content(out).items() if path.name != "notes.txt"}
-    line = "evaluate box -c camera.toml -p sphere:9 --pictures 2 --full poses"
+    line = "evaluate box -c camera.toml -p sphere:9 --pictures 2"
     found = []
-    for waits in ("", "pose_*.png", "contact_sheet.png"):
+    for waits in ("", "contact_sheet.png", "overview.png"):
         with subprocess.Popen(
             [sys.executable, "-c", ENTRY, *line.split()],
             stdout=subprocess.DEVNULL,

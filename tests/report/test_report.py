@@ -492,13 +492,6 @@ def test_picture_refuses_what_does_not_belong_together():
         pictures.coverage_pixels(strip_buffer(), np.ones(5), STRIP, FROM_ABOVE)
 
 
-def test_title_names_the_pose_and_counts_task_faces_only():
-    covers = np.array([False, True, True, True, True, True])
-    assert pictures.pose_title(STRIP, 17, covers) == (
-        "pose 17: covers 75.0 % of 4 faces, 75.0 % of area"
-    )
-
-
 def test_index_picture_has_one_colour_a_face_on_black():
     buffer = strip_buffer()
     pixels = np.asarray(pictures.face_index_picture(buffer))

@@ -46,7 +46,7 @@ def session_of(mesh=None, count=4, **options):
 def session_of_room():
     """A session on a room with two cameras inside."""
     poses = Poses.of(look_at(np.array(EYES), np.array([(0.0, 0.0, 0.6)] * len(EYES))))
-    return Session(Scene("room", ROOM, RigState.of(Rig([WIDE], ["wide"]), poses)))
+    return Session(Scene("room", ROOM, RigState.of(Rig([WIDE], ["wide"]), poses), models=MODELS))
 
 
 def percent_covered(state, **thresholds):
