@@ -17,8 +17,8 @@ from rastercov.base.format import short
 from rastercov.base.interrupts import interrupts_held
 from rastercov.base.output import write_bytes, write_json, write_text
 from rastercov.report.folder import ReportFolder
-from rastercov.report.html import Picture
 from rastercov.report.images import png
+from rastercov.report.pages import Picture
 from rastercov.report.theme import Theme
 
 if TYPE_CHECKING:

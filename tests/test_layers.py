@@ -24,7 +24,7 @@ LAYERS = (
     "viewer",
     "cli",
 )
-LABORATORY = {("cli", "compare"), ("cli", "validate"), ("cli", "view")}
+LABORATORY = {("cli", "compare"), ("cli", "view")}
 """Commands that run models and oracles of `rastercov.reference`; nothing else imports it."""
 LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names.split()}
 
@@ -110,7 +110,7 @@ BUDGET = {
     "report": 3_060,
     "viewer": 1_880,
 }
-MOST_FILES = 309
+MOST_FILES = 303
 
 
 def code_lines(path):

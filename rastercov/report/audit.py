@@ -28,12 +28,10 @@ from rastercov.coverage.area.network import in_words
 from rastercov.coverage.provenance import Provenance
 from rastercov.coverage.shards import UNFINISHED, remove
 from rastercov.placement.audit import Audit
-from rastercov.report.coloured_mesh import write_coloured_mesh
-from rastercov.report.coverage_table import write_rig
+from rastercov.report.coverage_files import write_coloured_mesh, write_rig
 from rastercov.report.folder import ReportFolder, ReportKind
-from rastercov.report.html import Picture, rendered
 from rastercov.report.modes import MODES, mode_picture, rounded
-from rastercov.report.view_page import figures_of, view_page
+from rastercov.report.pages import Picture, figures_of, rendered, view_page
 
 AUDIT = ReportKind(
     "audit",

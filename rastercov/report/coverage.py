@@ -47,14 +47,19 @@ from rastercov.mesh import Mesh
 from rastercov.raster import open_rasterizer
 from rastercov.raster.contract import Rasterizer, VisibilityBuffer
 from rastercov.report.camera_pictures import covered_pixels
-from rastercov.report.coloured_mesh import write_coloured_mesh, write_covered_mesh
-from rastercov.report.coverage_table import CoverageTable, write_areas, write_rig
+from rastercov.report.coverage_files import (
+    CoverageTable,
+    write_areas,
+    write_coloured_mesh,
+    write_covered_mesh,
+    write_rig,
+)
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.images import contact_sheet, coverage_pixels, save_picture, targets_in_view
 from rastercov.report.modes import mode_picture
 from rastercov.report.overview import Overview, best_covering, views_picture, zones_picture
+from rastercov.report.pages import figures_of, values_of, view_page, zone_entries
 from rastercov.report.theme import Pixels
-from rastercov.report.view_page import figures_of, values_of, view_page, zone_entries
 
 LOG = logging.getLogger("rastercov")
 MOST_COLOURS = 60

@@ -18,12 +18,11 @@ from rastercov.placement.explain.uncovered import Leftover
 from rastercov.placement.plan.prepare import Progress
 from rastercov.placement.plan.run import Placement
 from rastercov.placement.select.problem import BestCoverage, views_of
-from rastercov.report.html import Picture, rendered
 from rastercov.report.modes import mode_picture
 from rastercov.report.overview import Overview, best_covering, zone_rows, zones_picture
+from rastercov.report.pages import Picture, figures_of, rendered, values_of, view_page, zone_entries
 from rastercov.report.panorama import best_directions
 from rastercov.report.tables import camera_rows
-from rastercov.report.view_page import figures_of, values_of, view_page, zone_entries
 
 MAX_SENTENCES = 12
 """Faces out of reach that have a sentence of their own."""

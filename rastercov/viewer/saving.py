@@ -14,7 +14,7 @@ from rastercov.base.output import write_bytes, write_text
 from rastercov.camera.formats.own import content_of
 from rastercov.coverage.task import Task
 from rastercov.report.modes import MODES as EVERY
-from rastercov.report.view_page import embedded, levels_of
+from rastercov.report.pages import embedded, levels_of
 from rastercov.viewer.rig_state import RigState
 from rastercov.viewer.scene import Scene
 from rastercov.viewer.session import Session, unframed

@@ -31,8 +31,8 @@ from rastercov.placement.plan.candidates import candidate_pool
 from rastercov.placement.plan.file import read_plan
 from rastercov.placement.plan.scene import named_scene
 from rastercov.report.modes import MODES
+from rastercov.report.pages import described_camera, described_mesh, described_mode
 from rastercov.report.panorama import is_inside
-from rastercov.report.view_page import described_camera, described_mesh, described_mode
 from rastercov.viewer.actions import CAMERA_FIELDS
 from rastercov.viewer.rig_state import RigState
 

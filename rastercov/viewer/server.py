@@ -30,7 +30,7 @@ from typing import TYPE_CHECKING, Any
 from rastercov.base.errors import ConfigError, ResourceError
 from rastercov.base.files import StrPath, one_line
 from rastercov.base.interrupts import ABANDONED
-from rastercov.report.view_page import (
+from rastercov.report.pages import (
     TYPES,
     digest_of,
     groups_of,

@@ -26,12 +26,17 @@ from rastercov.placement.improve.pose_space import PoseSpace
 from rastercov.report import theme
 from rastercov.report.camera_pictures import camera_image, camera_keys, camera_pixels
 from rastercov.report.modes import mode_of
-from rastercov.report.view_page import described_frame, zone_entries
+from rastercov.report.pages import described_frame, zone_entries
 from rastercov.viewer.actions import Constrain, Redo, Request, Undo, request_of
-from rastercov.viewer.measurements import Measurements, NetworkFigures, exact_area, of_one_camera
+from rastercov.viewer.measurements import (
+    Measurements,
+    NetworkFigures,
+    exact_area,
+    of_one_camera,
+    why,
+)
 from rastercov.viewer.rig_state import History, RigState
 from rastercov.viewer.scene import SEGMENT_OPTIONS, Scene, described_state, model_options
-from rastercov.viewer.why import why
 
 FloatArray = NDArray[np.float64]
 

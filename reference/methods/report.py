@@ -39,7 +39,7 @@ from rastercov.reference.methods.error_statistics import (
 from rastercov.reference.methods.faces import face_picture, fraction
 from rastercov.reference.pages import LABEL, Axis, Curve, line_plot, new_axes, picture_of, publish
 from rastercov.report.folder import ReportFolder, ReportKind
-from rastercov.report.html import Picture, rendered
+from rastercov.report.pages import Picture, rendered
 from rastercov.report.theme import DARK, LIGHT, Theme
 
 if TYPE_CHECKING:

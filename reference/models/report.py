@@ -35,7 +35,6 @@ from rastercov.reference.models.base import Criteria
 from rastercov.reference.models.comparison import OURS, FaceValues, ModelComparison, covers
 from rastercov.reference.pages import publish
 from rastercov.report.folder import ReportFolder, ReportKind
-from rastercov.report.html import Picture, rendered
 from rastercov.report.images import (
     OPACITY,
     Key,
@@ -46,6 +45,7 @@ from rastercov.report.images import (
     png,
     targets_in_view,
 )
+from rastercov.report.pages import Picture, rendered
 from rastercov.report.theme import ENLARGED, FALSELY_SEEN, MISSED
 
 FloatArray = NDArray[np.float64]

@@ -279,7 +279,7 @@ def test_the_schema_can_be_had_without_a_plan(capsys):
         ),
         (
             QUICK.replace("[outputs]", "groups = { lit = 1.0 }\n[outputs]"),
-            ["plan.toml: selection.groups: there is no group 'lit'; groups are lid, rest"],
+            ["plan.toml: selection.groups: there is no group 'lit', nor a mesh file"],
         ),
         (
             QUICK.replace("[3.5]", "[0.2]"),

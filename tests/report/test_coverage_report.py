@@ -32,7 +32,7 @@ from rastercov.raster import open_rasterizer
 from rastercov.reference.coverage import rows_of
 from rastercov.report import coverage
 from rastercov.report.coverage import EVALUATION, Options, run
-from rastercov.report.coverage_table import CoverageTable
+from rastercov.report.coverage_files import CoverageTable
 from rastercov.report.folder import ReportFolder
 
 MESH = shapes.box((1, 1, 1))
@@ -413,7 +413,7 @@ def test_a_disk_that_fails_while_the_table_is_written_leaves_the_old_report(tmp_
     def fail(*_, **__):
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr("rastercov.report.coverage_table.ROWS_A_GROUP", 10)
+    monkeypatch.setattr("rastercov.report.coverage_files.ROWS_A_GROUP", 10)
     monkeypatch.setattr(pq.ParquetWriter, "write_table", fail)
     with pytest.raises(OSError, match="No space left") as caught:
         run(MESH, CAMERA, around(60), TASK, tmp_path, PLAIN)
@@ -492,7 +492,7 @@ def test_a_folder_in_use_is_refused_before_a_device_is_opened(tmp_path, monkeypa
 def test_memory_does_not_grow_with_the_batches(tmp_path, small_batches, monkeypatch):
     """Of Python and numpy, beyond what the summary holds for each pose."""
     mesh = shapes.sphere(2)  # all figures of a pose: 26 kB
-    monkeypatch.setattr("rastercov.report.coverage_table.ROWS_A_GROUP", 1000)
+    monkeypatch.setattr("rastercov.report.coverage_files.ROWS_A_GROUP", 1000)
 
     def peak(count):
         poses = around(count)

@@ -18,8 +18,8 @@ from rastercov.reference.pages import Axis
 from rastercov.report import placement as page_module
 from rastercov.report.coverage import Options, run
 from rastercov.report.modes import MODES
+from rastercov.report.pages import view_page
 from rastercov.report.plan import lines, summary
-from rastercov.report.view_page import view_page
 
 CAMERA = rc.Camera(width=320, height=240, fx=300, fy=300, cx=160, cy=120)
 MESH = shapes.torus(24, 12)
@@ -212,7 +212,7 @@ def test_ticks_of_an_even_axis_are_even_and_within_it(low, high, whole):
 
 
 def test_a_mesh_too_large_for_a_report_has_no_page(monkeypatch):
-    monkeypatch.setattr("rastercov.report.view_page.MOST_OF_REPORT", 11)
+    monkeypatch.setattr("rastercov.report.pages.MOST_OF_REPORT", 11)
     poses = rc.Poses.of(POSES)
     assert view_page("box", shapes.box(), CAMERA, poses, list("abcd"), {}, {}) is None
 

@@ -27,9 +27,10 @@ from rastercov.raster import open_rasterizer
 from rastercov.raster.contract import RasterizerInfo, VisibilityBuffer
 from rastercov.raster.observation import BoundKind
 from rastercov.reference.coverage import rows_of
-from rastercov.report import coverage_table, tables, theme
+from rastercov.report import coverage_files as coverage_table
 from rastercov.report import images as pictures
-from rastercov.report.coloured_mesh import write_coloured_mesh
+from rastercov.report import tables, theme
+from rastercov.report.coverage_files import write_coloured_mesh
 
 INFO = RasterizerInfo("gl", "software", "renderer", "driver", "device", "float32", "hash")
 CAMERA = Camera(width=480, height=360, fx=400, fy=400, cx=240, cy=180)

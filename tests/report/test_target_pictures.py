@@ -12,7 +12,7 @@ from rastercov.mesh import shapes
 from rastercov.raster import open_rasterizer
 from rastercov.reference.methods.faces import neighbourhood
 from rastercov.reference.models.report import difference_picture, look_at_part
-from rastercov.report.coloured_mesh import write_coloured_mesh
+from rastercov.report.coverage_files import write_coloured_mesh
 from rastercov.report.images import (
     coverage_picture,
     coverage_pixels,

@@ -9,7 +9,7 @@ from rigs_to_view import EYES, ROOM, WIDE, percent_covered
 
 import rastercov as rc
 from rastercov.coverage.task import Reason
-from rastercov.report.view_page import described_camera
+from rastercov.report.pages import described_camera
 
 pytestmark = pytest.mark.slow
 AT_REST = 1.5
