@@ -144,6 +144,19 @@ def warn(lines: Iterable[str]) -> None:
         say(f"warning: {line}")
 
 
+@contextmanager
+def errors_by_line() -> Iterator[None]:
+    """Print what is wrong with a plan, a line each, and end with code 2."""
+    from rastercov.placement.plan.file import PlanError
+
+    try:
+        yield
+    except PlanError as error:
+        for line in error.lines:
+            say(f"error: {line}")
+        raise typer.Exit(2) from None
+
+
 def size_line(mesh: "Mesh") -> str:
     """Faces and size of a scene; a wrong unit shows in it."""
     return f"{plural(mesh.n_faces, 'face')}, {mesh.size_in_words}"

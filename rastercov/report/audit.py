@@ -188,7 +188,7 @@ def page(
     has_view: bool,
 ) -> str:
     """HTML of an audit and its summary; `cameras` are the names of the cameras."""
-    subset, chosen = summary["subset"], set(found.subset.chosen.tolist())
+    chosen = set(found.subset.chosen.tolist())
     order = np.lexsort((-found.seen_m2, -found.lost_m2))
     rows = [
         (
@@ -202,14 +202,6 @@ def page(
         for row in order[:MOST_ROWS].tolist()
     ]
     exact = summary.get("covered_area")
-    lines = [
-        f"median density {rounded(summary['median_density_px_per_m'])} px/m, "
-        f"median angle between views {summary['median_widest_angle_deg']:.3g}°",
-        f"{plural(subset['cameras'], 'image', 'cover')} the same; "
-        f"none fewer than {subset['bound']:g}",
-        f"{summary['redundant_cameras']:,} could be left out one at a time",
-        *group_lines(summary),
-    ]
     return rendered(
         "audit.html",
         title="rastercov audit",
@@ -217,7 +209,7 @@ def page(
         answer=f"{plural(summary['cameras'], 'image', 'cover')} "
         f"{percent(summary['covered_percent'] / 100)} of the surface",
         exact="" if exact is None else in_words(exact),
-        lines=lines,
+        lines=headlines(summary),
         summary=summary,
         headings=HEADINGS,
         rows=rows,
@@ -227,9 +219,16 @@ def page(
     )
 
 
-def group_lines(summary: Mapping[str, Any]) -> list[str]:
-    """Lines on the frames of an audit and on each of its cameras; often none."""
-    lines = []
+def headlines(summary: Mapping[str, Any]) -> list[str]:
+    """Lines on the whole of an audit, on its frames and on each of its cameras."""
+    subset = summary["subset"]
+    lines = [
+        f"median density {rounded(summary['median_density_px_per_m'])} px/m, "
+        f"median angle between views {summary['median_widest_angle_deg']:.3g} degrees",
+        f"{plural(subset['cameras'], 'image', 'cover')} the same; "
+        f"none fewer than {subset['bound']:g}",
+        f"{summary['redundant_cameras']:,} could be left out one at a time",
+    ]
     if "frames" in summary:
         frames = summary["frames"]
         lines.append(

@@ -4,9 +4,9 @@ The table, in Parquet, has one row for every pair of pose and face that was aske
 under its name only when it is whole. An error of the disk is an `OSError` that names the file.
 """
 
-import queue
-import threading
+from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, suppress
 from dataclasses import replace
 from pathlib import Path
@@ -54,7 +54,7 @@ CODES = {"visibility_kind": BoundKind, "reason": Reason}
 ROWS_A_GROUP = 1 << 18
 """Rows of a Parquet row group: about 13 MB of columns."""
 BATCHES_WAITING = 2
-"""Batches of rows that wait for the thread that writes; `add` waits while there are more."""
+"""Batches of rows that wait for the thread that writes; `add` waits where there are more."""
 MOST_POSES = 5_000
 """Poses up to which a result has the file: about 3 MB."""
 
@@ -124,11 +124,8 @@ class CoverageTable:
             self._names["camera"], self._camera_of_pose = _names(cameras[0]), cameras[1]
         self._writer: Any = None
         self._pending: Any = None
-        self._thread: threading.Thread | None = None
-        self._waiting: queue.Queue[tuple[PairRows, Floats | None] | None] = queue.Queue(
-            BATCHES_WAITING
-        )
-        self._error: BaseException | None = None
+        self._pool: ThreadPoolExecutor | None = None
+        self._waiting: deque[Future[None]] = deque()
         self._stack = ExitStack()
 
     def __enter__(self) -> Self:
@@ -153,10 +150,7 @@ class CoverageTable:
                 )
             )
             self._pending = self.schema.empty_table()
-            thread = threading.Thread(target=self._write_all, daemon=True)
-            with suppress(RuntimeError):  # the system gives no more threads: `add` writes
-                thread.start()
-                self._thread = thread
+            self._pool = ThreadPoolExecutor(1)
             self._stack = stack.pop_all()
         return self
 
@@ -167,44 +161,32 @@ class CoverageTable:
         """
         if self._writer is None:
             raise ConfigError("a table takes rows inside its with block only; open it there")
-        self._raise_error()
         self.n_rows += len(rows.pose)
-        if self._thread is None:
+        while len(self._waiting) > BATCHES_WAITING or (self._waiting and self._waiting[0].done()):
+            self._waiting.popleft().result()
+        assert self._pool is not None
+        try:
+            self._waiting.append(self._pool.submit(self._write, rows, covered_m2))
+        except RuntimeError:  # the system gives no more threads
+            self._pool.shutdown(cancel_futures=True)
             self._write(rows, covered_m2)
-        else:
-            self._waiting.put((rows, covered_m2))
 
     def __exit__(self, *error: Any) -> None:
-        if self._thread is not None:
-            if error[0] is not None:
-                self._error = self._error or error[1]  # what waits is not written any more
-            self._waiting.put(None)
-            self._thread.join()
+        assert self._pool is not None
+        self._pool.shutdown(cancel_futures=error[0] is not None)  # what waits is not written then
         try:
             if error[0] is None:
                 with named(self.path), self._stack:
-                    self._raise_error()
+                    for written in self._waiting:
+                        written.result()
                     if len(self._pending):
                         self._writer.write_table(self._pending)
             else:
                 with suppress(OSError):  # of the full disk that ended the block
                     self._stack.__exit__(*error)
         finally:
-            self._writer = self._pending = self._thread = None
-
-    def _raise_error(self) -> None:
-        """Raise what the thread that writes has raised."""
-        if self._error is not None:
-            raise self._error
-
-    def _write_all(self) -> None:
-        """Write what waits until the end; after an error, drop it, so that `add` does not wait."""
-        while (part := self._waiting.get()) is not None:
-            if self._error is None:
-                try:
-                    self._write(*part)
-                except BaseException as error:
-                    self._error = error
+            self._writer = self._pending = self._pool = None
+            self._waiting.clear()
 
     def _write(self, rows: "PairRows", covered_m2: "Floats | None") -> None:
         columns: dict[str, Any] = rows._asdict()
