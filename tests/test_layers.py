@@ -107,7 +107,7 @@ BUDGET = {
     "mesh": 3_650,
     "placement": 7_600,
     "raster": 3_260,
-    "report": 3_050,
+    "report": 3_030,
     "viewer": 1_880,
 }
 MOST_FILES = 303

@@ -25,7 +25,7 @@ from rastercov.mesh import Mesh
 COMPARED = ["certified", "sampled", "sampled@4"]
 
 
-@options.with_conventions
+@options.expanded
 def compare(
     meshes: options.Meshes,
     poses: options.PosesOption,

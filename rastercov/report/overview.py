@@ -19,7 +19,6 @@ from PIL import Image
 
 from rastercov.base.format import area, percent, plural, signed
 from rastercov.camera.camera import Camera
-from rastercov.camera.models import MODELS
 from rastercov.camera.pose import Poses
 from rastercov.camera.projection import to_camera, view_border
 from rastercov.camera.rig import Cameras, cameras_of
@@ -43,7 +42,6 @@ from rastercov.report.panorama import (
     beside,
     best_directions,
     draw_in_space,
-    fill_in_space,
     is_in_picture,
     look,
     neutral,
@@ -165,10 +163,7 @@ class Overview:
         pixels = paint(scene, neutral(self.mesh), partial(self.of_image, scene))
         image, colours = Image.fromarray(pixels), self.colours
         rows = np.flatnonzero(is_in_picture(scene, self.eyes)).tolist()
-        cameras = cameras_of(self.camera)
         for row in rows:
-            if MODELS[cameras[self.placed.camera[row]].model].is_planar:  # a flat base
-                fill_in_space(image, scene, pyramids[row][1:], colours[row])
             draw_in_space(image, scene, _edges(pyramids[row], colours[row]))
         places = place_in_image(scene, self.eyes[rows])
         font = font_for(round(FINE * (850 if len(self.placed) <= MANY else 600)))

@@ -130,13 +130,6 @@ class Scene:
         faces: FaceImage = np.concatenate([layer[layer >= 0] for layer in self.layers])
         return faces
 
-    def shows_task(self) -> BoolArray:
-        """(H, W) pixels of a task face or a target."""
-        found: BoolArray = np.append(self.mesh.task_mask, False)[self.face]
-        for layer in self.layers[1:]:
-            found = found | (layer >= 0)
-        return found
-
     def shows_backs(self) -> bool:
         """True if a task face is seen from behind."""
         return bool(self.backs[self.faces].any())
@@ -395,25 +388,6 @@ def draw_in_space(image: Image.Image, scene: Scene, lines: Sequence[Line]) -> No
                 draw.line(places[piece : piece + 2], line.colour, width)
             elif piece % 2 == 0:
                 draw.line(places[piece : piece + 2], faint, max(1, width // 2))
-
-
-def fill_in_space(
-    image: Image.Image, scene: Scene, polygon: ArrayLike, colour: Colour, strength: float = 0.28
-) -> None:
-    """Fill a flat polygon (N, 3) with a faint colour, unless the part hides its centre."""
-    points = np.asarray(polygon, np.float64)
-    middle = points.mean(axis=0, keepdims=True)
-    if not is_in_picture(scene, points).all():
-        return
-    column, row = place_in_image(scene, middle)[0].astype(int)
-    if to_camera(middle, scene.pose)[0, 2] > scene.depth[row, column]:
-        return
-    mask = Image.new("L", image.size)
-    corners = [tuple(corner) for corner in place_in_image(scene, points).tolist()]
-    ImageDraw.Draw(mask).polygon(corners, round(255 * strength))
-    # Over the task, a tint would be taken for its colour.
-    mask.paste(0, (0, 0), Image.fromarray(scene.shows_task()))
-    image.paste(colour, (0, 0), mask)
 
 
 def is_in_picture(scene: Scene, points: ArrayLike) -> BoolArray:
