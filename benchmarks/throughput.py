@@ -35,7 +35,7 @@ from rows import Report, arguments
 from same_faces import wrong_pixels
 
 from rastercov.mesh.formats import READERS
-from rastercov.report.plots import Axis, Curve, image_of, line_plot
+from rastercov.reference.pages import Axis, Curve, image_of, line_plot
 from rastercov.report.theme import LIGHT
 
 FACES = (1_000, 10_000, 100_000, 1_000_000)

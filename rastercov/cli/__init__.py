@@ -18,8 +18,7 @@ from typer.core import TyperCommand
 
 import rastercov
 from rastercov.base.interrupts import come_again, interrupt
-from rastercov.cli.console import exit_code, leave, notices_shown
-from rastercov.cli.help import Command, Group
+from rastercov.cli.console import Command, Group, exit_code, leave, notices_shown
 
 SETTINGS: dict[str, Any] = {
     "add_completion": False,
@@ -45,7 +44,7 @@ COMMANDS = {
 """Commands and the first line of their help, which the list shows before any is loaded."""
 GARBAGE = 200_000
 """Objects that are made between two looks for garbage."""
-IN_MODULE = {"check": "place", "demo": "evaluate"}
+IN_MODULE = {"check": "place", "demo": "evaluate", "render": "evaluate", "validate": "compare"}
 """Modules of commands that have another name."""
 
 
@@ -57,10 +56,10 @@ class LazyCommand(TyperCommand):
         """The command itself."""
         assert self.name is not None
         module = import_module(f"rastercov.cli.{IN_MODULE.get(self.name, self.name)}")
-        app = getattr(module, "app", None)
-        if app is None:
-            app = typer.Typer(**SETTINGS)
-            app.command(cls=Command)(getattr(module, self.name))
+        app = getattr(module, self.name)
+        if not isinstance(app, typer.Typer):
+            command, app = app, typer.Typer(**SETTINGS)
+            app.command(cls=Command)(command)
         found = typer.main.get_command(app)
         found.name = self.name
         return found

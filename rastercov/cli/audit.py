@@ -6,14 +6,14 @@ from typing import Annotated, Any
 
 import typer
 
-from rastercov.base.errors import CameraError, PoseError
+from rastercov.base.errors import CameraError
 from rastercov.base.format import area, percent, plural
 from rastercov.camera.formats import read_through
 from rastercov.camera.formats.conventions import Border, Conventions
 from rastercov.camera.formats.doubts import unit_doubts
 from rastercov.cli import options
 from rastercov.cli.console import progress_bar, say, warn
-from rastercov.cli.inputs import SceneOptions, left_out
+from rastercov.cli.inputs import SceneOptions, in_metres, left_out
 from rastercov.cluster import Tally
 from rastercov.coverage.task import Task
 
@@ -62,11 +62,7 @@ def audit(
     views = read_through(source, border)
     if views.rig is None:
         raise CameraError(f"{source}: there are poses and no cameras; convert it with its cameras")
-    if not views.has_unit:
-        raise PoseError(
-            f"{source}: the poses have no unit, and the mesh is in metres; give --pose-unit, 1 if "
-            "they are in metres"
-        )
+    in_metres(views, source)
     notes = [*views.notes, *left_out(views.poses)]
     doubts = unit_doubts(mesh, views.rig, views.poses)
     warn([*mesh.warnings, *notes, *border.unused(), *doubts])
@@ -103,26 +99,14 @@ def audit(
 
 def _print(summary: Mapping[str, Any], out: Path) -> None:
     """Print the headline of an audit, and the cameras that add most."""
-    from rastercov.report.audit import group_lines
-    from rastercov.report.modes import rounded
+    from rastercov.report.audit import headlines
 
-    subset = summary["subset"]
     print(
         f"{plural(summary['cameras'], 'image', 'cover')} "
         f"{percent(summary['covered_percent'] / 100)} "
         f"of the area, on {summary['elements']:,} {'cells' if summary['cell_size_m'] else 'faces'}"
     )
-    print(
-        f"median density {rounded(summary['median_density_px_per_m'])} px/m, median angle between "
-        f"views {summary['median_widest_angle_deg']:.3g} degrees"
-    )
-    print(
-        f"{plural(subset['cameras'], 'image', 'cover')} the same; "
-        f"none fewer than {subset['bound']:g}"
-    )
-    print(f"{summary['redundant_cameras']} could be left out one at a time")
-    for line in group_lines(summary):
-        print(line)
+    print("\n".join(headlines(summary)))
     worth = sorted(summary["per_camera"], key=lambda entry: -entry["lost_m2"])
     for entry in worth[:MOST_NAMED]:
         if entry["lost_m2"] > 0:

@@ -255,15 +255,11 @@ def read_eyes(
         raise PoseError(f"{poses}: there are cameras and no poses; give a pose file as --poses")
     if cameras is None and views.rig is None:
         raise CameraError(f"{poses} has poses and no camera; give --camera")
-    if not views.has_unit:
-        raise PoseError(
-            f"{poses}: the poses have no unit, and the mesh is in metres; give --pose-unit, 1 if "
-            "they are in metres"
-        )
+    in_metres(views, poses)
     if cameras is None or cameras is views:
         found = _chosen(views, camera_name, several=several)
     else:
-        by_name = several and (len(cameras.cameras()) > 1 or _named_camera(given[0]) is not None)
+        by_name = several and _by_name(cameras, given)
         found = _with_cameras(views, cameras, camera_name, by_name=by_name)
     notes = list(dict.fromkeys([*found.notes, *border.unused()]))
     return replace(found, notes=tuple(notes))
@@ -278,15 +274,28 @@ def read_rig(
     """
     border = Border(conventions)
     cameras = read_cameras(camera, border)
-    views = read_through(poses, border)
-    if not views.has_unit:
-        raise PoseError(f"{poses}: the poses have no unit; give --pose-unit, 1 if it is metres")
+    views = in_metres(read_through(poses, border), poses)
     if cameras is not None:
-        by_name = len(cameras.cameras()) > 1 or _named_camera(camera[0]) is not None
+        by_name = _by_name(cameras, camera)
         views = _with_cameras(views, cameras, camera_name, by_name=by_name)
     elif camera_name is not None:
         views = views.of_camera(camera_name)
     return replace(views, notes=(*views.notes, *border.unused()))
+
+
+def in_metres(views: Views, source: str | Path) -> Views:
+    """The views of a file; PoseError where their unit is not known."""
+    if not views.has_unit:
+        raise PoseError(
+            f"{source}: the poses have no unit, and the mesh is in metres; give --pose-unit, 1 if "
+            "they are in metres"
+        )
+    return views
+
+
+def _by_name(cameras: Views, given: Sequence[str]) -> bool:
+    """True where poses name their cameras: there are several, or one with a name."""
+    return len(cameras.cameras()) > 1 or _named_camera(given[0]) is not None
 
 
 def read_cameras(given: Sequence[str], border: Border) -> Views | None:

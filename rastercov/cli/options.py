@@ -199,9 +199,6 @@ def expanded(command: Callable[..., None]) -> Callable[..., None]:
     return with_options
 
 
-with_conventions = with_task = expanded
-
-
 def _parameter(name: str, default: Any, annotation: Any) -> inspect.Parameter:
     kind = inspect.Parameter.POSITIONAL_OR_KEYWORD
     return inspect.Parameter(name, kind, default=default, annotation=annotation)

@@ -14,7 +14,7 @@ from rastercov.base.errors import RastercovError
 from rastercov.base.format import plural
 from rastercov.camera.formats.conventions import Conventions
 from rastercov.camera.formats.doubts import unit_doubts
-from rastercov.cli.console import out_option, progress_bar, say, size_line, warn
+from rastercov.cli.console import errors_by_line, out_option, progress_bar, say, size_line, warn
 from rastercov.cli.inputs import read_rig
 from rastercov.cli.options import (
     AsJson,
@@ -76,7 +76,7 @@ def place(
     from rastercov.report import plan as report
 
     folder = out or asked.folder / (asked.outputs.folder or asked.path.stem)
-    with _errors_by_line():
+    with errors_by_line():
         placed = report.run_into(asked, folder, _step, processes.open())
     warn(placed.prepared.mesh.warnings)
     prepared = placed.prepared
@@ -155,7 +155,7 @@ def check(
 
     if junit is not None:
         plan_check.refuse_junit(junit)
-    with _errors_by_line(), _junit_of_errors(junit, plan):
+    with errors_by_line(), _junit_of_errors(junit, plan):
         asked = read_plan(plan)
         limits = plan_check.limits(asked, min_coverage, group)
         eyes = read_rig(camera, Path(poses), conventions, camera_name)
@@ -193,7 +193,7 @@ def _of_plan(lines: Iterable[str]) -> list[str]:
 def _plan(path: Path) -> "Plan":
     from rastercov.placement.plan.file import read_plan
 
-    with _errors_by_line():
+    with errors_by_line():
         return read_plan(path)
 
 
@@ -208,19 +208,6 @@ def _junit_of_errors(junit: Path | None, plan: Path) -> Iterator[None]:
         if junit is not None:
             write_junit_error(junit, plan, getattr(error, "lines", None) or [str(error)])
         raise
-
-
-@contextmanager
-def _errors_by_line() -> Iterator[None]:
-    """Print what is wrong with a plan, a line each, and end with code 2."""
-    from rastercov.placement.plan.file import PlanError
-
-    try:
-        yield
-    except PlanError as error:
-        for line in error.lines:
-            say(f"error: {line}")
-        raise typer.Exit(2) from None
 
 
 @contextmanager

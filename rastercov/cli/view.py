@@ -19,7 +19,7 @@ from rastercov.camera.formats.doubts import unit_doubts
 from rastercov.camera.pose import Poses
 from rastercov.camera.views import Views
 from rastercov.cli import options
-from rastercov.cli.console import say, size_line, warn
+from rastercov.cli.console import errors_by_line, say, size_line, warn
 from rastercov.cli.inputs import (
     SceneOptions,
     are_arguments,
@@ -99,6 +99,7 @@ def view(
     """
     from rastercov.reference.models import MODELS
     from rastercov.viewer.saving import check_name, export_page
+    from rastercov.viewer.scene import open_plan
     from rastercov.viewer.server import Address, redirect, serve
     from rastercov.viewer.session import Session
 
@@ -124,7 +125,8 @@ def view(
     if is_plan:
         if len(sources) > 1:
             raise ConfigError("a plan names its meshes; give the plan alone")
-        scene = _of_plan(first, rig)
+        with errors_by_line():
+            scene = open_plan(first, rig)
     elif first.is_dir():
         scene = _of_result(first, sources[1:], files, rig)
     else:
@@ -157,18 +159,6 @@ def view(
             Thread(target=webbrowser.open, args=(page,), daemon=True).start()
 
         serve(session, address, out, started, arrived=redirecting.close)
-
-
-def _of_plan(path: Path, rig: Views | None) -> "Scene":
-    from rastercov.placement.plan.file import PlanError
-    from rastercov.viewer.scene import open_plan
-
-    try:
-        return open_plan(path, rig)
-    except PlanError as error:
-        for line in error.lines:
-            say(f"error: {line}")
-        raise typer.Exit(2) from None
 
 
 def _of_result(folder: Path, meshes: list[Path], given: SceneOptions, rig: Views | None) -> "Scene":

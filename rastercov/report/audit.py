@@ -2,6 +2,7 @@
 
 audit.html         headline, pictures of the surface, what each image adds; all inline
 audit_*.png        the surface by number of views, best density and widest angle
+view.html          the same to look around in, without a server
 elements.parquet   figures of each cell or face, and elements.npz the same
 cameras.parquet    figures of each image
 audit.glb          the surface coloured by the number of views
@@ -27,16 +28,16 @@ from rastercov.coverage.area.network import in_words
 from rastercov.coverage.provenance import Provenance
 from rastercov.coverage.shards import UNFINISHED, remove
 from rastercov.placement.audit import Audit
-from rastercov.report.coloured_mesh import write_coloured_mesh
-from rastercov.report.coverage_table import write_rig
+from rastercov.report.coverage_files import write_coloured_mesh, write_rig
 from rastercov.report.folder import ReportFolder, ReportKind
-from rastercov.report.html import Picture, rendered
 from rastercov.report.modes import MODES, mode_picture, rounded
+from rastercov.report.pages import Picture, figures_of, rendered, view_page
 
 AUDIT = ReportKind(
     "audit",
     re.compile(
-        r"elements\.parquet|cameras\.parquet|elements\.npz|audit\.(glb|json|html)|rig\.json|audit_[a-z]+\.png"
+        r"(elements|cameras)\.parquet|elements\.npz|audit\.(glb|json|html)|rig\.json|view\.html"
+        r"|audit_[a-z]+\.png"
     ),
     last="audit.json",
 )
@@ -77,12 +78,28 @@ def write(
         ).as_dict()
         summary = found.summary() | {"notes": list(notes), "run": header}
         cameras = names_of(found.camera)
-        pictures = pictures_of(found)
-        html = page(found, summary, cameras, pictures)
+        values = _values(found)
+        eyes = found.poses.world_from_camera[:, :3, 3]
+        surface = found.mesh if found.cells is None else found.cells.elements
+        pictures = {
+            f"audit_{name}": Picture.of(MODES[name].words, mode_picture(name, surface, each, eyes))
+            for name, each in values.items()
+        }
+        faces = np.diff(found.problem.bits.pairs()[0]).tolist()
+        view = view_page(
+            folder.path.resolve().name, surface, found.camera, found.poses, found.names, values,
+            figures_of(
+                _on_elements(found, summary), faces, found.seen_m2, found.alone_m2,
+                float(found.problem.weights.sum()),
+            ),
+        )  # fmt: skip
+        html = page(found, summary, cameras, pictures, has_view=view is not None)
         with interrupts_held():
             for name, picture in pictures.items():
                 write_bytes(folder.file(f"{name}.png"), picture.light)
             write_text(folder.file("audit.html"), html)
+            if view is not None:
+                write_text(folder.file("view.html"), view)
             elements = _arrays(found)
             for name, columns in (("elements", elements), ("cameras", _cameras(found, cameras))):
                 with writing(folder.file(f"{name}.parquet")) as part:
@@ -90,7 +107,7 @@ def write(
             write_npz(folder.file("elements.npz"), **elements)
             write_coloured_mesh(
                 folder.file("audit.glb"),
-                found.mesh if found.cells is None else found.cells.elements,
+                surface,
                 found.views / max(1, int(found.views.max(initial=0))),
             )
             write_rig(folder.file("rig.json"), found.camera, found.poses, found.names)
@@ -135,18 +152,30 @@ def _cameras(found: Audit, names: tuple[str, ...]) -> dict[str, Any]:
     }
 
 
-def pictures_of(found: Audit) -> dict[str, Picture]:
-    """Pictures of the elements by number of views, best density and widest angle."""
-    on = found.mesh if found.cells is None else found.cells.elements
-    eyes, views = found.poses.world_from_camera[:, :3, 3], found.views
-    drawn: dict[str, NDArray[Any]] = {"views": views}
+def _values(found: Audit) -> dict[str, NDArray[Any]]:
+    """Values of the modes that an audit is drawn by; densities and angles where there are any."""
+    views = found.views
+    values: dict[str, NDArray[Any]] = {"views": views}
     if views.any():
-        drawn["density"] = np.where(views > 0, found.best_density, 0.0)
+        values["density"] = np.where(views > 0, found.best_density, 0.0)
     if (views > 1).any():
-        drawn["angle"] = np.where(views > 1, np.degrees(found.widest_angle), 0.0)
+        values["angle"] = np.where(views > 1, np.degrees(found.widest_angle), 0.0)
+    return values
+
+
+def _on_elements(found: Audit, summary: Mapping[str, Any]) -> dict[str, Any]:
+    """Figures as of `Network.summary`, of the elements of an audit."""
+    is_task = found.problem.weights > 0
+    percent_of = 100 * float(found.covered[is_task].mean()) if is_task.any() else 0.0
     return {
-        f"audit_{name}": Picture.of(MODES[name].words, mode_picture(name, on, values, eyes))
-        for name, values in drawn.items()
+        "covered": {
+            "faces": int(found.covered[is_task].sum()),
+            "percent": percent_of,
+            "area_percent": summary["covered_percent"],
+        },
+        "task_faces": int(is_task.sum()),
+        "not_covered_because": {},
+        "covered_area": summary.get("covered_area", {}),
     }
 
 
@@ -155,9 +184,11 @@ def page(
     summary: Mapping[str, Any],
     cameras: tuple[str, ...],
     pictures: Mapping[str, Picture],
+    *,
+    has_view: bool,
 ) -> str:
     """HTML of an audit and its summary; `cameras` are the names of the cameras."""
-    subset, chosen = summary["subset"], set(found.subset.chosen.tolist())
+    chosen = set(found.subset.chosen.tolist())
     order = np.lexsort((-found.seen_m2, -found.lost_m2))
     rows = [
         (
@@ -171,14 +202,6 @@ def page(
         for row in order[:MOST_ROWS].tolist()
     ]
     exact = summary.get("covered_area")
-    lines = [
-        f"median density {rounded(summary['median_density_px_per_m'])} px/m, "
-        f"median angle between views {summary['median_widest_angle_deg']:.3g}°",
-        f"{plural(subset['cameras'], 'image', 'cover')} the same; "
-        f"none fewer than {subset['bound']:g}",
-        f"{summary['redundant_cameras']:,} could be left out one at a time",
-        *group_lines(summary),
-    ]
     return rendered(
         "audit.html",
         title="rastercov audit",
@@ -186,18 +209,26 @@ def page(
         answer=f"{plural(summary['cameras'], 'image', 'cover')} "
         f"{percent(summary['covered_percent'] / 100)} of the surface",
         exact="" if exact is None else in_words(exact),
-        lines=lines,
+        lines=headlines(summary),
         summary=summary,
         headings=HEADINGS,
         rows=rows,
         n_more=max(0, len(found.poses) - MOST_ROWS),
         pictures=list(pictures.values()),
+        has_view=has_view,
     )
 
 
-def group_lines(summary: Mapping[str, Any]) -> list[str]:
-    """Lines on the frames of an audit and on each of its cameras; often none."""
-    lines = []
+def headlines(summary: Mapping[str, Any]) -> list[str]:
+    """Lines on the whole of an audit, on its frames and on each of its cameras."""
+    subset = summary["subset"]
+    lines = [
+        f"median density {rounded(summary['median_density_px_per_m'])} px/m, "
+        f"median angle between views {summary['median_widest_angle_deg']:.3g} degrees",
+        f"{plural(subset['cameras'], 'image', 'cover')} the same; "
+        f"none fewer than {subset['bound']:g}",
+        f"{summary['redundant_cameras']:,} could be left out one at a time",
+    ]
     if "frames" in summary:
         frames = summary["frames"]
         lines.append(

@@ -9,9 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from PIL import Image
 
-from rastercov.base.format import area, percent, plural
 from rastercov.camera.camera import Camera
 from rastercov.coverage.area.failures import first_failures
 from rastercov.coverage.area.points import covering_poses
@@ -26,7 +24,6 @@ from rastercov.report.images import (
     Key,
     draw_lines,
     facing,
-    framed,
     hatch_over,
     part_drawn,
     stripes,
@@ -39,8 +36,8 @@ from rastercov.report.theme import Colour, Pixels
 FloatArray = NDArray[np.float64]
 States = NDArray[np.uint8]
 
-SIDE, SMALL, MANY = 720, 480, 24
-"""Larger side of a picture, pixels: of up to `MANY` cameras, and of more."""
+SIDE = 720
+"""Larger side of a picture, pixels."""
 WHOLE_REL = 1e-6
 """Area up to which a face may be uncovered and counts as wholly covered here, relative."""
 UNJUDGED = 255
@@ -226,32 +223,3 @@ def camera_keys(images: Sequence[CameraImage], colour: Colour | None, name: str)
     if any((image.face < 0).any() for image in images):
         keys.append(Key.of("nothing", theme.BACKGROUND))
     return keys
-
-
-def camera_picture(
-    mesh: Mesh,
-    camera: Camera,
-    pose: FloatArray,
-    task: Task,
-    name: str,
-    colour: Colour,
-    regions: Regions | None = None,
-    side: int = SIDE,
-) -> Image.Image:
-    """Picture of what one camera covers, with title and legend; arguments as of `camera_image`."""
-    image = camera_image(mesh, camera, pose, task, regions, side)
-    title = f"camera {name}"
-    total = float(mesh.areas[mesh.task_mask].sum())
-    if image.faces is not None:
-        title += f" covers {plural(image.faces, 'whole face')}"
-    if regions is not None and total > 0:
-        covered = float(regions.area.sum())
-        share = percent(min(1.0, covered / total))
-        text = f" covers {area(covered)}, {share} of the task"
-        title += text if covered > 0 else " covers nothing"
-    return framed(camera_pixels(image, colour), title, camera_keys([image], colour, "covered"))
-
-
-def of_pose(regions: Regions, row: int) -> Regions:
-    """Regions of one pose alone."""
-    return regions.of_poses(np.arange(len(regions.pose_ids)) == row)

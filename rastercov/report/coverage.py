@@ -8,8 +8,7 @@ network.glb        the mesh coloured by the best coverage of any camera
 overview.png       the mesh in the colours of the cameras, and a floor plan
 zones.png          dead zones, where the result is by area and there are any
 contact_sheet.png  the poses side by side
-pose_*.png         the mesh as one camera sees it, grey by coverage, if asked for
-faces_*.png        the face index image of the same pose, if asked for
+view.html          the same to look around in, without a server
 
 A run that fails keeps the earlier report; one that ends replaces all of it. `report.folder`
 describes runs that are killed.
@@ -18,21 +17,25 @@ describes runs that are killed.
 import logging
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from PIL import Image
 
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
 from rastercov.base.interrupts import interrupts_held
-from rastercov.base.output import write_json
+from rastercov.base.output import write_json, write_text
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, cameras_of, names_of
 from rastercov.coverage.area.network import unit_of_result
+from rastercov.coverage.area.regions import RegionPass, Regions
 from rastercov.coverage.criteria import face_geometry
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.evaluation import Evaluation
@@ -42,20 +45,34 @@ from rastercov.coverage.shards import UNFINISHED, Wanted, open_for, remove
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.raster import open_rasterizer
-from rastercov.raster.contract import Rasterizer
-from rastercov.report.coloured_mesh import write_coloured_mesh, write_covered_mesh
-from rastercov.report.coverage_table import CoverageTable, write_areas, write_rig
+from rastercov.raster.contract import Rasterizer, VisibilityBuffer
+from rastercov.report.camera_pictures import covered_pixels
+from rastercov.report.coverage_files import (
+    CoverageTable,
+    write_areas,
+    write_coloured_mesh,
+    write_covered_mesh,
+    write_rig,
+)
 from rastercov.report.folder import ReportFolder, ReportKind
-from rastercov.report.pose_pictures import FULL, ShownRegions, draw_network, draw_poses
+from rastercov.report.images import contact_sheet, coverage_pixels, save_picture, targets_in_view
+from rastercov.report.modes import mode_picture
+from rastercov.report.overview import Overview, best_covering, views_picture, zones_picture
+from rastercov.report.pages import figures_of, values_of, view_page, zone_entries
+from rastercov.report.theme import Pixels
 
 LOG = logging.getLogger("rastercov")
+MOST_COLOURS = 60
+"""Cameras that have a colour each in the overview."""
+TILE = 320
+"""Width of a tile of the sheet, pixels."""
 MOST_ROWS = 10_000_000
 """Rows of a table that was not asked for: about 250 MB."""
 EVALUATION = ReportKind(
     "evaluate",
     re.compile(
-        r"coverage\.parquet|areas\.parquet|(summary|rig)\.json|network\.glb"
-        r"|(contact_sheet|overview|zones)\.png|(pose|faces)_\d+\.png"
+        r"(coverage|areas)\.parquet|(summary|rig)\.json|network\.glb|view\.html"
+        r"|(contact_sheet|overview|zones)\.png"
     ),
     last="summary.json",
 )
@@ -75,15 +92,12 @@ class Options:
     by: str | None = None  # unit of the result, of `area.network.UNITS`; None: area where it can be
     table: str | None = None  # of `judged_poses.CHOICES`; None: "seen", but none above `MOST_ROWS`
     pictures: int = 12  # poses to draw, spread evenly over the run; 0 for none
-    full: str = "none"  # full pictures of each of them, of `pose_pictures.FULL`
     skip_bad_poses: bool = False  # leave out poses that are no rigid motion
     scene: Mapping[str, Any] | None = None  # arguments of the command that give the mesh again
 
     def __post_init__(self) -> None:
         if self.table is not None and self.table not in CHOICES:
             raise ConfigError(f"table must be one of {', '.join(CHOICES)}, got {shown(self.table)}")
-        if self.full not in FULL:
-            raise ConfigError(f"full must be one of {', '.join(FULL)}, got {shown(self.full)}")
         engine = Engine.of(self.method)
         if engine.method != self.method:
             if (self.device, self.supersample) != ("auto", 1):
@@ -177,21 +191,20 @@ def run(
 def _write(folder: ReportFolder, found: Evaluation, options: Options) -> dict[str, Any]:
     """Draw and write what was found; content of `summary.json`."""
     mesh, camera, poses, areas = found.mesh, found.camera, found.poses, found.areas
-    stopped, shown = False, None
-    if found.kept:
-        if areas is not None:
-            shown = ShownRegions(mesh, camera, found.task, found.engine, poses)
-        stopped = draw_poses(
-            mesh, camera, poses, folder, found.engine, found.task, dict(found.kept), options.full,
-            shown,
-        )  # fmt: skip
     with interrupts_held():
         summary = found.summary()
-    if found.kept and not stopped:
-        stopped = draw_network(folder, found.network, camera, poses, areas, summary, shown)
-    if shown is not None:
-        shown.close()
-    summary["interrupted"] |= stopped
+    with ExitStack() as stack:
+        shown = None
+        if found.kept and areas is not None:
+            finder = RegionPass(mesh, camera, found.task, method=found.engine)
+            stack.callback(finder.close)
+            shown = ShownRegions(finder, poses)
+        try:
+            if found.kept:
+                _draw_sheet(folder, found, shown)
+                _draw_network(folder, found, summary, shown)
+        except KeyboardInterrupt:
+            summary["interrupted"] = True
     with interrupts_held():
         if areas is None:
             write_coloured_mesh(folder.file("network.glb"), mesh, found.network.best)
@@ -204,6 +217,118 @@ def _write(folder: ReportFolder, found: Evaluation, options: Options) -> dict[st
         if found.is_kept and not summary["interrupted"]:
             remove(folder.path / UNFINISHED)
     return summary
+
+
+@dataclass(frozen=True)
+class ShownRegions:
+    """Covered regions of the cameras in pictures, found once for the sheet and the overview.
+
+    Those of all cameras are kept where the overview shows them; of more than `MOST_COLOURS`, one
+    pose is found at a time.
+    """
+
+    finder: RegionPass
+    poses: Poses
+
+    @cached_property
+    def all(self) -> Regions:
+        """Those of all poses."""
+        return self.finder.find(self.poses)
+
+    def of_pose(self, pose: int) -> Regions:
+        """Those of the pose of this number."""
+        is_it = self.poses.ids == pose
+        if len(self.poses) <= MOST_COLOURS:
+            return self.all.of_poses(is_it)
+        return self.finder.find(self.poses[is_it])
+
+
+def _draw_sheet(folder: ReportFolder, found: Evaluation, shown: ShownRegions | None) -> None:
+    """Draw the poses to keep side by side; an interrupt leaves out the rest of them."""
+    mesh, poses, cameras = found.mesh, found.poses, cameras_of(found.camera)
+    tiles: dict[int, tuple[Image.Image, str]] = {}
+    some = poses[np.isin(poses.ids, list(found.kept))]
+    try:
+        for index, rows in some.by_camera():
+            eye = cameras[index]
+            small = eye.resized(min(1.0, TILE / eye.width))
+            of_camera = f", {names_of(found.camera)[index]}" if len(cameras) > 1 else ""
+            with open_rasterizer(mesh, small, **found.engine.rasterizer_options) as view:
+                for pose in some[rows].ids.tolist():
+                    own = replace(poses[poses.ids == pose], camera=np.zeros(1, np.int32))
+                    regions = None if shown is None else shown.of_pose(pose)
+                    pixels = _tile(found, pose, view.camera, view.render(own), regions)
+                    title = f"pose {pose}{of_camera}: covers {_covers(found, pose, regions)}"
+                    tiles[pose] = Image.fromarray(pixels), title
+    finally:
+        with interrupts_held():
+            if tiles:
+                pictures, titles = zip(*(tiles[pose] for pose in sorted(tiles)), strict=True)
+                sheet = contact_sheet(list(pictures), list(titles))
+                save_picture(sheet, folder.file("contact_sheet.png"))
+
+
+def _tile(
+    found: Evaluation, pose: int, camera: Camera, buffer: VisibilityBuffer, regions: Regions | None
+) -> Pixels:
+    """(H, W, 3) pixels of an image of a pose by its camera: by area, each by its own point."""
+    mesh, matrix = found.mesh, found.poses.given[pose]
+    covered = on_targets = None
+    if regions is not None:
+        covered = covered_pixels(regions, camera, matrix, buffer.face)
+        targets = targets_in_view(mesh, camera, matrix, buffer.depth)
+        if targets is not None:
+            on_targets = covered_pixels(regions, camera, matrix, targets)
+    values = found.kept[pose]
+    return coverage_pixels(buffer, values, mesh, matrix, camera, covered, on_targets)
+
+
+def _covers(found: Evaluation, pose: int, regions: Regions | None) -> str:
+    """Words on the share of the task that a pose covers, and on whole faces."""
+    mesh, values = found.mesh, found.kept[pose]
+    task = mesh.task_mask
+    whole = task & (values >= found.task.min_coverage) & (values > 0)
+    total = max(mesh.areas[task].sum(), 1e-300)
+    if regions is not None:
+        return f"{100 * regions.area.sum() / total:.1f} % of the area, {whole.sum()} whole faces"
+    return (
+        f"{100 * whole.sum() / max(1, task.sum()):.1f} % of {task.sum()} faces, "
+        f"{100 * mesh.areas[whole].sum() / total:.1f} % of area"
+    )
+
+
+def _draw_network(
+    folder: ReportFolder, found: Evaluation, summary: Mapping[str, Any], shown: ShownRegions | None
+) -> None:
+    """Draw what all cameras cover together and dead zones, and write the page to look around in.
+
+    Of more than `MOST_COLOURS` cameras, it is the number of them that cover each point.
+    """
+    mesh, poses, network, areas = found.mesh, found.poses, found.network, found.areas
+    eyes, names = poses.world_from_camera[:, :3, 3], [str(row) for row in poses.ids.tolist()]
+    if len(poses) <= MOST_COLOURS:
+        best, regions = best_covering(network), None if shown is None else shown.all
+        picture = Overview(mesh, found.camera, poses, names, best, regions).picture()
+    elif areas is not None:
+        picture = views_picture(areas.covered, eyes)
+    else:
+        picture = mode_picture("views", mesh, network.views, eyes)
+    zones = None if areas is None else areas.zones()
+    zones_drawn = zones_picture(zones, summary, eyes) if zones else None
+    need = np.full(mesh.n_faces, found.task.views)
+    covered = None if areas is None else areas.covered
+    page = view_page(
+        folder.path.resolve().name, mesh, found.camera, poses, [f"pose {name}" for name in names],
+        values_of(network, network.covered, names, covered, need),
+        figures_of(summary, network.covered_faces),
+        zone_entries(mesh, zones, summary) if zones else (),
+    )  # fmt: skip
+    with interrupts_held():
+        save_picture(picture, folder.file("overview.png"))
+        if zones_drawn is not None:
+            save_picture(zones_drawn, folder.file("zones.png"))
+        if page is not None:
+            write_text(folder.file("view.html"), page)
 
 
 def _cameras_of_poses(

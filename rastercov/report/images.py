@@ -1,9 +1,8 @@
 """Pictures of one pose (coverage, face index, depth), and what all pictures share.
 
-Shared are the frame with title and legend, labels that do not overlap, scale bars, the contact
-sheet, stripes, fonts and PNG encoding. In
-a picture of coverage brighter is better, as in the figures of the source; background, occluders
-and back faces have a hue, so that every grey is a coverage.
+Shared are the frame with title and legend, labels that do not overlap, the contact sheet, stripes,
+fonts and PNG encoding. In a picture of coverage brighter is better, as in the figures of the
+source; background, occluders and back faces have a hue, so that every grey is a coverage.
 
 Targets are translucent or hatched, with outlines, so that all behind them shows. Over greys they
 are translucent. Over a surface in many hues they are hatched, since a mixture of two hues would be
@@ -13,12 +12,8 @@ E. S. Eissa. Image Space Coverage Model. 2020, figures 4.2 to 4.6.
 """
 
 import io
-import math
-import re
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import cache
-from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +21,6 @@ from numpy.typing import ArrayLike, NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import number
 from rastercov.base.output import writing
 from rastercov.camera.camera import Camera
 from rastercov.mesh import Mesh
@@ -53,14 +47,10 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 Font = ImageFont.FreeTypeFont | ImageFont.ImageFont
 
-LACKING = "²µ"
-"""Signs that the font of the text lacks."""
 LEAST_WIDTH = 320
 """Narrower images are enlarged by a whole factor, to make room for text."""
 DIRECTIONS, RINGS = 16, 14
 """Places that are tried around the point of a label: directions, and rings of them."""
-UNITS = ((1e3, "km"), (1.0, "m"), (1e-2, "cm"), (1e-3, "mm"))
-"""Units of a scale bar, the largest first: metres, and their names; the font has no micro sign."""
 OPACITY = 0.4
 """Of the nearest target at a pixel; others behind it do not show."""
 OUTLINE = 0.9
@@ -76,7 +66,6 @@ def coverage_picture(
     camera: Camera,
     pose: ArrayLike,
     title: str = "",
-    pixels: Pixels | None = None,
     *,
     named: Sequence[str] = (),
 ) -> Image.Image:
@@ -93,9 +82,7 @@ def coverage_picture(
     pose : (4, 4) array_like
         world_from_camera; the head-light that shows the form of the part is there too.
     title : str
-        One line above; see `pose_title`.
-    pixels : (H, W, 3) uint8, optional
-        What `coverage_pixels` gives for these arguments, where it is known.
+        One line above.
     named : sequence of str
         Words on level 1, and on level 0 if there is any, where nothing is between them.
 
@@ -110,8 +97,7 @@ def coverage_picture(
             f"the image must be {camera.height} x {camera.width} as the camera's, "
             f"got {buffer.face.shape[0]} x {buffer.face.shape[1]}; render it with this camera"
         )
-    if pixels is None:
-        pixels = coverage_pixels(buffer, values, mesh, pose, camera)
+    pixels = coverage_pixels(buffer, values, mesh, pose, camera)
     drawn = np.unique(buffer.face)
     drawn = drawn[drawn >= 0]
     behind = mesh.task_mask[drawn] & ~facing(mesh, pose)[0][drawn]
@@ -189,21 +175,6 @@ def _tinted(levels: FloatArray) -> Pixels:
     """(N, 3) colours of targets by their coverage."""
     colours: Pixels = np.rint(np.array(TARGET) * (0.25 + 0.75 * levels[:, None])).astype(np.uint8)
     return colours
-
-
-def pose_title(mesh: Mesh, pose: int | str, covers: NDArray[np.bool_]) -> str:
-    """Title of the picture of one pose: its id, and the share of the task it covers, (F,)."""
-    task = mesh.task_mask
-    by_count = 100 * (covers & task).sum() / max(1, task.sum())
-    by_area = 100 * mesh.areas[covers & task].sum() / max(mesh.areas[task].sum(), 1e-300)
-    return f"pose {pose}: covers {by_count:.1f} % of {task.sum()} faces, {by_area:.1f} % of area"
-
-
-def area_title(mesh: Mesh, pose: int | str, area: float, covers: NDArray[np.bool_]) -> str:
-    """Title of the picture of one pose by area: m^2 that it covers, and whole faces, (F,)."""
-    task = mesh.task_mask
-    share = 100 * area / max(mesh.areas[task].sum(), 1e-300)
-    return f"pose {pose}: covers {share:.1f} % of the area, {(covers & task).sum()} whole faces"
 
 
 def face_index_picture(buffer: VisibilityBuffer) -> Image.Image:
@@ -435,7 +406,7 @@ def framed(pixels: Pixels, title: str, keys: Sequence[Key]) -> Image.Image:
     canvas = Image.new("RGB", (frame, top + image.height + bottom), PAPER)
     canvas.paste(image, ((frame - image.width) // 2, top))
     draw = ImageDraw.Draw(canvas)
-    draw_text(draw, (margin, top / 2), title, font)
+    draw.text((margin, top / 2), title, INK, font, anchor="lm")
     for key, (left, row, scale) in zip(keys, places, strict=True):
         middle = top + image.height + bar * row + bar // 2
         x = float(left)
@@ -454,33 +425,6 @@ def framed(pixels: Pixels, title: str, keys: Sequence[Key]) -> Image.Image:
 def font_for(width: int) -> Font:
     """Font whose size suits an image of a width in pixels."""
     return ImageFont.load_default(float(np.clip(width / 50, 12, 72)))
-
-
-def draw_text(draw: ImageDraw.ImageDraw, place: tuple[float, float], text: str, font: Font) -> None:
-    """Draw a line of text from its left end at half its height, with signs of units.
-
-    The font of Pillow lacks the exponent of m² and the µ of µm; they are of matplotlib's.
-    """
-    if not any(sign in text for sign in LACKING):
-        draw.text(place, text, INK, font, anchor="lm")
-        return
-    assert isinstance(font, ImageFont.FreeTypeFont)
-    ascent, descent = font.getmetrics()
-    left, baseline = place[0], place[1] + (ascent - descent) / 2
-    other = ImageFont.truetype(str(_other_font()), font.size)
-    for run in re.split(f"([{LACKING}])", text):
-        own = other if run in LACKING else font
-        draw.text((left, baseline), run, INK, own, anchor="ls")
-        left += own.getlength(run)
-
-
-@cache
-def _other_font() -> Path:
-    """Font that comes with matplotlib, which takes 0.3 s to import and is not."""
-    found = find_spec("matplotlib")
-    assert found is not None
-    assert found.origin is not None
-    return Path(found.origin).parent / "mpl-data" / "fonts" / "ttf" / "DejaVuSans.ttf"
 
 
 def line_height(font: Font) -> int:
@@ -556,34 +500,12 @@ def write_labels(
         draw.text(tuple(place.tolist()), name, INK, font, anchor="mm")
 
 
-def draw_scale_bar(
-    image: Image.Image, corner: tuple[float, float], scale: float, most: float, font: Font
-) -> None:
-    """Draw a bar with its length, from its lower left corner; `scale` is in pixels a metre.
-
-    The length is 1, 2 or 5 times a power of ten, and at most `most` pixels.
-    """
-    power = 10.0 ** math.floor(math.log10(most / scale))
-    metres = max(m * power for m in (1, 2, 5) if m * power <= most / scale * (1 + 1e-9))
-    draw = ImageDraw.Draw(image)
-    (left, bottom), bar = corner, metres * scale
-    thick = max(2.0, font.getbbox("0")[3] / 5)
-    draw.rectangle((left, bottom - thick, left + bar, bottom), INK)
-    draw.text((left + bar + 2 * thick, bottom), length_of_bar(metres), INK, font, anchor="ls")
-
-
-def length_of_bar(metres: float) -> str:
-    """A length of one digit with the unit that suits it: "50 cm"."""
-    unit, name = next((u for u in UNITS if metres >= u[0] * (1 - 1e-9)), UNITS[-1])
-    return f"{number(metres / unit)} {name}"
-
-
 def part_drawn(mesh: Mesh, camera: Camera, pose: ArrayLike, rows: IntArray) -> VisibilityBuffer:
-    """Image of some faces of a mesh alone, on the CPU, with indices of the whole mesh.
-
-    Targets among them are drawn; without any faces the image is empty where all are targets.
-    """
-    is_part = len(rows) > 0 and (mesh.has_targets or len(rows) < mesh.n_faces)
+    """Image of some faces of a mesh alone, on the CPU, with indices of the whole mesh."""
+    if not len(rows):  # a scene of targets alone
+        nothing = np.full((camera.height, camera.width), -1, np.int32)
+        return VisibilityBuffer(nothing, np.full(nothing.shape, np.inf, np.float32))
+    is_part = mesh.has_targets or len(rows) < mesh.n_faces  # targets of a mesh are not drawn
     part = Mesh(vertices=mesh.vertices, faces=mesh.faces[rows]) if is_part else mesh
     with open_rasterizer(part, camera, "cpu") as rasterizer:
         buffer = rasterizer.render(pose)

@@ -225,14 +225,13 @@ def mode_picture(
     *,
     title: str = "",
     directions: FloatArray = ALL_SIDES,
-    through: NDArray[np.bool_] | None = None,
 ) -> Image.Image:
     """Picture of a mesh coloured by a mode, from two sides; see `panorama.two_sides`."""
     mode = mode_of(name)
     painted = mode.paint(mesh, values)
     keys = painted.keys(mode.label.lower())
     words = title or mode.words.rstrip(".")
-    return two_sides(mesh, painted.colours, words, keys, directions, through, eyes)
+    return two_sides(mesh, painted.colours, words, keys, directions, eyes)
 
 
 def rounded(value: float) -> str:

@@ -1,59 +1,52 @@
-"""Overview of a network: the task in the colours of its cameras, and a floor plan.
+"""Pictures of a network: the task in the colours of its cameras, and its dead zones.
 
-Only the covered part of the surface has a camera's colour: by area exactly, point by point.
+Only the covered part of the surface has a camera's colour: by area exactly, point by point. Dead
+zones are numbered, each in the colour of its reason, by exact pieces.
 
 E. S. Eissa. Image Space Coverage Model for Deployment of Multi-Camera Networks. 2020, figures 6.10
 and 6.11.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from PIL import Image, ImageDraw
+from PIL import Image
 
-from rastercov.base.format import plural, short
+from rastercov.base.format import area, percent, plural, signed
 from rastercov.camera.camera import Camera
-from rastercov.camera.models import MODELS
 from rastercov.camera.pose import Poses
 from rastercov.camera.projection import to_camera, view_border
 from rastercov.camera.rig import Cameras, cameras_of
-from rastercov.coverage.area.points import covering_poses, views_at
+from rastercov.coverage.area.points import covering_poses, views_at, zones_at
 from rastercov.coverage.area.regions import Regions
 from rastercov.coverage.area.union import Covered
+from rastercov.coverage.area.zones import DeadZones
 from rastercov.coverage.network import Network
+from rastercov.coverage.reasons import REASONS
 from rastercov.mesh import Mesh
 from rastercov.report import theme
-from rastercov.report.images import Font, Key, draw_scale_bar, font_for, framed, write_labels
-from rastercov.report.modes import mode_picture
+from rastercov.report.images import Key, font_for, framed, write_labels
 from rastercov.report.panorama import (
-    DIRECTIONS,
     FINE,
-    FOOT,
-    HEIGHT,
     PIECES,
     PIXELS_AT_A_TIME,
-    WIDTH,
     FaceImage,
-    FloorPlan,
     Line,
     OwnColours,
     Scene,
-    View,
     beside,
     best_directions,
     draw_in_space,
-    fill_in_space,
-    floor_plan,
     is_in_picture,
     look,
     neutral,
-    outline,
+    outer_skin,
     paint,
-    paint_plan,
     place_in_image,
     scene_keys,
     smooth,
@@ -63,10 +56,9 @@ from rastercov.report.panorama import (
 from rastercov.report.theme import Colour, Pixels
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 FRUSTUM = 0.16
 """Length of the edges of a drawn view pyramid, relative to half the diagonal of the scene."""
-WEDGE = 0.16
-"""Opacity of view pyramids in a plan."""
 MANY = 30
 """Cameras up to which their labels are large."""
 CROWD = 16
@@ -75,164 +67,114 @@ PARTS = 12
 """Parts of each side of a distorted image, whose border is a curve."""
 FROM_BELOW = 0.6
 """Worth of the task seen from below, relative to what is seen from above."""
+MOST_ZONES = 30
+"""Zones with a number."""
+LEAST_PERCENT = 0.01
+"""Part of the task, in percent, from which a zone has one."""
 
 
 @dataclass(frozen=True, eq=False)
-class CameraColours:
-    """Colours of the surface by the camera that covers it best: of its covered part, no more.
+class Overview:
+    """A network to be drawn: the surface by the camera that covers it best, no more.
 
     With `regions` of the poses it is coloured point by point, by the camera with most pixels on it;
-    else face by face, by `best_pose`, (F,), -1 for none; without either it has no camera's colour.
+    else face by face, by `best_pose`, (F,), -1 for none.
     """
 
     mesh: Mesh
+    camera: Cameras
     placed: Poses
     names: Sequence[str]
-    best_pose: ArrayLike | None = None
+    best_pose: IntArray
     regions: Regions | None = None
-
-    @property
-    def poses(self) -> FloatArray:
-        """(K, 4, 4) world_from_camera."""
-        return self.placed.world_from_camera
-
-    def pyramids(self, camera: Cameras) -> list[FloatArray]:
-        """View pyramid of each pose: the eye, then the corners of its outline."""
-        cameras, placed, reach = cameras_of(camera), self.placed, self.reach
-        return [
-            _pyramid(cameras[index], pose, reach)
-            for pose, index in zip(self.poses, placed.camera, strict=True)
-        ]
 
     @property
     def eyes(self) -> FloatArray:
         """(K, 3) positions of the cameras."""
-        return self.poses[:, :3, 3]
+        return self.placed.world_from_camera[:, :3, 3]
 
     @property
     def colours(self) -> list[Colour]:
         """Colours of the cameras."""
-        return [(r, g, b) for r, g, b in theme.camera_colours(len(self.poses)).tolist()]
+        return [(r, g, b) for r, g, b in theme.camera_colours(len(self.placed)).tolist()]
 
-    @property
-    def reach(self) -> float:
-        """Length of the edges of drawn view pyramids, metres."""
+    def pyramids(self) -> list[FloatArray]:
+        """View pyramid of each pose: the eye, then the corners of its outline."""
+        cameras = cameras_of(self.camera)
         corners = np.concatenate((task_points(self.mesh), self.eyes))
         size = max(float(np.linalg.norm(np.ptp(corners, axis=0))) / 2, 1e-12)
-        return FRUSTUM * size * math.sqrt(min(1.0, CROWD / max(len(self.poses), 1)))
-
-    @property
-    def font(self) -> Font:
-        """Font of the cameras' names."""
-        return font_for(round(FINE * (850 if len(self.poses) <= MANY else 600)))
+        reach = FRUSTUM * size * math.sqrt(min(1.0, CROWD / max(len(self.placed), 1)))
+        return [
+            _pyramid(cameras[index], pose, reach)
+            for pose, index in zip(self.placed.world_from_camera, self.placed.camera, strict=True)
+        ]
 
     def of_points(self, face: NDArray[np.int32], points: FloatArray) -> Pixels:
         """(N, 3) colours of points (N, 3) of faces (N,)."""
         found = neutral(self.mesh)[face]
+        best = self.best_pose[face]
         if self.regions is not None:
             best = best_pose_at(self.regions, self.placed, face, points)
-        elif self.best_pose is not None:
-            best = np.asarray(self.best_pose, np.int64)[face]
-        else:
-            return found
         is_task = self.mesh.task_mask[face]
         found[is_task] = np.array([*self.colours, theme.UNCOVERED], np.uint8)[best[is_task]]
         return found
 
-    def of_image(self, view: View, face: FaceImage) -> Pixels:
-        """(H, W, 3) colours of a face image of a view, black where it has no face.
+    def of_image(self, scene: Scene, face: FaceImage) -> Pixels:
+        """(H, W, 3) colours of a face image of a scene, black where it has no face.
 
-        One point of each block of `FINE` x `FINE` pixels is looked up, and all points of blocks
-        beside one of another colour: what differs are details smaller than a pixel of the picture.
+        One point of each block of `FINE` x `FINE` pixels is looked up, and all points of pixels
+        that are of the task where that one is not, or the other way round.
         """
         if self.regions is None:  # a colour for each face
             of_face = self.of_points(np.arange(self.mesh.n_faces, dtype=np.int32), np.empty((0, 3)))
             return np.concatenate((of_face, np.zeros((1, 3), np.uint8)))[face]
-
+        kinds = np.append(self.mesh.task_mask.astype(np.int8), np.int8(2))[face]
+        first = np.ix_(*(np.arange(size) // FINE * FINE for size in face.shape))
+        own = kinds != kinds[first]
+        own[::FINE, ::FINE] = True
         found = np.zeros((*face.shape, 3), np.uint8)
-        drawn = face >= 0
-        if not drawn.any():
-            return found
+        faces, places, pixel = scene.points(np.where(own, face, np.int32(-1)))
+        found[pixel] = self.of_points(faces, places)
+        return np.where(own[..., None], found, found[first])
 
-        def look_up(where: NDArray[np.bool_]) -> None:
-            of = np.full_like(face, -1)
-            of[box][where] = face[box][where]
-            faces, places, pixel = view.points(of)
-            found[pixel] = self.of_points(faces, places)
-
-        # The smallest box of whole blocks with all that is drawn.
-        ends = [np.flatnonzero(drawn.any(axis=axis))[[0, -1]] // FINE * FINE for axis in (1, 0)]
-        box = tuple(slice(low, high + FINE) for low, high in ends)
-        # Task, occluder or neither: a block that has more than one of them is looked up, too.
-        kinds = np.append(self.mesh.task_mask.astype(np.uint32), np.uint32(2))[face[box]]
-        first = np.zeros(kinds.shape, np.bool_)
-        first[::FINE, ::FINE] = True
-        look_up(first)
-        colours, kind = found[box][::FINE, ::FINE], kinds[::FINE, ::FINE]
-        codes = kind << 24
-        for channel in range(3):
-            codes |= colours[..., channel].astype(np.uint32) << 8 * channel
-        differs = np.zeros(codes.shape, np.bool_)
-        across, down = codes[:, 1:] != codes[:, :-1], codes[1:] != codes[:-1]
-        for block, changes in (
-            (differs[:, 1:], across),
-            (differs[:, :-1], across),
-            (differs[1:], down),
-            (differs[:-1], down),
-        ):
-            block |= changes
-        again = np.zeros(kinds.shape, np.bool_)
-        for row, column in np.ndindex(FINE, FINE):
-            part = slice(row, None, FINE), slice(column, None, FINE)
-            own = tuple(slice(size) for size in kinds[part].shape)
-            found[box][part] = colours[own]
-            again[part] = differs[own] | (kinds[part] != kind[own])
-        look_up(again)
-        return found
-
-    def keys(self) -> list[Key]:
-        """Legend: each camera with its name, and what none covers."""
+    def picture(self) -> Image.Image:
+        """The task, which fills the picture, and from its other side with all cameras."""
+        mesh, pyramids = self.mesh, self.pyramids()
+        side = best_directions(mesh, mesh.task_mask, 1, self.eyes, 8, FROM_BELOW)[0]
+        ends = np.concatenate([*pyramids, np.zeros((0, 3))])
+        scenes = [
+            look(mesh, side, eyes=self.eyes),
+            look(mesh, side * (-1, -1, 1), ends, eyes=self.eyes),
+        ]
+        images = [self._drawn(scene, pyramids) for scene in scenes]
         keys = [
             Key.of(f"camera {name}" if row == 0 else str(name), colour)
             for row, (name, colour) in enumerate(zip(self.names, self.colours, strict=True))
         ]
-        is_known = self.regions is not None or self.best_pose is not None
-        return [*keys, Key.of("covered by none", theme.UNCOVERED)] if is_known else keys
+        keys.append(Key.of("covered by none", theme.UNCOVERED))
+        title = plural(len(self.placed), "camera")
+        if len(self.placed):
+            most = "with most pixels on it" if self.regions else "that covers it best"
+            title += f". Covered surface has the colour of the camera {most}"
+        return framed(beside(images), title, [*keys, *scene_keys(scenes)])
 
-    def title(self) -> str:
-        """Number of cameras, and words on their colours."""
-        count = len(self.poses)
-        text = plural(count, "camera")
-        if count and self.regions is not None:
-            text += ". Covered surface has the colour of the camera with most pixels on it"
-        elif count and self.best_pose is not None:
-            text += ". Covered faces have the colour of the camera that covers them best"
-        return text
-
-    def caution(self) -> str:
-        """Words on cameras that have no colour of their own, or ""."""
-        n = len(theme.CAMERAS)
-        many = f"Of the {len(self.poses)} colours, those from the {n + 1}th on may look alike."
-        return many if len(self.poses) > n else ""
-
-
-def camera_colours(
-    mesh: Mesh,
-    poses: ArrayLike | Poses,
-    best_pose: ArrayLike | None = None,
-    names: Sequence[str] = (),
-    regions: Regions | None = None,
-) -> CameraColours:
-    """Colours by the cameras of poses (K, 4, 4), with names 1, 2, ... unless K are given."""
-    if not isinstance(poses, Poses):
-        poses = Poses.of(np.asarray(poses, np.float64).reshape(-1, 4, 4))
-    titles = names or [str(row + 1) for row in range(len(poses))]
-    return CameraColours(mesh, poses, titles, best_pose, regions)
+    def _drawn(self, scene: Scene, pyramids: Sequence[FloatArray]) -> Image.Image:
+        """A scene in the colours of its cameras, with those cameras that are in the picture."""
+        pixels = paint(scene, neutral(self.mesh), partial(self.of_image, scene))
+        image, colours = Image.fromarray(pixels), self.colours
+        rows = np.flatnonzero(is_in_picture(scene, self.eyes)).tolist()
+        for row in rows:
+            draw_in_space(image, scene, _edges(pyramids[row], colours[row]))
+        places = place_in_image(scene, self.eyes[rows])
+        font = font_for(round(FINE * (850 if len(self.placed) <= MANY else 600)))
+        names = [self.names[row] for row in rows]
+        write_labels(image, places, names, [colours[row] for row in rows], font, FINE)
+        return smooth(image)
 
 
 def best_pose_at(
     regions: Regions, placed: Poses, face: NDArray[np.int32], points: FloatArray
-) -> NDArray[np.int64]:
+) -> IntArray:
     """(N,) pose with most pixels on a m^2 at points (N, 3) of faces (N,), -1 where none covers it.
 
     `placed` are the P poses of the regions, each with its camera.
@@ -258,102 +200,13 @@ def best_pose_at(
     return best
 
 
-def best_covering(network: Network) -> NDArray[np.int64]:
+def best_covering(network: Network) -> IntArray:
     """(F,) place in `network.pose_ids` of the best camera, -1 where it does not cover the face."""
     # The best camera of a face need not cover it.
     least = max(network.task.min_coverage, np.finfo(np.float64).tiny)
     place = {pose: row for row, pose in enumerate(network.pose_ids)}
     rows = [place.get(pose, -1) for pose in network.best_pose.tolist()]
     return np.where(network.best >= least, np.array(rows, np.int64), -1)
-
-
-def overview_picture(shown: CameraColours, camera: Cameras) -> Image.Image:
-    """The task, which fills the picture, in the colours of its cameras; beside it a floor plan.
-
-    Cameras are drawn where they are in the picture; the plan has all of them, with their view
-    pyramids from above.
-    """
-    mesh = shown.mesh
-    scene = look(mesh, _side(shown), eyes=shown.eyes)
-    image = _with_cameras(scene, camera, shown)
-    plan, plan_image = _plan_picture(shown, camera)
-    keys = [*shown.keys(), *scene_keys([scene, plan])]
-    return framed(beside([image, plan_image]), shown.title(), keys)
-
-
-def _side(shown: CameraColours) -> FloatArray:
-    """Direction that shows most of the task, an oblique one and from above if that serves."""
-    mesh = shown.mesh
-    found: FloatArray = best_directions(mesh, mesh.task_mask, 1, shown.eyes, 8, FROM_BELOW)[0]
-    return found
-
-
-def network_picture(shown: CameraColours, camera: Cameras) -> Image.Image:
-    """The cameras around the part as view pyramids, from two sides; figures 6.10 and 6.11."""
-    pyramids = shown.pyramids(camera)
-    more = np.concatenate([*pyramids, np.zeros((0, 3))])
-    sides = DIRECTIONS[[0, 1]] if _side(shown)[2] > 0 else DIRECTIONS[[4, 5]]
-    scenes = [look(shown.mesh, direction, more, eyes=shown.eyes) for direction in sides]
-    images = [_with_cameras(scene, camera, shown) for scene in scenes]
-    return framed(beside(images), shown.title(), [*shown.keys(), *scene_keys(scenes)])
-
-
-def _with_cameras(scene: Scene, camera: Cameras, shown: CameraColours) -> Image.Image:
-    """A scene in the colours of its cameras, with those cameras that are in the picture."""
-    image = Image.fromarray(paint(scene, neutral(scene.mesh), own=partial(shown.of_image, scene)))
-    rows = np.flatnonzero(is_in_picture(scene, shown.eyes)).tolist()
-    pyramids, cameras = shown.pyramids(camera), cameras_of(camera)
-    for row in rows:
-        pyramid = pyramids[row]
-        if MODELS[cameras[shown.placed.camera[row]].model].is_planar:  # a flat base
-            fill_in_space(image, scene, pyramid[1:], shown.colours[row])
-        draw_in_space(image, scene, _edges(pyramid, shown.colours[row]))
-    places = place_in_image(scene, shown.eyes[rows])
-    names = [shown.names[row] for row in rows]
-    write_labels(image, places, names, [shown.colours[row] for row in rows], shown.font, FINE)
-    return smooth(image)
-
-
-def _plan_picture(shown: CameraColours, camera: Cameras) -> tuple[FloorPlan, Image.Image]:
-    """The floor plan, and its picture with all cameras."""
-    outlines = [outline(pyramid[:, :2]) for pyramid in shown.pyramids(camera)]
-    plan = floor_plan(shown.mesh, shown.eyes, np.concatenate([*outlines, np.zeros((0, 2))]))
-    image = paint_plan(plan, partial(shown.of_image, plan))
-    task = Image.fromarray(plan.shows_task())
-    draw = ImageDraw.Draw(image)
-    for wedge, colour in zip(outlines, shown.colours, strict=True):
-        places = [tuple(place) for place in plan.places(wedge).tolist()]
-        if len(places) > 2:
-            _tint(image, places, colour, task)
-        draw.line([*places, places[0]], theme.PAPER, 4 * FINE, "curve")
-        draw.line([*places, places[0]], colour, 2 * FINE, "curve")
-    eyes = plan.places(shown.eyes)
-    write_labels(image, eyes, list(shown.names), shown.colours, shown.font, FINE)
-    foot = FOOT * FINE
-    draw.rectangle((0, HEIGHT * FINE - foot, *image.size), theme.EXTERIOR)
-    corner = (0.05 * WIDTH * FINE, HEIGHT * FINE - 0.35 * foot)
-    font = font_for(FINE * 750)
-    draw_scale_bar(image, corner, plan.scale, 0.25 * WIDTH * FINE, font)
-    cut = "" if plan.cut is None else f", cut at z = {short(float(f'{plan.cut:.3g}'))} m"
-    text = f"from above{cut}; x to the right, y up"
-    draw.text((0.95 * WIDTH * FINE, corner[1]), text, theme.INK, font, anchor="rs")
-    return plan, smooth(image)
-
-
-def _tint(
-    image: Image.Image, places: Sequence[tuple[float, ...]], colour: Colour, task: Image.Image
-) -> None:
-    """Tint a polygon with a colour, except the pixels of the task."""
-    (x0, y0), (x1, y1) = np.floor(np.min(places, axis=0)), np.ceil(np.max(places, axis=0)) + 1
-    left, top = max(0, int(x0)), max(0, int(y0))
-    right, bottom = min(image.width, int(x1)), min(image.height, int(y1))
-    if left >= right or top >= bottom:
-        return
-    mask = Image.new("L", (right - left, bottom - top))
-    moved = [(place[0] - left, place[1] - top) for place in places]
-    ImageDraw.Draw(mask).polygon(moved, round(255 * WEDGE))
-    mask.paste(0, (0, 0), task.crop((left, top, right, bottom)))
-    image.paste(colour, (left, top), mask)
 
 
 def _pyramid(camera: Camera, pose: FloatArray, reach: float) -> FloatArray:
@@ -402,12 +255,6 @@ def _density(
     return found
 
 
-def best_picture(mesh: Mesh, best: ArrayLike, eyes: ArrayLike = ()) -> Image.Image:
-    """The part coloured by the best coverage of any camera, red where it is 0."""
-    zero = theme.colour_rows(mesh, best) == theme.ZERO_ROW
-    return mode_picture("coverage", mesh, best, eyes, through=zero)
-
-
 def views_picture(covered: Covered, eyes: ArrayLike = ()) -> Image.Image:
     """The part coloured by the number of cameras that cover each point, up to the required one."""
     mesh, views = covered.mesh, len(covered.area)
@@ -427,3 +274,127 @@ def views_picture(covered: Covered, eyes: ArrayLike = ()) -> Image.Image:
 
     keys = [Key.of(text, colour) for text, colour in zip(words, levels, strict=True)]
     return two_sides(mesh, colours, "Cameras that cover each point of the surface", keys, eyes=eyes)
+
+
+def numbered(summary: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """The zones of a summary that have a number in the picture and in the list: 1, 2, ..."""
+    zones = summary.get("dead_zones", ())
+    return [zone for zone in zones if zone["percent"] >= LEAST_PERCENT][:MOST_ZONES]
+
+
+def zone_rows(summary: Mapping[str, Any]) -> list[list[str]]:
+    """Rows of the list: number, area, share of the task, place, groups, reason; and the rest."""
+    zones, shown, rows = summary.get("dead_zones", ()), numbered(summary), []
+    # Three digits of the largest extent.
+    far = max([float(np.abs(zone["extent"]).max()) for zone in zones], default=1.0)
+    digits = int(np.clip(2 - np.floor(np.log10(max(far, 1e-9))), 0, 9))
+    for number, zone in enumerate(shown, start=1):
+        first, *others = zone["groups"]
+        why = REASONS[zone["reason"]].label
+        if zone["hidden_by"] is not None:
+            why += f" by {'itself' if zone['hidden_by'] == first else zone['hidden_by']}"
+        place = ", ".join(signed(value, digits) for value in zone["centroid"])
+        group = first + (f" and {len(others)} more" if others else "")
+        size = area(zone["area_m2"])
+        rows.append([str(number), size, percent(zone["percent"] / 100), place, group, why])
+    rest = summary["other_dead_zones"]
+    if count := len(zones) - len(shown) + rest["zones"]:
+        parts = [*zones[len(shown) :], rest]
+        size = area(sum(part["area_m2"] for part in parts))
+        share = percent(sum(part["percent"] for part in parts) / 100)
+        rows.append([f"{count:,} more", size, share, "", "", ""])
+    return rows
+
+
+def zones_picture(
+    zones: DeadZones, summary: Mapping[str, Any], eyes: ArrayLike = ()
+) -> Image.Image:
+    """The dead zones by exact pieces, from the two directions that show most of them.
+
+    Parameters
+    ----------
+    zones : DeadZones
+        Zones, the largest first.
+    summary : mapping
+        `rastercov.coverage.area.zone_report.summary_of` of them.
+    eyes : (P, 3) array_like
+        Cameras, as for `look`.
+    """
+    mesh, listed = zones.mesh, numbered(summary)
+    reasons = [zone["reason"] for zone in listed]
+    colours: list[Colour] = [theme.REASONS[reason] for reason in reasons]
+    faces = np.zeros(mesh.n_faces, np.bool_)
+    faces[zones.face[zones.zone < max(1, len(listed))]] = True
+    faces &= ~outer_skin(mesh, eyes)
+    scenes = [look(mesh, side, eyes=eyes) for side in best_directions(mesh, faces, eyes=eyes)]
+    seen: set[int] = set()
+    pictures = [_with_zones(zones, scene, colours, seen) for scene in scenes]
+    keys = [Key.of("covered", theme.COVERED)]
+    for reason in dict.fromkeys(reasons):
+        keys.append(Key.of(REASONS[reason].label, theme.REASONS[reason]))
+    if len(zones) > len(listed):
+        keys.append(Key.of("smaller zones, without a number", theme.UNCOVERED))
+    percents = [part["percent"] for part in (*summary["dead_zones"], summary["other_dead_zones"])]
+    share = percent(min(1.0, round(sum(percents) / 100, 9)))
+    title = f"{plural(len(zones), 'dead zone')}, {share} of the area; numbered from the largest"
+    if unseen := [str(row + 1) for row in range(len(listed)) if row not in seen]:
+        title += f"; hidden from both sides: {', '.join(unseen)}"
+    return framed(beside(pictures), title, [*keys, *scene_keys(scenes)])
+
+
+def _with_zones(
+    zones: DeadZones, scene: Scene, colours: Sequence[Colour], seen: set[int]
+) -> Image.Image:
+    """One view of the zones, with the numbers of those that are seen, which are added."""
+    n, table = len(colours), np.array([*colours, theme.UNCOVERED, theme.COVERED], np.uint8)
+    numbers = [_zone_of_pixels(zones, scene, layer, n) for layer in scene.layers]
+
+    def own(face: FaceImage) -> Pixels:
+        row = next(row for row, layer in enumerate(scene.layers) if layer is face)
+        return table[numbers[row]]
+
+    pixels = paint(scene, neutral(zones.mesh), own)
+    shown = numbers[0]
+    for of_layer in numbers[1:]:
+        shown = np.where(of_layer >= 0, of_layer, shown)
+    for here, other, place in (
+        (shown[:, :-1], shown[:, 1:], pixels[:, :-1]),
+        (shown[:-1], shown[1:], pixels[:-1]),
+    ):
+        is_numbered = ((here >= 0) & (here < n)) | ((other >= 0) & (other < n))
+        place[(here != other) & is_numbered] = theme.INK
+    image = Image.fromarray(pixels)
+    rows = [row for row in np.unique(shown).tolist() if 0 <= row < n]
+    seen.update(rows)
+    places = np.array([middle_of(shown == row) for row in rows]).reshape(-1, 2)
+    names, own_colours = [str(row + 1) for row in rows], [colours[row] for row in rows]
+    write_labels(image, places, names, own_colours, font_for(round(FINE * 850)), FINE)
+    return smooth(image)
+
+
+def _zone_of_pixels(zones: DeadZones, scene: Scene, face: FaceImage, n: int) -> IntArray:
+    """(H, W) zone at each pixel: its row, n for those without a number, -1 for none."""
+    found = np.full(face.shape, -1, np.int64)
+    is_task = np.append(zones.mesh.task_mask, False)[face]
+    of_pixel, points, pixel = scene.points(np.where(is_task, face, np.int32(-1)))
+    for at in range(0, len(points), PIXELS_AT_A_TIME):
+        part = slice(at, at + PIXELS_AT_A_TIME)
+        rows, columns = pixel[0][part], pixel[1][part]
+        found[rows, columns] = zones_at(zones, of_pixel[part], points[part], n)
+    return found
+
+
+def middle_of(mask: NDArray[np.bool_]) -> FloatArray:
+    """Place (x, y) of the pixel of a mask that is furthest from its outline, in city blocks."""
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    top, left = rows[0], columns[0]
+    layer = np.pad(mask[top : rows[-1] + 1, left : columns[-1] + 1], 1)
+    depth = np.where(layer, sum(layer.shape), 0)
+    # City blocks add up along the axes: the least along one, then along the other.
+    for _ in range(2):
+        depth = depth.T
+        steps = np.arange(len(depth))[:, None]
+        back = np.minimum.accumulate((depth + steps)[::-1])[::-1] - steps
+        depth = np.minimum(np.minimum.accumulate(depth - steps) + steps, back)
+    row, column = np.unravel_index(int(depth.argmax()), depth.shape)
+    return np.array([left + column - 0.5, top + row - 0.5])

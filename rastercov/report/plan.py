@@ -3,6 +3,7 @@
 poses.json   the cameras, as `rastercov evaluate --poses` reads them
 plan.json    all figures and their provenance; all times are under "seconds"
 page.html    the same with pictures
+view.html    the network to look around in, without a server
 matrix/      visibility matrix of the candidates, used again by later runs, even of a changed plan
 
 The first three replace earlier ones together, at the end or at Ctrl-C. Without earlier ones the
@@ -12,8 +13,10 @@ under "interrupted", which is still correct when the run is killed in it.
 
 import math
 import re
+from collections.abc import Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -22,15 +25,14 @@ from rich.text import Text
 
 from rastercov.base.format import percent, plural, verb
 from rastercov.base.interrupts import interrupts_held
-from rastercov.base.output import write_json
+from rastercov.base.output import write_json, write_text
 from rastercov.cluster import Workers
-from rastercov.coverage.area.regions import regions
 from rastercov.coverage.area.zone_report import ZONES
 from rastercov.coverage.half_covered import half_covered
 from rastercov.coverage.provenance import Provenance, plain_cameras
 from rastercov.placement.plan.file import Plan
 from rastercov.placement.plan.network import OF, Measured, area_lines, goal_of, summary_of
-from rastercov.placement.plan.prepare import Prepared, Progress, Step, quiet
+from rastercov.placement.plan.prepare import Prepared, Step, quiet
 from rastercov.placement.plan.run import Placement, place
 from rastercov.placement.select.problem import BestCoverage, FewestCameras
 from rastercov.raster.contract import RasterizerInfo
@@ -46,7 +48,9 @@ STEP_FIGURES = {
 }
 """Figures of the steps that move cameras, as `plan.json` has them."""
 STEP_WORDS = {"search": "searched", "refinement": "refined"}
-PLACEMENT = ReportKind("place", re.compile(r"(poses|plan)\.json|page\.html"), last="plan.json")
+PLACEMENT = ReportKind(
+    "place", re.compile(r"(poses|plan)\.json|(page|view)\.html"), last="plan.json"
+)
 
 
 def run_into(
@@ -73,24 +77,29 @@ def run_into(
     """
     with ReportFolder(out, PLACEMENT) as files:
         placed = place(plan, out, step, lambda found: save_unfinished(found, files), workers)
+        pages: Mapping[str, str] = {}
         if plan.outputs.page:
             without_page = replace(placed, interrupted=placed.interrupted or "page")
             save_unfinished(without_page, files)
-            page = files.file("page.html")
             try:
                 with step("page") as progress:
-                    write_page(placed, page, progress)
+                    from rastercov.report.placement import pages_of  # with the first page only
+
+                    pages = pages_of(placed, summary(placed), lines(placed), progress)
             except KeyboardInterrupt:
                 placed = without_page
-                page.unlink(missing_ok=True)
-        save(placed, files)
+        save(placed, files, pages)
     return placed
 
 
-def save(placement: Placement, folder: ReportFolder) -> None:
-    """Replace the earlier report by poses, all figures, and the page if one was written."""
+def save(
+    placement: Placement, folder: ReportFolder, pages: Mapping[str, str] = MappingProxyType({})
+) -> None:
+    """Replace the earlier report by poses, all figures, and the texts of pages by their names."""
     with interrupts_held():
         write_json(folder.file("poses.json"), poses_of(placement))
+        for name, text in pages.items():
+            write_text(folder.file(name), text)
         write_json(folder.file("plan.json"), summary(placement))
         folder.publish()
 
@@ -397,43 +406,3 @@ def left_lines(placement: Placement) -> list[str]:
     if placement.cameras.areas is None or not placement.leftover.left.any():
         return said
     return ["Faces of which some part is not covered, by the reason for the whole face:", *said]
-
-
-def write_page(placement: Placement, path: Path, progress: Progress) -> None:
-    """Write the page."""
-    from rastercov.report.placement import write_page as write  # with the first page only
-    from rastercov.report.placement_pictures import PlanReport
-
-    prepared = placement.prepared
-    found = zones = None
-    if (areas := placement.cameras.areas) is not None:
-        poses, method = placement.cameras.placed, prepared.plan.task.method
-        found = regions(prepared.mesh, prepared.camera, poses, prepared.task, method=method)
-        views = prepared.plan.task.views
-        zones = areas.zones(views if isinstance(views, dict) else None)
-    report = PlanReport(
-        mesh=prepared.mesh,
-        camera=prepared.camera,
-        network=placement.cameras.network,
-        poses=placement.cameras.poses,
-        camera_of=placement.cameras.placed.camera,
-        title=f"Placement of cameras: {prepared.plan.name}",
-        selection=placement.selection,
-        goal=prepared.problem.goal,
-        candidates=prepared.pool.candidates,
-        dropped=prepared.pool.dropped,
-        segmentation=prepared.segmentation,
-        leftover=placement.leftover,
-        openings=prepared.openings,
-        tolerance=placement.tolerance,
-        # Rows of poses.json, as everywhere else.
-        camera_names=[str(row) for row in range(len(placement.cameras.poses))],
-        sources=_origins(placement),
-        mount_of=placement.cameras.owner if prepared.mounts.has_rigs else None,
-        made_with=made_from(prepared),
-        notes=lines(placement),
-        summary=summary_of(prepared.plan, placement.cameras),
-        regions=found,
-        zones=zones,
-    )
-    write(path, report, progress)

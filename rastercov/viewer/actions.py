@@ -1,5 +1,6 @@
-"""Edits that a page asks for: their form, and what each does to a state."""
+"""Edits that a page asks for: their form, and what each does to a state or to a lens."""
 
+import math
 from abc import abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, replace
@@ -10,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
-from rastercov.base.checks import shown
-from rastercov.base.errors import ConfigError
+from rastercov.base.checks import image_side, number, positive, shown
+from rastercov.base.errors import CameraError, ConfigError
 from rastercov.base.files import printable
 from rastercov.camera.camera import Camera
 from rastercov.camera.camera_file import PRESETS
@@ -19,7 +20,6 @@ from rastercov.camera.pose import valid_poses
 from rastercov.camera.viewpoints import look_at
 from rastercov.coverage.task import Task
 from rastercov.mesh.arrays import frozen
-from rastercov.viewer import lens
 from rastercov.viewer.rig_state import LONGEST_NAME, MOST_STATIONS, RigState, Station, camera_in
 
 FloatArray = NDArray[np.float64]
@@ -34,6 +34,21 @@ ROUNDING = 1e-14
 """Drift of a rotation that was made orthonormal."""
 SLACK = 1e-3
 """Largest drift of a rotation that a page sends: it computes in double precision, and prints."""
+
+CAMERA_FIELDS: tuple[dict[str, Any], ...] = tuple(
+    dict(zip(("name", "low", "high", "unit", "words"), row, strict=True))
+    for row in (
+        ("hfov_deg", 1.0, 175.0, "deg", "Angle between left and right."),
+        ("fx", 10.0, 20_000.0, "px", "Focal length over pixel width."),
+        ("width", 64, 8192, "px", "Pixels across, at the same field of view."),
+        ("focus_distance", 0.02, 100.0, "m", "Depth of the plane in focus."),
+        ("f_number", 0.7, 45.0, "", "Focal length over diameter of the aperture."),
+        ("focus_near", 0.0, 100.0, "m", "Least depth in focus."),
+        ("focus_far", 0.01, 1000.0, "m", "Greatest depth in focus."),
+        ("near", 0.0, 10.0, "m", "Surfaces nearer than this are not seen."),
+    )
+)
+"""Values that can be changed, with the ends of their sliders."""
 
 
 class Action(BaseModel):
@@ -175,7 +190,7 @@ class ChangeCamera(StateEdit):
 
     def apply(self, state: RigState, settle: Settle) -> tuple[RigState, str]:
         """With the camera changed."""
-        made = lens.changed(state.camera(self.camera), self.changes)
+        made = changed(state.camera(self.camera), self.changes)
         return state.with_camera(self.camera, made), f"change the lens of {self.camera}"
 
 
@@ -332,3 +347,93 @@ def straightened(pose: FloatArray) -> FloatArray:
     made = pose.copy()
     made[:3, :3] = u @ vt
     return made
+
+
+Change = Callable[[Camera, Any], Camera]
+
+
+def changed(camera: Camera, changes: Mapping[str, Any]) -> Camera:
+    """The camera with some of its values changed; see `CAMERA_FIELDS`.
+
+    Another field of view or focal length keeps the ratio of pixels and the coefficients of the
+    lens; another width keeps the field of view.
+
+    Raises
+    ------
+    CameraError
+        For an unknown value, one outside its limits, or one that the camera cannot have.
+    """
+    known = [each["name"] for each in CAMERA_FIELDS]
+    for name, value in changes.items():
+        if name not in known:
+            raise CameraError(f"a camera has {', '.join(known)} to change, got {shown(name)}")
+        camera = _CHANGES[name](camera, value)
+    return camera
+
+
+def _with_angle(camera: Camera, value: Any) -> Camera:
+    wanted = number("hfov_deg", value)
+    if not camera.is_pinhole:
+        raise CameraError(f"hfov_deg is of a pinhole; change fx of a lens of model {camera.model}")
+    if not 0.01 <= wanted <= 179:
+        raise CameraError(f"hfov_deg must be 0.01 to 179, got {shown(value)}")
+    # cot of the sum of the angles on both sides of the centre c: (f^2 - c (w - c)) / (w f).
+    half = 0.5 * camera.width / math.tan(math.radians(wanted))
+    apart = camera.cx * (camera.width - camera.cx)
+    return _scaled(camera, (half + math.sqrt(max(0.0, half**2 + apart))) / camera.fx)
+
+
+def _with_focal(camera: Camera, value: Any) -> Camera:
+    return _scaled(camera, positive("fx", value) / camera.fx)
+
+
+def _scaled(camera: Camera, factor: float) -> Camera:
+    """With focal lengths times a factor; the aperture keeps its diameter."""
+    f = None if camera.focal_length is None else camera.focal_length * factor
+    return replace(camera, fx=camera.fx * factor, fy=camera.fy * factor, focal_length=f)
+
+
+def _with_width(camera: Camera, value: Any) -> Camera:
+    return camera.resized(image_side("width", value) / camera.width)
+
+
+def _with_focus(camera: Camera, value: Any) -> Camera:
+    distance = positive("focus_distance", value)
+    aperture = camera.aperture
+    if aperture is None:
+        aperture = _focal_length(camera) / 2.8
+    return replace(camera, focus_distance=distance, aperture=aperture, focus_range=None)
+
+
+def _with_f_number(camera: Camera, value: Any) -> Camera:
+    aperture = _focal_length(camera) / positive("f_number", value)
+    distance = camera.focus_distance or max(1.0, 2 * _focal_length(camera))
+    return replace(camera, focus_distance=distance, aperture=aperture, focus_range=None)
+
+
+def _focal_length(camera: Camera) -> float:
+    if camera.focal_length is None or camera.pixel_size is None:
+        raise CameraError(
+            "focus needs the focal length and the size of a pixel, in metres; give a camera with "
+            "both, or change focus_near and focus_far"
+        )
+    return camera.focal_length
+
+
+def _with_range(camera: Camera, low: Any, high: Any) -> Camera:
+    near, far = camera.focus_range or (0.0, math.inf)
+    near = near if low is None else number("focus_near", low)
+    far = far if high is None else number("focus_far", high)
+    return replace(camera, focus_range=(near, far), aperture=None, focus_distance=None)
+
+
+_CHANGES: dict[str, Change] = {
+    "hfov_deg": _with_angle,
+    "fx": _with_focal,
+    "width": _with_width,
+    "focus_distance": _with_focus,
+    "f_number": _with_f_number,
+    "focus_near": lambda camera, value: _with_range(camera, value, None),
+    "focus_far": lambda camera, value: _with_range(camera, None, value),
+    "near": lambda camera, value: replace(camera, near=value),
+}

@@ -106,6 +106,11 @@ class RigState:
         """Stations of the network."""
         return tuple(each for each in self.stations if each.is_on)
 
+    @property
+    def eyes(self) -> FloatArray:
+        """(N, 3) positions of all stations."""
+        return np.array([each.pose[:3, 3] for each in self.stations]).reshape(-1, 3)
+
     def row(self, station: int) -> int:
         """Row of a station by its id; ConfigError where it is gone."""
         for row, each in enumerate(self.stations):

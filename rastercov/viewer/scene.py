@@ -23,7 +23,6 @@ from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Rig
 from rastercov.camera.views import Views
 from rastercov.coverage.provenance import sha256
-from rastercov.coverage.reasons import REASONS
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.placement.candidates.clearance import KeepOutBox, in_solid
@@ -32,7 +31,9 @@ from rastercov.placement.plan.candidates import candidate_pool
 from rastercov.placement.plan.file import read_plan
 from rastercov.placement.plan.scene import named_scene
 from rastercov.report.modes import MODES
-from rastercov.viewer import lens
+from rastercov.report.pages import described_camera, described_mesh, described_mode
+from rastercov.report.panorama import is_inside
+from rastercov.viewer.actions import CAMERA_FIELDS
 from rastercov.viewer.rig_state import RigState
 
 if TYPE_CHECKING:
@@ -114,53 +115,26 @@ class Scene:
 
     def described(self, *, is_kept: bool, can_edit: bool = True) -> dict[str, Any]:
         """Everything of the scene that does not change, ready for JSON."""
-        mesh, firsts = self.mesh, _first_faces(self.mesh)
-        faces = np.bincount(mesh.face_group, minlength=len(mesh.groups))
-        return {
+        return described_mesh(self.mesh) | {
             "title": self.title,
             "version": rastercov.__version__,
-            "n_faces": mesh.n_faces,
-            "n_vertices": mesh.n_vertices,
-            "bounds": np.asarray(mesh.bounds).tolist(),
-            "up": [0.0, 0.0, 1.0],
             "is_room": self.is_room,
-            "groups": [
-                {
-                    "name": group.name, "role": group.role, "is_two_sided": group.is_two_sided,
-                    "faces": int(faces[row]), "first": firsts[row],
-                }
-                for row, group in enumerate(mesh.groups)
-            ],
             "task_fields": task_fields(),
-            "camera_fields": list(lens.FIELDS),
+            "camera_fields": list(CAMERA_FIELDS),
             "presets": list(PRESETS),
             "modes": modes(self.models),
-            "reasons": {name: words.label for name, words in REASONS.items()},
             "constraints": self._constraints() | {"is_kept": is_kept},
             "can_edit": can_edit,
             "result": self.result,
             "notes": list(self.notes),
-        }  # fmt: skip
+        }
 
     @property
     def is_room(self) -> bool:
         """True where most cameras are within the mesh, or its closed surface holds all of it."""
         low, high = np.asarray(self.mesh.bounds)
-        eyes = np.array([each.pose[:3, 3] for each in self.start.stations]).reshape(-1, 3)
-        if len(eyes) and ((eyes > low) & (eyes < high)).all(axis=1).mean() > 0.5:
-            return True
-        beyond = high + (high - low) + 1.0
-        return bool(in_solid(self.mesh, beyond[None])[0])
-
-    def soup(self) -> tuple[NDArray[np.float64], bytes]:
-        """Origin (3,), and corners of each face relative to it, F x 9 float32."""
-        origin = np.asarray(self.mesh.bounds).mean(axis=0)
-        corners = self.mesh.vertices[self.mesh.faces] - origin
-        return origin, corners.astype("<f4").tobytes()
-
-    def groups(self) -> bytes:
-        """Group of each face, F uint16."""
-        return bytes(self.mesh.face_group.astype("<u2").tobytes())
+        beyond = 2 * high - low + 1.0
+        return is_inside(self.mesh, self.start.eyes) or bool(in_solid(self.mesh, beyond[None])[0])
 
     def _constraints(self) -> dict[str, Any]:
         if self.plan is None or self.pool is None:
@@ -181,10 +155,8 @@ class Scene:
 def default_space(mesh: Mesh, state: RigState) -> PoseSpace:
     """Places of cameras where no plan limits them: around the part, or within the room."""
     low, high = np.asarray(mesh.bounds)
-    eyes = np.array([each.pose[:3, 3] for each in state.stations]).reshape(-1, 3)
-    is_inside = ((eyes > low) & (eyes < high)).all(axis=1)
-    size = float(np.linalg.norm(high - low))
-    reach = 0.0 if len(eyes) and is_inside.mean() > 0.5 else 2.0 * size
+    eyes, size = state.eyes, float(np.linalg.norm(high - low))
+    reach = 0.0 if is_inside(mesh, eyes) else 2.0 * size
     box = np.stack((low - reach, high + reach))
     if len(eyes):
         box = np.stack((np.minimum(box[0], eyes.min(axis=0)), np.maximum(box[1], eyes.max(axis=0))))
@@ -204,13 +176,10 @@ def modes(models: Mapping[str, Model]) -> list[dict[str, Any]]:
     """Ways to colour the faces, in the order of a page."""
     options = {"model": model_options(models), "segments": SEGMENT_OPTIONS}
     return [
-        {
-            "id": name, "label": mode.label, "words": mode.words, "panel": mode.panel,
-            "options": list(options.get(name, ())),
-        }
+        described_mode(name, mode) | {"options": list(options.get(name, ()))}
         for name, mode in MODES.items()
         if models or name != "model"
-    ]  # fmt: skip
+    ]
 
 
 def task_fields() -> list[dict[str, Any]]:
@@ -246,18 +215,9 @@ def task_fields() -> list[dict[str, Any]]:
     return found
 
 
-def _first_faces(mesh: Mesh) -> list[int]:
-    """First face of each group, -1 for one without faces."""
-    firsts = np.full(len(mesh.groups), -1, np.int64)
-    group, first = np.unique(mesh.face_group, return_index=True)
-    firsts[group] = first
-    found: list[int] = firsts.tolist()
-    return found
-
-
 def described_state(scene: Scene, state: RigState, history: dict[str, Any]) -> dict[str, Any]:
     """The state of a rig, ready for JSON; `place` of a station is the constraint it violates."""
-    eyes = np.array([each.pose[:3, 3] for each in state.stations]).reshape(-1, 3)
+    eyes = state.eyes
     places = ["allowed"] * len(eyes)
     if scene.pool is not None and len(eyes):
         from rastercov.placement.improve.pose_space import Place
@@ -272,7 +232,7 @@ def described_state(scene: Scene, state: RigState, history: dict[str, Any]) -> d
             }
             for each, place in zip(state.stations, places, strict=True)
         ],
-        "cameras": {name: lens.described(camera) for name, camera in state.cameras.items()},
+        "cameras": {name: described_camera(camera) for name, camera in state.cameras.items()},
         "task": {each["name"]: getattr(state.task, each["name"]) for each in task_fields()},
     }  # fmt: skip
 

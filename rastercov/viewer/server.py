@@ -30,7 +30,15 @@ from typing import TYPE_CHECKING, Any
 from rastercov.base.errors import ConfigError, ResourceError
 from rastercov.base.files import StrPath, one_line
 from rastercov.base.interrupts import ABANDONED
-from rastercov.viewer.saving import TYPES, Saving, digest_of, page_text, static_file
+from rastercov.report.pages import (
+    TYPES,
+    digest_of,
+    groups_of,
+    page_text,
+    soup_of,
+    static_file,
+)
+from rastercov.viewer.saving import Saving
 from rastercov.viewer.session import Session, StaleError
 from rastercov.viewer.work import BusyError, Work
 
@@ -300,7 +308,7 @@ class _Routes:
         return [
             ("scene", "GET", _json(lambda query, body: session.described())),
             ("soup", "GET", self._soup),
-            ("groups", "GET", lambda query, body: _octets(session.scene.groups())),
+            ("groups", "GET", lambda query, body: _octets(groups_of(session.scene.mesh))),
             ("state", "GET", _json(lambda query, body: session.described_state())),
             ("ping", "GET", _json(lambda query, body: {"revision": session.history.revision})),
             ("act", "POST", lambda query, body: _octets(session.act(body))),
@@ -315,7 +323,7 @@ class _Routes:
         ]
 
     def _soup(self, query: Any, body: Any) -> "Response":
-        origin, data = self.session.scene.soup()
+        origin, data = soup_of(self.session.scene.mesh)
         return _octets(data, {"x-rastercov-origin": ",".join(map(repr, origin.tolist()))})
 
     def _image(self, query: Any, body: Any) -> "Response":

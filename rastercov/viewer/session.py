@@ -4,7 +4,6 @@ Methods may be called from any thread, one at a time: `Session.lock` is theirs. 
 long, such as a refinement, runs in `rastercov.viewer.work` and hands its state back.
 """
 
-import base64
 import json
 import secrets
 import struct
@@ -27,16 +26,20 @@ from rastercov.placement.improve.pose_space import PoseSpace
 from rastercov.report import theme
 from rastercov.report.camera_pictures import camera_image, camera_keys, camera_pixels
 from rastercov.report.modes import mode_of
+from rastercov.report.pages import described_frame, zone_entries
 from rastercov.viewer.actions import Constrain, Redo, Request, Undo, request_of
-from rastercov.viewer.measurements import Measurements, NetworkFigures, exact_area, of_one_camera
+from rastercov.viewer.measurements import (
+    Measurements,
+    NetworkFigures,
+    exact_area,
+    of_one_camera,
+    why,
+)
 from rastercov.viewer.rig_state import History, RigState
 from rastercov.viewer.scene import SEGMENT_OPTIONS, Scene, described_state, model_options
-from rastercov.viewer.why import why
 
 FloatArray = NDArray[np.float64]
 
-MOST_FACES_OF_ZONE = 5_000
-"""Faces of a dead zone that a page highlights."""
 LEAST_SIDE, MOST_SIDE = 64, 2048
 
 
@@ -128,14 +131,8 @@ class Session:
                 None if areas is None else areas.summary(self.state.needed)["percent"]
             )
             summary["cpu_ms"] = 1e3 * (time.process_time() - began)
-            head = {
-                "state": self.described_state(),
-                "mode": mode,
-                "legend": painted.legend,
-                "scale": painted.scale,
-                "palette": base64.b64encode(painted.palette.tobytes()).decode(),
-                "summary": summary,
-            }
+            head = described_frame(mode, painted) | {"summary": summary}
+            head["state"] = self.described_state()
             return framed(head, painted.levels.tobytes())
 
     def figures(self) -> NetworkFigures:
@@ -175,31 +172,10 @@ class Session:
 
     def zones(self) -> list[dict[str, Any]]:
         """Dead zones by exact area, the largest first, ready for JSON."""
-        from rastercov.coverage.area.zone_report import zone_line
-
         with self.lock:
             areas, state = self.areas(), self.state
             said = areas.dead_zones(state.rig(), state.poses(), state.needed)
-            zones = areas.zones(state.needed)
-            found = []
-            for row, entry in enumerate(said["dead_zones"]):
-                faces = np.unique(zones.face[zones.zone == row])
-                weights = np.asarray(self.scene.mesh.areas)[faces]
-                normal = (np.asarray(self.scene.mesh.normals)[faces] * weights[:, None]).sum(axis=0)
-                length = float(np.linalg.norm(normal))
-                found.append(
-                    {
-                        "area": entry["area_m2"],
-                        "percent": entry["percent"],
-                        "centre": list(entry["centroid"]),
-                        "normal": (normal / length if length > 0 else normal).tolist(),
-                        "group": entry["groups"][0],
-                        "reason": entry["reason"],
-                        "words": zone_line(entry),
-                        "faces": faces[:MOST_FACES_OF_ZONE].tolist(),
-                    }
-                )
-            return found
+            return zone_entries(self.scene.mesh, areas.zones(state.needed), said)
 
     def space(self) -> PoseSpace:
         """Allowed places of cameras."""

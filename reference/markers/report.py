@@ -35,10 +35,10 @@ from rastercov.reference.markers.random_scenes import (
 )
 from rastercov.reference.markers.render import MarkerRenderer
 from rastercov.reference.markers.requirement import CLEAR, DETECTOR, THESIS, Requirement
+from rastercov.reference.pages import Axis, Curve, line_plot, picture_of, publish
 from rastercov.report.folder import ReportFolder, ReportKind
-from rastercov.report.html import Picture, publish, rendered
 from rastercov.report.images import contact_sheet
-from rastercov.report.plots import Axis, Curve, line_plot, picture_of
+from rastercov.report.pages import Picture, rendered
 from rastercov.report.theme import DARK, DETECTED, INK, LIGHT, PAPER, UNDETECTED, Theme
 
 if TYPE_CHECKING:

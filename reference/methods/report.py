@@ -37,9 +37,9 @@ from rastercov.reference.methods.error_statistics import (
     SizeClass,
 )
 from rastercov.reference.methods.faces import face_picture, fraction
+from rastercov.reference.pages import LABEL, Axis, Curve, line_plot, new_axes, picture_of, publish
 from rastercov.report.folder import ReportFolder, ReportKind
-from rastercov.report.html import Picture, publish, rendered
-from rastercov.report.plots import LABEL, Axis, Curve, line_plot, new_axes, picture_of
+from rastercov.report.pages import Picture, rendered
 from rastercov.report.theme import DARK, LIGHT, Theme
 
 if TYPE_CHECKING:

@@ -33,8 +33,8 @@ from rastercov.raster.contract import VisibilityBuffer
 from rastercov.reference.models import MODELS, zhang
 from rastercov.reference.models.base import Criteria
 from rastercov.reference.models.comparison import OURS, FaceValues, ModelComparison, covers
+from rastercov.reference.pages import publish
 from rastercov.report.folder import ReportFolder, ReportKind
-from rastercov.report.html import Picture, publish, rendered
 from rastercov.report.images import (
     OPACITY,
     Key,
@@ -45,6 +45,7 @@ from rastercov.report.images import (
     png,
     targets_in_view,
 )
+from rastercov.report.pages import Picture, rendered
 from rastercov.report.theme import ENLARGED, FALSELY_SEEN, MISSED
 
 FloatArray = NDArray[np.float64]

@@ -243,4 +243,4 @@ def test_a_plan_takes_files_of_other_programs_and_its_own_answers(here, capsys):
     code, _, err = call(capsys, "check plan.toml -p right --pose-unit m --json")
     assert code == 0, err
     wanted = refusal(capsys, "check plan.toml -p right")
-    assert "the poses have no unit; give --pose-unit" in wanted
+    assert "the poses have no unit, and the mesh is in metres; give --pose-unit" in wanted

@@ -7,7 +7,7 @@ import typer
 from commands import call, enter
 
 from rastercov import cli
-from rastercov.cli.help import PANEL_OF, PANELS
+from rastercov.cli.console import PANEL_OF, PANELS
 
 WIDTHS = (60, 80, 100)
 LINES = [[], ["validate"], ["validate", "markers"], *([name] for name in sorted(cli.COMMANDS))]

@@ -253,8 +253,10 @@ def test_the_page_is_written_and_a_stale_one_removed(capsys):
     page = Path("plan/page.html").read_text(encoding="utf-8")
     assert page.lower().startswith("<!doctype html>")
     assert "plan.toml" in page
+    assert "plan.toml" in Path("plan/view.html").read_text(encoding="utf-8")
     placed(capsys, QUICK)
     assert not Path("plan/page.html").exists()
+    assert not Path("plan/view.html").exists()
 
 
 def test_the_schema_can_be_had_without_a_plan(capsys):
@@ -277,10 +279,7 @@ def test_the_schema_can_be_had_without_a_plan(capsys):
         ),
         (
             QUICK.replace("[outputs]", "groups = { lit = 1.0 }\n[outputs]"),
-            [
-                "plan.toml: selection.groups: there is no group 'lit', nor a mesh file of that "
-                "name; groups are lid, rest"
-            ],
+            ["plan.toml: selection.groups: there is no group 'lit', nor a mesh file"],
         ),
         (
             QUICK.replace("[3.5]", "[0.2]"),
@@ -383,14 +382,14 @@ STEPS = {
     "rastercov.placement.plan.run.refine": "refinement",
     "rastercov.placement.plan.run.tolerance": "tolerance",
     "rastercov.placement.plan.run.left_over": "what is left",
-    "rastercov.report.placement.page": "page",
+    "rastercov.report.placement.pages_of": "page",
 }
 
 
 @pytest.fixture
 def no_pages(monkeypatch):
     """A word for the page, which takes a second or two, where a test is about other files."""
-    monkeypatch.setattr("rastercov.report.placement.page", lambda *_: "a page")
+    monkeypatch.setattr("rastercov.report.placement.pages_of", lambda *_: {"page.html": "a page"})
 
 
 def stopped(capsys, monkeypatch, step, error):
@@ -436,7 +435,7 @@ def test_a_kill_or_an_error_in_a_step_leaves_an_earlier_report_as_it_was(
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("step", "has_page"),
-    [("rastercov.placement.plan.run.refine", True), ("rastercov.report.placement.page", False)],
+    [("rastercov.placement.plan.run.refine", True), ("rastercov.report.placement.pages_of", False)],
 )
 def test_an_interrupt_in_a_step_replaces_an_earlier_report_and_names_the_step(
     capsys, monkeypatch, no_pages, step, has_page
@@ -490,7 +489,7 @@ def test_a_second_interrupt_leaves_out_the_page(capsys, monkeypatch):
     def stop(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("rastercov.report.placement.page", stop)
+    monkeypatch.setattr("rastercov.report.placement.pages_of", stop)
     code, out, _ = stopped(
         capsys, monkeypatch, "rastercov.placement.plan.run.refine", KeyboardInterrupt()
     )
@@ -538,7 +537,7 @@ def test_two_runs_into_one_folder_are_one_run_and_a_refusal(capsys):
     assert len(figures("out")["cameras"]) == 3
 
 
-@pytest.mark.parametrize("name", ["poses.json", "plan.json", "page.html"])
+@pytest.mark.parametrize("name", ["poses.json", "plan.json", "page.html", "view.html"])
 def test_a_file_of_nobody_is_refused_before_the_work_and_kept(capsys, monkeypatch, name):
     Path("out").mkdir()
     Path("out", name).write_text("mine")

@@ -183,7 +183,7 @@ def test_the_page_has_the_cameras_of_rigs(tmp_path):
     report.run_into(plan, tmp_path / "out")
     text = (tmp_path / "out" / "page.html").read_text()
     assert "pair/left" in text
-    assert "160 x 120 (pair/right)" in text
+    assert "pair/right" in text
     assert "without camera 0, 1" in text or "without camera 2, 3" in text
 
 

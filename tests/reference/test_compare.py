@@ -40,8 +40,8 @@ from rastercov.reference.methods.error_statistics import (
 )
 from rastercov.reference.methods.faces import Samples, face_picture, neighbourhood
 from rastercov.reference.methods.report import comparison_plots, page, write_comparison
+from rastercov.reference.pages import Axis
 from rastercov.reference.samples import grid_points
-from rastercov.report.plots import Axis
 from rastercov.report.theme import DARK, LIGHT
 
 CAMERA = Camera(width=160, height=120, fx=190, fy=185)

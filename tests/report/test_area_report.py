@@ -87,7 +87,7 @@ def test_by_face_the_report_is_that_of_faces(tmp_path):
 @pytest.mark.parametrize("n_colours", [60, 2])
 def test_the_network_and_its_dead_zones_are_drawn(tmp_path, monkeypatch, n_colours):
     mesh, camera, poses = room()
-    monkeypatch.setattr("rastercov.report.pose_pictures.MOST_COLOURS", n_colours)
+    monkeypatch.setattr("rastercov.report.coverage.MOST_COLOURS", n_colours)
     run(mesh, camera, poses, TASK, tmp_path / "r", Options(pictures=1))
     for name in ("overview.png", "zones.png"):
         with Image.open(tmp_path / "r" / name) as picture:

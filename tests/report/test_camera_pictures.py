@@ -1,12 +1,18 @@
 """Pictures of what single cameras see and cover, by points and by faces."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from lens_cameras import CAMERAS
 from scenes import joined
 from surface_cases import room
 from target_scenes import beside, sheet_at
 
 import rastercov as rc
+from rastercov.camera.projection import to_camera, to_image
+from rastercov.camera.viewpoints import sphere_of_poses
+from rastercov.coverage.doubts import doubts
 from rastercov.coverage.task import Reason
 from rastercov.mesh import Group, Mesh, shapes
 from rastercov.reference.regions import covers_points
@@ -15,9 +21,7 @@ from rastercov.report.camera_pictures import (
     UNJUDGED,
     camera_image,
     camera_keys,
-    camera_picture,
     camera_pixels,
-    of_pose,
 )
 from rastercov.report.panorama import points_of_pixels
 
@@ -29,7 +33,8 @@ COLOUR = (200, 30, 200)
 def test_regions_of_one_pose_are_those_it_has_alone():
     regions = rc.regions(MESH, CAMERA, POSES, TASK)
     for row in (0, 3):
-        one, alone = of_pose(regions, row), rc.regions(MESH, CAMERA, POSES[row], TASK)
+        one = regions.of_poses(np.arange(len(POSES)) == row)
+        alone = rc.regions(MESH, CAMERA, POSES[row], TASK)
         assert one.xy == pytest.approx(alone.xy)
         assert (one.face == alone.face).all()
         assert one.areas() == pytest.approx(alone.areas())
@@ -38,7 +43,7 @@ def test_regions_of_one_pose_are_those_it_has_alone():
 @pytest.mark.slow
 @pytest.mark.parametrize("row", [0, 5])
 def test_pixels_are_covered_exactly_where_their_points_are(row):
-    regions = of_pose(rc.regions(MESH, CAMERA, POSES, TASK), row)
+    regions = rc.regions(MESH, CAMERA, POSES[row], TASK)
     image = camera_image(MESH, CAMERA, POSES[row], TASK, regions, side=320)
     rows, columns = np.nonzero(image.face >= 0)
     face = image.face[rows, columns]
@@ -57,7 +62,7 @@ def test_pixels_are_covered_exactly_where_their_points_are(row):
 
 
 def test_everything_in_a_picture_is_in_its_legend():
-    regions = of_pose(rc.regions(MESH, CAMERA, POSES, TASK), 0)
+    regions = rc.regions(MESH, CAMERA, POSES[0], TASK)
     image = camera_image(MESH, CAMERA, POSES[0], TASK, regions, side=320)
     words = {key.name for key in camera_keys([image], COLOUR, "covered")}
     states = set(np.unique(image.state[image.face >= 0]).tolist()) - {UNJUDGED, Reason.COVERED}
@@ -106,9 +111,59 @@ def test_the_back_of_a_face_is_never_covered():
     assert theme.BEHIND[0] >= colours.max() - 60
 
 
-@pytest.mark.parametrize("by_area", [True, False])
-def test_a_picture_has_its_title_and_legend_around_the_image(by_area):
-    regions = of_pose(rc.regions(MESH, CAMERA, POSES, rc.Task()), 1) if by_area else None
-    picture = camera_picture(MESH, CAMERA, POSES[1], rc.Task(), "1", COLOUR, regions, side=400)
-    assert picture.width == 400
-    assert picture.height > 300 + 2 * 10
+# Through lenses
+
+DENSE = rc.Task(max_incidence_deg=70, min_pixel_density=60)
+FLAT = replace(CAMERA, max_angle_deg=85)
+"""The pinhole, computed as a lens."""
+every_lens = pytest.mark.parametrize(
+    "lens",
+    [
+        "brown",
+        *(
+            pytest.param(lens, marks=pytest.mark.slow)
+            for lens in ("wide fisheye", "thin prism fisheye", "equirectangular")
+        ),
+    ],
+)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("row", [0, 5])
+def test_without_distortion_a_picture_is_that_of_the_pinhole(row):
+    images = [camera_image(MESH, each, POSES[row], DENSE, side=320) for each in (CAMERA, FLAT)]
+    one, other = (camera_pixels(image, COLOUR).astype(int) for image in images)
+    assert (one == other).all(axis=2).mean() > 0.98  # but at edges
+    assert images[0].faces == images[1].faces
+
+
+@pytest.mark.slow
+@every_lens
+def test_a_pixel_of_a_camera_picture_has_the_state_of_the_face_that_its_ray_meets(lens):
+    camera, pose = CAMERAS[lens], POSES[4]
+    image = camera_image(MESH, camera, pose, DENSE, side=200)
+    assert image.camera.width == 200
+    found = rc.evaluate(MESH, camera, pose[None], DENSE)
+    rows, columns = np.nonzero(image.face >= 0)
+    assert len(rows) > 0.98 * image.face.size
+    assert (image.state[rows, columns] == found.reason[0][image.face[rows, columns]]).all()
+    assert image.faces == (found.reason[0] == Reason.COVERED).sum()
+    points = points_of_pixels(MESH, image.camera, pose, image.face[rows, columns], rows, columns)
+    pixels = to_image(to_camera(points, pose), image.camera)
+    np.testing.assert_allclose(pixels, np.column_stack((columns, rows)) + 0.5, atol=1e-6)
+    beyond = np.maximum(-points, points - np.array((8, 5, 3))).max(axis=1)
+    assert (beyond < 1e-9).mean() > 0.995  # pixels at an edge may show either side
+    assert beyond.max() < 0.7
+
+
+@pytest.mark.slow
+def test_faces_that_a_wide_lens_sees_from_behind_are_doubted():
+    mesh = shapes.by_name("torus")
+    turned = rc.Mesh(mesh.vertices, mesh.faces[:, ::-1])
+    poses = sphere_of_poses((0, 0, 0), 4.0, 6)
+    for camera in (CAMERAS["brown"], CAMERAS["wide fisheye"], CAMERAS["equirectangular"]):
+        for each, expected in ((mesh, 0), (turned, 1)):
+            network = rc.Network(each, rc.Task())
+            network.add(rc.evaluate(each, camera, poses, network.task))
+            lines = [line for line in doubts(network, camera, poses) if "behind" in line]
+            assert len(lines) == expected

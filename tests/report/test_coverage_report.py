@@ -3,6 +3,7 @@
 import errno
 import hashlib
 import json
+import math
 import os
 import re
 import signal
@@ -15,6 +16,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from coarse_pictures import coarse_pictures  # noqa: F401 # a fixture for every test
+from lens_cameras import CAMERAS
 from PIL import Image
 
 from rastercov import shaders
@@ -28,15 +30,17 @@ from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh, shapes
 from rastercov.raster import open_rasterizer
 from rastercov.reference.coverage import rows_of
+from rastercov.report import coverage
 from rastercov.report.coverage import EVALUATION, Options, run
-from rastercov.report.coverage_table import CoverageTable
+from rastercov.report.coverage_files import CoverageTable
 from rastercov.report.folder import ReportFolder
-from rastercov.report.images import coverage_picture
 
 MESH = shapes.box((1, 1, 1))
 CAMERA = Camera(width=48, height=36, fx=60, fy=60)
 TASK = Task(min_pixels=4, max_incidence_deg=80)
 PLAIN = Options(pictures=0)
+FILES = {"coverage.parquet", "rig.json", "summary.json", "network.glb"}
+"""Of a run without pictures."""
 
 
 def around(count):
@@ -77,16 +81,16 @@ def test_the_files_hold_what_evaluate_gives(tmp_path, small_batches):
     summary = run(MESH, CAMERA, poses, TASK, tmp_path / "a" / "b", Options(pictures=3))
     out = tmp_path / "a" / "b"
     assert json.loads((out / "summary.json").read_text()) == json.loads(json.dumps(summary))
-    coverage = evaluate(MESH, CAMERA, poses, TASK)
+    found = evaluate(MESH, CAMERA, poses, TASK)
     table = pq.read_table(out / "coverage.parquet")
-    rows = rows_of(coverage, "seen")
+    rows = rows_of(found, "seen")
     assert summary["table"] == {"pairs": "seen", "rows": len(table)}
-    assert 0 < len(table) == len(rows.pose) < (coverage.in_view_fraction > 0).sum()
+    assert 0 < len(table) == len(rows.pose) < (found.in_view_fraction > 0).sum()
     for name in set(rows._fields) - {"reason", "visibility_kind"}:
         np.testing.assert_array_equal(table[name], getattr(rows, name), err_msg=name)
     assert [row["pose"] for row in summary["per_pose"]] == list(range(10))
     means = [row["mean_coverage"] for row in summary["per_pose"]]
-    np.testing.assert_allclose(means, coverage.coverage.mean(axis=1))
+    np.testing.assert_allclose(means, found.coverage.mean(axis=1))
     assert summary["interrupted"] is False
     assert summary["poses_per_second"] == pytest.approx(10 / summary["seconds"])
 
@@ -100,9 +104,8 @@ def test_the_table_holds_the_pairs_asked_for_and_changes_nothing_else(
     plain = run(MESH, CAMERA, poses, TASK, tmp_path, PLAIN)
     summary = run(MESH, CAMERA, poses, TASK, tmp_path, replace(PLAIN, table=choice))
     rows = rows_of(evaluate(MESH, CAMERA, poses, TASK), choice)
-    files = {"rig.json", "summary.json", "network.glb"}
     assert summary["table"] == {"pairs": choice, "rows": len(rows.pose)}
-    assert names(tmp_path) == files | (set() if choice == "none" else {"coverage.parquet"})
+    assert names(tmp_path) == FILES - ({"coverage.parquet"} if choice == "none" else set())
     assert {"run", *changed(plain, summary)} <= {"run", "table", "seconds", "poses_per_second"}
     if choice != "none":
         table = pq.read_table(tmp_path / "coverage.parquet")
@@ -130,7 +133,7 @@ def test_a_table_above_the_limit_is_left_out_with_a_line_unless_it_is_asked_for(
         line,
     )
     assert int(found[1].replace(",", "")) == pytest.approx(seen, rel=0.3)
-    assert names(tmp_path) == {"rig.json", "summary.json", "network.glb"}
+    assert names(tmp_path) == FILES - {"coverage.parquet"}
     asked = run(MESH, CAMERA, poses, TASK, tmp_path, replace(PLAIN, table="seen"))
     assert asked["table"] == {"pairs": "seen", "rows": seen}
     # More pairs than the limit, but not so many that are seen.
@@ -192,72 +195,40 @@ def test_every_input_changes_the_header(tmp_path):
     ("wanted", "drawn"), [(0, []), (1, [0]), (3, [0, 4, 9]), (10, range(10)), (99, range(10))]
 )
 def test_pictures_are_spread_evenly(tmp_path, wanted, drawn):
-    run(MESH, CAMERA, around(10), TASK, tmp_path, Options(pictures=wanted, full="all"))
-    pictures = {f"{kind}_{pose}.png" for kind in ("pose", "faces") for pose in drawn}
-    sheet = {"contact_sheet.png", "overview.png"} if pictures else set()
-    assert (
-        names(tmp_path)
-        == {"coverage.parquet", "rig.json", "summary.json", "network.glb"} | pictures | sheet
-    )
-
-
-@pytest.mark.slow
-def test_pictures_of_a_large_camera_are_small(tmp_path):
-    large = Camera(width=4000, height=1000, fx=4000, fy=4000)
-    run(MESH, large, around(1), TASK, tmp_path, Options(pictures=1, full="faces"))
-    with Image.open(tmp_path / "faces_0.png") as picture:
-        assert picture.size == (1280, 320)
-
-
-@pytest.mark.parametrize(
-    ("full", "more"),
-    [("none", set()), ("poses", {"pose_0.png"}), ("faces", {"faces_0.png"})],
-)
-def test_full_pictures_are_drawn_on_request(tmp_path, full, more):
-    run(MESH, CAMERA, around(1), TASK, tmp_path, Options(pictures=1, full=full))
-    pictures = {name for name in names(tmp_path) if name.endswith(".png")}
-    assert pictures == {"contact_sheet.png", "overview.png"} | more
-
-
-def test_full_pictures_of_another_kind_are_refused():
-    with pytest.raises(ConfigError, match="full must be one of none, poses, faces, all, got 'both"):
-        Options(full="both")
+    run(MESH, CAMERA, around(10), TASK, tmp_path, Options(pictures=wanted))
+    pictures = {"contact_sheet.png", "overview.png", "view.html"} if wanted else set()
+    assert names(tmp_path) == FILES | pictures
+    if wanted:
+        with Image.open(tmp_path / "contact_sheet.png") as sheet:
+            columns = math.ceil(math.sqrt(len(drawn)))
+            assert sheet.width == columns * (320 + 8) + 8
 
 
 def test_a_sheet_is_drawn_at_its_size(tmp_path, monkeypatch):
     """Not at that of the camera: of 12 poses that was most of the time of a run."""
-    widths = []
+    opened_for = []
 
     def opened(mesh, camera, *arguments, **options):
-        widths.append(camera.width)
+        opened_for.append(camera)
         return open_rasterizer(mesh, camera, *arguments, **options)
 
-    monkeypatch.setattr("rastercov.report.pose_pictures.open_rasterizer", opened)
+    monkeypatch.setattr("rastercov.report.coverage.open_rasterizer", opened)
     large = Camera(width=2560, height=1600, fx=2560, fy=2560)
-    run(MESH, large, around(2), TASK, tmp_path, Options(pictures=2))
-    assert widths == [320]
-    with Image.open(tmp_path / "contact_sheet.png") as sheet:
-        assert sheet.width == 2 * 320 + 3 * 8
+    for camera in (large, CAMERAS["brown"]):  # as its lens shows it
+        run(MESH, camera, around(2), TASK, tmp_path, Options(pictures=2, by="face"))
+        assert opened_for.pop() == camera.resized(320 / camera.width)
+        with Image.open(tmp_path / "contact_sheet.png") as sheet:
+            assert sheet.width == 2 * 320 + 3 * 8
 
 
 @pytest.mark.slow
 def test_a_second_run_replaces_the_report_and_nothing_else(tmp_path):
-    run(MESH, CAMERA, around(12), TASK, tmp_path, Options(pictures=4, full="all"))
+    run(MESH, CAMERA, around(12), TASK, tmp_path, Options(pictures=4))
     for name in ("notes.txt", "pose_of_mine.png"):
         (tmp_path / name).write_text("mine")
-    run(MESH, CAMERA, around(3), TASK, tmp_path, Options(pictures=1, full="all"))
-    assert names(tmp_path) == {
-        "coverage.parquet",
-        "rig.json",
-        "summary.json",
-        "network.glb",
-        "contact_sheet.png",
-        "overview.png",
-        "pose_0.png",
-        "faces_0.png",
-        "notes.txt",
-        "pose_of_mine.png",
-    }
+    run(MESH, CAMERA, around(3), TASK, tmp_path, Options(pictures=1))
+    drawn = {"contact_sheet.png", "overview.png", "view.html"}
+    assert names(tmp_path) == FILES | drawn | {"notes.txt", "pose_of_mine.png"}
 
 
 # --- when something is wrong ----------------------------------------------------------------------
@@ -308,30 +279,29 @@ def test_an_interrupt_keeps_whole_batches(tmp_path, small_batches, done_at):
     assert kept.equals(rows.filter(np.asarray(rows["pose"]) < done))
 
 
-@pytest.mark.slow
-def test_an_interrupt_draws_only_what_is_done(tmp_path, small_batches):
-    run(MESH, CAMERA, around(12), TASK, tmp_path, Options(full="all"), stop_after(4))
-    assert {f"pose_{pose}.png" for pose in range(4)} <= names(tmp_path)
-    assert "pose_4.png" not in names(tmp_path)
-
-
-@pytest.mark.slow
-def test_an_interrupt_while_drawing_leaves_out_the_rest_and_says_so(tmp_path, monkeypatch):
-    run(MESH, CAMERA, around(5), TASK, tmp_path, Options(pictures=5, full="all"))
-    drawn = []
+@pytest.mark.parametrize(
+    ("step", "missing"),
+    [
+        ("_tile", {"overview.png", "view.html"}),  # the sheet has what was drawn
+        ("view_page", {"overview.png", "view.html"}),
+    ],
+)
+def test_an_interrupt_while_drawing_leaves_out_the_rest_and_says_so(
+    tmp_path, monkeypatch, step, missing
+):
+    run(MESH, CAMERA, around(5), TASK, tmp_path, Options(pictures=5))
+    function, calls = getattr(coverage, step), []
 
     def stop(*arguments, **options):
-        drawn.append(arguments)
-        if len(drawn) == 3:
+        calls.append(arguments)
+        if len(calls) == 3 or step == "view_page":
             raise KeyboardInterrupt
-        return coverage_picture(*arguments, **options)
+        return function(*arguments, **options)
 
-    monkeypatch.setattr("rastercov.report.pose_pictures.coverage_picture", stop)
-    summary = run(MESH, CAMERA, around(12), TASK, tmp_path, Options(full="all"))
+    monkeypatch.setattr(coverage, step, stop)
+    summary = run(MESH, CAMERA, around(12), TASK, tmp_path, Options())
     assert (summary["interrupted"], summary["poses"]) == (True, 12)
-    pictures = {f"{kind}_{pose:02d}.png" for kind in ("pose", "faces") for pose in range(2)}
-    whole = {"coverage.parquet", "rig.json", "summary.json", "network.glb", "contact_sheet.png"}
-    assert names(tmp_path) == whole | pictures
+    assert names(tmp_path) == FILES | {"contact_sheet.png", "overview.png", "view.html"} - missing
     assert json.loads((tmp_path / "summary.json").read_bytes())["interrupted"] is True
     assert pq.read_table(tmp_path / "coverage.parquet")["pose"].to_numpy().max() == 11
 
@@ -347,12 +317,12 @@ def test_an_interrupt_while_the_table_is_closed_comes_after_it(tmp_path, monkeyp
     monkeypatch.setattr(CoverageTable, "__exit__", interrupt_and_close)
     summary = run(MESH, CAMERA, around(6), TASK, tmp_path, PLAIN)
     assert (summary["interrupted"], summary["poses"]) == (True, 6)
-    assert names(tmp_path) == {"coverage.parquet", "rig.json", "summary.json", "network.glb"}
+    assert names(tmp_path) == FILES
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "step", ["coverage_picture", "contact_sheet", "overview_picture", "write_coloured_mesh"]
+    "step", ["coverage_pixels", "contact_sheet", "view_page", "write_coloured_mesh"]
 )
 def test_a_run_that_fails_after_the_last_pose_leaves_the_old_report(tmp_path, monkeypatch, step):
     run(MESH, CAMERA, around(6), TASK, tmp_path, Options(pictures=2))
@@ -361,10 +331,9 @@ def test_a_run_that_fails_after_the_last_pose_leaves_the_old_report(tmp_path, mo
     def lose(*_, **__):
         raise DeviceError("gone")
 
-    module = "coverage" if step == "write_coloured_mesh" else "pose_pictures"
-    monkeypatch.setattr(f"rastercov.report.{module}.{step}", lose)
+    monkeypatch.setattr(coverage, step, lose)
     with pytest.raises(DeviceError, match="gone"):
-        run(MESH, CAMERA, around(12), TASK, tmp_path, Options(pictures=2, full="poses"))
+        run(MESH, CAMERA, around(12), TASK, tmp_path, Options(pictures=2))
     assert content(tmp_path) == before
 
 
@@ -444,7 +413,7 @@ def test_a_disk_that_fails_while_the_table_is_written_leaves_the_old_report(tmp_
     def fail(*_, **__):
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr("rastercov.report.coverage_table.ROWS_A_GROUP", 10)
+    monkeypatch.setattr("rastercov.report.coverage_files.ROWS_A_GROUP", 10)
     monkeypatch.setattr(pq.ParquetWriter, "write_table", fail)
     with pytest.raises(OSError, match="No space left") as caught:
         run(MESH, CAMERA, around(60), TASK, tmp_path, PLAIN)
@@ -460,11 +429,10 @@ def test_bad_poses_are_refused_or_left_out(tmp_path):
     with pytest.raises(PoseError, match="pose 2 is not finite"):
         run(MESH, CAMERA, poses, TASK, tmp_path / "none", PLAIN)
     assert not (tmp_path / "none").exists()
-    options = Options(pictures=2, full="poses", skip_bad_poses=True)
+    options = Options(pictures=2, skip_bad_poses=True)
     summary = run(MESH, CAMERA, poses, TASK, tmp_path, options)
     assert [row["pose"] for row in summary["per_pose"]] == [0, 1, 3, 5]
     assert summary["skipped_poses"].keys() == {"2", "4"}
-    assert {"pose_0.png", "pose_5.png"} <= names(tmp_path)
     assert set(np.asarray(pq.read_table(tmp_path / "coverage.parquet")["pose"])) == {0, 1, 3, 5}
 
 
@@ -498,13 +466,13 @@ def test_a_file_in_the_way_is_said_before_a_device_is_opened(tmp_path, monkeypat
 
 
 @pytest.mark.parametrize(
-    "name", ["summary.json", "coverage.parquet", "network.glb", "contact_sheet.png", "pose_1.png"]
+    "name", ["summary.json", "coverage.parquet", "network.glb", "contact_sheet.png", "view.html"]
 )
 def test_files_of_nobody_are_refused_before_a_device_is_opened(tmp_path, monkeypatch, name):
     (tmp_path / name).write_text("mine")
     monkeypatch.setattr("rastercov.report.coverage.open_for", lambda *_: pytest.fail("opened"))
     with pytest.raises(ConfigError, match="name another folder"):
-        run(MESH, CAMERA, around(1), TASK, tmp_path, Options(full="poses"))
+        run(MESH, CAMERA, around(1), TASK, tmp_path, Options())
     assert content(tmp_path) == {name: b"mine"}
 
 
@@ -524,7 +492,7 @@ def test_a_folder_in_use_is_refused_before_a_device_is_opened(tmp_path, monkeypa
 def test_memory_does_not_grow_with_the_batches(tmp_path, small_batches, monkeypatch):
     """Of Python and numpy, beyond what the summary holds for each pose."""
     mesh = shapes.sphere(2)  # all figures of a pose: 26 kB
-    monkeypatch.setattr("rastercov.report.coverage_table.ROWS_A_GROUP", 1000)
+    monkeypatch.setattr("rastercov.report.coverage_files.ROWS_A_GROUP", 1000)
 
     def peak(count):
         poses = around(count)

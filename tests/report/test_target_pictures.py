@@ -12,8 +12,7 @@ from rastercov.mesh import shapes
 from rastercov.raster import open_rasterizer
 from rastercov.reference.methods.faces import neighbourhood
 from rastercov.reference.models.report import difference_picture, look_at_part
-from rastercov.report import overview
-from rastercov.report.coloured_mesh import write_coloured_mesh
+from rastercov.report.coverage_files import write_coloured_mesh
 from rastercov.report.images import (
     coverage_picture,
     coverage_pixels,
@@ -21,6 +20,7 @@ from rastercov.report.images import (
     lay_over,
     targets_in_view,
 )
+from rastercov.report.modes import mode_picture
 from rastercov.report.panorama import look
 
 CAMERA = Camera(width=80, height=80, fx=80, fy=80)
@@ -79,7 +79,7 @@ def test_pictures_of_a_placement_draw_targets_over_the_part():
     assert scene.face.max() < room.n_faces
     best = np.ones(mesh.n_faces)
     best[room.n_faces :] = 0
-    assert overview.best_picture(mesh, best).size > (0, 0)
+    assert mode_picture("coverage", mesh, best).size > (0, 0)
     alone = some_as_targets(square(1, 2), np.ones(2, bool))
     assert (look(alone, (0, 0, -1), scale=0.3).targets >= 0).any()
 

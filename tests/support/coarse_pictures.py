@@ -2,12 +2,11 @@
 
 import pytest
 
-from rastercov.report import overview, panorama
+from rastercov.report import panorama
 
 
 @pytest.fixture(autouse=True)
 def coarse_pictures(monkeypatch):
     """A ninth of the pixels: they take seconds of an evaluation, and all else a tenth of one."""
-    for module in (panorama, overview):
-        monkeypatch.setattr(module, "WIDTH", 240)
-        monkeypatch.setattr(module, "HEIGHT", 186)
+    monkeypatch.setattr(panorama, "WIDTH", 240)
+    monkeypatch.setattr(panorama, "HEIGHT", 186)

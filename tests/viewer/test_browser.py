@@ -9,7 +9,7 @@ from rigs_to_view import EYES, ROOM, WIDE, percent_covered
 
 import rastercov as rc
 from rastercov.coverage.task import Reason
-from rastercov.viewer import lens
+from rastercov.report.pages import described_camera
 
 pytestmark = pytest.mark.slow
 AT_REST = 1.5
@@ -303,7 +303,7 @@ def test_the_blur_circle_reaches_its_limit_at_the_ends_of_the_depth_of_field(tab
     blur = tab.js(
         "async ([camera, eye, depths]) => { const { blurAt } = await import('rastercov/frusta.js');"
         " return depths.map((depth) => blurAt(camera, eye, [0.1, 0.2, depth])); }",
-        [lens.described(camera), np.eye(4).ravel().tolist(), depths],
+        [described_camera(camera), np.eye(4).ravel().tolist(), depths],
     )
     np.testing.assert_allclose(blur, (1.5, 1.5, 0), atol=1e-9)
 

@@ -13,7 +13,6 @@ from viewer_doors import KINDS, half_opened, interrupted, many_half_opened, seco
 
 pytest.importorskip("uvicorn", reason="the viewer needs rastercov[view]")
 from rastercov.viewer import connections
-from rastercov.viewer.scene import Scene
 
 OWN = {"x-rastercov-token": TOKEN}
 EDIT = {"revision": 0, "mode": "reason", "action": {"do": "none"}}
@@ -102,7 +101,7 @@ def test_an_answer_may_take_any_time(program, quick, monkeypatch):
 
 def test_a_large_answer_that_is_read_slowly_is_not_cut(program, quick, monkeypatch):
     data = bytes(20 << 20)
-    monkeypatch.setattr(Scene, "groups", lambda scene: data)
+    monkeypatch.setattr("rastercov.viewer.server.groups_of", lambda mesh: data)
     url, got = f"http://127.0.0.1:{program.port}/api/groups", 0
     with httpx.stream("GET", url, headers=OWN, timeout=60) as answer:
         time.sleep(4)
@@ -136,7 +135,7 @@ def test_nothing_is_printed_when_a_page_closes_in_a_request(program, capfd, monk
     session = program.session
     act = session.act
     monkeypatch.setattr(session, "act", lambda body: time.sleep(0.5) or act(body))
-    monkeypatch.setattr(Scene, "groups", lambda scene: bytes(20 << 20))
+    monkeypatch.setattr("rastercov.viewer.server.groups_of", lambda mesh: bytes(20 << 20))
     head = f"Host: 127.0.0.1:{program.port}\r\nX-Rastercov-Token: {TOKEN}\r\n"
     text = '{"revision": 0, "mode": "reason", "action": {"do": "none"}}'
     post = f"POST /api/act HTTP/1.1\r\n{head}Content-Type: application/json\r\n"

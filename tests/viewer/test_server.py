@@ -11,8 +11,8 @@ import pytest
 from rigs_to_view import around, moved, part, session_of
 
 from rastercov import ConfigError
+from rastercov.report.pages import page_text, static_file
 from rastercov.viewer.connections import bound, settings
-from rastercov.viewer.saving import page_text, static_file
 from rastercov.viewer.server import Address, application, policy, serve
 from rastercov.viewer.session import unframed
 

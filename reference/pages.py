@@ -1,4 +1,4 @@
-"""Line and bar plots by matplotlib, in a light and a dark theme.
+"""Pages of comparisons: plots by matplotlib, in a light and a dark theme, and their files.
 
 Every plot is a `matplotlib.figure.Figure` of its own; pyplot and its global state are not used.
 matplotlib is imported with the first plot.
@@ -6,15 +6,19 @@ matplotlib is imported with the first plot.
 
 import io
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from PIL import Image
 
 from rastercov.base.format import short
-from rastercov.report.html import Picture
+from rastercov.base.interrupts import interrupts_held
+from rastercov.base.output import write_bytes, write_json, write_text
+from rastercov.report.folder import ReportFolder
 from rastercov.report.images import png
+from rastercov.report.pages import Picture
 from rastercov.report.theme import Theme
 
 if TYPE_CHECKING:
@@ -27,10 +31,8 @@ DPI = 200
 FAST = {"compress_level": 1}
 TITLE, LABEL, TICK = 13.0, 10.5, 10.0
 """Font sizes, points."""
-LEGEND_ROW, BAR_ROW = 0.21, 0.3
-"""Heights, inches."""
-MAX_NAME = 28
-"""Letters of a bar's name."""
+LEGEND_ROW = 0.21
+"""Height, inches."""
 
 
 @dataclass(frozen=True)
@@ -162,38 +164,6 @@ def line_plot(
     return figure
 
 
-def bar_plot(
-    title: str,
-    bars: Sequence[tuple[str, float, str]],
-    theme: Theme,
-    note: str = "",
-    good_from: int = 0,
-) -> "Figure":
-    """Horizontal bars from 0 to 1 with their names to the left and texts to the right.
-
-    Bars before `good_from` are in the second colour of the theme.
-    """
-    height = 0.62 + BAR_ROW * len(bars) + (0.26 if note else 0)
-    figure, axes = new_axes(title, theme, height)
-    rows = range(len(bars))
-    shares = [min(1.0, max(0.0, share)) for _, share, _ in bars]
-    axes.barh(rows, 1.0, 0.54, color=theme.grid)
-    colours = [theme.series[0 if row >= good_from else 1] for row in rows]
-    axes.barh(rows, shares, 0.54, color=colours)
-    axes.set_xlim(0, 1)
-    axes.set_ylim(len(bars) - 0.5, -0.5)
-    axes.set_xticks([])
-    axes.set_yticks(rows, [_shortened(name) for name, _, _ in bars], color=theme.ink)
-    for row, (_, _, text) in enumerate(bars):
-        axes.annotate(
-            text, (1, row), (6, 0), textcoords="offset points", va="center",
-            color=theme.ink, fontsize=LABEL,
-        )  # fmt: skip
-    if note:
-        axes.set_xlabel(note, color=theme.soft, fontsize=TICK, loc="left")
-    return figure
-
-
 def image_of(figure: "Figure") -> Image.Image:
     """Picture of a figure, RGB."""
     file = io.BytesIO()
@@ -207,6 +177,24 @@ def picture_of(alt: str, light: "Figure", dark: "Figure") -> Picture:
         png(image_of(figure), Image.Quantize.MEDIANCUT) for figure in (light, dark)
     )
     return Picture(alt, light_png, dark_png)
+
+
+def publish(
+    folder: ReportFolder, page: str, data: Any, pictures: Mapping[str, Picture] | None = None
+) -> Path:
+    """Write the pictures, the page and the JSON of a report, and publish them with signals held.
+
+    The last file of the folder, such as compare.json, names the page, such as compare.html, whose
+    path is returned. Pictures are given by the names of their files without ".png".
+    """
+    name = Path(folder.kind.last).stem
+    with interrupts_held():
+        for stem, picture in (pictures or {}).items():
+            write_bytes(folder.file(f"{stem}.png"), picture.light)
+        write_text(folder.file(f"{name}.html"), page)
+        write_json(folder.file(f"{name}.json"), data)
+        folder.publish()
+    return folder.path / f"{name}.html"
 
 
 def new_axes(title: str, theme: Theme, height: float) -> "tuple[Figure, Axes]":
@@ -227,13 +215,3 @@ def new_axes(title: str, theme: Theme, height: float) -> "tuple[Figure, Axes]":
     axes.spines[:].set_visible(False)
     axes.tick_params(length=0, labelsize=TICK, labelcolor=theme.soft, labelfontfamily="DejaVu Sans")
     return figure, axes
-
-
-def _shortened(name: str) -> str:
-    """A name on one line, of `MAX_NAME` letters at most, without markup or missing glyphs."""
-    from matplotlib.font_manager import findfont, get_font
-
-    name = " ".join(name.split())
-    name = name if len(name) <= MAX_NAME else name[: MAX_NAME - 1] + "…"
-    font = get_font(findfont("DejaVu Sans"))
-    return "".join(c if font.get_char_index(ord(c)) else "□" for c in name).replace("$", r"\$")

@@ -1,12 +1,12 @@
-"""Parquet table of a run: one row for every pair of pose and face that was asked for.
+"""Files of an evaluation: the table of pairs, of areas, the rig, and coloured meshes.
 
-The file appears under its name only when it is whole. An error of the disk is an `OSError` that
-names the file.
+The table, in Parquet, has one row for every pair of pose and face that was asked for. It appears
+under its name only when it is whole. An error of the disk is an `OSError` that names the file.
 """
 
-import queue
-import threading
+from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, suppress
 from dataclasses import replace
 from pathlib import Path
@@ -36,6 +36,17 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float32]
 
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from PIL import Image
+
+from rastercov.base.output import write_bytes
+from rastercov.coverage.area.rest import with_rest
+from rastercov.mesh.formats.gltf_file import Y_UP, GlbBuffer
+from rastercov.report import theme
+from rastercov.report.images import OPACITY, png
+
 COVERED_M2 = "covered_m2"
 """Column by area only."""
 CODES = {"visibility_kind": BoundKind, "reason": Reason}
@@ -43,7 +54,7 @@ CODES = {"visibility_kind": BoundKind, "reason": Reason}
 ROWS_A_GROUP = 1 << 18
 """Rows of a Parquet row group: about 13 MB of columns."""
 BATCHES_WAITING = 2
-"""Batches of rows that wait for the thread that writes; `add` waits while there are more."""
+"""Batches of rows that wait for the thread that writes; `add` waits where there are more."""
 MOST_POSES = 5_000
 """Poses up to which a result has the file: about 3 MB."""
 
@@ -113,11 +124,8 @@ class CoverageTable:
             self._names["camera"], self._camera_of_pose = _names(cameras[0]), cameras[1]
         self._writer: Any = None
         self._pending: Any = None
-        self._thread: threading.Thread | None = None
-        self._waiting: queue.Queue[tuple[PairRows, Floats | None] | None] = queue.Queue(
-            BATCHES_WAITING
-        )
-        self._error: BaseException | None = None
+        self._pool: ThreadPoolExecutor | None = None
+        self._waiting: deque[Future[None]] = deque()
         self._stack = ExitStack()
 
     def __enter__(self) -> Self:
@@ -142,10 +150,7 @@ class CoverageTable:
                 )
             )
             self._pending = self.schema.empty_table()
-            thread = threading.Thread(target=self._write_all, daemon=True)
-            with suppress(RuntimeError):  # the system gives no more threads: `add` writes
-                thread.start()
-                self._thread = thread
+            self._pool = ThreadPoolExecutor(1)
             self._stack = stack.pop_all()
         return self
 
@@ -156,44 +161,32 @@ class CoverageTable:
         """
         if self._writer is None:
             raise ConfigError("a table takes rows inside its with block only; open it there")
-        self._raise_error()
         self.n_rows += len(rows.pose)
-        if self._thread is None:
+        while len(self._waiting) > BATCHES_WAITING or (self._waiting and self._waiting[0].done()):
+            self._waiting.popleft().result()
+        assert self._pool is not None
+        try:
+            self._waiting.append(self._pool.submit(self._write, rows, covered_m2))
+        except RuntimeError:  # the system gives no more threads
+            self._pool.shutdown(cancel_futures=True)
             self._write(rows, covered_m2)
-        else:
-            self._waiting.put((rows, covered_m2))
 
     def __exit__(self, *error: Any) -> None:
-        if self._thread is not None:
-            if error[0] is not None:
-                self._error = self._error or error[1]  # what waits is not written any more
-            self._waiting.put(None)
-            self._thread.join()
+        assert self._pool is not None
+        self._pool.shutdown(cancel_futures=error[0] is not None)  # what waits is not written then
         try:
             if error[0] is None:
                 with named(self.path), self._stack:
-                    self._raise_error()
+                    for written in self._waiting:
+                        written.result()
                     if len(self._pending):
                         self._writer.write_table(self._pending)
             else:
                 with suppress(OSError):  # of the full disk that ended the block
                     self._stack.__exit__(*error)
         finally:
-            self._writer = self._pending = self._thread = None
-
-    def _raise_error(self) -> None:
-        """Raise what the thread that writes has raised."""
-        if self._error is not None:
-            raise self._error
-
-    def _write_all(self) -> None:
-        """Write what waits until the end; after an error, drop it, so that `add` does not wait."""
-        while (part := self._waiting.get()) is not None:
-            if self._error is None:
-                try:
-                    self._write(*part)
-                except BaseException as error:
-                    self._error = error
+            self._writer = self._pending = self._pool = None
+            self._waiting.clear()
 
     def _write(self, rows: "PairRows", covered_m2: "Floats | None") -> None:
         columns: dict[str, Any] = rows._asdict()
@@ -256,3 +249,111 @@ def write_rig(path: Path, camera: Cameras, poses: Poses, names: Sequence[str] = 
     placed = replace(poses, camera=index.astype(np.int32), rejected={})
     images = tuple(names) or tuple(f"pose {row}" for row in poses.ids.tolist())
     write_json(path, content_of(Views(rig=rig, poses=placed, images=images)))
+
+
+FloatArray = NDArray[np.float64]
+
+
+def write_coloured_mesh(path: str | Path, mesh: Mesh, values: ArrayLike) -> None:
+    """Write the mesh as GLB, each face in the colour of its coverage, for any 3D viewer.
+
+    Colours run from dark violet over teal to yellow for coverage up to 1; task faces without
+    coverage are red, occluders grey-blue. Targets are translucent. Greys would be changed by a
+    viewer's light. Faces share no vertices, so that each has one colour.
+
+    One node a group, which a viewer can hide; node matrices turn z up to glTF's y up and carry the
+    offset, so that a part far from the origin keeps its shape in float32. Colours come from a small
+    texture, because vertex colours are linear light in glTF and not every viewer shows them.
+
+    Parameters
+    ----------
+    path : path
+        Of the file.
+    mesh : Mesh
+        F faces.
+    values : (F,) array_like
+        Coverage, such as `Network.best`; beyond [0, 1] shown as the nearer end.
+    """
+    rows = theme.colour_rows(mesh, values)
+    write_bytes(path, _glb(mesh, mesh.vertices[mesh.faces], mesh.face_group, rows))
+
+
+def write_covered_mesh(path: str | Path, covered: Covered) -> None:
+    """Write the exact parts of the faces that cameras cover, and the rest of the mesh.
+
+    What no camera covers is red; what they cover runs from violet to yellow with the number of
+    cameras, yellow for all that are required; occluders are grey-blue.
+
+    Parameters
+    ----------
+    path : path
+        Of the file, as for `write_coloured_mesh`.
+    covered : Covered
+        Of the mesh.
+    """
+    mesh, parts = covered.mesh, with_rest(covered)
+    counts = np.diff(parts.starts)
+    # A fan of triangles from the first corner of each piece.
+    of_piece = np.repeat(np.arange(len(parts)), counts - 2)
+    step = np.arange(len(of_piece)) - np.repeat((counts - 2).cumsum() - (counts - 2), counts - 2)
+    first = parts.starts[:-1][of_piece]
+    triangles = parts.points()[np.stack((first, first + step + 1, first + step + 2), axis=1)]
+    is_other = ~mesh.task_mask
+    entry = theme.level_rows(parts.views[of_piece] / len(parts.area))
+    content = _glb(
+        mesh,
+        np.concatenate([triangles, mesh.vertices[mesh.faces[is_other]]]),
+        np.concatenate([mesh.face_group[parts.face[of_piece]], mesh.face_group[is_other]]),
+        np.concatenate([entry, np.full(is_other.sum(), theme.OCCLUDER_ROW)]),
+    )
+    write_bytes(path, content)
+
+
+def _glb(
+    mesh: Mesh, triangles: FloatArray, group_of: NDArray[Any], entry: NDArray[np.int64]
+) -> bytes:
+    """One node a group, turned from z up to y up, with the palette as texture."""
+    buffer = GlbBuffer()
+    texture = png(Image.fromarray(theme.coverage_colours()[None]))
+    shine = {"baseColorTexture": {"index": 0}, "metallicFactor": 0.0, "roughnessFactor": 1.0}
+    faint = shine | {"baseColorFactor": [1.0, 1.0, 1.0, OPACITY]}
+    materials: list[dict[str, Any]] = [
+        {"name": "coverage", "pbrMetallicRoughness": shine, "doubleSided": True},
+        {
+            "name": "coverage of targets",
+            "pbrMetallicRoughness": faint,
+            "doubleSided": True,
+            "alphaMode": "BLEND",
+        },
+    ]
+    centre = mesh.bounds.mean(axis=0)
+    turn = Y_UP.copy()
+    turn[:3, 3] = turn[:3, :3] @ centre
+    nodes: list[dict[str, Any]] = []
+    meshes: list[dict[str, Any]] = []
+    for index, group in enumerate(mesh.groups):
+        members = np.flatnonzero(group_of == index)
+        if not members.size:
+            continue
+        points = (triangles[members] - centre).reshape(-1, 3).astype(np.float32)
+        # The middle of a texel, the same for all three corners: independent of the filter.
+        uv = np.full((len(points), 2), 0.5, np.float32)
+        uv[:, 0] = (np.repeat(entry[members], 3) + 0.5) / theme.PALETTE
+        primitive = {
+            "attributes": {"POSITION": buffer.add(points), "TEXCOORD_0": buffer.add(uv)},
+            "material": int(group.is_target),
+        }
+        nodes.append({"name": group.name, "mesh": len(meshes), "matrix": turn.T.ravel().tolist()})
+        meshes.append({"name": group.name, "primitives": [primitive]})
+    return buffer.file(
+        {
+            "scene": 0,
+            "scenes": [{"nodes": list(range(len(nodes)))}],
+            "nodes": nodes,
+            "meshes": meshes,
+            "materials": materials,
+            "textures": [{"source": 0, "sampler": 0}],
+            "samplers": [{}],
+            "images": [{"bufferView": buffer.add_bytes(texture), "mimeType": "image/png"}],
+        }
+    )

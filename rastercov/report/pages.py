@@ -1,0 +1,445 @@
+"""Pages of reports: by jinja2 with pictures inline, and the page of the viewer as one file.
+
+The first need nothing else: no script, no request. They follow the light or dark theme of their
+reader and fit a phone and a desk. Text is escaped by default. jinja2 is imported with the first.
+
+The exported page of the viewer has its modules and its data inside. It can be looked at, picked and
+coloured anew, and not be edited. The viewer describes its scene with the same functions.
+"""
+
+import base64
+from dataclasses import dataclass
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+from PIL import Image
+
+from rastercov.base.format import length, number, percent, plural
+from rastercov.report.images import png
+from rastercov.report.theme import DARK, LIGHT
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
+
+import hashlib
+import json
+import math
+import re
+from collections.abc import Mapping, Sequence
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+import rastercov
+from rastercov.base.errors import ResourceError
+from rastercov.camera.camera import Camera
+from rastercov.camera.models import MODELS
+from rastercov.camera.pose import Poses
+from rastercov.camera.projection import view_border
+from rastercov.camera.rig import Cameras, cameras_of, names_of
+from rastercov.coverage.area.union import Covered
+from rastercov.coverage.area.zone_report import zone_line
+from rastercov.coverage.area.zones import DeadZones
+from rastercov.coverage.network import Network
+from rastercov.coverage.reasons import REASONS, reason_rows
+from rastercov.mesh import Mesh
+from rastercov.report import theme
+from rastercov.report.modes import MODES, Mode, OfCameras, Painted
+from rastercov.report.overview import best_covering
+from rastercov.report.panorama import is_inside
+
+
+@dataclass(frozen=True)
+class Picture:
+    """An image of a page as PNG, its description, and its twin for the dark theme."""
+
+    alt: str
+    light: bytes
+    dark: bytes | None = None
+
+    @classmethod
+    def of(cls, alt: str, image: Image.Image) -> "Picture":
+        """A drawing in 255 colours, with its small areas of a colour of their own."""
+        return cls(alt, png(image, Image.Quantize.FASTOCTREE))
+
+
+def rendered(template: str, package: str = "rastercov.report", **values: Any) -> str:
+    """HTML of a template in the folder `templates` of a package, with some values."""
+    return _environment(package).get_template(template).render(values)
+
+
+@cache
+def _environment(package: str) -> "Environment":
+    from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
+
+    environment = Environment(
+        autoescape=True,
+        keep_trailing_newline=True,
+        loader=ChoiceLoader([PackageLoader(package), PackageLoader("rastercov.report")]),
+        lstrip_blocks=True,
+        trim_blocks=True,
+        undefined=StrictUndefined,
+    )
+    environment.filters |= {
+        "count": "{:,}".format,
+        "metres": length,
+        "number": number,
+        "percent": percent,
+        "plural": plural,
+        "uri": _uri,
+    }
+    environment.globals |= {"light": LIGHT, "dark": DARK}
+    return environment
+
+
+def _uri(data: bytes) -> str:
+    """Address of a PNG that is in the page itself."""
+    return "data:image/png;base64," + base64.b64encode(data).decode("ascii")
+
+
+MOST_FACES = 1_500_000
+"""Faces of an exported page: 36 bytes each, a third more as text."""
+MOST_OF_REPORT = 300_000
+"""Faces up to which a report has the page: 15 MB."""
+MOST_STATIONS = 5_000
+"""Cameras that a page shows."""
+MOST_FACES_OF_ZONE = 5_000
+"""Faces of a dead zone that a page highlights."""
+PARTS_OF_BORDER = 8
+"""Rays of the border of a field of view along each side of the image."""
+_IMPORT = re.compile(r'^import (\{.*?\}) from "rastercov/(\w+)\.js";$', re.DOTALL | re.MULTILINE)
+_EXPORT = re.compile(r"^export ((?:async )?(?:class|function|const) (\w+))", re.MULTILINE)
+TYPES = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".glsl": "text/plain",
+         ".svg": "image/svg+xml"}  # fmt: skip
+
+
+def view_page(
+    title: str,
+    mesh: Mesh,
+    camera: Cameras,
+    poses: Poses,
+    names: Sequence[str],
+    values: Mapping[str, Any],
+    summary: Mapping[str, Any],
+    zones: Sequence[Mapping[str, Any]] = (),
+) -> str | None:
+    """Page of a result that needs no server; None for one too large for a report.
+
+    Parameters
+    ----------
+    title : str
+    mesh, camera, poses, names
+        Surface, cameras, their poses, and the name of each pose.
+    values : mapping
+        Values of modes of `rastercov.report.modes`, by name; the first is shown first.
+    summary : mapping
+        As of `figures_of`.
+    zones : sequence
+        As of `zone_entries`.
+    """
+    if mesh.n_faces > MOST_OF_REPORT or len(poses) > MOST_STATIONS:
+        return None
+    cameras, eyes = names_of(camera), poses.world_from_camera[:, :3, 3]
+    scene = described_mesh(mesh) | {
+        "title": title, "version": rastercov.__version__, "is_room": is_inside(mesh, eyes),
+        "modes": [described_mode(name, MODES[name]) for name in values],
+        "constraints": {}, "can_edit": False, "result": None, "notes": [],
+    }  # fmt: skip
+    state = {
+        "revision": 0,
+        "stations": [
+            {"id": row, "name": names[row], "camera": cameras[index], "is_on": True,
+             "place": "allowed", "pose": pose.ravel().tolist()}
+            for row, (index, pose) in enumerate(
+                zip(poses.camera.tolist(), poses.world_from_camera, strict=True)
+            )
+        ],
+        "cameras": {
+            name: described_camera(each)
+            for name, each in zip(cameras, cameras_of(camera), strict=True)
+        },
+        "task": {},
+    }  # fmt: skip
+    frames = {
+        name: described_frame(name, painted) | {"summary": summary} | levels_of(painted.levels)
+        for name, painted in (
+            (name, MODES[name].paint(mesh, each)) for name, each in values.items()
+        )
+    }
+    return embedded(mesh, {"scene": scene, "state": state, "frames": frames, "zones": list(zones)})
+
+
+def values_of(
+    network: Network,
+    covered: NDArray[np.bool_],
+    names: Sequence[str],
+    areas: Covered | None,
+    need: NDArray[np.int64],
+) -> dict[str, Any]:
+    """Values of the modes that a network has.
+
+    Parameters
+    ----------
+    network : Network
+    covered : (F,) bool
+        Faces that enough cameras cover.
+    names : sequence of str
+        Of the cameras.
+    areas : Covered or None
+        Exact area, where the result is by area.
+    need : (F,) int64
+        Cameras that each face needs.
+    """
+    mesh, count = network.mesh, len(network.pose_ids)
+    values = {
+        "reason": reason_rows(network.reason, covered, count),
+        "coverage": network.best,
+        "camera": OfCameras(best_covering(network), names, theme.camera_colours(max(1, count))),
+        "views": network.views,
+    }
+    if areas is None:
+        return values
+    area = areas.area[need - 1, np.arange(mesh.n_faces)]
+    return {"area": area / np.maximum(mesh.areas, np.finfo(float).tiny)} | values
+
+
+def figures_of(
+    summary: Mapping[str, Any],
+    faces: Sequence[int],
+    seen_m2: NDArray[np.float64] | None = None,
+    alone_m2: NDArray[np.float64] | None = None,
+    total_m2: float = 0.0,
+) -> dict[str, Any]:
+    """Figures of a network for its page, from those of `Network.summary` and of each camera.
+
+    Parameters
+    ----------
+    summary : mapping
+        Of the network, with its exact area where it has one.
+    faces : (P,) sequence of int
+        Faces that each camera covers.
+    seen_m2, alone_m2 : (P,) float64, optional
+        Area that it covers, and that no other does.
+    total_m2 : float
+        Area of the task.
+    """
+
+    def share(part: NDArray[np.float64] | None, row: int) -> float | None:
+        return None if part is None or not total_m2 else 100 * float(part[row]) / total_m2
+
+    return {name: summary[name] for name in ("covered", "task_faces", "not_covered_because")} | {
+        "by_camera": [
+            {"station": row, "faces": int(count), "area_percent": share(seen_m2, row),
+             "alone_percent": share(alone_m2, row)}
+            for row, count in enumerate(faces)
+        ],
+        "exact_area_percent": summary.get("covered_area", {}).get("percent"),
+    }  # fmt: skip
+
+
+def described_mesh(mesh: Mesh) -> dict[str, Any]:
+    """A mesh as a page needs it, ready for JSON."""
+    counts = np.bincount(mesh.face_group, minlength=len(mesh.groups))
+    firsts = np.full(len(mesh.groups), -1, np.int64)
+    group, first = np.unique(mesh.face_group, return_index=True)
+    firsts[group] = first
+    return {
+        "n_faces": mesh.n_faces,
+        "n_vertices": mesh.n_vertices,
+        "bounds": np.asarray(mesh.bounds).tolist(),
+        "up": [0.0, 0.0, 1.0],
+        "groups": [
+            {
+                "name": group.name, "role": group.role, "is_two_sided": group.is_two_sided,
+                "faces": int(counts[row]), "first": int(firsts[row]),
+            }
+            for row, group in enumerate(mesh.groups)
+        ],
+        "reasons": {name: words.label for name, words in REASONS.items()},
+    }  # fmt: skip
+
+
+def described_mode(name: str, mode: Mode) -> dict[str, Any]:
+    """A way to colour the faces, ready for JSON."""
+    return {"id": name, "label": mode.label, "words": mode.words, "panel": mode.panel}
+
+
+def described_frame(mode: str, painted: Painted) -> dict[str, Any]:
+    """Colours of faces without their levels, ready for JSON."""
+    palette = base64.b64encode(painted.palette.tobytes()).decode()
+    return {"mode": mode, "legend": painted.legend, "scale": painted.scale, "palette": palette}
+
+
+def levels_of(levels: Any) -> dict[str, str]:
+    """Level of each face, as a frame of an exported page has it."""
+    return {"levels": base64.b64encode(levels).decode()}
+
+
+def described_camera(camera: Camera) -> dict[str, Any]:
+    """Values of a camera for the page, ready for JSON; None for what it does not have.
+
+    `border` are rays around its field of view, see `camera.projection.view_border`; `plain` is what
+    `Camera.from_dict` makes the camera of.
+    """
+    z_n, z_f = map(float, camera.depth_of_field())
+    is_focused = camera.aperture is not None or camera.focus_range is not None
+    near, far = camera.focus_range or (None, None)
+    f_number = None
+    if camera.aperture is not None and camera.focal_length is not None:
+        f_number = camera.focal_length / camera.aperture
+    is_pinhole = camera.is_pinhole
+    return {
+        "model": camera.model,
+        "width": camera.width, "height": camera.height,
+        "fx": camera.fx, "fy": camera.fy, "cx": camera.cx, "cy": camera.cy,
+        "hfov_deg": angle_deg(camera.cx, camera.width, camera.fx) if is_pinhole else None,
+        "vfov_deg": angle_deg(camera.cy, camera.height, camera.fy) if is_pinhole else None,
+        "focal_length": camera.focal_length,
+        "f_number": f_number,
+        "focus_distance": camera.focus_distance,
+        "focus_near": near,
+        "focus_far": None if far is None or math.isinf(far) else far,
+        "near": camera.near,
+        "max_blur": camera.max_blur,
+        "aperture": camera.aperture,
+        "pixel_size": camera.pixel_size,
+        "depth_of_field": [z_n, z_f if math.isfinite(z_f) else None] if is_focused else None,
+        "can_focus": camera.focal_length is not None and camera.pixel_size is not None
+        and MODELS[camera.model].is_planar,
+        "plain": camera.to_json(),
+        "border": view_border(camera, PARTS_OF_BORDER).tolist(),
+    }  # fmt: skip
+
+
+def angle_deg(centre: float, side: int, focal: float) -> float:
+    """Angle between opposite sides of the image of a pinhole, degrees."""
+    return math.degrees(math.atan(centre / focal) + math.atan((side - centre) / focal))
+
+
+def zone_entries(mesh: Mesh, zones: DeadZones, said: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Dead zones, the largest first, ready for JSON; `said` has them as in `summary.json`."""
+    found = []
+    for row, entry in enumerate(said["dead_zones"]):
+        faces = np.unique(zones.face[zones.zone == row])
+        normal = (mesh.normals[faces] * mesh.areas[faces, None]).sum(axis=0)
+        length = float(np.linalg.norm(normal))
+        found.append(
+            {
+                "area": entry["area_m2"],
+                "percent": entry["percent"],
+                "centre": list(entry["centroid"]),
+                "normal": (normal / length if length > 0 else normal).tolist(),
+                "group": entry["groups"][0],
+                "reason": entry["reason"],
+                "words": zone_line(entry),
+                "faces": faces[:MOST_FACES_OF_ZONE].tolist(),
+            }
+        )
+    return found
+
+
+def soup_of(mesh: Mesh) -> tuple[NDArray[np.float64], bytes]:
+    """Origin (3,), and corners of each face relative to it, F x 9 float32."""
+    origin = np.asarray(mesh.bounds).mean(axis=0)
+    return origin, (mesh.vertices[mesh.faces] - origin).astype("<f4").tobytes()
+
+
+def groups_of(mesh: Mesh) -> bytes:
+    """Group of each face, F uint16."""
+    return bytes(mesh.face_group.astype("<u2").tobytes())
+
+
+def embedded(mesh: Mesh, data: Mapping[str, Any]) -> str:
+    """The page with its style, modules, mesh and data inside; its policy lets it load nothing.
+
+    ResourceError for more than `MOST_FACES` faces.
+    """
+    if mesh.n_faces > MOST_FACES:
+        raise ResourceError(
+            f"a page of one file holds up to {MOST_FACES:,} faces, got {mesh.n_faces:,}; decimate "
+            "the mesh, or use the server"
+        )
+    origin, soup = soup_of(mesh)
+    surface = {
+        "origin": origin.tolist(),
+        "soup": base64.b64encode(soup).decode(),
+        "groups": base64.b64encode(groups_of(mesh)).decode(),
+    }
+    shaders = {
+        each.name.removesuffix(".glsl"): each.read_text("utf-8")
+        for each in (files("rastercov") / "shaders").iterdir()
+        if each.name.startswith("viewer_") and each.name.endswith(".glsl")
+    }
+    style, script = (static_file("style.css") or b"").decode(), _script("main")
+    policy = (
+        f"default-src 'none'; script-src {digest_of(script)}; style-src {digest_of(style)}; "
+        "img-src blob: data:; connect-src 'none'; base-uri 'none'; form-action 'none'"
+    )
+    parts = {
+        '<meta charset="utf-8">': '<meta charset="utf-8">\n'
+        f'<meta http-equiv="Content-Security-Policy" content="{policy}">',
+        r'<link[^>]*href="/static/style\.css"[^>]*>': f"<style>{style}</style>",
+        r'<script type="importmap">.*?</script>': (
+            f'<script type="application/json" id="shaders">{_inside(shaders)}</script>\n'
+            f'<script type="application/json" id="export">{_inside({**data, **surface})}</script>'
+        ),
+        r'<script type="module" src="/static/main\.js"></script>': (
+            f'<script type="module">{script}</script>'
+        ),
+    }
+    text = page_text()
+    for pattern, part in parts.items():
+        before, after = re.split(pattern, text, maxsplit=1, flags=re.DOTALL)
+        text = before + part + after
+    return text
+
+
+def _script(name: str) -> str:
+    """A module and those that it imports as one script, which a policy can name by its hash.
+
+    A module becomes a function that gives its exports, called once, after those that it imports.
+    """
+    made: dict[str, str] = {}
+
+    def add(module: str) -> None:
+        text = (static_file(f"{module}.js") or b"").decode()
+        for imported in _IMPORT.findall(text):
+            if imported[1] not in made:
+                add(imported[1])
+        exports = ", ".join(found[1] for found in _EXPORT.findall(text))
+        text = _IMPORT.sub(lambda found: f"const {found[1]} = {found[2]}_js;", text)
+        made[module] = (
+            f"const {module}_js = (() => {{\n{_EXPORT.sub(lambda found: found[1], text)}\n"
+            f"return {{ {exports} }};\n}})();\n"
+        )
+
+    add(name)
+    return "".join(made.values())
+
+
+def _inside(data: Any) -> str:
+    """JSON that no element of a page ends in."""
+    return json.dumps(data, allow_nan=False).replace("<", "\\u003c")
+
+
+def page_text() -> str:
+    """The page, index.html."""
+    return (files("rastercov.viewer") / "page" / "index.html").read_text("utf-8")
+
+
+def static_file(name: str) -> bytes | None:
+    """A module, style or shader of the page by its name; None for anything else."""
+    if not re.fullmatch(r"(shaders/viewer_)?[a-z0-9_]+(\.(vert|frag))?\.[a-z]+", name):
+        return None
+    if Path(name).suffix not in TYPES:
+        return None
+    folder = "rastercov" if name.startswith("shaders/") else "rastercov.viewer"
+    place = files(folder) / name if folder == "rastercov" else files(folder) / "page" / name
+    return place.read_bytes() if place.is_file() else None
+
+
+def digest_of(text: str) -> str:
+    """Source of a content security policy: a text inside the page itself."""
+    return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"

@@ -1,0 +1,233 @@
+"""Pages of reports: nothing from outside, every figure told; pages to look around in."""
+
+import base64
+import json
+import re
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from coarse_pictures import coarse_pictures  # noqa: F401 # a fixture for every test
+from pages import read_alone
+
+import rastercov as rc
+from rastercov.base.format import percent
+from rastercov.mesh import shapes
+from rastercov.reference.pages import Axis
+from rastercov.report import placement as page_module
+from rastercov.report.coverage import Options, run
+from rastercov.report.modes import MODES
+from rastercov.report.pages import view_page
+from rastercov.report.plan import lines, summary
+
+CAMERA = rc.Camera(width=320, height=240, fx=300, fy=300, cx=160, cy=120)
+MESH = shapes.torus(24, 12)
+POSES = rc.sphere_of_poses((0, 0, 0), 5.0, 4)
+BALL = "ball <b> & co"
+
+
+def plan(folder, **entries):
+    """A ball with a name that needs escaping, over a table that only hides."""
+    shapes.sphere(2, 0.5).to_trimesh().export(folder / f"{BALL}.stl")
+    shapes.box((2, 2, 0.2), 1, (0, 0, -0.8)).to_trimesh().export(folder / "table.stl")
+    return {
+        "meshes": [
+            {"path": str(folder / f"{BALL}.stl")},
+            {"path": str(folder / "table.stl"), "role": "occluder"},
+        ],
+        "camera": {"width": 320, "height": 240, "fx": 300, "fy": 300},
+        "task": {"min_pixels": 20, "by": "face"},
+        "candidates": [
+            {"generator": "per_segment", "alpha_deg": 25, "beta_deg": 40},
+            {"generator": "on_sphere", "count": 12},
+        ],
+        "constraints": {
+            "stand_off": [3.0, 9.0], "clearance": 0.1,
+            "keep_out": [{"name": "floor", "low": [-9, -9, -9], "high": [9, 9, -1]}],
+        },
+        "selection": {
+            "goal": "best_coverage", "cameras": 2,
+            "tolerance": {"position_mm": 50, "angle_deg": 0.1, "draws": 4},
+        },
+    } | entries  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def placement(tmp_path_factory):
+    return rc.place(plan(tmp_path_factory.mktemp("plan")))
+
+
+@pytest.fixture(scope="module")
+def pages(placement):
+    calls = []
+    texts = page_module.pages_of(
+        placement, summary(placement), ["a <note> for the top"], lambda *done: calls.append(done)
+    )
+    assert calls == [(0, 2), (1, 2), (2, 2)]
+    return texts
+
+
+def page_of(placement, **changes):
+    """Words of the page of a placement whose figures are changed."""
+    told = summary(placement)
+    for name, entries in changes.items():
+        told[name] = None if entries is None else told[name] | entries
+    texts = page_module.pages_of(placement, told, lines(placement), lambda *done: None)
+    return " ".join(read_alone(texts["page.html"]).words)
+
+
+def test_every_figure_that_counts_is_told(placement, pages):
+    page = read_alone(pages["page.html"])
+    assert len(page.loads) == 2  # the cameras, and what is left
+    words, told = " ".join(page.words), json.loads(json.dumps(summary(placement), default=list))
+    network, left, dropped = told["network"], told["left"], told["candidates"]["dropped"]
+    for figure in (
+        f"2 cameras cover {percent(network['covered']['area_percent'] / 100)} of the area",
+        f"{network['covered']['faces']:,} of {network['task_faces']:,} faces",
+        percent(told["selection"]["bound"]),
+        percent(told["tolerance"]["together"]["worst"]),
+        f"{left['left']['faces']:,}",
+        "in keep-out floor",
+        str(dropped["kept_out"]["floor"]),
+        BALL,
+        "a <note> for the top",
+        f"{network['largest_visibility_bound']:.2g}",
+        *(f"{each['heading_deg']:.0f}°" for each in told["cameras"]),
+    ):
+        assert figure in words, figure
+
+
+def test_what_is_written_by_others_is_escaped(pages):
+    for text in pages.values():
+        assert "<note>" not in text
+        assert "ball <b>" not in text
+
+
+@pytest.mark.parametrize(
+    ("missing", "heading"), [({"tolerance": None}, "Tolerance"), ({"left": None}, "What is left")]
+)
+def test_what_is_not_known_has_no_section(placement, missing, heading):
+    assert heading in page_of(placement)
+    assert heading not in page_of(placement, **missing)
+
+
+def test_a_selection_that_covers_nothing_is_not_called_the_best(placement):
+    nothing = "nothing: no candidate covers any of it"
+    assert nothing not in page_of(placement)
+    assert nothing in page_of(placement, selection={"share": 0.0, "status": "optimal"})
+    assert "proved to be the best" in page_of(placement, selection={"status": "optimal"})
+
+
+@pytest.mark.slow
+def test_by_area_dead_zones_are_listed_and_drawn(tmp_path):
+    task = {"max_incidence_deg": 60, "min_pixels_per_m2": 500, "views": {BALL: 1}}
+    found = rc.place(plan(tmp_path, task=task))
+    texts = page_module.pages_of(found, told := summary(found), [], lambda *done: None)
+    words = " ".join(read_alone(texts["page.html"]).words)
+    assert f"cover {percent(told['covered_area']['percent'] / 100)} of the area" in words
+    assert "Dead zones" in words
+    data = data_of(texts["view.html"])
+    assert len(data["zones"]) == len(told["dead_zones"]) > 0
+    area = np.frombuffer(base64.b64decode(data["frames"]["area"]["levels"]), np.uint8)
+    share = found.cameras.areas.covered.area[0] / found.prepared.mesh.areas
+    assert ((area > 1) == ((share > 0) & found.prepared.mesh.task_mask)).all()
+
+
+def data_of(page):
+    """What an exported page holds."""
+    return json.loads(re.search(r'id="export">(.*?)</script>', page, re.DOTALL)[1])
+
+
+def held_by(folder):
+    """Data of the page of a report, whose frames must be those of its own legend."""
+    data = data_of((folder / "view.html").read_text(encoding="utf-8"))
+    n_faces = data["scene"]["n_faces"]
+    assert len(base64.b64decode(data["soup"])) == 36 * n_faces
+    for name, frame in data["frames"].items():
+        assert frame["mode"] == name
+        assert len(base64.b64decode(frame["levels"])) == n_faces
+    assert [each["id"] for each in data["scene"]["modes"]] == list(data["frames"])
+    return data
+
+
+@pytest.mark.parametrize("by", ["area", "face"])
+def test_the_page_of_a_report_has_its_rig_and_its_figures(tmp_path, by):
+    task = rc.Task(max_incidence_deg=70)
+    told = run(MESH, CAMERA, POSES, task, tmp_path, Options(pictures=1, by=by))
+    data = held_by(tmp_path)
+    stations = data["state"]["stations"]
+    assert np.array_equal([each["pose"] for each in stations], POSES.reshape(-1, 16))
+    (camera,) = data["state"]["cameras"].values()
+    assert rc.Camera.from_dict(camera["plain"]) == CAMERA
+    found = rc.evaluate(MESH, CAMERA, POSES, task)
+    views = (found.reason == rc.Reason.COVERED).sum(axis=0)
+    painted = MODES["views"].paint(MESH, views)
+    levels = base64.b64decode(data["frames"]["views"]["levels"])
+    assert levels == painted.levels.tobytes()
+    said = data["frames"]["views"]["summary"]
+    assert said["covered"] == told["covered"]
+    assert said["exact_area_percent"] == told.get("covered_area", {}).get("percent")
+    assert [each["faces"] for each in said["by_camera"]] == [
+        each["covered_faces"] for each in told["per_pose"]
+    ]
+    assert ("area" in data["frames"]) == (by == "area")
+    assert len(data["zones"]) == len(told.get("dead_zones", ()))
+
+
+@pytest.mark.parametrize("by", ["area", "face"])
+def test_the_page_of_an_audit_shows_its_elements(tmp_path, by):
+    found = rc.audit(MESH, CAMERA, POSES, rc.Task(max_incidence_deg=70), by=by, out=tmp_path)
+    data = held_by(tmp_path)
+    assert data["scene"]["n_faces"] == len(found.views)
+    assert list(data["frames"])[:2] == ["views", "density"]
+    shares = [each["alone_percent"] for each in data["frames"]["views"]["summary"]["by_camera"]]
+    total = found.problem.weights.sum()
+    np.testing.assert_allclose(shares, 100 * found.alone_m2 / total)
+    assert 'href="view.html"' in (tmp_path / "audit.html").read_text()
+
+
+def test_a_page_by_hand_of_a_placement_has_both_cameras(placement, pages):
+    data = data_of(pages["view.html"])
+    assert [each["name"] for each in data["state"]["stations"]] == ["camera 0", "camera 1"]
+    said = data["frames"]["reason"]["summary"]
+    mesh = placement.prepared.mesh
+    weights = mesh.areas * mesh.task_mask / mesh.areas[mesh.task_mask].sum()
+    share = 100 * weights[placement.cameras.covers[0]].sum()
+    assert said["by_camera"][0]["area_percent"] == pytest.approx(share)
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "whole"), [(0, 1.04, False), (0, 1, True), (0, 7, True), (0, 250, True)]
+)
+def test_ticks_of_an_even_axis_are_even_and_within_it(low, high, whole):
+    values = Axis("n", low, high, is_whole=whole).ticks()
+    steps = np.diff(values)
+    assert values[0] == low
+    assert 2 <= len(values) <= 12
+    assert steps == pytest.approx(steps[0])
+    assert values[-1] <= high * (1 + 1e-9)
+    if whole:
+        assert all(float(value).is_integer() for value in values)
+
+
+def test_a_mesh_too_large_for_a_report_has_no_page(monkeypatch):
+    monkeypatch.setattr("rastercov.report.pages.MOST_OF_REPORT", 11)
+    poses = rc.Poses.of(POSES)
+    assert view_page("box", shapes.box(), CAMERA, poses, list("abcd"), {}, {}) is None
+
+
+@pytest.mark.slow
+def test_only_a_page_imports_its_libraries(tmp_path):
+    code = """
+import sys
+import rastercov.cli, rastercov.reference.methods, rastercov.reference.methods.report
+import rastercov.report.plan, rastercov.reference.models.report, rastercov.report.placement
+from rastercov.cli import command
+assert command(["demo", "--shape", "box", "--poses", "2", "--device", "cpu", "--json"]) == 0
+print(sorted({"jinja2", "matplotlib", "trimesh"} & sys.modules.keys()), file=sys.stderr)
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True
+    )
+    assert done.stderr.splitlines()[-1] == "[]"
