@@ -13,6 +13,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from annotated_types import Ge
 from numpy.typing import ArrayLike
+from typing_extensions import Doc
 
 from rastercov.base.arguments import check_seed
 from rastercov.base.errors import ConfigError
@@ -49,9 +50,9 @@ class InstallationError:
         For values outside their range.
     """
 
-    position_mm: Annotated[float, Ge(0)] = 0.0
-    angle_deg: Annotated[float, Ge(0)] = 0.0
-    distribution: Literal["normal", "uniform"] = "normal"
+    position_mm: Annotated[float, Ge(0), Doc("Error of the camera centre, mm.")] = 0.0
+    angle_deg: Annotated[float, Ge(0), Doc("Error of the direction, degrees.")] = 0.0
+    distribution: Annotated[Literal["normal", "uniform"], Doc("Of the errors.")] = "normal"
 
     def __post_init__(self) -> None:
         check_fields(self)

@@ -17,6 +17,7 @@ from typing import Annotated, Any
 import numpy as np
 from annotated_types import Ge, Le
 from numpy.typing import ArrayLike, NDArray
+from typing_extensions import Doc
 
 from rastercov.base.errors import ConfigError
 from rastercov.base.typed import check_fields, typed
@@ -34,6 +35,8 @@ TOTAL_WEIGHT = 1 << 40
 SHARE_TOLERANCE = 1e-9
 """Absolute tolerance of a required share: 0.98 is not a binary fraction."""
 
+Shares = Mapping[str, Annotated[float, Ge(0), Le(1)]]
+
 
 @dataclass(frozen=True)
 class FewestCameras:
@@ -49,9 +52,11 @@ class FewestCameras:
         True where shares are of the weight that all candidates together cover, not of the total.
     """
 
-    coverage: Annotated[float, Ge(0), Le(1)] = 1.0
-    groups: Mapping[str, Annotated[float, Ge(0), Le(1)]] = field(default_factory=dict)
-    of_reachable: bool = False
+    coverage: Annotated[float, Ge(0), Le(1), Doc("Share of the task to cover.")] = 1.0
+    groups: Annotated[Shares, Doc("Share to cover of single groups.")] = field(default_factory=dict)
+    of_reachable: Annotated[
+        bool, Doc("Whether shares are of what all candidates together cover.")
+    ] = False
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -73,7 +78,7 @@ class BestCoverage:
     """
 
     cameras: int | None = None
-    budget: Annotated[float, Ge(0)] | None = None
+    budget: Annotated[float, Ge(0), Doc("Cost of all cameras at most.")] | None = None
 
     def __post_init__(self) -> None:
         check_fields(self)
