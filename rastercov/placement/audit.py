@@ -35,10 +35,15 @@ from rastercov.coverage.shards import EvaluationShards, Source, Wanted, open_for
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.placement.bits import CoveredBits
-from rastercov.placement.matrix_shards import shortened
+from rastercov.placement.matrix_folder import shortened
 from rastercov.placement.select.greedy import select_greedy
-from rastercov.placement.select.problem import FewestCameras, Problem, views_of, weights_of
-from rastercov.placement.select.selection import Selection
+from rastercov.placement.select.problem import (
+    FewestCameras,
+    Problem,
+    Selection,
+    views_of,
+    weights_of,
+)
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

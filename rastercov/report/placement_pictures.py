@@ -49,9 +49,9 @@ if TYPE_CHECKING:
     from rastercov.placement.candidates.clearance import Dropped
     from rastercov.placement.candidates.pool import Candidates
     from rastercov.placement.candidates.segments import Segmentation
-    from rastercov.placement.explain.uncovered import Leftover
     from rastercov.placement.improve.tolerance import Tolerance
-    from rastercov.placement.select.selection import Selection
+    from rastercov.placement.select.problem import Selection
+    from rastercov.placement.uncovered import Leftover
 
 Progress = Callable[[int, int], None]
 FloatArray = NDArray[np.float64]

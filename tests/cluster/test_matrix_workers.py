@@ -12,9 +12,9 @@ from rastercov.base.errors import ConfigError
 from rastercov.cluster import Workers
 from rastercov.coverage.area.cells import cells
 from rastercov.mesh import shapes
-from rastercov.placement.explain.candidate_visibility import CandidateBounds
 from rastercov.placement.matrix import VisibilityMatrix, build_matrix
 from rastercov.placement.mounts import Mounts
+from rastercov.placement.uncovered import CandidateBounds
 
 pytestmark = [pytest.mark.slow, pytest.mark.compile]
 MESH = shapes.teapot(4)

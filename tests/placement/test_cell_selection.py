@@ -12,11 +12,11 @@ import rastercov as rc
 from rastercov.base.errors import ConfigError
 from rastercov.coverage.area.cells import USUAL_CELLS, usual_size
 from rastercov.coverage.area.regions import RegionPass
-from rastercov.placement.explain.candidate_visibility import CandidateBounds
 from rastercov.placement.improve.objective import CellObjective
 from rastercov.placement.matrix import VisibilityMatrix, build_matrix
 from rastercov.placement.select.greedy import select_greedy
 from rastercov.placement.select.problem import BestCoverage, problem_of
+from rastercov.placement.uncovered import CandidateBounds
 
 TASK = rc.Task(max_incidence_deg=75, min_pixels_per_m2=4000)
 MESH, CAMERA, _ = room()

@@ -22,7 +22,7 @@ from rastercov.cluster.store import locked, store
 from rastercov.coverage import shards as evaluation_shards
 from rastercov.mesh import shapes
 from rastercov.placement.matrix import VisibilityMatrix, build_matrix
-from rastercov.placement.matrix_shards import shortened
+from rastercov.placement.matrix_folder import shortened
 from rastercov.placement.select.problem import BestCoverage, FewestCameras, problem_of
 
 CAMERA = rc.Camera(width=64, height=64, fx=70, fy=70)

@@ -24,7 +24,7 @@ from rastercov.placement import (
     tolerance,
 )
 from rastercov.placement.improve.tolerance import InstallationError
-from rastercov.placement.matrix_shards import NOT_ON_RIGS, _of_mounts
+from rastercov.placement.matrix_folder import NOT_ON_RIGS, _of_mounts
 from rastercov.placement.mounts import Mounts
 
 MESH = shapes.torus(16, 8)

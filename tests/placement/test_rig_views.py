@@ -16,8 +16,7 @@ from rastercov.placement.select.cover import CoverState
 from rastercov.placement.select.greedy import select_greedy
 from rastercov.placement.select.integer import select_integer
 from rastercov.placement.select.presolve import presolve
-from rastercov.placement.select.problem import BestCoverage, FewestCameras
-from rastercov.placement.select.selection import in_order
+from rastercov.placement.select.problem import BestCoverage, FewestCameras, in_order
 from rastercov.reference.thesis import select_thesis
 
 SELECTORS = {

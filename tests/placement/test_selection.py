@@ -44,9 +44,9 @@ from rastercov.placement.select.presolve import presolve
 from rastercov.placement.select.problem import (
     BestCoverage,
     FewestCameras,
+    in_order,
     problem_of_matrix,
 )
-from rastercov.placement.select.selection import in_order
 from rastercov.reference.thesis import select_thesis
 
 QUICK = 200_000

@@ -12,11 +12,10 @@ from surface_cases import room
 import rastercov as rc
 from rastercov.camera.pose_file import write_poses
 from rastercov.placement import BestCoverage, build_matrix, problem_of
-from rastercov.placement.plan.candidates import candidate_pool
 from rastercov.placement.plan.check import check, limits
 from rastercov.placement.plan.file import PlanError, read_plan
 from rastercov.placement.plan.run import place
-from rastercov.placement.plan.scene import scene
+from rastercov.placement.plan.scene import candidate_pool, scene
 from rastercov.report import plan as report
 
 MESH, _, _ = room()

@@ -22,10 +22,9 @@ from rastercov.placement.improve.objective import Objective
 from rastercov.placement.plan import sections as plan_entry
 from rastercov.placement.plan import sections as plan_generators
 from rastercov.placement.plan import sections as plan_model
-from rastercov.placement.plan.candidates import candidate_pool, framing_of
 from rastercov.placement.plan.file import Plan, PlanError, lines_of, read_plan, schema
 from rastercov.placement.plan.network import certain_and_possible, judge, measured, percent
-from rastercov.placement.plan.scene import scene
+from rastercov.placement.plan.scene import candidate_pool, framing_of, scene
 from rastercov.placement.plan.sections import PlanModel, TaskSection
 
 ROOT = Path(__file__).parents[2]

@@ -20,16 +20,15 @@ from rastercov.coverage.task import Task
 from rastercov.mesh import Group, Mesh, shapes
 from rastercov.placement.candidates.cavities import openings
 from rastercov.placement.candidates.clearance import KeepOutBox, filter_candidates
-from rastercov.placement.candidates.framing import Framing
 from rastercov.placement.candidates.mounting import on_sphere
-from rastercov.placement.candidates.pool import Candidates, per_segment
+from rastercov.placement.candidates.pool import Candidates, Framing, per_segment
 from rastercov.placement.candidates.segments import segment
-from rastercov.placement.explain.uncovered import what_is_left
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.improve.tolerance import InstallationError, tolerance
 from rastercov.placement.matrix import build_matrix
 from rastercov.placement.select.greedy import select_greedy
 from rastercov.placement.select.problem import BestCoverage, FewestCameras, problem_of
+from rastercov.placement.uncovered import what_is_left
 from rastercov.report import overview, plots, theme
 from rastercov.report import placement as page_module
 from rastercov.report import placement_pictures as pictures

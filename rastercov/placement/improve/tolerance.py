@@ -17,11 +17,10 @@ from typing_extensions import Doc
 
 from rastercov.base.arguments import check_seed
 from rastercov.base.errors import ConfigError
-from rastercov.base.memory import Lists
+from rastercov.base.memory import FloatArray, Lists
 from rastercov.base.typed import check_fields, typed
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.mesh.arrays import frozen
-from rastercov.placement._arrays import FloatArray
 from rastercov.placement.improve.objective import Objective
 
 LEVELS = (0.0, 0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 1.0)

@@ -26,7 +26,6 @@ from rastercov.coverage.area.zone_report import ZONES
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.groups import Names, listed, quoted
-from rastercov.placement.explain.uncovered import Leftover
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.plan.file import Plan, PlanError
 from rastercov.placement.plan.network import (
@@ -46,6 +45,7 @@ from rastercov.placement.plan.network import (
 )
 from rastercov.placement.plan.prepare import Step, quiet
 from rastercov.placement.plan.scene import named_scene
+from rastercov.placement.uncovered import Leftover
 
 Limits = Mapping[str | None, float]
 MOST_GROUPS = 5

@@ -29,13 +29,6 @@ from rastercov.coverage.network import Network, share_of_faces
 from rastercov.coverage.observer import Observer, open_observer
 from rastercov.coverage.task import Reason, Task
 from rastercov.mesh import Mesh
-from rastercov.placement.explain.candidate_visibility import CandidateBounds
-from rastercov.placement.explain.uncovered import (
-    NETWORK_FIGURES,
-    Leftover,
-    NearestCameras,
-    left_by,
-)
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.plan.file import Plan
 from rastercov.placement.plan.sections import (
@@ -50,6 +43,13 @@ from rastercov.placement.select.problem import (
     FewestCameras,
     Goal,
     views_of,
+)
+from rastercov.placement.uncovered import (
+    NETWORK_FIGURES,
+    CandidateBounds,
+    Leftover,
+    NearestCameras,
+    left_by,
 )
 
 FloatArray = NDArray[np.float64]

@@ -33,15 +33,15 @@ from rastercov.coverage.observer import Observer
 from rastercov.coverage.task import Reason, Task
 from rastercov.kernels.stopwatch import Stopwatch
 from rastercov.mesh import Mesh
-from rastercov.placement.bit_matrix import BitMatrix
 from rastercov.placement.candidates.cavities import Openings, openings
 from rastercov.placement.candidates.pool import Candidates
 from rastercov.placement.candidates.segments import Segmentation
-from rastercov.placement.explain.candidate_visibility import CandidateBounds
-from rastercov.placement.matrix import VisibilityMatrix, build_matrix, measure_matrix
+from rastercov.placement.matrix import BitMatrix, VisibilityMatrix, build_matrix, measure_matrix
 from rastercov.placement.matrix_folder import MatrixFolder, describe, read_header
 from rastercov.placement.mounts import Mounts
-from rastercov.placement.plan.candidates import (
+from rastercov.placement.plan.file import Plan, PlanError
+from rastercov.placement.plan.network import OF, counting, goal_of, most_views
+from rastercov.placement.plan.scene import (
     CandidatePool,
     candidate_pool,
     extended_pool,
@@ -50,8 +50,6 @@ from rastercov.placement.plan.candidates import (
     mounts_of_entry,
     segmentation_of,
 )
-from rastercov.placement.plan.file import Plan, PlanError
-from rastercov.placement.plan.network import OF, counting, goal_of, most_views
 from rastercov.placement.plan.sections import PerCavity, SelectionSection, no_limit
 from rastercov.placement.select.problem import (
     BestCoverage,
@@ -60,6 +58,7 @@ from rastercov.placement.select.problem import (
     Problem,
     problem_of,
 )
+from rastercov.placement.uncovered import CandidateBounds
 
 BoolArray = NDArray[np.bool_]
 N_DIAGNOSED = 32

@@ -22,7 +22,6 @@ from rastercov.cluster import Workers
 from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.coverage import batch_size
-from rastercov.placement.explain.uncovered import Leftover
 from rastercov.placement.improve.objective import CellObjective, Objective
 from rastercov.placement.improve.refine import INTERRUPTED, Refined, refine
 from rastercov.placement.improve.search import Optimised, optimise
@@ -57,8 +56,8 @@ from rastercov.placement.plan.scene import named_scene
 from rastercov.placement.plan.sections import FewestSelection, SelectionSection, value_of
 from rastercov.placement.select.greedy import select_greedy
 from rastercov.placement.select.integer import select_integer
-from rastercov.placement.select.problem import FewestCameras, Problem
-from rastercov.placement.select.selection import Selection
+from rastercov.placement.select.problem import FewestCameras, Problem, Selection
+from rastercov.placement.uncovered import Leftover
 
 FloatArray = NDArray[np.float64]
 

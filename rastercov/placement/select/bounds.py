@@ -30,9 +30,9 @@ from typing import Self
 
 import numpy as np
 
+from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.kernels import placement_bits
 from rastercov.kernels import placement_lagrange as kernels
-from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
 from rastercov.placement.bits import spread_out
 from rastercov.placement.select.cover import Cover, LazyCover
 from rastercov.placement.select.presolve import Presolved, ReducedProblem

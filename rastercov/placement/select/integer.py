@@ -31,9 +31,9 @@ from numpy.typing import NDArray
 
 from rastercov.base.arguments import check_seed
 from rastercov.base.errors import ConfigError, ResourceError
+from rastercov.base.memory import FloatArray, IntArray
 from rastercov.base.typed import typed
 from rastercov.kernels import placement_selection as kernels
-from rastercov.placement._arrays import FloatArray, IntArray
 from rastercov.placement.select.bounds import (
     BOUND_SAFETY_REL,
     Deadline,
@@ -45,8 +45,15 @@ from rastercov.placement.select.bounds import (
 from rastercov.placement.select.cover import CoverState
 from rastercov.placement.select.greedy import EFFORT, complete, construct, improve
 from rastercov.placement.select.presolve import ReducedProblem, presolve
-from rastercov.placement.select.problem import TOTAL_WEIGHT, BestCoverage, Problem
-from rastercov.placement.select.selection import PROVED, Selection, finish, relative_gap
+from rastercov.placement.select.problem import (
+    PROVED,
+    TOTAL_WEIGHT,
+    BestCoverage,
+    Problem,
+    Selection,
+    finish,
+    relative_gap,
+)
 
 MOST_PAIRS = 20_000_000
 """Greatest number of candidate-face pairs; HiGHS takes 4 GB for them."""
