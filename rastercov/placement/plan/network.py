@@ -24,7 +24,7 @@ from rastercov.coverage.area.by_camera import AreasByCamera, cameras_apart
 from rastercov.coverage.area.network import AreaNetwork, in_words
 from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.area.zone_report import zone_lines
-from rastercov.coverage.coverage import Coverage, evaluate_batches
+from rastercov.coverage.coverage import Coverage, batch_size, evaluate_batches
 from rastercov.coverage.network import Network, share_of_faces
 from rastercov.coverage.observer import Observer, open_observer
 from rastercov.coverage.task import Reason, Task
@@ -359,58 +359,42 @@ class Measured:
         return self.placed.world_from_camera
 
 
-def areas_of(
-    plan: Plan,
-    mesh: Mesh,
-    cameras: Measured,
-    views: int | None = None,
-    progress: Callable[[int, int], None] = lambda done, total: None,
-) -> Measured:
-    """The network with its exact covered area; as it is where the plan counts faces.
-
-    `views` replaces those of the plan.
-    """
-    if plan.unit_of_result()[0] == "face":
-        return cameras
-    most, poses = most_views(plan, views), cameras.placed
-    areas = AreaNetwork(mesh, plan.build_task(most))
-    apart = AreasByCamera(mesh, areas.task, cameras_apart(plan.rig, poses))
-    finder = RegionPass(mesh, plan.rig, plan.build_task(most), method=plan.task.method)
-    done = 0
-    try:
-        for regions in finder.batches(poses):
-            areas.add(regions)
-            apart.add(regions, poses.camera[done : done + len(regions.pose_ids)])
-            done += len(regions.pose_ids)
-            progress(done, len(poses))
-    finally:
-        finder.close()
-    return replace(cameras, areas=areas, apart=apart)
-
-
 def with_areas(
     plan: Plan,
-    finder: RegionPass,
     cameras: Measured,
+    finder: RegionPass,
+    views: int | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
+    *,
+    has_curve: bool = False,
 ) -> Measured:
-    """The network with its exact covered area, and the share of it after each camera.
+    """The network with its exact covered area.
 
-    `finder` counts as many views as `plan` needs at most (`most_views`).
+    Parameters
+    ----------
+    finder : RegionPass
+        Counts as many views as are needed at most (`most_views`).
+    views : int, optional
+        Replaces those of the plan.
+    has_curve : bool
+        True where share and curve are to be of the area, too: one camera after the other.
     """
-    wanted, poses = plan.task.views, cameras.placed
-    by_group = wanted if isinstance(wanted, dict) else None
-    areas, curve = AreaNetwork(finder.mesh, plan.build_task(most_views(plan))), []
-    apart = AreasByCamera(finder.mesh, areas.task, cameras_apart(plan.rig, poses))
-    for row in range(len(poses)):
-        found = finder.find(poses[row : row + 1], closed=apart.closed(areas.closed))
+    mesh, poses, curve = finder.mesh, cameras.placed, []
+    areas = AreaNetwork(mesh, plan.build_task(most_views(plan, views)))
+    apart = AreasByCamera(mesh, areas.task, cameras_apart(plan.rig, poses))
+    step = 1 if has_curve else batch_size(mesh.n_faces, finder.threads)
+    for at in range(0, len(poses), step):
+        some = poses[at : at + step]
+        found = finder.find(some, closed=apart.closed(areas.closed))
         areas.add(found)
-        apart.add(found, poses.camera[row : row + 1])
-        curve.append(areas.summary(by_group)["percent"] / 100)
-        progress(row + 1, len(poses))
-    share = curve[-1] if curve else 0.0
-    curve_of_area = np.array(curve, np.float64)
-    return replace(cameras, areas=areas, apart=apart, curve=curve_of_area, share=share)
+        apart.add(found, some.camera)
+        if has_curve:
+            curve.append(areas.summary(_by_group(plan, views))["percent"] / 100)
+        progress(at + len(some), len(poses))
+    if has_curve:
+        share = curve[-1] if curve else 0.0
+        cameras = replace(cameras, curve=np.array(curve, np.float64), share=share)
+    return replace(cameras, areas=areas, apart=apart)
 
 
 def most_views(plan: Plan, views: int | None = None) -> int:
@@ -419,13 +403,17 @@ def most_views(plan: Plan, views: int | None = None) -> int:
     return max([1, *wanted.values()]) if isinstance(wanted, dict) else wanted
 
 
+def _by_group(plan: Plan, views: int | None) -> dict[str, int] | None:
+    """Views by group where a plan has them; `views` replaces them."""
+    return plan.task.views if isinstance(plan.task.views, dict) and not views else None
+
+
 def summary_of(plan: Plan, cameras: Measured, views: int | None = None) -> dict[str, Any]:
-    """Summary of the network with its covered area, ready for JSON; `views` as for `areas_of`."""
+    """Summary of the network with its covered area, ready for JSON; `views` as for `with_areas`."""
     unit, reason = plan.unit_of_result()
     found = cameras.network.summary() | {"by": unit, "by_face_because": reason}
     if cameras.areas is not None:
-        wanted = views or plan.task.views
-        by_group = wanted if isinstance(wanted, dict) else None
+        by_group = _by_group(plan, views)
         cameras.areas.add_to(found, by_group)
         found |= cameras.areas.dead_zones(plan.rig, cameras.placed, by_group)
     if apart := _by_camera(plan.rig, cameras):

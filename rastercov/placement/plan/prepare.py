@@ -25,7 +25,7 @@ from rastercov.camera.formats.doubts import unit_doubts
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.camera.rig import Rig
 from rastercov.cluster import Tally, Workers
-from rastercov.cluster.store import locked
+from rastercov.cluster.store import locked, remove
 from rastercov.coverage.area.cells import Cells, cells, usual_size
 from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.coverage import evaluate_batches
@@ -450,12 +450,7 @@ def _forget(folder: Path, used: list[Path]) -> None:
             if read_header(old) is None:
                 continue
             with locked(old):
-                for names in OF_A_MATRIX:
-                    for path in old.glob(names):
-                        path.unlink()
-                for path in [*old.iterdir(), old]:
-                    if path.is_dir() and not any(path.iterdir()):
-                        path.rmdir()
+                remove(old, OF_A_MATRIX)
         except (ConfigError, OSError):  # not a matrix, in use, or write-protected
             continue
 

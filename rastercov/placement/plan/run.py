@@ -252,7 +252,7 @@ def _by_area(
     """
     prepared, selection = placement.prepared, placement.prepared.selection
     plan, limits = prepared.plan, limits_of(selection)
-    cameras = with_areas(plan, on_cells.finder, placement.cameras, progress)
+    cameras = with_areas(plan, placement.cameras, on_cells.finder, None, progress, has_curve=True)
     assert cameras.areas is not None
     required: tuple[Requirement, ...]
     if _is_of_reachable(selection) and prepared.reachable is None:
