@@ -14,7 +14,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rastercov import cli
 from rastercov.base.errors import CameraError, ConfigError, MeshError, PoseError, RastercovError
 from rastercov.base.files import UnreadableError, file_bytes, open_file, read_json, read_toml
 from rastercov.camera.camera import Camera
@@ -109,28 +108,6 @@ def test_what_is_no_regular_file_is_refused_at_once_in_one_line(tmp_path, monkey
         folder: "a regular file wanted, got a folder",
     }
     assert words.get(make, "a regular file wanted, got a device") in text
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("make", [pipe, endless, folder, sparse])
-@pytest.mark.parametrize(
-    ("name", "line"),
-    [
-        ("camera.json", "evaluate box -c camera.json -p sphere:2"),
-        ("poses.npy", "render box -c khepra -p poses.npy"),
-        ("poses.json", "compare box -c khepra -p poses.json"),
-        ("plan.toml", "place plan.toml"),
-    ],
-)
-def test_a_command_refuses_it_in_one_line(tmp_path, monkeypatch, capsys, make, name, line):
-    monkeypatch.chdir(tmp_path)
-    make(Path(name))
-    with at_once():
-        assert cli.command(line.split()) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert err.startswith(f"error: {name}: ")
-    assert err.count("\n") == 1
 
 
 def test_a_file_that_becomes_a_pipe_after_it_was_looked_at_is_not_waited_for(tmp_path, monkeypatch):

@@ -186,14 +186,6 @@ def test_the_bounds_hold_what_candidates_see_and_those_left_out_see_nothing(seed
     assert (exact[left][found.sight[left] == Sight.NONE] <= 1e-6).all()
 
 
-def test_candidates_are_counted_as_in_a_matrix_of_them():
-    mesh, poses, task = shapes.torus(10, 7), around(12, 3, 4.0), Task(min_pixels=40)
-    matrix = build_matrix((mesh, CAMERA), poses, task)
-    one = what_is_left((mesh, CAMERA), poses[:1], task, candidates=poses)
-    counts = np.bincount(matrix.face[matrix.covered], minlength=mesh.n_faces)
-    assert (one.n_covering[one.left] == counts[one.left]).all()
-
-
 @pytest.mark.slow
 def test_no_more_than_two_batches_of_candidates_are_held_at_a_time(monkeypatch):
     mesh, poses = shapes.torus(10, 8), around(300, 5, 4.0)

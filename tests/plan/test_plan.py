@@ -167,16 +167,6 @@ def test_each_error_says_what_was_wanted(text, line):
     assert any(found.startswith(line) for found in errors(text)), errors(text)
 
 
-def test_a_plan_that_is_no_text_or_not_there_is_one_line():
-    Path("plan.toml").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(PlanError, match=r"plan\.toml: not valid TOML"):
-        read_plan("plan.toml")
-    with pytest.raises(PlanError, match=r"no\.toml: cannot be read \(No such file"):
-        read_plan("no.toml")
-    with pytest.raises(PlanError, match="cannot be read"):
-        read_plan(".")
-
-
 @pytest.mark.slow
 @settings(max_examples=25)
 @given(
