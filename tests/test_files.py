@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import socket
 import time
@@ -164,68 +165,51 @@ def test_a_strange_name_is_refused_in_one_printable_line(read, name):
 GOOD = json.dumps(CAMERA)
 
 
-@pytest.mark.parametrize(
-    ("content", "match"),
-    [
-        ('{"width": 64, "width": 32, "height": 48, "fx": 50, "fy": 50}', "'width' comes twice"),
-        (GOOD.replace("64", "NaN"), "width must be finite"),
-        (GOOD.replace("50.0", "Infinity"), "fx must be finite"),
-        (GOOD.replace("50.0", "1e400"), "fx must be finite"),
-        (GOOD.replace("64", "1" * 5000), "not valid JSON"),
-        (GOOD.replace("64", "1" * 400), "width must be below 1e308"),
-        (GOOD.replace("64", "[" * 10_000 + "]" * 10_000), "not valid JSON .nested too deep|width"),
-        ("[" * 1_000_000, "not valid JSON"),
-        ('{"a":' * 10_000, "not valid JSON"),
-        (GOOD.encode("utf-16"), "save it as UTF-8"),
-        (GOOD.encode("utf-32"), "not valid JSON|save it as UTF-8"),
-        (b"\xff\xfe\x00", "save it as UTF-8"),
-        ("", "not valid JSON"),
-        ("\0", "not valid JSON"),
-        (GOOD[:-1], "not valid JSON"),
-        (GOOD + GOOD, "not valid JSON"),
-    ],
-    ids=range(16),
-)
-def test_json_says_one_thing_or_is_refused(tmp_path, content, match):
-    path = tmp_path / "camera.json"
-    path.write_bytes(content if isinstance(content, bytes) else content.encode())
-    with pytest.raises(CameraError, match=match) as caught:
-        Camera.load(path)
-    assert str(caught.value).startswith(str(path))
-    assert str(caught.value).isprintable()
-    assert len(str(caught.value)) < 600
-
-
 TABLE = "width = 64\nheight = 48\nfx = 50.0\nfy = 50.0\n"
+JSON = [
+    ('{"width": 64, "width": 32, "height": 48, "fx": 50, "fy": 50}', "'width' comes twice"),
+    (GOOD.replace("64", "NaN"), "width must be finite"),
+    (GOOD.replace("50.0", "Infinity"), "fx must be finite"),
+    (GOOD.replace("50.0", "1e400"), "fx must be finite"),
+    (GOOD.replace("64", "1" * 5000), "not valid JSON"),
+    (GOOD.replace("64", "1" * 400), "width must be below 1e308"),
+    (GOOD.replace("64", "[" * 10_000 + "]" * 10_000), "not valid JSON .nested too deep|width"),
+    ("[" * 1_000_000, "not valid JSON"),
+    ('{"a":' * 10_000, "not valid JSON"),
+    (GOOD.encode("utf-16"), "save it as UTF-8"),
+    (GOOD.encode("utf-32"), "not valid JSON|save it as UTF-8"),
+    (b"\xff\xfe\x00", "save it as UTF-8"),
+    ("", "not valid JSON"),
+    ("\0", "not valid JSON"),
+    (GOOD[:-1], "not valid JSON"),
+    (GOOD + GOOD, "not valid JSON"),
+]
+TOML = [
+    (TABLE + "width = 32\n", "not valid TOML"),
+    (TABLE.replace("64", "nan"), "width must be finite"),
+    (TABLE.replace("50.0", "inf"), "fx must be finite"),
+    (TABLE.replace("50.0", "1e400"), "fx must be finite"),
+    (TABLE.replace("64", "1" * 5000), "not valid TOML"),
+    (TABLE.replace("64", "[" * 10_000 + "]" * 10_000), "not valid TOML|width"),
+    ("x = " + "{a=" * 10_000, "not valid TOML"),
+    (TABLE.encode("utf-16"), "save it as UTF-8"),
+    ("\0", "not valid TOML"),
+    (TABLE + "[", "not valid TOML"),
+]
+TEXTS = [("camera.json", *each) for each in JSON] + [("camera.toml", *each) for each in TOML]
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("content", "match"),
-    [
-        (TABLE + "width = 32\n", "not valid TOML"),
-        (TABLE.replace("64", "nan"), "width must be finite"),
-        (TABLE.replace("50.0", "inf"), "fx must be finite"),
-        (TABLE.replace("50.0", "1e400"), "fx must be finite"),
-        (TABLE.replace("64", "1" * 5000), "not valid TOML"),
-        (TABLE.replace("64", "[" * 10_000 + "]" * 10_000), "not valid TOML|width"),
-        ("x = " + "{a=" * 10_000, "not valid TOML"),
-        (TABLE.encode("utf-16"), "save it as UTF-8"),
-        ("\0", "not valid TOML"),
-        (TABLE + "[", "not valid TOML"),
-    ],
-    ids=range(10),
-)
-def test_toml_says_one_thing_or_is_refused(tmp_path, content, match):
-    for name, read in (("camera.toml", Camera.load), ("plan.toml", read_plan)):
-        path = tmp_path / name
-        path.write_bytes(content if isinstance(content, bytes) else content.encode())
+@pytest.mark.parametrize(("name", "content", "match"), TEXTS, ids=range(len(TEXTS)))
+def test_text_says_one_thing_or_is_refused(tmp_path, name, content, match):
+    path = tmp_path / name
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    for read in (Camera.load, read_plan):
         with pytest.raises(RastercovError) as caught:
             read(path)
+        assert read == read_plan or re.search(match, str(caught.value))
         assert str(caught.value).startswith((str(path), path.name))
-        assert "\n" not in str(caught.value)
-    with pytest.raises(CameraError, match=match):
-        Camera.load(tmp_path / "camera.toml")
+        assert str(caught.value).isprintable()
+        assert len(str(caught.value)) < 600
 
 
 def test_a_byte_order_mark_is_no_content(tmp_path):

@@ -15,8 +15,6 @@ from rastercov.cluster.store import locked
 from rastercov.mesh import shapes
 from rastercov.placement.matrix import BitMatrix, VisibilityMatrix, build_matrix, measure_matrix
 from rastercov.placement.matrix_folder import MatrixFolder
-from rastercov.placement.select.greedy import select_greedy
-from rastercov.placement.select.problem import BestCoverage, problem_of
 
 CAMERA = rc.Camera(width=64, height=64, fx=70, fy=70)
 TASK = rc.Task(min_coverage=0.3, max_incidence_deg=80)
@@ -76,18 +74,6 @@ def test_the_shards_are_those_of_a_plain_run(tmp_path):
     digest, name = found[f"sha256/{RECORD.name}.sha256"].decode().split()
     assert digest == hashlib.sha256(found[name]).hexdigest()
     assert VisibilityMatrix.load(tmp_path / "bits").n_poses == N_POSES
-
-
-@pytest.mark.slow
-def test_selection_from_a_matrix_of_bits_is_that_from_lists(tmp_path, lists):
-    matrix = BitMatrix.of(measure(tmp_path))
-    for goal in (BestCoverage(3), BestCoverage(budget=4.0)):
-        for least in (None, 0.7):
-            options = {"views": 2, "min_coverage": least, "costs": np.arange(1.0, 12.0)}
-            one = select_greedy(problem_of(lists, MESH, goal, **options))
-            other = select_greedy(problem_of(matrix, MESH, goal, **options))
-            np.testing.assert_array_equal(one.chosen, other.chosen)
-            assert (one.share, one.bound) == (other.share, other.bound)
 
 
 def test_matrices_of_two_folders_are_one(tmp_path, lists):
@@ -196,18 +182,6 @@ def test_no_pose_and_no_pair_are_no_rows(tmp_path):
         assert matrix.bits.n_rows == len(poses)
         assert not dense(matrix.bits).any()
         assert matrix.mean_coverage.tolist() == [0.0] * len(poses)
-
-
-def test_an_angle_between_views_is_that_of_lists(tmp_path, lists):
-    matrix = BitMatrix.of(measure(tmp_path))
-    one, other = (
-        problem_of(each, MESH, BestCoverage(4), views=2, min_angle_deg=20)
-        for each in (lists, matrix)
-    )
-    np.testing.assert_array_equal(one.reachable, other.reachable)
-    np.testing.assert_array_equal(select_greedy(one).chosen, select_greedy(other).chosen)
-    with pytest.raises(ConfigError, match="of a mesh of"):
-        problem_of(matrix, shapes.icosahedron(), BestCoverage(1))
 
 
 def test_measuring_leaves_the_folder_that_building_reads(tmp_path, lists):

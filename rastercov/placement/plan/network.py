@@ -102,16 +102,16 @@ class Requirement:
     def words(self) -> str:
         """The requirement and its outcome in one line."""
         of = " of what all candidates cover" if self.of_reachable else ""
-        text = f"{self.name}: {percent(self.share)} covered{of}, {percent(self.limit)} wanted"
+        ends = f"the bound of visibility allows {percent(self.low)} to {percent(self.high)}"
+        return self._said(f"covered{of}", plural(self.uncovered, "face"), ends)
+
+    def _said(self, covered: str, uncovered: str, ends: str) -> str:
+        """The line, with words on what is covered, on what is not, and on the bounds of both."""
+        text = f"{self.name}: {percent(self.share)} {covered}, {percent(self.limit)} wanted"
         if self.status == FAILS:
             points = percent(self.short_by).removesuffix(" %")
-            return f"{text}: {points} points short, {plural(self.uncovered, 'face')} uncovered"
-        if self.status == UNDECIDED:
-            return (
-                f"{text}: not decided, the bound of visibility allows {percent(self.low)} to "
-                f"{percent(self.high)}"
-            )
-        return text
+            return f"{text}: {points} points short, {uncovered} uncovered"
+        return f"{text}: not decided, {ends}" if self.status == UNDECIDED else text
 
 
 @dataclass(frozen=True)
@@ -133,16 +133,9 @@ class AreaRequirement(Requirement):
     def words(self) -> str:
         """The requirement and its outcome in one line."""
         of = "of the area that all candidates cover" if self.of_reachable else "of the area covered"
-        text = f"{self.name}: {percent(self.share)} {of}, {percent(self.limit)} wanted"
-        if self.status == FAILS:
-            points = percent(self.short_by).removesuffix(" %")
-            return f"{text}: {points} points short, {self.of_m2 - self.m2:.3g} m² uncovered"
-        if self.status == UNDECIDED:
-            return (
-                f"{text}: not decided, the bound of the area allows {100 * self.low:.9g} % to "
-                f"{100 * self.high:.9g} %"
-            )
-        return text
+        low, high = f"{100 * self.low:.9g} %", f"{100 * self.high:.9g} %"
+        ends = f"the bound of the area allows {low} to {high}"
+        return self._said(of, f"{self.of_m2 - self.m2:.3g} m²", ends)
 
 
 @dataclass(frozen=True)
@@ -243,16 +236,13 @@ def judge_areas(
                 continue
             members = mesh.face_group == row
             number = views.get(each.name, 1) if isinstance(views, Mapping) else views
-            figures = areas.of_faces(members, number)
-            faces |= members
-            if reachable is None:
-                total += figures["of_m2"]
-            else:
+            own = areas.of_faces(members, number)
+            most = {"m2": own["of_m2"], "bound_m2": 0.0}
+            if reachable is not None:
                 most = reachable.of_faces(members, number)
-                total += most["m2"]
-                of_bound += most["bound_m2"]
-            area += figures["m2"]
-            bound += figures["bound_m2"]
+            faces |= members
+            area, bound = area + own["m2"], bound + own["bound_m2"]
+            total, of_bound = total + most["m2"], of_bound + most["bound_m2"]
         ends = ((area - bound, total + of_bound), (area, total), (area + bound, total - of_bound))
         low, share, high = (
             min(max(part / whole, 0.0), 1.0) if whole > 0 else 1.0 for part, whole in ends

@@ -7,7 +7,7 @@ are selected and moved on cells of the surface, and the network is measured by i
 """
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -375,10 +375,9 @@ def _select(problem: Problem, selection: SelectionSection, seconds: float) -> Se
 def _required_by_face(
     prepared: Prepared, cameras: Measured, faces: Objective
 ) -> tuple[Requirement, ...]:
-    selection, reachable = prepared.selection, None
-    if isinstance(selection, FewestSelection) and selection.of_reachable and prepared.cells is None:
-        reachable = prepared.problem.reachable
-    weights, limits = faces.integer_weights, limits_of(selection)
+    is_part = _is_of_reachable(prepared.selection) and prepared.cells is None
+    reachable = prepared.problem.reachable if is_part else None
+    weights, limits = faces.integer_weights, limits_of(prepared.selection)
     return judge(prepared.mesh, weights, limits, cameras.covered, reachable=reachable)
 
 
@@ -462,10 +461,17 @@ def _without_idle(placement: Placement, objectives: Objectives) -> Placement:
 
 def _of_rows(placement: Placement, objectives: Objectives, rows: list[int]) -> Placement:
     """The placement with some of its cameras or rigs."""
-    cameras = measured(objectives.faces, placement.cameras.mounted[np.array(rows, np.int64)])
+    mounted = placement.cameras.mounted[np.array(rows, np.int64)]
+    return _at(placement, objectives, mounted, [placement.origin[row] for row in rows])
+
+
+def _at(
+    placement: Placement, objectives: Objectives, mounted: Poses, origin: Sequence[str]
+) -> Placement:
+    """The placement with other cameras or rigs, measured, each with its source."""
+    cameras = measured(objectives.faces, mounted)
     requirements = _required_by_face(placement.prepared, cameras, objectives.faces)
-    origin = tuple(placement.origin[row] for row in rows)
-    found = replace(placement, cameras=cameras, origin=origin, requirements=requirements)
+    found = replace(placement, cameras=cameras, origin=tuple(origin), requirements=requirements)
     return found if objectives.cells is None else _by_area(found, objectives.cells)
 
 
@@ -504,13 +510,8 @@ def _moved(placement: Placement, objectives: Objectives, poses: FloatArray, how:
         name if (old == new).all() else f"{name}, {how}"
         for name, old, new in zip(placement.origin, before, poses, strict=True)
     ]
-    camera = placement.cameras.mounted.camera
-    cameras = measured(objectives.faces, Poses.of(poses, camera=camera))
-    requirements = _required_by_face(placement.prepared, cameras, objectives.faces)
-    moved = replace(placement, cameras=cameras, origin=tuple(origin), requirements=requirements)
-    if objectives.cells is None:
-        return moved
-    moved = _by_area(moved, objectives.cells)
-    if moved.cameras.share < placement.cameras.share:
+    mounted = Poses.of(poses, camera=placement.cameras.mounted.camera)
+    moved = _at(placement, objectives, mounted, origin)
+    if objectives.cells is not None and moved.cameras.share < placement.cameras.share:
         return replace(placement, kept_poses=(*placement.kept_poses, how))
     return moved
