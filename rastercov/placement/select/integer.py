@@ -340,7 +340,6 @@ class _Program:
         """Pass the program to HiGHS, row by row: faces, then the limits of the goal."""
         highspy, reduced = self.highspy, self.reduced
         goal, n_candidates = reduced.problem.goal, reduced.n_candidates
-        cameras = np.arange(n_candidates)
         column_of = self.column_of_face
         is_optional = (column_of >= 0).astype(np.int64)
 
@@ -355,26 +354,33 @@ class _Program:
         of_pairs[own] = False
         index[of_pairs], value[of_pairs] = covering, times
         index[own], value[own] = column_of[optional], -self.views[optional]
-        rows = [(index, value)]
-        lower = [np.where(is_optional, 0.0, self.views)]
-        upper = [np.full(reduced.n_faces, highspy.kHighsInf)]
-        n_entries = [lengths]
+
+        # With one view a face, z is an integer wherever x is.
+        integer, continuous = highspy.HighsVarType.kInteger, highspy.HighsVarType.kContinuous
+        is_whole = np.ones(self.n_columns, bool)
+        is_whole[n_candidates:] = (self.views[optional] > 1) | reduced.is_spread
+        inf, cost = highspy.kHighsInf, np.zeros(self.n_columns)
+        cost[:n_candidates] = 0.0 if self.is_best_coverage else reduced.costs
+        cost[column_of[optional]] = self.weights[optional] if self.is_best_coverage else 0.0
+        sense = highspy.ObjSense.kMaximize if self.is_best_coverage else highspy.ObjSense.kMinimize
+        self.solver.passModel(  # arrays, because lists of millions of numbers take seconds
+            self.n_columns, reduced.n_faces, len(index), int(highspy.MatrixFormat.kRowwise),
+            int(sense), 0.0, cost, np.zeros(self.n_columns), np.ones(self.n_columns),
+            np.where(is_optional, 0.0, self.views), np.full(reduced.n_faces, inf),
+            (ends - lengths).astype(np.int32), index.astype(np.int32), value,
+            np.where(is_whole, int(integer), int(continuous)).astype(np.int32),
+        )  # fmt: skip
 
         def add_row(columns: IntArray, values: FloatArray, low: float, high: float) -> None:
-            rows.append((columns, values))
-            lower.append(np.array([low]))
-            upper.append(np.array([high]))
-            n_entries.append(np.array([len(columns)]))
+            self.solver.addRow(low, high, len(columns), columns.astype(np.int32), values)
 
-        inf, cost = highspy.kHighsInf, np.zeros(self.n_columns)
         if isinstance(goal, BestCoverage):
-            cost[column_of[optional]] = self.weights[optional]
+            cameras = np.arange(n_candidates)
             if goal.cameras is not None:
                 add_row(cameras, np.ones(n_candidates), -inf, float(goal.cameras))
             if goal.budget is not None:
                 add_row(cameras, reduced.costs, -inf, goal.budget)
         else:
-            cost[:n_candidates] = reduced.costs
             scale = reduced.n_faces / max(1, int(reduced.integer_weights.sum()))
             for kind in (None, *range(1, len(reduced.least))):
                 of_kind = optional if kind is None else optional[reduced.kind[optional] == kind]
@@ -385,22 +391,6 @@ class _Program:
                 missing = least - int(reduced.integer_weights[certain].sum())
                 if missing > 0:
                     add_row(column_of[of_kind], self.weights[of_kind], missing * scale, inf)
-
-        # With one view a face, z is an integer wherever x is.
-        integer, continuous = highspy.HighsVarType.kInteger, highspy.HighsVarType.kContinuous
-        is_whole = np.ones(self.n_columns, bool)
-        is_whole[n_candidates:] = (self.views[optional] > 1) | reduced.is_spread
-        counts = np.concatenate(n_entries)
-        columns = np.concatenate([row[0] for row in rows]).astype(np.int32)
-        sense = highspy.ObjSense.kMaximize if self.is_best_coverage else highspy.ObjSense.kMinimize
-        self.solver.passModel(  # arrays, because lists of millions of numbers take seconds
-            self.n_columns, len(counts), len(columns), int(highspy.MatrixFormat.kRowwise),
-            int(sense), 0.0, cost, np.zeros(self.n_columns), np.ones(self.n_columns),
-            np.concatenate(lower), np.concatenate(upper),
-            np.concatenate(([0], np.cumsum(counts)[:-1])).astype(np.int32), columns,
-            np.concatenate([row[1] for row in rows]).astype(np.float64),
-            np.where(is_whole, int(integer), int(continuous)).astype(np.int32),
-        )  # fmt: skip
 
 
 def _merged_pairs(reduced: ReducedProblem) -> tuple[IntArray, NDArray[np.int32], FloatArray]:
