@@ -243,7 +243,7 @@ class Audit(InOneLine):
             "required_views": self.task.views,
             "covered_percent": percent * float(weights[self.covered].sum()),
             "seen_percent": percent * float(weights[is_seen].sum()),
-            "mean_views": _mean(self.views, weights, weights > 0),
+            "mean_views": float(np.average(self.views, weights=weights)) if total > 0 else 0.0,
             "median_density_px_per_m": _median(self.best_density, weights, is_seen),
             "median_widest_angle_deg": math.degrees(_median(self.widest_angle, weights, several)),
             "redundant_cameras": int(self.redundant.sum()),
@@ -461,11 +461,6 @@ def _texts(what: str, texts: Sequence[str] | None, poses: Poses) -> tuple[str, .
             f"{what} must have one text for each of {len(poses.given)} poses, got {len(found)}"
         )
     return tuple(found[row] for row in poses.ids)
-
-
-def _mean(values: NDArray[Any], weights: FloatArray, mask: BoolArray) -> float:
-    total = float(weights[mask].sum())
-    return float((values[mask] * weights[mask]).sum()) / total if total > 0 else 0.0
 
 
 def _median(values: FloatArray, weights: FloatArray, mask: BoolArray) -> float:

@@ -69,7 +69,7 @@ from rastercov.cluster.work import FolderLostError
 from rastercov.coverage.area.cells import cells
 from rastercov.coverage.area.frames import check_same_mesh
 from rastercov.coverage.area.observer import RegionObserver
-from rastercov.coverage.coverage import Coverage, evaluate_batches, judged, measurements
+from rastercov.coverage.coverage import evaluate_batches, judged, measurements
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.face_pass import CoveragePass
 from rastercov.coverage.observer import ExactObserver, open_observer
@@ -676,16 +676,11 @@ def _of_faces(
     """Pairs of poses and faces with coverage > 0."""
     figures = ("coverage", *(FIGURES if bounds is not None else ()))
     for batch in evaluate_batches(observer, poses, task, fields=figures):
-        yield _pairs(batch)
+        pose, face = np.nonzero((batch.coverage > 0) & batch.mesh.task_mask)
+        short, covered = shortened(batch.coverage[pose, face], batch.task.min_coverage)
+        yield pose, face.astype(np.int32), short, covered, NOT_ON_RIGS, len(batch.pose_ids)
         if bounds is not None and len(batch.pose_ids):
             bounds.add(batch)
-
-
-def _pairs(batch: Coverage) -> Batch:
-    """Pairs of a batch with coverage > 0."""
-    pose, face = np.nonzero((batch.coverage > 0) & batch.mesh.task_mask)
-    short, covered = shortened(batch.coverage[pose, face], batch.task.min_coverage)
-    return pose, face.astype(np.int32), short, covered, NOT_ON_RIGS, len(batch.pose_ids)
 
 
 def _of_cells(

@@ -241,8 +241,6 @@ def _samples_within(corners: FloatArray) -> BoolArray:
     return inside
 
 
-__all__ = ["Leftover", "Sight", "what_is_left"]
-
 COULD = {
     "could_be_covered": "could be covered by one",
     "seen_never_covered": "are seen by one, and covered by none",
@@ -534,6 +532,7 @@ class NearestCameras:
         self.camera: IntArray = np.full(n_faces, -1, np.int64)
 
     def add(self, batch: Coverage) -> None:
+        """Add a batch of cameras."""
         if not len(batch.pose_ids):
             return
         second = 1 - batch.incidence / np.pi

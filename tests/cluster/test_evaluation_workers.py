@@ -182,21 +182,6 @@ def test_an_audit_leaves_out_a_pose_that_kills(tmp_path, a_killer):
     np.testing.assert_array_equal(found.lost_m2, alone.lost_m2)
 
 
-def test_an_audit_finds_a_pose_again_whose_note_is_damaged(tmp_path, a_killer):
-    found, lines = [], []
-    for _ in range(2):
-        options = {"folder": tmp_path, "workers": Workers(1), "note": lines.append}
-        found.append(audit(MESH, CAMERA, FEW, by="face", **options))
-        (note,) = tmp_path.glob("*/quarantine/shard-1.json")
-        note.write_bytes(b"[")
-    assert (
-        dict(found[0].quarantined)
-        == dict(found[1].quarantined)
-        == {POISONED: "was killed by SIGKILL"}
-    )
-    assert [line for line in lines if "shard-1.json: damaged" in line]
-
-
 def test_a_pose_that_kills_its_worker_is_left_out(tmp_path, a_killer):
     found = evaluated(tmp_path / "m", FEW, by="face", workers=Workers(2))
     assert found["quarantined"] == {str(POISONED): "was killed by SIGKILL"}

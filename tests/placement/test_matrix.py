@@ -136,16 +136,6 @@ def test_a_run_goes_on_where_it_was_stopped(tmp_path):
     assert watched(tmp_path)[1] == [N_POSES]
 
 
-def test_a_failure_to_write_leaves_no_shard(tmp_path, monkeypatch):
-    def fail(descriptor):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(os, "fsync", fail)
-    with pytest.raises(OSError, match="No space left"):
-        build(tmp_path / "full")
-    assert [path for path in (tmp_path / "full").rglob("*") if path.is_file()] == []
-
-
 def moved(mesh):
     return rc.Mesh(mesh.vertices + np.array([1e-9, 0, 0]), mesh.faces)
 

@@ -373,9 +373,10 @@ def held(
     lists = [part for part in parts if isinstance(part, VisibilityMatrix)]
     folders = [part for part in parts if isinstance(part, MatrixFolder)]
     n_pairs = sum(folder.n_pairs for folder in folders)
+    is_integer = plan.selection is not None and plan.selection.method == "integer"
     reasons = [
         *(["task.min_angle_deg"] if plan.task.min_angle_deg > 0 else []),
-        *(["selection.method integer"] if _is_integer(plan) else []),
+        *(["selection.method integer"] if is_integer else []),
         *(["several views from rigs"] if plan.mounts.has_rigs and most_views(plan) > 1 else []),
     ]
     if n_pairs > MOST_LISTED_PAIRS and not reasons:
@@ -385,10 +386,6 @@ def held(
         remedy = "leave them out, or use fewer candidates"
         check_memory(what, BYTES_A_PAIR * n_pairs, remedy)
     return reduce(VisibilityMatrix.joined, lists or map(VisibilityMatrix.of, folders))
-
-
-def _is_integer(plan: Plan) -> bool:
-    return plan.selection is not None and plan.selection.method == "integer"
 
 
 def words_on(matrix: Matrix) -> list[str]:

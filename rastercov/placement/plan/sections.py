@@ -13,7 +13,7 @@ entry names a generator of `pool`, `mounting` or `cavities` and holds its argume
 """
 
 import math
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import MISSING, fields
 from pathlib import Path
 from types import NoneType
@@ -32,6 +32,7 @@ from pydantic import (
     create_model,
     model_validator,
 )
+from pydantic.fields import FieldInfo
 
 from rastercov.base.arguments import Reads, annotations_of, documented, reader_of
 from rastercov.base.errors import CameraError, RastercovError
@@ -183,15 +184,15 @@ def both_or_none(entry: Boxed) -> Boxed:
     return entry
 
 
-def among(names: Collection[str]) -> Callable[[str], str]:
-    """Validator that refuses every string but these names."""
+def among(names: Collection[str]) -> tuple[AfterValidator, FieldInfo]:
+    """Metadata of strings that refuse every one but these names, which the schema lists."""
 
     def check(name: str) -> str:
         if name not in names:
             raise ValueError(f"wanted one of {', '.join(names)}, got {name!r}")
         return name
 
-    return check
+    return AfterValidator(check), Field(json_schema_extra={"enum": list(names)})
 
 
 Some = Annotated[list[Value], Field(min_length=1)]
@@ -219,9 +220,7 @@ def no_limit(pair: list[float] | None) -> tuple[float, float]:
 
 OF_FILES = ("pixel_centre", "lens_model", "image_size")
 """Entries that answer what a camera file leaves open."""
-Preset = Annotated[
-    str, AfterValidator(among(PRESETS)), Field(json_schema_extra={"enum": list(PRESETS)})
-]
+Preset = Annotated[str, *among(PRESETS)]
 
 # Ignored types below: mypy does not follow the classes that `fields_of` makes.
 
@@ -533,9 +532,7 @@ Unit = Annotated[
     Field(description=f"Unit of the file: {', '.join(METRES)}, or metres per unit."),
 ]
 MeshFile = Annotated[File | None, Field(description=f"Mesh file: {', '.join(READERS)}.")]
-BuiltIn = Annotated[
-    str, AfterValidator(among(NAMES)), Field(json_schema_extra={"enum": list(NAMES)})
-]
+BuiltIn = Annotated[str, *among(NAMES)]
 
 
 class TransformEntry(Entry):

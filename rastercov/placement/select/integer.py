@@ -194,24 +194,6 @@ class _Search:
         return self.state.cost
 
 
-class _Seen:
-    """Latest solution and bound that HiGHS has reported, for when it has to be abandoned."""
-
-    def __init__(self, n_candidates: int, is_best_coverage: bool) -> None:
-        self.n_candidates = n_candidates
-        self.bound = math.inf if is_best_coverage else -math.inf
-        self.chosen: set[int] | None = None
-
-    def progress(self, event: Any) -> None:
-        """Record the bound."""
-        self.bound = float(event.data_out.mip_dual_bound)
-
-    def improvement(self, event: Any) -> None:
-        """Record a better solution."""
-        values = np.array(event.data_out.mip_solution)[: self.n_candidates]
-        self.chosen = set(np.flatnonzero(values > 0.5).tolist())
-
-
 class _Program:
     """The integer program in HiGHS: columns are candidates, then faces that may stay uncovered."""
 
@@ -254,9 +236,21 @@ class _Program:
             self.solver.setOptionValue(name, value)
         self._pass_model(optional)
         self.solver.HandleUserInterrupt = True
-        self.seen = _Seen(self.reduced.n_candidates, self.is_best_coverage)
-        self.solver.cbMipInterrupt += self.seen.progress
-        self.solver.cbMipImprovingSolution += self.seen.improvement
+        # Latest bound and solution that HiGHS has reported, for when it has to be abandoned.
+        self.last_bound = math.inf if self.is_best_coverage else -math.inf
+        self.last_chosen: set[int] | None = None
+        self.solver.cbMipInterrupt += self._take_bound
+        self.solver.cbMipImprovingSolution += self._take_solution
+
+    def _take_bound(self, event: Any) -> None:
+        self.last_bound = float(event.data_out.mip_dual_bound)
+
+    def _take_solution(self, event: Any) -> None:
+        self.last_chosen = self._chosen_of(event.data_out.mip_solution)
+
+    def _chosen_of(self, columns: Any) -> set[int]:
+        values = np.array(columns[: self.reduced.n_candidates])
+        return set(np.flatnonzero(values > 0.5).tolist())
 
     def solve(self, deadline: Deadline, start: set[int]) -> tuple[set[int] | None, float, str]:
         """Chosen candidates, None where none were found; the bound; the status."""
@@ -277,7 +271,7 @@ class _Program:
                     solver.cancelSolve()
                 if deadline.left < -GRACE:
                     atexit.register(thread.join, AT_EXIT)  # its callbacks need a live interpreter
-                    return self.seen.chosen, self._bound(self.seen.bound), "time_limit"
+                    return self.last_chosen, self._bound(self.last_bound), "time_limit"
             except KeyboardInterrupt:
                 interrupted = True
                 solver.cancelSolve()
@@ -285,10 +279,8 @@ class _Program:
         ends = {states.kOptimal: "optimal", states.kInfeasible: "infeasible"}
         ended = ends.get(solver.getModelStatus(), "time_limit")
         info = solver.getInfo()
-        chosen = None
-        if info.primal_solution_status == 2:  # feasible
-            values = np.array(solver.getSolution().col_value[: self.reduced.n_candidates])
-            chosen = set(np.flatnonzero(values > 0.5).tolist())
+        is_feasible = info.primal_solution_status == 2
+        chosen = self._chosen_of(solver.getSolution().col_value) if is_feasible else None
         bound = self._bound(info.mip_dual_bound)
         return chosen, bound, "interrupted" if interrupted else ended
 

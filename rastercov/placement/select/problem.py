@@ -542,6 +542,7 @@ class Selection:
 
     def summary(self) -> dict[str, Any]:
         """Figures and cameras, ready for JSON, without the arrays over faces."""
+        figures = ("share", "cost", "objective", "bound", "gap", "seconds")
         return {
             "method": self.method,
             "status": self.status,
@@ -549,12 +550,7 @@ class Selection:
             "chosen": self.chosen.tolist(),
             "curve": self.curve.tolist(),
             "faces_covered": int(self.covered.sum()),
-            "share": self.share,
-            "cost": self.cost,
-            "objective": self.objective,
-            "bound": self.bound,
-            "gap": self.gap,
-            "seconds": self.seconds,
+            **{name: getattr(self, name) for name in figures},
         }
 
 
