@@ -15,10 +15,10 @@ from annotated_types import Ge
 from numpy.typing import ArrayLike
 from typing_extensions import Doc
 
-from rastercov.base.arguments import check_seed
+from rastercov.base.arguments import check_limits, check_seed
 from rastercov.base.errors import ConfigError
 from rastercov.base.memory import FloatArray, Lists
-from rastercov.base.typed import check_fields, typed
+from rastercov.base.typed import typed
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.mesh.arrays import frozen
 from rastercov.placement.improve.objective import Objective
@@ -54,10 +54,7 @@ class InstallationError:
     distribution: Annotated[Literal["normal", "uniform"], Doc("Of the errors.")] = "normal"
 
     def __post_init__(self) -> None:
-        check_fields(self)
-        for name, value in (("position_mm", self.position_mm), ("angle_deg", self.angle_deg)):
-            if isinstance(value, bool) or not 0 <= value < np.inf:
-                raise ConfigError(f"{name} must be 0 or more and finite, got {value}")
+        check_limits(self)
 
     def draw(self, shape: tuple[int, ...], rng: np.random.Generator) -> tuple[FloatArray, ...]:
         """Displacements in metres and rotation vectors in radians, (*shape, 3) each."""
