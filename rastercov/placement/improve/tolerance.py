@@ -19,6 +19,7 @@ from rastercov.base.arguments import check_limits, check_seed
 from rastercov.base.errors import ConfigError
 from rastercov.base.memory import FloatArray, Lists
 from rastercov.base.typed import typed
+from rastercov.camera.formats.conventions import from_vectors
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.mesh.arrays import frozen
 from rastercov.placement.improve.objective import Objective
@@ -279,21 +280,6 @@ def disturbed_poses(
     displacement, turn = error.draw((draws, len(poses)), rng)
     out = np.tile(poses, (draws, 1, 1, 1))
     out[..., :3, 3] += displacement
-    out[..., :3, :3] = out[..., :3, :3] @ rotations(turn)
-    return out
-
-
-def rotations(vectors: FloatArray) -> FloatArray:
-    """(..., 3, 3) rotations by rotation vectors (..., 3), radians: Rodrigues' formula.
-
-    R = I + sin(a) K + (1 - cos(a)) K^2 for the angle a and the cross-product matrix K of the axis.
-    """
-    angle = np.linalg.norm(vectors, axis=-1, keepdims=True)[..., None]
-    cross = np.zeros((*vectors.shape[:-1], 3, 3))
-    x, y, z = np.moveaxis(vectors, -1, 0)
-    cross[..., 0, 1], cross[..., 0, 2], cross[..., 1, 2] = -z, y, -x
-    cross -= np.swapaxes(cross, -1, -2)
-    # sinc: sin(pi t) / (pi t), 1 at 0
-    half = np.sinc(angle / (2 * np.pi))
-    out: FloatArray = np.eye(3) + np.sinc(angle / np.pi) * cross + half**2 / 2 * (cross @ cross)
+    turns = from_vectors(turn, np.zeros((turn[..., 0].size, 3)))[:, :3, :3]
+    out[..., :3, :3] = out[..., :3, :3] @ turns.reshape(*turn.shape, 3)
     return out
