@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from rastercov.base.errors import MeshError, RastercovError
 from rastercov.base.format import plural
 from rastercov.camera.formats import read_views
+from rastercov.camera.formats.conventions import unique
 from rastercov.camera.rig import Rig
 from rastercov.mesh import Group, Mesh, shapes
 from rastercov.mesh.groups import FileGroups, Names, refuse_twice
@@ -113,14 +114,13 @@ def _joined(plan: Plan, parts: Sequence[Mesh]) -> Mesh:
     for entry, part in zip(plan.meshes, parts, strict=True):
         stem = entry.built_in or (plan.folder / str(entry.path)).stem
         lone = len(part.groups) == 1
-        fresh = [stem if lone else f"{stem}/{group.name}" for group in part.groups]
-        names += [_free(name, names) for name in fresh]
+        names += [stem if lone else f"{stem}/{group.name}" for group in part.groups]
     n_vertices = np.cumsum([0] + [part.n_vertices for part in parts])
     n_groups = np.cumsum([0] + [len(part.groups) for part in parts])
     return Mesh(
         vertices=np.concatenate([part.vertices for part in parts]),
         faces=np.concatenate([p.faces + n for p, n in zip(parts, n_vertices, strict=False)]),
-        groups=[Group(name) for name in names],
+        groups=[Group(name) for name in unique(names, "group")],
         face_group=np.concatenate(
             [p.face_group + n for p, n in zip(parts, n_groups, strict=False)]
         ),
@@ -128,14 +128,6 @@ def _joined(plan: Plan, parts: Sequence[Mesh]) -> Mesh:
         sources=[source for part in parts for source in part.sources],
         notes=[note for part in parts for note in part.notes],
     )
-
-
-def _free(name: str, taken: Sequence[str]) -> str:
-    """`name`, or the first of `name #2`, `name #3` ... that is not taken, as in one file."""
-    number, free = 2, name
-    while free in taken:
-        number, free = number + 1, f"{name} #{number}"
-    return free
 
 
 def _with_roles(plan: Plan, mesh: Mesh, names: Sequence[Sequence[str]]) -> Mesh:
@@ -174,7 +166,7 @@ def _with_targets(plan: Plan, mesh: Mesh, files: Sequence[FileGroups]) -> tuple[
         except RastercovError as error:
             lines.append(f"targets[{row}].{field}: {error}")
             continue
-        name = _free(name, [group.name for group in mesh.groups])
+        name = unique([*(group.name for group in mesh.groups), name], "target")[-1]
         both = entry.box is not None if entry.two_sided is None else entry.two_sided
         mesh = with_target(mesh, target, name, two_sided=both)
     return mesh, lines
