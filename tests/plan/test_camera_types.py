@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mesh_files import obj
 from surface_cases import room
 
 import rastercov as rc
@@ -41,13 +40,6 @@ page = false
 """
 BUDGET = 'goal = "best_coverage"\nbudget = {}'
 FEWEST = 'goal = "fewest_cameras"\ncoverage = 0.3'
-
-
-@pytest.fixture(autouse=True)
-def folder(tmp_path, monkeypatch):
-    """A folder with a room."""
-    monkeypatch.chdir(tmp_path)
-    Path("room.obj").write_bytes(obj(MESH.vertices, MESH.faces))
 
 
 def types(**entries):

@@ -35,13 +35,6 @@ ENTRY = BASE + "[[candidates]]\ngenerator = "
 CAMERA = "[camera]\nwidth = 64\nheight = 48\nfx = 64\nfy = 64\n"
 
 
-@pytest.fixture(autouse=True)
-def folder(tmp_path, monkeypatch):
-    """A folder of its own to write plans to."""
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
 def plan_of(text, name="plan.toml"):
     Path(name).write_text(text, encoding="utf-8")
     return read_plan(name)

@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from coarse_pictures import coarse_pictures  # noqa: F401 # a fixture for every test
-from mesh_files import obj
 from surface_cases import room
 
 import rastercov as rc
@@ -52,13 +51,6 @@ page = {page}
 """
 BY_AREA = "min_pixels_per_m2 = 300\nresolution_of_result = 0.8"
 TWO = 'goal = "best_coverage"\ncameras = 2'
-
-
-@pytest.fixture(autouse=True)
-def folder(tmp_path, monkeypatch):
-    """A folder with a room."""
-    monkeypatch.chdir(tmp_path)
-    Path("room.obj").write_bytes(obj(MESH.vertices, MESH.faces))
 
 
 def plan_of(cameras, goal=TWO, task=BY_AREA, entry="", page="false"):
