@@ -21,10 +21,9 @@ from rows import Report, arguments
 
 import rastercov as rc
 from rastercov.mesh import shapes
-from rastercov.placement import bit_matrix as bit_file
-from rastercov.placement.bit_matrix import BitMatrix
+from rastercov.placement import matrix_folder as bit_file
 from rastercov.placement.bits import CoveredBits, n_words, spread_out
-from rastercov.placement.matrix import measure_matrix
+from rastercov.placement.matrix import BitMatrix, measure_matrix
 from rastercov.placement.select import bounds
 from rastercov.placement.select.cover import CoverState, LazyCover
 from rastercov.placement.select.greedy import EFFORT, constructed, improve, select_greedy
@@ -34,10 +33,10 @@ from rastercov.placement.select.problem import (
     FewestCameras,
     Goal,
     Problem,
+    finish,
     problem_of,
     problem_of_matrix,
 )
-from rastercov.placement.select.selection import finish
 
 PARTS = ("generated", "small", "place", "rates")
 ROWS_AT_ONCE = 500

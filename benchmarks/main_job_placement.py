@@ -20,7 +20,7 @@ from rastercov.coverage.observer import open_observer
 from rastercov.coverage.task import Reason
 from rastercov.mesh import Mesh
 from rastercov.placement.candidates.cavities import Access, openings
-from rastercov.placement.candidates.framing import Framing
+from rastercov.placement.candidates.pool import Framing
 from rastercov.placement.matrix import VisibilityMatrix
 from rastercov.placement.plan.check import check
 from rastercov.placement.plan.file import read_plan

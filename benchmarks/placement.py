@@ -28,9 +28,8 @@ from union_greedy import area_of, greedy_by_area, room_candidates
 
 import rastercov as rc
 from rastercov.mesh import shapes
-from rastercov.placement.candidates.framing import Framing
 from rastercov.placement.candidates.mounting import on_ceiling, on_sphere, on_walls
-from rastercov.placement.candidates.pool import per_segment
+from rastercov.placement.candidates.pool import Framing, per_segment
 from rastercov.placement.candidates.segments import segment
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.improve.pose_space import PoseSpace

@@ -15,8 +15,7 @@ from rows import Report, arguments
 
 import rastercov as rc
 from rastercov.mesh import shapes
-from rastercov.placement.candidates.framing import Framing
-from rastercov.placement.candidates.pool import Candidates, per_segment
+from rastercov.placement.candidates.pool import Candidates, Framing, per_segment
 from rastercov.placement.candidates.segments import segment
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.improve.pose_space import PoseSpace

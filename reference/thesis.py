@@ -13,8 +13,7 @@ from rastercov.kernels.stopwatch import Stopwatch
 from rastercov.placement.select.bounds import bound_of
 from rastercov.placement.select.cover import CoverState
 from rastercov.placement.select.presolve import presolve
-from rastercov.placement.select.problem import BestCoverage, Problem
-from rastercov.placement.select.selection import Selection, finish
+from rastercov.placement.select.problem import BestCoverage, Problem, Selection, finish
 
 
 @typed

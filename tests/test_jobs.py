@@ -221,6 +221,9 @@ def test_check_takes_several_cameras():
         assert other.requirements == found.requirements
     exact = rc.unite(rc.regions(found.mesh, rig, poses, found.task))
     assert found.cameras.areas.summary()["m2"] == pytest.approx(exact.area[0].sum(), abs=1e-9)
+    for row, entry in enumerate(found.summary()["by_camera"]):
+        own = rc.unite(rc.regions(found.mesh, rig, poses[poses.camera == row], found.task))
+        assert entry["covered_area"]["m2"] == pytest.approx(own.area[0].sum(), abs=1e-9)
     with pytest.raises(rc.PoseError, match="has camera 1, but there are 1"):
         rc.check(PLAN, poses)
 

@@ -240,14 +240,6 @@ def test_poses_in_any_batches_make_the_same_network(seed, cuts):
     assert split.summary() == whole.summary()
 
 
-def test_the_mean_of_a_pose_does_not_depend_on_the_others():
-    coverage = np.random.default_rng(0).random((7, 1970))
-    mesh = shapes.aeroplane()
-    whole = network_of(judged(coverage, mesh=mesh), mesh=mesh)
-    one_by_one = network_of(*(judged(row[None], mesh=mesh) for row in coverage), mesh=mesh)
-    assert whole.mean_coverage == one_by_one.mean_coverage
-
-
 def test_a_network_of_no_cameras_covers_nothing_and_says_why():
     for network in (network_of(), network_of(judged(np.zeros((0, 5))))):
         summary = network.summary()

@@ -6,7 +6,6 @@ import threading
 import time
 import tracemalloc
 import weakref
-from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
@@ -21,7 +20,6 @@ from rastercov.base import memory
 from rastercov.base.errors import DeviceError, ResourceError
 from rastercov.base.threads import Once, ScratchPool, share_poses
 from rastercov.camera.viewpoints import sphere_of_poses
-from rastercov.exact import certificate as contour
 from rastercov.exact import half_planes as analytic
 from rastercov.exact import memory as images
 from rastercov.exact import surface
@@ -216,21 +214,6 @@ def test_a_surface_lives_as_long_as_its_mesh():
     assert kept() is surface.surface_of(mesh)
     del mesh
     assert kept() is None
-
-
-def test_loops_are_compiled_once_however_many_threads_open_observers(monkeypatch):
-    started = []
-
-    def aside(module, function, loop):
-        started.append(function)
-        time.sleep(0.05)
-        return nullcontext()
-
-    monkeypatch.setattr(contour, "COMPILED", Once())
-    monkeypatch.setattr(contour, "is_compiled", lambda loop: False)
-    monkeypatch.setattr(contour, "compiled_aside", aside)
-    in_threads(6, lambda _: contour.compile_once())
-    assert len(started) == 1
 
 
 def test_a_compilation_is_announced_once_however_many_threads_wait_for_it(monkeypatch):

@@ -17,6 +17,10 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from rastercov.base.errors import ResourceError
 
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+IntArray = NDArray[np.int64]
+
 CACHE_LINE = 64
 """Bytes of a cache line."""
 UNCHECKED = 1 << 28

@@ -9,7 +9,6 @@ All names that a program needs; the pages of a plan are in `rastercov.report`.
 """
 
 from rastercov.base.typed import guard as _guard
-from rastercov.placement.bit_matrix import BitMatrix
 from rastercov.placement.bits import CoveredBits
 from rastercov.placement.candidates.cavities import Access, Openings, openings, per_cavity
 from rastercov.placement.candidates.clearance import (
@@ -21,7 +20,6 @@ from rastercov.placement.candidates.clearance import (
     filter_candidates,
     in_solid,
 )
-from rastercov.placement.candidates.framing import Framing
 from rastercov.placement.candidates.mounting import (
     along,
     at_middle,
@@ -35,20 +33,19 @@ from rastercov.placement.candidates.mounting import (
 )
 from rastercov.placement.candidates.pool import (
     Candidates,
+    Framing,
     from_poses,
     per_convex_region,
     per_face,
     per_segment,
 )
 from rastercov.placement.candidates.segments import Segmentation, segment
-from rastercov.placement.explain.candidate_visibility import Sight
-from rastercov.placement.explain.uncovered import Leftover, what_is_left
 from rastercov.placement.improve.objective import CellObjective, Objective
 from rastercov.placement.improve.pose_space import Place, PoseSpace
 from rastercov.placement.improve.refine import Refined, refine
 from rastercov.placement.improve.search import Optimised, optimise
 from rastercov.placement.improve.tolerance import InstallationError, Tolerance, tolerance
-from rastercov.placement.matrix import VisibilityMatrix, build_matrix, measure_matrix
+from rastercov.placement.matrix import BitMatrix, VisibilityMatrix, build_matrix, measure_matrix
 from rastercov.placement.matrix_folder import MatrixFolder
 from rastercov.placement.select.greedy import select_greedy
 from rastercov.placement.select.integer import select_integer
@@ -56,10 +53,11 @@ from rastercov.placement.select.problem import (
     BestCoverage,
     FewestCameras,
     Problem,
+    Selection,
     problem_of,
     problem_of_matrix,
 )
-from rastercov.placement.select.selection import Selection
+from rastercov.placement.uncovered import Leftover, Sight, what_is_left
 
 __all__ = [
     "Access",

@@ -35,10 +35,15 @@ from rastercov.coverage.shards import EvaluationShards, Source, Wanted, open_for
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.placement.bits import CoveredBits
-from rastercov.placement.matrix_shards import shortened
+from rastercov.placement.matrix_folder import shortened
 from rastercov.placement.select.greedy import select_greedy
-from rastercov.placement.select.problem import FewestCameras, Problem, views_of, weights_of
-from rastercov.placement.select.selection import Selection
+from rastercov.placement.select.problem import (
+    FewestCameras,
+    Problem,
+    Selection,
+    views_of,
+    weights_of,
+)
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -238,7 +243,7 @@ class Audit(InOneLine):
             "required_views": self.task.views,
             "covered_percent": percent * float(weights[self.covered].sum()),
             "seen_percent": percent * float(weights[is_seen].sum()),
-            "mean_views": _mean(self.views, weights, weights > 0),
+            "mean_views": float(np.average(self.views, weights=weights)) if total > 0 else 0.0,
             "median_density_px_per_m": _median(self.best_density, weights, is_seen),
             "median_widest_angle_deg": math.degrees(_median(self.widest_angle, weights, several)),
             "redundant_cameras": int(self.redundant.sum()),
@@ -355,7 +360,7 @@ def audit(
         elements = cells(mesh, size)
     network = Network(mesh, single)
     areas = AreaNetwork(mesh, single) if elements is not None else None
-    pairs = _Pairs()
+    n_measured, rows_of, elements_of = 0, [np.zeros(0, np.int64)], [np.zeros(0, np.int32)]
     if workers is not None and folder is None:
         raise ConfigError("workers make shards in a folder; name one, or leave out workers")
     rows = "covered" if elements is None else "none"
@@ -370,15 +375,18 @@ def audit(
             if areas is None or elements is None or regions is None:
                 is_scored = mesh.task_mask[batch.rows.face]
                 row = np.searchsorted(batch.pose_ids, batch.rows.pose[is_scored])
-                pairs.add(row, batch.rows.face[is_scored], len(batch.poses))
+                own = batch.rows.face[is_scored]
             else:
                 areas.add(regions)
                 found = elements.share(regions)
                 row = np.repeat(np.arange(len(batch.poses)), np.diff(found.starts))
                 enough = shortened(found.share, task.min_coverage)[1]
-                pairs.add(row[enough], found.cell[enough], len(batch.poses))
+                row, own = row[enough], found.cell[enough]
+            rows_of.append(n_measured + row)
+            elements_of.append(own.astype(np.int32))
+            n_measured += len(batch.poses)
     on = mesh if elements is None else elements.elements
-    row, element = pairs.joined()
+    row, element = np.concatenate(rows_of), np.concatenate(elements_of)
     is_measured = np.isin(accepted.ids, network.pose_ids)
     accepted = accepted[is_measured]
     words = tuple(np.array(words, object)[is_measured])
@@ -417,23 +425,6 @@ def audit(
     )  # fmt: skip
 
 
-class _Pairs:
-    """Pairs of camera and element that it covers, batch by batch."""
-
-    def __init__(self) -> None:
-        self._n, self._rows, self._elements = 0, [np.zeros(0, np.int64)], [np.zeros(0, np.int32)]
-
-    def add(self, row: NDArray[Any], element: NDArray[Any], n: int) -> None:
-        """Take in the pairs of `n` further poses, by row."""
-        self._rows.append(self._n + row)
-        self._elements.append(element.astype(np.int32))
-        self._n += n
-
-    def joined(self) -> tuple[IntArray, NDArray[np.int32]]:
-        """Rows and elements, (N,) each."""
-        return np.concatenate(self._rows), np.concatenate(self._elements)
-
-
 def _figures(
     problem: Problem, elements: Mesh, poses: Poses, cameras: Sequence[Any]
 ) -> tuple[FloatArray, NDArray[np.int32], FloatArray]:
@@ -445,11 +436,8 @@ def _figures(
 
     n = problem.n_faces
     starts, camera = by_face(*problem.bits.pairs(), n)
-    points, normals = (
-        read_only(elements.centroids, np.float64),
-        read_only(elements.normals, np.float64),
-    )
-    matrices = read_only(poses.world_from_camera, np.float64)
+    arrays = (elements.centroids, elements.normals, poses.world_from_camera)
+    points, normals, matrices = (read_only(array, np.float64) for array in arrays)
     best, by = np.zeros(n), np.full(n, -1, np.int32)
     for index, _ in poses.by_camera():
         audit.best_densities(
@@ -473,11 +461,6 @@ def _texts(what: str, texts: Sequence[str] | None, poses: Poses) -> tuple[str, .
             f"{what} must have one text for each of {len(poses.given)} poses, got {len(found)}"
         )
     return tuple(found[row] for row in poses.ids)
-
-
-def _mean(values: NDArray[Any], weights: FloatArray, mask: BoolArray) -> float:
-    total = float(weights[mask].sum())
-    return float((values[mask] * weights[mask]).sum()) / total if total > 0 else 0.0
 
 
 def _median(values: FloatArray, weights: FloatArray, mask: BoolArray) -> float:

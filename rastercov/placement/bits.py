@@ -13,9 +13,9 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rastercov.base.memory import BoolArray, IntArray
 from rastercov.base.threads import share_poses, thread_count
 from rastercov.kernels import placement_bits as kernels
-from rastercov.placement._arrays import BoolArray, IntArray
 
 Words = NDArray[np.uint64]
 Work = Callable[[Words, IntArray, slice], None]

@@ -11,18 +11,20 @@ poses.npy       (C, 4, 4) the candidates
 pairs/*.parquet shards of consecutive poses, columns pose, face, coverage, covered; of rigs also
                 camera_on_rig, a row for each camera of the rig
 sha256/*.sha256 the checksum of each of these files
-bits/           covered pairs as bits, see `bit_file`, once a `BitMatrix` was made of the folder
+bits/           covered pairs as bits, see `matrix_folder`, once a `BitMatrix` was made of it
 
 `pandas.read_parquet(folder / "pairs")` and `polars.read_parquet(folder / "pairs")` read the pairs.
 A shard is written to a temporary file, flushed to the disk and renamed, so a killed run loses at
 most its current shard; run again with the same inputs it continues from there. Such a run makes a
 damaged, exchanged or deleted file again, bit for bit; where a folder is only read it is refused.
+
+A `BitMatrix` serves selections from more pairs than the memory holds: `measure_matrix` ->
+`BitMatrix.of` -> `problem_of` -> `select_greedy`. Coverage itself stays on the disk.
 """
 
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
 from pathlib import Path
 from typing import Any, Self
 
@@ -30,6 +32,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.errors import ConfigError
+from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.base.typed import typed
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.camera.rig import Cameras
@@ -41,28 +44,26 @@ from rastercov.coverage.observer import Observer, open_observer
 from rastercov.coverage.task import Task
 from rastercov.kernels import placement_bits as kernels
 from rastercov.mesh import Mesh
-from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
 from rastercov.placement.bits import CoveredBits, n_words
-from rastercov.placement.explain.candidate_visibility import CandidateBounds
 from rastercov.placement.matrix_folder import (
     MatrixFolder,
-    claim,
-    describe,
-    greatest,
-    log_warning,
-    rows_in,
-    store_of,
-)
-from rastercov.placement.matrix_shards import (
-    Batch,
     add_bounds,
     batches_of,
+    claim,
+    covered_bits,
+    describe,
     gathered,
+    greatest,
+    log_warning,
     region_observer,
+    rows_in,
     shard_bytes,
+    store_of,
+    totals_of,
     write_scene,
 )
 from rastercov.placement.mounts import Mounts
+from rastercov.placement.uncovered import CandidateBounds
 
 POSES_A_TURN = 256
 """Poses whose pairs are made bits at a time."""
@@ -176,14 +177,9 @@ class VisibilityMatrix:
     @property
     def mean_coverage(self) -> FloatArray:
         """(C,) mean coverage of each pose over the faces that are scored."""
-        if len(self.on_rig):
-            return self.united().mean_coverage
-        # Pose by pose, 10 us each: `reduceat` does not give 0 for a pose without pairs.
-        sums = [
-            float(self.coverage[start:end].sum(dtype=np.float64))
-            for start, end in pairwise(self.indptr)
-        ]
-        return np.array(sums, np.float64) / max(1, self.n_task_faces)
+        alone = self.united()
+        total = totals_of(np.diff(alone.indptr), alone.coverage)
+        return total / max(1, self.n_task_faces)
 
     def joined(self, other: "VisibilityMatrix") -> "VisibilityMatrix":
         """Matrix of the poses of both, of one mesh and one task."""
@@ -319,11 +315,19 @@ def build_matrix(
     """
     if workers is not None and folder is None:
         raise ConfigError("workers make shards in a folder; name one, or leave out workers")
-    found = _measured(
-        view, poses, task, folder, cells, poses_a_shard, bounds, mounts, workers, progress, watch,
-        note,
-    )  # fmt: skip
-    return found if isinstance(found, VisibilityMatrix) else VisibilityMatrix.of(found)
+    if folder is not None:
+        found = measure_matrix(
+            view, poses, task, folder, cells=cells, poses_a_shard=poses_a_shard, bounds=bounds,
+            mounts=mounts, workers=workers, progress=progress, watch=watch, note=note,
+        )  # fmt: skip
+        return VisibilityMatrix.of(found)
+    placed, task = renumbered(poses), task or Task()
+    with _opened(view, cells, task) as observer:
+        header = describe(observer, placed, task, poses_a_shard, cells, mounts)
+        did = counted(len(placed), progress)
+        pairs = gathered(batches_of(observer, placed, task, cells, bounds, mounts, did))
+        columns = pairs.counts, pairs.face, pairs.coverage, pairs.on_rig
+        return VisibilityMatrix._of(placed, header, *columns)
 
 
 @typed
@@ -347,66 +351,159 @@ def measure_matrix(
     For matrices that are larger than the memory: `BitMatrix.of` has their covered pairs. Arguments
     and errors are those of `build_matrix`.
     """
-    found = _measured(
-        view, poses, task, folder, cells, poses_a_shard, bounds, mounts, workers, progress, watch,
-        note,
-    )  # fmt: skip
-    assert isinstance(found, MatrixFolder)  # it was given a folder
-    return found
-
-
-def _measured(
-    view: Observer | tuple[Mesh, Cameras],
-    poses: ArrayLike | Poses,
-    task: Task | None,
-    folder: str | Path | None,
-    cells: Cells | None,
-    poses_a_shard: int | None,
-    bounds: CandidateBounds | None,
-    mounts: Mounts | None,
-    workers: Workers | None,
-    progress: Callable[[int, int], None],
-    watch: Callable[[Made], None],
-    note: Note,
-) -> MatrixFolder | VisibilityMatrix:
-    """Folder of a matrix with all its shards; without a folder, the matrix itself."""
     placed, task = renumbered(poses), task or Task()
+    with _opened(view, cells, task) as observer, locked(Path(folder)) as place:
+        header = describe(observer, placed, task, poses_a_shard, cells, mounts)
+        kept = claim(place, header, placed, poses_a_shard is not None, note)
+        shards, sizes = store_of(place, kept), dict[int, int]()
 
-    def batches(rows: slice, did: Callable[[int], None]) -> Iterator[Batch]:
-        for batch in batches_of(observer, placed[rows], task, cells, bounds, mounts):
-            yield batch
-            did(batch[-1])
+        def check(number: int) -> None:
+            sizes[number] = rows_in(place, kept, shards.name(number))
 
+        def make(number: int, did: Callable[[int], None]) -> memoryview:
+            rows = shards.rows(number)
+            batches = batches_of(observer, placed[rows], task, cells, bounds, mounts, did)
+            numbers = np.arange(rows.start, rows.stop)
+            return shard_bytes(shards.name(number), kept, batches, numbers)
+
+        shards.mend(note, check)
+        is_by_workers = workers is not None and bool(shards.missing())
+        if is_by_workers:
+            write_scene(place, observer, mounts)
+        for number in fill(shards, make, workers, progress, watch, note):
+            if number not in sizes:
+                check(number)
+        if is_by_workers and bounds is not None:
+            add_bounds(place, len(shards), bounds)
+        return MatrixFolder(place, kept, sum(sizes.values()))
+
+
+@contextmanager
+def _opened(
+    view: Observer | tuple[Mesh, Cameras], cells: Cells | None, task: Task
+) -> Iterator[Observer]:
+    """Observer of a view; of the regions in it where there are cells."""
     with ExitStack() as opened:
         observer: Observer = (
             opened.enter_context(open_observer(*view)) if isinstance(view, tuple) else view
         )
         if cells is not None:
             observer = opened.enter_context(region_observer(observer, cells, task))
-        header = describe(observer, placed, task, poses_a_shard, cells, mounts)
-        if folder is None:
-            pairs = gathered(batches(slice(None), counted(len(placed), progress)))
-            columns = pairs.counts, pairs.face, pairs.coverage, pairs.on_rig
-            return VisibilityMatrix._of(placed, header, *columns)
-        with locked(Path(folder)) as place:
-            kept = claim(place, header, placed, poses_a_shard is not None, note)
-            shards, sizes = store_of(place, kept), dict[int, int]()
+        yield observer
 
-            def check(number: int) -> None:
-                sizes[number] = rows_in(place, kept, shards.name(number))
 
-            def make(number: int, did: Callable[[int], None]) -> memoryview:
-                rows = shards.rows(number)
-                numbers = np.arange(rows.start, rows.stop)
-                return shard_bytes(shards.name(number), kept, batches(rows, did), numbers)
+@dataclass(frozen=True, eq=False)
+class BitMatrix:
+    """Faces, or cells, that each candidate pose covers, one bit each.
 
-            shards.mend(note, check)
-            is_by_workers = workers is not None and bool(shards.missing())
-            if is_by_workers:
-                write_scene(place, observer, mounts)
-            for number in fill(shards, make, workers, progress, watch, note):
-                if number not in sizes:
-                    check(number)
-            if is_by_workers and bounds is not None:
-                add_bounds(place, len(shards), bounds)
-            return MatrixFolder(place, kept, sum(sizes.values()))
+    Attributes
+    ----------
+    poses : (C, 4, 4) float64
+        world_from_camera of the candidates.
+    camera : (C,) int32
+        Index of the camera of each pose; 0 where there is one.
+    folders : tuple of MatrixFolder
+        Folders of the matrices of consecutive candidates.
+    bits : CoveredBits
+        Pairs that count as covered by `task`.
+    mean_coverage : (C,) float64
+        Mean coverage of each pose over the faces that are scored.
+    """
+
+    poses: FloatArray
+    camera: NDArray[np.int32]
+    folders: tuple[MatrixFolder, ...]
+    bits: CoveredBits
+    mean_coverage: FloatArray
+
+    @classmethod
+    def of(
+        cls,
+        folder: MatrixFolder,
+        progress: Callable[[int, int], None] = lambda done, total: None,
+    ) -> Self:
+        """Matrix of a complete folder, which gets the file of bits.
+
+        Parameters
+        ----------
+        folder : MatrixFolder
+            See `measure_matrix`.
+        progress : callable
+            Called with the poses done and the total.
+
+        Raises
+        ------
+        ConfigError
+            When another process is writing to the folder, or a file of it is damaged.
+        ResourceError
+            When the disk has no room for the bits.
+        """
+        header = folder.header
+        bits, total = covered_bits(folder, Task(**header["task"]).min_coverage, progress)
+        mean = total / max(1, header["n_task_faces"])
+        poses = folder.poses()
+        return cls(poses.world_from_camera, poses.camera, (folder,), bits, mean)
+
+    @classmethod
+    def load(cls, folder: str | Path) -> Self:
+        """Matrix that `measure_matrix` or `build_matrix` left in a folder; errors as for `of`."""
+        return cls.of(MatrixFolder.open(folder))
+
+    @property
+    def header(self) -> dict[str, Any]:
+        """Inputs of the first matrix."""
+        return self.folders[0].header
+
+    @property
+    def task(self) -> Task:
+        """Thresholds of coverage."""
+        return Task(**self.header["task"])
+
+    @property
+    def n_poses(self) -> int:
+        """Number of candidates C."""
+        return len(self.poses)
+
+    @property
+    def n_faces(self) -> int:
+        """Faces F of the mesh; of a matrix of cells, their number."""
+        return int(self.header["n_faces"])
+
+    @property
+    def n_pairs(self) -> int:
+        """Pairs with coverage above 0."""
+        return sum(folder.n_pairs for folder in self.folders)
+
+    @property
+    def is_of_cells(self) -> bool:
+        """True where the elements are cells, not faces."""
+        return "cells" in self.header
+
+    @property
+    def quarantined(self) -> dict[int, str]:
+        """Poses without pairs because they kill the process that measures them, with its end."""
+        found: dict[int, str] = {}
+        first = 0
+        for folder in self.folders:
+            found |= {first + pose: end for pose, end in folder.quarantined().items()}
+            first += folder.header["n_poses"]
+        return found
+
+    def covered_at(self, least: float) -> CoveredBits:
+        """Pairs with coverage of at least `least`, from another file that is made where missing."""
+        if least == self.task.min_coverage:
+            return self.bits
+        parts = [covered_bits(folder, float(least))[0].parts for folder in self.folders]
+        return CoveredBits(tuple(part for each in parts for part in each), self.n_faces)
+
+    def joined(self, other: "BitMatrix") -> "BitMatrix":
+        """Matrix of the poses of both, of one mesh and one task."""
+        if self.n_faces != other.n_faces or self.task != other.task:
+            raise ConfigError("matrices of other faces or another task cannot be joined")
+        return BitMatrix(
+            np.concatenate((self.poses, other.poses)),
+            np.concatenate((self.camera, other.camera)),
+            (*self.folders, *other.folders),
+            self.bits.joined(other.bits),
+            np.concatenate((self.mean_coverage, other.mean_coverage)),
+        )

@@ -14,10 +14,10 @@ from rastercov.coverage.area.regions import regions
 from rastercov.coverage.network import share_of_faces
 from rastercov.coverage.reasons import REASONS, reason_rows
 from rastercov.placement.candidates.cavities import Access, Openings
-from rastercov.placement.explain.uncovered import Leftover
 from rastercov.placement.plan.prepare import Progress
 from rastercov.placement.plan.run import Placement
 from rastercov.placement.select.problem import BestCoverage, views_of
+from rastercov.placement.uncovered import Leftover
 from rastercov.report.modes import mode_picture
 from rastercov.report.overview import Overview, best_covering, zone_rows, zones_picture
 from rastercov.report.pages import Picture, figures_of, rendered, values_of, view_page, zone_entries

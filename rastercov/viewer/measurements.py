@@ -31,7 +31,7 @@ from rastercov.coverage.reasons import NAMES, REASONS, reason_rows
 from rastercov.coverage.spread import ViewSpread
 from rastercov.coverage.task import Reason, Task
 from rastercov.mesh import Mesh
-from rastercov.placement.explain.uncovered import in_front
+from rastercov.placement.uncovered import in_front
 from rastercov.report.modes import OfCameras
 from rastercov.report.theme import camera_colours
 from rastercov.viewer.rig_state import RigState, Station
@@ -301,7 +301,7 @@ def why(measurements: Measurements, figures: NetworkFigures, face: int) -> dict[
     """Reason of a face in each camera that is on, ready for JSON.
 
     `cameras` are in the order of the stations; `occluder` is the group that hides most of the
-    face's image (`rastercov.placement.explain.uncovered`), where the face is hidden.
+    face's image (`rastercov.placement.uncovered`), where the face is hidden.
 
     Raises
     ------

@@ -27,9 +27,8 @@ from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.placement.candidates.clearance import KeepOutBox, in_solid
 from rastercov.placement.improve.pose_space import PoseSpace
-from rastercov.placement.plan.candidates import candidate_pool
 from rastercov.placement.plan.file import read_plan
-from rastercov.placement.plan.scene import named_scene
+from rastercov.placement.plan.scene import candidate_pool, named_scene
 from rastercov.report.modes import MODES
 from rastercov.report.pages import described_camera, described_mesh, described_mode
 from rastercov.report.panorama import is_inside
@@ -37,8 +36,8 @@ from rastercov.viewer.actions import CAMERA_FIELDS
 from rastercov.viewer.rig_state import RigState
 
 if TYPE_CHECKING:
-    from rastercov.placement.plan.candidates import CandidatePool
     from rastercov.placement.plan.file import Plan
+    from rastercov.placement.plan.scene import CandidatePool
 
 UNITS = {
     "min_pixels": "px", "max_blur": "px", "max_incidence_deg": "deg", "min_angle_deg": "deg",

@@ -24,7 +24,7 @@ from rastercov.coverage.coverage import evaluate_batches
 from rastercov.coverage.spread import least_cosine
 from rastercov.coverage.task import Reason
 from rastercov.mesh import Mesh
-from rastercov.placement.candidates.framing import turns_about_z
+from rastercov.placement.candidates.pool import turns_about_z
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.improve.pose_space import PoseSpace
 from rastercov.placement.improve.refine import refine

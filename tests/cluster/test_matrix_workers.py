@@ -1,6 +1,7 @@
 """Visibility matrices made by workers: the same bytes as those of this process."""
 
 import shutil
+from dataclasses import replace
 
 import killing_shards
 import numpy as np
@@ -12,9 +13,9 @@ from rastercov.base.errors import ConfigError
 from rastercov.cluster import Workers
 from rastercov.coverage.area.cells import cells
 from rastercov.mesh import shapes
-from rastercov.placement.explain.candidate_visibility import CandidateBounds
 from rastercov.placement.matrix import VisibilityMatrix, build_matrix
 from rastercov.placement.mounts import Mounts
+from rastercov.placement.uncovered import CandidateBounds
 
 pytestmark = [pytest.mark.slow, pytest.mark.compile]
 MESH = shapes.teapot(4)
@@ -26,7 +27,7 @@ def files(folder):
     return {path.name: path.read_bytes() for path in sorted((folder / "pairs").iterdir())}
 
 
-def both(tmp_path, poses=POSES, view=(MESH, CAMERA), **options):
+def both(tmp_path, poses, view, **options):
     plain = build_matrix(view, poses, None, tmp_path / "plain", poses_a_shard=8, **options)
     made = []
     by_workers = build_matrix(
@@ -39,32 +40,29 @@ def both(tmp_path, poses=POSES, view=(MESH, CAMERA), **options):
     return plain
 
 
-@pytest.mark.parametrize("engine", ["certified", "sampled:cpu@2"])
-def test_shards_of_workers_have_the_same_bytes(tmp_path, engine):
-    with rc.open_observer(MESH, CAMERA, engine) as observer:
-        assert len(both(tmp_path, view=observer).face) > 1000
+ASIDE = np.eye(4)
+ASIDE[0, 3] = 0.3
+WIDE = rc.Camera(width=200, height=200, fx=150, fy=150)
+LENS = replace(CAMERA, model="opencv", distortion=(-0.2, 0.05, 0.001, 0.0))
+MOUNTS = Mounts.of({"alone": CAMERA, "pair": rc.Rig([CAMERA, WIDE], None, [np.eye(4), ASIDE])})
+CASES = {
+    "certified": {},
+    "sampled": {"engine": "sampled:cpu@2"},
+    "cells": {"cells": cells(MESH, 0.2 * float(np.ptp(MESH.bounds)))},
+    "lens": {"camera": LENS},
+    "rigs": {
+        "camera": MOUNTS.rig,
+        "poses": rc.Poses.of(POSES, camera=np.arange(42) % 2),
+        "mounts": MOUNTS,
+    },
+}
 
 
-def test_shards_of_cells_have_the_same_bytes(tmp_path):
-    small = cells(MESH, 0.2 * float(np.ptp(MESH.bounds)))
-    assert both(tmp_path, cells=small).is_of_cells
-
-
-def test_shards_through_a_lens_have_the_same_bytes(tmp_path):
-    lens = rc.Camera(
-        width=320, height=240, fx=300, fy=300, model="opencv", distortion=(-0.2, 0.05, 0.001, 0.0)
-    )
-    both(tmp_path, view=(MESH, lens))
-
-
-def test_shards_of_rigs_have_the_same_bytes(tmp_path):
-    aside = np.eye(4)
-    aside[0, 3] = 0.3
-    wide = rc.Camera(width=200, height=200, fx=150, fy=150)
-    pair = rc.Rig([CAMERA, wide], ["tele", "wide"], [np.eye(4), aside])
-    mounts = Mounts.of({"alone": CAMERA, "pair": pair})
-    placed = rc.Poses.of(POSES, camera=np.arange(42) % 2)
-    both(tmp_path, placed, (MESH, mounts.rig), mounts=mounts)
+@pytest.mark.parametrize("case", CASES)
+def test_shards_of_workers_have_the_same_bytes(tmp_path, case):
+    options = {"camera": CAMERA, "engine": "certified", "poses": POSES} | CASES[case]
+    with rc.open_observer(MESH, options.pop("camera"), options.pop("engine")) as observer:
+        assert len(both(tmp_path, view=observer, **options).face) > 1000
 
 
 def test_bounds_of_workers_are_those_of_one_process(tmp_path):

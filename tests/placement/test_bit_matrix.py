@@ -13,11 +13,8 @@ import rastercov as rc
 from rastercov.base.errors import ConfigError, ResourceError
 from rastercov.cluster.store import locked
 from rastercov.mesh import shapes
-from rastercov.placement import bit_matrix as bit_file
-from rastercov.placement.bit_matrix import BitMatrix
-from rastercov.placement.matrix import VisibilityMatrix, build_matrix, measure_matrix
-from rastercov.placement.select.greedy import select_greedy
-from rastercov.placement.select.problem import BestCoverage, problem_of
+from rastercov.placement.matrix import BitMatrix, VisibilityMatrix, build_matrix, measure_matrix
+from rastercov.placement.matrix_folder import MatrixFolder
 
 CAMERA = rc.Camera(width=64, height=64, fx=70, fy=70)
 TASK = rc.Task(min_coverage=0.3, max_incidence_deg=80)
@@ -26,6 +23,7 @@ MESH = shapes.torus(12, 8)
 POSES = rc.sphere_of_poses((0, 0, 0), 4.2, N_POSES)
 WORDS = Path("bits") / "covered-0.3.words"
 RECORD = Path("bits") / "covered-0.3.npz"
+SUM_OF_RECORD = Path("sha256") / "covered-0.3.npz.sha256"
 
 
 def measure(folder, poses=POSES, **options):
@@ -78,18 +76,6 @@ def test_the_shards_are_those_of_a_plain_run(tmp_path):
     assert VisibilityMatrix.load(tmp_path / "bits").n_poses == N_POSES
 
 
-@pytest.mark.slow
-def test_selection_from_a_matrix_of_bits_is_that_from_lists(tmp_path, lists):
-    matrix = BitMatrix.of(measure(tmp_path))
-    for goal in (BestCoverage(3), BestCoverage(budget=4.0)):
-        for least in (None, 0.7):
-            options = {"views": 2, "min_coverage": least, "costs": np.arange(1.0, 12.0)}
-            one = select_greedy(problem_of(lists, MESH, goal, **options))
-            other = select_greedy(problem_of(matrix, MESH, goal, **options))
-            np.testing.assert_array_equal(one.chosen, other.chosen)
-            assert (one.share, one.bound) == (other.share, other.bound)
-
-
 def test_matrices_of_two_folders_are_one(tmp_path, lists):
     parts = [measure(tmp_path / "one", POSES[:6]), measure(tmp_path / "two", POSES[6:])]
     matrix = BitMatrix.of(parts[0]).joined(BitMatrix.of(parts[1]))
@@ -105,74 +91,64 @@ def test_matrices_of_two_folders_are_one(tmp_path, lists):
 @pytest.fixture
 def made(monkeypatch):
     """Shards whose rows are made, as they are made."""
-    names, rows_of = [], bit_file._rows_of
+    names, pairs_of = [], MatrixFolder.pairs_of
 
-    def watched(folder, shard, *rest):
+    def watched(folder, shard, rows):
         names.append(shard)
-        return rows_of(folder, shard, *rest)
+        return pairs_of(folder, shard, rows)
 
-    monkeypatch.setattr(bit_file, "_rows_of", watched)
+    monkeypatch.setattr(MatrixFolder, "pairs_of", watched)
     return names
 
 
-def test_only_what_is_damaged_is_made_again(tmp_path, lists, made):
-    folder = measure(tmp_path)
-    BitMatrix.of(folder)
-    assert len(made) == 3
-    whole = contents_of(tmp_path)
+def test_a_damaged_or_exchanged_file_is_made_again(tmp_path, lists, made):
+    folder, other = measure(tmp_path / "one"), measure(tmp_path / "two", POSES[::-1])
+    for each in (folder, other):
+        BitMatrix.of(each)
+    one, two = tmp_path / "one", tmp_path / "two"
+    whole = (one / WORDS).read_bytes()
 
-    def again():
+    def n_made():
         made.clear()
         seen = []
         matrix = BitMatrix.of(folder, lambda done, total: seen.append((done, total)))
         np.testing.assert_array_equal(dense(matrix.bits), covered(lists))
         np.testing.assert_array_equal(matrix.mean_coverage, lists.mean_coverage)
-        assert (seen[0], seen[-1]) == ((0, N_POSES), (N_POSES, N_POSES))
-        assert contents_of(tmp_path)[str(WORDS)] == whole[str(WORDS)]
-        return sorted(Path(name).stem for name in made)
+        assert seen[-1] == (N_POSES, N_POSES)
+        assert (one / WORDS).read_bytes() == whole
+        return len(made)
 
-    assert again() == []
-    flip(tmp_path / WORDS, [8 * 8 * 3 * 5 + 1])  # of pose 5: W is 3
-    assert again() == ["pairs-00001"]
-    (tmp_path / WORDS).write_bytes(whole[str(WORDS)][:-8])
-    assert again() == ["pairs-00002"]
-    (tmp_path / WORDS).write_bytes(whole[str(WORDS)] + b"more")
-    assert again() == []
-    (tmp_path / WORDS).unlink()
-    assert len(again()) == 3
-    for name in (RECORD, Path("sha256") / f"{RECORD.name}.sha256"):
-        for harm in (lambda path: flip(path, [500]), lambda path: path.unlink()):
-            harm(tmp_path / name)
-            assert len(again()) == 3
-            assert again() == []
+    assert n_made() == 0
+    flip(one / WORDS, [8 * 8 * 3 * 5 + 1])
+    assert n_made() == 3
+    for content in (whole[:-8], whole + b"more"):
+        (one / WORDS).write_bytes(content)
+        assert n_made() == 3
+    for name in (WORDS, RECORD, SUM_OF_RECORD):
+        (one / name).unlink()
+        assert (n_made(), n_made()) == (3, 0)
+    for name in (RECORD, SUM_OF_RECORD):
+        flip(one / name, [500])
+        assert (n_made(), n_made()) == (3, 0)
+    for name in (WORDS, RECORD, SUM_OF_RECORD):
+        (one / name).write_bytes((two / name).read_bytes())
+    assert n_made() == 3
 
 
-def test_rows_of_another_shard_are_not_believed(tmp_path, lists, made):
-    folder, other = measure(tmp_path / "one"), measure(tmp_path / "two", POSES[::-1])
-    for each in (folder, other):
-        BitMatrix.of(each)
-    for name in (WORDS, RECORD, Path("sha256") / f"{RECORD.name}.sha256"):
-        (tmp_path / "one" / name).write_bytes((tmp_path / "two" / name).read_bytes())
-    made.clear()
+def test_a_run_that_ends_at_any_shard_can_be_repeated(tmp_path, lists, made, monkeypatch):
+    folder, watched = measure(tmp_path), MatrixFolder.pairs_of
+    for end in range(3):
+
+        def stopped(folder, shard, rows, end=end):
+            if shard.endswith(f"{end}.parquet"):
+                raise InterruptedError
+            return watched(folder, shard, rows)
+
+        monkeypatch.setattr(MatrixFolder, "pairs_of", stopped)
+        with pytest.raises(InterruptedError):
+            BitMatrix.of(folder)
+    monkeypatch.setattr(MatrixFolder, "pairs_of", watched)
     np.testing.assert_array_equal(dense(BitMatrix.of(folder).bits), covered(lists))
-    assert len(made) == 3
-
-
-def test_a_run_that_ends_at_any_shard_goes_on(tmp_path, lists, made, monkeypatch):
-    folder, watched = measure(tmp_path), bit_file._rows_of
-    monkeypatch.setattr(bit_file, "thread_count", lambda asked: 1)
-
-    def stopped(*arguments):
-        if len(made) == 2:
-            raise InterruptedError
-        return watched(*arguments)
-
-    monkeypatch.setattr(bit_file, "_rows_of", stopped)
-    with pytest.raises(InterruptedError):
-        BitMatrix.of(folder)
-    monkeypatch.setattr(bit_file, "_rows_of", watched)
-    np.testing.assert_array_equal(dense(BitMatrix.of(folder).bits), covered(lists))
-    assert [Path(name).stem for name in made] == [f"pairs-0000{n}" for n in range(3)]
 
 
 def test_a_damaged_shard_is_named_and_a_locked_folder_is_left_alone(tmp_path):
@@ -206,18 +182,6 @@ def test_no_pose_and_no_pair_are_no_rows(tmp_path):
         assert matrix.bits.n_rows == len(poses)
         assert not dense(matrix.bits).any()
         assert matrix.mean_coverage.tolist() == [0.0] * len(poses)
-
-
-def test_an_angle_between_views_is_that_of_lists(tmp_path, lists):
-    matrix = BitMatrix.of(measure(tmp_path))
-    one, other = (
-        problem_of(each, MESH, BestCoverage(4), views=2, min_angle_deg=20)
-        for each in (lists, matrix)
-    )
-    np.testing.assert_array_equal(one.reachable, other.reachable)
-    np.testing.assert_array_equal(select_greedy(one).chosen, select_greedy(other).chosen)
-    with pytest.raises(ConfigError, match="of a mesh of"):
-        problem_of(matrix, shapes.icosahedron(), BestCoverage(1))
 
 
 def test_measuring_leaves_the_folder_that_building_reads(tmp_path, lists):

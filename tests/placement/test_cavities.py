@@ -22,8 +22,7 @@ from rastercov.placement.candidates.cavities import (
     per_cavity,
 )
 from rastercov.placement.candidates.clearance import KeepOutBox, KeepOutSphere, filter_candidates
-from rastercov.placement.candidates.framing import Framing
-from rastercov.placement.candidates.pool import per_face
+from rastercov.placement.candidates.pool import Framing, per_face
 
 CAMERA = rc.Camera(width=320, height=240, fx=450, fy=450, cx=160, cy=120)
 FAR = Framing(stand_off=(6.0, 30.0))

@@ -1,6 +1,5 @@
 """Selection on cells: as good as on exact areas, and independent of the triangles of the scene."""
 
-import json
 from functools import cache
 
 import numpy as np
@@ -12,11 +11,11 @@ import rastercov as rc
 from rastercov.base.errors import ConfigError
 from rastercov.coverage.area.cells import USUAL_CELLS, usual_size
 from rastercov.coverage.area.regions import RegionPass
-from rastercov.placement.explain.candidate_visibility import CandidateBounds
 from rastercov.placement.improve.objective import CellObjective
-from rastercov.placement.matrix import VisibilityMatrix, build_matrix
+from rastercov.placement.matrix import build_matrix
 from rastercov.placement.select.greedy import select_greedy
 from rastercov.placement.select.problem import BestCoverage, problem_of
+from rastercov.placement.uncovered import CandidateBounds
 
 TASK = rc.Task(max_incidence_deg=75, min_pixels_per_m2=4000)
 MESH, CAMERA, _ = room()
@@ -102,42 +101,6 @@ def test_bounds_of_faces_come_with_a_matrix_of_cells():
         found.append(bounds)
     for name in ("low", "high", "covering", "n_poses"):
         np.testing.assert_array_equal(getattr(found[0], name), getattr(found[1], name))
-
-
-def test_an_ended_run_keeps_its_shards_and_the_next_one_continues(tmp_path):
-    cells, poses = rc.cells(MESH, SIZE), POSES[:10]
-    done = []
-
-    def stop(count, total):
-        done.append(count)
-        if count == 6:
-            raise KeyboardInterrupt
-
-    options = {"cells": cells, "poses_a_shard": 2}
-    with pytest.raises(KeyboardInterrupt):
-        build_matrix((MESH, CAMERA), poses, TASK, tmp_path, **options, progress=stop)
-    shards = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.parquet")}
-    assert done == [0, 2, 4, 6]
-    assert len(shards) == 2
-    whole = build_matrix((MESH, CAMERA), poses, TASK, tmp_path, **options)
-    assert {path: path.stat().st_mtime_ns for path in shards} == shards
-    same = build_matrix((MESH, CAMERA), poses, TASK, **options)
-    for other in (same, VisibilityMatrix.load(tmp_path)):
-        for name in ("indptr", "face", "coverage"):
-            np.testing.assert_array_equal(getattr(whole, name), getattr(other, name))
-    assert json.loads((tmp_path / "header.json").read_text())["cells"] == cells.size
-
-
-@pytest.mark.parametrize("size", [None, SIZE])
-def test_a_matrix_on_the_disk_is_that_in_memory_with_several_batches_a_shard(
-    tmp_path, monkeypatch, size
-):
-    monkeypatch.setattr("rastercov.coverage.coverage.POSES_A_BATCH", 3)
-    options = {"cells": None if size is None else rc.cells(MESH, size), "poses_a_shard": 7}
-    disk = build_matrix((MESH, CAMERA), POSES[:16], TASK, tmp_path, **options)
-    memory = build_matrix((MESH, CAMERA), POSES[:16], TASK, **options)
-    for name in ("indptr", "face", "coverage"):
-        np.testing.assert_array_equal(getattr(disk, name), getattr(memory, name))
 
 
 def test_matrices_of_faces_and_of_cells_are_not_mistaken_for_each_other(tmp_path):

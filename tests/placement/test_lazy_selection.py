@@ -12,7 +12,7 @@ from selection_cases import best_by_trying_all, covers_faces, dense_of, problems
 from rastercov.base.errors import ConfigError
 from rastercov.placement.bits import CoveredBits
 from rastercov.placement.select import bounds
-from rastercov.placement.select.cover import CoverState, LazyCover
+from rastercov.placement.select.cover import LazyCover
 from rastercov.placement.select.greedy import select_greedy
 from rastercov.placement.select.presolve import kinds_of, presolve
 from rastercov.placement.select.problem import BestCoverage, FewestCameras, problem_of_matrix
@@ -82,33 +82,6 @@ def test_no_selection_is_better_than_a_bound_from_a_small_core(problem):
     else:
         assert found.bound >= best - 1e-6
         assert best >= found.objective - 1e-6
-
-
-@pytest.mark.slow
-@examples(25)
-@given(
-    problems(**LARGER),
-    st.lists(st.tuples(st.integers(0, 6), st.booleans()), max_size=16),
-)
-def test_cameras_that_come_and_go_leave_the_gains_of_lists(problem, steps):
-    large = presolve(problem)
-    reduced = large.listed()
-    state, lazy = CoverState(reduced), LazyCover(large)
-    for camera, is_asked in steps:  # named twice, a camera comes and goes
-        if camera < reduced.n_candidates:
-            for cover in (state, lazy):
-                (cover.remove if camera in cover.chosen else cover.add)(camera)
-        if is_asked:
-            assert lazy.next_best() == state.next_best()
-            assert lazy.next_best(1.5, by_cost=True) == state.next_best(1.5, by_cost=True)
-            assert lazy.next_needed() == state.next_needed()
-        assert (lazy.covered, lazy.cost, lazy.is_met) == (state.covered, state.cost, state.is_met)
-        assert (lazy.limit.sum(axis=1) >= state.gain.sum(axis=1)).all()
-        every = np.arange(large.n_candidates)
-        np.testing.assert_array_equal(lazy._sums(lazy._now, every), state.gain)
-        if is_asked:
-            lazy._lower(every)
-            np.testing.assert_array_equal(lazy.limit, lazy._sums(lazy._most, every))
 
 
 def value_of(problem, price):
@@ -239,16 +212,6 @@ def test_a_camera_reads_a_part_of_the_candidates():
 def test_a_core_of_less_than_nothing_is_refused():
     with pytest.raises(ConfigError, match="core_pairs must be 0 or more, got -1"):
         select_greedy(problem_of_matrix([[1, 0]], BestCoverage(1)), core_pairs=-1)
-
-
-def test_nothing_to_cover_takes_no_camera():
-    for goal in (FewestCameras(), FewestCameras(0.0), BestCoverage(3)):
-        for covers in (np.zeros((3, 0)), np.zeros((0, 0)), np.zeros((0, 5))):
-            if covers.shape[1] and isinstance(goal, FewestCameras) and goal.coverage:
-                continue  # refused: it cannot be reached
-            found = select_greedy(problem_of_matrix(covers, goal))
-            assert len(found.chosen) == 0
-            assert found.gap == 0
 
 
 def test_bits_of_other_faces_are_refused():

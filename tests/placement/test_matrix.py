@@ -22,7 +22,7 @@ from rastercov.cluster.store import locked, store
 from rastercov.coverage import shards as evaluation_shards
 from rastercov.mesh import shapes
 from rastercov.placement.matrix import VisibilityMatrix, build_matrix
-from rastercov.placement.matrix_shards import shortened
+from rastercov.placement.matrix_folder import shortened
 from rastercov.placement.select.problem import BestCoverage, FewestCameras, problem_of
 
 CAMERA = rc.Camera(width=64, height=64, fx=70, fy=70)
@@ -83,7 +83,8 @@ def test_occluders_are_left_out():
 
 
 @pytest.mark.parametrize("poses_a_shard", [1, 4, 100])
-def test_on_disk_and_in_memory_are_the_same(tmp_path, poses_a_shard):
+def test_on_disk_and_in_memory_are_the_same(tmp_path, poses_a_shard, monkeypatch):
+    monkeypatch.setattr("rastercov.coverage.coverage.POSES_A_BATCH", 3)
     with rc.open_observer(MESH, CAMERA) as observer:
         seen = []
         matrix = build_matrix(
@@ -133,34 +134,6 @@ def test_a_run_goes_on_where_it_was_stopped(tmp_path):
     assert seen[0] == 4
     same(matrix, build(poses_a_shard=4))
     assert watched(tmp_path)[1] == [N_POSES]
-
-
-def test_a_shard_that_is_not_whole_is_made_again(tmp_path):
-    matrix = build(tmp_path, poses_a_shard=4)
-    shards = sorted((tmp_path / "pairs").iterdir())
-    shards[1].write_bytes(shards[1].read_bytes()[:-20])
-    shards[2].write_bytes(b"")
-    (tmp_path / "pairs" / ".0123.part").write_bytes(b"left by a run that was killed")
-    same(matrix, build(tmp_path))
-    assert sorted((tmp_path / "pairs").iterdir()) == shards
-
-
-def test_a_shard_of_another_matrix_is_made_again(tmp_path):
-    matrix = build(tmp_path / "one", poses_a_shard=4)
-    build_matrix((MESH, CAMERA), POSES[::-1], TASK, tmp_path / "two", poses_a_shard=4)
-    name = Path("pairs") / "pairs-00001.parquet"
-    (tmp_path / "one" / name).write_bytes((tmp_path / "two" / name).read_bytes())
-    same(matrix, build(tmp_path / "one"))
-
-
-def test_a_failure_to_write_leaves_no_shard(tmp_path, monkeypatch):
-    def fail(descriptor):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(os, "fsync", fail)
-    with pytest.raises(OSError, match="No space left"):
-        build(tmp_path / "full")
-    assert [path for path in (tmp_path / "full").rglob("*") if path.is_file()] == []
 
 
 def moved(mesh):

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from surface_cases import room
 
 import rastercov as rc
 from rastercov.base.memory import Lists
@@ -24,7 +23,6 @@ from rastercov.placement import (
     tolerance,
 )
 from rastercov.placement.improve.tolerance import InstallationError
-from rastercov.placement.matrix_shards import NOT_ON_RIGS, _of_mounts
 from rastercov.placement.mounts import Mounts
 
 MESH = shapes.torus(16, 8)
@@ -32,6 +30,14 @@ WIDE = rc.Camera(width=160, height=120, fx=90, fy=90)
 LONG = rc.Camera(width=120, height=120, fx=200, fy=200)
 TASK = rc.Task(min_pixels=4)
 POSES = rc.sphere_of_poses((0, 0, 0), 4.0, 8)
+
+
+@pytest.fixture(autouse=True, scope="module")
+def small_batches():
+    """Batches that end within a rig."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("rastercov.coverage.coverage.POSES_A_BATCH", 4)
+        yield
 
 
 def place_of(seed):
@@ -133,37 +139,6 @@ def test_a_rig_of_one_camera_is_that_camera():
     np.testing.assert_array_equal(dense(moved, MESH.n_faces), dense(wanted, MESH.n_faces))
 
 
-@settings(max_examples=25)
-@given(
-    counts=st.lists(st.integers(1, 4), max_size=6),
-    step=st.integers(1, 5),
-    seed=st.integers(0, 1000),
-)
-def test_batches_of_cameras_become_batches_of_rigs(counts, step, seed):
-    owner = np.repeat(np.arange(len(counts)), counts)
-    rng = np.random.default_rng(seed)
-    values = np.where(rng.random((len(owner), 5)) < 0.5, rng.random((len(owner), 5)), 0)
-
-    def batches():
-        for at in range(0, max(1, len(owner)), step):
-            part = values[at : at + step].astype(np.float32)
-            pose, face = np.nonzero(part)
-            value = part[pose, face]
-            yield pose, face.astype(np.int32), value, value >= 0.5, NOT_ON_RIGS, len(part)
-
-    found = np.zeros((len(owner), 5), np.float32)
-    starts = np.concatenate(([0], np.cumsum(counts))).astype(int)
-    first = 0
-    for mount, face, value, covered, on_rig, n in _of_mounts(batches(), owner, len(counts)):
-        assert (np.diff((mount * 5 + face) * 4 + on_rig) > 0).all()
-        assert mount.max(initial=0) < n
-        np.testing.assert_array_equal(covered, value >= 0.5)
-        found[starts[first + mount] + on_rig, face] = value
-        first += n
-    assert first == len(counts)
-    np.testing.assert_array_equal(found, values.astype(np.float32))
-
-
 def test_lists_of_rigs_are_unions():
     mounts = mounts_of(0)
     lists = Lists.of([np.array([1, 4]), np.array([4, 7]), np.array([2])])
@@ -213,31 +188,6 @@ def test_bits_of_rigs_are_those_of_the_united_matrix(tmp_path):
     two = problem_of(lists, MESH, BestCoverage(2), views=2, mounts=mounts)
     assert two.has_rigs
     assert not one.has_rigs
-
-
-@pytest.mark.slow
-def test_a_rig_moves_as_a_whole():
-    mesh, camera, _ = room()
-    pair = rc.Rig([camera, camera], ["a", "b"], [place_of(1), place_of(2)])
-    mounts = Mounts.of({"pair": pair, "eye": camera})
-    task = rc.Task(min_pixels=20)
-    start = rc.look_at([(2, 2, 2), (5, 3, 2)], [(4, 2, 1), (3, 2, 1)])
-    placed = rc.Poses.of(start, camera=[0, 1])
-    with rc.open_observer(mesh, mounts.rig) as observer:
-        objective = Objective.of(observer, task, mounts=mounts)
-        found = refine(objective, PoseSpace(mesh=mesh, boxes=mesh.bounds), placed, budget=300)
-        moved = rc.Poses.of(found.poses, camera=placed.camera)
-        cameras, _ = mounts.cameras(moved)
-        coverage = rc.evaluate(mesh, mounts.rig, cameras, task)
-        network = rc.Network(mesh, task)
-        network.add(coverage)
-        spread = tolerance(objective, placed, InstallationError(position_mm=5), draws=3)
-    assert found.moved.any()
-    assert found.share > found.start_share
-    share = mesh.areas[network.covered & mesh.task_mask].sum() / mesh.areas[mesh.task_mask].sum()
-    assert found.share == pytest.approx(share, abs=1e-9)
-    assert len(spread.cameras) == 2
-    assert spread.nominal == pytest.approx(found.start_share)
 
 
 def seen_by(mesh, coverage, cameras, need, least):
@@ -290,7 +240,7 @@ def test_cameras_of_rigs_are_views_of_an_objective(need, least, seed, index):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("need", "least"), [(2, 0), (1, 15)])
+@pytest.mark.parametrize(("need", "least"), [(1, 0), (2, 0), (1, 15)])
 def test_a_rig_is_moved_for_its_cameras_as_views(need, least):
     mounts = mounts_of(2)
     task = rc.Task(min_pixels=2, views=need, min_angle_deg=least)

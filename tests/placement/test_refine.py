@@ -88,13 +88,6 @@ def test_from_a_local_optimum_no_move_that_is_tried_gains(objective, seed, monke
 
 
 @pytest.mark.slow
-def test_refining_again_from_the_result_never_loses(objective):
-    once = refine(objective, SPACE, network(2, 3), halvings=1)
-    again = refine(objective, SPACE, once.poses, halvings=1)
-    assert again.start_share == once.share <= again.share
-
-
-@pytest.mark.slow
 def test_a_camera_that_looks_away_a_little_is_turned_to_the_part(objective):
     eye = np.array([[0.0, 0.0, 2.4]])
     assert SPACE.allows(eye).all()

@@ -8,12 +8,11 @@ from hypothesis import strategies as st
 from nightly import IS_NIGHTLY, examples
 
 from rastercov.base.errors import ConfigError
-from rastercov.base.memory import Lists
 from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import sphere_of_poses
 from rastercov.coverage.observer import open_observer
 from rastercov.coverage.task import Task
-from rastercov.mesh import Group, Mesh, shapes
+from rastercov.mesh import shapes
 from rastercov.placement.candidates.clearance import (
     KeepOutBox,
     KeepOutSphere,
@@ -24,8 +23,6 @@ from rastercov.placement.improve import objective as objective_module
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.improve.pose_space import Place, PoseSpace
 from rastercov.placement.improve.search import METHODS, optimise
-from rastercov.placement.matrix import build_matrix
-from rastercov.placement.select.problem import BestCoverage, problem_of
 
 MESH = shapes.torus(10, 6)
 CAMERA = Camera(width=64, height=48, fx=60.0, fy=60.0, cx=32.0, cy=24.0)
@@ -286,35 +283,6 @@ def test_no_place_at_all_is_an_error():
 
 
 # What a network is worth
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("weight_by", ["area", "count"])
-@pytest.mark.parametrize(("views", "angle"), [(1, 0), ({"a": 2, "b": 1}, 0), (2, 40)])
-def test_a_network_is_worth_what_selection_says(weight_by, views, angle):
-    groups = [Group("a"), Group("b"), Group("c", is_occluder=True)]
-    mesh = Mesh(MESH.vertices, MESH.faces, groups=groups, face_group=np.arange(MESH.n_faces) % 3)
-    poses = sphere_of_poses((0, 0, 0), 3.5, 10)
-    options = {"weight_by": weight_by, "views": views, "min_angle_deg": angle}
-    with open_observer(mesh, CAMERA) as observer:
-        objective = Objective.of(observer, TASK, **options)
-        covers = objective.covers(poses)
-        matrix = build_matrix(observer, poses, TASK)
-    problem = problem_of(matrix, mesh, BestCoverage(3), **options)
-    eyes, rng = poses[:, :3, 3], np.random.default_rng(0)
-    task = mesh.task_mask
-    for size in (0, 1, 2, 3, 6):
-        chosen = rng.choice(10, size, replace=False)
-        covered = objective.covered(covers[chosen], eyes[chosen])
-        expected = problem.covered_by(chosen)[1]
-        np.testing.assert_array_equal(covered[task], expected[task])
-        assert objective.share(objective.worth(covered)) == problem.share(expected & task)
-        lists = Lists.of([np.flatnonzero(row) for row in covers])
-        added = objective.worth_added(covers[chosen], eyes[chosen], lists, eyes)
-        for trial in range(10):
-            together = np.append(chosen, trial)
-            with_it = objective.covered(covers[together], eyes[together])
-            assert added[trial] == objective.worth(with_it) - objective.worth(covered)
 
 
 def test_networks_side_by_side_are_judged_as_one_by_one(objective):

@@ -10,12 +10,10 @@ from nightly import examples
 from scenes import joined, sheet
 
 from rastercov.base.errors import ConfigError
-from rastercov.kernels import placement_segments as kernels
 from rastercov.mesh import Group, Mesh, shapes
 from rastercov.placement.candidates.segments import ANGLE_TOLERANCE_DEG, segment
 
 angles = st.floats(0.5, 85)
-lattice = st.tuples(st.integers(-40, 40), st.integers(-40, 40))
 merges = pytest.mark.parametrize("merge", ["leader", "closest"])
 
 
@@ -134,17 +132,6 @@ def test_growing_equals_comparing_with_every_normal(mesh, alpha):
     assert np.array_equal(segment(mesh, alpha, None).labels, grown_by_comparing_all(mesh, alpha))
 
 
-@given(mesh=bumpy(), alpha=angles)
-@examples(10)
-def test_normals_of_a_grown_segment_are_within_alpha_and_its_faces_hang_together(mesh, alpha):
-    labels = segment(mesh, alpha, None).labels
-    for label in range(labels.max() + 1):
-        faces = np.flatnonzero(labels == label)
-        normals = mesh.normals[faces]
-        assert degrees_between(normals[:, None], normals).max() <= alpha + 1e-4
-        assert is_connected(mesh, faces)
-
-
 @pytest.mark.parametrize("slope", [0.0, 0.2, 3.0])
 def test_normals_on_a_line_or_a_circle_are_compared_rightly(slope):
     """Cylinder and cones, whose normals lie on a great circle and on smaller ones."""
@@ -159,28 +146,6 @@ def test_angles_that_round_to_the_limit_pass():
     labels = segment(cone(24, 0.0), 15, None).labels
     assert labels.max() + 1 == 12
     assert (np.bincount(labels) == 4).all()
-
-
-@examples(25)
-@given(points=st.lists(lattice, min_size=1, max_size=60), other=lattice)
-def test_a_hull_holds_its_points_and_has_corners_only(points, other):
-    hull, count = np.zeros((70, 3), np.int64), 0
-    for row, (x, y) in enumerate(points):
-        count = kernels.extend(hull, count, x, y, row)
-    corners = hull[:count]
-    assert all(points[row] == (x, y) for x, y, row in corners.tolist())
-    if count > 2:
-        assert all(kernels.holds(hull, count, x, y) for x, y in points)
-        larger = hull.copy()
-        grown = larger[: kernels.extend(larger, count, *other, -1)]
-        assert kernels.holds(hull, count, *other) == (
-            set(map(tuple, grown[:, :2].tolist())) == set(map(tuple, corners[:, :2].tolist()))
-        )
-        a, b, c = corners[:, :2], np.roll(corners, -1, 0)[:, :2], np.roll(corners, -2, 0)[:, :2]
-        assert (np.linalg.det(np.stack((b - a, c - b), axis=1).astype(float)) > 0.5).all()
-    else:  # on one line: the two ends hold all between them
-        ends = sorted(map(tuple, corners[:, :2].tolist()))
-        assert ends == sorted({min(points), max(points)})
 
 
 def test_flat_neighbours_are_one_segment_at_zero_degrees():

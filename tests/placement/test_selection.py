@@ -13,11 +13,8 @@ from nightly import IS_NIGHTLY, examples, nightly
 from selection_cases import (
     best_by_trying_all,
     changed,
-    covers_faces,
     dense_of,
-    is_met,
     problems,
-    share,
 )
 from set_cover_cases import (
     COVERS,
@@ -46,7 +43,6 @@ from rastercov.placement.select.problem import (
     FewestCameras,
     problem_of_matrix,
 )
-from rastercov.placement.select.selection import in_order
 from rastercov.reference.thesis import select_thesis
 
 QUICK = 200_000
@@ -79,76 +75,13 @@ def test_the_greedy_rule_reaches_its_guarantee(problem):
     assert select_greedy(problem, effort=0).objective >= (1 - 1 / math.e) * best - 1e-9
 
 
-@pytest.mark.slow
-@examples(25)
-@given(problems())
-def test_the_integer_program_finds_the_best_no_other_passes_it_and_each_is_what_it_says(problem):
-    best = best_by_trying_all(problem)
-    for name, select in SELECTORS.items():
-        selection = select(problem)
-        chosen = selection.chosen
-        covered = covers_faces(problem, chosen)
-        np.testing.assert_array_equal(selection.covered, covered, err_msg=name)
-        assert len(set(chosen.tolist())) == len(chosen) == len(selection.curve)
-        assert selection.share == pytest.approx(share(problem, covered))
-        assert selection.cost == pytest.approx(problem.costs[chosen].sum())
-        if isinstance(problem.goal, FewestCameras):
-            assert is_met(problem, covered), name
-            assert selection.bound <= best + 1e-6, name
-            assert best <= selection.objective + 1e-6
-        else:
-            assert problem.goal.cameras is None or len(chosen) <= problem.goal.cameras
-            assert problem.goal.budget is None or selection.cost <= problem.goal.budget + 1e-9
-            assert selection.bound >= best - 1e-6, name
-            assert best >= selection.objective - 1e-6
-        if name == "integer":
-            assert selection.objective == pytest.approx(best, abs=1e-6)
-            assert selection.status == "optimal"
-            assert selection.gap <= 1e-6
-        missing = abs(selection.bound - selection.objective)
-        assert selection.gap == (
-            math.inf
-            if selection.objective == 0 < missing
-            else pytest.approx(missing / max(selection.objective, 1e-300))
-        )
-
-
 @examples(25)
 @given(problems(max_views=3))
 def test_lagrange_bounds_hold_before_they_are_trimmed(problem):
     reduced = presolve(problem).listed()
     best = best_by_trying_all(problem)
-    state = construct(reduced)
-    if isinstance(problem.goal, FewestCameras):
-        assert bounds.least_cost(reduced, state.cost) <= best + 1e-6
-    else:
-        weight = bounds.best_weight(reduced, state.covered)
-        assert weight >= (best - 1e-6) * problem.integer_weights.sum()
-
-
-@examples(25)
-@given(
-    problems(max_views=3, sizes=(7, 14)),
-    st.lists(st.integers(0, 13), min_size=2, max_size=20),
-    st.booleans(),
-)
-def test_a_gain_is_what_adding_the_camera_adds(problem, cameras, finish):
-    reduced = presolve(problem).listed()
-    state = CoverState(reduced, finish=finish)
-    for camera in cameras:  # named twice, a camera comes and goes
-        if camera < reduced.n_candidates:
-            (state.remove if camera in state.chosen else state.add)(camera)
-    covered = problem.covered_by(reduced.candidates[sorted(state.chosen)])[1]
-    counted = covered & problem.reachable
-    assert state.covered == problem.integer_weights[counted].sum()
-    for camera in set(range(reduced.n_candidates)) - state.chosen:
-        before, promised = state.worth, int(state.gain[camera].sum())
-        gains = state.gain.copy()
-        state.add(camera)
-        assert state.worth - before == promised
-        state.remove(camera)
-        assert state.worth == before
-        np.testing.assert_array_equal(state.gain, gains)
+    sign = 1 if isinstance(problem.goal, FewestCameras) else -1
+    assert sign * bound_of(reduced, construct(reduced)) <= sign * best + 1e-6
 
 
 @pytest.mark.slow
@@ -285,16 +218,6 @@ def test_a_budget_buys_one_good_camera_rather_than_a_cheap_bad_one():
     problem = problem_of_matrix(covers, BestCoverage(budget=10), costs=[1, 10])
     for name in ("plain", "greedy", "integer"):
         assert SELECTORS[name](problem).objective == pytest.approx(0.9)
-
-
-def test_the_curve_is_what_the_first_cameras_cover():
-    rng = np.random.default_rng(3)
-    problem = problem_of_matrix(rng.random((30, 200)) < 0.1, BestCoverage(12))
-    selection = select_greedy(problem, effort=QUICK)
-    shares = [share(problem, covers_faces(problem, selection.chosen[: n + 1])) for n in range(12)]
-    assert selection.curve == pytest.approx(shares)
-    steps = np.diff([0, *selection.curve])
-    assert (np.diff(steps) <= 1e-12).all()  # each adds the most to those before it
 
 
 def test_the_thesis_chooses_by_mean_coverage_alone():
@@ -467,27 +390,6 @@ def test_a_part_of_no_end_is_no_end():
     assert Deadline(0.0).sooner(0.5) == Deadline(0.0)
     with pytest.raises(TimeUpError):
         Deadline(0.0).check()
-
-
-@pytest.mark.slow
-@examples(25)
-@given(problems(max_views=3, sizes=(7, 14)), st.data())
-def test_cameras_are_in_the_order_of_what_each_adds(problem, data):
-    chosen = data.draw(st.permutations(range(problem.n_candidates)))
-    chosen = chosen[: data.draw(st.integers(0, problem.n_candidates))]
-    order, curve = in_order(problem, np.array(chosen, np.int64))
-    left, count = sorted(chosen), np.zeros(problem.n_faces, np.int64)
-    for place, camera in enumerate(order):
-        gains = []
-        for other in left:
-            faces = problem.faces_of(other)
-            faces = faces[count[faces] < problem.views[faces]]
-            gains.append((problem.integer_weights / problem.views)[faces].sum())
-        assert left.pop(int(np.argmax(gains))) == camera
-        count[problem.faces_of(camera)] += 1
-        covered = problem.covered_by(order[: place + 1])[1]
-        assert curve[place] == problem.share(covered)
-    assert left == []
 
 
 def test_no_time_at_all_gives_the_greedy_start():

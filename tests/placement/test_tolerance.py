@@ -8,6 +8,7 @@ from nightly import examples
 from test_search import CAMERA, MESH, TASK
 
 from rastercov.base.errors import ConfigError
+from rastercov.camera.formats.conventions import from_vectors
 from rastercov.camera.viewpoints import sphere_of_poses
 from rastercov.coverage.observer import open_observer
 from rastercov.placement.improve import tolerance as tolerance_module
@@ -16,7 +17,6 @@ from rastercov.placement.improve.tolerance import (
     InstallationError,
     Spread,
     disturbed_poses,
-    rotations,
     tolerance,
 )
 
@@ -107,7 +107,7 @@ def test_quantiles_are_draws_in_order_and_the_first_is_the_worst(shares):
 @examples(25)
 @given(vector=st.tuples(*[st.floats(-4, 4)] * 3).map(np.array))
 def test_a_rotation_vector_turns_about_itself_by_its_length(vector):
-    rotation, angle = rotations(vector), np.linalg.norm(vector)
+    rotation, angle = from_vectors(vector, np.zeros(3))[0, :3, :3], np.linalg.norm(vector)
     np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-13)
     np.testing.assert_allclose(rotation @ vector, vector, atol=1e-12)
     assert np.linalg.det(rotation) == pytest.approx(1)

@@ -17,13 +17,11 @@ from rastercov.coverage.network import Network
 from rastercov.coverage.reasons import REASONS
 from rastercov.coverage.task import Reason, Task
 from rastercov.mesh import Group, Mesh, shapes
-from rastercov.placement.explain import candidate_visibility as sight
-from rastercov.placement.explain import uncovered
-from rastercov.placement.explain.candidate_visibility import EDGE_ON, CandidateBounds
-from rastercov.placement.explain.uncovered import Sight, in_front, what_is_left
+from rastercov.placement import uncovered
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.matrix import build_matrix
 from rastercov.placement.plan.network import left_over, measured
+from rastercov.placement.uncovered import EDGE_ON, CandidateBounds, Sight, in_front, what_is_left
 from rastercov.reference.views import candidate_bounds
 
 CAMERA = rc.Camera(width=320, height=240, fx=300, fy=300, cx=160, cy=120)
@@ -188,27 +186,19 @@ def test_the_bounds_hold_what_candidates_see_and_those_left_out_see_nothing(seed
     assert (exact[left][found.sight[left] == Sight.NONE] <= 1e-6).all()
 
 
-def test_candidates_are_counted_as_in_a_matrix_of_them():
-    mesh, poses, task = shapes.torus(10, 7), around(12, 3, 4.0), Task(min_pixels=40)
-    matrix = build_matrix((mesh, CAMERA), poses, task)
-    one = what_is_left((mesh, CAMERA), poses[:1], task, candidates=poses)
-    counts = np.bincount(matrix.face[matrix.covered], minlength=mesh.n_faces)
-    assert (one.n_covering[one.left] == counts[one.left]).all()
-
-
 @pytest.mark.slow
 def test_no_more_than_two_batches_of_candidates_are_held_at_a_time(monkeypatch):
     mesh, poses = shapes.torus(10, 8), around(300, 5, 4.0)
     batches, alive = [], []
-    add = sight.CandidateBounds.add
+    add = uncovered.CandidateBounds.add
 
     def watched(self, batch):
         batches.append(weakref.ref(batch))
         alive.append(sum(each() is not None for each in batches))
         add(self, batch)
 
-    monkeypatch.setattr(sight, "POSES_A_STEP", 20)
-    monkeypatch.setattr(sight.CandidateBounds, "add", watched)
+    monkeypatch.setattr(uncovered, "POSES_A_STEP", 20)
+    monkeypatch.setattr(uncovered.CandidateBounds, "add", watched)
     found = what_is_left((mesh, CAMERA), poses[:1], candidates=poses)
     assert found.left.any()
     assert len(batches) == 15

@@ -290,25 +290,6 @@ def test_later_steps_work_on_cells_and_never_lose_exact_area(monkeypatch):
 
 
 @pytest.mark.slow
-def test_progress_of_a_refinement_has_its_budget_as_total():
-    seen = []
-
-    @contextmanager
-    def step(name):
-        yield lambda done, total: seen.append((done, total)) if name == "refinement" else None
-
-    entries = "cameras = 4\nrefine = true\nrefine_budget = 500"
-    found = placed(PLAN.replace("cameras = 4", entries), step)
-    done = [count for count, _ in seen]
-    assert seen[0] == (0, 500)
-    assert {total for _, total in seen} == {500}
-    assert done == sorted(done)
-    # What the start is estimated to cover is counted here only.
-    assert done[-1] == found.refined.evaluations + 4 <= 504
-    assert found.refined.status == "budget spent"
-
-
-@pytest.mark.slow
 def test_moves_that_lose_exact_area_are_not_taken(monkeypatch):
     def worse(objective, space, poses, **_):
         found = plain(objective, space, poses, budget=len(poses), seed=0)
@@ -392,25 +373,3 @@ def test_cells_larger_than_the_scene_are_whole_faces():
     assert report.summary(found)["matrix"]["cells"] == MESH.n_faces
     assert "are whole faces" in found.prepared.notes[0]
     assert found.cameras.share == pytest.approx(exact_share(found), abs=1e-9)
-
-
-@pytest.mark.parametrize("unit", ["face", "area"])
-def test_a_camera_that_adds_nothing_after_refinement_is_left_out_and_named(unit, monkeypatch):
-    def onto_the_first(placement, objectives, poses, how):
-        """A refinement that leaves the last camera where the first is."""
-        return plan_run._of_rows(placement, objectives, [0, 1, 0])
-
-    monkeypatch.setattr(plan_run, "_moved", onto_the_first)
-    text = PLAN.replace("cameras = 4", "cameras = 3\nrefine = true\nrefine_budget = 3")
-    if unit == "face":
-        text = text.replace("[task]", '[task]\nby = "face"').replace(
-            "resolution_of_result = 0.5\n", ""
-        )
-    found = placed(text)
-    assert found.left_out == (2,)
-    assert len(found.cameras.mounted) == len(found.origin) == len(found.chosen) == 2
-    summary = report.summary(found)
-    assert summary["improvement"]["refinement"]["left_out"] == list(found.left_out)
-    assert len(report.poses_of(found)["world_from_camera"]) == 2
-    line = f"camera {found.left_out[0]} of the selection added nothing after refinement"
-    assert any(each.startswith(line) for each in report.lines(found))

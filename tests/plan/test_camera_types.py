@@ -6,17 +6,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mesh_files import obj
 from surface_cases import room
 
 import rastercov as rc
 from rastercov.camera.pose_file import write_poses
 from rastercov.placement import BestCoverage, build_matrix, problem_of
-from rastercov.placement.plan.candidates import candidate_pool
 from rastercov.placement.plan.check import check, limits
 from rastercov.placement.plan.file import PlanError, read_plan
 from rastercov.placement.plan.run import place
-from rastercov.placement.plan.scene import scene
+from rastercov.placement.plan.scene import candidate_pool, scene
 from rastercov.report import plan as report
 
 MESH, _, _ = room()
@@ -42,13 +40,6 @@ page = false
 """
 BUDGET = 'goal = "best_coverage"\nbudget = {}'
 FEWEST = 'goal = "fewest_cameras"\ncoverage = 0.3'
-
-
-@pytest.fixture(autouse=True)
-def folder(tmp_path, monkeypatch):
-    """A folder with a room."""
-    monkeypatch.chdir(tmp_path)
-    Path("room.obj").write_bytes(obj(MESH.vertices, MESH.faces))
 
 
 def types(**entries):

@@ -4,8 +4,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mesh_files import obj
-from surface_cases import room
 from union_greedy import room_candidates
 
 from rastercov.base.errors import ResourceError
@@ -41,15 +39,11 @@ FEWEST = PLAN.replace('"best_coverage"\ncameras = 4', '"fewest_cameras"\ncoverag
 CAVITIES = BY_FACE.replace(
     "[selection]", '[[candidates]]\ngenerator = "per_cavity"\nviews = 2\n[selection]'
 )
-MESH = room()[0]
 
 
 @pytest.fixture(autouse=True)
-def folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    Path("room.obj").write_bytes(obj(MESH.vertices, MESH.faces))
+def candidates(folder):
     write_poses("candidates.json", room_candidates(30))
-    return tmp_path
 
 
 def placed(text, out):

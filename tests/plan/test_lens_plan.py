@@ -80,11 +80,6 @@ method = "greedy"
 """
 
 
-@pytest.fixture(autouse=True)
-def folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-
-
 def placed(text, camera):
     Path("plan.toml").write_text(text.format(camera=camera))
     plan = read_plan("plan.toml")

@@ -22,10 +22,9 @@ from rastercov.placement.improve.objective import Objective
 from rastercov.placement.plan import sections as plan_entry
 from rastercov.placement.plan import sections as plan_generators
 from rastercov.placement.plan import sections as plan_model
-from rastercov.placement.plan.candidates import candidate_pool, framing_of
 from rastercov.placement.plan.file import Plan, PlanError, lines_of, read_plan, schema
 from rastercov.placement.plan.network import certain_and_possible, judge, measured, percent
-from rastercov.placement.plan.scene import scene
+from rastercov.placement.plan.scene import candidate_pool, framing_of, scene
 from rastercov.placement.plan.sections import PlanModel, TaskSection
 
 ROOT = Path(__file__).parents[2]
@@ -34,13 +33,6 @@ SPACE = BASE + "[[constraints.spaces]]\n"
 KEEP_OUT = BASE + "[[constraints.keep_out]]\nname = 'table'\n"
 ENTRY = BASE + "[[candidates]]\ngenerator = "
 CAMERA = "[camera]\nwidth = 64\nheight = 48\nfx = 64\nfy = 64\n"
-
-
-@pytest.fixture(autouse=True)
-def folder(tmp_path, monkeypatch):
-    """A folder of its own to write plans to."""
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
 
 
 def plan_of(text, name="plan.toml"):
@@ -166,16 +158,6 @@ def test_all_errors_come_at_once_each_with_its_path():
 )
 def test_each_error_says_what_was_wanted(text, line):
     assert any(found.startswith(line) for found in errors(text)), errors(text)
-
-
-def test_a_plan_that_is_no_text_or_not_there_is_one_line():
-    Path("plan.toml").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(PlanError, match=r"plan\.toml: not valid TOML"):
-        read_plan("plan.toml")
-    with pytest.raises(PlanError, match=r"no\.toml: cannot be read \(No such file"):
-        read_plan("no.toml")
-    with pytest.raises(PlanError, match="cannot be read"):
-        read_plan(".")
 
 
 @pytest.mark.slow

@@ -13,11 +13,6 @@ from rastercov.placement.plan.scene import scene
 ROOM = BASE.replace('"box"', '"room"')
 
 
-@pytest.fixture(autouse=True)
-def folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-
-
 def scene_errors(text):
     plan = plan_of(text)
     with pytest.raises(PlanError) as caught:

@@ -21,7 +21,7 @@ from rastercov.coverage.area.points import views_at, zones_at
 from rastercov.coverage.network import Network
 from rastercov.coverage.reasons import REASONS
 from rastercov.mesh import Group, Mesh, shapes
-from rastercov.placement.explain.uncovered import what_is_left
+from rastercov.placement.uncovered import what_is_left
 from rastercov.reference.regions import covers_points, points_on
 from rastercov.report import overview, theme
 from rastercov.report.images import place_labels

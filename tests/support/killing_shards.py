@@ -3,7 +3,7 @@
 import os
 import signal
 
-from rastercov.placement import matrix, matrix_folder, matrix_shards
+from rastercov.placement import matrix, matrix_folder
 
 POISONED, SMALL = 3, 2
 """The pose, and the poses of a shard."""
@@ -11,10 +11,10 @@ FUNCTION = "killing_shards:make"
 
 
 def make(folder, number, chosen):
-    """`matrix_shards.make`, which one pose kills."""
+    """`matrix_folder.make`, which one pose kills."""
     if POISONED in chosen:
         os.kill(os.getpid(), signal.SIGKILL)
-    return matrix_shards.make(folder, number, chosen)
+    return matrix_folder.make(folder, number, chosen)
 
 
 def build(*arguments, **options):

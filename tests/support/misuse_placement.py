@@ -12,7 +12,6 @@ from rastercov.placement.candidates.clearance import (
     filter_candidates,
     in_solid,
 )
-from rastercov.placement.candidates.framing import Framing
 from rastercov.placement.candidates.mounting import (
     along,
     at_nearest_surface,
@@ -23,9 +22,14 @@ from rastercov.placement.candidates.mounting import (
     on_sphere,
     on_walls,
 )
-from rastercov.placement.candidates.pool import from_poses, per_convex_region, per_face, per_segment
+from rastercov.placement.candidates.pool import (
+    Framing,
+    from_poses,
+    per_convex_region,
+    per_face,
+    per_segment,
+)
 from rastercov.placement.candidates.segments import segment
-from rastercov.placement.explain.uncovered import what_is_left
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.improve.pose_space import PoseSpace
 from rastercov.placement.improve.refine import refine
@@ -40,6 +44,7 @@ from rastercov.placement.select.problem import (
     problem_of,
     problem_of_matrix,
 )
+from rastercov.placement.uncovered import what_is_left
 from rastercov.reference.thesis import select_thesis
 
 

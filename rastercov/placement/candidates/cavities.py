@@ -47,6 +47,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import plural
+from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.base.threads import Closing
 from rastercov.base.typed import typed
 from rastercov.camera.camera import Camera
@@ -54,7 +55,6 @@ from rastercov.camera.projection import box_corners
 from rastercov.camera.viewpoints import half_angles, look_at
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import frozen
-from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
 from rastercov.placement.candidates.clearance import (
     KeepOut,
     KeepOutBox,
@@ -64,8 +64,15 @@ from rastercov.placement.candidates.clearance import (
     filter_candidates,
     in_solid,
 )
-from rastercov.placement.candidates.framing import DEFAULT, Framing, fit_vertices, rolled_frames
-from rastercov.placement.candidates.pool import Candidates, face_rows, rolled_candidates
+from rastercov.placement.candidates.pool import (
+    DEFAULT,
+    Candidates,
+    Framing,
+    face_rows,
+    fit_vertices,
+    rolled_candidates,
+    rolled_frames,
+)
 from rastercov.raster.cpu import CPURasterizer
 
 LIFT_REL = 1e-6

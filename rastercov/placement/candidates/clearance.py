@@ -18,12 +18,12 @@ from typing_extensions import Doc
 from rastercov.base.arguments import finite_points
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import plural
+from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.base.typed import check_fields, typed
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import encloses_volume
 from rastercov.mesh.topology import edge_table
 from rastercov.mesh.triangle_tree import TriangleTree
-from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
 from rastercov.placement.candidates.pool import Candidates
 
 ROOM_TOLERANCE_REL = 0.01

@@ -12,14 +12,13 @@ from numpy.typing import ArrayLike
 from rastercov.base.arguments import LARGEST_COORDINATE, finite_points
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
+from rastercov.base.memory import FloatArray
 from rastercov.base.typed import typed
 from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import enclosing_distance, fibonacci_sphere, look_at
 from rastercov.mesh import Mesh
-from rastercov.placement._arrays import FloatArray
 from rastercov.placement.candidates.clearance import NearestSurface
-from rastercov.placement.candidates.framing import DEFAULT, Framing
-from rastercov.placement.candidates.pool import Candidates, rolled_candidates
+from rastercov.placement.candidates.pool import DEFAULT, Candidates, Framing, rolled_candidates
 
 Aim = Callable[[Mesh, FloatArray], FloatArray]
 """Rule of aim: from a mesh and (N, 3) camera centres, (N, 3) targets, metres."""

@@ -17,11 +17,11 @@ import numpy as np
 from rastercov.base.arguments import check_choice
 from rastercov.base.checks import finite_number, is_number, shown
 from rastercov.base.errors import ConfigError
+from rastercov.base.memory import FloatArray, IntArray
 from rastercov.base.typed import check_type
 from rastercov.kernels import placement_segments as kernels
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import frozen
-from rastercov.placement._arrays import FloatArray, IntArray
 
 Links = list[set[int]] | None
 """Segments that share an edge with each segment; None where any two may be merged."""

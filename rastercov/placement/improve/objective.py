@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.errors import ConfigError
-from rastercov.base.memory import Lists
+from rastercov.base.memory import BoolArray, FloatArray, IntArray, Lists
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.coverage.area.cells import Cells
 from rastercov.coverage.area.centres import CentrePass
@@ -24,7 +24,6 @@ from rastercov.coverage.observer import Observer
 from rastercov.coverage.spread import least_cosine
 from rastercov.coverage.task import Reason, Task
 from rastercov.mesh import Mesh
-from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
 from rastercov.placement.mounts import Mounts
 from rastercov.placement.select.problem import (
     in_whole_numbers,

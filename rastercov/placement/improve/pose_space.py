@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.errors import ConfigError
+from rastercov.base.memory import BoolArray, FloatArray
 from rastercov.base.typed import check_fields
 from rastercov.camera.pose import valid_poses
 from rastercov.camera.viewpoints import look_at
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import frozen
-from rastercov.placement._arrays import BoolArray, FloatArray
 from rastercov.placement.candidates.clearance import (
     KeepOut,
     NearestSurface,
@@ -26,7 +26,7 @@ from rastercov.placement.candidates.clearance import (
     in_solid,
     nearest_obstacle,
 )
-from rastercov.placement.candidates.framing import check_stand_off, check_up, turns_about_z
+from rastercov.placement.candidates.pool import check_stand_off, check_up, turns_about_z
 
 POSITION_TOLERANCE_REL = 1e-9
 """Position tolerance relative to the mesh's diagonal, for cameras on the border of a box."""

@@ -24,12 +24,11 @@ from numpy.typing import ArrayLike
 from rastercov.base.arguments import LARGEST_COORDINATE, check_seed
 from rastercov.base.errors import ConfigError
 from rastercov.base.interrupts import interrupts_held
-from rastercov.base.memory import Lists
+from rastercov.base.memory import BoolArray, FloatArray, IntArray, Lists
 from rastercov.base.typed import typed
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.kernels.stopwatch import Stopwatch
 from rastercov.mesh.arrays import frozen
-from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.improve.pose_space import PoseSpace
 

@@ -13,14 +13,15 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from annotated_types import Ge
 from numpy.typing import ArrayLike
+from typing_extensions import Doc
 
-from rastercov.base.arguments import check_seed
+from rastercov.base.arguments import check_limits, check_seed
 from rastercov.base.errors import ConfigError
-from rastercov.base.memory import Lists
-from rastercov.base.typed import check_fields, typed
+from rastercov.base.memory import FloatArray, Lists
+from rastercov.base.typed import typed
+from rastercov.camera.formats.conventions import from_vectors
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.mesh.arrays import frozen
-from rastercov.placement._arrays import FloatArray
 from rastercov.placement.improve.objective import Objective
 
 LEVELS = (0.0, 0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 1.0)
@@ -49,15 +50,12 @@ class InstallationError:
         For values outside their range.
     """
 
-    position_mm: Annotated[float, Ge(0)] = 0.0
-    angle_deg: Annotated[float, Ge(0)] = 0.0
-    distribution: Literal["normal", "uniform"] = "normal"
+    position_mm: Annotated[float, Ge(0), Doc("Error of the camera centre, mm.")] = 0.0
+    angle_deg: Annotated[float, Ge(0), Doc("Error of the direction, degrees.")] = 0.0
+    distribution: Annotated[Literal["normal", "uniform"], Doc("Of the errors.")] = "normal"
 
     def __post_init__(self) -> None:
-        check_fields(self)
-        for name, value in (("position_mm", self.position_mm), ("angle_deg", self.angle_deg)):
-            if isinstance(value, bool) or not 0 <= value < np.inf:
-                raise ConfigError(f"{name} must be 0 or more and finite, got {value}")
+        check_limits(self)
 
     def draw(self, shape: tuple[int, ...], rng: np.random.Generator) -> tuple[FloatArray, ...]:
         """Displacements in metres and rotation vectors in radians, (*shape, 3) each."""
@@ -282,21 +280,6 @@ def disturbed_poses(
     displacement, turn = error.draw((draws, len(poses)), rng)
     out = np.tile(poses, (draws, 1, 1, 1))
     out[..., :3, 3] += displacement
-    out[..., :3, :3] = out[..., :3, :3] @ rotations(turn)
-    return out
-
-
-def rotations(vectors: FloatArray) -> FloatArray:
-    """(..., 3, 3) rotations by rotation vectors (..., 3), radians: Rodrigues' formula.
-
-    R = I + sin(a) K + (1 - cos(a)) K^2 for the angle a and the cross-product matrix K of the axis.
-    """
-    angle = np.linalg.norm(vectors, axis=-1, keepdims=True)[..., None]
-    cross = np.zeros((*vectors.shape[:-1], 3, 3))
-    x, y, z = np.moveaxis(vectors, -1, 0)
-    cross[..., 0, 1], cross[..., 0, 2], cross[..., 1, 2] = -z, y, -x
-    cross -= np.swapaxes(cross, -1, -2)
-    # sinc: sin(pi t) / (pi t), 1 at 0
-    half = np.sinc(angle / (2 * np.pi))
-    out: FloatArray = np.eye(3) + np.sinc(angle / np.pi) * cross + half**2 / 2 * (cross @ cross)
+    turns = from_vectors(turn, np.zeros((turn[..., 0].size, 3)))[:, :3, :3]
+    out[..., :3, :3] = out[..., :3, :3] @ turns.reshape(*turn.shape, 3)
     return out

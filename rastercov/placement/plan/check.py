@@ -7,6 +7,7 @@ Shares are of the exact area where the plan counts that, and of whole faces othe
 
 import re
 from collections.abc import Mapping, Sequence
+from contextlib import closing
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -22,11 +23,11 @@ from rastercov.base.output import write_bytes
 from rastercov.camera.formats import read_views
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.camera.views import Views
+from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.area.zone_report import ZONES
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.groups import Names, listed, quoted
-from rastercov.placement.explain.uncovered import Leftover
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.plan.file import Plan, PlanError
 from rastercov.placement.plan.network import (
@@ -34,18 +35,20 @@ from rastercov.placement.plan.network import (
     Measured,
     Requirement,
     area_lines,
-    areas_of,
     counting,
     judge,
     judge_areas,
     left_over,
     limits_of,
     measured,
+    most_views,
     observer_of,
     summary_of,
+    with_areas,
 )
 from rastercov.placement.plan.prepare import Step, quiet
 from rastercov.placement.plan.scene import named_scene
+from rastercov.placement.uncovered import Leftover
 
 Limits = Mapping[str | None, float]
 MOST_GROUPS = 5
@@ -215,7 +218,10 @@ def check(
         with step("coverage") as progress:
             cameras = measured(objective, rig, progress)
         with step("area") as progress:
-            cameras = areas_of(plan, mesh, cameras, views, progress)
+            if plan.unit_of_result()[0] == "area":
+                most = plan.build_task(most_views(plan, views))
+                with closing(RegionPass(mesh, plan.rig, most, method=plan.task.method)) as finder:
+                    cameras = with_areas(plan, cameras, finder, views, progress)
         with step("what is left") as progress:
             leftover = left_over(observer, cameras, progress, views=counted["views"])
     masks, weights = (cameras.covered, cameras.certain, cameras.possible), objective.integer_weights
@@ -313,39 +319,37 @@ def to_json(checked: Checked) -> dict[str, Any]:
 
 def write_junit(path: Path, checked: Checked) -> None:
     """Write the outcome as JUnit XML: a test case for each requirement, for build servers."""
-    failures = sum(each.status != HOLDS for each in checked.requirements)
-    counts = {"tests": str(len(checked.requirements)), "failures": str(failures), "errors": "0"}
-    name = f"rastercov check {checked.plan.name}"
-    suites = ElementTree.Element("testsuites", {"name": "rastercov"} | counts)
-    suite = ElementTree.SubElement(suites, "testsuite", {"name": name, "skipped": "0"} | counts)
+    cases = []
     for each in checked.requirements:
         of = "all" if each.group is None else each.group
-        words = {"classname": f"rastercov.{checked.plan.path.stem}"}
-        words["name"] = _xml(f"coverage of {of}")
-        case = ElementTree.SubElement(suite, "testcase", words)
-        text = "\n".join([each.words(), *checked.reasons(each)])
-        if each.status == HOLDS:
-            ElementTree.SubElement(case, "system-out").text = _xml(text)
-        else:
-            words = {"type": each.status, "message": _xml(each.words())}
-            ElementTree.SubElement(case, "failure", words).text = _xml(text)
-    _write(path, suites)
+        words = {"type": each.status, "message": each.words()}
+        kind = "failure" if each.status != HOLDS else "system-out"
+        lines = [each.words(), *checked.reasons(each)]
+        cases.append((f"coverage of {of}", kind, words if kind == "failure" else {}, lines))
+    _write(path, checked.plan.path, cases)
 
 
 def write_junit_error(path: Path, plan: Path, lines: Sequence[str]) -> None:
     """Write JUnit XML with one test case, an error: the check could not be made."""
-    counts = {"tests": "1", "failures": "0", "errors": "1"}
+    words = {"type": "error", "message": lines[0]}
+    _write(path, plan, [("input", "error", words, lines)])
+
+
+def _write(
+    path: Path, plan: Path, cases: Sequence[tuple[str, str, dict[str, str], Sequence[str]]]
+) -> None:
+    """Write test cases, each with its name, kind of outcome, attributes of it, and lines."""
+    kinds = [kind for _, kind, _, _ in cases]
+    counts = {"tests": str(len(cases)), "failures": str(kinds.count("failure"))}
+    counts["errors"] = str(kinds.count("error"))
     suites = ElementTree.Element("testsuites", {"name": "rastercov"} | counts)
     words = {"name": _xml(f"rastercov check {plan.name}"), "skipped": "0"}
     suite = ElementTree.SubElement(suites, "testsuite", words | counts)
-    words = {"classname": _xml(f"rastercov.{plan.stem}"), "name": "input"}
-    case = ElementTree.SubElement(suite, "testcase", words)
-    words = {"type": "error", "message": _xml(lines[0])}
-    ElementTree.SubElement(case, "error", words).text = _xml("\n".join(lines))
-    _write(path, suites)
-
-
-def _write(path: Path, suites: ElementTree.Element) -> None:
+    for name, kind, outcome, lines in cases:
+        words = {"classname": _xml(f"rastercov.{plan.stem}"), "name": _xml(name)}
+        case = ElementTree.SubElement(suite, "testcase", words)
+        outcome = {key: _xml(text) for key, text in outcome.items()}
+        ElementTree.SubElement(case, kind, outcome).text = _xml("\n".join(lines))
     ElementTree.indent(suites)
     document: bytes = ElementTree.tostring(suites, encoding="utf-8", xml_declaration=True)
     write_bytes(path, document + b"\n")

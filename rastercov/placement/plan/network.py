@@ -24,18 +24,11 @@ from rastercov.coverage.area.by_camera import AreasByCamera, cameras_apart
 from rastercov.coverage.area.network import AreaNetwork, in_words
 from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.area.zone_report import zone_lines
-from rastercov.coverage.coverage import Coverage, evaluate_batches
+from rastercov.coverage.coverage import Coverage, batch_size, evaluate_batches
 from rastercov.coverage.network import Network, share_of_faces
 from rastercov.coverage.observer import Observer, open_observer
 from rastercov.coverage.task import Reason, Task
 from rastercov.mesh import Mesh
-from rastercov.placement.explain.candidate_visibility import CandidateBounds
-from rastercov.placement.explain.uncovered import (
-    NETWORK_FIGURES,
-    Leftover,
-    NearestCameras,
-    left_by,
-)
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.plan.file import Plan
 from rastercov.placement.plan.sections import (
@@ -50,6 +43,13 @@ from rastercov.placement.select.problem import (
     FewestCameras,
     Goal,
     views_of,
+)
+from rastercov.placement.uncovered import (
+    NETWORK_FIGURES,
+    CandidateBounds,
+    Leftover,
+    NearestCameras,
+    left_by,
 )
 
 FloatArray = NDArray[np.float64]
@@ -102,16 +102,16 @@ class Requirement:
     def words(self) -> str:
         """The requirement and its outcome in one line."""
         of = " of what all candidates cover" if self.of_reachable else ""
-        text = f"{self.name}: {percent(self.share)} covered{of}, {percent(self.limit)} wanted"
+        ends = f"the bound of visibility allows {percent(self.low)} to {percent(self.high)}"
+        return self._said(f"covered{of}", plural(self.uncovered, "face"), ends)
+
+    def _said(self, covered: str, uncovered: str, ends: str) -> str:
+        """The line, with words on what is covered, on what is not, and on the bounds of both."""
+        text = f"{self.name}: {percent(self.share)} {covered}, {percent(self.limit)} wanted"
         if self.status == FAILS:
             points = percent(self.short_by).removesuffix(" %")
-            return f"{text}: {points} points short, {plural(self.uncovered, 'face')} uncovered"
-        if self.status == UNDECIDED:
-            return (
-                f"{text}: not decided, the bound of visibility allows {percent(self.low)} to "
-                f"{percent(self.high)}"
-            )
-        return text
+            return f"{text}: {points} points short, {uncovered} uncovered"
+        return f"{text}: not decided, {ends}" if self.status == UNDECIDED else text
 
 
 @dataclass(frozen=True)
@@ -133,16 +133,9 @@ class AreaRequirement(Requirement):
     def words(self) -> str:
         """The requirement and its outcome in one line."""
         of = "of the area that all candidates cover" if self.of_reachable else "of the area covered"
-        text = f"{self.name}: {percent(self.share)} {of}, {percent(self.limit)} wanted"
-        if self.status == FAILS:
-            points = percent(self.short_by).removesuffix(" %")
-            return f"{text}: {points} points short, {self.of_m2 - self.m2:.3g} m² uncovered"
-        if self.status == UNDECIDED:
-            return (
-                f"{text}: not decided, the bound of the area allows {100 * self.low:.9g} % to "
-                f"{100 * self.high:.9g} %"
-            )
-        return text
+        low, high = f"{100 * self.low:.9g} %", f"{100 * self.high:.9g} %"
+        ends = f"the bound of the area allows {low} to {high}"
+        return self._said(of, f"{self.of_m2 - self.m2:.3g} m²", ends)
 
 
 @dataclass(frozen=True)
@@ -243,16 +236,13 @@ def judge_areas(
                 continue
             members = mesh.face_group == row
             number = views.get(each.name, 1) if isinstance(views, Mapping) else views
-            figures = areas.of_faces(members, number)
-            faces |= members
-            if reachable is None:
-                total += figures["of_m2"]
-            else:
+            own = areas.of_faces(members, number)
+            most = {"m2": own["of_m2"], "bound_m2": 0.0}
+            if reachable is not None:
                 most = reachable.of_faces(members, number)
-                total += most["m2"]
-                of_bound += most["bound_m2"]
-            area += figures["m2"]
-            bound += figures["bound_m2"]
+            faces |= members
+            area, bound = area + own["m2"], bound + own["bound_m2"]
+            total, of_bound = total + most["m2"], of_bound + most["bound_m2"]
         ends = ((area - bound, total + of_bound), (area, total), (area + bound, total - of_bound))
         low, share, high = (
             min(max(part / whole, 0.0), 1.0) if whole > 0 else 1.0 for part, whole in ends
@@ -359,58 +349,42 @@ class Measured:
         return self.placed.world_from_camera
 
 
-def areas_of(
-    plan: Plan,
-    mesh: Mesh,
-    cameras: Measured,
-    views: int | None = None,
-    progress: Callable[[int, int], None] = lambda done, total: None,
-) -> Measured:
-    """The network with its exact covered area; as it is where the plan counts faces.
-
-    `views` replaces those of the plan.
-    """
-    if plan.unit_of_result()[0] == "face":
-        return cameras
-    most, poses = most_views(plan, views), cameras.placed
-    areas = AreaNetwork(mesh, plan.build_task(most))
-    apart = AreasByCamera(mesh, areas.task, cameras_apart(plan.rig, poses))
-    finder = RegionPass(mesh, plan.rig, plan.build_task(most), method=plan.task.method)
-    done = 0
-    try:
-        for regions in finder.batches(poses):
-            areas.add(regions)
-            apart.add(regions, poses.camera[done : done + len(regions.pose_ids)])
-            done += len(regions.pose_ids)
-            progress(done, len(poses))
-    finally:
-        finder.close()
-    return replace(cameras, areas=areas, apart=apart)
-
-
 def with_areas(
     plan: Plan,
-    finder: RegionPass,
     cameras: Measured,
+    finder: RegionPass,
+    views: int | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
+    *,
+    has_curve: bool = False,
 ) -> Measured:
-    """The network with its exact covered area, and the share of it after each camera.
+    """The network with its exact covered area.
 
-    `finder` counts as many views as `plan` needs at most (`most_views`).
+    Parameters
+    ----------
+    finder : RegionPass
+        Counts as many views as are needed at most (`most_views`).
+    views : int, optional
+        Replaces those of the plan.
+    has_curve : bool
+        True where share and curve are to be of the area, too: one camera after the other.
     """
-    wanted, poses = plan.task.views, cameras.placed
-    by_group = wanted if isinstance(wanted, dict) else None
-    areas, curve = AreaNetwork(finder.mesh, plan.build_task(most_views(plan))), []
-    apart = AreasByCamera(finder.mesh, areas.task, cameras_apart(plan.rig, poses))
-    for row in range(len(poses)):
-        found = finder.find(poses[row : row + 1], closed=apart.closed(areas.closed))
+    mesh, poses, curve = finder.mesh, cameras.placed, []
+    areas = AreaNetwork(mesh, plan.build_task(most_views(plan, views)))
+    apart = AreasByCamera(mesh, areas.task, cameras_apart(plan.rig, poses))
+    step = 1 if has_curve else batch_size(mesh.n_faces, finder.threads)
+    for at in range(0, len(poses), step):
+        some = poses[at : at + step]
+        found = finder.find(some, closed=apart.closed(areas.closed))
         areas.add(found)
-        apart.add(found, poses.camera[row : row + 1])
-        curve.append(areas.summary(by_group)["percent"] / 100)
-        progress(row + 1, len(poses))
-    share = curve[-1] if curve else 0.0
-    curve_of_area = np.array(curve, np.float64)
-    return replace(cameras, areas=areas, apart=apart, curve=curve_of_area, share=share)
+        apart.add(found, some.camera)
+        if has_curve:
+            curve.append(areas.summary(_by_group(plan, views))["percent"] / 100)
+        progress(at + len(some), len(poses))
+    if has_curve:
+        share = curve[-1] if curve else 0.0
+        cameras = replace(cameras, curve=np.array(curve, np.float64), share=share)
+    return replace(cameras, areas=areas, apart=apart)
 
 
 def most_views(plan: Plan, views: int | None = None) -> int:
@@ -419,13 +393,17 @@ def most_views(plan: Plan, views: int | None = None) -> int:
     return max([1, *wanted.values()]) if isinstance(wanted, dict) else wanted
 
 
+def _by_group(plan: Plan, views: int | None) -> dict[str, int] | None:
+    """Views by group where a plan has them; `views` replaces them."""
+    return plan.task.views if isinstance(plan.task.views, dict) and not views else None
+
+
 def summary_of(plan: Plan, cameras: Measured, views: int | None = None) -> dict[str, Any]:
-    """Summary of the network with its covered area, ready for JSON; `views` as for `areas_of`."""
+    """Summary of the network with its covered area, ready for JSON; `views` as for `with_areas`."""
     unit, reason = plan.unit_of_result()
     found = cameras.network.summary() | {"by": unit, "by_face_because": reason}
     if cameras.areas is not None:
-        wanted = views or plan.task.views
-        by_group = wanted if isinstance(wanted, dict) else None
+        by_group = _by_group(plan, views)
         cameras.areas.add_to(found, by_group)
         found |= cameras.areas.dead_zones(plan.rig, cameras.placed, by_group)
     if apart := _by_camera(plan.rig, cameras):

@@ -25,7 +25,7 @@ from rastercov.camera.formats.doubts import unit_doubts
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.camera.rig import Rig
 from rastercov.cluster import Tally, Workers
-from rastercov.cluster.store import locked
+from rastercov.cluster.store import locked, remove
 from rastercov.coverage.area.cells import Cells, cells, usual_size
 from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.coverage import evaluate_batches
@@ -33,15 +33,15 @@ from rastercov.coverage.observer import Observer
 from rastercov.coverage.task import Reason, Task
 from rastercov.kernels.stopwatch import Stopwatch
 from rastercov.mesh import Mesh
-from rastercov.placement.bit_matrix import BitMatrix
 from rastercov.placement.candidates.cavities import Openings, openings
 from rastercov.placement.candidates.pool import Candidates
 from rastercov.placement.candidates.segments import Segmentation
-from rastercov.placement.explain.candidate_visibility import CandidateBounds
-from rastercov.placement.matrix import VisibilityMatrix, build_matrix, measure_matrix
+from rastercov.placement.matrix import BitMatrix, VisibilityMatrix, build_matrix, measure_matrix
 from rastercov.placement.matrix_folder import MatrixFolder, describe, read_header
 from rastercov.placement.mounts import Mounts
-from rastercov.placement.plan.candidates import (
+from rastercov.placement.plan.file import Plan, PlanError
+from rastercov.placement.plan.network import OF, counting, goal_of, most_views
+from rastercov.placement.plan.scene import (
     CandidatePool,
     candidate_pool,
     extended_pool,
@@ -50,8 +50,6 @@ from rastercov.placement.plan.candidates import (
     mounts_of_entry,
     segmentation_of,
 )
-from rastercov.placement.plan.file import Plan, PlanError
-from rastercov.placement.plan.network import OF, counting, goal_of, most_views
 from rastercov.placement.plan.sections import PerCavity, SelectionSection, no_limit
 from rastercov.placement.select.problem import (
     BestCoverage,
@@ -60,6 +58,7 @@ from rastercov.placement.select.problem import (
     Problem,
     problem_of,
 )
+from rastercov.placement.uncovered import CandidateBounds
 
 BoolArray = NDArray[np.bool_]
 N_DIAGNOSED = 32
@@ -374,9 +373,10 @@ def held(
     lists = [part for part in parts if isinstance(part, VisibilityMatrix)]
     folders = [part for part in parts if isinstance(part, MatrixFolder)]
     n_pairs = sum(folder.n_pairs for folder in folders)
+    is_integer = plan.selection is not None and plan.selection.method == "integer"
     reasons = [
         *(["task.min_angle_deg"] if plan.task.min_angle_deg > 0 else []),
-        *(["selection.method integer"] if _is_integer(plan) else []),
+        *(["selection.method integer"] if is_integer else []),
         *(["several views from rigs"] if plan.mounts.has_rigs and most_views(plan) > 1 else []),
     ]
     if n_pairs > MOST_LISTED_PAIRS and not reasons:
@@ -386,10 +386,6 @@ def held(
         remedy = "leave them out, or use fewer candidates"
         check_memory(what, BYTES_A_PAIR * n_pairs, remedy)
     return reduce(VisibilityMatrix.joined, lists or map(VisibilityMatrix.of, folders))
-
-
-def _is_integer(plan: Plan) -> bool:
-    return plan.selection is not None and plan.selection.method == "integer"
 
 
 def words_on(matrix: Matrix) -> list[str]:
@@ -451,12 +447,7 @@ def _forget(folder: Path, used: list[Path]) -> None:
             if read_header(old) is None:
                 continue
             with locked(old):
-                for names in OF_A_MATRIX:
-                    for path in old.glob(names):
-                        path.unlink()
-                for path in [*old.iterdir(), old]:
-                    if path.is_dir() and not any(path.iterdir()):
-                        path.rmdir()
+                remove(old, OF_A_MATRIX)
         except (ConfigError, OSError):  # not a matrix, in use, or write-protected
             continue
 

@@ -7,7 +7,7 @@ are selected and moved on cells of the surface, and the network is measured by i
 """
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -22,7 +22,6 @@ from rastercov.cluster import Workers
 from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.coverage import batch_size
-from rastercov.placement.explain.uncovered import Leftover
 from rastercov.placement.improve.objective import CellObjective, Objective
 from rastercov.placement.improve.refine import INTERRUPTED, Refined, refine
 from rastercov.placement.improve.search import Optimised, optimise
@@ -57,8 +56,8 @@ from rastercov.placement.plan.scene import named_scene
 from rastercov.placement.plan.sections import FewestSelection, SelectionSection, value_of
 from rastercov.placement.select.greedy import select_greedy
 from rastercov.placement.select.integer import select_integer
-from rastercov.placement.select.problem import FewestCameras, Problem
-from rastercov.placement.select.selection import Selection
+from rastercov.placement.select.problem import FewestCameras, Problem, Selection
+from rastercov.placement.uncovered import Leftover
 
 FloatArray = NDArray[np.float64]
 
@@ -253,7 +252,7 @@ def _by_area(
     """
     prepared, selection = placement.prepared, placement.prepared.selection
     plan, limits = prepared.plan, limits_of(selection)
-    cameras = with_areas(plan, on_cells.finder, placement.cameras, progress)
+    cameras = with_areas(plan, placement.cameras, on_cells.finder, None, progress, has_curve=True)
     assert cameras.areas is not None
     required: tuple[Requirement, ...]
     if _is_of_reachable(selection) and prepared.reachable is None:
@@ -376,10 +375,9 @@ def _select(problem: Problem, selection: SelectionSection, seconds: float) -> Se
 def _required_by_face(
     prepared: Prepared, cameras: Measured, faces: Objective
 ) -> tuple[Requirement, ...]:
-    selection, reachable = prepared.selection, None
-    if isinstance(selection, FewestSelection) and selection.of_reachable and prepared.cells is None:
-        reachable = prepared.problem.reachable
-    weights, limits = faces.integer_weights, limits_of(selection)
+    is_part = _is_of_reachable(prepared.selection) and prepared.cells is None
+    reachable = prepared.problem.reachable if is_part else None
+    weights, limits = faces.integer_weights, limits_of(prepared.selection)
     return judge(prepared.mesh, weights, limits, cameras.covered, reachable=reachable)
 
 
@@ -463,10 +461,17 @@ def _without_idle(placement: Placement, objectives: Objectives) -> Placement:
 
 def _of_rows(placement: Placement, objectives: Objectives, rows: list[int]) -> Placement:
     """The placement with some of its cameras or rigs."""
-    cameras = measured(objectives.faces, placement.cameras.mounted[np.array(rows, np.int64)])
+    mounted = placement.cameras.mounted[np.array(rows, np.int64)]
+    return _at(placement, objectives, mounted, [placement.origin[row] for row in rows])
+
+
+def _at(
+    placement: Placement, objectives: Objectives, mounted: Poses, origin: Sequence[str]
+) -> Placement:
+    """The placement with other cameras or rigs, measured, each with its source."""
+    cameras = measured(objectives.faces, mounted)
     requirements = _required_by_face(placement.prepared, cameras, objectives.faces)
-    origin = tuple(placement.origin[row] for row in rows)
-    found = replace(placement, cameras=cameras, origin=origin, requirements=requirements)
+    found = replace(placement, cameras=cameras, origin=tuple(origin), requirements=requirements)
     return found if objectives.cells is None else _by_area(found, objectives.cells)
 
 
@@ -505,13 +510,8 @@ def _moved(placement: Placement, objectives: Objectives, poses: FloatArray, how:
         name if (old == new).all() else f"{name}, {how}"
         for name, old, new in zip(placement.origin, before, poses, strict=True)
     ]
-    camera = placement.cameras.mounted.camera
-    cameras = measured(objectives.faces, Poses.of(poses, camera=camera))
-    requirements = _required_by_face(placement.prepared, cameras, objectives.faces)
-    moved = replace(placement, cameras=cameras, origin=tuple(origin), requirements=requirements)
-    if objectives.cells is None:
-        return moved
-    moved = _by_area(moved, objectives.cells)
-    if moved.cameras.share < placement.cameras.share:
+    mounted = Poses.of(poses, camera=placement.cameras.mounted.camera)
+    moved = _at(placement, objectives, mounted, origin)
+    if objectives.cells is not None and moved.cameras.share < placement.cameras.share:
         return replace(placement, kept_poses=(*placement.kept_poses, how))
     return moved

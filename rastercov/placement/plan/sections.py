@@ -13,7 +13,7 @@ entry names a generator of `pool`, `mounting` or `cavities` and holds its argume
 """
 
 import math
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import MISSING, fields
 from pathlib import Path
 from types import NoneType
@@ -32,6 +32,7 @@ from pydantic import (
     create_model,
     model_validator,
 )
+from pydantic.fields import FieldInfo
 
 from rastercov.base.arguments import Reads, annotations_of, documented, reader_of
 from rastercov.base.errors import CameraError, RastercovError
@@ -56,12 +57,13 @@ Boxed = TypeVar("Boxed", bound=Any)
 class Entry(BaseModel):
     """A table of the plan: unknown entries and values of another type are errors."""
 
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+    model_config = ConfigDict(
+        extra="forbid", strict=True, frozen=True, use_attribute_docstrings=True
+    )
 
 
 def fields_of(
     source: type,
-    words: Mapping[str, str] | None = None,
     *,
     base: type[Entry] = Entry,
     is_optional: bool = False,
@@ -72,10 +74,7 @@ def fields_of(
     Parameters
     ----------
     source : type
-        Dataclass; `Annotated` metadata of its fields are limits.
-    words : mapping of str to str
-        Fields to take, in this order, and the description of each in the schema; by default those
-        that have a `Doc`.
+        Dataclass; fields with a `Doc` are taken, whose other `Annotated` metadata are limits.
     base : type
         Entry to add them to.
     is_optional : bool
@@ -83,16 +82,16 @@ def fields_of(
     leave_out : collection of str
         Fields that the section declares itself.
     """
-    words = documented(source) if words is None else words
     types, by_name = annotations_of(source), {field.name: field for field in fields(source)}
     columns: dict[str, Any] = {}
-    for name in (each for each in words if each not in leave_out):
-        field, hint = by_name[name], _plan_type(types[name])
-        made = field.default_factory
-        default = field.default if made is MISSING else made()
+    for name, words in documented(source).items():
+        if name in leave_out:
+            continue
+        made, hint = by_name[name].default_factory, _plan_type(types[name])
+        default = by_name[name].default if made is MISSING else made()
         if is_optional:
             default, hint = None, hint | None
-        columns[name] = (hint, Field(default=default, description=words[name]))
+        columns[name] = (hint, Field(default=default, description=words))
     return create_model(f"{source.__name__}Fields", __base__=base, **columns)
 
 
@@ -185,17 +184,19 @@ def both_or_none(entry: Boxed) -> Boxed:
     return entry
 
 
-def among(names: Collection[str]) -> Callable[[str], str]:
-    """Validator that refuses every string but these names."""
+def among(names: Collection[str]) -> tuple[AfterValidator, FieldInfo]:
+    """Metadata of strings that refuse every one but these names, which the schema lists."""
 
     def check(name: str) -> str:
         if name not in names:
             raise ValueError(f"wanted one of {', '.join(names)}, got {name!r}")
         return name
 
-    return check
+    return AfterValidator(check), Field(json_schema_extra={"enum": list(names)})
 
 
+Some = Annotated[list[Value], Field(min_length=1)]
+"""A list that is not empty."""
 Number = Annotated[float, Field(allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -219,9 +220,7 @@ def no_limit(pair: list[float] | None) -> tuple[float, float]:
 
 OF_FILES = ("pixel_centre", "lens_model", "image_size")
 """Entries that answer what a camera file leaves open."""
-Preset = Annotated[
-    str, AfterValidator(among(PRESETS)), Field(json_schema_extra={"enum": list(PRESETS)})
-]
+Preset = Annotated[str, *among(PRESETS)]
 
 # Ignored types below: mypy does not follow the classes that `fields_of` makes.
 
@@ -238,40 +237,30 @@ class CameraSection(fields_of(Camera, is_optional=True, leave_out=OF_A_LIST)):  
         description="Camera file, ours (.toml, .json) or of another program; with the entries that "
         "answer what it leaves open, and the optics that it lacks: f_number, focus_distance, ...",
     )
-    name: str | None = Field(default=None, description="Camera of a file with several.")
-    pixel_centre: float | None = Field(
-        default=None, description="Coordinate of the first pixel's centre in the file: 0 or 0.5."
-    )
-    lens_model: Literal["brown", "fisheye"] | None = Field(
-        default=None, description="Model of four coefficients in the file."
-    )
-    image_size: list[Count] | None = Field(
-        default=None, description="[width, height], px, for a file without."
-    )
-    preset: Preset | None = Field(
-        default=None, description="Camera of the thesis; other entries change it."
-    )
-    pixel_size: Number | list[Number] | None = Field(
-        default=None, description="Metres, one or two."
-    )
-    principal_point: Pair | None = Field(
-        default=None, description="Metres from the top-left corner."
-    )
-    f_number: Number | None = Field(
-        default=None, description="f/N; with focus_distance, and pixel_size beside fx and fy."
-    )
-    hfov_deg: Number | None = Field(
-        default=None, description="Angle between left and right, deg; instead of fx."
-    )
-    vfov_deg: Number | None = Field(
-        default=None, description="Angle between top and bottom, deg; instead of fy."
-    )
-    focus_range: list[float] | None = Field(
-        default=None, description="[near, far] depths in focus, m; instead of an aperture."
-    )
-    distortion: list[float] | None = Field(
-        default=None, description="Coefficients of the model, in its order."
-    )
+    name: str | None = None
+    """Camera of a file with several."""
+    pixel_centre: float | None = None
+    """Coordinate of the first pixel's centre in the file: 0 or 0.5."""
+    lens_model: Literal["brown", "fisheye"] | None = None
+    """Model of four coefficients in the file."""
+    image_size: list[Count] | None = None
+    """[width, height], px, for a file without."""
+    preset: Preset | None = None
+    """Camera of the thesis; other entries change it."""
+    pixel_size: Number | list[Number] | None = None
+    """Metres, one or two."""
+    principal_point: Pair | None = None
+    """Metres from the top-left corner."""
+    f_number: Number | None = None
+    """f/N; with focus_distance, and pixel_size beside fx and fy."""
+    hfov_deg: Number | None = None
+    """Angle between left and right, deg; instead of fx."""
+    vfov_deg: Number | None = None
+    """Angle between top and bottom, deg; instead of fy."""
+    focus_range: list[float] | None = None
+    """[near, far] depths in focus, m; instead of an aperture."""
+    distortion: list[float] | None = None
+    """Coefficients of the model, in its order."""
 
     @model_validator(mode="after")
     def _check(self, info: ValidationInfo) -> Self:
@@ -304,9 +293,8 @@ ONE_CAMERA = "camera"
 class CameraType(CameraSection):
     """One of several types of cameras, by its name."""
 
-    cost: NotNegative | None = Field(
-        default=None, description="Of one of them, added to that of its place; 1 unless given."
-    )
+    cost: NotNegative | None = None
+    """Of one of them, added to that of its place; 1 unless given."""
 
 
 class RigCamera(Entry):
@@ -315,13 +303,16 @@ class RigCamera(Entry):
     Axes of rig and camera: x right, y down, z forward.
     """
 
-    camera: Name = Field(description="Name of the camera.")
-    name: Name | None = Field(
-        default=None, description="Its name on the rig; that of the camera unless given."
-    )
-    axis: Direction = Field(default=[0.0, 1.0, 0.0], description="Of the turn, in the rig's axes.")
-    angle_deg: Number = Field(default=0.0, description="Of the turn, degrees.")
-    translation: Triple = Field(default=[0.0, 0.0, 0.0], description="Metres, after the turn.")
+    camera: Name
+    """Name of the camera."""
+    name: Name | None = None
+    """Its name on the rig; that of the camera unless given."""
+    axis: Direction = [0.0, 1.0, 0.0]
+    """Of the turn, in the rig's axes."""
+    angle_deg: Number = 0.0
+    """Of the turn, degrees."""
+    translation: Triple = [0.0, 0.0, 0.0]
+    """Metres, after the turn."""
 
     def rig_from_camera(self) -> NDArray[np.float64]:
         """(4, 4) place on the rig."""
@@ -334,15 +325,12 @@ class RigCamera(Entry):
 class RigSection(Entry):
     """Cameras that move together: of the plan, or all of a file with their places."""
 
-    cameras: Annotated[list[RigCamera], Field(min_length=1)] | None = Field(
-        default=None, description="Cameras of the plan and their places."
-    )
-    file: File | None = Field(
-        default=None, description="File of cameras with their places, such as a Kalibr camchain."
-    )
-    cost: NotNegative | None = Field(
-        default=None, description="Of the rig; that of its cameras together unless given."
-    )
+    cameras: Some[RigCamera] | None = None
+    """Cameras of the plan and their places."""
+    file: File | None = None
+    """File of cameras with their places, such as a Kalibr camchain."""
+    cost: NotNegative | None = None
+    """Of the rig; that of its cameras together unless given."""
 
     @model_validator(mode="after")
     def _check(self, info: ValidationInfo) -> Self:
@@ -368,96 +356,93 @@ class RigSection(Entry):
 class Generator(Entry):
     """Entries of all generators of candidate poses."""
 
-    rolls_deg: Annotated[list[Number], Field(min_length=1)] = Field(
-        default=[0.0], description="A candidate for each: turned about its axis."
-    )
-    up: Direction = Field(default=[0.0, 0.0, 1.0], description="Upwards in the image.")
-    cost: NotNegative | None = Field(
-        default=None,
-        description="Of a place of this entry, added to that of the camera; 1 where neither has "
-        "one.",
-    )
-    cameras: list[Name] = Field(
-        default=[], description="Types of cameras at these places; all if empty."
-    )
+    rolls_deg: Some[Number] = [0.0]
+    """A candidate for each: turned about its axis."""
+    up: Direction = [0.0, 0.0, 1.0]
+    """Upwards in the image."""
+    cost: NotNegative | None = None
+    """Of a place of this entry, added to that of the camera; 1 where neither has one."""
+    cameras: list[Name] = []
+    """Types of cameras at these places; all if empty."""
 
 
 class Framed(Generator):
     """Views at the distance that their target needs."""
 
-    stand_off: Limits | None = Field(
-        default=None, description="[least, greatest] distance to the target, m; inf for no limit."
-    )
-    margin: Positive = Field(default=1.0, description="How many times larger the image is.")
+    stand_off: Limits | None = None
+    """[least, greatest] distance to the target, m; inf for no limit."""
+    margin: Positive = 1.0
+    """How many times larger the image is."""
 
 
 class Square(Framed):
     """Views square to parts of the surface."""
 
-    fit: Literal["extent", "vertices"] = Field(
-        default="vertices", description="Distance by (6.7), or until all vertices are in view."
-    )
+    fit: Literal["extent", "vertices"] = "vertices"
+    """Distance by (6.7), or until all vertices are in view."""
 
 
 class PerSegment(Square):
     """A view square to each segment, (6.1)-(6.11)."""
 
     generator: Literal["per_segment"]
-    alpha_deg: Annotated[float, Field(ge=0, lt=90)] = Field(
-        default=15.0, description="Largest angle between two normals of a segment that grows."
-    )
-    beta_deg: Annotated[float, Field(ge=0, lt=90)] = Field(
-        default=25.0, description="Largest angle between average normals that are merged."
-    )
-    merge: Literal["leader", "closest", "none"] = Field(
-        default="leader", description="How segments are merged."
-    )
-    adjacent: bool = Field(default=False, description="Merge neighbours only.")
+    alpha_deg: Annotated[float, Field(ge=0, lt=90)] = 15.0
+    """Largest angle between two normals of a segment that grows."""
+    beta_deg: Annotated[float, Field(ge=0, lt=90)] = 25.0
+    """Largest angle between average normals that are merged."""
+    merge: Literal["leader", "closest", "none"] = "leader"
+    """How segments are merged."""
+    adjacent: bool = False
+    """Merge neighbours only."""
 
 
 class PerFace(Square):
     """A view square to each face of the task."""
 
     generator: Literal["per_face"]
-    groups: list[Name] = Field(default=[], description="Faces of these groups only; all if empty.")
+    groups: list[Name] = []
+    """Faces of these groups only; all if empty."""
 
 
 class PerConvexRegion(Square):
     """The average view of the faces around each convex corner."""
 
     generator: Literal["per_convex_region"]
-    least_bend_deg: Annotated[float, Field(ge=0, le=180)] = Field(
-        default=10.0, description="Bend of the sharpest edge of a corner, at least."
-    )
+    least_bend_deg: Annotated[float, Field(ge=0, le=180)] = 10.0
+    """Bend of the sharpest edge of a corner, at least."""
 
 
 class PerCavity(Square):
     """Views into what no candidate of the other entries sees, along directions that are open."""
 
     generator: Literal["per_cavity"]
-    views: Count = Field(default=3, description="Candidates for each face, at most.")
+    views: Count = 3
+    """Candidates for each face, at most."""
 
 
 class Around(Framed):
     """Views from around the part, looking at its centre."""
 
     generator: Literal["on_sphere", "on_hemisphere"]
-    count: Count = Field(description="Positions on each sphere.")
-    centre: Triple | None = Field(default=None, description="The middle of the scene if left out.")
-    distances: Annotated[list[Positive], Field(min_length=1)] | None = Field(
-        default=None, description="Radii, m; one from where all is in view if left out."
-    )
+    count: Count
+    """Positions on each sphere."""
+    centre: Triple | None = None
+    """The middle of the scene if left out."""
+    distances: Some[Positive] | None = None
+    """Radii, m; one from where all is in view if left out."""
 
 
 class Aim(Entry):
     """Direction of view of a mounted camera: one of the four."""
 
-    middle: Literal[True] | None = Field(default=None, description="The middle of the scene.")
-    point: Triple | None = Field(default=None, description="A point.")
-    direction: Direction | None = Field(default=None, description="A direction.")
-    nearest: list[Name] | None = Field(
-        default=None, description="The nearest surface of these groups; of the task if empty."
-    )
+    middle: Literal[True] | None = None
+    """The middle of the scene."""
+    point: Triple | None = None
+    """A point."""
+    direction: Direction | None = None
+    """A direction."""
+    nearest: list[Name] | None = None
+    """The nearest surface of these groups; of the task if empty."""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -468,12 +453,14 @@ class Aim(Entry):
 class Mounted(Generator):
     """Views from a grid of mounting positions."""
 
-    spacing: Positive = Field(description="Largest distance between neighbours, m.")
-    aim: Annotated[list[Aim], Field(min_length=1)] = Field(
-        default=[Aim(middle=True)], description="Where to look; a candidate for each."
-    )
-    low: Triple | None = Field(default=None, description="Corner of the box; that of the scene.")
-    high: Triple | None = Field(default=None, description="The opposite corner.")
+    spacing: Positive
+    """Largest distance between neighbours, m."""
+    aim: Some[Aim] = [Aim(middle=True)]
+    """Where to look; a candidate for each."""
+    low: Triple | None = None
+    """Corner of the box; that of the scene."""
+    high: Triple | None = None
+    """The opposite corner."""
     _check = model_validator(mode="after")(both_or_none)
 
 
@@ -481,37 +468,43 @@ class OnBox(Mounted):
     """Mounting positions on the sides of a box."""
 
     generator: Literal["on_box"]
-    outward: Number = Field(default=0.0, description="Enlarges the box on all sides, m.")
-    sides: Annotated[list[Literal["-x", "+x", "-y", "+y", "-z", "+z"]], Field(min_length=1)] = (
-        Field(default=["-x", "+x", "-y", "+y", "-z", "+z"], description="Sides to use.")
-    )
+    outward: Number = 0.0
+    """Enlarges the box on all sides, m."""
+    sides: Some[Literal["-x", "+x", "-y", "+y", "-z", "+z"]] = [
+        "-x",
+        "+x",
+        "-y",
+        "+y",
+        "-z",
+        "+z",
+    ]
+    """Sides to use."""
 
 
 class OnWalls(Mounted):
     """Mounting positions on the four walls of a room; z is up."""
 
     generator: Literal["on_walls"]
-    inset: Number = Field(default=0.1, description="Distance from walls, floor and ceiling, m.")
-    heights: Annotated[Pair, AfterValidator(ascending), BeforeValidator(one_or_two)] | None = Field(
-        default=None,
-        description="[lowest, highest] z, or one, m; from floor to ceiling if left out.",
-    )
+    inset: Number = 0.1
+    """Distance from walls, floor and ceiling, m."""
+    heights: Annotated[Pair, AfterValidator(ascending), BeforeValidator(one_or_two)] | None = None
+    """[lowest, highest] z, or one, m; from floor to ceiling if left out."""
 
 
 class OnCeiling(Mounted):
     """Mounting positions under the ceiling of a room; z is up."""
 
     generator: Literal["on_ceiling"]
-    inset: Number = Field(default=0.1, description="Distance from ceiling and walls, m.")
+    inset: Number = 0.1
+    """Distance from ceiling and walls, m."""
 
 
 class PoseFile(Generator):
     """The poses of a file."""
 
     generator: Literal["poses"]
-    file: File = Field(
-        description="Pose file, ours (.json, .npy) or of another program that states its unit."
-    )
+    file: File
+    """Pose file, ours (.json, .npy) or of another program that states its unit."""
 
 
 CandidateEntry = Annotated[
@@ -533,49 +526,48 @@ def _unit(unit: str | float) -> str | float:
     return unit
 
 
-BuiltIn = Annotated[
-    str, AfterValidator(among(NAMES)), Field(json_schema_extra={"enum": list(NAMES)})
+Unit = Annotated[
+    str | float,
+    AfterValidator(_unit),
+    Field(description=f"Unit of the file: {', '.join(METRES)}, or metres per unit."),
 ]
+MeshFile = Annotated[File | None, Field(description=f"Mesh file: {', '.join(READERS)}.")]
+BuiltIn = Annotated[str, *among(NAMES)]
 
 
 class TransformEntry(Entry):
     """Place of a mesh in the scene: scaled about its origin, then turned, then translated."""
 
-    scale: Positive = Field(default=1.0, description="Factor, after the unit.")
-    axis: Direction = Field(
-        default=[0.0, 0.0, 1.0], description="Axis of the rotation, through the origin."
-    )
-    angle_deg: Number = Field(
-        default=0.0, description="Angle of the rotation, counter-clockwise seen against the axis."
-    )
-    translation: Triple = Field(default=[0.0, 0.0, 0.0], description="Metres, after the rotation.")
+    scale: Positive = 1.0
+    """Factor, after the unit."""
+    axis: Direction = [0.0, 0.0, 1.0]
+    """Axis of the rotation, through the origin."""
+    angle_deg: Number = 0.0
+    """Angle of the rotation, counter-clockwise seen against the axis."""
+    translation: Triple = [0.0, 0.0, 0.0]
+    """Metres, after the rotation."""
 
 
 class MeshEntry(Entry):
     """A mesh of the scene: a file or a built-in part, and what it is for."""
 
-    path: File | None = Field(default=None, description=f"Mesh file: {', '.join(READERS)}.")
-    built_in: BuiltIn | None = Field(default=None, description="Built-in part, instead of a file.")
-    unit: Annotated[str | float, AfterValidator(_unit)] = Field(
-        default="m", description=f"Unit of the file: {', '.join(METRES)}, or metres per unit."
-    )
-    transform: TransformEntry = Field(
-        default=TransformEntry(), description="Place of the mesh in the scene."
-    )
-    role: Literal["task", "occluder", "target"] = Field(
-        default="task",
-        description="To be seen; in the way and not scored; or to be seen and hiding nothing.",
-    )
+    path: MeshFile = None
+    built_in: BuiltIn | None = None
+    """Built-in part, instead of a file."""
+    unit: Unit = "m"
+    transform: TransformEntry = TransformEntry()
+    """Place of the mesh in the scene."""
+    role: Literal["task", "occluder", "target"] = "task"
+    """To be seen; in the way and not scored; or to be seen and hiding nothing."""
     groups: list[Name] = Field(
         default=[],
         description="Groups that have this role; the others are the task, or occluders where the "
         "role is task. All if empty.",
     )
-    two_sided: bool | list[Name] = Field(
-        default=False,
-        description="Whether either side counts as covered, for all groups or those named.",
-    )
-    drop_invalid: bool = Field(default=False, description="Drop faces that are not finite.")
+    two_sided: bool | list[Name] = False
+    """Whether either side counts as covered, for all groups or those named."""
+    drop_invalid: bool = False
+    """Drop faces that are not finite."""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -591,33 +583,24 @@ class TargetEntry(Entry):
     Exactly one of above, box and file.
     """
 
-    name: Name | None = Field(
-        default=None, description="Name of its group; by default what it is made of."
-    )
-    above: Name | None = Field(
-        default=None, description="Group whose faces that face up are lifted to a sheet."
-    )
-    height: NotNegative | None = Field(default=None, description="Of the sheet above it, m.")
-    box: Annotated[list[Triple], Field(min_length=2, max_length=2)] | None = Field(
-        default=None, description="Two corners of a volume with a grid of hollow boxes, m."
-    )
-    count: Annotated[list[Count], Field(min_length=3, max_length=3)] | None = Field(
-        default=None, description="Boxes along x, y and z; 1 each by default."
-    )
-    spacing: Positive | None = Field(
-        default=None, description="Distance between boxes at most, m, instead of count."
-    )
-    size: Positive | None = Field(
-        default=None, description="Edge of a cube, m; by default half of its cell."
-    )
-    file: File | None = Field(default=None, description=f"Mesh file: {', '.join(READERS)}.")
-    unit: Annotated[str | float, AfterValidator(_unit)] = Field(
-        default="m", description=f"Unit of the file: {', '.join(METRES)}, or metres per unit."
-    )
-    two_sided: bool | None = Field(
-        default=None,
-        description="Whether either side counts as covered; by default for boxes only.",
-    )
+    name: Name | None = None
+    """Name of its group; by default what it is made of."""
+    above: Name | None = None
+    """Group whose faces that face up are lifted to a sheet."""
+    height: NotNegative | None = None
+    """Of the sheet above it, m."""
+    box: Annotated[list[Triple], Field(min_length=2, max_length=2)] | None = None
+    """Two corners of a volume with a grid of hollow boxes, m."""
+    count: Annotated[list[Count], Field(min_length=3, max_length=3)] | None = None
+    """Boxes along x, y and z; 1 each by default."""
+    spacing: Positive | None = None
+    """Distance between boxes at most, m, instead of count."""
+    size: Positive | None = None
+    """Edge of a cube, m; by default half of its cell."""
+    file: MeshFile = None
+    unit: Unit = "m"
+    two_sided: bool | None = None
+    """Whether either side counts as covered; by default for boxes only."""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -644,27 +627,21 @@ class TargetEntry(Entry):
 class TaskSection(fields_of(Task, leave_out=("views",))):  # type: ignore[misc]
     """Thresholds that a face must meet to be covered."""
 
-    views: Count | dict[str, Count] = Field(
-        default=1,
-        description="Cameras that must cover a face; or a table by group, 1 for the others.",
-    )
-    weight_by: Literal["area", "count"] = Field(default="area", description="What shares are of.")
-    by: Literal["area", "face"] | None = Field(
-        default=None,
-        description="Unit of results: exact area, or whole faces; area unless a threshold is of a "
-        "face.",
-    )
+    views: Count | dict[str, Count] = 1
+    """Cameras that must cover a face; or a table by group, 1 for the others."""
+    weight_by: Literal["area", "count"] = "area"
+    """What shares are of."""
+    by: Literal["area", "face"] | None = None
+    """Unit of results: exact area, or whole faces; area unless a threshold is of a face."""
     resolution_of_result: Positive | None = Field(
         default=None,
         description="Longest side of the cells that cameras are chosen on, m; by area only, chosen "
         "from the scene if left out.",
     )
-    method: Literal["certified", "exact", "sampled"] = Field(
-        default="certified", description="How occlusion is found."
-    )
-    supersample: Count = Field(
-        default=1, description="S: S x S samples a pixel, for method sampled."
-    )
+    method: Literal["certified", "exact", "sampled"] = "certified"
+    """How occlusion is found."""
+    supersample: Count = 1
+    """S: S x S samples a pixel, for method sampled."""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -682,7 +659,8 @@ class TaskSection(fields_of(Task, leave_out=("views",))):  # type: ignore[misc]
 class Volume(Entry):
     """Entries of every keep-out volume."""
 
-    name: Name = Field(description="What the report calls it.")
+    name: Name
+    """What the report calls it."""
 
 
 BoxFields = fields_of(KeepOutBox, base=Volume, is_optional=True)
@@ -708,95 +686,77 @@ class KeepOut(fields_of(KeepOutSphere, base=BoxFields, is_optional=True)):  # ty
 class Space(Entry):
     """A box of camera positions; flat ones are walls and ceilings."""
 
-    name: Name = Field(default="space", description="For people.")
-    low: Triple = Field(description="Corner, m.")
-    high: Triple = Field(description="The opposite corner.")
+    name: Name = "space"
+    """For people."""
+    low: Triple
+    """Corner, m."""
+    high: Triple
+    """The opposite corner."""
     _check = model_validator(mode="after")(both_or_none)
 
 
 class Constraints(Entry):
     """Constraints on camera positions."""
 
-    stand_off: Limits | None = Field(
-        default=None, description="[least, greatest] distance to the nearest task face, m."
-    )
-    clearance: NotNegative = Field(default=0.0, description="Least distance from any surface, m.")
-    keep_out: list[KeepOut] = Field(default=[], description="Volumes without cameras.")
-    spaces: list[Space] = Field(
-        default=[], description="Boxes where cameras may stand; anywhere if empty."
-    )
+    stand_off: Limits | None = None
+    """[least, greatest] distance to the nearest task face, m."""
+    clearance: NotNegative = 0.0
+    """Least distance from any surface, m."""
+    keep_out: list[KeepOut] = []
+    """Volumes without cameras."""
+    spaces: list[Space] = []
+    """Boxes where cameras may stand; anywhere if empty."""
 
 
 class Optimise(Entry):
     """A search over free poses that starts from the selected cameras."""
 
-    method: Literal["pso", "ga", "de", "random"] = Field(
-        default="pso", description="How it searches."
-    )
-    budget: Count = Field(default=5_000, description="Poses to measure.")
-    population: Annotated[int, Field(ge=4)] = Field(
-        default=24, description="Networks in a generation."
-    )
+    method: Literal["pso", "ga", "de", "random"] = "pso"
+    """How it searches."""
+    budget: Count = 5_000
+    """Poses to measure."""
+    population: Annotated[int, Field(ge=4)] = 24
+    """Networks in a generation."""
 
 
-TOLERANCE = {
-    "position_mm": "Error of the camera centre, mm.",
-    "angle_deg": "Error of the direction, degrees.",
-    "distribution": "Of the errors.",
-}
-
-
-class ToleranceSection(fields_of(InstallationError, TOLERANCE)):  # type: ignore[misc]
+class ToleranceSection(fields_of(InstallationError)):  # type: ignore[misc]
     """Installation errors, and the coverage they cost."""
 
-    draws: Count = Field(default=200, description="Installations to draw.")
+    draws: Count = 200
+    """Installations to draw."""
 
 
 class SelectionBase(Entry):
     """Entries of every goal."""
 
-    method: Literal["greedy", "integer"] = Field(
-        default="greedy", description="Greedy with exchanges, or HiGHS started from it."
-    )
-    time_limit: Positive = Field(default=60.0, description="Of method integer, seconds.")
-    refine: bool = Field(
-        default=False, description="Move the selected cameras until no move gains."
-    )
-    refine_budget: Count = Field(
-        default=BUDGET, description="Poses that refinement measures or estimates."
-    )
-    optimise: Optimise | None = Field(
-        default=None, description="Search free poses, before refining."
-    )
-    tolerance: ToleranceSection | None = Field(
-        default=None, description="Installation errors to try."
-    )
-    seed: Annotated[int, Field(ge=0)] = Field(
-        default=0, description="Of everything that is random."
-    )
+    method: Literal["greedy", "integer"] = "greedy"
+    """Greedy with exchanges, or HiGHS started from it."""
+    time_limit: Positive = 60.0
+    """Of method integer, seconds."""
+    refine: bool = False
+    """Move the selected cameras until no move gains."""
+    refine_budget: Count = BUDGET
+    """Poses that refinement measures or estimates."""
+    optimise: Optimise | None = None
+    """Search free poses, before refining."""
+    tolerance: ToleranceSection | None = None
+    """Installation errors to try."""
+    seed: Annotated[int, Field(ge=0)] = 0
+    """Of everything that is random."""
 
 
-FEWEST = {
-    "coverage": "Share of the task to cover.",
-    "groups": "Share to cover of single groups.",
-    "of_reachable": "Whether shares are of what all candidates together cover.",
-}
-
-
-class FewestSelection(fields_of(FewestCameras, FEWEST, base=SelectionBase)):  # type: ignore[misc]
+class FewestSelection(fields_of(FewestCameras, base=SelectionBase)):  # type: ignore[misc]
     """The fewest, or cheapest, cameras that reach a coverage."""
 
     goal: Literal["fewest_cameras"]
 
 
-BEST = {"budget": "Cost of all cameras at most."}
-
-
-class BestSelection(fields_of(BestCoverage, BEST, base=SelectionBase)):  # type: ignore[misc]
+class BestSelection(fields_of(BestCoverage, base=SelectionBase)):  # type: ignore[misc]
     """The best coverage with a number of cameras, or within a budget."""
 
     goal: Literal["best_coverage"]
-    cameras: Count | None = Field(default=None, description="Cameras at most.")
+    cameras: Count | None = None
+    """Cameras at most."""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -811,39 +771,35 @@ SelectionSection = Annotated[FewestSelection | BestSelection, Field(discriminato
 class Outputs(Entry):
     """Files that are written, and their folder."""
 
-    folder: Name | None = Field(default=None, description="The plan file's name without .toml.")
-    page: bool = Field(default=True, description="Whether to write the page with pictures.")
+    folder: Name | None = None
+    """The plan file's name without .toml."""
+    page: bool = True
+    """Whether to write the page with pictures."""
 
 
 class PlanModel(Entry):
     """A camera-placement plan for `rastercov place` and `rastercov check`."""
 
-    meshes: Annotated[list[MeshEntry], Field(min_length=1)] = Field(
-        description="The scene: what is to be seen and what is in the way."
-    )
-    targets: list[TargetEntry] = Field(
-        default=[], description="Further surfaces to be seen, which hide nothing."
-    )
-    camera: CameraSection | None = Field(
-        default=None, description="The camera that all poses share."
-    )
-    cameras: dict[Name, CameraType] = Field(
-        default={}, description="Types of cameras by name, instead of the one camera."
-    )
-    rigs: dict[Name, RigSection] = Field(
-        default={}, description="Cameras that move together, by the name of the rig."
-    )
-    task: TaskSection = Field(
-        default=TaskSection(), description="Thresholds that a face must meet to be covered."
-    )
-    candidates: list[CandidateEntry] = Field(default=[], description="Poses to choose from.")
-    constraints: Constraints = Field(
-        default=Constraints(), description="Constraints on camera positions."
-    )
-    selection: SelectionSection | None = Field(default=None, description="What is wanted.")
-    outputs: Outputs = Field(
-        default=Outputs(), description="Files that are written, and their folder."
-    )
+    meshes: Some[MeshEntry]
+    """The scene: what is to be seen and what is in the way."""
+    targets: list[TargetEntry] = []
+    """Further surfaces to be seen, which hide nothing."""
+    camera: CameraSection | None = None
+    """The camera that all poses share."""
+    cameras: dict[Name, CameraType] = {}
+    """Types of cameras by name, instead of the one camera."""
+    rigs: dict[Name, RigSection] = {}
+    """Cameras that move together, by the name of the rig."""
+    task: TaskSection = TaskSection()
+    """Thresholds that a face must meet to be covered."""
+    candidates: list[CandidateEntry] = []
+    """Poses to choose from."""
+    constraints: Constraints = Constraints()
+    """Constraints on camera positions."""
+    selection: SelectionSection | None = None
+    """What is wanted."""
+    outputs: Outputs = Outputs()
+    """Files that are written, and their folder."""
 
     @model_validator(mode="after")
     def _check(self) -> Self:

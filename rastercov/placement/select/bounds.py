@@ -30,13 +30,13 @@ from typing import Self
 
 import numpy as np
 
+from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.kernels import placement_bits
 from rastercov.kernels import placement_lagrange as kernels
-from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
 from rastercov.placement.bits import spread_out
 from rastercov.placement.select.cover import Cover, LazyCover
 from rastercov.placement.select.presolve import Presolved, ReducedProblem
-from rastercov.placement.select.problem import BestCoverage, FewestCameras, Problem
+from rastercov.placement.select.problem import BestCoverage, Problem
 
 EFFORT = 300_000_000
 """Pairs to process, about a second; `FEWEST_STEPS` steps at least, for any number of pairs."""
@@ -108,44 +108,41 @@ NEVER = Deadline()
 
 
 def bound_of(reduced: ReducedProblem, state: Cover, deadline: Deadline = NEVER) -> float:
-    """Lagrangian bound of the cost, or of the share, from a selection that meets the goal."""
+    """Lagrangian bound of the cost, or of the share, of any selection that meets the goal.
+
+    Parameters
+    ----------
+    state : Cover
+        A selection that meets it; sets the length of the steps.
+    deadline : Deadline
+        Ends the search for better prices, after its first steps.
+    """
+    if not _asks_for_any(reduced):
+        is_share = isinstance(reduced.problem.goal, BestCoverage)
+        return share_of(reduced.problem, 0.0) if is_share else 0.0
+    return _proved(reduced, best_prices(reduced, state, deadline=deadline)[0])
+
+
+def _asks_for_any(reduced: ReducedProblem) -> bool:
+    """True where the goal asks for any weight."""
     if isinstance(reduced.problem.goal, BestCoverage):
-        weight = best_weight(reduced, state.covered, deadline=deadline)
-        return share_of(reduced.problem, weight)
-    return least_cost(reduced, state.cost, deadline=deadline)
+        return bool(reduced.integer_weights.any()) and limits_of(reduced)[0] > 0
+    return reduced.least_total > 0 or bool((reduced.least > 0).any())
+
+
+def _proved(among: Presolved | ReducedProblem, value: float) -> float:
+    """Bound of the share or the cost from that of prices, with the rounding of its sum."""
+    if not isinstance(among.problem.goal, BestCoverage):
+        return rounded_up(value - BOUND_SAFETY_REL * abs(value), among.costs)
+    whole = int(among.integer_weights.sum())
+    weight = math.floor(value * (1 + BOUND_SAFETY_REL) * whole + BOUND_SAFETY_REL)
+    return share_of(among.problem, min(whole, weight))
 
 
 def share_of(problem: Problem, weight: float) -> float:
     """Integer weight as a share of the total."""
     total = int(problem.integer_weights.sum())
     return weight / total if total else 1.0
-
-
-def best_weight(
-    reduced: ReducedProblem, reached: int, effort: int = EFFORT, deadline: Deadline = NEVER
-) -> int:
-    """Upper bound of the integer weight of any selection within the limits of the goal.
-
-    Parameters
-    ----------
-    reduced : ReducedProblem
-        Its goal is `BestCoverage`.
-    reached : int
-        Weight of a known selection; sets the length of the steps.
-    effort : int
-        Pairs to process.
-    deadline : Deadline
-        Ends the search for better prices, after its first steps.
-    """
-    whole = int(reduced.integer_weights.sum())
-    if not whole or not limits_of(reduced)[0]:
-        return 0
-    return weight_below(weight_prices(reduced, reached, effort, deadline)[0], whole)
-
-
-def weight_below(top: float, whole: int) -> int:
-    """Greatest integer weight up to a share of the whole, with the rounding of its sum."""
-    return min(whole, math.floor(top * (1 + BOUND_SAFETY_REL) * whole + BOUND_SAFETY_REL))
 
 
 def limits_of(reduced: Presolved | ReducedProblem) -> tuple[int, float]:
@@ -157,89 +154,58 @@ def limits_of(reduced: Presolved | ReducedProblem) -> tuple[int, float]:
     return min(cameras, reduced.n_candidates), budget
 
 
-def weight_prices(
+def best_prices(
     reduced: ReducedProblem,
-    reached: int,
-    effort: int = EFFORT,
-    deadline: Deadline = NEVER,
+    state: Cover,
     prices: FloatArray | None = None,
-) -> tuple[float, FloatArray]:
-    """Upper bound of `best_weight` as a share of the weight, and the prices that prove it, (F,).
-
-    `prices` are those to start from. Weight and number of cameras must be more than 0.
-    """
-    cameras, budget = limits_of(reduced)
-    whole = int(reduced.integer_weights.sum())
-    views = _views(reduced)
-    weights = reduced.integer_weights / whole
-    if prices is None:
-        prices = _first_prices(reduced, weights / views)
-    prices = np.minimum(prices, weights / views)
-    best_prices = prices.copy()
-
-    def search(progress: FloatArray, steps: int) -> None:
-        kernels.best_weight(
-            reduced.indptr, reduced.face, views, weights, reduced.costs, cameras, budget,
-            prices, best_prices, progress, reached / whole, steps,
-        )  # fmt: skip
-
-    return _searched(search, math.inf, reduced, effort, deadline), best_prices
-
-
-def least_cost(
-    reduced: ReducedProblem, cost: float, effort: int = EFFORT, deadline: Deadline = NEVER
-) -> float:
-    """Lower bound of the cost of any selection that meets the requirements.
-
-    Parameters
-    ----------
-    reduced : ReducedProblem
-        Its goal is `FewestCameras`; effort and deadline as for `best_weight`.
-    cost : float
-        Cost of a known selection that does; sets the length of the steps.
-    """
-    if not asks_for_any(reduced):
-        return 0.0
-    return cost_above(cost_prices(reduced, cost, effort, deadline)[0], reduced.costs)
-
-
-def asks_for_any(reduced: Presolved | ReducedProblem) -> bool:
-    """True where `FewestCameras` asks for any weight."""
-    assert isinstance(reduced.problem.goal, FewestCameras)
-    return reduced.least_total > 0 or bool((reduced.least > 0).any())
-
-
-def cost_above(bottom: float, costs: FloatArray) -> float:
-    """Lower bound of a cost from its sum, with the rounding of the sum."""
-    return rounded_up(bottom - BOUND_SAFETY_REL * abs(bottom), costs)
-
-
-def cost_prices(
-    reduced: ReducedProblem,
-    cost: float,
-    effort: int = EFFORT,
     deadline: Deadline = NEVER,
-    prices: FloatArray | None = None,
 ) -> tuple[float, FloatArray]:
-    """Lower bound of `least_cost`, not rounded, and the prices that prove it, (F,).
+    """Bound as a share of the weight, or of the cost, not rounded; the prices that prove it, (F,).
 
-    `prices` are those to start from. Every face must be covered by a candidate.
+    Some weight must be asked for, and every face covered by a candidate. `prices` are those to
+    start from; the others are as for `bound_of`.
     """
-    views = _views(reduced)
-    if prices is None:
-        prices = np.empty(reduced.n_faces)
-        kernels.cheapest_share(reduced.indptr, reduced.face, reduced.costs, prices)
-    prices = prices.copy()
-    best_prices = prices.copy()
-    weights, least = reduced.integer_weights.astype(np.float64), reduced.least.astype(np.float64)
+    pairs = reduced.indptr, reduced.face
+    views = np.maximum(reduced.views.astype(np.float64), 2.0 if reduced.is_spread else 1.0)
+    search: Callable[[FloatArray, FloatArray, FloatArray, int], None]
+    if isinstance(reduced.problem.goal, BestCoverage):
+        whole, limits = int(reduced.integer_weights.sum()), limits_of(reduced)
+        weights = reduced.integer_weights / whole
+        most, start = weights / views, math.inf
+        if prices is None:  # lower for faces that many candidates cover
+            degree = np.diff(reduced.starts)
+            prices = most / (1 + degree / max(1.0, float(degree.mean())))
+        prices = np.minimum(prices, most)
 
-    def search(progress: FloatArray, steps: int) -> None:
-        kernels.least_cost(
-            reduced.indptr, reduced.face, views, weights, reduced.costs, reduced.kind, least,
-            float(reduced.least_total), prices, best_prices, progress, cost, steps,
-        )  # fmt: skip
+        def search(now: FloatArray, best: FloatArray, progress: FloatArray, steps: int) -> None:
+            kernels.best_weight(
+                *pairs, views, weights, reduced.costs, *limits, now, best, progress,
+                state.covered / whole, steps,
+            )  # fmt: skip
+    else:
+        weights, start = reduced.integer_weights.astype(np.float64), 0.0
+        wanted = reduced.least.astype(np.float64), float(reduced.least_total)
+        if prices is None:
+            prices = np.empty(reduced.n_faces)
+            kernels.cheapest_share(*pairs, reduced.costs, prices)
 
-    return _searched(search, 0.0, reduced, effort, deadline), best_prices
+        def search(now: FloatArray, best: FloatArray, progress: FloatArray, steps: int) -> None:
+            kernels.least_cost(
+                *pairs, views, weights, reduced.costs, reduced.kind, *wanted, now, best, progress,
+                state.cost, steps,
+            )  # fmt: skip
+
+    n_pairs = max(1, 2 * len(reduced.face))  # of a step
+    left = int(np.clip(EFFORT // n_pairs, FEWEST_STEPS, MOST_STEPS))
+    progress = np.array([start, 1.0, 0.0, 0.0])
+    now, best = prices.copy(), prices.copy()
+    at_once = max(1, PAIRS_A_LOOK // n_pairs)
+    while left > 0 and not progress[kernels.ENDED]:
+        search(now, best, progress, min(at_once, left))
+        left -= at_once
+        if deadline.is_over:
+            break
+    return float(progress[kernels.BEST]), best
 
 
 def rounded_up(cost: float, costs: FloatArray) -> float:
@@ -247,39 +213,6 @@ def rounded_up(cost: float, costs: FloatArray) -> float:
     if len(costs) and bool((costs == np.floor(costs)).all()):
         cost = math.ceil(cost - 1e-6)
     return max(0.0, float(cost))
-
-
-def _views(reduced: ReducedProblem) -> FloatArray:
-    """(F,) cameras that a face needs, two at least where rays must differ."""
-    views = reduced.views.astype(np.float64)
-    return np.maximum(views, 2.0) if reduced.is_spread else views
-
-
-def _first_prices(reduced: ReducedProblem, most: FloatArray) -> FloatArray:
-    """Initial prices, lower for faces that many candidates cover."""
-    degree = np.diff(reduced.starts) / max(1.0, float(np.diff(reduced.starts).mean()))
-    prices: FloatArray = most / (1 + degree)
-    return prices
-
-
-def _searched(
-    search: Callable[[FloatArray, int], None],
-    start: float,
-    reduced: ReducedProblem,
-    effort: int,
-    deadline: Deadline,
-) -> float:
-    """Best bound of a search within its steps and the deadline."""
-    pairs = max(1, 2 * len(reduced.face))  # of a step
-    left = int(np.clip(effort // pairs, FEWEST_STEPS, MOST_STEPS))
-    progress = np.array([start, 1.0, 0.0, 0.0])
-    at_once = max(1, PAIRS_A_LOOK // pairs)
-    while left > 0 and not progress[kernels.ENDED]:
-        search(progress, min(at_once, left))
-        left -= at_once
-        if deadline.is_over:
-            break
-    return float(progress[kernels.BEST])
 
 
 @dataclass(frozen=True, eq=False)
@@ -320,7 +253,7 @@ def core_and_bound(
         core = large.listed(rows)
         if len(rows) == large.n_candidates or not _asks_for_any(core):
             return core, rows, bound_of(core, state)
-        found = _priced(large, _core_prices(core, state, None if best is None else best.price))
+        found = _priced(large, best_prices(core, state, None if best is None else best.price)[1])
         if best is None:
             # Prices of 0 prove nothing, but smaller ones than those of the core may.
             none = np.zeros(len(large.kept)), np.zeros(large.n_candidates)
@@ -333,24 +266,7 @@ def core_and_bound(
         earned = best.earned
     assert best is not None
     core = large.listed(rows := core_rows(large, state, best.earned, most_pairs))
-    if isinstance(large.problem.goal, BestCoverage):
-        weight = weight_below(best.value, int(core.integer_weights.sum()))
-        return core, rows, share_of(large.problem, weight)
-    return core, rows, cost_above(best.value, large.costs)
-
-
-def _asks_for_any(core: ReducedProblem) -> bool:
-    """True where the goal asks for any weight."""
-    if isinstance(core.problem.goal, BestCoverage):
-        return bool(core.integer_weights.any()) and limits_of(core)[0] > 0
-    return asks_for_any(core)
-
-
-def _core_prices(core: ReducedProblem, state: LazyCover, start: FloatArray | None) -> FloatArray:
-    """Best prices of the core, from a search that starts at some."""
-    if isinstance(core.problem.goal, BestCoverage):
-        return weight_prices(core, state.covered, prices=start)[1]
-    return cost_prices(core, state.cost, prices=start)[1]
+    return core, rows, _proved(large, best.value)
 
 
 def _priced(large: Presolved, price: FloatArray) -> Prices:

@@ -17,9 +17,9 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.base.memory import IntArray
 from rastercov.kernels import placement_bits
 from rastercov.kernels import placement_selection as kernels
-from rastercov.placement._arrays import IntArray
 from rastercov.placement.bits import Words, spread_out
 from rastercov.placement.select.presolve import Presolved, ReducedProblem
 

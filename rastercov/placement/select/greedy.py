@@ -31,8 +31,14 @@ from rastercov.placement.select.bounds import (
 )
 from rastercov.placement.select.cover import Cover, CoverState, LazyCover
 from rastercov.placement.select.presolve import ReducedProblem, presolve
-from rastercov.placement.select.problem import BestCoverage, Goal, Problem
-from rastercov.placement.select.selection import PROVED, Selection, finish
+from rastercov.placement.select.problem import (
+    PROVED,
+    BestCoverage,
+    Goal,
+    Problem,
+    Selection,
+    finish,
+)
 
 EFFORT = 200_000_000
 """Elementary updates of the local search: half a second."""

@@ -31,9 +31,9 @@ from numpy.typing import NDArray
 
 from rastercov.base.arguments import check_seed
 from rastercov.base.errors import ConfigError, ResourceError
+from rastercov.base.memory import FloatArray, IntArray
 from rastercov.base.typed import typed
 from rastercov.kernels import placement_selection as kernels
-from rastercov.placement._arrays import FloatArray, IntArray
 from rastercov.placement.select.bounds import (
     BOUND_SAFETY_REL,
     Deadline,
@@ -45,8 +45,15 @@ from rastercov.placement.select.bounds import (
 from rastercov.placement.select.cover import CoverState
 from rastercov.placement.select.greedy import EFFORT, complete, construct, improve
 from rastercov.placement.select.presolve import ReducedProblem, presolve
-from rastercov.placement.select.problem import TOTAL_WEIGHT, BestCoverage, Problem
-from rastercov.placement.select.selection import PROVED, Selection, finish, relative_gap
+from rastercov.placement.select.problem import (
+    PROVED,
+    TOTAL_WEIGHT,
+    BestCoverage,
+    Problem,
+    Selection,
+    finish,
+    relative_gap,
+)
 
 MOST_PAIRS = 20_000_000
 """Greatest number of candidate-face pairs; HiGHS takes 4 GB for them."""
@@ -187,24 +194,6 @@ class _Search:
         return self.state.cost
 
 
-class _Seen:
-    """Latest solution and bound that HiGHS has reported, for when it has to be abandoned."""
-
-    def __init__(self, n_candidates: int, is_best_coverage: bool) -> None:
-        self.n_candidates = n_candidates
-        self.bound = math.inf if is_best_coverage else -math.inf
-        self.chosen: set[int] | None = None
-
-    def progress(self, event: Any) -> None:
-        """Record the bound."""
-        self.bound = float(event.data_out.mip_dual_bound)
-
-    def improvement(self, event: Any) -> None:
-        """Record a better solution."""
-        values = np.array(event.data_out.mip_solution)[: self.n_candidates]
-        self.chosen = set(np.flatnonzero(values > 0.5).tolist())
-
-
 class _Program:
     """The integer program in HiGHS: columns are candidates, then faces that may stay uncovered."""
 
@@ -247,9 +236,21 @@ class _Program:
             self.solver.setOptionValue(name, value)
         self._pass_model(optional)
         self.solver.HandleUserInterrupt = True
-        self.seen = _Seen(self.reduced.n_candidates, self.is_best_coverage)
-        self.solver.cbMipInterrupt += self.seen.progress
-        self.solver.cbMipImprovingSolution += self.seen.improvement
+        # Latest bound and solution that HiGHS has reported, for when it has to be abandoned.
+        self.last_bound = math.inf if self.is_best_coverage else -math.inf
+        self.last_chosen: set[int] | None = None
+        self.solver.cbMipInterrupt += self._take_bound
+        self.solver.cbMipImprovingSolution += self._take_solution
+
+    def _take_bound(self, event: Any) -> None:
+        self.last_bound = float(event.data_out.mip_dual_bound)
+
+    def _take_solution(self, event: Any) -> None:
+        self.last_chosen = self._chosen_of(event.data_out.mip_solution)
+
+    def _chosen_of(self, columns: Any) -> set[int]:
+        values = np.array(columns[: self.reduced.n_candidates])
+        return set(np.flatnonzero(values > 0.5).tolist())
 
     def solve(self, deadline: Deadline, start: set[int]) -> tuple[set[int] | None, float, str]:
         """Chosen candidates, None where none were found; the bound; the status."""
@@ -270,7 +271,7 @@ class _Program:
                     solver.cancelSolve()
                 if deadline.left < -GRACE:
                     atexit.register(thread.join, AT_EXIT)  # its callbacks need a live interpreter
-                    return self.seen.chosen, self._bound(self.seen.bound), "time_limit"
+                    return self.last_chosen, self._bound(self.last_bound), "time_limit"
             except KeyboardInterrupt:
                 interrupted = True
                 solver.cancelSolve()
@@ -278,10 +279,8 @@ class _Program:
         ends = {states.kOptimal: "optimal", states.kInfeasible: "infeasible"}
         ended = ends.get(solver.getModelStatus(), "time_limit")
         info = solver.getInfo()
-        chosen = None
-        if info.primal_solution_status == 2:  # feasible
-            values = np.array(solver.getSolution().col_value[: self.reduced.n_candidates])
-            chosen = set(np.flatnonzero(values > 0.5).tolist())
+        is_feasible = info.primal_solution_status == 2
+        chosen = self._chosen_of(solver.getSolution().col_value) if is_feasible else None
         bound = self._bound(info.mip_dual_bound)
         return chosen, bound, "interrupted" if interrupted else ended
 
@@ -333,7 +332,6 @@ class _Program:
         """Pass the program to HiGHS, row by row: faces, then the limits of the goal."""
         highspy, reduced = self.highspy, self.reduced
         goal, n_candidates = reduced.problem.goal, reduced.n_candidates
-        cameras = np.arange(n_candidates)
         column_of = self.column_of_face
         is_optional = (column_of >= 0).astype(np.int64)
 
@@ -348,26 +346,33 @@ class _Program:
         of_pairs[own] = False
         index[of_pairs], value[of_pairs] = covering, times
         index[own], value[own] = column_of[optional], -self.views[optional]
-        rows = [(index, value)]
-        lower = [np.where(is_optional, 0.0, self.views)]
-        upper = [np.full(reduced.n_faces, highspy.kHighsInf)]
-        n_entries = [lengths]
+
+        # With one view a face, z is an integer wherever x is.
+        integer, continuous = highspy.HighsVarType.kInteger, highspy.HighsVarType.kContinuous
+        is_whole = np.ones(self.n_columns, bool)
+        is_whole[n_candidates:] = (self.views[optional] > 1) | reduced.is_spread
+        inf, cost = highspy.kHighsInf, np.zeros(self.n_columns)
+        cost[:n_candidates] = 0.0 if self.is_best_coverage else reduced.costs
+        cost[column_of[optional]] = self.weights[optional] if self.is_best_coverage else 0.0
+        sense = highspy.ObjSense.kMaximize if self.is_best_coverage else highspy.ObjSense.kMinimize
+        self.solver.passModel(  # arrays, because lists of millions of numbers take seconds
+            self.n_columns, reduced.n_faces, len(index), int(highspy.MatrixFormat.kRowwise),
+            int(sense), 0.0, cost, np.zeros(self.n_columns), np.ones(self.n_columns),
+            np.where(is_optional, 0.0, self.views), np.full(reduced.n_faces, inf),
+            (ends - lengths).astype(np.int32), index.astype(np.int32), value,
+            np.where(is_whole, int(integer), int(continuous)).astype(np.int32),
+        )  # fmt: skip
 
         def add_row(columns: IntArray, values: FloatArray, low: float, high: float) -> None:
-            rows.append((columns, values))
-            lower.append(np.array([low]))
-            upper.append(np.array([high]))
-            n_entries.append(np.array([len(columns)]))
+            self.solver.addRow(low, high, len(columns), columns.astype(np.int32), values)
 
-        inf, cost = highspy.kHighsInf, np.zeros(self.n_columns)
         if isinstance(goal, BestCoverage):
-            cost[column_of[optional]] = self.weights[optional]
+            cameras = np.arange(n_candidates)
             if goal.cameras is not None:
                 add_row(cameras, np.ones(n_candidates), -inf, float(goal.cameras))
             if goal.budget is not None:
                 add_row(cameras, reduced.costs, -inf, goal.budget)
         else:
-            cost[:n_candidates] = reduced.costs
             scale = reduced.n_faces / max(1, int(reduced.integer_weights.sum()))
             for kind in (None, *range(1, len(reduced.least))):
                 of_kind = optional if kind is None else optional[reduced.kind[optional] == kind]
@@ -378,22 +383,6 @@ class _Program:
                 missing = least - int(reduced.integer_weights[certain].sum())
                 if missing > 0:
                     add_row(column_of[of_kind], self.weights[of_kind], missing * scale, inf)
-
-        # With one view a face, z is an integer wherever x is.
-        integer, continuous = highspy.HighsVarType.kInteger, highspy.HighsVarType.kContinuous
-        is_whole = np.ones(self.n_columns, bool)
-        is_whole[n_candidates:] = (self.views[optional] > 1) | reduced.is_spread
-        counts = np.concatenate(n_entries)
-        columns = np.concatenate([row[0] for row in rows]).astype(np.int32)
-        sense = highspy.ObjSense.kMaximize if self.is_best_coverage else highspy.ObjSense.kMinimize
-        self.solver.passModel(  # arrays, because lists of millions of numbers take seconds
-            self.n_columns, len(counts), len(columns), int(highspy.MatrixFormat.kRowwise),
-            int(sense), 0.0, cost, np.zeros(self.n_columns), np.ones(self.n_columns),
-            np.concatenate(lower), np.concatenate(upper),
-            np.concatenate(([0], np.cumsum(counts)[:-1])).astype(np.int32), columns,
-            np.concatenate([row[1] for row in rows]).astype(np.float64),
-            np.where(is_whole, int(integer), int(continuous)).astype(np.int32),
-        )  # fmt: skip
 
 
 def _merged_pairs(reduced: ReducedProblem) -> tuple[IntArray, NDArray[np.int32], FloatArray]:

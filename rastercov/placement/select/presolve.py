@@ -17,9 +17,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.kernels import placement_bits as bit_kernels
 from rastercov.kernels import placement_presolve as kernels
-from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
 from rastercov.placement.bits import CoveredBits, Words, packed, spread_out
 from rastercov.placement.select.problem import FewestCameras, Problem
 

@@ -1,13 +1,15 @@
 """Selection problem: candidates, the faces they cover, the needs of a face, and the goal.
 
-A `Problem` is the plain value that every `select_*` takes. It comes from a visibility matrix
-(`problem_of`) or from a 0/1 array (`problem_of_matrix`), and holds no mesh and no camera. Covered
-pairs are bits, one row a camera; what needs lists of pairs makes them of the bits (`presolve`).
+A `Problem` is the plain value that every `select_*` takes, and a `Selection` the result. It comes
+from a visibility matrix (`problem_of`) or from a 0/1 array (`problem_of_matrix`), and holds no mesh
+and no camera. Covered pairs are bits, one row a camera; what needs lists of pairs makes them of the
+bits (`presolve`).
 
 Shares are of weight: faces count by number or by area. They are compared in integers
 (`Problem.integer_weights`), so that no requirement depends on the order of summation.
 """
 
+import heapq
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -17,22 +19,24 @@ from typing import Annotated, Any
 import numpy as np
 from annotated_types import Ge, Le
 from numpy.typing import ArrayLike, NDArray
+from typing_extensions import Doc
 
 from rastercov.base.errors import ConfigError
+from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.base.typed import check_fields, typed
 from rastercov.coverage.area.cells import Cells
 from rastercov.coverage.spread import ViewSpread, least_cosine
 from rastercov.mesh import Mesh
-from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
-from rastercov.placement.bit_matrix import BitMatrix
 from rastercov.placement.bits import CoveredBits
-from rastercov.placement.matrix import VisibilityMatrix
+from rastercov.placement.matrix import BitMatrix, VisibilityMatrix
 from rastercov.placement.mounts import Mounts
 
 TOTAL_WEIGHT = 1 << 40
 """Total of `Problem.integer_weights`, unless the weights are integers with a smaller sum."""
 SHARE_TOLERANCE = 1e-9
 """Absolute tolerance of a required share: 0.98 is not a binary fraction."""
+
+Shares = Mapping[str, Annotated[float, Ge(0), Le(1)]]
 
 
 @dataclass(frozen=True)
@@ -49,9 +53,11 @@ class FewestCameras:
         True where shares are of the weight that all candidates together cover, not of the total.
     """
 
-    coverage: Annotated[float, Ge(0), Le(1)] = 1.0
-    groups: Mapping[str, Annotated[float, Ge(0), Le(1)]] = field(default_factory=dict)
-    of_reachable: bool = False
+    coverage: Annotated[float, Ge(0), Le(1), Doc("Share of the task to cover.")] = 1.0
+    groups: Annotated[Shares, Doc("Share to cover of single groups.")] = field(default_factory=dict)
+    of_reachable: Annotated[
+        bool, Doc("Whether shares are of what all candidates together cover.")
+    ] = False
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -73,7 +79,7 @@ class BestCoverage:
     """
 
     cameras: int | None = None
-    budget: Annotated[float, Ge(0)] | None = None
+    budget: Annotated[float, Ge(0), Doc("Cost of all cameras at most.")] | None = None
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -480,3 +486,153 @@ def _of_each(value: ArrayLike, count: int, name: str) -> IntArray:
             f"got {numbers.dtype} of shape {numbers.shape}"
         )
     return np.broadcast_to(numbers, count).astype(np.int64)
+
+
+PROVED = 1e-6
+"""Relative gap up to which a selection counts as optimal: the tolerance of HiGHS."""
+ROUNDING = 1e-9
+"""Relative error of a sum of weights, with a margin."""
+
+
+@dataclass(frozen=True, eq=False)
+class Selection:
+    """Chosen cameras, and a bound on the objective of any other choice.
+
+    Attributes
+    ----------
+    method : str
+        "greedy", "integer" or "thesis".
+    chosen : (K,) int64
+        Candidates, in greedy order: each adds the most to those before it.
+    curve : (K,) float64
+        Share of the weight covered by the first 1, 2, ..., K cameras.
+    views : (F,) int64
+        Chosen cameras that cover each face.
+    covered : (F,) bool
+        Faces covered by the required number of cameras, from directions that differ as required.
+    share : float
+        Part of the weight that is covered, [0, 1].
+    cost : float
+        Total cost of the chosen cameras.
+    objective : float
+        `cost` for `FewestCameras`, `share` for `BestCoverage`.
+    bound : float
+        No selection has a lower cost, or a greater share, than this.
+    gap : float
+        Relative distance of objective and bound; 0 for the optimum.
+    seconds : float
+        Time taken.
+    status : {"optimal", "feasible", "time_limit", "interrupted"}
+        Proved to be the optimum; found by a heuristic; or the best of an exact method when it was
+        stopped.
+    """
+
+    method: str
+    chosen: IntArray
+    curve: FloatArray
+    views: IntArray
+    covered: BoolArray
+    share: float
+    cost: float
+    objective: float
+    bound: float
+    gap: float
+    seconds: float
+    status: str
+
+    def summary(self) -> dict[str, Any]:
+        """Figures and cameras, ready for JSON, without the arrays over faces."""
+        figures = ("share", "cost", "objective", "bound", "gap", "seconds")
+        return {
+            "method": self.method,
+            "status": self.status,
+            "cameras": len(self.chosen),
+            "chosen": self.chosen.tolist(),
+            "curve": self.curve.tolist(),
+            "faces_covered": int(self.covered.sum()),
+            **{name: getattr(self, name) for name in figures},
+        }
+
+
+def finish(
+    method: str,
+    problem: Problem,
+    chosen: IntArray,
+    bound: float,
+    seconds: float,
+    status: str = "feasible",
+) -> Selection:
+    """Selection of candidates of a problem, evaluated in it and not after presolve.
+
+    `status` becomes "optimal" where the bound proves it.
+    """
+    order, curve = in_order(problem, chosen)
+    views, covered = problem.covered_by(order)
+    share, cost = problem.share(covered), float(np.sort(problem.costs[order]).sum())
+    if isinstance(problem.goal, BestCoverage):
+        objective, bound = share, max(bound, share)
+    else:
+        objective, bound = cost, min(bound, cost)
+    gap = relative_gap(objective, bound)
+    return Selection(
+        method=method,
+        chosen=order,
+        curve=curve,
+        views=views,
+        covered=covered,
+        share=share,
+        cost=cost,
+        objective=objective,
+        bound=bound,
+        gap=gap,
+        seconds=seconds,
+        status="optimal" if gap <= PROVED else status,
+    )
+
+
+def relative_gap(objective: float, bound: float) -> float:
+    """|objective - bound| / |objective|; 0 where both are equal, inf where the objective is 0."""
+    if objective == bound:
+        return 0.0
+    return abs(objective - bound) / abs(objective) if objective else math.inf
+
+
+def in_order(problem: Problem, chosen: IntArray) -> tuple[IntArray, FloatArray]:
+    """Chosen candidates in greedy order, and the cumulative shares they cover."""
+    order: list[int] = []
+    curve: list[float] = []
+    # Progress per face, so that the first of several required cameras counts too.
+    count = np.zeros(problem.n_faces, np.int64)
+    part = problem.integer_weights / problem.views
+    spread = problem.spread()
+
+    def gain(camera: int) -> float:
+        faces = problem.faces_of(camera)
+        if problem.has_rigs:
+            faces, times = np.unique(faces, return_counts=True)
+            left = np.maximum(problem.views[faces] - count[faces], 0)
+            return float((part[faces] * np.minimum(times, left)).sum())
+        return float(part[faces[count[faces] < problem.views[faces]]].sum())
+
+    # Lazy evaluation: gains only fall as cameras are added, so only gains above the current maximum
+    # are computed again. Ties go by number, and 0 stays 0.
+    rounding = 0.0 if bool((part == np.floor(part)).all()) else ROUNDING
+    stale = [(-gain(camera), camera) for camera in map(int, chosen)]
+    heapq.heapify(stale)
+    while stale:
+        fresh, best = [], (math.inf, -1)
+        while stale and (stale[0][0] * (1 + rounding), stale[0][1]) < best:
+            loss, camera = heapq.heappop(stale)
+            fresh.append((-gain(camera) if loss else loss, camera))
+            best = min(best, fresh[-1])
+            if not loss:
+                break
+        for other in fresh:
+            if other is not best:
+                heapq.heappush(stale, other)
+        camera = best[1]
+        problem.add(camera, count, spread)
+        order.append(camera)
+        covered = (count >= problem.views) & spread.is_spread
+        curve.append(problem.share(covered))
+    return np.array(order, np.int64), np.array(curve, np.float64)

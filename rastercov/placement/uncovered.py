@@ -3,7 +3,8 @@
 After selection. For each face that the network does not cover: the camera that comes nearest to
 covering it, the criterion that fails there, and a proved statement on the candidates: one covers
 the face, one sees a part of it, or none sees any of it. `cavities` makes candidates for faces of
-the last kind.
+the last kind. The statement is by bounds of the greatest visible fraction of each face over all
+candidates, in memory proportional to the number of faces.
 
 E. S. Eissa. Image Space Coverage Model for Deployment of Multi-Camera Networks. 2020, section 7.3.
 
@@ -15,9 +16,10 @@ of 64 x 64 samples takes about 0.1 ms and ranks the groups.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import nullcontext
 from dataclasses import dataclass
+from enum import IntEnum
 from typing import Any
 
 import numpy as np
@@ -25,21 +27,125 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import plural
+from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.base.typed import typed
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses, renumbered
-from rastercov.camera.rig import Cameras
+from rastercov.camera.rig import Cameras, cameras_of
 from rastercov.camera.viewpoints import look_at
 from rastercov.coverage.coverage import Coverage, evaluate_batches
+from rastercov.coverage.criteria import face_geometry
 from rastercov.coverage.network import Network, share_of_faces
 from rastercov.coverage.observer import Observer, open_observer
 from rastercov.coverage.reasons import NAMES, REASONS, reason_rows
 from rastercov.coverage.task import Reason, Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import frozen
-from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
-from rastercov.placement.explain.candidate_visibility import CandidateBounds, Sight, batches_in_view
 from rastercov.raster.cpu import CPURasterizer
+
+SEEN_NOTHING = 1e-6
+"""Visible fraction up to which a face counts as not seen: the bound of computed fractions is 1e-9
+for images of 1 px^2 or more, and 1e-9 / area for smaller ones."""
+EDGE_ON = 1e-6
+"""Square pixels: an image of at most this area is that of a face seen edge-on, which shows
+nothing."""
+POSES_A_STEP = 1024
+"""Candidates processed at a time."""
+FIGURES = ("visibility", "visibility_bound", "visibility_kind", "drawn_pixels", "reason")
+"""Figures that `CandidateBounds` takes."""
+
+
+class Sight(IntEnum):
+    """Proved statement on all candidates and a face."""
+
+    NONE = 0
+    """No candidate sees it: at most `SEEN_NOTHING` of its image is visible in each, or the image is
+    at most `EDGE_ON`."""
+    UNKNOWN = 1
+    """The bounds prove neither, or there are no candidates."""
+    SOME = 2
+    """A candidate sees a part of it."""
+
+
+class CandidateBounds:
+    """Bounds of the visible fraction of some faces, updated batch by batch; arrays are (F,).
+
+    Attributes
+    ----------
+    low, high : float64
+        Bounds of the greatest visible fraction.
+    covering : int64
+        Candidates that cover the face.
+    n_poses : int
+        Candidates so far.
+    """
+
+    def __init__(self, n_faces: int, chosen: BoolArray) -> None:
+        self.chosen, self.n_poses = chosen, 0
+        self.low, self.high = np.zeros(n_faces), np.zeros(n_faces)
+        self.covering: IntArray = np.zeros(n_faces, np.int64)
+
+    def add(self, batch: Coverage) -> None:
+        """Add a batch of candidates."""
+        from rastercov.base.memory import read_only
+        from rastercov.kernels.placement_candidates import add_bounds
+
+        arrays = (getattr(batch, name) for name in FIGURES)
+        figures = (read_only(array, array.dtype.type) for array in arrays)
+        chosen = read_only(self.chosen, np.bool_)
+        add_bounds(*figures, EDGE_ON, chosen, self.low, self.high, self.covering)
+        self.n_poses += len(batch.pose_ids)
+
+    def of(self, chosen: BoolArray) -> "CandidateBounds":
+        """The same for fewer faces."""
+        part = CandidateBounds(len(chosen), chosen)
+        part.n_poses = self.n_poses
+        for name in ("low", "high", "covering"):
+            getattr(part, name)[chosen] = getattr(self, name)[chosen]
+        return part
+
+    def claims(self, n_candidates: int) -> NDArray[np.uint8]:
+        """(F,) `Sight` of the faces, for a number of candidates."""
+        claim = np.full(len(self.low), Sight.UNKNOWN, np.uint8)
+        if n_candidates:
+            claim[self.chosen & (self.high <= SEEN_NOTHING)] = Sight.NONE
+            claim[self.chosen & (self.low > SEEN_NOTHING)] = Sight.SOME
+        return claim
+
+
+def batches_in_view(
+    observer: Observer, poses: Poses, task: Task, chosen: BoolArray
+) -> Iterator[tuple[Coverage, int]]:
+    """Batches of candidates with one of the chosen faces in view, and the number processed so far.
+
+    The other candidates see none of these faces, by definition: they are behind them, or the faces
+    are outside their images.
+    """
+    if not chosen.any():
+        return
+    mesh, cameras = observer.mesh, cameras_of(observer.camera)
+    used, corners = np.unique(mesh.faces[chosen], return_inverse=True)
+    # The bounds of a part are smaller and its near limit nearer: conservative.
+    part = Mesh(
+        vertices=mesh.vertices[used],
+        faces=corners.reshape(-1, 3),
+        groups=mesh.groups,
+        face_group=mesh.face_group[chosen],
+    )
+    for start in range(0, len(poses), POSES_A_STEP):
+        block = poses[start : start + POSES_A_STEP]
+        facing = np.empty(len(block), np.bool_)
+        for row, pose in enumerate(block.world_from_camera):  # 0.1 ms for a hundred faces
+            seen = face_geometry(part, cameras[block.camera[row]], pose)
+            in_image = (seen.in_view_fraction > 0) | seen.in_view
+            facing[row] = bool((seen.is_front & in_image).any())
+        rows = np.flatnonzero(facing)
+        if not len(rows):
+            continue
+        for batch in evaluate_batches(observer, renumbered(block[rows]), task, fields=FIGURES):
+            last = batch.pose_ids[-1] if len(batch.pose_ids) else -1
+            yield batch, start + int(rows[last]) + 1
+
 
 SIDE = 64
 """Samples along each side of a window; a face spans a half of it or more."""
@@ -134,8 +240,6 @@ def _samples_within(corners: FloatArray) -> BoolArray:
         inside &= rows[:, :, None] - columns[:, None] > least[:, None, None]
     return inside
 
-
-__all__ = ["Leftover", "Sight", "what_is_left"]
 
 COULD = {
     "could_be_covered": "could be covered by one",
@@ -428,6 +532,7 @@ class NearestCameras:
         self.camera: IntArray = np.full(n_faces, -1, np.int64)
 
     def add(self, batch: Coverage) -> None:
+        """Add a batch of cameras."""
         if not len(batch.pose_ids):
             return
         second = 1 - batch.incidence / np.pi

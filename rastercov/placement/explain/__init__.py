@@ -1,1 +1,0 @@
-"""Explanation of uncovered faces: reasons, blocking groups, candidates that see them."""
