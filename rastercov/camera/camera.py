@@ -125,7 +125,7 @@ class Camera:
                 f"near must be 0 or more metres, at most {LARGEST_COORDINATE:g}, got {near:g}"
             )
         object.__setattr__(self, "near", near)
-        object.__setattr__(self, "skew", number("skew", self.skew))
+        object.__setattr__(self, "skew", principal_point_px("skew", self.skew))
         model, coefficients = checked_model(self.model, self.distortion)
         object.__setattr__(self, "model", model)
         object.__setattr__(self, "distortion", coefficients)
@@ -133,6 +133,8 @@ class Camera:
             angle = number("max_angle_deg", self.max_angle_deg)
             if not 0 < angle <= 180:
                 raise CameraError(f"max_angle_deg must be above 0 and at most 180, got {angle:g}")
+            if model == "equirectangular":
+                raise CameraError("an equirectangular image has no largest angle")
             object.__setattr__(self, "max_angle_deg", angle)
         self._check_lens()
 

@@ -8,18 +8,12 @@ import math
 
 from rastercov.base.errors import CameraError
 from rastercov.camera.camera import Camera
-from rastercov.camera.models import MODELS, PROGRAMS
-
-
-def coefficients(camera: Camera) -> dict[str, float]:
-    """Coefficients of the lens by name, 0 where they were left out."""
-    names = MODELS[camera.model].coefficients.split()
-    return dict.fromkeys(names, 0.0) | dict(zip(names, camera.distortion, strict=False))
+from rastercov.camera.models import MODELS, PROGRAMS, coefficients_by_name
 
 
 def as_opencv(camera: Camera) -> tuple[float, ...] | None:
     """The 14 coefficients of OpenCV's model for a camera; None if it is not of that model."""
-    c = coefficients(camera)
+    c = coefficients_by_name(camera.model, camera.distortion)
     if camera.model == "metashape" and not c["k4"]:  # its p1 and p2 are OpenCV's p2 and p1
         c |= {"p1": c["p2"], "p2": c["p1"]}
     elif not (
@@ -33,7 +27,7 @@ def as_opencv(camera: Camera) -> tuple[float, ...] | None:
 
 def as_fisheye(camera: Camera) -> tuple[float, ...] | None:
     """The 4 coefficients of cv2.fisheye for a camera; None if it is not of that model."""
-    c = coefficients(camera)
+    c = coefficients_by_name(camera.model, camera.distortion)
     radial = tuple(c.pop(f"k{i}", 0.0) for i in range(1, 5))
     return radial if MODELS[camera.model].base == "equidistant" and not any(c.values()) else None
 
@@ -43,7 +37,7 @@ def model_in(program: str, camera: Camera) -> tuple[str, dict[str, float]] | Non
 
     With it, values of its parameters by name.
     """
-    forms = [(camera.model, coefficients(camera))]
+    forms = [(camera.model, coefficients_by_name(camera.model, camera.distortion))]
     for ours, values in (("opencv_fisheye", as_fisheye(camera)), ("opencv", as_opencv(camera))):
         if values is not None:
             names = MODELS[ours].coefficients.split()

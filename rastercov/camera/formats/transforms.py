@@ -21,13 +21,12 @@ from rastercov.camera.formats.conventions import OPENGL_AXES, Border
 from rastercov.camera.formats.equivalents import (
     as_fisheye,
     as_opencv,
-    coefficients,
     is_whole_panorama,
     no_model,
     panorama,
 )
 from rastercov.camera.formats.source import Entries, Source
-from rastercov.camera.models import PROGRAMS, lens_of_parameters
+from rastercov.camera.models import PROGRAMS, coefficients_by_name, lens_of_parameters
 from rastercov.camera.views import Views
 
 MODELS = PROGRAMS["nerfstudio"]
@@ -256,7 +255,7 @@ def content_of(views: Views) -> dict[str, Any]:
 
 def _table(camera: Camera, name: str) -> dict[str, Any]:
     """Intrinsics of a camera under the names of the format."""
-    c = coefficients(camera)
+    c = coefficients_by_name(camera.model, camera.distortion)
     model, found = "", dict[str, Any]()
     if (radial := as_fisheye(camera)) is not None:
         model, found = "OPENCV_FISHEYE", dict(zip(("k1", "k2", "k3", "k4"), radial, strict=True))

@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from rastercov.base.memory import read_only
 from rastercov.camera.camera import Camera
 from rastercov.camera.lenses.areas import record_of
-from rastercov.camera.lenses.lens import Lens, make_lens
+from rastercov.camera.lenses.lens import Lens, terms_of
 from rastercov.camera.lenses.planes import IdealPlane, keep
 from rastercov.camera.lenses.quadrature import edge_table
 from rastercov.camera.lenses.slopes import slopes_in
-from rastercov.camera.models import MODELS, lens_terms
+from rastercov.camera.models import MODELS
 from rastercov.kernels import lens_field as kernels
 from rastercov.kernels.cameras import MOST_SIDES, CurvedLens
 from rastercov.kernels.lens import project_many
@@ -68,21 +68,11 @@ def lens_of(camera: Camera) -> Lens:
     Raises
     ------
     CameraError
-        For coefficients that make no lens, or one that folds at its axis.
+        For a lens that folds at its axis.
     """
     if (optics := optics_of(camera)) != camera:
         return lens_of(optics)
-    return make_lens(
-        width=camera.width,
-        height=camera.height,
-        fx=camera.fx,
-        fy=camera.fy,
-        cx=camera.cx,
-        cy=camera.cy,
-        skew=camera.skew,
-        max_angle_deg=camera.max_angle_deg,
-        **lens_terms(camera.model, camera.distortion),
-    )
+    return Lens(camera.width, camera.height, *terms_of(camera), camera.max_angle_deg)
 
 
 @lru_cache(maxsize=MOST_LENSES)

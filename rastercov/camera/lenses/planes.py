@@ -25,8 +25,6 @@ ONE_PLANE_DEG = 72.0
 """Largest angle from the axis of a lens with one plane, unless its base is a plane itself."""
 CELLS = 24
 """Cells of a side of a plane's bounding box over which bounds are taken."""
-INVERSE_CELLS = 64
-"""The same for a lens that is inverted by Krawczyk's test, which needs smaller cells."""
 SAME_CORNER = 1e-9
 """Distance of corners of a region that are one, in units of the plane."""
 HOLE_SCALE = 2.0
@@ -169,9 +167,8 @@ class IdealPlane:
     def _cells(self) -> tuple[FloatArray, FloatArray, tuple[float, float]]:
         """Centres of cells that cover the region, and half their sides."""
         low, high = self.region.min(axis=0), self.region.max(axis=0)
-        cells = INVERSE_CELLS if self.code == lens_formulas.BACKWARD else CELLS
-        half = (high - low) / (2 * cells)
-        centre = low[:, None] + half[:, None] * (2 * np.arange(cells) + 1)
+        half = (high - low) / (2 * CELLS)
+        centre = low[:, None] + half[:, None] * (2 * np.arange(CELLS) + 1)
         x, y = (grid.ravel() for grid in np.meshgrid(*centre))
         own = (float(half[0]), float(half[1]))
         is_near = self.meets(x, y, own)
@@ -236,8 +233,7 @@ def ideal_planes(
     code: int, params: FloatArray, width: int, height: int, angle: float
 ) -> tuple[IdealPlane, ...]:
     """Planes that hold the valid region of a lens, which ends at `angle` radians from its axis."""
-    on_a_plane = code in (lens_formulas.PINHOLE, lens_formulas.BACKWARD)
-    if on_a_plane or angle <= math.radians(ONE_PLANE_DEG):
+    if code == lens_formulas.PINHOLE or angle <= math.radians(ONE_PLANE_DEG):
         return (_one_plane(code, params, width, height, angle),)
     focal = _central_focal(code, params)
     half = min(focal, MAX_IMAGE_SIDE / 2.0)

@@ -43,8 +43,6 @@ CELLS = 12
 """Cells of a side of the box around a region."""
 ROUNDING_REL = 2.0**-40
 """Rounding of a coefficient relative to its bound by Cauchy's estimate."""
-UNKNOWN = (lens_formulas.BACKWARD, lens_formulas.EQUIRECT)
-"""Bases without such a bound: one needs an inverse, the other has poles."""
 DEGREES = 60
 """Degrees a + b up to which e_ab is computed."""
 PAIR_ROUNDING = 1e-10
@@ -164,7 +162,7 @@ def coefficient_bounds(plane: IdealPlane) -> FloatArray:
         return found
     radii, *reach = (np.array(each) for each in zip(*plane.reaches, strict=True))
     by_cauchy = np.stack([(each / radii ** order[:, None]).min(axis=1) for each in reach])
-    if plane.code not in UNKNOWN:
+    if plane.code != lens_formulas.EQUIRECT:
         x, y, half = _cells(plane)
         middle, everywhere = _in_cells(plane, x, y, half)
         rounding = ROUNDING_REL * by_cauchy[:, :, None]

@@ -194,30 +194,15 @@ def with_region(
         return params, math.pi, bool(np.isfinite(rays).all())
     top = min(base_limit(code, params), math.pi if max_angle is None else max_angle)
     edge = base_radius(code, params, top)
-    # The distortion of a BACKWARD lens acts on the image: how far, the image itself says.
     points = np.empty((4 * BORDER, 2))
-    if code == lens.BACKWARD:
-        reached = _sensor_radius(params, width, height)
-        if not reached < math.inf:
-            raise CameraError(
-                "the tilt of the sensor must leave all of the image in front of the lens: "
-                "check its angles"
-            )
-        inner = certified_radius(params, MARGIN * MARGIN * reached)
-        # Below the limit by more than rounding, so that the inverse has an answer at the border.
-        limit = BELOW_LIMIT * forward_radius(params, inner) if inner > 0.0 else 0.0
-        params[lens.LIMIT] = inner
-    else:
-        reached = _sensor_radius(params, width, height)
-        inner = limit = certified_radius(params, edge, reached)
-        params[lens.LIMIT] = inner
+    reached = _sensor_radius(params, width, height)
+    limit = params[lens.LIMIT] = certified_radius(params, edge, reached)
     if not limit > 0.0:
         raise CameraError(
             "the distortion must keep rays next to the axis apart, and this one folds there: "
             "check the order and the size of its coefficients"
         )
-    limit = min(limit, edge)
-    base_points(code, params, border_pixels(width, height), points)
+    base_points(params, border_pixels(width, height), points)
     need = float(np.hypot(points[:, 0], points[:, 1]).max())  # NaN where one has no point
     radius = min(limit, MARGIN * need) if need < math.inf else limit
     angle = base_angle(code, params, radius)
@@ -239,6 +224,6 @@ def _sensor_radius(params: FloatArray, width: int, height: int) -> float:
     undistorted[lens.K1 : lens.T00] = 0.0
     undistorted[lens.LIMIT] = FAR
     points = np.empty((4 * BORDER, 2))
-    base_points(lens.PINHOLE, undistorted, border_pixels(width, height), points)
+    base_points(undistorted, border_pixels(width, height), points)
     farthest = float(np.hypot(points[:, 0], points[:, 1]).max())
     return farthest if farthest < math.inf else math.inf
