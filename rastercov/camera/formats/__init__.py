@@ -34,8 +34,7 @@ from rastercov.camera.formats import (
     ros,
     transforms,
 )
-from rastercov.camera.formats.conventions import POSE_CONVENTIONS, Border, Conventions
-from rastercov.camera.formats.equivalents import lost
+from rastercov.camera.formats.conventions import POSE_CONVENTIONS, Border, Conventions, lost
 from rastercov.camera.formats.source import Source
 from rastercov.camera.pose_file import read_poses
 from rastercov.camera.rig import Rig

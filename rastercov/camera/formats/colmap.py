@@ -33,11 +33,14 @@ from rastercov.camera.formats.conventions import (
     Border,
     from_quaternions,
     inverse_of,
+    is_whole_panorama,
+    lens_camera,
+    model_in,
+    no_model,
     to_quaternions,
     unique,
 )
-from rastercov.camera.formats.equivalents import is_whole_panorama, model_in, no_model
-from rastercov.camera.models import PROGRAMS, lens_of_parameters
+from rastercov.camera.models import PROGRAMS
 from rastercov.camera.pose import inverse
 from rastercov.camera.views import Views
 
@@ -196,17 +199,7 @@ def camera_of(model: str, width: int, height: int, parameters: Sequence[float]) 
     if ours == "equirectangular":
         w, h = p["w"], p["h"]
         p = {"fx": w / (2 * math.pi), "fy": h / math.pi, "cx": w / 2, "cy": h / 2}
-    name, distortion = lens_of_parameters(ours, p)
-    return Camera(
-        width=width,
-        height=height,
-        fx=p["fx"] if "fx" in p else p["f"],
-        fy=p["fy"] if "fy" in p else p["f"],
-        cx=p["cx"],
-        cy=p["cy"],
-        model=name,
-        distortion=distortion,
-    )
+    return lens_camera(ours, (width, height), p)
 
 
 # Records of both forms.

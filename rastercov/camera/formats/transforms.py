@@ -17,16 +17,18 @@ from numpy.typing import NDArray
 
 from rastercov.base.errors import CameraError
 from rastercov.camera.camera import Camera
-from rastercov.camera.formats.conventions import OPENGL_AXES, Border
-from rastercov.camera.formats.equivalents import (
+from rastercov.camera.formats.conventions import (
+    OPENGL_AXES,
+    Border,
     as_fisheye,
     as_opencv,
     is_whole_panorama,
+    lens_camera,
     no_model,
     panorama,
 )
 from rastercov.camera.formats.source import Entries, Source
-from rastercov.camera.models import PROGRAMS, coefficients_by_name, lens_of_parameters
+from rastercov.camera.models import PROGRAMS, coefficients_by_name
 from rastercov.camera.views import Views
 
 MODELS = PROGRAMS["nerfstudio"]
@@ -164,22 +166,14 @@ def _camera(entries: Entries, border: Border) -> Camera:
     if ours == "equirectangular" and not entries.any_of("fl_x", "fl_y"):
         return panorama(*size)
     fx, fy = _focal_lengths(entries, *size)
-    lens: tuple[str, tuple[float, ...]] = ours, ()
     if ours == "equirectangular":
         # Longitude and latitude are pi (u - cx) / fl_x and pi (v - cy) / fl_y.
-        fx, fy = fx / math.pi, fy / math.pi
+        p = {"fx": fx / math.pi, "fy": fy / math.pi}
     else:
-        lens = _lens(entries, ours)
-    return Camera(
-        width=size[0],
-        height=size[1],
-        fx=fx,
-        fy=fy,
-        cx=entries.number("cx", size[0] / 2),
-        cy=entries.number("cy", size[1] / 2),
-        model=lens[0],
-        distortion=lens[1],
-    )
+        ours, p = _lens(entries, ours)
+        p |= {"fx": fx, "fy": fy}
+    p |= {"cx": entries.number("cx", size[0] / 2), "cy": entries.number("cy", size[1] / 2)}
+    return lens_camera(ours, size, p)
 
 
 def _focal_lengths(entries: Entries, width: int, height: int) -> tuple[float, float]:
@@ -210,15 +204,15 @@ def _focal_lengths(entries: Entries, width: int, height: int) -> tuple[float, fl
     return (fy if math.isnan(fx) else fx), (fx if math.isnan(fy) else fy)
 
 
-def _lens(entries: Entries, ours: str) -> tuple[str, tuple[float, ...]]:
-    """Model of the lens and its coefficients."""
+def _lens(entries: Entries, ours: str) -> tuple[str, dict[str, float]]:
+    """Model of the lens and its coefficients by name."""
     given: Sequence[float] = ()
     if "distortion_params" in entries:
         given = entries.array("distortion_params", (4,), (6,), (12,)).tolist()
     if ours == "rad_tan_thin_prism_fisheye":
         if len(given) != 12:
             raise CameraError(f"{entries.where}: FISHEYE624 needs 12 distortion_params")
-        return ours, tuple(given)
+        return ours, dict(zip(MODELS["FISHEYE624"].parameters.split(), given, strict=True))
     if len(given) == 12:
         raise CameraError(f"{entries.where}: 12 distortion_params belong to FISHEYE624")
     names = MODELS["OPENCV"].parameters.split()
@@ -231,7 +225,7 @@ def _lens(entries: Entries, ours: str) -> tuple[str, tuple[float, ...]]:
     if ours == "opencv" and p["k4"]:
         # Of r^8, which OpenCV's model does not have; Metashape's p1 and p2 are turned around.
         ours, p = "metashape", p | {"p1": p2, "p2": p1}
-    return lens_of_parameters(ours, p)
+    return ours, p
 
 
 def content_of(views: Views) -> dict[str, Any]:

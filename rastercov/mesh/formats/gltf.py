@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from rastercov.base.errors import MeshError, ResourceError
 from rastercov.base.format import plural
+from rastercov.mesh.arrays import rotations_of_quaternions
 from rastercov.mesh.formats.gltf_file import (
     INSTANCING,
     Accessors,
@@ -205,20 +206,8 @@ def _affine(
             f"a rotation must be a quaternion of length 1, got {rotation[wrong[0]].tolist()} of "
             f"length {length[wrong[0]]:.3g}; export it again"
         )
-    x, y, z, w = (rotation / length[:, None]).T
     matrix = np.zeros((len(rotation), 4, 4))
-    matrix[:, :3, :3] = np.moveaxis(
-        np.array(
-            [
-                [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-                [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-                [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-            ]
-        ),
-        2,
-        0,
-    )
-    matrix[:, :3, :3] *= scale[:, None, :]
+    matrix[:, :3, :3] = rotations_of_quaternions(rotation / length[:, None]) * scale[:, None, :]
     matrix[:, :3, 3] = translation
     matrix[:, 3, 3] = 1
     return matrix
