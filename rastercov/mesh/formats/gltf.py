@@ -110,7 +110,11 @@ def scene_polygons(
             f"extensions {foreign[:5]} are required, not supported; export without them"
         )
     notes = [*notes, *unknown_names(header), *unread_data(header)]
-    nodes = _nodes(header)
+    if json_list(header, "scenes"):
+        roots = json_list(json_object(header, "scenes", header.get("scene", 0)), "nodes")
+    else:
+        roots = root_nodes(header)
+    nodes = [(node, at) for node, _, at in nodes_below(header, roots) if "mesh" in node]
     accessors = Accessors(header, buffers, budget)
     shapes = _Shapes(accessors)
     vertices, faces, labels = [np.empty((0, 3))], [np.empty((0, 3), np.int64)], []
@@ -149,25 +153,34 @@ def scene_polygons(
     )
 
 
-def _nodes(header: dict[str, Any]) -> list[tuple[dict[str, Any], NDArray[np.float64]]]:
-    """Nodes with a mesh, depth first, each with its world_from_node."""
-    if json_list(header, "scenes"):
-        roots = json_list(json_object(header, "scenes", header.get("scene", 0)), "nodes")
-    else:
-        below = {c for node in json_list(header, "nodes") for c in json_list(node, "children")}
-        roots = [i for i in range(len(json_list(header, "nodes"))) if i not in below]
+def root_nodes(header: dict[str, Any]) -> list[int]:
+    """Indices of the nodes that are no children of others."""
+    below = {c for node in json_list(header, "nodes") for c in json_list(node, "children")}
+    return [i for i in range(len(json_list(header, "nodes"))) if i not in below]
+
+
+def nodes_below(
+    header: dict[str, Any], roots: Sequence[Any], world: str = ""
+) -> list[tuple[dict[str, Any], str, NDArray[np.float64]]]:
+    """Nodes of some trees, depth first, with their names, or those above, and world_from_node.
+
+    The frame of a node with `world` among its `extras` is the world.
+    """
     found, seen = [], set()
-    stack = [(root, np.eye(4)) for root in reversed(roots)]
+    stack = [(root, "", np.eye(4)) for root in reversed(roots)]
     while stack:
-        index, world_from_parent = stack.pop()
+        index, name, world_from_parent = stack.pop()
         node = json_object(header, "nodes", index)
         if index in seen:  # a cycle, or a subtree repeated until memory is exhausted
             raise MeshError(f"nodes must form a tree, node {index} has two parents; correct it")
         seen.add(index)
-        world_from_node = world_from_parent @ _parent_from_node(index, node)
-        stack.extend((child, world_from_node) for child in reversed(json_list(node, "children")))
-        if "mesh" in node:
-            found.append((node, world_from_node))
+        name = json_name(node) or name
+        extras = node.get("extras")
+        is_world = isinstance(extras, dict) and extras.get(world) is True
+        matrix = np.eye(4) if is_world else world_from_parent @ _parent_from_node(index, node)
+        children = reversed(json_list(node, "children"))
+        stack.extend((child, name, matrix) for child in children)
+        found.append((node, name or f"node {index}", matrix))
     return found
 
 
