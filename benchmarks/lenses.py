@@ -47,8 +47,7 @@ from rastercov import (
     open_rasterizer,
     sphere_of_poses,
 )
-from rastercov.camera.lenses.areas import polygon_areas
-from rastercov.camera.lenses.of_camera import planes_of
+from rastercov.camera.lenses.of_camera import planes_of, polygon_areas
 from rastercov.camera.lenses.quadrature import edge_table
 from rastercov.camera.viewpoints import enclosing_distance
 from rastercov.kernels import lens_formulas

@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 import rastercov as rc
 from rastercov.base.checks import MAX_IMAGE_SIDE
 from rastercov.base.errors import CameraError
-from rastercov.camera.camera import Camera
-from rastercov.camera.camera_file import PRESETS
+from rastercov.camera.camera import PRESETS, Camera
 from rastercov.camera.models import MODELS
 from rastercov.mesh import shapes
 from rastercov.reference import models

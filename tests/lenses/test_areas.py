@@ -14,7 +14,7 @@ from lens_rooms import on_plane, room
 
 import rastercov as rc
 from rastercov.base.errors import CameraError
-from rastercov.camera.lenses.areas import blind_area, polygon_areas
+from rastercov.camera.lenses.of_camera import blind_area, polygon_areas
 from rastercov.camera.lenses.quadrature import edge_table
 from rastercov.kernels import lens_formulas
 from rastercov.reference.polygons import image_area

@@ -12,7 +12,7 @@ from lens_cases import HEIGHT, WIDTH, K, make_lens, of_all_kinds, rays
 from rastercov.base.errors import CameraError
 from rastercov.camera.lenses import Lens
 from rastercov.camera.lenses.balls import Interval, Jet
-from rastercov.camera.lenses.region import base_limit, border_pixels, certified_radius
+from rastercov.camera.lenses.planes import base_limit, border_pixels, certified_radius
 from rastercov.kernels import lens_formulas
 
 LENSES = of_all_kinds()

@@ -28,7 +28,7 @@ from rastercov.camera.formats.conventions import (
     motions,
 )
 from rastercov.camera.formats.source import Source, checked, number_of
-from rastercov.camera.views import Views
+from rastercov.camera.rig import Views
 
 FloatArray = NDArray[np.float64]
 

@@ -42,7 +42,7 @@ from rastercov.camera.formats.conventions import (
 )
 from rastercov.camera.models import PROGRAMS
 from rastercov.camera.pose import inverse
-from rastercov.camera.views import Views
+from rastercov.camera.rig import Views
 
 FloatArray = NDArray[np.float64]
 Record = tuple[str, Sequence[Any]]

@@ -28,8 +28,7 @@ from rastercov.camera.models import (
     opencv_length,
 )
 from rastercov.camera.pose import DRIFT_TOLERANCE, Poses, inverse
-from rastercov.camera.rig import Rig
-from rastercov.camera.views import Views
+from rastercov.camera.rig import Rig, Views
 from rastercov.mesh import formats
 from rastercov.mesh.arrays import rotations_of_quaternions
 

@@ -20,7 +20,7 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import OPENGL_AXES, Border
 from rastercov.camera.formats.source import Entries, Source
 from rastercov.camera.projection import view_border
-from rastercov.camera.views import Views
+from rastercov.camera.rig import Views
 from rastercov.mesh.formats.gltf import broken_files_refused, nodes_below, root_nodes
 from rastercov.mesh.formats.gltf_file import (
     Y_UP,

@@ -20,7 +20,7 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import Border, inverse_of, lens_camera
 from rastercov.camera.formats.source import Entries
 from rastercov.camera.models import PROGRAMS
-from rastercov.camera.views import Views
+from rastercov.camera.rig import Views
 
 CAMERA_NAME = re.compile(r"cam(0|[1-9][0-9]{0,5})")
 MOST_SHOWN = 8

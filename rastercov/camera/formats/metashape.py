@@ -19,7 +19,7 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import Border, lens_camera, panorama
 from rastercov.camera.formats.source import checked, number_of
 from rastercov.camera.models import PROGRAMS
-from rastercov.camera.views import Views
+from rastercov.camera.rig import Views
 from rastercov.mesh.formats.xml_tree import children, local_name, look_at_names, schema_of
 
 FloatArray = NDArray[np.float64]

@@ -30,7 +30,7 @@ from rastercov.camera.formats.conventions import (
     opencv_terms,
 )
 from rastercov.camera.formats.source import Source, number_of
-from rastercov.camera.views import Views
+from rastercov.camera.rig import Views
 from rastercov.mesh.formats.xml_tree import local_name
 
 FloatArray = NDArray[np.float64]

@@ -21,7 +21,7 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import Border, from_vectors, inverse_of, lens_camera
 from rastercov.camera.formats.source import Entries
 from rastercov.camera.models import PROGRAMS
-from rastercov.camera.views import Views
+from rastercov.camera.rig import Views
 
 MODELS = PROGRAMS["opensfm"]
 

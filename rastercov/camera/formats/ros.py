@@ -15,7 +15,7 @@ from rastercov.base.errors import CameraError
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import Border, opencv_terms
 from rastercov.camera.formats.source import Entries, checked
-from rastercov.camera.views import Views
+from rastercov.camera.rig import Views
 
 COUNTS = {
     "": (0,),

@@ -29,7 +29,7 @@ from rastercov.camera.formats.conventions import (
 )
 from rastercov.camera.formats.source import Entries, Source
 from rastercov.camera.models import PROGRAMS, coefficients_by_name
-from rastercov.camera.views import Views
+from rastercov.camera.rig import Views
 
 MODELS = PROGRAMS["nerfstudio"]
 INTRINSICS = (

@@ -3,7 +3,7 @@
 `of_camera` has the lens of a camera. docs/cameras.md has the equations.
 """
 
-from rastercov.camera.lenses.lens import BASES, Lens
+from rastercov.camera.lenses.of_camera import BASES, Lens
 from rastercov.camera.lenses.planes import IdealPlane
 
 __all__ = ["BASES", "IdealPlane", "Lens"]
