@@ -9,8 +9,7 @@ E. S. Eissa. Image Space Coverage Model for Deployment of Multi-Camera Networks.
 
 import json
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from typing import Annotated, Any
 
@@ -74,39 +73,8 @@ MOST_DIFFERENCE_REL = 0.05
 """Difference of the focal lengths across and down the image that is taken for calibration."""
 
 
-@contextmanager
-def _naming(path: StrPath) -> Iterator[None]:
-    """Name the file in errors of the block."""
-    try:
-        yield
-    except (UnreadableError, CameraError) as error:
-        raise CameraError(f"{printable(str(path))}: {error}") from None
-
-
-def _read_entries(path: StrPath) -> Any:
-    """Content of a camera file."""
-    suffix = suffix_of(path)
-    if suffix not in (".json", ".toml"):
-        raise CameraError(
-            "a camera file ends in .json or .toml; rastercov.read_views reads those of other "
-            "programs"
-        )
-    return read_json(path) if suffix == ".json" else read_toml(path)
-
-
-def _write_entries(path: StrPath, entries: Mapping[str, Any]) -> None:
-    """Write a camera file, `.json`."""
-    try:
-        if suffix_of(path) != ".json":
-            raise CameraError("a camera is saved as .json")
-        with written_file(path) as file:
-            file.write((json.dumps(entries, indent=2) + "\n").encode())
-    except ValueError as error:
-        raise CameraError(f"{printable(str(path))}: {error}") from None
-
-
 def _arguments_of(entries: Any, fields: Sequence[str]) -> dict[str, Any]:
-    """Arguments of `Camera`, or of `Camera.from_lens` without `fx`, from the entries of a file.
+    """Arguments of `Camera` from the entries of a file.
 
     "preset" adds the entries of a preset; "hfov_deg" and "vfov_deg" give fx and fy; "f_number" is
     of the focal length, which fx and "pixel_size" give where it is not there. CameraError for an
@@ -125,7 +93,29 @@ def _arguments_of(entries: Any, fields: Sequence[str]) -> dict[str, Any]:
     for name in (*OF_LENS, *ANGLES):
         if given.get(name, 0) is None:
             del given[name]
-    return _checked(given)
+    if not given.keys().isdisjoint(ANGLES):
+        given = _with_focal_lengths(given)
+    by_lens = given.keys().isdisjoint({"fx", "fy"})
+    wanted = ["width", "height"]
+    wanted += ["focal_length", "pixel_size"] if by_lens else ["fx", "fy"]
+    if missing := [name for name in wanted if name not in given]:
+        raise CameraError(
+            f"missing {', '.join(missing)}; give fx, fy or focal_length, pixel_size or hfov_deg"
+        )
+    has_aperture, n = given.get("aperture") is not None, given.pop("f_number", None)
+    if n is not None and has_aperture:
+        raise CameraError("give f_number or aperture, not both")
+    if by_lens:
+        given = _of_lens(given)
+    elif "principal_point" in given:
+        raise CameraError("principal_point goes with focal_length and pixel_size, not fx, fy")
+    elif (n is not None or has_aperture) and given.get("focal_length") is None:
+        given["focal_length"] = _focal_length_m(given)
+    if n is not None:
+        given["aperture"] = positive("focal_length", given["focal_length"]) / positive(
+            "f_number", n
+        )
+    return given
 
 
 def check_optics(entries: Mapping[str, Any]) -> None:
@@ -136,21 +126,17 @@ def check_optics(entries: Mapping[str, Any]) -> None:
         )
 
 
-def _checked(entries: dict[str, Any]) -> dict[str, Any]:
-    """Arguments of a constructor, from entries that exist."""
-    if not entries.keys().isdisjoint(ANGLES):
-        entries = _with_focal_lengths(entries)
-    by_lens = entries.keys().isdisjoint({"fx", "fy"})
-    wanted = ["width", "height"]
-    wanted += ["focal_length", "pixel_size"] if by_lens else ["fx", "fy"]
-    if missing := [name for name in wanted if name not in entries]:
-        raise CameraError(
-            f"missing {', '.join(missing)}; give fx, fy or focal_length, pixel_size or hfov_deg"
-        )
-    if not by_lens and "principal_point" in entries:
-        raise CameraError("principal_point goes with focal_length and pixel_size, not fx, fy")
-    if not by_lens and ("f_number" in entries or entries.get("aperture") is not None):
-        entries = _with_aperture(entries)
+def _of_lens(entries: dict[str, Any]) -> dict[str, Any]:
+    """Entries with fx, fy and the principal point in pixels: fx = f/s_u, fy = f/s_v, (3.5)."""
+    f = positive("focal_length", entries["focal_length"])
+    s_u, s_v = pair("pixel_size", entries["pixel_size"])
+    entries |= {"fx": f / s_u, "fy": f / s_v, "focal_length": f, "pixel_size": (s_u, s_v)}
+    if "principal_point" in entries:
+        if entries.get("cx") is not None or entries.get("cy") is not None:
+            raise CameraError("give principal_point or cx and cy, not both")
+        point = two("principal_point", entries.pop("principal_point"))
+        r_u, r_v = (number("principal_point", each) for each in point)
+        entries |= {"cx": r_u / s_u, "cy": r_v / s_v}
     return entries
 
 
@@ -203,30 +189,20 @@ def _focal_length(name: str, angle: float, side: int, centre: float) -> float:
     return (side * cosine + root) / (2 * sine)
 
 
-def _with_aperture(entries: dict[str, Any]) -> dict[str, Any]:
-    """Entries with the focal length that fx, fy and pixel_size give, and with an aperture."""
-    if "f_number" in entries and entries.get("aperture") is not None:
-        raise CameraError("give f_number or aperture, not both")
-    if entries.get("focal_length") is None:
-        if entries.get("pixel_size") is None:
-            raise CameraError(
-                "f_number and aperture need the focal length in metres; give pixel_size or "
-                "focal_length"
-            )
-        s_u, s_v = pair("pixel_size", entries["pixel_size"])
-        across = positive("fx", entries["fx"]) * s_u
-        down = positive("fy", entries["fy"]) * s_v
-        if not abs(across - down) <= MOST_DIFFERENCE_REL * max(across, down):
-            raise CameraError(
-                f"fx, fy and pixel_size give focal lengths of {across:g} m and {down:g} m; "
-                "correct pixel_size"
-            )
-        entries = entries | {"focal_length": (across + down) / 2}
-    if "f_number" not in entries:
-        return entries
-    f, n = positive("focal_length", entries["focal_length"]), entries["f_number"]
-    others = {k: v for k, v in entries.items() if k != "f_number"}
-    return others | {"aperture": f / positive("f_number", n)}
+def _focal_length_m(entries: Mapping[str, Any]) -> float:
+    """Focal length in metres that fx, fy and pixel_size give."""
+    if entries.get("pixel_size") is None:
+        raise CameraError(
+            "f_number and aperture need the focal length in metres; give pixel_size or focal_length"
+        )
+    s_u, s_v = pair("pixel_size", entries["pixel_size"])
+    across, down = positive("fx", entries["fx"]) * s_u, positive("fy", entries["fy"]) * s_v
+    if not abs(across - down) <= MOST_DIFFERENCE_REL * max(across, down):
+        raise CameraError(
+            f"fx, fy and pixel_size give focal lengths of {across:g} m and {down:g} m; "
+            "correct pixel_size"
+        )
+    return (across + down) / 2
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -394,30 +370,9 @@ class Camera:
         **others
             All others of `Camera`.
         """
-        f = positive("focal_length", focal_length)
-        s_u, s_v = pair("pixel_size", pixel_size)
-        if f_number is not None:
-            if aperture is not None:
-                raise CameraError("give f_number or aperture, not both")
-            aperture = f / positive("f_number", f_number)
-        if principal_point is not None:
-            if others.get("cx") is not None or others.get("cy") is not None:
-                raise CameraError("give principal_point or cx and cy, not both")
-            r_u, r_v = two("principal_point", principal_point)
-            others |= {
-                "cx": number("principal_point", r_u) / s_u,
-                "cy": number("principal_point", r_v) / s_v,
-            }
-        return cls(
-            width=width,
-            height=height,
-            fx=f / s_u,
-            fy=f / s_v,
-            focal_length=f,
-            pixel_size=(s_u, s_v),
-            aperture=aperture,
-            **others,
-        )
+        lens = {"focal_length": focal_length, "pixel_size": pixel_size, "f_number": f_number}
+        given = {"principal_point": principal_point, "aperture": aperture} | lens | others
+        return cls.from_dict({"width": width, "height": height} | given)
 
     @classmethod
     def from_fov(
@@ -516,18 +471,31 @@ class Camera:
 
         `preset = "khepra"` starts from a preset; other entries change it.
         """
-        with _naming(path):
-            return cls.from_dict(_read_entries(path))
+        try:
+            suffix = suffix_of(path)
+            if suffix not in (".json", ".toml"):
+                raise CameraError(
+                    "a camera file ends in .json or .toml; rastercov.read_views reads those of "
+                    "other programs"
+                )
+            return cls.from_dict(read_json(path) if suffix == ".json" else read_toml(path))
+        except (UnreadableError, CameraError) as error:
+            raise CameraError(f"{printable(str(path))}: {error}") from None
 
     @classmethod
     def from_dict(cls, entries: Mapping[str, Any]) -> "Camera":
         """Camera from a mapping, as `load` reads it."""
-        arguments = _arguments_of(entries, [field.name for field in fields(cls)])
-        return cls(**arguments) if "fx" in arguments else cls.from_lens(**arguments)
+        return cls(**_arguments_of(entries, [field.name for field in fields(cls)]))
 
     def save(self, path: StrPath) -> None:
         """Write the camera as a `.json` file that `load` reads back to an equal camera."""
-        _write_entries(path, self.to_json())
+        try:
+            if suffix_of(path) != ".json":
+                raise CameraError("a camera is saved as .json")
+            with written_file(path) as file:
+                file.write((json.dumps(self.to_json(), indent=2) + "\n").encode())
+        except ValueError as error:
+            raise CameraError(f"{printable(str(path))}: {error}") from None
 
     def with_optics(self, entries: Mapping[str, Any]) -> "Camera":
         """Camera with depth of field and near limit of the entries of a camera file, `OPTICS`."""
