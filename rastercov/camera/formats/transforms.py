@@ -250,8 +250,11 @@ def content_of(views: Views) -> dict[str, Any]:
 def _table(camera: Camera, name: str) -> dict[str, Any]:
     """Intrinsics of a camera under the names of the format."""
     c = coefficients_by_name(camera.model, camera.distortion)
-    model, found = "", dict[str, Any]()
-    if (radial := as_fisheye(camera)) is not None:
+    radial, values = as_fisheye(camera), as_opencv(camera)
+    if camera.skew:
+        raise no_model("transforms.json", camera, name)
+    found: dict[str, Any] = {}
+    if radial is not None:
         model, found = "OPENCV_FISHEYE", dict(zip(("k1", "k2", "k3", "k4"), radial, strict=True))
         found["is_fisheye"] = True  # read by instant-ngp
     elif camera.model == "rad_tan_thin_prism_fisheye":
@@ -260,12 +263,12 @@ def _table(camera: Camera, name: str) -> dict[str, Any]:
         model = "EQUIRECTANGULAR"
     elif camera.model == "metashape":
         model, found = "OPENCV", c | {"p1": c["p2"], "p2": c["p1"]}
-    elif (values := as_opencv(camera)) is not None and not any(values[5:]):
-        k1, k2, p1, p2, k3 = values[:5]
-        model, found = "OPENCV", {"k1": k1, "k2": k2, "k3": k3, "p1": p1, "p2": p2}
-        if not any(values):
-            model, found = "PINHOLE", {}
-    if not model or camera.skew:
+    elif values is not None and not any(values[5:]):
+        found = (
+            dict(zip(("k1", "k2", "p1", "p2", "k3"), values, strict=False)) if any(values) else {}
+        )
+        model = "OPENCV" if found else "PINHOLE"
+    else:
         raise no_model("transforms.json", camera, name)
     fx, fy = camera.fx, camera.fy
     if model == "EQUIRECTANGULAR":
