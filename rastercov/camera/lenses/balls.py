@@ -1,4 +1,4 @@
-"""Numbers with bounds, and bounds of lenses over complex numbers: `reach`, `slope_reach`.
+"""Numbers with bounds, and bounds of lenses over complex numbers: `reach`.
 
 The equations of `kernels.lens_formulas` run on any numbers: intervals of real numbers that hold
 their exact results, values with one derivative, and balls.
@@ -259,72 +259,6 @@ def _atan2(y: Any, x: Any) -> Ball:
 
 _PLAIN = {"sqrt": _sqrt, "atan2": _atan2, "angle_over_r": _angle_over_r}
 _project = lens_formulas.bound_to(_PLAIN)["project"]
-
-
-def _sqrt_slope(z: Jet) -> Jet:
-    root = _sqrt(z.value)
-    return Jet(root, z.slope / (2.0 * root))
-
-
-def _atan2_slope(y: Jet, x: Jet) -> Jet:
-    square = Ball.of(x.value * x.value + y.value * y.value)
-    slope = (x.value * y.slope - y.value * x.slope) / square
-    return Jet(_atan2(y.value, x.value), slope)
-
-
-def _angle_over_r_slope(r2: Jet, z: Any) -> Jet:
-    z = Jet.of(z)
-    wide, deep = Ball.of(r2.value), Ball.of(z.value)
-    value, square = _angle_over_r(wide, deep), wide + deep * deep
-    # By r2: (z / square - value) / (2 r2), or next to the axis h'(s) / z^3 (see `_angle_over_r`),
-    # |h''| <= 2 / (5 m^3); by z: -1 / square.
-    s = wide / (deep * deep)
-    least = np.minimum(1.0, 1.0 + s.centre.real - s.radius)
-    t = s.centre
-    is_small = np.abs(t) < 1e-4
-    root = np.sqrt(np.where(is_small, 1, t))
-    slope = np.where(
-        is_small,
-        -1 / 3 + t * (2 / 5 + t * (-3 / 7 + t * (4 / 9))),
-        (1 / (1 + t) - np.arctan(root) / root) / (2 * np.where(is_small, 1, t)),
-    )
-    is_good = (least > 0) & (deep.centre.real > deep.radius)
-    near = _ball(slope, 2 * s.radius / (5 * least**3), is_good) / (deep * deep * deep)
-    by_r2 = _smaller(near, (deep / square - value) / (2.0 * wide))
-    return Jet(value, by_r2 * r2.slope + z.slope * (-1.0 / square))
-
-
-_project_slopes = lens_formulas.bound_to(
-    {
-        "sqrt": _sqrt_slope,
-        "atan2": _atan2_slope,
-        "angle_over_r": _angle_over_r_slope,
-    }
-)["project"]
-
-
-def slope_reach(
-    code: int, params: FloatArray, frame: FloatArray, x: FloatArray, y: FloatArray, radius: Any
-) -> FloatArray:
-    """Bound of the change of the first derivatives over complex points near points of a plane.
-
-    Parameters are those of `reach`.
-
-    Returns
-    -------
-    (N,) float64
-        Root of the sum of the squares of the bounds of |u_x - a|, |u_y - b|, |v_x - c| and
-        |v_y - d|, with some a, b, c, d for each point, px per unit of the plane.
-    """
-    total = np.zeros(np.shape(x))
-    near = radius + total
-    with np.errstate(all="ignore"):
-        for along in ((1.0, 0.0), (0.0, 1.0)):
-            X, Y = Jet(Ball(x, near), along[0]), Jet(Ball(y, near), along[1])
-            rays = [float(f[0]) * X + float(f[1]) * Y + float(f[2]) for f in frame]
-            for jet in _project_slopes(code, params, *rays):
-                total = total + Ball.of(jet.slope).radius ** 2
-        return _limited(np.sqrt(total))
 
 
 def reach(

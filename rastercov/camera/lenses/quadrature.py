@@ -129,7 +129,13 @@ def _angle_over_r(r2: Any, z: Any) -> Any:
     return 16.0 * (c * series)
 
 
-_project: Any = lens_formulas.bound_to({"sqrt": _sqrt, "angle_over_r": _angle_over_r})["project"]
+def _atan2(y: Expansion, x: Any) -> Any:
+    """Angle of (x, y) from the x axis, within half a turn, as longitudes of a plane are."""
+    return y * _angle_over_r(y * y, x)
+
+
+_PRIMITIVES = {"sqrt": _sqrt, "angle_over_r": _angle_over_r, "atan2": _atan2}
+_project: Any = lens_formulas.bound_to(_PRIMITIVES)["project"]
 
 
 def coefficient_bounds(plane: IdealPlane) -> FloatArray:
@@ -165,21 +171,20 @@ def coefficient_bounds(plane: IdealPlane) -> FloatArray:
         return found
     radii, *reach = (np.array(each) for each in zip(*plane.reaches, strict=True))
     by_cauchy = np.stack([(each / radii ** order[:, None]).min(axis=1) for each in reach])
-    if plane.code != lens_formulas.EQUIRECT:
-        x, y, half = _cells(plane)
-        middle, everywhere = _in_cells(plane, x, y, half)
-        rounding = ROUNDING_REL * by_cauchy[:, :, None]
-        best = np.minimum(everywhere + rounding, by_cauchy[:, :, None])
-        middle, away = middle + rounding, math.hypot(*half)
-        for k in range(ORDER):
-            total = np.zeros_like(best[:, k])
-            rest = best.copy()
-            for j in range(ORDER + 1 - k):
-                weight = math.comb(k + j, j) * away**j
-                rest[:, k] = np.minimum(rest[:, k], total + weight * best[:, k + j])
-                total += weight * middle[:, k + j]
-            best[:, k] = rest[:, k]
-        by_cauchy = best.max(axis=2)
+    x, y, half = _cells(plane)
+    middle, everywhere = _in_cells(plane, x, y, half)
+    rounding = ROUNDING_REL * by_cauchy[:, :, None]
+    best = np.minimum(everywhere + rounding, by_cauchy[:, :, None])
+    middle, away = middle + rounding, math.hypot(*half)
+    for k in range(ORDER):
+        total = np.zeros_like(best[:, k])
+        rest = best.copy()
+        for j in range(ORDER + 1 - k):
+            weight = math.comb(k + j, j) * away**j
+            rest[:, k] = np.minimum(rest[:, k], total + weight * best[:, k + j])
+            total += weight * middle[:, k + j]
+        best[:, k] = rest[:, k]
+    by_cauchy = best.max(axis=2)
     found[:, 1:] = by_cauchy[:, 1:]
     return found
 

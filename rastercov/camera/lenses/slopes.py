@@ -1,15 +1,12 @@
 """Bounds of the second and third derivatives of a lens over parts of an ideal plane.
 
-By Cauchy's estimate a bound M of |f - k|, f the first derivatives and k any number, within R of a
-point bounds the derivatives there: that of order m is at most (m - 1)! M / R^(m-1). M is found by
-the equations on complex balls (`balls.slope_reach`), for each cell of a grid over the region; the
-best of some radii counts. These bounds are some ten to a hundred times too large. So each cell is
+The region is divided into cells. The equations are evaluated at p + t d, d a direction and p all
+points of a cell, as expansions in t up to t^5, whose coefficients are intervals that hold those of
+each p (`quadrature.pixels_along_lines`); that of order m is the derivative over m!, and bounds
+between directions follow as there. Where nothing is known by them, Cauchy's estimate bounds the
+derivatives: a bound M of |u - u0| within R (`balls.reach`) gives m! M / R^m. Then each cell is
 divided, differences give the derivatives in the middle of a part, and the bounds of the next orders
-what they are off by, and how much they change in the part. Third derivatives have bounds of their
-own: the equations are evaluated at p + t d, d a direction and p all points of a cell, as expansions
-in t up to t^3, whose coefficients are intervals that hold those of each p
-(`quadrature.pixels_along_lines`). Intervals of the size of a cell are so small that these bounds
-are near the truth, unlike those of Cauchy's estimate, which needs balls of the size of its radius.
+what they are off by, and how much they change in the part.
 """
 
 import math
@@ -28,8 +25,6 @@ from rastercov.kernels.lens_slopes import CELLS, PARTS, Slopes
 
 FloatArray = NDArray[np.float64]
 
-ORDER = 3
-"""Of the derivatives that are bounded by expansions."""
 STEP = 1e-3
 """Step of the differences, in units of the plane: far less than the least of the radii."""
 ALMOST_NOTHING = 1e-300
@@ -44,42 +39,50 @@ MOST_PLANES = 64
 def derivatives_in_cells(
     plane: IdealPlane, x: FloatArray, y: FloatArray, half: tuple[float, float]
 ) -> tuple[FloatArray, FloatArray]:
-    """Third derivatives of pixels along lines in cells of a plane, and determinants of the first.
+    """Derivatives of pixels along lines in cells of a plane, and determinants of the first.
 
     Parameters
     ----------
     plane : IdealPlane
-        Not of an equirectangular image.
+        Without a pole.
     x, y, half
         Middles (N,) of the cells, and half their sides, in units of the plane.
 
     Returns
     -------
-    (N,) float64
-        Bounds of the third derivatives, px; infinite where nothing is known.
+    (4, N) float64
+        Bounds of the derivatives of `ORDERS`, px.
     (2, N) float64
         Least and greatest size of the determinant, px^2: 0 and infinite where nothing is known.
     """
-    pixels = pixels_along_lines(plane, x, y, half, ORDER)
-    centre, radius = np.zeros((2, 2, ORDER + 1, DIRECTIONS, len(x)))
-    for k, pixel in enumerate(pixels):
+    bounds, sizes = np.full((len(ORDERS), len(x)), np.inf), np.zeros((2, len(x)))
+    sizes[1] = np.inf
+    for radius in RADII:
+        # All points of a cell have the ball of its middle within theirs.
+        reach = balls.reach(plane.code, plane.params, plane.frame, x, y, radius + max(half))
+        for bound, order in zip(bounds, ORDERS, strict=True):
+            cauchy = math.factorial(order) * np.hypot(*reach) / radius**order
+            np.minimum(bound, cauchy, out=bound)
+    centre, radii = np.zeros((2, 2, ORDERS[-1] + 1, DIRECTIONS, len(x)))
+    for k, pixel in enumerate(pixels_along_lines(plane, x, y, half, ORDERS[-1])):
         n = len(pixel.centre)
-        centre[k, :n], radius[k, :n] = (
-            each.reshape(n, DIRECTIONS, -1) for each in (pixel.centre, pixel.radius)
-        )
+        centre[k, :n] = pixel.centre.reshape(n, DIRECTIONS, -1)
+        radii[k, :n] = pixel.radius.reshape(n, DIRECTIONS, -1)
     with np.errstate(all="ignore"):
-        most = (np.abs(centre[:, ORDER]) + radius[:, ORDER]).max(axis=1)
-        third = math.factorial(ORDER) * np.hypot(*most) * ROUNDING
-        third /= math.cos(ORDER * np.pi / (2 * DIRECTIONS))  # between directions; see `quadrature`
+        most = (np.abs(centre) + radii).max(axis=2)
+        for bound, order in zip(bounds, ORDERS, strict=True):
+            own = math.factorial(order) * np.hypot(*most[:, order]) * ROUNDING
+            own /= math.cos(order * np.pi / (2 * DIRECTIONS))  # between directions
+            bound[:] = np.fmin(bound, own + ROUNDING_REL * bound)
         (u_x, v_x), (u_y, v_y) = (
-            [Ball(centre[k, 1, d], radius[k, 1, d]) for k in (0, 1)] for d in (0, DIRECTIONS // 2)
+            [Ball(centre[k, 1, d], radii[k, 1, d]) for k in (0, 1)] for d in (0, DIRECTIONS // 2)
         )
         det = u_x * v_y - u_y * v_x
         size = np.abs(det.centre)
         most = (size + det.radius) * ROUNDING
-        sizes = np.stack((np.maximum(size - det.radius * ROUNDING, 0.0) / ROUNDING, most))
-    is_known = np.isfinite(third) & np.isfinite(most)
-    return np.where(is_known, third, np.inf), np.where(is_known, sizes, [[0.0], [np.inf]])
+        least = np.maximum(size - det.radius * ROUNDING, 0.0) / ROUNDING
+    is_known = np.isfinite(most)
+    return bounds, np.where(is_known, (least, most), sizes)
 
 
 def is_affine(plane: IdealPlane) -> bool:
@@ -104,23 +107,10 @@ def slopes_in(plane: IdealPlane) -> Slopes:
         pole = _near_pole(plane)
     elif not is_affine(plane):
         rows = np.flatnonzero(plane.meets(x, y, (float(half[0]), float(half[1]))))
-        bounds[:, rows] = np.inf
-        for radius in RADII:
-            # All points of a cell have the ball of its middle within theirs.
-            ball = radius + float(half.max())
-            change = balls.slope_reach(
-                plane.code, plane.params, plane.frame, x[rows], y[rows], ball
-            )
-            for bound, order in zip(bounds, ORDERS, strict=True):
-                own = math.factorial(order - 1) * change / radius ** (order - 1)
-                bound[rows] = np.minimum(bound[rows], own)
         sizes[0], sizes[1] = np.inf, 0.0  # which is no limit beyond the region
-        sizes[:, rows] = [[0.0], [np.inf]]
-        if plane.code != lens_formulas.EQUIRECT:
-            cells = x[rows], y[rows], (float(half[0]), float(half[1]))
-            in_cells, sizes[:, rows] = derivatives_in_cells(plane, *cells)
-            rounding = ROUNDING_REL * bounds[1, rows]
-            bounds[1, rows] = np.minimum(bounds[1, rows], in_cells + rounding)
+        bounds[:, rows], sizes[:, rows] = derivatives_in_cells(
+            plane, x[rows], y[rows], (float(half[0]), float(half[1]))
+        )
     # Of each part of a cell.
     coarse = bounds.reshape(-1, CELLS, CELLS).repeat(PARTS, axis=1).repeat(PARTS, axis=2)
     second, third = coarse[:2]
