@@ -21,7 +21,7 @@ from rows import Report, arguments
 from surface_cases import in_regions, off_clipper2, room
 
 import rastercov as rc
-from rastercov.camera.formats.equivalents import panorama
+from rastercov.camera.formats.conventions import panorama
 from rastercov.coverage.area.cells import usual_size
 from rastercov.coverage.area.centres import CentrePass
 from rastercov.coverage.area.regions import RegionPass

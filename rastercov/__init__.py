@@ -23,9 +23,8 @@ if _TYPE_CHECKING:
     from rastercov.camera.formats.conventions import Conventions
     from rastercov.camera.pose import Poses
     from rastercov.camera.pose_file import read_poses, write_poses
-    from rastercov.camera.rig import Rig
+    from rastercov.camera.rig import Rig, Views
     from rastercov.camera.viewpoints import look_at, sphere_of_poses
-    from rastercov.camera.views import Views
     from rastercov.cluster import Workers
     from rastercov.coverage.area.cells import Cells, CellShares, cells
     from rastercov.coverage.area.regions import Regions, regions
@@ -114,9 +113,8 @@ _NAMES = {
     "camera.formats.conventions": "Conventions",
     "camera.pose": "Poses",
     "camera.pose_file": "read_poses write_poses",
-    "camera.rig": "Rig",
+    "camera.rig": "Rig Views",
     "camera.viewpoints": "look_at sphere_of_poses",
-    "camera.views": "Views",
     "cluster": "Workers",
     "coverage.area.cells": "Cells CellShares cells",
     "coverage.area.regions": "Regions regions",

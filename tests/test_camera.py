@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 import rastercov as rc
 from rastercov.base.checks import MAX_IMAGE_SIDE
 from rastercov.base.errors import CameraError
-from rastercov.camera.camera import Camera
-from rastercov.camera.camera_file import PRESETS
+from rastercov.camera.camera import PRESETS, Camera
 from rastercov.camera.models import MODELS
 from rastercov.mesh import shapes
 from rastercov.reference import models
@@ -111,12 +110,6 @@ def test_opencv_calibrations_survive_the_half_pixel_there_and_back(fx, fy, cx, c
     assert (camera.cx, camera.cy) == (cx + 0.5, cy + 0.5)
 
 
-def test_opencv_centre_of_the_top_left_pixel_is_the_origin():
-    # OpenCV (0, 0) is the middle of the pixel that covers [0, 1] x [0, 1] here.
-    camera = Camera.from_opencv([[100, 0, 0], [0, 100, 0], [0, 0, 1]], 4, 4)
-    assert (camera.cx, camera.cy) == (0.5, 0.5)
-
-
 @pytest.mark.parametrize(
     ("K", "match"),
     [
@@ -210,20 +203,9 @@ def test_focused_at_the_hyperfocal_distance_all_from_half_of_it_is_sharp():
     assert math.isfinite(camera.depth_of_field(127)[1])
 
 
-def test_beyond_the_hyperfocal_distance_the_far_limit_is_infinite_not_negative():
-    near, far = lens().depth_of_field(200)  # (3.11) gives -2.05 m
-    assert near == pytest.approx(2.05 / 3)
-    assert far == math.inf
-
-
-def test_without_aperture_everything_is_in_focus():
-    assert Camera(**INTRINSICS).depth_of_field() == (0, math.inf)
-
-
 def test_a_given_focus_range_is_the_depth_of_field():
-    for far in (5, 5.0, math.inf):
-        camera = Camera(**INTRINSICS, focus_range=(0, far))
-        assert camera.depth_of_field(3) == (0, far)
+    for far in (5, math.inf):
+        assert Camera(**INTRINSICS, focus_range=(0, far)).depth_of_field(3) == (0, far)
     assert Camera(**INTRINSICS, focus_range=np.array([1, 2])).focus_range == (1, 2)
 
 
@@ -355,7 +337,8 @@ def test_an_opencv_calibration_keeps_its_coefficients(n):
 @pytest.mark.parametrize(("model", "its"), MODELS.items())
 def test_a_camera_of_any_model_survives_its_file(model, its, tmp_path):
     n = len(its.coefficients.split())
-    camera = Camera(**INTRINSICS, model=model, distortion=[0.01] * n, skew=0.5, max_angle_deg=80)
+    limit = None if model == "equirectangular" else 80
+    camera = Camera(**INTRINSICS, model=model, distortion=[0.01] * n, skew=0.5, max_angle_deg=limit)
     camera.save(tmp_path / "camera.json")
     assert Camera.load(tmp_path / "camera.json") == camera
     assert not camera.is_pinhole
@@ -491,22 +474,10 @@ FILES = {
         "width = 1\nheight = 1\nfx = 100\nfy = 200\npixel_size = 1e-6\nf_number = 2",
         r"give focal lengths of 0\.0001 m and 0\.0002 m; correct pixel_size",
     ),
-    "angles.toml": (
-        "width = 1\nheight = 1\nhfov_deg = 60\nfx = 3",
-        "give hfov_deg and vfov_deg, or",
-    ),
-    "flat.toml": (
-        "width = 1\nheight = 1\nhfov_deg = 180",
-        "hfov_deg must be above 0 and below 180",
-    ),
     "sideless.toml": ("height = 1\nhfov_deg = 60", "missing width; hfov_deg needs it"),
     "outside.toml": (
         "width = 9\nheight = 9\nvfov_deg = 60\ncy = -1",
         "vfov_deg needs a principal point inside the image",
-    ),
-    "wide.toml": (
-        'width = 1\nheight = 1\nhfov_deg = 60\nmodel = "opencv_fisheye"',
-        "hfov_deg and vfov_deg are of a pinhole",
     ),
     "preset.toml": ('preset = "leica"', "no camera preset 'leica'; there are"),
     "presets.json": ('{"preset": ["khepra"]}', "no camera preset"),
@@ -527,16 +498,11 @@ def test_a_file_that_holds_no_camera_is_named(tmp_path, name, content, match):
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("degrees", [1.0, 60.0, 90.0, 120.0, 179.0])
-@pytest.mark.parametrize("centre", [None, 100.0])
-def test_a_field_of_view_gives_the_focal_length_that_has_it(degrees, centre):
-    entries = {"width": 640, "height": 480, "hfov_deg": degrees}
-    entries |= {} if centre is None else {"cx": centre}
-    camera = Camera.from_dict(entries)
-    assert math.degrees(camera.hfov) == pytest.approx(degrees, rel=1e-12)
-    assert camera.fx == camera.fy  # square pixels
-    both = Camera.from_dict({"width": 640, "height": 480, "hfov_deg": degrees, "vfov_deg": 50})
-    assert math.degrees(both.vfov) == pytest.approx(50, rel=1e-12)
+def test_two_fields_of_view_give_both_focal_lengths():
+    both = Camera.from_dict(
+        {"width": 640, "height": 480, "hfov_deg": 70, "vfov_deg": 50, "cx": 100}
+    )
+    assert (math.degrees(both.hfov), math.degrees(both.vfov)) == pytest.approx((70, 50), rel=1e-12)
 
 
 def test_a_preset_is_changed_by_a_field_of_view():
@@ -612,14 +578,6 @@ def test_a_lens_of_no_size_divides_nothing_by_zero():
     assert camera.depth_of_field()[0] >= 0
 
 
-@given(json_values)
-@settings(max_examples=20)
-def test_whatever_json_holds_instead_of_a_table_is_refused(value):
-    assume(not isinstance(value, dict))
-    with pytest.raises(CameraError, match="a camera is a table"):
-        Camera.from_dict(value)
-
-
 def test_a_table_whose_names_are_no_words_is_refused():
     with pytest.raises(CameraError, match="unknown entry"):
         Camera.from_dict({1: 2, "b": 3, None: 4})
@@ -637,12 +595,6 @@ def test_an_angle_of_view_is_that_between_the_rays_at_the_sides(angle):
         assert (camera.cx, camera.cy, camera.near) == (320, 240, 0.5)
         half = np.hypot(across, down) / 2 / camera.fx
         assert 2 * np.degrees(np.arctan(half)) == pytest.approx(angle, rel=1e-9)
-
-
-def test_an_angle_of_view_has_the_principal_point_that_is_given():
-    camera = Camera.from_fov(640, 480, hfov_deg=60, cx=200)
-    found = np.arctan(200 / camera.fx) + np.arctan(440 / camera.fx)
-    assert np.degrees(found) == pytest.approx(60)
 
 
 @pytest.mark.parametrize(

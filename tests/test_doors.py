@@ -14,9 +14,8 @@ from open_doors import family, listening, opened_by_others
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats import write_views
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Rig
+from rastercov.camera.rig import Rig, Views
 from rastercov.camera.viewpoints import sphere_of_poses
-from rastercov.camera.views import Views
 from rastercov.cluster.process import Process
 from rastercov.kernels.jit import compiled_aside
 from rastercov.kernels.lens import unproject_many

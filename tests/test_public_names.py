@@ -31,7 +31,9 @@ SURFACE = {
         *("LEAST_REL", "MOST_ZONES", "OPEN_TOLERANCE_REL", "SLIVER_REL", "SWEEP"),
         "TOLERANCE_REL",
     },
-    "camera.camera": set(),
+    "camera.camera": {
+        *("ANGLES", "MOST_DIFFERENCE_REL", "OF_LENS", "OPTICS", "PRESETS", "check_optics"),
+    },
     "camera.formats.__init__": {
         *("IN_FOLDERS", "IN_METRES", "OF_ONE_CAMERA", "READERS", "WRITERS", "format_of"),
         "PARTS_OF_COLMAP",
@@ -41,6 +43,8 @@ SURFACE = {
         *("Border", "DRIFT_OF_FILES", "LENS_MODELS", "OPENGL_AXES", "POSE_CONVENTIONS"),
         *("inverse_of", "metres_per", "unique"),
         *("from_quaternions", "from_vectors", "motions", "to_quaternions"),
+        *("as_fisheye", "as_opencv", "is_whole_panorama", "lens_camera", "lost", "model_in"),
+        *("no_model", "opencv_terms", "panorama"),
     },
     "coverage.coverage": {
         *("FIGURES", "PAIRS_A_BATCH", "POSES_A_BATCH", "UNITS", "arrays_for", "batch_size"),
@@ -65,6 +69,7 @@ SURFACE = {
     "camera.rig": {
         "Cameras",
         "MOST_CAMERAS",
+        "MOST_NAMES",
         "cameras_of",
         "check_scene",
         "names_of",
@@ -74,7 +79,6 @@ SURFACE = {
     "raster.observation": set(),
     "coverage.observer": {"ExactObserver", "ROLL", "SampledObserver"},
     "coverage.task": {"THESIS", "Rules"},
-    "camera.views": {"MOST_NAMES"},
     "camera.viewpoints": {
         *("LARGEST_ANGLE", "WIDEST_DEG", "enclosing_distance", "fibonacci_sphere", "half_angles"),
     },

@@ -2,11 +2,12 @@
 
 A camera is its image size and intrinsic matrix K in pixels, the model of its lens with its
 coefficients, and, where focus matters, focal length and aperture. Pixels follow COLMAP and OpenGL:
-the centre of the top-left pixel is at (0.5, 0.5).
+the centre of the top-left pixel is at (0.5, 0.5). Camera files are JSON or TOML.
 
 E. S. Eissa. Image Space Coverage Model for Deployment of Multi-Camera Networks. 2020, section 3.
 """
 
+import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
@@ -27,18 +28,182 @@ from rastercov.base.checks import (
     pair,
     positive,
     principal_point_px,
+    shown,
     two,
 )
 from rastercov.base.errors import CameraError
-from rastercov.base.files import StrPath
-from rastercov.camera.camera_file import (
-    arguments_of,
-    check_optics,
-    naming,
-    read_entries,
-    write_entries,
+from rastercov.base.files import (
+    StrPath,
+    UnreadableError,
+    printable,
+    read_json,
+    read_toml,
+    suffix_of,
+    written_file,
 )
 from rastercov.camera.models import MODELS, checked_model
+
+PRESETS: dict[str, dict[str, Any]] = {
+    # Table 5.2, used for the marker experiments of chapter 5.
+    "icube-ns4133bu-8mm": {
+        "width": 1280,
+        "height": 1024,
+        "focal_length": 8e-3,
+        "pixel_size": 5.3e-6,
+    },
+    # Figure A.3: Khepra's default, given as a sensor of 3.6 x 2.01 mm.
+    "khepra": {
+        "width": 1280,
+        "height": 800,
+        "focal_length": 1.93e-3,
+        "pixel_size": (3.6e-3 / 1280, 2.01e-3 / 800),
+        "focus_range": (0.1, 5.0),
+    },
+}
+"""Arguments of `Camera.from_lens` for the cameras of the thesis."""
+OF_LENS = ("principal_point", "f_number")
+OPTICS = (
+    *("near", "focal_length", "pixel_size", "aperture", "f_number", "focus_distance"),
+    *("max_blur", "focus_range"),
+)
+"""Entries that a calibration lacks, and that are accepted beside `file`."""
+ANGLES = ("hfov_deg", "vfov_deg")
+"""Entries that give fx and fy by the angles between opposite sides of the image."""
+MOST_DIFFERENCE_REL = 0.05
+"""Difference of the focal lengths across and down the image that is taken for calibration."""
+
+
+def _arguments_of(entries: Any, fields: Sequence[str]) -> dict[str, Any]:
+    """Arguments of `Camera` from the entries of a file.
+
+    "preset" adds the entries of a preset; "hfov_deg" and "vfov_deg" give fx and fy; "f_number" is
+    of the focal length, which fx and "pixel_size" give where it is not there. CameraError for an
+    entry that does not exist, is missing, or contradicts another one.
+    """
+    if not isinstance(entries, Mapping):
+        raise CameraError(f"a camera is a table of names and values, got {shown(entries)}")
+    if "preset" in entries:
+        entries = _changed_preset(entries)
+    known = {*fields, *OF_LENS, *ANGLES}
+    if unknown := sorted(map(shown, entries.keys() - known)):
+        raise CameraError(
+            f"unknown entry {', '.join(unknown)}; a camera has {', '.join(sorted(known))}"
+        )
+    given = {k: tuple(v) if isinstance(v, list) else v for k, v in entries.items()}
+    for name in (*OF_LENS, *ANGLES):
+        if given.get(name, 0) is None:
+            del given[name]
+    if not given.keys().isdisjoint(ANGLES):
+        given = _with_focal_lengths(given)
+    by_lens = given.keys().isdisjoint({"fx", "fy"})
+    wanted = ["width", "height"]
+    wanted += ["focal_length", "pixel_size"] if by_lens else ["fx", "fy"]
+    if missing := [name for name in wanted if name not in given]:
+        raise CameraError(
+            f"missing {', '.join(missing)}; give fx, fy or focal_length, pixel_size or hfov_deg"
+        )
+    has_aperture, n = given.get("aperture") is not None, given.pop("f_number", None)
+    if n is not None and has_aperture:
+        raise CameraError("give f_number or aperture, not both")
+    if by_lens:
+        given = _of_lens(given)
+    elif "principal_point" in given:
+        raise CameraError("principal_point goes with focal_length and pixel_size, not fx, fy")
+    elif (n is not None or has_aperture) and given.get("focal_length") is None:
+        given["focal_length"] = _focal_length_m(given)
+    if n is not None:
+        given["aperture"] = positive("focal_length", given["focal_length"]) / positive(
+            "f_number", n
+        )
+    return given
+
+
+def check_optics(entries: Mapping[str, Any]) -> None:
+    """CameraError for an entry beside `file` that a calibration has itself."""
+    if others := ", ".join(sorted(map(str, entries.keys() - set(OPTICS)))):
+        raise CameraError(
+            f"file stands beside {', '.join(OPTICS)}, got {others} too; put them into the file"
+        )
+
+
+def _of_lens(entries: dict[str, Any]) -> dict[str, Any]:
+    """Entries with fx, fy and the principal point in pixels: fx = f/s_u, fy = f/s_v, (3.5)."""
+    f = positive("focal_length", entries["focal_length"])
+    s_u, s_v = pair("pixel_size", entries["pixel_size"])
+    entries |= {"fx": f / s_u, "fy": f / s_v, "focal_length": f, "pixel_size": (s_u, s_v)}
+    if "principal_point" in entries:
+        if entries.get("cx") is not None or entries.get("cy") is not None:
+            raise CameraError("give principal_point or cx and cy, not both")
+        point = two("principal_point", entries.pop("principal_point"))
+        r_u, r_v = (number("principal_point", each) for each in point)
+        entries |= {"cx": r_u / s_u, "cy": r_v / s_v}
+    return entries
+
+
+def _changed_preset(entries: Mapping[str, Any]) -> dict[str, Any]:
+    """Entries of a preset, changed by others."""
+    name = str(entries["preset"])
+    if name not in PRESETS:
+        raise CameraError(f"no camera preset {shown(name)}; there are {', '.join(PRESETS)}")
+    base = dict(PRESETS[name])
+    if not entries.keys().isdisjoint({"fx", "fy", *ANGLES}):
+        del base["focal_length"]  # it is of another lens then
+    return base | {k: v for k, v in entries.items() if k != "preset"}
+
+
+def _with_focal_lengths(entries: dict[str, Any]) -> dict[str, Any]:
+    """Entries with fx and fy in place of hfov_deg and vfov_deg; one of these is of both."""
+    given = [name for name in ("fx", "fy", "focal_length", "principal_point") if name in entries]
+    if given:
+        raise CameraError(f"give hfov_deg and vfov_deg, or {', '.join(given)}, not both")
+    if entries.get("model", "pinhole") != "pinhole":
+        raise CameraError("hfov_deg and vfov_deg are of a pinhole; give fx and fy of other lenses")
+    found = {}
+    for name, focal, side, centre in (
+        ("hfov_deg", "fx", "width", "cx"),
+        ("vfov_deg", "fy", "height", "cy"),
+    ):
+        if name not in entries:
+            continue
+        if side not in entries:
+            raise CameraError(f"missing {side}; {name} needs it")
+        length = image_side(side, entries[side])
+        at = entries.get(centre)
+        at = length / 2 if at is None else principal_point_px(centre, at)
+        found[focal] = _focal_length(name, number(name, entries[name]), length, at)
+    both = {"fx": found.get("fx", found.get("fy")), "fy": found.get("fy", found.get("fx"))}
+    return {k: v for k, v in entries.items() if k not in ANGLES} | both
+
+
+def _focal_length(name: str, angle: float, side: int, centre: float) -> float:
+    """Focal length in pixels by which a side of the image spans an angle, in degrees.
+
+    atan(c / f) + atan((w - c) / f) = a, so that f^2 sin a - f w cos a - c (w - c) sin a = 0.
+    """
+    radians = math.radians(angle)  # 0 for the least angles
+    if not 0 < radians < math.pi:
+        raise CameraError(f"{name} must be above 0 and below 180, got {angle:g}")
+    if not 0 < centre < side:
+        raise CameraError(f"{name} needs a principal point inside the image, got {centre:g}")
+    sine, cosine = math.sin(radians), math.cos(radians)
+    root = math.sqrt((side * cosine) ** 2 + 4 * sine * sine * centre * (side - centre))
+    return (side * cosine + root) / (2 * sine)
+
+
+def _focal_length_m(entries: Mapping[str, Any]) -> float:
+    """Focal length in metres that fx, fy and pixel_size give."""
+    if entries.get("pixel_size") is None:
+        raise CameraError(
+            "f_number and aperture need the focal length in metres; give pixel_size or focal_length"
+        )
+    s_u, s_v = pair("pixel_size", entries["pixel_size"])
+    across, down = positive("fx", entries["fx"]) * s_u, positive("fy", entries["fy"]) * s_v
+    if not abs(across - down) <= MOST_DIFFERENCE_REL * max(across, down):
+        raise CameraError(
+            f"fx, fy and pixel_size give focal lengths of {across:g} m and {down:g} m; "
+            "correct pixel_size"
+        )
+    return (across + down) / 2
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -125,7 +290,7 @@ class Camera:
                 f"near must be 0 or more metres, at most {LARGEST_COORDINATE:g}, got {near:g}"
             )
         object.__setattr__(self, "near", near)
-        object.__setattr__(self, "skew", number("skew", self.skew))
+        object.__setattr__(self, "skew", principal_point_px("skew", self.skew))
         model, coefficients = checked_model(self.model, self.distortion)
         object.__setattr__(self, "model", model)
         object.__setattr__(self, "distortion", coefficients)
@@ -133,6 +298,8 @@ class Camera:
             angle = number("max_angle_deg", self.max_angle_deg)
             if not 0 < angle <= 180:
                 raise CameraError(f"max_angle_deg must be above 0 and at most 180, got {angle:g}")
+            if model == "equirectangular":
+                raise CameraError("an equirectangular image has no largest angle")
             object.__setattr__(self, "max_angle_deg", angle)
         self._check_lens()
 
@@ -204,30 +371,9 @@ class Camera:
         **others
             All others of `Camera`.
         """
-        f = positive("focal_length", focal_length)
-        s_u, s_v = pair("pixel_size", pixel_size)
-        if f_number is not None:
-            if aperture is not None:
-                raise CameraError("give f_number or aperture, not both")
-            aperture = f / positive("f_number", f_number)
-        if principal_point is not None:
-            if others.get("cx") is not None or others.get("cy") is not None:
-                raise CameraError("give principal_point or cx and cy, not both")
-            r_u, r_v = two("principal_point", principal_point)
-            others |= {
-                "cx": number("principal_point", r_u) / s_u,
-                "cy": number("principal_point", r_v) / s_v,
-            }
-        return cls(
-            width=width,
-            height=height,
-            fx=f / s_u,
-            fy=f / s_v,
-            focal_length=f,
-            pixel_size=(s_u, s_v),
-            aperture=aperture,
-            **others,
-        )
+        lens = {"focal_length": focal_length, "pixel_size": pixel_size, "f_number": f_number}
+        given = {"principal_point": principal_point, "aperture": aperture} | lens | others
+        return cls.from_dict({"width": width, "height": height} | given)
 
     @classmethod
     def from_fov(
@@ -317,7 +463,7 @@ class Camera:
 
     @classmethod
     def preset(cls, name: str) -> "Camera":
-        """Camera by name: the ones the thesis used; see `camera_file.PRESETS`."""
+        """Camera by name: the ones the thesis used; see `PRESETS`."""
         return cls.from_dict({"preset": name})
 
     @classmethod
@@ -326,18 +472,31 @@ class Camera:
 
         `preset = "khepra"` starts from a preset; other entries change it.
         """
-        with naming(path):
-            return cls.from_dict(read_entries(path))
+        try:
+            suffix = suffix_of(path)
+            if suffix not in (".json", ".toml"):
+                raise CameraError(
+                    "a camera file ends in .json or .toml; rastercov.read_views reads those of "
+                    "other programs"
+                )
+            return cls.from_dict(read_json(path) if suffix == ".json" else read_toml(path))
+        except (UnreadableError, CameraError) as error:
+            raise CameraError(f"{printable(str(path))}: {error}") from None
 
     @classmethod
     def from_dict(cls, entries: Mapping[str, Any]) -> "Camera":
         """Camera from a mapping, as `load` reads it."""
-        arguments = arguments_of(entries, [field.name for field in fields(cls)])
-        return cls(**arguments) if "fx" in arguments else cls.from_lens(**arguments)
+        return cls(**_arguments_of(entries, [field.name for field in fields(cls)]))
 
     def save(self, path: StrPath) -> None:
         """Write the camera as a `.json` file that `load` reads back to an equal camera."""
-        write_entries(path, self.to_json())
+        try:
+            if suffix_of(path) != ".json":
+                raise CameraError("a camera is saved as .json")
+            with written_file(path) as file:
+                file.write((json.dumps(self.to_json(), indent=2) + "\n").encode())
+        except ValueError as error:
+            raise CameraError(f"{printable(str(path))}: {error}") from None
 
     def with_optics(self, entries: Mapping[str, Any]) -> "Camera":
         """Camera with depth of field and near limit of the entries of a camera file, `OPTICS`."""

@@ -147,11 +147,11 @@ PROGRAMS: Mapping[str, Mapping[str, Foreign]] = {
 
 LARGEST = 1e12
 """Coefficient of any model at most."""
-MOST_TILT = 1.05
+MOST_TILT = math.radians(60)
 """Tilt of a sensor at most, radians."""
 RANGES: Mapping[tuple[str, str], tuple[Callable[[float], bool], str]] = {
-    ("opencv", "tau_x"): (lambda value: abs(value) <= MOST_TILT, f"within {MOST_TILT} rad"),
-    ("opencv", "tau_y"): (lambda value: abs(value) <= MOST_TILT, f"within {MOST_TILT} rad"),
+    ("opencv", "tau_x"): (lambda value: abs(value) <= MOST_TILT, f"within {MOST_TILT:.3g} rad"),
+    ("opencv", "tau_y"): (lambda value: abs(value) <= MOST_TILT, f"within {MOST_TILT:.3g} rad"),
     ("fov", "omega"): (lambda value: 0 <= value < math.pi, "0 to below pi radians"),
     ("omni", "xi"): (lambda value: value >= 0, "0 or more"),
     ("eucm", "alpha"): (lambda value: 0 <= value <= 1, "0 to 1"),
@@ -205,42 +205,10 @@ def checked_model(model: Any, distortion: Any) -> tuple[str, tuple[float, ...]]:
     return model, values
 
 
-def lens_terms(model: str, distortion: Sequence[float]) -> dict[str, Any]:
-    """Arguments of `camera.lenses.lens.make_lens` that a model and its coefficients give."""
-    its = MODELS[model]
-    names = its.coefficients.split()
-    c = dict.fromkeys(names, 0.0) | dict(zip(names, distortion, strict=False))
-
-    def of(*wanted: str) -> tuple[float, ...]:
-        return tuple(c.get(name, 0.0) for name in wanted)
-
-    base, of_base = its.base, of()
-    if model == "fov":
-        base, of_base = ("fov", of("omega")) if c["omega"] else ("pinhole", ())
-    elif model == "division":
-        of_base = of("k")
-    elif model == "omni":
-        of_base = c["xi"], 1.0, 1.0
-    elif model == "eucm":
-        of_base = c["alpha"], 1.0 - c["alpha"], c["beta"]
-    elif model == "double_sphere":
-        of_base = of("xi", "alpha")
-    radial, denominator = of("k1", "k2", "k3", "k4", "k5", "k6"), of()
-    if model == "opencv":
-        radial, denominator = radial[:3], radial[3:]
-    tangential = of("p1", "p2")
-    if model.startswith("metashape"):  # its p1 and p2 are OpenCV's p2 and p1
-        tangential = of("p2", "p1")
-    return {
-        "base": base,
-        "of_base": of_base,
-        "radial": radial,
-        "denominator": denominator,
-        "tangential": tangential,
-        "prism": of("s1", "s2", "s3", "s4"),
-        "tilt": of("tau_x", "tau_y"),
-        "is_late": model == "rad_tan_thin_prism_fisheye",
-    }
+def coefficients_by_name(model: str, distortion: Sequence[float]) -> dict[str, float]:
+    """Coefficients of a model by name, 0 where they were left out."""
+    names = MODELS[model].coefficients.split()
+    return dict.fromkeys(names, 0.0) | dict(zip(names, distortion, strict=False))
 
 
 def lens_of_parameters(ours: str, p: Mapping[str, float]) -> tuple[str, tuple[float, ...]]:

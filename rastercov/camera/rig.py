@@ -1,11 +1,16 @@
-"""Rigs: several cameras that do one job, each with a name and its place on the rig.
+"""Rigs: several cameras that do one job, each with a name and its place on the rig; and views.
 
 Wherever a camera is asked for, a sequence of cameras or a `Rig` may be given; `Poses.camera` then
 says which of them is in each pose.
+
+Views are cameras and poses as files of calibrations and reconstructions hold them together: between
+`rastercov.camera.formats`, which reads and writes them, and whatever takes a camera or poses. All
+is in the conventions of this package: axes x right, y down, z forward, world_from_camera, centre of
+the top-left pixel at (0.5, 0.5).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,8 +18,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.arguments import check_kind, members
 from rastercov.base.checks import shown
-from rastercov.base.errors import CameraError, MeshError
+from rastercov.base.errors import CameraError, MeshError, PoseError
 from rastercov.base.format import InOneLine
+from rastercov.base.typed import typed
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses, valid_poses
 from rastercov.mesh import Mesh
@@ -128,3 +134,164 @@ def _checked(cameras: Any) -> tuple[Camera, ...]:
     if not 1 <= len(found) <= MOST_CAMERAS:
         raise CameraError(f"camera must be 1 to {MOST_CAMERAS:,} cameras, got {len(found)}")
     return found
+
+
+MOST_NAMES = 8
+"""Names of cameras that a message lists."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Views(InOneLine):
+    """Cameras with names, poses, and a name for the image of each pose.
+
+    Parameters
+    ----------
+    rig : Rig, optional
+        The cameras, with their names and places; None for a file of poses alone.
+    poses : Poses
+        world_from_camera, with the index of the camera of each; none for a file of cameras alone.
+    images : tuple of str
+        Name of the image of each pose.
+    notes : tuple of str
+        What was converted, and what could not be kept.
+    has_unit : bool
+        True where lengths are metres; False where the file does not state its unit.
+    camera_names : tuple of str
+        Names of the cameras that `Poses.camera` counts, where the file names them and has none of
+        them; with a rig they are those of the rig.
+    frames : tuple of str
+        Name of the frame of each pose, where the file has frames: the images of one frame were
+        taken at the same instant. Empty where it has none.
+
+    Raises
+    ------
+    CameraError
+        For something else than a rig and texts.
+    PoseError
+        For a pose with a camera that the rig does not have, or another number of images or frames.
+    """
+
+    rig: Rig | None
+    poses: Poses
+    images: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    has_unit: bool = True
+    camera_names: tuple[str, ...] = ()
+    frames: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        check_kind("poses", self.poses, Poses, "Poses (Poses.of makes them)", PoseError)
+        if self.rig is not None:
+            check_kind("rig", self.rig, Rig, "a Rig, or None", CameraError)
+            self.poses.check_cameras(len(self.rig))
+            object.__setattr__(self, "camera_names", self.rig.names)
+        elif self.camera_names:
+            self.poses.check_cameras(len(self.camera_names))
+        for name in ("images", "notes", "camera_names", "frames"):
+            words = members(name, getattr(self, name), str, "texts", CameraError)
+            object.__setattr__(self, name, words)
+        if len(self.images) != len(self.poses):
+            raise PoseError(
+                f"images must have a name for each of {len(self.poses)} poses, "
+                f"got {len(self.images)}"
+            )
+        if self.frames and len(self.frames) != len(self.poses):
+            raise PoseError(
+                f"frames must have a name for each of {len(self.poses)} poses, or be empty, "
+                f"got {len(self.frames)}"
+            )
+
+    @typed
+    def camera(self, name: str | None = None) -> Camera:
+        """The camera of that name; the only one if no name is given.
+
+        Raises
+        ------
+        CameraError
+            Where there is none, or several to choose from.
+        """
+        return self.cameras()[self._index(name)]
+
+    def cameras(self) -> tuple[Camera, ...]:
+        """All cameras; CameraError where the file has poses alone."""
+        if self.rig is None:
+            raise CameraError("there are poses and no camera; give a camera as well")
+        return self.rig.cameras
+
+    @typed
+    def of_camera(self, name: str | None = None) -> "Views":
+        """Views of one camera: the camera and its poses; without a name, the only camera.
+
+        `Poses.ids` are still rows of the file, and what was rejected is still named.
+        """
+        index = self._index(name)
+        assert self.rig is not None
+        rows = np.flatnonzero(self.poses.camera == index)
+        poses = replace(self.poses[rows], camera=np.zeros(len(rows), np.int32))
+        poses = replace(poses, rejected=self.poses.rejected)
+        rig = Rig(
+            [self.rig.cameras[index]],
+            [self.rig.names[index]],
+            self.rig.rig_from_camera[index][None],
+        )
+        return replace(
+            self,
+            rig=rig,
+            poses=poses,
+            images=tuple(self.images[row] for row in rows),
+            frames=tuple(self.frames[row] for row in rows) if self.frames else (),
+        )
+
+    def check_unit(self) -> None:
+        """Raise `PoseError` unless lengths are metres."""
+        if not self.has_unit:
+            raise PoseError(
+                "the poses have no unit; read them with Conventions(pose_unit=), 1 if it is metres"
+            )
+
+    @typed
+    def with_cameras(self, rig: Rig) -> "Views":
+        """The same poses, each with the camera of its name in a rig.
+
+        Raises
+        ------
+        PoseError
+            Where the poses name no cameras, or one that the rig does not have.
+        """
+        known = _listed(rig.names)
+        if not self.camera_names:
+            raise PoseError(
+                f"the poses do not say which camera each is of, and there are {len(rig)}, {known}; "
+                "name them under camera in the pose file, or choose one by --camera-name"
+            )
+        used = np.unique(self.poses.camera).tolist()
+        row_of = {name: row for row, name in enumerate(rig.names)}
+        if unknown := [
+            name for name in map(self.camera_names.__getitem__, used) if name not in row_of
+        ]:
+            raise PoseError(
+                f"the poses are of a camera {shown(unknown[0])}, and cameras are {known}; give it, "
+                "or correct the name"
+            )
+        index = np.zeros(len(self.camera_names), np.int32)
+        for row in used:
+            index[row] = row_of[self.camera_names[row]]
+        poses = replace(self.poses, camera=index[self.poses.camera])
+        return replace(self, rig=rig, poses=poses)
+
+    def _index(self, name: str | None) -> int:
+        n = len(self.cameras())
+        assert self.rig is not None
+        if name is None and n == 1:
+            return 0
+        known = _listed(self.rig.names)
+        if name is None:
+            raise CameraError(f"there are {n} cameras, {known}; choose one by --camera-name")
+        if name not in self.rig.names:
+            raise CameraError(f"there is no camera {shown(name)}; cameras are {known}")
+        return self.rig.names.index(name)
+
+
+def _listed(names: Sequence[str]) -> str:
+    """Names for a message, at most `MOST_NAMES`."""
+    return ", ".join(map(shown, names[:MOST_NAMES])) + (", ..." if len(names) > MOST_NAMES else "")

@@ -18,14 +18,12 @@ from numpy.typing import NDArray
 from rastercov.base.arguments import MOST_POSES
 from rastercov.base.errors import CameraError, ConfigError, MeshError, PoseError
 from rastercov.base.files import is_file
-from rastercov.camera.camera import Camera
-from rastercov.camera.camera_file import PRESETS
+from rastercov.camera.camera import PRESETS, Camera
 from rastercov.camera.formats import read_through
 from rastercov.camera.formats.conventions import Border, Conventions
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Rig
+from rastercov.camera.rig import Rig, Views
 from rastercov.camera.viewpoints import enclosing_distance, sphere_of_poses
-from rastercov.camera.views import Views
 from rastercov.cli import options
 from rastercov.mesh import Mesh, shapes
 from rastercov.mesh.groups import by_file, files_named, named

@@ -13,7 +13,7 @@ import typer
 
 from rastercov.base.arguments import annotations_of, documented, reader_of
 from rastercov.base.errors import ConfigError
-from rastercov.camera.camera_file import PRESETS
+from rastercov.camera.camera import PRESETS
 from rastercov.camera.formats.conventions import POSE_CONVENTIONS, Conventions
 from rastercov.cli.console import out_option, progress_as_json
 from rastercov.cluster import Workers

@@ -17,7 +17,7 @@ from rastercov.base.format import plural
 from rastercov.camera.formats.conventions import Border, Conventions
 from rastercov.camera.formats.doubts import unit_doubts
 from rastercov.camera.pose import Poses
-from rastercov.camera.views import Views
+from rastercov.camera.rig import Views
 from rastercov.cli import options
 from rastercov.cli.console import errors_by_line, say, size_line, warn
 from rastercov.cli.inputs import (

@@ -70,8 +70,7 @@ def dead_pixels(camera: Cameras) -> dict[str, float]:
 def _dead_area(camera: Camera) -> float:
     if camera.is_pinhole:
         return 0.0
-    from rastercov.camera.lenses.areas import blind_area  # compiles loops
-    from rastercov.camera.lenses.of_camera import lens_of
+    from rastercov.camera.lenses.of_camera import blind_area, lens_of  # compiles loops
 
     lens = lens_of(camera)
     return 0.0 if lens.is_whole else blind_area(lens)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.near_plane import depth_from_near
 from rastercov.mesh import Mesh
-from rastercov.mesh.triangle_tree import BOX_MARGIN, TriangleTree
+from rastercov.mesh.contacts import BOX_MARGIN, TriangleTree
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

@@ -16,7 +16,6 @@ from rastercov.kernels.lens_formulas import (
     B0,
     B1,
     B2,
-    BACKWARD,
     CX,
     CY,
     DIVISION,
@@ -212,18 +211,8 @@ def undo_distortion(p, a, b):
     return x, y
 
 
-@part_with_arrays
-def _undo_step(p, a, b):
-    x, y = undo_distortion(p, a.real, b.real)
-    _, _, xa, ya, xb, yb = distortion_slopes(p, x, y)
-    det = xa * yb - ya * xb
-    dx = (yb * a.imag - ya * b.imag) / det
-    dy = (xa * b.imag - xb * a.imag) / det
-    return complex(x, dx), complex(y, dy)
-
-
-_equations = lens_formulas.bound_to({**_REAL, "undo_distortion": undo_distortion}, part_with_arrays)
-_steps = lens_formulas.bound_to({**_STEP, "undo_distortion": _undo_step}, part_with_arrays)
+_equations = lens_formulas.bound_to(_REAL, part_with_arrays)
+_steps = lens_formulas.bound_to(_STEP, part_with_arrays)
 project, based = _equations["project"], _equations["based"]
 _project_step = _steps["project"]
 
@@ -346,12 +335,7 @@ def unproject(code, p, u, v):
         if not is_in:
             return math.nan, math.nan, math.nan
         return math.sin(a) * math.cos(b), math.sin(b), math.cos(a) * math.cos(b)
-    if code == BACKWARD:
-        x, y = distorted(p, a, b)
-        if not math.hypot(a, b) <= p[LIMIT]:
-            x = math.nan
-    else:
-        x, y = undo_distortion(p, a, b)
+    x, y = undo_distortion(p, a, b)
     X, Y, Z = ray_of(code, p, x, y)
     if not is_valid(p, X, Y, Z):
         return math.nan, math.nan, math.nan
@@ -389,19 +373,11 @@ def unproject_many(code, p, pixels, out):
 
 
 @compiled
-def base_points(code, p, pixels, out):
-    """Points (N, 2) of the plane of the base of pixels (N, 2), NaN where there is none.
-
-    For a BACKWARD lens the plane is the undistorted one.
-    """
+def base_points(p, pixels, out):
+    """Points (N, 2) of the plane of the base of pixels (N, 2), NaN where there is none."""
     for i in range(pixels.shape[0]):
         a, b = sensor_point(p, pixels[i, 0], pixels[i, 1])
-        if code == BACKWARD:
-            out[i, 0], out[i, 1] = distorted(p, a, b)
-            if not math.hypot(a, b) <= p[LIMIT]:
-                out[i, 0] = math.nan
-        else:
-            out[i, 0], out[i, 1] = undo_distortion(p, a, b)
+        out[i, 0], out[i, 1] = undo_distortion(p, a, b)
 
 
 @compiled

@@ -22,11 +22,8 @@ from types import FunctionType
 
 import numpy as np
 
-PINHOLE, EQUIDISTANT, EQUISOLID, FOV, UNIFIED, DOUBLE_SPHERE, DIVISION, BACKWARD, EQUIRECT = range(
-    9
-)
-"""Codes of the bases. BACKWARD is a pinhole whose distortion is given from the image to the plane,
-(a, b) -> (x, y)."""
+PINHOLE, EQUIDISTANT, EQUISOLID, FOV, UNIFIED, DOUBLE_SPHERE, DIVISION, EQUIRECT = range(8)
+"""Codes of the bases."""
 
 SIZE = 32
 """Parameters of a lens, float64."""
@@ -53,19 +50,6 @@ def angle_over_r(r2, z):
     """Angle from the z axis over r, of a point at distance r = sqrt(r2) from the axis."""
     r = np.sqrt(r2)
     return np.where(r > 0, np.arctan2(r, z) / np.where(r > 0, r, 1.0), 1.0 / z)
-
-
-def undo_distortion(p, x, y):
-    """Invert `distorted` by Newton's method, from the plane of the base to itself."""
-    a, b = x, y
-    for _ in range(60):
-        ax, ay = distorted(p, a + 1e-30j, b + 0j)
-        bx, by = distorted(p, a + 0j, b + 1e-30j)
-        xx, yx, xy, yy = ax.imag * 1e30, ay.imag * 1e30, bx.imag * 1e30, by.imag * 1e30
-        det = xx * yy - xy * yx
-        dx, dy = x - ax.real, y - ay.real
-        a, b = a + (yy * dx - xy * dy) / det, b + (xx * dy - yx * dx) / det
-    return a, b
 
 
 sqrt = np.sqrt
@@ -138,9 +122,6 @@ def project(code, p, X, Y, Z):
     if code == EQUIRECT:  # longitude is continuous within half a turn of B0
         a = p[B0] + atan2(X * p[B1] - Z * p[B2], Z * p[B1] + X * p[B2])
         b = atan2(Y, sqrt(X * X + Z * Z))
-    elif code == BACKWARD:
-        w = 1.0 / Z
-        a, b = undo_distortion(p, X * w, Y * w)
     else:
         x, y = based(code, p, X, Y, Z)
         a, b = distorted(p, x, y)

@@ -16,7 +16,6 @@ from rastercov.kernels.lens_formulas import (
     B0,
     B1,
     B2,
-    BACKWARD,
     CX,
     CY,
     D1,
@@ -191,7 +190,7 @@ def project_lanes(code, p, frame, x, y, z, m, u, v):
     The equations are those of `formulas.project`. The results depend on the point alone, not on its
     place in the list; arrays have room for a multiple of `GROUP`, all of it finite.
     """
-    if code in (BACKWARD, EQUIRECT):
+    if code == EQUIRECT:
         for i in range(m):
             X = frame[0, 0] * x[i] + frame[0, 1] * y[i] + frame[0, 2]
             Y = frame[1, 0] * x[i] + frame[1, 1] * y[i] + frame[1, 2]

@@ -1,4 +1,4 @@
-"""Compiled loops that find faces in contact, over the boxes of a `triangle_tree`.
+"""Compiled loops that find faces in contact, over the boxes of a `TriangleTree`.
 
 Conservative: a false positive costs time, a false negative would break the certificate.
 

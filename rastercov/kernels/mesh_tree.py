@@ -1,4 +1,4 @@
-"""Compiled loops of `triangle_tree`: Morton order, boxes, and three queries.
+"""Compiled loops of `TriangleTree`: Morton order, boxes, and three queries.
 
 The triangles lie in the order of a Morton curve. A complete binary tree over that order has their
 boxes: node n has the children 2n and 2n + 1, the last L nodes are the leaves, of `LEAF` triangles

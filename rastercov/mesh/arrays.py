@@ -126,6 +126,17 @@ def rotation_about(axis: ArrayLike, angle: float) -> NDArray[np.float64]:
     return rotation
 
 
+def rotations_of_quaternions(quaternions: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(N, 3, 3) rotations of unit quaternions (N, 4), x y z w."""
+    x, y, z, w = quaternions.T
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.moveaxis(np.array(rows), -1, 0)
+
+
 def encloses_volume(
     vertices: NDArray[np.float64], faces: NDArray[np.int64], part: NDArray[np.int64]
 ) -> NDArray[np.bool_]:

@@ -20,8 +20,7 @@ from rastercov.base.errors import ConfigError
 from rastercov.base.output import json_bytes, named, replacing, write_json, writing
 from rastercov.camera.formats.own import content_of
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, Rig, cameras_of, names_of
-from rastercov.camera.views import Views
+from rastercov.camera.rig import Cameras, Rig, Views, cameras_of, names_of
 from rastercov.coverage.area.frames import frames_of
 from rastercov.coverage.area.union import Covered
 from rastercov.coverage.coverage import FIGURES, UNITS

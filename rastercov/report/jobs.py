@@ -16,8 +16,7 @@ from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import ConfigError, PoseError
 from rastercov.base.files import StrPath
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, Rig, cameras_of, names_of
-from rastercov.camera.views import Views
+from rastercov.camera.rig import Cameras, Rig, Views, cameras_of, names_of
 from rastercov.cluster import Workers
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.task import Task

@@ -14,8 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 from rastercov.base.checks import image_side, number, positive, shown
 from rastercov.base.errors import CameraError, ConfigError
 from rastercov.base.files import printable
-from rastercov.camera.camera import Camera
-from rastercov.camera.camera_file import PRESETS
+from rastercov.camera.camera import PRESETS, Camera
 from rastercov.camera.pose import valid_poses
 from rastercov.camera.viewpoints import look_at
 from rastercov.coverage.task import Task

@@ -17,8 +17,7 @@ from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses, valid_poses
-from rastercov.camera.rig import Rig
-from rastercov.camera.views import Views
+from rastercov.camera.rig import Rig, Views
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import frozen

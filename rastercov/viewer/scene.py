@@ -16,12 +16,10 @@ import rastercov
 from rastercov.base.arguments import annotations_of, documented, metadata_of
 from rastercov.base.errors import ConfigError, PoseError
 from rastercov.base.files import UnreadableError, printable, read_json
-from rastercov.camera.camera import Camera
-from rastercov.camera.camera_file import PRESETS
+from rastercov.camera.camera import PRESETS, Camera
 from rastercov.camera.formats import read_views
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Rig
-from rastercov.camera.views import Views
+from rastercov.camera.rig import Rig, Views
 from rastercov.coverage.provenance import sha256
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh

@@ -18,8 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.camera.camera import Camera
-from rastercov.camera.camera_file import PRESETS
+from rastercov.camera.camera import PRESETS, Camera
 from rastercov.kernels.stopwatch import Stopwatch
 from rastercov.reference.markers.detect import MIN_PERIMETER, detect
 from rastercov.reference.markers.render import MarkerRenderer, sensor

@@ -11,9 +11,8 @@ from mesh_files import obj
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats import write_views
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Rig
+from rastercov.camera.rig import Rig, Views
 from rastercov.camera.viewpoints import sphere_of_poses
-from rastercov.camera.views import Views
 from rastercov.coverage.task import Task
 from rastercov.mesh import shapes
 from rastercov.placement.audit import audit

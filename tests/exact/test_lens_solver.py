@@ -11,8 +11,14 @@ from lens_cameras import CAMERAS
 from scenes import joined, square
 
 from rastercov.camera.camera import Camera
-from rastercov.camera.lenses.areas import blind_area
-from rastercov.camera.lenses.of_camera import fields_of, lens_of, optics_of, planes_of, slopes_of
+from rastercov.camera.lenses.of_camera import (
+    blind_area,
+    fields_of,
+    lens_of,
+    optics_of,
+    planes_of,
+    slopes_of,
+)
 from rastercov.camera.lenses.slopes import slopes_in
 from rastercov.camera.near_plane import limits
 from rastercov.camera.rig import Rig

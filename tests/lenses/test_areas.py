@@ -9,13 +9,12 @@ import pytest
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from lens_cases import HEIGHT, WIDTH, K, of_all_kinds
+from lens_cases import HEIGHT, WIDTH, K, make_lens, of_all_kinds
 from lens_rooms import on_plane, room
 
 import rastercov as rc
 from rastercov.base.errors import CameraError
-from rastercov.camera.lenses import make_lens
-from rastercov.camera.lenses.areas import blind_area, polygon_areas
+from rastercov.camera.lenses.of_camera import blind_area, polygon_areas
 from rastercov.camera.lenses.quadrature import edge_table
 from rastercov.kernels import lens_formulas
 from rastercov.reference.polygons import image_area
@@ -200,7 +199,8 @@ def test_image_circle_of_a_fisheye_leaves_the_corners_blind(limit):
 @pytest.mark.slow
 @pytest.mark.parametrize("base", ["fov", "division"])
 def test_lenses_on_a_plane_may_see_up_to_its_horizon(base):
-    lens = make_lens(base, 1280, 1024, fx=90, fy=90, of_base=(0.9,) if base == "fov" else (-0.2,))
+    of_base = (0.9, 0.9) if base == "fov" else (-0.2,)
+    lens = make_lens(base, fx=90, fy=90, of_base=of_base)
     assert math.degrees(lens.valid_angle) > 89
     assert len(lens.planes) == 5
     assert 0 < blind_area(lens) < 1280 * 1024
@@ -217,7 +217,7 @@ def test_pixels_beyond_a_panorama_see_nothing():
     assert not lens.is_whole
     assert blind_area(lens) == pytest.approx(1000 * 500 - 900 * 450)
     assert np.isnan(lens.unproject([950.0, 200.0])).all()
-    part = make_lens("equirectangular", 500, 400, fx=300, fy=300)
+    part = make_lens("equirectangular", 500, 400, fx=300, fy=300, of_base=(0, 1))
     assert part.is_whole
     assert abs(blind_area(part)) < 1e-8
 

@@ -1,12 +1,14 @@
 """Models of a `Camera` have the terms of the lenses that they are named for."""
 
+import math
+
 import pytest
-from lens_cases import HEIGHT, WIDTH
+from lens_cases import HEIGHT, WIDTH, make_lens
 
 from rastercov.base.errors import CameraError
 from rastercov.camera.camera import Camera
-from rastercov.camera.lenses import make_lens
-from rastercov.camera.models import MODELS, lens_terms
+from rastercov.camera.lenses.of_camera import lens_of
+from rastercov.camera.models import MODELS
 
 K = (0.02, -0.01, 0.003, 1e-3, 2e-4, 1e-4)
 P = (1e-3, -2e-3)
@@ -32,7 +34,7 @@ CASES = [
     ),
     ("fisheye62", (*K, *P), "equidistant", {"radial": K, "tangential": P}),
     ("fisheye62", (*K, *P, *S), "equidistant", {"radial": K, "tangential": P, "prism": S}),
-    ("fov", (0.9,), "fov", {"of_base": (0.9,)}),
+    ("fov", (0.9,), "fov", {"of_base": (2 * math.tan(0.45), 2 * math.tan(0.45) / 0.9)}),
     ("fov", (0.0,), "pinhole", {}),
     ("division", (0.1,), "division", {"of_base": (0.1,)}),
     ("omni", (0.9, *K[:2], *P), "unified", {"of_base": (0.9, 1, 1), **RADTAN}),
@@ -46,14 +48,14 @@ CASES = [
     ("metashape", (*K[:4], *P), "pinhole", POLYNOMIAL),
     ("metashape_fisheye", (*K[:4], *P), "equidistant", POLYNOMIAL),
     ("metashape_equisolid", (*K[:4], *P), "equisolid", POLYNOMIAL),
-    ("equirectangular", (), "equirectangular", {}),
+    ("equirectangular", (), "equirectangular", {"of_base": (0.0, 1.0)}),
 ]
 
 
 @pytest.mark.parametrize(("model", "distortion", "base", "terms"), CASES)
 def test_model_of_a_camera_has_these_terms(model, distortion, base, terms):
     fields = {"width": WIDTH, "height": HEIGHT, "fx": 600, "fy": 610, "cx": 640, "cy": 500}
-    found = make_lens(**fields, **lens_terms(model, distortion))
+    found = lens_of(Camera(**fields, model=model, distortion=distortion))
     assert found == make_lens(base, **fields, **terms)
 
 

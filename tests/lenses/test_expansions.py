@@ -90,7 +90,7 @@ def test_expansions_hold_those_of_all_points(operation):
     centre = rng.uniform(-1, 1, (2, 4, 50))
     centre[:, 0] += 4
     width = np.array([0.3, 0.2, 0.0, 0.1])[:, None] * rng.uniform(0, 1, (2, 4, 50))
-    one, two = (Expansion(c, w) for c, w in zip(centre, width, strict=True))
+    one, two = (Expansion(c, w, expansions.ORDER) for c, w in zip(centre, width, strict=True))
     if operation == "product":
         found = one * two
     elif operation == "quotient":

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from lens_cases import HEIGHT, WIDTH, K, of_all_kinds, rays
+from lens_cases import HEIGHT, WIDTH, K, make_lens, of_all_kinds, rays
 
 from rastercov.base.errors import CameraError
-from rastercov.camera.lenses import Lens, make_lens
+from rastercov.camera.lenses import Lens
 from rastercov.camera.lenses.balls import Interval, Jet
-from rastercov.camera.lenses.region import base_limit, border_pixels, certified_radius
+from rastercov.camera.lenses.planes import base_limit, border_pixels, certified_radius
 from rastercov.kernels import lens_formulas
 
 LENSES = of_all_kinds()
@@ -145,14 +145,14 @@ def test_base_rises_up_to_its_limit(base, alpha, xi, beta):
 
 
 COEFFICIENT = st.one_of(
-    st.floats(-0.5, 0.5), st.floats(-1e3, 1e3), st.sampled_from([1e12, -1e12, 1e300, 1e-300, 0.0])
+    st.floats(-0.5, 0.5), st.floats(-1e3, 1e3), st.sampled_from([1e12, -1e12, 1e-300, 0.0])
 )
 
 
 @pytest.mark.slow
 @settings(max_examples=25)
 @given(
-    st.sampled_from(["pinhole", "equidistant", "equisolid", "backward"]),
+    st.sampled_from(["pinhole", "equidistant", "equisolid"]),
     st.lists(COEFFICIENT, max_size=6),
     st.lists(COEFFICIENT, max_size=3),
     st.lists(COEFFICIENT, max_size=2),

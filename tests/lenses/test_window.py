@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from lens_cases import HEIGHT, WIDTH, of_all_kinds
+from lens_cases import HEIGHT, WIDTH, make_lens, of_all_kinds
 from nightly import examples
 
 from rastercov import Camera
 from rastercov.base.errors import CameraError
-from rastercov.camera.lenses import make_lens
 from rastercov.camera.lenses.areas import record_of
 from rastercov.camera.lenses.of_camera import lens_of, planes_of
 from rastercov.camera.lenses.quadrature import edge_table

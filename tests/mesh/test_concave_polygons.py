@@ -4,12 +4,12 @@ import time
 
 import numpy as np
 import pytest
+import shapely
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from mesh_files import WRITERS
 from nightly import amount
 
-from rastercov.kernels import mesh_ears
 from rastercov.mesh.formats.polygons import cut_concave
 
 
@@ -108,7 +108,6 @@ def test_simple_polygons_are_covered_exactly_once(seed, n):
 @given(seed=st.integers(0, 2**32 - 1), n=st.integers(4, 30), n_samples=st.just(400))
 def test_each_point_lies_in_as_many_triangles_as_the_polygon_has_around_it(seed, n, n_samples):
     """The same law without the argument about winding: points are looked up one by one."""
-    shapely = pytest.importorskip("shapely")
     xy = simple_polygon(seed, n)
     faces, _ = cut(np.column_stack([xy, np.zeros(len(xy))]))
     samples = np.random.default_rng(seed).uniform(xy.min(axis=0), xy.max(axis=0), (n_samples, 2))
@@ -173,7 +172,6 @@ def test_a_hole_joined_by_a_cut_stays_open(seed):
 @settings(max_examples=50)
 @given(seed=st.integers(0, 2**32 - 1), n=st.integers(4, 12))
 def test_polygons_that_cross_themselves_are_noted_and_no_others(seed, n):
-    shapely = pytest.importorskip("shapely")
     xy = np.random.default_rng(seed).uniform(-1, 1, (n, 2))
     polygon = shapely.Polygon(xy)
     if signed_area(xy) < 0:
@@ -279,25 +277,25 @@ def test_dropping_a_corner_leaves_polygons_that_are_cut_right(load):
 @pytest.mark.parametrize("shape", [star, comb, spiral])
 def test_ten_thousand_corners_take_no_minutes(shape):
     rng = np.random.default_rng(3)
-    check_covers_once(shape(rng, 20))  # compiles
     xy = shape(rng, 5000 if shape is not star else 10000)
     start = time.process_time()
     check_covers_once(xy, 1)
-    assert time.process_time() - start < 5  # 0.2 s measured; cubic time would be minutes
+    assert time.process_time() - start < 5  # 0.5 s measured; cubic time would be minutes
 
 
-@pytest.mark.slow
-def test_a_polygon_too_intricate_keeps_its_fan_and_is_noted():
-    rng = np.random.default_rng(0)
-    n = 20_000
-    corners = rng.integers(0, 3, n)  # the same three edges, again and again
+def test_a_polygon_of_too_many_corners_keeps_its_fan_and_is_noted():
+    xy = comb(np.random.default_rng(0), 25_000)
+    faces, notes = cut(np.column_stack([xy, np.zeros(len(xy))]))
+    assert [note for note in notes if "50000 corners" in note] == notes != []
+    np.testing.assert_array_equal(faces, fan(len(xy)))
+
+
+def test_the_same_edges_again_and_again_are_noted_in_little_time():
     points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], float)
-    faces = corners[fan(n)]
+    faces = np.random.default_rng(0).integers(0, 3, 20_000)[fan(20_000)]
     before = faces.copy()
     start = time.process_time()
-    notes = cut_concave(points, faces, np.zeros(len(faces), int))
+    [note] = cut_concave(points, faces, np.zeros(len(faces), int))
     assert time.process_time() - start < 10
-    assert len(notes) == 1
-    assert any(word in notes[0] for word in ("cross or touch", "too intricate"))
+    assert "cross or touch" in note
     np.testing.assert_array_equal(faces, before)
-    assert mesh_ears.MOST_STEPS < 5000

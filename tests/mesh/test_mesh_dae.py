@@ -200,10 +200,18 @@ def test_unknown_elements_are_noted(data, text, load):
 
 ENTITY = '<!DOCTYPE COLLADA [<!ENTITY a "0 0 0"><!ENTITY b "&a;&a;&a;&a;&a;&a;&a;&a;">]>'
 DECLARED = f'<?xml version="1.0" encoding="utf-16"?>{ENTITY}'
+PROLOGUES = ("\ufeff", "<!-- a -- > <?b?> -->", "<?c <!-- ?>\n", '<?xml version="1.0"?> <!---->')
 DEEP = "<node>" * 3000 + INSTANCE + "</node>" * 3000
 LOOP = '<node id="n"><instance_node url="#n"/></node>'
 HOLE = "<ph><p>0 1 2</p><h>0 1 2</h></ph>"
 HERE = '<instance_geometry url="{}"/>'
+
+
+@pytest.mark.parametrize("prologue", PROLOGUES)
+def test_a_document_type_is_refused_whatever_precedes_it(prologue, load):
+    with pytest.raises(MeshError, match=r"declares a document type|is no XML"):
+        load("a.dae", f"{prologue}{ENTITY}<COLLADA>&b;</COLLADA>".encode())
+    assert load("a.dae", b"<!-- <!DOCTYPE a> -->" + dae().split(b"?>", 1)[-1]).n_faces
 
 
 @pytest.mark.slow

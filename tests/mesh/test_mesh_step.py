@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from nightly import examples
 
 from rastercov.base.errors import MeshError, RastercovError
-from rastercov.mesh.formats import step
+from rastercov.mesh.formats import gltf
 
 HEADER = (
     "ISO-10303-21;\nHEADER;\nFILE_DESCRIPTION((''),'2;1');\nFILE_NAME('','',(''),(''),'','','');\n"
@@ -136,13 +136,13 @@ def test_cut_files_load_whole_or_raise_mesh_error(cut, load):
 
 
 def test_without_the_converter_the_error_names_the_extra(load, monkeypatch):
-    monkeypatch.setattr(step, "find_spec", lambda name: None)
+    monkeypatch.setattr(gltf, "find_spec", lambda name: None)
     with pytest.raises(MeshError, match=r"needs cascadio: pip install 'rastercov\[formats\]'"):
         load("a.step", crate())
 
 
 def test_a_converter_that_crashes_is_named(load, monkeypatch):
-    monkeypatch.setattr(step, "find_spec", lambda name: True)
-    monkeypatch.setattr(step, "CONVERT", "import os; os.kill(os.getpid(), 11)")
+    monkeypatch.setattr(gltf, "find_spec", lambda name: True)
+    monkeypatch.setattr(gltf, "CONVERT", "import os; os.kill(os.getpid(), 11)")
     with pytest.raises(MeshError, match="ended by signal 11"):
         load("a.step", crate())

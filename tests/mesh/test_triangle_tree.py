@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rastercov.mesh.triangle_tree import LEAF, TriangleTree
+from rastercov.mesh.contacts import LEAF, TriangleTree
 
 
 def soup(seed, n):

@@ -13,7 +13,7 @@ from rastercov.base.errors import ConfigError, PoseError
 from rastercov.camera.viewpoints import look_at
 from rastercov.coverage.criteria import face_geometry
 from rastercov.mesh import Group, Mesh, shapes
-from rastercov.mesh.triangle_tree import TriangleTree
+from rastercov.mesh.contacts import TriangleTree
 from rastercov.placement import (
     Candidates,
     Framing,

@@ -11,8 +11,7 @@ from pages import read_alone
 
 from rastercov import cli
 from rastercov.base.errors import ConfigError, DeviceError
-from rastercov.camera.camera import Camera
-from rastercov.camera.camera_file import PRESETS
+from rastercov.camera.camera import PRESETS, Camera
 from rastercov.camera.projection import to_image
 from rastercov.coverage.job import evaluate
 from rastercov.coverage.task import Task

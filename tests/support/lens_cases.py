@@ -6,8 +6,9 @@ import numpy as np
 
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.colmap import camera_of
-from rastercov.camera.lenses import make_lens
+from rastercov.camera.lenses import BASES, Lens
 from rastercov.camera.lenses.of_camera import lens_of
+from rastercov.kernels import lens_formulas
 
 WIDTH, HEIGHT = 1280, 1024
 FOCAL, CENTRE = (900.0, 880.0), (655.25, 500.5)
@@ -61,6 +62,27 @@ def lens(model, distortion=(), *, f=420, size=(WIDTH, HEIGHT), **fields):
     return lens_of(Camera(**(sides | focal | fields), model=model, distortion=distortion))
 
 
+def make_lens(
+    base, width=WIDTH, height=HEIGHT, *, fx, fy, cx=None, cy=None, radial=(), denominator=(),
+    tangential=(0.0, 0.0), prism=(), tilt=(0.0, 0.0), of_base=(), is_late=False, max_angle_deg=None,
+):  # fmt: skip
+    """Lens of the terms of its equations, docs/cameras.md; `of_base` as the equations take it."""
+    p, (x, y) = np.zeros(lens_formulas.LATE + 1), tilt
+    p[:4] = fx, fy, width / 2 if cx is None else cx, height / 2 if cy is None else cy
+    for first, values in (
+        (lens_formulas.K1, radial),
+        (lens_formulas.D1, denominator),
+        (lens_formulas.P1, tangential),
+        (lens_formulas.S1, prism),
+        (lens_formulas.T00, (np.cos(x), -np.sin(x) * np.sin(y), np.cos(y))),
+        (lens_formulas.T20, (np.sin(y), -np.cos(y) * np.sin(x), np.cos(y) * np.cos(x))),
+        (lens_formulas.B0, of_base),
+        (lens_formulas.LATE, (is_late,)),
+    ):
+        p[first : first + len(values)] = values
+    return Lens(width, height, BASES.index(base), tuple(p.tolist()), max_angle_deg)
+
+
 @cache
 def of_all_kinds():
     """Lenses of all bases and distortions by name, each of which sees the whole image."""
@@ -79,12 +101,7 @@ def of_all_kinds():
         cx=WIDTH / 2 + 7, cy=HEIGHT / 2 - 4,
     )  # fmt: skip
     lenses["metashape equisolid"] = lens("metashape_equisolid", (0.01, 0, 0, 0, 1e-4, 0), f=430)
-    lenses["wide equidistant"] = make_lens(
-        "equidistant", WIDTH, HEIGHT, fx=300, fy=300, radial=(0.01,)
-    )
-    lenses["backward"] = make_lens(
-        *("backward", WIDTH, HEIGHT), fx=1100, fy=1090, radial=(-0.1, 0.02), tangential=(1e-3, 5e-4)
-    )
+    lenses["wide equidistant"] = make_lens("equidistant", fx=300, fy=300, radial=(0.01,))
     return lenses
 
 

@@ -2,24 +2,8 @@
 
 import numpy as np
 
-from rastercov.camera.lenses import make_lens
-from rastercov.camera.models import lens_terms
+from rastercov.camera.lenses.of_camera import lens_of
 from rastercov.camera.pose import inverse
-
-
-def lens_of(camera):
-    """Lens of a camera."""
-    return make_lens(
-        width=camera.width,
-        height=camera.height,
-        fx=camera.fx,
-        fy=camera.fy,
-        cx=camera.cx,
-        cy=camera.cy,
-        skew=camera.skew,
-        max_angle_deg=camera.max_angle_deg,
-        **lens_terms(camera.model, camera.distortion),
-    )
 
 
 def pixels_of(views, points):

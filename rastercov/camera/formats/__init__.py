@@ -34,12 +34,10 @@ from rastercov.camera.formats import (
     ros,
     transforms,
 )
-from rastercov.camera.formats.conventions import POSE_CONVENTIONS, Border, Conventions
-from rastercov.camera.formats.equivalents import lost
+from rastercov.camera.formats.conventions import POSE_CONVENTIONS, Border, Conventions, lost
 from rastercov.camera.formats.source import Source
 from rastercov.camera.pose_file import read_poses
-from rastercov.camera.rig import Rig
-from rastercov.camera.views import Views
+from rastercov.camera.rig import Rig, Views
 
 __all__ = ["POSE_CONVENTIONS", "READERS", "WRITERS", "Conventions", "read_views", "write_views"]
 

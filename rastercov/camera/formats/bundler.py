@@ -24,11 +24,11 @@ from rastercov.camera.formats.conventions import (
     Border,
     from_vectors,
     inverse_of,
+    lens_camera,
     motions,
 )
 from rastercov.camera.formats.source import Source, checked, number_of
-from rastercov.camera.models import lens_of_parameters
-from rastercov.camera.views import Views
+from rastercov.camera.rig import Views
 
 FloatArray = NDArray[np.float64]
 
@@ -179,15 +179,12 @@ def _numbers(text: str, n_cameras: int, per_camera: int) -> FloatArray:
 
 def _views(lenses: FloatArray, poses: FloatArray, images: list[str], border: Border) -> Views:
     """Views of f k1 k2 and camera_from_world with OpenGL axes."""
-    width, height = border.image_size()
+    size = border.image_size()
     cameras: dict[Camera, int] = {}
     index = []
     for row, (f, k1, k2) in enumerate(lenses.tolist()):
-        model, coefficients = lens_of_parameters("opencv", {"k1": k1, "k2": k2})
         try:
-            camera = Camera(
-                width=width, height=height, fx=f, fy=f, model=model, distortion=coefficients
-            )
+            camera = lens_camera("opencv", size, {"f": f, "k1": k1, "k2": k2})
         except CameraError as error:
             raise CameraError(f"{images[row]}: {error}") from None
         index.append(cameras.setdefault(camera, len(cameras)))
@@ -215,7 +212,7 @@ def read_mvsnet(sources: Sequence[Source], border: Border) -> Views:
     Axes are ours and the matrix is camera_from_world. A file has no image size and no unit, and
     does not say where pixels are counted from; its last line, the depths of the sweep, is left out.
     """
-    width, height = border.image_size("an MVSNet file")
+    size = border.image_size("an MVSNet file")
     shift = border.pixel_shift("an MVSNet file")
     cameras: dict[Camera, int] = {}
     index, poses, images = [], [], []
@@ -234,15 +231,8 @@ def read_mvsnet(sources: Sequence[Source], border: Border) -> Views:
         if k[1, 0] or not np.array_equal(k[2], (0, 0, 1)):
             raise CameraError(f"{name}: intrinsic must be [[fx, skew, cx], [0, fy, cy], [0, 0, 1]]")
         (fx, skew, cx), (_, fy, cy) = k[:2].tolist()
-        camera = Camera(
-            width=width,
-            height=height,
-            fx=fx,
-            fy=fy,
-            cx=cx + shift,
-            cy=cy + shift,
-            skew=skew,
-        )
+        p = {"fx": fx, "fy": fy, "cx": cx + shift, "cy": cy + shift, "skew": skew}
+        camera = lens_camera("pinhole", size, p)
         index.append(cameras.setdefault(camera, len(cameras)))
         poses.append(extrinsic)
         images.append(source.path.stem.removesuffix("cam").rstrip("_") or source.path.stem)

@@ -33,13 +33,16 @@ from rastercov.camera.formats.conventions import (
     Border,
     from_quaternions,
     inverse_of,
+    is_whole_panorama,
+    lens_camera,
+    model_in,
+    no_model,
     to_quaternions,
     unique,
 )
-from rastercov.camera.formats.equivalents import is_whole_panorama, model_in, no_model
-from rastercov.camera.models import PROGRAMS, lens_of_parameters
+from rastercov.camera.models import PROGRAMS
 from rastercov.camera.pose import inverse
-from rastercov.camera.views import Views
+from rastercov.camera.rig import Views
 
 FloatArray = NDArray[np.float64]
 Record = tuple[str, Sequence[Any]]
@@ -57,7 +60,12 @@ MODELS = tuple(PROGRAMS["colmap"])
 """Names of the models by their ids."""
 SUBFOLDERS = ("sparse/0", "sparse", "0")
 """Folders of a project that COLMAP's pipelines put a model in."""
-RECORDS = {"cameras": ("a camera", 24), "rigs": ("a rig", 8), "frames": ("a frame", 68)}
+RECORDS = {
+    "cameras": ("a camera", 24),
+    "images": ("an image", 73),
+    "rigs": ("a rig", 8),
+    "frames": ("a frame", 68),
+}
 """Name of a record of each part, and its least bytes."""
 HEADS = {
     "cameras": "# Camera list: CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n# Number of cameras: {}",
@@ -168,15 +176,11 @@ def _one_file(path: Path, part: str, border: Border) -> Any:
     try:
         with open_file(path, LARGEST_FILE) as file:
             if path.suffix == ".bin":
-                if part == "images":
-                    return _binary_images(file)
                 what, least_bytes = RECORDS[part]
                 count = _count(file, part, least_bytes)
                 return PARSERS[part](_Bytes(file, what) for _ in range(count))
-            if part == "images":
-                found: Any = _text_images(file)
-            else:
-                found = PARSERS[part](_Words(*line) for line in _lines(file) if line[1])
+            lines = _lines(file)
+            found = PARSERS[part](_Words(*line, lines) for line in lines if line[1])
             file.seek(0)
             _check_promise(_promised(file), len(found), name, border)
             return found
@@ -196,17 +200,7 @@ def camera_of(model: str, width: int, height: int, parameters: Sequence[float]) 
     if ours == "equirectangular":
         w, h = p["w"], p["h"]
         p = {"fx": w / (2 * math.pi), "fy": h / math.pi, "cx": w / 2, "cy": h / 2}
-    name, distortion = lens_of_parameters(ours, p)
-    return Camera(
-        width=width,
-        height=height,
-        fx=p["fx"] if "fx" in p else p["f"],
-        fy=p["fy"] if "fy" in p else p["f"],
-        cx=p["cx"],
-        cy=p["cy"],
-        model=name,
-        distortion=distortion,
-    )
+    return lens_camera(ours, (width, height), p)
 
 
 # Records of both forms.
@@ -215,8 +209,9 @@ def camera_of(model: str, width: int, height: int, parameters: Sequence[float]) 
 class _Words:
     """Values of a line of text, taken one after the other."""
 
-    def __init__(self, number: int, text: str) -> None:
+    def __init__(self, number: int, text: str, following: Iterator[tuple[int, str]]) -> None:
         self._where, self._words, self._at = f"line {number}", text.split(), 0
+        self._number, self._text, self._following = number, text, following
 
     def take(self, what: str) -> str:
         if self._at >= len(self._words):
@@ -248,6 +243,21 @@ class _Words:
             )
         return name
 
+    def name(self) -> str:
+        """The rest of the line, which may have spaces."""
+        return "".join(self._text.split(maxsplit=self._at)[self._at :])
+
+    def pass_points(self, name: str) -> None:
+        """Pass the next line, of the points of an image."""
+        after, points = next(self._following, (self._number + 1, ""))
+        found = points.split()
+        # The ids of the first points and of the last: a line of an image may look like points.
+        if len(found) % 3 or not all(_is_whole(word) for word in (*found[2:9:3], *found[-1:])):
+            raise CameraError(
+                f"line {after}: the points of image {shown(name)} wanted, got {shown(points)}; "
+                "leave an empty line where an image has none"
+            )
+
     def _real(self, what: str, word: str) -> float:
         try:
             return float(word if "_" not in word else "")  # Python reads 1_0 as ten
@@ -275,6 +285,19 @@ class _Bytes:
 
     def is_camera(self) -> bool:
         return self.whole("a sensor", "i") == 0  # 1 is an IMU
+
+    def name(self) -> str:
+        start = self._file.tell()
+        data = self._file.read(LONGEST_NAME)
+        end = data.find(b"\0")
+        if end < 0:
+            raise CameraError("the name of an image has no end; the file is truncated or broken")
+        self._file.seek(start + end + 1)
+        return data[:end].decode("utf-8", errors="replace")
+
+    def pass_points(self, name: str) -> None:
+        n_points = _count(self._file, f"points of image {shown(name)}", 24)
+        self._file.seek(24 * n_points, 1)
 
     def model(self, camera_id: int) -> str:
         number = self.whole("the model", "i")
@@ -306,6 +329,17 @@ def _cameras(records: Fields) -> dict[int, Camera]:
         except CameraError as error:
             raise CameraError(f"camera {number}: {error}") from None
     return table
+
+
+def _images(records: Fields) -> list[Image]:
+    images: list[Image] = []
+    for values in records:
+        number = values.whole("the image's id")
+        motion = values.reals("the quaternion", 4), values.reals("the translation", 3)
+        camera_id, name = values.whole("the camera's id"), values.name()
+        values.pass_points(name)
+        images.append(Image(*motion, camera_id, name, number))
+    return images
 
 
 def _rigs(records: Fields) -> Rigs:
@@ -343,7 +377,12 @@ def _frames(records: Fields) -> list[tuple[int, list[int]]]:
     return frames
 
 
-PARSERS: dict[str, Any] = {"cameras": _cameras, "rigs": _rigs, "frames": _frames}
+PARSERS: dict[str, Any] = {
+    "cameras": _cameras,
+    "images": _images,
+    "rigs": _rigs,
+    "frames": _frames,
+}
 
 
 # Text.
@@ -383,32 +422,6 @@ def _lines(file: BinaryIO) -> Iterator[tuple[int, str]]:
             yield number, text
 
 
-def _text_images(file: BinaryIO) -> list[Image]:
-    images: list[Image] = []
-    lines = _lines(file)
-    for number, text in lines:
-        if not text:
-            continue  # between two images only: the line of points after each is taken below
-        # The name is the rest of the line, and may have spaces.
-        head = text.split(maxsplit=9)
-        words = _Words(number, " ".join(head[:9]))
-        image_id = words.whole("the image's id")
-        quaternion = words.reals("the quaternion", 4)
-        translation = words.reals("the translation", 3)
-        camera_id = words.whole("the camera's id")
-        name = head[9] if head[9:] else ""
-        images.append(Image(quaternion, translation, camera_id, name, image_id))
-        after, points = next(lines, (number + 1, ""))
-        found = points.split()
-        # The ids of the first points and of the last: a line of an image may look like points.
-        if len(found) % 3 or not all(_is_whole(word) for word in (*found[2:9:3], *found[-1:])):
-            raise CameraError(
-                f"line {after}: the points of image {shown(images[-1].name)} wanted, got "
-                f"{shown(points)}; leave an empty line where an image has none"
-            )
-    return images
-
-
 def _is_whole(word: str) -> bool:
     return word.removeprefix("-").isdecimal()
 
@@ -436,27 +449,6 @@ def _count(file: BinaryIO, what: str, least_bytes: int) -> int:
             "truncated, export it again"
         )
     return int(count)
-
-
-def _binary_images(file: BinaryIO) -> list[Image]:
-    images: list[Image] = []
-    for _ in range(_count(file, "images", 73)):
-        image_id, *motion, camera_id = _unpack(file, "I7dI", "an image")
-        name = _name(file)
-        n_points = _count(file, f"points of image {shown(name)}", 24)
-        file.seek(24 * n_points, 1)
-        images.append(Image(tuple(motion[:4]), tuple(motion[4:]), camera_id, name, image_id))
-    return images
-
-
-def _name(file: BinaryIO) -> str:
-    start = file.tell()
-    data = file.read(LONGEST_NAME)
-    end = data.find(b"\0")
-    if end < 0:
-        raise CameraError("the name of an image has no end; the file is truncated or broken")
-    file.seek(start + end + 1)
-    return data[:end].decode("utf-8", errors="replace")
 
 
 def _places(rigs: Rigs, row_of: dict[int, int], border: Border) -> Any:

@@ -2,24 +2,35 @@
 
 A reader hands over what the file has. `Border` turns axes, direction, pixel centre and unit of it
 into those of this package, once; where the file does not say, it asks for the option that answers,
-and refuses without it. Motions of quaternions and rotation vectors are here, too.
+and refuses without it. Motions of quaternions and rotation vectors are here, too, and lenses of one
+camera in the models of several programs: writers ask here in which of `models.PROGRAMS` that their
+format has a camera can be expressed without loss, and what no format keeps.
 """
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.arguments import check_choice, flag
 from rastercov.base.checks import finite_number, image_side, shown, two
-from rastercov.base.errors import CameraError, ConfigError, PoseError
+from rastercov.base.errors import CameraError, ConfigError, MeshError, PoseError
 from rastercov.base.files import UnknownNames, printable
 from rastercov.camera.camera import Camera
+from rastercov.camera.models import (
+    MODELS,
+    PROGRAMS,
+    coefficients_by_name,
+    lens_of_parameters,
+    opencv_length,
+)
 from rastercov.camera.pose import DRIFT_TOLERANCE, Poses, inverse
-from rastercov.camera.rig import Rig
-from rastercov.camera.views import Views
-from rastercov.mesh.formats import METRES
+from rastercov.camera.rig import Rig, Views
+from rastercov.mesh import formats
+from rastercov.mesh.arrays import rotations_of_quaternions
 
 FloatArray = NDArray[np.float64]
 
@@ -97,15 +108,10 @@ class Conventions:
 
 def metres_per(unit: str | float) -> float:
     """Metres in one `unit`, a name or a positive number; ConfigError for anything else."""
-    if isinstance(unit, str) and unit in METRES:
-        return METRES[unit]
-    metres = finite_number(unit)
-    if not metres > 0:
-        raise ConfigError(
-            f"unit must be one of {', '.join(METRES)} or metres per unit as a positive number, "
-            f"got {shown(unit)}"
-        )
-    return metres
+    try:
+        return formats.metres_per(unit)
+    except MeshError as error:
+        raise ConfigError(str(error)) from None
 
 
 class Border:
@@ -322,13 +328,8 @@ def from_quaternions(wxyz: ArrayLike, translation: ArrayLike) -> FloatArray:
     q = np.asarray(wxyz, dtype=np.float64).reshape(-1, 4)
     with np.errstate(all="ignore"):
         q = q / np.abs(q).max(axis=1, keepdims=True)  # no square overflows
-        w, x, y, z = (q / np.linalg.norm(q, axis=1, keepdims=True)).T
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    return motions(np.moveaxis(np.array(rows), -1, 0), translation)
+        q = q / np.linalg.norm(q, axis=1, keepdims=True)
+    return motions(rotations_of_quaternions(np.roll(q, -1, axis=1)), translation)
 
 
 def to_quaternions(rotations: FloatArray) -> FloatArray:
@@ -375,3 +376,111 @@ def motions(rotations: ArrayLike, translation: ArrayLike) -> FloatArray:
     out[:, :3, 3] = np.asarray(translation, dtype=np.float64).reshape(-1, 3)
     out[:, 3, 3] = 1.0
     return out
+
+
+def lens_camera(ours: str, size: Sequence[int], p: Mapping[str, float]) -> Camera:
+    """Camera of a model of ours with parameters by name.
+
+    They are f, or fx and fy; cx and cy, the middle if left out; skew; and the coefficients of the
+    lens, 0 where they are left out. Metashape's p1 and p2 are taken for those of its model.
+    """
+    if ours == "metashape" and not p["k4"]:
+        ours, p = "opencv", {**p, "p1": p["p2"], "p2": p["p1"]}
+    model, distortion = lens_of_parameters(ours, p)
+    fields: dict[str, Any] = {name: p[name] for name in ("cx", "cy", "skew") if name in p}
+    fields |= {name: p[name] if name in p else p["f"] for name in ("fx", "fy")}
+    return Camera(width=size[0], height=size[1], **fields, model=model, distortion=distortion)
+
+
+def as_opencv(camera: Camera) -> tuple[float, ...] | None:
+    """The 14 coefficients of OpenCV's model for a camera; None if it is not of that model."""
+    c = coefficients_by_name(camera.model, camera.distortion)
+    if camera.model == "metashape" and not c["k4"]:  # its p1 and p2 are OpenCV's p2 and p1
+        c |= {"p1": c["p2"], "p2": c["p1"]}
+    elif not (
+        camera.model in ("pinhole", "opencv")
+        or (camera.model == "omni" and not c["xi"])
+        or (camera.model == "fov" and not c["omega"])
+    ):
+        return None
+    return tuple(c.get(name, 0.0) for name in MODELS["opencv"].coefficients.split())
+
+
+def as_fisheye(camera: Camera) -> tuple[float, ...] | None:
+    """The 4 coefficients of cv2.fisheye for a camera; None if it is not of that model."""
+    c = coefficients_by_name(camera.model, camera.distortion)
+    radial = tuple(c.pop(f"k{i}", 0.0) for i in range(1, 5))
+    return radial if MODELS[camera.model].base == "equidistant" and not any(c.values()) else None
+
+
+def model_in(program: str, camera: Camera) -> tuple[str, dict[str, float]] | None:
+    """Name of a model of a program, with fx and fy, that is the lens of a camera; None without one.
+
+    With it, values of its parameters by name.
+    """
+    forms = [(camera.model, coefficients_by_name(camera.model, camera.distortion))]
+    for ours, values in (("opencv_fisheye", as_fisheye(camera)), ("opencv", as_opencv(camera))):
+        if values is not None:
+            names = MODELS[ours].coefficients.split()
+            forms.insert(0, (ours, dict(zip(names, values, strict=True))))
+    central = {name: getattr(camera, name) for name in ("fx", "fy", "cx", "cy")}
+    for ours, c in forms:
+        for name, foreign in PROGRAMS[program].items():
+            wanted = foreign.parameters.split()
+            held = foreign.ours == ours and all(key in wanted for key in c if c[key])
+            if held and "fx" in wanted:
+                return name, {key: (central | c)[key] for key in wanted}
+    return None
+
+
+def panorama(width: int, height: int) -> Camera:
+    """Equirectangular image of all directions."""
+    return Camera(
+        width=width,
+        height=height,
+        fx=width / (2 * math.pi),
+        fy=height / math.pi,
+        model="equirectangular",
+    )
+
+
+def is_whole_panorama(camera: Camera) -> bool:
+    """True for an equirectangular image of all directions around the middle."""
+    whole = panorama(camera.width, camera.height)
+    return (
+        camera.model == whole.model
+        and not camera.skew
+        and math.isclose(camera.fx, whole.fx, rel_tol=1e-9)
+        and math.isclose(camera.fy, whole.fy, rel_tol=1e-9)
+        and (camera.cx, camera.cy) == (whole.cx, whole.cy)
+    )
+
+
+def lost(camera: Camera) -> list[str]:
+    """Fields that are set and that no format but our own keeps, such as the aperture."""
+    fields = ("focal_length", "pixel_size", "aperture", "focus_distance", "focus_range")
+    found = [name for name in (*fields, "max_angle_deg") if getattr(camera, name) is not None]
+    found += ["near"] if camera.near else []
+    return found + (["max_blur"] if camera.max_blur != 1.0 else [])
+
+
+def opencv_terms(camera: Camera, program: str) -> tuple[bool, tuple[float, ...]]:
+    """True for a fisheye, and the coefficients of OpenCV for a camera; else the error of a program.
+
+    As few coefficients as hold all that are not 0: 5, 8, 12 or 14 of Brown's model.
+    """
+    values, radial = as_opencv(camera), as_fisheye(camera)
+    if values is not None:
+        return False, values[: opencv_length(values, 5, 8, 12, 14)]
+    if radial is None:
+        raise no_model(program, camera)
+    return True, radial
+
+
+def no_model(program: str, camera: Camera, name: str = "") -> CameraError:
+    """Error of a lens that a program has no model for; `name` is that of the camera."""
+    return CameraError(
+        f"{name}{': ' if name else ''}{program} has no model for {camera.model}"
+        f"{' with skew' if camera.skew and name else ' with these coefficients'}; undistort the "
+        "images, or write another format"
+    )

@@ -17,10 +17,10 @@ import numpy as np
 from rastercov.base.checks import shown
 from rastercov.base.errors import CameraError
 from rastercov.camera.camera import Camera
-from rastercov.camera.formats.conventions import Border, inverse_of
+from rastercov.camera.formats.conventions import Border, inverse_of, lens_camera
 from rastercov.camera.formats.source import Entries
-from rastercov.camera.models import PROGRAMS, lens_of_parameters
-from rastercov.camera.views import Views
+from rastercov.camera.models import PROGRAMS
+from rastercov.camera.rig import Views
 
 CAMERA_NAME = re.compile(r"cam(0|[1-9][0-9]{0,5})")
 MOST_SHOWN = 8
@@ -127,18 +127,8 @@ def _camera(entries: Entries) -> Camera:
     p = dict.fromkeys(("k1", "k2", "p1", "p2"), 0.0)
     p |= _named(entries, "intrinsics", f"{intrinsics} cy")
     p |= _named(entries, "distortion_coeffs", coefficients.strip())
-    ours, values = lens_of_parameters(foreign.ours, p)
-    size = entries.array("resolution", (2,)).tolist()
-    return Camera(
-        width=size[0],
-        height=size[1],
-        fx=p["fx"],
-        fy=p["fy"],
-        cx=p["cx"] + 0.5,
-        cy=p["cy"] + 0.5,
-        model=ours,
-        distortion=values,
-    )
+    p |= {"cx": p["cx"] + 0.5, "cy": p["cy"] + 0.5}
+    return lens_camera(foreign.ours, entries.array("resolution", (2,)).tolist(), p)
 
 
 def _named(entries: Entries, name: str, order: str) -> dict[str, float]:

@@ -16,11 +16,10 @@ from numpy.typing import NDArray
 from rastercov.base.checks import image_side, shown
 from rastercov.base.errors import CameraError
 from rastercov.camera.camera import Camera
-from rastercov.camera.formats.conventions import Border
-from rastercov.camera.formats.equivalents import panorama
+from rastercov.camera.formats.conventions import Border, lens_camera, panorama
 from rastercov.camera.formats.source import checked, number_of
-from rastercov.camera.models import PROGRAMS, lens_of_parameters
-from rastercov.camera.views import Views
+from rastercov.camera.models import PROGRAMS
+from rastercov.camera.rig import Views
 from rastercov.mesh.formats.xml_tree import children, local_name, look_at_names, schema_of
 
 FloatArray = NDArray[np.float64]
@@ -204,21 +203,9 @@ def _camera(element: Element, kind: str, label: str, sensor: Element | None = No
                 "calibrate again without it, or undistort the photos"
             )
     b1, f = of("b1"), of("f", "")
-    ours = MODELS[kind].ours
-    if ours == "metashape" and not c["k4"]:
-        ours, c = "opencv", c | {"p1": c["p2"], "p2": c["p1"]}
-    model, values = lens_of_parameters(ours, c)
-    return Camera(
-        width=width,
-        height=height,
-        fx=f + b1,
-        fy=f,
-        cx=width / 2 + of("cx"),
-        cy=height / 2 + of("cy"),
-        skew=of("b2"),
-        model=model,
-        distortion=values,
-    )
+    c |= {"fx": f + b1, "fy": f, "skew": of("b2")}
+    c |= {"cx": width / 2 + of("cx"), "cy": height / 2 + of("cy")}
+    return lens_camera(MODELS[kind].ours, (width, height), c)
 
 
 def _places(chunk: Element) -> dict[str | None, tuple[FloatArray, float | None]]:

@@ -22,11 +22,15 @@ from numpy.typing import NDArray
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import CameraError
 from rastercov.camera.camera import Camera
-from rastercov.camera.formats.conventions import Border, from_vectors, inverse_of, motions
-from rastercov.camera.formats.equivalents import as_fisheye, as_opencv, no_model
+from rastercov.camera.formats.conventions import (
+    Border,
+    from_vectors,
+    inverse_of,
+    motions,
+    opencv_terms,
+)
 from rastercov.camera.formats.source import Source, number_of
-from rastercov.camera.models import opencv_length
-from rastercov.camera.views import Views
+from rastercov.camera.rig import Views
 from rastercov.mesh.formats.xml_tree import local_name
 
 FloatArray = NDArray[np.float64]
@@ -423,17 +427,9 @@ def _has_camera(content: Mapping[str, Any]) -> bool:
 def text_of(views: Views) -> str:
     """A YAML storage for one camera; CameraError for a lens that OpenCV has no model for."""
     camera = views.camera()
-    values, radial = as_opencv(camera), as_fisheye(camera)
-    if values is None and radial is None:
-        raise no_model("OpenCV", camera)
+    is_fisheye, values = opencv_terms(camera, "OpenCV")
     lines = ["%YAML:1.0", "---", f"image_width: {camera.width}", f"image_height: {camera.height}"]
-    if values is None:
-        assert radial is not None
-        lines += ["fisheye_model: 1"]
-        values = radial
-    else:
-        lines += ["fisheye_model: 0"]
-        values = values[: opencv_length(values, 5, 8, 12, 14)]
+    lines.append(f"fisheye_model: {int(is_fisheye)}")
     k = camera.opencv_K
     k[0, 1] = camera.skew
     lines += _block("camera_matrix", k)

@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 from rastercov.base.checks import shown
 from rastercov.base.errors import CameraError
 from rastercov.camera.camera import Camera
-from rastercov.camera.formats.conventions import Border, from_vectors, inverse_of
+from rastercov.camera.formats.conventions import Border, from_vectors, inverse_of, lens_camera
 from rastercov.camera.formats.source import Entries
-from rastercov.camera.models import PROGRAMS, lens_of_parameters
-from rastercov.camera.views import Views
+from rastercov.camera.models import PROGRAMS
+from rastercov.camera.rig import Views
 
 MODELS = PROGRAMS["opensfm"]
 
@@ -151,14 +151,7 @@ def _camera(entries: Entries) -> Camera:
     else:
         fx = fy = entries.number("focal")
     p = {name: entries.number(_own_name(name), 0.0) for name in order.split()}
-    model, distortion = lens_of_parameters(ours, p)
-    return Camera(
-        width=width,
-        height=height,
-        fx=fx * side,
-        fy=fy * side,
-        cx=width / 2 + entries.number("c_x", 0.0) * side,
-        cy=height / 2 + entries.number("c_y", 0.0) * side,
-        model=model,
-        distortion=distortion,
-    )
+    p |= {"fx": fx * side, "fy": fy * side}
+    p["cx"] = width / 2 + entries.number("c_x", 0.0) * side
+    p["cy"] = height / 2 + entries.number("c_y", 0.0) * side
+    return lens_camera(ours, (width, height), p)

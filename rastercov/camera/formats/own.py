@@ -23,7 +23,7 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import Border
 from rastercov.camera.formats.source import Entries
 from rastercov.camera.pose import DRIFT_TOLERANCE, as_matrices, real_numbers
-from rastercov.camera.views import Views
+from rastercov.camera.rig import Views
 
 KNOWN = frozenset({"cameras", "rig_from_camera", "world_from_camera", "camera", "images", "frame"})
 """Entries of a file of cameras and poses."""

@@ -13,11 +13,9 @@ import numpy as np
 
 from rastercov.base.errors import CameraError
 from rastercov.camera.camera import Camera
-from rastercov.camera.formats.conventions import Border
-from rastercov.camera.formats.equivalents import as_fisheye, as_opencv, no_model
+from rastercov.camera.formats.conventions import Border, opencv_terms
 from rastercov.camera.formats.source import Entries, checked
-from rastercov.camera.models import opencv_length
-from rastercov.camera.views import Views
+from rastercov.camera.rig import Views
 
 COUNTS = {
     "": (0,),
@@ -102,15 +100,9 @@ def text_of(views: Views) -> str:
     """A camera_info of one camera; CameraError for a lens that ROS has no model for."""
     camera = views.camera()
     assert views.rig is not None
-    values, radial = as_opencv(camera), as_fisheye(camera)
-    if values is not None:
-        n = opencv_length(values, 5, 8, 12, 14)
-        assert n is not None
-        model, coefficients = ("plumb_bob" if n == 5 else "rational_polynomial"), values[:n]
-    elif radial is not None:
-        model, coefficients = "equidistant", radial
-    else:
-        raise no_model("ROS", camera)
+    is_fisheye, coefficients = opencv_terms(camera, "ROS")
+    model = "plumb_bob" if len(coefficients) == 5 else "rational_polynomial"
+    model = "equidistant" if is_fisheye else model
     k = camera.opencv_K
     k[0, 1] = camera.skew
     name = "".join(c if c.isalnum() else "_" for c in views.rig.names[0])

@@ -17,18 +17,19 @@ from numpy.typing import NDArray
 
 from rastercov.base.errors import CameraError
 from rastercov.camera.camera import Camera
-from rastercov.camera.formats.conventions import OPENGL_AXES, Border
-from rastercov.camera.formats.equivalents import (
+from rastercov.camera.formats.conventions import (
+    OPENGL_AXES,
+    Border,
     as_fisheye,
     as_opencv,
-    coefficients,
     is_whole_panorama,
+    lens_camera,
     no_model,
     panorama,
 )
 from rastercov.camera.formats.source import Entries, Source
-from rastercov.camera.models import PROGRAMS, lens_of_parameters
-from rastercov.camera.views import Views
+from rastercov.camera.models import PROGRAMS, coefficients_by_name
+from rastercov.camera.rig import Views
 
 MODELS = PROGRAMS["nerfstudio"]
 INTRINSICS = (
@@ -165,22 +166,14 @@ def _camera(entries: Entries, border: Border) -> Camera:
     if ours == "equirectangular" and not entries.any_of("fl_x", "fl_y"):
         return panorama(*size)
     fx, fy = _focal_lengths(entries, *size)
-    lens: tuple[str, tuple[float, ...]] = ours, ()
     if ours == "equirectangular":
         # Longitude and latitude are pi (u - cx) / fl_x and pi (v - cy) / fl_y.
-        fx, fy = fx / math.pi, fy / math.pi
+        p = {"fx": fx / math.pi, "fy": fy / math.pi}
     else:
-        lens = _lens(entries, ours)
-    return Camera(
-        width=size[0],
-        height=size[1],
-        fx=fx,
-        fy=fy,
-        cx=entries.number("cx", size[0] / 2),
-        cy=entries.number("cy", size[1] / 2),
-        model=lens[0],
-        distortion=lens[1],
-    )
+        ours, p = _lens(entries, ours)
+        p |= {"fx": fx, "fy": fy}
+    p |= {"cx": entries.number("cx", size[0] / 2), "cy": entries.number("cy", size[1] / 2)}
+    return lens_camera(ours, size, p)
 
 
 def _focal_lengths(entries: Entries, width: int, height: int) -> tuple[float, float]:
@@ -211,15 +204,15 @@ def _focal_lengths(entries: Entries, width: int, height: int) -> tuple[float, fl
     return (fy if math.isnan(fx) else fx), (fx if math.isnan(fy) else fy)
 
 
-def _lens(entries: Entries, ours: str) -> tuple[str, tuple[float, ...]]:
-    """Model of the lens and its coefficients."""
+def _lens(entries: Entries, ours: str) -> tuple[str, dict[str, float]]:
+    """Model of the lens and its coefficients by name."""
     given: Sequence[float] = ()
     if "distortion_params" in entries:
         given = entries.array("distortion_params", (4,), (6,), (12,)).tolist()
     if ours == "rad_tan_thin_prism_fisheye":
         if len(given) != 12:
             raise CameraError(f"{entries.where}: FISHEYE624 needs 12 distortion_params")
-        return ours, tuple(given)
+        return ours, dict(zip(MODELS["FISHEYE624"].parameters.split(), given, strict=True))
     if len(given) == 12:
         raise CameraError(f"{entries.where}: 12 distortion_params belong to FISHEYE624")
     names = MODELS["OPENCV"].parameters.split()
@@ -232,7 +225,7 @@ def _lens(entries: Entries, ours: str) -> tuple[str, tuple[float, ...]]:
     if ours == "opencv" and p["k4"]:
         # Of r^8, which OpenCV's model does not have; Metashape's p1 and p2 are turned around.
         ours, p = "metashape", p | {"p1": p2, "p2": p1}
-    return lens_of_parameters(ours, p)
+    return ours, p
 
 
 def content_of(views: Views) -> dict[str, Any]:
@@ -256,9 +249,12 @@ def content_of(views: Views) -> dict[str, Any]:
 
 def _table(camera: Camera, name: str) -> dict[str, Any]:
     """Intrinsics of a camera under the names of the format."""
-    c = coefficients(camera)
-    model, found = "", dict[str, Any]()
-    if (radial := as_fisheye(camera)) is not None:
+    c = coefficients_by_name(camera.model, camera.distortion)
+    radial, values = as_fisheye(camera), as_opencv(camera)
+    if camera.skew:
+        raise no_model("transforms.json", camera, name)
+    found: dict[str, Any] = {}
+    if radial is not None:
         model, found = "OPENCV_FISHEYE", dict(zip(("k1", "k2", "k3", "k4"), radial, strict=True))
         found["is_fisheye"] = True  # read by instant-ngp
     elif camera.model == "rad_tan_thin_prism_fisheye":
@@ -267,12 +263,12 @@ def _table(camera: Camera, name: str) -> dict[str, Any]:
         model = "EQUIRECTANGULAR"
     elif camera.model == "metashape":
         model, found = "OPENCV", c | {"p1": c["p2"], "p2": c["p1"]}
-    elif (values := as_opencv(camera)) is not None and not any(values[5:]):
-        k1, k2, p1, p2, k3 = values[:5]
-        model, found = "OPENCV", {"k1": k1, "k2": k2, "k3": k3, "p1": p1, "p2": p2}
-        if not any(values):
-            model, found = "PINHOLE", {}
-    if not model or camera.skew:
+    elif values is not None and not any(values[5:]):
+        found = (
+            dict(zip(("k1", "k2", "p1", "p2", "k3"), values, strict=False)) if any(values) else {}
+        )
+        model = "OPENCV" if found else "PINHOLE"
+    else:
         raise no_model("transforms.json", camera, name)
     fx, fy = camera.fx, camera.fy
     if model == "EQUIRECTANGULAR":

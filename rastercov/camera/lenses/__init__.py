@@ -1,10 +1,9 @@
 """Lenses of real cameras: their models, certified valid regions, ideal planes and exact areas.
 
-`of_camera` has the lens of a camera, `lens` makes lenses from their terms. docs/cameras.md has the
-equations.
+`of_camera` has the lens of a camera. docs/cameras.md has the equations.
 """
 
-from rastercov.camera.lenses.lens import BASES, Lens, make_lens
+from rastercov.camera.lenses.of_camera import BASES, Lens
 from rastercov.camera.lenses.planes import IdealPlane
 
-__all__ = ["BASES", "IdealPlane", "Lens", "make_lens"]
+__all__ = ["BASES", "IdealPlane", "Lens"]

@@ -1,4 +1,4 @@
-"""Numbers with bounds, and bounds of lenses over complex numbers: `reach`, `slope_reach`.
+"""Numbers with bounds, and bounds of lenses over complex numbers: `reach`.
 
 The equations of `kernels.lens_formulas` run on any numbers: intervals of real numbers that hold
 their exact results, values with one derivative, and balls.
@@ -25,7 +25,6 @@ FloatArray = NDArray[np.float64]
 
 ROUNDING = 1 + 1e-9
 """Factor on a bound, for the rounding of the operations on centres and radii."""
-INFLATIONS = 8
 
 
 class Arithmetic:
@@ -259,134 +258,7 @@ def _atan2(y: Any, x: Any) -> Ball:
 
 
 _PLAIN = {"sqrt": _sqrt, "atan2": _atan2, "angle_over_r": _angle_over_r}
-_distorted = lens_formulas.bound_to(
-    _PLAIN, given=(lens_formulas.radial_factor, lens_formulas.distorted)
-)["distorted"]
-
-
-def _undo_distortion(p: FloatArray, x: Ball, y: Ball) -> tuple[Ball, Ball]:
-    """Inverse of the distortion over balls, proved by Krawczyk's test.
-
-    K(B) = c - A (F(c) - target) + (1 - A F'(B)) (B - c), A an inverse of F' at the centre c. If
-    K(B) is within B, F has exactly one root in B for each target.
-    """
-    a, b = lens_formulas.undo_distortion(p, x.centre, y.centre)
-    zero = np.zeros(a.shape)
-    f, g = _distorted(p, Ball(a, zero), Ball(b, zero))
-
-    def slopes(radius: FloatArray) -> list[Ball]:
-        left, right = Ball(a, radius), Ball(b, radius)
-        by_a = _distorted(p, Jet(left, 1.0), Jet(right, 0.0))
-        by_b = _distorted(p, Jet(left, 0.0), Jet(right, 1.0))
-        found = by_a[0].slope, by_b[0].slope, by_a[1].slope, by_b[1].slope
-        return [Ball.of(slope) for slope in found]
-
-    fa, fb, ga, gb = (ball.centre for ball in slopes(zero))
-    det = fa * gb - fb * ga
-    inverse = [gb / det, -fb / det, -ga / det, fa / det]
-    off_x, off_y = f - x, g - y
-    far = [
-        Ball(inverse[0], zero) * off_x + Ball(inverse[1], zero) * off_y,
-        Ball(inverse[2], zero) * off_x + Ball(inverse[3], zero) * off_y,
-    ]
-    least = np.maximum(*(np.abs(ball.centre) + ball.radius for ball in far))
-    best = np.full(least.shape, np.inf)
-    for k in range(INFLATIONS):
-        radius = least * (1.05 + 0.2 * k * k) + 1e-14
-        fa_, fb_, ga_, gb_ = slopes(radius)
-        rest = np.zeros(least.shape)
-        for row, unit in ((inverse[:2], (1.0, 0.0)), (inverse[2:], (0.0, 1.0))):
-            total = np.zeros(least.shape)
-            for (one, two), diagonal in zip(((fa_, ga_), (fb_, gb_)), unit, strict=True):
-                entry = diagonal - (Ball(row[0], zero) * one + Ball(row[1], zero) * two)
-                total = total + np.abs(entry.centre) + entry.radius
-            rest = np.maximum(rest, total)
-        is_proved = least + rest * radius <= radius
-        best = np.where(is_proved & (best == np.inf), radius, best)
-        if (best < np.inf).all():
-            break
-    return Ball(a, best), Ball(b, best)
-
-
-_project = lens_formulas.bound_to({**_PLAIN, "undo_distortion": _undo_distortion})["project"]
-
-
-def _sqrt_slope(z: Jet) -> Jet:
-    root = _sqrt(z.value)
-    return Jet(root, z.slope / (2.0 * root))
-
-
-def _atan2_slope(y: Jet, x: Jet) -> Jet:
-    square = Ball.of(x.value * x.value + y.value * y.value)
-    slope = (x.value * y.slope - y.value * x.slope) / square
-    return Jet(_atan2(y.value, x.value), slope)
-
-
-def _angle_over_r_slope(r2: Jet, z: Any) -> Jet:
-    z = Jet.of(z)
-    wide, deep = Ball.of(r2.value), Ball.of(z.value)
-    value, square = _angle_over_r(wide, deep), wide + deep * deep
-    # By r2: (z / square - value) / (2 r2), or next to the axis h'(s) / z^3 (see `_angle_over_r`),
-    # |h''| <= 2 / (5 m^3); by z: -1 / square.
-    s = wide / (deep * deep)
-    least = np.minimum(1.0, 1.0 + s.centre.real - s.radius)
-    t = s.centre
-    is_small = np.abs(t) < 1e-4
-    root = np.sqrt(np.where(is_small, 1, t))
-    slope = np.where(
-        is_small,
-        -1 / 3 + t * (2 / 5 + t * (-3 / 7 + t * (4 / 9))),
-        (1 / (1 + t) - np.arctan(root) / root) / (2 * np.where(is_small, 1, t)),
-    )
-    is_good = (least > 0) & (deep.centre.real > deep.radius)
-    near = _ball(slope, 2 * s.radius / (5 * least**3), is_good) / (deep * deep * deep)
-    by_r2 = _smaller(near, (deep / square - value) / (2.0 * wide))
-    return Jet(value, by_r2 * r2.slope + z.slope * (-1.0 / square))
-
-
-def _undo_distortion_slope(p: FloatArray, x: Jet, y: Jet) -> tuple[Jet, Jet]:
-    """Inverse, and its derivative over balls that hold it."""
-    a, b = _undo_distortion(p, x.value, y.value)
-    fa, ga = (Ball.of(jet.slope) for jet in _distorted(p, Jet(a, 1.0), Jet(b, 0.0)))
-    fb, gb = (Ball.of(jet.slope) for jet in _distorted(p, Jet(a, 0.0), Jet(b, 1.0)))
-    det = fa * gb - fb * ga
-    da = (gb * x.slope - fb * y.slope) / det
-    db = (fa * y.slope - ga * x.slope) / det
-    return Jet(a, da), Jet(b, db)
-
-
-_project_slopes = lens_formulas.bound_to(
-    {
-        "sqrt": _sqrt_slope,
-        "atan2": _atan2_slope,
-        "angle_over_r": _angle_over_r_slope,
-        "undo_distortion": _undo_distortion_slope,
-    }
-)["project"]
-
-
-def slope_reach(
-    code: int, params: FloatArray, frame: FloatArray, x: FloatArray, y: FloatArray, radius: Any
-) -> FloatArray:
-    """Bound of the change of the first derivatives over complex points near points of a plane.
-
-    Parameters are those of `reach`.
-
-    Returns
-    -------
-    (N,) float64
-        Root of the sum of the squares of the bounds of |u_x - a|, |u_y - b|, |v_x - c| and
-        |v_y - d|, with some a, b, c, d for each point, px per unit of the plane.
-    """
-    total = np.zeros(np.shape(x))
-    near = radius + total
-    with np.errstate(all="ignore"):
-        for along in ((1.0, 0.0), (0.0, 1.0)):
-            X, Y = Jet(Ball(x, near), along[0]), Jet(Ball(y, near), along[1])
-            rays = [float(f[0]) * X + float(f[1]) * Y + float(f[2]) for f in frame]
-            for jet in _project_slopes(code, params, *rays):
-                total = total + Ball.of(jet.slope).radius ** 2
-        return _limited(np.sqrt(total))
+_project = lens_formulas.bound_to(_PLAIN)["project"]
 
 
 def reach(

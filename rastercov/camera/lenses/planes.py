@@ -1,4 +1,22 @@
-"""Ideal planes: pinhole cameras that together see the valid region of a lens.
+"""Valid region of a lens, and ideal planes: pinhole cameras that together see it.
+
+The region is a cone around the z axis on which the lens is proved to be injective.
+A polynomial that was fitted inside the image may fold outside it, and then two rays have one pixel.
+So nothing outside the valid region is ever projected. The proof has three parts:
+
+1. The base is injective up to an angle known in closed form (`base_limit`).
+2. On the disc of radius s of the plane of the base the distortion is injective. Its derivative
+   there has a symmetric part of at least
+
+       min(f / r, f') - t(r),   f the radial part,
+       t(r) = 6 r |(P1, P2)| + 2 r |(S1, S3)| + 4 r^3 |(S2, S4)|,
+
+   and a map whose derivative has a positive symmetric part on a convex set is injective on it.
+   Where the tangential terms take the radially distorted point, both parts are injective:
+   min(f / r, f') > 0 and t(f) < 1. `certified_radius` proves it by intervals, from the axis on.
+3. The horizon of a tilted sensor is beyond the image of the disc.
+
+The region is then made as small as covers the image, and 2 % more: a lens is known no further.
 
 Straight edges of a mesh are straight in an ideal plane, so visibility is computed there; the lens
 then moves the pieces to pixels. A lens that sees up to `ONE_PLANE_DEG` from its axis has one plane,
@@ -6,6 +24,7 @@ a wider one the sides of a cube that it reaches.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -13,27 +32,225 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.checks import LONGEST, MAX_IMAGE_SIDE
+from rastercov.base.errors import CameraError
 from rastercov.camera.camera import Camera
 from rastercov.camera.lenses import balls
-from rastercov.camera.lenses.region import MARGIN, border_pixels
-from rastercov.kernels import lens_formulas
-from rastercov.kernels.lens import SECTORS, jacobian_many, unproject_many
+from rastercov.camera.lenses.balls import Interval, Jet
+from rastercov.kernels import lens_formulas as lens
+from rastercov.kernels.lens import SECTORS, base_points, jacobian_many, rays_of, unproject_many
 
 FloatArray = NDArray[np.float64]
+
+WIDEST_DEG = 175.0
+"""Largest angle from the axis: the opposite ray has a circle of pixels, and next to it edges bend
+without limit. No lens sees that far."""
+PLANE_DEG = 89.9
+"""Largest angle from the axis of a base on a plane in front of the camera."""
+NARROWEST = 1e-12
+"""Radians: least angle of a region; a camera of the longest focal length sees 1e-12 rad a pixel."""
+BELOW_LIMIT = 1 - 1e-6
+"""Share of the limit of a base that is used: at the limit itself a radius has half its digits."""
+MARGIN = 1.02
+"""Radius of the region over the least that covers the image."""
+SPARE = 1.25
+"""Radius of the proof over the least that covers the image: derivatives are taken in cells of the
+plane, some of which reach beyond the region."""
+FIRST_CELL, LEAST_CELL = 1e-12, 1e-7
+"""Length of a cell, and over its place, below which a proof fails."""
+MOST_CELLS = 20_000
+"""Cells after which a proof fails, or divisions end."""
+FAR = 1e100
+"""Radius beyond all pixels."""
+BORDER = 256
+"""Places of a side of the image that are looked up to find the least region."""
+
+_BOUND = lens.bound_to({}, given=(lens.radial_factor,))
+
+
+def base_limit(code: int, params: FloatArray) -> float:
+    """Angle from the z axis, radians, below which the base is injective."""
+    if code in (lens.EQUIDISTANT, lens.EQUISOLID):
+        return math.radians(WIDEST_DEG)
+    if code == lens.UNIFIED:
+        # z > -w sqrt(B2 r^2 + z^2), w the smaller of B0 and B1 over the larger.
+        w = min(params[lens.B0], params[lens.B1]) / max(params[lens.B0], params[lens.B1])
+        limit = math.pi - math.atan2(math.sqrt(1.0 - w * w), w * math.sqrt(params[lens.B2]))
+    elif code == lens.DOUBLE_SPHERE:
+        xi, alpha = params[lens.B0], params[lens.B1]
+        w = min(alpha, 1.0 - alpha) / max(alpha, 1.0 - alpha)
+        # From the center of the second sphere, xi + c > -w sqrt(1 + 2 xi c + xi^2), c the cosine
+        # of the angle. The paper's (w + xi) / sqrt(2 w xi + xi^2 + 1) > -c is beyond the fold
+        # where xi < 0 and alpha is near 1.
+        rest = 1.0 - w * w
+        limit = math.acos(max(-1.0, -xi * rest - w * math.sqrt(1.0 - xi * xi * rest)))
+    elif code == lens.DIVISION and params[lens.B0] > 0.0:
+        limit = math.atan(0.5 / math.sqrt(params[lens.B0]))
+    else:
+        return math.radians(PLANE_DEG)
+    if code == lens.DIVISION:
+        return min(limit * BELOW_LIMIT, math.radians(PLANE_DEG))
+    return min(limit * BELOW_LIMIT, math.radians(WIDEST_DEG))
+
+
+def base_radius(code: int, params: FloatArray, angle: float) -> float:
+    """Distance from the axis, in the plane of the base, of rays at an angle from the z axis."""
+    x, _ = lens.based(code, params, np.array(math.sin(angle)), np.array(0.0), math.cos(angle))
+    return float(x)
+
+
+def base_angle(code: int, params: FloatArray, radius: float) -> float:
+    """Angle from the z axis of rays at a distance from the axis in the plane of the base."""
+    ray = np.empty((1, 3))
+    rays_of(code, params, np.array([[radius, 0.0]]), ray)
+    return math.atan2(math.hypot(ray[0, 0], ray[0, 1]), ray[0, 2])
+
+
+def is_certified(params: Sequence[float], low: float, high: float) -> bool:
+    """True where the distortion is proved to be injective at radii from `low` to `high`.
+
+    It must have been proved below `low`.
+    """
+    r = Interval(low, high)
+    q = r * r
+    factor = _BOUND["radial_factor"](params, Jet(q, Interval(1.0, 1.0)))
+    along = Interval.of(factor.value) + 2.0 * q * Interval.of(factor.slope)
+    across = Interval.of(factor.value)
+    least = min(along.low, across.low)
+    if not least > 0.0:  # a pole of the factor is within, or the radial part folds
+        return False
+    f = r * across
+    at = f if params[lens.LATE] else r
+    tangential = math.hypot(params[lens.P1], params[lens.P2])
+    prism = math.hypot(params[lens.S1], params[lens.S3])
+    prism4 = math.hypot(params[lens.S2], params[lens.S4])
+    turn = (6.0 * tangential + 2.0 * prism) * at + 4.0 * prism4 * at * at * at
+    if not (turn.high < 1.0 if params[lens.LATE] else least > turn.high):
+        return False
+    farthest = f + (3.0 * tangential + prism) * at * at + prism4 * at * at * at * at
+    horizon = math.hypot(params[lens.T20], params[lens.T21]) * farthest
+    return bool(horizon.high < params[lens.T22])
+
+
+def certified_radius(params: FloatArray, top: float, enough: float = math.inf) -> float:
+    """Largest radius, at most `top`, up to which the distortion is proved to be injective.
+
+    0 where it folds at the axis itself. Found to `LEAST_CELL` of its value, unless the image of a
+    disc that is `SPARE` times smaller has all points up to the distance `enough` from the axis.
+    """
+    numbers = params.tolist()
+    done, cell = 0.0, min(top, 1.0) / 16
+    for _ in range(MOST_CELLS):
+        if done >= top or cell < max(LEAST_CELL * done, FIRST_CELL * min(top, 1.0)):
+            break
+        following = min(done + cell, top)
+        if is_certified(numbers, done, following):
+            done, cell = following, 2 * cell
+            if forward_radius(params, done / SPARE) >= enough:
+                break
+        else:
+            cell /= 2
+    return done
+
+
+def forward_radius(params: FloatArray, radius: float) -> float:
+    """Least distance from the axis of what the distortion makes of the circle of a radius."""
+    f = radius * float(lens.radial_factor(params.tolist(), radius * radius))
+    at = f if params[lens.LATE] else radius
+    tangential = 3.0 * math.hypot(params[lens.P1], params[lens.P2])
+    tangential += math.hypot(params[lens.S1], params[lens.S3])
+    prism4 = math.hypot(params[lens.S2], params[lens.S4])
+    return f - (tangential + prism4 * at * at) * at * at
+
+
+def border_pixels(width: int, height: int) -> FloatArray:
+    """Pixels along the border of the image, (N, 2), around it from the top-left corner."""
+    t = np.arange(BORDER) / BORDER
+    zero, one = np.zeros(BORDER), np.ones(BORDER)
+    sides = ((t, zero), (one, t), (1 - t, one), (zero, 1 - t))
+    return np.concatenate([np.column_stack(side) for side in sides]) * (width, height)
+
+
+def with_region(
+    code: int, given: FloatArray, width: int, height: int, max_angle: float | None
+) -> tuple[FloatArray, float, bool]:
+    """Parameters of a lens with LIMIT and SLOPE of its valid region.
+
+    Parameters
+    ----------
+    code, given
+        The lens; its LIMIT and SLOPE are not used.
+    width, height : int
+        Image size, px.
+    max_angle : float, optional
+        Largest angle from the z axis, radians.
+
+    Returns
+    -------
+    params : (32,) float64
+    angle : float
+        Angle of the region from the z axis, radians.
+    is_whole : bool
+        True where each pixel has a ray of the region.
+
+    Raises
+    ------
+    CameraError
+        If the lens folds at its axis.
+    """
+    params = given.copy()
+    if code == lens.EQUIRECT:
+        params[lens.LIMIT], params[lens.SLOPE] = math.inf, 0.0
+        rays = np.empty((4 * BORDER, 3))
+        unproject_many(code, params, border_pixels(width, height), rays)
+        return params, math.pi, bool(np.isfinite(rays).all())
+    top = min(base_limit(code, params), math.pi if max_angle is None else max_angle)
+    edge = base_radius(code, params, top)
+    points = np.empty((4 * BORDER, 2))
+    reached = _sensor_radius(params, width, height)
+    limit = params[lens.LIMIT] = certified_radius(params, edge, reached)
+    if not limit > 0.0:
+        raise CameraError(
+            "the distortion must keep rays next to the axis apart, and this one folds there: "
+            "check the order and the size of its coefficients"
+        )
+    base_points(params, border_pixels(width, height), points)
+    need = float(np.hypot(points[:, 0], points[:, 1]).max())  # NaN where one has no point
+    radius = min(limit, MARGIN * need) if need < math.inf else limit
+    angle = base_angle(code, params, radius)
+    if not angle >= NARROWEST:
+        raise CameraError(
+            f"the valid region of the lens must reach {NARROWEST:g} rad from the axis, got "
+            f"{angle:g}: check the order and the size of its coefficients"
+        )
+    slope = math.tan(angle)
+    params[lens.SLOPE] = slope * math.cos(math.pi / SECTORS) if angle < math.pi / 2 else slope
+    rays = np.empty((4 * BORDER, 3))
+    unproject_many(code, params, border_pixels(width, height), rays)
+    return params, angle, bool(np.isfinite(rays).all())
+
+
+def _sensor_radius(params: FloatArray, width: int, height: int) -> float:
+    """Distance of the farthest pixel from the axis, in the distorted plane; inf if it has none."""
+    undistorted = params.copy()
+    undistorted[lens.K1 : lens.T00] = 0.0
+    undistorted[lens.LIMIT] = FAR
+    points = np.empty((4 * BORDER, 2))
+    base_points(undistorted, border_pixels(width, height), points)
+    farthest = float(np.hypot(points[:, 0], points[:, 1]).max())
+    return farthest if farthest < math.inf else math.inf
+
 
 ONE_PLANE_DEG = 72.0
 """Largest angle from the axis of a lens with one plane, unless its base is a plane itself."""
 CELLS = 24
 """Cells of a side of a plane's bounding box over which bounds are taken."""
-INVERSE_CELLS = 64
-"""The same for a lens that is inverted by Krawczyk's test, which needs smaller cells."""
 SAME_CORNER = 1e-9
 """Distance of corners of a region that are one, in units of the plane."""
 HOLE_SCALE = 2.0
 """Size of the box that holes are cut to, in that of the region: sides of a hole that are not those
 of the valid cone are far from the region, so that no sliver is left between the two."""
-DEEPEST_CELL, MOST_CELLS = 6, 20_000
-"""Divisions of a cell that is too large for a bound, and cells at which they end."""
+DEEPEST_CELL = 6
+"""Divisions of a cell that is too large for a bound."""
 RADII = tuple(np.geomspace(1e-3, 1.5, 24).tolist())
 """Radii, in units of the plane, at which bounds are tried."""
 
@@ -169,9 +386,8 @@ class IdealPlane:
     def _cells(self) -> tuple[FloatArray, FloatArray, tuple[float, float]]:
         """Centres of cells that cover the region, and half their sides."""
         low, high = self.region.min(axis=0), self.region.max(axis=0)
-        cells = INVERSE_CELLS if self.code == lens_formulas.BACKWARD else CELLS
-        half = (high - low) / (2 * cells)
-        centre = low[:, None] + half[:, None] * (2 * np.arange(cells) + 1)
+        half = (high - low) / (2 * CELLS)
+        centre = low[:, None] + half[:, None] * (2 * np.arange(CELLS) + 1)
         x, y = (grid.ravel() for grid in np.meshgrid(*centre))
         own = (float(half[0]), float(half[1]))
         is_near = self.meets(x, y, own)
@@ -236,8 +452,7 @@ def ideal_planes(
     code: int, params: FloatArray, width: int, height: int, angle: float
 ) -> tuple[IdealPlane, ...]:
     """Planes that hold the valid region of a lens, which ends at `angle` radians from its axis."""
-    on_a_plane = code in (lens_formulas.PINHOLE, lens_formulas.BACKWARD)
-    if on_a_plane or angle <= math.radians(ONE_PLANE_DEG):
+    if code == lens.PINHOLE or angle <= math.radians(ONE_PLANE_DEG):
         return (_one_plane(code, params, width, height, angle),)
     focal = _central_focal(code, params)
     half = min(focal, MAX_IMAGE_SIDE / 2.0)
@@ -248,15 +463,15 @@ def ideal_planes(
         frame = np.array(rows, np.float64)
         for box, own in _parts(code, params, frame):
             region, hole = box, None
-            if code != lens_formulas.EQUIRECT:
-                polygon, is_inside = _on_plane(params[lens_formulas.SLOPE], frame, box)
+            if code != lens.EQUIRECT:
+                polygon, is_inside = _on_plane(params[lens.SLOPE], frame, box)
                 if is_inside:
                     region = polygon
                 elif len(polygon) >= 3:
-                    hole = _on_plane(params[lens_formulas.SLOPE], frame, HOLE_SCALE * box)[0]
+                    hole = _on_plane(params[lens.SLOPE], frame, HOLE_SCALE * box)[0]
             is_all = hole is not None and abs(_area(polygon) - _area(region)) < 1e-12
             if len(region) >= 3 and not is_all:
-                has_pole = code == lens_formulas.EQUIRECT and frame[1, 2] != 0
+                has_pole = code == lens.EQUIRECT and frame[1, 2] != 0
                 planes.append(IdealPlane(frame, camera, region, hole, code, own, has_pole))
     return tuple(planes)
 
@@ -268,8 +483,8 @@ def _parts(code: int, params: FloatArray, frame: FloatArray) -> list[tuple[Float
     sides of the cube that they meet are divided along X = 0.
     """
     square = np.array(SQUARE)
-    if code != lens_formulas.EQUIRECT or not (abs(frame[0, 0]) == 1 and frame[2, 2] <= 0):
-        if code == lens_formulas.EQUIRECT and frame[0, 2] != 0:
+    if code != lens.EQUIRECT or not (abs(frame[0, 0]) == 1 and frame[2, 2] <= 0):
+        if code == lens.EQUIRECT and frame[0, 2] != 0:
             return [(square, _turned(params, float(frame[0, 2])))]
         return [(square, params)]
     sign = float(frame[0, 0])  # X = sign x on this side
@@ -282,7 +497,7 @@ def _parts(code: int, params: FloatArray, frame: FloatArray) -> list[tuple[Float
 def _turned(params: FloatArray, sign: float) -> FloatArray:
     """Parameters of an equirectangular lens with longitudes around a quarter turn."""
     own = params.copy()
-    own[lens_formulas.B0], own[lens_formulas.B1], own[lens_formulas.B2] = (
+    own[lens.B0], own[lens.B1], own[lens.B2] = (
         sign * math.pi / 2,
         0.0,
         sign,
@@ -304,7 +519,7 @@ def _central_focal(code: int, params: FloatArray) -> float:
 
 
 def _one_plane(code: int, params: FloatArray, width: int, height: int, angle: float) -> IdealPlane:
-    slope = params[lens_formulas.SLOPE]
+    slope = params[lens.SLOPE]
     # Corners of the cone: its sides are at the distance `slope` from the axis.
     turn = 2 * np.pi * np.arange(SECTORS) / SECTORS
     region = slope / math.cos(math.pi / SECTORS) * np.column_stack((np.cos(turn), np.sin(turn)))

@@ -43,8 +43,6 @@ CELLS = 12
 """Cells of a side of the box around a region."""
 ROUNDING_REL = 2.0**-40
 """Rounding of a coefficient relative to its bound by Cauchy's estimate."""
-UNKNOWN = (lens_formulas.BACKWARD, lens_formulas.EQUIRECT)
-"""Bases without such a bound: one needs an inverse, the other has poles."""
 DEGREES = 60
 """Degrees a + b up to which e_ab is computed."""
 PAIR_ROUNDING = 1e-10
@@ -55,41 +53,44 @@ HALVINGS = 24
 
 
 class Expansion(Arithmetic):
-    """Coefficients of t^0 ... t^k in rows, intervals `centre` +- `radius`; those above are 0."""
+    """Coefficients of t^0 ... t^k in rows, intervals `centre` +- `radius`; those above are 0.
 
-    def __init__(self, centre: FloatArray, radius: FloatArray) -> None:
-        self.centre, self.radius = centre, radius
+    Those above t^`order` are left out.
+    """
+
+    def __init__(self, centre: FloatArray, radius: FloatArray, order: int) -> None:
+        self.centre, self.radius, self.order = centre, radius, order
 
     def __add__(self, other: Any) -> "Expansion":
         if not isinstance(other, Expansion):
             centre = self.centre.copy()
             centre[0] += other
-            return Expansion(centre, self.radius)
+            return Expansion(centre, self.radius, self.order)
         one, two = (self, other) if len(self.centre) >= len(other.centre) else (other, self)
         n, centre, radius = len(two.centre), one.centre.copy(), one.radius.copy()
         centre[:n] += two.centre
         radius[:n] += two.radius
-        return Expansion(centre, radius)
+        return Expansion(centre, radius, self.order)
 
     def __neg__(self) -> "Expansion":
-        return Expansion(-self.centre, self.radius)
+        return Expansion(-self.centre, self.radius, self.order)
 
     def __mul__(self, other: Any) -> "Expansion":
         if not isinstance(other, Expansion):
-            return Expansion(self.centre * other, self.radius * abs(other))
-        n = min(len(self.centre) + len(other.centre) - 1, ORDER + 1)
+            return Expansion(self.centre * other, self.radius * abs(other), self.order)
+        n = min(len(self.centre) + len(other.centre) - 1, self.order + 1)
         centre, radius = np.zeros((2, n, self.centre.shape[1]))
         kernels.multiply(self.centre, self.radius, other.centre, other.radius, centre, radius)
-        return Expansion(centre, radius)
+        return Expansion(centre, radius, self.order)
 
     def __truediv__(self, other: Any) -> Any:
         return self * (1.0 / other)
 
     def __rtruediv__(self, other: float) -> "Expansion":
-        centre, radius = np.zeros((2, ORDER + 1, self.centre.shape[1]))
+        centre, radius = np.zeros((2, self.order + 1, self.centre.shape[1]))
         centre[0], radius[0] = _inverse(self.centre[0], self.radius[0])
         kernels.invert(self.centre, self.radius, centre, radius)
-        return Expansion(centre * other, radius * abs(other))
+        return Expansion(centre * other, radius * abs(other), self.order)
 
 
 def _inverse(centre: FloatArray, radius: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -104,7 +105,7 @@ def _sqrt(value: Any) -> Any:
     if not isinstance(value, Expansion):
         return np.sqrt(value)
     a, off = value.centre[0], value.radius[0]
-    centre, radius = np.zeros((2, ORDER + 1, len(a)))
+    centre, radius = np.zeros((2, value.order + 1, len(a)))
     centre[: len(value.centre)], radius[: len(value.centre)] = value.centre, value.radius
     is_good = a > off
     centre[0] = np.sqrt(np.where(is_good, a, 1.0))
@@ -113,7 +114,7 @@ def _sqrt(value: Any) -> Any:
     radius[0] = np.where(is_good, off / (centre[0] + least), np.inf)
     inverse, inverse_off = _inverse(2.0 * centre[0], 2.0 * radius[0])
     kernels.take_root(inverse, inverse_off, centre, radius)
-    return Expansion(centre, radius)
+    return Expansion(centre, radius, value.order)
 
 
 def _angle_over_r(r2: Any, z: Any) -> Any:
@@ -128,7 +129,13 @@ def _angle_over_r(r2: Any, z: Any) -> Any:
     return 16.0 * (c * series)
 
 
-_project: Any = lens_formulas.bound_to({"sqrt": _sqrt, "angle_over_r": _angle_over_r})["project"]
+def _atan2(y: Expansion, x: Any) -> Any:
+    """Angle of (x, y) from the x axis, within half a turn, as longitudes of a plane are."""
+    return y * _angle_over_r(y * y, x)
+
+
+_PRIMITIVES = {"sqrt": _sqrt, "angle_over_r": _angle_over_r, "atan2": _atan2}
+_project: Any = lens_formulas.bound_to(_PRIMITIVES)["project"]
 
 
 def coefficient_bounds(plane: IdealPlane) -> FloatArray:
@@ -164,21 +171,20 @@ def coefficient_bounds(plane: IdealPlane) -> FloatArray:
         return found
     radii, *reach = (np.array(each) for each in zip(*plane.reaches, strict=True))
     by_cauchy = np.stack([(each / radii ** order[:, None]).min(axis=1) for each in reach])
-    if plane.code not in UNKNOWN:
-        x, y, half = _cells(plane)
-        middle, everywhere = _in_cells(plane, x, y, half)
-        rounding = ROUNDING_REL * by_cauchy[:, :, None]
-        best = np.minimum(everywhere + rounding, by_cauchy[:, :, None])
-        middle, away = middle + rounding, math.hypot(*half)
-        for k in range(ORDER):
-            total = np.zeros_like(best[:, k])
-            rest = best.copy()
-            for j in range(ORDER + 1 - k):
-                weight = math.comb(k + j, j) * away**j
-                rest[:, k] = np.minimum(rest[:, k], total + weight * best[:, k + j])
-                total += weight * middle[:, k + j]
-            best[:, k] = rest[:, k]
-        by_cauchy = best.max(axis=2)
+    x, y, half = _cells(plane)
+    middle, everywhere = _in_cells(plane, x, y, half)
+    rounding = ROUNDING_REL * by_cauchy[:, :, None]
+    best = np.minimum(everywhere + rounding, by_cauchy[:, :, None])
+    middle, away = middle + rounding, math.hypot(*half)
+    for k in range(ORDER):
+        total = np.zeros_like(best[:, k])
+        rest = best.copy()
+        for j in range(ORDER + 1 - k):
+            weight = math.comb(k + j, j) * away**j
+            rest[:, k] = np.minimum(rest[:, k], total + weight * best[:, k + j])
+            total += weight * middle[:, k + j]
+        best[:, k] = rest[:, k]
+    by_cauchy = best.max(axis=2)
     found[:, 1:] = by_cauchy[:, 1:]
     return found
 
@@ -205,19 +211,10 @@ def _in_cells(
 
     The first are those at the points, the second those at any point of the cells around them.
     """
-    turn = np.pi * np.arange(DIRECTIONS) / DIRECTIONS
-    one = np.ones((DIRECTIONS, len(x)))
-
-    def line(at: FloatArray, width: float, slope: FloatArray) -> Expansion:
-        centre = np.stack((at * one, slope[:, None] * one)).reshape(2, -1)
-        return Expansion(centre, np.stack((width * one, 0 * one)).reshape(2, -1))
-
-    X, Y = line(x, half[0], np.cos(turn)), line(y, half[1], np.sin(turn))
-    rays = [float(f[0]) * X + float(f[1]) * Y + float(f[2]) for f in plane.frame]
     least = np.cos(np.arange(ORDER + 1) * np.pi / (2 * DIRECTIONS))
     found = np.zeros((2, 2, ORDER + 1, len(x)))
     with np.errstate(all="ignore"):
-        for k, pixel in enumerate(_project(plane.code, plane.params, *rays)):
+        for k, pixel in enumerate(pixels_along_lines(plane, x, y, half, ORDER)):
             size, n = np.abs(pixel.centre), len(pixel.centre)
             for out, most in zip(found, (size, size + pixel.radius), strict=True):
                 out[k, :n] = most.reshape(n, DIRECTIONS, -1).max(axis=1)
@@ -225,6 +222,27 @@ def _in_cells(
     # Where an interval has no limit, its centre means nothing.
     middle, everywhere = np.where(np.isfinite(found[1]), found, np.inf)
     return middle, everywhere
+
+
+def pixels_along_lines(
+    plane: IdealPlane, x: FloatArray, y: FloatArray, half: tuple[float, float], order: int
+) -> tuple[Expansion, Expansion]:
+    """Expansions of u and v at all points of N cells, in DIRECTIONS: DIRECTIONS times N intervals.
+
+    The first direction is along x, that after half of the DIRECTIONS along y.
+    """
+    turn = np.pi * np.arange(DIRECTIONS) / DIRECTIONS
+    one = np.ones((DIRECTIONS, len(x)))
+
+    def line(at: FloatArray, width: float, slope: FloatArray) -> Expansion:
+        centre = np.stack((at * one, slope[:, None] * one)).reshape(2, -1)
+        return Expansion(centre, np.stack((width * one, 0 * one)).reshape(2, -1), order)
+
+    X, Y = line(x, half[0], np.cos(turn)), line(y, half[1], np.sin(turn))
+    rays = [float(f[0]) * X + float(f[1]) * Y + float(f[2]) for f in plane.frame]
+    with np.errstate(all="ignore"):
+        u, v = _project(plane.code, plane.params, *rays)
+    return u, v
 
 
 def _pair_errors(n: int) -> FloatArray:

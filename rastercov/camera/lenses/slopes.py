@@ -1,42 +1,30 @@
 """Bounds of the second and third derivatives of a lens over parts of an ideal plane.
 
-By Cauchy's estimate a bound M of |f - k|, f the first derivatives and k any number, within R of a
-point bounds the derivatives there: that of order m is at most (m - 1)! M / R^(m-1). M is found by
-the equations on complex balls (`balls.slope_reach`), for each cell of a grid over the region; the
-best of some radii counts. These bounds are some ten to a hundred times too large. So each cell is
+The region is divided into cells. The equations are evaluated at p + t d, d a direction and p all
+points of a cell, as expansions in t up to t^5, whose coefficients are intervals that hold those of
+each p (`quadrature.pixels_along_lines`); that of order m is the derivative over m!, and bounds
+between directions follow as there. Where nothing is known by them, Cauchy's estimate bounds the
+derivatives: a bound M of |u - u0| within R (`balls.reach`) gives m! M / R^m. Then each cell is
 divided, differences give the derivatives in the middle of a part, and the bounds of the next orders
-what they are off by, and how much they change in the part. Third derivatives have bounds of their
-own: the equations are evaluated at p + t d, d a direction and p all points of a cell, as series in
-t up to t^3, whose coefficients are balls that hold those of each p. Balls of the size of a cell are
-so small that these bounds are near the truth, unlike those of Cauchy's estimate, which needs balls
-of the size of its radius.
+what they are off by, and how much they change in the part.
 """
 
 import math
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.camera.lenses import balls
-from rastercov.camera.lenses.balls import ROUNDING, Arithmetic, Ball, _sqrt
+from rastercov.camera.lenses.balls import ROUNDING, Ball
 from rastercov.camera.lenses.planes import IdealPlane
+from rastercov.camera.lenses.quadrature import DIRECTIONS, ROUNDING_REL, pixels_along_lines
 from rastercov.kernels import lens_formulas
 from rastercov.kernels.lens import jacobian_many
 from rastercov.kernels.lens_slopes import CELLS, PARTS, Slopes
 
 FloatArray = NDArray[np.float64]
 
-ORDER = 3
-BASES = (
-    lens_formulas.PINHOLE,
-    lens_formulas.EQUISOLID,
-    lens_formulas.UNIFIED,
-    lens_formulas.DOUBLE_SPHERE,
-    lens_formulas.DIVISION,
-)
-"""Bases that have a formula without angles."""
 STEP = 1e-3
 """Step of the differences, in units of the plane: far less than the least of the radii."""
 ALMOST_NOTHING = 1e-300
@@ -48,115 +36,53 @@ MOST_PLANES = 64
 """Planes whose slopes are kept from the record of a plane to its first use, 280 kB each."""
 
 
-class Series(Arithmetic):
-    """Coefficients of t^0 ... t^ORDER, balls or numbers, of which the last may be left out."""
-
-    def __init__(self, *terms: Any) -> None:
-        self.terms = terms
-
-    @classmethod
-    def constant(cls, value: Any) -> "Series":
-        """A constant."""
-        return cls(value)
-
-    def __add__(self, other: Any) -> "Series":
-        one, two = self.terms, Series.of(other).terms
-        if len(one) < len(two):
-            one, two = two, one
-        return Series(*(a + b for a, b in zip(one, two, strict=False)), *one[len(two) :])
-
-    def __neg__(self) -> "Series":
-        return Series(*(-a for a in self.terms))
-
-    def __mul__(self, other: Any) -> "Series":
-        one, two = self.terms, Series.of(other).terms
-        sums: list[Any] = [None] * min(len(one) + len(two) - 1, ORDER + 1)
-        for i, a in enumerate(one):
-            for j, b in enumerate(two[: len(sums) - i]):
-                sums[i + j] = a * b if sums[i + j] is None else sums[i + j] + a * b
-        return Series(*sums)
-
-    def __truediv__(self, other: Any) -> "Series":
-        # q b = a, from the lowest term on.
-        a, b = self.terms, Series.of(other).terms
-        found: list[Any] = []
-        for k in range(ORDER + 1):
-            rest: Any = a[k] if k < len(a) else 0.0
-            for j in range(1, min(k, len(b) - 1) + 1):
-                rest = rest - b[j] * found[k - j]
-            found.append(rest / b[0])
-        return Series(*found)
-
-
-def _root(value: Any) -> Series:
-    # s s = a, from the lowest term on.
-    a = Series.of(value).terms
-    found = [_sqrt(a[0])]
-    for k in range(1, ORDER + 1):
-        rest: Any = a[k] if k < len(a) else 0.0
-        for j in range(1, k):
-            rest = rest - found[j] * found[k - j]
-        found.append(rest / (2.0 * found[0]))
-    return Series(*found)
-
-
-_project: Any = lens_formulas.bound_to({"sqrt": _root})["project"]
-
-
 def derivatives_in_cells(
-    code: int,
-    params: FloatArray,
-    frame: FloatArray,
-    x: FloatArray,
-    y: FloatArray,
-    half: tuple[float, float],
+    plane: IdealPlane, x: FloatArray, y: FloatArray, half: tuple[float, float]
 ) -> tuple[FloatArray, FloatArray]:
-    """Third derivatives of pixels along lines in cells of a plane, and determinants of the first.
+    """Derivatives of pixels along lines in cells of a plane, and determinants of the first.
 
     Parameters
     ----------
-    code, params, frame
-        As of `balls.reach`.
+    plane : IdealPlane
+        Without a pole.
     x, y, half
         Middles (N,) of the cells, and half their sides, in units of the plane.
 
     Returns
     -------
-    (N,) float64
-        Bounds of the third derivatives, px; infinite where nothing is known: for the bases that are
-        not in `BASES`, and at poles.
+    (4, N) float64
+        Bounds of the derivatives of `ORDERS`, px.
     (2, N) float64
         Least and greatest size of the determinant, px^2: 0 and infinite where nothing is known.
     """
-    if code not in BASES:
-        unknown = np.full((3, *np.shape(x)), np.inf)
-        unknown[1] = 0.0
-        return unknown[0], unknown[1:]
-    zero = np.zeros(np.shape(x))
-
-    def along(dx: float, dy: float) -> list[Ball]:
-        X, Y = Series(Ball(x, half[0] + zero), dx), Series(Ball(y, half[1] + zero), dy)
-        rays = [float(f[0]) * X + float(f[1]) * Y + float(f[2]) for f in frame]
-        return [Ball.of(pixel.terms[k]) for pixel in _project(code, params, *rays) for k in (3, 1)]
-
-    total = zero
+    bounds, sizes = np.full((len(ORDERS), len(x)), np.inf), np.zeros((2, len(x)))
+    sizes[1] = np.inf
+    for radius in RADII:
+        # All points of a cell have the ball of its middle within theirs.
+        reach = balls.reach(plane.code, plane.params, plane.frame, x, y, radius + max(half))
+        for bound, order in zip(bounds, ORDERS, strict=True):
+            cauchy = math.factorial(order) * np.hypot(*reach) / radius**order
+            np.minimum(bound, cauchy, out=bound)
+    centre, radii = np.zeros((2, 2, ORDERS[-1] + 1, DIRECTIONS, len(x)))
+    for k, pixel in enumerate(pixels_along_lines(plane, x, y, half, ORDERS[-1])):
+        n = len(pixel.centre)
+        centre[k, :n] = pixel.centre.reshape(n, DIRECTIONS, -1)
+        radii[k, :n] = pixel.radius.reshape(n, DIRECTIONS, -1)
     with np.errstate(all="ignore"):
-        ways = [along(*d) for d in ((1.0, 0.0), (0.0, 1.0), (1.0, 1.0), (1.0, -1.0))]
-        for pixel in (0, 2):
-            xxx, yyy, up, down = (6.0 * way[pixel] for way in ways)
-            # (1, 1): xxx + 3 xxy + 3 xyy + yyy; (1, -1): xxx - 3 xxy + 3 xyy - yyy.
-            xxy, xyy = 0.5 * (up - down) - yyy, 0.5 * (up + down) - xxx
-            for ball, weight in ((xxx, 1.0), (yyy, 1.0), (xxy, 1 / 3), (xyy, 1 / 3)):
-                total = total + weight * (np.abs(ball.centre) + ball.radius) ** 2
-        bound = np.sqrt(total) * ROUNDING
-        (_, u_x, _, v_x), (_, u_y, _, v_y) = ways[:2]
+        most = (np.abs(centre) + radii).max(axis=2)
+        for bound, order in zip(bounds, ORDERS, strict=True):
+            own = math.factorial(order) * np.hypot(*most[:, order]) * ROUNDING
+            own /= math.cos(order * np.pi / (2 * DIRECTIONS))  # between directions
+            bound[:] = np.fmin(bound, own + ROUNDING_REL * bound)
+        (u_x, v_x), (u_y, v_y) = (
+            [Ball(centre[k, 1, d], radii[k, 1, d]) for k in (0, 1)] for d in (0, DIRECTIONS // 2)
+        )
         det = u_x * v_y - u_y * v_x
         size = np.abs(det.centre)
         most = (size + det.radius) * ROUNDING
-        sizes = np.stack((np.maximum(size - det.radius * ROUNDING, 0.0) / ROUNDING, most))
-    is_known = np.isfinite(bound) & np.isfinite(most)
-    sizes = np.where(is_known, sizes, [[0.0], [np.inf]])
-    return np.where(is_known, bound, np.inf), sizes
+        least = np.maximum(size - det.radius * ROUNDING, 0.0) / ROUNDING
+    is_known = np.isfinite(most)
+    return bounds, np.where(is_known, (least, most), sizes)
 
 
 def is_affine(plane: IdealPlane) -> bool:
@@ -181,26 +107,10 @@ def slopes_in(plane: IdealPlane) -> Slopes:
         pole = _near_pole(plane)
     elif not is_affine(plane):
         rows = np.flatnonzero(plane.meets(x, y, (float(half[0]), float(half[1]))))
-        bounds[:, rows] = np.inf
-        for radius in RADII:
-            # All points of a cell have the ball of its middle within theirs.
-            ball = radius + float(half.max())
-            change = balls.slope_reach(
-                plane.code, plane.params, plane.frame, x[rows], y[rows], ball
-            )
-            for bound, order in zip(bounds, ORDERS, strict=True):
-                own = math.factorial(order - 1) * change / radius ** (order - 1)
-                bound[rows] = np.minimum(bound[rows], own)
         sizes[0], sizes[1] = np.inf, 0.0  # which is no limit beyond the region
-        in_cells, sizes[:, rows] = derivatives_in_cells(
-            plane.code,
-            plane.params,
-            plane.frame,
-            x[rows],
-            y[rows],
-            (float(half[0]), float(half[1])),
+        bounds[:, rows], sizes[:, rows] = derivatives_in_cells(
+            plane, x[rows], y[rows], (float(half[0]), float(half[1]))
         )
-        bounds[1, rows] = np.minimum(bounds[1, rows], in_cells)
     # Of each part of a cell.
     coarse = bounds.reshape(-1, CELLS, CELLS).repeat(PARTS, axis=1).repeat(PARTS, axis=2)
     second, third = coarse[:2]

@@ -18,7 +18,7 @@ from rastercov.camera.rig import Cameras, cameras_of
 from rastercov.coverage.area.frames import frames_of
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
-from rastercov.mesh.triangle_tree import TriangleTree
+from rastercov.mesh.contacts import TriangleTree
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -24,7 +24,7 @@ from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import MeshError, ResourceError
 from rastercov.base.files import StrPath, UnreadableError, file_bytes, printable
 from rastercov.mesh.arrays import check_coordinates, some, unusable_points
-from rastercov.mesh.formats import dae, gltf, ply, step, stl, text, threemf
+from rastercov.mesh.formats import dae, gltf, ply, text, threemf
 from rastercov.mesh.formats.polygons import PEAK_BYTES_PER_FACE, Polygons, cut_concave
 
 Reader = Callable[..., Polygons]
@@ -37,9 +37,9 @@ READERS: dict[str, Reader] = {
     ".obj": text.read_obj,
     ".off": text.read_off,
     ".ply": ply.read,
-    ".step": step.read,
-    ".stl": stl.read,
-    ".stp": step.read,
+    ".step": gltf.read_step,
+    ".stl": text.read_stl,
+    ".stp": gltf.read_step,
 }
 METRES = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "um": 1e-6, "µm": 1e-6, "μm": 1e-6}  # two Unicode mus
 METRES |= {"in": 0.0254, "inch": 0.0254, "ft": 0.3048}

@@ -6,14 +6,25 @@ for a GLB; for JSON a buffer is, if its name leads to a file in the folder of th
 Images are never opened. Compressed data is an error rather than zeros, and any other content that
 is not read is a note.
 
+STEP files (.step, .stp) are triangulated by Open CASCADE through cascadio, which writes a GLB scene
+in metres with the CAD face of each triangle. The STEP file itself is not checked here: what Open
+CASCADE cannot read it may leave out. It runs in a process of its own, because damaged files may end
+it, and it writes to the terminal.
+
 Source: Khronos Group. glTF 2.0 Specification. 2021.
 """
 
 import base64
 import binascii
 import re
+import subprocess
+import sys
+import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
+from importlib.util import find_spec
+from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
 
@@ -22,6 +33,8 @@ from numpy.typing import NDArray
 
 from rastercov.base.errors import MeshError, ResourceError
 from rastercov.base.format import plural
+from rastercov.base.threads import child_environment
+from rastercov.mesh.arrays import rotations_of_quaternions
 from rastercov.mesh.formats.gltf_file import (
     INSTANCING,
     Accessors,
@@ -109,7 +122,11 @@ def scene_polygons(
             f"extensions {foreign[:5]} are required, not supported; export without them"
         )
     notes = [*notes, *unknown_names(header), *unread_data(header)]
-    nodes = _nodes(header)
+    if json_list(header, "scenes"):
+        roots = json_list(json_object(header, "scenes", header.get("scene", 0)), "nodes")
+    else:
+        roots = root_nodes(header)
+    nodes = [(node, at) for node, _, at in nodes_below(header, roots) if "mesh" in node]
     accessors = Accessors(header, buffers, budget)
     shapes = _Shapes(accessors)
     vertices, faces, labels = [np.empty((0, 3))], [np.empty((0, 3), np.int64)], []
@@ -148,25 +165,34 @@ def scene_polygons(
     )
 
 
-def _nodes(header: dict[str, Any]) -> list[tuple[dict[str, Any], NDArray[np.float64]]]:
-    """Nodes with a mesh, depth first, each with its world_from_node."""
-    if json_list(header, "scenes"):
-        roots = json_list(json_object(header, "scenes", header.get("scene", 0)), "nodes")
-    else:
-        below = {c for node in json_list(header, "nodes") for c in json_list(node, "children")}
-        roots = [i for i in range(len(json_list(header, "nodes"))) if i not in below]
+def root_nodes(header: dict[str, Any]) -> list[int]:
+    """Indices of the nodes that are no children of others."""
+    below = {c for node in json_list(header, "nodes") for c in json_list(node, "children")}
+    return [i for i in range(len(json_list(header, "nodes"))) if i not in below]
+
+
+def nodes_below(
+    header: dict[str, Any], roots: Sequence[Any], world: str = ""
+) -> list[tuple[dict[str, Any], str, NDArray[np.float64]]]:
+    """Nodes of some trees, depth first, with their names, or those above, and world_from_node.
+
+    The frame of a node with `world` among its `extras` is the world.
+    """
     found, seen = [], set()
-    stack = [(root, np.eye(4)) for root in reversed(roots)]
+    stack = [(root, "", np.eye(4)) for root in reversed(roots)]
     while stack:
-        index, world_from_parent = stack.pop()
+        index, name, world_from_parent = stack.pop()
         node = json_object(header, "nodes", index)
         if index in seen:  # a cycle, or a subtree repeated until memory is exhausted
             raise MeshError(f"nodes must form a tree, node {index} has two parents; correct it")
         seen.add(index)
-        world_from_node = world_from_parent @ _parent_from_node(index, node)
-        stack.extend((child, world_from_node) for child in reversed(json_list(node, "children")))
-        if "mesh" in node:
-            found.append((node, world_from_node))
+        name = json_name(node) or name
+        extras = node.get("extras")
+        is_world = isinstance(extras, dict) and extras.get(world) is True
+        matrix = np.eye(4) if is_world else world_from_parent @ _parent_from_node(index, node)
+        children = reversed(json_list(node, "children"))
+        stack.extend((child, name, matrix) for child in children)
+        found.append((node, name or f"node {index}", matrix))
     return found
 
 
@@ -205,20 +231,8 @@ def _affine(
             f"a rotation must be a quaternion of length 1, got {rotation[wrong[0]].tolist()} of "
             f"length {length[wrong[0]]:.3g}; export it again"
         )
-    x, y, z, w = (rotation / length[:, None]).T
     matrix = np.zeros((len(rotation), 4, 4))
-    matrix[:, :3, :3] = np.moveaxis(
-        np.array(
-            [
-                [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-                [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-                [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-            ]
-        ),
-        2,
-        0,
-    )
-    matrix[:, :3, :3] *= scale[:, None, :]
+    matrix[:, :3, :3] = rotations_of_quaternions(rotation / length[:, None]) * scale[:, None, :]
     matrix[:, :3, 3] = translation
     matrix[:, 3, 3] = 1
     return matrix
@@ -514,3 +528,75 @@ def _content(
             f"buffer {index}: a data URI in base64 wanted, got {uri[:40]!r} ({error}); "
             "export it again"
         ) from None
+
+
+DEFLECTION = 1e-4
+"""Largest distance between a curved surface and its triangles, metres."""
+ANGULAR_DEFLECTION = 0.25
+"""Largest angle between neighbouring segments along a curve, radians."""
+CONVERT = """
+import sys
+import cascadio
+glb = cascadio.load(
+    sys.stdin.buffer.read(), tol_linear=float(sys.argv[2]), tol_angular=float(sys.argv[3]),
+    use_parallel=False, include_brep=True,
+)
+with open(sys.argv[1], "wb") as file:
+    file.write(glb)
+"""
+"""Program of the other process. One thread: the numbering of several depends on their timing."""
+
+
+def read_step(data: bytes, budget: int, deflection: float = DEFLECTION) -> Polygons:
+    """Triangles of a STEP file in metres, one group a CAD face, named "part/face 1" and so on.
+
+    Parameters
+    ----------
+    data : bytes
+        The file.
+    budget : int
+        Bytes that reading the triangles may need; that of Open CASCADE is not limited.
+    deflection : float
+        Largest distance between a curved surface and its triangles, metres.
+    """
+    glb = _converted(data, deflection)
+    with broken_files_refused():
+        header, binary, notes = chunks(glb)
+        polygons = scene_polygons(header, [binary], budget, notes, by_cad_face=True)
+    note = (
+        f"triangulated by Open CASCADE to within {deflection * 1e3:.3g} mm; what it left out of "
+        "the STEP file is not known here"
+    )
+    return replace(polygons, notes=[*polygons.notes, note], is_in_metres=True)
+
+
+def _converted(data: bytes, deflection: float) -> bytes:
+    """GLB file of a STEP file."""
+    if find_spec("cascadio") is None:
+        raise MeshError("reading STEP files needs cascadio: pip install 'rastercov[formats]'")
+    with tempfile.TemporaryDirectory(prefix="rastercov-step-") as folder:
+        path = Path(folder) / "scene.glb"
+        # cascadio takes the deflection in millimetres, whatever the unit of the file.
+        numbers = [str(deflection * 1e3), str(ANGULAR_DEFLECTION)]
+        command = [sys.executable, "-c", CONVERT, str(path), *numbers]
+        ended = subprocess.run(
+            command, input=data, capture_output=True, check=False, env=child_environment()
+        )
+        glb = path.read_bytes() if path.exists() else b""
+    if ended.returncode or not glb:
+        raise MeshError(
+            f"Open CASCADE cannot read the STEP file ({_reason(ended)}); export it again, as AP214 "
+            "or AP242"
+        )
+    return glb
+
+
+def _reason(ended: "subprocess.CompletedProcess[bytes]") -> str:
+    """Words of Open CASCADE about its failure, in one line."""
+    if ended.returncode < 0:
+        return f"it was ended by signal {-ended.returncode}"
+    text = (ended.stdout + b"\n" + ended.stderr).decode("utf-8", "replace")
+    text = re.sub(r"\x1b\[[0-9;]*m", "", text)
+    lines = [" ".join(line.replace("*", " ").split()) for line in text.splitlines()]
+    errors = [line for line in lines if "ERR" in line] or [line for line in lines if line]
+    return errors[-1][:160] if errors else "it gives no reason"

@@ -13,13 +13,14 @@ remains has fewer parts than shapes.
 
 from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.errors import MeshError, ResourceError
 from rastercov.mesh.arrays import MOST_FACES
+from rastercov.mesh.topology import first_equal_row
 
 PEAK_BYTES_PER_FACE = 300
 """Peak memory of a face and its vertex: 250 measured with a binary STL of 10^7, the worst case."""
@@ -112,6 +113,7 @@ IntArray = NDArray[np.int64]
 
 FOLD_TOLERANCE_REL = 1e-9  # share of a triangle's area that may be wound against its polygon
 WHOLE_TURN = 2 * np.pi * (1 + 1e-9)
+MOST_CORNERS = 50_000  # of a polygon that is cut: 10 s if it is a comb across the axes
 FLATNESS_TOLERANCE_REL = 0.01  # of the size; beyond it the surface depends on the triangulation
 
 
@@ -121,7 +123,7 @@ def cut_concave(vertices: FloatArray, faces: IntArray, source_face: IntArray) ->
     A fan consists of consecutive triangles of one polygon that share their first corner and an
     edge. Seen along its normal (Newell's: the sum of the cross products of its fan), a polygon that
     does not cross itself is covered exactly once. A polygon that crosses itself keeps its fan,
-    unless ear clipping gives triangles that do not fold over.
+    unless its rings are joined by edges in both directions.
 
     Parameters
     ----------
@@ -136,7 +138,7 @@ def cut_concave(vertices: FloatArray, faces: IntArray, source_face: IntArray) ->
     -------
     list of str
         Notes on polygons that are not flat, that cross or touch themselves, or that keep their fan
-        because the search for ears exceeded its limit of steps.
+        because they have more than `MOST_CORNERS`.
     """
     is_first = np.ones(len(faces), dtype=bool)
     is_first[1:] = source_face[1:] != source_face[:-1]
@@ -172,15 +174,11 @@ def cut_concave(vertices: FloatArray, faces: IntArray, source_face: IntArray) ->
     winds = np.bincount(polygon[long], angle, len(start)) > WHOLE_TURN
     is_folded = np.logical_or.reduceat(is_folded, first_row)
     is_crossing |= winds & ~is_folded
-    folded = np.flatnonzero(is_folded & ~is_crossing)
-    is_given_up = np.zeros(len(start), bool)
+    is_given_up = is_folded & ~is_crossing & (n_triangles > MOST_CORNERS - 2)
+    folded = np.flatnonzero(is_folded & ~is_crossing & ~is_given_up)
     if len(folded):
-        # Imported late: compiling takes seconds, and few files need it.
-        from rastercov.kernels.mesh_ears import SIMPLE, TOO_INTRICATE
-
-        verdict = _cut(vertices, faces, start[folded], n_triangles[folded], normal[folded])
-        is_given_up[folded] = verdict == TOO_INTRICATE
-        is_crossing[folded] = (verdict != SIMPLE) & (verdict != TOO_INTRICATE)
+        is_simple = _cut(vertices, faces, start[folded], n_triangles[folded], normal[folded])
+        is_crossing[folded] = ~is_simple
 
     height = np.einsum("ikj,ij->ik", sides, normal[polygon])
     bend = np.maximum(np.maximum.reduceat(height.max(axis=1), first_row), 0)
@@ -195,7 +193,7 @@ def cut_concave(vertices: FloatArray, faces: IntArray, source_face: IntArray) ->
         ),
         (
             is_given_up,
-            "are concave and too intricate to be cut",
+            f"are concave and have more than {MOST_CORNERS} corners",
             "their triangles fold over, cut them in the modeller",
         ),
     )
@@ -212,28 +210,59 @@ def _cut(
     start: IntArray,
     n_triangles: IntArray,
     normal: FloatArray,
-) -> IntArray:
-    """Triangulate the fans that begin at rows `start` by ear clipping; verdict of each polygon."""
-    from rastercov.kernels.mesh_ears import SIMPLE, UNPROVEN, cut_polygons
+) -> NDArray[np.bool_]:
+    """Triangulate the fans that begin at rows `start`; True for polygons that are simple."""
+    import shapely  # late: few files need it
 
     n_corners = n_triangles + 2
-    starts = np.concatenate([[0], np.cumsum(n_corners)])
+    first = np.cumsum(n_corners) - n_corners
     polygon = np.repeat(np.arange(len(start)), n_corners)
-    step = np.arange(len(polygon)) - starts[polygon]
+    step = np.arange(len(polygon)) - first[polygon]
     # corner 0, then the second corner of each triangle, then the third corner of the last one
     row = start[polygon] + np.clip(step - 1, 0, n_triangles[polygon] - 1)
     column = np.where(step == 0, 0, np.where(step > n_triangles[polygon], 2, 1))
     corners = faces[row, column]
 
-    xy = _in_plane(vertices[corners], polygon, starts[:-1], normal)
-    triangles = np.zeros((len(corners) - 2 * len(start), 3), np.int64)
-    verdict = np.empty(len(start), np.int64)
-    cut_polygons(xy, _along_curve(xy, polygon, starts), starts, triangles, verdict)
-    of = np.repeat(np.arange(len(start)), n_triangles)
-    target = np.arange(len(of)) - (starts[:-1] - 2 * np.arange(len(start)))[of] + start[of]
-    is_cut = ((verdict == SIMPLE) | (verdict == UNPROVEN))[of]
-    faces[target[is_cut]] = corners[starts[of][:, None] + triangles][is_cut]
-    return verdict
+    xy = _in_plane(vertices[corners], polygon, first, normal)
+    areas = shapely.polygons(shapely.linearrings(xy, indices=polygon))
+    is_simple: NDArray[np.bool_] = shapely.is_valid(areas)
+    for each in np.flatnonzero(~is_simple):  # 0.2 ms each
+        areas[each] = _without_bridges(xy[first[each] : first[each] + n_corners[each]])
+    parts, of = shapely.get_parts(shapely.constrained_delaunay_triangles(areas), return_index=True)
+    points = shapely.get_coordinates(parts).reshape(-1, 4, 2)[:, 2::-1].reshape(-1, 2)  # clockwise
+    keys = np.column_stack([np.append(polygon, np.repeat(of, 3)), np.concatenate([xy, points])])
+    found = first_equal_row((keys + 0.0).view(np.uint64))[len(xy) :].reshape(-1, 3)
+    # A corner that repeats the one before it has a triangle without area of its own.
+    before, after = np.arange(len(xy)) - 1, np.arange(len(xy)) + 1
+    before[first], after[first + n_corners - 1] = first + n_corners - 1, first
+    repeats = np.flatnonzero((xy == xy[before]).all(axis=1))
+    found = np.concatenate([found, np.stack([before, np.arange(len(xy)), after], axis=1)[repeats]])
+    of = np.append(of, polygon[repeats])
+    is_known = np.bincount(of, (found < len(xy)).all(axis=1), len(start)) == n_triangles
+    is_cut = is_known & (np.bincount(of, minlength=len(start)) == n_triangles)
+    found, of = found[is_cut[of]], of[is_cut[of]]
+    rows = np.repeat(start - (np.cumsum(n_triangles) - n_triangles), n_triangles)
+    rows += np.arange(len(rows))
+    faces[rows[np.repeat(is_cut, n_triangles)]] = corners[found[np.argsort(of, kind="stable")]]
+    return is_simple
+
+
+def _without_bridges(xy: FloatArray) -> Any:
+    """Area between the rings of a polygon that edges in both directions join; None if it has none.
+
+    So holes are joined to the border where a format has no holes.
+    """
+    import shapely
+
+    start = np.unique(xy, axis=0, return_inverse=True)[1].ravel()
+    end = np.roll(start, -1)
+    key, opposite = start * len(xy) + end, end * len(xy) + start
+    is_bridge = np.isin(key, opposite)
+    if not is_bridge.any() or len(np.unique(key)) < len(key):
+        return None
+    edges = np.stack([xy, np.roll(xy, -1, axis=0)], axis=1)[~is_bridge]
+    found = shapely.build_area(shapely.multilinestrings(edges))
+    return found if shapely.is_valid(found) else None
 
 
 def _in_plane(
@@ -246,44 +275,9 @@ def _in_plane(
     x_axis = np.cross(normal, np.eye(3)[np.abs(normal).argmin(axis=1)])
     x_axis /= np.linalg.norm(x_axis, axis=1)[:, None]
     y_axis = np.cross(normal, x_axis)
-    x, y = (np.einsum("ij,ij->i", points, axis[polygon]) for axis in (x_axis, y_axis))
-    # Axes along most edges, where those meet at right angles, keep the boxes around corners thin:
-    # 39 steps for a corner of a comb of 12,000 instead of 1,343.
-    z = x + 1j * y
-    edge = np.roll(z, -1) - z
-    last = np.append(first[1:], len(z)) - 1
-    edge[last] = z[first] - z[last]
-    length = np.abs(edge)
-    direction = np.add.reduceat(edge**4 / np.where(length > 0, length, 1) ** 3, first)
-    z *= np.exp(-0.25j * np.angle(direction))[polygon]
-    return np.stack([z.real, z.imag], axis=1)
-
-
-def _along_curve(xy: FloatArray, polygon: IntArray, starts: IntArray) -> IntArray:
-    """(N,) position of each corner of a polygon along a Morton curve over the ranks of x and y.
-
-    Ranks, because distances between corners may differ by any factor.
-    """
-    key = np.zeros(len(xy), np.uint64)
-    for axis in range(2):
-        rank = _rank(xy[:, axis], polygon, starts).astype(np.uint64)
-        for shift, mask in (  # bit i to bit 2 i
-            (16, 0x0000FFFF0000FFFF),
-            (8, 0x00FF00FF00FF00FF),
-            (4, 0x0F0F0F0F0F0F0F0F),
-            (2, 0x3333333333333333),
-            (1, 0x5555555555555555),
-        ):
-            rank = (rank | (rank << np.uint64(shift))) & np.uint64(mask)
-        key |= rank << np.uint64(axis)
-    return _rank(key, polygon, starts)
-
-
-def _rank(values: FloatArray | NDArray[np.uint64], polygon: IntArray, starts: IntArray) -> IntArray:
-    """(N,) rank of each value among those of its polygon."""
-    rank = np.empty(len(values), np.int64)
-    rank[np.lexsort((values, polygon))] = np.arange(len(values)) - starts[polygon]
-    return rank
+    axes = np.stack([x_axis, y_axis], axis=1)[polygon]
+    xy: FloatArray = np.einsum("ij,ikj->ik", points, axes)
+    return xy
 
 
 BYTES_PER_INSTANCE = 1000

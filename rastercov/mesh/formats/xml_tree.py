@@ -24,6 +24,8 @@ BYTES_PER_XML_BYTE = 12
 ENCODINGS = ("utf", "ascii", "iso8859", "cp125", "gb", "big5", "shift_jis", "euc")
 """Beginnings of the names of encodings that are read; some others take quadratic time."""
 DECLARED_ENCODING = re.compile(rb"""<\?xml[^>]{1,200}?encoding\s*=\s*["']([\w.-]{1,40})["']""")
+DECLARATION = re.compile(rb"(?:\xef\xbb\xbf)?(?>\s+|<\?.*?\?>|<!--.*?-->)*+<!DOCTYPE", re.DOTALL)
+"""A document type declaration before the root element."""
 UTF_16_MARKS = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 LONG_NAMESPACE = re.compile(
     rb"""xmlns(?:[^=<>]{200}|[^=<>]{0,199}=(?:\s{200}|\s{0,199}(?:"[^"]{256}|'[^']{256})))"""
@@ -41,7 +43,7 @@ def parsed(text: bytes, what: str, budget: int) -> Element:
         # The parser writes the namespace before the name of every element.
         if LONG_NAMESPACE.search(text):
             raise ValueError("a namespace is longer than 255 characters")
-        if not _has_declaration(text):
+        if not DECLARATION.match(text):
             root = ElementTree.fromstring(text, ElementTree.XMLParser(encoding="utf-8"))
     # ValueError and LookupError: an encoding that is not known, or not kept to.
     except (ElementTree.ParseError, expat.ExpatError, ValueError, LookupError) as error:
@@ -73,26 +75,6 @@ def _need(text: bytes) -> int:
     n_tags, n_attributes = text.count(b"<"), text.count(b"=")
     elements = 120 * n_tags + 250 * min(n_tags, n_attributes) + 100 * n_attributes
     return max(elements, BYTES_PER_XML_BYTE * len(text))
-
-
-class _PrologueEndError(Exception):
-    """The end of what precedes the root element; `args` has whether a declaration is in it."""
-
-
-def _has_declaration(text: bytes) -> bool:
-    """True for a text with a document type declaration before its root element."""
-
-    def end(has_declaration: bool) -> None:
-        raise _PrologueEndError(has_declaration)
-
-    parser = expat.ParserCreate("utf-8")
-    parser.StartDoctypeDeclHandler = lambda *_: end(True)
-    parser.StartElementHandler = lambda *_: end(False)
-    try:
-        parser.Parse(text, True)
-    except _PrologueEndError as found:
-        return bool(found.args[0])
-    return False
 
 
 def local_name(element: Element) -> str:

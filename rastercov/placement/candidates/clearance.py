@@ -22,8 +22,8 @@ from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.base.typed import check_fields, typed
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import encloses_volume
+from rastercov.mesh.contacts import TriangleTree
 from rastercov.mesh.topology import edge_table
-from rastercov.mesh.triangle_tree import TriangleTree
 from rastercov.placement.candidates.pool import Candidates
 
 ROOM_TOLERANCE_REL = 0.01

@@ -22,7 +22,7 @@ from rastercov.base.format import InOneLine, plural
 from rastercov.base.output import write_bytes
 from rastercov.camera.formats import read_views
 from rastercov.camera.pose import Poses, renumbered
-from rastercov.camera.views import Views
+from rastercov.camera.rig import Views
 from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.area.zone_report import ZONES
 from rastercov.coverage.task import Task

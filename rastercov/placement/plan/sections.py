@@ -36,8 +36,7 @@ from pydantic.fields import FieldInfo
 
 from rastercov.base.arguments import Reads, annotations_of, documented, reader_of
 from rastercov.base.errors import CameraError, RastercovError
-from rastercov.camera.camera import Camera
-from rastercov.camera.camera_file import PRESETS, check_optics
+from rastercov.camera.camera import PRESETS, Camera, check_optics
 from rastercov.camera.formats import read_views
 from rastercov.camera.formats.conventions import Conventions
 from rastercov.camera.rig import Rig
