@@ -282,4 +282,5 @@ def _of_rows(batch: JudgedPoses, found: Regions) -> NDArray[np.float32]:
     dense = np.zeros((len(found.pose_ids), found.mesh.n_faces), np.float32)
     dense[found.pair_pose, found.pair_face] = found.area
     row = np.searchsorted(found.pose_ids, batch.rows.pose)
-    return dense[row, batch.rows.face]
+    areas: NDArray[np.float32] = dense[row, batch.rows.face]
+    return areas

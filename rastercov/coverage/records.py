@@ -7,7 +7,7 @@ import numpy as np
 from rastercov.base.memory import aligned_array, read_only
 from rastercov.camera.camera import Camera
 from rastercov.camera.lenses.of_camera import curved_lens
-from rastercov.kernels.cameras import CurvedLens, Lens
+from rastercov.kernels.cameras import COLUMNS, CurvedLens, Lens
 from rastercov.kernels.criteria import (
     MOST_CORNERS,
     MOST_DOUBTFUL,
@@ -18,7 +18,6 @@ from rastercov.kernels.criteria import (
 )
 from rastercov.kernels.decision import AT_A_TIME, BLOCK_ROWS
 from rastercov.kernels.lens_faces import CurvedWorkspace, curved_workspace
-from rastercov.kernels.vertex_blocks import COLUMNS
 from rastercov.mesh import Mesh
 
 

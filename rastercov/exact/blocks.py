@@ -11,7 +11,7 @@ G. M. Morton. A Computer Oriented Geodetic Data Base and a New Technique in File
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.kernels import exact_patch as kernels
+from rastercov.kernels import exact_setup as kernels
 from rastercov.kernels.exact_records import BLOCK, Blocks, Edges
 
 FloatArray = NDArray[np.float64]

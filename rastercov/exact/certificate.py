@@ -22,12 +22,12 @@ from rastercov.exact.half_planes import HalfPlaneSolver
 from rastercov.exact.surface import Surface, surface_of
 from rastercov.kernels import exact_certificate as kernels
 from rastercov.kernels.exact_arrangement import MOST_CELLS, arrangement_areas
-from rastercov.kernels.exact_block import lay_boxes
 from rastercov.kernels.exact_certificate import find_regions
 from rastercov.kernels.exact_event import ask_for_events, find_event_edges, mark_crossed
 from rastercov.kernels.exact_grid import ask_for_all, ask_for_faces
 from rastercov.kernels.exact_half_plane import visible_areas
 from rastercov.kernels.exact_records import BLOCK, CROSSED, LIVE, MIXED, Crossings, Segment
+from rastercov.kernels.exact_setup import lay_boxes
 from rastercov.kernels.jit import compiled_aside, is_compiled
 from rastercov.raster import self_test
 

@@ -39,7 +39,7 @@ from rastercov.exact.memory import (
 )
 from rastercov.exact.surface import Surface, surface_of
 from rastercov.kernels.direct import DirectCalls
-from rastercov.kernels.exact_block import lay_boxes
+from rastercov.kernels.exact_event import MOST_INTERSECTIONS
 from rastercov.kernels.exact_grid import ask_for_all, ask_for_faces, fill_grid
 from rastercov.kernels.exact_half_plane import visible_areas as visible_areas_kernel
 from rastercov.kernels.exact_records import (
@@ -54,8 +54,12 @@ from rastercov.kernels.exact_records import (
     VisiblePieces,
     Work,
 )
-from rastercov.kernels.exact_segment import MOST_INTERSECTIONS
-from rastercov.kernels.exact_setup import CLIP_MARGIN, OUTLINE_ERROR_FACTOR, UNIT_ROUNDING
+from rastercov.kernels.exact_setup import (
+    CLIP_MARGIN,
+    OUTLINE_ERROR_FACTOR,
+    UNIT_ROUNDING,
+    lay_boxes,
+)
 from rastercov.mesh import Mesh
 
 FloatArray = NDArray[np.float64]

@@ -17,8 +17,8 @@ from rastercov.exact.half_planes import HalfPlaneSolver
 from rastercov.exact.surface import Surface
 from rastercov.kernels import exact_lens as kernels
 from rastercov.kernels.direct import DirectCalls
-from rastercov.kernels.exact_lens_edges import edge_bulges, edge_lists, vertex_images, whole_groups
-from rastercov.kernels.exact_records import Edges
+from rastercov.kernels.exact_lens import edge_bulges, edge_lists, vertex_images, whole_groups
+from rastercov.kernels.exact_records import SPARE_ENTRIES, Edges
 from rastercov.kernels.lens_planes import PlaneRecord
 from rastercov.kernels.lens_polygons import bulges_by_parts, edge_scratch, measure_insides
 from rastercov.kernels.raster_memory import aligned_zeros
@@ -60,24 +60,28 @@ class LensSolver:
         self.figures = kernels.Figures(*np.empty((3, n)), *np.empty((3, n), np.int8))
         self.area, self.visible, self.area_error = self.figures[:3]
         self.is_certified = np.zeros(n, np.bool_)
-        self._sides = directed_sides(surface.faces, surface.edges)
+        self._sides = whole_groups(directed_sides(surface.faces, surface.edges))
+        self._faces = whole_groups(surface.faces)
         self._ends, self._lists = whole_groups(surface.edges.vertices), edge_lists()
         self._longer = np.empty(len(self._ends), np.int32)
-        n_vertices = len(surface.vertices)
+        n_vertices = -(-len(surface.vertices) // kernels.AT_A_TIME) * kernels.AT_A_TIME
         self._seen = kernels.Seen(
             places=aligned_zeros((n_vertices, 4), np.float64),
             is_inside=np.empty(n_vertices, np.bool_),
             bulge=np.empty(len(self._ends)),
+            n_faces=len(surface.faces),
         )
-        self._is_done = np.empty(n, np.bool_)
-        self._own, self._scratch = np.empty(n), kernels.scratch()
+        self._is_done = np.empty(n + SPARE_ENTRIES, np.bool_)
+        self._own, self._own_error = np.empty((2, n + SPARE_ENTRIES))
+        self._scratch = kernels.scratch()
         self._found = kernels.room_for_polygons(1024, 8192)
         self._measured, self._edges = np.empty((1024, 2)), edge_scratch()
-        self._flat: NDArray[np.bool_] = surface.flat
+        flat: NDArray[np.bool_] = surface.flat
         self._vertices: FloatArray = surface.vertices
         if surface.targets is not None:
-            self._flat = np.concatenate((surface.flat, surface.targets.flat))
+            flat = np.concatenate((surface.flat, surface.targets.flat))
             self._vertices = np.concatenate((surface.vertices, surface.targets.vertices))
+        self._flat = np.pad(flat, (0, SPARE_ENTRIES))
         ends = np.stack((self._vertices.min(axis=0), self._vertices.max(axis=0)))
         self._box = np.stack(np.meshgrid(*ends.T), axis=-1).reshape(8, 3)
 
@@ -170,7 +174,7 @@ class LensSolver:
         """Add the images of all faces and pieces in one plane."""
         solver, seen, lists = self._solver, self._seen, self._lists
         projected, kept = solver.image_of_all, solver.kept_pieces
-        surface, n_vertices = self.surface, len(self.surface.vertices)
+        n_vertices = len(self.surface.vertices)
         own, is_done, uvw = self._own, self._is_done, projected.uvw[:n_vertices]
         places, edges = seen.places, self._ends
         self._call(vertex_images, uvw, record, places, seen.is_inside, lists)
@@ -180,8 +184,8 @@ class LensSolver:
             self._call(bulges_by_parts, record, longer, edges, places, self._edges, seen.bulge)
         self._call(
             kernels.measure_simple,
-            surface.faces, self._sides, self._flat, projected.state, seen, record, own, is_done,
-            self.figures,
+            self._faces, self._sides, self._flat, projected.state, seen, record, own,
+            self._own_error, is_done, self.figures,
         )  # fmt: skip
         while True:
             found = self._found

@@ -7,11 +7,11 @@ from numpy.typing import NDArray
 
 from rastercov.exact.surface import Surface, Targets
 from rastercov.kernels.direct import DirectCalls
-from rastercov.kernels.exact_block import set_up, set_up_plain
 from rastercov.kernels.exact_records import (
     BLOCK,
     CORNERS,
     SIDES,
+    SPARE_ENTRIES,
     TRANSPARENT,
     Blocks,
     Clipped,
@@ -20,7 +20,7 @@ from rastercov.kernels.exact_records import (
     Projected,
     VisiblePieces,
 )
-from rastercov.kernels.exact_setup import project
+from rastercov.kernels.exact_setup import project, set_up, set_up_plain
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int32]
@@ -61,9 +61,9 @@ def room_for_image(surface: Surface, area: FloatArray) -> Projected:
     return Projected(
         faces=faces,
         rank=surface.rank,
-        uvw=np.empty((len(vertices), 3)),
+        uvw=np.empty((len(vertices) + SPARE_ENTRIES, 3))[: len(vertices)],
         side=np.empty(n_all, np.int8),
-        state=np.empty(n_all, np.uint16),
+        state=np.empty(n_all + SPARE_ENTRIES, np.uint16)[:n_all],
         box=np.empty((n_all, 6)),
         area=area,
         clipped_index=np.zeros(n_all, np.int32),

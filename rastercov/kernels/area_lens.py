@@ -41,38 +41,42 @@ holds and before which it fails. What is between them is halved until it is narr
 
 import math
 
-from rastercov.kernels.area_plane import (
+from rastercov.kernels.area_region import (
     COINCIDENT_REL,
     ERROR,
     FOOT_X,
     FOOT_Y,
     HEIGHT,
     LONGEST,
+    MOST_HALVINGS,
     NORMAL,
     ORIGIN,
     STACK_ROOM,
     X_AXIS,
     Y_AXIS,
     append_piece,
+    append_within_angle,
     cut_by_lines,
+    extent_of,
+    largest_singular,
     length2,
     perimeter_of,
     push_parts,
     set_line,
-)
-from rastercov.kernels.area_region import (
-    MOST_HALVINGS,
-    append_within_angle,
-    extent_of,
-    largest_singular,
     set_plane,
 )
 from rastercov.kernels.exact_polygon import MOST_CORNERS, copy_polygon, keep_inside, twice_area
 from rastercov.kernels.exact_records import U, V
 from rastercov.kernels.jit import allocation_free, part_with_arrays
 from rastercov.kernels.lens import plane_slopes
-from rastercov.kernels.lens_field import BAND, BORDER, INSIDE, UNDECIDED
-from rastercov.kernels.lens_slopes import bounds_within, sizes_within
+from rastercov.kernels.lens_field import (
+    BAND,
+    BORDER,
+    INSIDE,
+    UNDECIDED,
+    bounds_within,
+    sizes_within,
+)
 
 PER_M2, DENSE, FACING, DISTANT = 1, 2, 4, 8
 """Bits of the criteria that a piece still has to meet."""

@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from rastercov.kernels.exact_patch import root_of
+from rastercov.kernels.exact_setup import root_of
 from rastercov.kernels.jit import allocation_free, part_with_arrays
 
 

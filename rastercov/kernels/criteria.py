@@ -14,22 +14,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.kernels import lens_faces
-from rastercov.kernels.cameras import Slopes, along, by_lens, facing, focus_depth, per_m2
-from rastercov.kernels.jit import allocation_free, part_of, part_with_arrays
-from rastercov.kernels.simd_kernel import pointer
-from rastercov.kernels.vertex_blocks import (
+from rastercov.kernels.cameras import (
     BEHIND,
     DOWN,
     INSIDE,
     RIGHT,
     STATE,
+    Slopes,
     U,
     V,
     X,
     Y,
     Z,
+    along,
+    by_lens,
+    facing,
+    focus_depth,
+    per_m2,
     project_vertices,
 )
+from rastercov.kernels.exact_polygon import keep_inside, twice_area
+from rastercov.kernels.jit import allocation_free, part_of, part_with_arrays
+from rastercov.kernels.simd_kernel import pointer
 
 MOST_CORNERS = 20
 """Corners of a face after five cuts: n corners have c crossings, c even and at most n, and keep at
@@ -182,6 +188,15 @@ def image_of_face(points, i, j, k, near, lens, work, drawn):
 @allocation_free
 def clipped_areas(points, i, j, k, near, lens, polygon, spare):
     """Area of the image of a face beyond the near plane, and of its part in the image, px^2."""
+    n = image_beyond(points, i, j, k, near, lens, polygon)
+    whole = abs(twice_area(polygon, n) / 2) if n >= 3 else 0.0
+    n = cut_to_image(polygon, n, lens, 0.0, spare)
+    return whole, abs(twice_area(polygon, n) / 2) if n >= 3 else 0.0
+
+
+@allocation_free
+def image_beyond(points, i, j, k, near, lens, polygon):
+    """Fill `polygon` with the image of a face beyond the near plane; its corner count."""
     n = 0
     for s in range(3):
         p = i if s == 0 else j if s == 1 else k
@@ -199,43 +214,16 @@ def clipped_areas(points, i, j, k, near, lens, polygon, spare):
             polygon[n, 0] = x / z * lens.fx + lens.cx
             polygon[n, 1] = y / z * lens.fy + lens.cy
             n += 1
-    whole = abs(polygon_area(polygon, n))
-    n = cut(polygon, n, 0, 0.0, 1.0, spare)
-    n = cut(spare, n, 0, lens.width, -1.0, polygon)
-    n = cut(polygon, n, 1, 0.0, 1.0, spare)
-    n = cut(spare, n, 1, lens.height, -1.0, polygon)
-    return whole, abs(polygon_area(polygon, n))
+    return n
 
 
 @allocation_free
-def cut(polygon, n, axis, limit, sign, out):
-    """Keep the part of an image polygon where sign * (coordinate - limit) >= 0; the new count."""
-    kept = 0
-    for p in range(n):
-        q = p + 1 if p + 1 < n else 0
-        here, there = sign * (polygon[p, axis] - limit), sign * (polygon[q, axis] - limit)
-        if here >= 0:
-            out[kept, 0], out[kept, 1] = polygon[p, 0], polygon[p, 1]
-            kept += 1
-        if (here >= 0) != (there >= 0):
-            t = here / (here - there)
-            out[kept, 0] = polygon[p, 0] + t * (polygon[q, 0] - polygon[p, 0])
-            out[kept, 1] = polygon[p, 1] + t * (polygon[q, 1] - polygon[p, 1])
-            kept += 1
-    return kept
-
-
-@allocation_free
-def polygon_area(polygon, n):
-    """Signed area of an image polygon (3.9), px^2; 0 for fewer than 3 corners."""
-    total = 0.0
-    if n >= 3:
-        u, v = polygon[0, 0], polygon[0, 1]
-        for p in range(1, n - 1):
-            total += (polygon[p, 0] - u) * (polygon[p + 1, 1] - v) - (polygon[p, 1] - v) * (
-                polygon[p + 1, 0] - u
-            )
-    return total / 2
+def cut_to_image(polygon, n, lens, margin, spare):
+    """Cut a polygon in place to the image grown by a margin, px; its corner count."""
+    n = keep_inside(polygon, n, (-margin, 0.0, 0.0, -1.0, 0.0), spare)
+    n = keep_inside(spare, n, (lens.width + margin, 0.0, 0.0, 1.0, 0.0), polygon)
+    n = keep_inside(polygon, n, (0.0, -margin, 1.0, 0.0, 0.0), spare)
+    return keep_inside(spare, n, (0.0, lens.height + margin, -1.0, 0.0, 0.0), polygon)
 
 
 @part_with_arrays

@@ -11,8 +11,6 @@ R. E. Tarjan. Efficiency of a Good but not Linear Set Union Algorithm. 1975.
 
 import numpy as np
 
-from rastercov.kernels.exact_block import lay_boxes_of_block
-from rastercov.kernels.exact_patch import root_of
 from rastercov.kernels.exact_records import (
     ABSENT,
     BLOCK,
@@ -33,6 +31,7 @@ from rastercov.kernels.exact_records import (
     V,
     W,
 )
+from rastercov.kernels.exact_setup import lay_boxes_of_block, root_of
 from rastercov.kernels.jit import allocation_free, part_of, part_with_arrays
 
 FEW_BLOCKS = 0.7

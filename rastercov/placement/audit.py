@@ -440,7 +440,7 @@ def _figures(
     """Best density and its camera, and widest angle, (E,)."""
     from rastercov.base.memory import read_only
     from rastercov.coverage.records import lens_of
-    from rastercov.kernels import audit
+    from rastercov.kernels import spread
     from rastercov.kernels.placement_presolve import by_face
 
     n = problem.n_faces
@@ -452,12 +452,12 @@ def _figures(
     matrices = read_only(poses.world_from_camera, np.float64)
     best, by = np.zeros(n), np.full(n, -1, np.int32)
     for index, _ in poses.by_camera():
-        audit.best_densities(
+        spread.best_densities(
             starts, camera, points, normals, matrices, poses.camera, index,
             lens_of(cameras[index]), best, by,
         )  # fmt: skip
     widest = np.empty(n)
-    audit.widest_angles(starts, camera, points, np.ascontiguousarray(problem.eyes), widest)
+    spread.widest_angles(starts, camera, points, np.ascontiguousarray(problem.eyes), widest)
     return best, by, widest
 
 

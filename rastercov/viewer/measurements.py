@@ -210,8 +210,8 @@ class NetworkFigures:
     def widest_angle(self) -> FloatArray:
         """Greatest angle between rays to two cameras that cover the face, degrees; 0 for none."""
         from rastercov.base.memory import read_only
-        from rastercov.kernels.audit import widest_angles
         from rastercov.kernels.placement_presolve import by_face
+        from rastercov.kernels.spread import widest_angles
 
         faces = [np.flatnonzero(row.covers).astype(np.int32) for row in self.rows]
         ends = np.concatenate([[0], np.cumsum([len(each) for each in faces])]).astype(np.int64)

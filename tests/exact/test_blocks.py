@@ -16,7 +16,6 @@ from rastercov.camera.viewpoints import look_at
 from rastercov.exact import blocks as blocks_module
 from rastercov.exact.certificate import THIN_TOLERANCE_REL, CertificateSolver
 from rastercov.exact.surface import surface_of
-from rastercov.kernels.exact_block import NARROW_FACTOR, lay_boxes
 from rastercov.kernels.exact_records import (
     BLOCK,
     CONSISTENT,
@@ -30,7 +29,7 @@ from rastercov.kernels.exact_records import (
     V_MAX,
     V_MIN,
 )
-from rastercov.kernels.exact_setup import UNIT_ROUNDING
+from rastercov.kernels.exact_setup import NARROW_FACTOR, UNIT_ROUNDING, lay_boxes
 from rastercov.mesh import Mesh, shapes
 
 CAMERA = Camera(width=320, height=240, fx=300, fy=300)

@@ -313,10 +313,10 @@ class _Finder:
         from rastercov.exact.certificate import CertificateSolver
         from rastercov.exact.half_planes import HalfPlaneSolver
         from rastercov.exact.surface import surface_of
-        from rastercov.kernels import area_plane, area_region
+        from rastercov.kernels import area_region
 
         solver_type = CertificateSolver if is_certified else HalfPlaneSolver
-        self.kernels, self._planes_of = area_region, area_plane
+        self.kernels = area_region
         surface = surface_of(mesh)
         self._diagonal = surface.diagonal
         # Pinholes alone need no solver of lenses.
@@ -340,7 +340,7 @@ class _Finder:
         # Figures through a lens are sums over planes, of all faces.
         has_figures = mesh.task_mask | (not only_task or self._is_of_lens)
         self._has_no_figures = None if has_figures.all() else ~has_figures
-        self.planes = area_plane.Planes._make(
+        self.planes = area_region.Planes._make(
             [
                 *(read_only(array, np.float64) for array in frames),
                 read_only(mesh.two_sided_mask, np.bool_),
@@ -349,8 +349,8 @@ class _Finder:
         )
         self._cameras, self._task = cameras, task
         self._criteria: dict[tuple[int, int], Any] = {}
-        self._work = area_plane.scratch_for(mesh.n_faces)
-        self._rooms = [area_plane.room_for_found(1024, 8192, mesh.n_faces) for _ in range(2)]
+        self._work = area_region.scratch_for(mesh.n_faces)
+        self._rooms = [area_region.room_for_found(1024, 8192, mesh.n_faces) for _ in range(2)]
 
     def take_camera(self, index: int) -> None:
         """Find the regions of one of the cameras from now on."""
@@ -441,7 +441,7 @@ class _Finder:
             n, corners = out.used.tolist()
             if n <= len(out.face) and corners <= len(out.xy):
                 return out
-            self._rooms[slot] = self._planes_of.room_for_found(
+            self._rooms[slot] = self.kernels.room_for_found(
                 n * 5 // 4, corners * 5 // 4, len(out.area)
             )
 
@@ -472,7 +472,7 @@ def _criteria(camera: Camera, task: Task, index: int, pixel_error: float, size: 
     from rastercov.base.memory import read_only
     from rastercov.camera.lenses.of_camera import fields_of, planes_of, slopes_of
     from rastercov.coverage.records import pinhole_of
-    from rastercov.kernels.area_plane import Criteria, LensCriteria
+    from rastercov.kernels.area_region import Criteria, LensCriteria
 
     rules, gap = task.rules(camera), GAP_REL * size
     if camera.is_pinhole:
