@@ -206,7 +206,7 @@ def judge(
 
 
 def rows_of(coverage: Coverage, choice: str) -> PairRows:
-    """Rows of the pairs of a table, of the choices of `rastercov.coverage.judged_poses`."""
+    """Rows of the pairs of a table, of the choices of `rastercov.coverage.network`."""
     is_seen = (coverage.in_view_fraction > 0) & (coverage.reason > Reason.BACK_FACING)
     chosen = {
         "none": np.zeros(is_seen.shape, np.bool_),

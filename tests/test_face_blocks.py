@@ -13,8 +13,7 @@ from rastercov.base.memory import CACHE_LINE, aligned_array, read_only
 from rastercov.camera.pose import Poses
 from rastercov.coverage.coverage import FIGURES, measurements
 from rastercov.coverage.face_pass import CoveragePass
-from rastercov.coverage.judged_poses import CHOICES, Part
-from rastercov.coverage.network import Network
+from rastercov.coverage.network import CHOICES, Network, Part
 from rastercov.coverage.task import Reason
 from rastercov.kernels import coverage as kernels
 from rastercov.kernels import decision, network

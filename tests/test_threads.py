@@ -23,7 +23,7 @@ from rastercov.base.threads import Once, ScratchPool, share_poses
 from rastercov.camera.viewpoints import sphere_of_poses
 from rastercov.exact import certificate as contour
 from rastercov.exact import half_planes as analytic
-from rastercov.exact import memory as images
+from rastercov.exact import half_planes as images
 from rastercov.exact import surface
 from rastercov.kernels import jit as compiled
 from rastercov.kernels import raster_loops as kernels
@@ -306,7 +306,7 @@ def test_scratch_memory_that_an_error_left_half_changed_is_not_used_again(monkey
         with pytest.raises(error):
             observer.observe(np.eye(4))
         monkeypatch.undo()
-        assert not observer._scratch._idle
+        assert not observer._pass._scratch._idle
         assert_same(ask(observer, np.eye(4)), expected)
 
 
@@ -328,7 +328,7 @@ def test_a_rasteriser_drops_scratch_memory_after_an_error(monkeypatch):
 def test_an_observer_that_nobody_holds_gives_its_memory_back_at_once():
     observer = OPENERS["certified"](MESH, CAMERA)
     observer.observe(POSES)
-    view = weakref.ref(observer._scratch._idle[0])
+    view = weakref.ref(observer._pass._scratch._idle[0])
     del observer
     assert view() is None
 
@@ -389,7 +389,7 @@ def test_a_call_that_another_thread_is_in_ends_well_when_the_observer_is_closed(
 
     found, _ = in_threads(2, work)
     assert_same(found, expected)
-    assert not observer._scratch._idle
+    assert not observer._pass._scratch._idle
     with pytest.raises(DeviceError, match="closed"):
         observer.observe(POSES)
 

@@ -20,8 +20,7 @@ from rastercov.base.interrupts import interrupts_held
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, check_scene
 from rastercov.cluster import Made, Workers
-from rastercov.coverage.area.by_camera import ByCamera
-from rastercov.coverage.area.network import AreaNetwork, unit_of_result
+from rastercov.coverage.area.network import AreaNetwork, ByCamera, unit_of_result
 from rastercov.coverage.area.regions import Regions
 from rastercov.coverage.coverage import (
     FIGURES,
@@ -33,8 +32,7 @@ from rastercov.coverage.coverage import (
 from rastercov.coverage.engine import settled
 from rastercov.coverage.evaluation import Evaluation
 from rastercov.coverage.face_pass import CoveragePass
-from rastercov.coverage.judged_poses import SUMMED, JudgedPoses
-from rastercov.coverage.network import Network
+from rastercov.coverage.network import SUMMED, JudgedPoses, Network
 from rastercov.coverage.observer import open_observer
 from rastercov.coverage.provenance import Provenance
 from rastercov.coverage.shards import (

@@ -6,14 +6,12 @@ and the faces and their visible pieces are mapped to pixels, where their areas a
 their edges (`rastercov.kernels.lens_edges`).
 """
 
-from collections.abc import Callable
-
 import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.camera.camera import Camera
 from rastercov.camera.lenses.of_camera import planes_of
-from rastercov.exact.half_planes import HalfPlaneSolver
+from rastercov.exact.half_planes import HalfPlaneSolver, Visit
 from rastercov.exact.surface import Surface
 from rastercov.kernels import exact_lens as kernels
 from rastercov.kernels.direct import DirectCalls
@@ -28,7 +26,6 @@ IntArray = NDArray[np.int32]
 BESIDE_REL = 1e-9
 """Distance of a surface from the side of a plane's image, relative to its own, that is no rounding.
 """
-Visit = Callable[[int, HalfPlaneSolver], None]
 
 
 class LensSolver:
@@ -107,6 +104,9 @@ class LensSolver:
         """The camera if it is a pinhole, otherwise that of its first plane."""
         return self._camera if self._camera.is_pinhole else self._planes[0][0].camera
 
+    def keep_pieces(self) -> None:
+        """As of `HalfPlaneSolver`; a lens needs them, too, so that they are always kept."""
+
     def leave_out(self, faces: NDArray[np.bool_] | None) -> None:
         """As of `HalfPlaneSolver`; the figures of such faces mean nothing here."""
         self._solver.leave_out(faces)
@@ -116,21 +116,10 @@ class LensSolver:
         self._pose = pose, near, front_only
 
     def solve_all(self, visit: Visit | None = None, *, is_measured: bool = True) -> None:
-        """Compute all figures of every face.
-
-        Parameters
-        ----------
-        visit : callable, optional
-            Called with each plane by its number, in the order of `planes_of`, and the solver that
-            has solved it; with 0 and that of the camera itself for a pinhole.
-        is_measured : bool
-            False where the figures are not needed.
-        """
+        """Compute all figures of every face; see `HalfPlaneSolver.solve_all`."""
         if self._camera.is_pinhole:
+            self._solve(self._camera, np.eye(3), visit)
             solver = self._solver
-            self._solve(self._camera, np.eye(3))
-            if visit is not None:
-                visit(0, solver)
             self.area[:], self.visible[:] = solver.area, solver.visible
             self.area_error[:], self.is_certified[:] = solver.area_error, solver.is_certified
             return
@@ -161,14 +150,14 @@ class LensSolver:
         )  # fmt: skip
         return not is_beside
 
-    def _solve(self, camera: Camera, frame: FloatArray) -> None:
+    def _solve(self, camera: Camera, frame: FloatArray, visit: Visit | None = None) -> None:
         """Visibility in one pinhole."""
         pose, near, front_only = self._pose
         turned = pose.copy()
         turned[:3, :3] = pose[:3, :3] @ frame
         self._solver.set_camera(camera)
         self._solver.set_pose(turned, near, front_only)
-        self._solver.solve_all()
+        self._solver.solve_all(visit)
 
     def _measure(self, record: PlaneRecord) -> None:
         """Add the images of all faces and pieces in one plane."""

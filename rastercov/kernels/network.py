@@ -34,7 +34,7 @@ from rastercov.kernels.jit import allocation_free, part_with_arrays
 from rastercov.kernels.simd_kernel import pointer, pointers, simd
 
 NO_PAIRS, COVERED_PAIRS, SEEN_PAIRS, ALL_PAIRS = range(4)
-"""Indices of `rastercov.coverage.judged_poses.CHOICES`."""
+"""Indices of `rastercov.coverage.network.CHOICES`."""
 
 
 PLANE_ROUNDING = 1e-12

@@ -26,9 +26,8 @@ from rastercov.base.format import InOneLine
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, cameras_of, check_scene, names_of
 from rastercov.cluster import Made, Workers
-from rastercov.coverage.area.by_camera import cameras_apart
 from rastercov.coverage.area.cells import Cells, cells, usual_size
-from rastercov.coverage.area.network import AreaNetwork, unit_of_result
+from rastercov.coverage.area.network import AreaNetwork, cameras_apart, unit_of_result
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.network import Network
 from rastercov.coverage.shards import EvaluationShards, Source, Wanted, open_for

@@ -22,7 +22,7 @@ from rastercov.cluster.store import DamagedError, contents, renew, store
 from rastercov.cluster.work import FolderLostError
 from rastercov.coverage.area.cells import Cells, cells
 from rastercov.coverage.area.frames import check_same_mesh
-from rastercov.coverage.area.observer import RegionObserver
+from rastercov.coverage.area.regions import RegionObserver
 from rastercov.coverage.coverage import Coverage, evaluate_batches, judged, measurements
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.face_pass import CoveragePass

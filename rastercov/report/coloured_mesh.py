@@ -8,8 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
 from rastercov.base.output import write_bytes
-from rastercov.coverage.area.rest import with_rest
-from rastercov.coverage.area.union import Covered
+from rastercov.coverage.area.union import Covered, with_rest
 from rastercov.mesh import Mesh
 from rastercov.mesh.formats.gltf_file import Y_UP, GlbBuffer
 from rastercov.report import theme

@@ -37,7 +37,7 @@ from rastercov.coverage.criteria import face_geometry
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.evaluation import Evaluation
 from rastercov.coverage.job import ALONE, Staff, measure
-from rastercov.coverage.judged_poses import CHOICES
+from rastercov.coverage.network import CHOICES
 from rastercov.coverage.shards import UNFINISHED, Wanted, open_for, remove
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh

@@ -21,10 +21,9 @@ from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.coverage import evaluate_batches
 from rastercov.coverage.engine import Engine
-from rastercov.coverage.network import share_of_faces
+from rastercov.coverage.network import ViewSpread, share_of_faces
 from rastercov.coverage.observer import Observer, open_observer
 from rastercov.coverage.reasons import NAMES, reason_rows
-from rastercov.coverage.spread import ViewSpread
 from rastercov.coverage.task import Reason, Task
 from rastercov.mesh import Mesh
 from rastercov.report.modes import OfCameras

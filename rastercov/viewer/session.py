@@ -175,7 +175,7 @@ class Session:
 
     def zones(self) -> list[dict[str, Any]]:
         """Dead zones by exact area, the largest first, ready for JSON."""
-        from rastercov.coverage.area.zone_report import zone_line
+        from rastercov.coverage.area.zones import zone_line
 
         with self.lock:
             areas, state = self.areas(), self.state

@@ -13,7 +13,7 @@ from scenes import joined
 
 from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import look_at
-from rastercov.exact import blocks as blocks_module
+from rastercov.exact import surface as blocks_module
 from rastercov.exact.certificate import THIN_TOLERANCE_REL, CertificateSolver
 from rastercov.exact.surface import surface_of
 from rastercov.kernels.exact_records import (

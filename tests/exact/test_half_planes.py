@@ -23,8 +23,7 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import look_at, sphere_of_poses
 from rastercov.coverage.criteria import face_geometry
 from rastercov.coverage.observer import visibility
-from rastercov.exact.half_planes import HalfPlaneSolver, visible_areas
-from rastercov.exact.memory import room_for_clipped
+from rastercov.exact.half_planes import HalfPlaneSolver, room_for_clipped, visible_areas
 from rastercov.exact.surface import surface_of
 from rastercov.mesh import Mesh, shapes
 from rastercov.reference import rational

@@ -1,4 +1,4 @@
-"""Edges that are measured eight at a time, by the rule that the longest needs, keep their bounds."""
+"""Edges are measured eight at a time, by the rule that the longest needs, within their bounds."""
 
 import numpy as np
 import pytest

@@ -15,8 +15,7 @@ from rastercov.coverage.coverage import FIGURES, evaluate_batches
 from rastercov.coverage.criteria import face_geometry
 from rastercov.coverage.face_pass import FacePass
 from rastercov.coverage.job import evaluate
-from rastercov.coverage.judged_poses import CHOICES
-from rastercov.coverage.network import Network
+from rastercov.coverage.network import CHOICES, Network
 from rastercov.coverage.observer import Observer, open_observer
 from rastercov.coverage.task import Task
 from rastercov.mesh import Group, Mesh, shapes

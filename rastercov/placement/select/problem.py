@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov.base.errors import ConfigError
 from rastercov.base.typed import check_fields, typed
 from rastercov.coverage.area.cells import Cells
-from rastercov.coverage.spread import ViewSpread, least_cosine
+from rastercov.coverage.network import ViewSpread, least_cosine
 from rastercov.mesh import Mesh
 from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
 from rastercov.placement.bit_matrix import BitMatrix
