@@ -255,11 +255,12 @@ class ExactPass:
         from rastercov.exact import certificate
 
         certificate.compile_once()
-        self.mesh, self.camera, self.cameras = mesh, camera, cameras_of(camera)
+        cameras = cameras_of(camera)
+        self.mesh, self.camera, self.cameras = mesh, camera, cameras
         self.threads = thread_count(engine.threads if threads is None else threads)
         is_certified = engine.method == "certified"
         self._scratch: ScratchPool[Any] = ScratchPool(
-            lambda: solver_type(mesh, self.cameras, is_certified), self.threads
+            lambda: solver_type(mesh, cameras, is_certified), self.threads
         )
 
     def run(

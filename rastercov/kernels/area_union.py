@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.kernels.area_region import perimeter_of, set_side, without_needless
+from rastercov.kernels.area_plane import perimeter_of, set_side, without_needless
 from rastercov.kernels.exact_half_plane import extent_of
 from rastercov.kernels.exact_polygon import (
     MOST_CORNERS,

@@ -273,12 +273,12 @@ class _Finder(PoseSolver):
         only_task: bool,
     ) -> None:
         from rastercov.base.memory import read_only
-        from rastercov.kernels import area_region
+        from rastercov.kernels import area_plane, area_region
 
         super().__init__(mesh, cameras, is_certified)
         self.solver.keep_pieces()
         self._own = self.solver.visible, self.solver.area, self.solver.area_error
-        self.kernels, surface = area_region, self.solver.surface
+        self.kernels, self._planes, surface = area_region, area_plane, self.solver.surface
         self._diagonal = surface.diagonal
         # The solver has the targets behind the opaque faces, and may have sorted these.
         self._rows = surface.rows
@@ -291,7 +291,7 @@ class _Finder(PoseSolver):
         has_lens = not all(camera.is_pinhole for camera in cameras)
         has_figures = mesh.task_mask | (not only_task or has_lens)
         self._has_no_figures = None if has_figures.all() else ~has_figures
-        self.planes = area_region.Planes._make(
+        self.planes = area_plane.Planes._make(
             [
                 *(read_only(array, np.float64) for array in frames),
                 read_only(mesh.two_sided_mask, np.bool_),
@@ -300,8 +300,8 @@ class _Finder(PoseSolver):
         )
         self._task = task
         self._criteria: dict[tuple[int, int], Any] = {}
-        self._work = area_region.scratch_for(mesh.n_faces)
-        self._rooms = [area_region.room_for_found(1024, 8192, mesh.n_faces) for _ in range(2)]
+        self._work = area_plane.scratch_for(mesh.n_faces)
+        self._rooms = [area_plane.room_for_found(1024, 8192, mesh.n_faces) for _ in range(2)]
 
     def take_camera(self, index: int) -> None:
         """Find the regions of one of the cameras from now on."""
@@ -357,17 +357,15 @@ class _Finder(PoseSolver):
         if self.cameras[self._camera].is_pinhole:
             found = self._run(self.kernels.cut_regions, criteria, seen)
         else:
-            from rastercov.kernels import area_lens
-
             rules, by_distance = criteria.rules, criteria.by_distance
             found = self._run(self.kernels.cut_regions, criteria.pinhole, seen)
             if by_distance and rules.z_f < np.inf:
-                found = self._run(area_lens.cut_to_discs, criteria, seen, found)
-            found = self._run(area_lens.cut_to_view, criteria, seen, found)
+                found = self._run(self.kernels.cut_to_discs, criteria, seen, found)
+            found = self._run(self.kernels.cut_to_view, criteria, seen, found)
             if max(
                 rules.min_pixels_per_m2, rules.min_pixel_density, rules.min_facing_density
             ) > 0 or (by_distance and rules.z_n > 0):
-                found = self._run(area_lens.cut_to_densities, criteria, seen, found)
+                found = self._run(self.kernels.cut_to_densities, criteria, seen, found)
         n, corners = found.used.tolist()
         listed = np.flatnonzero((found.area > 0) | (found.bound > 0)).astype(np.int32)
         return (
@@ -384,7 +382,7 @@ class _Finder(PoseSolver):
             n, corners = out.used.tolist()
             if n <= len(out.face) and corners <= len(out.xy):
                 return out
-            self._rooms[slot] = self.kernels.room_for_found(
+            self._rooms[slot] = self._planes.room_for_found(
                 n * 5 // 4, corners * 5 // 4, len(out.area)
             )
 
@@ -415,7 +413,7 @@ def _criteria(camera: Camera, task: Task, index: int, pixel_error: float, size: 
     from rastercov.base.memory import read_only
     from rastercov.camera.lenses.of_camera import fields_of, planes_of, slopes_of
     from rastercov.coverage.records import pinhole_of
-    from rastercov.kernels.area_region import Criteria, LensCriteria
+    from rastercov.kernels.area_plane import Criteria, LensCriteria
 
     rules, gap = task.rules(camera), GAP_REL * size
     if camera.is_pinhole:
@@ -430,7 +428,7 @@ def _criteria(camera: Camera, task: Task, index: int, pixel_error: float, size: 
         rules=rules,
         by_distance=not MODELS[camera.model].is_planar,
         axis=read_only(plane.frame[2], np.float64),
-        strip_gap=STRIP_REL * size,
+        gap=STRIP_REL * size,
         tree=fields_of(camera, STRIP_REL / 4)[index],
         code=record.code,
         params=record.params,

@@ -99,7 +99,7 @@ class RegionUnion:
 
     def __init__(self, mesh: Mesh, views: int = 1) -> None:
         from rastercov.kernels import area_union
-        from rastercov.kernels.area_region import COINCIDENT_REL
+        from rastercov.kernels.area_plane import COINCIDENT_REL
 
         check_kind("mesh", mesh, Mesh, "a Mesh", MeshError)
         number = finite_number(views)
