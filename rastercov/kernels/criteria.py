@@ -194,7 +194,7 @@ def clipped_areas(points, i, j, k, near, lens, polygon, spare):
     return whole, abs(twice_area(polygon, n) / 2) if n >= 3 else 0.0
 
 
-@allocation_free
+@part_with_arrays
 def image_beyond(points, i, j, k, near, lens, polygon):
     """Fill `polygon` with the image of a face beyond the near plane; its corner count."""
     n = 0
@@ -217,7 +217,7 @@ def image_beyond(points, i, j, k, near, lens, polygon):
     return n
 
 
-@allocation_free
+@part_with_arrays
 def cut_to_image(polygon, n, lens, margin, spare):
     """Cut a polygon in place to the image grown by a margin, px; its corner count."""
     n = keep_inside(polygon, n, (-margin, 0.0, 0.0, -1.0, 0.0), spare)
