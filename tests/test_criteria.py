@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from geometry import face_geometry
 from hypothesis import given
 from hypothesis import strategies as st
 from scenes import square
@@ -12,10 +13,9 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.near_plane import near_limit
 from rastercov.camera.projection import clip_near, to_camera, to_image
 from rastercov.camera.viewpoints import look_at
-from rastercov.coverage.criteria import face_geometry, in_focus
 from rastercov.kernels.criteria import incidence_angle
 from rastercov.mesh import Group, Mesh, shapes
-from rastercov.reference.criteria import polygon_area
+from rastercov.reference.criteria import in_focus, polygon_area
 
 CAMERA = Camera(width=200, height=200, fx=100, fy=100)
 UNEVEN = Camera(width=640, height=480, fx=500, fy=400, cx=100, cy=350)

@@ -4,13 +4,13 @@ import math
 
 import numpy as np
 import pytest
+from geometry import face_geometry
 from scenes import joined, sheet, square
 
 from rastercov.base.errors import ConfigError, PoseError
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.camera.viewpoints import look_at, sphere_of_poses
-from rastercov.coverage.criteria import face_geometry
 from rastercov.coverage.engine import METHODS
 from rastercov.coverage.face_pass import FacePass
 from rastercov.coverage.observer import open_observer, visibility

@@ -31,7 +31,7 @@ from rastercov.coverage.coverage import (
 )
 from rastercov.coverage.engine import settled
 from rastercov.coverage.evaluation import Evaluation
-from rastercov.coverage.face_pass import CoveragePass
+from rastercov.coverage.face_pass import FacePass
 from rastercov.coverage.network import SUMMED, JudgedPoses, Network
 from rastercov.coverage.observer import open_observer
 from rastercov.coverage.provenance import Provenance
@@ -200,7 +200,7 @@ def measure(
     apart = ByCamera(mesh, task, camera, poses, by_area=wanted.by_area)
     wanted = replace(wanted, apart=apart.is_asked)
     whole = arrays_for(fields, (len(poses), mesh.n_faces))
-    judge = CoveragePass(observer, task) if whole else None
+    judge = FacePass(mesh, camera, observer.threads, task) if whole else None
     is_summed = not SUMMED.keys() <= set(fields)  # otherwise they are added up when it is asked for
     shards = None
     if folder is not None and (staff.workers or is_long(len(poses), mesh.n_faces)):

@@ -19,7 +19,7 @@ from rastercov.base.memory import read_only
 from rastercov.base.typed import typed
 from rastercov.camera.pose import Poses
 from rastercov.coverage.coverage import Coverage, batch_size, check_observer, measurements
-from rastercov.coverage.face_pass import CoveragePass, Measured, Scope, Worker
+from rastercov.coverage.face_pass import FacePass, Measured, Scope, Worker
 from rastercov.coverage.observer import Observer
 from rastercov.coverage.task import Reason, Rules, Task
 from rastercov.kernels.direct import DirectCalls
@@ -464,7 +464,7 @@ class Network:
         if observer.mesh.n_faces != self.mesh.n_faces:
             raise ConfigError("a network adds up coverage of one mesh and one task")
 
-        judge = CoveragePass(observer, self.task)
+        judge = FacePass(observer.mesh, observer.camera, observer.threads, self.task)
         n_faces = self.mesh.n_faces
         buffer = PairBuffer(pairs, min(len(poses), batch_size(n_faces, observer.threads)), n_faces)
         return (
@@ -474,7 +474,7 @@ class Network:
 
     def _judged(
         self,
-        judge: CoveragePass,
+        judge: FacePass,
         poses: Poses,
         seen: Measured,
         buffer: PairBuffer,

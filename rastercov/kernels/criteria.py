@@ -74,20 +74,6 @@ class Workspace(NamedTuple):
     block: NDArray[np.float64]
 
 
-class FaceArrays(NamedTuple):
-    """The arrays of a `rastercov.coverage.criteria.FaceGeometry`, in its order."""
-
-    is_front: NDArray[np.bool_]
-    in_view: NDArray[np.bool_]
-    in_view_fraction: NDArray[np.float64]
-    projected_area: NDArray[np.float64]
-    perimeter: NDArray[np.float64]
-    pixel_density: NDArray[np.float64]
-    facing_density: NDArray[np.float64]
-    depth: NDArray[np.float64]
-    incidence: NDArray[np.float64]
-
-
 @by_lens(lens_faces.project)
 def project(vertices, pose, near, lens, points):
     """Transform the vertices to camera axes and project those beyond the near plane.
@@ -286,30 +272,3 @@ def pixels_per_m2(points, i, j, k, normal, lens):
 def focus_depth_of(points, p, lens):
     """Depth of a vertex that its sharpness depends on, metres."""
     return focus_depth(lens, points[p, X], points[p, Y], points[p, Z])
-
-
-@allocation_free
-def measure(scene, pose, near, lens, work, out):
-    """Fill the arrays of a `FaceGeometry`, `out`, for one pose."""
-    points = work.points
-    project(scene.vertices, pose, near, lens, points)
-    for f in range(scene.faces.shape[0]):
-        i, j, k = scene.faces[f, 0], scene.faces[f, 1], scene.faces[f, 2]
-        normal = camera_normal(scene.normals, f, pose)
-        cosine = incidence_cosine(points, i, j, k, normal, scene.two_sided[f])
-        is_front = cosine > 0 and not scene.degenerate[f]
-        state, part, area = image_of_face(points, i, j, k, near, lens, work, -1.0)
-        out.is_front[f] = is_front
-        out.in_view[f] = state == INSIDE
-        out.in_view_fraction[f] = part
-        out.projected_area[f] = area
-        out.perimeter[f] = math.inf if state == BEHIND else perimeter(points, i, j, k)
-        out.incidence[f] = incidence_angle(cosine)
-        density = 0.0
-        if is_front and state != BEHIND and part > 0:
-            density = pixel_density(points, i, j, k, normal, lens)
-        out.pixel_density[f] = density
-        out.facing_density[f] = facing_density(points, i, j, k, lens)
-        out.depth[f, 0] = focus_depth_of(points, i, lens)
-        out.depth[f, 1] = focus_depth_of(points, j, lens)
-        out.depth[f, 2] = focus_depth_of(points, k, lens)

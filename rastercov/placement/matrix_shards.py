@@ -25,7 +25,7 @@ from rastercov.coverage.area.frames import check_same_mesh
 from rastercov.coverage.area.regions import RegionObserver
 from rastercov.coverage.coverage import Coverage, evaluate_batches, judged, measurements
 from rastercov.coverage.engine import Engine
-from rastercov.coverage.face_pass import CoveragePass
+from rastercov.coverage.face_pass import FacePass
 from rastercov.coverage.observer import ExactObserver, Observer, open_observer
 from rastercov.coverage.task import Task
 from rastercov.placement._arrays import BoolArray, FloatArray, IntArray
@@ -150,7 +150,7 @@ def _of_cells(
     observer: Any, cells: Cells, poses: Poses, task: Task, bounds: CandidateBounds | None
 ) -> Iterator[Batch]:
     """Pairs of poses and cells with a covered share; visibility is computed once for both."""
-    judge = CoveragePass(observer, task)
+    judge = FacePass(observer.mesh, observer.camera, observer.threads, task)
     for part, seen in measurements(observer, poses):
         found = cells.share(seen.regions)  # type: ignore[union-attr] # of a RegionObserver
         pose = np.repeat(np.arange(len(part)), np.diff(found.starts))

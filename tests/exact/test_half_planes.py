@@ -21,12 +21,12 @@ from scenes import joined, sheet, square
 from rastercov.base.errors import ConfigError
 from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import look_at, sphere_of_poses
-from rastercov.coverage.criteria import face_geometry
 from rastercov.coverage.observer import visibility
 from rastercov.exact.half_planes import HalfPlaneSolver, room_for_clipped, visible_areas
 from rastercov.exact.surface import surface_of
 from rastercov.mesh import Mesh, shapes
 from rastercov.reference import rational
+from rastercov.reference.criteria import face_geometry
 
 CAMERA = Camera(width=320, height=240, fx=260, fy=270)
 SQUARES = joined(square(2, 4), square(0.5, 2))

@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 import pytest
+from geometry import face_geometry
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -12,7 +13,6 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.camera.viewpoints import look_at
 from rastercov.coverage.coverage import FIGURES, evaluate_batches
-from rastercov.coverage.criteria import face_geometry
 from rastercov.coverage.face_pass import FacePass
 from rastercov.coverage.job import evaluate
 from rastercov.coverage.network import CHOICES, Network
@@ -23,7 +23,7 @@ from rastercov.raster.observation import BoundKind, Observation
 from rastercov.reference import coverage as coverage_twin
 from rastercov.reference import criteria as twin
 
-SAME_BITS = ("is_front", "in_view", "perimeter", "pixel_density", "facing_density", "depth")
+SAME_BITS = ("is_front", "in_view", "pixel_density", "facing_density")
 CLOSE = ("projected_area", "in_view_fraction", "incidence")
 CUT = 1e-12
 """Relative difference of areas that numpy adds up in another order; of angles."""
