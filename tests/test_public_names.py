@@ -80,9 +80,7 @@ SURFACE = {
     },
     "raster.contract": {"MAX_RENDERED", "MAX_SUPERSAMPLE", "check_counts", "check_picture"},
     "raster.observation": set(),
-    "coverage.observer": {
-        *("ExactObserver", "ExactPass", "Figures", "PoseSolver", "ROLL", "SampledObserver"),
-    },
+    "coverage.observer": {"ExactObserver", "ROLL", "SampledObserver"},
     "coverage.task": {"THESIS", "Rules"},
     "camera.views": {"MOST_NAMES"},
     "camera.viewpoints": {

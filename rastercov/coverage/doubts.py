@@ -18,9 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov.base.format import percent
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.doubts import convention_doubts, unit_doubts
-from rastercov.camera.near_plane import depth_from_near, near_limits
 from rastercov.camera.pose import Poses
-from rastercov.camera.projection import to_camera, to_image
 from rastercov.camera.rig import Cameras, cameras_of, names_of
 from rastercov.coverage.area.failures import first_failures, pixels_per_m2
 from rastercov.coverage.area.network import unit_of_result
@@ -42,8 +40,6 @@ LEAST_DEAD_SHARE, WIDE = 0.01, math.radians(80)
 """Share of an image without rays above which there is a line; a lens that sees that far from its
 axis is a fisheye, whose image may be a disc, and has a line above `MOST_DEAD_SHARE` alone."""
 MOST_DEAD_SHARE = 0.9
-MARGIN = 1e-4
-"""Distance from a point, in diagonals of the mesh, up to which a surface hides nothing."""
 MOST_FACES, MOST_POSES = 2000, 16
 """Faces and cameras whose lines of sight are traced, spread evenly: about 0.1 s."""
 
@@ -125,20 +121,17 @@ def _sides(network: Network, cameras: Sequence[Camera], poses: Poses) -> list[st
     area = float(mesh.areas[scored].sum())
     if not area or mesh.areas[scored & (network.best == 0)].sum() < LEAST_UNSEEN_SHARE * area:
         return []
-    from rastercov.coverage.line_of_sight import LineOfSight  # compiles loops
-
     faces = np.flatnonzero(scored)
     faces = faces[_spread(len(faces), MOST_FACES)]
-    points, sight = mesh.centroids[faces], LineOfSight(mesh)
+    points = mesh.centroids[faces]
     front = behind = 0.0
-    near_of = near_limits(cameras, mesh.bounds, poses)
-    for pose, index, near in zip(poses.world_from_camera, poses.camera, near_of, strict=True):
-        camera = cameras[index]
-        in_camera = to_camera(points, pose)
-        seen = depth_from_near(in_camera, camera) > near
-        pixel = to_image(np.where(seen[:, None], in_camera, (0.0, 0.0, 1.0)), camera)
-        seen &= ((pixel >= 0) & (pixel <= (camera.width, camera.height))).all(axis=1)
-        seen[seen] = ~sight.hidden(points[seen], pose, float(near), camera)
+    sharp = [
+        replace(each, aperture=None, focus_distance=None, focus_range=None) for each in cameras
+    ]
+    both_sides = mesh.with_groups(two_sided="all")
+    failures = first_failures(both_sides, sharp, Task(), poses, points, faces)
+    for pose, (reason, _) in zip(poses.world_from_camera, failures, strict=True):
+        seen = reason == Reason.COVERED
         to_eye = pose[:3, 3] - points[seen]
         is_front = np.einsum("fi,fi->f", mesh.normals[faces[seen]], to_eye) > 0
         front += float(mesh.areas[faces[seen]][is_front].sum())

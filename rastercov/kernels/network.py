@@ -16,12 +16,8 @@ from rastercov.kernels import decision as code
 from rastercov.kernels.coverage import (
     ROWS,
     TYPES,
-    add_backs,
-    add_lanes,
-    are_behind,
     cosine_of,
     exceeds_incidence,
-    judge_eight,
     measure_face,
     put_bound,
 )
@@ -30,6 +26,7 @@ from rastercov.kernels.criteria import (
     project,
 )
 from rastercov.kernels.decision import AT_A_TIME, decide_block
+from rastercov.kernels.face_blocks import add_backs, add_lanes, are_behind, judge_eight
 from rastercov.kernels.jit import allocation_free, part_with_arrays
 from rastercov.kernels.simd_kernel import pointer, pointers, simd
 

@@ -1,6 +1,6 @@
 """Tree of boxes over triangles, with the queries of all that search a mesh.
 
-`contacts` walks the boxes itself, to find pairs; `coverage.line_of_sight` asks for segments that
+`contacts` walks the boxes itself, to find pairs; models of the reference ask for segments that
 hit a triangle, `placement.candidates.clearance` for nearest points and winding numbers.
 """
 

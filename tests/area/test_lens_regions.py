@@ -14,7 +14,7 @@ import rastercov as rc
 from rastercov.coverage.area import regions as area_regions
 from rastercov.coverage.area.failures import CentrePass, first_failures
 from rastercov.coverage.area.regions import RegionPass
-from rastercov.coverage.observer import Figures
+from rastercov.coverage.exact_pass import Figures
 from rastercov.reference.regions import covers_points, points_on
 
 MESH, PINHOLE, POSES = room()

@@ -25,7 +25,8 @@ from rastercov.camera.rig import Cameras, check_scene
 from rastercov.coverage.area.frames import frames_of, to_world
 from rastercov.coverage.coverage import batch_size, checked_task
 from rastercov.coverage.engine import Engine
-from rastercov.coverage.observer import OBSERVED, ExactObserver, ExactPass, Figures, PoseSolver
+from rastercov.coverage.exact_pass import ExactPass, Figures, PoseSolver
+from rastercov.coverage.observer import OBSERVED, ExactObserver
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.raster.observation import Observation
