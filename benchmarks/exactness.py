@@ -30,7 +30,7 @@ from rastercov.exact.half_planes import HalfPlaneSolver
 from rastercov.exact.surface import surface_of
 from rastercov.mesh import shapes
 from rastercov.reference import rational
-from rastercov.reference.criteria import face_geometry
+from rastercov.reference.criteria import measured_geometry as face_geometry
 
 CAMERA = rc.Camera(width=1280, height=960, fx=1200, fy=1200)
 THREADS = 2

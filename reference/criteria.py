@@ -8,14 +8,21 @@ E. S. Eissa. Image Space Coverage Model. 2020, section 3.3.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.camera.camera import Camera
+from rastercov.camera.models import MODELS
 from rastercov.camera.near_plane import near_limit
-from rastercov.camera.projection import clip_near, clip_polygons, to_image
+from rastercov.camera.pose import Poses
+from rastercov.camera.projection import clip_near, clip_polygons, to_camera, to_image
+from rastercov.coverage.coverage import FIGURES
+from rastercov.coverage.face_pass import FacePass
+from rastercov.coverage.task import Reason
 from rastercov.mesh import Mesh
+from rastercov.raster.observation import BoundKind, Observation
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -60,6 +67,35 @@ class FaceGeometry:
     facing_density: FloatArray
     depth: FloatArray
     incidence: FloatArray
+
+
+MEASURED = (
+    "in_view", "in_view_fraction", "projected_area", "pixel_density", "facing_density", "incidence",
+    "reason",
+)  # fmt: skip
+"""Figures that `measured_geometry` asks of the compiled loops."""
+
+
+def measured_geometry(mesh: Mesh, camera: Camera, pose: FloatArray) -> FaceGeometry:
+    """Geometry of every face for one pose, by the loops of `evaluate`, through any lens.
+
+    Outlines are those of `face_geometry`, and NaN through a lens.
+    """
+    none = np.zeros((1, mesh.n_faces))
+    kind = np.full(none.shape, BoundKind.EXACT, np.uint8)
+    found = {name: np.empty(none.shape, FIGURES[name]) for name in MEASURED}
+    seen = Observation(none, none, kind, none, np.zeros(1, np.bool_))
+    FacePass(mesh, camera, 1).fill(seen, Poses.of(pose), found)
+    figures: dict[str, Any] = {name: values[0] for name, values in found.items()}
+    is_front = figures.pop("reason") > Reason.BACK_FACING
+    outline = np.full(mesh.n_faces, np.nan)
+    if camera.is_pinhole:
+        with np.errstate(all="ignore"):
+            outline = face_geometry(mesh, camera, pose).perimeter
+    points = to_camera(mesh.vertices, pose)
+    by_distance = not (camera.is_pinhole or MODELS[camera.model].is_planar)
+    depth = np.linalg.norm(points, axis=1) if by_distance else points[:, 2]
+    return FaceGeometry(is_front=is_front, perimeter=outline, depth=depth[mesh.faces], **figures)
 
 
 def face_geometry(mesh: Mesh, camera: Camera, pose: FloatArray) -> FaceGeometry:

@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from geometry import face_geometry
 from hypothesis import given
 from hypothesis import strategies as st
 from scenes import square
@@ -16,6 +15,7 @@ from rastercov.camera.viewpoints import look_at
 from rastercov.kernels.criteria import incidence_angle
 from rastercov.mesh import Group, Mesh, shapes
 from rastercov.reference.criteria import in_focus, polygon_area
+from rastercov.reference.criteria import measured_geometry as face_geometry
 
 CAMERA = Camera(width=200, height=200, fx=100, fy=100)
 UNEVEN = Camera(width=640, height=480, fx=500, fy=400, cx=100, cy=350)

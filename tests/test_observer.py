@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from geometry import face_geometry
 from scenes import joined, sheet, square
 
 from rastercov.base.errors import ConfigError, PoseError
@@ -17,6 +16,7 @@ from rastercov.coverage.observer import open_observer, visibility
 from rastercov.mesh import Mesh, shapes
 from rastercov.raster.gl import GLRasterizer
 from rastercov.raster.observation import BoundKind, Observation
+from rastercov.reference.criteria import measured_geometry as face_geometry
 
 CAMERA = Camera(width=200, height=200, fx=100, fy=100)
 AHEAD = np.eye(4)  # at the origin, looking along +z

@@ -25,7 +25,7 @@ from rastercov.camera.pose import valid_poses
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.provenance import Provenance
 from rastercov.mesh import Mesh
-from rastercov.reference.criteria import face_geometry
+from rastercov.reference.criteria import measured_geometry as face_geometry
 from rastercov.reference.methods.contenders import (
     REFERENCES,
     open_contender,

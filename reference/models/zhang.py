@@ -42,7 +42,8 @@ from rastercov.camera.near_plane import depth_from_near
 from rastercov.camera.projection import to_camera
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
-from rastercov.reference.criteria import FaceGeometry, face_geometry
+from rastercov.reference.criteria import FaceGeometry
+from rastercov.reference.criteria import measured_geometry as face_geometry
 from rastercov.reference.models.base import (
     BoolArray,
     Criteria,

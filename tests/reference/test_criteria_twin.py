@@ -5,7 +5,6 @@ import math
 
 import numpy as np
 import pytest
-from geometry import face_geometry
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -22,6 +21,7 @@ from rastercov.mesh import Group, Mesh, shapes
 from rastercov.raster.observation import BoundKind, Observation
 from rastercov.reference import coverage as coverage_twin
 from rastercov.reference import criteria as twin
+from rastercov.reference.criteria import measured_geometry as face_geometry
 
 SAME_BITS = ("is_front", "in_view", "pixel_density", "facing_density")
 CLOSE = ("projected_area", "in_view_fraction", "incidence")

@@ -22,7 +22,7 @@ from rastercov.coverage.job import evaluate
 from rastercov.coverage.observer import visibility
 from rastercov.coverage.task import Task
 from rastercov.mesh import Group, Mesh, shapes
-from rastercov.reference.criteria import face_geometry
+from rastercov.reference.criteria import measured_geometry as face_geometry
 from rastercov.reference.models import (
     MODELS,
     alarcon,
