@@ -20,19 +20,14 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from rastercov.base.errors import ConfigError
-from rastercov.base.memory import check_memory
-from rastercov.base.threads import share_poses, thread_count
 from rastercov.camera.camera import Camera
-from rastercov.camera.near_plane import limits
-from rastercov.camera.pose import valid_poses
-from rastercov.exact.surface import Surface, Targets, surface_of
+from rastercov.exact.surface import Surface, Targets
 from rastercov.kernels.direct import DirectCalls
 from rastercov.kernels.exact_event import MOST_INTERSECTIONS
 from rastercov.kernels.exact_grid import BUCKETS, NOT_ASKED, ask_for_all, ask_for_faces, fill_grid
-from rastercov.kernels.exact_half_plane import visible_areas as visible_areas_kernel
+from rastercov.kernels.exact_half_plane import visible_areas
 from rastercov.kernels.exact_records import (
     BLOCK,
     CORNERS,
@@ -61,7 +56,6 @@ from rastercov.kernels.exact_setup import (
     set_up,
     set_up_plain,
 )
-from rastercov.mesh import Mesh
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int32]
@@ -309,82 +303,6 @@ MOST_RANGES = 16
 """Visible parts of an event edge in a cell that are kept apart."""
 
 
-def visible_areas(
-    mesh: Mesh,
-    camera: Camera,
-    poses: ArrayLike,
-    faces: ArrayLike | None = None,
-    *,
-    front_only: bool | None = None,
-    threads: int | None = None,
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Exact visible area and image area of all or chosen faces in many poses, px^2.
-
-    Parameters
-    ----------
-    mesh, camera
-        The surface, and the camera that sees it.
-    poses : (P, 4, 4) array_like
-        world_from_camera.
-    faces : (N,) int array_like, optional
-        The faces to measure, by default all F. All other faces hide them nevertheless.
-    front_only : bool, optional
-        True leaves out faces seen from behind, except targets: they neither hide nor are visible.
-        By default they are left out where that changes nothing, which is proved pose by pose: the
-        mesh is closed and consistently wound, the camera outside it, and nothing is cut by the near
-        plane.
-    threads : int, optional
-        Poses measured in parallel; by default one per core.
-
-    Returns
-    -------
-    visible, area, bound : (P, N) float64
-        px^2 inside the image: the visible area of the face, from either side; its area without
-        any other face; and a bound of the rounding errors of the two together.
-
-    Raises
-    ------
-    PoseError
-        For a pose that is no rigid motion.
-    ConfigError
-        For a face index out of range.
-    ResourceError
-        If the arrays need more memory than is free, before any is allocated.
-    """
-    matrices = valid_poses(poses)
-    chosen: NDArray[Any] = np.arange(mesh.n_faces) if faces is None else np.asarray(faces)
-    if chosen.ndim != 1 or (chosen.size and chosen.dtype.kind not in "iu"):
-        raise ConfigError(f"faces must be a list of indices, got {chosen.dtype} {chosen.shape}")
-    if chosen.size and (chosen.min() < 0 or chosen.max() >= mesh.n_faces):
-        raise ConfigError(
-            f"faces must lie in 0 ... {mesh.n_faces - 1}, got {chosen.min()} ... {chosen.max()}"
-        )
-    check_memory(
-        f"areas of {len(matrices):,} poses x {len(chosen):,} faces",
-        3 * 8 * len(matrices) * len(chosen),
-        "measure fewer poses at a time",
-    )
-    near, can_cull, _ = limits(mesh, camera, matrices)
-    cull = can_cull if front_only is None else np.full(len(matrices), front_only)
-    visible, area, bound = np.empty((3, len(matrices), len(chosen)))
-    surface = surface_of(mesh)
-    chosen = np.arange(surface.n_faces)[surface.rows][chosen.astype(np.int64)].astype(np.int32)
-
-    def worker(solver: HalfPlaneSolver) -> Callable[[slice], None]:
-        def work(turn: slice) -> None:
-            for row in range(len(matrices))[turn]:
-                solver.set_pose(matrices[row], near[row], cull[row])
-                solver.solve(chosen)
-                visible[row], area[row] = solver.visible[chosen], solver.area[chosen]
-                bound[row] = solver.area_error[chosen]
-
-        return work
-
-    n_threads = max(1, min(thread_count(threads), len(matrices)))
-    share_poses(len(matrices), [worker(HalfPlaneSolver(surface, camera)) for _ in range(n_threads)])
-    return visible, area, bound
-
-
 @lru_cache(maxsize=64)
 def pinhole_of(camera: Camera) -> tuple[Pinhole, float]:
     """Record of a pinhole, at the origin, and the largest number that positions come from, px."""
@@ -575,7 +493,7 @@ class HalfPlaneSolver:
             if not self._is_listed:
                 self._call(ask_for_all, self.grid)
                 self._list_faces()
-            self._run(visible_areas_kernel, opaque, self.projected)
+            self._run(visible_areas, opaque, self.projected)
         # Last, so that nothing they leave in the grid changes the figures of opaque faces.
         self._solve_targets(targets[~is_opaque])
 
