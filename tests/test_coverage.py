@@ -298,13 +298,6 @@ def test_no_poses_give_no_rows(how, none):
     assert found.clipped.shape == found.pose_ids.shape == (0,)
 
 
-def test_one_pose_needs_no_leading_axis(how):
-    assert_same(
-        evaluate(TEAPOT, SMALL, POSES[0], **how),
-        evaluate(TEAPOT, SMALL, POSES[:1], **how),
-    )
-
-
 def test_skipped_poses_keep_the_rows_of_the_input(how):
     poses = np.insert(POSES[:3], (0, 2), np.nan, axis=0)
     poses = np.concatenate((poses, 2 * POSES[:1]))

@@ -390,7 +390,7 @@ def judge_poses(rows, scene, lens, seen, work, rules, out, skew):
     asks_density = out.asked & ASKS_DENSITY > 0 or rules.min_pixel_density > 0
     asks_facing = out.asked & ASKS_FACING > 0 or rules.min_facing_density > 0
     asks_bound = out.asked & (ASKS_BOUND | ASKS_KIND) > 0
-    n_faces, block = scene.faces.shape[0], work.block
+    n_faces, block, figures = scene.faces.shape[0], work.block, pointers(out)
     for row in range(rows[0], rows[1]):
         project(scene.vertices, seen.poses[row], seen.near[row], lens, work.points)
         first = 0
@@ -400,7 +400,7 @@ def judge_poses(rows, scene, lens, seen, work, rules, out, skew):
             if n == AT_A_TIME and judge_eight(
                 first, scene, lens, seen, row, rules, work, asks_density, asks_facing, asks_bound
             ):
-                copy_block(pointer(block), AT_A_TIME, at, pointers(out))
+                copy_block(pointer(block), AT_A_TIME, at, figures)
             else:
                 for lane in range(n):
                     f = first + lane
@@ -414,5 +414,5 @@ def judge_poses(rows, scene, lens, seen, work, rules, out, skew):
                     if asks_bound:
                         put_bound(lane, f, scene, lens, seen, row, work, cosine)
                 decide_block(rules, pointer(block))
-                copy_block(pointer(block), n, at, pointers(out))
+                copy_block(pointer(block), n, at, figures)
             first += n
