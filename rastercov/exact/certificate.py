@@ -26,7 +26,7 @@ from rastercov.kernels.exact_certificate import find_regions
 from rastercov.kernels.exact_event import ask_for_events, find_event_edges, mark_crossed
 from rastercov.kernels.exact_grid import ask_for_all, ask_for_faces
 from rastercov.kernels.exact_half_plane import visible_areas
-from rastercov.kernels.exact_records import BLOCK, CROSSED, LIVE, MIXED, Crossings, Segment
+from rastercov.kernels.exact_records import BLOCK, CROSSED, Crossings, Segment
 from rastercov.kernels.exact_setup import lay_boxes
 from rastercov.kernels.jit import compiled_aside, is_compiled
 from rastercov.raster import self_test
@@ -184,17 +184,6 @@ class CertificateSolver(HalfPlaneSolver):
             self._contacts, self._has_contact = contacts, np.zeros(len(blocks.has_flat), np.bool_)
             self._has_contact[np.flatnonzero(contacts) // BLOCK] = True
         return self._has_contact
-
-    @property
-    def region(self) -> IntArray:
-        """(F,) number of the region that decides over each face, -1 for none."""
-        blocks, state, side = (
-            self.surface.blocks, self.projected.block_state, self.projected.block_side,
-        )  # fmt: skip
-        is_whole = ((state == LIVE) & (side != MIXED)).repeat(BLOCK)[: len(blocks.patch)]
-        by_patch, by_face = np.split(self._region, [len(blocks.lowest)])
-        found = np.where(is_whole, by_patch[blocks.patch], by_face)
-        return np.where(self.is_certified[: len(found)], found, np.int32(-1))
 
     def _list_around(self, events: IntArray) -> None:
         """List the faces in the cells around event edges, or in all cells if these are not few."""

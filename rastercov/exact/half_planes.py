@@ -434,12 +434,6 @@ class HalfPlaneSolver:
         """Image of the opaque faces and then of the targets."""
         return self.projected if self._target_image is None else self._target_image.everything
 
-    @property
-    def state_of_all(self) -> NDArray[np.uint16]:
-        """(F,) state of the opaque faces and then of the targets, see `records.Projected`."""
-        state: NDArray[np.uint16] = self.image_of_all.state
-        return state
-
     def write_to(self, visible: FloatArray, area: FloatArray, area_error: FloatArray) -> bool:
         """Take (F,) arrays for the figures of the poses from now on; False if it keeps its own.
 

@@ -30,7 +30,7 @@ from rastercov.kernels.exact_records import (
     V,
     W,
 )
-from rastercov.kernels.exact_setup import lay_boxes_of_block, root_of
+from rastercov.kernels.exact_setup import join, lay_boxes_of_block, root_of
 from rastercov.kernels.jit import allocation_free, part_of, part_with_arrays
 
 HIDDEN, VISIBLE, IN_DOUBT = range(3)
@@ -68,13 +68,6 @@ def node_of(f, parent, projected):
     node = blocks.lowest.shape[0] + f
     is_in = projected.block_state[b] & LIVE and parent[node] >= 0
     return node if is_in else -1
-
-
-@part_with_arrays
-def join(f, g, parent):
-    """Join the trees of two nodes."""
-    f, g = root_of(parent, f), root_of(parent, g)
-    parent[max(f, g)] = min(f, g)
 
 
 @part_with_arrays

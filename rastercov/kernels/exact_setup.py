@@ -89,6 +89,13 @@ def root_of(parent, i):
     return i
 
 
+@part_with_arrays
+def join(f, g, parent):
+    """Join the trees of two nodes."""
+    f, g = root_of(parent, f), root_of(parent, g)
+    parent[max(f, g)] = min(f, g)
+
+
 @compiled
 def find_patches(edges, patch, lowest, patch_starts):
     """Divide each block into patches: faces joined by edges that two of them use consistently.
@@ -113,8 +120,7 @@ def find_patches(edges, patch, lowest, patch_starts):
     for e in range(edges.kind.shape[0]):
         f, g = edges.faces[e, 0], edges.faces[e, 1]
         if g >= 0 and edges.kind[e] == CONSISTENT and f // BLOCK == g // BLOCK:
-            f, g = root_of(parent, f), root_of(parent, g)
-            parent[max(f, g)] = min(f, g)
+            join(f, g, parent)
     for f in range(n_faces):
         parent[f] = root_of(parent, f)
     for b in range(patch_starts.shape[0] - 1):

@@ -351,7 +351,7 @@ class _Finder(PoseSolver):
         rows, kept = self._rows, solver.kept_pieces
         seen = self.kernels.Seen(
             solver.camera.rotation, solver.camera.centre, float(near),
-            solver.state_of_all[rows], solver.visible[rows], solver.area[rows],
+            solver.image_of_all.state[rows], solver.visible[rows], solver.area[rows],
             solver.area_error[rows], solver.is_certified[rows],
             kept._replace(faces=self._face_of.take(kept.faces, mode="clip")),
         )  # fmt: skip
