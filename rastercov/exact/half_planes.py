@@ -487,7 +487,7 @@ class HalfPlaneSolver:
             if not self._is_listed:
                 self._call(ask_for_all, self.grid)
                 self._list_faces()
-            self._run(visible_areas, opaque, self.projected)
+            self._run(opaque, self.projected)
         # Last, so that nothing they leave in the grid changes the figures of opaque faces.
         self._solve_targets(targets[~is_opaque])
 
@@ -531,7 +531,6 @@ class HalfPlaneSolver:
         """Compute some targets, from the opaque faces in the cells that they touch."""
         if self._target_image is None:
             return
-        from rastercov.kernels.exact_half_plane import target_areas  # compiled where a mesh has any
 
         projected = self._target_image.everything
         targets = targets[projected.state[targets] & (LIVE | THIN) > 0]
@@ -541,14 +540,14 @@ class HalfPlaneSolver:
             self._list_faces()
         # Cells asked for so far are listed; others may have to be.
         self._is_listed = bool(self.grid.asked[: self.grid.columns * self.grid.rows].all())
-        self._run(target_areas, targets, projected)
+        self._run(targets, projected)
 
-    def _run(self, kernel: Callable[..., int], faces: IntArray, projected: Projected) -> None:
-        """Compute some faces by a kernel, with more scratch memory as it needs it."""
+    def _run(self, faces: IntArray, projected: Projected) -> None:
+        """Compute some faces, with more scratch memory as they need it."""
         done = 0
         while True:
             done = self._call(
-                kernel,
+                visible_areas,
                 faces, done, self.camera, projected, self.grid, self._marks, self._pieces,
                 self._work, self.visible, self.area_error,
             )  # fmt: skip
