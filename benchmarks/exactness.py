@@ -24,13 +24,13 @@ from tracer import Tracer, need_open3d
 import rastercov as rc
 from rastercov.camera.near_plane import near_limit
 from rastercov.cli.inputs import poses_around
-from rastercov.coverage.criteria import face_geometry
 from rastercov.coverage.observer import ROLL
 from rastercov.exact.certificate import CertificateSolver
 from rastercov.exact.half_planes import HalfPlaneSolver
 from rastercov.exact.surface import surface_of
 from rastercov.mesh import shapes
 from rastercov.reference import rational
+from rastercov.reference.criteria import measured_geometry as face_geometry
 
 CAMERA = rc.Camera(width=1280, height=960, fx=1200, fy=1200)
 THREADS = 2

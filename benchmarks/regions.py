@@ -23,7 +23,7 @@ from surface_cases import in_regions, off_clipper2, room
 import rastercov as rc
 from rastercov.camera.formats.conventions import panorama
 from rastercov.coverage.area.cells import usual_size
-from rastercov.coverage.area.centres import CentrePass
+from rastercov.coverage.area.failures import CentrePass
 from rastercov.coverage.area.regions import RegionPass
 from rastercov.mesh import shapes
 from rastercov.reference.regions import covers_points, points_on

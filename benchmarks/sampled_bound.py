@@ -17,11 +17,11 @@ from rows import Report, arguments
 from scenes import joined
 
 import rastercov as rc
-from rastercov.coverage.criteria import face_geometry
 from rastercov.coverage.face_pass import FacePass
 from rastercov.coverage.observer import ROLL
 from rastercov.mesh import shapes
 from rastercov.reference import polygons
+from rastercov.reference.criteria import measured_geometry as face_geometry
 
 CAMERA = rc.Camera(width=320, height=240, fx=310, fy=290, cx=163.7, cy=118.2)
 SUPERSAMPLES = (1, 2, 3, 4, 6, 8, 12, 16)

@@ -30,10 +30,11 @@ from rows import Report, arguments
 import rastercov as rc
 from rastercov.base.errors import DeviceError
 from rastercov.coverage.coverage import evaluate_batches
-from rastercov.coverage.criteria import face_geometry, in_focus
 from rastercov.mesh import shapes
 from rastercov.reference import rational
 from rastercov.reference.algorithm1 import occlusion
+from rastercov.reference.criteria import in_focus
+from rastercov.reference.criteria import measured_geometry as face_geometry
 from rastercov.reference.models import MODELS, zhang
 from rastercov.reference.models.line_of_sight import LineOfSight
 

@@ -14,14 +14,13 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.near_plane import near_limit
 from rastercov.camera.projection import clip_near, to_image
 from rastercov.coverage.coverage import FIGURES, Coverage
-from rastercov.coverage.criteria import FaceGeometry, in_focus
 from rastercov.coverage.task import Reason, Task
 from rastercov.kernels.coverage import BORDER_ROUNDING
 from rastercov.kernels.criteria import MOST_DOUBTFUL, SIDE_ROUNDING
 from rastercov.kernels.network import ROW_TYPES, PairRows
 from rastercov.mesh import Mesh
 from rastercov.raster.observation import BoundKind, Observation
-from rastercov.reference.criteria import clip_to_image, face_geometry
+from rastercov.reference.criteria import FaceGeometry, clip_to_image, face_geometry, in_focus
 
 LARGEST_RESOLUTION = 1e300
 """Of one face; a smaller R_min gives no more."""
@@ -206,7 +205,7 @@ def judge(
 
 
 def rows_of(coverage: Coverage, choice: str) -> PairRows:
-    """Rows of the pairs of a table, of the choices of `rastercov.coverage.judged_poses`."""
+    """Rows of the pairs of a table, of the choices of `rastercov.coverage.network`."""
     is_seen = (coverage.in_view_fraction > 0) & (coverage.reason > Reason.BACK_FACING)
     chosen = {
         "none": np.zeros(is_seen.shape, np.bool_),

@@ -7,18 +7,95 @@ near plane or the image border cuts, whose terms numpy may add in another order.
 E. S. Eissa. Image Space Coverage Model. 2020, section 3.3.
 """
 
+from dataclasses import dataclass
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.camera.camera import Camera
+from rastercov.camera.models import MODELS
 from rastercov.camera.near_plane import near_limit
-from rastercov.camera.projection import clip_near, clip_polygons, to_image
-from rastercov.coverage.criteria import FaceGeometry
+from rastercov.camera.pose import Poses
+from rastercov.camera.projection import clip_near, clip_polygons, to_camera, to_image
+from rastercov.coverage.coverage import FIGURES
+from rastercov.coverage.face_pass import FacePass
+from rastercov.coverage.task import Reason
 from rastercov.mesh import Mesh
+from rastercov.raster.observation import BoundKind, Observation
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class FaceGeometry:
+    """Geometry of every face as one camera has it; all arrays (F,) unless noted.
+
+    Attributes
+    ----------
+    is_front : bool
+        The face is seen against its normal, or its group is two-sided. Never for a degenerate face.
+    in_view : bool
+        All three vertices inside the image and beyond the near plane, (3.7).
+    in_view_fraction : float64
+        Part of the projected area inside the image; 0 where there is no area.
+    projected_area : float64
+        (3.9) of the part beyond the near plane, px^2, not cut at the image border.
+    perimeter : float64
+        Length of its outline, px; inf where the near plane cuts the face.
+    pixel_density : float64
+        Pixels a metre on the surface along its worst direction, at its worst vertex; 0 for faces
+        that are not front or not wholly beyond the near plane.
+    facing_density : float64
+        Pixels a metre along the worst direction of a target that faces the camera at the deepest
+        vertex, min(fx, fy) / z; 0 for faces not wholly beyond the near plane.
+    depth : (F, 3) float64
+        Camera z of the vertices, metres.
+    incidence : float64
+        Angle between normal and ray from the centroid to the camera centre, radians, [0, pi]; of
+        two-sided faces with the normal of the side that is seen, [0, pi/2].
+    """
+
+    is_front: BoolArray
+    in_view: BoolArray
+    in_view_fraction: FloatArray
+    projected_area: FloatArray
+    perimeter: FloatArray
+    pixel_density: FloatArray
+    facing_density: FloatArray
+    depth: FloatArray
+    incidence: FloatArray
+
+
+MEASURED = (
+    "in_view", "in_view_fraction", "projected_area", "pixel_density", "facing_density", "incidence",
+    "reason",
+)  # fmt: skip
+"""Figures that `measured_geometry` asks of the compiled loops."""
+
+
+def measured_geometry(mesh: Mesh, camera: Camera, pose: FloatArray) -> FaceGeometry:
+    """Geometry of every face for one pose, by the loops of `evaluate`, through any lens.
+
+    Outlines are those of `face_geometry`, and NaN through a lens.
+    """
+    none = np.zeros((1, mesh.n_faces))
+    kind = np.full(none.shape, BoundKind.EXACT, np.uint8)
+    found = {name: np.empty(none.shape, FIGURES[name]) for name in MEASURED}
+    seen = Observation(none, none, kind, none, np.zeros(1, np.bool_))
+    FacePass(mesh, camera, 1).fill(seen, Poses.of(pose), found)
+    figures: dict[str, Any] = {name: values[0] for name, values in found.items()}
+    is_front = figures.pop("reason") > Reason.BACK_FACING
+    outline = np.full(mesh.n_faces, np.nan)
+    if camera.is_pinhole:
+        with np.errstate(all="ignore"):
+            outline = face_geometry(mesh, camera, pose).perimeter
+    points = to_camera(mesh.vertices, pose)
+    by_distance = not (camera.is_pinhole or MODELS[camera.model].is_planar)
+    depth = np.linalg.norm(points, axis=1) if by_distance else points[:, 2]
+    return FaceGeometry(is_front=is_front, perimeter=outline, depth=depth[mesh.faces], **figures)
 
 
 def face_geometry(mesh: Mesh, camera: Camera, pose: FloatArray) -> FaceGeometry:
@@ -154,3 +231,23 @@ def clip_to_image(
         corners, counts = clip_polygons(corners, counts, corners[..., axis])
         corners, counts = clip_polygons(corners, counts, side - corners[..., axis])
     return corners, counts
+
+
+def in_focus(depth: FloatArray, limits: tuple[float, float], rule: str = "vertices") -> BoolArray:
+    """Mask of the faces within the depth of field, (3.12).
+
+    Parameters
+    ----------
+    depth : (F, 3) float64
+        Camera z of the vertices, metres.
+    limits : (float, float)
+        z_n and z_f of (3.10) and (3.11), metres.
+    rule : {"vertices", "centroid"}
+        Definition 1 asks it of every vertex; (3.12) to the letter, of the centroid.
+    """
+    z_n, z_f = limits
+    if rule == "centroid":
+        centre = (depth[:, 0] + depth[:, 1] + depth[:, 2]) / 3
+        return (z_n <= centre) & (centre <= z_f)
+    every: BoolArray = np.all((z_n <= depth) & (depth <= z_f), axis=1)
+    return every

@@ -17,13 +17,13 @@ from rastercov.camera.viewpoints import look_at, sphere_of_poses
 from rastercov.coverage import coverage as module
 from rastercov.coverage import job
 from rastercov.coverage.coverage import FIGURES, evaluate_batches
-from rastercov.coverage.criteria import face_geometry, in_focus
 from rastercov.coverage.engine import METHODS
 from rastercov.coverage.job import evaluate
 from rastercov.coverage.observer import open_observer
 from rastercov.coverage.task import Reason, Task
 from rastercov.mesh import Group, Mesh, shapes
 from rastercov.raster.observation import BoundKind
+from rastercov.reference.criteria import face_geometry, in_focus
 
 CAMERA = Camera(width=200, height=200, fx=100, fy=100)
 SMALL = Camera(width=48, height=40, fx=45, fy=42, focus_range=(0.38, 0.48))
@@ -296,13 +296,6 @@ def test_no_poses_give_no_rows(how, none):
         assert getattr(found, name).shape == (0, TEAPOT.n_faces), name
         assert getattr(found, name).dtype == kind, name
     assert found.clipped.shape == found.pose_ids.shape == (0,)
-
-
-def test_one_pose_needs_no_leading_axis(how):
-    assert_same(
-        evaluate(TEAPOT, SMALL, POSES[0], **how),
-        evaluate(TEAPOT, SMALL, POSES[:1], **how),
-    )
 
 
 def test_skipped_poses_keep_the_rows_of_the_input(how):

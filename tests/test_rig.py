@@ -10,8 +10,7 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Rig, cameras_of, only_camera
 from rastercov.camera.viewpoints import look_at, sphere_of_poses
-from rastercov.coverage.area.observer import RegionObserver
-from rastercov.coverage.area.regions import regions
+from rastercov.coverage.area.regions import RegionObserver, regions
 from rastercov.coverage.coverage import FIGURES
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.job import evaluate

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rastercov as rc
-from rastercov.coverage.spread import ViewSpread, least_cosine
+from rastercov.coverage.network import ViewSpread, least_cosine
 from rastercov.mesh import shapes
 from rastercov.placement import Objective, build_matrix, problem_of
 from rastercov.placement.select.problem import BestCoverage

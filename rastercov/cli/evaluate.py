@@ -126,7 +126,7 @@ def run_and_print(
 ) -> None:
     """Evaluate all poses, leave the report, and print a summary or the JSON."""
     from rastercov.base.output import json_text
-    from rastercov.coverage.area.zone_report import zone_lines
+    from rastercov.coverage.area.zones import zone_lines
     from rastercov.coverage.job import Staff
     from rastercov.exact.certificate import compile_once
     from rastercov.report.coverage import run

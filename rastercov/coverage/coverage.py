@@ -18,7 +18,7 @@ from rastercov.base.format import plural
 from rastercov.base.memory import aligned_array
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras
-from rastercov.coverage.face_pass import CoveragePass, Measured
+from rastercov.coverage.face_pass import FacePass, Measured
 from rastercov.coverage.observer import Observer
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
@@ -164,7 +164,7 @@ def evaluate_batches(
     accepted, names = Poses.of(poses, skip_bad=skip_bad_poses), checked_fields(fields)
     check_observer(observer)
     task = checked_task(task)
-    judge = CoveragePass(observer, task)
+    judge = FacePass(observer.mesh, observer.camera, observer.threads, task)
     batches = measurements(observer, accepted)
     return (judged(observer, judge, task, part, seen, names) for part, seen in batches)
 
@@ -197,7 +197,7 @@ def batch_size(n_faces: int, threads: int) -> int:
 
 def judged(
     observer: Observer,
-    judge: CoveragePass,
+    judge: FacePass,
     task: Task,
     poses: Poses,
     seen: Measured,

@@ -2,23 +2,35 @@
 
 Between a finished network and the commands that print it. Every line is a guess by figures of the
 scene, says so by the figure, and names what to try.
+
+One is about large faces that cameras cover in part: counted by face, they are not covered at all. A
+sample of points on the faces that are not covered as a whole is judged point by point, as by area
+(docs/area.md). A threshold of pixels of a face becomes pixels per m^2 of that face.
 """
 
 import math
 from collections.abc import Sequence
+from dataclasses import fields, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rastercov.base.format import percent
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.doubts import convention_doubts, unit_doubts
-from rastercov.camera.near_plane import depth_from_near, near_limits
 from rastercov.camera.pose import Poses
-from rastercov.camera.projection import to_camera, to_image
 from rastercov.camera.rig import Cameras, cameras_of, names_of
+from rastercov.coverage.area.failures import first_failures, pixels_per_m2
+from rastercov.coverage.area.network import unit_of_result
+from rastercov.coverage.area.regions import OF_A_FACE
+from rastercov.coverage.engine import Engine
 from rastercov.coverage.network import Network
+from rastercov.coverage.task import Reason, Task
+from rastercov.mesh import Mesh
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
 
 LEAST_UNSEEN_SHARE = 0.5
 """Share of the area with coverage 0 in every camera above which its sides are looked at."""
@@ -28,8 +40,6 @@ LEAST_DEAD_SHARE, WIDE = 0.01, math.radians(80)
 """Share of an image without rays above which there is a line; a lens that sees that far from its
 axis is a fisheye, whose image may be a disc, and has a line above `MOST_DEAD_SHARE` alone."""
 MOST_DEAD_SHARE = 0.9
-MARGIN = 1e-4
-"""Distance from a point, in diagonals of the mesh, up to which a surface hides nothing."""
 MOST_FACES, MOST_POSES = 2000, 16
 """Faces and cameras whose lines of sight are traced, spread evenly: about 0.1 s."""
 
@@ -110,20 +120,17 @@ def _sides(network: Network, cameras: Sequence[Camera], poses: Poses) -> list[st
     area = float(mesh.areas[scored].sum())
     if not area or mesh.areas[scored & (network.best == 0)].sum() < LEAST_UNSEEN_SHARE * area:
         return []
-    from rastercov.coverage.line_of_sight import LineOfSight  # compiles loops
-
     faces = np.flatnonzero(scored)
     faces = faces[_spread(len(faces), MOST_FACES)]
-    points, sight = mesh.centroids[faces], LineOfSight(mesh)
+    points = mesh.centroids[faces]
     front = behind = 0.0
-    near_of = near_limits(cameras, mesh.bounds, poses)
-    for pose, index, near in zip(poses.world_from_camera, poses.camera, near_of, strict=True):
-        camera = cameras[index]
-        in_camera = to_camera(points, pose)
-        seen = depth_from_near(in_camera, camera) > near
-        pixel = to_image(np.where(seen[:, None], in_camera, (0.0, 0.0, 1.0)), camera)
-        seen &= ((pixel >= 0) & (pixel <= (camera.width, camera.height))).all(axis=1)
-        seen[seen] = ~sight.hidden(points[seen], pose, float(near), camera)
+    sharp = [
+        replace(each, aperture=None, focus_distance=None, focus_range=None) for each in cameras
+    ]
+    both_sides = mesh.with_groups(two_sided="all")
+    failures = first_failures(both_sides, sharp, Task(), poses, points, faces)
+    for pose, (reason, _) in zip(poses.world_from_camera, failures, strict=True):
+        seen = reason == Reason.COVERED
         to_eye = pose[:3, 3] - points[seen]
         is_front = np.einsum("fi,fi->f", mesh.normals[faces[seen]], to_eye) > 0
         front += float(mesh.areas[faces[seen]][is_front].sum())
@@ -134,3 +141,93 @@ def _sides(network: Network, cameras: Sequence[Camera], poses: Poses) -> list[st
         f"{behind / (front + behind):.0%} of what the cameras look at is seen from behind: "
         "normals point inwards, or the surface is open: use two_sided"
     ]
+
+
+LEAST_SHARE = 0.05
+"""Share of the area in such parts from which there is a line."""
+MOST_POINTS, LEAST_POINTS = 2000, 200
+"""Points that are judged; fewer for many poses."""
+MOST_JUDGED, PAIRS = 1000, 200_000
+"""Poses, spread evenly, and pairs of point and pose that are judged: about 0.2 s."""
+
+
+def half_covered(
+    network: Network, camera: Cameras, poses: ArrayLike | Poses, method: str = "certified"
+) -> list[str]:
+    """Line about parts of faces that cameras cover and no count of whole faces has; often none.
+
+    Parameters
+    ----------
+    network : Network
+        The result, by face.
+    camera : Camera, or several
+    poses : (P, 4, 4) array_like, or Poses
+        world_from_camera of the network.
+    method : str
+        Method of visibility of the network.
+    """
+    share = share_in_parts(network, camera, poses)
+    if share < LEAST_SHARE:
+        return []
+    _, obstacle = unit_of_result(None, network.task, Engine.of(method))
+    return [
+        f"about {percent(round(share, 2))} of the area is covered point by point, but in faces "
+        "that are not covered as a whole: use --by area" + (f" ({obstacle})" if obstacle else "")
+    ]
+
+
+def share_in_parts(network: Network, camera: Cameras, poses: ArrayLike | Poses) -> float:
+    """Share of the task's area that is covered in faces that are not covered as a whole.
+
+    At least: of more than `MOST_JUDGED` poses some are left out.
+    """
+    mesh, task, placed, cameras = network.mesh, network.task, Poses.of(poses), cameras_of(camera)
+    scored = mesh.task_mask & ~mesh.degenerate_mask
+    left = np.flatnonzero(scored & (network.views < task.views))
+    total, area = float(mesh.areas[scored].sum()), float(mesh.areas[left].sum())
+    if not len(placed) or not area or area < LEAST_SHARE * total:
+        return 0.0
+    some = placed[np.unique(np.linspace(0, len(placed) - 1, MOST_JUDGED).astype(np.int64))]
+    n = int(np.clip(PAIRS // len(some), LEAST_POINTS, MOST_POINTS))
+    face = left[_at_equal_steps(mesh.areas[left], n)]
+    points = _within(mesh, face)
+    normals = mesh.normals[face]
+    wanted = task.min_pixels * task.min_coverage / mesh.areas[face]
+    found = np.zeros(n, np.int64)
+    failures = first_failures(mesh, cameras, _pointwise(task), some, points, face)
+    eyes = zip(some.world_from_camera, some.camera, strict=True)
+    for (pose, index), (reason, _) in zip(eyes, failures, strict=True):
+        per_m2 = pixels_per_m2(
+            cameras[index], (points - pose[:3, 3]) @ pose[:3, :3], normals @ pose[:3, :3]
+        )
+        found += (reason == Reason.COVERED) & (per_m2 >= wanted)
+    return float((found >= task.views).mean()) * area / total
+
+
+def _pointwise(task: Task) -> Task:
+    """The task without its thresholds of a face."""
+    default = Task()
+    of_a_face = {each.name for each in fields(Task)} & set(OF_A_FACE)
+    return replace(task, **{name: getattr(default, name) for name in of_a_face})
+
+
+def _at_equal_steps(areas: FloatArray, n: int) -> IntArray:
+    """(n,) rows, at equal steps of the sum of their areas."""
+    total = np.cumsum(areas)
+    rows = np.searchsorted(total, (np.arange(n) + 0.5) / n * total[-1])
+    last: IntArray = np.minimum(rows, len(areas) - 1)
+    return last
+
+
+def _within(mesh: Mesh, face: IntArray) -> FloatArray:
+    """(N, 3) a point in each of (N,) faces, evenly over those of one face.
+
+    M. Roberts. The Unreasonable Effectiveness of Quasirandom Sequences. 2018 (R2).
+    """
+    k = np.arange(len(face)) + 1
+    x, y = k * 0.7548776662466927 % 1, k * 0.5698402909980532 % 1
+    over = x + y > 1
+    x[over], y[over] = 1 - x[over], 1 - y[over]
+    a, b, c = mesh.vertices[mesh.faces[face]].transpose(1, 0, 2)
+    points: FloatArray = a + x[:, None] * (b - a) + y[:, None] * (c - a)
+    return points

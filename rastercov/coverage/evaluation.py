@@ -11,13 +11,11 @@ from numpy.typing import NDArray
 from rastercov.base.errors import ConfigError
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import cameras_of
-from rastercov.coverage.area.by_camera import ByCamera
-from rastercov.coverage.area.network import AreaNetwork
+from rastercov.coverage.area.network import AreaNetwork, ByCamera
 from rastercov.coverage.area.union import Covered
 from rastercov.coverage.coverage import Coverage
-from rastercov.coverage.doubts import dead_pixels, doubts
+from rastercov.coverage.doubts import dead_pixels, doubts, half_covered
 from rastercov.coverage.engine import Engine
-from rastercov.coverage.half_covered import half_covered
 from rastercov.coverage.network import Network
 from rastercov.coverage.provenance import Provenance
 

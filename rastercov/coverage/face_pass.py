@@ -1,7 +1,6 @@
 """Passes over poses and faces, in threads: what an observer measured becomes figures of each face.
 
-`FacePass` makes visible fractions of it, `CoveragePass` all figures; a network adds them up. The
-loops are in `kernels.coverage`.
+A network adds them up. The loops are in `kernels.coverage`.
 """
 
 from collections.abc import Callable, Mapping
@@ -16,11 +15,13 @@ from rastercov.base.threads import share_poses
 from rastercov.camera.near_plane import near_limits
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, cameras_of
-from rastercov.coverage.task import Task
+from rastercov.coverage.task import Reason, Task
 from rastercov.mesh import Mesh
 from rastercov.raster.contract import FaceCounts
-from rastercov.raster.observation import Observation
+from rastercov.raster.observation import BoundKind, Observation
 
+TASK = Task()
+"""Thresholds that leave out no face."""
 Measured = Observation | FaceCounts
 """Measurement of some poses: areas, or the counts of a rasteriser, which become areas face by face:
 arrays of them would take as long as half the judging."""
@@ -31,7 +32,7 @@ Worker = Callable[[slice, int], None]
 
 
 class FacePass:
-    """Pass over the faces of a mesh through cameras; any number of threads may use it.
+    """Figures of faces by a task, through cameras; any number of threads may use it.
 
     Parameters
     ----------
@@ -39,13 +40,16 @@ class FacePass:
         Of the observer.
     threads : int
         Threads that share the poses of a call.
+    task : Task
+        Thresholds.
     """
 
-    def __init__(self, mesh: Mesh, camera: Cameras, threads: int) -> None:
+    def __init__(self, mesh: Mesh, camera: Cameras, threads: int, task: Task = TASK) -> None:
         from rastercov.coverage import records  # loads numba
         from rastercov.kernels import coverage
 
         self.mesh, self.cameras, self._threads = mesh, cameras_of(camera), threads
+        self.rules = [task.rules(each) for each in self.cameras]
         self.kernels, self._records = coverage, records
         self._scene = records.scene_of(mesh)
         self._lenses = [records.lens_of(each) for each in self.cameras]
@@ -60,18 +64,27 @@ class FacePass:
         """
         shape = len(poses), self.mesh.n_faces
         value, bound, kind = np.empty(shape), np.empty(shape), np.empty(shape, np.uint8)
-        out = self.kernels.record(
-            {"visibility": value, "visibility_bound": bound, "visibility_kind": kind}
-        )
-        rules = Task().rules(self.cameras[0])  # of which none decides here
+        names = "visibility", "visibility_bound", "visibility_kind"
+        self.fill(measured, poses, dict(zip(names, (value, bound, kind), strict=True)))
+        return value, bound, kind
+
+    def fill(self, measured: Measured, poses: Poses, figures: Mapping[str, NDArray[Any]]) -> None:
+        """Fill (P, F) arrays with the figures of the poses of a measurement."""
+        out = self.kernels.record(figures)
+        # Faces before the first at a cache line, in each array of float64 that `evaluate` makes.
+        places = (array.ctypes.data for array in figures.values() if array.dtype == np.float64)
+        skew = next(places, 0) // 8
 
         def worker(scope: Scope) -> Worker:
-            return lambda rows, index: self.kernels.judge_poses(
-                (rows.start, rows.stop), *scope(index), rules, out, 0
-            )
+            def work(rows: slice, index: int) -> None:
+                rules = self.rules[index]
+                self.kernels.judge_poses((rows.start, rows.stop), *scope(index), rules, out, skew)
+                if out.incidence.size:
+                    self.kernels.replace_by_angles(out.incidence[rows])
+
+            return work
 
         self.share(measured, poses, worker)
-        return value, bound, kind
 
     def share(
         self, measured: Measured, poses: Poses, make_worker: Callable[[Scope], Worker]
@@ -136,27 +149,15 @@ class FacePass:
         )
 
 
-class CoveragePass(FacePass):
-    """Figures of the poses of one observer by one task; any number of threads may use it."""
-
-    def __init__(self, observer: Any, task: Task) -> None:
-        super().__init__(observer.mesh, observer.camera, observer.threads)
-        self.rules = [task.rules(each) for each in self.cameras]
-
-    def fill(self, measured: Measured, poses: Poses, figures: Mapping[str, NDArray[Any]]) -> None:
-        """Fill (P, F) arrays with the figures of the poses of a measurement."""
-        out = self.kernels.record(figures)
-        # Faces before the first at a cache line, in each array of float64 that `evaluate` makes.
-        places = (array.ctypes.data for array in figures.values() if array.dtype == np.float64)
-        skew = next(places, 0) // 8
-
-        def worker(scope: Scope) -> Worker:
-            def work(rows: slice, index: int) -> None:
-                rules = self.rules[index]
-                self.kernels.judge_poses((rows.start, rows.stop), *scope(index), rules, out, skew)
-                if out.incidence.size:
-                    self.kernels.replace_by_angles(out.incidence[rows])
-
-            return work
-
-        self.share(measured, poses, worker)
+def faces_in_view(mesh: Mesh, camera: Cameras, poses: Poses) -> NDArray[np.bool_]:
+    """(P, F) faces seen from the front with some part in the image, whatever is before them."""
+    shape = len(poses), mesh.n_faces
+    none = np.zeros(shape)
+    kind = np.full(shape, BoundKind.EXACT, np.uint8)
+    measured = Observation(none, none, kind, none, np.zeros(len(poses), np.bool_))
+    reason, in_view = np.empty(shape, np.uint8), np.empty(shape, np.bool_)
+    part = np.empty(shape)
+    figures = {"reason": reason, "in_view": in_view, "in_view_fraction": part}
+    FacePass(mesh, camera, 1).fill(measured, poses, figures)
+    found: NDArray[np.bool_] = (reason > Reason.BACK_FACING) & (in_view | (part > 0))
+    return found

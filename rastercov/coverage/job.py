@@ -20,8 +20,7 @@ from rastercov.base.interrupts import interrupts_held
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, check_scene
 from rastercov.cluster import Made, Workers
-from rastercov.coverage.area.by_camera import ByCamera
-from rastercov.coverage.area.network import AreaNetwork, unit_of_result
+from rastercov.coverage.area.network import AreaNetwork, ByCamera, unit_of_result
 from rastercov.coverage.area.regions import Regions
 from rastercov.coverage.coverage import (
     FIGURES,
@@ -32,9 +31,8 @@ from rastercov.coverage.coverage import (
 )
 from rastercov.coverage.engine import settled
 from rastercov.coverage.evaluation import Evaluation
-from rastercov.coverage.face_pass import CoveragePass
-from rastercov.coverage.judged_poses import SUMMED, JudgedPoses
-from rastercov.coverage.network import Network
+from rastercov.coverage.face_pass import FacePass
+from rastercov.coverage.network import SUMMED, JudgedPoses, Network
 from rastercov.coverage.observer import open_observer
 from rastercov.coverage.provenance import Provenance
 from rastercov.coverage.shards import (
@@ -202,7 +200,7 @@ def measure(
     apart = ByCamera(mesh, task, camera, poses, by_area=wanted.by_area)
     wanted = replace(wanted, apart=apart.is_asked)
     whole = arrays_for(fields, (len(poses), mesh.n_faces))
-    judge = CoveragePass(observer, task) if whole else None
+    judge = FacePass(mesh, camera, observer.threads, task) if whole else None
     is_summed = not SUMMED.keys() <= set(fields)  # otherwise they are added up when it is asked for
     shards = None
     if folder is not None and (staff.workers or is_long(len(poses), mesh.n_faces)):
@@ -282,4 +280,5 @@ def _of_rows(batch: JudgedPoses, found: Regions) -> NDArray[np.float32]:
     dense = np.zeros((len(found.pose_ids), found.mesh.n_faces), np.float32)
     dense[found.pair_pose, found.pair_face] = found.area
     row = np.searchsorted(found.pose_ids, batch.rows.pose)
-    return dense[row, batch.rows.face]
+    areas: NDArray[np.float32] = dense[row, batch.rows.face]
+    return areas

@@ -12,27 +12,28 @@ sampled
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from functools import partial
 from importlib.metadata import version
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.errors import DeviceError
 from rastercov.base.memory import check_memory
-from rastercov.base.threads import Closing, ScratchPool, share_poses, thread_count
-from rastercov.camera.near_plane import limits_of_poses
+from rastercov.base.threads import Closing, thread_count
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, cameras_of, check_scene
 from rastercov.coverage.engine import Engine, settled
+from rastercov.coverage.exact_pass import ExactPass, Figures
 from rastercov.coverage.face_pass import FacePass, Measured
-from rastercov.exact.figures import Figures
 from rastercov.mesh import Mesh
 from rastercov.raster import backend_of
 from rastercov.raster.contract import FaceCounts, RasterizerInfo
 from rastercov.raster.observation import Observation, Visibility
 from rastercov.raster.several import Rasterizers
+
+FloatArray = NDArray[np.float64]
+
 
 ROLL = 0.4
 """Radians by which the grid of samples is turned against the image: 23 degrees, far from every
@@ -143,13 +144,8 @@ class ExactObserver(Observer):
     """Observer that computes areas by half planes, all of them or where no proof decides."""
 
     def __init__(self, mesh: Mesh, camera: Cameras, engine: Engine) -> None:
-        # These compile, or load what was compiled.
-        from rastercov.exact import certificate, half_planes
-        from rastercov.exact.surface import surface_of
-
-        certificate.compile_once()
         method = engine.method
-        self.mesh, self.camera, cameras = mesh, camera, cameras_of(camera)
+        self.mesh, self.camera = mesh, camera
         self.info = RasterizerInfo(
             backend="analytic",
             plan=method,
@@ -159,43 +155,17 @@ class ExactObserver(Observer):
             depth="float64",
             shaders="",
         )
-        self.threads = thread_count(engine.threads)
-        solver_type = (
-            certificate.CertificateSolver if method == "certified" else half_planes.HalfPlaneSolver
-        )
-        self._surface = surface_of(mesh)
-        if all(each.is_pinhole for each in cameras):
-            make: Any = partial(solver_type, self._surface, cameras[0])
-        else:
-            from rastercov.exact.lens_solver import LensSolver
+        self._pass = self._open(engine)
+        self.threads = self._pass.threads
 
-            make = partial(LensSolver, self._surface, cameras[0], solver_type)
-        self._scratch: ScratchPool[half_planes.HalfPlaneSolver] = ScratchPool(make, self.threads)
+    def _open(self, engine: Engine) -> ExactPass:
+        return ExactPass(self.mesh, self.camera, engine)
 
     def observe(self, poses: ArrayLike | Poses) -> Observation:
         """Exact or certified areas, see `Observer`."""
-        accepted, cameras = self._accepted(poses, OBSERVED), cameras_of(self.camera)
-        matrices = accepted.world_from_camera
-        n_poses = len(matrices)
-        figures = Figures.room(n_poses, self.mesh.n_faces)
-        near, front_only, figures.clipped[:] = limits_of_poses(self.mesh, cameras, accepted)
-
-        def worker(solver: Any) -> Any:
-            def work(turn: slice) -> None:
-                for row in range(n_poses)[turn]:
-                    is_lent = figures.lend(solver, row)
-                    solver.set_camera(cameras[accepted.camera[row]])
-                    solver.set_pose(matrices[row], near[row], front_only[row])
-                    solver.solve_all()
-                    figures.take(solver, row, is_lent=is_lent)
-
-            return work
-
-        solvers = self._scratch.take(max(1, min(self.threads, n_poses)))
-        share_poses(n_poses, [worker(solver) for solver in solvers])
-        for solver in solvers:  # so that they keep no result alive
-            solver.write_to(*np.empty((3, 0)))
-        self._scratch.give_back(solvers)
+        accepted = self._accepted(poses, OBSERVED)
+        figures = Figures.room(len(accepted), self.mesh.n_faces)
+        self._pass.run(accepted, figures)
         return Observation(
             figures.visible, figures.area, figures.kind, figures.error, figures.clipped
         )
@@ -203,7 +173,7 @@ class ExactObserver(Observer):
     def close(self) -> None:
         """Release the memory."""
         self._is_open = False
-        self._scratch.close()
+        self._pass.close()
 
 
 def open_observer(

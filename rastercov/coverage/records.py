@@ -7,18 +7,16 @@ import numpy as np
 from rastercov.base.memory import aligned_array, read_only
 from rastercov.camera.camera import Camera
 from rastercov.camera.lenses.of_camera import curved_lens
-from rastercov.kernels.cameras import CurvedLens, Lens
+from rastercov.kernels.cameras import COLUMNS, CurvedLens, Lens
 from rastercov.kernels.criteria import (
     MOST_CORNERS,
     MOST_DOUBTFUL,
     SIDE_ROUNDING,
-    FaceArrays,
     Scene,
     Workspace,
 )
 from rastercov.kernels.decision import AT_A_TIME, BLOCK_ROWS
 from rastercov.kernels.lens_faces import CurvedWorkspace, curved_workspace
-from rastercov.kernels.vertex_blocks import COLUMNS
 from rastercov.mesh import Mesh
 
 
@@ -56,11 +54,3 @@ def workspace(n_vertices: int, lens: Any = None) -> Workspace | CurvedWorkspace:
         return curved_workspace(n_vertices, block)
     polygon, spare = np.empty((2, MOST_CORNERS, 2))
     return Workspace(aligned_array((n_vertices, COLUMNS), np.float64), polygon, spare, block)
-
-
-def arrays_for(n_faces: int) -> FaceArrays:
-    """Memory for the geometry of all faces in one pose."""
-    front, in_view = np.empty((2, n_faces), np.bool_)
-    fraction, area, outline, density, facing, incidence = np.empty((6, n_faces))
-    depth = np.empty((n_faces, 3))
-    return FaceArrays(front, in_view, fraction, area, outline, density, facing, depth, incidence)

@@ -30,11 +30,9 @@ from rastercov.cluster.scene_file import read_scene, scene_bytes
 from rastercov.cluster.store import Note, contents, renew
 from rastercov.cluster.store import remove as remove_files
 from rastercov.cluster.work import FolderLostError
-from rastercov.coverage.area.observer import RegionObserver
-from rastercov.coverage.area.regions import Regions
+from rastercov.coverage.area.regions import RegionObserver, Regions
 from rastercov.coverage.engine import Engine
-from rastercov.coverage.judged_poses import JudgedPoses, from_arrays, joined, to_arrays
-from rastercov.coverage.network import Network
+from rastercov.coverage.network import JudgedPoses, Network, from_arrays, joined, to_arrays
 from rastercov.coverage.observer import Observer, open_observer
 from rastercov.coverage.provenance import sha256
 from rastercov.coverage.task import Task
@@ -68,7 +66,7 @@ class Wanted:
     by_area : bool
         True where regions are kept.
     pairs : str
-        Rows of the table, of `rastercov.coverage.judged_poses.CHOICES`.
+        Rows of the table, of `rastercov.coverage.network.CHOICES`.
     keep : tuple of int
         Ids of poses whose coverage is kept, for pictures.
     apart : bool

@@ -22,12 +22,12 @@ from rastercov.exact.half_planes import HalfPlaneSolver
 from rastercov.exact.surface import Surface, surface_of
 from rastercov.kernels import exact_certificate as kernels
 from rastercov.kernels.exact_arrangement import MOST_CELLS, arrangement_areas
-from rastercov.kernels.exact_block import lay_boxes
 from rastercov.kernels.exact_certificate import find_regions
 from rastercov.kernels.exact_event import ask_for_events, find_event_edges, mark_crossed
 from rastercov.kernels.exact_grid import ask_for_all, ask_for_faces
 from rastercov.kernels.exact_half_plane import visible_areas
-from rastercov.kernels.exact_records import BLOCK, CROSSED, LIVE, MIXED, Crossings, Segment
+from rastercov.kernels.exact_records import BLOCK, CROSSED, Crossings, Segment
+from rastercov.kernels.exact_setup import lay_boxes
 from rastercov.kernels.jit import compiled_aside, is_compiled
 from rastercov.raster import self_test
 
@@ -99,13 +99,13 @@ class CertificateSolver(HalfPlaneSolver):
         self._make_room_for_crossings(max(1024, n_edges // 16))
         self._segment = Segment(np.empty((2, 4)), np.empty(3, np.int64), np.empty((2, 3)))
 
-    def solve_all(self) -> None:
+    def _solve_all(self) -> None:
         """Compute `visible`, `area_error` and `is_certified` of every face."""
         surface, camera, projected = self.surface, self.camera, self.projected
         n_faces = len(surface.faces)
         if self._left_out is not None and self._left_out[:n_faces].all():
             self.is_certified[:n_faces] = False
-            super().solve_all()
+            super()._solve_all()
             return
         self.visible[n_faces:] = 0.0
         distance = float(np.linalg.norm(camera.centre - surface.centre))
@@ -184,17 +184,6 @@ class CertificateSolver(HalfPlaneSolver):
             self._contacts, self._has_contact = contacts, np.zeros(len(blocks.has_flat), np.bool_)
             self._has_contact[np.flatnonzero(contacts) // BLOCK] = True
         return self._has_contact
-
-    @property
-    def region(self) -> IntArray:
-        """(F,) number of the region that decides over each face, -1 for none."""
-        blocks, state, side = (
-            self.surface.blocks, self.projected.block_state, self.projected.block_side,
-        )  # fmt: skip
-        is_whole = ((state == LIVE) & (side != MIXED)).repeat(BLOCK)[: len(blocks.patch)]
-        by_patch, by_face = np.split(self._region, [len(blocks.lowest)])
-        found = np.where(is_whole, by_patch[blocks.patch], by_face)
-        return np.where(self.is_certified[: len(found)], found, np.int32(-1))
 
     def _list_around(self, events: IntArray) -> None:
         """List the faces in the cells around event edges, or in all cells if these are not few."""

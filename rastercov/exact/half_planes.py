@@ -7,8 +7,9 @@ T n M n {1/z_M > 1/z_T}, and
 
 No depth sorting is needed: faces that overlap cyclically or pierce one another are correct.
 Surfaces at equal depth coincide, and the face with the lower index is visible. Targets hide
-nothing, and nothing at their depth hides them. The compiled loops are in `kernels.exact_half_plane`
-and `kernels.exact_half_plane`.
+nothing, and nothing at their depth hides them. The compiled loops are in `kernels.exact_setup`,
+`kernels.exact_grid`, which lists the faces near a place of the image, and
+`kernels.exact_half_plane`.
 
 A. Appel. The Notion of Quantitative Invisibility and the Machine Rendering of Solids. 1967.
 """
@@ -16,130 +17,290 @@ A. Appel. The Notion of Quantitative Invisibility and the Machine Rendering of S
 import math
 from collections.abc import Callable
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from rastercov.base.errors import ConfigError
-from rastercov.base.memory import check_memory
-from rastercov.base.threads import share_poses, thread_count
 from rastercov.camera.camera import Camera
-from rastercov.camera.near_plane import limits
-from rastercov.camera.pose import valid_poses
-from rastercov.exact.cell_grid import first_grid, grid_over, with_room
-from rastercov.exact.memory import (
-    TargetImage,
-    border_of,
-    part_of,
-    room_for_image,
-    room_for_kept,
-    room_for_pieces,
-    set_up_image,
-)
-from rastercov.exact.surface import Surface, surface_of
+from rastercov.exact.surface import Surface, Targets
 from rastercov.kernels.direct import DirectCalls
-from rastercov.kernels.exact_block import lay_boxes
-from rastercov.kernels.exact_grid import ask_for_all, ask_for_faces, fill_grid
-from rastercov.kernels.exact_half_plane import visible_areas as visible_areas_kernel
+from rastercov.kernels.exact_event import MOST_INTERSECTIONS
+from rastercov.kernels.exact_grid import BUCKETS, NOT_ASKED, ask_for_all, ask_for_faces, fill_grid
+from rastercov.kernels.exact_half_plane import visible_areas
 from rastercov.kernels.exact_records import (
+    BLOCK,
     CORNERS,
     LIVE,
     PIECE_ROOM,
     SIDES,
+    SPARE_ENTRIES,
     STACK_ROOM,
     THIN,
+    TRANSPARENT,
+    Blocks,
+    CellGrid,
+    Clipped,
+    Pieces,
     Pinhole,
     Projected,
     VisiblePieces,
     Work,
 )
-from rastercov.kernels.exact_segment import MOST_INTERSECTIONS
-from rastercov.kernels.exact_setup import CLIP_MARGIN, OUTLINE_ERROR_FACTOR, UNIT_ROUNDING
-from rastercov.mesh import Mesh
+from rastercov.kernels.exact_setup import (
+    CLIP_MARGIN,
+    OUTLINE_ERROR_FACTOR,
+    UNIT_ROUNDING,
+    lay_boxes,
+    project,
+    set_up,
+    set_up_plain,
+)
 
 FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int32]
-
-MOST_RANGES = 16
-"""Visible parts of an event edge in a cell that are kept apart."""
+BoolArray = NDArray[np.bool_]
 
 
-def visible_areas(
-    mesh: Mesh,
-    camera: Camera,
-    poses: ArrayLike,
-    faces: ArrayLike | None = None,
-    *,
-    front_only: bool | None = None,
-    threads: int | None = None,
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Exact visible area and image area of all or chosen faces in many poses, px^2.
+MOST_CELLS = 1 << 14
+"""Columns, or rows, of the grid."""
+LEAST_EXTENT = 1e-100
+"""Pixels; width and height that the grid covers at least."""
+CELLS_PER_FACE = 1
+"""Cells of the grid for each face, unless that makes more entries than `ENTRIES_PER_FACE`."""
+ENTRIES_PER_FACE = 3
+
+
+def first_grid(n_faces: int) -> CellGrid:
+    """Grid for a mesh, of no cells yet."""
+    return CellGrid(
+        left=0.0,
+        top=0.0,
+        per_u=1.0,
+        per_v=1.0,
+        columns=1,
+        rows=1,
+        asked=np.empty(0, np.uint8),
+        is_near=np.empty(0, np.bool_),
+        fresh_bits=np.empty((0, 0), np.uint64),
+        fresh=np.empty(0, np.int32),
+        n_fresh=np.zeros(1, np.int64),
+        starts=np.empty(0, np.int64),
+        stops=np.empty(0, np.int64),
+        entries=np.empty(2 * n_faces, np.int32),
+        n_entries=np.zeros(1, np.int64),
+        nearest=np.empty(2 * n_faces),
+        is_sorted=np.empty(0, np.bool_),
+        bounds=np.empty((6, 2 * n_faces + SPARE_ENTRIES)),
+        has_bounds=np.empty(0, np.bool_),
+        hider=np.empty(0, np.int32),
+        buckets=np.empty(BUCKETS + 1, np.int64),
+        faces=np.empty(n_faces, np.int32),
+        n_faces=np.zeros(1, np.int64),
+        found=np.empty(n_faces, np.int32),
+        pairs=np.empty((2 * n_faces + SPARE_ENTRIES, 2), np.int32),
+        is_whole=np.zeros(n_faces, np.bool_),
+    )
+
+
+def grid_over(grid: CellGrid, n_live: int, extent: NDArray[np.float64]) -> CellGrid:
+    """Lay the grid over the live faces, of as many cells as the entries of large ones allow.
+
+    No cell of it is asked for, and no face listed.
 
     Parameters
     ----------
-    mesh, camera
-        The surface, and the camera that sees it.
-    poses : (P, 4, 4) array_like
-        world_from_camera.
-    faces : (N,) int array_like, optional
-        The faces to measure, by default all F. All other faces hide them nevertheless.
-    front_only : bool, optional
-        True leaves out faces seen from behind, except targets: they neither hide nor are visible.
-        By default they are left out where that changes nothing, which is proved pose by pose: the
-        mesh is closed and consistently wound, the camera outside it, and nothing is cut by the near
-        plane.
-    threads : int, optional
-        Poses measured in parallel; by default one per core.
-
-    Returns
-    -------
-    visible, area, bound : (P, N) float64
-        px^2 inside the image: the visible area of the face, from either side; its area without
-        any other face; and a bound of the rounding errors of the two together.
-
-    Raises
-    ------
-    PoseError
-        For a pose that is no rigid motion.
-    ConfigError
-        For a face index out of range.
-    ResourceError
-        If the arrays need more memory than is free, before any is allocated.
+    grid : CellGrid
+        The grid of the last pose; its memory is used again.
+    n_live : int
+        Faces with an image.
+    extent : (7,) float64
+        Left, right, top and bottom of their boxes, px, and sums of the widths, heights and areas of
+        these; not looked at without faces.
     """
-    matrices = valid_poses(poses)
-    chosen: NDArray[Any] = np.arange(mesh.n_faces) if faces is None else np.asarray(faces)
-    if chosen.ndim != 1 or (chosen.size and chosen.dtype.kind not in "iu"):
-        raise ConfigError(f"faces must be a list of indices, got {chosen.dtype} {chosen.shape}")
-    if chosen.size and (chosen.min() < 0 or chosen.max() >= mesh.n_faces):
-        raise ConfigError(
-            f"faces must lie in 0 ... {mesh.n_faces - 1}, got {chosen.min()} ... {chosen.max()}"
-        )
-    check_memory(
-        f"areas of {len(matrices):,} poses x {len(chosen):,} faces",
-        3 * 8 * len(matrices) * len(chosen),
-        "measure fewer poses at a time",
+    limits = extent.tolist() if n_live else (0.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+    left, right, top, bottom, widths, heights, areas = limits
+    wide, high = max(right - left, LEAST_EXTENT), max(bottom - top, LEAST_EXTENT)
+    cells = CELLS_PER_FACE * n_live + 1.0
+    while True:
+        columns = int(min(max(1.0, math.sqrt(cells * (wide / high))), MOST_CELLS))
+        rows = int(min(max(1.0, cells / columns), MOST_CELLS))
+        per_u, per_v = columns / wide, rows / high
+        # A box w wide and h high touches (1 + w per_u)(1 + h per_v) cells, on average.
+        entries = n_live + widths * per_u + heights * per_v + areas * per_u * per_v
+        if entries <= ENTRIES_PER_FACE * n_live or columns * rows == 1:
+            break
+        cells /= 2
+    grid = grid._replace(
+        left=left,
+        top=top,
+        per_u=per_u,
+        per_v=per_v,
+        columns=columns,
+        rows=rows,
+        fresh_bits=np.zeros((rows, (columns + 63) // 64), np.uint64),
     )
-    near, can_cull, _ = limits(mesh, camera, matrices)
-    cull = can_cull if front_only is None else np.full(len(matrices), front_only)
-    visible, area, bound = np.empty((3, len(matrices), len(chosen)))
-    surface = surface_of(mesh)
-    chosen = np.arange(surface.n_faces)[surface.rows][chosen.astype(np.int64)].astype(np.int32)
+    n_cells = columns * rows
+    if len(grid.is_sorted) < n_cells:
+        grid = grid._replace(
+            starts=np.empty(n_cells, np.int64),
+            stops=np.empty(n_cells, np.int64),
+            is_sorted=np.empty(n_cells, np.bool_),
+            has_bounds=np.empty(n_cells, np.bool_),
+            hider=np.empty(n_cells, np.int32),
+            asked=np.empty(n_cells, np.uint8),
+            is_near=np.empty(n_cells, np.bool_),
+            fresh=np.empty(n_cells, np.int32),
+        )
+    grid.asked[:n_cells], grid.is_near[:n_cells] = NOT_ASKED, False
+    grid.n_fresh[0] = grid.n_entries[0] = 0
+    return grid
 
-    def worker(solver: HalfPlaneSolver) -> Callable[[slice], None]:
-        def work(turn: slice) -> None:
-            for row in range(len(matrices))[turn]:
-                solver.set_pose(matrices[row], near[row], cull[row])
-                solver.solve(chosen)
-                visible[row], area[row] = solver.visible[chosen], solver.area[chosen]
-                bound[row] = solver.area_error[chosen]
 
-        return work
+def with_room(grid: CellGrid, room: int) -> CellGrid:
+    """Return the grid with the entries it has, and room for a number of them."""
+    n = int(grid.n_entries[0])
+    entries, nearest = np.empty(room, np.int32), np.empty(room)
+    bounds = np.empty((6, room + SPARE_ENTRIES))
+    entries[:n], nearest[:n], bounds[:, :n] = (
+        grid.entries[:n], grid.nearest[:n], grid.bounds[:, :n],
+    )  # fmt: skip
+    pairs = np.empty((room + SPARE_ENTRIES, 2), np.int32)
+    return grid._replace(entries=entries, nearest=nearest, bounds=bounds, pairs=pairs)
 
-    n_threads = max(1, min(thread_count(threads), len(matrices)))
-    share_poses(len(matrices), [worker(HalfPlaneSolver(surface, camera)) for _ in range(n_threads)])
-    return visible, area, bound
+
+class TargetImage(NamedTuple):
+    """Image of the targets of a surface.
+
+    Attributes
+    ----------
+    everything : Projected
+        Opaque faces and then targets, without blocks; it shares the memory of both parts.
+    own : Projected
+        The targets, with their own vertices.
+    """
+
+    everything: Projected
+    own: Projected
+
+    def beside(self, opaque: Projected, own: Projected) -> "TargetImage":
+        """The same after a set-up: `everything` gets the vertices and clipped faces of both."""
+        joined, n_clipped = self.everything, len(opaque.clipped.polygons)
+        n_vertices = len(opaque.uvw)
+        joined.uvw[:n_vertices], joined.uvw[n_vertices:] = opaque.uvw, own.uvw
+        joined.state[len(opaque.faces) :] |= TRANSPARENT
+        joined.clipped_index[len(opaque.faces) :] += n_clipped
+        both = zip(opaque.clipped, own.clipped, strict=True)
+        clipped = Clipped(*(np.concatenate(pair) for pair in both))
+        return TargetImage(joined._replace(clipped=clipped), own)
+
+
+def room_for_image(surface: Surface, area: FloatArray) -> Projected:
+    """Memory for the image of all faces of a surface, the opaque ones first."""
+    n_all, vertices, faces = surface.n_faces, surface.vertices, surface.faces
+    if surface.targets is not None:
+        faces = np.concatenate((faces, surface.targets.faces + np.int32(len(vertices))))
+        vertices = np.concatenate((vertices, surface.targets.vertices))
+    return Projected(
+        faces=faces,
+        rank=surface.rank,
+        uvw=np.empty((len(vertices) + SPARE_ENTRIES, 3))[: len(vertices)],
+        side=np.empty(n_all, np.int8),
+        state=np.empty(n_all + SPARE_ENTRIES, np.uint16)[:n_all],
+        box=np.empty((n_all, 6)),
+        area=area,
+        clipped_index=np.zeros(n_all, np.int32),
+        clipped=room_for_clipped(8),
+        **_room_for_blocks(surface.blocks),
+    )
+
+
+def _room_for_blocks(blocks: Blocks) -> dict[str, Any]:
+    n = len(blocks.has_flat)
+    return {
+        "blocks": blocks,
+        "block_box": np.empty((n, 4)),
+        "block_state": np.empty(n, np.uint16),
+        "block_side": np.empty(n, np.int8),
+        "has_boxes": np.empty(n, np.bool_),
+    }
+
+
+def part_of(everything: Projected, part: slice, faces: IntArray, blocks: Blocks) -> Projected:
+    """Image of a part of all faces, with its own vertices, clipped faces and blocks."""
+    return everything._replace(
+        faces=faces,
+        uvw=np.empty((int(faces.max(initial=-1)) + 1, 3)),
+        side=everything.side[part],
+        state=everything.state[part],
+        box=everything.box[part],
+        area=everything.area[part],
+        clipped_index=everything.clipped_index[part],
+        clipped=room_for_clipped(8),
+        **_room_for_blocks(blocks),
+    )
+
+
+def set_up_image(
+    call: DirectCalls,
+    surface: Surface | Targets,
+    camera: Pinhole,
+    front_only: bool,
+    projected: Projected,
+    area_error: FloatArray,
+    extent: FloatArray,
+) -> tuple[Projected, int, int]:
+    """Project and set up faces; the image, with room for clipped faces, live and clipped ones."""
+    n_out = call(project, surface.vertices, camera, projected.uvw)
+    rest = np.empty(len(surface.blocks.has_flat), np.int32)
+    n_plain, n_rest = call(
+        set_up_plain,
+        camera, front_only, n_out, projected, area_error, extent, np.empty(2 * BLOCK), rest,
+    )  # fmt: skip
+    while True:
+        n_live, n_clipped = call(
+            set_up,
+            surface.vertices, surface.flat, rest[:n_rest], camera, front_only, projected,
+            area_error, extent,
+        )  # fmt: skip
+        if n_clipped <= len(projected.clipped.polygons):
+            return projected, n_plain + n_live, n_clipped
+        projected = projected._replace(clipped=room_for_clipped(n_clipped))
+
+
+def border_of(width: float, height: float) -> FloatArray:
+    """(4, 5) sides of the image as lines, clockwise from the top left corner."""
+    corners = np.array([(0.0, 0.0), (width, 0.0), (width, height), (0.0, height)])
+    return np.column_stack((corners, np.roll(corners, -1, axis=0) - corners, np.zeros(4)))
+
+
+def room_for_pieces(n: int, corners: int) -> Pieces:
+    """Memory for n pieces of a number of corners each."""
+    return Pieces(np.empty((n, corners, 2)), np.empty(n, np.int64))
+
+
+def room_for_kept(n: int, corners: int) -> VisiblePieces:
+    """Memory for n pieces of a number of corners together."""
+    return VisiblePieces(
+        corners=np.empty((corners, 2)),
+        starts=np.zeros(n + 1, np.int64),
+        faces=np.empty(n, np.int32),
+        used=np.zeros(3, np.int64),
+    )
+
+
+def room_for_clipped(n: int) -> Clipped:
+    """Memory for n faces that are clipped in space."""
+    return Clipped(
+        polygons=np.empty((n, CORNERS, 2)),
+        n_corners=np.empty(n, np.int32),
+        lines=np.empty((n, SIDES, 5)),
+        planes=np.empty((n, 7)),
+    )
+
+
+MOST_RANGES = 16
+"""Visible parts of an event edge in a cell that are kept apart."""
 
 
 @lru_cache(maxsize=64)
@@ -173,6 +334,9 @@ def pinhole_of(camera: Camera) -> tuple[Pinhole, float]:
         border=border_of(width, height),
     )
     return pinhole, scale
+
+
+Visit = Callable[[int, "HalfPlaneSolver"], None]
 
 
 class HalfPlaneSolver:
@@ -270,12 +434,6 @@ class HalfPlaneSolver:
         """Image of the opaque faces and then of the targets."""
         return self.projected if self._target_image is None else self._target_image.everything
 
-    @property
-    def state_of_all(self) -> NDArray[np.uint16]:
-        """(F,) state of the opaque faces and then of the targets, see `records.Projected`."""
-        state: NDArray[np.uint16] = self.image_of_all.state
-        return state
-
     def write_to(self, visible: FloatArray, area: FloatArray, area_error: FloatArray) -> bool:
         """Take (F,) arrays for the figures of the poses from now on; False if it keeps its own.
 
@@ -329,12 +487,26 @@ class HalfPlaneSolver:
             if not self._is_listed:
                 self._call(ask_for_all, self.grid)
                 self._list_faces()
-            self._run(visible_areas_kernel, opaque, self.projected)
+            self._run(opaque, self.projected)
         # Last, so that nothing they leave in the grid changes the figures of opaque faces.
         self._solve_targets(targets[~is_opaque])
 
-    def solve_all(self) -> None:
-        """Compute `visible` and `area_error` of every face."""
+    def solve_all(self, visit: Visit | None = None, *, is_measured: bool = True) -> None:
+        """Compute `visible` and `area_error` of every face.
+
+        Parameters
+        ----------
+        visit : callable, optional
+            Called with 0 and this solver after that; of a lens with each plane by its number, in
+            the order of `planes_of`, and the solver that has solved it.
+        is_measured : bool
+            False where the figures are not needed; of a lens alone these are work of their own.
+        """
+        self._solve_all()
+        if visit is not None:
+            visit(0, self)
+
+    def _solve_all(self) -> None:
         self.visible.fill(0.0)
         self.solve(self._measured(np.flatnonzero(self.state & (LIVE | THIN)).astype(np.int32)))
         self.solve_targets()
@@ -359,7 +531,6 @@ class HalfPlaneSolver:
         """Compute some targets, from the opaque faces in the cells that they touch."""
         if self._target_image is None:
             return
-        from rastercov.kernels.exact_half_plane import target_areas  # compiled where a mesh has any
 
         projected = self._target_image.everything
         targets = targets[projected.state[targets] & (LIVE | THIN) > 0]
@@ -369,14 +540,14 @@ class HalfPlaneSolver:
             self._list_faces()
         # Cells asked for so far are listed; others may have to be.
         self._is_listed = bool(self.grid.asked[: self.grid.columns * self.grid.rows].all())
-        self._run(target_areas, targets, projected)
+        self._run(targets, projected)
 
-    def _run(self, kernel: Callable[..., int], faces: IntArray, projected: Projected) -> None:
-        """Compute some faces by a kernel, with more scratch memory as it needs it."""
+    def _run(self, faces: IntArray, projected: Projected) -> None:
+        """Compute some faces, with more scratch memory as they need it."""
         done = 0
         while True:
             done = self._call(
-                kernel,
+                visible_areas,
                 faces, done, self.camera, projected, self.grid, self._marks, self._pieces,
                 self._work, self.visible, self.area_error,
             )  # fmt: skip

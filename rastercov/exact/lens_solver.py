@@ -6,19 +6,17 @@ and the faces and their visible pieces are mapped to pixels, where their areas a
 their edges (`rastercov.kernels.lens_edges`).
 """
 
-from collections.abc import Callable
-
 import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.camera.camera import Camera
 from rastercov.camera.lenses.of_camera import planes_of
-from rastercov.exact.half_planes import HalfPlaneSolver
+from rastercov.exact.half_planes import HalfPlaneSolver, Visit
 from rastercov.exact.surface import Surface
 from rastercov.kernels import exact_lens as kernels
 from rastercov.kernels.direct import DirectCalls
-from rastercov.kernels.exact_lens_edges import edge_bulges, edge_lists, vertex_images, whole_groups
-from rastercov.kernels.exact_records import Edges
+from rastercov.kernels.exact_lens import edge_bulges, edge_lists, vertex_images, whole_groups
+from rastercov.kernels.exact_records import SPARE_ENTRIES, Edges
 from rastercov.kernels.lens_planes import PlaneRecord
 from rastercov.kernels.lens_polygons import bulges_by_parts, edge_scratch, measure_insides
 from rastercov.kernels.raster_memory import aligned_zeros
@@ -28,7 +26,6 @@ IntArray = NDArray[np.int32]
 BESIDE_REL = 1e-9
 """Distance of a surface from the side of a plane's image, relative to its own, that is no rounding.
 """
-Visit = Callable[[int, HalfPlaneSolver], None]
 
 
 class LensSolver:
@@ -60,24 +57,28 @@ class LensSolver:
         self.figures = kernels.Figures(*np.empty((3, n)), *np.empty((3, n), np.int8))
         self.area, self.visible, self.area_error = self.figures[:3]
         self.is_certified = np.zeros(n, np.bool_)
-        self._sides = directed_sides(surface.faces, surface.edges)
+        self._sides = whole_groups(directed_sides(surface.faces, surface.edges))
+        self._faces = whole_groups(surface.faces)
         self._ends, self._lists = whole_groups(surface.edges.vertices), edge_lists()
         self._longer = np.empty(len(self._ends), np.int32)
-        n_vertices = len(surface.vertices)
+        n_vertices = -(-len(surface.vertices) // kernels.AT_A_TIME) * kernels.AT_A_TIME
         self._seen = kernels.Seen(
             places=aligned_zeros((n_vertices, 4), np.float64),
             is_inside=np.empty(n_vertices, np.bool_),
             bulge=np.empty(len(self._ends)),
+            n_faces=len(surface.faces),
         )
-        self._is_done = np.empty(n, np.bool_)
-        self._own, self._scratch = np.empty(n), kernels.scratch()
+        self._is_done = np.empty(n + SPARE_ENTRIES, np.bool_)
+        self._own, self._own_error = np.empty((2, n + SPARE_ENTRIES))
+        self._scratch = kernels.scratch()
         self._found = kernels.room_for_polygons(1024, 8192)
         self._measured, self._edges = np.empty((1024, 2)), edge_scratch()
-        self._flat: NDArray[np.bool_] = surface.flat
+        flat: NDArray[np.bool_] = surface.flat
         self._vertices: FloatArray = surface.vertices
         if surface.targets is not None:
-            self._flat = np.concatenate((surface.flat, surface.targets.flat))
+            flat = np.concatenate((surface.flat, surface.targets.flat))
             self._vertices = np.concatenate((surface.vertices, surface.targets.vertices))
+        self._flat = np.pad(flat, (0, SPARE_ENTRIES))
         ends = np.stack((self._vertices.min(axis=0), self._vertices.max(axis=0)))
         self._box = np.stack(np.meshgrid(*ends.T), axis=-1).reshape(8, 3)
 
@@ -103,6 +104,9 @@ class LensSolver:
         """The camera if it is a pinhole, otherwise that of its first plane."""
         return self._camera if self._camera.is_pinhole else self._planes[0][0].camera
 
+    def keep_pieces(self) -> None:
+        """As of `HalfPlaneSolver`; a lens needs them, too, so that they are always kept."""
+
     def leave_out(self, faces: NDArray[np.bool_] | None) -> None:
         """As of `HalfPlaneSolver`; the figures of such faces mean nothing here."""
         self._solver.leave_out(faces)
@@ -112,21 +116,10 @@ class LensSolver:
         self._pose = pose, near, front_only
 
     def solve_all(self, visit: Visit | None = None, *, is_measured: bool = True) -> None:
-        """Compute all figures of every face.
-
-        Parameters
-        ----------
-        visit : callable, optional
-            Called with each plane by its number, in the order of `planes_of`, and the solver that
-            has solved it; with 0 and that of the camera itself for a pinhole.
-        is_measured : bool
-            False where the figures are not needed.
-        """
+        """Compute all figures of every face; see `HalfPlaneSolver.solve_all`."""
         if self._camera.is_pinhole:
+            self._solve(self._camera, np.eye(3), visit)
             solver = self._solver
-            self._solve(self._camera, np.eye(3))
-            if visit is not None:
-                visit(0, solver)
             self.area[:], self.visible[:] = solver.area, solver.visible
             self.area_error[:], self.is_certified[:] = solver.area_error, solver.is_certified
             return
@@ -157,20 +150,20 @@ class LensSolver:
         )  # fmt: skip
         return not is_beside
 
-    def _solve(self, camera: Camera, frame: FloatArray) -> None:
+    def _solve(self, camera: Camera, frame: FloatArray, visit: Visit | None = None) -> None:
         """Visibility in one pinhole."""
         pose, near, front_only = self._pose
         turned = pose.copy()
         turned[:3, :3] = pose[:3, :3] @ frame
         self._solver.set_camera(camera)
         self._solver.set_pose(turned, near, front_only)
-        self._solver.solve_all()
+        self._solver.solve_all(visit)
 
     def _measure(self, record: PlaneRecord) -> None:
         """Add the images of all faces and pieces in one plane."""
         solver, seen, lists = self._solver, self._seen, self._lists
         projected, kept = solver.image_of_all, solver.kept_pieces
-        surface, n_vertices = self.surface, len(self.surface.vertices)
+        n_vertices = len(self.surface.vertices)
         own, is_done, uvw = self._own, self._is_done, projected.uvw[:n_vertices]
         places, edges = seen.places, self._ends
         self._call(vertex_images, uvw, record, places, seen.is_inside, lists)
@@ -180,8 +173,8 @@ class LensSolver:
             self._call(bulges_by_parts, record, longer, edges, places, self._edges, seen.bulge)
         self._call(
             kernels.measure_simple,
-            surface.faces, self._sides, self._flat, projected.state, seen, record, own, is_done,
-            self.figures,
+            self._faces, self._sides, self._flat, projected.state, seen, record, own,
+            self._own_error, is_done, self.figures,
         )  # fmt: skip
         while True:
             found = self._found

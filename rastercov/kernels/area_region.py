@@ -6,24 +6,6 @@ point P = z r of the plane n . P = -h at depth z = -h / (n . r). The visible pie
 of the image is cut in its own plane. Depth is affine in the plane, so focus and pixels per m^2 are
 half planes, and so are the borders of the image and the near plane.
 
-The pixel density is decided piece by piece. A step d (px) in the image moves the point P of the
-plane by M d, with P = z r on the ray r and
-
-    M = z (D + P m^T / h),   D = diag(1/fx, 1/fy) over 0,   m = D^T n,   h = -n . P,
-
-in camera axes. The density along the worst direction is 1 / |M|, |M| the largest singular value, so
-that the criterion is |B| <= w^2 / rho with w = 1/z and B = w (D + P m^T / h) = M w^2. In the image
-w and B are affine, hence |B| is convex, and so is w^2. At a point of a piece, with its w_0, and the
-singular vectors u, v of its B,
-
-    |B| <= (2 w_0 w - w_0^2) / rho   implies   |B| <= w^2 / rho   (a tangent lies below a parabola),
-    u . B v > w^2 / rho              implies   |B| >  w^2 / rho.
-
-Each is a convex function of at most 0: it holds in a piece if it holds at the corners. Both differ
-from the criterion by the square of the distance from the point. A piece that is neither inside nor
-outside is cut by a chord of the first region and one of the second. What is between them is halved
-until its area is less than `Criteria.gap` times its length; then it goes into the bound.
-
 The angle of incidence is at most theta within h tan(theta) of the foot of the camera's
 perpendicular, h being its height above the plane. The disc is replaced by the regular polygon of N
 corners inscribed in it, whose corners lie in directions that depend on the camera and the plane
@@ -33,6 +15,20 @@ the arc goes into the bound.
 A piece is taken apart from the inside outwards: what lies within 8 chords is covered; beyond each
 chord only the rectangle around its segment of the circle is looked at again, with 8 chords of its
 own, down to the sides of the polygon.
+
+Through a lens, `cut_regions` finds what the pinhole of an ideal plane sees, within the largest
+angle of incidence. Three loops follow, each from a list of pieces to another one; the first and the
+last run only where a task asks for them:
+
+- `cut_to_discs`: focus up to a distance;
+- `cut_to_view`: the field of view of the lens, and focus by depth;
+- `cut_to_densities`: densities through the lens, and focus from a distance.
+
+The curved borders of the field of view make most pieces, so discs come first.
+
+The field of view is a tree of lines of an ideal plane (`lens_field`). A line
+a x + b y + c = 0 there is the plane a X + b Y + c Z = 0 through the camera, and so a line in the
+plane of the face: polygons need not be projected.
 """
 
 import math
@@ -59,8 +55,10 @@ from rastercov.kernels.area_plane import (
     STACK_ROOM,
     X_AXIS,
     Y_AXIS,
+    append_dense,
     append_piece,
     cut_by_lines,
+    extent_of,
     length2,
     perimeter_of,
     push_parts,
@@ -68,259 +66,38 @@ from rastercov.kernels.area_plane import (
     set_side,
 )
 from rastercov.kernels.exact_polygon import (
+    MOST_CORNERS,
     copy_polygon,
     keep_inside,
     line_at,
     line_value,
     twice_area,
 )
-from rastercov.kernels.exact_records import DOUBTFUL, LINE_ERROR, LIVE, THIN, U, V
+from rastercov.kernels.exact_records import (
+    DOUBTFUL,
+    LINE_ERROR,
+    LIVE,
+    THIN,
+    U,
+    V,
+)
 from rastercov.kernels.jit import allocation_free, part_with_arrays
+from rastercov.kernels.lens_field import BAND, BORDER, INSIDE, UNDECIDED
 
-BISECTIONS = 24
-"""Halvings of a side to find a point of it that a test accepts."""
-MOST_HALVINGS = 48
-"""Halvings of a piece, after which it is undecided."""
-MARGIN_REL = 1e-12
-"""Greater than the rounding of both sides of either test."""
 CHORDS = 8
 """Chords that an arc is divided by at a time."""
+
+
 FEWEST_CHORDS, MOST_CHORDS = 16, 1 << 20
 """Corners of the polygon in the circle."""
+
+
 LEAST_INNER_REL = math.cos(math.pi / FEWEST_CHORDS) * (1 - 1e-9)
 """Radius within the chords of any circle of incidence, relative to its own."""
+
+
 FARTHEST = 2.0
 """Depth up to which a corner is brought back, relative to the deepest corner of its face."""
-
-
-@part_with_arrays
-def image_of(x, y, plane, criteria):
-    """W = 1/z and the columns of B at a point of the plane, (b11, b21, b31), (b12, b22, b32)."""
-    p0 = plane[ORIGIN] + x * plane[X_AXIS] + y * plane[Y_AXIS]
-    p1 = plane[ORIGIN + 1] + x * plane[X_AXIS + 1] + y * plane[Y_AXIS + 1]
-    p2 = plane[ORIGIN + 2] + x * plane[X_AXIS + 2] + y * plane[Y_AXIS + 2]
-    w, h = 1 / p2, plane[HEIGHT]
-    m1, m2 = plane[NORMAL] / criteria.lens.fx / h, plane[NORMAL + 1] / criteria.lens.fy / h
-    first = w * (1 / criteria.lens.fx + p0 * m1), w * (p1 * m1), w * (p2 * m1)
-    second = w * (p0 * m2), w * (1 / criteria.lens.fy + p1 * m2), w * (p2 * m2)
-    return w, first, second
-
-
-@part_with_arrays
-def dot(a, b):
-    """Scalar product."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@part_with_arrays
-def largest_singular(first, second):
-    """Largest singular value of a matrix of two columns, and its right vector."""
-    a, b, c = dot(first, first), dot(first, second), dot(second, second)
-    half, apart = (a + c) / 2, (a - c) / 2
-    root = math.sqrt(apart * apart + b * b)
-    # The eigenvector of (a b; b c): (root + apart, b) or (b, root - apart), the longer.
-    x, y = (root + apart, b) if apart >= 0 else (b, root - apart)
-    size = length2(x, y)
-    if not size > 0:
-        x, y, size = 1.0, 0.0, 1.0
-    return math.sqrt(half + root), x / size, y / size
-
-
-@part_with_arrays
-def too_thin(x, y, w0, plane, criteria):
-    """First test at a point: negative or 0 where the criterion surely holds."""
-    w, first, second = image_of(x, y, plane, criteria)
-    size, _, _ = largest_singular(first, second)
-    return criteria.rules.min_pixel_density * size * (1 + MARGIN_REL) - w0 * (2 * w - w0)
-
-
-@part_with_arrays
-def too_dense(x, y, left, right, plane, criteria):
-    """Second test at a point: negative where the criterion surely fails."""
-    w, first, second = image_of(x, y, plane, criteria)
-    r1, r2 = right
-    along = (
-        left[0] * (first[0] * r1 + second[0] * r2)
-        + left[1] * (first[1] * r1 + second[1] * r2)
-        + left[2] * (first[2] * r1 + second[2] * r2)
-    )
-    return w * w * (1 + MARGIN_REL) - criteria.rules.min_pixel_density * along
-
-
-@part_with_arrays
-def value_of(is_first, x, y, w0, left, right, plane, criteria):
-    """One of the two tests."""
-    if is_first:
-        return too_thin(x, y, w0, plane, criteria)
-    return too_dense(x, y, left, right, plane, criteria)
-
-
-@allocation_free
-def accepted_part(is_first, polygon, n, tests, plane, criteria, values, out):
-    """Hull of the points of a polygon's outline that a test accepts; its corner count.
-
-    0 where none of the corners is accepted, or those that are do not follow one another.
-
-    Parameters
-    ----------
-    is_first : bool
-        The first test or the second.
-    tests : tuple
-        w_0, and the singular vectors.
-    values, out
-        Scratch; and the polygon, whose last two corners, where not all of `polygon` is accepted,
-        are those of the chord.
-    """
-    w0, left, right = tests
-    changes, start = 0, -1
-    if n + 2 > out.shape[0]:
-        return 0
-    for p in range(n):
-        values[p] = value_of(
-            is_first, polygon[p, U], polygon[p, V], w0, left, right, plane, criteria
-        )
-    for p in range(n):
-        before = values[p - 1] if p > 0 else values[n - 1]
-        if (values[p] <= 0) != (before <= 0):
-            changes += 1
-            if values[p] <= 0:
-                start = p
-    if changes == 0 and values[0] <= 0:
-        copy_polygon(polygon, n, out)
-        return n
-    if changes != 2:
-        return 0
-    kept, p = 0, start
-    while values[p] <= 0:
-        out[kept, U], out[kept, V] = polygon[p, U], polygon[p, V]
-        kept += 1
-        p = p + 1 if p + 1 < n else 0
-    last = p - 1 if p > 0 else n - 1
-    before = start - 1 if start > 0 else n - 1
-    for side in range(2):
-        a, b = (last, p) if side == 0 else (start, before)
-        low, high = 0.0, 1.0
-        for _ in range(BISECTIONS):
-            t = (low + high) / 2
-            x = polygon[a, U] + t * (polygon[b, U] - polygon[a, U])
-            y = polygon[a, V] + t * (polygon[b, V] - polygon[a, V])
-            if value_of(is_first, x, y, w0, left, right, plane, criteria) <= 0:
-                low = t
-            else:
-                high = t
-        out[kept, U] = polygon[a, U] + low * (polygon[b, U] - polygon[a, U])
-        out[kept, V] = polygon[a, V] + low * (polygon[b, V] - polygon[a, V])
-        kept += 1
-    return kept
-
-
-@part_with_arrays
-def tests_at_centre(polygon, n, plane, criteria):
-    """w_0 and the singular vectors at the mean of the corners."""
-    x = y = 0.0
-    for p in range(n):
-        x += polygon[p, U] / n
-        y += polygon[p, V] / n
-    w, first, second = image_of(x, y, plane, criteria)
-    size, r1, r2 = largest_singular(first, second)
-    left = (
-        (first[0] * r1 + second[0] * r2) / size,
-        (first[1] * r1 + second[1] * r2) / size,
-        (first[2] * r1 + second[2] * r2) / size,
-    )
-    return w, left, (r1, r2)
-
-
-@allocation_free
-def halve(polygon, n, scratch, top, level):
-    """Push both halves of a polygon across its longest extent; returns the height of the stack."""
-    strips, levels = scratch.strips, scratch.levels
-    # The longest way from the first corner to another, roughly the length.
-    far = 1
-    for p in range(2, n):
-        here = length2(polygon[p, U] - polygon[0, U], polygon[p, V] - polygon[0, V])
-        there = length2(polygon[far, U] - polygon[0, U], polygon[far, V] - polygon[0, V])
-        if here > there:
-            far = p
-    other = 0
-    for p in range(n):
-        here = length2(polygon[p, U] - polygon[far, U], polygon[p, V] - polygon[far, V])
-        there = length2(polygon[other, U] - polygon[far, U], polygon[other, V] - polygon[far, V])
-        if here > there:
-            other = p
-    x, y = (polygon[far, U] + polygon[other, U]) / 2, (polygon[far, V] + polygon[other, V]) / 2
-    dx, dy = polygon[far, U] - polygon[other, U], polygon[far, V] - polygon[other, V]
-    for sign in (-1.0, 1.0):
-        kept = keep_inside(polygon, n, (x, y, sign * dy, -sign * dx, 0.0), strips.corners[top])
-        if kept >= 3:
-            strips.n_corners[top], levels[top] = kept, level
-            top += 1
-    return top
-
-
-@part_with_arrays
-def extent_of(polygon, n):
-    """Greatest distance of a corner from the first: between half the diameter and all of it."""
-    extent = 0.0
-    for p in range(1, n):
-        away = length2(polygon[p, U] - polygon[0, U], polygon[p, V] - polygon[0, V])
-        extent = max(extent, away)
-    return extent
-
-
-@allocation_free
-def append_dense(face, polygon, n, criteria, scratch, out):
-    """Append the part of a polygon whose pixel density is large enough; see the module."""
-    plane, strips, levels = scratch.plane, scratch.strips, scratch.levels
-    nearest = max(COINCIDENT_REL * plane[LONGEST], plane[ERROR])
-    if criteria.rules.min_pixel_density == 0:
-        append_piece(face, polygon, n, nearest, scratch.tidy, out)
-        return
-    part, chosen, spare = scratch.inner, scratch.other, scratch.spare
-    top = push_parts(polygon, n, strips)
-    levels[:top] = 0
-    while top > 0:
-        top -= 1
-        n, level = strips.n_corners[top], levels[top]
-        copy_polygon(strips.corners[top], n, part)
-        area = twice_area(part, n) / 2
-        if not area > 0:
-            continue
-        tests = tests_at_centre(part, n, plane, criteria)
-        length = extent_of(part, n)
-        is_decided = False
-        for turn in range(2):
-            kept = accepted_part(turn == 0, part, n, tests, plane, criteria, scratch.values, chosen)
-            if kept < 3:
-                continue
-            x0, y0 = chosen[kept - 2, U], chosen[kept - 2, V]
-            x1, y1 = chosen[kept - 1, U], chosen[kept - 1, V]
-            is_whole = kept == n and chosen[0, U] == part[0, U] and chosen[0, V] == part[0, V]
-            is_whole = is_whole and twice_area(chosen, kept) >= 2 * area
-            # A short chord has no direction.
-            if not is_whole and length2(x1 - x0, y1 - y0) <= 1e-6 * length:
-                continue
-            if turn == 0:
-                append_piece(face, chosen, kept, nearest, scratch.tidy, out)
-            if is_whole:
-                is_decided = True
-                break
-            n = keep_inside(part, n, (x0, y0, x0 - x1, y0 - y1, 0.0), spare)
-            copy_polygon(spare, n, part)
-            if n < 3:
-                is_decided = True
-                break
-        if is_decided:
-            continue
-        rest = max(twice_area(part, n) / 2, 0.0)
-        if (
-            rest <= criteria.gap * extent_of(part, n)
-            or level == MOST_HALVINGS
-            or top + 2 > STACK_ROOM
-        ):
-            out.bound[face] += rest
-            continue
-        top = halve(part, n, scratch, top, level + 1)
 
 
 @part_with_arrays
@@ -688,3 +465,236 @@ def cut_regions(planes, criteria, seen, scratch, out):
                     )
                 p += 1
         bound[f] = min(bound[f], largest)
+
+
+@part_with_arrays
+def line_in_plane(line, plane):
+    """Value, its slopes along x and y, and its error, of a line of the ideal plane."""
+    a, b, c = line[0], line[1], line[2]
+    return (
+        a * plane[ORIGIN] + b * plane[ORIGIN + 1] + c * plane[ORIGIN + 2],
+        a * plane[X_AXIS] + b * plane[X_AXIS + 1] + c * plane[X_AXIS + 2],
+        a * plane[Y_AXIS] + b * plane[Y_AXIS + 1] + c * plane[Y_AXIS + 2],
+        plane[ERROR] * (abs(a) + abs(b) + abs(c)),
+    )
+
+
+@allocation_free
+def is_in_view(corners, n, plane, criteria):
+    """True if a polygon lies in one cell of the tree that is inside the image, without a cut."""
+    tree = criteria.tree
+    node = tree.root
+    while node >= 0:
+        value, along_x, along_y, error = line_in_plane(tree.lines[node], plane)
+        is_inside = is_outside = True
+        for p in range(n):
+            at = value + along_x * corners[p, U] + along_y * corners[p, V]
+            is_inside = is_inside and at > error
+            is_outside = is_outside and at < -error
+        if not (is_inside or is_outside):
+            return False
+        node = tree.children[node, 0 if is_inside else 1]
+    return node == INSIDE
+
+
+@allocation_free
+def append_in_view(face, polygon, n, criteria, scratch, out):
+    """Append the part of a polygon that the image of the lens shows.
+
+    Parameters
+    ----------
+    face, polygon, n, rules
+        A convex polygon of the face; LensCriteria, whose undecided cells are added to the bound.
+    scratch, out
+        Scratch, with the face in `plane`; Found.
+    """
+    plane, views, nodes, part = scratch.plane, scratch.views, scratch.nodes, scratch.seen
+    tree = criteria.tree
+    nearest = max(COINCIDENT_REL * plane[LONGEST], plane[ERROR])
+    top = push_parts(polygon, n, views)
+    for p in range(top):
+        nodes[p] = tree.root
+    while top > 0:
+        top -= 1
+        node, n = nodes[top], views.n_corners[top]
+        copy_polygon(views.corners[top], n, part)
+        while node >= 0:
+            kind = tree.kinds[node]
+            if kind == BAND:
+                area = twice_area(part, n) / 2
+                if area <= criteria.gap * extent_of(part, n):
+                    node = UNDECIDED
+                    break
+            value, along_x, along_y, error = line_in_plane(tree.lines[node], plane)
+            least, most = math.inf, -math.inf
+            for p in range(n):
+                at = value + along_x * part[p, U] + along_y * part[p, V]
+                least, most = min(least, at), max(most, at)
+            if kind == BORDER and least < error and most > -error:
+                slope = length2(along_x, along_y)
+                strip = twice_area(part, n) / 2
+                if slope > 0:
+                    strip = min(strip, error / slope * perimeter_of(part, n))
+                out.bound[face] += max(strip, 0.0)
+            if least >= 0:
+                node = tree.children[node, 0]
+            elif most <= 0:
+                node = tree.children[node, 1]
+            else:
+                beyond = tree.children[node, 1]
+                line = (0.0, 0.0, -along_y, along_x, -value)
+                if beyond in (UNDECIDED, INSIDE) or beyond >= 0:
+                    m = keep_inside(part, n, line, views.corners[top])
+                    if m >= 3 and (beyond == UNDECIDED or top + 2 > STACK_ROOM):
+                        out.bound[face] += max(twice_area(views.corners[top], m) / 2, 0.0)
+                    elif m >= 3:
+                        views.n_corners[top], nodes[top] = m, beyond
+                        top += 1
+                n = keep_inside(part, n, (0.0, 0.0, along_y, -along_x, value), scratch.spare)
+                copy_polygon(scratch.spare, n, part)
+                if n < 3:
+                    break
+                node = tree.children[node, 0]
+                if n > 2 * MOST_CORNERS and top + 2 <= STACK_ROOM:
+                    # A chord divides what has many corners.
+                    half = n // 2
+                    corners = views.corners[top]
+                    for p in range(half, n):
+                        corners[p - half, U], corners[p - half, V] = part[p, U], part[p, V]
+                    corners[n - half, U], corners[n - half, V] = part[0, U], part[0, V]
+                    views.n_corners[top], nodes[top] = n - half + 1, node
+                    top += 1
+                    n = half + 1
+        if n < 3:
+            continue
+        if node == INSIDE:
+            append_piece(face, part, n, nearest, scratch.tidy, out)
+        elif node == UNDECIDED:
+            out.bound[face] += max(twice_area(part, n) / 2, 0.0)
+
+
+@part_with_arrays
+def start_from(source, out):
+    """Start a list with the bounds of another one."""
+    out.used[0] = out.used[1] = 0
+    for f in range(out.area.shape[0]):
+        out.area[f], out.bound[f] = 0.0, source.bound[f]
+
+
+@part_with_arrays
+def copy_piece(source, piece, polygon):
+    """Copy the corners of a piece; their number."""
+    first = source.starts[piece]
+    n = source.starts[piece + 1] - first
+    for p in range(n):
+        polygon[p, U], polygon[p, V] = source.xy[first + p, U], source.xy[first + p, V]
+    return n
+
+
+@part_with_arrays
+def limit_bounds(planes, out):
+    """No bound exceeds its face."""
+    for f in range(out.bound.shape[0]):
+        out.bound[f] = min(out.bound[f], planes.areas[f])
+
+
+@allocation_free
+def cut_to_discs(planes, criteria, seen, scratch, source, out):
+    """Cut pieces to the greatest distance in focus, and to the largest angle of incidence.
+
+    Both are discs around the foot of the perpendicular from the camera; the smaller one counts.
+
+    Parameters
+    ----------
+    planes, criteria, seen, scratch
+        Planes; LensCriteria; Seen of the ideal plane; Scratch.
+    source : Found
+        Pieces in the ideal plane, by face.
+    out : Found
+        Where `used` is more than there is room for, call again with that much.
+    """
+    plane, polygon, farthest = scratch.plane, scratch.base, criteria.rules.z_f
+    start_from(source, out)
+    last, slope, square, is_grazed = -1, 0.0, 0.0, False
+    for piece in range(source.used[0]):
+        f = source.face[piece]
+        if f != last:
+            set_plane(planes, f, seen, plane)
+            last, slope, is_grazed = f, criteria.rules.tan_incidence, False
+            height = abs(plane[HEIGHT])
+            square = farthest * farthest - height * height
+            if slope == 0 or square < slope * slope * height * height:
+                # The radius of the circle at that distance is off by height / radius times the
+                # error of the height; one that is hardly there is left undecided.
+                is_grazed = square <= 16 * farthest * plane[ERROR]
+                radius = math.sqrt(max(square, 0.0))
+                if not is_grazed:
+                    slope = radius / height
+                    plane[ERROR] *= 1 + height / radius
+        if is_grazed:
+            if square > -16 * farthest * plane[ERROR]:
+                n = copy_piece(source, piece, polygon)
+                area = twice_area(polygon, n) / 2
+                out.bound[f] += min(area, 128 * farthest * plane[ERROR])
+            continue
+        n = copy_piece(source, piece, polygon)
+        append_within_angle(f, polygon, n, slope, criteria.pinhole, scratch, out)
+    limit_bounds(planes, out)
+
+
+@allocation_free
+def cut_to_view(planes, criteria, seen, scratch, source, out):
+    """Cut pieces to the field of view of a lens and to the depths that are in focus.
+
+    Parameters are those of `cut_to_discs`.
+    """
+    plane, lines, polygon = scratch.plane, scratch.lines, scratch.base
+    has_depths = not criteria.by_distance and (
+        criteria.rules.z_n > 0 or criteria.rules.z_f < math.inf
+    )
+    start_from(source, out)
+    last = -1
+    for piece in range(source.used[0]):
+        f = source.face[piece]
+        if f != last:
+            set_plane(planes, f, seen, plane)
+            last = f
+            if has_depths:
+                z = z_x = z_y = 0.0
+                for k in range(3):
+                    z += criteria.axis[k] * plane[ORIGIN + k]
+                    z_x += criteria.axis[k] * plane[X_AXIS + k]
+                    z_y += criteria.axis[k] * plane[Y_AXIS + k]
+                set_line(lines, 0, z - criteria.rules.z_n, z_x, z_y, plane[ERROR])
+                # What is infinitely far away needs no line.
+                set_line(lines, 1, 1.0, 0.0, 0.0, 0.0)
+                if criteria.rules.z_f < math.inf:
+                    set_line(lines, 1, criteria.rules.z_f - z, -z_x, -z_y, plane[ERROR])
+        n = copy_piece(source, piece, polygon)
+        if has_depths:
+            n, strips = cut_by_lines(polygon, n, lines, 0, 2, scratch.spare)
+            out.bound[f] += strips
+            if n < 3:
+                continue
+        if is_in_view(polygon, n, plane, criteria):
+            nearest = max(COINCIDENT_REL * plane[LONGEST], plane[ERROR])
+            append_piece(f, polygon, n, nearest, scratch.tidy, out)
+        else:
+            append_in_view(f, polygon, n, criteria, scratch, out)
+    limit_bounds(planes, out)
+
+
+@allocation_free
+def cut_to_densities(planes, criteria, seen, scratch, source, out):
+    """Cut pieces to where densities through a lens are large enough; as `cut_to_discs`."""
+    plane, polygon = scratch.plane, scratch.base
+    start_from(source, out)
+    last = -1
+    for piece in range(source.used[0]):
+        f = source.face[piece]
+        if f != last:
+            set_plane(planes, f, seen, plane)
+            last = f
+        n = copy_piece(source, piece, polygon)
+        append_dense(f, polygon, n, criteria, scratch, out)
+    limit_bounds(planes, out)

@@ -12,18 +12,8 @@ import math
 
 import numpy as np
 
-from rastercov.kernels.exact_patch import root_of
+from rastercov.kernels.exact_setup import join, root_of
 from rastercov.kernels.jit import allocation_free, part_with_arrays
-
-
-@part_with_arrays
-def link(parent, i, j):
-    """Put i and j into one tree, under the lower root."""
-    a, b = root_of(parent, i), root_of(parent, j)
-    if a < b:
-        parent[b] = a
-    else:
-        parent[a] = b
 
 
 @part_with_arrays
@@ -104,7 +94,7 @@ def link_in_faces(xy, starts, face, boxes, interval, order, tolerance, least, pa
             ):
                 continue
             if are_adjacent(xy, starts, i, j, tolerance, least):
-                link(parent, i, j)
+                join(i, j, parent)
 
 
 @allocation_free
@@ -119,7 +109,7 @@ def link_along_edges(edge, interval, piece, face, least, parent):
                 break
             i, j = piece[a], piece[b]
             if face[i] != face[j] and interval[b, 1] > interval[b, 0] + least:
-                link(parent, i, j)
+                join(i, j, parent)
 
 
 @part_with_arrays
@@ -169,7 +159,7 @@ def link_in_space(ends, interval, piece, face, tolerance, least, parent):
                 overlap_in_space(ends, a, b, tolerance) > least
                 or overlap_in_space(ends, b, a, tolerance) > least
             ):
-                link(parent, i, j)
+                join(i, j, parent)
 
 
 @allocation_free

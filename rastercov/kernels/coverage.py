@@ -7,21 +7,34 @@ E. S. Eissa. Image Space Coverage Model for Deployment of Multi-Camera Networks.
 """
 
 import math
+from collections import namedtuple
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
+from numba.core import types
 from numpy.typing import NDArray
 
 from rastercov.kernels import decision as code
-from rastercov.kernels.cameras import by_lens
+from rastercov.kernels.cameras import (
+    BEHIND,
+    INSIDE,
+    STATE,
+    U,
+    V,
+    X,
+    Y,
+    Z,
+    by_lens,
+)
 from rastercov.kernels.criteria import (
     MOST_DOUBTFUL,
     SIDE_ROUNDING,
     camera_normal,
-    cut,
+    cut_to_image,
     facing_density,
     focus_depth_of,
+    image_beyond,
     image_of_face,
     incidence_angle,
     incidence_cosine,
@@ -30,11 +43,30 @@ from rastercov.kernels.criteria import (
     pixels_per_m2,
     project,
 )
-from rastercov.kernels.decision import AT_A_TIME, decide_block
-from rastercov.kernels.face_blocks import COSINE_ROUNDING, ROUNDING, copy_block, judge_eight
+from rastercov.kernels.decision import (
+    AT_A_TIME,
+    decide_block,
+    row_of,
+)
+from rastercov.kernels.face_blocks import COSINE_ROUNDING, ROUNDING, judge_eight
 from rastercov.kernels.jit import allocation_free, part_of, part_with_arrays
-from rastercov.kernels.simd_kernel import pointer
-from rastercov.kernels.vertex_blocks import BEHIND, INSIDE, STATE, U, V, X, Y, Z
+from rastercov.kernels.simd_kernel import loop, pointer, pointers, simd, when
+
+
+@simd(returns=types.void)
+def copy_block(block, n, at, out):
+    """Put the figures of n faces where they are asked for, into flat arrays from `at` on.
+
+    Arrays are pointers to their data.
+    """
+    for bit, (name, row) in enumerate(ROWS.items()):
+        array = getattr(out, name)
+        with when((out.asked >> bit & 1) > 0):
+            with when(n.equals(AT_A_TIME)):
+                row_of(block, row).to(array.kind).store(array.at(at).pointer)
+            with when(n < AT_A_TIME), loop(n & 0, n, 1) as k:
+                array.put(at + k, block.value(k + row * AT_A_TIME))
+
 
 BORDER_ROUNDING = 2.0**-46
 """Greater than the error of a position in the image, relative to the numbers it is made from."""
@@ -57,44 +89,52 @@ class Seen(NamedTuple):
     samples_per_pixel: float
 
 
-class Figures(NamedTuple):
-    """The (P, F) arrays of `Coverage`, in its order; (0, 0) where a figure is not asked for."""
+Figures = namedtuple(
+    "Figures",
+    "in_view in_view_fraction projected_area visible_pixels drawn_pixels resolution pixel_density "
+    "facing_density in_focus visibility visibility_bound visibility_kind incidence coverage reason "
+    "asked",
+)
+"""The (P, F) arrays of `Coverage`, in its order; (0, 0) where a figure is not asked for.
 
-    in_view: NDArray[np.bool_]
-    in_view_fraction: NDArray[np.float64]
-    projected_area: NDArray[np.float64]
-    visible_pixels: NDArray[np.float64]
-    drawn_pixels: NDArray[np.float64]
-    resolution: NDArray[np.float64]
-    pixel_density: NDArray[np.float64]
-    facing_density: NDArray[np.float64]
-    in_focus: NDArray[np.bool_]
-    visibility: NDArray[np.float64]
-    visibility_bound: NDArray[np.float64]
-    visibility_kind: NDArray[np.uint8]
-    incidence: NDArray[np.float64]
-    coverage: NDArray[np.float64]
-    reason: NDArray[np.uint8]
+`asked` has a bit for each that is, the lowest for the first.
+"""
 
 
-_OTHER_TYPES: dict[str, type] = {
-    "in_view": np.bool_,
-    "in_focus": np.bool_,
-    "visibility_kind": np.uint8,
-    "reason": np.uint8,
-}
-"""Types of the figures that are not float64."""
+ROWS = dict(
+    zip(
+        Figures._fields,
+        (
+            code.IN_VIEW, code.PART, code.AREA, code.VISIBLE, code.DRAWN, code.RESOLUTION,
+            code.DENSITY, code.FACING, code.FOCUSED, code.VISIBILITY, code.BOUND, code.KIND,
+            code.COSINE, code.COVERAGE, code.REASON,
+        ),
+        strict=False,
+    )
+)  # fmt: skip
+"""Row of a block of each figure."""
+
+
+ASKS_AREA, ASKS_DENSITY, ASKS_FACING, ASKS_BOUND, ASKS_KIND = (
+    1 << list(ROWS).index(name)
+    for name in (
+        "projected_area", "pixel_density", "facing_density", "visibility_bound", "visibility_kind",
+    )
+)  # fmt: skip
+
+
+TYPES: dict[str, type] = {
+    name: np.bool_ if name in ("in_view", "in_focus") else np.float64 for name in ROWS
+} | dict.fromkeys(("visibility_kind", "reason"), np.uint8)
+"""Types of the arrays."""
 
 
 def record(arrays: Mapping[str, NDArray[Any]]) -> Figures:
     """Record of the (P, F) arrays that are given, by their names."""
+    asked = sum(1 << bit for bit, name in enumerate(ROWS) if name in arrays)
     none = np.empty((0, 0))
-    return Figures(
-        *(
-            arrays[name] if name in arrays else none.astype(_OTHER_TYPES.get(name, np.float64))
-            for name in Figures._fields
-        )
-    )
+    whole = {name: arrays.get(name, none.astype(kind)) for name, kind in TYPES.items()}
+    return Figures(**whole, asked=asked)
 
 
 @part_of
@@ -171,7 +211,7 @@ def measure_face(
     lane, f, scene, lens, seen, row, rules, work, is_front, is_oblique, asks_area, asks_density,
     asks_facing,
 ):  # fmt: skip
-    """Put the measures of a face in one pose into a lane of a block, see `face_blocks`.
+    """Put the measures of a face in one pose into a lane of a block.
 
     A density that is not asked for is 0, an area may be any positive number in place of itself, and
     the bound is 1, see `put_bound`. A face is seen, by definition, not from behind or outside the
@@ -281,27 +321,7 @@ def may_reach_image(points, i, j, k, near, lens, work, is_edge_on):
     numbers = lens.width + lens.height + lens.fx + lens.fy + abs(lens.cx) + abs(lens.cy)
     numbers += lens.width * lens.width / lens.fx + lens.height * lens.height / lens.fy
     margin = BORDER_ROUNDING * numbers
-    here, spare, n = work.polygon, work.spare, 0
-    if min(points[i, STATE], points[j, STATE], points[k, STATE]) == BEHIND:
-        least = near * (1 - BORDER_ROUNDING)
-        for s in range(3):
-            p = i if s == 0 else j if s == 1 else k
-            q = j if s == 0 else k if s == 1 else i
-            above, beyond = points[p, Z] - least, points[q, Z] - least
-            if above >= 0:
-                here[n, 0] = points[p, X] / points[p, Z] * lens.fx + lens.cx
-                here[n, 1] = points[p, Y] / points[p, Z] * lens.fy + lens.cy
-                n += 1
-            if (above >= 0) != (beyond >= 0):
-                t = above / (above - beyond)
-                x = points[p, X] + t * (points[q, X] - points[p, X])
-                y = points[p, Y] + t * (points[q, Y] - points[p, Y])
-                here[n, 0], here[n, 1] = (
-                    x / least * lens.fx + lens.cx,
-                    y / least * lens.fy + lens.cy,
-                )
-                n += 1
-    else:
+    if min(points[i, STATE], points[j, STATE], points[k, STATE]) != BEHIND:
         u0, v0, u1, v1 = points[i, U], points[i, V], points[j, U], points[j, V]
         u2, v2 = points[k, U], points[k, V]
         if (
@@ -311,16 +331,11 @@ def may_reach_image(points, i, j, k, near, lens, work, is_edge_on):
             or min(v0, v1, v2) > lens.height + 1
         ):
             return False
-        for s in range(3):
-            p = i if s == 0 else j if s == 1 else k
-            here[n, 0], here[n, 1] = points[p, U], points[p, V]
-            n += 1
+    here = work.polygon
+    n = image_beyond(points, i, j, k, near * (1 - BORDER_ROUNDING), lens, here)
     for p in range(n):
         margin = max(margin, BORDER_ROUNDING * max(abs(here[p, 0]), abs(here[p, 1])))
-    n = cut(here, n, 0, -margin, 1.0, spare)
-    n = cut(spare, n, 0, lens.width + margin, -1.0, here)
-    n = cut(here, n, 1, -margin, 1.0, spare)
-    return cut(spare, n, 1, lens.height + margin, -1.0, here) > 0
+    return cut_to_image(here, n, lens, margin, work.spare) > 0
 
 
 @part_with_arrays
@@ -371,11 +386,11 @@ def judge_poses(rows, scene, lens, seen, work, rules, out, skew):
 
     Blocks begin at cache lines: `skew` float64 lie between one and the arrays of float64 of `out`.
     """
-    asks_area = out.projected_area.size > 0
-    asks_density = out.pixel_density.size > 0 or rules.min_pixel_density > 0
-    asks_facing = out.facing_density.size > 0 or rules.min_facing_density > 0
-    asks_bound = out.visibility_bound.size > 0 or out.visibility_kind.size > 0
-    n_faces, block = scene.faces.shape[0], work.block
+    asks_area = out.asked & ASKS_AREA > 0
+    asks_density = out.asked & ASKS_DENSITY > 0 or rules.min_pixel_density > 0
+    asks_facing = out.asked & ASKS_FACING > 0 or rules.min_facing_density > 0
+    asks_bound = out.asked & (ASKS_BOUND | ASKS_KIND) > 0
+    n_faces, block, figures = scene.faces.shape[0], work.block, pointers(out)
     for row in range(rows[0], rows[1]):
         project(scene.vertices, seen.poses[row], seen.near[row], lens, work.points)
         first = 0
@@ -385,7 +400,7 @@ def judge_poses(rows, scene, lens, seen, work, rules, out, skew):
             if n == AT_A_TIME and judge_eight(
                 first, scene, lens, seen, row, rules, work, asks_density, asks_facing, asks_bound
             ):
-                copy_block(block, AT_A_TIME, at, out)
+                copy_block(pointer(block), AT_A_TIME, at, figures)
             else:
                 for lane in range(n):
                     f = first + lane
@@ -399,5 +414,5 @@ def judge_poses(rows, scene, lens, seen, work, rules, out, skew):
                     if asks_bound:
                         put_bound(lane, f, scene, lens, seen, row, work, cosine)
                 decide_block(rules, pointer(block))
-                copy_block(block, n, at, out)
+                copy_block(pointer(block), n, at, figures)
             first += n

@@ -14,22 +14,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.kernels import lens_faces
-from rastercov.kernels.cameras import Slopes, along, by_lens, facing, focus_depth, per_m2
-from rastercov.kernels.jit import allocation_free, part_of, part_with_arrays
-from rastercov.kernels.simd_kernel import pointer
-from rastercov.kernels.vertex_blocks import (
+from rastercov.kernels.cameras import (
     BEHIND,
     DOWN,
     INSIDE,
     RIGHT,
     STATE,
+    Slopes,
     U,
     V,
     X,
     Y,
     Z,
+    along,
+    by_lens,
+    facing,
+    focus_depth,
+    per_m2,
     project_vertices,
 )
+from rastercov.kernels.exact_polygon import keep_inside, twice_area
+from rastercov.kernels.jit import allocation_free, part_of, part_with_arrays
+from rastercov.kernels.simd_kernel import pointer
 
 MOST_CORNERS = 20
 """Corners of a face after five cuts: n corners have c crossings, c even and at most n, and keep at
@@ -66,20 +72,6 @@ class Workspace(NamedTuple):
     polygon: NDArray[np.float64]
     spare: NDArray[np.float64]
     block: NDArray[np.float64]
-
-
-class FaceArrays(NamedTuple):
-    """The arrays of a `rastercov.coverage.criteria.FaceGeometry`, in its order."""
-
-    is_front: NDArray[np.bool_]
-    in_view: NDArray[np.bool_]
-    in_view_fraction: NDArray[np.float64]
-    projected_area: NDArray[np.float64]
-    perimeter: NDArray[np.float64]
-    pixel_density: NDArray[np.float64]
-    facing_density: NDArray[np.float64]
-    depth: NDArray[np.float64]
-    incidence: NDArray[np.float64]
 
 
 @by_lens(lens_faces.project)
@@ -182,6 +174,15 @@ def image_of_face(points, i, j, k, near, lens, work, drawn):
 @allocation_free
 def clipped_areas(points, i, j, k, near, lens, polygon, spare):
     """Area of the image of a face beyond the near plane, and of its part in the image, px^2."""
+    n = image_beyond(points, i, j, k, near, lens, polygon)
+    whole = abs(twice_area(polygon, n) / 2) if n >= 3 else 0.0
+    n = cut_to_image(polygon, n, lens, 0.0, spare)
+    return whole, abs(twice_area(polygon, n) / 2) if n >= 3 else 0.0
+
+
+@part_with_arrays
+def image_beyond(points, i, j, k, near, lens, polygon):
+    """Fill `polygon` with the image of a face beyond the near plane; its corner count."""
     n = 0
     for s in range(3):
         p = i if s == 0 else j if s == 1 else k
@@ -199,43 +200,16 @@ def clipped_areas(points, i, j, k, near, lens, polygon, spare):
             polygon[n, 0] = x / z * lens.fx + lens.cx
             polygon[n, 1] = y / z * lens.fy + lens.cy
             n += 1
-    whole = abs(polygon_area(polygon, n))
-    n = cut(polygon, n, 0, 0.0, 1.0, spare)
-    n = cut(spare, n, 0, lens.width, -1.0, polygon)
-    n = cut(polygon, n, 1, 0.0, 1.0, spare)
-    n = cut(spare, n, 1, lens.height, -1.0, polygon)
-    return whole, abs(polygon_area(polygon, n))
+    return n
 
 
-@allocation_free
-def cut(polygon, n, axis, limit, sign, out):
-    """Keep the part of an image polygon where sign * (coordinate - limit) >= 0; the new count."""
-    kept = 0
-    for p in range(n):
-        q = p + 1 if p + 1 < n else 0
-        here, there = sign * (polygon[p, axis] - limit), sign * (polygon[q, axis] - limit)
-        if here >= 0:
-            out[kept, 0], out[kept, 1] = polygon[p, 0], polygon[p, 1]
-            kept += 1
-        if (here >= 0) != (there >= 0):
-            t = here / (here - there)
-            out[kept, 0] = polygon[p, 0] + t * (polygon[q, 0] - polygon[p, 0])
-            out[kept, 1] = polygon[p, 1] + t * (polygon[q, 1] - polygon[p, 1])
-            kept += 1
-    return kept
-
-
-@allocation_free
-def polygon_area(polygon, n):
-    """Signed area of an image polygon (3.9), px^2; 0 for fewer than 3 corners."""
-    total = 0.0
-    if n >= 3:
-        u, v = polygon[0, 0], polygon[0, 1]
-        for p in range(1, n - 1):
-            total += (polygon[p, 0] - u) * (polygon[p + 1, 1] - v) - (polygon[p, 1] - v) * (
-                polygon[p + 1, 0] - u
-            )
-    return total / 2
+@part_with_arrays
+def cut_to_image(polygon, n, lens, margin, spare):
+    """Cut a polygon in place to the image grown by a margin, px; its corner count."""
+    n = keep_inside(polygon, n, (-margin, 0.0, 0.0, -1.0, 0.0), spare)
+    n = keep_inside(spare, n, (lens.width + margin, 0.0, 0.0, 1.0, 0.0), polygon)
+    n = keep_inside(polygon, n, (0.0, -margin, 1.0, 0.0, 0.0), spare)
+    return keep_inside(spare, n, (0.0, lens.height + margin, -1.0, 0.0, 0.0), polygon)
 
 
 @part_with_arrays
@@ -298,30 +272,3 @@ def pixels_per_m2(points, i, j, k, normal, lens):
 def focus_depth_of(points, p, lens):
     """Depth of a vertex that its sharpness depends on, metres."""
     return focus_depth(lens, points[p, X], points[p, Y], points[p, Z])
-
-
-@allocation_free
-def measure(scene, pose, near, lens, work, out):
-    """Fill the arrays of a `FaceGeometry`, `out`, for one pose."""
-    points = work.points
-    project(scene.vertices, pose, near, lens, points)
-    for f in range(scene.faces.shape[0]):
-        i, j, k = scene.faces[f, 0], scene.faces[f, 1], scene.faces[f, 2]
-        normal = camera_normal(scene.normals, f, pose)
-        cosine = incidence_cosine(points, i, j, k, normal, scene.two_sided[f])
-        is_front = cosine > 0 and not scene.degenerate[f]
-        state, part, area = image_of_face(points, i, j, k, near, lens, work, -1.0)
-        out.is_front[f] = is_front
-        out.in_view[f] = state == INSIDE
-        out.in_view_fraction[f] = part
-        out.projected_area[f] = area
-        out.perimeter[f] = math.inf if state == BEHIND else perimeter(points, i, j, k)
-        out.incidence[f] = incidence_angle(cosine)
-        density = 0.0
-        if is_front and state != BEHIND and part > 0:
-            density = pixel_density(points, i, j, k, normal, lens)
-        out.pixel_density[f] = density
-        out.facing_density[f] = facing_density(points, i, j, k, lens)
-        out.depth[f, 0] = focus_depth_of(points, i, lens)
-        out.depth[f, 1] = focus_depth_of(points, j, lens)
-        out.depth[f, 2] = focus_depth_of(points, k, lens)

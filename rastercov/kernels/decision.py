@@ -1,7 +1,7 @@
 """Decision about a face, eight at a time by SIMD, and about a point; by numba.
 
 A face is covered by (3.6) and our criteria beside it, from its measures, which
-`rastercov.kernels.face_blocks` and `coverage` put into a block. A point of the surface is covered
+`rastercov.kernels.coverage` and `coverage` put into a block. A point of the surface is covered
 by those of docs/area.md. Both go by the `Rules` of a task, and give a `Reason`.
 
 E. S. Eissa. Image Space Coverage Model for Deployment of Multi-Camera Networks. 2020, section 3.3.

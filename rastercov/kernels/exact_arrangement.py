@@ -16,6 +16,7 @@ A. Appel. The Notion of Quantitative Invisibility and the Machine Rendering of S
 
 import numpy as np
 
+from rastercov.kernels.exact_event import NOT_KNOWN, SURE, add_intersection
 from rastercov.kernels.exact_grid import (
     ENTRIES_AT_A_TIME,
     cell_at,
@@ -58,7 +59,6 @@ from rastercov.kernels.exact_records import (
     U,
     V,
 )
-from rastercov.kernels.exact_segment import NOT_KNOWN, SURE, add_intersection
 from rastercov.kernels.exact_setup import OUTLINE_ERROR_FACTOR
 from rastercov.kernels.jit import allocation_free, part_with_arrays
 

@@ -2,8 +2,8 @@
 
 `exact_event` finds the faces that a visible part of an event edge crosses in the image, at or
 before the face. The remaining faces, joined by edges that are no event edges, form regions: a
-region is wholly visible or wholly hidden. Where a good part of the blocks has no crossed face,
-blocks are joined by their patches, and only the others face by face; see `certificate`.
+region is wholly visible or wholly hidden. Blocks without a crossed face are joined by patches,
+and only the others face by face; see `certificate`.
 
 A. Appel. The Notion of Quantitative Invisibility and the Machine Rendering of Solids. 1967.
 R. E. Tarjan. Efficiency of a Good but not Linear Set Union Algorithm. 1975.
@@ -11,8 +11,6 @@ R. E. Tarjan. Efficiency of a Good but not Linear Set Union Algorithm. 1975.
 
 import numpy as np
 
-from rastercov.kernels.exact_block import lay_boxes_of_block
-from rastercov.kernels.exact_patch import root_of
 from rastercov.kernels.exact_records import (
     ABSENT,
     BLOCK,
@@ -25,7 +23,6 @@ from rastercov.kernels.exact_records import (
     THIN,
     U_MAX,
     U_MIN,
-    UNEVEN,
     UNFIT,
     V_MAX,
     V_MIN,
@@ -33,11 +30,9 @@ from rastercov.kernels.exact_records import (
     V,
     W,
 )
+from rastercov.kernels.exact_setup import join, lay_boxes_of_block, root_of
 from rastercov.kernels.jit import allocation_free, part_of, part_with_arrays
 
-FEW_BLOCKS = 0.7
-"""Share of the blocks in view that can be certified as a whole below which regions are joined edge
-by edge."""
 HIDDEN, VISIBLE, IN_DOUBT = range(3)
 """Decisions over a region."""
 
@@ -73,13 +68,6 @@ def node_of(f, parent, projected):
     node = blocks.lowest.shape[0] + f
     is_in = projected.block_state[b] & LIVE and parent[node] >= 0
     return node if is_in else -1
-
-
-@part_with_arrays
-def join(f, g, parent):
-    """Join the trees of two nodes."""
-    f, g = root_of(parent, f), root_of(parent, g)
-    parent[max(f, g)] = min(f, g)
 
 
 @part_with_arrays
@@ -197,12 +185,12 @@ def find_largest(projected, region, is_known, largest):
 
 
 @part_with_arrays
-def regions_of_blocks(
+def join_regions(
     events, edges, is_event, is_hidden, camera, projected, listed, is_listed, region, number, found
 ):
     """Collect blocks patch by patch, and the others face by face; returns the number of regions.
 
-    See `regions_of_faces` for `found`, and `find_regions` for the others.
+    `found`, (N,) int32, is filled with the largest face of each; see `find_regions` for the others.
     """
     state, parent, blocks = projected.state, region, projected.blocks
     lowest, joins, n_blocks = blocks.lowest, blocks.joins, projected.block_state.shape[0]
@@ -288,58 +276,6 @@ def regions_of_blocks(
     return n
 
 
-@part_with_arrays
-def regions_of_faces(
-    edges, is_event, is_hidden, camera, projected, is_listed, parent, region, found
-):
-    """Collect faces edge by edge; returns the number of regions.
-
-    Parameters
-    ----------
-    parent : (F,) int32
-        Scratch.
-    region : (F,) int32
-        Out: number of each face's region, -1 for none.
-    found : (N,) int32
-        Out: the largest face of each region.
-
-    See `find_regions` for the others.
-    """
-    state, area, edge_faces = projected.state, projected.area, edges.faces
-    for f in range(state.shape[0]):
-        parent[f] = f if state[f] & (LIVE | CROSSED) == LIVE else -1
-    for e in range(edge_faces.shape[0]):
-        f, g = edge_faces[e, 0], edge_faces[e, 1]
-        if (
-            g >= 0
-            and parent[f] != parent[g]
-            and min(parent[f], parent[g]) >= 0
-            and (not is_event[e] or is_hidden[e])
-            and is_joint(e, edges, camera, projected)
-        ):
-            join(f, g, parent)
-    n = np.int64(0)
-    for f in range(state.shape[0]):
-        root = parent[f]
-        if root < 0:
-            region[f] = -1
-            continue
-        if root == f:
-            region[f], found[n] = n, f
-            n += 1
-            continue
-        # The parents of lower faces are roots by now.
-        parent[f] = root = parent[root]
-        r = region[root]
-        g, region[f] = found[r], r
-        if is_listed[f] != is_listed[g]:
-            if is_listed[f]:
-                found[r] = f
-        elif area[f] > area[g]:
-            found[r] = f
-    return n
-
-
 @allocation_free
 def find_regions(
     events, edges, is_event, is_hidden, camera, projected, listed, is_listed, region, number,
@@ -347,8 +283,8 @@ def find_regions(
 ):  # fmt: skip
     """Collect the uncrossed faces into regions; number of crossed faces, and of regions.
 
-    A forest of faces, whose roots have the lowest index of their region, is joined edge by edge;
-    in blocks that no event edge comes near, patch by patch, unless these are few.
+    A forest of faces, whose roots have the lowest index of their region, is joined edge by edge; in
+    blocks that no event edge comes near, patch by patch.
 
     Parameters
     ----------
@@ -372,20 +308,9 @@ def find_regions(
         Out: the crossed faces, and after them the largest face of each region, of those that are
         listed if any is.
     """
-    n_patches, n_blocks = projected.blocks.lowest.shape[0], projected.block_state.shape[0]
-    n_crossed, n_whole, n_live = list_crossed(projected, targets), 0, 0
-    for b in range(n_blocks):
-        n_whole += is_of_a_region(b, projected)
-        n_live += projected.block_state[b] & LIVE != 0
-    if n_whole >= FEW_BLOCKS * n_live:
-        return n_crossed, regions_of_blocks(
-            events, edges, is_event, is_hidden, camera, projected, listed, is_listed, region,
-            number, targets[n_crossed:],
-        )  # fmt: skip
-    for b in range(n_blocks):
-        projected.block_state[b] |= UNEVEN
-    return n_crossed, regions_of_faces(
-        edges, is_event, is_hidden, camera, projected, is_listed, number, region[n_patches:],
+    n_crossed = list_crossed(projected, targets)
+    return n_crossed, join_regions(
+        events, edges, is_event, is_hidden, camera, projected, listed, is_listed, region, number,
         targets[n_crossed:],
     )  # fmt: skip
 

@@ -2,13 +2,6 @@
 
 import numpy as np
 
-from rastercov.kernels.exact_block import (
-    AT_A_TIME,
-    entries_that_touch,
-    faces_near,
-    lay_box,
-    lay_boxes_of_block,
-)
 from rastercov.kernels.exact_records import (
     BLOCK,
     LIVE,
@@ -19,6 +12,13 @@ from rastercov.kernels.exact_records import (
     V_MIN,
     W_MAX,
     W_MIN,
+)
+from rastercov.kernels.exact_setup import (
+    AT_A_TIME,
+    entries_that_touch,
+    faces_near,
+    lay_box,
+    lay_boxes_of_block,
 )
 from rastercov.kernels.jit import allocation_free, part_with_arrays
 from rastercov.kernels.simd_kernel import lowest_bit, pointer

@@ -19,7 +19,7 @@ A. Appel. The Notion of Quantitative Invisibility and the Machine Rendering of S
 
 import numpy as np
 
-from rastercov.kernels.exact_grid import cell, cell_at, cells_of_box, likely_hider, sort_cell
+from rastercov.kernels.exact_grid import cell, cells_of_box, likely_hider, sort_cell
 from rastercov.kernels.exact_polygon import (
     clip,
     clip_subtract,
@@ -431,8 +431,9 @@ def visible_areas(
             n = clip(target, n, border, border.shape[0], work.spare)
             if n < 3:
                 continue
-        # Faces beside each other often have the same face before them.
-        hider = likely_hider(t, box, grid)
+        # Faces beside each other often have the same face before them. The figures of a target, and
+        # their bounds, must not depend on other targets.
+        hider = np.int64(-1) if state[t] & TRANSPARENT else likely_hider(t, box, grid)
         if hider >= 0 and hides_all(hider, t, target, n, camera, projected, work, area_error):
             continue
         take_number(marks)
@@ -453,25 +454,4 @@ def visible_areas(
             visible[t] = area[t] if seen >= area[t] - tolerance else seen
         if visible[t] == 0 or visible[t] == area[t]:
             drop_pieces(kept, n_kept, n_kept_corners)
-    return targets.shape[0]
-
-
-@allocation_free
-def target_areas(targets, first, camera, projected, grid, marks, pieces, work, visible, area_error):
-    """Visible areas of targets; arguments and result as of `exact_half_plane.visible_areas`.
-
-    The face that hid another target there is forgotten before each: the figures of a target, and
-    their bounds, must not depend on other targets.
-    """
-    box = projected.box
-    for index in range(first, targets.shape[0]):
-        t = targets[index]
-        u, v = (box[t, U_MIN] + box[t, U_MAX]) / 2, (box[t, V_MIN] + box[t, V_MAX]) / 2
-        grid.hider[cell_at(u, v, grid)] = -1
-        done = visible_areas(
-            targets[index : index + 1], 0, camera, projected, grid, marks, pieces, work, visible,
-            area_error,
-        )  # fmt: skip
-        if done == 0:
-            return index
     return targets.shape[0]

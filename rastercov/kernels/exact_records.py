@@ -52,7 +52,7 @@ BEHIND, IN_FRONT, IN_FRONT_IN_PART, TIED = range(4)
 DEPTH_TIE_REL = 1e-10
 """Relative difference of 1/z up to which two surfaces coincide: the lower index is in front."""
 SPARE_ENTRIES = 8
-"""Values behind the bounds of the last entry of a grid, which may be read with them."""
+"""Values behind the last of an array, which may be read, or written, with it: eight at a time."""
 BLOCK = 64
 """Faces, or edges, that are looked at together."""
 MIXED = 2

@@ -12,7 +12,22 @@ import numpy as np
 from llvmlite import ir
 from numba.core import types
 
-from rastercov.kernels.cameras import by_lens, density_along, density_per_m2
+from rastercov.kernels.cameras import (
+    COLUMNS,
+    DOWN,
+    INSIDE,
+    RIGHT,
+    STATE,
+    U,
+    V,
+    X,
+    Y,
+    Z,
+    by_lens,
+    density_along,
+    density_per_m2,
+    transposed,
+)
 from rastercov.kernels.decision import (
     AREA,
     AT_A_TIME,
@@ -33,35 +48,23 @@ from rastercov.kernels.decision import (
     PART,
     PER_M2,
     REASON,
-    RESOLUTION,
     STATISTICAL,
-    VISIBILITY,
     VISIBLE,
     decide,
     put_row,
     row_of,
 )
-from rastercov.kernels.jit import part_with_arrays
 from rastercov.kernels.simd import DOUBLE, LONG, load
-from rastercov.kernels.simd_kernel import Variable, loop, pointer, simd, when
-from rastercov.kernels.vertex_blocks import (
-    COLUMNS,
-    DOWN,
-    INSIDE,
-    RIGHT,
-    STATE,
-    U,
-    V,
-    X,
-    Y,
-    Z,
-    transposed,
-)
+from rastercov.kernels.simd_kernel import Variable, pointer, simd, when
 
 ROUNDING = 2.0**-52
 """Rounding of a quotient."""
+
+
 COSINE_ROUNDING = 1e-14
 """Greater than the error of a cosine, and of the cosine of its arccosine."""
+
+
 BYTE = ir.IntType(8)
 
 
@@ -201,51 +204,6 @@ def judge_areas(
     is_left_out = code.now.equals(STATISTICAL) & ((asks_bound > 0) & ~(samples > 0))
     is_unclear = is_unclear | (is_front & is_left_out)
     return is_unclear.bits().equals(0)
-
-
-@simd(returns=types.void)
-def copy_lanes(row, block, n, at, array):
-    """Put n values of a row into an array from `at` on, as its type; both are pointers."""
-    with when(n.equals(AT_A_TIME)):
-        value = load(at.builder, block.at(row * AT_A_TIME).pointer, AT_A_TIME)
-        value.to(array.kind).store(array.at(at).pointer)
-    with when(n < AT_A_TIME), loop(n & 0, n, 1) as k:
-        array.put(at + k, block.value(row * AT_A_TIME + k))
-
-
-@part_with_arrays
-def copy_block(block, n, at, out):
-    """Put the figures of n faces where they are asked for, into flat arrays from `at` on."""
-    if out.in_view.size:
-        copy_lanes(IN_VIEW, pointer(block), n, at, pointer(out.in_view))
-    if out.in_view_fraction.size:
-        copy_lanes(PART, pointer(block), n, at, pointer(out.in_view_fraction))
-    if out.projected_area.size:
-        copy_lanes(AREA, pointer(block), n, at, pointer(out.projected_area))
-    if out.visible_pixels.size:
-        copy_lanes(VISIBLE, pointer(block), n, at, pointer(out.visible_pixels))
-    if out.drawn_pixels.size:
-        copy_lanes(DRAWN, pointer(block), n, at, pointer(out.drawn_pixels))
-    if out.resolution.size:
-        copy_lanes(RESOLUTION, pointer(block), n, at, pointer(out.resolution))
-    if out.pixel_density.size:
-        copy_lanes(DENSITY, pointer(block), n, at, pointer(out.pixel_density))
-    if out.facing_density.size:
-        copy_lanes(FACING, pointer(block), n, at, pointer(out.facing_density))
-    if out.in_focus.size:
-        copy_lanes(FOCUSED, pointer(block), n, at, pointer(out.in_focus))
-    if out.visibility.size:
-        copy_lanes(VISIBILITY, pointer(block), n, at, pointer(out.visibility))
-    if out.visibility_bound.size:
-        copy_lanes(BOUND, pointer(block), n, at, pointer(out.visibility_bound))
-    if out.visibility_kind.size:
-        copy_lanes(KIND, pointer(block), n, at, pointer(out.visibility_kind))
-    if out.incidence.size:
-        copy_lanes(COSINE, pointer(block), n, at, pointer(out.incidence))
-    if out.coverage.size:
-        copy_lanes(COVERAGE, pointer(block), n, at, pointer(out.coverage))
-    if out.reason.size:
-        copy_lanes(REASON, pointer(block), n, at, pointer(out.reason))
 
 
 @simd(returns=types.boolean)

@@ -7,14 +7,68 @@ is integrated by itself: no curve is ever cut by another.
 
 Edges are evaluated at points that depend on the edge alone and not on its direction, so that two
 polygons that share one agree on it to the last bits.
+
+A rule takes n + 1 values of the lens. With U, V of u, v at the Gauss-Lobatto nodes of an edge, the
+area between the image of the
+edge and its chord is
+
+    bulge = sum over j < i of S_ij ((U_i - U_0) (V_j - V_0) - (U_j - U_0) (V_i - V_0)),
+
+S constant and antisymmetric: S_ij = (w_i D_ij - w_j D_ji) / 2, w the weights and D the derivatives
+of the Lagrange polynomials. It is exact where the degrees of u and v add up to 2 n at most.
 """
 
 import math
 
+import numpy as np
+from numpy.polynomial import legendre
+from numpy.typing import NDArray
+
 from rastercov.kernels.jit import allocation_free, called_whole, part_with_arrays
 from rastercov.kernels.lens import project
 from rastercov.kernels.lens_lanes import GROUP, project_lanes
-from rastercov.kernels.lens_tables import BERNSTEIN, FEWEST, GROWTH, MOST, NODES, RULE
+
+FloatArray = NDArray[np.float64]
+
+FEWEST, MOST = 2, 11
+"""Least and largest n."""
+
+
+def lobatto(n: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Nodes in [0, 1], the matrix S, and Bernstein coefficients from values at the nodes.
+
+    Nodes are symmetric: node k and node n - k add up to 1, to rounding.
+    """
+    unit = np.zeros(n + 1)
+    unit[n] = 1
+    inner = np.sort(legendre.legroots(legendre.legder(unit)).real) if n > 1 else np.empty(0)
+    x = np.concatenate(([-1.0], inner, [1.0]))
+    x = (x - x[::-1]) / 2
+    values = legendre.legvander(x, n)
+    slopes = np.column_stack([legendre.legval(x, legendre.legder(row)) for row in np.eye(n + 1)])
+    weights = 2 / (n * (n + 1) * legendre.legval(x, unit) ** 2)
+    product = weights[:, None] * (slopes @ np.linalg.inv(values))
+    t = (x + 1) / 2
+    basis = [math.comb(n, k) * t**k * t[::-1] ** (n - k) for k in range(n + 1)]
+    return t, (product - product.T) / 2, np.linalg.inv(np.column_stack(basis))
+
+
+def _tables() -> tuple[FloatArray, FloatArray, FloatArray]:
+    nodes = np.zeros((MOST + 1, MOST + 1))
+    rule, bernstein = np.zeros((2, MOST + 1, MOST + 1, MOST + 1))
+    for n in range(1, MOST + 1):
+        own = slice(n + 1)
+        nodes[n, own], rule[n, own, own], bernstein[n, own, own] = lobatto(n)
+    return nodes, rule, bernstein
+
+
+NODES, RULE, BERNSTEIN = _tables()
+"""By n: places of the nodes, S, and Bernstein coefficients from values."""
+GAP = np.array([0.0, *(np.diff(NODES[n, : n + 1]).max() for n in range(1, MOST + 1))])
+"""By n: largest distance of neighbouring nodes, in lengths of the edge."""
+GROWTH = np.abs(BERNSTEIN).sum(axis=2).max(axis=1)
+"""By n: largest Bernstein coefficient of a polynomial that is at most 1 at the nodes."""
+
 
 FLAT = 1e-10
 """Pixels: a coordinate that stays this near to a border is taken to be on one side of it."""
@@ -54,15 +108,8 @@ def node_value(code, p, frame, ax, ay, bx, by, n, k):
 
 
 @allocation_free
-def edge_values(code, p, frame, ax, ay, bx, by, n, U, V):
-    """Fill U, V with the pixels of the n + 1 nodes of the edge from (ax, ay) to (bx, by)."""
-    for k in range(n + 1):
-        U[k], V[k] = node_value(code, p, frame, ax, ay, bx, by, n, k)
-
-
-@allocation_free
 def values_together(code, p, frame, ax, ay, bx, by, n, nodes, U, V):
-    """`edge_values` by vector instructions; `nodes`, (3, NODE_ROOM), is scratch."""
+    """Fill U, V with the pixels of the n + 1 nodes of an edge; `nodes`, (3, NODE_ROOM), scratch."""
     x, y = nodes[0], nodes[1]
     for k in range(NODE_ROOM):
         m = min(k, n)
@@ -251,21 +298,6 @@ def crossing(code, p, frame, ax, ay, bx, by, t, is_u, level):
             break
         t, height = t + move, following
     return t
-
-
-@allocation_free
-def edge_is_inside(n, U, V, W, H, stack, low, spare, out, kinds):
-    """True where the image of an edge stays within 0 <= u <= W and 0 <= v <= H."""
-    for k in range(n + 1):
-        if not (0.0 <= U[k] <= W and 0.0 <= V[k] <= H):
-            return False
-    count = 0
-    for side in range(4):
-        level, values = (0.0, W, 0.0, H)[side], U if side < 2 else V
-        if may_cross(n, values, level, math.inf):
-            bernstein_of(n, values, level, stack[0])
-            count = roots(n, stack, low, spare, out, kinds, LEVEL_U, count)
-    return count == 0
 
 
 @called_whole

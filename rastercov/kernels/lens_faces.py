@@ -11,29 +11,40 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.kernels import lens as kernels
-from rastercov.kernels.cameras import CurvedSlopes, jacobian
+from rastercov.kernels.cameras import (
+    AHEAD,
+    BEHIND,
+    INSIDE,
+    STATE,
+    CurvedSlopes,
+    U,
+    V,
+    X,
+    Y,
+    Z,
+    jacobian,
+)
 from rastercov.kernels.jit import allocation_free, called_whole, part_with_arrays
-from rastercov.kernels.lens_edges import bulge, nodes_for
+from rastercov.kernels.lens_edges import NODES, bulge, nodes_for
 from rastercov.kernels.lens_lanes import GROUP, project_lanes
 from rastercov.kernels.lens_planes import PlaneRecord
 from rastercov.kernels.lens_polygons import (
     MOST_CORNERS,
     EdgeScratch,
     beyond_side_of,
+    cut_in_space,
     cut_to_region,
     cut_to_side_of,
     edge_scratch,
     polygon_image,
 )
-from rastercov.kernels.lens_tables import NODES
-from rastercov.kernels.vertex_blocks import AHEAD, BEHIND, INSIDE, STATE, U, V, X, Y, Z
 
 FloatArray = NDArray[np.float64]
 
 NOWHERE = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 """Corners of a face that is not in a plane."""
 SLOPES = 8
-"""First of six columns of a vertex, behind those of `vertex_blocks`: the derivative of the lens,
+"""First of six columns of a vertex, behind those of `cameras`: the derivative of the lens,
 found when a density asks for it; NaN before."""
 OUTSIDE_TOLERANCE = 1e-9
 """Area outside the image, px^2 and relative to the face, up to which a face is inside it."""
@@ -254,12 +265,12 @@ def curved_areas(points, i, j, k, near, lens, work):
         for s in range(3):
             p = i if s == 0 else j if s == 1 else k
             corners[s, 0], corners[s, 1], corners[s, 2] = _turned(points, p, lens.frames[n])
-        m = _cut_to_near(corners, 3, near, spare)
+        m = cut_in_space(corners, np.int64(3), 0.0, 0.0, 1.0, near, spare)
         if m < 3:
             continue
         for p in range(m):
-            polygon[p, 0] = spare[p, 0] / spare[p, 2]
-            polygon[p, 1] = spare[p, 1] / spare[p, 2]
+            polygon[p, 0] = corners[p, 0] / corners[p, 2]
+            polygon[p, 1] = corners[p, 1] / corners[p, 2]
         plane = PlaneRecord(
             lens.code, lens.own_params[n], lens.frames[n], 1.0, 1.0, 0.0, 0.0,
             lens.regions[n, : lens.region_sides[n]], lens.holes[n, : lens.hole_sides[n]],
@@ -271,14 +282,14 @@ def curved_areas(points, i, j, k, near, lens, work):
             continue
         sides = lens.hole_sides[n]
         if sides == 0:
-            area, part, _ = polygon_image(plane, polygon, 0, m, work.edges)
+            area, part, _ = polygon_image(plane, polygon, 0, m, work.edges, True)
             sign = -1.0 if area < 0 else 1.0
             whole += sign * area
             inside += sign * part
         for side in range(sides):  # what is outside the hole, as in `exact_lens.append_cut`
             beyond = beyond_side_of(polygon, m, plane.hole, side, work.spare)
             if beyond >= 3:
-                area, part, _ = polygon_image(plane, work.spare, 0, beyond, work.edges)
+                area, part, _ = polygon_image(plane, work.spare, 0, beyond, work.edges, True)
                 sign = -1.0 if area < 0 else 1.0
                 whole += sign * area
                 inside += sign * part
@@ -286,26 +297,6 @@ def curved_areas(points, i, j, k, near, lens, work):
             if m < 3:
                 break
     return whole, inside
-
-
-@allocation_free
-def _cut_to_near(corners, n, near, out):
-    """Keep the part of a polygon in space with z >= near; returns its corner count."""
-    kept = 0
-    for i in range(n):
-        j = i + 1 if i + 1 < n else 0
-        here, there = corners[i, 2] - near, corners[j, 2] - near
-        if here >= 0:
-            for c in range(3):
-                out[kept, c] = corners[i, c]
-            kept += 1
-        if (here > 0 and there < 0) or (here < 0 and there > 0):
-            t = here / (here - there)
-            for c in range(3):
-                out[kept, c] = corners[i, c] + t * (corners[j, c] - corners[i, c])
-            out[kept, 2] = near
-            kept += 1
-    return kept
 
 
 def slopes_at(points, p, lens):

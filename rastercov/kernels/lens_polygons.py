@@ -10,18 +10,20 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.kernels.exact_polygon import keep_inside
 from rastercov.kernels.jit import allocation_free, called_whole, part_with_arrays
 from rastercov.kernels.lens_edges import (
     DEEPEST,
+    GAP,
+    MOST,
     MOST_CUTS,
     NODE_ROOM,
+    NODES,
     clamped_edge,
-    edge_values,
     nodes_for,
     under_edge,
 )
 from rastercov.kernels.lens_lanes import GROUP, U, V, X, Y, project_lanes
-from rastercov.kernels.lens_tables import GAP, MOST, NODES
 
 FloatArray = NDArray[np.float64]
 
@@ -70,7 +72,7 @@ def edge_scratch() -> EdgeScratch:
 
 
 @called_whole
-def polygon_image(plane, corners, first, last, scratch):
+def polygon_image(plane, corners, first, last, scratch, is_whole_asked):
     """Image of the polygon corners[first] ... corners[last - 1], in units of a plane.
 
     Parameters
@@ -79,6 +81,8 @@ def polygon_image(plane, corners, first, last, scratch):
     corners : (N, 2) float64
         Within the region of the plane.
     scratch : EdgeScratch
+    is_whole_asked : bool
+        If not, `whole` may be NaN at the border of the image and beyond it.
 
     Returns
     -------
@@ -88,52 +92,84 @@ def polygon_image(plane, corners, first, last, scratch):
     rules : int
         Edges and parts of them that were integrated.
     """
-    return _image(plane, corners, first, last, scratch, True)
-
-
-@called_whole
-def _image(plane, corners, first, last, scratch, is_whole_asked):
-    """`polygon_image`, whose `whole` may be NaN at the border of the image and beyond it."""
-    if plane.is_graded:
-        return _image_by_edges(plane, corners, first, last, scratch)
-    parts, stray = _lay_nodes(plane, corners, first, last, scratch)
-    if parts < 0:
-        return _image_by_edges(plane, corners, first, last, scratch)
-    if parts == 0:
-        return 0.0, 0.0, 0
-    u, v, rules = scratch.u, scratch.v, scratch.rules
-    nodes = 0
-    for part in range(parts):
-        nodes += rules[part]
-    project_lanes(
-        plane.code, plane.params, plane.frame, scratch.x, scratch.y, scratch.z, nodes, u, v
+    waiting = scratch.waiting
+    listed, nodes, longest, is_first = 0, 0, 0.0, True
+    whole, inside, rules = 0.0, 0.0, 0
+    for i in range(first, last):
+        j = i + 1 if i + 1 < last else first
+        ax, ay, bx, by = corners[i, 0], corners[i, 1], corners[j, 0], corners[j, 1]
+        length = math.sqrt((bx - ax) * (bx - ax) + (by - ay) * (by - ay))
+        if length == 0.0:
+            continue
+        n, parts = plane.parts_of, 1
+        if not plane.is_graded:
+            n, parts = nodes_for(0.5 * length, plane.longest, plane.parts_of)
+        for part in range(parts):
+            top, waiting[0, 0], waiting[0, 1] = 1, part / parts, (part + 1) / parts
+            while top > 0:
+                top -= 1
+                s, e = waiting[top, 0], waiting[top, 1]
+                x0, y0, x1, y1 = _ends(ax, ay, bx, by, s, e)
+                if plane.is_graded and not _is_short(x0, y0, x1, y1, plane.longest[n], top):
+                    top = _halve(waiting, top, s, e)
+                    continue
+                if listed == MOST_PARTS or nodes + n > MOST_NODES:
+                    own, part_inside, more = _sum_parts(
+                        plane, listed, nodes, longest, False, is_whole_asked, scratch
+                    )
+                    whole, inside, rules = whole + own, inside + part_inside, rules + more
+                    listed, nodes, is_first = 0, 0, False
+                _lay_part(x0, y0, x1, y1, n, listed, nodes, scratch)
+                listed, nodes, longest = listed + 1, nodes + n, max(longest, (e - s) * length)
+    if listed == 0:
+        return whole, inside, rules
+    own, part_inside, more = _sum_parts(
+        plane, listed, nodes, longest, is_first, is_whole_asked, scratch
     )
-    u[nodes], v[nodes] = u[0], v[0]
+    return whole + own, inside + part_inside, rules + more
+
+
+@allocation_free
+def _sum_parts(plane, parts, nodes, longest, is_all, is_whole_asked, scratch):
+    """Integrals along the parts of edges that are listed, as the results of `polygon_image`.
+
+    `is_all` says that they are a whole polygon. If not, they are a piece of its border, and the
+    integral of u dv along it is a summand of both areas.
+    """
+    x, y, u, v, ends, rules = (
+        scratch.x, scratch.y, scratch.u, scratch.v, scratch.ends, scratch.rules,
+    )  # fmt: skip
+    for k in range(nodes, nodes + GROUP):
+        x[k], y[k] = ends[parts - 1, 2], ends[parts - 1, 3]
+    asked = nodes if is_all else nodes + 1
+    project_lanes(plane.code, plane.params, plane.frame, x, y, scratch.z, asked, u, v)
+    if is_all:
+        u[nodes], v[nodes] = u[0], v[0]
     low_u, high_u, low_v, high_v = u[0], u[0], v[0], v[0]
-    for k in range(nodes):
+    for k in range(nodes + 1):
         low_u, high_u = min(low_u, u[k]), max(high_u, u[k])
         low_v, high_v = min(low_v, v[k]), max(high_v, v[k])
-    stray = plane.bend * stray * stray / 8
+    stray = plane.bend * longest * longest / 8
     W, H = plane.width, plane.height
     is_in = low_u > stray and low_v > stray and high_u < W - stray and high_v < H - stray
     whole, at = math.nan, 0
-    if is_in or is_whole_asked:
+    if is_in or is_whole_asked or not is_all:
         whole = 0.0
         for part in range(parts):
             n = rules[part]
-            whole += under_edge(n, u[at : at + n + 1], v[at : at + n + 1], u[0])
+            whole += under_edge(n, u[at : at + n + 1], v[at : at + n + 1], u[0] if is_all else 0.0)
             at += n
-    if is_in:
+    if is_all and is_in:
         return whole, whole, parts
-    if high_u < -stray or high_v < -stray or low_u > W + stray or low_v > H + stray:
+    is_out = high_u < -stray or high_v < -stray or low_u > W + stray or low_v > H + stray
+    if is_all and is_out:
         return whole, 0.0, parts
     inside, pieces, at = 0.0, 0, 0
     for part in range(parts):
-        n = rules[part]
         own, more = _part_inside(plane, part, at, scratch)
         inside += own
         pieces += more
-        at += n
+        at += rules[part]
     return whole, inside, pieces
 
 
@@ -175,90 +211,14 @@ def _part_inside(plane, part, at, scratch):
 
 
 @part_with_arrays
-def _lay_edge(ax, ay, bx, by, n, parts, listed, nodes, scratch):
-    """List the parts of an edge, and their nodes, behind those that are listed."""
-    x, y, ends, rules = scratch.x, scratch.y, scratch.ends, scratch.rules
-    for part in range(parts):
-        x0, y0, x1, y1 = _ends(ax, ay, bx, by, part / parts, (part + 1) / parts)
-        ends[listed, 0], ends[listed, 1], ends[listed, 2], ends[listed, 3] = x0, y0, x1, y1
-        rules[listed] = n
-        listed += 1
-        for k in range(n):
-            t, s = NODES[n, k], NODES[n, n - k]
-            x[nodes], y[nodes] = s * x0 + t * x1, s * y0 + t * y1
-            nodes += 1
-
-
-@allocation_free
-def _lay_nodes(plane, corners, first, last, scratch):
-    """List the parts of the edges of a polygon, and their nodes.
-
-    Returns the number of parts, -1 where there is no room for them, and the length of the longest.
-    """
-    x, y = scratch.x, scratch.y
-    listed, nodes, longest = 0, 0, 0.0
-    for i in range(first, last):
-        j = i + 1 if i + 1 < last else first
-        ax, ay, bx, by = corners[i, 0], corners[i, 1], corners[j, 0], corners[j, 1]
-        length = math.sqrt((bx - ax) * (bx - ax) + (by - ay) * (by - ay))
-        if length == 0.0:
-            continue
-        n, parts = nodes_for(0.5 * length, plane.longest, plane.parts_of)
-        longest = max(longest, length / parts)
-        if parts > MOST_PARTS - listed or n * parts > MOST_NODES - nodes:
-            return -1, longest
-        _lay_edge(ax, ay, bx, by, n, parts, listed, nodes, scratch)
-        listed, nodes = listed + parts, nodes + n * parts
-    for k in range(nodes, nodes + GROUP):
-        x[k], y[k] = x[0], y[0]
-    return listed, longest
-
-
-@called_whole
-def _image_by_edges(plane, corners, first, last, scratch):
-    """Image of a polygon as `polygon_image`, of any number of parts, on any plane."""
-    rules, u0, whole, stray = 0, 0.0, 0.0, 0.0
-    low_u = low_v = math.inf
-    high_u = high_v = -math.inf
-    U, V = scratch.U, scratch.V
-    for i in range(first, last):
-        j = i + 1 if i + 1 < last else first
-        ax, ay, bx, by = corners[i, 0], corners[i, 1], corners[j, 0], corners[j, 1]
-        dx, dy = bx - ax, by - ay
-        length = math.sqrt(dx * dx + dy * dy)
-        if length == 0.0:
-            continue
-        n, parts = plane.parts_of, 1
-        if not plane.is_graded:
-            n, parts = nodes_for(0.5 * length, plane.longest, plane.parts_of)
-        for part in range(parts):
-            top, scratch.waiting[0, 0], scratch.waiting[0, 1] = 1, part / parts, (part + 1) / parts
-            while top > 0:
-                top -= 1
-                s, e = scratch.waiting[top, 0], scratch.waiting[top, 1]
-                x0, y0, x1, y1 = _ends(ax, ay, bx, by, s, e)
-                if plane.is_graded and not _is_short(x0, y0, x1, y1, plane.longest[n], top):
-                    top = _halve(scratch.waiting, top, s, e)
-                    continue
-                edge_values(plane.code, plane.params, plane.frame, x0, y0, x1, y1, n, U, V)
-                if rules == 0:
-                    u0 = U[0]
-                rules += 1
-                whole += under_edge(n, U, V, u0)
-                stray = max(stray, (e - s) * length)
-                for k in range(n + 1):
-                    low_u, high_u = min(low_u, U[k]), max(high_u, U[k])
-                    low_v, high_v = min(low_v, V[k]), max(high_v, V[k])
-    if rules == 0:
-        return 0.0, 0.0, 0
-    stray = plane.bend * stray * stray / 8
-    W, H = plane.width, plane.height
-    if low_u > stray and low_v > stray and high_u < W - stray and high_v < H - stray:
-        return whole, whole, rules
-    if high_u < -stray or high_v < -stray or low_u > W + stray or low_v > H + stray:
-        return whole, 0.0, rules
-    inside, pieces = _clamped(plane, corners, first, last, scratch)
-    return whole, inside, pieces
+def _lay_part(x0, y0, x1, y1, n, listed, nodes, scratch):
+    """List a part of an edge, and its nodes but the last, behind those that are listed."""
+    x, y, ends = scratch.x, scratch.y, scratch.ends
+    ends[listed, 0], ends[listed, 1], ends[listed, 2], ends[listed, 3] = x0, y0, x1, y1
+    scratch.rules[listed] = n
+    for k in range(n):
+        t, s = NODES[n, k], NODES[n, n - k]
+        x[nodes + k], y[nodes + k] = s * x0 + t * x1, s * y0 + t * y1
 
 
 @allocation_free
@@ -268,7 +228,9 @@ def measure_polygons(plane, corners, starts, scratch, out):
     See `polygon_image`; the corners of polygon i are rows starts[i] ... starts[i + 1] - 1.
     """
     for i in range(out.shape[0]):
-        whole, inside, rules = polygon_image(plane, corners, starts[i], starts[i + 1], scratch)
+        whole, inside, rules = polygon_image(
+            plane, corners, starts[i], starts[i + 1], scratch, True
+        )
         out[i, 0], out[i, 1], out[i, 2] = whole, inside, rules
 
 
@@ -279,7 +241,7 @@ def measure_insides(plane, corners, starts, scratch, out):
     As `measure_polygons`.
     """
     for i in range(out.shape[0]):
-        _, inside, rules = _image(plane, corners, starts[i], starts[i + 1], scratch, False)
+        _, inside, rules = polygon_image(plane, corners, starts[i], starts[i + 1], scratch, False)
         out[i, 0], out[i, 1] = inside, rules
 
 
@@ -311,7 +273,9 @@ def bulges_by_parts(plane, edges, ends, places, scratch, bulge):
         nodes = n * parts
         if parts > MOST_PARTS or nodes > MOST_NODES:
             continue
-        _lay_edge(ax, ay, bx, by, n, parts, 0, 0, scratch)
+        for part in range(parts):
+            x0, y0, x1, y1 = _ends(ax, ay, bx, by, part / parts, (part + 1) / parts)
+            _lay_part(x0, y0, x1, y1, n, part, part * n, scratch)
         for k in range(nodes, nodes + GROUP):
             x[k], y[k] = bx, by
         project_lanes(
@@ -321,42 +285,6 @@ def bulges_by_parts(plane, edges, ends, places, scratch, bulge):
         for at in range(0, nodes, n):
             total += under_edge(n, u[at : at + n + 1], v[at : at + n + 1], places[a, U])
         bulge[e] = total - 0.5 * (places[b, U] - places[a, U]) * (places[b, V] - places[a, V])
-
-
-@called_whole
-def _clamped(plane, corners, first, last, scratch):
-    """Area of the part inside the image, and the pieces of edges that were integrated."""
-    inside, rules = 0.0, 0
-    for i in range(first, last):
-        j = i + 1 if i + 1 < last else first
-        ax, ay, bx, by = corners[i, 0], corners[i, 1], corners[j, 0], corners[j, 1]
-        length = math.hypot(bx - ax, by - ay)
-        if length == 0.0:
-            continue
-        n, parts = plane.parts_of, 1
-        if not plane.is_graded:
-            n, parts = nodes_for(0.5 * length, plane.longest, plane.parts_of)
-        for part in range(parts):
-            top, scratch.waiting[0, 0], scratch.waiting[0, 1] = 1, part / parts, (part + 1) / parts
-            while top > 0:
-                top -= 1
-                s, e = scratch.waiting[top, 0], scratch.waiting[top, 1]
-                x0, y0, x1, y1 = _ends(ax, ay, bx, by, s, e)
-                if plane.is_graded and not _is_short(x0, y0, x1, y1, plane.longest[n], top):
-                    top = _halve(scratch.waiting, top, s, e)
-                    continue
-                edge_values(
-                    plane.code, plane.params, plane.frame, x0, y0, x1, y1, n, scratch.U, scratch.V
-                )
-                stray = _stray(plane, n, (x1 - x0) * (x1 - x0) + (y1 - y0) * (y1 - y0))
-                own, pieces = clamped_edge(
-                    plane.code, plane.params, plane.frame, x0, y0, x1, y1, n, plane.width,
-                    plane.height, stray, scratch.U, scratch.V, scratch.stack, scratch.low,
-                    scratch.spare, scratch.cuts, scratch.kinds, scratch.nodes,
-                )  # fmt: skip
-                inside += own
-                rules += pieces
-    return inside, rules
 
 
 @allocation_free
@@ -400,25 +328,6 @@ def is_in_region(polygon, n, region):
 
 
 @part_with_arrays
-def cut_to_side(polygon, n, x0, y0, dx, dy, out):
-    """Keep the part of a polygon to the left of a line; returns its corner count."""
-    kept = 0
-    for i in range(n):
-        j = i + 1 if i + 1 < n else 0
-        here = dx * (polygon[i, 1] - y0) - dy * (polygon[i, 0] - x0)
-        there = dx * (polygon[j, 1] - y0) - dy * (polygon[j, 0] - x0)
-        if here >= 0 and kept < out.shape[0]:
-            out[kept, 0], out[kept, 1] = polygon[i, 0], polygon[i, 1]
-            kept += 1
-        if ((here > 0 and there < 0) or (here < 0 and there > 0)) and kept < out.shape[0]:
-            t = here / (here - there)
-            out[kept, 0] = polygon[i, 0] + t * (polygon[j, 0] - polygon[i, 0])
-            out[kept, 1] = polygon[i, 1] + t * (polygon[j, 1] - polygon[i, 1])
-            kept += 1
-    return kept
-
-
-@part_with_arrays
 def cut_to_region(polygon, n, region, spare):
     """Cut a polygon in place to a convex region; returns its corner count."""
     for i in range(region.shape[0]):
@@ -433,7 +342,8 @@ def cut_to_side_of(polygon, n, region, i, spare):
     """Cut a polygon in place to one side of a convex region; returns its corner count."""
     j = i + 1 if i + 1 < region.shape[0] else 0
     x0, y0 = region[i, 0], region[i, 1]
-    n = cut_to_side(polygon, n, x0, y0, region[j, 0] - x0, region[j, 1] - y0, spare)
+    side = (x0, y0, region[j, 0] - x0, region[j, 1] - y0, 0.0)
+    n = keep_inside(polygon, n, side, spare)
     for p in range(n):
         polygon[p, 0], polygon[p, 1] = spare[p, 0], spare[p, 1]
     return n
@@ -447,4 +357,27 @@ def beyond_side_of(polygon, n, region, i, out):
     """
     j = i + 1 if i + 1 < region.shape[0] else 0
     x0, y0 = region[i, 0], region[i, 1]
-    return cut_to_side(polygon, n, x0, y0, x0 - region[j, 0], y0 - region[j, 1], out)
+    return keep_inside(polygon, n, (x0, y0, x0 - region[j, 0], y0 - region[j, 1], 0.0), out)
+
+
+@part_with_arrays
+def cut_in_space(points, n, a, b, c, d, spare):
+    """Keep the part of a polygon in space with a X + b Y + c Z >= d, in place; its corner count."""
+    kept = 0
+    for i in range(n):
+        j = i + 1 if i + 1 < n else 0
+        here = a * points[i, 0] + b * points[i, 1] + c * points[i, 2] - d
+        there = a * points[j, 0] + b * points[j, 1] + c * points[j, 2] - d
+        if here >= 0 and kept < spare.shape[0]:
+            for k in range(3):
+                spare[kept, k] = points[i, k]
+            kept += 1
+        if ((here > 0 and there < 0) or (here < 0 and there > 0)) and kept < spare.shape[0]:
+            t = here / (here - there)
+            for k in range(3):
+                spare[kept, k] = points[i, k] + t * (points[j, k] - points[i, k])
+            kept += 1
+    for i in range(kept):
+        for k in range(3):
+            points[i, k] = spare[i, k]
+    return kept

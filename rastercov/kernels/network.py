@@ -5,41 +5,38 @@ sums of a network, and keeps those of chosen pairs as rows. Its twin is in
 `rastercov.reference.coverage`.
 """
 
+from collections import namedtuple
 from typing import NamedTuple
 
 import numpy as np
+from numba.core import types
 from numpy.typing import NDArray
 
 from rastercov.kernels import decision as code
 from rastercov.kernels.coverage import (
+    ROWS,
+    TYPES,
     cosine_of,
-    density_of,
     exceeds_incidence,
     measure_face,
     put_bound,
 )
 from rastercov.kernels.criteria import (
-    facing_density,
-    image_of_face,
     incidence_angle,
     project,
 )
 from rastercov.kernels.decision import AT_A_TIME, decide_block
 from rastercov.kernels.face_blocks import add_backs, add_lanes, are_behind, judge_eight
 from rastercov.kernels.jit import allocation_free, part_with_arrays
-from rastercov.kernels.simd_kernel import pointer, pointers
-from rastercov.kernels.vertex_blocks import INSIDE, X, Y, Z
+from rastercov.kernels.simd_kernel import pointer, pointers, simd
 
 NO_PAIRS, COVERED_PAIRS, SEEN_PAIRS, ALL_PAIRS = range(4)
-"""Indices of `rastercov.coverage.judged_poses.CHOICES`."""
+"""Indices of `rastercov.coverage.network.CHOICES`."""
 
 
 PLANE_ROUNDING = 1e-12
 """Of the distance of a point from a plane, to the sum of their coordinates: greater than the error,
 so that a point beyond it is behind the face in any order of operations."""
-CLEAR_REL = 1e-5
-"""Relative difference from which squares of cosines decide. Their own error is less where a tenth
-of it, times the height of a camera above a plane, exceeds the rounding of that height."""
 
 
 class Sums(NamedTuple):
@@ -57,35 +54,26 @@ class Sums(NamedTuple):
     bounds: NDArray[np.float64]
 
 
-class PairRows(NamedTuple):
-    """Columns of a table of pairs of pose and face, (R,) each: their indices, then the figures.
+PairRows = namedtuple(
+    "PairRows",
+    "pose face in_view in_view_fraction projected_area visible_pixels drawn_pixels resolution "
+    "pixel_density facing_density in_focus visibility visibility_bound visibility_kind incidence "
+    "coverage reason",
+)
+"""Columns of a table of pairs of pose and face, (R,) each: their indices, then the figures.
 
-    Figures are named as in `Figures`, floats are float32, and what has a name is its code.
-    """
-
-    pose: NDArray[np.int32]
-    face: NDArray[np.int32]
-    in_view: NDArray[np.bool_]
-    in_view_fraction: NDArray[np.float32]
-    projected_area: NDArray[np.float32]
-    visible_pixels: NDArray[np.float32]
-    drawn_pixels: NDArray[np.float32]
-    resolution: NDArray[np.float32]
-    pixel_density: NDArray[np.float32]
-    facing_density: NDArray[np.float32]
-    in_focus: NDArray[np.bool_]
-    visibility: NDArray[np.float32]
-    visibility_bound: NDArray[np.float32]
-    visibility_kind: NDArray[np.int32]
-    incidence: NDArray[np.float32]
-    coverage: NDArray[np.float32]
-    reason: NDArray[np.int32]
-
-
-ROW_TYPES: dict[str, type] = {
-    name: np.bool_ if name in ("in_view", "in_focus") else np.float32 for name in PairRows._fields
-} | dict.fromkeys(("pose", "face", "visibility_kind", "reason"), np.int32)
+Figures are named as in `Figures`, floats are float32, and what has a name is its code.
+"""
+_SHORT = {np.bool_: np.bool_, np.float64: np.float32, np.uint8: np.int32}
+ROW_TYPES: dict[str, type] = {"pose": np.int32, "face": np.int32} | {
+    name: _SHORT[kind] for name, kind in TYPES.items()
+}
 """Types of the columns of `PairRows`."""
+_COPIED = {
+    name: row
+    for name, row in ROWS.items()
+    if name not in ("visibility", "visibility_bound", "incidence")
+}
 
 
 class Sink(NamedTuple):
@@ -140,28 +128,21 @@ def add_rows(is_scored, coverage, reason, bound, kind, fraction, sums, covered_f
             )  # fmt: skip
 
 
+@simd(returns=types.void)
+def copy_lane(at, block, lane, rows):
+    """Put the figures that need no change from a lane of a block into row `at`; by pointers."""
+    for name, row in _COPIED.items():
+        getattr(rows, name).put(at, block.value(lane + row * AT_A_TIME))
+
+
 @part_with_arrays
 def add_row(at, pose_id, f, block, lane, rows):
     """Put the figures of a pair, a lane of a block, into row `at`.
 
     The bound includes the rounding of the visible fraction to float32, so that it still holds.
     """
+    copy_lane(at, pointer(block), lane, pointers(rows))
     rows.pose[at], rows.face[at] = pose_id, f
-    rows.in_view[at], rows.in_focus[at] = (
-        block[code.IN_VIEW, lane] > 0,
-        block[code.FOCUSED, lane] > 0,
-    )
-    rows.in_view_fraction[at] = block[code.PART, lane]
-    rows.projected_area[at] = block[code.AREA, lane]
-    rows.visible_pixels[at], rows.drawn_pixels[at] = (
-        block[code.VISIBLE, lane],
-        block[code.DRAWN, lane],
-    )
-    rows.resolution[at] = block[code.RESOLUTION, lane]
-    rows.pixel_density[at], rows.facing_density[at] = (
-        block[code.DENSITY, lane],
-        block[code.FACING, lane],
-    )
     visibility = block[code.VISIBILITY, lane]
     short = np.float32(visibility)
     bound = block[code.BOUND, lane] + abs(short - visibility)
@@ -169,37 +150,11 @@ def add_row(at, pose_id, f, block, lane, rows):
     if short_bound < bound:
         short_bound = np.nextafter(short_bound, np.float32(np.inf))
     rows.visibility[at], rows.visibility_bound[at] = short, short_bound
-    rows.visibility_kind[at] = np.int64(block[code.KIND, lane])
     rows.incidence[at] = incidence_angle(block[code.COSINE, lane])
-    rows.coverage[at] = block[code.COVERAGE, lane]
-    rows.reason[at] = np.int64(block[code.REASON, lane])
 
 
 @part_with_arrays
-def orientation(scene, seen, rules, points, row, f, height, rounding):
-    """True if a face is seen from the front; True if its angle of incidence is too great.
-
-    `height` is that of the camera centre above the plane of the face, which the cosine of the angle
-    is to the distance of the centroid. Squares decide, without a root or a quotient, unless they
-    are equal to `CLEAR_REL` or the height to its rounding: then the cosine does.
-    """
-    i, j, k = scene.faces[f, 0], scene.faces[f, 1], scene.faces[f, 2]
-    x = points[i, X] + points[j, X] + points[k, X]
-    y = points[i, Y] + points[j, Y] + points[k, Y]
-    z = points[i, Z] + points[j, Z] + points[k, Z]
-    squared = 9 * (height * height)
-    least = rules.cos_incidence * rules.cos_incidence * (x * x + y * y + z * z)
-    if 0.1 * CLEAR_REL * abs(height) > rounding and (
-        squared > (1 + CLEAR_REL) * least or squared < (1 - CLEAR_REL) * least
-    ):
-        is_front = (height > 0 or scene.two_sided[f]) and not scene.degenerate[f]
-        return is_front, squared < least
-    cosine = cosine_of(scene, seen, points, row, f)
-    return cosine > 0 and not scene.degenerate[f], exceeds_incidence(cosine, rules)
-
-
-@part_with_arrays
-def measure_each(first, n, row, scene, lens, seen, work, rules, rounding, measures_all):
+def measure_each(first, n, row, scene, lens, seen, work, rules, rounding, measures_all, has_rows):
     """Measure n faces one by one; unless all are asked for, those seen from behind are left out."""
     block, pose, normals = work.block, seen.poses[row], scene.normals
     for lane in range(n):
@@ -208,39 +163,16 @@ def measure_each(first, n, row, scene, lens, seen, work, rules, rounding, measur
         height = height + normals[f, 2] * pose[2, 3] - scene.offsets[f]
         is_behind = height < -rounding and not scene.two_sided[f]
         if (is_behind or scene.degenerate[f]) and not measures_all:
-            block[code.SIDE, lane], block[code.PART, lane] = (
-                -1.0 if scene.degenerate[f] else 0.0,
-                0.0,
-            )
+            block[code.SIDE, lane] = -1.0 if scene.degenerate[f] else 0.0
+            block[code.PART, lane] = 0.0
             continue
-        is_front, is_oblique = orientation(
-            scene, seen, rules, work.points, row, f, height, rounding
-        )
+        cosine = cosine_of(scene, seen, work.points, row, f)
+        block[code.COSINE, lane] = cosine
         measure_face(
-            lane, f, scene, lens, seen, row, rules, work, is_front, is_oblique, False,
-            rules.min_pixel_density > 0, rules.min_facing_density > 0,
+            lane, f, scene, lens, seen, row, rules, work, cosine > 0 and not scene.degenerate[f],
+            exceeds_incidence(cosine, rules), has_rows, has_rows or rules.min_pixel_density > 0,
+            has_rows or rules.min_facing_density > 0,
         )  # fmt: skip
-
-
-@part_with_arrays
-def complete_row(lane, f, row, scene, lens, seen, work, rules):
-    """Fill what `measure_each` leaves out of the figures of a face."""
-    points, block, near = work.points, work.block, seen.near[row]
-    i, j, k = scene.faces[f, 0], scene.faces[f, 1], scene.faces[f, 2]
-    state, part = block[code.STATE_OF_FACE, lane], block[code.PART, lane]
-    if not seen.kind.size:  # counted, and no area has been asked for
-        state, part, area = image_of_face(points, i, j, k, near, lens, work, -1.0)
-        block[code.IN_VIEW, lane], block[code.PART, lane] = (
-            1.0 if state == INSIDE else 0.0,
-            part,
-        )
-        block[code.AREA, lane] = area
-    if not rules.min_facing_density > 0:
-        block[code.FACING, lane] = facing_density(points, i, j, k, lens)
-    if not rules.min_pixel_density > 0:
-        block[code.DENSITY, lane] = density_of(
-            scene, lens, seen, points, row, f, block[code.SIDE, lane] > 0, state, part
-        )
 
 
 @allocation_free
@@ -278,7 +210,17 @@ def add_pose(row, turn, scene, lens, seen, work, rules, is_scored, sums, covered
             continue
         if not has_bounds:
             measure_each(
-                first, n, row, scene, lens, seen, work, rules, rounding, choice == ALL_PAIRS
+                first,
+                n,
+                row,
+                scene,
+                lens,
+                seen,
+                work,
+                rules,
+                rounding,
+                choice == ALL_PAIRS,
+                has_rows,
             )
             decide_block(rules, pointer(block))
         for lane in range(n):
@@ -290,12 +232,8 @@ def add_pose(row, turn, scene, lens, seen, work, rules, is_scored, sums, covered
             if not has_bounds and (
                 is_row or (in_view and sums.bounds[0] < 1) or (covers and sums.bounds[1] < 1)
             ):
-                cosine = cosine_of(scene, seen, work.points, row, f)
-                put_bound(lane, f, scene, lens, seen, row, work, cosine)
-                block[code.COSINE, lane] = cosine
+                put_bound(lane, f, scene, lens, seen, row, work, block[code.COSINE, lane])
             if is_row:
-                if not has_bounds:
-                    complete_row(lane, f, row, scene, lens, seen, work, rules)
                 at = turn * n_faces + sink.counts[turn]
                 sink.counts[turn] += 1
                 add_row(at, sink.pose_ids[row], f, block, lane, sink.rows)

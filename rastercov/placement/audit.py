@@ -26,9 +26,8 @@ from rastercov.base.format import InOneLine
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, cameras_of, check_scene, names_of
 from rastercov.cluster import Made, Workers
-from rastercov.coverage.area.by_camera import cameras_apart
 from rastercov.coverage.area.cells import Cells, cells, usual_size
-from rastercov.coverage.area.network import AreaNetwork, unit_of_result
+from rastercov.coverage.area.network import AreaNetwork, cameras_apart, unit_of_result
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.network import Network
 from rastercov.coverage.shards import EvaluationShards, Source, Wanted, open_for
@@ -431,7 +430,7 @@ def _figures(
     """Best density and its camera, and widest angle, (E,)."""
     from rastercov.base.memory import read_only
     from rastercov.coverage.records import lens_of
-    from rastercov.kernels import audit
+    from rastercov.kernels import spread
     from rastercov.kernels.placement_presolve import by_face
 
     n = problem.n_faces
@@ -440,12 +439,12 @@ def _figures(
     points, normals, matrices = (read_only(array, np.float64) for array in arrays)
     best, by = np.zeros(n), np.full(n, -1, np.int32)
     for index, _ in poses.by_camera():
-        audit.best_densities(
+        spread.best_densities(
             starts, camera, points, normals, matrices, poses.camera, index,
             lens_of(cameras[index]), best, by,
         )  # fmt: skip
     widest = np.empty(n)
-    audit.widest_angles(starts, camera, points, np.ascontiguousarray(problem.eyes), widest)
+    spread.widest_angles(starts, camera, points, np.ascontiguousarray(problem.eyes), widest)
     return best, by, widest
 
 

@@ -68,10 +68,10 @@ from rastercov.cluster.store import renew
 from rastercov.cluster.work import FolderLostError
 from rastercov.coverage.area.cells import cells
 from rastercov.coverage.area.frames import check_same_mesh
-from rastercov.coverage.area.observer import RegionObserver
+from rastercov.coverage.area.regions import RegionObserver
 from rastercov.coverage.coverage import evaluate_batches, judged, measurements
 from rastercov.coverage.engine import Engine
-from rastercov.coverage.face_pass import CoveragePass
+from rastercov.coverage.face_pass import FacePass
 from rastercov.coverage.observer import ExactObserver, open_observer
 from rastercov.placement.uncovered import FIGURES, CandidateBounds
 
@@ -687,7 +687,7 @@ def _of_cells(
     observer: Any, cells: Cells, poses: Poses, task: Task, bounds: CandidateBounds | None
 ) -> Iterator[Batch]:
     """Pairs of poses and cells with a covered share; visibility is computed once for both."""
-    judge = CoveragePass(observer, task)
+    judge = FacePass(observer.mesh, observer.camera, observer.threads, task)
     for part, seen in measurements(observer, poses):
         found = cells.share(seen.regions)  # type: ignore[union-attr] # of a RegionObserver
         pose = np.repeat(np.arange(len(part)), np.diff(found.starts))

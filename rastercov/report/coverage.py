@@ -36,11 +36,11 @@ from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, cameras_of, names_of
 from rastercov.coverage.area.network import unit_of_result
 from rastercov.coverage.area.regions import RegionPass, Regions
-from rastercov.coverage.criteria import face_geometry
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.evaluation import Evaluation
+from rastercov.coverage.face_pass import faces_in_view
 from rastercov.coverage.job import ALONE, Staff, measure
-from rastercov.coverage.judged_poses import CHOICES
+from rastercov.coverage.network import CHOICES
 from rastercov.coverage.shards import UNFINISHED, Wanted, open_for, remove
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
@@ -351,13 +351,8 @@ def table_of(mesh: Mesh, camera: Cameras, poses: Poses) -> str:
     if total * mesh.n_faces <= MOST_ROWS:
         return "seen"
     some = np.linspace(0, total - 1, min(16, 1 + total // 64)).astype(int)
-    cameras = cameras_of(camera)
-    views = (
-        face_geometry(mesh, cameras[poses.camera[row]], poses.world_from_camera[row])
-        for row in some
-    )
-    seen = [np.count_nonzero(view.is_front & (view.in_view_fraction > 0)) for view in views]
-    rows = round(float(np.mean(seen)) * total)
+    seen = faces_in_view(mesh, camera, poses[some])
+    rows = round(np.count_nonzero(seen) / len(some) * total)
     if rows <= MOST_ROWS:
         return "seen"
     LOG.warning(

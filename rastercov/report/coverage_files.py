@@ -41,7 +41,7 @@ from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
 from rastercov.base.output import write_bytes
-from rastercov.coverage.area.rest import with_rest
+from rastercov.coverage.area.union import with_rest
 from rastercov.mesh.formats.gltf_file import Y_UP, GlbBuffer
 from rastercov.report import theme
 from rastercov.report.images import OPACITY, png

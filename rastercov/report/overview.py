@@ -316,7 +316,7 @@ def zones_picture(
     zones : DeadZones
         Zones, the largest first.
     summary : mapping
-        `rastercov.coverage.area.zone_report.summary_of` of them.
+        `rastercov.coverage.area.zones.summary_of` of them.
     eyes : (P, 3) array_like
         Cameras, as for `look`.
     """

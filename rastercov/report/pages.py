@@ -40,8 +40,7 @@ from rastercov.camera.pose import Poses
 from rastercov.camera.projection import view_border
 from rastercov.camera.rig import Cameras, cameras_of, names_of
 from rastercov.coverage.area.union import Covered
-from rastercov.coverage.area.zone_report import zone_line
-from rastercov.coverage.area.zones import DeadZones
+from rastercov.coverage.area.zones import DeadZones, zone_line
 from rastercov.coverage.network import Network
 from rastercov.coverage.reasons import REASONS, reason_rows
 from rastercov.mesh import Mesh

@@ -27,8 +27,8 @@ from rastercov.base.format import percent, plural, verb
 from rastercov.base.interrupts import interrupts_held
 from rastercov.base.output import write_json, write_text
 from rastercov.cluster import Workers
-from rastercov.coverage.area.zone_report import ZONES
-from rastercov.coverage.half_covered import half_covered
+from rastercov.coverage.area.zones import ZONES
+from rastercov.coverage.doubts import half_covered
 from rastercov.coverage.provenance import Provenance, plain_cameras
 from rastercov.placement.plan.file import Plan
 from rastercov.placement.plan.network import OF, Measured, area_lines, goal_of, summary_of

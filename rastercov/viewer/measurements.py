@@ -25,10 +25,9 @@ from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.coverage import Coverage, evaluate_batches
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.job import evaluate
-from rastercov.coverage.network import share_of_faces
+from rastercov.coverage.network import ViewSpread, share_of_faces
 from rastercov.coverage.observer import Observer, open_observer
 from rastercov.coverage.reasons import NAMES, REASONS, reason_rows
-from rastercov.coverage.spread import ViewSpread
 from rastercov.coverage.task import Reason, Task
 from rastercov.mesh import Mesh
 from rastercov.placement.uncovered import in_front
@@ -215,8 +214,8 @@ class NetworkFigures:
     def widest_angle(self) -> FloatArray:
         """Greatest angle between rays to two cameras that cover the face, degrees; 0 for none."""
         from rastercov.base.memory import read_only
-        from rastercov.kernels.audit import widest_angles
         from rastercov.kernels.placement_presolve import by_face
+        from rastercov.kernels.spread import widest_angles
 
         faces = [np.flatnonzero(row.covers).astype(np.int32) for row in self.rows]
         ends = np.concatenate([[0], np.cumsum([len(each) for each in faces])]).astype(np.int64)

@@ -21,7 +21,7 @@ from rastercov.base.interrupts import ABANDONED
 from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import look_at
 from rastercov.coverage.coverage import evaluate_batches
-from rastercov.coverage.spread import least_cosine
+from rastercov.coverage.network import least_cosine
 from rastercov.coverage.task import Reason
 from rastercov.mesh import Mesh
 from rastercov.placement.candidates.pool import turns_about_z

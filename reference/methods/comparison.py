@@ -22,10 +22,10 @@ from rastercov.base.errors import ConfigError
 from rastercov.base.interrupts import interrupts_held
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import valid_poses
-from rastercov.coverage.criteria import face_geometry
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.provenance import Provenance
 from rastercov.mesh import Mesh
+from rastercov.reference.criteria import measured_geometry as face_geometry
 from rastercov.reference.methods.contenders import (
     REFERENCES,
     open_contender,

@@ -45,9 +45,9 @@ from numpy.typing import ArrayLike
 from rastercov.base.errors import ConfigError
 from rastercov.camera.camera import Camera
 from rastercov.camera.projection import to_camera
-from rastercov.coverage.criteria import face_geometry
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
+from rastercov.reference.criteria import measured_geometry as face_geometry
 from rastercov.reference.models.base import (
     BoolArray,
     Criteria,

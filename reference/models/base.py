@@ -20,9 +20,9 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.models import MODELS as LENSES
 from rastercov.camera.near_plane import near_limit
 from rastercov.camera.pose import valid_poses
-from rastercov.coverage.criteria import FaceGeometry, in_focus
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
+from rastercov.reference.criteria import FaceGeometry, in_focus
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

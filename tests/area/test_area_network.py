@@ -10,9 +10,8 @@ from surface_cases import hostile_scene, room
 import rastercov as rc
 from rastercov.base.errors import ConfigError
 from rastercov.coverage.area.network import AreaNetwork, in_words, unit_of_result
-from rastercov.coverage.area.observer import RegionObserver
-from rastercov.coverage.area.rest import with_rest
-from rastercov.coverage.area.union import polygon_areas
+from rastercov.coverage.area.regions import RegionObserver
+from rastercov.coverage.area.union import polygon_areas, with_rest
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.network import Network
 from rastercov.mesh import Group

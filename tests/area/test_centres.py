@@ -9,7 +9,7 @@ from surface_cases import building, room
 
 import rastercov as rc
 from rastercov.base.errors import ConfigError
-from rastercov.coverage.area.centres import CentrePass
+from rastercov.coverage.area.failures import CentrePass
 from rastercov.reference.regions import covers_points
 
 TASKS = [

@@ -10,8 +10,8 @@ from surface_cases import hostile_scene
 import rastercov as rc
 from rastercov.camera.pose import Poses
 from rastercov.coverage.area.regions import RegionPass
+from rastercov.coverage.exact_pass import Figures
 from rastercov.exact.certificate import CertificateSolver
-from rastercov.exact.figures import Figures
 from rastercov.mesh import Group, Mesh
 from rastercov.raster.observation import BoundKind
 

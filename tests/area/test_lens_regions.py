@@ -12,10 +12,9 @@ from surface_cases import assert_pointwise, building, cut_at_random, hostile_sce
 
 import rastercov as rc
 from rastercov.coverage.area import regions as area_regions
-from rastercov.coverage.area.centres import CentrePass
-from rastercov.coverage.area.failures import first_failures
+from rastercov.coverage.area.failures import CentrePass, first_failures
 from rastercov.coverage.area.regions import RegionPass
-from rastercov.exact.figures import Figures
+from rastercov.coverage.exact_pass import Figures
 from rastercov.reference.regions import covers_points, points_on
 
 MESH, PINHOLE, POSES = room()

@@ -11,8 +11,8 @@ from target_scenes import beside, only, sheet_at, some_as_targets
 import rastercov as rc
 from rastercov.coverage.area.failures import first_failures
 from rastercov.coverage.area.network import AreaNetwork
-from rastercov.coverage.area.observer import RegionObserver
-from rastercov.coverage.area.rest import with_rest
+from rastercov.coverage.area.regions import RegionObserver
+from rastercov.coverage.area.union import with_rest
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.task import Reason
 from rastercov.reference.regions import covers_points, points_on

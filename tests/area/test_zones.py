@@ -12,8 +12,7 @@ from rastercov.base.errors import ConfigError
 from rastercov.coverage.area.failures import first_failures
 from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.area.union import RegionUnion, polygon_areas
-from rastercov.coverage.area.zone_report import summary_of, zone_lines
-from rastercov.coverage.area.zones import dead_zones
+from rastercov.coverage.area.zones import dead_zones, summary_of, zone_lines
 from rastercov.coverage.reasons import REASONS
 from rastercov.mesh import shapes
 from rastercov.reference.regions import covers_points, points_on

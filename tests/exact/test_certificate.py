@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from exact_cases import AHEAD, box, hostile, known_cases, slivers, triangles, window
-from exact_views import SEEDS, look, see_again, seen_with, wrong_certificates
+from exact_views import SEEDS, look, regions_of, see_again, seen_with, wrong_certificates
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from nightly import examples
@@ -370,7 +370,7 @@ def test_an_edge_of_three_faces_ends_a_region():
     points = [(0, -1, 4), (0, 1, 4), (-1, 0, 4), (1, 0, 4), (0.01, 0, 5)]
     faces = [(0, 1, 2), (1, 0, 3), (0, 1, 4)]
     view = agree(Mesh(vertices=points, faces=faces), window(), AHEAD)
-    assert view.region[0] != view.region[1]
+    assert regions_of(view)[0] != regions_of(view)[1]
 
 
 @pytest.mark.parametrize("turn", [False, True])
@@ -378,7 +378,7 @@ def test_an_edge_of_two_faces_carries_the_answer_whatever_their_winding(turn):
     points = [(0, -1, 4), (0, 1, 4), (-1, 0, 4), (1, 0, 4)]
     faces = [(0, 1, 2), (0, 1, 3) if turn else (1, 0, 3)]
     view = agree(Mesh(vertices=points, faces=faces), window(), AHEAD)
-    assert view.region[0] == view.region[1] >= 0
+    assert regions_of(view)[0] == regions_of(view)[1] >= 0
 
 
 @pytest.mark.parametrize("turn", [False, True])
@@ -399,10 +399,10 @@ def test_a_fold_is_an_outline_whatever_the_winding(turn):
 def test_faces_of_a_region_share_its_answer(seed):
     case = hostile(seed)
     view = look(case.mesh, case.camera, case.pose)
-    assert np.array_equal(view.is_certified, view.region >= 0)
+    assert np.array_equal(view.is_certified, regions_of(view) >= 0)
     assert (view.area[view.is_certified] > 0).all()
-    for number in np.unique(view.region[view.region >= 0]):
-        members = view.region == number
+    for number in np.unique(regions_of(view)[regions_of(view) >= 0]):
+        members = regions_of(view) == number
         part = view.visible[members] / view.area[members]
         assert np.isin(part, (0.0, 1.0)).all()
         assert np.ptp(part) == 0

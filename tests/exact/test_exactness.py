@@ -25,7 +25,6 @@ from scenes import joined, square
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.camera.viewpoints import look_at
-from rastercov.coverage.criteria import face_geometry
 from rastercov.coverage.face_pass import FacePass
 from rastercov.coverage.observer import open_observer, visibility
 from rastercov.exact.certificate import CertificateSolver
@@ -33,6 +32,7 @@ from rastercov.exact.half_planes import HalfPlaneSolver
 from rastercov.mesh import Mesh, shapes
 from rastercov.raster.observation import BoundKind
 from rastercov.reference import polygons, rational
+from rastercov.reference.criteria import face_geometry
 
 CAMERA = Camera(width=320, height=240, fx=260, fy=270)
 KNOWN = known_cases()

@@ -7,7 +7,6 @@ from exact_cases import AHEAD, box, hostile, slivers, triangles, window
 from exact_views import (
     SEEDS,
     assert_within_bounds,
-    for_seeds_on_both_paths,
     fractions,
     look,
     on_both_paths,
@@ -18,16 +17,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import joined, sheet, square
 
-from rastercov.base.errors import ConfigError
 from rastercov.camera.camera import Camera
-from rastercov.camera.viewpoints import look_at, sphere_of_poses
-from rastercov.coverage.criteria import face_geometry
+from rastercov.camera.viewpoints import look_at
 from rastercov.coverage.observer import visibility
-from rastercov.exact.half_planes import HalfPlaneSolver, visible_areas
-from rastercov.exact.memory import room_for_clipped
+from rastercov.exact import half_planes
+from rastercov.exact.half_planes import HalfPlaneSolver, room_for_clipped
 from rastercov.exact.surface import surface_of
 from rastercov.mesh import Mesh, shapes
 from rastercov.reference import rational
+from rastercov.reference.criteria import face_geometry
 
 CAMERA = Camera(width=320, height=240, fx=260, fy=270)
 SQUARES = joined(square(2, 4), square(0.5, 2))
@@ -141,21 +139,19 @@ def test_eight_thousand_boxes_on_one_ground(path):
 
 
 @pytest.mark.slow
-@for_seeds_on_both_paths
-def test_the_grid_changes_no_answer(path, seed):
-    # One cell, or a thousand times as many as asked for.
-    rng = np.random.default_rng(seed)
-    mesh = soup(rng, 50)
-    expected = look(mesh, CAMERA, AHEAD, path).visible
-    for columns, rows in ((1, 1), (97, 1), (1, 113), (64, 64)):
-
-        class Gridded(path):
-            def _lay_grid(self, n_live, columns=columns, rows=rows):
-                per_u, per_v = columns / self.camera.width, rows / self.camera.height
-                self._take_grid(0.0, 0.0, per_u, per_v, columns, rows)
-
-        found = look(mesh, CAMERA, AHEAD, Gridded).visible
-        assert np.abs(found - expected).max() <= 1e-10
+@on_both_paths
+@pytest.mark.parametrize("cells", [0, 300])
+@pytest.mark.parametrize("seed", range(5))
+def test_the_grid_changes_no_answer(monkeypatch, path, cells, seed):
+    # One cell, or hundreds of times as many as usual.
+    mesh = soup(np.random.default_rng(seed), 50)
+    expected = look(mesh, CAMERA, AHEAD, path)
+    monkeypatch.setattr(half_planes, "CELLS_PER_FACE", cells)
+    monkeypatch.setattr(half_planes, "ENTRIES_PER_FACE", np.inf)
+    found = look(mesh, CAMERA, AHEAD, path)
+    n_cells = found.grid.columns * found.grid.rows
+    assert n_cells == 1 if cells == 0 else n_cells > 10_000
+    assert np.abs(found.visible - expected.visible).max() <= 1e-10
 
 
 # --- cameras --------------------------------------------------------------------------------------
@@ -381,44 +377,13 @@ def test_a_small_thing_before_a_vast_one_keeps_its_digits():
     assert np.abs(look(mesh, window(), AHEAD, HalfPlaneSolver).visible - exact).max() <= 1e-9
 
 
-# --- many poses, chosen faces ---------------------------------------------------------------------
-
-
-@pytest.mark.slow
-def test_chosen_faces_of_many_poses_are_those_of_all():
-    mesh, camera = shapes.torus(20, 12), Camera(width=160, height=120, fx=130, fy=130)
-    poses = sphere_of_poses((0, 0, 0), 4, 9)
-    visible, area, bound = visible_areas(mesh, camera, poses)
-    faces = np.random.default_rng(0).permutation(mesh.n_faces)[:50]
-    some, their_area, their_bound = visible_areas(mesh, camera, poses, faces, threads=3)
-    assert np.array_equal(some, visible[:, faces])
-    assert np.array_equal(their_area, area[:, faces])
-    assert np.array_equal(their_bound, bound[:, faces])
-    for row in (0, 5):
-        exact = rational.visible_area(mesh, camera, poses[row], faces)
-        assert np.abs(some[row] - exact).max() <= 1e-9
-
-
 @pytest.mark.slow
 def test_back_faces_are_left_out_where_asked_for():
     mesh, camera = shapes.teapot(4), Camera(width=160, height=120, fx=130, fy=130)
-    pose = look_at((0.2, 0.5, 0.3), (0, 0, 0.08))
+    pose = look_at((0.2, 0.5, 0.3), (0, 0, 0.08))[0]
     both, front = (
-        visible_areas(mesh, camera, pose, front_only=only)[0][0] for only in (False, True)
+        look(mesh, camera, pose, HalfPlaneSolver, front_only=only).visible for only in (False, True)
     )
-    culled = rational.visible_area(mesh, camera, pose[0], cull=True)
+    culled = rational.visible_area(mesh, camera, pose, cull=True)
     assert np.abs(front - culled).max() <= 1e-9
     assert np.abs(front - both).max() > 1  # it is open: what was left out hid something
-    assert np.array_equal(visible_areas(mesh, camera, pose)[0][0], both)
-
-
-@pytest.mark.parametrize("faces", [[-1], [12], [0.5], [[0]], ["a"]])
-def test_faces_that_are_not_there_are_refused(faces):
-    with pytest.raises(ConfigError, match="faces must"):
-        visible_areas(shapes.box((1, 1, 1)), CAMERA, AHEAD, faces)
-
-
-def test_no_faces_and_no_poses_give_empty_arrays():
-    mesh = shapes.box((1, 1, 1))
-    assert visible_areas(mesh, CAMERA, AHEAD, [])[0].shape == (1, 0)
-    assert visible_areas(mesh, CAMERA, np.zeros((0, 4, 4)))[1].shape == (0, 12)

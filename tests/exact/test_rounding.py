@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 
 from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import sphere_of_poses
-from rastercov.exact.half_planes import HalfPlaneSolver, visible_areas
+from rastercov.coverage.observer import open_observer
+from rastercov.exact.half_planes import HalfPlaneSolver
 from rastercov.mesh import Mesh, shapes
 from rastercov.reference import rational
 
@@ -144,7 +145,9 @@ def test_these_scenes_are_harder_than_a_constant_bound_allows():
 def test_the_bound_of_a_solid_is_of_no_consequence():
     mesh = shapes.teapot(6)
     poses = sphere_of_poses(mesh.bounds.mean(axis=0), 0.4, 20)
-    _, area, bound = visible_areas(mesh, CAMERA, poses)
+    with open_observer(mesh, CAMERA, "exact") as observer:
+        seen = observer.observe(poses)
+    area, bound = seen.drawn_pixels, seen.area_error
     large = area > 1
     assert large.sum() > 5000
     assert (bound[large] / area[large]).max() < 1e-7

@@ -11,7 +11,7 @@ from scenes import joined, square
 from target_scenes import only, some_as_targets
 
 import rastercov as rc
-from rastercov.exact import blocks
+from rastercov.exact import surface as blocks
 from rastercov.exact.surface import surface_of
 from rastercov.mesh import Mesh, shapes
 

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 from exact_cases import AHEAD, WINDOW, hostile, triangles
-from exact_views import SEEDS, on_both_paths
+from exact_views import SEEDS, look, on_both_paths
 from hypothesis import assume, given
 from nightly import examples
 from scenes import joined, square
 from target_scenes import beside, only, some_as_targets
 
 from rastercov.camera.near_plane import limits
-from rastercov.exact.half_planes import visible_areas
+from rastercov.exact.half_planes import HalfPlaneSolver
 from rastercov.exact.surface import surface_of
 from rastercov.reference import polygons, rational
 
@@ -128,25 +128,16 @@ def test_a_scene_of_targets_alone_is_wholly_visible(path):
     assert (found["area"] > 0).all()
 
 
-def test_chosen_faces_are_measured_as_all_are():
-    case = hostile(1)
-    mesh = some_as_targets(case.mesh, np.arange(case.mesh.n_faces) % 3 == 0)
-    every = visible_areas(mesh, case.camera, [case.pose])
-    chosen = np.array([5, 0, 3, 4])
-    some = visible_areas(mesh, case.camera, [case.pose], chosen)
-    for found, expected in zip(some, every, strict=True):
-        np.testing.assert_allclose(found, expected[:, chosen], atol=1e-9)
-
-
 def test_targets_are_never_culled_with_back_faces():
     mesh = beside(square(3, 5), square(0.4, 2), square(0.4, 2))
     faces = mesh.faces.copy()
     faces[2:] = faces[2:, ::-1]  # seen from behind
     mesh = type(mesh)(mesh.vertices, faces, mesh.groups, mesh.face_group)
-    visible, area, _ = visible_areas(mesh, WINDOW, [AHEAD], front_only=True)
+    view = look(mesh, WINDOW, AHEAD, HalfPlaneSolver, front_only=True)
+    visible, area = view.visible[view.surface.rows], view.area[view.surface.rows]
     assert np.array_equal(visible, area)
-    assert (area[:, 2:] > 0).all()
-    assert np.array_equal(polygons.visible_area(mesh, WINDOW, AHEAD, cull=True) > 0, visible[0] > 0)
+    assert (area[2:] > 0).all()
+    assert np.array_equal(polygons.visible_area(mesh, WINDOW, AHEAD, cull=True) > 0, visible > 0)
 
 
 def test_the_surface_is_that_of_the_opaque_part():

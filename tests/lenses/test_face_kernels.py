@@ -10,10 +10,10 @@ from nightly import examples
 from rastercov.camera.projection import rays_of
 from rastercov.camera.viewpoints import sphere_of_poses
 from rastercov.coverage.records import lens_of, scene_of, workspace
+from rastercov.kernels.cameras import INSIDE
 from rastercov.kernels.criteria import facing_density, image_of_face, project
 from rastercov.kernels.jit import allocation_free
 from rastercov.kernels.lens_faces import curved_areas
-from rastercov.kernels.vertex_blocks import INSIDE
 from rastercov.mesh import Mesh, shapes
 
 NEAR = 0.05

@@ -22,7 +22,7 @@ from rastercov.camera.lenses.quadrature import (
 )
 from rastercov.kernels import lens_edges as kernels
 from rastercov.kernels import lens_formulas
-from rastercov.kernels.lens_tables import FEWEST, MOST, NODES, RULE, lobatto
+from rastercov.kernels.lens_edges import FEWEST, MOST, NODES, RULE, lobatto
 
 LENSES = of_all_kinds()
 FINE = 40

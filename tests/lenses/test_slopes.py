@@ -7,7 +7,7 @@ from lens_cameras import CAMERAS
 from rastercov import Camera
 from rastercov.camera.lenses.of_camera import lens_of, planes_of, slopes_of
 from rastercov.kernels import lens as kernels
-from rastercov.kernels.lens_slopes import CELLS, bounds_within, sizes_within
+from rastercov.kernels.lens_field import CELLS, bounds_within, sizes_within
 
 STEP = 2e-3
 

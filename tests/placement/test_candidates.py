@@ -11,7 +11,6 @@ from scenes import joined, sheet
 import rastercov as rc
 from rastercov.base.errors import ConfigError, PoseError
 from rastercov.camera.viewpoints import look_at
-from rastercov.coverage.criteria import face_geometry
 from rastercov.mesh import Group, Mesh, shapes
 from rastercov.mesh.contacts import TriangleTree
 from rastercov.placement import (
@@ -40,6 +39,7 @@ from rastercov.placement.candidates.mounting import (
     on_sphere,
     on_walls,
 )
+from rastercov.reference.criteria import face_geometry
 
 CAMERA = rc.Camera(width=640, height=400, fx=800, fy=700)
 SHARP = rc.Camera(width=640, height=400, fx=800, fy=700, focus_range=(0.5, 3.0))

@@ -21,12 +21,12 @@ from rastercov import cli
 from rastercov.base.errors import ConfigError, PoseError
 from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import look_at, sphere_of_poses
-from rastercov.coverage.criteria import face_geometry
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.observer import Observer, open_observer, visibility
 from rastercov.mesh import Mesh, shapes
 from rastercov.raster.observation import BoundKind, Observation
 from rastercov.reference import polygons
+from rastercov.reference.criteria import measured_geometry as face_geometry
 from rastercov.reference.methods import contenders as compare_entrants
 from rastercov.reference.methods import convergence as compare_convergence
 from rastercov.reference.methods.comparison import MIN_FACES, SIGNIFICANCE, _often_enough, compare

@@ -18,12 +18,11 @@ from scenes import joined, sheet, square
 from rastercov.base.errors import ConfigError, PoseError
 from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import look_at, sphere_of_poses
-from rastercov.coverage.criteria import face_geometry
 from rastercov.coverage.job import evaluate
-from rastercov.coverage.line_of_sight import MARGIN, OwnTracer
 from rastercov.coverage.observer import visibility
 from rastercov.coverage.task import Task
 from rastercov.mesh import Group, Mesh, shapes
+from rastercov.reference.criteria import measured_geometry as face_geometry
 from rastercov.reference.models import (
     MODELS,
     alarcon,
@@ -35,7 +34,7 @@ from rastercov.reference.models import (
 )
 from rastercov.reference.models.base import ramp, required_density
 from rastercov.reference.models.comparison import compare_models, covers
-from rastercov.reference.models.line_of_sight import TOLERANCE, LineOfSight
+from rastercov.reference.models.line_of_sight import MARGIN, TOLERANCE, LineOfSight, OwnTracer
 from rastercov.reference.models.report import (
     difference_picture,
     look_at_part,

@@ -25,7 +25,7 @@ from rastercov.base.interrupts import interrupts_held
 from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import sphere_of_poses
 from rastercov.coverage.job import Staff, evaluate
-from rastercov.coverage.judged_poses import CHOICES
+from rastercov.coverage.network import CHOICES
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh, shapes
 from rastercov.raster import open_rasterizer

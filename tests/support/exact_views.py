@@ -12,6 +12,7 @@ from rastercov.camera.viewpoints import look_at
 from rastercov.exact.certificate import CertificateSolver
 from rastercov.exact.half_planes import HalfPlaneSolver
 from rastercov.exact.surface import surface_of
+from rastercov.kernels.exact_records import BLOCK, LIVE, MIXED
 from rastercov.reference import rational
 
 PATHS = (HalfPlaneSolver, CertificateSolver)
@@ -149,3 +150,13 @@ def wrong_certificates(mesh, n_poses, rng):
         certified += int(sure.sum())
         figures += mesh.n_faces
     return wrong, certified, figures
+
+
+def regions_of(view):
+    """(F,) number of the region that decides over each face, -1 for none."""
+    blocks, state = view.surface.blocks, view.projected.block_state
+    is_whole = (state == LIVE) & (view.projected.block_side != MIXED)
+    is_whole = is_whole.repeat(BLOCK)[: len(blocks.patch)]
+    by_patch, by_face = np.split(view._region, [len(blocks.lowest)])
+    found = np.where(is_whole, by_patch[blocks.patch], by_face)
+    return np.where(view.is_certified[: len(found)], found, -1)

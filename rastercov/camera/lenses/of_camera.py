@@ -26,10 +26,9 @@ from rastercov.kernels import lens, lens_formulas
 from rastercov.kernels import lens_field as kernels
 from rastercov.kernels.cameras import MOST_SIDES, CurvedLens
 from rastercov.kernels.lens import project_many
-from rastercov.kernels.lens_field_cells import side_of_image
+from rastercov.kernels.lens_field import Slopes, side_of_image
 from rastercov.kernels.lens_planes import PlaneRecord
 from rastercov.kernels.lens_polygons import edge_scratch, measure_polygons
-from rastercov.kernels.lens_slopes import Slopes
 
 FloatArray = NDArray[np.float64]
 

@@ -1,4 +1,4 @@
-"""Bounds of the error of the areas under the images of edges by `kernels.lens_tables`.
+"""Bounds of the error of the areas under the images of edges by `kernels.lens_edges`.
 
 With Chebyshev coefficients u_a and v_b of u and v along the edge, the rule is off by
 
@@ -32,7 +32,7 @@ from rastercov.camera.lenses.balls import Arithmetic
 from rastercov.camera.lenses.planes import IdealPlane
 from rastercov.kernels import lens_expansions as kernels
 from rastercov.kernels import lens_formulas
-from rastercov.kernels.lens_tables import FEWEST, MOST, NODES, RULE
+from rastercov.kernels.lens_edges import FEWEST, MOST, NODES, RULE
 
 FloatArray = NDArray[np.float64]
 

@@ -21,7 +21,7 @@ from rastercov.camera.lenses.planes import IdealPlane
 from rastercov.camera.lenses.quadrature import DIRECTIONS, ROUNDING_REL, pixels_along_lines
 from rastercov.kernels import lens_formulas
 from rastercov.kernels.lens import jacobian_many
-from rastercov.kernels.lens_slopes import CELLS, PARTS, Slopes
+from rastercov.kernels.lens_field import CELLS, PARTS, Slopes
 
 FloatArray = NDArray[np.float64]
 

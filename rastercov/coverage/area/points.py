@@ -6,8 +6,7 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov.base.memory import check_memory
 from rastercov.coverage.area.frames import to_plane
 from rastercov.coverage.area.regions import Regions
-from rastercov.coverage.area.rest import with_rest
-from rastercov.coverage.area.union import Covered
+from rastercov.coverage.area.union import Covered, with_rest
 from rastercov.coverage.area.zones import DeadZones
 
 SLACK_REL = 1e-9

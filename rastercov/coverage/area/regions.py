@@ -7,33 +7,35 @@ that the covered area does not depend on the triangles that the surface is cut i
 docs/area.md.
 """
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov.base.arguments import check_kind, checked_array
+from rastercov.base.arguments import checked_array
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import InOneLine
-from rastercov.base.threads import ScratchPool, share_poses, thread_count
 from rastercov.camera.camera import Camera
 from rastercov.camera.models import MODELS
-from rastercov.camera.near_plane import limits_of_poses
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, cameras_of, check_scene
+from rastercov.camera.rig import Cameras, check_scene
 from rastercov.coverage.area.frames import frames_of, to_world
-from rastercov.coverage.coverage import batch_size
+from rastercov.coverage.coverage import batch_size, checked_task
 from rastercov.coverage.engine import Engine
+from rastercov.coverage.exact_pass import ExactPass, Figures, PoseSolver
+from rastercov.coverage.observer import OBSERVED, ExactObserver
 from rastercov.coverage.task import Task
-from rastercov.exact.figures import Figures
 from rastercov.mesh import Mesh
+from rastercov.raster.observation import Observation
 
 if TYPE_CHECKING:
     from rastercov.exact.half_planes import HalfPlaneSolver
 
 FloatArray = NDArray[np.float64]
+
 
 GAP_REL = 1e-6
 """Largest distance between the arc of the incidence criterion and its chords, and the mean width
@@ -183,7 +185,7 @@ def regions(
     return finder.find(Poses.of(poses))
 
 
-class RegionPass:
+class RegionPass(ExactPass):
     """Regions of one mesh through its cameras by one task; any number of threads may use it.
 
     Parameters are those of `regions`, and `only_task`: occluders need no figures in `find`. Where
@@ -202,23 +204,13 @@ class RegionPass:
         only_task: bool = False,
     ) -> None:
         check_scene(mesh, camera)
-        cameras = cameras_of(camera)
-        task = Task() if task is None else task
-        check_kind("task", task, Task, "a Task or None", ConfigError)
-        check_pointwise(task)
+        self.task = checked_task(task)
+        check_pointwise(self.task)
         engine = Engine.of(method)
         if engine.method == "sampled":
             raise ConfigError("regions are exact; use method certified or exact, got sampled")
-        # These compile, or load what was compiled.
-        from rastercov.exact import certificate
-
-        certificate.compile_once()
-        self.mesh, self.camera, self.cameras, self.task = mesh, camera, cameras, task
-        self.threads = thread_count(engine.threads if threads is None else threads)
-        is_certified = engine.method == "certified"
-        self._scratch: ScratchPool[_Finder] = ScratchPool(
-            lambda: _Finder(mesh, cameras, task, is_certified, only_task), self.threads
-        )
+        make = partial(_Finder, task=self.task, only_task=only_task)
+        super().__init__(mesh, camera, engine, make, threads)
 
     def find(
         self,
@@ -238,39 +230,11 @@ class RegionPass:
             Out: those of all faces. With `only_task` nothing is known of occluders, by their
             bounds.
         """
-        matrices = poses.world_from_camera
-        n_poses = len(matrices)
-        poses.check_cameras(len(self.cameras))
-        near, front_only, clipped = limits_of_poses(self.mesh, self.cameras, poses)
-        if figures is not None:
-            figures.clipped[:] = clipped
-        found: list[Any] = [None] * n_poses
 
-        def worker(finder: _Finder) -> Callable[[slice], None]:
+        def prepare(finder: "_Finder") -> None:
             finder.leave_out(closed, is_measured=figures is not None)
 
-            def work(turn: slice) -> None:
-                for row in range(n_poses)[turn]:
-                    finder.take_camera(poses.camera[row])
-                    is_lent = figures is not None and figures.lend(finder.solver, row)
-                    found[row] = finder.find(
-                        matrices[row], near[row], front_only[row], is_measured=figures is not None
-                    )
-                    if figures is not None:
-                        figures.take(finder.solver, row, is_lent=is_lent)
-
-            return work
-
-        finders = self._scratch.take(max(1, min(self.threads, n_poses)))
-        share_poses(n_poses, [worker(finder) for finder in finders])
-        for finder in finders:
-            finder.take_back()
-        self._scratch.give_back(finders)
-        return self._joined(poses, found)
-
-    def close(self) -> None:
-        """Release the scratch memory."""
-        self._scratch.close()
+        return self._joined(poses, self.run(poses, figures, prepare))
 
     def batches(self, poses: Poses) -> Iterator[Regions]:
         """Regions a few poses at a time, for streams of any length; at least one batch."""
@@ -298,38 +262,25 @@ class RegionPass:
         )  # fmt: skip
 
 
-class _Finder:
+class _Finder(PoseSolver):
     """Regions one pose at a time, with the scratch memory of one thread."""
 
     def __init__(
         self,
         mesh: Mesh,
         cameras: Sequence[Camera],
-        task: Task,
         is_certified: bool,
+        task: Task,
         only_task: bool,
     ) -> None:
         from rastercov.base.memory import read_only
-        from rastercov.exact.certificate import CertificateSolver
-        from rastercov.exact.half_planes import HalfPlaneSolver
-        from rastercov.exact.surface import surface_of
         from rastercov.kernels import area_plane, area_region
 
-        solver_type = CertificateSolver if is_certified else HalfPlaneSolver
-        self.kernels, self._planes_of = area_region, area_plane
-        surface = surface_of(mesh)
-        self._diagonal = surface.diagonal
-        # Pinholes alone need no solver of lenses.
-        self.solver: Any
-        self._is_of_lens = not all(camera.is_pinhole for camera in cameras)
-        if self._is_of_lens:
-            from rastercov.exact.lens_solver import LensSolver
-
-            self.solver = LensSolver(surface, cameras[0], solver_type)
-        else:
-            self.solver = solver_type(surface, cameras[0])
-            self.solver.keep_pieces()
+        super().__init__(mesh, cameras, is_certified)
+        self.solver.keep_pieces()
         self._own = self.solver.visible, self.solver.area, self.solver.area_error
+        self.kernels, self._planes, surface = area_region, area_plane, self.solver.surface
+        self._diagonal = surface.diagonal
         # The solver has the targets behind the opaque faces, and may have sorted these.
         self._rows = surface.rows
         self._face_of: NDArray[np.int32] = np.arange(surface.n_faces, dtype=np.int32)
@@ -338,7 +289,8 @@ class _Finder:
         is_asked = mesh.task_mask & (frames.areas > 0)
         self._is_asked, self._read_only = is_asked, read_only
         # Figures through a lens are sums over planes, of all faces.
-        has_figures = mesh.task_mask | (not only_task or self._is_of_lens)
+        has_lens = not all(camera.is_pinhole for camera in cameras)
+        has_figures = mesh.task_mask | (not only_task or has_lens)
         self._has_no_figures = None if has_figures.all() else ~has_figures
         self.planes = area_plane.Planes._make(
             [
@@ -347,14 +299,14 @@ class _Finder:
                 read_only(is_asked, np.bool_),
             ]
         )
-        self._cameras, self._task = cameras, task
+        self._task = task
         self._criteria: dict[tuple[int, int], Any] = {}
         self._work = area_plane.scratch_for(mesh.n_faces)
         self._rooms = [area_plane.room_for_found(1024, 8192, mesh.n_faces) for _ in range(2)]
 
     def take_camera(self, index: int) -> None:
         """Find the regions of one of the cameras from now on."""
-        self.solver.set_camera(self._cameras[index])
+        super().take_camera(index)
         self._camera = index
 
     def _criteria_of(self, plane: int, solver: "HalfPlaneSolver") -> Any:
@@ -362,7 +314,7 @@ class _Finder:
         key = self._camera, plane
         if key not in self._criteria:
             self._criteria[key] = _criteria(
-                self._cameras[self._camera], self._task, plane, solver.camera.pixel_error,
+                self.cameras[self._camera], self._task, plane, solver.camera.pixel_error,
                 self._diagonal,
             )  # fmt: skip
         return self._criteria[key]
@@ -373,10 +325,6 @@ class _Finder:
         self.planes = self.planes._replace(is_asked=self._read_only(is_asked, np.bool_))
         self._asks_nothing = not is_asked.any()
         self.solver.leave_out(self._has_no_figures if is_measured else ~is_asked)
-
-    def take_back(self) -> None:
-        """Have the solver write to its own arrays again, so that it keeps no result alive."""
-        self.solver.write_to(*self._own)
 
     def find(
         self, pose: FloatArray, near: float, front_only: bool, *, is_measured: bool
@@ -395,11 +343,7 @@ class _Finder:
             if is_measured:
                 self.solver.solve_all()
             return _NOTHING_FOUND
-        if self._is_of_lens:
-            self.solver.solve_all(visit, is_measured=is_measured)
-        else:
-            self.solver.solve_all()
-            visit(0, self.solver)
+        self.solver.solve_all(visit, is_measured=is_measured)
         return parts[0] if len(parts) == 1 else _of_planes(parts, self.planes.areas)
 
     def _cut(self, solver: "HalfPlaneSolver", near: float, criteria: Any) -> tuple[Any, ...]:
@@ -407,24 +351,22 @@ class _Finder:
         rows, kept = self._rows, solver.kept_pieces
         seen = self.kernels.Seen(
             solver.camera.rotation, solver.camera.centre, float(near),
-            solver.state_of_all[rows], solver.visible[rows], solver.area[rows],
+            solver.image_of_all.state[rows], solver.visible[rows], solver.area[rows],
             solver.area_error[rows], solver.is_certified[rows],
             kept._replace(faces=self._face_of.take(kept.faces, mode="clip")),
         )  # fmt: skip
-        if not self._is_of_lens or self._cameras[self._camera].is_pinhole:
+        if self.cameras[self._camera].is_pinhole:
             found = self._run(self.kernels.cut_regions, criteria, seen)
         else:
-            from rastercov.kernels import area_lens
-
             rules, by_distance = criteria.rules, criteria.by_distance
             found = self._run(self.kernels.cut_regions, criteria.pinhole, seen)
             if by_distance and rules.z_f < np.inf:
-                found = self._run(area_lens.cut_to_discs, criteria, seen, found)
-            found = self._run(area_lens.cut_to_view, criteria, seen, found)
+                found = self._run(self.kernels.cut_to_discs, criteria, seen, found)
+            found = self._run(self.kernels.cut_to_view, criteria, seen, found)
             if max(
                 rules.min_pixels_per_m2, rules.min_pixel_density, rules.min_facing_density
             ) > 0 or (by_distance and rules.z_n > 0):
-                found = self._run(area_lens.cut_to_densities, criteria, seen, found)
+                found = self._run(self.kernels.cut_to_densities, criteria, seen, found)
         n, corners = found.used.tolist()
         listed = np.flatnonzero((found.area > 0) | (found.bound > 0)).astype(np.int32)
         return (
@@ -441,7 +383,7 @@ class _Finder:
             n, corners = out.used.tolist()
             if n <= len(out.face) and corners <= len(out.xy):
                 return out
-            self._rooms[slot] = self._planes_of.room_for_found(
+            self._rooms[slot] = self._planes.room_for_found(
                 n * 5 // 4, corners * 5 // 4, len(out.area)
             )
 
@@ -487,7 +429,7 @@ def _criteria(camera: Camera, task: Task, index: int, pixel_error: float, size: 
         rules=rules,
         by_distance=not MODELS[camera.model].is_planar,
         axis=read_only(plane.frame[2], np.float64),
-        strip_gap=STRIP_REL * size,
+        gap=STRIP_REL * size,
         tree=fields_of(camera, STRIP_REL / 4)[index],
         code=record.code,
         params=record.params,
@@ -498,3 +440,51 @@ def _criteria(camera: Camera, task: Task, index: int, pixel_error: float, size: 
 
 def _concatenated(arrays: Sequence[NDArray[Any]], empty: NDArray[Any]) -> NDArray[Any]:
     return np.concatenate(arrays) if len(arrays) else empty
+
+
+@dataclass(frozen=True, eq=False)
+class RegionObservation(Observation):
+    """An `Observation`, and the regions that the same poses cover."""
+
+    regions: Regions = field(kw_only=True)
+
+
+class RegionObserver(ExactObserver):
+    """Observer by method "certified" or "exact" whose observations are `RegionObservation`.
+
+    One thread at a time may use it. With `only_task`, nothing is known of the visibility of
+    occluders, by their bounds.
+
+    Attributes
+    ----------
+    closed : (F,) bool
+        Faces whose regions are left out from now on, such as those of `RegionUnion.closed`.
+    """
+
+    _pass: RegionPass
+
+    def __init__(
+        self,
+        mesh: Mesh,
+        camera: Cameras,
+        task: Task,
+        engine: Engine,
+        *,
+        only_task: bool = False,
+    ) -> None:
+        self._task, self._only_task = task, only_task
+        super().__init__(mesh, camera, engine)
+        self.closed: NDArray[np.bool_] = np.zeros(mesh.n_faces, np.bool_)
+
+    def _open(self, engine: Engine) -> RegionPass:
+        return RegionPass(
+            self.mesh, self.camera, self._task, method=engine, only_task=self._only_task
+        )
+
+    def observe(self, poses: ArrayLike | Poses) -> RegionObservation:
+        """Areas and regions of every face in each pose."""
+        accepted = self._accepted(poses, OBSERVED)
+        figures = Figures.room(len(accepted), self.mesh.n_faces)
+        found = self._pass.find(accepted, closed=self.closed, figures=figures)
+        visible, area, error, kind, clipped = figures
+        return RegionObservation(visible, area, kind, error, clipped, regions=found)

@@ -1,8 +1,9 @@
 """Area that a network covers: the union of regions, and the parts that several cameras cover."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,7 @@ from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import ConfigError, MeshError
 from rastercov.base.format import InOneLine
 from rastercov.base.memory import check_memory
+from rastercov.base.threads import Once
 from rastercov.base.typed import typed
 from rastercov.coverage.area.division import (
     NO_PIECES,
@@ -26,6 +28,7 @@ from rastercov.coverage.area.regions import Regions
 from rastercov.mesh import Mesh
 
 FloatArray = NDArray[np.float64]
+
 
 FLOOR_REL = 1e-15
 """Least distance of two corners that do not coincide, relative to the diagonal of the mesh."""
@@ -298,3 +301,28 @@ def unite(
     for part in parts:
         union.add(part, progress)
     return union.covered()
+
+
+_WHOLE: WeakKeyDictionary[Covered, Once[Covered]] = WeakKeyDictionary()
+
+
+def with_rest(covered: Covered) -> Covered:
+    """The partition with the rest of the task faces, as further pieces of 0 views.
+
+    Their areas are sums of the same cuts: with the others they make up the faces, to rounding.
+    Computed at the first call, since dead zones and the coloured mesh both want it.
+    """
+    return _WHOLE.setdefault(covered, Once()).get(lambda: _with_rest(covered))
+
+
+def _with_rest(covered: Covered) -> Covered:
+    """See `with_rest`."""
+    mesh, k = covered.mesh, len(covered.area)
+    union = RegionUnion.of(covered, k + 1)
+    # One more camera, which covers every face as a whole: what only it covers is the rest.
+    is_asked = mesh.task_mask & (frames_of(mesh).areas > 0)
+    union.unite(NO_PIECES, is_asked.astype(np.int64), np.zeros(mesh.n_faces))
+    whole = union.covered()
+    return replace(
+        covered, xy=whole.xy, starts=whole.starts, face=whole.face, views=whole.views - 1
+    )

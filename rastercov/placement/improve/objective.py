@@ -17,11 +17,11 @@ from rastercov.base.errors import ConfigError
 from rastercov.base.memory import BoolArray, FloatArray, IntArray, Lists
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.coverage.area.cells import Cells
-from rastercov.coverage.area.centres import CentrePass
+from rastercov.coverage.area.failures import CentrePass
 from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.coverage import evaluate_batches
+from rastercov.coverage.network import least_cosine
 from rastercov.coverage.observer import Observer
-from rastercov.coverage.spread import least_cosine
 from rastercov.coverage.task import Reason, Task
 from rastercov.mesh import Mesh
 from rastercov.placement.mounts import Mounts

@@ -24,7 +24,7 @@ from rastercov.camera.formats import read_views
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.camera.rig import Views
 from rastercov.coverage.area.regions import RegionPass
-from rastercov.coverage.area.zone_report import ZONES
+from rastercov.coverage.area.zones import ZONES
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.groups import Names, listed, quoted

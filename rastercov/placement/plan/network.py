@@ -20,10 +20,9 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov.base.format import percent, plural
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.camera.rig import Rig
-from rastercov.coverage.area.by_camera import AreasByCamera, cameras_apart
-from rastercov.coverage.area.network import AreaNetwork, in_words
+from rastercov.coverage.area.network import AreaNetwork, AreasByCamera, cameras_apart, in_words
 from rastercov.coverage.area.regions import RegionPass
-from rastercov.coverage.area.zone_report import zone_lines
+from rastercov.coverage.area.zones import zone_lines
 from rastercov.coverage.coverage import Coverage, batch_size, evaluate_batches
 from rastercov.coverage.network import Network, share_of_faces
 from rastercov.coverage.observer import Observer, open_observer

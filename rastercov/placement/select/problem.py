@@ -25,7 +25,7 @@ from rastercov.base.errors import ConfigError
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.base.typed import check_fields, typed
 from rastercov.coverage.area.cells import Cells
-from rastercov.coverage.spread import ViewSpread, least_cosine
+from rastercov.coverage.network import ViewSpread, least_cosine
 from rastercov.mesh import Mesh
 from rastercov.placement.bits import CoveredBits
 from rastercov.placement.matrix import BitMatrix, VisibilityMatrix
