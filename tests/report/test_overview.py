@@ -96,6 +96,18 @@ def test_every_pixel_of_a_cameras_colour_is_of_a_point_that_it_covers(direction)
     assert len(np.unique(hue)) >= len(POSES)  # from each side, all but one camera
 
 
+def test_every_pixel_of_the_task_has_a_colour_of_the_legend_beside_what_hides_it():
+    mesh, poses = in_fixture(), rc.look_at([(3.0, 0, 0), (0, -3.0, 0)], (0, 0, 0))
+    found = rc.regions(mesh, CAMERA, poses, TASK)
+    nothing = np.full(mesh.n_faces, -1)
+    shown = Overview(mesh, CAMERA, rc.Poses.of(poses), ["1", "2"], nothing, found)
+    scene = look(mesh, (0.1, -1, 0.2), scale=0.5)
+    colours = shown.of_image(scene, scene.face)[np.append(mesh.task_mask, False)[scene.face]]
+    used = {tuple(colour) for colour in colours.tolist()}
+    assert used <= {*shown.colours, theme.UNCOVERED}
+    assert len(used) > 1
+
+
 def test_by_face_only_covered_faces_have_a_colour():
     mesh = in_fixture()
     network = Network(mesh, rc.Task(min_coverage=0.9))
@@ -425,3 +437,20 @@ def test_a_number_is_in_the_middle_of_its_zone():
     assert mask[int(y), int(x)]
     assert 15 < x < 35
     assert 22 < y < 33
+
+
+@pytest.mark.slow
+def test_zones_that_neither_picture_shows_are_named(monkeypatch):
+    """A core in a closed shell."""
+    mesh = joined(shapes.box((0.6, 0.6, 0.6)), shapes.box((1, 1, 1)))
+    poses = rc.look_at(
+        5 * np.array([(1, -1.5, 1), (-1, 1.5, -1), (-2, -1, 1), (1, 2, 1)]), (0, 0, 0)
+    )
+    network, titles = AreaNetwork(mesh, rc.Task()), []
+    network.add(rc.regions(mesh, CAMERA, poses))
+    monkeypatch.setattr(overview, "framed", lambda pixels, title, keys: titles.append(title))
+    summary = network.dead_zones(CAMERA, poses)
+    zones = network.zones()
+    zones_picture(zones, summary, poses[:, :3, 3])
+    (core,) = np.unique(zones.zone[zones.face < 12])
+    assert titles[0].endswith(f"; hidden from both sides: {core + 1}")
