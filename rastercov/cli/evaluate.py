@@ -54,6 +54,10 @@ Table = Annotated[
 Pictures = Annotated[
     int, typer.Option(min=0, help="Poses on the contact sheet, spread over the run; 0: no picture.")
 ]
+Full = Annotated[
+    str,
+    typer.Option(help="Full pictures of those poses, too: poses, faces (indices), all or none."),
+]
 
 
 @options.expanded
@@ -70,6 +74,7 @@ def evaluate(
     skip_bad_poses: options.SkipBadPoses = False,
     table: Table = None,
     pictures: Pictures = 12,
+    full: Full = "none",
     by: By = None,
     method: Method = "certified",
     supersample: Supersample = 1,
@@ -97,6 +102,7 @@ def evaluate(
         by=by,
         table=table,
         pictures=pictures,
+        full=full,
         skip_bad_poses=skip_bad_poses,
         scene=scene.entries(out, meshes),
     )

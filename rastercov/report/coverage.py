@@ -8,7 +8,9 @@ network.glb        the mesh coloured by the best coverage of any camera
 overview.png       the mesh in the colours of the cameras, and a floor plan
 zones.png          dead zones, where the result is by area and there are any
 contact_sheet.png  the poses side by side
-view.html          the same to look around in, without a server
+pose_*.png         the mesh as one camera sees it, grey by coverage, if asked for
+faces_*.png        the face index image of the same pose, if asked for
+view.html          all cameras and figures to look around in, without a server
 
 A run that fails keeps the earlier report; one that ends replaces all of it. `report.folder`
 describes runs that are killed.
@@ -55,7 +57,14 @@ from rastercov.report.coverage_files import (
     write_rig,
 )
 from rastercov.report.folder import ReportFolder, ReportKind
-from rastercov.report.images import contact_sheet, coverage_pixels, save_picture, targets_in_view
+from rastercov.report.images import (
+    contact_sheet,
+    coverage_picture,
+    coverage_pixels,
+    face_index_picture,
+    save_picture,
+    targets_in_view,
+)
 from rastercov.report.modes import mode_picture
 from rastercov.report.overview import Overview, best_covering, views_picture, zones_picture
 from rastercov.report.pages import figures_of, values_of, view_page, zone_entries
@@ -66,13 +75,17 @@ MOST_COLOURS = 60
 """Cameras that have a colour each in the overview."""
 TILE = 320
 """Width of a tile of the sheet, pixels."""
+PICTURE_SIDE = 1280
+"""Full pictures are drawn at the camera's size, or smaller where it exceeds this many pixels."""
+FULL = ("none", "poses", "faces", "all")
+"""Full pictures of each pose: of its coverage, of face indices, or both."""
 MOST_ROWS = 10_000_000
 """Rows of a table that was not asked for: about 250 MB."""
 EVALUATION = ReportKind(
     "evaluate",
     re.compile(
         r"(coverage|areas)\.parquet|(summary|rig)\.json|network\.glb|view\.html"
-        r"|(contact_sheet|overview|zones)\.png"
+        r"|(contact_sheet|overview|zones)\.png|(pose|faces)_\d+\.png"
     ),
     last="summary.json",
 )
@@ -92,12 +105,15 @@ class Options:
     by: str | None = None  # unit of the result, of `area.network.UNITS`; None: area where it can be
     table: str | None = None  # of `judged_poses.CHOICES`; None: "seen", but none above `MOST_ROWS`
     pictures: int = 12  # poses to draw, spread evenly over the run; 0 for none
+    full: str = "none"  # full pictures of each of them, of `FULL`
     skip_bad_poses: bool = False  # leave out poses that are no rigid motion
     scene: Mapping[str, Any] | None = None  # arguments of the command that give the mesh again
 
     def __post_init__(self) -> None:
         if self.table is not None and self.table not in CHOICES:
             raise ConfigError(f"table must be one of {', '.join(CHOICES)}, got {shown(self.table)}")
+        if self.full not in FULL:
+            raise ConfigError(f"full must be one of {', '.join(FULL)}, got {shown(self.full)}")
         engine = Engine.of(self.method)
         if engine.method != self.method:
             if (self.device, self.supersample) != ("auto", 1):
@@ -201,7 +217,7 @@ def _write(folder: ReportFolder, found: Evaluation, options: Options) -> dict[st
             shown = ShownRegions(finder, poses)
         try:
             if found.kept:
-                _draw_sheet(folder, found, shown)
+                _draw_poses(folder, found, shown, options.full)
                 _draw_network(folder, found, summary, shown)
         except KeyboardInterrupt:
             summary["interrupted"] = True
@@ -243,23 +259,47 @@ class ShownRegions:
         return self.finder.find(self.poses[is_it])
 
 
-def _draw_sheet(folder: ReportFolder, found: Evaluation, shown: ShownRegions | None) -> None:
-    """Draw the poses to keep side by side; an interrupt leaves out the rest of them."""
+def _draw_poses(
+    folder: ReportFolder, found: Evaluation, shown: ShownRegions | None, full: str
+) -> None:
+    """Draw the poses to keep side by side, and what `full` names of each.
+
+    An interrupt leaves out the rest of them.
+    """
     mesh, poses, cameras = found.mesh, found.poses, cameras_of(found.camera)
     tiles: dict[int, tuple[Image.Image, str]] = {}
+    digits = len(str(max(found.kept)))
     some = poses[np.isin(poses.ids, list(found.kept))]
     try:
         for index, rows in some.by_camera():
             eye = cameras[index]
-            small = eye.resized(min(1.0, TILE / eye.width))
+            sizes = [TILE / eye.width]
+            if full != "none":
+                sizes.append(PICTURE_SIDE / max(eye.width, eye.height))
             of_camera = f", {names_of(found.camera)[index]}" if len(cameras) > 1 else ""
-            with open_rasterizer(mesh, small, **found.engine.rasterizer_options) as view:
+            with ExitStack() as stack:
+                views = [
+                    stack.enter_context(
+                        open_rasterizer(
+                            mesh, eye.resized(min(1.0, size)), **found.engine.rasterizer_options
+                        )
+                    )
+                    for size in sizes
+                ]
                 for pose in some[rows].ids.tolist():
                     own = replace(poses[poses.ids == pose], camera=np.zeros(1, np.int32))
                     regions = None if shown is None else shown.of_pose(pose)
-                    pixels = _tile(found, pose, view.camera, view.render(own), regions)
                     title = f"pose {pose}{of_camera}: covers {_covers(found, pose, regions)}"
-                    tiles[pose] = Image.fromarray(pixels), title
+                    tile = _pixels(found, pose, views[0].camera, views[0].render(own), regions)
+                    for view in views[1:]:
+                        buffer = view.render(own)
+                        name = f"_{pose:0{digits}d}.png"
+                        if full in ("poses", "all"):
+                            picture = _picture(found, pose, view.camera, buffer, regions, title)
+                            save_picture(picture, folder.file("pose" + name))
+                        if full in ("faces", "all"):
+                            save_picture(face_index_picture(buffer), folder.file("faces" + name))
+                    tiles[pose] = Image.fromarray(tile), title
     finally:
         with interrupts_held():
             if tiles:
@@ -268,7 +308,22 @@ def _draw_sheet(folder: ReportFolder, found: Evaluation, shown: ShownRegions | N
                 save_picture(sheet, folder.file("contact_sheet.png"))
 
 
-def _tile(
+def _picture(
+    found: Evaluation,
+    pose: int,
+    camera: Camera,
+    buffer: VisibilityBuffer,
+    regions: Regions | None,
+    title: str,
+) -> Image.Image:
+    """Picture of a pose with a title and a legend."""
+    named = () if regions is None else ("covered", "not covered")
+    pixels = _pixels(found, pose, camera, buffer, regions)
+    matrix, values = found.poses.given[pose], found.kept[pose]
+    return coverage_picture(buffer, values, found.mesh, camera, matrix, title, pixels, named=named)
+
+
+def _pixels(
     found: Evaluation, pose: int, camera: Camera, buffer: VisibilityBuffer, regions: Regions | None
 ) -> Pixels:
     """(H, W, 3) pixels of an image of a pose by its camera: by area, each by its own point."""

@@ -66,6 +66,7 @@ def coverage_picture(
     camera: Camera,
     pose: ArrayLike,
     title: str = "",
+    pixels: Pixels | None = None,
     *,
     named: Sequence[str] = (),
 ) -> Image.Image:
@@ -83,6 +84,8 @@ def coverage_picture(
         world_from_camera; the head-light that shows the form of the part is there too.
     title : str
         One line above.
+    pixels : (H, W, 3) uint8, optional
+        Those of `coverage_pixels`, which are found unless given.
     named : sequence of str
         Words on level 1, and on level 0 if there is any, where nothing is between them.
 
@@ -97,7 +100,8 @@ def coverage_picture(
             f"the image must be {camera.height} x {camera.width} as the camera's, "
             f"got {buffer.face.shape[0]} x {buffer.face.shape[1]}; render it with this camera"
         )
-    pixels = coverage_pixels(buffer, values, mesh, pose, camera)
+    if pixels is None:
+        pixels = coverage_pixels(buffer, values, mesh, pose, camera)
     drawn = np.unique(buffer.face)
     drawn = drawn[drawn >= 0]
     behind = mesh.task_mask[drawn] & ~facing(mesh, pose)[0][drawn]

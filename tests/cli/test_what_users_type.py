@@ -111,7 +111,7 @@ def test_junit_is_written_for_bad_input(change, line, capsys):
     assert suites.find("testsuite/testcase/error").get("message") in said
 
 
-@pytest.mark.parametrize("line", ["evaluate part.obj --table", "place plan.toml --out"])
+@pytest.mark.parametrize("line", ["evaluate part.obj --full", "place plan.toml --out"])
 def test_an_option_without_its_value_points_to_the_help_of_its_command(line, capsys):
     command, option = line.split()[0], line.split()[-1]
     code, _, err = call(capsys, line)

@@ -204,6 +204,25 @@ def test_pictures_are_spread_evenly(tmp_path, wanted, drawn):
             assert sheet.width == columns * (320 + 8) + 8
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("full", ["none", "poses", "faces", "all"])
+def test_full_pictures_are_drawn_on_request_and_not_too_large(tmp_path, full):
+    large = Camera(width=4000, height=1000, fx=4000, fy=4000)
+    run(MESH, large, around(11), TASK, tmp_path, Options(pictures=2, full=full))
+    kinds = {"none": (), "all": ("pose", "faces"), "poses": ("pose",), "faces": ("faces",)}[full]
+    wanted = {f"{kind}_{pose:02}.png" for kind in kinds for pose in (0, 10)}
+    assert {name for name in names(tmp_path) if "_0" in name or "_1" in name} == wanted
+    for name in wanted:
+        with Image.open(tmp_path / name) as picture:
+            assert picture.width == 1280
+            assert picture.height >= 320
+
+
+def test_full_pictures_of_another_kind_are_refused():
+    with pytest.raises(ConfigError, match="full must be one of none, poses, faces, all, got 'both"):
+        Options(full="both")
+
+
 def test_a_sheet_is_drawn_at_its_size(tmp_path, monkeypatch):
     """Not at that of the camera: of 12 poses that was most of the time of a run."""
     opened_for = []
