@@ -9,15 +9,18 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from lens_cameras import CAMERAS
 from scenes import joined, sheet, square
 
 from rastercov.base.errors import ConfigError, PoseError, ResourceError
 from rastercov.camera.camera import Camera
+from rastercov.camera.pose import Poses
 from rastercov.camera.viewpoints import look_at, sphere_of_poses
 from rastercov.coverage import coverage as module
 from rastercov.coverage import job
 from rastercov.coverage.coverage import FIGURES, evaluate_batches
 from rastercov.coverage.engine import METHODS
+from rastercov.coverage.face_pass import faces_in_view
 from rastercov.coverage.job import evaluate
 from rastercov.coverage.observer import open_observer
 from rastercov.coverage.task import Reason, Task
@@ -258,6 +261,17 @@ def test_near_clipped_poses_are_marked(how):
     poses = np.stack((AHEAD, look_at((0, 0, -1), (0, 0, 0), (0, -1, 0))[0]))
     found = evaluate(mesh, camera, poses, **how)
     assert found.clipped.tolist() == [True, False]
+
+
+@pytest.mark.parametrize("camera", [SMALL, replace(SMALL, fx=300, fy=300), CAMERAS["fisheye"]])
+def test_faces_in_view_are_those_that_some_criterion_after_the_front_fails(camera):
+    seen = faces_in_view(TEAPOT, camera, Poses.of(POSES))
+    found = evaluate(TEAPOT, camera, POSES)
+    expected = found.in_view | (found.in_view_fraction > 0)
+    assert np.array_equal(seen, (found.reason > Reason.BACK_FACING) & expected)
+    assert 0.02 < seen.mean() < 0.9
+    behind = POSES @ np.diag((1.0, -1, -1, 1))
+    assert not faces_in_view(TEAPOT, SMALL, Poses.of(behind)).any()
 
 
 # --- runs of any size -----------------------------------------------------------------------------
