@@ -107,7 +107,7 @@ BUDGET = {
     "mesh": 3_640,
     "placement": 7_250,
     "raster": 2_980,
-    "report": 3_020,
+    "report": 3_060,
     "viewer": 1_880,
 }
 MOST_FILES = 253
