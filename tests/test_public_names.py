@@ -46,7 +46,7 @@ SURFACE = {
     },
     "camera.formats.conventions": {
         *("Border", "DRIFT_OF_FILES", "LENS_MODELS", "OPENGL_AXES", "POSE_CONVENTIONS"),
-        *("inverse_of", "metres_per", "unique"),
+        *("inverse_of", "metres_per", "unique_names"),
         *("from_quaternions", "from_vectors", "motions", "to_quaternions"),
         *("as_fisheye", "as_opencv", "is_whole_panorama", "lens_camera", "lost", "model_in"),
         *("no_model", "opencv_terms", "panorama"),

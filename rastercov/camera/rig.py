@@ -220,11 +220,13 @@ class Views(InOneLine):
 
     @typed
     def of_camera(self, name: str | None = None) -> "Views":
-        """Views of one camera: the camera and its poses; without a name, the only camera.
+        """Views of one camera: the camera and its poses.
 
-        `Poses.ids` are still rows of the file, and what was rejected is still named.
+        Without a name it is the only camera that has poses, or the only one. `Poses.ids` are still
+        rows of the file, and what was rejected is still named.
         """
-        index = self._index(name)
+        is_alone = self.rig is not None and name is None and self.n_used == 1
+        index = int(self.poses.camera[0]) if is_alone else self._index(name)
         assert self.rig is not None
         rows = np.flatnonzero(self.poses.camera == index)
         poses = replace(self.poses[rows], camera=np.zeros(len(rows), np.int32))
@@ -278,6 +280,51 @@ class Views(InOneLine):
             index[row] = row_of[self.camera_names[row]]
         poses = replace(self.poses, camera=index[self.poses.camera])
         return replace(self, rig=rig, poses=poses)
+
+    @typed
+    def through(
+        self, cameras: "Views", name: str | None = None, *, by_name: bool = False
+    ) -> "Views":
+        """The same poses with cameras of another file.
+
+        Parameters
+        ----------
+        cameras : Views
+            Cameras; their notes come before those of the poses.
+        name : str, optional
+            The camera to take: for the poses that name it, or for all where none does. Without a
+            name, the only one.
+        by_name : bool
+            Take all cameras, unless one is named, each for the poses that name it.
+
+        Raises
+        ------
+        CameraError, PoseError
+            As `of_camera` and `with_cameras` do.
+        """
+        notes = (*cameras.notes, *self.notes)
+        if by_name and name is None:
+            cameras.cameras()  # refuses poses alone
+            assert cameras.rig is not None
+            return replace(self.with_cameras(cameras.rig), notes=notes)
+        chosen = cameras.of_camera(name)
+        rows = np.arange(len(self.poses))
+        if name in self.camera_names:
+            rows = np.flatnonzero(self.poses.camera == self.camera_names.index(name))
+        poses = replace(self.poses[rows], camera=np.zeros(len(rows), np.int32))
+        return replace(
+            self,
+            rig=chosen.rig,
+            poses=replace(poses, rejected=self.poses.rejected),
+            images=tuple(self.images[row] for row in rows),
+            frames=tuple(self.frames[row] for row in rows) if self.frames else (),
+            notes=notes,
+        )
+
+    @property
+    def n_used(self) -> int:
+        """Number of cameras that have poses."""
+        return len(np.unique(self.poses.camera))
 
     def _index(self, name: str | None) -> int:
         n = len(self.cameras())

@@ -254,13 +254,13 @@ def read_eyes(
     if cameras is None and views.rig is None:
         raise CameraError(f"{poses} has poses and no camera; give --camera")
     in_metres(views, poses)
-    if cameras is None or cameras is views:
-        found = _chosen(views, camera_name, several=several)
-    else:
-        by_name = several and _by_name(cameras, given)
-        found = _with_cameras(views, cameras, camera_name, by_name=by_name)
-    notes = list(dict.fromkeys([*found.notes, *border.unused()]))
-    return replace(found, notes=tuple(notes))
+    if cameras is not None and cameras is not views:
+        views = views.through(cameras, camera_name, by_name=several and _by_name(cameras, given))
+        camera_name = None
+    if camera_name is not None or not several or views.n_used == 1:
+        views = views.of_camera(camera_name)
+    notes = list(dict.fromkeys([*views.notes, *border.unused()]))
+    return replace(views, notes=tuple(notes))
 
 
 def read_rig(
@@ -274,8 +274,8 @@ def read_rig(
     cameras = read_cameras(camera, border)
     views = in_metres(read_through(poses, border), poses)
     if cameras is not None:
-        by_name = _by_name(cameras, camera)
-        views = _with_cameras(views, cameras, camera_name, by_name=by_name)
+        views = views.through(cameras, camera_name, by_name=_by_name(cameras, camera))
+        views = views.of_camera() if views.n_used == 1 else views
     elif camera_name is not None:
         views = views.of_camera(camera_name)
     return replace(views, notes=(*views.notes, *border.unused()))
@@ -368,30 +368,3 @@ def _is_same(camera: str | None, poses: str) -> bool:
         return camera is not None and os.path.samefile(camera, poses)  # noqa: PTH121 - of two texts
     except OSError:
         return False
-
-
-def _chosen(views: Views, name: str | None, *, several: bool) -> Views:
-    """Views of the chosen camera, of the only one that has poses, of the only one, or of all."""
-    used = np.unique(views.poses.camera)
-    if name is None and len(used) == 1 and views.rig is not None:
-        name = views.rig.names[int(used[0])]
-    return views if several and name is None else views.of_camera(name)
-
-
-def _with_cameras(views: Views, cameras: Views, name: str | None, *, by_name: bool) -> Views:
-    """Poses of one file with the camera of another, or each with that of its name."""
-    assert cameras.rig is not None
-    notes = (*cameras.notes, *views.notes)
-    if name is None and by_name:
-        return _chosen(replace(views.with_cameras(cameras.rig), notes=notes), None, several=True)
-    chosen = cameras.of_camera(name)
-    rows = np.arange(len(views.poses))
-    if name in views.camera_names:
-        rows = np.flatnonzero(views.poses.camera == views.camera_names.index(name))
-    poses = replace(views.poses[rows], camera=np.zeros(len(rows), np.int32))
-    return Views(
-        rig=chosen.rig,
-        poses=replace(poses, rejected=views.poses.rejected),
-        images=tuple(views.images[row] for row in rows),
-        notes=notes,
-    )

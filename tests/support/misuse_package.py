@@ -258,6 +258,7 @@ def calls():
         Call("Views.camera", views.camera, {"name": "a"}),
         Call("Views.of_camera", views.of_camera, {"name": "a"}),
         Call("Views.with_cameras", views.with_cameras, {"rig": rc.Rig([CAMERA], ["a"])}),
+        Call("Views.through", views.through, {"cameras": views, "name": "a", "by_name": True}),
         Call("Rasterizer.count", rasterizer.count, {"poses": POSES, "drawn": True}),
         Call("Rasterizer.render", rasterizer.render, {"pose": POSES[0]}),
         Call("regions", rc.regions, seen | {"task": TASK, "method": "certified", "threads": 1}),

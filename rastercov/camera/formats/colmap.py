@@ -38,7 +38,7 @@ from rastercov.camera.formats.conventions import (
     model_in,
     no_model,
     to_quaternions,
-    unique,
+    unique_names,
 )
 from rastercov.camera.models import PROGRAMS
 from rastercov.camera.pose import inverse
@@ -570,7 +570,7 @@ def contents_of(views: Views, *, as_text: bool, notes: list[str]) -> dict[str, b
         model = Word(MODELS.index(name), name)
         values = [number + 1, model, camera.width, camera.height, *p.values()]
         cameras.append((f"IiQQ{len(p)}d", values))
-    names = unique([printable(name).replace("\0", "") for name in views.images], "image")
+    names = unique_names([printable(name).replace("\0", "") for name in views.images], "image")
     if names != list(views.images):
         notes.append("names of images are made different from one another")
     index = views.poses.camera.tolist()

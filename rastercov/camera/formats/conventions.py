@@ -245,7 +245,7 @@ class Border:
                 given = np.asarray(rig_from_camera, dtype=np.float64).reshape(-1, 4, 4)
                 places = self._rigid(given, factor, drift)
             labels = [f"camera {row}" for row in range(len(cameras))] if names is None else names
-            rig = Rig(cameras, unique(labels), places)
+            rig = Rig(cameras, unique_names(labels), places)
         if images is None:
             images = [f"pose {row}" for row in range(len(matrices))]
         names_of_frames = _apart(frames)
@@ -303,11 +303,11 @@ def inverse_of(matrices: FloatArray) -> FloatArray:
 def _apart(frames: Sequence[str]) -> list[str]:
     """Printable names, as different from one another as those of the file."""
     names = list(dict.fromkeys(frames))
-    printed = dict(zip(names, unique(names, "frame"), strict=True))
+    printed = dict(zip(names, unique_names(names, "frame"), strict=True))
     return [printed[frame] for frame in frames]
 
 
-def unique(names: Sequence[str], what: str = "camera") -> list[str]:
+def unique_names(names: Sequence[str], what: str = "camera") -> list[str]:
     """Printable names, none of them empty or twice: " #2" is appended to the second."""
     found: dict[str, None] = {}
     repeats: dict[str, int] = {}

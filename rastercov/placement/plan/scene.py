@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from rastercov.base.errors import MeshError, RastercovError
 from rastercov.base.format import plural
 from rastercov.camera.formats import read_views
-from rastercov.camera.formats.conventions import unique
+from rastercov.camera.formats.conventions import unique_names
 from rastercov.camera.rig import Rig
 from rastercov.mesh import Group, Mesh, shapes
 from rastercov.mesh.groups import FileGroups, Names, refuse_twice
@@ -120,7 +120,7 @@ def _joined(plan: Plan, parts: Sequence[Mesh]) -> Mesh:
     return Mesh(
         vertices=np.concatenate([part.vertices for part in parts]),
         faces=np.concatenate([p.faces + n for p, n in zip(parts, n_vertices, strict=False)]),
-        groups=[Group(name) for name in unique(names, "group")],
+        groups=[Group(name) for name in unique_names(names, "group")],
         face_group=np.concatenate(
             [p.face_group + n for p, n in zip(parts, n_groups, strict=False)]
         ),
@@ -166,7 +166,7 @@ def _with_targets(plan: Plan, mesh: Mesh, files: Sequence[FileGroups]) -> tuple[
         except RastercovError as error:
             lines.append(f"targets[{row}].{field}: {error}")
             continue
-        name = unique([*(group.name for group in mesh.groups), name], "target")[-1]
+        name = unique_names([*(group.name for group in mesh.groups), name], "target")[-1]
         both = entry.box is not None if entry.two_sided is None else entry.two_sided
         mesh = with_target(mesh, target, name, two_sided=both)
     return mesh, lines
