@@ -147,7 +147,7 @@ class ExactPass:
         figures: Figures | None,
         prepare: Callable[[Any], None] = lambda solver: None,
     ) -> list[Any]:
-        """What the solvers find of each pose; `figures`, where given, are filled.
+        """Results of the solvers for each pose; `figures`, where given, are filled.
 
         `prepare` is called with each solver before its first pose.
         """

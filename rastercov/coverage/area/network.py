@@ -1,6 +1,6 @@
 """Area that a network of cameras covers: exact, with its bound, for 1 ... k views and by group.
 
-The figures of each camera of a rig stand beside those of all cameras together. A point counts for a
+There are figures of each camera of a rig, and of all cameras together. A point counts for a
 camera where any of its poses covers it, whatever number of views the task wants of all.
 """
 

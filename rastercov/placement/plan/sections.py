@@ -371,7 +371,7 @@ class Framed(Generator):
     stand_off: Limits | None = None
     """[least, greatest] distance to the target, m; inf for no limit."""
     margin: Positive = 1.0
-    """How many times larger the image is."""
+    """Factor by which the image is larger."""
 
 
 class Square(Framed):
@@ -390,7 +390,7 @@ class PerSegment(Square):
     beta_deg: Annotated[float, Field(ge=0, lt=90)] = 25.0
     """Largest angle between average normals that are merged."""
     merge: Literal["leader", "closest", "none"] = "leader"
-    """How segments are merged."""
+    """Way to merge segments."""
     adjacent: bool = False
     """Merge neighbours only."""
 
@@ -455,7 +455,7 @@ class Mounted(Generator):
     spacing: Positive
     """Largest distance between neighbours, m."""
     aim: Some[Aim] = [Aim(middle=True)]
-    """Where to look; a candidate for each."""
+    """Points to look at; a candidate for each."""
     low: Triple | None = None
     """Corner of the box; that of the scene."""
     high: Triple | None = None
@@ -557,14 +557,14 @@ class MeshEntry(Entry):
     transform: TransformEntry = TransformEntry()
     """Place of the mesh in the scene."""
     role: Literal["task", "occluder", "target"] = "task"
-    """To be seen; in the way and not scored; or to be seen and hiding nothing."""
+    """Role: to be seen; to hide and not be scored; or to be seen and hide nothing."""
     groups: list[Name] = Field(
         default=[],
         description="Groups that have this role; the others are the task, or occluders where the "
         "role is task. All if empty.",
     )
     two_sided: bool | list[Name] = False
-    """Whether either side counts as covered, for all groups or those named."""
+    """True if either side counts as covered, for all groups or those named."""
     drop_invalid: bool = False
     """Drop faces that are not finite."""
 
@@ -599,7 +599,7 @@ class TargetEntry(Entry):
     file: MeshFile = None
     unit: Unit = "m"
     two_sided: bool | None = None
-    """Whether either side counts as covered; by default for boxes only."""
+    """True if either side counts as covered; by default for boxes only."""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -629,7 +629,7 @@ class TaskSection(fields_of(Task, leave_out=("views",))):  # type: ignore[misc]
     views: Count | dict[str, Count] = 1
     """Cameras that must cover a face; or a table by group, 1 for the others."""
     weight_by: Literal["area", "count"] = "area"
-    """What shares are of."""
+    """Total of which shares are parts."""
     by: Literal["area", "face"] | None = None
     """Unit of results: exact area, or whole faces; area unless a threshold is of a face."""
     resolution_of_result: Positive | None = Field(
@@ -638,7 +638,7 @@ class TaskSection(fields_of(Task, leave_out=("views",))):  # type: ignore[misc]
         "from the scene if left out.",
     )
     method: Literal["certified", "exact", "sampled"] = "certified"
-    """How occlusion is found."""
+    """Method that finds occlusion."""
     supersample: Count = 1
     """S: S x S samples a pixel, for method sampled."""
 
@@ -659,7 +659,7 @@ class Volume(Entry):
     """Entries of every keep-out volume."""
 
     name: Name
-    """What the report calls it."""
+    """Name in the report."""
 
 
 BoxFields = fields_of(KeepOutBox, base=Volume, is_optional=True)
@@ -704,14 +704,14 @@ class Constraints(Entry):
     keep_out: list[KeepOut] = []
     """Volumes without cameras."""
     spaces: list[Space] = []
-    """Boxes where cameras may stand; anywhere if empty."""
+    """Boxes that may hold cameras; any place if empty."""
 
 
 class Optimise(Entry):
     """A search over free poses that starts from the selected cameras."""
 
     method: Literal["pso", "ga", "de", "random"] = "pso"
-    """How it searches."""
+    """Way of search."""
     budget: Count = 5_000
     """Poses to measure."""
     population: Annotated[int, Field(ge=4)] = 24
@@ -773,14 +773,14 @@ class Outputs(Entry):
     folder: Name | None = None
     """The plan file's name without .toml."""
     page: bool = True
-    """Whether to write the page with pictures."""
+    """True to write the page with pictures."""
 
 
 class PlanModel(Entry):
     """A camera-placement plan for `rastercov place` and `rastercov check`."""
 
     meshes: Some[MeshEntry]
-    """The scene: what is to be seen and what is in the way."""
+    """The scene: surfaces to be seen, and those that hide them."""
     targets: list[TargetEntry] = []
     """Further surfaces to be seen, which hide nothing."""
     camera: CameraSection | None = None
@@ -796,7 +796,7 @@ class PlanModel(Entry):
     constraints: Constraints = Constraints()
     """Constraints on camera positions."""
     selection: SelectionSection | None = None
-    """What is wanted."""
+    """Goal of the selection."""
     outputs: Outputs = Outputs()
     """Files that are written, and their folder."""
 
