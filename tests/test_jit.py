@@ -519,7 +519,7 @@ def test_no_file_outside_kernels_decides_what_is_compiled():
 def test_no_loop_is_compiled_outside_kernels():
     package = Path(compiled.__file__).parents[1]
     outside = [path for path in package.rglob("*.py") if path.parent != package / "kernels"]
-    assert len(outside) > 200
+    assert len(outside) > 150
     for path in outside:
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.ImportFrom) and node.module == "rastercov.kernels.jit":

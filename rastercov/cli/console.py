@@ -272,7 +272,7 @@ PANELS = {
     "--group --scenes --seed --obstacle",
     "Method": "--method --by --supersample --device --workers --scheduler --against "
     "--resolution-of-result --convergence --models --from --to",
-    "Output": "target --out --table --pictures --json --json-progress --junit --failures "
+    "Output": "target --out --table --pictures --full --json --json-progress --junit --failures "
     "--faces --overwrite --export",
     "Server": "--port --host --token-file --certificate --key --no-browser",
     "Other": "--version --help",

@@ -165,7 +165,8 @@ def test_neither_the_order_of_faces_nor_their_first_vertex_matters(path, seed):
 
 @pytest.mark.slow
 @for_seeds_on_both_paths
-def test_neither_the_order_of_vertices_nor_unused_ones_nor_seams_matter(path, seed):
+def test_neither_unused_vertices_nor_seams_matter_nor_their_order_but_by_rounding(path, seed):
+    """An edge begins at its vertex of lower index; seed 1248745 moved one figure by 6e-14 px^2."""
     rng = np.random.default_rng(seed)
     mesh = shapes.torus(9, 12) if seed % 2 else shapes.teapot(2)
     pose = look_at(rng.normal(size=3) * 3, mesh.bounds.mean(axis=0))[0]
@@ -177,7 +178,8 @@ def test_neither_the_order_of_vertices_nor_unused_ones_nor_seams_matter(path, se
     expected = look(mesh, CAMERA, pose, path)
     for other in (shuffled, apart, more):
         view = look(other, CAMERA, pose, path)
-        assert np.array_equal(view.visible, expected.visible)
+        most = 1e-11 if other is shuffled else 0.0
+        assert np.abs(view.visible - expected.visible).max() <= most
         assert np.array_equal(view.is_certified, expected.is_certified)
 
 

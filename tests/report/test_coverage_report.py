@@ -301,7 +301,7 @@ def test_an_interrupt_keeps_whole_batches(tmp_path, small_batches, done_at):
 @pytest.mark.parametrize(
     ("step", "missing"),
     [
-        ("_tile", {"overview.png", "view.html"}),  # the sheet has what was drawn
+        ("_pixels", {"overview.png", "view.html"}),  # the sheet has what was drawn
         ("view_page", {"overview.png", "view.html"}),
     ],
 )

@@ -36,14 +36,14 @@ COMMANDS = (
     "render box -c camera.toml -p sphere:1 -o gl --device surfaceless",
     "compare box -c camera.toml -p sphere:2 -o compared",
     "place plan.toml -o plan --workers 2",
-    "check plan.toml -p plan/poses.json",
-    "audit transforms.json part.obj --pose-unit 1 -o audited",
+    "check plan.toml -p model --pose-unit 1",
+    "audit model part.obj --pose-unit 1 -o audited",
     "view box -c camera.toml -p sphere:2 --export page.html",
     "doctor",
     "validate markers --scenes 0 -o markers",
     "demo -o demo",
 )
-"""Lines with every command, in an order in which they find what they read."""
+"""Lines with every command, each with all that it reads."""
 ENTRY = "import sys\nfrom rastercov.cli import main\nsys.argv[0] = 'rastercov'\nmain()\n"
 SCRIPT = ".programs/rastercov"
 MARK = """
