@@ -53,6 +53,7 @@ def audit(
     """
     from rastercov.base.output import json_text
     from rastercov.coverage.shards import is_long
+    from rastercov.exact.certificate import compile_first
     from rastercov.placement.audit import Audit
     from rastercov.placement.audit import audit as run
     from rastercov.report.audit import write  # loads pyarrow
@@ -65,6 +66,7 @@ def audit(
     in_metres(views, source)
     notes = [*views.notes, *left_out(views.poses)]
     doubts = unit_doubts(mesh, views.rig, views.poses)
+    compile_first(method)
     warn([*mesh.warnings, *notes, *border.unused(), *doubts])
     with progress_bar() as progress:
         options: Any = {

@@ -75,10 +75,12 @@ def compare(
         _compare_models(scene, eye, matrices, out, as_json)
         return
     from rastercov.base.output import json_text
+    from rastercov.exact.certificate import compile_first
     from rastercov.reference.methods import compare as compared
     from rastercov.reference.methods import report
     from rastercov.report.folder import ReportFolder
 
+    compile_first(against)
     warn(scene.warnings)
     with ReportFolder(out, report.COMPARISON) as folder:
         with progress_bar() as progress:

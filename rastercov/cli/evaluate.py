@@ -134,13 +134,12 @@ def run_and_print(
     from rastercov.base.output import json_text
     from rastercov.coverage.area.zones import zone_lines
     from rastercov.coverage.job import Staff
-    from rastercov.exact.certificate import compile_once
+    from rastercov.exact.certificate import compile_first
     from rastercov.report.coverage import run
     from rastercov.report.tables import camera_table, run_table, summary_table
 
     accepted, tally = Poses.of(poses), Tally()
-    if settings.method != "sampled":
-        compile_once()  # in two processes; the checks of a mesh would compile some loops alone
+    compile_first(settings.method)
     warn(mesh.warnings)
     warn(left_out(accepted, ", see summary.json"))
     if not len(accepted):

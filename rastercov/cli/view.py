@@ -97,6 +97,7 @@ def view(
 
     [bold]A page to send[/]: rastercov view teapot -c khepra -p sphere:8 --export page.html
     """
+    from rastercov.exact.certificate import compile_first
     from rastercov.reference.models import MODELS
     from rastercov.viewer.saving import check_name, export_page
     from rastercov.viewer.scene import open_plan
@@ -133,6 +134,7 @@ def view(
         scene = _of_meshes(sources, files, camera, poses, conventions, camera_name, task)
     start = scene.start
     doubts = unit_doubts(scene.mesh, start.rig(), start.poses())
+    compile_first(method)
     warn([*scene.mesh.warnings, *scene.notes, *doubts])
     session = Session(replace(scene, models=MODELS), method)
     print(f"{scene.title}: {size_line(scene.mesh)}, {plural(len(scene.start.stations), 'camera')}")

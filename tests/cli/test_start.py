@@ -1,6 +1,7 @@
 """Commands load what they need, and no more."""
 
 import inspect
+import re
 from pathlib import Path
 
 import pytest
@@ -8,6 +9,7 @@ import typer
 from processes import run_python
 
 import rastercov
+import rastercov as rc
 from rastercov import cli
 
 HEAVY = ("matplotlib", "trimesh", "scipy.spatial", "rastercov.placement", "dask")
@@ -75,3 +77,43 @@ def test_names_of_the_package_come_at_their_first_use():
 def test_a_command_is_typers_own_once_it_is_loaded():
     assert isinstance(cli.LazyCommand("demo").loaded, typer.core.TyperCommand)
     assert isinstance(cli.LazyCommand("validate").loaded, typer.core.TyperGroup)
+
+
+STOP_AT_THE_FIRST_NOTICE = """
+import os, sys
+from rastercov.kernels import jit
+def say(kind, text):
+    print(text, flush=True)
+    os._exit(0)
+jit._say_once = say
+from rastercov.cli import command
+os.chdir(sys.argv[1])
+command(sys.argv[2:])
+"""
+PLANS = Path(__file__).parents[2] / "examples" / "plans"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "line",
+    [
+        "demo",
+        "evaluate box -c khepra -p sphere:2",
+        "view box -c khepra -p sphere:2 --export page.html",
+        "compare box -c khepra -p sphere:2",
+        f"place {PLANS / 'eye_height.toml'} -o plan",
+        f"check {PLANS / 'audit_rig.toml'} -p {PLANS / 'rig.json'}",
+        "audit rig.json box",
+    ],
+)
+def test_the_first_notice_says_how_long_compiling_takes(tmp_path, line):
+    """Whatever a command compiles first: where it is a loop of meshes, two processes begin late."""
+    poses = rc.Poses.of(rc.sphere_of_poses((0, 0, 0), 4.0, 2))
+    rig = rc.Rig([rc.Camera.preset("khepra")], ["one"])
+    rc.write_views(tmp_path / "rig.json", rc.Views(rig=rig, poses=poses, images=("a", "b")))
+    loops = str(tmp_path / "loops")
+    done = run_python(
+        "-c", STOP_AT_THE_FIRST_NOTICE, tmp_path, *line.split(), NUMBA_CACHE_DIR=loops
+    )
+    said = done.stdout.splitlines()[-1]
+    assert re.fullmatch(r"rastercov: compiling, about \d+ s, once for this version", said), done

@@ -173,11 +173,14 @@ def place(
     missing += [] if plan.selection else ["selection: missing; place needs a goal"]
     if missing:
         raise PlanError(plan.name, missing)
+    from rastercov.exact.certificate import compile_first  # loads numba
+
     clock = Clock(step)
     with clock("scene"):
         mesh, plan, _ = named_scene(plan)
         selection, task = plan.selection, plan.build_task()
         assert selection is not None
+        compile_first(plan.task.method)
         cells = cells_of(plan, mesh)
     with ExitStack() as opened:
         observer = opened.enter_context(observer_of(plan, mesh))
