@@ -162,7 +162,8 @@ def check_limits(value: Any) -> None:
     ConfigError
         For the first field that is not of its type or not within its limits.
     """
-    for name, hint in annotations_of(type(value)).items():  # type: ignore[arg-type] # hashable
+    # mypy takes a type for unhashable, which the cache of annotations asks for.
+    for name, hint in annotations_of(type(value)).items():  # type: ignore[arg-type]
         object.__setattr__(value, name, _checked(name, getattr(value, name), hint))
 
 

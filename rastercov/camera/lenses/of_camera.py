@@ -6,7 +6,7 @@ a camera, so that loops over surfaces cut by straight lines only (`kernels.lens_
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -68,6 +68,7 @@ class Lens:
     code: int
     coefficients: tuple[float, ...]
     max_angle_deg: float | None = None
+    _region: tuple[FloatArray, float, bool] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         limit = None if self.max_angle_deg is None else math.radians(self.max_angle_deg)
@@ -80,7 +81,7 @@ class Lens:
     @property
     def params(self) -> FloatArray:
         """Parameters for the kernels, (32,), with the valid region."""
-        params: FloatArray = self._region[0].copy()  # type: ignore[attr-defined]
+        params: FloatArray = self._region[0].copy()
         return params
 
     @property
@@ -94,13 +95,13 @@ class Lens:
 
         Its border has 128 flat sides, which are nearer to the axis by up to 3e-4 of its tangent.
         """
-        angle: float = self._region[1]  # type: ignore[attr-defined]
+        angle: float = self._region[1]
         return angle
 
     @property
     def is_whole(self) -> bool:
         """True where each pixel of the image has a ray; False where some see nothing."""
-        is_whole: bool = self._region[2]  # type: ignore[attr-defined]
+        is_whole: bool = self._region[2]
         return is_whole
 
     def project(self, rays: ArrayLike) -> FloatArray:
@@ -137,7 +138,7 @@ class Lens:
             raise CameraError(f"{name} must have shape (..., {n}), got {given.shape}")
         flat = np.ascontiguousarray(given, np.float64).reshape(-1, n)
         out = np.empty((len(flat), *shape))
-        loop(self.code, self._region[0], flat, out)  # type: ignore[attr-defined]
+        loop(self.code, self._region[0], flat, out)
         return out.reshape(*given.shape[:-1], *shape)
 
 
