@@ -93,9 +93,9 @@ def made(monkeypatch):
     """Shards whose rows are made, as they are made."""
     names, pairs_of = [], MatrixFolder.pairs_of
 
-    def watched(folder, shard, rows):
-        names.append(shard)
-        return pairs_of(folder, shard, rows)
+    def watched(folder, number):
+        names.append(number)
+        return pairs_of(folder, number)
 
     monkeypatch.setattr(MatrixFolder, "pairs_of", watched)
     return names
@@ -139,10 +139,10 @@ def test_a_run_that_ends_at_any_shard_can_be_repeated(tmp_path, lists, made, mon
     folder, watched = measure(tmp_path), MatrixFolder.pairs_of
     for end in range(3):
 
-        def stopped(folder, shard, rows, end=end):
-            if shard.endswith(f"{end}.parquet"):
+        def stopped(folder, number, end=end):
+            if number == end:
                 raise InterruptedError
-            return watched(folder, shard, rows)
+            return watched(folder, number)
 
         monkeypatch.setattr(MatrixFolder, "pairs_of", stopped)
         with pytest.raises(InterruptedError):

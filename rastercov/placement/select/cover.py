@@ -22,9 +22,8 @@ from rastercov.kernels import placement_bits
 from rastercov.kernels import placement_selection as kernels
 from rastercov.placement.bits import Words, spread_out
 from rastercov.placement.select.presolve import Presolved, ReducedProblem
+from rastercov.placement.select.problem import PROGRESS_BITS
 
-PROGRESS_BITS = 20
-"""Fractional bits below the unit of weight, for progress that does not yet cover a face."""
 NO_LIMIT = np.iinfo(np.int64).max
 FEWEST_AT_ONCE = 16
 """Candidates that `LazyCover` computes at once; more where many were already, for threads."""
