@@ -35,7 +35,7 @@ from rastercov.kernels import placement_bits
 from rastercov.kernels import placement_lagrange as kernels
 from rastercov.placement.bits import spread_out
 from rastercov.placement.select.cover import Cover, LazyCover
-from rastercov.placement.select.presolve import Presolved, ReducedProblem
+from rastercov.placement.select.presolve import Presolved, Reduced, ReducedProblem
 from rastercov.placement.select.problem import BestCoverage, Problem
 
 EFFORT = 300_000_000
@@ -130,7 +130,7 @@ def _asks_for_any(reduced: ReducedProblem) -> bool:
     return reduced.least_total > 0 or bool((reduced.least > 0).any())
 
 
-def _proved(among: Presolved | ReducedProblem, value: float) -> float:
+def _proved(among: Reduced, value: float) -> float:
     """Bound of the share or the cost from that of prices, with the rounding of its sum."""
     if not isinstance(among.problem.goal, BestCoverage):
         return rounded_up(value - BOUND_SAFETY_REL * abs(value), among.costs)
@@ -145,7 +145,7 @@ def share_of(problem: Problem, weight: float) -> float:
     return weight / total if total else 1.0
 
 
-def limits_of(reduced: Presolved | ReducedProblem) -> tuple[int, float]:
+def limits_of(reduced: Reduced) -> tuple[int, float]:
     """Number of cameras and budget of `BestCoverage`; inf for no budget."""
     goal = reduced.problem.goal
     assert isinstance(goal, BestCoverage)
@@ -314,20 +314,19 @@ def _between(large: Presolved, one: Prices, other: Prices) -> Prices:
         earned = (1 - part) * one.earned + part * other.earned
         return Prices(_value(large, price, earned), price, earned)
 
-    best = max(one, other, key=lambda prices: sign * prices.value)
-    low, high = 0.0, 1.0
-    ends = [high - GOLDEN * (high - low), low + GOLDEN * (high - low)]
-    inner = [at(part) for part in ends]
+    def worth(prices: Prices) -> float:
+        return sign * prices.value
+
+    best, low, high = max(one, other, key=worth), 0.0, 1.0
+    left, right = at(1 - GOLDEN), at(GOLDEN)
     for _ in range(LINE_STEPS):
-        best = max(best, *inner, key=lambda prices: sign * prices.value)
-        if sign * inner[0].value >= sign * inner[1].value:
-            high, ends[1], inner[1] = ends[1], ends[0], inner[0]
-            ends[0] = high - GOLDEN * (high - low)
-            inner[0] = at(ends[0])
+        best = max(best, left, right, key=worth)
+        if worth(left) >= worth(right):
+            high, right = low + GOLDEN * (high - low), left
+            left = at(high - GOLDEN * (high - low))
         else:
-            low, ends[0], inner[0] = ends[0], ends[1], inner[1]
-            ends[1] = low + GOLDEN * (high - low)
-            inner[1] = at(ends[1])
+            low, left = high - GOLDEN * (high - low), right
+            right = at(low + GOLDEN * (high - low))
     return best
 
 
