@@ -123,7 +123,7 @@ def groups_of(
     weights = problem.weights[element]
     views = np.bincount(face, minlength=problem.n_faces)
 
-    def total(is_counted: ArrayLike) -> FloatArray:
+    def total(is_counted: BoolArray | float) -> FloatArray:
         return np.bincount(group, weights * is_counted, len(names)).astype(np.float64)
 
     if problem.min_angle > 0:
