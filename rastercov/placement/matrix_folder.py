@@ -468,7 +468,8 @@ def claim(
     except DamagedError as error:
         if all((folder / name).exists() for name in files):
             note(f"{error}; made again")
-        for name, array in zip(files, (poses.world_from_camera, poses.camera), strict=False):
+        arrays: tuple[NDArray[Any], ...] = (poses.world_from_camera, poses.camera)
+        for name, array in zip(files, arrays, strict=False):
             file = io.BytesIO()
             np.save(file, array)
             store(folder, name, file.getvalue())

@@ -1,7 +1,6 @@
 """Covered pairs as bits in the folder of a matrix: derived, verified, made again where damaged."""
 
 import hashlib
-import json
 import os
 from pathlib import Path
 
@@ -135,22 +134,6 @@ def test_a_damaged_or_exchanged_file_is_made_again(tmp_path, lists, made):
     assert n_made() == 3
 
 
-def test_a_run_that_ends_at_any_shard_can_be_repeated(tmp_path, lists, made, monkeypatch):
-    folder, watched = measure(tmp_path), MatrixFolder.pairs_of
-    for end in range(3):
-
-        def stopped(folder, number, end=end):
-            if number == end:
-                raise InterruptedError
-            return watched(folder, number)
-
-        monkeypatch.setattr(MatrixFolder, "pairs_of", stopped)
-        with pytest.raises(InterruptedError):
-            BitMatrix.of(folder)
-    monkeypatch.setattr(MatrixFolder, "pairs_of", watched)
-    np.testing.assert_array_equal(dense(BitMatrix.of(folder).bits), covered(lists))
-
-
 def test_a_damaged_shard_is_named_and_a_locked_folder_is_left_alone(tmp_path):
     folder = measure(tmp_path)
     with locked(tmp_path), pytest.raises(ConfigError, match="another process is writing"):
@@ -182,12 +165,3 @@ def test_no_pose_and_no_pair_are_no_rows(tmp_path):
         assert matrix.bits.n_rows == len(poses)
         assert not dense(matrix.bits).any()
         assert matrix.mean_coverage.tolist() == [0.0] * len(poses)
-
-
-def test_measuring_leaves_the_folder_that_building_reads(tmp_path, lists):
-    folder = measure(tmp_path)
-    assert folder.n_pairs == len(lists.face)
-    assert folder.header == json.loads((tmp_path / "header.json").read_text())
-    found = VisibilityMatrix.of(folder)
-    np.testing.assert_array_equal(found.face, lists.face)
-    np.testing.assert_array_equal(found.coverage, lists.coverage)

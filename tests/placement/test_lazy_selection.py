@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 from nightly import examples
 from selection_cases import best_by_trying_all, covers_faces, dense_of, problems
 
-from rastercov.base.errors import ConfigError
 from rastercov.placement.bits import CoveredBits
 from rastercov.placement.select import bounds
 from rastercov.placement.select.cover import LazyCover
@@ -207,13 +206,3 @@ def test_a_camera_reads_a_part_of_the_candidates():
         lazy.add(camera)
     assert len(lazy.chosen) == 10
     assert lazy.passes <= 2.3  # 1 for the first gains, a tenth for a camera
-
-
-def test_a_core_of_less_than_nothing_is_refused():
-    with pytest.raises(ConfigError, match="core_pairs must be 0 or more, got -1"):
-        select_greedy(problem_of_matrix([[1, 0]], BestCoverage(1)), core_pairs=-1)
-
-
-def test_bits_of_other_faces_are_refused():
-    with pytest.raises(ConfigError, match="bits must be of 3 faces"):
-        replace(problem_of_matrix([[1, 0]], BestCoverage(1)), weights=np.ones(3))

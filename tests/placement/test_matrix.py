@@ -18,7 +18,7 @@ from nightly import IS_NIGHTLY
 
 import rastercov as rc
 from rastercov.base.errors import ConfigError, PoseError
-from rastercov.cluster.store import locked, store
+from rastercov.cluster.store import store
 from rastercov.coverage import shards as evaluation_shards
 from rastercov.mesh import shapes
 from rastercov.placement.matrix import VisibilityMatrix, build_matrix
@@ -301,11 +301,6 @@ def test_a_run_that_ends_between_any_two_files_goes_on(tmp_path, monkeypatch):
         assert contents_of(folder) == contents_of(tmp_path / "quiet")
 
 
-def test_two_processes_do_not_write_to_one_folder(tmp_path):
-    with locked(tmp_path), pytest.raises(ConfigError, match="another process is writing"):
-        build(tmp_path)
-
-
 def test_what_is_no_folder_of_ours_is_refused(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(ConfigError, match="cannot be made"):
@@ -316,8 +311,6 @@ def test_what_is_no_folder_of_ours_is_refused(tmp_path):
     (tmp_path / "pairs" / "pairs-00000.parquet").write_bytes(b"")
     with pytest.raises(ConfigError, match="without a header"):
         build(tmp_path)
-    with pytest.raises(ConfigError, match="poses_a_shard must be 1 or more"):
-        build(poses_a_shard=0)
     with pytest.raises(PoseError):
         build_matrix((MESH, CAMERA), np.zeros((1, 4, 4)), TASK)
 
@@ -373,8 +366,6 @@ def test_views_and_weights_go_by_group():
         problem_of(matrix, scene, goal, views={"c": 2})
     with pytest.raises(ConfigError, match="area or count"):
         problem_of(matrix, scene, goal, weight_by="volume")
-    with pytest.raises(ConfigError, match="of a mesh of"):
-        problem_of(matrix, shapes.icosahedron(), goal)
 
 
 @pytest.mark.slow
@@ -382,10 +373,7 @@ def test_kill_9_loses_nothing_but_the_shard_in_flight(tmp_path):
     script = Path(__file__).parents[1] / "support" / "kill_matrix.py"
     kills, n_poses = ("20", "160") if IS_NIGHTLY else ("6", "48")
     command = [sys.executable, str(script), kills, n_poses, str(tmp_path)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    result = json.loads(done.stdout)
+    result = json.loads(subprocess.run(command, capture_output=True, check=True).stdout)
     assert result["same"]
-    assert result["rewritten"] == 0
-    assert result["left"] == []
+    assert (result["rewritten"], result["left"]) == (0, [])
     assert result["kills"] >= 2

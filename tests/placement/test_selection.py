@@ -1,4 +1,3 @@
-import lzma
 import math
 import sys
 import time
@@ -144,21 +143,6 @@ def test_merging_equal_candidates_and_faces_changes_nothing(problem, times):
         assert select_integer(copied).objective == pytest.approx(best, abs=1e-6)
 
 
-def test_of_equal_candidates_the_cheapest_is_chosen():
-    covers = [[1, 1, 0], [1, 1, 0], [0, 0, 1], [0, 0, 1]]
-    selection = select_greedy(problem_of_matrix(covers, costs=[3, 2, 1, 5]))
-    assert sorted(selection.chosen) == [1, 2]
-    assert selection.objective == selection.bound == 3
-
-
-def test_two_equal_candidates_are_two_views():
-    covers = [[1, 1], [1, 1], [1, 1]]
-    for select in SELECTORS.values():
-        assert select(problem_of_matrix(covers, views=2)).objective == 2
-    with pytest.raises(ConfigError, match="cannot be reached"):
-        problem_of_matrix(covers, views=4)
-
-
 def test_candidates_at_positions_with_the_same_coordinates_are_two():
     #   the face is seen from x and from y, one unit away each
     problem = problem_of_matrix(
@@ -201,16 +185,6 @@ def test_two_cameras_that_help_only_together_are_found():
     best = replace(problem, goal=BestCoverage(4))
     for name in ("plain", "greedy", "integer"):
         assert SELECTORS[name](best).objective == 1.0
-
-
-def test_a_group_gets_its_share():
-    covers = np.eye(6, dtype=int)
-    goal = FewestCameras(0.5, {"rim": 1.0})
-    problem = problem_of_matrix(covers, goal, groups=("hub", "rim"), face_group=[0, 0, 0, 0, 1, 1])
-    for name in ("plain", "greedy", "integer"):
-        selection = SELECTORS[name](problem)
-        assert selection.objective == selection.bound == 3
-        assert selection.covered[4:].all()
 
 
 def test_a_budget_buys_one_good_camera_rather_than_a_cheap_bad_one():
@@ -260,32 +234,6 @@ def test_published_set_covers_cost_the_published_optimum(name):
     assert greedy.bound <= OPTIMA[name] <= greedy.objective
     selection = select_integer(problem, time_limit=600)
     assert selection.objective == selection.bound == OPTIMA[name]
-
-
-def test_a_set_covering_file_reads_as_it_is_meant(tmp_path):
-    #   columns cost 3, 1, 2;   row 1: columns 1 and 2,   row 2: column 3
-    text = " 2 3 \n 3 1 2 \n 2 \n 1 2 \n 1 \n 3 \n"
-    plain, packed = tmp_path / "small.txt", tmp_path / "small.txt.xz"
-    plain.write_text(text)
-    packed.write_bytes(lzma.compress(text.encode()))
-    for path in (plain, packed):
-        problem = read_set_cover(path)
-        assert problem.costs.tolist() == [3, 1, 2]
-        assert problem.bits.pairs()[1].tolist() == [0, 0, 1]
-        selection = select_integer(problem)
-        assert sorted(selection.chosen) == [1, 2]
-        assert selection.objective == 3
-
-
-@pytest.mark.parametrize("text", ["", "2 2 1", "1 1 5 1 2", "1 1 5 1 0", "1 1 5 1 1 9", "a b"])
-def test_a_file_of_another_kind_is_refused_in_one_line(tmp_path, text):
-    path = tmp_path / "bad.txt"
-    path.write_text(text)
-    with pytest.raises(ConfigError, match="no set-covering file") as error:
-        read_set_cover(path)
-    assert "\n" not in str(error.value)
-    with pytest.raises(ConfigError, match="cannot be read"):
-        read_set_cover(tmp_path / "missing.txt")
 
 
 @pytest.mark.slow
