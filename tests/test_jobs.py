@@ -1,6 +1,7 @@
 """`evaluate`, `place`, `check` and `audit` as functions: results of the commands, and no files."""
 
 import json
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -17,14 +18,6 @@ from rastercov.report import plan as report
 from rastercov.report.coverage import Options, run
 
 CAMERA = {"width": 96, "height": 72, "fx": 90, "fy": 90}
-PLAN = {
-    "meshes": [{"path": "part.obj"}],
-    "camera": CAMERA,
-    "task": {"min_pixels_per_m2": 100.0},
-    "candidates": [{"generator": "on_sphere", "count": 20, "distances": [3.5]}],
-    "selection": {"goal": "fewest_cameras", "coverage": 0.9},
-}
-NAMED = PLAN | {"candidates": [PLAN["candidates"][0] | {"cameras": ["camera"]}]}
 TOML = """
 [[meshes]]
 path = "part.obj"
@@ -43,6 +36,8 @@ distances = [3.5]
 goal = "fewest_cameras"
 coverage = 0.9
 """
+PLAN = tomllib.loads(TOML)
+NAMED = PLAN | {"candidates": [PLAN["candidates"][0] | {"cameras": ["camera"]}]}
 POSES = rc.sphere_of_poses((0, 0, 0), 3.5, 6)
 
 

@@ -13,7 +13,7 @@ from rastercov.camera.formats import write_views
 from rastercov.placement import Objective
 from rastercov.placement.plan import run as plan_run
 from rastercov.placement.plan.check import check, limits
-from rastercov.placement.plan.file import PlanError, read_plan
+from rastercov.placement.plan.file import read_plan
 from rastercov.placement.plan.network import observer_of
 from rastercov.placement.plan.prepare import counting
 from rastercov.placement.plan.run import place
@@ -164,28 +164,6 @@ def test_the_page_has_the_cameras_of_rigs(tmp_path):
     assert "pair/left" in text
     assert "pair/right" in text
     assert "without camera 0, 1" in text or "without camera 2, 3" in text
-
-
-@pytest.mark.parametrize(
-    ("cameras", "words"),
-    [
-        (EYE + PAIR.replace('"eye"', '"ear"'), "rigs.pair.cameras: there is no camera 'ear'"),
-        (EYE + PAIR.replace("rigs.pair", "rigs.eye"), "rigs.eye: there is a camera of that name"),
-        (EYE + "[rigs.none]\ncost = 1", "rigs.none: wanted one of cameras, file, got none"),
-        (EYE + PAIR + "[rigs.pair]\ncost = -1", "rigs.pair.cost: wanted a number of 0 or more"),
-        (EYE + PAIR.replace("name =", "label ="), "there is no such entry"),
-        ('[rigs.pair]\nfile = "gone.json"', "rigs.pair.file: wanted a file"),
-        ('[rigs.pair]\nfile = "room.obj"', "rigs.pair: room.obj"),
-    ],
-)
-def test_slips_are_named(cameras, words):
-    with pytest.raises(PlanError, match=words):
-        plan_of(cameras)
-
-
-def test_two_cameras_of_one_name_are_refused():
-    with pytest.raises(PlanError, match=r"rigs\.pair: names must be 2 different"):
-        placed(EYE + PAIR.replace('"right"', '"left"'))
 
 
 TWIN = PAIR.replace("pair", "twin").replace("30", "2").replace("0.1", "0.3")
