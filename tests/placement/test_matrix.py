@@ -210,6 +210,23 @@ def test_no_damage_to_a_matrix_is_believed_and_all_of_it_is_mended(tmp_path):
         assert campaign(tmp_path, inputs, POSES[::-1], 88 if IS_NIGHTLY else 22) == {}
 
 
+@pytest.mark.parametrize("name", ["header.json", "poses.npy"])
+def test_a_damaged_header_or_pose_loses_no_shard_and_opens_the_folder_to_no_other(tmp_path, name):
+    matrix = build(tmp_path, poses_a_shard=4)
+    whole = contents_of(tmp_path)
+    for harm in (lambda path: flip(path, [1000]), lambda path: path.unlink()):
+        harm(tmp_path / name)
+        with pytest.raises(ConfigError, match=rf"{name}|no matrix in this folder"):
+            VisibilityMatrix.load(tmp_path)
+        with pytest.raises(ConfigError, match="from other poses"):
+            build_matrix((MESH, CAMERA), POSES[::-1], TASK, tmp_path)
+        again, seen, notes = watched(tmp_path)
+        same(again, matrix)
+        assert seen == [N_POSES]
+        assert contents_of(tmp_path) == whole
+        assert all(name in line for line in notes)
+
+
 def test_only_the_damaged_shard_is_measured_again_and_somebody_is_told(tmp_path, caplog):
     matrix = build(tmp_path, poses_a_shard=4)
     whole = contents_of(tmp_path)
@@ -229,30 +246,6 @@ def test_only_the_damaged_shard_is_measured_again_and_somebody_is_told(tmp_path,
     caplog.clear()
     build(tmp_path)
     assert not caplog.records
-
-
-@pytest.mark.parametrize("name", ["header.json", "poses.npy"])
-def test_a_damaged_header_or_pose_loses_no_shard(tmp_path, name):
-    matrix = build(tmp_path, poses_a_shard=4)
-    whole = contents_of(tmp_path)
-    for harm in (lambda path: flip(path, [1000]), lambda path: path.unlink()):
-        harm(tmp_path / name)
-        with pytest.raises(ConfigError, match=rf"{name}|no matrix in this folder"):
-            VisibilityMatrix.load(tmp_path)
-        again, seen, notes = watched(tmp_path)
-        same(again, matrix)
-        assert seen == [N_POSES]
-        assert contents_of(tmp_path) == whole
-        assert all(name in line for line in notes)
-
-
-def test_a_damaged_header_does_not_open_the_folder_to_another_matrix(tmp_path):
-    build(tmp_path, poses_a_shard=4)
-    before = contents_of(tmp_path / "pairs")
-    flip(tmp_path / "header.json", [77])
-    with pytest.raises(ConfigError, match="from other poses"):
-        build_matrix((MESH, CAMERA), POSES[::-1], TASK, tmp_path)
-    assert contents_of(tmp_path / "pairs") == before
 
 
 def test_every_file_has_the_checksum_that_sha256sum_gives(tmp_path):

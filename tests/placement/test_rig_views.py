@@ -85,7 +85,7 @@ def rig_problems(draw, **options):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", SELECTORS)
-@examples(60)
+@examples(25, at_night=60)
 @given(problem=rig_problems(sizes=(5, 3, 6, 1)))
 def test_selections_are_what_they_say_and_bounds_hold(name, problem):
     found = SELECTORS[name](problem)
