@@ -53,6 +53,11 @@ def files():
     return {path.name for path in Path().rglob("*")}
 
 
+def written(name):
+    """Content of a file of the command and of the function."""
+    return [json.loads(Path(where, name).read_text()) for where in ("command", "function")]
+
+
 def as_stored(figures):
     return json.loads(json.dumps(figures, default=lambda value: np.asarray(value).tolist()))
 
@@ -69,9 +74,7 @@ def test_place_writes_nothing_and_finds_what_the_command_finds(capsys):
     code, _, err = call(capsys, "place plan.toml -o command --json")
     assert code == 0, err
     rc.place("plan.toml", out="function")
-    command, function = (
-        json.loads(Path(where, "plan.json").read_text()) for where in ("command", "function")
-    )
+    command, function = written("plan.json")
     assert command.pop("seconds").keys() == function.pop("seconds").keys()
     assert command == function
     found = as_stored(report.summary(placed)["cameras"])
@@ -237,19 +240,12 @@ def test_audit_is_the_command(capsys):
     rc.write_views("views.json", views)
     code, _, err = call(capsys, "audit views.json part.obj --views 2 -o command")
     assert code == 0, err
-    command, function = (
-        json.loads(Path(where, "audit.json").read_text()) for where in ("command", "function")
-    )
-    command["subset"].pop("seconds"), function["subset"].pop("seconds")
+    command, function = written("audit.json")
     for each in (command, function):
-        del each["run"]["mesh"]
+        del each["subset"]["seconds"], each["run"]["mesh"]
         each["run"]["options"].pop("scene", None)  # the words of the command
     assert command == function
-    summary = as_stored(found.summary())
-    assert summary["covered_percent"] == function["covered_percent"]
-    assert [each["seen_m2"] for each in summary["per_camera"]] == [
-        each["seen_m2"] for each in function["per_camera"]
-    ]
+    assert as_stored(found.summary())["covered_percent"] == function["covered_percent"]
 
 
 def test_poses_without_a_unit_are_refused():

@@ -167,36 +167,6 @@ def caps(n_candidates, n_faces, seed=0):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("goal", "views"),
-    [
-        (BestCoverage(8), 1),
-        (BestCoverage(12), 2),
-        (BestCoverage(budget=6.0), 1),
-        (FewestCameras(0.95), 1),
-        (FewestCameras(1.0, of_reachable=True), 2),
-    ],
-)
-def test_a_core_of_a_tenth_bounds_all_candidates_about_as_well(goal, views):
-    covers = caps(1500, 300)
-    rng = np.random.default_rng(2)
-    costs = rng.uniform(0.5, 2, len(covers)) if getattr(goal, "budget", None) else None
-    problem = problem_of_matrix(covers, goal, views=views, weights=rng.random(300), costs=costs)
-    core_pairs = int(covers.sum()) // 10
-    plain = select_greedy(problem, effort=QUICK)
-    found = select_greedy(problem, effort=QUICK, core_pairs=core_pairs)
-    if isinstance(goal, BestCoverage):
-        assert plain.objective - 1e-9 <= plain.bound
-        assert max(found.objective, plain.objective) <= found.bound + 1e-9
-        assert found.bound <= plain.bound + 0.02
-        assert found.objective >= plain.objective - 0.02
-    else:
-        assert found.bound <= min(found.objective, plain.objective) + 1e-9
-        assert found.bound >= plain.bound - 1
-        assert found.objective <= plain.objective + 1
-
-
-@pytest.mark.slow
 def test_a_camera_reads_a_part_of_the_candidates():
     problem = problem_of_matrix(caps(1500, 4000), BestCoverage(10))
     large = presolve(problem)

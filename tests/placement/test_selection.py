@@ -152,25 +152,6 @@ def test_candidates_at_positions_with_the_same_coordinates_are_two():
         assert select(problem).covered.all()
 
 
-def test_views_from_one_direction_do_not_make_a_pair():
-    #   0 1        2
-    #     \|     /
-    #       face
-    eyes = [[0, 0, 4], [0.1, 0, 4], [4, 0, 4]]
-    covers = np.ones((3, 1))
-    for angle, cameras in ((0, 2), (10, 2), (44, 2)):
-        for select in SELECTORS.values():
-            problem = problem_of_matrix(
-                covers, views=2, min_angle_deg=angle, eyes=eyes, centroids=[[0, 0, 0]]
-            )
-            selection = select(problem)
-            if select is not select_thesis:
-                assert len(selection.chosen) == cameras
-            assert angle == 0 or 2 in selection.chosen
-    with pytest.raises(ConfigError, match="cannot be reached"):
-        problem_of_matrix(covers, min_angle_deg=46, eyes=eyes, centroids=[[0, 0, 0]])
-
-
 @pytest.mark.slow
 def test_two_cameras_that_help_only_together_are_found():
     #   1   0   2      all near 0, but 1 and 2 far from one another; 0 is also the only one

@@ -214,17 +214,3 @@ def test_views_by_area_are_those_of_the_cameras():
     assert seen_again(found).areas.summary()["percent"] == pytest.approx(
         100 * found.cameras.share, abs=1e-9
     )
-
-
-@pytest.mark.slow
-def test_a_plan_with_rigs_and_views_resumes_from_its_shards(tmp_path):
-    plan = plan_of(EYE + TWIN, task=BY_AREA + "\nviews = 2")
-    first = place(plan, tmp_path / "out")
-    shards = sorted((tmp_path / "out").rglob("pairs-*.parquet"))
-    before = [shard.read_bytes() for shard in shards]
-    shards[0].unlink()
-    again = place(plan, tmp_path / "out")
-    assert [shard.read_bytes() for shard in shards] == before
-    assert again.selection.chosen.tolist() == first.selection.chosen.tolist()
-    assert again.selection.bound == first.selection.bound
-    assert again.cameras.share == first.cameras.share
