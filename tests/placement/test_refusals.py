@@ -14,6 +14,7 @@ import rastercov as rc
 from rastercov.mesh import shapes
 from rastercov.placement import (
     BestCoverage,
+    FewestCameras,
     Framing,
     InstallationError,
     KeepOutBox,
@@ -76,6 +77,10 @@ def counted(**options):
     return lambda o: Objective.of(o.observer, TASK, **options)
 
 
+def covered(covers, **options):
+    return lambda o: problem_of_matrix(covers, **options)
+
+
 def audited(**options):
     return lambda o: audit(MESH, SMALL, POSES, **options)
 
@@ -133,7 +138,24 @@ REFUSED = [
     (space(boxes=[(0, 0, 0)]), "two corners"),
     (space(up=(0, 0, 0), stand_off=(0, 1)), "up must be"),
     # problems and selections
-    (lambda o: problem_of_matrix(np.ones((3, 2)), views=4), "cannot be reached"),
+    (covered([[1, 2]]), "0 and 1"),
+    (covered([1, 0]), "shape"),
+    (covered([[1]], costs=[-1]), "costs must be 0 or more"),
+    (covered([[1]], costs=[1, 2]), "costs must have shape (1,)"),
+    (covered([[1]], weights=[math.nan]), "weights must be 0 or more"),
+    (covered([[1]], views=0), "views must be 1 or more"),
+    (covered([[1]], views=1.5), "whole number"),
+    (covered([[1]], min_angle_deg=20), "needs eyes and centroids"),
+    (covered([[1]], min_angle_deg=200), "0 to 180"),
+    (covered([[1]], face_group=1), "face_group must index"),
+    (covered([[1]], goal=FewestCameras(groups={"rim": 1})), "no group 'rim'"),
+    (covered([[1, 0]]), "all 1 candidates together cover 0.5;"),
+    (covered(np.ones((3, 2)), views=4), "cannot be reached"),
+    (lambda o: FewestCameras(1.5), "must be 0 to 1"),
+    (lambda o: FewestCameras(groups={"rim": -1}), "of rim must be 0 to 1"),
+    (lambda o: BestCoverage(), "a number of cameras or a budget"),
+    (lambda o: BestCoverage(-1), "cameras must be 0 or more"),
+    (lambda o: BestCoverage(budget=math.inf), "budget must be 0 or more"),
     (lambda o: replace(RIGS, eyes=RIGS.eyes[:2]), "eyes must have shape (3, 3), got (2, 3)"),
     (lambda o: replace(RIGS, starts=np.array([0, 2, 4])), "starts must divide 3 cameras"),
     (lambda o: replace(RIGS, starts=np.array([1, 2, 3])), "starts must divide 3 cameras"),

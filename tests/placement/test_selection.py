@@ -357,32 +357,3 @@ def test_a_program_too_large_for_memory_is_refused(monkeypatch):
     monkeypatch.setattr(integer_module, "MOST_PAIRS", 10)
     with pytest.raises(ResourceError, match="use select_greedy"):
         select_integer(problem_of_matrix(steiner(9)))
-
-
-@pytest.mark.parametrize(
-    ("make", "words"),
-    [
-        (lambda: problem_of_matrix([[1, 2]]), "0 and 1"),
-        (lambda: problem_of_matrix([1, 0]), "shape"),
-        (lambda: problem_of_matrix([[1]], costs=[-1]), "costs must be 0 or more"),
-        (lambda: problem_of_matrix([[1]], costs=[1, 2]), r"costs must have shape \(1,\)"),
-        (lambda: problem_of_matrix([[1]], weights=[math.nan]), "weights must be 0 or more"),
-        (lambda: problem_of_matrix([[1]], views=0), "views must be 1 or more"),
-        (lambda: problem_of_matrix([[1]], views=1.5), "whole number"),
-        (lambda: problem_of_matrix([[1]], min_angle_deg=20), "needs eyes and centroids"),
-        (lambda: problem_of_matrix([[1]], min_angle_deg=200), "0 to 180"),
-        (lambda: problem_of_matrix([[1]], face_group=1), "face_group must index"),
-        (lambda: problem_of_matrix([[1]], FewestCameras(groups={"rim": 1})), "no group 'rim'"),
-        (lambda: problem_of_matrix([[1, 0]]), "all 1 candidates together cover 0.5;"),
-        (lambda: FewestCameras(1.5), "must be 0 to 1"),
-        (lambda: FewestCameras(groups={"rim": -1}), "of rim must be 0 to 1"),
-        (lambda: BestCoverage(), "a number of cameras or a budget"),
-        (lambda: BestCoverage(-1), "cameras must be 0 or more"),
-        (lambda: BestCoverage(budget=math.inf), "budget must be 0 or more"),
-        (lambda: select_integer(problem_of_matrix([[1]]), time_limit=0), "time_limit"),
-    ],
-)  # fmt: skip
-def test_a_problem_that_is_none_is_refused_in_one_line(make, words):
-    with pytest.raises(ConfigError, match=words) as error:
-        make()
-    assert "\n" not in str(error.value)

@@ -40,10 +40,7 @@ ONE_CAMERA = BOX + "[camera]\n" + WIDE
         # targets
         (TARGET, "targets[0]: wanted one of above, box, file, got none"),
         (SHEET, "targets[0]: above and height come together"),
-        (
-            SHEET + "box = [[0, 0, 0], [1, 1, 1]]",
-            "targets[0]: wanted one of above, box, file, got a",
-        ),
+        (SHEET + "box = [[0, 0, 0], [1, 1, 1]]", "targets[0]: wanted one of above, box, file"),
         (SHEET + "height = 1\nspacing = 0.5", "targets[0]: spacing is of a box"),
         (SHEET + "height = -1", "targets[0].height: wanted a number of 0 or more"),
         (SHEET + 'height = 1\nunit = "mm"', "targets[0]: unit is of a file"),
@@ -54,10 +51,7 @@ ONE_CAMERA = BOX + "[camera]\n" + WIDE
         (GRID + "count = [1, 1, 1]\nspacing = 0.1", "targets[0]: count and spacing exclude each"),
         (GRID.replace("1.0]]", "0.0]]"), "targets[0]: wanted low < high on every axis"),
         (TARGET + "box = [[0, 0, 0]]", "targets[0].box: wanted 2 or more of them"),
-        (
-            TARGET + 'file = "no.stl"',
-            "targets[0].file: wanted a file, got 'no.stl', and there is no",
-        ),
+        (TARGET + 'file = "no.stl"', "targets[0].file: wanted a file, got 'no.stl'"),
         # cameras and rigs
         (BASE + "aperture = 0.1", "camera: aperture and focus_distance come together"),
         (BASE + "width = 0", "camera: width must be a whole number of pixels"),
@@ -72,10 +66,7 @@ ONE_CAMERA = BOX + "[camera]\n" + WIDE
         (BOX + EYE + PAIR.replace('"eye"', '"ear"'), "rigs.pair.cameras: there is no camera 'ear'"),
         (BOX + EYE + PAIR.replace("pair", "eye"), "rigs.eye: there is a camera of that name"),
         (BOX + EYE + "[rigs.none]\ncost = 1", "rigs.none: wanted one of cameras, file, got none"),
-        (
-            BOX + EYE + PAIR + "[rigs.pair]\ncost = -1",
-            "rigs.pair.cost: wanted a number of 0 or more",
-        ),
+        (BOX + EYE + PAIR + "[rigs.pair]\ncost = -1", "rigs.pair.cost: wanted a number of 0"),
         (BOX + EYE + PAIR.replace("name =", "label ="), "rigs.pair.cameras[0].label: there is no"),
         (BOX + '[rigs.pair]\nfile = "gone.json"', "rigs.pair.file: wanted a file"),
         (BOX + '[rigs.pair]\nfile = "room.obj"', "rigs.pair: room.obj"),
@@ -90,10 +81,7 @@ ONE_CAMERA = BOX + "[camera]\n" + WIDE
         (TASK + "resolution_of_result = 0", "task.resolution_of_result: wanted a number above 0"),
         (TASK + "resolution_of_result = nan", "task.resolution_of_result: wanted a"),
         (TASK + "resolution_of_result = inf", "task.resolution_of_result: wanted a"),
-        (
-            TASK + "resolution_of_result = 'fine'",
-            "task.resolution_of_result: wanted a number, got '",
-        ),
+        (TASK + "resolution_of_result = 'fine'", "task.resolution_of_result: wanted a number"),
         (TASK + "resolution_of_result = 1\nby = 'face'", "task: resolution_of_result is of cells"),
         (TASK + "weight_by = 'count'\nby = 'area'", 'task: weight_by = "count" is of faces'),
         (SELECTION + "coverage = 1", "selection.goal: missing"),
@@ -108,10 +96,7 @@ ONE_CAMERA = BOX + "[camera]\n" + WIDE
         (ENTRY + "'on_sphere'\ncount = 0", "candidates[0].count: wanted a number of 1 or more"),
         (ENTRY + "'per_face'\nup = [0, 0, 0]", "candidates[0].up: wanted a direction"),
         (ENTRY + "'poses'\nfile = '/'", "candidates[0].file: wanted a file"),
-        (
-            ENTRY + "'per_face'\ncameras = ['fish']",
-            "candidates[0].cameras: there is no camera 'fis",
-        ),
+        (ENTRY + "'per_face'\ncameras = ['fish']", "candidates[0].cameras: there is no camera"),
     ],
 )
 def test_each_error_says_what_was_wanted(text, line):
