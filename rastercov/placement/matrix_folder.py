@@ -127,14 +127,9 @@ class Pairs(NamedTuple):
     on_rig: NDArray[np.uint16]
 
 
-NOT_ON_RIGS = np.zeros(0, np.uint16)
-NO_PAIRS = Pairs(
-    np.zeros(0, np.int64),
-    np.zeros(0, np.int32),
-    np.zeros(0, np.float32),
-    np.zeros(0, np.bool_),
-    NOT_ON_RIGS,
-)
+KINDS = (np.int64, np.int32, np.float32, np.bool_, np.uint16)
+NO_PAIRS = Pairs(*(np.zeros(0, kind) for kind in KINDS))
+NOT_ON_RIGS = NO_PAIRS.on_rig
 
 
 def gathered(batches: Iterable[Pairs]) -> Pairs:

@@ -54,7 +54,7 @@ def errors(text):
 
 def test_the_least_plan_has_a_mesh_and_a_camera():
     plan = plan_of(BASE)
-    assert plan.build_camera() == rc.Camera.preset("khepra")
+    assert plan.rig.cameras[0] == rc.Camera.preset("khepra")
     assert plan.build_task() == rc.Task()
     assert plan.folder == Path()
     assert scene(plan).n_faces == 12
@@ -122,7 +122,7 @@ def test_files_are_relative_to_the_plan():
     plan = plan_of(text, "deep/plan.toml")
     mesh = scene(plan)
     assert np.ptp(mesh.bounds, axis=0) == pytest.approx([1e-3] * 3)
-    assert plan.build_camera().width == 64
+    assert plan.rig.cameras[0].width == 64
     assert len(candidate_pool(plan, mesh).candidates) == 4
 
 

@@ -542,14 +542,10 @@ def per_cavity(
     framing: Framing = DEFAULT,
     *,
     faces: ArrayLike,
-    clearance: float = 0.0,
-    keep_out: Sequence[KeepOut] = (),
-    views: int = 3,
+    **options: Any,
 ) -> Candidates:
-    """Views along the directions that are open at each face; arguments as for `openings`."""
-    return openings(
-        mesh, camera, framing, faces=faces, clearance=clearance, keep_out=keep_out, views=views
-    ).candidates
+    """Views along the directions that are open at each face; options as for `openings`."""
+    return openings(mesh, camera, framing, faces=faces, **options).candidates
 
 
 @typed

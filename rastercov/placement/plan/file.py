@@ -21,7 +21,7 @@ from rastercov.base.checks import share_meant, shown
 from rastercov.base.errors import CameraError, ConfigError, RastercovError
 from rastercov.base.files import StrPath, UnparsedError, UnreadableError, printable, read_toml
 from rastercov.camera.camera import Camera
-from rastercov.camera.rig import Rig, only_camera
+from rastercov.camera.rig import Rig
 from rastercov.coverage.area.network import unit_of_result
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.task import Task
@@ -237,10 +237,6 @@ class Plan(PlanModel):
             return [row for row, name in enumerate(known) if name in names]
         in_rigs = {each.camera for rig in self.rigs.values() for each in rig.cameras or []}
         return [row for row, name in enumerate(known) if name in self.rigs or name not in in_rigs]
-
-    def build_camera(self) -> Camera:
-        """The camera of all poses; CameraError where there are several."""
-        return only_camera(self.rig)
 
     def cost_of(self, mount: str, place: float | None) -> float:
         """Cost of a camera or rig by its name at a place with a cost; 1 where none has one.

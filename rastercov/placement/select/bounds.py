@@ -24,7 +24,6 @@ P. Wentges. Weighted Dantzig-Wolfe decomposition for linear mixed-integer progra
 
 import math
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Self
 
@@ -167,7 +166,6 @@ def best_prices(
     """
     pairs = reduced.indptr, reduced.face
     views = np.maximum(reduced.views.astype(np.float64), 2.0 if reduced.is_spread else 1.0)
-    search: Callable[[FloatArray, FloatArray, FloatArray, int], None]
     if isinstance(reduced.problem.goal, BestCoverage):
         whole, limits = int(reduced.integer_weights.sum()), limits_of(reduced)
         weights = reduced.integer_weights / whole
@@ -176,32 +174,23 @@ def best_prices(
             degree = np.diff(reduced.starts)
             prices = most / (1 + degree / max(1.0, float(degree.mean())))
         prices = np.minimum(prices, most)
-
-        def search(now: FloatArray, best: FloatArray, progress: FloatArray, steps: int) -> None:
-            kernels.best_weight(
-                *pairs, views, weights, reduced.costs, *limits, now, best, progress,
-                state.covered / whole, steps,
-            )  # fmt: skip
+        loop, further, value = kernels.best_weight, limits, state.covered / whole
     else:
         weights, start = reduced.integer_weights.astype(np.float64), 0.0
         wanted = reduced.least.astype(np.float64), float(reduced.least_total)
         if prices is None:
             prices = np.empty(reduced.n_faces)
             kernels.cheapest_share(*pairs, reduced.costs, prices)
+        loop, further, value = kernels.least_cost, (reduced.kind, *wanted), state.cost
 
-        def search(now: FloatArray, best: FloatArray, progress: FloatArray, steps: int) -> None:
-            kernels.least_cost(
-                *pairs, views, weights, reduced.costs, reduced.kind, *wanted, now, best, progress,
-                state.cost, steps,
-            )  # fmt: skip
-
+    fixed = (*pairs, views, weights, reduced.costs, *further)
     n_pairs = max(1, 2 * len(reduced.face))  # of a step
     left = int(np.clip(EFFORT // n_pairs, FEWEST_STEPS, MOST_STEPS))
     progress = np.array([start, 1.0, 0.0, 0.0])
     now, best = prices.copy(), prices.copy()
     at_once = max(1, PAIRS_A_LOOK // n_pairs)
     while left > 0 and not progress[kernels.ENDED]:
-        search(now, best, progress, min(at_once, left))
+        loop(*fixed, now, best, progress, value, min(at_once, left))
         left -= at_once
         if deadline.is_over:
             break
