@@ -127,7 +127,7 @@ class Pairs(NamedTuple):
     on_rig: NDArray[np.uint16]
 
 
-KINDS = (np.int64, np.int32, np.float32, np.bool_, np.uint16)
+KINDS: tuple[Any, ...] = (np.int64, np.int32, np.float32, np.bool_, np.uint16)
 NO_PAIRS = Pairs(*(np.zeros(0, kind) for kind in KINDS))
 NOT_ON_RIGS = NO_PAIRS.on_rig
 

@@ -25,7 +25,7 @@ P. Wentges. Weighted Dantzig-Wolfe decomposition for linear mixed-integer progra
 import math
 import time
 from dataclasses import dataclass
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -166,6 +166,7 @@ def best_prices(
     """
     pairs = reduced.indptr, reduced.face
     views = np.maximum(reduced.views.astype(np.float64), 2.0 if reduced.is_spread else 1.0)
+    further: tuple[Any, ...]
     if isinstance(reduced.problem.goal, BestCoverage):
         whole, limits = int(reduced.integer_weights.sum()), limits_of(reduced)
         weights = reduced.integer_weights / whole
