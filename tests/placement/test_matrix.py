@@ -246,6 +246,11 @@ def test_only_the_damaged_shard_is_measured_again_and_somebody_is_told(tmp_path,
     caplog.clear()
     build(tmp_path)
     assert not caplog.records
+    flip(shard, [8 * 200])
+    (tmp_path / "header.json").unlink()  # it is restored from another shard
+    again, seen, notes = watched(tmp_path)
+    assert (seen[0], len(notes)) == (N_POSES - 4, 2)
+    assert contents_of(tmp_path) == whole
 
 
 def test_every_file_has_the_checksum_that_sha256sum_gives(tmp_path):

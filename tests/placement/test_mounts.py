@@ -35,7 +35,7 @@ POSES = rc.sphere_of_poses((0, 0, 0), 4.0, 8)
 def small_batches():
     """Batches that end within a rig."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("rastercov.coverage.coverage.POSES_A_BATCH", 4)
+        patch.setattr("rastercov.coverage.coverage.POSES_A_BATCH", 2)
         yield
 
 

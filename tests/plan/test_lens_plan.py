@@ -93,7 +93,7 @@ def checked(plan, found, share):
     ("scene", "camera"),
     [
         (OUTSIDE, BARREL),
-        pytest.param(INSIDE, FISHEYE, marks=pytest.mark.slow),
+        pytest.param(OUTSIDE, FISHEYE, marks=pytest.mark.slow),
         pytest.param(INSIDE, PANORAMA, marks=pytest.mark.slow),
     ],
 )

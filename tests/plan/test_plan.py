@@ -86,7 +86,7 @@ def test_all_errors_come_at_once_each_with_its_path():
 
 
 @pytest.mark.slow
-@examples(25)
+@examples(10)
 @given(
     st.recursive(
         st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
