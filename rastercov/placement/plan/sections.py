@@ -45,6 +45,7 @@ from rastercov.mesh.arrays import rotation_about
 from rastercov.mesh.formats import METRES, READERS, metres_per
 from rastercov.mesh.shapes import NAMES
 from rastercov.placement.candidates.clearance import KeepOutBox, KeepOutSphere
+from rastercov.placement.candidates.mounting import SIDES
 from rastercov.placement.improve.refine import BUDGET
 from rastercov.placement.improve.tolerance import InstallationError
 from rastercov.placement.select.problem import BestCoverage, FewestCameras
@@ -474,14 +475,7 @@ class OnBox(Mounted):
     generator: Literal["on_box"]
     outward: Number = 0.0
     """Enlarges the box on all sides, m."""
-    sides: Some[Literal["-x", "+x", "-y", "+y", "-z", "+z"]] = [
-        "-x",
-        "+x",
-        "-y",
-        "+y",
-        "-z",
-        "+z",
-    ]
+    sides: Some[Literal["-x", "+x", "-y", "+y", "-z", "+z"]] = list(SIDES)
     """Sides to use."""
 
 
@@ -511,18 +505,9 @@ class PoseFile(Generator):
     """Pose file, ours (.json, .npy) or of another program that states its unit."""
 
 
-CandidateEntry = Annotated[
-    PerSegment
-    | PerFace
-    | PerConvexRegion
-    | PerCavity
-    | Around
-    | OnBox
-    | OnWalls
-    | OnCeiling
-    | PoseFile,
-    Field(discriminator="generator"),
-]
+OfSurface = PerSegment | PerFace | PerConvexRegion | PerCavity
+OfPlaces = Around | OnBox | OnWalls | OnCeiling | PoseFile
+CandidateEntry = Annotated[OfSurface | OfPlaces, Field(discriminator="generator")]
 
 
 def _unit(unit: str | float) -> str | float:
