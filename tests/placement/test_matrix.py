@@ -330,6 +330,17 @@ def test_rounding_carries_no_pair_across_the_threshold(least, values, ulps):
     np.testing.assert_allclose(short, wanted, rtol=2.4e-7, atol=3e-45)
 
 
+def test_matrices_that_are_joined_are_that_of_all_poses():
+    parts = [
+        replace(build_matrix((MESH, CAMERA), some, TASK), quarantined={1: "was killed"})
+        for some in (POSES[:6], POSES[6:])
+    ]
+    joined = parts[0].joined(parts[1])
+    np.testing.assert_array_equal(dense(joined), dense(build()))
+    np.testing.assert_array_equal(joined.poses, POSES)
+    assert joined.quarantined.keys() == {1, 7}
+
+
 def test_a_problem_has_the_pairs_that_count():
     matrix = build()
     coverage = rc.evaluate(MESH, CAMERA, POSES, TASK)

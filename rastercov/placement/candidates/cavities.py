@@ -337,8 +337,8 @@ class Enclosure:
         self._low, self._high = self._corners.min(axis=1), self._corners.max(axis=1)
         ends = [self._low, self._high]
         if len(rows):
-            least, greatest = np.minimum.reduceat, np.maximum.reduceat
-            ends = [least(ends[0], self._starts[:-1]), greatest(ends[1], self._starts[:-1])]
+            first = self._starts[:-1]
+            ends = [np.minimum.reduceat(ends[0], first), np.maximum.reduceat(ends[1], first)]
         self._boxes = np.stack(ends, axis=1)
 
     def proofs(self, faces: IntArray, normals: FloatArray) -> list[str]:

@@ -45,7 +45,6 @@ from rastercov.mesh.arrays import rotation_about
 from rastercov.mesh.formats import METRES, READERS, metres_per
 from rastercov.mesh.shapes import NAMES
 from rastercov.placement.candidates.clearance import KeepOutBox, KeepOutSphere
-from rastercov.placement.candidates.mounting import SIDES
 from rastercov.placement.improve.refine import BUDGET
 from rastercov.placement.improve.tolerance import InstallationError
 from rastercov.placement.select.problem import BestCoverage, FewestCameras
@@ -469,13 +468,16 @@ class Mounted(Generator):
     _check = model_validator(mode="after")(both_or_none)
 
 
+Side = Literal["-x", "+x", "-y", "+y", "-z", "+z"]
+
+
 class OnBox(Mounted):
     """Mounting positions on the sides of a box."""
 
     generator: Literal["on_box"]
     outward: Number = 0.0
     """Enlarges the box on all sides, m."""
-    sides: Some[Literal["-x", "+x", "-y", "+y", "-z", "+z"]] = list(SIDES)
+    sides: Some[Side] = list(get_args(Side))
     """Sides to use."""
 
 
