@@ -119,19 +119,10 @@ def test_a_candidate_has_a_pose_for_each_type_of_its_entry():
 def test_poses_of_a_file_may_name_their_cameras():
     poses = rc.look_at([[1, 1, 2], [2, 1, 2], [3, 1, 2]], [[4, 3, 1]] * 3)
     write_poses("named.json", poses, ["long", "wide", "long"])
-    text = PLAN.replace(
-        'generator = "on_walls"\nspacing = 3.0\nheights = [2.4, 2.6]', "{generator}"
+    text = (
+        '[[meshes]]\npath = "room.obj"\n[[candidates]]\ngenerator = "poses"\nfile = "named.json"\n'
     )
-    entry = 'generator = "poses"\nfile = "named.json"'
-    Path("plan.toml").write_text(
-        text.format(
-            cameras=types(wide=WIDE, long=LONG),
-            density=100,
-            entry="",
-            goal=FEWEST,
-            generator=entry,
-        )
-    )
+    Path("plan.toml").write_text(text + types(wide=WIDE, long=LONG))
     plan = read_plan("plan.toml")
     pool = candidate_pool(plan, scene(plan))
     assert sorted(zip(pool.candidates.index, pool.candidates.camera, strict=True)) == [
