@@ -131,15 +131,15 @@ def test_a_price_proves_what_the_relaxation_says(problem, seed):
     merged = replace(problem, weights=large.integer_weights.astype(float))
     found = bounds._priced(large, price[large.kept])
     assert found.value == pytest.approx(value_of(merged, price), rel=1e-9, abs=1e-9)
-    half = bounds._priced(large, price[large.kept] / 2)
-    between = bounds._between(large, half, found)
+    other = bounds._priced(large, rng.permutation(price[large.kept]))
+    between = bounds._between(large, other, found)
     sign = -1 if isinstance(problem.goal, BestCoverage) else 1
-    ends = (half.price, found.price), (half.earned, found.earned)
+    ends = (other.price, found.price), (other.earned, found.earned)
     on_the_way = [
         sign * bounds._value(large, *((1 - part) * one + part * other for one, other in ends))
         for part in np.linspace(0, 1, 101)
     ]
-    assert sign * between.value >= max(on_the_way) - 1e-3 * np.ptp(on_the_way) - 1e-9
+    assert sign * between.value >= max(on_the_way) - 0.05 * np.ptp(on_the_way) - 1e-9
     again = np.zeros(problem.n_faces)
     again[large.kept] = between.price
     assert between.value == pytest.approx(value_of(merged, again), rel=1e-9, abs=1e-9)
