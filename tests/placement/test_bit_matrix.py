@@ -7,19 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from matrix_damage import contents_of, flip
+from test_matrix import CAMERA, MESH, N_POSES, POSES, TASK
 
 import rastercov as rc
 from rastercov.base.errors import ConfigError, ResourceError
 from rastercov.cluster.store import locked
-from rastercov.mesh import shapes
 from rastercov.placement.matrix import BitMatrix, VisibilityMatrix, build_matrix, measure_matrix
 from rastercov.placement.matrix_folder import MatrixFolder
 
-CAMERA = rc.Camera(width=64, height=64, fx=70, fy=70)
-TASK = rc.Task(min_coverage=0.3, max_incidence_deg=80)
-N_POSES = 11
-MESH = shapes.torus(12, 8)
-POSES = rc.sphere_of_poses((0, 0, 0), 4.2, N_POSES)
 WORDS = Path("bits") / "covered-0.3.words"
 RECORD = Path("bits") / "covered-0.3.npz"
 SUM_OF_RECORD = Path("sha256") / "covered-0.3.npz.sha256"
