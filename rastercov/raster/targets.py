@@ -9,13 +9,16 @@ takes about as long as counting it. Meshes without targets do nothing of this.
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.mesh import Mesh
-from rastercov.raster.contract import CountArray, FaceCounts
 from rastercov.raster.sample_grid import Box, SampleGrid
+
+if TYPE_CHECKING:
+    from rastercov.raster.contract import CountArray, FaceCounts
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -83,12 +86,12 @@ class TargetFaces:
         kernels.rows_of_targets(*view, grid.height, rows)
         in_view = rows[rows[:, 0] < rows[:, 1]]
         if len(in_view):
-            runs = grid.first, grid.last
+            runs = tuple(grid.runs)
             for tile, depth in depths(int(in_view[:, 0].min()), int(in_view[:, 1].max())):
                 kernels.count_targets(*view, rows, tile, runs, depth, ONCE, visible, drawn)
         return visible, drawn
 
-    def added(self, counts: FaceCounts, visible: IntArray, drawn: IntArray) -> FaceCounts:
+    def added(self, counts: "FaceCounts", visible: IntArray, drawn: IntArray) -> "FaceCounts":
         """Counts of the whole mesh from those of its opaque part and of its targets, (P, N)."""
         return replace(
             counts,
@@ -102,7 +105,7 @@ class TargetFaces:
         found: NDArray[np.int32] = names[face]
         return found
 
-    def _merged(self, opaque: CountArray, targets: IntArray) -> CountArray:
+    def _merged(self, opaque: "CountArray", targets: IntArray) -> "CountArray":
         n_faces = len(self.opaque) + len(self.rows)
         merged: CountArray = np.empty((len(targets), n_faces), opaque.dtype)
         merged[:, self.opaque] = opaque[:, : len(self.opaque)]

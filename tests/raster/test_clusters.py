@@ -384,36 +384,3 @@ def test_faces_that_rounding_turns_towards_the_camera_are_counted(scale):
     counts_agree(sheet, camera, poses @ turn, supersample=scale)
     with CPURasterizer(sheet, camera, supersample=scale) as rasterizer:
         assert rasterizer.count(poses @ turn, drawn=False).visible.any()
-
-
-def share_looked_at(mesh, camera, pose):
-    """Share of the clusters whose vertices matter: each in turn is put right before the camera."""
-    rng = np.random.default_rng(0)
-    with CPURasterizer(mesh, camera, threads=1) as rasterizer:
-        expected = rasterizer.count(pose, drawn=False)
-        clusters, centre = rasterizer._scene.clusters, rasterizer._scene.centre
-        bounds = list(zip(clusters.vertex_starts, clusters.vertex_starts[1:], strict=False))
-        looked_at = 0
-        for begin, end in bounds:
-            points = clusters.points[3 * begin : 3 * end]
-            kept = points.copy()
-            before = rng.normal(size=(end - begin, 3)) * 0.03 + (0, 0, 0.1)
-            before = before @ pose[0, :3, :3].T + pose[0, :3, 3] - centre
-            points[:] = before.T.ravel()
-            found = rasterizer.count(pose, drawn=False)
-            points[:] = kept
-            looked_at += not np.array_equal(found.visible, expected.visible)
-    return looked_at / len(bounds)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("mesh", [shapes.torus(120, 90), shapes.box(n=30)], ids=repr)
-def test_a_pose_does_not_look_at_clusters_turned_away_or_outside(mesh):
-    # Else nothing is wrong, but much is slow.
-    centre, size = mesh.bounds.mean(axis=0), np.linalg.norm(np.ptp(mesh.bounds, axis=0))
-    pose = look_at(centre + size * np.array((0.1, 2, 0.2)), centre)
-    whole = share_looked_at(mesh, Camera(width=400, height=400, fx=700, fy=700), pose)
-    assert 0 < whole < 0.85
-    for cx, cy in ((-20, 100), (220, 100), (100, -20), (100, 220)):
-        part = Camera(width=200, height=200, fx=700, fy=700, cx=cx, cy=cy)
-        assert 0 < share_looked_at(mesh, part, pose) < 0.75 * whole

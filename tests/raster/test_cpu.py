@@ -58,23 +58,6 @@ def test_pictures_of_many_poses_are_those_of_each():
         rasterizer.render_all(poses)
 
 
-def test_a_pose_counts_alike_alone_and_among_others():
-    # Views from inside clip hundreds of faces, views from outside none: scratch memory grows in
-    # the middle of a batch, and no pose may be counted twice or left out for it.
-    mesh = shapes.room(20)
-    rng = np.random.default_rng(5)
-    eyes = mesh.bounds.mean(axis=0) + rng.uniform(-1, 1, (12, 3))
-    eyes[::3] *= 40
-    poses = look_at(eyes, eyes + rng.normal(size=(12, 3)))
-    together = count(mesh, poses, threads=1)
-    for row, pose in enumerate(poses):
-        alone = count(mesh, pose)
-        assert np.array_equal(alone.visible[0], together.visible[row])
-        assert np.array_equal(alone.drawn[0], together.drawn[row])
-    samples = CAMERA.width * CAMERA.height
-    assert (together.visible.sum(axis=1) + together.background == samples).all()
-
-
 def test_faces_larger_than_the_lists_are_listed():
     # Four triangles that each touch all tiles: more entries than faces.
     corners = np.array([(-9, -9, 2), (9, -9, 2), (0, 18, 2)], float)
@@ -359,7 +342,7 @@ def test_no_scene_writes_past_its_scratch_memory():
         with CPURasterizer(mesh, camera, threads=1, supersample=scale, roll=roll) as rasterizer:
             (worker,) = rasterizer._scratch.take(1)
             worker.buffers = all_fenced(worker.buffers)
-            worker.scratch = all_fenced(worker.scratch)
+            worker.memory.scratch = all_fenced(worker.memory.scratch)
             rasterizer._scratch.give_back([worker])
             rasterizer.count(poses)
             rasterizer.count(poses, drawn=False)
@@ -418,15 +401,6 @@ def test_an_interrupt_ends_the_count_within_a_turn(monkeypatch):
         assert len(turns_taken) < 100  # of 250
         monkeypatch.undo()
         assert_same_counts(rasterizer.count(poses[:3]), count(shapes.box(), poses[:3]))
-
-
-def test_closed_rasteriser_says_so():
-    rasterizer = CPURasterizer(shapes.box(), CAMERA)
-    rasterizer.close()
-    rasterizer.close()
-    for call in (rasterizer.count, rasterizer.render):
-        with pytest.raises(DeviceError, match="closed"):
-            call(np.eye(4))
 
 
 def test_limits_are_refused_before_anything_is_allocated():

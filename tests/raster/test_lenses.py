@@ -212,7 +212,7 @@ def test_closed_room_leaves_no_live_sample_without_a_face(open_lens, lens, sampl
     counts = open_lens(mesh, camera, supersample=supersample, roll=roll).count(np.eye(4)[None])
     places = grid.positions(0, grid.height)
     column = np.arange(grid.width)
-    inside = (column >= grid.first[:, None]) & (column < grid.last[:, None])
+    inside = (column >= grid.runs[0][:, None]) & (column < grid.runs[1][:, None])
     dead = np.isnan(rays(camera, places[inside])[:, 0]).sum()
     assert counts.background[0] == dead
     assert counts.visible.sum() + dead == grid.n_samples
@@ -387,7 +387,7 @@ def test_views_hold_each_sample_with_a_ray_once_and_as_finely(lens, roll):
     samples = np.concatenate([view.samples for view in band])
     grid = views.grid
     column = np.arange(grid.width)
-    inside = (column >= grid.first[:, None]) & (column < grid.last[:, None])
+    inside = (column >= grid.runs[0][:, None]) & (column < grid.runs[1][:, None])
     is_live = inside & ~np.isnan(rays(camera, grid.positions(0, grid.height))[..., 0])
     np.testing.assert_array_equal(np.sort(samples), np.flatnonzero(is_live))
     fine = total = 0
@@ -478,24 +478,3 @@ def test_auto_takes_what_draws_a_lens(device):
         assert rasterizer.info.backend == "cpu"
     with open_rasterizer(mesh, camera, device=device) as rasterizer:
         assert (rasterizer.info.backend, rasterizer.info.plan) == ("gl", PLANS[0])
-
-
-@pytest.mark.parametrize("lens", ["brown", "kannala"])
-def test_of_equal_faces_the_first_is_shown_whatever_their_order(lens):
-    """Clusters are drawn by their depth, not by the numbers of their faces."""
-    ring, pose = shapes.torus(12, 24), around(shapes.torus(12, 24), 3)
-    order = np.random.default_rng(5).permutation(2 * ring.n_faces)
-    faces = np.concatenate((ring.faces, ring.faces))[order]
-    twice = Mesh(ring.vertices, faces)
-    with open_rasterizer(twice, CAMERAS[lens], "cpu") as rasterizer:
-        counts = rasterizer.count(pose)
-        shown = rasterizer.render(pose[0]).face
-    is_first = np.zeros(len(faces), bool)
-    is_first[np.unique(order % ring.n_faces, return_index=True)[1]] = True
-    assert counts.visible[:, is_first].sum() > 1000
-    assert not counts.visible[:, ~is_first].any()
-    assert is_first[shown[shown >= 0]].all()
-    np.testing.assert_array_equal(
-        counts.drawn[:, is_first][:, np.argsort(order[is_first] % ring.n_faces)],
-        counts.drawn[:, ~is_first][:, np.argsort(order[~is_first] % ring.n_faces)],
-    )
