@@ -354,17 +354,9 @@ def count_poses(poses, canvas, bands, clusters, buffers, output, scratch):
                 pointer(visible[p]), pointer(drawn[p if with_drawn else 0]), with_drawn, weights
             )
             filled += draw_band(
-                window,
-                len(bands),
-                canvas,
-                clusters,
-                mesh,
-                buffers,
-                counts,
-                cell_bounds,
-                scratch,
+                window, len(bands), canvas, clusters, mesh, buffers, counts, cell_bounds, scratch,
                 workspace,
-            )
+            )  # fmt: skip
         output.filled[p] = filled
 
 

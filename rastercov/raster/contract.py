@@ -15,9 +15,9 @@ thread that opened it, and raises `DeviceError` in any other.
 
 from abc import abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -30,11 +30,10 @@ from rastercov.base.threads import Closing, ScratchPool, share_poses
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import valid_poses
 from rastercov.mesh import Mesh
-from rastercov.raster.targets import TargetFaces
+from rastercov.raster.targets import CountArray, IntArray, TargetFaces
 
 FloatArray = NDArray[np.float64]
-Scratch = TypeVar("Scratch")
-CountArray = NDArray[np.int32] | NDArray[np.int64]
+
 
 MAX_SUPERSAMPLE = 64
 """Largest S: beyond it the exact methods are both cheaper and better."""
@@ -211,15 +210,22 @@ class Rasterizer(Closing):
         """Image by the faces of the mesh, from that by the faces of its opaque part."""
         return VisibilityBuffer(self._targets.face_of(face) if self._targets else face, depth)
 
+    def _with_targets(self, counts: FaceCounts, visible: IntArray, drawn: IntArray) -> FaceCounts:
+        """Counts of the whole mesh from those of its opaque part and of its targets, (P, N)."""
+        assert self._targets is not None
+        merged, alone = self._targets.merged, counts.drawn
+        all_drawn = None if alone is None else merged(alone, drawn)
+        return replace(counts, visible=merged(counts.visible, visible), drawn=all_drawn)
+
     def _check_open(self) -> None:
         if not self._is_open:
             raise DeviceError("this rasteriser is closed; open a new one")
 
     def _share(
         self,
-        pool: ScratchPool[Scratch],
+        pool: ScratchPool[Any],
         n_turns: int,
-        work: Callable[[Scratch, slice], None],
+        work: Callable[[Any, slice], None],
     ) -> None:
         """Call `work` with slices that cover all turns, in threads with scratch of their own."""
         workers = pool.take(max(1, min(self._threads, n_turns)))

@@ -362,7 +362,7 @@ class LensRasterizer(Rasterizer):
         counts = FaceCounts(
             visible, covered, background, clipped, grid.supersample, self.info, self.roll
         )
-        return targets.added(counts, *of_targets) if targets else counts
+        return self._with_targets(counts, *of_targets) if targets else counts
 
     def _drawn(self, poses: FloatArray) -> tuple[WordArray, NDArray[np.float32]]:
         (near,), (cull,) = picture_limits(self.mesh, self.camera, poses)

@@ -144,7 +144,7 @@ class CPURasterizer(Rasterizer):
         counts = self._count(self._scratch, self._scene, self.camera, self._grid, poses, drawn)
         if self._targets is None:
             return counts
-        return self._targets.added(counts, *self._count_targets(self._targets, poses))
+        return self._with_targets(counts, *self._count_targets(self._targets, poses))
 
     def _drawn(self, poses: FloatArray) -> tuple[WordArray, NDArray[np.float32]]:
         face, depth = self._draw_all(poses)

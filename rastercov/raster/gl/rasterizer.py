@@ -197,7 +197,7 @@ class GLRasterizer(Rasterizer):
             if self._targets is None:
                 return counts
             found = self._strategy.count_targets(self._scene, self._targets, poses)
-            return self._targets.added(counts, *found)
+            return self._with_targets(counts, *found)
 
     def _drawn(self, poses: FloatArray) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
         with self._current():
