@@ -56,7 +56,7 @@ def around(mesh, n=5):
 
 INSIDE = look_at([(0.2, 0.1, 1.5)], [(1, 1, 1)])
 SCENES = {
-    "torus": (shapes.torus(20, 40), around(shapes.torus(20, 40))[1:2]),
+    "torus": (shapes.torus(14, 28), around(shapes.torus(14, 28))[1:2]),
     "aeroplane": (shapes.aeroplane(), around(shapes.aeroplane())[1:2]),
     "room": (shapes.room(6), INSIDE),
 }
@@ -74,7 +74,6 @@ def on_pipeline(counts, number):
     return 0 if counts.info.plan in ("threads", "compute") else number
 
 
-BY = pytest.mark.parametrize("by", ["cpu", *WAYS])
 SAMPLES = [(1, 0.0), (2, 0.0), (1, 0.4), (3, -1.1)]
 """Supersampling and roll."""
 
@@ -271,7 +270,7 @@ def test_without_distortion_counts_are_those_of_the_pinhole(scene):
 
 
 @pytest.mark.slow
-@BY
+@pytest.mark.parametrize("by", ["cpu", "pipeline"])
 @settings(max_examples=10, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), lens=st.sampled_from(list(CAMERAS)), is_welded=st.booleans())
 def test_sample_at_a_corner_of_a_fan_belongs_to_one_face(gl_context, by, seed, lens, is_welded):
@@ -287,6 +286,8 @@ def test_sample_at_a_corner_of_a_fan_belongs_to_one_face(gl_context, by, seed, l
     gaps = np.diff(np.append(np.sort(angle), np.sort(angle)[0] + 2 * np.pi))
     if gaps.max() > 0.95 * np.pi or gaps.min() < 1e-3:
         return
+    if np.linalg.norm(np.cross(axis, ring), axis=1).min() < 0.03:
+        return  # it may lie between samples of a view
     vertices = np.vstack((axis * rng.uniform(0.5, 2), ring * rng.uniform(0.5, 2)))
     n = len(ring)
     faces = np.array([(0, 1 + i, 1 + (i + 1) % n) for i in range(n)])
@@ -362,53 +363,6 @@ def test_sampled_areas_are_within_their_bound_of_certified_ones(scene, lens):
     assert is_informed.sum() > 20
     assert error[is_informed].mean() < 0.02
     assert counts.visible_pixels.sum() == pytest.approx(areas.visible_pixels.sum(), rel=2e-3)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("lens", ["brown", "equirectangular"])
-def test_threads_give_the_same_counts(lens):
-    (mesh, _), camera = SCENES["torus"], CAMERAS[lens]
-    poses = around(mesh, 7)
-    found = []
-    for threads in (1, 3):
-        with open_rasterizer(mesh, camera, "cpu", threads=threads, roll=0.4) as rasterizer:
-            found.append(rasterizer.count(poses))
-    for name in ("visible", "drawn", "background"):
-        np.testing.assert_array_equal(getattr(found[0], name), getattr(found[1], name))
-    assert (found[0].visible <= found[0].drawn).all()
-
-
-@pytest.mark.parametrize("lens", lens_cameras.CAMERAS)
-@pytest.mark.parametrize("roll", [0.0, 0.4])
-def test_views_hold_each_sample_with_a_ray_once_and_as_finely(lens, roll):
-    camera = lens_cameras.CAMERAS[lens].resized(0.2)
-    views = Views(camera, 1, roll, keeps_places=True)
-    (band,) = views.bands(1)
-    samples = np.concatenate([view.samples for view in band])
-    grid = views.grid
-    column = np.arange(grid.width)
-    inside = (column >= grid.runs[0][:, None]) & (column < grid.runs[1][:, None])
-    is_live = inside & ~np.isnan(rays(camera, grid.positions(0, grid.height))[..., 0])
-    np.testing.assert_array_equal(np.sort(samples), np.flatnonzero(is_live))
-    fine = total = 0
-    for view in band:
-        width, height = view.camera.width, view.camera.height
-        assert (
-            width * height <= lens_module.MOST_WASTE * 4 * len(view.samples)
-            or max(width, height) <= lens_module.LEAST_SIDE
-        )
-        assert view.weights().sum() == len(view.samples) == view.sums[:, -1].sum()
-        # Back to the image, from the middle of the sample of the view.
-        row, column = np.divmod(view.index, view.camera.width)
-        x = (column + 0.5 - view.camera.cx) / view.camera.fx
-        y = (row + 0.5 - view.camera.cy) / view.camera.fy
-        ray = np.column_stack((x, y, np.ones_like(x))) @ view.turn[:3, :3].T
-        there = lens_of(camera).project(ray)
-        own = grid.positions(0, grid.height).reshape(-1, 2)[view.samples]
-        away = np.abs(there - own)
-        fine += (np.linalg.norm(away, axis=1) <= EDGE_PX).sum()
-        total += np.isfinite(away).all(axis=1).sum()
-    assert fine > 0.95 * total > 0.9 * len(samples)
 
 
 def test_targets_hide_nothing_and_are_counted_against_surfaces(open_lens):

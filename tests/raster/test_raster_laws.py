@@ -23,7 +23,7 @@ from image_laws import (
     shown_by_two,
 )
 from nightly import IS_NIGHTLY
-from scenes import joined, sheet, square
+from scenes import joined, sheet, soup, square
 
 from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import look_at, sphere_of_poses
@@ -464,18 +464,22 @@ def test_surfaces_1e_5_apart_are_told_apart_a_thousand_times_beyond_the_nearest(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("max_faces", [2, 1000])
-def test_of_coincident_faces_the_lowest_index_owns_every_sample(open_gl, max_faces):
-    rng = np.random.default_rng(5)
-    orders = [(0, 1, 2), (0, 2, 1), (1, 0, 2), (1, 2, 0), (2, 0, 1), (2, 1, 0)]
-    for _ in range(10):
-        corners = rng.normal(loc=(0, 0, 3), size=(3, 3))
-        separate = triangles(*(corners[list(order)] for order in (*orders, orders[0])))
-        shared = Mesh(vertices=corners, faces=orders)
-        for mesh in (separate, shared):
-            counts = open_gl(mesh, SMALL, max_faces_a_draw=max_faces).count(AHEAD)
-            assert (counts.visible[0, 1:] == 0).all()
-            np.testing.assert_array_equal(counts.drawn[0], counts.visible[0, 0])
+@pytest.mark.parametrize("seed", range(3))
+def test_of_coincident_faces_the_lowest_index_owns_every_sample_wherever_they_stand(
+    open_raster, seed
+):
+    # Copies in any order of their corners, of the same vertices and of others.
+    rng = np.random.default_rng(seed)
+    mesh = soup(rng, 100)
+    lone = open_raster(mesh, SMALL).count(AHEAD)
+    of = rng.permutation(np.tile(np.arange(100), 3))
+    copies = np.take_along_axis(mesh.faces[of], rng.random((300, 3)).argsort(axis=1), axis=1)
+    copies[::2] += mesh.n_vertices
+    vertices, faces = np.tile(mesh.vertices, (2, 1)), np.concatenate((mesh.faces, copies))
+    found = open_raster(Mesh(vertices=vertices, faces=faces), SMALL).count(AHEAD)
+    np.testing.assert_array_equal(found.visible[:, :100], lone.visible)
+    assert not found.visible[:, 100:].any()
+    np.testing.assert_array_equal(found.drawn, lone.drawn[:, np.append(np.arange(100), of)])
 
 
 @pytest.mark.slow
