@@ -106,17 +106,12 @@ def test_functions_are_reached_by_name_once(context):
         context.function("no such function", None)
 
 
-def test_a_live_context_has_no_reset_to_report(context):
+def test_a_lost_context_is_reported_and_a_live_one_is_not(context, monkeypatch):
     assert context.reset_status() == 0
-    quiet = dataclasses.replace(context.info, has_reset_notification=False)
-    context.info = quiet
-    assert context.reset_status() == 0
-
-
-def test_a_lost_context_is_reported(context, monkeypatch):
-    context.info = dataclasses.replace(context.info, has_reset_notification=True)
     monkeypatch.setattr(context, "function", lambda *_: lambda: 0x8254)
-    assert context.reset_status() == 0x8254
+    for has_query, status in ((True, 0x8254), (False, 0)):
+        context.info = dataclasses.replace(context.info, has_reset_notification=has_query)
+        assert context.reset_status() == status
 
 
 # --- what the driver refuses ----------------------------------------------------------------------

@@ -214,24 +214,6 @@ def test_two_half_views_sum_to_the_whole_view(open_raster, shift):
     np.testing.assert_array_equal(left.drawn + right.drawn, whole.drawn)
 
 
-FINE_SPHERE = shapes.sphere(4)
-
-
-@pytest.mark.slow
-@shown_by_two
-def test_faces_below_a_pixel_are_hit_or_missed_as_by_the_reference(open_raster):
-    mesh, camera = FINE_SPHERE, Camera(width=24, height=24, fx=30, fy=30)
-    pose = look_at((2.1, 1.7, 1.3), (0, 0, 0))
-    expected = reference_view(mesh, camera, pose[0])
-    with open_raster(mesh, camera) as rasterizer:
-        counts = rasterizer.count(pose)
-        face = rasterizer.render(pose).face
-    clear = ~ambiguous(mesh, camera, pose[0])
-    np.testing.assert_array_equal(face[clear], expected.face[clear])
-    assert (counts.visible[0] == 0).mean() > 0.9
-    assert (counts.visible <= counts.drawn).all()
-
-
 # --- samples in rolled rows -----------------------------------------------------------------------
 
 ROLLS = (0.4, -0.3, np.pi / 4, 1.9)
@@ -347,21 +329,6 @@ def test_rolled_counts_are_those_of_tiles_and_draws_together(open_gl, options):
 
 @pytest.mark.slow
 @shown_by_two
-def test_wide_and_narrow_images_are_counted_whole_when_rolled(open_raster):
-    mesh = square(1e3, 1)
-    for width, height in ((300, 2), (1, 200), (1, 1), (7, 7)):
-        camera = Camera(width=width, height=height, fx=50, fy=70)
-        with open_raster(mesh, camera, supersample=3, roll=0.4) as rasterizer:
-            counts = rasterizer.count(AHEAD)
-            assert (rasterizer.render(AHEAD).face >= 0).all()
-        assert counts.background[0] == 0
-        n_points = len(samples.grid_points(camera, 3, 0.4))
-        assert counts.visible.sum() == counts.drawn.sum() == n_points
-        assert abs(n_points / 9 - width * height) <= 0.1 * (width + height)
-
-
-@pytest.mark.slow
-@shown_by_two
 def test_rolled_samples_measure_what_an_edge_along_rows_of_pixels_hides(open_raster):
     # A cover slides over a square by hundredths of a pixel. Rows of pixels see whole rows go.
     def error(at, roll):
@@ -412,21 +379,6 @@ def test_exact_translation_and_scaling_change_not_one_sample(open_raster, scene,
         assert_same_counts(there.count(far), here.count(poses))
         depth = here.render(poses[0]).depth
         np.testing.assert_array_equal(there.render(far[0]).depth, depth * np.float32(scale))
-
-
-@shown_by_two
-def test_exact_turn_of_the_axes_changes_not_one_sample(open_raster):
-    mesh = dyadic(shapes.torus(20, 10))
-    poses = look_at([(4, 0.25, 0.5), (0.5, 4, 0.25), (0.25, 0.5, -4)], np.diag([1.0, 1, -1]))
-    poses = look_at(poses[:, :3, 3], poses[:, :3, 3] - 2 * np.diag([1.0, 1, -1]))
-    turn = np.roll(np.eye(4)[:3, :3], 1, axis=0)
-    motion = np.eye(4)
-    motion[:3, :3] = turn
-    assert np.isin(poses[:, :3, :3], (-1, 0, 1)).all()  # so the device adds exact zeros
-    with open_raster(mesh, CAMERA) as here, open_raster(moved(mesh, motion), CAMERA) as there:
-        counts = here.count(poses)
-        assert_same_counts(there.count(motion @ poses), counts)
-    assert (counts.visible.sum(axis=1) > 1000).all()
 
 
 # --- hiding ---------------------------------------------------------------------------------------
@@ -494,43 +446,6 @@ def test_a_copy_of_a_mesh_is_wholly_hidden(open_raster, scene):
         np.testing.assert_array_equal(counts.drawn, np.tile(lone.drawn, 2))
 
 
-@shown_by_two
-def test_both_sides_of_an_open_sheet_are_drawn(open_raster):
-    mesh = shapes.tessellated_plane(4, 4, jitter=0)
-    poses = look_at([(0, 0, 2), (0, 0, -2)], (0, 0, 0))
-    counts = open_raster(mesh, CAMERA).count(poses)
-    assert (counts.visible > 0).all()
-    np.testing.assert_array_equal(counts.visible, counts.drawn)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("mesh", "eye"), [(shapes.box(n=3), 0.1), (shapes.sphere(2), 0.3)])
-def test_camera_inside_a_closed_body_sees_its_inner_side(open_raster, mesh, eye):
-    pose = look_at((eye, 0, 0), (1, 2, 0.5))
-    assert mesh.can_cull_back_faces
-    with open_raster(mesh, CAMERA) as rasterizer:
-        counts = rasterizer.count(pose)
-        face = rasterizer.render(pose).face
-    assert counts.background[0] == 0
-    assert not counts.clipped[0]
-    np.testing.assert_array_equal(counts.visible, counts.drawn)
-    assert_same_image(face, reference_view(mesh, CAMERA, pose[0]).face, mesh, CAMERA, pose[0])
-
-
-@pytest.mark.slow
-@shown_by_two
-@pytest.mark.parametrize("name", ["torus", "aeroplane"])
-def test_culling_back_faces_changes_no_clear_sample(open_raster, name):
-    mesh = shapes.by_name(name)
-    poses = around(mesh, 3)
-    culled = open_raster(mesh, CAMERA)
-    plain = open_raster(without_culling(mesh), CAMERA)
-    assert mesh.can_cull_back_faces
-    np.testing.assert_array_equal(culled.count(poses).drawn, plain.count(poses).drawn)
-    for pose in poses:
-        assert_same_image(culled.render(pose).face, plain.render(pose).face, mesh, CAMERA, pose)
-
-
 # --- the near plane -------------------------------------------------------------------------------
 
 
@@ -568,23 +483,6 @@ def test_clipped_says_whether_a_surface_in_view_was_cut(open_raster):
     for name, (mesh, expected) in meshes.items():
         with open_raster(mesh, camera) as rasterizer:
             assert rasterizer.count(AHEAD).clipped[0] == expected, name
-
-
-@pytest.mark.slow
-@shown_by_two
-def test_mesh_behind_the_camera_is_not_seen(open_raster, scene):
-    mesh, _ = scene
-    top = mesh.bounds[1] + 1
-    pose = look_at(top, top + 1)
-    with open_raster(mesh, CAMERA) as rasterizer:
-        counts = rasterizer.count(pose)
-        buffer = rasterizer.render(pose)
-    assert not counts.visible.any()
-    assert not counts.drawn.any()
-    assert not counts.clipped.any()
-    assert counts.background[0] == CAMERA.width * CAMERA.height
-    assert (buffer.face == -1).all()
-    assert np.isinf(buffer.depth).all()
 
 
 # --- poses, batches, tiles ------------------------------------------------------------------------
