@@ -1,7 +1,6 @@
 """Compiled loops on disk: what is torn or stale is not believed, and no disk is no error."""
 
 import ast
-import gc
 import hashlib
 import logging
 import os
@@ -342,33 +341,6 @@ def test_loops_that_no_process_loads_are_removed(module, tmp_path):
     assert not old.exists()
 
 
-def test_a_part_is_compiled_once_for_all_signed_integers():
-    @compiled.part_with_arrays
-    def part(values, at):
-        return values[at] * at
-
-    @numba.njit
-    def loop(values, narrow):
-        return part(values, 1) + part(values, narrow[0]) + part(values, len(values) - 1)
-
-    values = np.array((10.0, 20.0, 30.0, 40.0))
-    assert loop(values, np.array([2], np.int32)) == 20 + 2 * 30 + 3 * 40
-    assert [signature[1] for signature in part.signatures] == [numba.int64]
-
-
-def test_unsigned_integers_and_truth_values_stay_what_they_are():
-    @compiled.part_of
-    def part(number, is_on):
-        return number + is_on
-
-    @numba.njit
-    def loop(number):
-        return part(number, True)
-
-    assert loop(np.uint16(1)) == 2
-    assert part.signatures == [(numba.uint16, numba.boolean)]
-
-
 # --- what the compiler changes --------------------------------------------------------------------
 
 Record = namedtuple("Record", "values inner number")
@@ -405,25 +377,6 @@ def test_fields_of_records_and_elements_are_those_that_python_reads():
         assert out.tolist() == [*expected, 5.0]
 
 
-def test_a_part_has_no_machine_code_and_its_errors_arrive():
-    @compiled.part_of
-    def part(number):
-        if number < 0:
-            raise ValueError("less than 0")
-        return number * 2
-
-    @compiled.compiled
-    def loop(number):
-        return part(number) + 1
-
-    assert loop(3) == 7
-    with pytest.raises(ValueError, match="less than 0"):
-        loop(-1)
-    (result,) = part.overloads.values()
-    assert result.library.get_pointer_to_function(result.fndesc.mangled_name) == 0
-    assert part(4) == 8  # compiled by itself where Python calls it
-
-
 def test_a_loop_outside_the_package_is_compiled_anew_when_what_it_calls_changes(tmp_path):
     path = tmp_path / "program.py"
     path.write_text("from rastercov.kernels.criteria import project, measure\nimport numpy\n")
@@ -452,35 +405,6 @@ def test_no_loop_is_compiled_outside_kernels():
                 assert {name.name for name in node.names} <= {"compiled_aside", "is_compiled"}
 
 
-def test_only_parts_are_copied_whatever_calls_them(monkeypatch):
-    """A function took over from the part that calls it that it must be copied."""
-    monkeypatch.setattr(compiled._Kept, "load_overload", lambda *_: None)  # compile it here
-
-    @compiled.allocation_free
-    def loop_of(x):
-        return 3.0 * x
-
-    @compiled.called_whole
-    def whole_of(x):
-        return 5.0 * x
-
-    @compiled.part_of
-    def part_of(x):
-        return loop_of(x) + whole_of(x)
-
-    @compiled.allocation_free
-    def calls(x):
-        return part_of(x) + 1.0
-
-    assert calls(2.0) == 17
-    (llvm,) = calls.inspect_llvm().values()
-    called = [line for line in llvm.splitlines() if " call " in line]
-    assert any("whole_of" in line for line in called)
-    assert not any("part_of" in line for line in called)
-    (llvm,) = loop_of.inspect_llvm().values()
-    assert "alwaysinline" not in llvm
-
-
 def test_a_record_is_refused_from_a_loop_of_another_compiler():
     # Two conventions for the same function would read one another's arguments wrongly.
     part = compiled.part_with_arrays(element_of)
@@ -491,26 +415,6 @@ def test_a_record_is_refused_from_a_loop_of_another_compiler():
 
     with pytest.raises(TypeError, match="element_of takes a named tuple"):
         loop(Record(np.ones(1), Inner(np.ones((1, 1)), np.ones(1)), 1.0))
-
-
-def test_the_search_for_garbage_goes_on_after_a_compilation():
-    @compiled.compiled
-    def loop(number):
-        return number + is_searching()[0]
-
-    @compiled.compiled
-    def is_searching():
-        return (1, 2.0)
-
-    assert gc.isenabled()
-    assert loop(1) == 2
-    assert gc.isenabled()
-    gc.disable()
-    try:
-        assert loop(1.5) == 2.5
-        assert not gc.isenabled()
-    finally:
-        gc.enable()
 
 
 # --- processes and clocks -------------------------------------------------------------------------

@@ -210,6 +210,12 @@ class Rasterizer(Closing):
         """Image by the faces of the mesh, from that by the faces of its opaque part."""
         return VisibilityBuffer(self._targets.face_of(face) if self._targets else face, depth)
 
+    def _result(
+        self, visible: Any, drawn: Any, background: NDArray[np.int64], clipped: NDArray[np.bool_]
+    ) -> FaceCounts:
+        sampling = self.supersample, self.info, self.roll
+        return FaceCounts(visible, drawn, background, clipped, *sampling)
+
     def _with_targets(self, counts: FaceCounts, visible: IntArray, drawn: IntArray) -> FaceCounts:
         """Counts of the whole mesh from those of its opaque part and of its targets, (P, N)."""
         assert self._targets is not None

@@ -14,6 +14,7 @@ are little larger than the image.
 
 import math
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from functools import cached_property, lru_cache, partial
 from typing import Any, Protocol
 
@@ -41,6 +42,8 @@ from rastercov.raster.tie_order import corners_of
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 WordArray = NDArray[np.int32]
+Look = tuple[FloatArray, float, bool]
+"""Pose (4, 4) of a view, depth of its near plane, and whether back faces are hidden."""
 
 RESOLUTION, OF_PICTURES = 1.0, 2.0
 """Samples of a view to one of the lens, a side, where the lens is as dense as `DENSEST`."""
@@ -67,14 +70,10 @@ ROWS_A_TURN = 8
 class ViewDrawer(Protocol):
     """Rasteriser of pinholes that draws the opaque faces of a mesh through one view."""
 
-    def picture(
-        self, pose: FloatArray, near: float, cull: bool
-    ) -> tuple[WordArray, NDArray[np.float32]]:
+    def picture(self, look: Look) -> tuple[WordArray, NDArray[np.float32]]:
         """Face, -1 for none, and depth (H, W) at each sample, until the next call."""
 
-    def add_counts(
-        self, pose: FloatArray, near: float, cull: bool, view: "View", visible: Any, drawn: Any
-    ) -> None:
+    def add_counts(self, look: Look, view: "View", visible: Any, drawn: Any) -> None:
         """Add the samples of the lens that show each face to (F,) counts, and those of it alone.
 
         `drawn` may be None.
@@ -93,6 +92,7 @@ class PinholeRasterizer(Protocol):
         """Give everything on the device back."""
 
 
+@dataclass(eq=False)
 class View:
     """Pinhole at the place of a lens, and the samples of it that show the rays of the lens.
 
@@ -110,14 +110,13 @@ class View:
         X / Z and Y / Z of their rays; empty unless places are kept.
     """
 
-    def __init__(
-        self, camera: Camera, turn: FloatArray, index: WordArray, samples: IntArray,
-        places: NDArray[np.float32],
-    ) -> None:  # fmt: skip
-        self.camera, self.turn, self.index = camera, turn, index
-        self.samples, self.places = samples, places
-        self.of_drawer: Any = None
-        """Kept by a drawer with the view."""
+    camera: Camera
+    turn: FloatArray
+    index: WordArray
+    samples: IntArray
+    places: NDArray[np.float32]
+    of_drawer: Any = None
+    """Kept by a drawer with the view."""
 
     @cached_property
     def grid(self) -> SampleGrid:
@@ -142,21 +141,14 @@ class View:
         return sums
 
     def count_alone(
-        self,
-        corners: FloatArray,
-        centre: FloatArray,
-        pose: FloatArray,
-        near: float,
-        depth: NDArray[np.float32] | None,
-        visible: Any,
+        self, corners: FloatArray, centre: FloatArray, look: Look, depth: Any, visible: Any,
         drawn: Any,
-    ) -> None:
+    ) -> None:  # fmt: skip
         """Add the samples that faces (N, 3, 3) cover alone, and those that a depth leaves.
 
-        The corners are from `centre`, the pose (4, 4) is that of the view. `visible` is not written
-        where there is no depth (H, W).
+        The corners are from `centre`. `visible` is not written where there is no depth (H, W).
         """
-        grid = self.grid
+        (pose, near, _), grid = look, self.grid
         count_targets(
             corners, np.ascontiguousarray(pose[:3, :3]), pose[:3, 3] - centre, grid.lens, near,
             np.empty((0, 2), np.int64), (0, 0, grid.width, grid.height), tuple(grid.runs),
@@ -348,20 +340,16 @@ class LensRasterizer(Rasterizer):
                 for row in range(turn.start, turn.stop):
                     look = poses[row] @ view.turn, float(limit[row]), bool(cull[row])
                     own = None if covered is None else covered[row]
-                    drawer.add_counts(*look, view, visible[row], own)
+                    drawer.add_counts(look, view, visible[row], own)
                     if targets:
-                        pose, near, _ = look
-                        view.count_alone(
-                            targets.corners, targets.centre, pose, near, drawer.picture(*look)[1],
-                            of_targets[0, row], of_targets[1, row],
-                        )  # fmt: skip
+                        depth = drawer.picture(look)[1]
+                        found = of_targets[:, row]
+                        view.count_alone(targets.corners, targets.centre, look, depth, *found)
 
         for views in self._views.bands(self._threads):
             self._share(self._drawers, len(poses), partial(work, views))
         background = grid.n_samples - visible.sum(axis=1, dtype=np.int64)
-        counts = FaceCounts(
-            visible, covered, background, clipped, grid.supersample, self.info, self.roll
-        )
+        counts = self._result(visible, covered, background, clipped)
         return self._with_targets(counts, *of_targets) if targets else counts
 
     def _drawn(self, poses: FloatArray) -> tuple[WordArray, NDArray[np.float32]]:
@@ -373,7 +361,7 @@ class LensRasterizer(Rasterizer):
             for view in views:
                 pose = poses[0] @ view.turn
                 drawer = self._pinholes.drawer(view.camera)
-                drawn_face, drawn_depth = drawer.picture(pose, float(near), bool(cull))
+                drawn_face, drawn_depth = drawer.picture((pose, float(near), bool(cull)))
                 found = drawn_face.ravel()[view.index]
                 is_seen = found >= 0
                 at, places = view.samples[is_seen], view.places[is_seen].astype(np.float64)

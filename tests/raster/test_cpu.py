@@ -107,29 +107,6 @@ def test_bands_and_parts_of_an_image_change_no_count(
             assert np.array_equal(found.depth, image.depth)
 
 
-def test_a_large_pose_is_shared_out(monkeypatch):
-    # By bands of its rows, of which no thread takes those of another.
-    taken = []
-    count_poses = kernels.count_poses
-
-    def noted(*args):
-        taken.append(args[2].tolist())
-        return count_poses(*args)
-
-    mesh, poses = SCENES["torus"]
-    with CPURasterizer(mesh, ODD, threads=3) as rasterizer:
-        monkeypatch.setattr(kernels, "count_poses", noted)
-        rasterizer.count(poses[:1])
-        assert taken == [[[0, 91]]]
-        taken.clear()
-        monkeypatch.setattr(cpu, "LARGE_POSE", 0)
-        rasterizer.count(poses[:1])
-    assert len(taken) == 3
-    ends = sorted(band for bands in taken for band in bands)
-    assert [begin for begin, _ in ends] == [0, *(end for _, end in ends[:-1])]
-    assert ends[-1][1] == 91
-
-
 @pytest.mark.slow
 def test_more_samples_than_32_bits_hold():
     mesh = Mesh(vertices=[[-9, -9, 1], [9, -9, 1], [0, 9, 1]], faces=[[0, 1, 2]])

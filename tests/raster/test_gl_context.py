@@ -311,24 +311,6 @@ def test_without_libraries_there_are_no_devices(no_library):
 # --- one owner ------------------------------------------------------------------------------------
 
 
-def test_another_thread_is_told_both_names(context):
-    errors = []
-
-    def use():
-        for attempt in (lambda: context.gl, context.make_current, context.release):
-            try:
-                attempt()
-            except DeviceError as error:
-                errors.append(str(error))
-
-    thread = threading.Thread(target=use, name="stranger")
-    thread.start()
-    thread.join()
-    assert len(errors) == 3
-    assert all("'MainThread'" in error and "'stranger'" in error for error in errors)
-    assert draw_red(context) == b"\xff\x00\x00\xff"
-
-
 def test_a_context_of_its_own_works_in_another_thread(context):
     pixels = []
 

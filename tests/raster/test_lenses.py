@@ -27,7 +27,7 @@ from rastercov.mesh import shapes
 from rastercov.raster import lens as lens_module
 from rastercov.raster.cpu import CPURasterizer
 from rastercov.raster.gl import PLANS, WAYS, GLRasterizer
-from rastercov.raster.lens import LensRasterizer, Views
+from rastercov.raster.lens import Views
 from rastercov.raster.observation import BoundKind
 from rastercov.raster.sample_grid import SampleGrid
 
@@ -184,24 +184,6 @@ def test_each_sample_shows_the_face_its_ray_meets(open_lens, scene, lens):
 
 
 @pytest.mark.slow
-def test_positions_agree_with_opencv():
-    cv2 = pytest.importorskip("cv2")
-    camera = CAMERAS["brown"]
-    points = pixels(camera)
-    criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 300, 1e-14)
-    found = cv2.undistortPoints(
-        (points - 0.5)[:, None], camera.opencv_K, np.array(camera.distortion), criteria=criteria
-    )[:, 0]
-    mesh, poses = SCENES["torus"]
-    directions = np.column_stack((found, np.ones(len(found))))
-    with open_rasterizer(mesh, camera, "cpu") as rasterizer:
-        shown = rasterizer.render(poses[0]).face.ravel()
-    wrong, expected, _ = wrong_samples(camera, in_camera(mesh, poses[0]), directions, shown)
-    assert len(wrong) <= 1
-    assert (expected >= 0).mean() > 0.1
-
-
-@pytest.mark.slow
 @on_the_cpu_and_once_by_each_way("lens", "samples", product(CAMERAS, SAMPLES), ("wide", (1, 0.4)))
 def test_closed_room_leaves_no_live_sample_without_a_face(open_lens, lens, samples):
     supersample, roll = samples
@@ -243,30 +225,6 @@ def test_counts_are_of_rays_at_the_samples_of_the_grid(open_lens, lens, samples)
     assert (differ <= 6 + 2 * np.sqrt(seen)).all()
     assert abs(counts.visible.sum() - seen.sum()) <= 0.01 * seen.sum()
     assert counts.visible.sum() + counts.background[0] == grid.n_samples
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("scene", SCENES)
-def test_without_distortion_counts_are_those_of_the_pinhole(scene):
-    mesh, poses = SCENES[scene]
-    camera = Camera(width=160, height=128, fx=115, fy=110, cx=81.6, cy=62.5)
-    with (
-        open_rasterizer(mesh, camera, "cpu") as pinhole,
-        LensRasterizer(mesh, camera, CPURasterizer(mesh, camera)) as table,
-    ):
-        one, other = pinhole.count(poses), table.count(poses)
-        image, by_table = pinhole.render(poses[0]), table.render(poses[0])
-    n = np.maximum(one.drawn, 1)
-    # Both are within the bound of a count; here of faces of about square shape.
-    assert (np.abs(one.drawn - other.drawn) <= 4 + 2.5 * np.sqrt(n)).all()
-    assert np.abs(one.visible.sum() - other.visible.sum()) <= 0.01 * one.visible.sum()
-    np.testing.assert_array_equal(one.clipped, other.clipped)
-    differ = (image.face != by_table.face).ravel()
-    directions = rays(camera, pixels(camera))
-    corners = in_camera(mesh, poses[0])
-    assert len(wrong_samples(camera, corners, directions, by_table.face.ravel())[0]) <= 1
-    same = ~differ.reshape(image.face.shape)
-    np.testing.assert_allclose(image.depth[same], by_table.depth[same], rtol=1e-5)
 
 
 @pytest.mark.slow

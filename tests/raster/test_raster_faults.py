@@ -201,6 +201,7 @@ def test_use_from_a_second_thread_names_both(rasterizer, device):
         expected = observer.observe(POSES).visible_pixels
         calls = [partial(rasterizer.count, POSES), partial(rasterizer.render, POSES[0])]
         calls += [rasterizer.close, partial(observer.observe, POSES), observer.close]
+        calls += [device.make_current, device.release, lambda: device.gl]
         thread = threading.Thread(target=run, name="guest")
         thread.start()
         thread.join(60)

@@ -67,7 +67,7 @@ from rastercov.raster.targets import TargetFaces
 from rastercov.raster.tie_order import in_one_order
 
 if TYPE_CHECKING:
-    from rastercov.raster.lens import View
+    from rastercov.raster.lens import Look, View
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -216,14 +216,11 @@ class CPURasterizer(Rasterizer):
                 turn = slice(turn.start + stop - start, turn.stop)
 
         self._share(scratch, n_parts * len(poses), work)
-        return FaceCounts(
+        return self._result(
             _total(visible, grid.count_type),
             None if drawn is None else _total(drawn, grid.count_type),
             grid.n_samples - _total(filled, np.int64),
             clipped,
-            grid.supersample,
-            self.info,
-            self.roll,
         )
 
     def _count_targets(self, targets: TargetFaces, poses: FloatArray) -> tuple[IntArray, IntArray]:
@@ -270,6 +267,12 @@ class _Scene:
         vertices = np.ascontiguousarray(mesh.vertices - self.centre)
         faces = np.ascontiguousarray(in_one_order(mesh), dtype=np.int32)
         self.clusters = group_faces(vertices, faces, mesh.can_cull_back_faces)
+
+
+def _looks_of(look: "Look") -> Looks:
+    """One look as several."""
+    pose, near, cull = look
+    return pose[None], np.array([near]), np.array([cull])
 
 
 def _total(parts: Any, kind: type) -> Any:
@@ -381,26 +384,21 @@ class _Worker:
         # A face cut at the near plane can own a sample 1/512 of one beyond its rim.
         np.maximum(depth, np.float32(look[1][0]), out=depth)
 
-    def picture(
-        self, pose: FloatArray, near: float, cull: bool
-    ) -> tuple[WordArray, NDArray[np.float32]]:
-        """Face, -1 for none, and depth (H, W) at each sample of a pose (4, 4)."""
+    def picture(self, look: "Look") -> tuple[WordArray, NDArray[np.float32]]:
+        """Face, -1 for none, and depth (H, W) at each sample of a look."""
         shape = self.grid.height, self.grid.width
         face, depth = np.full(shape, -1, np.int32), np.full(shape, np.inf, np.float32)
-        self.render((pose[None], np.array([near]), np.array([cull])), face, depth)
+        self.render(_looks_of(look), face, depth)
         return face, depth
 
-    def add_counts(
-        self, pose: FloatArray, near: float, cull: bool, view: "View", visible: Any, drawn: Any
-    ) -> None:
+    def add_counts(self, look: "Look", view: "View", visible: Any, drawn: Any) -> None:
         """Add the samples of a lens in a view to (F,) counts; see `raster.lens.ViewDrawer`."""
         if view.of_drawer is None:
             view.of_drawer = self._by_block(view)
         n_faces, filled = self.scene.mesh.n_faces, np.empty(1, np.int64)
         found = np.empty((2 - (drawn is None), 1, n_faces), np.int32)
-        look = pose[None], np.array([near]), np.array([cull])
         own = None if drawn is None else found[1]
-        self.count(look, self.all_bands, found[0], own, filled, view.of_drawer)
+        self.count(_looks_of(look), self.all_bands, found[0], own, filled, view.of_drawer)
         if drawn is not None:
             drawn += found[1, 0]
         if filled[0]:

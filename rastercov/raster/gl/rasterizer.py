@@ -47,7 +47,7 @@ from rastercov.raster.sample_grid import SampleGrid
 from rastercov.raster.tie_order import corners_of
 
 if TYPE_CHECKING:
-    from rastercov.raster.lens import View, ViewDrawer
+    from rastercov.raster.lens import Look, View, ViewDrawer
 
 PLANS = ("pipeline", "compute")
 WAYS: dict[str, dict[str, Any]] = {
@@ -275,8 +275,7 @@ class GLRasterizer(Rasterizer):
             raise self._resources.untrusted(
                 f"counted {visible[row].sum() + background[row]} samples of {grid.n_samples}"
             )
-        scale = grid.supersample
-        return FaceCounts(visible, drawn, background, prepared.clipped, scale, self.info, self.roll)
+        return self._result(visible, drawn, background, prepared.clipped)
 
     # --- self-test ------------------------------------------------------------------------------
 
@@ -305,35 +304,25 @@ class _Drawer:
         self._scene = copy(rasterizer._scene)
         self._scene.camera, self._scene.grid = camera, SampleGrid(camera)
 
-    def picture(
-        self, pose: FloatArray, near: float, cull: bool
-    ) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
-        """Face, -1 for none, and depth (H, W) at each sample of a pose (4, 4)."""
+    def picture(self, look: "Look") -> tuple[NDArray[np.int32], NDArray[np.float32]]:
+        """Face, -1 for none, and depth (H, W) at each sample of a look."""
         rasterizer = self._rasterizer
         with rasterizer._current():
-            found = rasterizer._picture(self._scene, self._scene.grid, pose[None])
+            found = rasterizer._picture(self._scene, self._scene.grid, look[0][None])
         rasterizer._poses_since_self_test += 1
         if rasterizer._poses_since_self_test >= SELF_TEST_INTERVAL:
             rasterizer._run_self_test()
         return found
 
-    def add_counts(
-        self,
-        pose: FloatArray,
-        near: float,
-        cull: bool,
-        view: "View",
-        visible: Any,
-        drawn: Any,
-    ) -> None:
+    def add_counts(self, look: "Look", view: "View", visible: Any, drawn: Any) -> None:
         """Add the samples of a lens in a view to (F,) counts; see `raster.lens.ViewDrawer`."""
         from rastercov.kernels.raster_targets import count_shown  # loads numba
 
-        face = self.picture(pose, near, cull)[0]
+        face = self.picture(look)[0]
         if (last := int(face.max())) >= len(visible):
             raise self._rasterizer._resources.untrusted(f"drew face {last} of {len(visible)}")
         count_shown(face, view.sums, visible)
         if drawn is not None:
             corners, centre = self._rasterizer._corners
-            view.count_alone(corners, centre, pose, near, None, visible, drawn)
+            view.count_alone(corners, centre, look, None, visible, drawn)
             np.maximum(drawn, visible, out=drawn)  # the device rounds otherwise
