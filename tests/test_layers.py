@@ -106,7 +106,7 @@ BUDGET = {
     "kernels": 11_050,
     "mesh": 3_640,
     "placement": 7_250,
-    "raster": 2_980,
+    "raster": 2_710,
     "report": 3_060,
     "viewer": 1_880,
 }

@@ -1,5 +1,6 @@
 """What only the CPU rasteriser has: threads, scratch memory that grows, compiled loops on disk."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -319,11 +320,13 @@ def test_limits_are_refused_before_anything_is_allocated():
             CPURasterizer(shapes.box(), CAMERA, threads=threads)
 
 
-def test_auto_is_the_cpu_without_hardware_and_opengl_when_its_options_are_given(device):
-    with open_rasterizer(shapes.box(), CAMERA) as rasterizer:
+@pytest.mark.parametrize("skew", [0, 1.5])
+def test_auto_is_the_cpu_without_hardware_and_opengl_when_its_options_are_given(device, skew):
+    camera = replace(CAMERA, skew=skew)
+    with open_rasterizer(shapes.box(), camera) as rasterizer:
         assert rasterizer.info.backend == "cpu"
-    with open_rasterizer(shapes.box(), CAMERA, device=device) as rasterizer:
-        assert rasterizer.info.backend == "gl"
+    with open_rasterizer(shapes.box(), camera, device=device) as rasterizer:
+        assert (rasterizer.info.backend, rasterizer.info.plan) == ("gl", "pipeline")
 
 
 @pytest.mark.slow

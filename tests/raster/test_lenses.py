@@ -26,7 +26,7 @@ from rastercov.camera.viewpoints import sphere_of_poses
 from rastercov.mesh import shapes
 from rastercov.raster import lens as lens_module
 from rastercov.raster.cpu import CPURasterizer
-from rastercov.raster.gl import PLANS, WAYS, GLRasterizer
+from rastercov.raster.gl import WAYS, GLRasterizer
 from rastercov.raster.lens import Views
 from rastercov.raster.observation import BoundKind
 from rastercov.raster.sample_grid import SampleGrid
@@ -382,11 +382,3 @@ def test_rasterisers_of_pinholes_name_what_draws_a_lens(device, lens):
         with pytest.raises(CameraError, match=line) as caught:
             kind(mesh, camera, **options)
         assert "\n" not in str(caught.value)
-
-
-def test_auto_takes_what_draws_a_lens(device):
-    mesh, camera = SCENES["room"][0], CAMERAS["brown"]
-    with open_rasterizer(mesh, camera, threads=1) as rasterizer:
-        assert rasterizer.info.backend == "cpu"
-    with open_rasterizer(mesh, camera, device=device) as rasterizer:
-        assert (rasterizer.info.backend, rasterizer.info.plan) == ("gl", PLANS[0])

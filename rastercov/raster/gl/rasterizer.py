@@ -266,9 +266,7 @@ class GLRasterizer(Rasterizer):
                     drawn[rows] += tile_drawn
             self._resources.poll("drawing")
             if scene is self._scene:
-                self._poses_since_self_test += len(prepared.clipped[rows])
-                if self._poses_since_self_test >= SELF_TEST_INTERVAL:
-                    self._run_self_test()
+                self._note(len(prepared.clipped[rows]))
         wrong = np.flatnonzero(visible.sum(axis=1) + background != grid.n_samples)
         if wrong.size:
             row = int(wrong[0])
@@ -278,6 +276,12 @@ class GLRasterizer(Rasterizer):
         return self._result(visible, drawn, background, prepared.clipped)
 
     # --- self-test ------------------------------------------------------------------------------
+
+    def _note(self, n_poses: int) -> None:
+        """Run the self-test where it is due after some more poses."""
+        self._poses_since_self_test += n_poses
+        if self._poses_since_self_test >= SELF_TEST_INTERVAL:
+            self._run_self_test()
 
     def _run_self_test(self) -> None:
         """Count a scene with known counts; DeviceError when the device counts it wrongly.
@@ -309,9 +313,7 @@ class _Drawer:
         rasterizer = self._rasterizer
         with rasterizer._current():
             found = rasterizer._picture(self._scene, self._scene.grid, look[0][None])
-        rasterizer._poses_since_self_test += 1
-        if rasterizer._poses_since_self_test >= SELF_TEST_INTERVAL:
-            rasterizer._run_self_test()
+        rasterizer._note(1)
         return found
 
     def add_counts(self, look: "Look", view: "View", visible: Any, drawn: Any) -> None:
