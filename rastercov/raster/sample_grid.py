@@ -168,6 +168,8 @@ class SampleGrid:
 
     def n_inside(self, box: Box) -> int:
         """Number of samples of a part of the canvas that are inside the image."""
+        if not self.is_rolled:
+            return box[2] * box[3]
         first, last = self._of(box)
         return int((last - first).sum(dtype=np.int64))
 
