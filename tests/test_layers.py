@@ -103,10 +103,10 @@ BUDGET = {
     "cluster": 660,
     "coverage": 2_980,
     "exact": 830,
-    "kernels": 11_050,
+    "kernels": 10_980,
     "mesh": 3_640,
     "placement": 7_030,
-    "raster": 2_980,
+    "raster": 2_710,
     "report": 3_060,
     "viewer": 1_880,
 }
