@@ -77,20 +77,24 @@ def check_seed(seed: int) -> None:
 
 
 def finite_points(
-    name: str, values: ArrayLike, shape: tuple[int, ...], wanted: str
+    name: str,
+    values: ArrayLike,
+    shape: tuple[int, ...],
+    wanted: str,
+    error: type[RastercovError] = ConfigError,
 ) -> NDArray[np.float64]:
     """Finite coordinates of that shape, -1 for any length, within LARGEST_COORDINATE.
 
-    Anything else is a ConfigError; `wanted` says what they must be.
+    Anything else is an error; `wanted` says what they must be.
     """
-    array = checked_array(name, values, "iuf", wanted, ConfigError)
+    array = checked_array(name, values, "iuf", wanted, error)
     sides = zip(array.shape, shape, strict=False)
     if array.ndim != len(shape) or any(side not in (got, -1) for got, side in sides):
-        raise ConfigError(f"{name} must be {wanted}, got shape {array.shape}")
+        raise error(f"{name} must be {wanted}, got shape {array.shape}")
     points = owned(name, array, np.float64)
     if not (np.abs(points) <= LARGEST_COORDINATE).all():
         limit = f"within ±{LARGEST_COORDINATE:g}"
-        raise ConfigError(f"{name} must be {wanted}, {limit}, got {shown(values)}")
+        raise error(f"{name} must be {wanted}, {limit}, got {shown(values)}")
     return points
 
 
