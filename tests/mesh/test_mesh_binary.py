@@ -12,7 +12,6 @@ from mesh_files import (
     VALID,
     binary_stl,
     ply,
-    refusal,
     strips,
     triangles,
 )
@@ -55,16 +54,6 @@ def test_truncated_binary_stl_says_where(cut, load):
     text = f"ends in triangle {(len(data) - 84) // 50} at byte offset {len(data)};"
     with pytest.raises(MeshError, match=text):
         load("a.stl", data)
-
-
-def test_stl_shorter_than_its_header(load):
-    with pytest.raises(MeshError, match="has 84 bytes before its triangles, got 20"):
-        load("a.stl", b"\0" * 20)
-
-
-def test_random_bytes_are_no_stl(load):
-    for seed in range(20):
-        assert refusal(load, "a.stl", np.random.default_rng(seed).bytes(1000)), seed
 
 
 # ---- PLY
@@ -143,11 +132,6 @@ def test_ply_strips_are_unrolled_with_their_winding(order, load):
 def test_ply_strips_of_less_than_a_triangle_are_refused(order, short, load):
     with pytest.raises(MeshError, match="a strip of 3 or more vertices wanted"):
         load("a.ply", strips([[0, 1, 2], short], order))
-
-
-def test_ply_strip_indices_are_checked(load):
-    with pytest.raises(MeshError, match=r"vertex indices must lie in 0 ... 3"):
-        load("a.ply", strips([[0, 1, 2, 4]]))
 
 
 @pytest.mark.slow
