@@ -212,13 +212,6 @@ def test_files_with_concave_polygons_load_right_and_without_a_note(name, load):
     assert mesh.notes == ()
 
 
-def test_dropping_a_corner_leaves_polygons_that_are_cut_right(load):
-    text = b"v 0 0 0\nv 4 0 0\nv 4 4 0\nv nan 0 0\nv 2 1 0\nv 0 4 0\nf 1 2 3 4 5 6\nf 1 2 3\n"
-    mesh = load("a.obj", text, drop_invalid=True)
-    np.testing.assert_array_equal(mesh.source_face, [0, 0, 1])
-    assert (mesh.normals[:, 2] > 0).all()
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("shape", [star, comb, spiral])
 def test_ten_thousand_corners_take_no_minutes(shape):

@@ -175,19 +175,13 @@ BROKEN = [
     (dae(f"<node><skew>1 2 3 4 5 6 7</skew>{HERE}</node>"), "by lookat or skew"),
     (dae(f"<node><scale>1 2</scale>{HERE}</node>"), "3 finite numbers wanted"),
     (dae(f"<node><matrix>{'1 ' * 16}</matrix></node>"), "last row is 0 0 0 1 wanted"),
-    (dae(unit='<unit meter="-1"/>'), "positive number of metres wanted, got '-1'"),
-    (dae(unit='<unit meter="one"/>'), "contradicts its format"),
-    (dae(before=source(count=13)), "promises 13 numbers, 12 are there"),
-    *((dae(before=source(accessor=f'source="#f" count="{n}" stride="{stride}"')), "points of")
-      for n, stride in ((5, 3), (-1, 3), (4, 2))),
+    (dae(before=source(accessor='source="#f" count="4" stride="2"')), "4 points of 2 numbers"),
     *((with_rows("triangles", f"<p>{row}</p>", n), text) for row, n, text in (
         ("0 1 2", 2, "promises 2 triangles, 1 with"), ("0 1", 0, "promises 0 triangles"),
-        ("0 1 9", 1, "indices must lie in 0 ... 3"), ("0 -1 2", 1, "indices must lie in 0 ... 3"),
-        ("0 1_0 2", 1, "got '1_0'"), ("0 1.5 2", 1, "contradicts"), (f"{9**30} 1 2", 1, "contra"))),
+        ("0 -1 2", 1, "indices must lie in 0 ... 3"), (f"{9**30} 1 2", 1, "contra"))),
     (with_rows("polygons", "<ph><p>0 1 2</p><h>0 1 2</h></ph>", 1), "polygons with holes"),
     (with_rows("polygons", "<p>0 1</p>", 1), "3 corners or more wanted, got 2"),
     (with_rows("polylist", "<vcount>-3</vcount><p/>", 1), "promises 1 polylist"),
-    (dae(before=source([*POINTS[:3], [0, 0, np.nan]])), "coordinates must be finite"),
 ]  # fmt: skip
 
 

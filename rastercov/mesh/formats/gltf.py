@@ -30,6 +30,7 @@ from urllib.parse import unquote
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.base.checks import shown
 from rastercov.base.errors import MeshError
 from rastercov.base.format import plural
 from rastercov.base.threads import child_environment
@@ -440,7 +441,7 @@ class _Shapes:
             self._look_for_extensions(primitive)
             mode = primitive.get("mode", TRIANGLES)
             is_mode = type(mode) is int and 0 <= mode <= FAN
-            check(is_mode, f"mesh {index}: a mode from 0 to 6 wanted, got {mode!r}")
+            check(is_mode, f"mesh {index}: a mode from 0 to 6 wanted, got {shown(mode)}")
             if mode < TRIANGLES:
                 self._n_skipped += 1
                 continue

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.base.checks import shown
 from rastercov.base.errors import MeshError, RastercovError
 from rastercov.base.files import UnknownNames, unique_names
 from rastercov.mesh.formats.polygons import broken, check, check_budget
@@ -90,7 +91,7 @@ def json_object(header: dict[str, Any], key: str, index: Any) -> dict[str, Any]:
     """Object of that index in the list at a key."""
     items = json_list(header, key)
     if type(index) is not int or not 0 <= index < len(items) or type(items[index]) is not dict:
-        raise broken(f"{key!r} has {len(items)} objects, number {index!r} was asked")
+        raise broken(f"{key!r} has {len(items)} objects, number {shown(index)} was asked")
     found: dict[str, Any] = items[index]
     return found
 
@@ -106,8 +107,8 @@ def json_name(owner: dict[str, Any]) -> str:
 def json_count(owner: dict[str, Any], key: str, default: int | None = None) -> int:
     """Integer of 0 or more at a key."""
     value = owner.get(key, default)
-    if type(value) is not int or value < 0:
-        raise broken(f"{key!r} must be a whole number from 0, got {value!r}")
+    if type(value) is not int or not 0 <= value < 1 << 63:
+        raise broken(f"{key!r} must be a whole number from 0, got {shown(value)}")
     return value
 
 
@@ -164,11 +165,11 @@ class Accessors:
             or kind is None
             or not (kind[0] == "u" if is_index else kind != "u4")
         ):
-            got = f"{accessor.get('type')!r} of {accessor.get('componentType')!r}"
+            got = f"{shown(accessor.get('type'))} of {shown(accessor.get('componentType'))}"
             raise broken(f"{where} must be {wanted}, got {got}")
         check(
             type(is_normalised) is bool and not (is_normalised and (is_index or kind == "f4")),
-            f"{where}: 'normalized' is for coordinates in whole numbers, got {is_normalised!r}",
+            f"{where}: 'normalized' is for whole coordinates, got {shown(is_normalised)}",
         )
         dtype, n, n_columns = np.dtype(f"<{kind}"), self.count(index), COLUMNS[wanted]
         if "bufferView" in accessor:
