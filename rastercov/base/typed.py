@@ -70,14 +70,13 @@ def guarded_name(module: ModuleType, name: str) -> Any:
 
 
 def public_names(module: ModuleType) -> list[str]:
-    """Names in `__all__`, or those that a module defines."""
-    own = [name for name, each in vars(module).items() if _module_of(each) == module.__name__]
-    return list(getattr(module, "__all__", [name for name in own if not name.startswith("_")]))
-
-
-def _module_of(thing: Any) -> str:
-    is_code = inspect.isfunction(thing) or inspect.isclass(thing)
-    return thing.__module__ if is_code else ""
+    """Names in `__all__`, or those of the functions and classes that a module defines."""
+    own = [
+        name
+        for name, each in vars(module).items()
+        if getattr(each, "__module__", "") == module.__name__ and not name.startswith("_")
+    ]
+    return list(getattr(module, "__all__", own))
 
 
 def guarded_class(kind: Kind) -> Kind:
@@ -215,9 +214,7 @@ def _fits(value: Any, hint: Any) -> bool:
         return isinstance(value, int | np.integer) and not isinstance(value, bool)
     if hint is bool:
         return isinstance(value, bool | np.bool_)
-    if origin is tuple:
-        if kinds[-1] is ... or len(set(kinds)) == 1:  # the number of them is a limit
-            return _is_row(value) and all(_fits(each, kinds[0]) for each in value)
+    if origin is tuple and kinds[-1] is not ... and len(set(kinds)) > 1:
         return _is_row(value) and len(value) == len(kinds) and all(map(_fits, value, kinds))
     if getattr(origin, "_is_protocol", False) and origin.__module__.startswith("rastercov."):
         names = [name for name in (*vars(origin), *_hints(origin)) if not name.startswith("_")]

@@ -101,15 +101,14 @@ def alone(store: ShardStore, number: int) -> Made:
         return made
     rows = store.rows(number)
     guilty = dict(_guilty(store, number, range(rows.stop - rows.start), made))
-    if not guilty:
-        raise RastercovError(
-            f"shard {number}: its process {made}, with all poses but with none of them alone; run "
-            "again with fewer workers, so that each has more memory"
-        )
-    store.note(number, guilty)
-    made = _in_process(store, number, leave_out=list(guilty))
+    if guilty:
+        store.note(number, guilty)
+        made = _in_process(store, number, leave_out=list(guilty))
     if not isinstance(made, Made):
-        raise RastercovError(f"shard {number}: its process {made}, also without poses {guilty}")
+        raise RastercovError(
+            f"shard {number}: its process {made}, also without poses {guilty} that kill it; "
+            "run again with fewer workers, so that each has more memory"
+        )
     return made._replace(quarantined=guilty)
 
 
