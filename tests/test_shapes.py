@@ -187,19 +187,6 @@ def test_icosahedron_noise_has_the_spread_asked_for():
     assert np.array_equal(plain.faces, noisy.faces)
 
 
-# Plane
-
-
-@pytest.mark.parametrize(("n_columns", "n_rows"), [(1, 1), (1, 5), (7, 3), (40, 30)])
-def test_plane_covers_its_rectangle_exactly_once(n_columns, n_rows):
-    mesh = shapes.tessellated_plane(n_columns, n_rows, 4.0, 3.0, jitter=0.2499, seed=3)
-    assert mesh.n_faces == 2 * n_columns * n_rows
-    assert mesh.bounds.tolist() == [[-2, -1.5, 0], [2, 1.5, 0]]
-    assert (mesh.normals == [0, 0, 1]).all()  # none turned over, so none overlap
-    assert mesh.areas.sum() == pytest.approx(12)
-    assert mesh.n_boundary_edges == 2 * (n_columns + n_rows)
-
-
 @pytest.mark.parametrize("name", shapes.NAMES)
 def test_a_built_in_mesh_is_loaded_by_its_name(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

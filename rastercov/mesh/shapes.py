@@ -251,49 +251,6 @@ def room(n: int = 8) -> Mesh:
     )
 
 
-@typed
-def tessellated_plane(
-    n_columns: int = 10,
-    n_rows: int = 10,
-    width: float = 1.0,
-    height: float = 1.0,
-    jitter: float = 0.2,
-    seed: int = 0,
-) -> Mesh:
-    """Irregular triangulation of a rectangle in the plane z = 0, facing +z, centred at 0.
-
-    Parameters
-    ----------
-    n_columns, n_rows : int
-        Cells along x and y.
-    width, height : float
-        Extent along x and y, metres.
-    jitter : float
-        Inner vertices move by up to this fraction of a cell along x and y, 0 <= jitter < 0.25, so
-        that no face degenerates or flips. The outline of the rectangle is exact.
-    seed : int
-        Seed of the jitter.
-
-    Returns
-    -------
-    Mesh
-        2 n_columns n_rows faces that cover the rectangle exactly once.
-    """
-    _at_least(1, n_columns=n_columns, n_rows=n_rows)
-    if not 0 <= jitter < 0.25:
-        raise MeshError(f"jitter must lie in [0, 0.25), got {jitter}; more would turn faces over")
-    _positive(width=width, height=height)
-    check_seed(seed)
-    row, column = np.indices((n_rows + 1, n_columns + 1))
-    cells = np.stack([column, row], axis=-1).astype(np.float64)
-    inner = cells[1:-1, 1:-1]
-    inner += np.random.default_rng(seed).uniform(-jitter, jitter, size=inner.shape)
-    flat = (cells / (n_columns, n_rows) - 0.5) * (width, height)
-    corners = np.arange(row.size).reshape(row.shape)
-    points = np.pad(flat.reshape(-1, 2), ((0, 0), (0, 1)))
-    return Mesh(vertices=points, faces=_triangulated(corners))
-
-
 BUILT_IN |= {
     "aeroplane": aeroplane,
     "aeroplane-9856": lambda: aeroplane(9856),

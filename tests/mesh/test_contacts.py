@@ -9,6 +9,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from scenes import joined
+from solids import tessellated_plane
 
 from rastercov.kernels import mesh_contacts
 from rastercov.mesh import Mesh, contacts, shapes
@@ -360,7 +361,7 @@ CLEAN = {
     "noisy icosahedron": lambda: shapes.icosahedron(noise=0.1, subdivisions=5),
     "room": shapes.room,
     "sphere": lambda: shapes.sphere(5),
-    "plane": lambda: shapes.tessellated_plane(50, 50),
+    "plane": lambda: tessellated_plane(50, 50),
     "torus": shapes.torus,
     "thin torus": lambda: shapes.torus(2000, 3, 1.0, 1e-3),
     "tube": lambda: tube(2000, 50),
