@@ -230,57 +230,40 @@ INSTANCING = "EXT_mesh_gpu_instancing"
 KNOWN = {
     kind: frozenset(f"{names} extensions extras".split())
     for kind, names in {
-        "file": "accessors animations asset buffers bufferViews cameras extensionsRequired "
+        "": "accessors animations asset buffers bufferViews cameras extensionsRequired "
         "extensionsUsed images materials meshes nodes samplers scene scenes skins textures",
         "asset": "copyright generator minVersion version",
-        "scene": "nodes name",
-        "node": "camera children matrix mesh name rotation scale skin translation weights",
-        "mesh": "primitives weights name",
-        "primitive": "attributes indices material mode targets",
-        "accessor": "bufferView byteOffset componentType count max min name normalized sparse type",
+        "scenes": "nodes name",
+        "nodes": "camera children matrix mesh name rotation scale skin translation weights",
+        "meshes": "primitives weights name",
+        "primitives": "attributes indices material mode targets",
+        "accessors": "bufferView byteOffset componentType count max min name normalized sparse "
+        "type",
         "sparse": "count indices values",
-        "sparse indices": "bufferView byteOffset componentType",
-        "sparse values": "bufferView byteOffset",
-        "bufferView": "buffer byteLength byteOffset byteStride name target",
-        "buffer": "byteLength name uri",
-        "camera": "orthographic perspective type name",
+        "indices": "bufferView byteOffset componentType",
+        "values": "bufferView byteOffset",
+        "bufferViews": "buffer byteLength byteOffset byteStride name target",
+        "buffers": "byteLength name uri",
+        "cameras": "orthographic perspective type name",
         "perspective": "aspectRatio yfov zfar znear",
         INSTANCING: "attributes",
     }.items()
 }
-"""Names of each kind of object."""
-PARTS = {
-    "file": {
-        "asset": "asset", "scenes": "scene", "nodes": "node", "meshes": "mesh",
-        "accessors": "accessor", "bufferViews": "bufferView", "buffers": "buffer",
-        "cameras": "camera",
-    },
-    "node": {"extensions": "extensions"},
-    "extensions": {INSTANCING: INSTANCING},
-    INSTANCING: {"attributes": "instances"},
-    "mesh": {"primitives": "primitive"},
-    "primitive": {"attributes": "attributes", "targets": "attributes"},
-    "accessor": {"sparse": "sparse"},
-    "sparse": {"indices": "sparse indices", "values": "sparse values"},
-    "camera": {"perspective": "perspective"},
-}  # fmt: skip
-"""Kinds of the objects within an object, or in a list there, by their names."""
+"""Names within the objects that an entry of a name holds, one or a list; "" is the file."""
 HARMLESS = frozenset(
     {"copyright", "generator", "name", "extras", "material", "materials", "max", "min", "target"}
     | {"images", "samplers", "textures", "animations", "skin", "skins", "zfar", "znear"}
 )
 """Names that no triangle and no camera depends on."""
-ATTRIBUTES = {
-    "attributes": (
-        re.compile(r"POSITION|NORMAL|TANGENT|(TEXCOORD|COLOR|JOINTS|WEIGHTS)_[0-9]+|_.*", re.S),
-        frozenset({"POSITION"}),
-    ),
-    "instances": (
-        re.compile(r"TRANSLATION|ROTATION|SCALE|_.*", re.S),
-        frozenset({"TRANSLATION", "ROTATION", "SCALE"}),
-    ),
-}
-"""Names of attributes, and those that move triangles."""
+ATTRIBUTES = ("attributes", "targets")
+"""Entries of objects whose names are those of attributes."""
+ATTRIBUTE = re.compile(
+    r"POSITION|NORMAL|TANGENT|(TEXCOORD|COLOR|JOINTS|WEIGHTS)_[0-9]+|TRANSLATION|ROTATION|SCALE|_.*",
+    re.DOTALL,
+)
+NESTED = {*KNOWN, *ATTRIBUTES, "extensions"}
+MOVING = frozenset({"POSITION", "TRANSLATION", "ROTATION", "SCALE"})
+"""Attributes that move triangles."""
 NAMES_ACCESSORS = {
     *("attributes", "indices", "targets", "extensions", "inverseBindMatrices", "input", "output")
 }
@@ -292,28 +275,27 @@ ALIGNMENT = 4
 def unknown_names(header: dict[str, Any], error: type[RastercovError] = MeshError) -> list[str]:
     """Notes on names that glTF 2.0 does not have; an error for a slip in one that matters."""
     found = UnknownNames(error)
-    for where, kind, owner in _objects("the file", "file", header):
+    for where, kind, owner in _objects("the file", "", header):
         if kind in KNOWN:
             found.look(where, owner.keys(), KNOWN[kind], HARMLESS)
         elif kind in ATTRIBUTES:
-            pattern, needed = ATTRIBUTES[kind]
-            known = {name for name in owner if pattern.fullmatch(name)}
-            if len(known) < len(owner):
-                found.look(where, owner.keys(), frozenset(known | needed), frozenset(known))
+            known = frozenset(filter(ATTRIBUTE.fullmatch, owner))
+            found.look(where, owner.keys(), known | MOVING, known)
     return found.notes()
 
 
 def _objects(
     where: str, kind: str, owner: dict[str, Any]
 ) -> Iterator[tuple[str, str, dict[str, Any]]]:
-    """An object and those within it, each with its place and kind."""
+    """An object and those within it, each with its place and the name of its entry."""
     yield where, kind, owner
-    for name, inner in PARTS.get(kind, {}).items():
-        value = owner.get(name)
-        of = "" if kind == "file" else f" of {where}"
+    of = f" of {where}" if kind else ""
+    for name in filter(NESTED.__contains__, owner):
+        value = owner[name]
         for row, each in enumerate(value if isinstance(value, list) else [value]):
             if isinstance(each, dict):
-                yield from _objects(f"{inner} {row}{of}", inner, each)
+                title = {"meshes": "mesh"}.get(name, name.removesuffix("s"))
+                yield from _objects(f"{title} {row}{of}", name, each)
 
 
 def unread_data(header: dict[str, Any]) -> list[str]:
