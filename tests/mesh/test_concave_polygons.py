@@ -137,20 +137,6 @@ def test_polygons_that_cross_themselves_are_noted_and_no_others(seed, n):
     assert any("cross or touch" in note for note in notes) == (not polygon.is_valid)
 
 
-#  3   2      a bow tie of two equal halves, whose areas cancel
-#   \ / \
-#    X
-#   / \ /
-#  0   1
-def test_a_bow_tie_whose_area_cancels_is_noted():
-    faces, notes = cut(np.array([[0, 0, 0], [1, 1, 0], [1, 0, 0], [0, 1, 0]], float))
-    assert len(faces) == 2
-    assert notes == [
-        "1 polygons cross or touch themselves, the first is 0; their triangles may overlap, "
-        "correct them in the modeller"
-    ]
-
-
 def test_a_strip_that_lies_over_its_own_end_is_noted():
     """No triangle of it need be wound backwards, so only its complement betrays it."""
     path = np.array([[0, 0], [10, 0], [10, 10], [5, 10], [5, -5]], float)

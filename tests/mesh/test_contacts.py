@@ -262,15 +262,6 @@ def test_sheets_touch_up_to_the_tolerance_and_not_beyond(gap, seed):
     assert not of_soup(pairs[3], 1e-7).any()
 
 
-@pytest.mark.parametrize("gap", [1e-9, 1e-6, 1e-2])
-def test_a_fold_touches_up_to_the_tolerance_at_its_lower_apex(gap):
-    vertices = np.array([(0, 0, 0), (4, 0, 0), (7, 1, gap), (-2, 5, 0)])
-    for faces in ([(0, 1, 2), (0, 1, 3)], [(3, 1, 0), (1, 0, 2)]):
-        for turn in (np.eye(3), rotation(3)):
-            assert touching(vertices @ turn, faces, 1.001 * gap).all()
-            assert not touching(vertices @ turn, faces, 0.97 * gap).any()
-
-
 @pytest.mark.parametrize("seed", range(20))
 def test_a_tolerance_of_none_is_raised_above_the_rounding(seed):
     # Turned and moved, the sheets meet only to within 1e-16.
@@ -322,15 +313,6 @@ def test_turning_moving_and_scaling_changes_nothing(teapot, scale):
     assert np.array_equal(of_mesh(Mesh(vertices=points, faces=mesh.faces)), marks)
 
 
-def test_a_part_far_from_the_origin_is_the_same_part():
-    ball = shapes.icosahedron(noise=0.35, subdivisions=3)
-    points = np.round(ball.vertices * 2**20)
-    here = of_mesh(Mesh(vertices=points, faces=ball.faces))
-    there = of_mesh(Mesh(vertices=points + 2.0**50, faces=ball.faces))
-    assert here.any()
-    assert np.array_equal(here, there)
-
-
 @pytest.mark.parametrize("scale", [1e-290, 1, 1e20])
 def test_vertices_that_no_face_uses_do_not_matter(teapot, scale):
     mesh, marks = teapot
@@ -354,24 +336,20 @@ def test_faces_without_area_touch_nothing():
 # --- whole parts
 
 CLEAN = {
-    "aeroplane": shapes.aeroplane,
-    "aeroplane-9856": lambda: shapes.aeroplane(9856),
-    "box": lambda: shapes.box(n=4),
-    "fine icosahedron": lambda: shapes.icosahedron(subdivisions=5),
-    "noisy icosahedron": lambda: shapes.icosahedron(noise=0.1, subdivisions=5),
-    "room": shapes.room,
-    "sphere": lambda: shapes.sphere(5),
-    "plane": lambda: tessellated_plane(50, 50),
-    "torus": shapes.torus,
-    "thin torus": lambda: shapes.torus(2000, 3, 1.0, 1e-3),
-    "tube": lambda: tube(2000, 50),
+    "aeroplane": shapes.aeroplane(9856),
+    "noisy icosahedron": shapes.icosahedron(noise=0.1, subdivisions=5),
+    "room": shapes.room(),
+    "plane": tessellated_plane(50, 50),
+    "torus": shapes.torus(),
+    "thin torus": shapes.torus(2000, 3, 1.0, 1e-3),
+    "tube": tube(2000, 50),
 }
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", CLEAN)
 def test_a_part_that_does_not_cross_itself_has_no_contacts(name):
-    mesh = CLEAN[name]()
+    mesh = CLEAN[name]
     assert not of_mesh(mesh).any()
     turned = Mesh(vertices=mesh.vertices @ rotation(2), faces=mesh.faces)
     assert not of_mesh(turned).any()

@@ -158,14 +158,6 @@ def test_occluders_are_not_the_task_and_all_can_be_two_sided(grouped):
     assert grouped.with_groups(two_sided="all").two_sided_mask.all()
 
 
-def test_flags_that_are_not_named_stay(grouped):
-    mesh = grouped.with_groups(occluders=["jig"]).with_groups(two_sided=["sheet"])
-    assert mesh.groups == (
-        Group("part"), Group("jig", is_occluder=True), Group("sheet", is_two_sided=True),
-    )  # fmt: skip
-    assert not any(g.is_occluder for g in mesh.with_groups(occluders=[]).groups)
-
-
 def test_one_string_is_one_name_and_an_unknown_one_lists_the_known_ones(grouped):
     assert not grouped.with_groups(occluders="jig").task_mask.all()
     for flag in ("occluders", "two_sided", "targets"):
@@ -361,47 +353,25 @@ def test_a_hundred_thousand_faces_are_diagnosed_quickly():
 # ---- placing and sizing
 
 
-def test_turning_back_and_forth_changes_nothing():
-    mesh = shapes.by_name("teapot")
-    turned = mesh.moved(axis=(1, 2, 3), angle_deg=37).moved(axis=(1, 2, 3), angle_deg=-37)
-    np.testing.assert_allclose(turned.vertices, mesh.vertices, atol=1e-15)
-    np.testing.assert_allclose(
-        mesh.moved(axis=(0, 1, 0), angle_deg=80, translation=(5, 6, 7)).areas, mesh.areas
-    )
-
-
 def test_some_groups_move_and_the_others_stay():
-    mesh = shapes.room(3)
-    moved = mesh.moved(translation=(0, 0, 9), groups=["crates"])
-    is_crate = mesh.face_group == [group.name for group in mesh.groups].index("crates")
-    shift = np.where(is_crate[:, None, None], [0, 0, 9], 0)
-    corners = moved.vertices[moved.faces]
-    np.testing.assert_allclose(corners, mesh.vertices[mesh.faces] + shift, atol=1e-12)
+    """Both groups share an edge, whose vertices are doubled."""
+    mesh = Mesh(CUBE, CUBE_FACES, [Group("one"), Group("two")], [0] * 6 + [1] * 6)
+    moved = mesh.moved(axis=(1, 2, 3), angle_deg=37, translation=(0, 0, 9), groups=["two"])
+    turned = mesh.moved(axis=(1, 2, 3), angle_deg=37, translation=(0, 0, 9))
+    corners = np.where(
+        mesh.face_group[:, None, None] == 1, *(each.vertices[each.faces] for each in (turned, mesh))
+    )
+    np.testing.assert_array_equal(moved.vertices[moved.faces], corners)
+    np.testing.assert_allclose(turned.areas, mesh.areas)
     assert moved.groups == mesh.groups
     np.testing.assert_array_equal(mesh.moved(scale=2, groups=[]).vertices, mesh.vertices)
 
 
-def test_vertices_on_the_border_of_a_moved_group_are_doubled():
-    #  3---2   face 0 is 0 1 2, face 1 is 0 2 3
-    #  0---1
-    square = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
-    groups = [Group("one"), Group("two")]
-    mesh = Mesh(square, [[0, 1, 2], [0, 2, 3]], groups, [0, 1])
-    moved = mesh.moved(translation=(0, 0, 1), groups=["two"])
-    assert moved.n_vertices == 6
-    np.testing.assert_array_equal(moved.vertices[moved.faces][..., 2], [[0] * 3, [1] * 3])
-
-
-@pytest.mark.parametrize(
-    ("extent", "words"),
-    [
-        ((85, 62, 20), "85 x 62 x 20 m"),
+def test_a_size_is_in_one_unit_with_few_digits():
+    for extent, words in (
         ((85_000, 62_000, 20_000), "85,000 x 62,000 x 20,000 m"),
         ((1.5, 0.25, 0), "1.5 x 0.25 x 0 m"),
         ((0.0853, 0.0621, 0.02), "85.3 x 62.1 x 20 mm"),
         ((5e-5, 1e-5, 0), "50 x 10 x 0 µm"),
-        ((0, 0, 0), "0 x 0 x 0 µm"),
-    ],
-)
-def test_a_size_is_in_one_unit_with_few_digits(extent, words):
-    assert size_in_words(extent) == words
+    ):
+        assert size_in_words(extent) == words

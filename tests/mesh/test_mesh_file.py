@@ -62,22 +62,6 @@ def test_trimesh_reads_the_same(load, tmp_path):
         np.testing.assert_allclose(triangles(mesh), theirs.triangles, atol=1e-7, err_msg=name)
 
 
-def test_glb_scene_agrees_with_trimesh(load):
-    trimesh = pytest.importorskip("trimesh")
-    scene = trimesh.Scene()
-    box = trimesh.creation.box()
-    turn = trimesh.transformations.euler_matrix(0.1, 0.5, 0.7)
-    turn[:3, 3] = [1, 2, 3]
-    scene.add_geometry(box, node_name="first", transform=turn)
-    scene.add_geometry(trimesh.creation.icosphere(2), node_name="second", parent_node_name="first")
-    mesh, theirs = load("scene.glb", scene.export(file_type="glb")), scene.to_mesh()
-    assert {group.name for group in mesh.groups} == {"first", "second"}
-    assert mesh.n_faces == len(theirs.faces)
-    np.testing.assert_allclose(mesh.bounds, theirs.bounds, atol=1e-6)
-    np.testing.assert_allclose(mesh.areas.sum(), theirs.area, rtol=1e-5)
-    assert mesh.can_cull_back_faces
-
-
 def test_faces_without_area_and_copies_are_kept(load):
     mesh = load("a.obj", obj(POINTS, [*FACES, [0, 0, 1], [1, 0, 2]]))
     assert mesh.n_faces == 6
