@@ -9,6 +9,7 @@ a ConfigError where the arguments do not fit the signature or its annotations. A
 is not looked at.
 """
 
+import builtins
 import dataclasses
 import functools
 import inspect
@@ -17,7 +18,7 @@ import sys
 from collections.abc import Callable, Collection, Mapping
 from enum import Enum
 from pathlib import Path
-from types import ModuleType, NoneType, SimpleNamespace, UnionType
+from types import ModuleType, NoneType, UnionType
 from typing import Any, Literal, ParamSpec, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -177,20 +178,17 @@ def check_type(name: str, value: Any, hint: Any) -> None:
         raise error(f"{name} must be {_wanted(hint)}, got {shown(value)}")
 
 
+class _Names(dict[str, Any]):
+    """Names of a module; those that only type checkers import mean any type."""
+
+    def __missing__(self, name: str) -> Any:
+        return Any
+
+
 @functools.cache  # resolved at the first call, when all modules are there
 def _hints(thing: Any) -> dict[str, Any]:
-    try:
-        return get_type_hints(thing)
-    except NameError:  # of a name that only type checkers import; others are resolved
-        return {name: _hint(thing, hint) for name, hint in thing.__annotations__.items()}
-
-
-def _hint(thing: Any, hint: Any) -> Any:
-    alone = SimpleNamespace(__annotations__={"it": hint})
-    try:
-        return get_type_hints(alone, vars(sys.modules[thing.__module__]))["it"]
-    except NameError:
-        return Any
+    known = _Names(vars(builtins) | vars(sys.modules[thing.__module__]))
+    return get_type_hints(thing, localns=known)
 
 
 def _fits(value: Any, hint: Any) -> bool:
