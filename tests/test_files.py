@@ -6,6 +6,7 @@ import re
 import signal
 import socket
 import time
+import warnings
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -246,3 +247,10 @@ def test_a_file_that_cannot_be_written_is_named(tmp_path):
     (tmp_path / "full.json").symlink_to("/dev/full")
     with pytest.raises(PoseError, match=r"cannot be written \(No space left"):
         write_poses(tmp_path / "full.json", np.eye(4))
+
+
+def test_numbers_beyond_float64_are_infinite_without_a_warning(tmp_path):
+    np.save(tmp_path / "poses.npy", np.full((1, 4, 4), np.longdouble("1e4000")))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert np.isinf(read_poses(tmp_path / "poses.npy")).all()

@@ -172,3 +172,13 @@ def test_neither_folder_is_a_package_of_its_own(tmp_path):
 def test_a_warning_in_a_file_of_ours_is_an_error(module):
     with pytest.raises(DeprecationWarning):
         warnings.warn_explicit("old", DeprecationWarning, "file.py", 1, module=module)
+
+
+@pytest.mark.slow
+def test_the_wheel_names_its_command_and_licence(unzipped):
+    (info,) = unzipped.glob("*.dist-info")
+    assert "rastercov = rastercov.cli:main" in (info / "entry_points.txt").read_text()
+    assert (info / "top_level.txt").read_text().split() == ["rastercov"]
+    assert (info / "licenses" / "LICENSE").read_bytes() == (ROOT / "LICENSE").read_bytes()
+    metadata = (info / "METADATA").read_text(encoding="utf-8")
+    assert "\nLicense-Expression: MIT\n" in metadata

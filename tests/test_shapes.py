@@ -211,3 +211,15 @@ def test_a_built_in_mesh_takes_flags_and_a_place(tmp_path, monkeypatch):
     (tmp_path / "box").write_text("a file comes first")
     with pytest.raises(MeshError, match="box: supported formats are"):
         Mesh.load("box")
+
+
+def test_teapots_of_the_thesis_have_their_face_counts():
+    assert shapes.teapot(5).n_faces == 1560
+    assert shapes.teapot(10, keep_degenerate=True).n_faces == 6400
+    assert shapes.teapot(12, keep_degenerate=True).n_faces == 9216
+
+
+def test_icosahedron_noise_depends_on_the_seed_alone():
+    one, same, other = (shapes.icosahedron(0.1, 2, seed).vertices for seed in (7, 7, 8))
+    assert np.array_equal(one, same)
+    assert not np.array_equal(one, other)

@@ -210,3 +210,14 @@ def test_a_slip_beside_the_right_name_is_only_noted():
     assert found.notes() == ["not read: mesi of node 0; content may be missing"]
     with pytest.raises(MeshError, match=r"node 1 has 'mesi', which the format .* no 'mesh'"):
         found.look("node 1", ["mesi"], frozenset({"mesh"}))
+
+
+def test_our_own_text_models_promise_what_they_hold(tmp_path):
+    poses = rc.look_at(eyes=[(1.0, 2, 3), (3, 2, 1)], targets=(0, 0, 0))
+    views = rc.Views(rc.Rig([rc.Camera(**CAMERA)]), rc.Poses.of(poses), ("a", "b"))
+    rc.write_views(tmp_path / "a", views, format="colmap-text")
+    text = (tmp_path / "a" / "images.txt").read_text()
+    assert "# Number of images: 2" in text
+    (tmp_path / "a" / "images.txt").write_text(text[: text.rindex("\n2 ") + 1])
+    with pytest.raises(CameraError, match="promises 2 images, 1 are there"):
+        rc.read_views(tmp_path / "a")

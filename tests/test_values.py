@@ -2,6 +2,7 @@
 
 import dataclasses
 import inspect
+import shlex
 from typing import Annotated
 
 import numpy as np
@@ -12,8 +13,10 @@ from hypothesis import strategies as st
 from typing_extensions import Doc
 
 import rastercov as rc
+from rastercov import cli
 from rastercov.base.arguments import check_limits
 from rastercov.base.errors import ConfigError, PoseError
+from rastercov.camera import pose as pose_module
 from rastercov.camera.pose import Poses
 from rastercov.camera.viewpoints import sphere_of_poses
 from rastercov.cli import options
@@ -37,6 +40,7 @@ def bad_row():
 
 def test_poses_name_the_rows_that_were_accepted_and_rejected():
     accepted = Poses.of(bad_row(), skip_bad=True)
+    assert Poses.of(accepted) is accepted
     assert accepted.ids.tolist() == [0, 1, 3]
     assert list(accepted.rejected) == [2]
     assert len(accepted) == len(accepted.world_from_camera) == 3
@@ -166,3 +170,14 @@ def test_provenance_depends_on_every_input():
         Provenance(MESH, CAMERA, poses, rc.Task(views=2)),
     )
     assert all(other.as_dict() != first for other in others)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["certified", "sampled"])
+def test_a_run_checks_its_poses_once(method, tmp_path, monkeypatch):
+    calls = []
+    check = pose_module.check_poses
+    monkeypatch.setattr(pose_module, "check_poses", lambda p: calls.append(len(p)) or check(p))
+    line = f"evaluate box -c khepra -p sphere:7 --pictures 2 --method {method} --device cpu"
+    assert cli.command([*shlex.split(line), "--json", "-o", str(tmp_path / "out")]) == 0
+    assert calls.count(7) == 1  # the others are of views of its pictures

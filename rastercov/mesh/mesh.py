@@ -210,7 +210,7 @@ class Mesh:
         check_type("memory_budget", memory_budget, int | None)
         paths = paths_of(path)
         scales = [metres_per(each) for each in of_files("unit", unit, paths, "m")]
-        places = of_files("transforms", transforms or {}, paths, {})
+        places = of_files("transforms", transforms if len(transforms) else {}, paths, {})
         if name := _built_in(paths):
             if len(paths) > 1 or scales != [1.0]:
                 raise MeshError(f"{name} is built in: it takes no unit and no other mesh files")

@@ -144,3 +144,8 @@ def test_workers_find_the_pose_again_whose_note_was_damaged(tmp_path, with_note)
     assert again.quarantined == {POISONED: "was killed by SIGKILL"}
     assert NOTE in lines[0]
     assert (folder / NOTE).read_bytes() == (with_note / NOTE).read_bytes()
+
+
+def test_workers_need_a_folder():
+    with pytest.raises(ConfigError, match="workers make shards in a folder"):
+        build_matrix((MESH, CAMERA), POSES, workers=Workers(1))

@@ -357,3 +357,10 @@ def test_a_killed_head_leaves_whole_shards_and_no_workers(tmp_path):
     run(job, watch)
     assert watch.numbers == sorted(set(range(12)) - done)
     assert times == {n: (folder / job.name(n)).stat().st_mtime_ns for n in done}
+
+
+def test_an_error_of_one_process_is_that_of_the_run(tmp_path):
+    job = cluster_job.prepared(tmp_path / "job", 1, kill=[3], **{"raise": {"0": "config"}})
+    with pytest.raises(ConfigError, match="shard 5 is not to be had"):
+        run(job, Watch())
+    assert job.missing()

@@ -224,3 +224,28 @@ def test_the_same_edges_again_and_again_are_noted_in_little_time():
     assert time.process_time() - start < 10
     assert "cross or touch" in note
     np.testing.assert_array_equal(faces, before)
+
+
+@pytest.mark.parametrize("turns", [2, 3])
+def test_a_polygon_that_winds_twice_is_noted(turns):
+    angle = np.arange(12) * turns * 2 * np.pi / 12 + 0.1
+    radius = np.linspace(1, 2, 12)
+    xy = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
+    _, notes = cut(np.column_stack([xy, np.zeros(12)]))
+    assert any("cross or touch" in note for note in notes)
+
+
+def test_a_bow_tie_whose_area_cancels_is_noted():
+    faces, notes = cut(np.array([[0, 0, 0], [1, 1, 0], [1, 0, 0], [0, 1, 0]], float))
+    assert len(faces) == 2
+    assert notes == [
+        "1 polygons cross or touch themselves, the first is 0; their triangles may overlap, "
+        "correct them in the modeller"
+    ]
+
+
+def test_dropping_a_corner_leaves_polygons_that_are_cut_right(load):
+    text = b"v 0 0 0\nv 4 0 0\nv 4 4 0\nv nan 0 0\nv 2 1 0\nv 0 4 0\nf 1 2 3 4 5 6\nf 1 2 3\n"
+    mesh = load("a.obj", text, drop_invalid=True)
+    np.testing.assert_array_equal(mesh.source_face, [0, 0, 1])
+    assert (mesh.normals[:, 2] > 0).all()

@@ -366,6 +366,7 @@ def test_random_meshes_come_back_face_for_face(name, seed, load):
     faces = rng.integers(0, len(points), (rng.integers(1, 20), 3))
     mesh = load(name, WRITERS[name](points, faces))
     np.testing.assert_array_equal(triangles(mesh), points[faces])
+    assert name.endswith(".stl") or mesh.n_vertices == len(points), "only STL merges vertices"
 
 
 REAL = {
@@ -405,3 +406,21 @@ def test_each_file_has_its_own_unit(tmp_path):
         Mesh.load(paths, ["mm", "miles"])
     with pytest.raises(MeshError, match="unit must be one of"):
         Mesh.load(paths, b"mm")
+
+
+@pytest.mark.parametrize("change", [-1, 1])
+def test_file_that_changes_while_it_is_read_is_refused(change, tmp_path, monkeypatch):
+    path = tmp_path / "a.stl"
+    path.write_bytes(VALID["binary.stl"])
+    before = path.stat()
+    grown = os.stat_result([*before[:6], before.st_size + change, *before[7:]])
+    monkeypatch.setattr(Path, "stat", lambda *a, **k: grown)
+    with pytest.raises(MeshError, match="the file changed while it was read"):
+        Mesh.load(path)
+
+
+def test_a_file_that_is_moved_may_be_there_again(tmp_path):
+    (tmp_path / "a.stl").write_bytes(VALID["binary.stl"])
+    places = [{"translation": (row, 0, 0)} for row in range(3)]
+    mesh = Mesh.load([tmp_path / "a.stl"] * 3, transforms=places)
+    assert [group.name for group in mesh.groups] == ["a", "a #2", "a #3"]

@@ -103,3 +103,11 @@ def test_a_thin_plate_is_culled_from_near_and_not_from_where_its_sides_are_one_d
     near, far = rc.look_at([(0, 0, 5)], (0, 0, 0)), rc.look_at([(0, 0, 5e5)], (0, 0, 0))
     assert can_cull(mesh, near, np.zeros(1, bool)).all()
     assert not can_cull(mesh, far, np.zeros(1, bool)).any()
+
+
+def test_one_component_that_touches_itself_is_kept_whole():
+    # A ring of boxes' outline that comes back to where it started: two of its walls are one plane.
+    ring = [(0, 0), (3, 0), (3, 3), (1, 3), (1, 1), (2, 1), (2, 2), (1, 2), (1, 3), (0, 3)]
+    mesh = prism(ring)
+    assert not mesh.can_cull_back_faces
+    assert mesh.self_contact_mask.any()

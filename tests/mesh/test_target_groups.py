@@ -70,7 +70,7 @@ def test_targets_share_no_edge_with_other_faces():
     lid = Mesh(BOX.vertices, BOX.faces[:2])  # on two faces of the box, edge on edge
     mesh = beside(BOX, lid)
     assert mesh.topology.n_nonmanifold_edges == 0
-    assert beside(BOX, lid).with_groups(targets=[]).topology.n_nonmanifold_edges > 0
+    assert mesh.with_groups(targets=[]).topology.n_nonmanifold_edges > 0
     parts = mesh.topology.components()
     assert not np.isin(parts[12:], parts[:12]).any()
 
@@ -78,3 +78,8 @@ def test_targets_share_no_edge_with_other_faces():
 def test_targets_without_area_are_named():
     flat = Mesh([(0, 0, 0), (1, 0, 0), (2, 0, 0)], [(0, 1, 2)])
     assert beside(BOX, flat).warnings == ("1 degenerate faces of targets, without area",)
+
+
+def test_scenes_without_targets_are_written_as_before():
+    assert Group("part").to_json() == {"name": "part", "is_occluder": False, "is_two_sided": False}
+    assert Group("sheet", is_target=True).to_json()["is_target"] is True
