@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from rastercov.base.threads import Once, share_poses, thread_count
 from rastercov.kernels import mesh_contacts as kernels
 from rastercov.kernels import mesh_tree
-from rastercov.mesh.arrays import blocks, bounds_of
+from rastercov.mesh.arrays import blocks, bounds_of, normals_and_areas
 from rastercov.mesh.topology import first_equal_row
 
 T = TypeVar("T")
@@ -231,7 +231,7 @@ def touching_faces(
     faces: NDArray[np.integer[Any]],
     tolerance: float,
     *,
-    degenerate_mask: NDArray[np.bool_],
+    degenerate_mask: NDArray[np.bool_] | None = None,
     labels: NDArray[np.integer[Any]] | None = None,
     threads: int | None = None,
 ) -> NDArray[np.bool_]:
@@ -259,8 +259,8 @@ def touching_faces(
         Vertex indices.
     tolerance : float
         In the units of the vertices; at least 0.
-    degenerate_mask : (F,) bool
-        Faces without area, as `Mesh.degenerate_mask`: they touch nothing.
+    degenerate_mask : (F,) bool, optional
+        Faces without area, as `Mesh.degenerate_mask`: they touch nothing. Computed by default.
     labels : (F,) int, optional
         Only faces with the same label can touch.
     threads : int, optional
@@ -279,6 +279,8 @@ def touching_faces(
     if not tolerance >= 0:
         raise ValueError(f"tolerance must be at least 0, got {tolerance}")
     touching = np.zeros(len(faces), dtype=bool)
+    if degenerate_mask is None:
+        degenerate_mask = ~np.any(normals_and_areas(vertices, faces)[0], axis=1)
     chosen = np.flatnonzero(~degenerate_mask)
     if len(chosen) < 2:
         return touching

@@ -13,7 +13,6 @@ from solids import tessellated_plane
 
 from rastercov.kernels import mesh_contacts
 from rastercov.mesh import Mesh, contacts, shapes
-from rastercov.mesh.arrays import normals_and_areas
 from rastercov.mesh.contacts import touching_faces
 
 try:
@@ -26,11 +25,7 @@ HAIR = 1e-9
 
 
 def touching(vertices, faces, tolerance=HAIR, **options):
-    vertices, faces = np.asarray(vertices, float), np.asarray(faces)
-    if "degenerate_mask" not in options:
-        normals, _, _ = normals_and_areas(vertices, faces)
-        options["degenerate_mask"] = ~normals.any(axis=1)
-    return touching_faces(vertices, faces, tolerance, **options)
+    return touching_faces(np.asarray(vertices, float), np.asarray(faces), tolerance, **options)
 
 
 def of_mesh(mesh, relative=1e-8, **options):
