@@ -104,7 +104,7 @@ BUDGET = {
     "coverage": 2_980,
     "exact": 830,
     "kernels": 11_050,
-    "mesh": 3_390,
+    "mesh": 3_400,
     "placement": 7_250,
     "raster": 2_980,
     "report": 3_060,
