@@ -213,7 +213,7 @@ class _Run:
         """Wait for a folder that is lost; a full disk, and one that stays lost, end the run."""
         if error.errno in FULL:
             where = error.filename or self.store.folder
-            raise ConfigError(f"{where}: the disk is full; {STAY}")
+            raise ConfigError(f"{where}: the disk is full; {STAY} with more space")
         if time.monotonic() - self.last_made > FOLDER_PATIENCE:
             wanted = "the folder must be there for every worker under the same name"
             raise ConfigError(f"{error}; {wanted}")

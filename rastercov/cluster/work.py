@@ -92,9 +92,10 @@ def alone(store: ShardStore, number: int) -> Made:
         store.note(number, guilty)
         made = _in_process(store, number, [pose for pose in poses if pose not in guilty])
     if not isinstance(made, Made):
+        when = f"also without poses {guilty}" if guilty else "but with none of its poses alone"
         raise RastercovError(
-            f"shard {number}: its process {made}, also without poses {guilty} that kill it; "
-            "run again with fewer workers, so that each has more memory"
+            f"shard {number}: its process {made}, {when}; run again with fewer workers, so that "
+            "each has more memory"
         )
     return made._replace(quarantined=guilty)
 
