@@ -264,7 +264,7 @@ def calls():
     rc.write_poses(FOLDER / "poses.npy", POSES)
     public = public_callables() | {"select_thesis": thesis()}
     objects, usual = right_objects()
-    rc.write_views(FOLDER / "views.json", objects["Views"])
+    rc.write_views(FOLDER / "views.json", VIEWS, overwrite=True)
     found = {}
     for name in names_of_calls():
         called = name.partition(",")[0]

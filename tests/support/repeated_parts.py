@@ -43,8 +43,8 @@ def archive(compression=zipfile.ZIP_DEFLATED, **parts):
     return stream.getvalue()
 
 
-def threemf(*words, **named):
-    return archive(**{"3D/a.model": model(*words, **named)})
+def threemf(*words, compression=zipfile.ZIP_DEFLATED, **named):
+    return archive(compression, **{"3D/a.model": model(*words, **named)})
 
 
 def components(*ids):
