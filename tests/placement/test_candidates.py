@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from nightly import examples
 from scenes import joined, sheet
+from solids import tessellated_plane
 
 import rastercov as rc
 from rastercov.base.errors import PoseError
@@ -213,7 +214,7 @@ def test_a_convex_corner_is_seen_along_its_diagonal_however_its_sides_are_divide
 def test_hollow_open_and_smooth_corners_are_no_convex_regions():
     box = shapes.box()
     assert len(per_convex_region(Mesh(box.vertices, box.faces[:, ::-1]), CAMERA)) == 0
-    assert len(per_convex_region(shapes.tessellated_plane(), CAMERA)) == 0
+    assert len(per_convex_region(tessellated_plane(), CAMERA)) == 0
     assert len(per_convex_region(shapes.sphere(4), CAMERA)) == 0
     assert len(per_convex_region(shapes.sphere(4), CAMERA, least_bend_deg=0)) == 2562
     opened = Mesh(box.vertices, box.faces[2:])

@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from nightly import examples
 from scenes import joined, sheet
+from solids import tessellated_plane
 
 from rastercov.mesh import Group, Mesh, shapes
 from rastercov.placement.candidates.segments import ANGLE_TOLERANCE_DEG, segment
@@ -156,7 +157,7 @@ def test_seams_of_repeated_vertices_do_not_stop_growth():
 
 
 def test_occluders_have_no_segment_and_stop_growth():
-    strip = shapes.tessellated_plane(3, 1, jitter=0.0)
+    strip = tessellated_plane(3, 1, jitter=0.0)
     middle = np.array([0, 0, 1, 1, 0, 0])
     mesh = Mesh(
         strip.vertices, strip.faces, (Group("part"), Group("clamp", is_occluder=True)), middle

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from solids import tessellated_plane
 
 from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import look_at
@@ -37,7 +38,7 @@ def flat(rng):
 
 
 def nearly_flat(rng):
-    vertices, faces = of_mesh(shapes.tessellated_plane())
+    vertices, faces = of_mesh(tessellated_plane())
     return vertices + rng.normal(size=vertices.shape) * (0, 0, 2e-10), faces
 
 
@@ -191,7 +192,7 @@ def test_clusters_of_a_smooth_mesh_are_full_compact_and_look_one_way():
 
 
 def test_both_sides_of_a_face_are_one_direction_unless_the_mesh_is_wound():
-    flat = shapes.tessellated_plane(4, 4)
+    flat = tessellated_plane(4, 4)
     faces = np.concatenate((flat.faces, flat.faces[:, ::-1]))
     for is_wound, n_clusters in ((False, 1), (True, 2)):
         clusters = made(flat.vertices, faces, is_wound)[2]
@@ -214,7 +215,7 @@ def stretched(mesh, *factors):
 
 def hill(rng):
     """A noisy sheet that faces +z, whose sides are steep."""
-    flat = shapes.tessellated_plane(30, 30, jitter=0.2, seed=int(rng.integers(99)))
+    flat = tessellated_plane(30, 30, jitter=0.2, seed=int(rng.integers(99)))
     noise = 0.3 * rng.normal(size=(flat.n_vertices, 1)) * (0, 0, 0.04)
     bulge = 0.4 * np.exp(-8 * (flat.vertices**2).sum(axis=1, keepdims=True)) * (0, 0, 1)
     return Mesh(vertices=flat.vertices + noise + bulge, faces=flat.faces)
@@ -344,7 +345,7 @@ def test_leaving_out_clusters_changes_no_count(name, view):
 def test_faces_that_rounding_turns_towards_the_camera_are_counted(scale):
     # A sheet from a hair behind it: corners move by half a step, and some faces turn over.
     rng = np.random.default_rng(6)
-    sheet = wound(*of_mesh(shapes.tessellated_plane(20, 6)))
+    sheet = wound(*of_mesh(tessellated_plane(20, 6)))
     n = 400
     targets = rng.uniform(-0.4, 0.4, (n, 3)) * (1, 1, 0)
     angle = rng.uniform(0, 2 * np.pi, n)

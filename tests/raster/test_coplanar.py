@@ -12,6 +12,7 @@ from coplanar_scenes import CAMERA, SCENES, scene_of, wrong_samples
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scenes import joined, sheet, square
+from solids import tessellated_plane
 
 from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import look_at, sphere_of_poses
@@ -151,8 +152,8 @@ def test_device_without_doubles_says_that_overlaps_are_undecided(device, monkeyp
         shapes.torus(40, 20),
         shapes.box(n=4),
         shapes.room(6),
-        shapes.tessellated_plane(30, 20, seed=2),
-        shapes.tessellated_plane(30, 20, jitter=0),
+        tessellated_plane(30, 20, seed=2),
+        tessellated_plane(30, 20, jitter=0),
         shapes.teapot(4),
         shapes.sphere(3),
         shapes.aeroplane(1970),
@@ -221,7 +222,7 @@ def test_more_pairs_than_are_looked_at_count_as_overlaps(monkeypatch):
 @pytest.mark.slow
 def test_close_views_of_overlaps_are_as_far_ones(open_raster):
     # A floor tiled twice, and the eye a thousandth of its size above it: faces reach behind it.
-    one, other = shapes.tessellated_plane(3, 3, jitter=0), shapes.tessellated_plane(4, 5, seed=1)
+    one, other = tessellated_plane(3, 3, jitter=0), tessellated_plane(4, 5, seed=1)
     mesh = joined(other, one)
     poses = look_at([(0.1, 0.05, 2e-3), (0.3, 0.2, 0.05)], [(0.4, 0.3, 0), (0, 0.1, 0)])
     poses = np.concatenate((poses, sphere_of_poses((0, 0, 0), 3, 3)))

@@ -24,6 +24,7 @@ from image_laws import (
 )
 from nightly import IS_NIGHTLY
 from scenes import joined, sheet, soup, square
+from solids import tessellated_plane
 
 from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import look_at, sphere_of_poses
@@ -68,7 +69,7 @@ SCENES = {
     ),
     "teapot": lambda: (shapes.teapot(3), around(shapes.teapot(3), 3)),
     "open plane": lambda: (
-        shapes.tessellated_plane(seed=3),
+        tessellated_plane(seed=3),
         look_at([(0.3, 0.2, 0.8), (0.1, 0.3, -0.7), (0.6, 0, 0.01)], (0, 0, 0)),
     ),
 }
@@ -169,7 +170,7 @@ def test_lone_face_is_fully_visible(open_raster):
 @pytest.mark.slow
 @pytest.mark.parametrize(("seed", "supersample"), [(0, 1), (1, 2), (2, 3)])
 def test_shared_edge_samples_belong_to_exactly_one_face(open_raster, seed, supersample):
-    mesh = shapes.tessellated_plane(30, 20, 4.0, 3.0, seed=seed)
+    mesh = tessellated_plane(30, 20, 4.0, 3.0, seed=seed)
     rng = np.random.default_rng(seed)
     eyes = np.concatenate(([(0, 0, 1)], rng.uniform((-0.1, -0.1, 0.8), (0.1, 0.1, 1.2), (3, 3))))
     poses = look_at(eyes, eyes * (1, 1, 0) * 0.5, up=rng.normal(size=3))
@@ -183,7 +184,7 @@ def grid(cx, cy):
     """Squares of 16 x 16 px whose sides lie on pixel borders, or through pixel centres."""
     camera = Camera(width=128, height=96, fx=64, fy=64, cx=cx, cy=cy)
     pose = look_at((0, 0, 2), (0, 0, 0))
-    return shapes.tessellated_plane(10, 8, 5.0, 4.0, jitter=0), camera, pose
+    return tessellated_plane(10, 8, 5.0, 4.0, jitter=0), camera, pose
 
 
 @pytest.mark.slow
@@ -278,7 +279,7 @@ def test_rolled_counts_equal_reference(open_raster, name, roll):
 @pytest.mark.slow
 @pytest.mark.parametrize("roll", ROLLS)
 def test_rolled_samples_are_given_out_exactly_once(open_raster, roll):
-    mesh = shapes.tessellated_plane(30, 20, 4.0, 3.0, seed=1)
+    mesh = tessellated_plane(30, 20, 4.0, 3.0, seed=1)
     pose = look_at((0.1, 0, 1), (0, 0, 0))
     with open_raster(mesh, CAMERA, supersample=2, roll=roll) as rasterizer:
         counts = rasterizer.count(pose)
@@ -549,7 +550,7 @@ def test_tiles_make_the_whole_image(open_gl, scene):
 
 @pytest.mark.slow
 def test_image_beyond_the_largest_tile_of_the_device(open_raster):
-    mesh = shapes.tessellated_plane(40, 2, 3000.0, 1.0)
+    mesh = tessellated_plane(40, 2, 3000.0, 1.0)
     camera = Camera(width=17000, height=5, fx=5, fy=5)
     counts = open_raster(mesh, camera).count(look_at((0, 0, 1), (0, 0, 0)))
     assert counts.visible.sum() == counts.drawn.sum() == 3000 * 5 * 5

@@ -101,6 +101,14 @@ def test_tiles_of_an_image_add_up(open_gl):
     assert_same_counts(tiled.count(VIEWS), whole.count(VIEWS))
 
 
+def test_counts_without_drawn_are_those_with_it(open_raster):
+    rasterizer = open_raster(in_room(5), SMALL)
+    alone = rasterizer.count(VIEWS, drawn=False)
+    assert alone.drawn is None
+    np.testing.assert_array_equal(alone.visible, rasterizer.count(VIEWS).visible)
+
+
+@pytest.mark.slow
 @pytest.mark.slow
 @given(seed=st.integers(0, 2**32 - 1))
 @examples(60)

@@ -12,6 +12,7 @@ import pytest
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from solids import tessellated_plane
 
 from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import look_at, sphere_of_poses
@@ -311,7 +312,7 @@ def test_lone_face_is_wholly_visible(reading, test):
 
 @pytest.mark.parametrize("reading", READINGS)
 def test_neighbours_along_an_edge_do_not_overlap(reading):
-    plane = shapes.tessellated_plane(4, 4)
+    plane = tessellated_plane(4, 4)
     pose = look_at((0.3, 0.2, 2), (0, 0, 0))[0]
     assert same(occlusion(plane, CAMERA, pose, reading), *np.zeros(plane.n_faces))
 
