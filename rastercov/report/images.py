@@ -14,7 +14,7 @@ E. S. Eissa. Image Space Coverage Model. 2020, figures 4.2 to 4.6.
 import io
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -264,19 +264,18 @@ def png(image: Image.Image, choice: Image.Quantize | None = None) -> bytes:
     return file.getvalue()
 
 
+@dataclass(frozen=True, eq=False)
 class Key:
-    """Entry of a legend: a swatch or a scale, its meaning, and the ends of the scale."""
+    """Entry of a legend: a swatch or a scale, its meaning, and the ends of the scale.
 
-    def __init__(self, name: str, pixels: Pixels, low: str = "", high: str = "") -> None:
-        self.name, self.low, self.high = name, low, high
-        self.image = Image.fromarray(pixels)
+    `colours` are those of a swatch, the one in its corner first.
+    """
 
-    @property
-    def colours(self) -> list[list[int]]:
-        """Colours of the swatch, the one in its corner first."""
-        pixels = np.asarray(self.image).reshape(-1, 3)
-        first: list[int] = pixels[0].tolist()
-        return [first, *(each for each in np.unique(pixels, axis=0).tolist() if each != first)]
+    name: str
+    pixels: Pixels
+    low: str = ""
+    high: str = ""
+    colours: Sequence[Sequence[int]] = ()
 
     @classmethod
     def of(
@@ -288,11 +287,9 @@ class Key:
         period: int = 2,
     ) -> "Key":
         """Entry for a colour, or for one striped with another."""
-        swatch = np.empty((24, 24, 3), np.uint8)
-        swatch[:] = np.asarray(colour)
-        if stripe is not None:
-            swatch[stripes((24, 24), width, period)] = np.asarray(stripe)
-        return cls(name, swatch)
+        colours = np.array([colour] if stripe is None else [colour, stripe], np.uint8)
+        row = stripes((24, 24), width, period) & (len(colours) > 1)
+        return cls(name, colours[row.astype(np.int64)], colours=colours.tolist())
 
     @classmethod
     def scale(cls, name: str, colours: Pixels, low: str, high: str) -> "Key":
@@ -301,12 +298,9 @@ class Key:
 
 
 def target_key() -> Key:
-    """Entry for targets: hatched, with an outline."""
-    swatch = np.empty((24, 24, 3), np.uint8)
-    swatch[:] = PAPER
-    hatch_over(swatch, np.zeros((24, 24), np.int32), np.array([OUTLINE_3D], np.uint8), 4)
-    swatch[[0, 1, -2, -1]] = swatch[:, [0, 1, -2, -1]] = OUTLINE_3D
-    return Key("targets are hatched this way, in their colours", swatch)
+    """Entry for targets, which are hatched along the other diagonal."""
+    key = Key.of("targets are hatched this way, in their colours", OUTLINE_3D, PAPER, 4)
+    return replace(key, pixels=key.pixels[:, ::-1])
 
 
 def facing(mesh: Mesh, pose: ArrayLike) -> tuple[NDArray[np.bool_], FloatArray]:
@@ -392,7 +386,7 @@ def framed(pixels: Pixels, title: str, keys: Sequence[Key]) -> Image.Image:
         for word in (key.low, None, key.high, key.name):
             if word is None:
                 box = (round(x), middle - line // 2, round(x) + scale, middle - line // 2 + line)
-                canvas.paste(key.image.resize((scale, line)), box)
+                canvas.paste(Image.fromarray(key.pixels).resize((scale, line)), box)
                 draw.rectangle(box, outline=INK)
                 x += scale + line * 0.5
             elif word:

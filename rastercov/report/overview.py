@@ -63,8 +63,6 @@ CROWD = 16
 """Cameras from which on their view pyramids get smaller."""
 PARTS = 12
 """Parts of each side of a distorted image, whose border is a curve."""
-FROM_BELOW = 0.6
-"""Worth of the task seen from below, relative to what is seen from above."""
 MOST_ZONES = 30
 """Zones with a number."""
 LEAST_PERCENT = 0.01
@@ -129,7 +127,7 @@ class Overview:
     def picture(self) -> Image.Image:
         """The task, which fills the picture, and from its other side with all cameras."""
         mesh, pyramids = self.mesh, self.pyramids()
-        side = best_directions(mesh, mesh.task_mask, 1, self.eyes, 8, FROM_BELOW)[0]
+        side = best_directions(mesh, mesh.task_mask, 1, self.eyes)[0]
         ends = np.concatenate([*pyramids, np.zeros((0, 3))])
         scenes = [
             look(mesh, side, eyes=self.eyes),
@@ -352,16 +350,8 @@ def _with_zones(
 
 
 def middle_of(mask: NDArray[np.bool_]) -> FloatArray:
-    """Place (x, y) of the pixel of a mask that is furthest from its outline, in city blocks."""
-    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    top, left = rows[0], columns[0]
-    layer = np.pad(mask[top : rows[-1] + 1, left : columns[-1] + 1], 1)
-    depth = np.where(layer, sum(layer.shape), 0)
-    # City blocks add up along the axes: the least along one, then along the other.
-    for _ in range(2):
-        depth = depth.T
-        steps = np.arange(len(depth))[:, None]
-        back = np.minimum.accumulate((depth + steps)[::-1])[::-1] - steps
-        depth = np.minimum(np.minimum.accumulate(depth - steps) + steps, back)
-    row, column = np.unravel_index(int(depth.argmax()), depth.shape)
-    return np.array([left + column - 0.5, top + row - 0.5])
+    """Place (x, y) of the pixel of a mask that is nearest to the median of all of them."""
+    places = np.argwhere(mask)[:, ::-1] + 0.5
+    away: FloatArray = places - np.median(places, axis=0)
+    middle: FloatArray = places[(away**2).sum(axis=1).argmin()]
+    return middle

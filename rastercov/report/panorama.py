@@ -59,16 +59,13 @@ MARGIN = 0.05
 """Margin on each side, relative to the picture."""
 DISTANCE = 4.0
 """Distance of the viewer, in radii of the scene."""
-DIRECTIONS = np.array(
-    [
-        *[(1, -1.5, 1), (-1, 1.5, 1), (-1.5, -1, 1), (1.5, 1, 1)],
-        *[(1, -1.5, -1), (-1, 1.5, -1), (-1.5, -1, -1), (1.5, 1, -1)],
-        *[(0, -0.1, 2), (0, -0.1, -2), (1, 0, 0.1), (-1, 0, 0.1), (0, 1, 0.1), (0, -1, 0.1)],
-    ]
-)
+CORNERS = [(1, -1.5), (-1, 1.5), (-1.5, -1), (1.5, 1)]
+DIRECTIONS = np.array([(x, y, z) for z in (1, -1) for x, y in CORNERS])
 """Directions from the scene to the viewer; the first two are the default."""
 ALL_SIDES = DIRECTIONS[[0, 5]]
 """Two opposite corners: every side of a box is in one of the two pictures."""
+FROM_BELOW = 0.6
+"""Worth of what is seen from below, relative to what is seen from above."""
 PIECES = 96
 """Pieces of a line, each visible or hidden."""
 PIXELS_AT_A_TIME = 1 << 16
@@ -196,34 +193,25 @@ def look(
 def task_points(mesh: Mesh) -> FloatArray:
     """(N, 3) vertices of the scored faces, or of all faces if none is."""
     scored = mesh.faces[mesh.task_mask] if mesh.task_mask.any() else mesh.faces
-    is_used = np.zeros(len(mesh.vertices), np.bool_)
-    is_used[scored] = True
-    points: FloatArray = mesh.vertices[is_used]
+    points: FloatArray = mesh.vertices[np.unique(scored)]
     return points
 
 
 def best_directions(
-    mesh: Mesh,
-    faces: BoolArray,
-    count: int = 2,
-    eyes: ArrayLike = (),
-    among: int | None = None,
-    from_below: float = 1.0,
+    mesh: Mesh, faces: BoolArray, count: int = 2, eyes: ArrayLike = ()
 ) -> FloatArray:
     """(count, 3) of `DIRECTIONS` that show most of some faces' fronts, chosen greedily.
 
-    Each direction adds most to the visible pixels of those before it; `among` is the number of
-    directions to choose from, all unless given; pixels seen from below count `from_below` times.
+    Each direction adds most to the visible pixels of those before it.
     """
-    directions = DIRECTIONS[:among]
     if not faces.any():
-        return directions[:count].copy()
-    shown = np.empty((len(directions), mesh.n_faces))
-    for row, direction in enumerate(directions):
+        return DIRECTIONS[:count].copy()
+    shown = np.empty((len(DIRECTIONS), mesh.n_faces))
+    for row, direction in enumerate(DIRECTIONS):
         scene = look(mesh, direction, scale=0.3, eyes=eyes)
         is_front = facing(mesh, scene.pose)[0]
         shown[row] = np.bincount(scene.faces, minlength=mesh.n_faces) * (faces & is_front)
-        shown[row] *= from_below if direction[2] < 0 else 1.0
+        shown[row] *= FROM_BELOW if direction[2] < 0 else 1.0
     chosen: list[int] = []
     best = np.zeros(mesh.n_faces)
     for _ in range(count):
@@ -231,7 +219,7 @@ def best_directions(
         gain[chosen] = -1.0
         chosen.append(int(gain.argmax()))
         best = np.maximum(best, shown[chosen[-1]])
-    return directions[chosen]
+    return DIRECTIONS[chosen]
 
 
 def paint(scene: Scene, colours: Pixels, own: OwnColours | None = None) -> Pixels:
@@ -264,10 +252,8 @@ def _painted(scene: Scene, face: FaceImage, colours: Pixels, own: OwnColours | N
         pixels.reshape(-1, 3)[at] = own(face).reshape(-1, 3)[at] * lit
     behind = np.append(scene.backs, False)[face]
     if behind.any():
-        for colour, rows in (
-            (BACK, behind),
-            (BACK_STRIPE, behind & stripes(face.shape, 3 * FINE)),
-        ):
+        striped = behind & stripes(face.shape, 3 * FINE)
+        for colour, rows in ((BACK, behind), (BACK_STRIPE, striped)):
             pixels[rows] = np.array(colour) * light[face[rows]]
     draw_lines(pixels, face, mesh.n_faces)
     return pixels
@@ -351,11 +337,9 @@ def two_sides(
 
 def beside(images: Sequence[Image.Image]) -> Pixels:
     """Pixels of pictures of equal height, side by side."""
-    gap = np.full((images[0].height, 6, 3), PAPER, np.uint8)
-    parts = [np.asarray(images[0])]
-    for image in images[1:]:
-        parts += [gap, np.asarray(image)]
-    return np.concatenate(parts, axis=1)
+    gap, paper = ((0, 0), (6, 0), (0, 0)), PAPER[0]
+    parts = [np.pad(np.asarray(image), gap, constant_values=paper) for image in images]
+    return np.concatenate(parts, axis=1)[:, 6:]
 
 
 def scene_keys(scenes: Sequence[Scene]) -> list[Key]:
