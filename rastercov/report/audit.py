@@ -50,7 +50,7 @@ HEADINGS = ("image", "camera", "sees", "lost without it", "by it alone", "in the
 
 
 def write(
-    made: Callable[[Path | None], Audit],
+    made: Callable[..., Audit],
     out: Path,
     options: Mapping[str, Any],
     notes: Sequence[str] = (),
@@ -62,7 +62,7 @@ def write(
     Parameters
     ----------
     made : callable
-        Gives the audit, once the folder can be used; called with the folder of its shards, or None.
+        Gives the audit, once the folder can be used; `folder` is that of its shards, or None.
     out : Path
         Folder for the report.
     options : mapping
@@ -73,7 +73,7 @@ def write(
         True for an audit that is kept in shards until its report is whole.
     """
     with ReportFolder(out, AUDIT) as folder:
-        found = made(folder.path / UNFINISHED if is_kept else None)
+        found = made(folder=folder.path / UNFINISHED if is_kept else None)
         header = Provenance(
             found.mesh, found.camera, found.poses.given, found.task, options
         ).as_dict()
