@@ -277,14 +277,6 @@ def open_mesh(
     return Scene(title, mesh, _state(views, task), meshes=entries, notes=views.notes)
 
 
-def kind_of(folder: Path) -> str | None:
-    """Kind of the result in a folder: "evaluate", "place", "audit"; None for another folder."""
-    for name, (kind, _) in RESULTS.items():
-        if (folder / name).is_file():
-            return kind
-    return None
-
-
 def run_of(folder: Path) -> Mapping[str, Any]:
     """Provenance of the result in a folder; ConfigError where there is none."""
     name = next((name for name in RESULTS if (folder / name).is_file()), None)
