@@ -25,7 +25,6 @@ from rastercov.placement.improve.refine import refine
 from rastercov.placement.plan import run as plan_run
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "plans"
-MESHES = Path(__file__).parents[3] / "shared" / "meshes"
 SCENE = """
 [[meshes]]
 path = "part.obj"
@@ -176,14 +175,11 @@ def test_the_network_is_counted_as_the_selection_was(capsys):
 
 
 def test_costs_of_entries_decide_between_equals(capsys):
-    other = CANDIDATES.replace("20", "24") + "cost = 0.5\n"
-    assert placed(capsys, QUICK.replace(CANDIDATES, CANDIDATES + "cost = 9\n" + other))[0] == 0
-    assert all(camera["cost"] == 0.5 for camera in figures()["cameras"])
     budget = SELECTION.replace('"fewest_cameras"\ncoverage = 1.0', '"best_coverage"\nbudget = 9')
-    text = QUICK.replace(SELECTION, budget).replace(CANDIDATES, CANDIDATES + "cost = 4\n")
-    code, out, told = placed(capsys, text)
+    dear = CANDIDATES + "cost = 4\n" + CANDIDATES.replace("20", "24") + "cost = 9\n"
+    code, out, told = placed(capsys, QUICK.replace(SELECTION, budget).replace(CANDIDATES, dear))
     assert code == 0
-    assert len(told["cameras"]) == 2
+    assert [camera["cost"] for camera in told["cameras"]] == [4, 4]
     assert "at a cost of 8" in out
 
 
@@ -203,46 +199,12 @@ def test_cavity_candidates_are_added_where_the_others_see_nothing(capsys):
     assert any(camera["origin"].startswith("cavity") for camera in told["cameras"])
 
 
-def test_a_part_in_the_wrong_unit_is_told_by_its_size_and_by_why_nothing_covers_it(capsys):
-    code, out, _ = placed(capsys, QUICK.replace('"part.obj"', '"part.obj"\nunit = "um"'))
-    assert code == 1
-    assert "100.0 % too coarse; the scene measures 1 x 1 x 1 µm, see meshes.unit" in out
-
-
-@pytest.mark.parametrize(
-    ("entry", "hint"),
-    [
-        ('unit = "um"', "the mesh measures 1 x 1 x 1 µm, and the nearest camera is"),
-        ("unit = 1e5", "the mesh measures 100,000 x 100,000 x 100,000 m, and all cameras"),
-        ('unit = "m"', None),
-    ],
-)
-def test_check_doubts_an_unlikely_unit_and_names_the_entry(capsys, entry, hint):
-    Path("plan.toml").write_text(QUICK.replace('"part.obj"', f'"part.obj"\n{entry}'))
-    _, out, err = call(capsys, "check plan.toml -p rig.json")
-    assert err == "" if hint is None else hint in err
-    assert hint is None or "unit of [[meshes]]" in err
-    assert out.splitlines()[-1].startswith("12 faces, ")
-
-
 def test_check_doubts_normals_that_point_inwards(capsys):
     text = Path("part.obj").read_text()
     turned = re.sub(r"f (\d+) (\d+) (\d+)", r"f \1 \3 \2", text)
     Path("part.obj").write_text(turned)
     _, _, err = call(capsys, "check plan.toml -p rig.json")
     assert "seen from behind: normals point inwards, or the surface is open: use two_sided" in err
-
-
-def test_a_transform_of_a_plan_is_that_of_the_command_line(capsys):
-    entries = "angle_deg = 30, translation = [0.25, 0, 0.5]"
-    plan = QUICK.replace('"part.obj"', f'"part.obj"\ntransform = {{ {entries} }}')
-    Path("plan.toml").write_text(plan)
-    told = json.loads(call(capsys, "check plan.toml -p rig.json --json")[1])
-    Path("camera.toml").write_text("width = 96\nheight = 72\nfx = 90\nfy = 90\n")
-    line = ["render", "part.obj", "-c", "camera.toml", "-p", "rig.json", "--json"]
-    code, out, _ = call(capsys, [*line, "--transform", entries])
-    assert code == 0
-    assert json.loads(out)["size_m"] == told["size_m"]
 
 
 @pytest.mark.slow
@@ -305,46 +267,6 @@ def test_each_error_of_a_plan_is_a_line_and_nothing_is_written(capsys, text, lin
 # --- ended runs -----------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
-def test_a_second_run_measures_nothing_again(capsys, monkeypatch):
-    call(capsys, "place plan.toml")
-    shards = {path: path.stat().st_mtime_ns for path in Path("plan/matrix").rglob("*.parquet")}
-    assert shards
-    placed(capsys, QUICK.replace("coverage = 1.0", "coverage = 0.6"))
-    assert shards == {
-        path: path.stat().st_mtime_ns for path in Path("plan/matrix").rglob("*.parquet")
-    }
-
-
-@pytest.mark.slow
-def test_a_matrix_that_the_plan_no_longer_needs_is_removed_and_nothing_else(capsys):
-    call(capsys, "place plan.toml")
-    (old,) = Path("plan/matrix").iterdir()
-    Path("plan/matrix/notes").mkdir()
-    placed(capsys, QUICK.replace("count = 20", "count = 21"))
-    names = {path.name for path in Path("plan/matrix").iterdir()}
-    assert "notes" in names
-    assert old.name not in names
-    assert len(names) == 2
-
-
-def test_an_interrupt_after_the_selection_keeps_it(capsys, monkeypatch):
-    Path("plan.toml").write_text(QUICK.replace("[outputs]", "refine = true\n[outputs]"))
-
-    def stop(*_, **__):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(plan_run, "refine", stop)
-    code, out, err = call(capsys, "place plan.toml")
-    assert code == 130
-    assert err.endswith("interrupted\n")
-    assert "before refinement" in out
-    told = figures()
-    assert told["interrupted"] == "refinement"
-    assert told["share"] == 1
-    assert len(read_poses("plan/poses.json")) == len(told["cameras"])
-
-
 SHARD = 300_000
 """Pairs a shard: 30 poses of the plan below, which then has five."""
 CHILD = [
@@ -392,8 +314,8 @@ def no_pages(monkeypatch):
     monkeypatch.setattr("rastercov.report.placement.pages_of", lambda *_: {"page.html": "a page"})
 
 
-def stopped(capsys, monkeypatch, step, error):
-    """`place` when a step of it raises something; what nothing catches is as a kill."""
+def stopped(capsys, monkeypatch, step, error, line="place plan.toml"):
+    """A command when a step of it raises something; what nothing catches is as a kill."""
 
     def stop(*_, **__):
         raise error
@@ -401,7 +323,7 @@ def stopped(capsys, monkeypatch, step, error):
     with monkeypatch.context() as patch:
         patch.setattr(step, stop)
         with suppress(SystemExit):
-            return call(capsys, "place plan.toml")
+            return call(capsys, line)
     return None
 
 
@@ -446,7 +368,9 @@ def test_an_interrupt_in_a_step_replaces_an_earlier_report_and_names_the_step(
     assert (code, err) == (130, "interrupted\n")
     assert f"interrupted: this is what there was before {STEPS[step]}" in out
     assert out.endswith(f"plan/{'page.html' if has_page else 'plan.json'}\n")
-    assert figures()["interrupted"] == STEPS[step]
+    told = figures()
+    assert told["interrupted"] == STEPS[step]
+    assert len(read_poses("plan/poses.json")) == len(told["cameras"]) > 0
     assert Path("plan/page.html").exists() == has_page
 
 
@@ -463,12 +387,12 @@ def test_an_interrupt_in_the_cavities_keeps_the_matrix(capsys, monkeypatch):
 
 @pytest.mark.parametrize("step", ["measured", "left_over"])
 def test_an_interrupt_of_check_writes_nothing(capsys, monkeypatch, step):
-    def stop(*_, **__):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(f"rastercov.placement.plan.check.{step}", stop)
-    line = "check plan.toml -p rig.json --junit out.xml"
-    assert call(capsys, line) == (130, "", "interrupted\n")
+    line, step = (
+        "check plan.toml -p rig.json --junit out.xml",
+        f"rastercov.placement.plan.check.{step}",
+    )
+    stop = stopped(capsys, monkeypatch, step, KeyboardInterrupt(), line)
+    assert stop == (130, "", "interrupted\n")
     assert not Path("out.xml").exists()
 
 
@@ -485,14 +409,10 @@ def test_the_page_after_an_interrupt_names_the_step(capsys, monkeypatch):
 
 def test_a_second_interrupt_leaves_out_the_page(capsys, monkeypatch):
     Path("plan.toml").write_text(EACH_STEP)
-
-    def stop(*_, **__):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("rastercov.report.placement.pages_of", stop)
-    code, out, _ = stopped(
-        capsys, monkeypatch, "rastercov.placement.plan.run.refine", KeyboardInterrupt()
-    )
+    refining, *_, drawing = STEPS
+    with monkeypatch.context() as patch:
+        patch.setattr(drawing, lambda *_: signal.raise_signal(signal.SIGINT))
+        code, out, _ = stopped(capsys, monkeypatch, refining, KeyboardInterrupt())
     assert (code, figures()["interrupted"]) == (130, "refinement")
     assert out.endswith("plan/plan.json\n")
     assert not Path("plan/page.html").exists()
@@ -537,7 +457,7 @@ def test_two_runs_into_one_folder_are_one_run_and_a_refusal(capsys):
     assert len(figures("out")["cameras"]) == 3
 
 
-@pytest.mark.parametrize("name", ["poses.json", "plan.json", "page.html", "view.html"])
+@pytest.mark.parametrize("name", ["poses.json", "view.html"])
 def test_a_file_of_nobody_is_refused_before_the_work_and_kept(capsys, monkeypatch, name):
     Path("out").mkdir()
     Path("out", name).write_text("mine")
@@ -576,17 +496,11 @@ def test_what_is_no_matrix_of_an_earlier_plan_stays(capsys):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
-def test_a_run_that_was_ended_goes_on_from_its_shards(capsys, monkeypatch, number):
+def test_a_run_that_was_killed_goes_on_from_its_shards(capsys, monkeypatch):
     Path("long.toml").write_text(LONG)
     with child("long.toml") as process:
         wait_for("long/matrix/*/pairs/pairs-*.parquet", process)
-        process.send_signal(number)
-        _, err = process.communicate(timeout=300)
-    if number == signal.SIGKILL:
-        assert process.returncode == -signal.SIGKILL
-    else:
-        assert (process.returncode, without_notices(err)) == (130, b"interrupted\n")
+        process.kill()
     done = {path: path.stat().st_mtime_ns for path in Path("long").rglob("pairs-*.parquet")}
     assert not Path("long/plan.json").exists()
     monkeypatch.setattr("rastercov.placement.matrix_folder.PAIRS_A_SHARD", SHARD)
@@ -612,7 +526,7 @@ def test_a_rig_that_covers_enough_passes(capsys):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("n_gone", [1, 2, 6])
+@pytest.mark.parametrize("n_gone", [1, 6])
 def test_a_rig_that_lost_cameras_fails_by_as_much_as_they_covered(capsys, n_gone):
     write_poses("rig.json", axis_poses()[n_gone:])
     code, out, _ = call(capsys, "check plan.toml -p rig.json --min-coverage 0.95 --json")
@@ -671,8 +585,10 @@ def test_a_limit_within_the_bound_is_said_to_be_undecided(capsys):
 
 def test_junit_has_a_test_case_for_each_requirement(capsys):
     write_poses("rig.json", axis_poses()[:5])
-    line = "check plan.toml -p rig.json --min-coverage 0.9 --group lid=0.0 --group rest=0.5"
-    assert call(capsys, line + " --junit out.xml")[0] == 1
+    odd = "<\x01lid>&\"'"  # a name that XML has no way to write
+    Path("part.obj").write_text(Path("part.obj").read_text().replace("g lid", "g " + odd))
+    line = "check plan.toml -p rig.json --min-coverage 0.9 --junit out.xml --group rest=0.5"
+    assert call(capsys, [*line.split(), "--group", f"{odd}=0.0"])[0] == 1
     suites = ElementTree.parse("out.xml").getroot()
     (suite,) = suites
     assert (suites.tag, suite.tag) == ("testsuites", "testsuite")
@@ -680,20 +596,12 @@ def test_junit_has_a_test_case_for_each_requirement(capsys):
         counts = [element.get(name) for name in ("tests", "failures", "errors")]
         assert counts == ["3", "1", "0"]
     cases = {case.get("name"): case for case in suite}
-    assert list(cases) == ["coverage of all", "coverage of lid", "coverage of rest"]
+    assert [*cases][:2] == ["coverage of all", "coverage of rest"]
     assert [case.find("failure") is not None for case in cases.values()] == [True, False, False]
     failure = cases["coverage of all"].find("failure")
     assert "6.7 points short" in failure.get("message")
     assert "faces uncovered: 2 back facing" in failure.text
     assert all(case.get("classname") == "rastercov.plan" for case in cases.values())
-
-
-def test_junit_holds_names_that_xml_has_no_way_to_write(capsys):
-    text = Path("part.obj").read_text().replace("g lid", "g <\x01lid>&\"'")
-    Path("part.obj").write_text(text)
-    code, _, err = call(capsys, "check plan.toml -p rig.json --min-coverage 1 --junit out.xml")
-    assert (code, err) == (0, "")
-    assert ElementTree.parse("out.xml").getroot().get("failures") == "0"
 
 
 @pytest.mark.slow
@@ -766,13 +674,8 @@ def short_search(monkeypatch):
 
 
 def test_every_example_plan_is_tried_here():
-    assert {path.name for path in EXAMPLES.glob("*.toml")} == {
-        "audit_rig.toml",
-        "eye_height.toml",
-        "inspect_part.toml",
-        "mixed_cameras.toml",
-        "watch_room.toml",
-    }
+    tried = {"audit_rig", "eye_height", "inspect_part", "mixed_cameras", "watch_room"}
+    assert {path.stem for path in EXAMPLES.glob("*.toml")} == tried
 
 
 @pytest.mark.slow
@@ -823,12 +726,9 @@ def test_faces_at_eye_height_are_watched_from_the_ceiling(capsys, no_pages, shor
     told = figures("eyes")
     assert code == 0
     roles = {group["name"]: group["role"] for group in told["network"]["groups"]}
-    assert roles == {
-        "room": "occluder",
-        "crates": "occluder",
-        "eyes": "target",
-        "capture": "target",
-    }
+    assert roles == dict.fromkeys(["room", "crates"], "occluder") | dict.fromkeys(
+        ["eyes", "capture"], "target"
+    )
     assert "capture (target)" in out
     assert told["share"] > 0.5
     poses = read_poses("eyes/poses.json")
@@ -849,19 +749,3 @@ def test_the_rig_is_audited(capsys, no_pages, short_search):
     told = figures("audit")
     assert code == 0
     assert len(told["cameras"]) < len(read_poses(rig))
-
-
-@pytest.mark.slow
-def test_a_machined_part_is_placed_around(capsys, no_pages, short_search):
-    path = MESHES / "featuretype.STL"
-    if not path.exists():
-        pytest.skip(f"needs {path.name} in a folder shared/meshes beside the project")
-    Path("part.toml").write_text(
-        f'[[meshes]]\npath = "{os.fspath(path)}"\nunit = "in"\n'
-        '[camera]\npreset = "icube-ns4133bu-8mm"\n[task]\nmin_pixels = 4\n'
-        '[[candidates]]\ngenerator = "per_segment"\nstand_off = [0.2, 0.5]\n'
-        '[selection]\ngoal = "best_coverage"\ncameras = 8\n'
-    )
-    code, _, _ = call(capsys, "place part.toml")
-    assert code == 0
-    assert figures("part")["share"] > 0.5

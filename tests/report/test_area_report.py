@@ -75,14 +75,6 @@ def test_only_what_is_covered_has_a_colour_of_coverage(report):
     assert half == pytest.approx(once - twice, rel=1e-5)
 
 
-def test_by_face_the_report_is_that_of_faces(tmp_path):
-    mesh, camera, poses = room()
-    summary = run(mesh, camera, poses, TASK, tmp_path / "r", Options(pictures=0, by="face"))
-    assert summary["by"] == "face"
-    assert "covered_area" not in summary
-    assert not (tmp_path / "r" / "areas.parquet").exists()
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("n_colours", [60, 2])
 def test_the_network_and_its_dead_zones_are_drawn(tmp_path, monkeypatch, n_colours):
@@ -113,7 +105,10 @@ def test_the_table_of_pairs_has_the_exact_area_of_each(tmp_path, pairs):
         assert found.sum() == pytest.approx(expected.sum(), rel=1e-6)
 
 
-def test_a_table_by_face_has_no_column_of_area(tmp_path):
+def test_by_face_the_report_has_no_areas(tmp_path):
     mesh, camera, poses = room()
-    run(mesh, camera, poses, TASK, tmp_path / "r", Options(pictures=0, by="face"))
+    summary = run(mesh, camera, poses, TASK, tmp_path / "r", Options(pictures=0, by="face"))
+    assert summary["by"] == "face"
+    assert "covered_area" not in summary
+    assert not (tmp_path / "r" / "areas.parquet").exists()
     assert "covered_m2" not in pq.read_schema(tmp_path / "r" / "coverage.parquet").names
