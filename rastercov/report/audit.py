@@ -17,19 +17,18 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from rastercov.base.format import area, percent, plural
 from rastercov.base.interrupts import interrupts_held
-from rastercov.base.output import write_bytes, write_json, write_npz, write_text, writing
+from rastercov.base.output import write_bytes, write_json, write_npz, write_text
 from rastercov.camera.rig import names_of
 from rastercov.coverage.area.network import in_words
 from rastercov.coverage.network import share_of_faces
 from rastercov.coverage.provenance import Provenance
 from rastercov.coverage.shards import UNFINISHED, remove
 from rastercov.placement.audit import Audit
-from rastercov.report.coverage_files import write_coloured_mesh, write_rig
+from rastercov.report.coverage_files import write_coloured_mesh, write_rig, write_table
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.modes import MODES, mode_picture, rounded
 from rastercov.report.pages import Picture, figures_of, rendered, view_page
@@ -108,8 +107,7 @@ def write(
                 write_text(folder.file("view.html"), view)
             elements = _arrays(found)
             for name, columns in (("elements", elements), ("cameras", cameras)):
-                with writing(folder.file(f"{name}.parquet")) as part:
-                    pq.write_table(pa.table(columns), part)
+                write_table(folder.file(f"{name}.parquet"), pa.table(columns))
             write_npz(folder.file("elements.npz"), **elements)
             shares = found.views / max(1, int(found.views.max(initial=0)))
             write_coloured_mesh(folder.file("audit.glb"), surface, shares)

@@ -217,8 +217,13 @@ def write_areas(path: Path, mesh: Mesh, covered: Covered) -> None:
             "area_m2": np.repeat(frames_of(mesh).areas[faces], k),
         }
     )
-    with writing(path) as part:
-        pq.write_table(table, part)
+    write_table(path, table)
+
+
+def write_table(path: Path, table: Any) -> None:
+    """Write an Arrow table as Parquet, by a file of ours: pyarrow takes only paths in UTF-8."""
+    with writing(path) as part, part.open("wb") as file:
+        pq.write_table(table, file)
 
 
 def write_rig(path: Path, camera: Cameras, poses: Poses, names: Sequence[str] = ()) -> None:

@@ -49,6 +49,8 @@ Font = ImageFont.FreeTypeFont | ImageFont.ImageFont
 
 LEAST_WIDTH = 320
 """Narrower images are enlarged by a whole factor, to make room for text."""
+LEAST_WITH_LINES = 200
+"""Pixels of a face from which on it has lines around it."""
 DIRECTIONS, RINGS = 16, 14
 """Places that are tried around the point of a label: directions, and rings of them."""
 OPACITY = 0.4
@@ -330,33 +332,28 @@ def stripes(shape: tuple[int, int], width: int, period: int = 2) -> NDArray[np.b
 def draw_lines(pixels: Pixels, face: NDArray[np.int32], n_faces: int) -> None:
     """Lines on the last pixel of a face before its right or lower neighbour, in place.
 
-    Lines start at faces of about 60 pixels and have full strength from 600, so that they do not
-    dominate the picture. Faces too dark for a darker line get a lighter one.
+    Faces of less than `LEAST_WITH_LINES` pixels have none, so that lines do not dominate the
+    picture. Faces too dark for a darker line get a lighter one.
     """
     flat, colours, width = face.ravel(), pixels.reshape(-1, 3), face.shape[1]
-    owned = np.bincount(flat + 1, minlength=n_faces + 1)
-    # The index -1 of the background finds the last row.
-    strength = np.clip((np.sqrt(np.roll(owned, -1)) - 8) / 16, 0, 1).astype(np.float32)
-    strength[-1] = 0
+    # The index -1 of the background finds the last entry.
+    is_large = np.roll(np.bincount(flat + 1, minlength=n_faces + 1), -1) >= LEAST_WITH_LINES
+    is_large[-1] = False
     for step in (1, width):
         at = np.flatnonzero(flat[:-step] != flat[step:])
+        at = at[is_large[flat[at]] & is_large[flat[at + step]]]
         if step == 1:
             at = at[(at + 1) % width > 0]
-        shown = np.minimum(strength[flat[at]], strength[flat[at + step]])
-        at, shown = at[shown > 0], shown[shown > 0, None]
         colour = colours[at].astype(np.float32)
         is_dark = colour.mean(axis=1, keepdims=True) < 56
-        line = np.where(is_dark, colour + 26, 0.62 * colour)
-        colours[at] = (colour + shown * (line - colour)).astype(np.uint8)
+        colours[at] = np.where(is_dark, colour + 26, 0.62 * colour).astype(np.uint8)
 
 
 def framed(pixels: Pixels, title: str, keys: Sequence[Key]) -> Image.Image:
     """Frame an image with its title above and its legend below."""
     height, width = pixels.shape[:2]
     zoom = max(1, min(-(-LEAST_WIDTH // width), 4096 // height))
-    image = Image.fromarray(pixels)
-    if zoom > 1:
-        image = image.resize((width * zoom, height * zoom), Image.Resampling.NEAREST)
+    image = Image.fromarray(pixels.repeat(zoom, axis=0).repeat(zoom, axis=1))
     frame = max(LEAST_WIDTH, image.width)
     font = font_for(frame)
     line = line_height(font)

@@ -117,7 +117,7 @@ class Scene:
             "version": rastercov.__version__,
             "is_room": self.is_room,
             "task_fields": task_fields(),
-            "camera_fields": list(CAMERA_FIELDS),
+            "camera_fields": CAMERA_FIELDS,
             "presets": list(PRESETS),
             "modes": modes(self.models),
             "constraints": self._constraints() | {"is_kept": is_kept},

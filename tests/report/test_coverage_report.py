@@ -73,41 +73,26 @@ def stop_after(done_at):
 
 
 @pytest.mark.slow
-def test_the_files_hold_what_evaluate_gives(tmp_path, small_batches):
-    poses = around(10)
-    summary = run(MESH, CAMERA, poses, TASK, tmp_path / "a" / "b", Options(pictures=3))
-    out = tmp_path / "a" / "b"
-    assert json.loads((out / "summary.json").read_text()) == json.loads(json.dumps(summary))
-    found = evaluate(MESH, CAMERA, poses, TASK)
-    table = pq.read_table(out / "coverage.parquet")
-    rows = rows_of(found, "seen")
-    assert summary["table"] == {"pairs": "seen", "rows": len(table)}
-    assert 0 < len(table) == len(rows.pose) < (found.in_view_fraction > 0).sum()
-    for name in set(rows._fields) - {"reason", "visibility_kind"}:
-        np.testing.assert_array_equal(table[name], getattr(rows, name), err_msg=name)
-    assert [row["pose"] for row in summary["per_pose"]] == list(range(10))
-    means = [row["mean_coverage"] for row in summary["per_pose"]]
-    np.testing.assert_allclose(means, found.coverage.mean(axis=1))
-    assert summary["interrupted"] is False
-    assert summary["poses_per_second"] == pytest.approx(10 / summary["seconds"])
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("choice", CHOICES)
-def test_the_table_holds_the_pairs_asked_for_and_changes_nothing_else(
+def test_the_files_hold_what_evaluate_gives_and_the_table_the_pairs_asked_for(
     tmp_path, small_batches, choice
 ):
     poses = around(10)
     plain = run(MESH, CAMERA, poses, TASK, tmp_path, PLAIN)
     summary = run(MESH, CAMERA, poses, TASK, tmp_path, replace(PLAIN, table=choice))
-    rows = rows_of(evaluate(MESH, CAMERA, poses, TASK), choice)
+    assert json.loads((tmp_path / "summary.json").read_text()) == json.loads(json.dumps(summary))
+    found = evaluate(MESH, CAMERA, poses, TASK)
+    rows = rows_of(found, choice)
     assert summary["table"] == {"pairs": choice, "rows": len(rows.pose)}
     assert names(tmp_path) == FILES - ({"coverage.parquet"} if choice == "none" else set())
     assert {"run", *changed(plain, summary)} <= {"run", "table", "seconds", "poses_per_second"}
+    means = [row["mean_coverage"] for row in summary["per_pose"]]
+    np.testing.assert_allclose(means, found.coverage.mean(axis=1))
+    assert summary["poses_per_second"] == pytest.approx(10 / summary["seconds"])
     if choice != "none":
         table = pq.read_table(tmp_path / "coverage.parquet")
-        for name in ("pose", "face", "visibility", "coverage"):
-            np.testing.assert_array_equal(table[name], getattr(rows, name))
+        for name in set(rows._fields) - {"reason", "visibility_kind"}:
+            np.testing.assert_array_equal(table[name], getattr(rows, name), err_msg=name)
 
 
 def changed(before, after):
@@ -183,30 +168,23 @@ def test_every_input_changes_the_header(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("wanted", "drawn"), [(0, []), (1, [0]), (3, [0, 4, 9]), (10, range(10)), (99, range(10))]
-)
-def test_pictures_are_spread_evenly(tmp_path, wanted, drawn):
-    run(MESH, CAMERA, around(10), TASK, tmp_path, Options(pictures=wanted))
+    ("wanted", "drawn", "full"),
+    [(0, [], "all"), (1, [0], "none"), (3, [0, 4, 9], "poses"), (99, range(10), "none"),
+     (2, [0, 9], "faces"), (2, [0, 9], "all")],
+)  # fmt: skip
+def test_pictures_are_spread_evenly_and_full_ones_drawn_on_request(tmp_path, wanted, drawn, full):
+    large = Camera(width=4000, height=1000, fx=4000, fy=4000) if full != "none" else CAMERA
+    run(MESH, large, around(10), TASK, tmp_path, Options(pictures=wanted, full=full))
+    kinds = {"none": (), "all": ("pose", "faces"), "poses": ("pose",), "faces": ("faces",)}[full]
+    full_ones = {f"{kind}_{pose}.png" for kind in kinds for pose in drawn}
     pictures = {"contact_sheet.png", "overview.png", "view.html"} if wanted else set()
-    assert names(tmp_path) == FILES | pictures
+    assert names(tmp_path) == FILES | pictures | full_ones
+    for name in full_ones:
+        with Image.open(tmp_path / name) as picture:
+            assert (picture.width, picture.height >= 320) == (1280, True)
     if wanted:
         with Image.open(tmp_path / "contact_sheet.png") as sheet:
-            columns = math.ceil(math.sqrt(len(drawn)))
-            assert sheet.width == columns * (320 + 8) + 8
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("full", ["none", "poses", "faces", "all"])
-def test_full_pictures_are_drawn_on_request_and_not_too_large(tmp_path, full):
-    large = Camera(width=4000, height=1000, fx=4000, fy=4000)
-    run(MESH, large, around(11), TASK, tmp_path, Options(pictures=2, full=full))
-    kinds = {"none": (), "all": ("pose", "faces"), "poses": ("pose",), "faces": ("faces",)}[full]
-    wanted = {f"{kind}_{pose:02}.png" for kind in kinds for pose in (0, 10)}
-    assert {name for name in names(tmp_path) if "_0" in name or "_1" in name} == wanted
-    for name in wanted:
-        with Image.open(tmp_path / name) as picture:
-            assert picture.width == 1280
-            assert picture.height >= 320
+            assert sheet.width == math.ceil(math.sqrt(len(drawn))) * (320 + 8) + 8
 
 
 def test_a_sheet_is_drawn_at_its_size(tmp_path, monkeypatch):
