@@ -36,7 +36,6 @@ from rastercov.report.panorama import (
     PIECES,
     FaceImage,
     Line,
-    OwnColours,
     Scene,
     beside,
     best_directions,
@@ -239,15 +238,14 @@ def views_picture(covered: Covered, eyes: ArrayLike = ()) -> Image.Image:
     words = ["covered by none", *(f"by {n}" for n in range(1, views + 1))]
     words[-1] += " or more"
 
-    def colours(scene: Scene) -> OwnColours:
-        def own(face: FaceImage) -> Pixels:
-            found: Pixels = levels[scene.at_points(face, partial(views_at, covered), 0)]
-            return found
-
-        return own
+    def of_points(faces: NDArray[np.int32], points: FloatArray) -> Pixels:
+        found: Pixels = levels[views_at(covered, faces, points)]
+        return found
 
     keys = [Key.of(text, colour) for text, colour in zip(words, levels, strict=True)]
-    return two_sides(mesh, colours, "Cameras that cover each point of the surface", keys, eyes=eyes)
+    return two_sides(
+        mesh, of_points, "Cameras that cover each point of the surface", keys, eyes=eyes
+    )
 
 
 def numbered(summary: Mapping[str, Any]) -> list[Mapping[str, Any]]:

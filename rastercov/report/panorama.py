@@ -7,6 +7,7 @@ an occluder in front of the task is hatched over it, and hides none of its colou
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 from weakref import WeakKeyDictionary
 
@@ -316,7 +317,7 @@ def neutral(mesh: Mesh) -> Pixels:
 
 def two_sides(
     mesh: Mesh,
-    colours: Pixels | Callable[[Scene], OwnColours],
+    colours: Pixels | OfPoints,
     title: str,
     keys: Sequence[Key],
     directions: FloatArray = ALL_SIDES,
@@ -324,14 +325,17 @@ def two_sides(
 ) -> Image.Image:
     """Two views side by side, with title and legend.
 
-    `colours` are those of faces, (F, 3), or a function that gives those of points for a scene.
+    `colours` are those of faces, (F, 3), or a function that gives those of points of the task.
     """
     scenes = [look(mesh, direction, eyes=eyes) for direction in directions]
-    if callable(colours):
-        found = [paint(scene, neutral(mesh), colours(scene)) for scene in scenes]
-    else:
-        found = [paint(scene, colours) for scene in scenes]
-    images = [smooth(Image.fromarray(pixels)) for pixels in found]
+    images = []
+    for scene in scenes:
+        if callable(colours):
+            own = partial(scene.at_points, values=colours, nothing=np.array(PAPER, np.uint8))
+            pixels = paint(scene, neutral(mesh), own)
+        else:
+            pixels = paint(scene, colours)
+        images.append(smooth(Image.fromarray(pixels)))
     return framed(beside(images), title, [*keys, *scene_keys(scenes)])
 
 

@@ -10,7 +10,6 @@ from commands import call, enter, refusal
 
 import rastercov as rc
 from rastercov.camera.formats import read_views, write_views
-from rastercov.placement.plan.file import read_plan
 
 
 def rig(n=4):
@@ -179,54 +178,3 @@ def test_a_camera_may_be_entries_on_the_command_line(here, capsys):
         ("near = ", "a file, a preset, or entries such as"),
     ):
         assert words in refusal(capsys, [*RENDER.split(), "-c", entries, "-p", "sphere:3"])
-
-
-PLAN = """
-[[meshes]]
-built_in = "box"
-[camera]
-file = "calibration.yaml"
-{answers}
-[task]
-min_pixels = 1
-by = "face"
-[[candidates]]
-generator = "poses"
-file = "rig.json"
-[selection]
-goal = "fewest_cameras"
-coverage = 0.1
-"""
-CALIBRATION = """%YAML:1.0
----
-K1: [[50.0, 0, 31.5], [0, 50, 23.5], [0, 0, 1]]
-K2: [[60.0, 0, 31.5], [0, 60, 23.5], [0, 0, 1]]
-D1: [0, 0, 0, 0, 0]
-D2: [0, 0, 0, 0, 0]
-"""
-
-
-@pytest.mark.slow
-def test_a_plan_takes_files_of_other_programs_and_its_own_answers(here, capsys):
-    (here / "calibration.yaml").write_text(CALIBRATION)
-    views = rig().of_camera("right")
-    write_views("rig.json", views)
-    for answers, words in (
-        ("", r"plan\.toml: camera: .*no image size; give image_size = \[width, height\]"),
-        (
-            "image_size = [64, 48]",
-            r"there are 2 cameras, 'camera 1', 'camera 2'; choose one by name",
-        ),
-        ('image_size = [64, 48]\nname = "left"', "there is no camera 'left'"),
-        ('image_size = [64, 48]\nname = "camera 2"\nfx = 1', "file stands beside near"),
-    ):
-        (here / "plan.toml").write_text(PLAN.format(answers=answers))
-        assert re.search(words, refusal(capsys, "check plan.toml -p rig.json"))
-    whole = PLAN.format(answers='image_size = [64, 48]\nname = "camera 2"')
-    (here / "plan.toml").write_text(whole)
-    assert read_plan("plan.toml").build_camera().fx == 60
-    write_views("right", views)
-    code, _, err = call(capsys, "check plan.toml -p right --pose-unit m --json")
-    assert code == 0, err
-    wanted = refusal(capsys, "check plan.toml -p right")
-    assert "the poses have no unit, and the mesh is in metres; give --pose-unit" in wanted

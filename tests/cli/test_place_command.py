@@ -3,18 +3,14 @@
 import json
 import os
 import re
-import signal
 import subprocess
-import sys
-import time
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from commands import ENTRY, call, content, enter, refusal, write_part
-from notices import without_notices
+from commands import call, content, enter, refusal, write_part
 
 import rastercov as rc
 from rastercov.camera.pose_file import read_poses, write_poses
@@ -238,31 +234,16 @@ def test_each_error_of_a_plan_is_a_line_and_nothing_is_written(capsys, text, lin
 # --- ended runs -----------------------------------------------------------------------------------
 
 
-SHARD = 300_000
-"""Pairs a shard: 30 poses of the plan below, which then has five."""
-CHILD = [
-    *(sys.executable, "-W", "error", "-c"),
-    f"from rastercov.placement import matrix_folder as m; m.PAIRS_A_SHARD = {SHARD}; {ENTRY}",
-    "place",
-]
-LONG = """
-[[meshes]]
-built_in = "torus"
-[camera]
-width = 640
-height = 480
-fx = 600
-fy = 600
-[[candidates]]
-generator = "on_sphere"
-count = 150
-distances = [5]
-[selection]
-goal = "best_coverage"
-cameras = 3
-[outputs]
-page = false
-"""
+@pytest.mark.slow
+def test_a_second_run_measures_nothing_again(capsys):
+    def shards():
+        return {path: path.stat().st_mtime_ns for path in Path("plan/matrix").rglob("*.parquet")}
+
+    call(capsys, "place plan.toml")
+    before = shards()
+    assert before
+    placed(capsys, QUICK.replace("coverage = 1.0", "coverage = 0.6"))
+    assert shards() == before
 
 
 EACH_STEP = QUICK.replace(
@@ -393,45 +374,6 @@ def test_a_second_interrupt_leaves_out_the_page(capsys, monkeypatch):
     assert not Path("plan/page.html").exists()
 
 
-@contextmanager
-def child(line):
-    """`place` in a process of its own, with the Ctrl-C that a shell's background job would lack."""
-    with subprocess.Popen(
-        [*CHILD, *line.split()],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
-    ) as process:
-        yield process
-
-
-def wait_for(pattern, process):
-    """Return when a file is there, while the process runs."""
-    while not list(Path().glob(pattern)):
-        assert process.poll() is None, process.stderr.read()
-        time.sleep(0.02)
-
-
-@pytest.mark.slow
-def test_two_runs_into_one_folder_are_one_run_and_a_refusal(capsys):
-    """Of another plan, too, whose matrix the second would take for an old one."""
-    assert call(capsys, "place plan.toml")[0] == 0  # loads what the refusal needs
-    Path("long.toml").write_text(LONG)
-    Path("other.toml").write_text(LONG.replace("count = 150", "count = 160"))
-    with child("long.toml --out out") as first:
-        wait_for("out/matrix/*/header.json", first)
-        text = refusal(capsys, "place other.toml --out out")
-        assert first.poll() is None, "the first run was too short for this test"
-        assert text == (
-            "error: out: another process is writing to this folder; wait or name another\n"
-        )
-        assert len(list(Path("out/matrix").iterdir())) == 1
-        _, err = first.communicate(timeout=300)
-    assert (first.returncode, without_notices(err)) == (0, b"")
-    assert figures("out")["matrix"]["poses"] == 150
-    assert len(figures("out")["cameras"]) == 3
-
-
 @pytest.mark.parametrize("name", ["poses.json", "view.html"])
 def test_a_file_of_nobody_is_refused_before_the_work_and_kept(capsys, monkeypatch, name):
     Path("out").mkdir()
@@ -468,23 +410,6 @@ def test_what_is_no_matrix_of_an_earlier_plan_stays(capsys):
     assert not Path("out20/matrix", used.name).exists()
     assert Path("out20/matrix/0123456789abcdef/poses.npy").read_text() == "mine"
     assert Path("out20/matrix/fedcba9876543210").read_text() == "mine"
-
-
-@pytest.mark.slow
-def test_a_run_that_was_killed_goes_on_from_its_shards(capsys, monkeypatch):
-    Path("long.toml").write_text(LONG)
-    with child("long.toml") as process:
-        wait_for("long/matrix/*/pairs/pairs-*.parquet", process)
-        process.kill()
-    done = {path: path.stat().st_mtime_ns for path in Path("long").rglob("pairs-*.parquet")}
-    assert not Path("long/plan.json").exists()
-    monkeypatch.setattr("rastercov.placement.matrix_folder.PAIRS_A_SHARD", SHARD)
-    code, _, err = call(capsys, "place long.toml")
-    assert (code, err) == (0, "")
-    after = {path: path.stat().st_mtime_ns for path in Path("long").rglob("pairs-*.parquet")}
-    assert done.items() <= after.items()
-    assert len(after) > len(done)
-    assert len(figures("long")["cameras"]) == 3
 
 
 # --- check ----------------------------------------------------------------------------------------

@@ -1,7 +1,5 @@
 """Files of an evaluation by area: figures, the table of faces, the coloured parts."""
 
-import json
-
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
@@ -37,20 +35,6 @@ def coloured_areas(path):
         ):
             areas[tuple(colour.tolist())] = areas.get(tuple(colour.tolist()), 0.0) + area
     return areas
-
-
-def test_the_summary_has_the_covered_area(report):
-    mesh, folder, summary = report
-    assert (
-        json.loads((folder / "summary.json").read_text())["covered_area"] == summary["covered_area"]
-    )
-    found = summary["covered_area"]
-    exact = rc.unite(rc.regions(*room(), TASK), views=2)
-    assert summary["by"] == "area"
-    assert found["m2"] == pytest.approx(exact.area[1].sum(), abs=1e-6)
-    assert found["percent"] == pytest.approx(100 * found["m2"] / mesh.areas.sum())
-    assert 0 < found["bound_percent"] < 1e-3
-    assert [each["views"] for each in found["by_views"]] == [1, 2]
 
 
 def test_the_table_of_faces_adds_up(report):

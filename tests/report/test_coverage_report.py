@@ -5,7 +5,6 @@ import json
 import math
 import re
 import signal
-import tracemalloc
 from dataclasses import asdict, replace
 from importlib.metadata import version
 
@@ -365,22 +364,3 @@ def test_a_folder_that_cannot_be_used_is_refused_before_a_device_is_opened(tmp_p
     with pytest.raises(ConfigError, match="nothing can be written"):
         run(MESH, CAMERA, around(1), TASK, tmp_path / "used", PLAIN)
     assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
-
-
-@pytest.mark.slow
-def test_memory_does_not_grow_with_the_batches(tmp_path, small_batches, monkeypatch):
-    """Of Python and numpy, beyond what the summary holds for each pose."""
-    mesh = shapes.sphere(2)  # all figures of a pose: 26 kB
-    monkeypatch.setattr("rastercov.report.coverage_files.ROWS_A_GROUP", 1000)
-
-    def peak(count):
-        poses = around(count)
-        tracemalloc.start()
-        run(mesh, CAMERA, poses, TASK, tmp_path, PLAIN)
-        size = tracemalloc.get_traced_memory()[1]
-        tracemalloc.stop()
-        return size
-
-    peak(8)  # what is made once
-    few, many = peak(20), peak(70)
-    assert (many - few) / 50 < 4000

@@ -1,5 +1,6 @@
 """The server without a browser: what it refuses, and that its answers are those of the session."""
 
+import json
 import socket
 
 import httpx
@@ -145,23 +146,47 @@ def test_two_tabs_cannot_overwrite_each_other(client):
     acted(client, {"do": "undo"})
 
 
-@pytest.mark.parametrize(
-    "body",
-    [b"", b"{", b"[]", b"null", b"\xff\xfe", b"[" * 100_000, b'{"revision": 1e999}',
-     b'{"revision": 0, "mode": "reason", "action": {"do": "pose", "station": 0, "pose": "x"}}',
-     b'{"revision": true, "mode": "reason", "action": {"do": "none"}}',
-     b'{"revision": 0, "mode": "no", "action": {"do": "none"}}',
-     b'{"revision": 0, "mode": "reason", "options": {"a": [1]}, "action": {"do": "none"}}',
-     b'{"revision": 0, "mode": "segments", "options": {"beta_deg": ""}, "action": {"do": "none"}}',
-     b'{"revision": 0, "mode": "model", "options": {"model": "a"}, "action": {"do": "none"}}',
-     b'{"revision": 0, "mode": "single", "station": 99, "action": {"do": "none"}}'],
-)  # fmt: skip
-def test_malformed_messages_do_no_harm(client, session, body):
-    before = session.state
-    headers = {"content-type": "application/json"}
-    answer = client.post("/api/act", content=body, headers=headers)
-    assert answer.status_code == 400
-    assert "\n" not in answer.json()["error"]
+LONG = "lengthy " * 4000
+NOTHING = {"revision": 0, "mode": "reason", "action": {"do": "none"}}
+RIG = {"stations": [], "cameras": {"a": {"plain": {LONG: LONG}}}, "task": {}}
+BODIES = [
+    *(b"", b"{", b"[]", b"null", b"\xff\xfe", b"[" * 100_000, b'{"revision": 1e999}'),
+    *(
+        NOTHING | each
+        for each in (
+            *({"revision": True}, {"revision": LONG}, {"mode": LONG}, {LONG: 1}),
+            *({"options": {"a": [1]}}, {"options": {LONG: [1]}}),
+            {"mode": "segments", "options": {"beta_deg": LONG}},
+            {"mode": "model", "options": {"model": LONG}},
+            {"mode": "single", "station": 99},
+        )
+    ),
+    *(
+        NOTHING | {"action": each}
+        for each in (
+            {"do": "pose", "station": 0, "pose": "x"},
+            *({"do": LONG}, {"do": "none", LONG: 1}),
+            {"do": "rename", "station": 0, "name": LONG},
+            {"do": "use", "station": 0, "camera": LONG},
+            {"do": "camera", "camera": "eye", "changes": {LONG: 1}},
+            *({"do": "task", "changes": {LONG: 1}}, {"do": "task", "changes": {"mode": LONG}}),
+            {"do": "restore", "rig": RIG},
+        )
+    ),
+]
+
+
+@pytest.mark.parametrize("body", BODIES)
+@pytest.mark.parametrize("path", ["act", "job", "save"])
+def test_malformed_messages_do_no_harm_and_are_quoted_in_a_short_line(client, session, path, body):
+    before, headers = session.state, {"content-type": "application/json"}
+    content = body if isinstance(body, bytes) else json.dumps(body)
+    answer = client.post(f"/api/{path}", content=content, headers=headers)
+    assert answer.status_code in (400, 409)
+    text = answer.json()["error"]
+    assert len(text) <= 300
+    assert "\n" not in text
+    assert text.count("lengthy") < 12
     assert session.state is before
 
 
