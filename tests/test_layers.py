@@ -99,7 +99,7 @@ def test_the_path_from_mesh_to_coverage_is_read_in_one_sitting():
 BUDGET = {
     "base": 920,
     "camera": 5_220,
-    "cli": 1_560,
+    "cli": 1_530,
     "cluster": 660,
     "coverage": 2_980,
     "exact": 830,
@@ -107,8 +107,8 @@ BUDGET = {
     "mesh": 3_640,
     "placement": 7_250,
     "raster": 2_980,
-    "report": 3_060,
-    "viewer": 1_880,
+    "report": 2_750,
+    "viewer": 1_800,
 }
 MOST_FILES = 253
 

@@ -146,7 +146,7 @@ def _quoted(name: str) -> str:
 
 
 def _value(value: Any) -> str:
-    """A value as JSON has it but for tables, and for numbers that are not finite."""
+    """A value as JSON has it except tables and numbers that are not finite."""
     if isinstance(value, float):
         return json.dumps(value).replace("Infinity", "inf").replace("NaN", "nan")
     if isinstance(value, str | int):

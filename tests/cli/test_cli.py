@@ -48,7 +48,7 @@ def names(folder):
 
 QUICK = "evaluate box -c camera.toml -p sphere:2 --pictures 0"
 MODELS = "compare box -c camera.toml -p sphere:2 --models"
-BUILT_IN = "render box -c camera.toml -p sphere:1 --transform scale=3"
+BUILT_IN = "render box -c camera.toml -p sphere:1 --transform {scale=3}"
 LONG = "evaluate sphere -c camera.toml -p sphere:40000 --table seen --pictures 1 -o report"
 SHARD = 400 * shapes.by_name("sphere").n_faces
 """Pairs of a shard of it, which then has a hundred."""
@@ -103,6 +103,7 @@ def test_help_and_version(capsys):
         (QUICK + " --table some", ["table must be one of none, covered, seen, all, got 'some'"]),
         (QUICK + " --full both", ["full must be one of none, poses, faces, all, got 'both'"]),
         (QUICK + " --supersample 4", ["certified has no samples", "use method sampled"]),
+        (QUICK + " --pictures 1 --device nonsense", ["no device 'nonsense'", "surfaceless"]),
         (QUICK + " --method sampled --device nonsense", ["no device 'nonsense'", "surfaceless"]),
         (QUICK + " --unit mm", ["box is built in"]),
         (QUICK + " --unit m --unit mm", ["--unit is given twice for all files"]),
@@ -194,6 +195,7 @@ def test_files_units_and_groups(capsys):
     line = "evaluate part.obj --unit mm -c camera.toml -p sphere:4 --occluder lid --two-sided rest"
     code, out, err = call(capsys, line)
     assert (code, err) == (0, "")
+    assert re.search(r"rest +\D 5 m² \D +100.0 \D +10 ", out)
     assert "lid" in out
     assert out.endswith("report/contact_sheet.png\n")
     drawn = {"contact_sheet.png", "overview.png", "view.html"}

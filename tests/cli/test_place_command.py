@@ -85,6 +85,10 @@ def test_a_plan_gives_poses_that_evaluate_reads_and_figures(capsys):
     told = figures()
     assert told["met"]
     assert told["share"] == 1
+    for each in told["cameras"]:
+        x, y, z = each["direction"]
+        assert each["heading_deg"] == pytest.approx(np.degrees(np.arctan2(y, x)))
+        assert each["down_deg"] == pytest.approx(np.degrees(np.arcsin(-z)))
     poses = read_poses("plan/poses.json")
     assert len(poses) == len(told["cameras"]) == told["selection"]["cameras"]
     sphere = sphere_of_poses((0, 0, 0), 3.5, 20)
@@ -164,6 +168,13 @@ def test_cavity_candidates_are_added_where_the_others_see_nothing(capsys):
     assert "into cavities cover" in told["notes"][0]
     assert told["notes"][0] in out
     assert any(camera["origin"].startswith("cavity") for camera in told["cameras"])
+
+
+def test_a_part_in_the_wrong_unit_is_told_by_its_size_and_by_why_nothing_covers_it(capsys):
+    code, out, _ = placed(capsys, QUICK.replace('"part.obj"', '"part.obj"\nunit = "um"'))
+    assert code == 1
+    assert "100.0 % too coarse; the scene measures 1 x 1 x 1 µm, see meshes.unit" in out
+    assert "no candidate covers any of it; see what the candidates fail, below" in out
 
 
 def test_check_doubts_normals_that_point_inwards(capsys):

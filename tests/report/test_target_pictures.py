@@ -111,16 +111,15 @@ def test_the_difference_of_models_shows_targets_and_what_is_behind_them():
     assert top[~inside].mean() < 0.05
 
 
-def test_by_area_a_target_is_coloured_point_by_point():
+def test_by_area_pixels_are_coloured_point_by_point():
     levels = np.zeros((80, 80), bool)
     levels[:40] = True
     buffer = buffer_of(SCENE)
-    pixels = coverage_pixels(
-        buffer, np.ones(6), SCENE, AHEAD, CAMERA, np.ones((80, 80), bool), levels
-    ).astype(int)
-    shown = targets_in_view(SCENE, CAMERA, AHEAD, buffer.depth) >= 0
-    upper, lower = (pixels[rows][shown[rows]] for rows in (slice(0, 40), slice(40, 80)))
-    assert upper[:, 1].mean() > lower[:, 1].mean() + 30
+    pixels = coverage_pixels(buffer, np.ones(6), SCENE, AHEAD, CAMERA, levels, levels).astype(int)
+    is_target = targets_in_view(SCENE, CAMERA, AHEAD, buffer.depth) >= 0
+    for shown in (is_target, ~is_target & (buffer.face >= 0)):
+        upper, lower = (pixels[rows][shown[rows]] for rows in (slice(0, 40), slice(40, 80)))
+        assert upper[:, 1].mean() > lower[:, 1].mean() + 30
 
 
 def test_hatching_leaves_every_other_stripe_as_it_is():

@@ -3,6 +3,7 @@
 import base64
 import hashlib
 import json
+import math
 import re
 import time
 import tomllib
@@ -11,7 +12,7 @@ from importlib.resources import files
 import numpy as np
 import pytest
 from commands import call, enter
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from nightly import examples
 from rigs_to_view import CAMERA, acted, around, moved, part, session_of
@@ -32,6 +33,7 @@ VALUES = st.recursive(
 
 
 @examples(20)
+@example({"far": math.inf, "near": -math.inf, "a b": [{}], "text": "\x7f"})
 @given(st.dictionaries(st.text(), VALUES, max_size=4))
 def test_toml_is_read_back(table):
     assert tomllib.loads(toml_text(table | {"left": None})) == {

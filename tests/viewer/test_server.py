@@ -149,30 +149,21 @@ def test_two_tabs_cannot_overwrite_each_other(client):
 LONG = "lengthy " * 4000
 NOTHING = {"revision": 0, "mode": "reason", "action": {"do": "none"}}
 RIG = {"stations": [], "cameras": {"a": {"plain": {LONG: LONG}}}, "task": {}}
+ENTRIES = (
+    {"revision": True}, {"revision": LONG}, {"mode": LONG}, {LONG: 1}, {"options": {"a": [1]}},
+    {"options": {LONG: [1]}}, {"mode": "segments", "options": {"beta_deg": LONG}},
+    {"mode": "model", "options": {"model": LONG}}, {"mode": "single", "station": 99},
+)  # fmt: skip
+ACTIONS = (
+    {"do": "pose", "station": 0, "pose": "x"}, {"do": LONG}, {"do": "none", LONG: 1},
+    {"do": "rename", "station": 0, "name": LONG}, {"do": "use", "station": 0, "camera": LONG},
+    {"do": "camera", "camera": "eye", "changes": {LONG: 1}}, {"do": "restore", "rig": RIG},
+    {"do": "task", "changes": {LONG: 1}}, {"do": "task", "changes": {"mode": LONG}},
+)  # fmt: skip
 BODIES = [
     *(b"", b"{", b"[]", b"null", b"\xff\xfe", b"[" * 100_000, b'{"revision": 1e999}'),
-    *(
-        NOTHING | each
-        for each in (
-            *({"revision": True}, {"revision": LONG}, {"mode": LONG}, {LONG: 1}),
-            *({"options": {"a": [1]}}, {"options": {LONG: [1]}}),
-            {"mode": "segments", "options": {"beta_deg": LONG}},
-            {"mode": "model", "options": {"model": LONG}},
-            {"mode": "single", "station": 99},
-        )
-    ),
-    *(
-        NOTHING | {"action": each}
-        for each in (
-            {"do": "pose", "station": 0, "pose": "x"},
-            *({"do": LONG}, {"do": "none", LONG: 1}),
-            {"do": "rename", "station": 0, "name": LONG},
-            {"do": "use", "station": 0, "camera": LONG},
-            {"do": "camera", "camera": "eye", "changes": {LONG: 1}},
-            *({"do": "task", "changes": {LONG: 1}}, {"do": "task", "changes": {"mode": LONG}}),
-            {"do": "restore", "rig": RIG},
-        )
-    ),
+    *(NOTHING | each for each in ENTRIES),
+    *(NOTHING | {"action": each} for each in ACTIONS),
 ]
 
 

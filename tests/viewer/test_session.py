@@ -1,5 +1,6 @@
 import base64
 import math
+import re
 
 import numpy as np
 import pytest
@@ -394,6 +395,11 @@ def test_help_says_how_far_a_threshold_is_off(session, task, words):
     face = int(np.flatnonzero(acted(session)[1] == acted(session)[0]["legend"][0]["level"])[0])
     helps = [entry["help"] for entry in session.why(face)["cameras"]]
     assert any(words in text for text in helps), helps
+    for text in helps:  # lengths grow with nearness, areas with its square
+        if found := re.search(r"([\d.e+-]+) of ([\d.e+]+) px(/m)?: .*?([\d.e+]+) times", text):
+            missing = float(found[2]) / float(found[1])
+            wanted = missing if found[3] else math.sqrt(missing)
+            assert float(found[4]) == pytest.approx(wanted, rel=0.06)
 
 
 def test_the_state_is_told_while_something_is_measured(session):
