@@ -10,6 +10,7 @@ from commands import call, enter, refusal
 
 import rastercov as rc
 from rastercov.camera.formats import read_views, write_views
+from rastercov.placement.plan.file import read_plan
 
 
 def rig(n=4):
@@ -178,3 +179,37 @@ def test_a_camera_may_be_entries_on_the_command_line(here, capsys):
         ("near = ", "a file, a preset, or entries such as"),
     ):
         assert words in refusal(capsys, [*RENDER.split(), "-c", entries, "-p", "sphere:3"])
+
+
+PLAN = """
+[[meshes]]
+built_in = "box"
+[camera]
+file = "calibration.yaml"
+{answers}
+[task]
+min_pixels = 1
+[selection]
+goal = "fewest_cameras"
+coverage = 0.1
+"""
+MATRIX = "[[{}.0, 0, 31.5], [0, 50, 23.5], [0, 0, 1]]"
+CALIBRATION = f"K1: {MATRIX.format(50)}\nK2: {MATRIX.format(60)}\n"
+
+
+@pytest.mark.slow
+def test_a_plan_takes_files_of_other_programs_and_its_own_answers(here, capsys):
+    lines = "%YAML:1.0\n---\n" + CALIBRATION + "D1: [0, 0, 0, 0, 0]\nD2: [0, 0, 0, 0, 0]\n"
+    (here / "calibration.yaml").write_text(lines)
+    write_views("rig.json", rig().of_camera("right"))
+    size = "image_size = [64, 48]\n"
+    for answers, words in (
+        ("", r"plan\.toml: camera: .*no image size; give image_size = \[width, height\]"),
+        (size, "there are 2 cameras, 'camera 1', 'camera 2'; choose one by name"),
+        (size + 'name = "left"', "there is no camera 'left'"),
+        (size + 'name = "camera 2"\nfx = 1', "file stands beside near"),
+    ):
+        (here / "plan.toml").write_text(PLAN.format(answers=answers))
+        assert re.search(words, refusal(capsys, "check plan.toml -p rig.json"))
+    (here / "plan.toml").write_text(PLAN.format(answers=size + 'name = "camera 2"'))
+    assert read_plan("plan.toml").rig.cameras[0].fx == 60
