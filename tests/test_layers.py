@@ -99,7 +99,7 @@ def test_the_path_from_mesh_to_coverage_is_read_in_one_sitting():
 BUDGET = {
     "base": 910,
     "camera": 5_220,
-    "cli": 1_560,
+    "cli": 1_530,
     "cluster": 620,
     "coverage": 2_980,
     "exact": 830,
@@ -107,8 +107,8 @@ BUDGET = {
     "mesh": 3_400,
     "placement": 7_030,
     "raster": 2_710,
-    "report": 3_060,
-    "viewer": 1_880,
+    "report": 2_750,
+    "viewer": 1_800,
 }
 MOST_FILES = 253
 
