@@ -4,11 +4,10 @@
 and for the command, which writes chosen pairs to a table while it runs.
 """
 
-import logging
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +18,7 @@ from rastercov.base.errors import ResourceError
 from rastercov.base.interrupts import interrupts_held
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, check_scene
-from rastercov.cluster import Made, Workers
+from rastercov.cluster import Made
 from rastercov.coverage.area.network import AreaNetwork, ByCamera, unit_of_result
 from rastercov.coverage.area.regions import Regions
 from rastercov.coverage.coverage import (
@@ -36,12 +35,14 @@ from rastercov.coverage.network import SUMMED, JudgedPoses, Network
 from rastercov.coverage.observer import open_observer
 from rastercov.coverage.provenance import Provenance
 from rastercov.coverage.shards import (
+    ALONE,
     UNFINISHED,
     EvaluationShards,
     Part,
-    Source,
+    Staff,
     Wanted,
     is_long,
+    judged_parts,
     open_for,
 )
 from rastercov.coverage.task import Task
@@ -50,35 +51,8 @@ from rastercov.mesh import Mesh
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
-LOG = logging.getLogger("rastercov")
 EVALUATE_BUDGET = 4 << 30
 """Bytes of figures that `evaluate` may return; longer runs go through `evaluate_batches`."""
-
-
-@dataclass(frozen=True)
-class Staff:
-    """Processes that measure, and the functions that they report to.
-
-    Attributes
-    ----------
-    workers : Workers, optional
-        Processes that measure; this one unless given.
-    progress : callable
-        Called with the poses done and the poses in all.
-    watch : callable
-        Called with each shard that a worker made.
-    note : callable
-        Called with a line on what went wrong and was mended; logs it as a warning unless given.
-    """
-
-    workers: Workers | None = None
-    progress: Callable[[int, int], None] = lambda done, total: None
-    watch: Callable[[Made], None] = lambda made: None
-    note: Callable[[str], None] = LOG.warning
-
-
-ALONE = Staff()
-"""This process, without reports."""
 
 
 def evaluate(
@@ -220,12 +194,12 @@ def measure(
         clock = Stopwatch()
         nothing: Any = ()  # no rows and no sums
         parts: Iterator[Part] = (
-            (JudgedPoses(part, seen.clipped, nothing, {}, seen, []), getattr(seen, "regions", None))
+            (JudgedPoses(part, seen.clipped, nothing, {}, seen, {}), getattr(seen, "regions", None))
             for part, seen in measurements(observer, poses)
         )
         if is_summed:
-            source = Source(network, observer, poses, wanted, shards)
-            parts = source.parts(staff.progress, staff.workers, watch, staff.note)
+            watched = replace(staff, watch=watch)
+            parts = judged_parts(network, observer, poses, wanted, shards, watched)
         try:
             for batch, found in parts:
                 with interrupts_held():

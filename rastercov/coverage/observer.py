@@ -24,7 +24,7 @@ from rastercov.base.threads import Closing, thread_count
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, cameras_of, check_scene
 from rastercov.coverage.engine import Engine, settled
-from rastercov.coverage.exact_pass import ExactPass, Figures
+from rastercov.coverage.exact_pass import ExactPass, room_for
 from rastercov.coverage.face_pass import FacePass, Measured
 from rastercov.mesh import Mesh
 from rastercov.raster import backend_of
@@ -164,11 +164,9 @@ class ExactObserver(Observer):
     def observe(self, poses: ArrayLike | Poses) -> Observation:
         """Exact or certified areas, see `Observer`."""
         accepted = self._accepted(poses, OBSERVED)
-        figures = Figures.room(len(accepted), self.mesh.n_faces)
-        self._pass.run(accepted, figures)
-        return Observation(
-            figures.visible, figures.area, figures.kind, figures.error, figures.clipped
-        )
+        seen = room_for(len(accepted), self.mesh.n_faces)
+        self._pass.run(accepted, seen)
+        return seen
 
     def close(self) -> None:
         """Release the memory."""

@@ -30,7 +30,7 @@ from rastercov.coverage.area.cells import Cells, cells, usual_size
 from rastercov.coverage.area.network import AreaNetwork, cameras_apart, unit_of_result
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.network import Network
-from rastercov.coverage.shards import EvaluationShards, Source, Wanted, open_for
+from rastercov.coverage.shards import EvaluationShards, Staff, Wanted, judged_parts, open_for
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.placement.bits import CoveredBits
@@ -368,8 +368,8 @@ def audit(
         shards = None
         if folder is not None:
             shards = EvaluationShards(Path(folder), observer, accepted, single, wanted)
-        source = Source(network, observer, accepted, wanted, shards)
-        for batch, regions in source.parts(progress, workers, watch, note):
+        staff = Staff(workers, progress, watch, note)
+        for batch, regions in judged_parts(network, observer, accepted, wanted, shards, staff):
             network.add(batch)
             if areas is None or elements is None or regions is None:
                 is_scored = mesh.task_mask[batch.rows.face]

@@ -25,7 +25,7 @@ from rastercov.camera.rig import Cameras, check_scene
 from rastercov.coverage.area.frames import frames_of, to_world
 from rastercov.coverage.coverage import batch_size, checked_task
 from rastercov.coverage.engine import Engine
-from rastercov.coverage.exact_pass import ExactPass, Figures, PoseSolver
+from rastercov.coverage.exact_pass import ExactPass, PoseSolver, room_for
 from rastercov.coverage.observer import OBSERVED, ExactObserver
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
@@ -216,7 +216,7 @@ class RegionPass(ExactPass):
         self,
         poses: Poses,
         closed: NDArray[np.bool_] | None = None,
-        figures: Figures | None = None,
+        seen: Observation | None = None,
     ) -> Regions:
         """Regions of some poses.
 
@@ -226,15 +226,15 @@ class RegionPass(ExactPass):
             P poses.
         closed : (F,) bool, optional
             Faces whose regions are left out.
-        figures : Figures, optional
-            Out: those of all faces. With `only_task` nothing is known of occluders, by their
-            bounds.
+        seen : Observation, optional
+            Out: figures of all faces; of `room_for`. With `only_task` nothing is known of
+            occluders, by their bounds.
         """
 
         def prepare(finder: "_Finder") -> None:
-            finder.leave_out(closed, is_measured=figures is not None)
+            finder.leave_out(closed, is_measured=seen is not None)
 
-        return self._joined(poses, self.run(poses, figures, prepare))
+        return self._joined(poses, self.run(poses, seen, prepare))
 
     def batches(self, poses: Poses) -> Iterator[Regions]:
         """Regions a few poses at a time, for streams of any length; at least one batch."""
@@ -484,7 +484,6 @@ class RegionObserver(ExactObserver):
     def observe(self, poses: ArrayLike | Poses) -> RegionObservation:
         """Areas and regions of every face in each pose."""
         accepted = self._accepted(poses, OBSERVED)
-        figures = Figures.room(len(accepted), self.mesh.n_faces)
-        found = self._pass.find(accepted, closed=self.closed, figures=figures)
-        visible, area, error, kind, clipped = figures
-        return RegionObservation(visible, area, kind, error, clipped, regions=found)
+        seen = room_for(len(accepted), self.mesh.n_faces)
+        found = self._pass.find(accepted, closed=self.closed, seen=seen)
+        return RegionObservation(**vars(seen), regions=found)
