@@ -106,10 +106,10 @@ def test_an_engine_is_read_back_from_its_text(engine):
         ("ray", "method must be certified, exact or sampled, got 'ray'"),
         ("exact:cpu", "exact has no samples"),
         ("certified@2", "certified has no samples"),
-        ("sampled:", "a device is wanted after the colon"),
-        ("sampled@0", "samples a side must be a whole number 1 to 64"),
-        ("sampled@65", "samples a side must be a whole number 1 to 64"),
-        ("sampled@x", "samples a side must be a whole number 1 to 64"),
+        ("sampled:", "sampled takes a device"),
+        ("sampled@0", "supersample must be a whole number 1 to 64"),
+        ("sampled@65", "supersample must be a whole number 1 to 64"),
+        ("sampled@x", "sampled takes a device and samples a side"),
     ],
 )
 def test_what_is_no_engine_is_refused(text, words):

@@ -88,6 +88,9 @@ class PoseSolver:
         self.solver.write_to(*self._own)
 
 
+SolverType = Callable[[Mesh, Sequence[Camera], bool], PoseSolver]
+
+
 class ExactPass:
     """Pass over poses by solvers; any number of threads may use it.
 
@@ -99,17 +102,10 @@ class ExactPass:
         Its method is certified or exact.
     solver_type : callable
         Makes a solver of mesh, cameras and `is_certified`.
-    threads : int, optional
-        Threads that share the poses of a call; those of the engine unless given.
     """
 
     def __init__(
-        self,
-        mesh: Mesh,
-        camera: Cameras,
-        engine: Engine,
-        solver_type: Callable[..., PoseSolver] = PoseSolver,
-        threads: int | None = None,
+        self, mesh: Mesh, camera: Cameras, engine: Engine, solver_type: SolverType = PoseSolver
     ) -> None:
         # These compile, or load what was compiled.
         from rastercov.exact import certificate
@@ -117,8 +113,8 @@ class ExactPass:
         certificate.compile_once()
         cameras = cameras_of(camera)
         self.mesh, self.camera, self.cameras = mesh, camera, cameras
-        self.threads = thread_count(engine.threads if threads is None else threads)
-        is_certified = engine.method == "certified"
+        self.threads, self.method = thread_count(engine.threads), engine.method
+        is_certified = self.method == "certified"
         self._scratch: ScratchPool[Any] = ScratchPool(
             lambda: solver_type(mesh, cameras, is_certified), self.threads
         )

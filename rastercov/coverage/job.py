@@ -5,7 +5,7 @@ and for the command, which writes chosen pairs to a table while it runs.
 """
 
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -38,12 +38,12 @@ from rastercov.coverage.shards import (
     ALONE,
     UNFINISHED,
     EvaluationShards,
-    Part,
     Staff,
     Wanted,
     is_long,
     judged_parts,
     open_for,
+    regions_in,
 )
 from rastercov.coverage.task import Task
 from rastercov.kernels.stopwatch import Stopwatch
@@ -192,14 +192,15 @@ def measure(
         if open_table is not None:
             table = opened.enter_context(open_table(provenance.as_dict()))
         clock = Stopwatch()
-        nothing: Any = ()  # no rows and no sums
-        parts: Iterator[Part] = (
-            (JudgedPoses(part, seen.clipped, nothing, {}, seen, {}), getattr(seen, "regions", None))
-            for part, seen in measurements(observer, poses)
-        )
         if is_summed:
             watched = replace(staff, watch=watch)
             parts = judged_parts(network, observer, poses, wanted, shards, watched)
+        else:
+            nothing: Any = ()  # no rows
+            parts = (
+                (JudgedPoses(part, seen.clipped, nothing, {}, seen, {}), regions_in(seen))
+                for part, seen in measurements(observer, poses)
+            )
         try:
             for batch, found in parts:
                 with interrupts_held():
@@ -212,7 +213,7 @@ def measure(
                         n_rows += len(batch.rows.pose)
                     if is_summed:
                         network.add(batch)
-                    apart.add(batch, found)
+                    apart.add_batch(batch, found)
                     if areas is not None and found is not None:
                         areas.add(found)
                         # The table has the area of every pair, also of faces that need no more.
@@ -251,8 +252,6 @@ def measure(
 
 def _of_rows(batch: JudgedPoses, found: Regions) -> NDArray[np.float32]:
     """(R,) covered area of the pairs of a batch, m^2."""
-    dense = np.zeros((len(found.pose_ids), found.mesh.n_faces), np.float32)
-    dense[found.pair_pose, found.pair_face] = found.area
     row = np.searchsorted(found.pose_ids, batch.rows.pose)
-    areas: NDArray[np.float32] = dense[row, batch.rows.face]
+    areas: NDArray[np.float32] = found.areas()[row, batch.rows.face].astype(np.float32)
     return areas

@@ -388,54 +388,38 @@ class Network:
             pairs = "covered"  # the rays to them are needed
         if observer.mesh.n_faces != self.mesh.n_faces:
             raise ConfigError("a network adds up coverage of one mesh and one task")
-        from rastercov.kernels.network import ROW_TYPES, PairRows
+        from rastercov.kernels.network import ROW_TYPES, PairRows, Sink
 
         judge = FacePass(observer.mesh, observer.camera, observer.threads, self.task)
-        n_faces = self.mesh.n_faces
-        n_rows = min(len(poses), batch_size(n_faces, observer.threads)) * n_faces
+        choice, n_faces = CHOICES.index(pairs), self.mesh.n_faces
+        n_rows = min(len(poses), batch_size(n_faces, observer.threads)) * n_faces if choice else 0
         # Used again for each batch; what no row is written to is never taken from the system.
-        types = (ROW_TYPES[name] for name in PairRows._fields)
-        memory = PairRows(*(np.empty(n_rows if pairs != "none" else 0, each) for each in types))
-        return (
-            self._judged(judge, batch, seen, CHOICES.index(pairs), memory, keep, apart)
-            for batch, seen in measurements(observer, poses)
-        )
+        memory = PairRows(*(np.empty(n_rows, ROW_TYPES[name]) for name in PairRows._fields))
 
-    def _judged(
-        self,
-        judge: FacePass,
-        poses: Poses,
-        seen: Measured,
-        choice: int,
-        memory: "PairRows",
-        keep: Collection[int],
-        apart: bool,
-    ) -> JudgedPoses:
-        """Judge the poses of a measurement; `memory` has room for the rows of all pairs."""
-        from rastercov.kernels.network import Sink
+        def judged(batch: Poses, seen: Measured) -> JudgedPoses:
+            sink = Sink(choice, batch.ids, np.zeros(len(batch), np.int64), memory)
+            kept = {pose: np.empty(n_faces) for pose in batch.ids.tolist() if pose in keep}
+            adders: list[_Adder] = []
 
-        n_faces = self.mesh.n_faces
-        sink = Sink(choice, poses.ids, np.zeros(len(poses), np.int64), memory)
-        kept = {pose: np.empty(n_faces) for pose in poses.ids.tolist() if pose in keep}
-        adders: list[_Adder] = []
+            def worker() -> Worker:
+                adders.append(_Adder(judge, sink, kept, apart=apart))
+                return adders[-1].add
 
-        def worker() -> Worker:
-            adders.append(_Adder(judge, sink, kept, apart=apart))
-            return adders[-1].add
+            if len(batch):
+                judge.share(seen, batch, worker)
+            parts: dict[int, list[Sums]] = {}
+            for camera, sums in (entry for adder in adders for entry in adder.sums.items()):
+                parts.setdefault(camera, []).append(sums)
+            turns = np.flatnonzero(sink.counts)
+            spans = np.stack([turns * n_faces, turns * n_faces + sink.counts[turns]], axis=1)
+            columns = (
+                np.concatenate([part[:0], *(part[start:stop] for start, stop in spans.tolist())])
+                for part in memory
+            )
+            whole = {camera: _merged(some) for camera, some in parts.items()}
+            return JudgedPoses(batch, seen.clipped, PairRows(*columns), kept, seen, whole)
 
-        if len(poses):
-            judge.share(seen, poses, worker)
-        cameras = sorted({camera for adder in adders for camera in adder.sums})
-        sums = {
-            camera: _merged([adder.sums[camera] for adder in adders if camera in adder.sums])
-            for camera in cameras
-        }
-        turns = np.flatnonzero(sink.counts)
-        spans = [
-            slice(at, at + n) for at, n in zip(turns * n_faces, sink.counts[turns], strict=True)
-        ]
-        columns = (np.concatenate([part[:0], *(part[each] for each in spans)]) for part in memory)
-        return JudgedPoses(poses, seen.clipped, type(memory)(*columns), kept, seen, sums)
+        return (judged(batch, seen) for batch, seen in measurements(observer, poses))
 
     def _add_judged(self, batch: JudgedPoses, camera: int | None) -> None:
         """Add the sums of a batch, or those of one of its cameras."""
@@ -538,8 +522,4 @@ def share_of_faces(mesh: Mesh, part: BoolArray, whole: BoolArray) -> dict[str, f
     areas = mesh.areas
     by_count = 100 * part.sum() / max(1, whole.sum())
     by_area = 100 * areas[part].sum() / max(areas[whole].sum(), np.finfo(float).tiny)
-    return {
-        "faces": int(part.sum()),
-        "percent": float(by_count),
-        "area_percent": float(by_area),
-    }
+    return {"faces": int(part.sum()), "percent": float(by_count), "area_percent": float(by_area)}

@@ -143,23 +143,11 @@ class SampledObserver(Observer):
 class ExactObserver(Observer):
     """Observer that computes areas by half planes, all of them or where no proof decides."""
 
-    def __init__(self, mesh: Mesh, camera: Cameras, engine: Engine) -> None:
-        method = engine.method
-        self.mesh, self.camera = mesh, camera
-        self.info = RasterizerInfo(
-            backend="analytic",
-            plan=method,
-            renderer=f"{method}, numba {version('numba')}",
-            driver="",
-            device="cpu",
-            depth="float64",
-            shaders="",
-        )
-        self._pass = self._open(engine)
-        self.threads = self._pass.threads
-
-    def _open(self, engine: Engine) -> ExactPass:
-        return ExactPass(self.mesh, self.camera, engine)
+    def __init__(self, solvers: ExactPass) -> None:
+        self.mesh, self.camera, method = solvers.mesh, solvers.camera, solvers.method
+        renderer = f"{method}, numba {version('numba')}"
+        self.info = RasterizerInfo("analytic", method, renderer, "", "cpu", "float64", "")
+        self._pass, self.threads = solvers, solvers.threads
 
     def observe(self, poses: ArrayLike | Poses) -> Observation:
         """Exact or certified areas, see `Observer`."""
@@ -207,7 +195,7 @@ def open_observer(
     engine, options = settled(method, backend, supersample, options)
     if engine.method == "sampled":
         return SampledObserver(mesh, camera, options)
-    return ExactObserver(mesh, camera, engine)
+    return ExactObserver(ExactPass(mesh, camera, engine))
 
 
 def visibility(

@@ -169,7 +169,12 @@ class EvaluationShards:
             tree = _tree({name: file[name] for name in file.files})
         left, found = poses[np.isin(poses.ids, tree["ids"])], None
         if self.wanted.by_area:
-            found = Regions(mesh, self.observer.camera, self.task, left.ids, **tree["regions"])
+            scene: dict[str, Any] = {
+                "mesh": mesh,
+                "camera": self.observer.camera,
+                "task": self.task,
+            }
+            found = Regions(**scene, pose_ids=left.ids, **tree["regions"])
         batch = JudgedPoses(
             poses=left,
             clipped=tree["clipped"],
@@ -187,6 +192,12 @@ def remove(above: Path) -> None:
         remove_files(folder, FILES)
     if above.is_dir() and not any(above.iterdir()):
         above.rmdir()
+
+
+def regions_in(measured: Any) -> Regions | None:
+    """Regions of a measurement, where the observer finds any."""
+    found: Regions | None = getattr(measured, "regions", None)
+    return found
 
 
 def judged_parts(
@@ -210,7 +221,7 @@ def judged_parts(
     for batch in network.judge(
         observer, poses, pairs=wanted.pairs, keep=wanted.keep, apart=wanted.apart
     ):
-        yield batch, getattr(batch.measured, "regions", None)
+        yield batch, regions_in(batch.measured)
         did(len(batch.poses))
 
 
@@ -244,11 +255,9 @@ def _opened(folder: Path, modified: int) -> tuple[Any, Poses, Task, Wanted]:
         raise FolderLostError(f"{folder}: files of the evaluation are missing")
     header = json.loads(data[0] or b"")
     scene, task = read_scene(data[1] or b""), Task(**header["task"])
-    entries = header["wanted"] | {
-        "engine": Engine(**header["wanted"]["engine"] | {"threads": 1}),
-        "keep": tuple(header["wanted"]["keep"]),
-    }
-    wanted = Wanted(**entries)
+    entries = header["wanted"]
+    engine = Engine(**entries["engine"] | {"threads": 1})
+    wanted = Wanted(**entries | {"engine": engine, "keep": tuple(entries["keep"])})
     with np.load(io.BytesIO(data[2] or b""), allow_pickle=False) as file:
         matrices, ids, camera = file["poses"], file["ids"], file["camera"]
     poses = Poses(matrices, ids, matrices, {}, camera)

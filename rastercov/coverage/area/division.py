@@ -15,6 +15,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.coverage.area.polygons import chosen, extents, following, starts_of
+
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
@@ -54,10 +56,7 @@ class Pieces(NamedTuple):
 
     def taken(self, rows: IntArray) -> "Pieces":
         """Some of the pieces, in this order."""
-        counts = (self.starts[1:] - self.starts[:-1])[rows]
-        ends = np.concatenate([np.zeros(1, np.int64), counts.cumsum()])
-        corners = np.repeat(self.starts[rows] - ends[:-1], counts) + np.arange(ends[-1])
-        return Pieces(self.xy[corners], ends, self.cell[rows], self.tag[rows])
+        return Pieces(*chosen(self.xy, self.starts, rows), self.cell[rows], self.tag[rows])
 
 
 NO_PIECES = Pieces(
@@ -67,12 +66,9 @@ NO_PIECES = Pieces(
 
 def joined(parts: list[Pieces]) -> Pieces:
     """All pieces of some lists."""
-    counts = np.concatenate([np.diff(each.starts) for each in parts])
-    starts = np.concatenate([np.zeros(1, np.int64), counts.cumsum()])
-    xy, cell, tag = (
-        np.concatenate([getattr(each, name) for each in parts]) for name in ("xy", "cell", "tag")
-    )
-    return Pieces(xy, starts, cell, tag)
+    counts = [np.diff(each.starts) for each in parts]
+    xy, _, cell, tag = map(np.concatenate, zip(*parts, strict=True))
+    return Pieces(xy, starts_of(np.concatenate(counts)), cell, tag)
 
 
 class Cells:
@@ -112,7 +108,7 @@ class Cells:
         divided = np.flatnonzero(cells >= len(self._corners))
         parts = [self._polygons[cell] for cell in cells[divided].tolist()]
         counts[divided] = [len(each) for each in parts]
-        starts = np.concatenate([np.zeros(1, np.int64), counts.cumsum()])
+        starts = starts_of(counts)
         xy, is_own = np.empty((starts[-1], 2)), np.repeat(cells >= len(self._corners), counts)
         whole = cells[cells < len(self._corners)]
         xy[~is_own] = self._corners[whole].reshape(-1, 2)
@@ -233,8 +229,7 @@ def dividing_line(xy: FloatArray, starts: IntArray, nearest: float) -> FloatArra
     """
     n, best = len(starts) - 1, None
     most = LEAST_GAIN * n * n
-    sides = np.roll(xy, -1, axis=0) - xy
-    sides[starts[1:] - 1] = xy[starts[:-1]] - xy[starts[1:] - 1]
+    sides = xy[following(starts)] - xy
     lengths = np.hypot(*sides.T)
     directions = [np.array((1.0, 0.0)), np.array((0.0, 1.0))]
     for number in (int(part * n) for part in SAMPLES):
@@ -245,8 +240,7 @@ def dividing_line(xy: FloatArray, starts: IntArray, nearest: float) -> FloatArra
     for directions_so_far, quantiles in ((directions[:2], QUANTILES[:1]), (directions, QUANTILES)):
         for direction in directions_so_far:
             along = xy @ direction
-            low = np.minimum.reduceat(along, starts[:-1])
-            high = np.maximum.reduceat(along, starts[:-1])
+            low, high = extents(along, starts)
             ordered = np.sort(low)
             for quantile in quantiles:
                 at = ordered[int(quantile * n)]
