@@ -231,41 +231,26 @@ def slopes_at(points, p, lens):
 
 
 @part_with_arrays
-def pixel_density(points, i, j, k, normal, lens):
-    """Pixels a metre on a face along its worst direction, at its worst vertex; `cameras.along`."""
-    worst = math.inf
-    for s in range(3):
-        p = i if s == 0 else j if s == 1 else k
-        density = along(slopes_at(points, p, lens), normal[0], normal[1], normal[2])
-        worst = worst if density >= worst else density
-    return worst
+def densities(points, i, j, k, normal, lens, asks_density, asks_facing, asks_per_m2):
+    """Pixels a metre along the worst direction and of a facing target, and pixels a square metre.
 
-
-@part_with_arrays
-def facing_density(points, i, j, k, lens):
-    """Pixels a metre of a target that faces the camera at the worst vertex; `cameras.facing`.
-
-    0 for a face not wholly beyond the near plane, or not in the valid region of the lens.
+    Each at the worst vertex, see `cameras.along`, `facing`, `per_m2`; 0 where it is not asked for,
+    and for a face not wholly beyond the near plane, or not in the valid region of the lens.
     """
     if min(points[i, STATE], points[j, STATE], points[k, STATE]) == BEHIND:
-        return 0.0
-    worst = math.inf
+        return 0.0, 0.0, 0.0
+    density = math.inf if asks_density else 0.0
+    least_facing, least_per_m2 = math.inf if asks_facing else 0.0, math.inf if asks_per_m2 else 0.0
     for s in range(3):
-        p = i if s == 0 else j if s == 1 else k
-        worst = min(worst, facing(slopes_at(points, p, lens)))
-    return worst
-
-
-@part_with_arrays
-def pixels_per_m2(points, i, j, k, normal, lens):
-    """Pixels on a square metre of a face at the vertex where they are fewest; 0 as above."""
-    if min(points[i, STATE], points[j, STATE], points[k, STATE]) == BEHIND:
-        return 0.0
-    worst = math.inf
-    for s in range(3):
-        p = i if s == 0 else j if s == 1 else k
-        worst = min(worst, per_m2(slopes_at(points, p, lens), normal[0], normal[1], normal[2]))
-    return worst
+        slopes = slopes_at(points, i if s == 0 else j if s == 1 else k, lens)
+        if asks_density:
+            here = along(slopes, normal[0], normal[1], normal[2])
+            density = density if here >= density else here
+        if asks_facing:
+            least_facing = min(least_facing, facing(slopes))
+        if asks_per_m2:
+            least_per_m2 = min(least_per_m2, per_m2(slopes, normal[0], normal[1], normal[2]))
+    return density, least_facing, least_per_m2
 
 
 @part_with_arrays

@@ -21,13 +21,13 @@ AT_A_TIME = 8
 BLOCK_ROWS = 19
 """Measures of a face in a block."""
 (
-    COSINE, IN_VIEW, PART, AREA, DENSITY, FACING, PER_M2, VISIBLE, DRAWN, VISIBILITY, RESOLUTION,
-    FOCUSED, BOUND, KIND, COVERAGE, REASON, SIDE, OBLIQUE, STATE_OF_FACE,
+    IN_VIEW, PART, AREA, VISIBLE, DRAWN, RESOLUTION, DENSITY, FACING, FOCUSED, VISIBILITY, BOUND,
+    KIND, COSINE, COVERAGE, REASON, PER_M2, SIDE, OBLIQUE, STATE_OF_FACE,
 ) = range(BLOCK_ROWS)  # fmt: skip
-"""Rows of a block, see `rastercov.Coverage`: the cosine of the angle of incidence, figures in
-order, True and False and codes as 1, 0 and themselves; 1 for a face that is seen from the front, 0
-from behind, -1 for one without area; 1 where the angle of incidence is too large; and the state of
-all vertices. What is not asked for is 0."""
+"""Rows of a block: first the figures of `rastercov.Coverage` in order, with the cosine of the angle
+of incidence, True and False and codes as 1, 0 and themselves; pixels a m^2; 1 for a face that is
+seen from the front, 0 from behind, -1 for one without area; 1 where the angle of incidence is too
+large; and the state of all vertices. What is not asked for is 0."""
 LARGEST_RESOLUTION = 1e300
 """Of one face; a smaller R_min gives no more."""
 STATISTICAL, CERTIFIED, EXACT = 0, 1, 2
