@@ -30,7 +30,7 @@ from rastercov.kernels.cameras import (
 from rastercov.kernels.criteria import (
     MOST_DOUBTFUL,
     SIDE_ROUNDING,
-    camera_normal,
+    corner_sums,
     cut_to_image,
     densities,
     focus_depth_of,
@@ -40,6 +40,7 @@ from rastercov.kernels.criteria import (
     incidence_cosine,
     perimeter,
     project,
+    turned,
 )
 from rastercov.kernels.decision import (
     AT_A_TIME,
@@ -175,7 +176,7 @@ def bound_of_fraction(seen, row, f, drawn, points, faces, is_cut):
 def cosine_of(scene, seen, points, row, f):
     """Cosine of the angle of incidence of a face in one pose."""
     i, j, k = scene.faces[f, 0], scene.faces[f, 1], scene.faces[f, 2]
-    normal = camera_normal(scene.normals, f, seen.poses[row])
+    normal = turned(scene.normals[f], seen.poses[row])
     return incidence_cosine(points, i, j, k, normal, scene.two_sided[f])
 
 
@@ -205,7 +206,7 @@ def measure_face(
     # A count is no area.
     known = drawn if seen.kind.size or not asks_area else -1.0
     state, part, area = image_of_face(points, i, j, k, near, lens, work, known)
-    normal = camera_normal(scene.normals, f, seen.poses[row])
+    normal = turned(scene.normals[f], seen.poses[row])
     asks_density = asks_density and is_front and part > 0
     density, facing, per_m2 = densities(
         points, i, j, k, normal, lens, asks_density, asks_facing, rules.min_pixels_per_m2 > 0
@@ -252,9 +253,7 @@ def is_edge_on(scene, points, f, cosine, state):
     size = abs(points[i, X]) + abs(points[i, Y]) + abs(points[i, Z])
     size += abs(points[j, X]) + abs(points[j, Y]) + abs(points[j, Z])
     size += abs(points[k, X]) + abs(points[k, Y]) + abs(points[k, Z])
-    x = points[i, X] + points[j, X] + points[k, X]
-    y = points[i, Y] + points[j, Y] + points[k, Y]
-    z = points[i, Z] + points[j, Z] + points[k, Z]
+    x, y, z = corner_sums(points, i, j, k)
     height = abs(cosine) * math.sqrt(x * x + y * y + z * z)
     has_needles = scene.doubtful_cosine == MOST_DOUBTFUL
     if height > scene.doubtful_cosine * size and not (has_needles and state != INSIDE):

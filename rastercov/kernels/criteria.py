@@ -86,13 +86,23 @@ def project(vertices, pose, near, lens, points):
 
 
 @part_with_arrays
-def camera_normal(normals, f, pose):
-    """Unit normal of a face in camera axes."""
-    a, b, c = normals[f, 0], normals[f, 1], normals[f, 2]
+def turned(way, pose):
+    """A direction of the world, or the way from the camera, in camera axes."""
+    x, y, z = way[0], way[1], way[2]
     return (
-        a * pose[0, 0] + b * pose[1, 0] + c * pose[2, 0],
-        a * pose[0, 1] + b * pose[1, 1] + c * pose[2, 1],
-        a * pose[0, 2] + b * pose[1, 2] + c * pose[2, 2],
+        x * pose[0, 0] + y * pose[1, 0] + z * pose[2, 0],
+        x * pose[0, 1] + y * pose[1, 1] + z * pose[2, 1],
+        x * pose[0, 2] + y * pose[1, 2] + z * pose[2, 2],
+    )
+
+
+@part_with_arrays
+def corner_sums(points, i, j, k):
+    """Three times the centroid of a face, in camera axes."""
+    return (
+        points[i, X] + points[j, X] + points[k, X],
+        points[i, Y] + points[j, Y] + points[k, Y],
+        points[i, Z] + points[j, Z] + points[k, Z],
     )
 
 
@@ -102,9 +112,7 @@ def incidence_cosine(points, i, j, k, normal, is_two_sided):
 
     In camera axes the ray is minus the centroid itself, and three times that has its direction.
     """
-    x = points[i, X] + points[j, X] + points[k, X]
-    y = points[i, Y] + points[j, Y] + points[k, Y]
-    z = points[i, Z] + points[j, Z] + points[k, Z]
+    x, y, z = corner_sums(points, i, j, k)
     against = -(normal[0] * x + normal[1] * y + normal[2] * z)
     reach = math.sqrt(x * x + y * y + z * z)
     cosine = against / reach if reach > 0 else 0.0

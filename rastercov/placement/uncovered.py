@@ -42,6 +42,7 @@ from rastercov.coverage.task import Reason, Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import frozen
 from rastercov.raster.cpu import CPURasterizer
+from rastercov.raster.observation import BoundKind
 
 SEEN_NOTHING = 1e-6
 """Visible fraction up to which a face counts as not seen: the bound of computed fractions is 1e-9
@@ -87,13 +88,15 @@ class CandidateBounds:
 
     def add(self, batch: Coverage) -> None:
         """Add a batch of candidates."""
-        from rastercov.base.memory import read_only
-        from rastercov.kernels.placement_candidates import add_bounds
-
-        arrays = (getattr(batch, name) for name in FIGURES)
-        figures = (read_only(array, array.dtype.type) for array in arrays)
-        chosen = read_only(self.chosen, np.bool_)
-        add_bounds(*figures, EDGE_ON, chosen, self.low, self.high, self.covering)
+        chosen = self.chosen
+        value, bound, kind, drawn, reason = (getattr(batch, name)[:, chosen] for name in FIGURES)
+        # A smaller image shows nothing, unless it was sampled.
+        is_shown = (drawn > EDGE_ON) | (kind == BoundKind.STATISTICAL)
+        high = np.where(is_shown, value + bound, 0.0).max(axis=0, initial=0.0)
+        low = (value - bound).max(axis=0, initial=0.0)
+        self.high[chosen] = np.maximum(self.high[chosen], np.minimum(high, 1.0))
+        self.low[chosen] = np.maximum(self.low[chosen], np.minimum(low, 1.0))
+        self.covering[chosen] += (reason == Reason.COVERED).sum(axis=0)
         self.n_poses += len(batch.pose_ids)
 
     def of(self, chosen: BoolArray) -> "CandidateBounds":
