@@ -238,8 +238,9 @@ class ViewSpread:
         from rastercov.kernels.spread import add_rays
 
         self._eyes = _with_room(self._eyes, self._n_eyes + 1)
-        self._before = _with_room(self._before, self._n_pairs + len(faces))
-        self._camera = _with_room(self._camera, self._n_pairs + len(faces))
+        self._before, self._camera = (
+            _with_room(each, self._n_pairs + len(faces)) for each in (self._before, self._camera)
+        )
         self._eyes[self._n_eyes] = eye
         self._n_pairs = add_rays(
             self._n_eyes, faces.astype(np.int32), self._eyes, self._centroids, self._min_cosine,

@@ -91,11 +91,9 @@ class CandidateBounds:
         chosen = self.chosen
         value, bound, kind, drawn, reason = (getattr(batch, name)[:, chosen] for name in FIGURES)
         # A smaller image shows nothing, unless it was sampled.
-        is_shown = (drawn > EDGE_ON) | (kind == BoundKind.STATISTICAL)
-        high = np.where(is_shown, value + bound, 0.0).max(axis=0, initial=0.0)
-        low = (value - bound).max(axis=0, initial=0.0)
-        self.high[chosen] = np.maximum(self.high[chosen], np.minimum(high, 1.0))
-        self.low[chosen] = np.maximum(self.low[chosen], np.minimum(low, 1.0))
+        most = np.where((drawn > EDGE_ON) | (kind == BoundKind.STATISTICAL), value + bound, 0.0)
+        for found, kept in ((value - bound, self.low), (most, self.high)):
+            kept[chosen] = np.clip(found.max(axis=0, initial=0.0), kept[chosen], 1.0)
         self.covering[chosen] += (reason == Reason.COVERED).sum(axis=0)
         self.n_poses += len(batch.pose_ids)
 

@@ -122,15 +122,8 @@ class Cells:
             return faces
         is_asked = np.zeros(len(self._corners), np.bool_)
         is_asked[faces] = True
-        return np.flatnonzero((self.division < 0) & is_asked[self.face] & self._is_used)
-
-    @property
-    def _is_used(self) -> NDArray[np.bool_]:
-        """Cells that are whole faces or have a polygon, see `close`."""
-        used = np.ones(len(self.face), np.bool_)
-        used[len(self._corners) :] = False
-        used[list(self._polygons)] = True
-        return used
+        cells = np.array([*np.flatnonzero(is_asked), *self._polygons], np.int64)
+        return np.sort(cells[is_asked[self.face[cells]] & (self.division[cells] < 0)])
 
     def close(self, faces: IntArray) -> None:
         """Close faces, each as one cell again."""
@@ -182,31 +175,28 @@ class Cells:
         cells, first, counts = np.unique(pieces.cell, return_index=True, return_counts=True)
         lines: list[FloatArray] = []
         divided: list[int] = []
-        for number in np.flatnonzero(counts > MOST_PIECES).tolist():  # as many as cells in the end
-            cell, begin = int(cells[number]), int(first[number])
-            end = begin + int(counts[number])
-            if counts[number] <= self._most.get(cell, MOST_PIECES):
+        for row in np.flatnonzero(counts > MOST_PIECES).tolist():  # as many as cells in the end
+            cell, count = int(cells[row]), int(counts[row])
+            if count <= self._most.get(cell, MOST_PIECES):
                 continue
-            starts = pieces.starts[begin : end + 1]
-            line = dividing_line(
-                pieces.xy[starts[0] : starts[-1]], starts - starts[0],
-                float(self._nearest[self.face[cell]]),
-            )  # fmt: skip
+            starts = pieces.starts[first[row] : first[row] + count + 1]
+            xy, nearest = pieces.xy[starts[0] : starts[-1]], float(self._nearest[self.face[cell]])
+            line = dividing_line(xy, starts - starts[0], nearest)
             halves = None if line is None else self._halves_of(cell, line)
             if line is None or halves is None:
-                self._most[cell] = 2 * int(counts[number])  # by then it may have changed
+                self._most[cell] = 2 * count  # by then it may have changed
                 continue
-            number = len(self._lines) + len(lines)
-            for side, half in enumerate(halves):
-                self._polygons[len(self._corners) + 2 * number + side] = half
+            half = len(self._corners) + 2 * (len(self._lines) + len(lines))
+            self._polygons[half], self._polygons[half + 1] = halves
             lines.append(line)
             divided.append(cell)
         if lines:
+            n = 2 * len(lines)
             self.division[divided] = len(self._lines) + np.arange(len(lines))
             self._lines = np.concatenate([self._lines, np.array(lines)])
             self.face = np.concatenate([self.face, np.repeat(self.face[divided], 2)])
-            self.division = np.concatenate([self.division, np.full(2 * len(lines), -1)])
-            self.is_closed = np.concatenate([self.is_closed, np.zeros(2 * len(lines), np.bool_)])
+            self.division = np.concatenate([self.division, np.full(n, -1)])
+            self.is_closed = np.concatenate([self.is_closed, np.zeros(n, np.bool_)])
 
     def _halves_of(self, cell: int, line: FloatArray) -> list[FloatArray] | None:
         """Corners of the halves of a cell; None where they have too many sides, or no area."""

@@ -79,7 +79,7 @@ class AreaNetwork:
         self.mesh, self.task, self.views = mesh, task, task.views
         self._union = RegionUnion(mesh, task.views)
         self._kept: dict[Any, Any] = {}
-        """What was computed since regions were added."""
+        """Figures computed since regions were added."""
 
     @property
     def closed(self) -> NDArray[np.bool_]:

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov.base.memory import check_memory
+from rastercov.base.memory import check_memory, read_only
 from rastercov.coverage.area.frames import to_plane
 from rastercov.coverage.area.polygons import boxes
 from rastercov.coverage.area.regions import Regions
@@ -76,7 +76,6 @@ def _rows_at(
     points: ArrayLike,
 ) -> NDArray[np.bool_]:
     """(N, n_rows) whether points of faces lie in a piece of each row."""
-    from rastercov.base.memory import read_only
     from rastercov.kernels import area_point
 
     mesh, faces = pieces.mesh, np.asarray(face, np.int64)
