@@ -108,6 +108,8 @@ def test_an_engine_is_read_back_from_its_text(engine):
         ("certified@2", "certified has no samples"),
         ("sampled:", "sampled takes a device"),
         ("sampled@0", "supersample must be a whole number 1 to 64"),
+        ("sampled@²", "sampled takes a device and samples a side"),
+        ("sampled@" + "9" * 5000, "sampled takes a device and samples a side"),
         ("sampled@65", "supersample must be a whole number 1 to 64"),
         ("sampled@x", "sampled takes a device and samples a side"),
     ],
