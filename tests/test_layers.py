@@ -95,7 +95,7 @@ BUDGET = {
     "exact": 830,
     "kernels": 11_050,
     "mesh": 3_640,
-    "placement": 7_250,
+    "placement": 7_030,
     "raster": 2_980,
     "report": 3_060,
     "viewer": 1_880,
