@@ -344,8 +344,7 @@ def audit(
     n_measured, rows_of, elements_of = 0, [np.zeros(0, np.int64)], [np.zeros(0, np.int32)]
     if workers is not None and folder is None:
         raise ConfigError("workers make shards in a folder; name one, or leave out workers")
-    rows = "covered" if elements is None else "none"
-    wanted = Wanted(engine, elements is not None, rows, (), apart=False)
+    wanted = Wanted(engine, unit == "area", "covered" if unit == "face" else "none")
     with open_for(mesh, camera, single, wanted) as observer:
         shards = None
         if folder is not None:

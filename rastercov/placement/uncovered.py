@@ -88,13 +88,12 @@ class CandidateBounds:
 
     def add(self, batch: Coverage) -> None:
         """Add a batch of candidates."""
-        chosen = self.chosen
-        value, bound, kind, drawn, reason = (getattr(batch, name)[:, chosen] for name in FIGURES)
+        value, bound, kind, drawn, why = (getattr(batch, name)[:, self.chosen] for name in FIGURES)
         # A smaller image shows nothing, unless it was sampled.
         most = np.where((drawn > EDGE_ON) | (kind == BoundKind.STATISTICAL), value + bound, 0.0)
         for found, kept in ((value - bound, self.low), (most, self.high)):
-            kept[chosen] = np.clip(found.max(axis=0, initial=0.0), kept[chosen], 1.0)
-        self.covering[chosen] += (reason == Reason.COVERED).sum(axis=0)
+            kept[self.chosen] = np.clip(found.max(axis=0, initial=0.0), kept[self.chosen], 1.0)
+        self.covering[self.chosen] += (why == Reason.COVERED).sum(axis=0)
         self.n_poses += len(batch.pose_ids)
 
     def of(self, chosen: BoolArray) -> "CandidateBounds":
