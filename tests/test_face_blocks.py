@@ -70,7 +70,7 @@ def sums(network):
 def parts_of(judge, measured, poses):
     """Arguments scene, lens, seen and work of the loops, for a few faces at a time."""
     whole, lens, seen, work = [], [], [], []
-    judge.share(measured, poses, lambda scope: lambda rows, index: whole.append(scope(index)))
+    judge.share(measured, poses, lambda: lambda rows, index, scope: whole.append(scope))
     scene, lens, seen, work = whole[0]
     for first in range(0, judge.mesh.n_faces, FEW):
         part = slice(first, first + FEW)

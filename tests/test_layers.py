@@ -11,22 +11,12 @@ import rastercov
 
 ROOT = Path(rastercov.__file__).parent
 LAYERS = (
-    "kernels",
-    "base",
-    "mesh",
-    "camera",
-    "raster",
-    "exact",
-    "cluster",
-    "coverage",
-    "placement",
-    "report",
-    "viewer",
-    "cli",
+    *("kernels", "base", "mesh", "camera", "raster", "exact"),
+    *("cluster", "coverage", "placement", "report", "viewer", "cli"),
 )
 LABORATORY = {("cli", "compare"), ("cli", "view")}
 """Commands that run models and oracles of `rastercov.reference`; nothing else imports it."""
-LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names.split()}
+LEVEL = {name: level for level, name in enumerate(LAYERS)}
 
 
 def modules():
@@ -91,7 +81,7 @@ def test_the_path_from_mesh_to_coverage_is_read_in_one_sitting():
     section = page.split("## From mesh to coverage")[1].split("\n## ")[0]
     files = re.findall(r"^\| `([\w/]+\.py)` \|", section, re.MULTILINE)
     assert files[-1] == "coverage/job.py"
-    assert sum(len((ROOT / name).read_text().splitlines()) for name in files) < 2400
+    assert sum(len((ROOT / name).read_text().splitlines()) for name in files) < 2200
 
 
 # Code lines of each package, without blank lines, comments, docstrings and imports. A feature that
@@ -101,9 +91,9 @@ BUDGET = {
     "camera": 5_220,
     "cli": 1_530,
     "cluster": 620,
-    "coverage": 2_980,
+    "coverage": 2_780,
     "exact": 830,
-    "kernels": 10_980,
+    "kernels": 10_890,
     "mesh": 3_400,
     "placement": 7_030,
     "raster": 2_710,

@@ -86,10 +86,17 @@ def test_an_engine_is_read_back_from_its_text(engine):
 
 
 @pytest.mark.parametrize(
-    "text", ["ray", "exact:cpu", "certified@2", "sampled:", *(f"sampled@{n}" for n in (0, 65, "x"))]
+    "text",
+    [
+        "ray",
+        "exact:cpu",
+        "certified@2",
+        "sampled:",
+        *(f"sampled@{n}" for n in (0, 65, "x", "²", "9" * 5000)),
+    ],
 )
 def test_what_is_no_engine_is_refused(text):
-    words = r"method must be|has no samples|a device is wanted|a whole number 1 to 64"
+    words = r"method must be|has no samples|takes a device|a whole number 1 to 64"
     with pytest.raises(ConfigError, match=words):
         Engine.of(text)
 

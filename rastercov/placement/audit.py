@@ -30,7 +30,7 @@ from rastercov.coverage.area.cells import Cells, cells, usual_size
 from rastercov.coverage.area.network import AreaNetwork, cameras_apart, unit_of_result
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.network import Network
-from rastercov.coverage.shards import EvaluationShards, Source, Wanted, open_for
+from rastercov.coverage.shards import EvaluationShards, Staff, Wanted, judged_parts, open_for
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.placement.bits import CoveredBits
@@ -344,14 +344,13 @@ def audit(
     n_measured, rows_of, elements_of = 0, [np.zeros(0, np.int64)], [np.zeros(0, np.int32)]
     if workers is not None and folder is None:
         raise ConfigError("workers make shards in a folder; name one, or leave out workers")
-    rows = "covered" if elements is None else "none"
-    wanted = Wanted(engine, elements is not None, rows, (), apart=False)
+    wanted = Wanted(engine, unit == "area", "covered" if unit == "face" else "none")
     with open_for(mesh, camera, single, wanted) as observer:
         shards = None
         if folder is not None:
             shards = EvaluationShards(Path(folder), observer, accepted, single, wanted)
-        source = Source(network, observer, accepted, wanted, shards)
-        for batch, regions in source.parts(progress, workers, watch, note):
+        staff = Staff(workers, progress, watch, note)
+        for batch, regions in judged_parts(network, observer, accepted, wanted, shards, staff):
             network.add(batch)
             if areas is None or elements is None or regions is None:
                 is_scored = mesh.task_mask[batch.rows.face]

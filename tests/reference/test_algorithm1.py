@@ -305,12 +305,6 @@ def test_centroid_sort_does_not_hang_on_the_numbering(mesh, data):
 
 
 @pytest.mark.parametrize("reading", READINGS)
-@pytest.mark.parametrize("test", ["perspective", "definition3"])
-def test_lone_face_is_wholly_visible(reading, test):
-    assert same(algorithm1(scene(CHAIN["A"]), reading, test), 0)
-
-
-@pytest.mark.parametrize("reading", READINGS)
 def test_neighbours_along_an_edge_do_not_overlap(reading):
     plane = tessellated_plane(4, 4)
     pose = look_at((0.3, 0.2, 2), (0, 0, 0))[0]
