@@ -10,10 +10,9 @@ from nightly import examples
 from selection_cases import best_by_trying_all, covers_faces, dense_of, problems
 
 from rastercov.placement.bits import CoveredBits
-from rastercov.placement.select import bounds
 from rastercov.placement.select.cover import LazyCover
 from rastercov.placement.select.greedy import select_greedy
-from rastercov.placement.select.presolve import kinds_of, presolve
+from rastercov.placement.select.presolve import presolve
 from rastercov.placement.select.problem import BestCoverage, FewestCameras, problem_of_matrix
 
 QUICK = 200_000
@@ -81,80 +80,6 @@ def test_no_selection_is_better_than_a_bound_from_a_small_core(problem):
     else:
         assert found.bound >= best - 1e-6
         assert best >= found.objective - 1e-6
-
-
-def value_of(problem, price):
-    """Bound that prices of the faces prove: the relaxation solved face by face, from dense rows."""
-    dense = dense_of(problem).astype(float)
-    reduced = presolve(problem)
-    covers = dense[reduced.candidates]
-    earned, needed = covers @ price, problem.views * price
-    counted = problem.reachable & (problem.integer_weights > 0)
-    goal, costs, weights = problem.goal, reduced.costs, problem.integer_weights.astype(float)
-    if isinstance(goal, BestCoverage):
-        n = len(costs) if goal.cameras is None else min(goal.cameras, len(costs))
-        incomes = [np.sort(earned)[::-1][:n].sum()]
-        if goal.budget is not None:
-            left, income = goal.budget * (1 + 1e-9), 0.0
-            for row in np.argsort(-earned / np.maximum(costs, 1e-300), kind="stable"):
-                part = min(1.0, left / costs[row]) if costs[row] > 0 else 1.0
-                left, income = left - part * costs[row], income + part * earned[row]
-            incomes.append(income)
-        share = weights / weights[counted].sum()
-        return min(incomes) + np.maximum(share - needed, 0)[counted].sum()
-    kind, least, left = kinds_of(problem)
-    taken = np.zeros(len(price))
-    each = np.argsort(np.where(counted, needed / np.maximum(weights, 1), np.inf), kind="stable")
-    each = each[counted[each]]
-    for kind_of in (*range(1, len(least)), None):
-        amount = max(left, 0) if kind_of is None else least[kind_of]
-        for face in each:
-            if kind_of is None or kind[face] == kind_of:
-                part = min(weights[face] * (1 - taken[face]), amount)
-                taken[face] += part / weights[face]
-                amount -= part
-                left -= part
-    return np.minimum(costs - earned, 0).sum() + (needed * taken).sum()
-
-
-@pytest.mark.slow
-@examples(25)
-@given(problems(**LARGER), st.integers(0, 2**32 - 1))
-def test_a_price_proves_what_the_relaxation_says(problem, seed):
-    large = presolve(problem)
-    cameras = getattr(problem.goal, "cameras", 1)
-    if not len(large.kept) or cameras == 0 or problem.views[large.kept].max() > large.n_candidates:
-        return
-    rng, price = np.random.default_rng(seed), np.zeros(problem.n_faces)
-    price[large.kept] = rng.random(len(large.kept)) * rng.choice([1e-3, 1.0, 30.0])
-    # Of equal faces only the first remains, with the weight of all.
-    merged = replace(problem, weights=large.integer_weights.astype(float))
-    found = bounds._priced(large, price[large.kept])
-    assert found.value == pytest.approx(value_of(merged, price), rel=1e-9, abs=1e-9)
-    other = bounds._priced(large, rng.permutation(price[large.kept]))
-    between = bounds._between(large, other, found)
-    sign = -1 if isinstance(problem.goal, BestCoverage) else 1
-    ends = (other.price, found.price), (other.earned, found.earned)
-    on_the_way = [
-        sign * bounds._value(large, *((1 - part) * one + part * other for one, other in ends))
-        for part in np.linspace(0, 1, 101)
-    ]
-    assert sign * between.value >= max(on_the_way) - 0.05 * np.ptp(on_the_way) - 1e-9
-    again = np.zeros(problem.n_faces)
-    again[large.kept] = between.price
-    assert between.value == pytest.approx(value_of(merged, again), rel=1e-9, abs=1e-9)
-
-
-def test_the_chosen_cameras_are_in_any_core():
-    #   0 covers what 1 and 2 together cover of it, and comes first by the greedy rule
-    covers = np.zeros((3, 10), bool)
-    covers[0, :6], covers[1, [0, 1, 2, 6, 7]], covers[2, [3, 4, 5, 8, 9]] = True, True, True
-    large = presolve(problem_of_matrix(covers, BestCoverage(3)))
-    state = LazyCover(large)
-    state.become([0, 1, 2])
-    assert bounds.core_rows(large, state, np.array([0.0, 2.0, 1.0]), 1).tolist() == [0, 1, 2]
-    state.become([1])
-    assert bounds.core_rows(large, state, np.array([0.0, 2.0, 1.0]), 1).tolist() == [1, 2]
 
 
 def caps(n_candidates, n_faces, seed=0):

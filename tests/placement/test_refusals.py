@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from test_candidates import CAMERA, NOISY, ORIGIN, SEGMENTS, SHARP
-from test_rig_views import with_rigs_by_hand
 from test_search import CAMERA as SMALL
 from test_search import MESH, SPACE, TASK
 
@@ -43,11 +42,17 @@ from rastercov.placement import (
     what_is_left,
 )
 from rastercov.placement.audit import audit
+from rastercov.placement.bits import CoveredBits
 
 BOX = shapes.box()
 EYE = np.eye(4)
 LENS = rc.Camera(width=640, height=400, fx=800, fy=700, cx=-10)
-RIGS = replace(with_rigs_by_hand(2), min_angle=0.1)
+RIGS = replace(
+    problem_of_matrix([[1], [1]], min_angle_deg=6, eyes=np.eye(3)[:2], centroids=[[0, 0, 0]]),
+    bits=CoveredBits.from_dense(np.ones((3, 1))),
+    starts=np.array([0, 2, 3]),
+    eyes=np.eye(3),
+)
 ONE = problem_of_matrix([[1, 0]], BestCoverage(1))
 POSES = rc.sphere_of_poses((0, 0, 0), 3.0, 2)
 

@@ -169,32 +169,3 @@ def test_the_curve_counts_every_camera(problem):
         assert gains[0] >= max(gains) * (1 - 1e-8)
         count += np.bincount(problem.faces_of(order[n - 1]), minlength=problem.n_faces)
         assert curve[n - 1] == pytest.approx(share(problem, covers_faces(problem, order[:n])))
-
-
-@pytest.mark.slow
-def test_two_cameras_of_one_rig_are_two_views():
-    base = with_rigs_by_hand(views=2)
-    assert select_integer(base).cost == 1
-    assert select_integer(replace(base, min_angle=np.radians(30))).cost == 1
-    # Seen from nearly one direction by its own cameras, and from another by the second rig.
-    assert select_integer(replace(base, min_angle=np.radians(100))).cost == 2
-    assert select_greedy(replace(base, min_angle=np.radians(100))).cost == 2
-
-
-def with_rigs_by_hand(views):
-    """One face at the origin; a rig with rays 60 degrees apart, and one opposite of its first."""
-    from rastercov.placement.select.problem import Problem
-
-    return Problem(
-        bits=CoveredBits.from_dense(np.ones((3, 1))),
-        starts=np.array([0, 2, 3]),
-        eyes=np.array([[0, 0, 1.0], [0, np.sin(np.pi / 3), 0.5], [0, 0, -1.0]]),
-        centroids=np.zeros((1, 3)),
-        weights=np.ones(1),
-        views=np.array([views]),
-        costs=np.ones(2),
-        goal=FewestCameras(),
-        groups=("all",),
-        face_group=np.zeros(1, np.int32),
-        mean_coverage=np.ones(2),
-    )
