@@ -6,7 +6,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from nightly import examples
 
-from rastercov.kernels import placement_bits
 from rastercov.placement import bits
 from rastercov.placement.bits import CoveredBits, packed, spread_out, unpacked
 
@@ -64,25 +63,6 @@ def test_lists_of_some_candidates_have_their_faces_within_a_mask(case):
     for k, row in enumerate(rows):
         wanted = column[np.flatnonzero(dense[row] & mask)]
         assert face[indptr[k] : indptr[k + 1]].tolist() == wanted.tolist()
-
-
-@examples(25)
-@given(dense_and_bits(), st.integers(1, 3))
-def test_a_cover_is_completed_in_the_order_of_the_rows(case, most_views):
-    dense, found, rng = case
-    n, m = dense.shape
-    views = np.minimum(rng.integers(1, most_views + 1, m), dense.sum(axis=0)).astype(np.int32)
-    order, count = rng.permutation(n), np.zeros(m, np.int32)
-    wanted = np.zeros(n, bool)
-    for place, row in enumerate(order):
-        wanted[place] = (dense[row] & (count < views)).any()
-        count += dense[row] & (count < views)
-    is_needed, lacking = np.zeros(n, np.bool_), packed(views > 0)
-    counts, needed_views = spread_out(np.zeros(m, np.int32), np.int32), spread_out(views, np.int32)
-    for words, rows, at in found.runs(order):
-        placement_bits.complete_cover(words, rows, lacking, counts, needed_views, is_needed[at])
-    np.testing.assert_array_equal(is_needed, wanted)
-    assert not lacking.any()
 
 
 @pytest.mark.parametrize("threads", [1, 3])
