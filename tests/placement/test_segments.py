@@ -143,11 +143,9 @@ def test_angles_that_round_to_the_limit_pass():
 def test_growth_passes_through_a_face_without_area():
     """A T-junction: the long edge of one face meets two faces, a face without area fills it."""
     points = [(0, 0, 0), (2, 0, 0), (1, 1, 0), (1, 0, 0), (0.5, -1, 0), (1.5, -1, 0)]
-    faces = [(0, 1, 2), (0, 3, 1), (0, 4, 3), (3, 5, 1)]
-    mesh = Mesh(vertices=points, faces=faces)
-    assert mesh.degenerate_mask.tolist() == [False, True, False, False]
-    assert segment(mesh, 10, None).labels.tolist() == [0, -1, 0, 0]
-    assert segment(mesh, 10, 10, adjacent=True).labels.tolist() == [0, -1, 0, 0]
+    mesh = Mesh(points, [(0, 1, 2), (0, 3, 1), (0, 4, 3), (3, 5, 1)])
+    for options in ({"beta_deg": None}, {"beta_deg": 10, "adjacent": True}):
+        assert segment(mesh, 10, **options).labels.tolist() == [0, -1, 0, 0]
 
 
 def test_seams_of_repeated_vertices_do_not_stop_growth():
@@ -158,13 +156,15 @@ def test_seams_of_repeated_vertices_do_not_stop_growth():
 
 def test_occluders_have_no_segment_and_stop_growth():
     strip = tessellated_plane(3, 1, jitter=0.0)
-    middle = np.array([0, 0, 1, 1, 0, 0])
-    mesh = Mesh(
-        strip.vertices, strip.faces, (Group("part"), Group("clamp", is_occluder=True)), middle
-    )
+    groups = (Group("part"), Group("clamp", is_occluder=True))
+    mesh = Mesh(strip.vertices, strip.faces, groups, [0, 0, 1, 1, 0, 0])
     assert segment(mesh, 10, None).labels.tolist() == [0, 0, -1, -1, 1, 1]
     assert segment(mesh, 10, 10).labels.tolist() == [0, 0, -1, -1, 0, 0]
     assert segment(mesh, 10, 10, adjacent=True).labels.tolist() == [0, 0, -1, -1, 1, 1]
+    nothing = segment(strip.with_groups(occluders=["mesh"]), 15, 25)
+    assert nothing.n_segments == 0
+    assert (nothing.labels == -1).all()
+    assert nothing.normals.shape == nothing.centroids.shape == (0, 3)
 
 
 # Merging.
@@ -173,47 +173,32 @@ def test_occluders_have_no_segment_and_stop_growth():
 @pytest.mark.slow
 @given(mesh=bumpy(), alpha=st.floats(3, 40), beta=angles)
 @examples(15)
-def test_a_leader_takes_all_within_beta_of_its_own_average(mesh, alpha, beta):
-    grown = segment(mesh, alpha, None)
+def test_merging_takes_all_within_beta_of_an_average(mesh, alpha, beta):
+    grown, greatest = segment(mesh, alpha, None), beta + ANGLE_TOLERANCE_DEG
     owner = np.full(grown.n_segments, -1)
-    for leader in range(grown.n_segments):
+    for leader in range(grown.n_segments):  # a leader takes those near its own average
         if owner[leader] < 0:
-            near = (
-                degrees_between(grown.normals, grown.normals[leader]) <= beta + ANGLE_TOLERANCE_DEG
-            )
+            near = degrees_between(grown.normals, grown.normals[leader]) <= greatest
             owner[near & (owner < 0)] = leader
     assert same_parts(segment(mesh, alpha, beta).labels, owner[grown.labels])
-
-
-@pytest.mark.slow
-@given(mesh=bumpy(), alpha=st.floats(3, 40), beta=angles)
-@examples(15)
-def test_the_closest_are_merged_until_none_are_within_beta(mesh, alpha, beta):
-    labels = segment(mesh, alpha, None).labels.copy()
-    while labels.max():
+    labels = grown.labels.copy()
+    while labels.max():  # or the closest are merged, until none are near
         means = averages(mesh, labels)
         cosines = means @ means.T - 3 * np.eye(len(means))
         one, other = sorted(divmod(int(cosines.argmax()), len(means)))
-        if cosines[one, other] < np.cos(np.radians(beta + ANGLE_TOLERANCE_DEG)):
+        if cosines[one, other] < np.cos(np.radians(greatest)):
             break
         labels[labels == other] = one
         labels[labels > other] -= 1
     assert same_parts(segment(mesh, alpha, beta, merge="closest").labels, labels)
-
-
-@pytest.mark.slow
-@given(mesh=bumpy(), alpha=st.floats(3, 40), beta=angles)
-@examples(15)
-def test_merged_neighbours_hang_together_and_none_are_left_within_beta(mesh, alpha, beta):
-    for merge in ("leader", "closest"):
+    for merge in ("leader", "closest"):  # neighbours hang together
         merged = segment(mesh, alpha, beta, adjacent=True, merge=merge)
         for label in range(merged.n_segments):
             part = Mesh(mesh.vertices, mesh.faces[merged.labels == label])
             assert not part.topology.components().any()
-    pairs = merged.labels[mesh.topology.neighbours]
-    pairs = pairs[pairs[:, 0] != pairs[:, 1]]
-    between = degrees_between(merged.normals[pairs[:, 0]], merged.normals[pairs[:, 1]])
-    assert (between > beta).all()
+    one, other = merged.labels[mesh.topology.neighbours].T
+    between = degrees_between(merged.normals[one], merged.normals[other])
+    assert (between[one != other] > beta).all()
 
 
 @merges
@@ -250,14 +235,6 @@ def test_a_segment_has_the_averages_of_its_faces():
         assert found.areas[label] == pytest.approx(mesh.areas[mine].sum())
     with pytest.raises(ValueError, match="read-only"):
         found.labels[0] = 1
-
-
-def test_a_mesh_of_nothing_to_see_has_no_segments():
-    mesh = shapes.box().with_groups(occluders=["mesh"])
-    found = segment(mesh, 15, 25)
-    assert found.n_segments == 0
-    assert (found.labels == -1).all()
-    assert found.normals.shape == found.centroids.shape == (0, 3)
 
 
 @merges
