@@ -18,22 +18,11 @@ from rastercov.report.coverage import Options, run
 
 CAMERA = {"width": 96, "height": 72, "fx": 90, "fy": 90}
 TOML = """
-[[meshes]]
-path = "part.obj"
-[camera]
-width = 96
-height = 72
-fx = 90
-fy = 90
-[task]
-min_pixels_per_m2 = 100
-[[candidates]]
-generator = "on_sphere"
-count = 20
-distances = [3.5]
-[selection]
-goal = "fewest_cameras"
-coverage = 0.9
+meshes = [{ path = "part.obj" }]
+camera = { width = 96, height = 72, fx = 90, fy = 90 }
+task = { min_pixels_per_m2 = 100 }
+candidates = [{ generator = "on_sphere", count = 20, distances = [3.5] }]
+selection = { goal = "fewest_cameras", coverage = 0.9 }
 """
 PLAN = tomllib.loads(TOML)
 NAMED = PLAN | {"candidates": [PLAN["candidates"][0] | {"cameras": ["camera"]}]}
@@ -67,19 +56,14 @@ def test_place_writes_nothing_and_finds_what_the_command_finds(capsys):
     assert placed.is_met
     assert files() == {"part.obj"}
     Path("plan.toml").write_text(TOML)
-    again = rc.place("plan.toml")
-    assert files() == {"part.obj", "plan.toml"}
-    np.testing.assert_array_equal(placed.cameras.poses, again.cameras.poses)
     code, _, err = call(capsys, "place plan.toml -o command --json")
     assert code == 0, err
     rc.place("plan.toml", out="function")
     command, function = written("plan.json")
     assert command.pop("seconds").keys() == function.pop("seconds").keys()
     assert command == function
-    found = as_stored(report.summary(placed)["cameras"])
-    assert found == function["cameras"]
-    for name in ("poses.json", "page.html", "plan.json"):
-        assert Path("function", name).exists()
+    assert as_stored(report.summary(placed)["cameras"]) == function["cameras"]
+    assert files() >= {"poses.json", "page.html", "plan.json"}
 
 
 RIG = rc.Rig([rc.Camera(**CAMERA), rc.Camera(**CAMERA | {"fx": 60, "fy": 60})], ["long", "wide"])
@@ -183,11 +167,12 @@ def test_check_takes_several_cameras():
     bare = {name: value for name, value in PLAN.items() if name != "camera"}
     for other in (rc.check(PLAN, poses, camera=[wide, long]), rc.check(bare, views)):
         assert other.requirements == found.requirements
-    exact = rc.unite(rc.regions(found.mesh, rig, poses, found.task))
-    assert found.cameras.areas.summary()["m2"] == pytest.approx(exact.area[0].sum(), abs=1e-9)
-    for row, entry in enumerate(found.summary()["by_camera"]):
-        own = rc.unite(rc.regions(found.mesh, rig, poses[poses.camera == row], found.task))
-        assert entry["covered_area"]["m2"] == pytest.approx(own.area[0].sum(), abs=1e-9)
+    areas = {entry["camera"]: entry["covered_area"] for entry in found.summary()["by_camera"]}
+    areas["all"] = found.cameras.areas.summary()
+    rows = {"wide": poses.camera == 0, "long": poses.camera == 1, "all": poses.camera >= 0}
+    for name, area in areas.items():
+        exact = rc.unite(rc.regions(found.mesh, rig, poses[rows[name]], found.task))
+        assert area["m2"] == pytest.approx(exact.area[0].sum(), abs=1e-9)
     with pytest.raises(rc.PoseError, match="has camera 1, but there are 1"):
         rc.check(PLAN, poses)
 

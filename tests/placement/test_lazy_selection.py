@@ -78,26 +78,18 @@ def test_no_selection_is_better_than_a_bound_from_a_small_core(problem):
 
 
 def caps(n_candidates, n_faces, seed=0):
-    """Candidates that cover parts of caps of a sphere, 8 % of its faces each."""
+    """Candidates that cover caps of a sphere."""
     rng = np.random.default_rng(seed)
     face, axis = rng.normal(size=(n_faces, 3)), rng.normal(size=(n_candidates, 3))
     face, axis = (each / np.linalg.norm(each, axis=1)[:, None] for each in (face, axis))
     # Neighbours on the sphere are neighbours in number, about as in a mesh.
     face = face[np.lexsort((face[:, 0], np.floor(8 * face[:, 1]), np.floor(8 * face[:, 2])))]
-    cosine = axis @ face.T
-    phase = rng.uniform(0, 6, (n_candidates, 1))
-    return (cosine > rng.uniform(0.7, 0.9, (n_candidates, 1))) & (
-        np.sin(20 * cosine + phase) > -0.8
-    )
+    return axis @ face.T > rng.uniform(0.7, 0.9, (n_candidates, 1))
 
 
 @pytest.mark.slow
 def test_a_camera_reads_a_part_of_the_candidates():
-    problem = problem_of_matrix(caps(1500, 4000), BestCoverage(10))
-    large = presolve(problem)
-    lazy = LazyCover(large)
-    assert lazy.passes == 1
-    while len(lazy.chosen) < 10 and (camera := lazy.next_best()) >= 0:
-        lazy.add(camera)
-    assert len(lazy.chosen) == 10
-    assert lazy.passes <= 2.3  # 1 for the first gains, a tenth for a camera
+    lazy = LazyCover(presolve(problem_of_matrix(caps(1500, 4000), BestCoverage(10))))
+    while len(lazy.chosen) < 10:
+        lazy.add(lazy.next_best())
+    assert 1 < lazy.passes <= 2.3  # 1 for the first gains, a tenth for a camera

@@ -46,6 +46,7 @@ from rastercov.placement.bits import CoveredBits
 
 BOX = shapes.box()
 EYE = np.eye(4)
+RNG = np.random.default_rng(0)
 LENS = rc.Camera(width=640, height=400, fx=800, fy=700, cx=-10)
 RIGS = replace(
     problem_of_matrix([[1], [1]], min_angle_deg=6, eyes=np.eye(3)[:2], centroids=[[0, 0, 0]]),
@@ -132,6 +133,12 @@ REFUSED = [
     (space(boxes=[(0, 0, 0), (1, 1, -1)]), "low <= high"),
     (space(boxes=[(0, 0, 0)]), "two corners"),
     (space(up=(0, 0, 0), stand_off=(0, 1)), "up must be"),
+    (
+        lambda o: PoseSpace(mesh=MESH, boxes=[(8, 8, 8), (9, 9, 9)], stand_off=(0, 1)).sample(
+            5, RNG
+        ),
+        "no place for 5 cameras",
+    ),
     # problems and selections
     (covered([[1, 2]]), "0 and 1"),
     (covered([1, 0]), "shape"),

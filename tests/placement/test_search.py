@@ -193,18 +193,3 @@ def test_cameras_on_walls_stay_on_walls(objective):
     result = optimise(objective, space, 4, "random", budget=64, population=8)
     x, _, z = result.poses[:, :3, 3].T
     assert ((x == -2.5) | (z == 2.2)).all()
-
-
-def test_poses_are_composed_of_what_they_are_decomposed_into():
-    poses = sphere_of_poses((0.3, 0.2, 0.1), 2.0, 30)
-    turns = np.linspace(-3, 3, len(poses))
-    rolled = SPACE.composed(*SPACE.decomposed(poses)[:2], turns)
-    np.testing.assert_allclose(SPACE.decomposed(rolled)[2], turns, atol=1e-9)
-    np.testing.assert_allclose(SPACE.composed(*SPACE.decomposed(rolled)), rolled, atol=1e-12)
-
-
-@pytest.mark.slow
-def test_no_place_at_all_is_an_error():
-    space = PoseSpace(mesh=MESH, boxes=[(8, 8, 8), (9, 9, 9)], stand_off=(0.0, 1.0))
-    with pytest.raises(ConfigError, match="no place for 5 cameras"):
-        space.sample(5, np.random.default_rng(0))

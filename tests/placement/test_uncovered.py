@@ -11,7 +11,6 @@ from nightly import examples
 from scenes import joined, sheet
 
 import rastercov as rc
-from rastercov.coverage.coverage import evaluate_batches
 from rastercov.coverage.network import Network
 from rastercov.coverage.reasons import REASONS
 from rastercov.coverage.task import Reason, Task
@@ -196,35 +195,34 @@ def test_no_more_than_two_batches_of_candidates_are_held_at_a_time(monkeypatch):
 
 
 def test_a_face_with_too_few_views_says_so_and_so_do_views_that_are_too_much_alike():
-    mesh, poses = sheet((-1, -1), (1, 1), 5.0), straight((0, 0, 0))
-    found = what_is_left((mesh, CAMERA), poses, Task(views=2))
-    assert found.left.all()
-    assert found.summary()["reasons"].keys() == {"too_few_views"}
-    assert (found.views == 1).all()
-    alike = what_is_left((mesh, CAMERA), poses, covered=np.zeros(2, bool))
-    assert alike.summary()["reasons"].keys() == {"too_few_views"}
-    none = what_is_left((mesh, CAMERA), poses[:0])
-    assert none.summary()["reasons"].keys() == {"no_cameras"}
-    assert (none.nearest_camera == -1).all()
-    assert len(what_is_left((mesh, CAMERA), poses).lines()) == 1  # all is covered
+    view, poses = (sheet((-1, -1), (1, 1), 5.0), CAMERA), straight((0, 0, 0))
+    for found, reason in (
+        (what_is_left(view, poses, Task(views=2)), "too_few_views"),
+        (what_is_left(view, poses, covered=np.zeros(2, bool)), "too_few_views"),
+        (what_is_left(view, poses[:0]), "no_cameras"),
+    ):
+        assert found.left.all()
+        assert found.summary()["reasons"].keys() == {reason}
+        has_camera = reason == "too_few_views"
+        assert (found.views == has_camera).all()
+        assert (found.nearest_camera == has_camera - 1).all()
+    assert len(what_is_left(view, poses).lines()) == 1  # all is covered
 
 
 def test_the_parts_of_what_is_left_add_up_and_agree_with_the_network():
-    mesh = shapes.room(4)
-    task, poses = Task(min_pixels=5), rc.look_at([[2.5, 2, 2.5], [-2, -2, 2.2]], [0, 0, 0.5])
+    mesh, task = shapes.room(4), Task(min_pixels=5)
+    poses = rc.look_at([[2.5, 2, 2.5], [-2, -2, 2.2]], [0, 0, 0.5])
     found = what_is_left((mesh, CAMERA), poses, task, candidates=poses)
     network = Network(mesh, task)
-    for batch in evaluate_batches(rc.open_observer(mesh, CAMERA), poses, task):
-        network.add(batch)
+    network.add(rc.evaluate(mesh, CAMERA, poses, task))
     told, known = found.summary(), network.summary()
     assert told["left"] == known["not_covered"]
     assert told["reasons"] == known["not_covered_because"]
     parts = ("could_be_covered", "seen_never_covered", "seen_by_no_candidate", "unknown")
-    assert sum(told[part]["faces"] for part in parts) == told["left"]["faces"]
-    assert sum(group["left"]["faces"] for group in told["groups"]) == told["left"]["faces"]
+    for entries in ([told[part] for part in parts], [each["left"] for each in told["groups"]]):
+        assert sum(entry["faces"] for entry in entries) == told["left"]["faces"]
     assert told["could_be_covered"]["faces"] == 0  # the network is all the candidates
-    lines = "\n".join(found.lines())
-    assert all(REASONS[name].sentence in lines for name in told["reasons"])
+    assert all(REASONS[name].sentence in "\n".join(found.lines()) for name in told["reasons"])
 
 
 @given(seed=st.integers(0, 2**32 - 1), n_poses=st.integers(0, 5))

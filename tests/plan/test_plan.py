@@ -28,7 +28,8 @@ from rastercov.placement.plan.scene import candidate_pool, framing_of, scene
 from rastercov.placement.plan.sections import PlanModel
 
 ROOT = Path(__file__).parents[2]
-BASE = '[[meshes]]\nbuilt_in = "box"\n[camera]\npreset = "khepra"\n'
+BOX = '[[meshes]]\nbuilt_in = "box"\n'
+BASE = BOX + '[camera]\npreset = "khepra"\n'
 ENTRY = BASE + "[[candidates]]\ngenerator = "
 CAMERA = "[camera]\nwidth = 64\nheight = 48\nfx = 64\nfy = 64\n"
 
@@ -152,39 +153,46 @@ def test_every_field_says_what_it_is_in_the_schema_and_in_the_page():
 # --- the scene ------------------------------------------------------------------------------------
 
 
-def test_groups_have_the_role_of_their_entry_and_the_others_the_other_one():
-    write_part("part.obj")
-    base = '[[meshes]]\npath = "part.obj"\n'
+PART = '[[meshes]]\npath = "part.obj"\n'
+FIXTURE = 'role = "occluder"\n'
+TARGETS = '[[targets]]\nfile = "part.obj"\n'
+GROUPS = {
+    PART: ["lid task", "rest task"],
+    PART + 'groups = ["lid"]\n': ["lid task", "rest occluder"],
+    PART + FIXTURE + 'groups = ["lid"]\n': ["lid occluder", "rest task"],
+    PART + 'role = "target"\n': ["lid target", "rest target"],
+    PART + 'role = "target"\ngroups = ["lid"]\n': ["lid target", "rest task"],
+    PART
+    + '[[meshes]]\npath = "arm.obj"\n'
+    + FIXTURE
+    + 2 * ('[[meshes]]\nbuilt_in = "box"\n' + FIXTURE): [
+        *("part/lid task", "part/rest task", "arm occluder"),
+        *("box occluder", "box #2 occluder"),
+    ],
+    # All groups of a file are one target.
+    BOX + f'{TARGETS}name = "box"\n' + TARGETS: ["box task", "box #2 target", "part target"],
+}
+"""Entries of a plan: the groups of its scene with their roles."""
 
-    def occluders(entry):
-        mesh = scene(plan_of(base + entry + CAMERA))
-        return [group.name for group in mesh.groups if group.is_occluder]
 
-    assert occluders("") == []
-    assert occluders('groups = ["lid"]\n') == ["rest"]
-    assert occluders('role = "occluder"\ngroups = ["lid"]\n') == ["lid"]
-    two_sided = scene(plan_of(base + 'two_sided = ["rest"]\n' + CAMERA)).two_sided_mask
-    assert two_sided.sum() == 10
-
-
-def test_several_meshes_are_one_scene_each_with_its_unit():
+@pytest.mark.parametrize("text", GROUPS)
+def test_groups_have_the_names_and_roles_of_their_entries(text):
     write_part("part.obj")
     write_part("arm.obj", names={})
+    mesh = scene(plan_of(text + CAMERA))
+    assert [f"{group.name} {group.role}" for group in mesh.groups] == GROUPS[text]
+    assert mesh.n_faces == 12 * (text.count("[[meshes]]") + text.count("[[targets]]"))
+
+
+def test_each_mesh_has_its_unit_and_its_sides():
+    write_part("part.obj")
     text = (
-        '[[meshes]]\npath = "part.obj"\nunit = "mm"\n'
-        '[[meshes]]\npath = "arm.obj"\nrole = "occluder"\ntransform = { scale = 2 }\n'
-        '[[meshes]]\nbuilt_in = "box"\nrole = "occluder"\ntwo_sided = true\n'
-        "transform = { scale = 3 }\n"
-        '[[meshes]]\nbuilt_in = "box"\nrole = "occluder"\n' + CAMERA
+        PART + 'unit = "mm"\ntwo_sided = ["rest"]\n[[meshes]]\nbuilt_in = "box"\ntwo_sided = true\n'
     )
-    mesh = scene(plan_of(text))
-    names = ["part/lid", "part/rest", "arm", "box", "box #2"]
-    assert [group.name for group in mesh.groups] == names
-    assert [group.is_occluder for group in mesh.groups] == [False, False, True, True, True]
-    assert [group.is_two_sided for group in mesh.groups] == [False, False, False, True, False]
-    lid = mesh.vertices[mesh.faces[mesh.face_group <= 1]]
-    assert np.ptp(lid.reshape(-1, 3), axis=0) == pytest.approx([1e-3] * 3)
-    assert mesh.n_faces == 4 * 12
+    mesh = scene(plan_of(text + CAMERA))
+    assert mesh.two_sided_mask.sum() == 10 + 12
+    part = mesh.vertices[mesh.faces[mesh.face_group <= 1]]
+    assert np.ptp(part.reshape(-1, 3), axis=0) == pytest.approx([1e-3] * 3)
 
 
 FILE = '[[meshes]]\npath = "{}"\n'
