@@ -165,23 +165,27 @@ GROUPS = {
     PART
     + '[[meshes]]\npath = "arm.obj"\n'
     + FIXTURE
-    + 2 * ('[[meshes]]\nbuilt_in = "box"\n' + FIXTURE): [
+    + BOX
+    + FIXTURE
+    + BOX
+    + 'role = "occluder"\ntransform = { scale = 3 }\n': [
         *("part/lid task", "part/rest task", "arm occluder"),
         *("box occluder", "box #2 occluder"),
     ],
     # All groups of a file are one target.
-    BOX + f'{TARGETS}name = "box"\n' + TARGETS: ["box task", "box #2 target", "part target"],
+    BOX.replace("box", "room") + f'{TARGETS}name = "crates"\n' + TARGETS: [
+        *("room task", "crates task", "crates #2 target", "part target"),
+    ],
 }
 """Entries of a plan: the groups of its scene with their roles."""
 
 
 @pytest.mark.parametrize("text", GROUPS)
 def test_groups_have_the_names_and_roles_of_their_entries(text):
-    write_part("part.obj")
-    write_part("arm.obj", names={})
+    write_part("part.obj", 1.5)
+    write_part("arm.obj", 2.0, {})
     mesh = scene(plan_of(text + CAMERA))
     assert [f"{group.name} {group.role}" for group in mesh.groups] == GROUPS[text]
-    assert mesh.n_faces == 12 * (text.count("[[meshes]]") + text.count("[[targets]]"))
 
 
 def test_each_mesh_has_its_unit_and_its_sides():
@@ -190,7 +194,7 @@ def test_each_mesh_has_its_unit_and_its_sides():
         PART + 'unit = "mm"\ntwo_sided = ["rest"]\n[[meshes]]\nbuilt_in = "box"\ntwo_sided = true\n'
     )
     mesh = scene(plan_of(text + CAMERA))
-    assert mesh.two_sided_mask.sum() == 10 + 12
+    assert (mesh.n_faces, mesh.two_sided_mask.sum()) == (24, 10 + 12)
     part = mesh.vertices[mesh.faces[mesh.face_group <= 1]]
     assert np.ptp(part.reshape(-1, 3), axis=0) == pytest.approx([1e-3] * 3)
 
