@@ -29,7 +29,7 @@ from rastercov.placement.select.integer import select_integer
 from rastercov.placement.select.problem import BestCoverage, Problem, problem_of_matrix
 
 TRIALS = 3000
-"""Damaged folders of the whole campaign, of ten kinds of damage."""
+"""Damaged folders of the whole campaign, of eleven kinds of damage."""
 LIMITS = (0.5, 1.0, 2.0, 5.0)
 """Seconds."""
 ALLOWANCE = 0.2

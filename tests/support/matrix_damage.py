@@ -114,13 +114,20 @@ def exchanged(folder, other, rng):
     return f"{one.name} and {two.name} exchanged{', with sums' * with_sums}"
 
 
-def stale(folder, other, rng):
-    """A shard or the poses of another matrix, half of the time with the checksum."""
-    path = rng.choice([folder / "poses.npy", *_shards(folder)])
-    with_sum = bool(rng.integers(2))
+def _stale(folder, other, path, with_sum):
     for each in (path, _sum_of(folder, path))[: 1 + with_sum]:
         shutil.copy(other / each.relative_to(folder), each)
     return f"{path.name} of another matrix{', with its sum' * with_sum}"
+
+
+def stale(folder, other, rng):
+    """A shard of another matrix, half of the time with its checksum."""
+    return _stale(folder, other, rng.choice(_shards(folder)), bool(rng.integers(2)))
+
+
+def stale_poses(folder, other, rng):
+    """The poses of another matrix, with their checksum."""
+    return _stale(folder, other, folder / "poses.npy", with_sum=True)
 
 
 def one_too_many(folder, other, rng):
@@ -132,7 +139,7 @@ def one_too_many(folder, other, rng):
 
 KINDS = (
     *(one_bit, cut, longer, zeros, garbage),
-    *(many_bits, deleted, exchanged, stale, one_too_many),
+    *(many_bits, deleted, exchanged, stale, stale_poses, one_too_many),
 )
 
 
