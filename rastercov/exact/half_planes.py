@@ -44,6 +44,7 @@ from rastercov.kernels.exact_records import (
     Pieces,
     Pinhole,
     Projected,
+    View,
     VisiblePieces,
     Work,
 )
@@ -372,6 +373,7 @@ class HalfPlaneSolver:
         self.area, self.visible, self.area_error = np.empty((3, n_all))
         self.is_certified: BoolArray = np.zeros(n_all, np.bool_)
         self._marks, self._extent = np.zeros(n_faces + 1, np.int32), np.empty(7)
+        self._is_event = np.empty(len(surface.edges.kind), np.bool_)
         self.projected = room_for_image(surface, self.area)
         self._target_image = None
         if surface.targets is not None:
@@ -548,14 +550,20 @@ class HalfPlaneSolver:
         while True:
             done = self._call(
                 visible_areas,
-                faces, done, self.camera, projected, self.grid, self._marks, self._pieces,
-                self._work, self.visible, self.area_error,
+                faces, done, self._view(projected), self._marks, self._pieces,
             )  # fmt: skip
             if done == len(faces):
                 break
             if not self._grow_kept():
                 self._make_room_for_pieces(2 * len(self._pieces.corners))
         self._limit_errors(faces)
+
+    def _view(self, projected: Projected) -> View:
+        """The pose for the loops, with an image of all faces or of the opaque ones."""
+        return View(
+            self.camera, projected, self.grid, self.surface.edges, self._is_event, self._work,
+            self.visible, self.area_error,
+        )  # fmt: skip
 
     def _limit_errors(self, faces: IntArray) -> None:
         """No area exceeds the image; a face that rounds to a point may be some roundings wide."""

@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.threads import Once
-from rastercov.kernels import exact_setup as kernels
 from rastercov.kernels.exact_records import BLOCK, CONSISTENT, NON_MANIFOLD, REVERSED, Blocks, Edges
+from rastercov.kernels.exact_setup import find_patches
 from rastercov.mesh import Mesh
 from rastercov.mesh.contacts import Contacts, Partners
 from rastercov.mesh.topology import edge_table
@@ -55,53 +55,49 @@ def local_order(vertices: FloatArray, faces: IntArray) -> IntArray | None:
     return _along_curve(vertices, faces) if n_vertices > MOST_VERTICES * n else None
 
 
-def blocks_of_targets(flat: BoolArray) -> Blocks:
-    """Blocks of targets, which no result spreads over."""
-    return _with_faces(flat)
-
-
 def blocks_of(flat: BoolArray, edges: Edges) -> Blocks:
     """Blocks of the faces of a surface, which are in an order of `local_order`."""
-    blocks = _with_faces(flat)
-    patch, lowest = blocks.patch, np.empty(len(flat), np.int32)
-    n = kernels.find_patches(edges, patch, lowest, blocks.patch_starts)
-    met, joins = np.empty(n, np.int32), np.empty((len(edges.kind), 2), np.int32)
-    n_joins = kernels.list_joins(edges, patch, met, joins)
-    if n_joins > len(joins):
-        joins = np.empty((n_joins, 2), np.int32)
-        kernels.list_joins(edges, patch, met, joins)
-    is_plain = np.empty(-(-len(edges.kind) // BLOCK), np.bool_)
-    starts, met = np.empty(len(is_plain) + 1, np.int32), np.empty(len(blocks.has_flat), np.int32)
-    of_edges = np.empty(2 * len(edges.kind), np.int32)
-    n_blocks = kernels.list_blocks_of_edges(edges, met, is_plain, starts, of_edges)
-    return blocks._replace(
-        of_patch=np.repeat(np.arange(len(blocks.has_flat)), np.diff(blocks.patch_starts)).astype(
-            np.int32
-        ),
-        lowest=lowest[:n].copy(),
-        joins=joins[:n_joins].copy(),
-        is_plain=is_plain,
-        starts=starts,
-        of_edges=of_edges[:n_blocks].copy(),
-    )
-
-
-def _with_faces(flat: BoolArray) -> Blocks:
-    """Blocks of faces, without what follows from their edges."""
     n = -(-len(flat) // BLOCK)
     has_flat = np.zeros(n, np.bool_)
     has_flat[np.flatnonzero(flat) // BLOCK] = True
+    lowest_of = np.empty(len(flat), np.int32)
+    find_patches(edges, lowest_of)
+    lowest = np.flatnonzero(lowest_of == np.arange(len(flat))).astype(np.int32)
+    number = np.empty(len(flat), np.int32)
+    number[lowest] = np.arange(len(lowest))
+    patch = number[lowest_of]
     return Blocks(
         has_flat=has_flat,
-        patch=np.zeros(len(flat), np.int32),
-        patch_starts=np.zeros(n + 1, np.int32),
-        of_patch=np.empty(0, np.int32),
-        lowest=np.empty(0, np.int32),
-        joins=np.empty((0, 2), np.int32),
-        is_plain=np.empty(0, np.bool_),
-        starts=np.zeros(1, np.int32),
-        of_edges=np.empty(0, np.int32),
+        patch=patch,
+        patch_starts=np.searchsorted(lowest, np.arange(n + 1) * BLOCK).astype(np.int32),
+        of_patch=lowest // BLOCK,
+        lowest=lowest,
+        joins=_joins(edges, patch),
+        **_blocks_of_edges(edges),
     )
+
+
+def _joins(edges: Edges, patch: IntArray) -> IntArray:
+    """(J, 2) pairs of patches with a common edge of two faces, see `records.Blocks`."""
+    has_two = (edges.faces[:, 1] >= 0) & (edges.kind != NON_MANIFOLD)
+    one, other = np.sort(patch[edges.faces[has_two]], axis=1).T
+    is_consistent, are_two = edges.kind[has_two] == CONSISTENT, one != other
+    pairs = np.stack((one, np.where(is_consistent, other, ~other)), axis=1)[are_two]
+    return np.unique(pairs.view(np.int64)).view(np.int32).reshape(-1, 2)
+
+
+def _blocks_of_edges(edges: Edges) -> dict[str, Any]:
+    """Blocks of the faces of each `BLOCK` consecutive edges, see `records.Blocks`."""
+    n, rest = -(-len(edges.kind) // BLOCK), -len(edges.kind) % BLOCK
+    is_plain = np.ones(n, np.bool_)
+    is_odd = (edges.kind != CONSISTENT) | (edges.faces[:, 1] < 0)
+    is_plain[np.flatnonzero(is_odd) // BLOCK] = False
+    blocks = np.pad(edges.faces // BLOCK, ((0, rest), (0, 0)), "edge").reshape(n, 2 * BLOCK)
+    blocks.sort(axis=1)
+    is_new = np.diff(blocks, axis=1, prepend=-2) != 0
+    is_new[~is_plain] = False
+    starts = np.concatenate(([0], np.cumsum(is_new.sum(axis=1)))).astype(np.int32)
+    return {"is_plain": is_plain, "starts": starts, "of_edges": blocks[is_new]}
 
 
 def _along_curve(vertices: FloatArray, faces: IntArray) -> IntArray:
@@ -293,8 +289,8 @@ def _by_use(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray
 def _targets(mesh: Mesh) -> Targets:
     is_target = mesh.target_mask
     faces, is_used = _welded(mesh.welded_faces[is_target], mesh.n_vertices)
-    flat = np.ascontiguousarray(mesh.degenerate_mask[is_target])
-    return Targets(mesh.vertices[is_used], faces, flat, blocks_of_targets(flat))
+    vertices, flat = mesh.vertices[is_used], np.ascontiguousarray(mesh.degenerate_mask[is_target])
+    return Targets(vertices, faces, flat, blocks_of(flat, _edges(faces, len(vertices))))
 
 
 def _place_of_all(mesh: Mesh, opaque: Surface) -> NDArray[np.int64]:

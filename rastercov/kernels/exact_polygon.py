@@ -345,7 +345,7 @@ def side_of(f, s, projected):
 
 
 @part_with_arrays
-def is_joined(f, s, n_lines, edges, is_event, projected):
+def is_joined(f, s, n_lines, view):
     """True if the surface continues beyond line s of the outline of a face: it is no event edge.
 
     Never where one of the two faces is clipped in space: its lines may be known to few digits, and
@@ -353,9 +353,10 @@ def is_joined(f, s, n_lines, edges, is_event, projected):
     """
     if n_lines == SIDES:
         return False
+    edges, projected = view.edges, view.projected
     # The corners of a face seen from the front are taken in reverse.
     e = edges.of_face[f, s if projected.side[f] < 0 else 2 - s]
-    if is_event[e] or edges.faces[e, 1] < 0:
+    if view.is_event[e] or edges.faces[e, 1] < 0:
         return False
     other = edges.faces[e, 0] if edges.faces[e, 0] != f else edges.faces[e, 1]
     return projected.state[other] & (LIVE | CLIPPED | DOUBTFUL) == LIVE
