@@ -97,7 +97,7 @@ class LensSolver:
 
     def _take_camera(self, camera: Camera) -> None:
         self._camera, self._planes = camera, planes_of(camera)
-        self._images = [image_of(plane.camera) for plane, _ in self._planes]
+        self._sides_of = [sides_of(plane.camera) for plane, _ in self._planes]
 
     @property
     def _pinhole(self) -> Camera:
@@ -141,14 +141,19 @@ class LensSolver:
         self._call(kernels.settle, self.figures, largest, self.is_certified)
 
     def _may_see(self, frame: FloatArray, record: PlaneRecord, index: int) -> bool:
-        """False where the image shows nothing of a plane, or all of the surface is beside it."""
+        """False where the image shows nothing of a plane, or all of the surface is beside it.
+
+        That is behind the plane, or beyond one side of its image; a box decides in most cases.
+        """
         if len(record.window) == 0:
             return False
-        is_beside: bool = self._call(
-            kernels.is_beside, self._box, self._vertices, self._pose[0], frame,
-            self._images[index], BESIDE_REL,
-        )  # fmt: skip
-        return not is_beside
+        sides, pose = self._sides_of[index], self._pose[0]
+        normals = np.ascontiguousarray(sides @ (pose[:3, :3] @ frame).T)
+        margin = BESIDE_REL * (1 + np.abs(sides[1:, 2]).max())
+        return not any(
+            self._call(kernels.are_beyond, points, pose[:3, 3].copy(), normals, margin)
+            for points in (self._box, self._vertices)
+        )
 
     def _solve(self, camera: Camera, frame: FloatArray, visit: Visit | None = None) -> None:
         """Visibility in one pinhole."""
@@ -197,11 +202,11 @@ class LensSolver:
         )
 
 
-def image_of(pinhole: Camera) -> FloatArray:
-    """Left, right, top and bottom of the image of a plane, (4,), in its units."""
+def sides_of(pinhole: Camera) -> FloatArray:
+    """(5, 3) inner normals of a plane, and of the four sides of its image, in units of it."""
     left, top = -pinhole.cx / pinhole.fx, -pinhole.cy / pinhole.fy
     right, bottom = left + pinhole.width / pinhole.fx, top + pinhole.height / pinhole.fy
-    return np.array([left, right, top, bottom])
+    return np.array([(0, 0, 1), (1, 0, -left), (-1, 0, right), (0, 1, -top), (0, -1, bottom)])
 
 
 def directed_sides(faces: IntArray, edges: Edges) -> IntArray:

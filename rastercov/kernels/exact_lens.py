@@ -11,6 +11,7 @@ that two faces share is integrated once.
 """
 
 import math
+from collections import namedtuple
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,7 +19,7 @@ from llvmlite import ir
 from numba.core import types
 from numpy.typing import NDArray
 
-from rastercov.kernels.exact_polygon import twice_area
+from rastercov.kernels.exact_polygon import copy_polygon, twice_area
 from rastercov.kernels.exact_records import CLIPPED, LIVE, THIN, U, V, W
 from rastercov.kernels.jit import allocation_free, part_with_arrays
 from rastercov.kernels.lens_edges import FEWEST, MOST, NODES, RULE
@@ -169,23 +170,14 @@ TABLE = MOST + 1
 """Rows of a table by n."""
 
 
-class EdgeLists(NamedTuple):
-    """Edges that wait to be integrated, by their rule n; a projection takes `LANES` of them.
+EdgeLists = namedtuple("EdgeLists", "x y z u v ends first waiting")
+"""Edges that wait to be integrated, by their rule n; a projection takes `LANES` of them.
 
-    `x`, `y`, `z`, `u` and `v`, (MOST + 1, MOST LANES), are the inner nodes of edges, all first
-    nodes first, `ends`, (MOST + 1, 4, LANES), the images of both ends, `first`, (MOST + 1, GROUPS),
-    the first edge of each group, and `waiting`, (MOST + 1,), counts the groups. All nodes are
-    finite, also those of unused lanes.
-    """
-
-    x: FloatArray
-    y: FloatArray
-    z: FloatArray
-    u: FloatArray
-    v: FloatArray
-    ends: FloatArray
-    first: NDArray[np.int64]
-    waiting: NDArray[np.int64]
+`x`, `y`, `z`, `u` and `v`, (MOST + 1, MOST LANES), are the inner nodes of edges, all first nodes
+first, `ends`, (MOST + 1, 4, LANES), the images of both ends, `first`, (MOST + 1, GROUPS), the first
+edge of each group, and `waiting`, (MOST + 1,), counts the groups. All nodes are finite, also those
+of unused lanes.
+"""
 
 
 class Pinhole(NamedTuple):
@@ -421,13 +413,8 @@ class Polygons(NamedTuple):
     used: NDArray[np.int64]
 
 
-class Scratch(NamedTuple):
-    """Scratch for one polygon: (MOST_CORNERS, 2) and (MOST_CORNERS, 3) float64."""
-
-    polygon: FloatArray
-    spare: FloatArray
-    points: FloatArray
-    spare_points: FloatArray
+Scratch = namedtuple("Scratch", "polygon spare points spare_points")
+"""Scratch for one polygon: (MOST_CORNERS, 2) and (MOST_CORNERS, 3) float64."""
 
 
 def room_for_polygons(n: int, corners: int) -> Polygons:
@@ -451,9 +438,7 @@ def append(polygon, n, face, kind, found):
     """Append a polygon to the list; counts it only where there is no room."""
     at, corner = found.used[0], found.used[1]
     if at < found.face.shape[0] and corner + n <= found.corners.shape[0]:
-        for p in range(n):
-            found.corners[corner + p, 0] = polygon[p, 0]
-            found.corners[corner + p, 1] = polygon[p, 1]
+        copy_polygon(polygon, n, found.corners[corner:])
         found.face[at], found.kind[at] = face, kind
         found.starts[at + 1] = corner + n
     found.used[0], found.used[1] = at + 1, corner + n
@@ -495,24 +480,13 @@ def outline_in_space(vertices, faces, f, camera, region, points, spare, polygon)
             points[p, k] = x * rotation[0, k] + y * rotation[1, k] + z * rotation[2, k]
     if max(points[0, 2], points[1, 2], points[2, 2]) < camera.near:
         return np.int64(0)
-    m = region.shape[0]
-    for i in range(m):
-        j = i + 1 if i + 1 < m else 0
-        x0, y0 = region[i, 0], region[i, 1]
-        dx, dy = region[j, 0] - x0, region[j, 1] - y0
-        d = dx * y0 - dy * x0
-        if (
-            dx * points[0, 1] - dy * points[0, 0] < d * points[0, 2]
-            and dx * points[1, 1] - dy * points[1, 0] < d * points[1, 2]
-            and dx * points[2, 1] - dy * points[2, 0] < d * points[2, 2]
-        ):
-            return np.int64(0)
     # On which side of the plane of the face the camera is decides the direction of its image.
     ax, ay, az = points[0, 0], points[0, 1], points[0, 2]
     bx, by, bz = points[1, 0] - ax, points[1, 1] - ay, points[1, 2] - az
     cx, cy, cz = points[2, 0] - ax, points[2, 1] - ay, points[2, 2] - az
     height = (by * cz - bz * cy) * ax + (bz * cx - bx * cz) * ay + (bx * cy - by * cx) * az
     n = cut_in_space(points, np.int64(3), 0.0, 0.0, 1.0, camera.near, spare)
+    m = region.shape[0]
     for i in range(m):
         if n < 3:
             return np.int64(0)
@@ -526,6 +500,15 @@ def outline_in_space(vertices, faces, f, camera, region, points, spare, polygon)
         q = p if height > 0 else n - 1 - p
         polygon[p, 0], polygon[p, 1] = points[q, 0] / points[q, 2], points[q, 1] / points[q, 2]
     return np.int64(n)
+
+
+@part_with_arrays
+def to_plane(corners, n, is_reversed, camera, polygon):
+    """Fill `polygon` with corners in the image of the pinhole of a plane, in its units."""
+    for p in range(n):
+        q = n - 1 - p if is_reversed else p
+        polygon[p, 0] = (corners[q, U] - camera.cx) / camera.fx
+        polygon[p, 1] = (corners[q, V] - camera.cy) / camera.fy
 
 
 @allocation_free
@@ -565,29 +548,18 @@ def collect(vertices, is_done, projected, kept, camera, plane, scratch, found):
         if state[f] & CLIPPED:
             s = projected.clipped_index[f]
             n = np.int64(projected.clipped.n_corners[s])
-            for p in range(n):
-                polygon[p, U] = projected.clipped.polygons[s, p, U]
-                polygon[p, V] = projected.clipped.polygons[s, p, V]
+            copy_polygon(projected.clipped.polygons[s], n, spare)
         else:
             n = np.int64(3)
             for p in range(3):
-                polygon[p, U], polygon[p, V] = uvw[faces[f, p], U], uvw[faces[f, p], V]
-        if n < 3:
-            continue
-        is_reversed = twice_area(polygon, n) < 0
-        for p in range(n):
-            q = n - 1 - p if is_reversed else p
-            spare[p, 0] = (polygon[q, U] - camera.cx) / camera.fx
-            spare[p, 1] = (polygon[q, V] - camera.cy) / camera.fy
-        for p in range(n):
-            polygon[p, 0], polygon[p, 1] = spare[p, 0], spare[p, 1]
-        append_cut(polygon, n, f, OUTLINE, plane, spare, found)
+                spare[p, U], spare[p, V] = uvw[faces[f, p], U], uvw[faces[f, p], V]
+        if n >= 3:
+            to_plane(spare, n, twice_area(spare, n) < 0, camera, polygon)
+            append_cut(polygon, n, f, OUTLINE, plane, spare, found)
     for i in range(kept.used[0]):
         start = kept.starts[i]
         n = kept.starts[i + 1] - start
-        for p in range(n):
-            polygon[p, 0] = (kept.corners[start + p, U] - camera.cx) / camera.fx
-            polygon[p, 1] = (kept.corners[start + p, V] - camera.cy) / camera.fy
+        to_plane(kept.corners[start:], n, False, camera, polygon)
         append_cut(polygon, n, kept.faces[i], PIECE, plane, spare, found)
 
 
@@ -635,64 +607,27 @@ class FaceRule(NamedTuple):
     part: float
 
 
-@part_with_arrays
-def axis_of(pose, frame, k):
-    """Axis k of a plane in the world."""
-    a, b, c = frame[0, k], frame[1, k], frame[2, k]
-    return (
-        pose[0, 0] * a + pose[0, 1] * b + pose[0, 2] * c,
-        pose[1, 0] * a + pose[1, 1] * b + pose[1, 2] * c,
-        pose[2, 0] * a + pose[2, 1] * b + pose[2, 2] * c,
-    )
-
-
-@part_with_arrays
-def are_beyond(points, pose, frame, image, margin):
-    """True where all of some points are beyond one side of a plane, see `is_beside`.
-
-    Sides are moved outwards by `margin` times the distance of the farthest point so far.
-    """
-    meets_front = meets_left = meets_right = meets_top = meets_bottom = False
-    far = 0.0
-    right, down = axis_of(pose, frame, 0), axis_of(pose, frame, 1)
-    ahead = axis_of(pose, frame, 2)
-    for i in range(points.shape[0]):
-        a, b, c = points[i, 0] - pose[0, 3], points[i, 1] - pose[1, 3], points[i, 2] - pose[2, 3]
-        x = a * right[0] + b * right[1] + c * right[2]
-        y = a * down[0] + b * down[1] + c * down[2]
-        z = a * ahead[0] + b * ahead[1] + c * ahead[2]
-        far = max(far, abs(a), abs(b), abs(c))
-        slack = margin * far
-        meets_front = meets_front or z >= -slack
-        meets_left = meets_left or x - image[0] * z >= -slack
-        meets_right = meets_right or image[1] * z - x >= -slack
-        meets_top = meets_top or y - image[2] * z >= -slack
-        meets_bottom = meets_bottom or image[3] * z - y >= -slack
-        if meets_front and meets_left and meets_right and meets_top and meets_bottom:
-            return False
-    return True
-
-
 @allocation_free
-def is_beside(box, points, pose, frame, image, margin):
-    """True where all of some points (N, 3) are behind a plane, or beyond one side of its image.
+def are_beyond(points, eye, sides, margin):
+    """True where all of some points, (N, 3), are on the outer side of one plane through the eye.
 
     Parameters
     ----------
-    box : (8, 3) float64
-        Corners of a box around the points, which decide in most cases.
-    pose, frame : (4, 4), (3, 3) float64
-        World from camera, and camera from plane.
-    image : (4,) float64
-        Left, right, top and bottom of the image, in units of the plane.
+    eye, sides : (3,), (5, 3) float64
+        Camera centre, and the inner normals of the planes.
     margin : float
-        Distance relative to that of a point that is no rounding.
+        Distance from a plane that is no rounding, relative to that of the farthest point so far.
     """
-    steep = 1 + max(abs(image[0]), abs(image[1]), abs(image[2]), abs(image[3]))
-    slack = margin * steep
-    return are_beyond(box, pose, frame, image, slack) or are_beyond(
-        points, pose, frame, image, slack
-    )
+    met, far = 0, 0.0
+    for i in range(points.shape[0]):
+        a, b, c = points[i, 0] - eye[0], points[i, 1] - eye[1], points[i, 2] - eye[2]
+        far = max(far, abs(a), abs(b), abs(c))
+        for s in range(5):
+            if a * sides[s, 0] + b * sides[s, 1] + c * sides[s, 2] >= -margin * far:
+                met |= 1 << s
+        if met == 31:
+            return False
+    return True
 
 
 @allocation_free

@@ -58,13 +58,28 @@ def copy_polygon(source, n, target):
 
 
 @part_with_arrays
+def corners_of_part(first, n):
+    """Corners of the part of a polygon from corner `first` on, see `copy_part`."""
+    return min(MOST_CORNERS, n - first + 1)
+
+
+@part_with_arrays
+def copy_part(polygon, first, m, target):
+    """Copy corner 0 and m - 1 corners from `first` on; the next part begins at `first` + m - 2.
+
+    Parts of at most `MOST_CORNERS` corners divide a convex polygon from 1 on.
+    """
+    target[0, U], target[0, V] = polygon[0, U], polygon[0, V]
+    copy_polygon(polygon[first:], m - 1, target[1:])
+
+
+@part_with_arrays
 def store_piece(face, polygon, n, kept):
     """Append a polygon to the pieces that are handed out, if anyone asks for them."""
     if kept.corners.shape[0] > 0:
         piece, at = kept.used[0], kept.used[1]
         if piece < kept.faces.shape[0] and at + n <= kept.corners.shape[0]:
-            for p in range(n):
-                kept.corners[at + p, U], kept.corners[at + p, V] = polygon[p, U], polygon[p, V]
+            copy_polygon(polygon, n, kept.corners[at:])
             kept.faces[piece] = face
             kept.starts[piece + 1] = at + n
         else:
@@ -190,6 +205,15 @@ def split(polygon, n, values, inside, outside):
     return kept, lost
 
 
+@part_with_arrays
+def copy_second_half(polygon, n, target):
+    """Copy the part of a polygon beyond the chord from corner n // 2 to corner 0; its corners."""
+    half = n // 2
+    copy_polygon(polygon[half:], n - half, target)
+    target[n - half, U], target[n - half, V] = polygon[0, U], polygon[0, V]
+    return n - half + 1
+
+
 @allocation_free
 def limit_corners(pieces, at, count):
     """Split a piece of more than `MOST_CORNERS` corners along chords; returns the piece count.
@@ -199,14 +223,8 @@ def limit_corners(pieces, at, count):
     corners, n_corners = pieces.corners, pieces.n_corners
     while n_corners[at] > MOST_CORNERS:
         n = n_corners[at]
-        half = n // 2
-        for p in range(half, n):
-            corners[count, p - half, U] = corners[at, p, U]
-            corners[count, p - half, V] = corners[at, p, V]
-        corners[count, n - half, U] = corners[at, 0, U]
-        corners[count, n - half, V] = corners[at, 0, V]
-        n_corners[count] = n - half + 1
-        n_corners[at] = half + 1
+        n_corners[count] = copy_second_half(corners[at], n, corners[count])
+        n_corners[at] = n // 2 + 1
         count += 1
     return count
 

@@ -5,7 +5,7 @@ arguments, the same results. The area and the field of view come from integrals 
 """
 
 import math
-from typing import NamedTuple
+from collections import namedtuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +30,6 @@ from rastercov.kernels.lens_lanes import GROUP, project_lanes
 from rastercov.kernels.lens_planes import PlaneRecord
 from rastercov.kernels.lens_polygons import (
     MOST_CORNERS,
-    EdgeScratch,
     beyond_side_of,
     cut_in_space,
     cut_to_region,
@@ -50,19 +49,13 @@ OUTSIDE_TOLERANCE = 1e-9
 """Area outside the image, px^2 and relative to the face, up to which a face is inside it."""
 
 
-class CurvedWorkspace(NamedTuple):
-    """Memory of one thread: the projected vertices (V, 14), polygons of a plane, and a `block`.
+CurvedWorkspace = namedtuple(
+    "CurvedWorkspace", "points polygon spare corners spare_corners edges block"
+)
+"""Memory of one thread: the projected vertices (V, 14), polygons of a plane, and a `block`.
 
-    The latter is as in `criteria.Workspace`.
-    """
-
-    points: FloatArray
-    polygon: FloatArray
-    spare: FloatArray
-    corners: FloatArray
-    spare_corners: FloatArray
-    edges: EdgeScratch
-    block: FloatArray
+The latter is as in `criteria.Workspace`.
+"""
 
 
 def curved_workspace(n_vertices: int, block: FloatArray) -> CurvedWorkspace:
@@ -256,6 +249,14 @@ def _turned(points, p, frame):
     )
 
 
+@allocation_free
+def _with_image(plane, polygon, n, edges, whole, inside):
+    """Sums of areas, and of those inside the image, with those of one more polygon."""
+    area, part, _ = polygon_image(plane, polygon, 0, n, edges, True)
+    sign = -1.0 if area < 0 else 1.0
+    return whole + sign * area, inside + sign * part
+
+
 @called_whole
 def curved_areas(points, i, j, k, near, lens, work):
     """Area of the image of a face in the valid region, and of its part in the image, px^2."""
@@ -282,17 +283,11 @@ def curved_areas(points, i, j, k, near, lens, work):
             continue
         sides = lens.hole_sides[n]
         if sides == 0:
-            area, part, _ = polygon_image(plane, polygon, 0, m, work.edges, True)
-            sign = -1.0 if area < 0 else 1.0
-            whole += sign * area
-            inside += sign * part
+            whole, inside = _with_image(plane, polygon, m, work.edges, whole, inside)
         for side in range(sides):  # what is outside the hole, as in `exact_lens.append_cut`
             beyond = beyond_side_of(polygon, m, plane.hole, side, work.spare)
             if beyond >= 3:
-                area, part, _ = polygon_image(plane, work.spare, 0, beyond, work.edges, True)
-                sign = -1.0 if area < 0 else 1.0
-                whole += sign * area
-                inside += sign * part
+                whole, inside = _with_image(plane, work.spare, beyond, work.edges, whole, inside)
             m = cut_to_side_of(polygon, m, plane.hole, side, work.spare)
             if m < 3:
                 break

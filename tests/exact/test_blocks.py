@@ -1,7 +1,6 @@
 """Blocks of faces: what is decided for a block at once is what each of its faces gives alone."""
 
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -18,10 +17,8 @@ from rastercov.exact.certificate import THIN_TOLERANCE_REL, CertificateSolver
 from rastercov.exact.surface import surface_of
 from rastercov.kernels.exact_records import (
     BLOCK,
-    CONSISTENT,
     LIVE,
     MIXED,
-    NON_MANIFOLD,
     SUM_OF_WIDTHS,
     U_MAX,
     U_MIN,
@@ -70,42 +67,6 @@ def one_by_one(mesh):
         has_flat=np.ones_like(blocks.has_flat), is_plain=np.zeros_like(blocks.is_plain)
     )
     return replace(surface, blocks=apart)
-
-
-@pytest.mark.slow
-@given(seed=SEEDS, is_sorted=st.booleans())
-@settings(max_examples=20)
-def test_patches_joins_and_blocks_of_edges_are_those_of_the_faces(seed, is_sorted):
-    rng = np.random.default_rng(seed)
-    mesh = scene(rng)
-    if not is_sorted:
-        mesh = Mesh(vertices=mesh.vertices, faces=rng.permutation(mesh.faces))
-    surface = surface_of(mesh)
-    found, edges, of_face = surface.blocks, surface.edges, np.arange(mesh.n_faces) // BLOCK
-    # Labels spread to the lowest face over edges within blocks, step by step.
-    f, g = edges.faces[edges.faces[:, 1] >= 0].T
-    kind = edges.kind[edges.faces[:, 1] >= 0]
-    within = (of_face[f] == of_face[g]) & (kind == CONSISTENT)
-    label = np.arange(mesh.n_faces)
-    for _ in range(BLOCK):
-        np.minimum.at(label, f[within], label[g[within]])
-        np.minimum.at(label, g[within], label[f[within]])
-    assert np.array_equal(found.lowest[found.patch], label)
-    assert np.array_equal(found.of_patch, of_face[found.lowest])
-    for n, (first, last) in enumerate(pairwise(found.patch_starts)):
-        assert (found.of_patch[first:last] == n).all()
-    pairs = set()
-    for a, b, its in zip(found.patch[f], found.patch[g], kind, strict=True):
-        if a != b and its != NON_MANIFOLD:
-            pairs.add((min(a, b), max(a, b) if its == CONSISTENT else ~max(a, b)))
-    assert set(map(tuple, found.joins.tolist())) == pairs
-    for m, is_plain in enumerate(found.is_plain):
-        part = slice(m * BLOCK, (m + 1) * BLOCK)
-        expected = (edges.kind[part] == CONSISTENT) & (edges.faces[part, 1] >= 0)
-        assert is_plain == expected.all()
-        if is_plain:
-            listed = found.of_edges[found.starts[m] : found.starts[m + 1]]
-            assert set(listed) == set(of_face[edges.faces[part].ravel()])
 
 
 @pytest.mark.slow

@@ -192,16 +192,3 @@ def test_culled_faces_have_the_area_that_they_would_have_alone(path):
     assert np.array_equal(whole.area, culled.area)
     assert (culled.area_error[(culled.state == 0) & (culled.area > 0)] > 0).all()
     assert np.array_equal(culled.visible > 0, whole.visible > 0)
-
-
-def test_drawn_pixels_do_not_depend_on_whether_back_faces_are_left_out():
-    closed = shapes.torus(12, 8)
-    open_one = rc.Mesh(vertices=closed.vertices, faces=closed.faces[:-1])
-    poses = rc.sphere_of_poses((0, 0, 0), 3, 5)
-    for method in ("certified", "exact"):
-        areas = []
-        for mesh in (closed, open_one):
-            with rc.open_observer(mesh, CAMERA, method) as observer:
-                areas.append(observer.observe(poses).drawn_pixels)
-        assert (areas[0] > 0).all()
-        assert np.array_equal(areas[0][:, :-1], areas[1])
