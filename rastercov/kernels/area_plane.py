@@ -298,9 +298,9 @@ def cut_by_lines(polygon, n, lines, first, last, spare):
 
 
 @part_with_arrays
-def distance_in_axes(corner, other):
-    """Greater of the distances of two corners along the axes."""
-    return max(abs(corner[U] - other[U]), abs(corner[V] - other[V]))
+def distance_in_axes(polygon, p, other, q):
+    """Greater of the distances of two corners along the axes; of rows of arrays it takes longer."""
+    return max(abs(polygon[p, U] - other[q, U]), abs(polygon[p, V] - other[q, V]))
 
 
 @allocation_free
@@ -313,10 +313,10 @@ def without_needless(polygon, n, nearest, out):
     """
     kept = 0
     for p in range(n):
-        if kept == 0 or distance_in_axes(polygon[p], out[kept - 1]) > nearest:
+        if kept == 0 or distance_in_axes(polygon, p, out, kept - 1) > nearest:
             out[kept, U], out[kept, V] = polygon[p, U], polygon[p, V]
             kept += 1
-    while kept > 1 and distance_in_axes(out[0], out[kept - 1]) <= nearest:
+    while kept > 1 and distance_in_axes(out, 0, out, kept - 1) <= nearest:
         kept -= 1
     n, kept = kept, 0
     for p in range(n):

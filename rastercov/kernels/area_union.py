@@ -116,8 +116,10 @@ def lines_of(polygon, n, lines):
 @part_with_arrays
 def set_piece(at, n, views, pool):
     """Store the number of corners, the views and the box of a piece whose corners are stored."""
-    pool.pieces.n_corners[at], pool.views[at], box = n, views, pool.box[at]
-    box[U_MIN], box[U_MAX], box[V_MIN], box[V_MAX] = extent_of(pool.pieces.corners[at], n)
+    pool.pieces.n_corners[at], pool.views[at] = n, views
+    u_min, u_max, v_min, v_max = extent_of(pool.pieces.corners[at], n)
+    pool.box[at, U_MIN], pool.box[at, U_MAX] = u_min, u_max
+    pool.box[at, V_MIN], pool.box[at, V_MAX] = v_min, v_max
 
 
 @allocation_free
