@@ -72,36 +72,34 @@ CELLS_PER_FACE = 1
 ENTRIES_PER_FACE = 3
 
 
+OF_CELLS = {
+    "asked": np.uint8, "is_near": np.bool_, "fresh": np.int32, "starts": np.int64,
+    "stops": np.int64, "is_sorted": np.bool_, "has_bounds": np.bool_, "hider": np.int32,
+}  # fmt: skip
+"""Arrays of a grid with a value for each cell."""
+
+
+def _room_for_cells(n: int) -> dict[str, Any]:
+    return {name: np.empty(n, dtype) for name, dtype in OF_CELLS.items()}
+
+
+def _room_for_entries(n: int) -> dict[str, Any]:
+    spare = n + SPARE_ENTRIES
+    bounds, pairs = np.empty((6, spare)), np.empty((spare, 2), np.int32)
+    entries, nearest = np.empty(n, np.int32), np.empty(n)
+    return {"entries": entries, "nearest": nearest, "bounds": bounds, "pairs": pairs}
+
+
 def first_grid(n_faces: int) -> CellGrid:
     """Grid for a mesh, of no cells yet."""
+    n_fresh, n_entries, n_listed = np.zeros((3, 1), np.int64)
+    faces, found = np.empty((2, n_faces), np.int32)
     return CellGrid(
-        left=0.0,
-        top=0.0,
-        per_u=1.0,
-        per_v=1.0,
-        columns=1,
-        rows=1,
-        asked=np.empty(0, np.uint8),
-        is_near=np.empty(0, np.bool_),
-        fresh_bits=np.empty((0, 0), np.uint64),
-        fresh=np.empty(0, np.int32),
-        n_fresh=np.zeros(1, np.int64),
-        starts=np.empty(0, np.int64),
-        stops=np.empty(0, np.int64),
-        entries=np.empty(2 * n_faces, np.int32),
-        n_entries=np.zeros(1, np.int64),
-        nearest=np.empty(2 * n_faces),
-        is_sorted=np.empty(0, np.bool_),
-        bounds=np.empty((6, 2 * n_faces + SPARE_ENTRIES)),
-        has_bounds=np.empty(0, np.bool_),
-        hider=np.empty(0, np.int32),
-        buckets=np.empty(BUCKETS + 1, np.int64),
-        faces=np.empty(n_faces, np.int32),
-        n_faces=np.zeros(1, np.int64),
-        found=np.empty(n_faces, np.int32),
-        pairs=np.empty((2 * n_faces + SPARE_ENTRIES, 2), np.int32),
-        is_whole=np.zeros(n_faces, np.bool_),
-    )
+        left=0.0, top=0.0, per_u=1.0, per_v=1.0, columns=1, rows=1, n_fresh=n_fresh,
+        fresh_bits=np.empty((0, 0), np.uint64), n_entries=n_entries, n_faces=n_listed, faces=faces,
+        found=found, buckets=np.empty(BUCKETS + 1, np.int64), is_whole=np.zeros(n_faces, np.bool_),
+        **_room_for_cells(0), **_room_for_entries(2 * n_faces),
+    )  # fmt: skip
 
 
 def grid_over(grid: CellGrid, n_live: int, extent: NDArray[np.float64]) -> CellGrid:
@@ -132,27 +130,13 @@ def grid_over(grid: CellGrid, n_live: int, extent: NDArray[np.float64]) -> CellG
         if entries <= ENTRIES_PER_FACE * n_live or columns * rows == 1:
             break
         cells /= 2
+    n_cells, fresh_bits = columns * rows, np.zeros((rows, (columns + 63) // 64), np.uint64)
     grid = grid._replace(
-        left=left,
-        top=top,
-        per_u=per_u,
-        per_v=per_v,
-        columns=columns,
-        rows=rows,
-        fresh_bits=np.zeros((rows, (columns + 63) // 64), np.uint64),
-    )
-    n_cells = columns * rows
+        left=left, top=top, per_u=per_u, per_v=per_v, columns=columns, rows=rows,
+        fresh_bits=fresh_bits,
+    )  # fmt: skip
     if len(grid.is_sorted) < n_cells:
-        grid = grid._replace(
-            starts=np.empty(n_cells, np.int64),
-            stops=np.empty(n_cells, np.int64),
-            is_sorted=np.empty(n_cells, np.bool_),
-            has_bounds=np.empty(n_cells, np.bool_),
-            hider=np.empty(n_cells, np.int32),
-            asked=np.empty(n_cells, np.uint8),
-            is_near=np.empty(n_cells, np.bool_),
-            fresh=np.empty(n_cells, np.int32),
-        )
+        grid = grid._replace(**_room_for_cells(n_cells))
     grid.asked[:n_cells], grid.is_near[:n_cells] = NOT_ASKED, False
     grid.n_fresh[0] = grid.n_entries[0] = 0
     return grid
@@ -160,14 +144,10 @@ def grid_over(grid: CellGrid, n_live: int, extent: NDArray[np.float64]) -> CellG
 
 def with_room(grid: CellGrid, room: int) -> CellGrid:
     """Return the grid with the entries it has, and room for a number of them."""
-    n = int(grid.n_entries[0])
-    entries, nearest = np.empty(room, np.int32), np.empty(room)
-    bounds = np.empty((6, room + SPARE_ENTRIES))
-    entries[:n], nearest[:n], bounds[:, :n] = (
-        grid.entries[:n], grid.nearest[:n], grid.bounds[:, :n],
-    )  # fmt: skip
-    pairs = np.empty((room + SPARE_ENTRIES, 2), np.int32)
-    return grid._replace(entries=entries, nearest=nearest, bounds=bounds, pairs=pairs)
+    n, more = int(grid.n_entries[0]), _room_for_entries(room)
+    for name in ("entries", "nearest", "bounds"):
+        more[name][..., :n] = getattr(grid, name)[..., :n]
+    return grid._replace(**more)
 
 
 class TargetImage(NamedTuple):
@@ -282,22 +262,14 @@ def room_for_pieces(n: int, corners: int) -> Pieces:
 
 def room_for_kept(n: int, corners: int) -> VisiblePieces:
     """Memory for n pieces of a number of corners together."""
-    return VisiblePieces(
-        corners=np.empty((corners, 2)),
-        starts=np.zeros(n + 1, np.int64),
-        faces=np.empty(n, np.int32),
-        used=np.zeros(3, np.int64),
-    )
+    starts, faces = np.zeros(n + 1, np.int64), np.empty(n, np.int32)
+    return VisiblePieces(np.empty((corners, 2)), starts, faces, np.zeros(3, np.int64))
 
 
 def room_for_clipped(n: int) -> Clipped:
     """Memory for n faces that are clipped in space."""
-    return Clipped(
-        polygons=np.empty((n, CORNERS, 2)),
-        n_corners=np.empty(n, np.int32),
-        lines=np.empty((n, SIDES, 5)),
-        planes=np.empty((n, 7)),
-    )
+    polygons, lines = np.empty((n, CORNERS, 2)), np.empty((n, SIDES, 5))
+    return Clipped(polygons, np.empty(n, np.int32), lines, np.empty((n, 7)))
 
 
 MOST_RANGES = 16
@@ -315,25 +287,16 @@ def pinhole_of(camera: Camera) -> tuple[Pinhole, float]:
     scale = max(width, height, fx, fy, abs(cx), abs(cy), steep)
     x, y = 1.5 * across / fx, 1.5 * down / fy
     longest_ray = math.sqrt(1.0 + x * x + y * y)
+    (u_min, u_max), (v_min, v_max) = (
+        (-CLIP_MARGIN * side - 1, (1 + CLIP_MARGIN) * side + 1) for side in (width, height)
+    )
     pinhole = Pinhole(
-        rotation=np.eye(3),
-        centre=np.zeros(3),
-        near=1.0,
-        fx=fx,
-        fy=fy,
-        cx=cx,
-        cy=cy,
-        width=width,
-        height=height,
-        u_min=-CLIP_MARGIN * width - 1,
-        u_max=(1 + CLIP_MARGIN) * width + 1,
-        v_min=-CLIP_MARGIN * height - 1,
-        v_max=(1 + CLIP_MARGIN) * height + 1,
+        np.eye(3), np.zeros(3), 1.0, fx, fy, cx, cy, width, height, u_min, u_max, v_min, v_max,
         longest_ray=longest_ray,
         pixel_error=UNIT_ROUNDING * scale,
         w_error_rel=UNIT_ROUNDING * (longest_ray / 2),
         border=border_of(width, height),
-    )
+    )  # fmt: skip
     return pinhole, scale
 
 
@@ -586,12 +549,10 @@ class HalfPlaneSolver:
         kept = self._work.kept
         if not kept.used[2]:
             return False
-        used = min(len(kept.faces), int(kept.used[0])), min(len(kept.corners), int(kept.used[1]))
+        n = min(len(kept.faces), int(kept.used[0]))
+        corners = min(len(kept.corners), int(kept.used[1]))
         more = room_for_kept(2 * len(kept.faces), 2 * len(kept.corners))
-        more.corners[: used[1]], more.faces[: used[0]] = (
-            kept.corners[: used[1]],
-            kept.faces[: used[0]],
-        )
-        more.starts[: used[0] + 1], more.used[:2] = kept.starts[: used[0] + 1], kept.used[:2]
+        more.corners[:corners], more.faces[:n] = kept.corners[:corners], kept.faces[:n]
+        more.starts[: n + 1], more.used[:2] = kept.starts[: n + 1], kept.used[:2]
         self._work = self._work._replace(kept=more)
         return True

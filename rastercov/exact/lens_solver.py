@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rastercov.camera.camera import Camera
 from rastercov.camera.lenses.of_camera import planes_of
-from rastercov.exact.half_planes import HalfPlaneSolver, Visit
+from rastercov.exact.half_planes import HalfPlaneSolver, Visit, room_for_kept
 from rastercov.exact.surface import Surface
 from rastercov.kernels import exact_lens as kernels
 from rastercov.kernels.direct import DirectCalls
@@ -71,7 +71,7 @@ class LensSolver:
         self._is_done = np.empty(n + SPARE_ENTRIES, np.bool_)
         self._own, self._own_error = np.empty((2, n + SPARE_ENTRIES))
         self._scratch = kernels.scratch()
-        self._found = kernels.room_for_polygons(1024, 8192)
+        self._found = room_for_kept(1024, 8192)
         self._measured, self._edges = np.empty((1024, 2)), edge_scratch()
         flat: NDArray[np.bool_] = surface.flat
         self._vertices: FloatArray = surface.vertices
@@ -183,23 +183,24 @@ class LensSolver:
         )  # fmt: skip
         while True:
             found = self._found
-            self._call(
+            n_outlines = self._call(
                 kernels.collect,
                 self._vertices, is_done, projected, kept, solver.camera, record, self._scratch,
                 found,
             )  # fmt: skip
-            n, corners = found.used.tolist()
-            if n <= len(found.face) and corners <= len(found.corners):
+            n, corners, is_short = found.used.tolist()
+            if not is_short:
                 break
-            self._found = kernels.room_for_polygons(n * 5 // 4, corners * 5 // 4)
+            self._found = room_for_kept(n * 5 // 4, corners * 5 // 4)
         if len(self._measured) < n:
             self._measured = np.empty((n * 5 // 4, 2))
         images = self._measured[:n]
         self._call(measure_insides, record, found.corners, found.starts, self._edges, images)
         pinhole = solver.visible, solver.area_error, solver.is_certified
         self._call(
-            kernels.add_areas, found, images, projected, kept, pinhole, record, own, self.figures
-        )
+            kernels.add_areas,
+            found, n_outlines, images, projected, kept, pinhole, record, own, self.figures,
+        )  # fmt: skip
 
 
 def sides_of(pinhole: Camera) -> FloatArray:

@@ -33,12 +33,11 @@ A pinhole is a lens whose A is constant.
 
 import math
 from collections import namedtuple
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.kernels.cameras import Lens
 from rastercov.kernels.exact_polygon import (
     copy_part,
     copy_polygon,
@@ -48,6 +47,7 @@ from rastercov.kernels.exact_polygon import (
     line_value,
     twice_area,
 )
+from rastercov.kernels.exact_polygon import extent_of as box_of
 from rastercov.kernels.exact_records import (
     DU,
     DV,
@@ -59,7 +59,7 @@ from rastercov.kernels.exact_records import (
 )
 from rastercov.kernels.jit import allocation_free, by_type, part_of, part_with_arrays
 from rastercov.kernels.lens import plane_slopes
-from rastercov.kernels.lens_field import Slopes, Tree, bounds_within, sizes_within
+from rastercov.kernels.lens_field import bounds_within, sizes_within
 
 FloatArray = NDArray[np.float64]
 
@@ -119,53 +119,30 @@ ROUNDING = 2.0**-46
 """Of the size of a figure: its rounding and, times the radius over the step, that of its slopes."""
 
 
-class Planes(NamedTuple):
-    """Faces of a mesh, of `coverage.area.frames.Frames`; `is_asked` are those to be measured."""
-
-    origin: FloatArray
-    x_axis: FloatArray
-    y_axis: FloatArray
-    normal: FloatArray
-    corners: FloatArray
-    areas: FloatArray
-    two_sided: NDArray[np.bool_]
-    is_asked: NDArray[np.bool_]
+Planes = namedtuple("Planes", "origin x_axis y_axis normal corners areas two_sided is_asked")
+"""Faces of a mesh, of `coverage.area.frames.Frames`; `is_asked` are those to be measured."""
 
 
-class Criteria(NamedTuple):
-    """Pointwise criteria of a task in the image of a pinhole.
+Criteria = namedtuple("Criteria", "lens rules gap pixel_error")
+"""Pointwise criteria of a task in the image of a pinhole.
 
-    `rules` are a `coverage.task.Rules`; `gap` is the largest distance between the arc of the
-    incidence criterion and its chords, and the mean width of the strips that no test decides,
-    metres; `pixel_error` is the largest error of a position in the image, px.
-    """
-
-    lens: Lens
-    rules: Any
-    gap: float
-    pixel_error: float
+`rules` are a `coverage.task.Rules`; `gap` is the largest distance between the arc of the
+incidence criterion and its chords, and the mean width of the strips that no test decides,
+metres; `pixel_error` is the largest error of a position in the image, px.
+"""
 
 
-class LensCriteria(NamedTuple):
-    """Pointwise criteria of a task in one ideal plane of a lens.
+LensCriteria = namedtuple(
+    "LensCriteria", "pinhole rules by_distance axis gap tree code params frame slopes"
+)
+"""Pointwise criteria of a task in one ideal plane of a lens.
 
-    `pinhole` has what a surface must meet in the plane itself: to be in its image, and the angle of
-    incidence; `rules` has all. `by_distance` says whether distances are in focus; if not, depths
-    along `axis` are, the axis of the lens in the axes of the plane. `gap` is the mean width
-    of the strips that no test decides, metres. `tree` is the field of view; `code`, `params` and
-    `frame` are the lens, and `slopes` bounds of its derivatives.
-    """
-
-    pinhole: Criteria
-    rules: Any
-    by_distance: bool
-    axis: FloatArray
-    gap: float
-    tree: Tree
-    code: int
-    params: FloatArray
-    frame: FloatArray
-    slopes: Slopes
+`pinhole` has what a surface must meet in the plane itself: to be in its image, and the angle of
+incidence; `rules` has all. `by_distance` says whether distances are in focus; if not, depths
+along `axis` are, the axis of the lens in the axes of the plane. `gap` is the mean width
+of the strips that no test decides, metres. `tree` is the field of view; `code`, `params` and
+`frame` are the lens, and `slopes` bounds of its derivatives.
+"""
 
 
 Scratch = namedtuple(
@@ -184,18 +161,11 @@ Stack = namedtuple("Stack", "corners n_corners tags")
 """Polygons that are still to be divided, and two numbers of each, (STACK_ROOM, 2) int64."""
 
 
-class Found(NamedTuple):
-    """Regions of a pose: corners, `starts` of N pieces, their faces; area and bound of each face.
+Found = namedtuple("Found", "xy starts face used area bound")
+"""Regions of a pose: corners, `starts` of N pieces, their faces; area and bound of each face.
 
-    `used` has the pieces and the corners so far, also where there is no room for them.
-    """
-
-    xy: FloatArray
-    starts: NDArray[np.int64]
-    face: NDArray[np.int32]
-    used: NDArray[np.int64]
-    area: FloatArray
-    bound: FloatArray
+`used` has the pieces and the corners so far, also where there is no room for them.
+"""
 
 
 ORIGIN, X_AXIS, Y_AXIS, NORMAL = 0, 3, 6, 9
@@ -214,7 +184,8 @@ def scratch_for(n_faces: int) -> Scratch:
     places, fits = np.empty((PIECE_ROOM, 3)), np.empty((8, 13))
     first = np.empty(n_faces, np.int64)
     stacks = _stack(), _stack(), _stack()
-    return Scratch(*polygons, *stacks, lines, sides, np.empty(17), places, fits, first)
+    of_face = lines, sides, np.empty(17), places, fits, first
+    return Scratch._make([*polygons, *stacks, *of_face])
 
 
 def room_for_found(n: int, corners: int, n_faces: int) -> Found:
@@ -543,13 +514,10 @@ def fit_criteria(polygon, n, mask, plane, criteria, places, fits):
     at least column 3 and at most column 4, and column KNOWN is 1 where that is known.
     """
     place_corners(polygon, n, plane, places)
-    low_x = low_y = math.inf
-    high_x = high_y = -math.inf
+    low_x, high_x, low_y, high_y = box_of(places, n)
     x = y = 0.0
     least_w, most_w = math.inf, 0.0
     for p in range(n):
-        low_x, high_x = min(low_x, places[p, 0]), max(high_x, places[p, 0])
-        low_y, high_y = min(low_y, places[p, 1]), max(high_y, places[p, 1])
         x, y = x + places[p, 0] / n, y + places[p, 1] / n
         least_w, most_w = min(least_w, places[p, 2]), max(most_w, places[p, 2])
     r = 0.0

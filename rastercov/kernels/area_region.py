@@ -32,10 +32,9 @@ plane of the face: polygons need not be projected.
 """
 
 import math
-from typing import Any, NamedTuple
+from collections import namedtuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.kernels.area_plane import (
     COINCIDENT_REL,
@@ -222,18 +221,8 @@ def append_within_angle(face, polygon, n, slope, criteria, scratch, out):
             append_dense(face, scratch.other, m, criteria, scratch, out)
 
 
-class Seen(NamedTuple):
-    """A solved pose: `rotation` world_from_camera and `centre`; see `HalfPlaneSolver`."""
-
-    rotation: NDArray[np.float64]
-    centre: NDArray[np.float64]
-    near: float
-    state: NDArray[np.uint16]
-    visible: NDArray[np.float64]
-    area: NDArray[np.float64]
-    area_error: NDArray[np.float64]
-    is_certified: NDArray[np.bool_]
-    kept: Any
+Seen = namedtuple("Seen", "rotation centre near state visible area area_error is_certified kept")
+"""A solved pose: `rotation` world_from_camera and `centre`; see `HalfPlaneSolver`."""
 
 
 @part_with_arrays

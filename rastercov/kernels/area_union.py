@@ -11,19 +11,18 @@ inconsistent.
 """
 
 from collections import namedtuple
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.kernels.area_plane import perimeter_of, set_side, without_needless
-from rastercov.kernels.exact_half_plane import extent_of
 from rastercov.kernels.exact_polygon import (
     clip,
     clip_subtract,
     copy_part,
     copy_polygon,
     corners_of_part,
+    extent_of,
     split,
     twice_area,
 )
@@ -50,14 +49,8 @@ SLACK_REL = 0.1
 FloatArray = NDArray[np.float64]
 
 
-class Partition(NamedTuple):
-    """Pieces ordered by cell, and their numbers of cameras; `used` has the pieces and corners."""
-
-    xy: FloatArray
-    starts: NDArray[np.int64]
-    cell: NDArray[np.int64]
-    views: NDArray[np.int32]
-    used: NDArray[np.int64]
+Partition = namedtuple("Partition", "xy starts cell views used")
+"""Pieces ordered by cell, and their numbers of cameras; `used` has the pieces and corners."""
 
 
 Pool = namedtuple("Pool", "pieces box views rest corners spare given values lines near")
@@ -400,17 +393,11 @@ def unite_cells(cells, nearest, k, old, new, order, whole, pool, is_closed, boun
     return DONE
 
 
-class Halves(NamedTuple):
-    """Parts of pieces on the two sides of lines: corners, starts, row of the piece, and side.
+Halves = namedtuple("Halves", "xy starts row side used")
+"""Parts of pieces on the two sides of lines: corners, starts, row of the piece, and side.
 
-    `used` has the parts and their corners.
-    """
-
-    xy: NDArray[np.float64]
-    starts: NDArray[np.int64]
-    row: NDArray[np.int64]
-    side: NDArray[np.int64]
-    used: NDArray[np.int64]
+`used` has the parts and their corners.
+"""
 
 
 def room_for_halves(n: int, corners: int) -> Halves:

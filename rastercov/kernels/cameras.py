@@ -12,6 +12,7 @@ T. Duff et al. Building an Orthonormal Basis, Revisited. 2017 (tangents of a nor
 
 import functools
 import math
+from collections import namedtuple
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -94,46 +95,33 @@ class Lens(NamedTuple):
     height: float
 
 
-class CurvedLens(NamedTuple):
-    """A lens for the loops over faces; arrays read-only, one row for each of its planes.
+CurvedLens = namedtuple(
+    "CurvedLens",
+    "code params width height by_distance frames own_params regions region_sides holes "
+    "hole_sides longest parts_of is_graded bends tolerance",
+)
+"""A lens for the loops over faces; arrays read-only, one row for each of its planes.
 
-    Attributes
-    ----------
-    code, params
-        The lens.
-    width, height : float
-        Image size, px.
-    by_distance : bool
-        Sharpness depends on the distance, not on the depth.
-    frames : (N, 3, 3) float64
-        lens_from_plane.
-    own_params : (N, 32) float64
-    regions, holes : (N, MOST_SIDES, 2) float64
-    region_sides, hole_sides : (N,) int64
-    longest : (N, M) float64
-    parts_of : (N,) int64
-    is_graded : (N,) bool
-    bends : (N,) float64
-    tolerance : float
-        See `PlaneRecord` of `lens_planes`.
-    """
-
-    code: int
-    params: FloatArray
-    width: float
-    height: float
-    by_distance: bool
-    frames: FloatArray
-    own_params: FloatArray
-    regions: FloatArray
-    region_sides: NDArray[np.int64]
-    holes: FloatArray
-    hole_sides: NDArray[np.int64]
-    longest: FloatArray
-    parts_of: NDArray[np.int64]
-    is_graded: NDArray[np.bool_]
-    bends: FloatArray
-    tolerance: float
+Attributes
+----------
+code, params
+    The lens.
+width, height : float
+    Image size, px.
+by_distance : bool
+    Sharpness depends on the distance, not on the depth.
+frames : (N, 3, 3) float64
+    lens_from_plane.
+own_params : (N, 32) float64
+regions, holes : (N, MOST_SIDES, 2) float64
+region_sides, hole_sides : (N,) int64
+longest : (N, M) float64
+parts_of : (N,) int64
+is_graded : (N,) bool
+bends : (N,) float64
+tolerance : float
+    See `PlaneRecord` of `lens_planes`.
+"""
 
 
 class Slopes(NamedTuple):

@@ -35,6 +35,7 @@ from rastercov.kernels.exact_polygon import (
     side_of,
     split,
     store_piece,
+    values_on_line,
 )
 from rastercov.kernels.exact_records import (
     CROSSED,
@@ -114,11 +115,7 @@ def divide_piece(pieces, p, count, segment, work):
     u, v, du, dv, tolerance = segment[U], segment[V], segment[DU], segment[DV], segment[EDGE_ERROR]
     slack = tolerance * (abs(du) + abs(dv))
     line = (u, v, du, dv, 0.0)
-    least = most = 0.0
-    for k in range(n):
-        value = line_value(line, corners[k, U], corners[k, V])
-        values[k] = value if abs(value) > slack else 0.0
-        least, most = min(least, values[k]), max(most, values[k])
+    least, most = values_on_line(corners, n, line, slack, values)
     if least == 0 or most == 0:
         return count
     # The part of the line within the piece must hold a part of the crossing.

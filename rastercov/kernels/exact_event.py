@@ -20,6 +20,7 @@ from rastercov.kernels.exact_grid import (
     ENTRIES_AT_A_TIME,
     ask_for_cells,
     cell,
+    cells_of_rectangle,
     find_faces,
     lay_bounds,
 )
@@ -27,6 +28,7 @@ from rastercov.kernels.exact_half_plane import common_extent, depth_order
 from rastercov.kernels.exact_polygon import (
     clip,
     copy_polygon,
+    ends_of_side,
     is_joined,
     length,
     line_value,
@@ -163,12 +165,9 @@ def crosses(f, a, b, segment, first, last, tolerance, projected):
     # is within their wedge.
     corner = a if has_a else b if has_b else np.int64(NO_VERTEX)
     for s in range(3):
-        if s == 0:
-            p, q, up, vp, along_u, along_v = i, j, ui, vi, uj - ui, vj - vi
-        elif s == 1:
-            p, q, up, vp, along_u, along_v = j, k, uj, vj, uk - uj, vk - vj
-        else:
-            p, q, up, vp, along_u, along_v = k, i, uk, vk, ui - uk, vi - vk
+        p, q = ends_of_side(f, s, projected)
+        up, vp = uvw[p, U], uvw[p, V]
+        along_u, along_v = uvw[q, U] - up, uvw[q, V] - vp
         line = (up, vp, along_u, along_v, tolerance * (abs(along_u) + abs(along_v)))
         start, end = line_value(line, u0, v0), line_value(line, u1, v1)
         if corner in (p, q):
@@ -662,10 +661,7 @@ def ask_for_events(events, edges, vertices, camera, projected, tolerance, grid, 
             right = max(uvw[START, U], uvw[END, U]) + margin
             upper = min(uvw[START, V], uvw[END, V]) - margin
             lower = max(uvw[START, V], uvw[END, V]) + margin
-            first = cell(left, grid.left, grid.per_u, grid.columns)
-            last = cell(right, grid.left, grid.per_u, grid.columns)
-            top = cell(upper, grid.top, grid.per_v, grid.rows)
-            bottom = cell(lower, grid.top, grid.per_v, grid.rows)
+            first, last, top, bottom = cells_of_rectangle(left, right, upper, lower, grid)
             if (last - first + 1) * (bottom - top + 1) > MOST_CELLS_OF_EDGE:
                 return False
             ask_for_cells(first, last, top, bottom, grid)

@@ -26,6 +26,7 @@ from rastercov.kernels.exact_polygon import (
     contains,
     copy_polygon,
     drop_pieces,
+    extent_of,
     keep_inside,
     length,
     outline,
@@ -155,17 +156,6 @@ def set_line(lines, row, u, v, du, dv, offset):
     """Fill a row of lines."""
     lines[row, U], lines[row, V] = u, v
     lines[row, DU], lines[row, DV], lines[row, OFFSET] = du, dv, offset
-
-
-@part_with_arrays
-def extent_of(polygon, n):
-    """Bounds of a polygon: least and greatest u, least and greatest v."""
-    u_min = u_max = polygon[0, U]
-    v_min = v_max = polygon[0, V]
-    for p in range(1, n):
-        u_min, u_max = min(u_min, polygon[p, U]), max(u_max, polygon[p, U])
-        v_min, v_max = min(v_min, polygon[p, V]), max(v_max, polygon[p, V])
-    return u_min, u_max, v_min, v_max
 
 
 @part_with_arrays

@@ -19,7 +19,13 @@ from llvmlite import ir
 from numba.core import types
 from numpy.typing import NDArray
 
-from rastercov.kernels.exact_polygon import copy_polygon, twice_area
+from rastercov.kernels.exact_polygon import (
+    copy_polygon,
+    extent_of,
+    side_at,
+    store_piece,
+    twice_area,
+)
 from rastercov.kernels.exact_records import CLIPPED, LIVE, THIN, U, V, W
 from rastercov.kernels.jit import allocation_free, part_with_arrays
 from rastercov.kernels.lens_edges import FEWEST, MOST, NODES, RULE
@@ -245,9 +251,8 @@ def inner_radius2(window):
     """Square of the radius of the largest disc around 0 in a window."""
     radius2, m = np.inf, window.shape[0]
     for s in range(m):
-        t = s + 1 if s + 1 < m else 0
-        dx, dy = window[t, 0] - window[s, 0], window[t, 1] - window[s, 1]
-        height = dx * window[s, 1] - dy * window[s, 0]
+        x, y, dx, dy, _ = side_at(window, m, s)
+        height = dx * y - dy * x
         size = dx * dx + dy * dy
         if size > 0:
             radius2 = min(radius2, height * height / size)
@@ -392,40 +397,13 @@ def sum_up(at, n, rule, u, v, images, first, bulge):
     total.now.store(bulge.at(first).pointer)
 
 
-OUTLINE, PIECE = 0, 1
-"""Kinds of polygons: the whole of a face in the plane, or a visible part of it."""
-
 EDGE_ROUNDING = 2.0**-46
 """Rounding of the area under an edge, relative to its length and the size of the image: positions
 to 2^-50 of the size, some ten times over."""
 
 
-class Polygons(NamedTuple):
-    """Polygons of an ideal plane: corners (C, 2), starts (N + 1,), and face and kind (N,) of each.
-
-    `used`, (2,), counts the polygons and the corners.
-    """
-
-    corners: FloatArray
-    starts: NDArray[np.int64]
-    face: NDArray[np.int32]
-    kind: NDArray[np.int8]
-    used: NDArray[np.int64]
-
-
 Scratch = namedtuple("Scratch", "polygon spare points spare_points")
 """Scratch for one polygon: (MOST_CORNERS, 2) and (MOST_CORNERS, 3) float64."""
-
-
-def room_for_polygons(n: int, corners: int) -> Polygons:
-    """Memory for n polygons of a number of corners together."""
-    return Polygons(
-        np.empty((corners, 2)),
-        np.empty(n + 1, np.int64),
-        np.empty(n, np.int32),
-        np.empty(n, np.int8),
-        np.zeros(2, np.int64),
-    )
 
 
 def scratch() -> Scratch:
@@ -434,18 +412,7 @@ def scratch() -> Scratch:
 
 
 @part_with_arrays
-def append(polygon, n, face, kind, found):
-    """Append a polygon to the list; counts it only where there is no room."""
-    at, corner = found.used[0], found.used[1]
-    if at < found.face.shape[0] and corner + n <= found.corners.shape[0]:
-        copy_polygon(polygon, n, found.corners[corner:])
-        found.face[at], found.kind[at] = face, kind
-        found.starts[at + 1] = corner + n
-    found.used[0], found.used[1] = at + 1, corner + n
-
-
-@part_with_arrays
-def append_cut(polygon, n, face, kind, plane, spare, found):
+def append_cut(polygon, n, face, plane, spare, found):
     """Append the parts of a convex polygon in the window and outside the hole of a plane."""
     if not is_in_region(polygon, n, plane.window):
         n = cut_to_region(polygon, n, plane.window, spare)
@@ -455,12 +422,12 @@ def append_cut(polygon, n, face, kind, plane, spare, found):
     # rest is listed side by side, what is beyond the first side, then beyond the second, ...
     sides = plane.hole.shape[0]
     if sides == 0:
-        append(polygon, n, face, kind, found)
+        store_piece(face, polygon, n, found)
         return
     for i in range(sides):
         m = beyond_side_of(polygon, n, plane.hole, i, spare)
         if m >= 3:
-            append(spare, m, face, kind, found)
+            store_piece(face, spare, m, found)
         n = cut_to_side_of(polygon, n, plane.hole, i, spare)
         if n < 3:
             return
@@ -490,9 +457,7 @@ def outline_in_space(vertices, faces, f, camera, region, points, spare, polygon)
     for i in range(m):
         if n < 3:
             return np.int64(0)
-        j = i + 1 if i + 1 < m else 0
-        x0, y0 = region[i, 0], region[i, 1]
-        dx, dy = region[j, 0] - x0, region[j, 1] - y0
+        x0, y0, dx, dy, _ = side_at(region, m, i)
         n = cut_in_space(points, n, -dy, dx, dy * x0 - dx * y0, 0.0, spare)
     if n < 3:
         return np.int64(0)
@@ -515,6 +480,8 @@ def to_plane(corners, n, is_reversed, camera, polygon):
 def collect(vertices, is_done, projected, kept, camera, plane, scratch, found):
     """List the outlines of the other faces, and the kept pieces, in units of an ideal plane.
 
+    Returns the number of outlines, which come first.
+
     Parameters
     ----------
     vertices : (V, 3) float64
@@ -525,14 +492,13 @@ def collect(vertices, is_done, projected, kept, camera, plane, scratch, found):
     camera : Pinhole
     plane : PlaneRecord
     scratch : Scratch
-    found : Polygons
-        Out: the polygons; `used` counts them and their corners also where there is no room.
+    found : VisiblePieces
+        Out: the polygons.
     """
     faces, uvw, state = projected.faces, projected.uvw, projected.state
     polygon, spare = scratch.polygon, scratch.spare
     points, spare_points = scratch.points, scratch.spare_points
-    found.used[0] = found.used[1] = 0
-    found.starts[0] = 0
+    found.used[:] = 0
     for f in range(state.shape[0]):
         if is_done[f]:
             continue
@@ -543,7 +509,7 @@ def collect(vertices, is_done, projected, kept, camera, plane, scratch, found):
                     vertices, faces, f, camera, plane.window, points, spare_points, polygon
                 )
                 if n >= 3:
-                    append_cut(polygon, n, f, OUTLINE, plane, spare, found)
+                    append_cut(polygon, n, f, plane, spare, found)
             continue
         if state[f] & CLIPPED:
             s = projected.clipped_index[f]
@@ -555,56 +521,39 @@ def collect(vertices, is_done, projected, kept, camera, plane, scratch, found):
                 spare[p, U], spare[p, V] = uvw[faces[f, p], U], uvw[faces[f, p], V]
         if n >= 3:
             to_plane(spare, n, twice_area(spare, n) < 0, camera, polygon)
-            append_cut(polygon, n, f, OUTLINE, plane, spare, found)
+            append_cut(polygon, n, f, plane, spare, found)
+    n_outlines = found.used[0]
     for i in range(kept.used[0]):
         start = kept.starts[i]
         n = kept.starts[i + 1] - start
         to_plane(kept.corners[start:], n, False, camera, polygon)
-        append_cut(polygon, n, kept.faces[i], PIECE, plane, spare, found)
+        append_cut(polygon, n, kept.faces[i], plane, spare, found)
+    return n_outlines
 
 
-class Seen(NamedTuple):
-    """Images of the vertices and edges of a surface of `n_faces` in one plane.
+Seen = namedtuple("Seen", "places is_inside bulge n_faces")
+"""Images of the vertices and edges of a surface of `n_faces` in one plane.
 
-    `places`, (V', 4), are x, y in units of the plane and u, v in px, `is_inside`, (V',), vertices
-    of its window, and `bulge`, (E,), areas between the image of an edge and its chord; NaN where
-    unknown.
-    """
-
-    places: FloatArray
-    is_inside: NDArray[np.bool_]
-    bulge: FloatArray
-    n_faces: int
+`places`, (V', 4), are x, y in units of the plane and u, v in px, `is_inside`, (V',), vertices
+of its window, and `bulge`, (E,), areas between the image of an edge and its chord; NaN where
+unknown.
+"""
 
 
-class Figures(NamedTuple):
-    """Sums over the planes of a camera, (F,): areas, px^2, and planes by the kind of their figure.
+Figures = namedtuple("Figures", "area visible area_error n_certified n_visible n_computed")
+"""Sums over the planes of a camera, (F,): areas, px^2, and planes by the kind of their figure.
 
-    `n_certified` counts planes with a certified figure, `n_visible` those of them in which the face
-    is visible, `n_computed` the others that show it.
-    """
-
-    area: FloatArray
-    visible: FloatArray
-    area_error: FloatArray
-    n_certified: NDArray[np.int8]
-    n_visible: NDArray[np.int8]
-    n_computed: NDArray[np.int8]
+`n_certified` counts planes with a certified figure, `n_visible` those of them in which the face
+is visible, `n_computed` the others that show it.
+"""
 
 
-class FaceRule(NamedTuple):
-    """Numbers of a plane by which faces are measured.
+FaceRule = namedtuple("FaceRule", "width height bend tolerance one part")
+"""Numbers of a plane by which faces are measured.
 
-    `one` is the square of the length of the longest edge in one part; longer ones have parts of
-    twice `part` at most. For the others see `PlaneRecord`.
-    """
-
-    width: float
-    height: float
-    bend: float
-    tolerance: float
-    one: float
-    part: float
+`one` is the square of the length of the longest edge in one part; longer ones have parts of
+twice `part` at most. For the others see `PlaneRecord`.
+"""
 
 
 @allocation_free
@@ -673,21 +622,18 @@ def measure_simple(faces, sides, is_flat, state, seen, plane, own, own_error, is
 @part_with_arrays
 def length_of(corners, first, last, plane):
     """Length of the outline of a polygon, px of the pinhole; at most twice its box is as good."""
-    low_x = low_y = np.inf
-    high_x = high_y = -np.inf
-    for i in range(first, last):
-        low_x, high_x = min(low_x, corners[i, 0]), max(high_x, corners[i, 0])
-        low_y, high_y = min(low_y, corners[i, 1]), max(high_y, corners[i, 1])
+    low_x, high_x, low_y, high_y = extent_of(corners[first:last], last - first)
     return 2 * ((high_x - low_x) * plane.fx + (high_y - low_y) * plane.fy)
 
 
 @allocation_free
-def add_areas(found, images, projected, kept, pinhole, plane, own, out):
+def add_areas(found, n_outlines, images, projected, kept, pinhole, plane, own, out):
     """Add the images of polygons to the figures of faces.
 
     Parameters
     ----------
-    found : Polygons
+    found, n_outlines : VisiblePieces, int
+        Of `collect`.
     images : (M, 2) float64
         Of `rastercov.kernels.lens_polygons.measure_insides`.
     pinhole : tuple
@@ -701,11 +647,11 @@ def add_areas(found, images, projected, kept, pinhole, plane, own, out):
     rounding = EDGE_ROUNDING * (plane.width + plane.height) * plane.speed
     # A face with pieces is partly visible; one without is wholly visible or wholly hidden.
     for i in range(found.used[0]):
-        f, inside = found.face[i], images[i, 0]
+        f, inside = found.faces[i], images[i, 0]
         out.area_error[f] += images[i, 1] * plane.tolerance + rounding * length_of(
             found.corners, found.starts[i], found.starts[i + 1], plane
         )
-        if found.kind[i] == OUTLINE:
+        if i < n_outlines:
             own[f] += inside
             out.area[f] += inside
         else:

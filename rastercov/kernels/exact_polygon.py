@@ -136,6 +136,39 @@ def twice_area(polygon, n):
 
 
 @part_with_arrays
+def extent_of(polygon, n):
+    """Bounds of a polygon: least and greatest u, least and greatest v."""
+    u_min = u_max = polygon[0, U]
+    v_min = v_max = polygon[0, V]
+    for p in range(1, n):
+        u_min, u_max = min(u_min, polygon[p, U]), max(u_max, polygon[p, U])
+        v_min, v_max = min(v_min, polygon[p, V]), max(v_max, polygon[p, V])
+    return u_min, u_max, v_min, v_max
+
+
+@part_with_arrays
+def side_at(polygon, n, i):
+    """Side i of a polygon of n corners as a line through its first corner: (x, y, dx, dy, 0)."""
+    j = i + 1 if i + 1 < n else 0
+    x, y = polygon[i, 0], polygon[i, 1]
+    return x, y, polygon[j, 0] - x, polygon[j, 1] - y, 0.0
+
+
+@part_with_arrays
+def values_on_line(polygon, n, line, slack, values):
+    """Fill `values` with those of a line at the corners, 0 within the slack; least and greatest.
+
+    Neither is beyond 0, so that it is 0 for a polygon on one side of the line.
+    """
+    least = most = 0.0
+    for p in range(n):
+        value = line_value(line, polygon[p, U], polygon[p, V])
+        values[p] = value if abs(value) > slack else 0.0
+        least, most = min(least, values[p]), max(most, values[p])
+    return least, most
+
+
+@part_with_arrays
 def separates(lines, n_lines, corners, n):
     """True if one of the lines has all corners of a polygon on its outer side or on itself.
 
@@ -280,12 +313,7 @@ def clip_subtract(pieces, count, lines, n_sides, n_lines, tolerance, spare, valu
             line = line_at(lines, s)
             slack = tolerance * (abs(lines[s, DU]) + abs(lines[s, DV]))
             n = n_corners[i]
-            least, most = 0.0, 0.0
-            for p in range(n):
-                value = line_value(line, corners[i, p, U], corners[i, p, V])
-                values[p] = value if abs(value) > slack else 0.0
-                least = min(least, values[p])
-                most = max(most, values[p])
+            least, most = values_on_line(corners[i], n, line, slack, values)
             if most == 0:
                 is_hidden = False
                 break
@@ -329,17 +357,11 @@ def outline(f, projected, corners, lines):
             for column in range(OFFSET + 1):
                 lines[p, column] = clipped.lines[s, p, column]
         return clipped.n_corners[s], SIDES
-    faces, uvw = projected.faces, projected.uvw
-    second, third = (1, 2) if projected.side[f] < 0 else (2, 1)
-    i, j, k = faces[f, 0], faces[f, second], faces[f, third]
-    corners[0, U], corners[0, V] = uvw[i, U], uvw[i, V]
-    corners[1, U], corners[1, V] = uvw[j, U], uvw[j, V]
-    corners[2, U], corners[2, V] = uvw[k, U], uvw[k, V]
     for p in range(3):
-        q = p + 1 if p < 2 else 0
-        lines[p, U], lines[p, V] = corners[p, U], corners[p, V]
-        lines[p, DU], lines[p, DV] = corners[q, U] - corners[p, U], corners[q, V] - corners[p, V]
-        lines[p, OFFSET] = 0.0
+        line = side_of(f, p, projected)
+        corners[p, U], corners[p, V] = line[U], line[V]
+        for column in range(OFFSET + 1):
+            lines[p, column] = line[column]
     return 3, 3
 
 
@@ -350,14 +372,24 @@ def n_sides_of(f, projected):
 
 
 @part_with_arrays
+def ends_of_side(f, s, projected):
+    """Vertices at the ends of side s of a live face, clockwise in the image.
+
+    The corners of a face seen from the front are taken in reverse.
+    """
+    faces = projected.faces
+    if projected.side[f] < 0:
+        return faces[f, s], faces[f, (s + 1) % 3]
+    return faces[f, s if s == 0 else 3 - s], faces[f, 2 - s]
+
+
+@part_with_arrays
 def side_of(f, s, projected):
     """Line s of the outline of a live face, as `outline` fills it."""
     if projected.state[f] & CLIPPED:
         return line_at(projected.clipped.lines[projected.clipped_index[f]], s)
-    faces, uvw = projected.faces, projected.uvw
-    is_back = projected.side[f] < 0  # the corners of a face seen from the front in reverse
-    p = faces[f, s if is_back or s == 0 else 3 - s]
-    q = faces[f, (s + 1) % 3 if is_back else 2 - s]
+    p, q = ends_of_side(f, s, projected)
+    uvw = projected.uvw
     u, v = uvw[p, U], uvw[p, V]
     return u, v, uvw[q, U] - u, uvw[q, V] - v, 0.0
 

@@ -570,20 +570,13 @@ def entries_that_touch(
 
 
 @part_with_arrays
-def lay_boxes_of_some(first, stop, projected):
-    """Fill in the boxes of the faces `first` ... `stop` - 1; none is clipped."""
-    faces, uvw, box = pointer(projected.faces), pointer(projected.uvw), pointer(projected.box)
-    for f in range(first, stop):
-        lay_box(f, faces, uvw, box)
-
-
-@part_with_arrays
 def lay_boxes_of_block(b, projected):
     """Fill in the boxes of the faces of a block, the first time. None of them is clipped."""
     if not projected.has_boxes[b]:
         projected.has_boxes[b] = True
-        n_faces = projected.blocks.patch.shape[0]
-        lay_boxes_of_some(b * BLOCK, min((b + 1) * BLOCK, n_faces), projected)
+        faces, uvw, box = pointer(projected.faces), pointer(projected.uvw), pointer(projected.box)
+        for f in range(b * BLOCK, min((b + 1) * BLOCK, projected.blocks.patch.shape[0])):
+            lay_box(f, faces, uvw, box)
 
 
 @allocation_free
@@ -591,6 +584,20 @@ def lay_boxes(faces, projected):
     """Fill in the boxes of some faces, and of the others of their blocks."""
     for index in range(faces.shape[0]):
         lay_boxes_of_block(faces[index] // BLOCK, projected)
+
+
+@part_with_arrays
+def clear_box(box):
+    """Let a box hold nothing."""
+    box[U_MIN] = box[V_MIN] = np.inf
+    box[U_MAX] = box[V_MAX] = -np.inf
+
+
+@part_with_arrays
+def widen_box(box, u_min, u_max, v_min, v_max):
+    """Let a box hold a rectangle, too."""
+    box[U_MIN], box[U_MAX] = min(box[U_MIN], u_min), max(box[U_MAX], u_max)
+    box[V_MIN], box[V_MAX] = min(box[V_MIN], v_min), max(box[V_MAX], v_max)
 
 
 @part_with_arrays
@@ -643,8 +650,7 @@ def set_up_plain(camera, front_only, n_out, projected, area_error, extent, measu
     blocks = projected.blocks
     width, height, pixel_error = camera.width, camera.height, camera.pixel_error
     extent[:] = 0.0
-    extent[U_MIN] = extent[V_MIN] = np.inf
-    extent[U_MAX] = extent[V_MAX] = -np.inf
+    clear_box(extent)
     n_live = n_rest = 0
     faces_at, uvw_at = pointer(projected.faces), pointer(projected.uvw)
     narrow, most_error = NARROW_FACTOR * pixel_error, 2 * width * height
@@ -687,13 +693,10 @@ def set_up_plain(camera, front_only, n_out, projected, area_error, extent, measu
         projected.block_state[b] = flags if has_all else flags | np.uint16(ABSENT)
         projected.block_side[b] = MIXED if is_mixed else common
         projected.has_boxes[b] = False
-        projected.block_box[b, U_MIN] = projected.block_box[b, V_MIN] = np.inf
-        projected.block_box[b, U_MAX] = projected.block_box[b, V_MAX] = -np.inf
+        clear_box(projected.block_box[b])
         if is_live:
-            projected.block_box[b, U_MIN], projected.block_box[b, U_MAX] = low_u, high_u
-            projected.block_box[b, V_MIN], projected.block_box[b, V_MAX] = low_v, high_v
-            extent[U_MIN], extent[U_MAX] = min(extent[U_MIN], low_u), max(extent[U_MAX], high_u)
-            extent[V_MIN], extent[V_MAX] = min(extent[V_MIN], low_v), max(extent[V_MAX], high_v)
+            widen_box(projected.block_box[b], low_u, high_u, low_v, high_v)
+            widen_box(extent, low_u, high_u, low_v, high_v)
             n_live += BLOCK
             extent[SUM_OF_WIDTHS] += its_widths
             extent[SUM_OF_HEIGHTS] += its_heights
@@ -735,13 +738,11 @@ def set_up(vertices, is_flat, rest, camera, front_only, projected, area_error, e
     errors, polygon, spare = np.empty(5), np.empty((CORNERS, 2)), np.empty((CORNERS, 2))
     lines, plane, border = np.empty((SIDES, 6)), np.empty(7), camera.border
     n_live = n_clipped = 0
-    low_u, high_u, low_v, high_v = extent[U_MIN], extent[U_MAX], extent[V_MIN], extent[V_MAX]
-    widths = heights = areas = 0.0
+    widths, heights, areas, bounds = 0.0, 0.0, 0.0, extent.copy()
     for index in range(rest.shape[0]):
         b = rest[index]
         projected.has_boxes[b] = True
-        block_box[b, U_MIN] = block_box[b, V_MIN] = np.inf
-        block_box[b, U_MAX] = block_box[b, V_MAX] = -np.inf
+        clear_box(block_box[b])
         for f in range(b * BLOCK, min((b + 1) * BLOCK, n_faces)):
             state[f] = 0
             side[f] = 0
@@ -827,10 +828,7 @@ def set_up(vertices, is_flat, rest, camera, front_only, projected, area_error, e
                 continue
             box[f, U_MIN], box[f, U_MAX], box[f, V_MIN], box[f, V_MAX] = u_min, u_max, v_min, v_max
             box[f, W_MIN], box[f, W_MAX] = w_min, w_max
-            block_box[b, U_MIN] = min(block_box[b, U_MIN], u_min)
-            block_box[b, U_MAX] = max(block_box[b, U_MAX], u_max)
-            block_box[b, V_MIN] = min(block_box[b, V_MIN], v_min)
-            block_box[b, V_MAX] = max(block_box[b, V_MAX], v_max)
+            widen_box(block_box[b], u_min, u_max, v_min, v_max)
             if not inside > 0:
                 state[f] = THIN | DOUBTFUL | flags & CLIPPED
                 continue
@@ -842,11 +840,10 @@ def set_up(vertices, is_flat, rest, camera, front_only, projected, area_error, e
             widths += u_max - u_min
             heights += v_max - v_min
             areas += (u_max - u_min) * (v_max - v_min)
-            low_u, high_u = min(low_u, u_min), max(high_u, u_max)
-            low_v, high_v = min(low_v, v_min), max(high_v, v_max)
+            widen_box(bounds, u_min, u_max, v_min, v_max)
         describe_block(b, UNEVEN, projected)
     if n_clipped <= clipped.polygons.shape[0]:
-        extent[U_MIN], extent[U_MAX], extent[V_MIN], extent[V_MAX] = low_u, high_u, low_v, high_v
+        extent[:] = bounds
         extent[SUM_OF_WIDTHS] += widths
         extent[SUM_OF_HEIGHTS] += heights
         extent[SUM_OF_AREAS] += areas

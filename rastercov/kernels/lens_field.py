@@ -16,7 +16,6 @@ Beside it, bounds of the derivatives of a lens over a box of an ideal plane, fro
 
 import math
 from collections import namedtuple
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,34 +31,25 @@ CELLS, PARTS = 32, 4
 """Cells of a side of the grid for balls, and parts of the side of a cell."""
 
 
-class Slopes(NamedTuple):
-    """Bounds of derivatives along lines of a plane, px per unit^2 and unit^3.
+Slopes = namedtuple(
+    "Slopes", "low_x low_y per_x per_y second third sizes is_graded near_pole_2 near_pole_3"
+)
+"""Bounds of derivatives along lines of a plane, px per unit^2 and unit^3.
 
-    Attributes
-    ----------
-    low_x, low_y, per_x, per_y : float
-        Corner of the grid, and cells a unit.
-    second, third : (CELLS PARTS, CELLS PARTS) float64
-        By row (y) and column (x); 0 beyond the region.
-    sizes : (2, CELLS, CELLS) float64
-        Least and greatest |det A|, A the first derivative of pixels, px^2, of each cell of PARTS x
-        PARTS parts; infinite and 0 beyond the region; 0 and infinite where nothing is known.
-    is_graded : bool
-        The plane has a pole at (0, 0): bounds at a distance d from it are the next two numbers,
-        over d^2 and d^3.
-    near_pole_2, near_pole_3 : float
-    """
-
-    low_x: float
-    low_y: float
-    per_x: float
-    per_y: float
-    second: FloatArray
-    third: FloatArray
-    sizes: FloatArray
-    is_graded: bool
-    near_pole_2: float
-    near_pole_3: float
+Attributes
+----------
+low_x, low_y, per_x, per_y : float
+    Corner of the grid, and cells a unit.
+second, third : (CELLS PARTS, CELLS PARTS) float64
+    By row (y) and column (x); 0 beyond the region.
+sizes : (2, CELLS, CELLS) float64
+    Least and greatest |det A|, A the first derivative of pixels, px^2, of each cell of PARTS x
+    PARTS parts; infinite and 0 beyond the region; 0 and infinite where nothing is known.
+is_graded : bool
+    The plane has a pole at (0, 0): bounds at a distance d from it are the next two numbers,
+    over d^2 and d^3.
+near_pole_2, near_pole_3 : float
+"""
 
 
 @allocation_free
@@ -127,6 +117,17 @@ def extremes(line, polygon, n):
     return least, most
 
 
+@part_with_arrays
+def farthest_from(polygon, n, start):
+    """Corner that is farthest from another one, and how far it is."""
+    far, extent = start, 0.0
+    for p in range(n):
+        away = math.hypot(polygon[p, 0] - polygon[start, 0], polygon[p, 1] - polygon[start, 1])
+        if away > extent:
+            far, extent = p, away
+    return far, extent
+
+
 @allocation_free
 def area_and_extent(polygon, n):
     """Area of a polygon, and its greatest distance of corners, to a factor of 2; far corners."""
@@ -134,16 +135,8 @@ def area_and_extent(polygon, n):
     for p in range(1, n - 1):
         area += (polygon[p, 0] - polygon[0, 0]) * (polygon[p + 1, 1] - polygon[0, 1])
         area -= (polygon[p + 1, 0] - polygon[0, 0]) * (polygon[p, 1] - polygon[0, 1])
-    far, other, extent = 0, 0, 0.0
-    for p in range(n):
-        away = math.hypot(polygon[p, 0] - polygon[0, 0], polygon[p, 1] - polygon[0, 1])
-        if away > extent:
-            far, extent = p, away
-    extent = 0.0
-    for p in range(n):
-        away = math.hypot(polygon[p, 0] - polygon[far, 0], polygon[p, 1] - polygon[far, 1])
-        if away > extent:
-            other, extent = p, away
+    far, extent = farthest_from(polygon, n, 0)
+    other, extent = farthest_from(polygon, n, far)
     return 0.5 * area, extent, far, other
 
 
@@ -284,33 +277,23 @@ ALL_BORDERS, HOLE = 15, 16
 """Bits of the borders u = 0, u = width, v = 0, v = height; of a hole that a cell may reach."""
 
 
-class Tree(NamedTuple):
-    """Field of view of a plane: rays (x, y, 1) with a x + b y + c >= 0 are inside a line.
+Tree = namedtuple("Tree", "lines children kinds root")
+"""Field of view of a plane: rays (x, y, 1) with a x + b y + c >= 0 are inside a line.
 
-    Attributes
-    ----------
-    lines : (N, 3) float64
-        a, b, c of each node, (a, b) of unit length.
-    children : (N, 2) int32
-        What follows inside and outside: a node or a leaf.
-    kinds : (N,) uint8
-    root : int
-        Node 0 or a leaf.
-    """
-
-    lines: FloatArray
-    children: NDArray[np.int32]
-    kinds: NDArray[np.uint8]
-    root: int
+Attributes
+----------
+lines : (N, 3) float64
+    a, b, c of each node, (a, b) of unit length.
+children : (N, 2) int32
+    What follows inside and outside: a node or a leaf.
+kinds : (N,) uint8
+root : int
+    Node 0 or a leaf.
+"""
 
 
-class Growing(NamedTuple):
-    """A tree that is filled; `root` has its first node or leaf, and the number of nodes."""
-
-    lines: FloatArray
-    children: NDArray[np.int32]
-    kinds: NDArray[np.uint8]
-    root: NDArray[np.int64]
+Growing = namedtuple("Growing", "lines children kinds root")
+"""A tree that is filled; `root` has its first node or leaf, and the number of nodes."""
 
 
 TreeScratch = namedtuple(
@@ -331,7 +314,7 @@ def tree_scratch(n_sides: int, n_hole: int) -> TreeScratch:
     n_corners, borders, owner, level = np.empty((4, n), np.int64)
     corners, polygons = np.empty((n, MOST_CORNERS, 2)), np.empty((3, MOST_CORNERS, 2))
     of_cells = corners, n_corners, sides, hole, borders, owner, level
-    return TreeScratch(*of_cells, *polygons, np.empty((4, 5)), np.empty(3), edges)
+    return TreeScratch._make([*of_cells, *polygons, np.empty((4, 5)), np.empty(3), edges])
 
 
 def room_for_tree(n: int) -> Growing:

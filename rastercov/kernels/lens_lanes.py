@@ -5,10 +5,6 @@ vector instructions. An edge that two faces share is integrated once.
 """
 
 import math
-from typing import NamedTuple
-
-import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.kernels import lens_formulas
 from rastercov.kernels.jit import allocation_free, called_whole, part_of, part_with_arrays
@@ -40,21 +36,6 @@ GROUP = 8
 """Rays of a vector: a list is filled up to a multiple of it, so that no remainder is scalar."""
 X, Y, U, V = range(4)
 """Columns of the places of vertices: in a plane, in its units, and in the image, px."""
-
-
-class LaneScratch(NamedTuple):
-    """Scratch for `LANES` rays; all numbers are finite, also those of unused lanes."""
-
-    x: NDArray[np.float64]
-    y: NDArray[np.float64]
-    z: NDArray[np.float64]
-    u: NDArray[np.float64]
-    v: NDArray[np.float64]
-
-
-def lane_scratch() -> LaneScratch:
-    """Memory for `LANES` rays."""
-    return LaneScratch(*np.zeros((5, LANES)))
 
 
 @part_of

@@ -10,7 +10,7 @@ from collections import namedtuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.kernels.exact_polygon import copy_polygon, keep_inside
+from rastercov.kernels.exact_polygon import copy_polygon, keep_inside, side_at
 from rastercov.kernels.jit import allocation_free, called_whole, part_of, part_with_arrays
 from rastercov.kernels.lens_edges import (
     DEEPEST,
@@ -299,11 +299,8 @@ def _is_short(edge, longest, top):
 @part_with_arrays
 def is_in_region(polygon, n, region):
     """True where all corners lie inside a convex polygon, counter-clockwise in (x, y)."""
-    m = region.shape[0]
-    for i in range(m):
-        j = i + 1 if i + 1 < m else 0
-        x0, y0 = region[i, 0], region[i, 1]
-        dx, dy = region[j, 0] - x0, region[j, 1] - y0
+    for i in range(region.shape[0]):
+        x0, y0, dx, dy, _ = side_at(region, region.shape[0], i)
         for p in range(n):
             if dx * (polygon[p, 1] - y0) - dy * (polygon[p, 0] - x0) < 0:
                 return False
@@ -323,10 +320,7 @@ def cut_to_region(polygon, n, region, spare):
 @part_with_arrays
 def cut_to_side_of(polygon, n, region, i, spare):
     """Cut a polygon in place to one side of a convex region; returns its corner count."""
-    j = i + 1 if i + 1 < region.shape[0] else 0
-    x0, y0 = region[i, 0], region[i, 1]
-    side = (x0, y0, region[j, 0] - x0, region[j, 1] - y0, 0.0)
-    n = keep_inside(polygon, n, side, spare)
+    n = keep_inside(polygon, n, side_at(region, region.shape[0], i), spare)
     copy_polygon(spare, n, polygon)
     return n
 
@@ -337,9 +331,8 @@ def beyond_side_of(polygon, n, region, i, out):
 
     Its corners on that side are those of `cut_to_side_of`, bit for bit.
     """
-    j = i + 1 if i + 1 < region.shape[0] else 0
-    x0, y0 = region[i, 0], region[i, 1]
-    return keep_inside(polygon, n, (x0, y0, x0 - region[j, 0], y0 - region[j, 1], 0.0), out)
+    x0, y0, dx, dy, _ = side_at(region, region.shape[0], i)
+    return keep_inside(polygon, n, (x0, y0, -dx, -dy, 0.0), out)
 
 
 @part_with_arrays

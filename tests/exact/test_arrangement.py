@@ -43,20 +43,6 @@ def test_an_edge_that_a_wall_hides_in_part_crosses_where_it_is_seen():
     assert (view.visible[2:4] > 0).any()
 
 
-@pytest.mark.slow
-@given(seed=SEEDS)
-@settings(max_examples=10)
-def test_half_planes_agree_in_a_crowd(seed):
-    rng = np.random.default_rng(seed)
-    crowd = [shapes.box(rng.uniform(0.05, 0.3, 3)) for _ in range(60)]
-    moved = [
-        type(part)(vertices=part.vertices + rng.uniform((-1, -1, 2), (1, 1, 5)), faces=part.faces)
-        for part in crowd
-    ]
-    view = assert_agree(joined(*moved), window(), AHEAD)
-    assert view.n_left < view.n_crossed
-
-
 def test_neighbours_that_abut_are_divided_although_they_touch():
     """Faces along a T-junction touch each other without passing through each other."""
     tile, row = sheet((-1, -1), (1, 0), 4.0), [sheet((x, 0), (x + 0.5, 1), 4.0) for x in (-1, -0.5)]

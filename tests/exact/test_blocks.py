@@ -32,11 +32,6 @@ from rastercov.mesh import Mesh, shapes
 CAMERA = Camera(width=320, height=240, fx=300, fy=300)
 
 
-def shuffled(mesh, rng):
-    order = rng.permutation(mesh.n_faces)
-    return Mesh(mesh.vertices, mesh.faces[order]), order
-
-
 def scene(rng):
     """Two rings, of which one may be open or turned inside out, and a few faces among them."""
     rings = []
@@ -75,17 +70,22 @@ def one_by_one(mesh):
 def test_blocks_change_no_figure(seed, front_only):
     rng = np.random.default_rng(seed)
     mesh = scene(rng)
+    # What the pose before has left must not matter.
+    assert_same(mesh, [view_of(mesh, rng) for _ in range(2)], front_only)
+
+
+def assert_same(mesh, poses, front_only=False):
+    """With blocks and without them, poses have the same figures, one after the other."""
     together = CertificateSolver(surface_of(mesh), CAMERA)
     apart = CertificateSolver(one_by_one(mesh), CAMERA)
-    for _ in range(2):  # what the pose before has left must not matter
-        pose = view_of(mesh, rng)
-        see_again(together, mesh, CAMERA, pose, front_only=front_only)
-        see_again(apart, mesh, CAMERA, pose, front_only=front_only)
-        assert_same(together, apart)
+    for pose in poses:
+        for view in (together, apart):
+            see_again(view, mesh, CAMERA, pose, front_only=front_only)
+        assert_same_figures(together, apart)
 
 
-def assert_same(together, apart):
-    """Both have the same figures, and the second decided no block at once."""
+def assert_same_figures(together, apart):
+    """Two solvers have the same figures, and the second decided no block at once."""
     assert (apart.projected.block_state & UNEVEN).all()
     for name in ("area", "state", "side", "is_certified"):
         assert np.array_equal(getattr(together, name), getattr(apart, name)), name
@@ -118,14 +118,10 @@ def test_regions_end_where_whole_blocks_of_two_sides_meet(seed, front_only):
     turned = rng.random(6) < 0.3
     faces[turned] = faces[turned][:, :, ::-1]
     mesh = Mesh(box.vertices, faces.reshape(-1, 3))
-    together = CertificateSolver(surface_of(mesh), CAMERA)
-    apart = CertificateSolver(one_by_one(mesh), CAMERA)
     direction = rng.normal(size=3)
     eye = mesh.bounds.mean(axis=0) + direction / np.linalg.norm(direction) * rng.uniform(4, 8)
     pose = look_at(eye, mesh.bounds.mean(axis=0), rng.normal(size=3))[0]
-    see_again(together, mesh, CAMERA, pose, front_only=front_only)
-    see_again(apart, mesh, CAMERA, pose, front_only=front_only)
-    assert_same(together, apart)
+    assert_same(mesh, [pose], front_only)
 
 
 @pytest.mark.parametrize("height", [0.0, 1e-15, 1e-9])
@@ -136,10 +132,7 @@ def test_a_plate_seen_edge_on_is_looked_at_face_by_face(height):
     quads = np.stack((at, at + 21, at + 22, at + 1), axis=-1).reshape(-1, 4)
     mesh = Mesh(corners, np.concatenate((quads[:, [0, 1, 2]], quads[:, [0, 2, 3]])))
     pose = look_at((0.0, -4.0, height), (0.0, 0.0, height), (0.0, 0.0, 1.0))[0]
-    together = look(mesh, CAMERA, pose)
-    apart = CertificateSolver(one_by_one(mesh), CAMERA)
-    see_again(apart, mesh, CAMERA, pose)
-    assert_same(together, apart)
+    assert_same(mesh, [pose])
 
 
 def test_most_blocks_of_a_fine_mesh_are_decided_together():
@@ -158,7 +151,8 @@ def test_most_blocks_of_a_fine_mesh_are_decided_together():
 def test_the_order_of_the_faces_does_not_matter(seed):
     rng = np.random.default_rng(seed)
     mesh = scene(rng)
-    other, order = shuffled(mesh, rng)
+    order = rng.permutation(mesh.n_faces)
+    other = Mesh(mesh.vertices, mesh.faces[order])
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(blocks_module, "LEAST_FACES", 1)
         rows = surface_of(other).place

@@ -6,7 +6,7 @@ from collections import defaultdict
 
 import numpy as np
 import pytest
-from exact_cases import box, triangles
+from exact_cases import box
 from exact_views import SEEDS
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -73,15 +73,6 @@ def test_minus_zero_and_zero_are_one_place():
     found = surface_of(Mesh(vertices=points, faces=[(0, 1, 2), (4, 3, 5)]))
     assert len(found.vertices) == 4
     assert (found.edges.faces >= 0).all(axis=1).sum() == 1
-
-
-def test_a_face_alone_and_one_that_is_a_point():
-    found = surface_of(triangles([(0, 0, 0), (1, 0, 0), (0, 1, 0)]))
-    assert found.edges.faces.tolist() == [[0, -1]] * 3
-    point = surface_of(triangles([(1, 2, 3)] * 3))
-    assert point.diagonal == 0
-    assert point.edges.kind.tolist() == [NON_MANIFOLD]
-    assert point.contacts.faces_for(5.0).tolist() == [False]
 
 
 # --- contacts -------------------------------------------------------------------------------------
