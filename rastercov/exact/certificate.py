@@ -182,8 +182,8 @@ class CertificateSolver(HalfPlaneSolver):
     def _blocks_in(self, contacts: BoolArray) -> BoolArray:
         """(N,) blocks with a face in contact."""
         if contacts is not self._contacts:
-            blocks = self.surface.blocks
-            self._contacts, self._has_contact = contacts, np.zeros(len(blocks.has_flat), np.bool_)
+            n_blocks = len(self.surface.blocks.has_flat)
+            self._contacts, self._has_contact = contacts, np.zeros(n_blocks, np.bool_)
             self._has_contact[np.flatnonzero(contacts) // BLOCK] = True
         return self._has_contact
 
@@ -200,12 +200,9 @@ class CertificateSolver(HalfPlaneSolver):
         self._list_faces()
 
     def _make_room_for_crossings(self, n: int) -> None:
-        self._crossings = Crossings(
-            np.full(len(self.surface.faces), -1, np.int32),
-            np.empty(n, np.int32),
-            np.empty(n, np.int32),
-            np.empty((n, 7)),
-        )
+        last = np.full(len(self.surface.faces), -1, np.int32)
+        before, edge = np.empty((2, n), np.int32)
+        self._crossings = Crossings(last, before, edge, np.empty((n, 7)))
 
     def largest_of_regions(self) -> IntArray:
         """(n_regions,) face of each region that was computed for all of it."""

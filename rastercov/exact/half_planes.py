@@ -117,8 +117,8 @@ def grid_over(grid: CellGrid, n_live: int, extent: NDArray[np.float64]) -> CellG
         Left, right, top and bottom of their boxes, px, and sums of the widths, heights and areas of
         these; not looked at without faces.
     """
-    limits = extent.tolist() if n_live else (0.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0)
-    left, right, top, bottom, widths, heights, areas = limits
+    limits = extent if n_live else np.array((0.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0))
+    left, right, top, bottom, widths, heights, areas = limits.tolist()
     wide, high = max(right - left, LEAST_EXTENT), max(bottom - top, LEAST_EXTENT)
     cells = CELLS_PER_FACE * n_live + 1.0
     while True:
@@ -182,43 +182,31 @@ def room_for_image(surface: Surface, area: FloatArray) -> Projected:
     if surface.targets is not None:
         faces = np.concatenate((faces, surface.targets.faces + np.int32(len(vertices))))
         vertices = np.concatenate((vertices, surface.targets.vertices))
+    uvw = np.empty((len(vertices) + SPARE_ENTRIES, 3))[: len(vertices)]
+    state = np.empty(n_all + SPARE_ENTRIES, np.uint16)[:n_all]
     return Projected(
-        faces=faces,
-        rank=surface.rank,
-        uvw=np.empty((len(vertices) + SPARE_ENTRIES, 3))[: len(vertices)],
-        side=np.empty(n_all, np.int8),
-        state=np.empty(n_all + SPARE_ENTRIES, np.uint16)[:n_all],
-        box=np.empty((n_all, 6)),
-        area=area,
-        clipped_index=np.zeros(n_all, np.int32),
-        clipped=room_for_clipped(8),
-        **_room_for_blocks(surface.blocks),
-    )
+        faces=faces, rank=surface.rank, uvw=uvw, side=np.empty(n_all, np.int8), state=state,
+        box=np.empty((n_all, 6)), area=area, clipped_index=np.zeros(n_all, np.int32),
+        clipped=room_for_clipped(8), **_room_for_blocks(surface.blocks),
+    )  # fmt: skip
 
 
 def _room_for_blocks(blocks: Blocks) -> dict[str, Any]:
     n = len(blocks.has_flat)
-    return {
-        "blocks": blocks,
-        "block_box": np.empty((n, 4)),
-        "block_state": np.empty(n, np.uint16),
-        "block_side": np.empty(n, np.int8),
-        "has_boxes": np.empty(n, np.bool_),
-    }
+    state, side = np.empty(n, np.uint16), np.empty(n, np.int8)
+    its = {"block_box": np.empty((n, 4)), "block_state": state, "block_side": side}
+    return {"blocks": blocks, "has_boxes": np.empty(n, np.bool_), **its}
 
 
 def part_of(everything: Projected, part: slice, faces: IntArray, blocks: Blocks) -> Projected:
     """Image of a part of all faces, with its own vertices, clipped faces and blocks."""
+    own = {
+        name: getattr(everything, name)[part]
+        for name in ("side", "state", "box", "area", "clipped_index")
+    }
+    uvw = np.empty((int(faces.max(initial=-1)) + 1, 3))
     return everything._replace(
-        faces=faces,
-        uvw=np.empty((int(faces.max(initial=-1)) + 1, 3)),
-        side=everything.side[part],
-        state=everything.state[part],
-        box=everything.box[part],
-        area=everything.area[part],
-        clipped_index=everything.clipped_index[part],
-        clipped=room_for_clipped(8),
-        **_room_for_blocks(blocks),
+        faces=faces, uvw=uvw, clipped=room_for_clipped(8), **own, **_room_for_blocks(blocks)
     )
 
 
@@ -349,21 +337,15 @@ class HalfPlaneSolver:
         self.grid = first_grid(n_faces)
         self._is_listed = False
         self._make_room_for_pieces(64)
+        spare, other = np.empty((2, PIECE_ROOM, 2))
         self._work = Work(
-            target=np.empty((2 * CORNERS, 2)),
-            own=np.empty((SIDES, 5)),
-            corners=np.empty((CORNERS, 2)),
-            lines=np.empty((SIDES + 1, 5)),
-            spare=np.empty((PIECE_ROOM, 2)),
-            other=np.empty((PIECE_ROOM, 2)),
-            values=np.empty(PIECE_ROOM),
-            ranges=np.empty((MOST_RANGES, 2)),
-            cell=np.empty((4, 5)),
-            parts=room_for_pieces(STACK_ROOM, 2 * CORNERS),
+            target=np.empty((2 * CORNERS, 2)), own=np.empty((SIDES, 5)),
+            corners=np.empty((CORNERS, 2)), lines=np.empty((SIDES + 1, 5)), spare=spare,
+            other=other, values=np.empty(PIECE_ROOM), ranges=np.empty((MOST_RANGES, 2)),
+            cell=np.empty((4, 5)), parts=room_for_pieces(STACK_ROOM, 2 * CORNERS),
             levels=np.empty(STACK_ROOM, np.int64),
-            intersections=np.empty((MOST_INTERSECTIONS, 7)),
-            kept=room_for_kept(0, 0),
-        )
+            intersections=np.empty((MOST_INTERSECTIONS, 7)), kept=room_for_kept(0, 0),
+        )  # fmt: skip
 
     def set_camera(self, camera: Camera) -> None:
         """Take another camera, for the poses from now on."""
@@ -378,11 +360,10 @@ class HalfPlaneSolver:
         They hide what they hid. Their visible area is 0 from now on, within their area in the
         image.
         """
-        if faces is None:
-            self._left_out = None
-            return
-        self._left_out = np.zeros(self.surface.n_faces, np.bool_)
-        self._left_out[self.surface.rows] = faces
+        self._left_out = None
+        if faces is not None:
+            self._left_out = np.zeros(self.surface.n_faces, np.bool_)
+            self._left_out[self.surface.rows] = faces
 
     def keep_pieces(self) -> None:
         """Keep the visible pieces of all faces that are partly visible from now on."""
@@ -454,7 +435,7 @@ class HalfPlaneSolver:
                 self._list_faces()
             self._run(opaque, self.projected)
         # Last, so that nothing they leave in the grid changes the figures of opaque faces.
-        self._solve_targets(targets[~is_opaque])
+        self.solve_targets(targets[~is_opaque])
 
     def solve_all(self, visit: Visit | None = None, *, is_measured: bool = True) -> None:
         """Compute `visible` and `area_error` of every face.
@@ -481,22 +462,18 @@ class HalfPlaneSolver:
         if self._left_out is None:
             return faces
         is_left_out = self._left_out[faces] & (self.state[faces] & LIVE > 0)
+        rest: IntArray = faces[~is_left_out]
         others = faces[is_left_out]
         self.visible[others] = 0.0
         self.area_error[others] += self.area[others]
-        rest: IntArray = faces[~is_left_out]
         return rest
 
-    def solve_targets(self) -> None:
-        """Compute `visible` and `area_error` of every target."""
-        n_faces = len(self.surface.faces)
-        self._solve_targets(np.arange(n_faces, self.surface.n_faces, dtype=np.int32))
-
-    def _solve_targets(self, targets: IntArray) -> None:
-        """Compute some targets, from the opaque faces in the cells that they touch."""
+    def solve_targets(self, targets: IntArray | None = None) -> None:
+        """Compute some targets, or all, from the opaque faces in the cells that they touch."""
         if self._target_image is None:
             return
-
+        if targets is None:
+            targets = np.arange(len(self.surface.faces), self.surface.n_faces, dtype=np.int32)
         projected = self._target_image.everything
         targets = targets[projected.state[targets] & (LIVE | THIN) > 0]
         if len(targets) == 0:

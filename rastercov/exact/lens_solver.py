@@ -18,7 +18,7 @@ from rastercov.kernels.direct import DirectCalls
 from rastercov.kernels.exact_lens import edge_bulges, edge_lists, vertex_images, whole_groups
 from rastercov.kernels.exact_records import SPARE_ENTRIES, Edges
 from rastercov.kernels.lens_planes import PlaneRecord
-from rastercov.kernels.lens_polygons import bulges_by_parts, edge_scratch, measure_insides
+from rastercov.kernels.lens_polygons import bulges_by_parts, edge_scratch, measure_polygons
 from rastercov.kernels.raster_memory import aligned_zeros
 
 FloatArray = NDArray[np.float64]
@@ -62,12 +62,9 @@ class LensSolver:
         self._ends, self._lists = whole_groups(surface.edges.vertices), edge_lists()
         self._longer = np.empty(len(self._ends), np.int32)
         n_vertices = -(-len(surface.vertices) // kernels.AT_A_TIME) * kernels.AT_A_TIME
-        self._seen = kernels.Seen(
-            places=aligned_zeros((n_vertices, 4), np.float64),
-            is_inside=np.empty(n_vertices, np.bool_),
-            bulge=np.empty(len(self._ends)),
-            n_faces=len(surface.faces),
-        )
+        places = aligned_zeros((n_vertices, 4), np.float64)
+        is_inside, bulge = np.empty(n_vertices, np.bool_), np.empty(len(self._ends))
+        self._seen = kernels.Seen(places, is_inside, bulge, len(surface.faces))
         self._is_done = np.empty(n + SPARE_ENTRIES, np.bool_)
         self._own, self._own_error = np.empty((2, n + SPARE_ENTRIES))
         self._scratch = kernels.scratch()
@@ -127,8 +124,7 @@ class LensSolver:
             array[:] = 0
         solved: FloatArray | None = None
         for index, (plane, record) in enumerate(self._planes):
-            is_needed = visit is not None or self._may_see(plane.frame, record, index)
-            if not is_needed:
+            if visit is None and not self._may_see(plane.frame, record, index):
                 continue
             if solved is None or not np.array_equal(plane.frame, solved):
                 self._solve(plane.camera, plane.frame)
@@ -195,7 +191,7 @@ class LensSolver:
         if len(self._measured) < n:
             self._measured = np.empty((n * 5 // 4, 2))
         images = self._measured[:n]
-        self._call(measure_insides, record, found.corners, found.starts, self._edges, images)
+        self._call(measure_polygons, record, found.corners, found.starts, self._edges, images)
         pinhole = solver.visible, solver.area_error, solver.is_certified
         self._call(
             kernels.add_areas,

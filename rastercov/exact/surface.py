@@ -13,7 +13,7 @@ G. M. Morton. A Computer Oriented Geodetic Data Base and a New Technique in File
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, TypeVar
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -29,26 +29,23 @@ from rastercov.mesh.topology import edge_table
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int32]
+Kept = TypeVar("Kept")
 
 
 MOST_VERTICES = 96
 """Vertices of the faces of a block, on average, up to which the order of the mesh is local: a strip
 of them has 66, faces in any order 192."""
 LEAST_FACES = 1 << 14
-"""Faces from which on they are sorted: figures of fewer fit the cache in any order."""
+"""Faces from which on they, and vertices, are sorted: figures of fewer fit the cache in any order.
+"""
 BITS = 10
 """Bits of each coordinate along the curve."""
-
-
-def is_large(n_faces: int) -> bool:
-    """True for a mesh whose figures do not fit the cache, so that its order in memory matters."""
-    return n_faces >= LEAST_FACES
 
 
 def local_order(vertices: FloatArray, faces: IntArray) -> IntArray | None:
     """(F,) faces in an order in which neighbours are close; None where that of the mesh is."""
     n = len(faces) // BLOCK
-    if not is_large(len(faces)):
+    if len(faces) < LEAST_FACES:
         return None
     used = np.sort(faces[: n * BLOCK].reshape(n, 3 * BLOCK), axis=1)
     n_vertices = n + np.count_nonzero(used[:, 1:] != used[:, :-1])
@@ -66,15 +63,11 @@ def blocks_of(flat: BoolArray, edges: Edges) -> Blocks:
     number = np.empty(len(flat), np.int32)
     number[lowest] = np.arange(len(lowest))
     patch = number[lowest_of]
+    patch_starts = np.searchsorted(lowest, np.arange(n + 1) * BLOCK).astype(np.int32)
     return Blocks(
-        has_flat=has_flat,
-        patch=patch,
-        patch_starts=np.searchsorted(lowest, np.arange(n + 1) * BLOCK).astype(np.int32),
-        of_patch=lowest // BLOCK,
-        lowest=lowest,
-        joins=_joins(edges, patch),
-        **_blocks_of_edges(edges),
-    )
+        has_flat=has_flat, patch=patch, patch_starts=patch_starts, of_patch=lowest // BLOCK,
+        lowest=lowest, joins=_joins(edges, patch), **_blocks_of_edges(edges),
+    )  # fmt: skip
 
 
 def _joins(edges: Edges, patch: IntArray) -> IntArray:
@@ -150,15 +143,11 @@ class SortedContacts:
 
     def faces_for(self, distance: float = 0.0) -> BoolArray:
         """(F,) faces in contact; see `Contacts`."""
-        found: BoolArray = self._once(
-            self.contacts.faces_for(distance), lambda own: own[self.order]
-        )
-        return found
+        return self._once(self.contacts.faces_for(distance), lambda own: own[self.order])
 
     def partners_for(self, distance: float = 0.0) -> Partners:
         """Faces in contact with each face; see `Contacts`."""
-        found: Partners = self._once(self.contacts.partners_for(distance), self._sort_partners)
-        return found
+        return self._once(self.contacts.partners_for(distance), self._sort_partners)
 
     def _sort_partners(self, own: Partners) -> Partners:
         counts = np.diff(own.starts)[self.order]
@@ -166,9 +155,10 @@ class SortedContacts:
         at = np.repeat(own.starts[self.order] - starts[:-1], counts) + np.arange(starts[-1])
         return Partners(starts, self.place[own.faces[at]])
 
-    def _once(self, own: Any, sort: Callable[[Any], Any]) -> Any:
+    def _once(self, own: Kept, sort: Callable[[Kept], Kept]) -> Kept:
         """Sort what the mesh keeps, once; an entry holds it, so that no other has its id."""
-        return self._sorted.setdefault(id(own), (own, Once()))[1].get(lambda: sort(own))
+        found: Kept = self._sorted.setdefault(id(own), (own, Once()))[1].get(lambda: sort(own))
+        return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -250,21 +240,15 @@ def _build(mesh: Mesh) -> Surface:
         rank, place = order, np.argsort(order)
         faces, flat = faces[order], flat[order]
         contacts = SortedContacts(mesh.contacts, order, place.astype(np.int32))
-    if is_large(len(faces)):
+    if len(faces) >= LEAST_FACES:
         vertices, faces = _by_use(vertices, faces)
     edges = _edges(faces, len(vertices))
     return Surface(
         centre=mesh.bounds.mean(axis=0),
         diagonal=float(np.linalg.norm(np.ptp(mesh.bounds, axis=0))),
-        vertices=vertices,
-        faces=faces,
-        flat=flat,
-        edges=edges,
-        blocks=blocks_of(flat, edges),
-        rank=rank,
-        contacts=contacts,
-        place=place,
-    )
+        vertices=vertices, faces=faces, flat=flat, edges=edges, blocks=blocks_of(flat, edges),
+        rank=rank, contacts=contacts, place=place,
+    )  # fmt: skip
 
 
 def _welded(positions: NDArray[np.int64], n_vertices: int) -> tuple[IntArray, BoolArray]:

@@ -45,6 +45,7 @@ from rastercov.kernels.exact_polygon import (
     keep_inside,
     line_at,
     line_value,
+    side_at,
     twice_area,
 )
 from rastercov.kernels.exact_polygon import extent_of as box_of
@@ -229,11 +230,12 @@ def set_line(lines, s, value, along_x, along_y, error):
 
 
 @part_with_arrays
-def set_side(lines, s, x0, y0, x1, y1):
-    """Store the line from one point to another, whose inner side is on the left."""
-    lines[s, U], lines[s, V] = x0, y0
-    lines[s, DU], lines[s, DV] = x1 - x0, y1 - y0
-    lines[s, OFFSET] = lines[s, LINE_ERROR] = 0.0
+def lines_of(polygon, n, lines):
+    """Store the lines along the sides of a polygon, whose inner side is on the left."""
+    for p in range(n):
+        x, y, dx, dy, _ = side_at(polygon, n, p)
+        lines[p, U], lines[p, V], lines[p, DU], lines[p, DV] = x, y, dx, dy
+        lines[p, OFFSET] = lines[p, LINE_ERROR] = 0.0
 
 
 @allocation_free

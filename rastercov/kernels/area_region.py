@@ -62,11 +62,11 @@ from rastercov.kernels.area_plane import (
     least_and_most,
     length2,
     line_in_plane,
+    lines_of,
     perimeter_of,
     push,
     push_parts,
     set_line,
-    set_side,
 )
 from rastercov.kernels.exact_polygon import (
     MOST_CORNERS,
@@ -326,17 +326,6 @@ def bring_back(kept, piece, plane, criteria, deepest, out):
 
 
 @part_with_arrays
-def set_sides(planes, f, sides):
-    """Fill `sides` with the lines along the edges of a face."""
-    for p in range(3):
-        q = p + 1 if p < 2 else 0
-        set_side(
-            sides, p, planes.corners[f, p, U], planes.corners[f, p, V],
-            planes.corners[f, q, U], planes.corners[f, q, V],
-        )  # fmt: skip
-
-
-@part_with_arrays
 def is_well_inside(corners, lines, plane, criteria):
     """True if a face meets all criteria of `lines` and of incidence by more than rounding.
 
@@ -436,7 +425,7 @@ def cut_regions(planes, criteria, seen, scratch, out):
             bound[f] += strips
             append_within_angle(f, base, n, criteria.rules.tan_incidence, criteria, scratch, out)
         elif seen.visible[f] > 0 and first[f] >= 0:
-            set_sides(planes, f, sides)
+            lines_of(corners[f], 3, sides)
             # Rounding of the position, the height and the ray, brought to the plane.
             off = (
                 2 * POSITION_ERROR_REL

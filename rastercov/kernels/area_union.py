@@ -15,7 +15,7 @@ from collections import namedtuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.kernels.area_plane import perimeter_of, set_side, without_needless
+from rastercov.kernels.area_plane import lines_of, perimeter_of, without_needless
 from rastercov.kernels.exact_polygon import (
     clip,
     clip_subtract,
@@ -96,14 +96,6 @@ def pool_of(n: int) -> Pool:
         lines=np.empty((PIECE_ROOM, LINE_ERROR + 1)),
         near=np.empty(n, np.int64),
     )
-
-
-@part_with_arrays
-def lines_of(polygon, n, lines):
-    """Lines along the sides of a polygon."""
-    for p in range(n):
-        q = p + 1 if p + 1 < n else 0
-        set_side(lines, p, polygon[p, U], polygon[p, V], polygon[q, U], polygon[q, V])
 
 
 @part_with_arrays
@@ -253,21 +245,10 @@ def covered_area(pool, count, views):
 
 
 @part_with_arrays
-def corners_of(pool, count):
-    """Corners of all pieces."""
-    total = 0
-    for q in range(count):
-        total += pool.pieces.n_corners[q]
-    return total
-
-
-@part_with_arrays
 def store_partition(cell, pool, count, out):
     """Append the pieces of a cell to a partition; False, and nothing, where there is no room."""
-    if (
-        out.used[0] + count > out.cell.shape[0]
-        or out.used[1] + corners_of(pool, count) > out.xy.shape[0]
-    ):
+    n_corners = pool.pieces.n_corners[:count].sum()
+    if out.used[0] + count > out.cell.shape[0] or out.used[1] + n_corners > out.xy.shape[0]:
         return False
     for q in range(count):
         n = pool.pieces.n_corners[q]

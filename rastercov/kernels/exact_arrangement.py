@@ -298,6 +298,34 @@ def sum_cells(t, count, error, view, pieces):
     return twice, n_hidden
 
 
+@part_with_arrays
+def measure_by_cells(t, crossings, partners, view, pieces):
+    """Find the visible area of a face; False where it is left to half planes."""
+    state, kept = view.projected.state, view.work.kept
+    n_crossings = order_crossings(t, crossings, view.work.levels)
+    is_crossed = state[t] & CROSSED != 0
+    if state[t] & UNFIT or n_crossings > MOST_CROSSINGS:
+        return False
+    if is_crossed and n_crossings == 0 and not state[t] & IN_CONTACT:
+        return False
+    view.visible[t] = 0.0
+    n, n_own = take_target(t, view)
+    if n < 3 or is_hidden_by_one(t, n, view):
+        return True
+    error, count, twice, n_hidden = view.area_error[t], np.int64(NOT_KNOWN), 0.0, 0
+    n_kept, n_kept_corners = kept.used[0], kept.used[1]
+    n_lines = list_intersections(t, n, n_own, partners, view)
+    if n_lines >= 0:
+        count = divide_target(t, n, n_crossings, n_lines, crossings, view, pieces)
+    if count >= 0:
+        twice, n_hidden = sum_cells(t, count, error, view, pieces)
+    if count < 0 or twice < 0 or (not is_crossed and n_hidden > 0 and twice > 0):
+        drop_pieces(kept, n_kept, n_kept_corners)
+        return False
+    settle_area(t, twice / 2, view, n_kept, n_kept_corners)
+    return True
+
+
 @allocation_free
 def arrangement_areas(targets, crossings, partners, view, pieces, left):
     """Visible areas of faces; returns how many are left to half planes.
@@ -317,34 +345,9 @@ def arrangement_areas(targets, crossings, partners, view, pieces, left):
     left : (N,) int32
         Out: faces that are left to half planes.
     """
-    state, kept, n_left = view.projected.state, view.work.kept, 0
+    n_left = 0
     for index in range(targets.shape[0]):
-        t = targets[index]
-        n_crossings = order_crossings(t, crossings, view.work.levels)
-        is_crossed = state[t] & CROSSED != 0
-        if (
-            state[t] & UNFIT
-            or n_crossings > MOST_CROSSINGS
-            or (is_crossed and n_crossings == 0 and not state[t] & IN_CONTACT)
-        ):
-            left[n_left] = t
+        if not measure_by_cells(targets[index], crossings, partners, view, pieces):
+            left[n_left] = targets[index]
             n_left += 1
-            continue
-        view.visible[t] = 0.0
-        n, n_own = take_target(t, view)
-        if n < 3 or is_hidden_by_one(t, n, view):
-            continue
-        error, count, twice, n_hidden = view.area_error[t], np.int64(NOT_KNOWN), 0.0, 0
-        n_kept, n_kept_corners = kept.used[0], kept.used[1]
-        n_lines = list_intersections(t, n, n_own, partners, view)
-        if n_lines >= 0:
-            count = divide_target(t, n, n_crossings, n_lines, crossings, view, pieces)
-        if count >= 0:
-            twice, n_hidden = sum_cells(t, count, error, view, pieces)
-        if count < 0 or twice < 0 or (not is_crossed and n_hidden > 0 and twice > 0):
-            drop_pieces(kept, n_kept, n_kept_corners)
-            left[n_left] = t
-            n_left += 1
-            continue
-        settle_area(t, twice / 2, view, n_kept, n_kept_corners)
     return n_left

@@ -12,7 +12,7 @@ that two faces share is integrated once.
 
 import math
 from collections import namedtuple
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from llvmlite import ir
@@ -186,13 +186,8 @@ of unused lanes.
 """
 
 
-class Pinhole(NamedTuple):
-    """Of a plane, px."""
-
-    fx: float
-    fy: float
-    cx: float
-    cy: float
+Pinhole = namedtuple("Pinhole", "fx fy cx cy")
+"""Of a plane, px."""
 
 
 def edge_lists() -> EdgeLists:
@@ -635,7 +630,7 @@ def add_areas(found, n_outlines, images, projected, kept, pinhole, plane, own, o
     found, n_outlines : VisiblePieces, int
         Of `collect`.
     images : (M, 2) float64
-        Of `rastercov.kernels.lens_polygons.measure_insides`.
+        Of `rastercov.kernels.lens_polygons.measure_polygons`.
     pinhole : tuple
         Visible area (F,), error (F,) and certificates (F,) of the pinhole, px^2 of its image.
     own : (F,) float64

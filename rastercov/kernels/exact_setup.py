@@ -29,7 +29,7 @@ import numpy as np
 from llvmlite import ir
 from numba.core import types
 
-from rastercov.kernels.exact_polygon import clip, length, twice_area
+from rastercov.kernels.exact_polygon import clip, copy_polygon, extent_of, length, twice_area
 from rastercov.kernels.exact_records import (
     ABSENT,
     BLOCK,
@@ -239,8 +239,7 @@ def normals_of_sides(high, low, underflow, normals, errors):
     d is n . X of the face. (p x q) . ray has its sign for a ray on the inner side of edge p q.
     """
     d = d_low = 0.0
-    for k in range(3):
-        normals[3, k] = normals[4, k] = 0.0
+    normals[3:] = 0.0
     for s in range(3):
         p, q = s, s + 1 if s < 2 else 0
         for k in range(3):
@@ -405,26 +404,22 @@ def clip_in_space(corners, low, camera, normals, errors, sides, plane, polygon, 
 @part_with_arrays
 def bounds_of_clipped(polygon, n, plane):
     """Box of a clipped face: least and greatest u, v and w."""
-    u_min = v_min = w_min = np.inf
-    u_max = v_max = w_max = -np.inf
+    w_min, w_max = np.inf, -np.inf
     for p in range(n):
         u, v = polygon[p, U], polygon[p, V]
-        u_min, u_max = min(u_min, u), max(u_max, u)
-        v_min, v_max = min(v_min, v), max(v_max, v)
         along_u, along_v = plane[SLOPE_U] * (u - plane[U]), plane[SLOPE_V] * (v - plane[V])
         w = plane[W] + along_u + along_v
         size = abs(plane[W]) + abs(along_u) + abs(along_v)
         error = plane[W_ERROR] + W_ARITHMETIC_ERROR_REL * size
         w_min, w_max = min(w_min, w - error), max(w_max, w + error)
-    return u_min, u_max, v_min, v_max, max(w_min, 0.0), w_max
+    return (*extent_of(polygon, n), max(w_min, 0.0), w_max)
 
 
 @part_with_arrays
 def store_clipped(clipped, s, polygon, n, sides, plane):
     """Copy what `clip_in_space` returned to row s."""
     clipped.n_corners[s] = max(n, 0)
-    for p in range(n):
-        clipped.polygons[s, p, U], clipped.polygons[s, p, V] = polygon[p, U], polygon[p, V]
+    copy_polygon(polygon, n, clipped.polygons[s])
     for q in range(SIDES):
         for column in range(OFFSET + 1):
             clipped.lines[s, q, column] = sides[q, column]

@@ -105,7 +105,10 @@ def polygon_image(plane, corners, first, last, scratch, is_whole_asked):
                 s, e = waiting[top, 0], waiting[top, 1]
                 piece = part_of_edge(edge, s, e)
                 if plane.is_graded and not _is_short(piece, plane.longest[n], top):
-                    top = _halve(waiting, top, s, e)
+                    m = 0.5 * (s + e)
+                    waiting[top, 0], waiting[top, 1] = m, e
+                    waiting[top + 1, 0], waiting[top + 1, 1] = s, m
+                    top += 2
                     continue
                 if listed == MOST_PARTS or nodes + n > MOST_NODES:
                     own, part_inside, more = _sum_parts(
@@ -216,24 +219,16 @@ def _lay_part(edge, n, listed, nodes, scratch):
 def measure_polygons(plane, corners, starts, scratch, out):
     """Fill `out`, (M, 3), with the whole area, the area inside, and the edges of polygons.
 
-    See `polygon_image`; the corners of polygon i are rows starts[i] ... starts[i + 1] - 1.
+    See `polygon_image`; the corners of polygon i are rows starts[i] ... starts[i + 1] - 1. Without
+    the first column, (M, 2), the whole area is not found.
     """
+    first = out.shape[1] - 2
     for i in range(out.shape[0]):
         whole, inside, rules = polygon_image(
-            plane, corners, starts[i], starts[i + 1], scratch, True
+            plane, corners, starts[i], starts[i + 1], scratch, first > 0
         )
-        out[i, 0], out[i, 1], out[i, 2] = whole, inside, rules
-
-
-@allocation_free
-def measure_insides(plane, corners, starts, scratch, out):
-    """Fill `out`, (M, 2), with the area inside the image, and the edges, of polygons.
-
-    As `measure_polygons`.
-    """
-    for i in range(out.shape[0]):
-        _, inside, rules = polygon_image(plane, corners, starts[i], starts[i + 1], scratch, False)
-        out[i, 0], out[i, 1] = inside, rules
+        out[i, 0] = whole
+        out[i, first], out[i, first + 1] = inside, rules
 
 
 @allocation_free
@@ -276,15 +271,6 @@ def bulges_by_parts(plane, edges, ends, places, scratch, bulge):
         for at in range(0, nodes, n):
             total += under_edge(n, u[at : at + n + 1], v[at : at + n + 1], places[a, U])
         bulge[e] = total - 0.5 * (places[b, U] - places[a, U]) * (places[b, V] - places[a, V])
-
-
-@allocation_free
-def _halve(waiting, top, s, e):
-    """Put the halves of a part on the stack; returns its new size."""
-    m = 0.5 * (s + e)
-    waiting[top, 0], waiting[top, 1] = m, e
-    waiting[top + 1, 0], waiting[top + 1, 1] = s, m
-    return top + 2
 
 
 @allocation_free

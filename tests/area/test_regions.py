@@ -75,20 +75,6 @@ def test_regions_of_any_scale_hold_their_covered_points(seed, scale):
     assert regions.bound.sum() <= 1e-4 * mesh.areas.sum()
 
 
-def test_a_face_wholly_visible_has_its_own_area():
-    mesh, _, poses = room()
-    far = rc.Camera(width=4000, height=4000, fx=500, fy=500)
-    regions = rc.regions(mesh, far, poses)
-    seen = rc.visibility(mesh, far, poses)
-    front = rc.evaluate(mesh, far, poses, fields=["in_view", "reason"])
-    whole = (seen.value == 1) & (seen.bound == 0) & front.in_view
-    whole &= front.reason != rc.Reason.BACK_FACING
-    assert whole.sum() > 20
-    found = regions.areas()[whole]
-    expected = np.broadcast_to(mesh.areas, whole.shape)[whole]
-    assert np.allclose(found, expected, rtol=1e-12, atol=0)
-
-
 @pytest.mark.slow
 @given(seed=SEEDS)
 @settings(max_examples=30)
@@ -140,15 +126,6 @@ def test_threads_change_no_bit():
     one, two = (rc.regions(mesh, camera, poses, TASKS["all"], threads=n) for n in (1, 2))
     for name in ("xy", "starts", "face", "pose", "pair_pose", "pair_face", "area", "bound"):
         assert np.array_equal(getattr(one, name), getattr(two, name)), name
-
-
-def test_a_finder_starts_every_pose_anew():
-    mesh, camera, poses = room()
-    finder = RegionPass(mesh, camera, TASKS["all"], threads=1)
-    chosen = rc.Poses.of(poses)
-    both = [finder.find(chosen[row : row + 1]) for row in (0, 1, 0)]
-    assert np.array_equal(both[0].xy, both[2].xy)
-    assert np.array_equal(both[0].bound, both[2].bound)
 
 
 def test_regions_come_in_batches_of_poses():

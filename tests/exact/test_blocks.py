@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from exact_cases import grid
 from exact_views import SEEDS, assert_agree, look, regions_of, see_again, soup
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -126,11 +127,8 @@ def test_regions_end_where_whole_blocks_of_two_sides_meet(seed, front_only):
 
 @pytest.mark.parametrize("height", [0.0, 1e-15, 1e-9])
 def test_a_plate_seen_edge_on_is_looked_at_face_by_face(height):
-    grid = np.linspace(-1, 1, 21)
-    corners = np.array([(x, y, 0.0) for x in grid for y in grid])
-    at = np.arange(20)[:, None] * 21 + np.arange(20)
-    quads = np.stack((at, at + 21, at + 22, at + 1), axis=-1).reshape(-1, 4)
-    mesh = Mesh(corners, np.concatenate((quads[:, [0, 1, 2]], quads[:, [0, 2, 3]])))
+    flat, faces = grid(20)
+    mesh = Mesh(np.column_stack((flat, np.zeros(len(flat)))), faces)
     pose = look_at((0.0, -4.0, height), (0.0, 0.0, height), (0.0, 0.0, 1.0))[0]
     assert_same(mesh, [pose])
 

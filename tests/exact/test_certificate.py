@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from exact_cases import AHEAD, hostile, triangles, window
+from exact_cases import AHEAD, grid, hostile, triangles, window
 from exact_views import PATHS, SEEDS, look, regions_of, see_again, wrong_certificates
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
@@ -64,15 +64,6 @@ def test_no_certificate_is_wrong_on_a_real_mesh(name, n):
     wrong, certified, _ = wrong_certificates(Mesh.load(path), n, np.random.default_rng(8))
     assert wrong == []
     assert certified > 1000
-
-
-def grid(n):
-    """Points (N, 2) of n x n quads over a square, and their triangles."""
-    u, v = np.meshgrid(np.linspace(-1, 1, n + 1), np.linspace(-1, 1, n + 1), indexing="ij")
-    index = np.arange((n + 1) ** 2).reshape(n + 1, n + 1)
-    a, b, c, d = index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]
-    faces = np.concatenate([np.stack(t, axis=-1).reshape(-1, 3) for t in ((a, b, c), (a, c, d))])
-    return np.stack((u, v), axis=-1).reshape(-1, 2), faces
 
 
 def folded(rng):
