@@ -49,7 +49,8 @@ def test_a_centre_is_covered_exactly_where_the_definition_says_so(name, task, se
     moved[:, :3, 3] += rng.normal(size=(len(poses), 3)) * 0.3
     if seed % 2:  # either side of every face counts, and some hide nothing
         groups = [rc.Group("all", is_two_sided=True), rc.Group("sheets", is_target=True)]
-        mesh = rc.Mesh(mesh.vertices, mesh.faces, groups, rng.random(mesh.n_faces) < 0.2)
+        labels = (rng.random(mesh.n_faces) < 0.2).astype(int)
+        mesh = rc.Mesh(mesh.vertices, mesh.faces, groups, labels)
     cells = rc.cells(mesh, SIZES[name]) if seed % 2 else CELLS[name]
     found = listed(cells, camera, task, moved)
     np.testing.assert_array_equal(found, expected(cells, camera, task, moved))
