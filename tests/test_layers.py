@@ -103,10 +103,10 @@ BUDGET = {
     "cluster": 660,
     "coverage": 2_980,
     "exact": 740,
-    "kernels": 10_440,
+    "kernels": 10_370,
     "mesh": 3_640,
-    "placement": 7_250,
-    "raster": 2_980,
+    "placement": 7_030,
+    "raster": 2_710,
     "report": 3_060,
     "viewer": 1_880,
 }

@@ -170,7 +170,7 @@ def test_every_repr_is_one_line():
         assert len(text) < 500, text
     classes = {n for n in rastercov.__all__ if inspect.isclass(getattr(rastercov, n))}
     shown = {kind.__name__ for value in found for kind in type(value).__mro__}
-    assert {n for n in classes - shown if not n.endswith("Error")} == {"Rasterizer"}  # a protocol
+    assert {n for n in classes - shown if not n.endswith("Error")} == set()
 
 
 def test_the_modules_offer_these_names_and_no_others():

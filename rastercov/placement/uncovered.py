@@ -244,17 +244,7 @@ COULD = {
 }
 """Words on uncovered faces by what the candidates prove of them."""
 
-NETWORK_FIGURES = (
-    "coverage",
-    "reason",
-    "visibility",
-    "visibility_bound",
-    "visibility_kind",
-    "in_view_fraction",
-    "drawn_pixels",
-    "resolution",
-    "incidence",
-)
+NETWORK_FIGURES = (*FIGURES, "coverage", "in_view_fraction", "resolution", "incidence")
 """Figures that a `Network` and `NearestCameras` take."""
 
 

@@ -238,7 +238,7 @@ def test_a_plan_takes_files_of_other_programs_and_its_own_answers(here, capsys):
         assert re.search(words, refusal(capsys, "check plan.toml -p rig.json"))
     whole = PLAN.format(answers='image_size = [64, 48]\nname = "camera 2"')
     (here / "plan.toml").write_text(whole)
-    assert read_plan("plan.toml").build_camera().fx == 60
+    assert read_plan("plan.toml").rig.cameras[0].fx == 60
     write_views("right", views)
     code, _, err = call(capsys, "check plan.toml -p right --pose-unit m --json")
     assert code == 0, err

@@ -46,7 +46,7 @@ def test_convert_writes_our_own_camera_file(suffix, capsys):
 
 def test_optics_stand_beside_the_file_of_a_calibration():
     entries = {"file": "cal.yaml", "pixel_centre": 0.5, **OPTICS}
-    camera = plan_of({"meshes": [{"path": "part.obj"}], "camera": entries}).build_camera()
+    camera = plan_of({"meshes": [{"path": "part.obj"}], "camera": entries}).rig.cameras[0]
     assert (camera.focus_distance, camera.aperture) == (0.5, pytest.approx(80.5 * 5e-6 / 4))
     assert camera.model != "pinhole"
 
