@@ -1,6 +1,8 @@
 """Exact regions: what they hold, point by point, and how well their areas are known."""
 
 import math
+import signal
+import threading
 from dataclasses import replace
 
 import numpy as np
@@ -259,3 +261,22 @@ def test_a_threshold_of_a_face_is_refused_by_name(threshold, value):
 def test_counting_samples_has_no_regions():
     with pytest.raises(ConfigError, match="method certified or exact, got sampled"):
         rc.regions(square(1, 2), CAMERA, AHEAD, method="sampled")
+
+
+@pytest.mark.slow
+def test_ctrl_c_ends_a_long_run_between_two_poses():
+    mesh, camera, poses = room()
+    many = np.repeat(poses, 5000, axis=0)
+    finder = RegionPass(mesh, camera, TASKS["all"], threads=2)
+    finder.find(rc.Poses.of(poses))  # loads the compiled loops
+    # A shell starts what runs in the background with interrupts ignored.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    timer = threading.Timer(0.5, signal.raise_signal, [signal.SIGINT])
+    timer.start()
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            finder.find(rc.Poses.of(many))
+    finally:
+        timer.join()
+        signal.signal(signal.SIGINT, before)
+    assert len(finder.find(rc.Poses.of(poses))) > 0

@@ -13,6 +13,7 @@ from rastercov.camera.lenses.of_camera import (
     blind_area,
     fields_of,
     lens_of,
+    optics_of,
     planes_of,
     slopes_of,
 )
@@ -251,3 +252,9 @@ def test_planes_that_see_nothing_of_the_mesh_change_no_figure(name):
         for one, other in zip(*figures, strict=True):
             np.testing.assert_array_equal(one, other)
         assert figures[0][0].max() > 0
+
+
+@each_lens
+def test_optics_keep_all_that_a_lens_is_made_of(name):
+    near = replace(CAMERAS[name], near=0.5, focus_range=(1.0, 6.0))
+    assert optics_of(near) == CAMERAS[name]
