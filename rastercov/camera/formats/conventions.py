@@ -259,6 +259,14 @@ class Border:
             frames=tuple(names_of_frames[row] for row in poses.ids) if frames else (),
         )
 
+    def views_of_images(
+        self, cameras: Sequence[Camera], images: Sequence[str], **others: Any
+    ) -> Views:
+        """Views of images with the camera of each, which may be the same; `others` as `views`."""
+        row_of = {camera: row for row, camera in enumerate(dict.fromkeys(cameras))}
+        index = [row_of[camera] for camera in cameras]
+        return self.views(list(row_of), camera=index, images=images, **others)
+
     def _rigid(self, matrices: FloatArray, factor: float, most: float) -> FloatArray:
         """Matrices with lengths times `factor`; rotations that a file has in few digits repaired.
 
@@ -414,7 +422,7 @@ def as_fisheye(camera: Camera) -> tuple[float, ...] | None:
 
 
 def model_in(program: str, camera: Camera) -> tuple[str, dict[str, float]] | None:
-    """Name of a model of a program, with fx and fy, that is the lens of a camera; None without one.
+    """Name of a model of a program, not of square pixels, that is the lens of a camera; or None.
 
     With it, values of its parameters by name.
     """
@@ -423,12 +431,15 @@ def model_in(program: str, camera: Camera) -> tuple[str, dict[str, float]] | Non
         if values is not None:
             names = MODELS[ours].coefficients.split()
             forms.insert(0, (ours, dict(zip(names, values, strict=True))))
+    if forms[0][0] == "opencv":
+        brown = forms[0][1]
+        forms.append(("metashape", brown | {"p1": brown["p2"], "p2": brown["p1"]}))
     central = {name: getattr(camera, name) for name in ("fx", "fy", "cx", "cy")}
     for ours, c in forms:
         for name, foreign in PROGRAMS[program].items():
             wanted = foreign.parameters.split()
             held = foreign.ours == ours and all(key in wanted for key in c if c[key])
-            if held and "fx" in wanted:
+            if held and {"f", "w"}.isdisjoint(wanted):
                 return name, {key: (central | c)[key] for key in wanted}
     return None
 
@@ -475,6 +486,14 @@ def opencv_terms(camera: Camera, program: str) -> tuple[bool, tuple[float, ...]]
     if radial is None:
         raise no_model(program, camera)
     return True, radial
+
+
+def yaml_matrix(name: str, matrix: FloatArray, tag: str = "", *others: str) -> list[str]:
+    """Lines of a matrix in YAML; numbers with a point, which OpenCV takes for real ones."""
+    words = ", ".join(repr(float(value)) for value in matrix.ravel())
+    rows, cols = matrix.shape
+    entries = [f"rows: {rows}", f"cols: {cols}", *others, f"data: [{words}]"]
+    return [f"{name}:{tag}", *(f"  {entry}" for entry in entries)]
 
 
 def no_model(program: str, camera: Camera, name: str = "") -> CameraError:
