@@ -8,12 +8,13 @@ Source: Agisoft Metashape Professional manual 2.1, appendix C, "Camera models"; 
 """
 
 import re
+from collections import Counter
 from xml.etree.ElementTree import Element
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.checks import image_side, shown
+from rastercov.base.checks import image_side, positive, shown
 from rastercov.base.errors import CameraError
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import Border, lens_camera, panorama
@@ -26,7 +27,8 @@ FloatArray = NDArray[np.float64]
 
 MODELS = PROGRAMS["metashape"]
 TERMS = MODELS["frame"].parameters.split()
-UNKNOWN_TERM = re.compile(r"[a-z][0-9]")
+KNOWN_TERMS = (*TERMS, "b1", "b2", "cx", "cy")
+TERM = re.compile(r"[a-z][0-9]|c[xy]")
 """A coefficient; p3 and p4, of older versions, change the tangential terms."""
 
 
@@ -87,36 +89,27 @@ def read(root: Element, border: Border) -> Views:
     cameras, names, row_of = _sensors(chunk, border)
     index, images, matrices, scales = [], [], [], set()
     places = _places(chunk)
-    n_left = n_disabled = n_slaves = 0
+    left_out: Counter[str] = Counter()
     for element in _each(chunk, "cameras", "camera"):
         label = element.get("label", f"camera {element.get('id', '')}")
         transform = _text(element, "transform", "")
         sensor = element.get("sensor_id", "")
         if not _is_enabled(element):
-            n_disabled += 1
-            continue
-        if not transform and "master_id" in element.attrib:
-            n_slaves += 1
-            continue
-        if not transform or sensor not in row_of:
-            n_left += 1
-            continue
-        matrix = _numbers(transform, f"transform of {shown(label)}", (16,)).reshape(4, 4)
-        place, scale = places.get(element.get("component_id"), places[None])
-        matrix[:3, 3] *= 1.0 if scale is None else scale
-        matrices.append(place @ matrix)
-        scales.add(scale)
-        index.append(row_of[sensor])
-        images.append(label)
-    if n_disabled:
-        border.note(f"{n_disabled} images left out: they are disabled")
-    if n_slaves:
-        border.note(
-            f"{n_slaves} images of further cameras of a rig left out: only their master has a "
-            "transform"
-        )
-    if n_left:
-        border.note(f"{n_left} images left out: they have no transform, or no calibrated sensor")
+            left_out["left out: they are disabled"] += 1
+        elif not transform and "master_id" in element.attrib:
+            left_out["of further cameras of a rig left out: only their master has a transform"] += 1
+        elif not transform or sensor not in row_of:
+            left_out["left out: they have no transform, or no calibrated sensor"] += 1
+        else:
+            matrix = _numbers(transform, f"transform of {shown(label)}", 16).reshape(4, 4)
+            place, scale = places.get(element.get("component_id"), places[None])
+            matrix[:3, 3] *= 1.0 if scale is None else scale
+            matrices.append(place @ matrix)
+            scales.add(scale)
+            index.append(row_of[sensor])
+            images.append(label)
+    for why, count in left_out.items():
+        border.note(f"{count} images {why}")
     if None in scales and len(scales) > 1:
         border.note("some components have a scale and others none: lengths do not fit together")
     reference = _text(chunk, "reference", "")
@@ -164,47 +157,40 @@ def _sensors(chunk: Element, border: Border) -> tuple[list[Camera], list[str], d
 
 def _camera(element: Element, kind: str, label: str, sensor: Element | None = None) -> Camera:
     """Camera of a calibration; the size may be in the sensor."""
+    what = f"sensor {shown(label)}"
     if kind not in MODELS:
-        raise CameraError(
-            f"sensor {shown(label)}: its type must be one of {', '.join(MODELS)}, got {shown(kind)}"
-        )
+        raise CameraError(f"{what}: its type must be one of {', '.join(MODELS)}, got {shown(kind)}")
     holders = [element] if sensor is None else [element, sensor]
     sizes = [size for holder in holders for size in children(holder, "resolution")]
     where = sizes[0].attrib if sizes else {c: _text(element, c, "") for c in ("width", "height")}
-    words = [where.get(name, "") for name in ("width", "height")]
-    if not all(word.isdecimal() for word in words):
-        raise CameraError(f"sensor {shown(label)}: its width and height wanted, got {shown(words)}")
-    width, height = (image_side("side", int(word[:20])) for word in words)
+    width, height = (
+        image_side(f"{what}: {name}", number_of(where.get(name, "")))
+        for name in ("width", "height")
+    )
     if kind == "spherical":
         if width != 2 * height:
             raise CameraError(
-                f"sensor {shown(label)}: a spherical image of 2:1 wanted, which is of all "
+                f"{what}: a spherical image of 2:1 wanted, which is of all "
                 f"directions, got {width} x {height}; its scale is not in the file"
             )
         return panorama(width, height)
     if children(element, "fx"):
-        raise CameraError(
-            f"sensor {shown(label)} is of a version before 1.3, which has fx; export it again with "
-            "a later one"
-        )
+        raise CameraError(f"{what} is of a version before 1.3, which has fx; export it again")
 
-    def of(name: str, default: str = "0") -> float:
-        return float(_numbers(_text(element, name, default), f"{label}: {name}", (1,))[0])
-
-    c = {name: of(name) for name in TERMS}
-    for each in element:
-        name = local_name(each)
-        if not UNKNOWN_TERM.fullmatch(name) or name in (*TERMS, "b1", "b2"):
-            continue
-        text = (each.text or "").strip() or "0"
-        if value := _numbers(text, f"{label}: {name}", (1,))[0]:
+    c = dict.fromkeys(KNOWN_TERMS, 0.0) | {
+        name: float(_numbers(_text(element, name, "0"), f"{label}: {name}", 1)[0])
+        for name in map(local_name, element)
+        if TERM.fullmatch(name)
+    }
+    for name, value in c.items():
+        if value and name not in KNOWN_TERMS:
             raise CameraError(
-                f"sensor {shown(label)}: its term {name} has no model here, got {value:g}; "
-                "calibrate again without it, or undistort the photos"
+                f"{what}: its term {name} has no model here, got {value:g}; calibrate again "
+                "without it, or undistort the photos"
             )
-    b1, f = of("b1"), of("f", "")
-    c |= {"fx": f + b1, "fy": f, "skew": of("b2")}
-    c |= {"cx": width / 2 + of("cx"), "cy": height / 2 + of("cy")}
+    f = float(_numbers(_text(element, "f", ""), f"{label}: f", 1)[0])
+    c |= {"fx": f + c["b1"], "fy": f, "skew": c["b2"]}
+    c |= {"cx": width / 2 + c["cx"], "cy": height / 2 + c["cy"]}
     return lens_camera(MODELS[kind].ours, (width, height), c)
 
 
@@ -220,18 +206,12 @@ def _places(chunk: Element) -> dict[str | None, tuple[FloatArray, float | None]]
 def _place(owner: Element) -> tuple[FloatArray, float | None]:
     place, scale = np.eye(4), None
     for transform in children(owner, "transform")[:1]:
-        rotation, translation = (
-            _text(transform, "rotation", ""),
-            _text(transform, "translation", ""),
-        )
-        if rotation:
-            place[:3, :3] = _numbers(rotation, "rotation of the chunk", (9,)).reshape(3, 3)
-        if translation:
-            place[:3, 3] = _numbers(translation, "translation of the chunk", (3,))
+        if text := _text(transform, "rotation", ""):
+            place[:3, :3] = _numbers(text, "rotation of the chunk", 9).reshape(3, 3)
+        if text := _text(transform, "translation", ""):
+            place[:3, 3] = _numbers(text, "translation of the chunk", 3)
         if text := _text(transform, "scale", ""):
-            scale = float(_numbers(text, "scale of the chunk", (1,))[0])
-            if scale <= 0:
-                raise CameraError(f"scale of the chunk must be positive, got {scale:g}")
+            scale = positive("scale of the chunk", number_of(text))
     return place, scale
 
 
@@ -253,5 +233,5 @@ def _text(owner: Element, name: str, default: str) -> str:
     return (found[0].text or "").strip() or default if found else default
 
 
-def _numbers(text: str, what: str, shape: tuple[int, ...]) -> FloatArray:
-    return checked([*map(number_of, text.split()[:100])], what, shape)
+def _numbers(text: str, what: str, count: int) -> FloatArray:
+    return checked([*map(number_of, text.split()[:100])], what, (count,))

@@ -332,8 +332,14 @@ def _views(
             second = inverse_of(motions([rotation], [translation.ravel()]))
             places = np.concatenate([np.eye(4)[None], second])
             border.note("poses are in the frame of the first camera")
-            of_pair = {"world_from_camera": places, "rig_from_camera": places}
-            return border.views(cameras, names, camera=[0, 1], images=names, **of_pair)
+            return border.views(
+                cameras,
+                names,
+                world_from_camera=places,
+                camera=[0, 1],
+                images=names,
+                rig_from_camera=places,
+            )
         border.note(
             f"R and T are left out: they lead from the first camera to the second, and the file "
             f"does not say whether {labels[0]} is the first; rename {labels[0]} and {labels[1]} to "
