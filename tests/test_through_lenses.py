@@ -89,7 +89,7 @@ def test_the_pyramid_of_half_angles_is_the_widest(lens):
     for axis, borders in ((0, (1, 3)), (1, (0, 2))):
         if t[axis] == widest and not MODELS[camera.model].is_planar:
             continue
-        rays = rays_of(border_of(camera, 4001)[list(borders)], camera)
+        rays = rays_of(border_of(camera.width, camera.height, 4001)[list(borders)], camera)
         tangents = np.abs(rays[..., axis] / rays[..., 2])
         assert tangents.min() == pytest.approx(t[axis], rel=1e-6)
 
@@ -156,7 +156,7 @@ def test_the_border_of_a_view_is_that_of_the_image(lens):
         assert rays[:, 1] == pytest.approx(0.0)  # the horizon
         return
     pixels = to_image(rays * (1 - 1e-12), camera)
-    expected = border_of(camera, 7)[:, :-1].reshape(-1, 2)
+    expected = border_of(camera.width, camera.height, 7)[:, :-1].reshape(-1, 2)
     np.testing.assert_allclose(pixels, expected, atol=1e-6)
 
 

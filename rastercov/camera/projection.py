@@ -181,13 +181,13 @@ def rays_of(pixels: FloatArray, camera: Camera) -> FloatArray:
     return np.concatenate((slopes, np.ones((*slopes.shape[:-1], 1))), axis=-1)
 
 
-def border_of(camera: Camera, n: int) -> FloatArray:
-    """Points (4, n, 2) on the borders of the image, px: top, right, bottom and left.
+def border_of(width: float, height: float, n: int) -> FloatArray:
+    """Points (4, n, 2) on the borders of an image of that size, px: top, right, bottom and left.
 
     Each border has its ends, at equal steps, in the order in which they go around the image.
     """
     steps = np.linspace(0.0, 1.0, n)[:, None]
-    corners = np.array([(0, 0), (1, 0), (1, 1), (0, 1)]) * (camera.width, camera.height)
+    corners = np.array([(0, 0), (1, 0), (1, 1), (0, 1)]) * (width, height)
     starts, ends = corners[:, None], np.roll(corners, -1, axis=0)[:, None]
     border: FloatArray = (1 - steps) * starts + steps * ends
     return border
@@ -201,7 +201,7 @@ def view_border(camera: Camera, parts: int) -> FloatArray:
     lens, they are on the border of that. An image of all directions has no border; its rays go once
     around the horizon.
     """
-    pixels = border_of(camera, parts + 1)[:, :-1].reshape(-1, 2)
+    pixels = border_of(camera.width, camera.height, parts + 1)[:, :-1].reshape(-1, 2)
     if camera.model == "equirectangular":
         pixels = np.stack(
             (

@@ -191,7 +191,7 @@ def _inscribed(camera: Camera) -> tuple[float, float]:
     lens = lens_of(camera)
     top, right, bottom, left = (
         _least_tangent(camera, ends, axis)
-        for axis, ends in zip((1, 0, 1, 0), border_of(camera, 2), strict=True)
+        for axis, ends in zip((1, 0, 1, 0), border_of(camera.width, camera.height, 2), strict=True)
     )
     most = math.tan(math.radians(WIDEST_DEG))
     if MODELS[camera.model].is_planar:
