@@ -63,9 +63,8 @@ def limits_of_poses(
     """`limits` of poses that may have different cameras."""
     near, (can_cull, clipped) = np.empty(len(poses)), np.empty((2, len(poses)), np.bool_)
     for index, rows in poses.by_camera():
-        near[rows], can_cull[rows], clipped[rows] = limits(
-            mesh, cameras[index], poses.world_from_camera[rows]
-        )
+        own = limits(mesh, cameras[index], poses.world_from_camera[rows])
+        near[rows], can_cull[rows], clipped[rows] = own
     return near, can_cull, clipped
 
 

@@ -65,10 +65,12 @@ def _with_optics(folder: Path, content: Mapping[str, Any], border: Border) -> Vi
     return replace(views, rig=rig)
 
 
+def _mvsnet_files(folder: Path) -> list[Path]:
+    return bundler.mvsnet_files(folder) or bundler.mvsnet_files(folder / "cams")
+
+
 def _mvsnet(source: Source, border: Border) -> Views:
-    files = [source.path]
-    if source.path.is_dir():
-        files = bundler.mvsnet_files(source.path) or bundler.mvsnet_files(source.path / "cams")
+    files = _mvsnet_files(source.path) if source.path.is_dir() else [source.path]
     if not files:
         raise CameraError(f"files {bundler.PATTERN} wanted, got a folder without any")
     return bundler.read_mvsnet([Source(path) for path in files], border)
@@ -89,6 +91,16 @@ READERS: Mapping[str, Reader] = {
     "mvsnet": _mvsnet,
 }
 """Readers by the name of the format."""
+TABLES: Mapping[str, Any] = {
+    "nerfstudio": transforms,
+    "opensfm": opensfm,
+    "gltf": gltf,
+    "kalibr": kalibr,
+    "ros": ros,
+    "opencv": opencv,
+    "rastercov": own,
+}
+"""Formats of JSON and YAML, each recognised by `is_mine`, in this order."""
 WRITERS = ("rastercov", "colmap", "colmap-text", "nerfstudio", "opencv", "ros", "gltf")
 """Formats that are written."""
 BY_SUFFIX = dict.fromkeys((".json", ".npy", ".toml"), "rastercov") | {
@@ -183,10 +195,8 @@ def _recognised(path: Path, format: str | None) -> tuple[Path, str]:
         return path.parent, "colmap"
     if format is not None:
         return path, format
-    if suffix in (".npy", ".toml"):
-        return path, "rastercov"
-    if suffix in (".glb", ".gltf"):
-        return path, "gltf"
+    if suffix in (".npy", ".toml", ".glb", ".gltf"):
+        return path, "gltf" if suffix.startswith(".gl") else "rastercov"
     if stem == "cameras" and suffix in (".bin", ".txt"):
         return path, "colmap"
     return path, _of_content(Source(path))
@@ -198,56 +208,39 @@ def _of_folder(path: Path, format: str | None) -> tuple[Path, str]:
     for name, its in IN_FOLDERS.items():
         if format in (None, its) and (path / name).is_file():
             return path / name, its
-    if format is None and not (bundler.mvsnet_files(path) or bundler.mvsnet_files(path / "cams")):
+    if format is None and not _mvsnet_files(path):
         raise CameraError(
             f"a COLMAP model, {', '.join(IN_FOLDERS)}, or {bundler.PATTERN} of MVSNet wanted, got "
             "a folder without any; name the file itself"
         )
-    if format in (None, "mvsnet"):
-        return path, "mvsnet"
-    return path, format or ""
+    return path, format or "mvsnet"
 
 
 def _of_content(source: Source) -> str:
     start = source.data[:4000].removeprefix(b"\xef\xbb\xbf").lstrip()
+    suffix = source.path.suffix.lower()
     if source.is_xml:
         return "metashape" if metashape.is_mine(source.xml) else "opencv"
-    if source.path.suffix.lower() == ".json" or start.startswith(b"{"):
-        return _of_json(source.json)
-    if source.path.suffix.lower() in (".yaml", ".yml") or start.startswith((b"%YAML", b"---")):
-        return _of_yaml(source.yaml)
+    is_json = suffix == ".json" or start.startswith(b"{")
+    if is_json or suffix in (".yaml", ".yml") or start.startswith((b"%YAML", b"---")):
+        return _of_table(source.json if is_json else source.yaml, is_json=is_json)
     if start.startswith(bundler.HEADER.encode()):
         return "bundler"
-    if bundler.is_mvsnet(source.text):
-        return "mvsnet"
-    if bundler.is_bal(source.text):
-        return "bal"
+    for name, is_mine in (("mvsnet", bundler.is_mvsnet), ("bal", bundler.is_bal)):
+        if is_mine(source.text):
+            return name
     raise CameraError(
-        "the format is not recognised: a camera file, or one of "
-        f"{', '.join(READERS)}, wanted; name it by --from if it is one of them"
+        f"a camera file, or one of {', '.join(READERS)}, wanted; name its format by --from"
     )
 
 
-def _of_json(content: Any) -> str:
-    for name, module in (
-        ("nerfstudio", transforms),
-        ("opensfm", opensfm),
-        ("gltf", gltf),
-        ("ros", ros),
-        ("opencv", opencv),
-        ("rastercov", own),
-    ):
+def _of_table(content: Any, *, is_json: bool) -> str:
+    for name, module in TABLES.items():
         if module.is_mine(content):
             return name
     # Plain lists of numbers, as a script may have left them; else a camera with a slip in it.
     has_lists = isinstance(content, dict) and any(isinstance(v, list) for v in content.values())
-    return "opencv" if has_lists else "rastercov"
-
-
-def _of_yaml(content: Any) -> str:
-    if kalibr.is_mine(content):
-        return "kalibr"
-    return "ros" if ros.is_mine(content) else "opencv"
+    return "opencv" if has_lists or not is_json else "rastercov"
 
 
 def format_of(path: StrPath) -> str:

@@ -147,7 +147,7 @@ def _names_of_frames(images: Sequence[Image], frame_of: dict[int, int]) -> list[
     if len(set(known)) == len(known):
         return []
     return [
-        f"frame {number}" if number is not None else f"image {image.image_id}"
+        f"image {image.image_id}" if number is None else f"frame {number}"
         for number, image in zip(found, images, strict=True)
     ]
 
@@ -217,21 +217,21 @@ class _Words:
         self._where, self._words, self._at = f"line {number}", text.split(), 0
         self._number, self._text, self._following = number, text, following
 
-    def take(self, what: str) -> str:
+    def word(self, what: str) -> str:
         if self._at >= len(self._words):
             raise CameraError(f"{self._where} ends before {what}; the file is truncated")
         self._at += 1
         return self._words[self._at - 1]
 
     def whole(self, what: str, form: str = "") -> int:
-        word = self.take(what)
+        word = self.word(what)
         # The longest: -2^63 and 2^64 - 1.
         if not _is_whole(word) or len(word) > 20:
             raise CameraError(f"{self._where}: {what} must be a whole number, got {shown(word)}")
         return int(word)
 
     def reals(self, what: str, count: int) -> tuple[float, ...]:
-        found = [number_of(self.take(what)) for _ in range(count)]
+        found = [number_of(self.word(what)) for _ in range(count)]
         for value in found:
             if isinstance(value, str):
                 raise CameraError(f"{self._where}: {what} must be a number, got {shown(value)}")
@@ -241,15 +241,10 @@ class _Words:
         return self.reals("a parameter", len(self._words) - self._at)
 
     def is_camera(self) -> bool:
-        return self.take("a sensor") == "CAMERA"
+        return self.word("a sensor") == "CAMERA"
 
-    def model(self, camera_id: int) -> str:
-        name = self.take("the model")
-        if name not in MODELS:
-            raise CameraError(
-                f"{self._where}: the model must be one of {', '.join(MODELS)}, got {shown(name)}"
-            )
-        return name
+    def model(self) -> str:
+        return self.word("the model")
 
     def name(self) -> str:
         """The rest of the line, which may have spaces."""
@@ -286,26 +281,21 @@ class _Bytes:
     def is_camera(self) -> bool:
         return self.whole("a sensor", "i") == 0  # 1 is an IMU
 
+    def model(self) -> str:
+        number = self.whole("the model", "i")
+        return MODELS[number] if 0 <= number < len(MODELS) else f"number {number}"
+
     def name(self) -> str:
         start = self._file.tell()
-        data = self._file.read(LONGEST_NAME)
-        end = data.find(b"\0")
-        if end < 0:
+        data, end, _ = self._file.read(LONGEST_NAME).partition(b"\0")
+        if not end:
             raise CameraError("the name of an image has no end; the file is truncated or broken")
-        self._file.seek(start + end + 1)
-        return data[:end].decode("utf-8", errors="replace")
+        self._file.seek(start + len(data) + 1)
+        return data.decode("utf-8", errors="replace")
 
     def pass_points(self, name: str) -> None:
         n_points = _count(self._file, f"points of image {shown(name)}", 24)
         self._file.seek(24 * n_points, 1)
-
-    def model(self, camera_id: int) -> str:
-        number = self.whole("the model", "i")
-        if not 0 <= number < len(MODELS):
-            raise CameraError(
-                f"camera {camera_id}: the model must be 0 to {len(MODELS) - 1}, got {number}"
-            )
-        return MODELS[number]
 
 
 Fields = Iterable[_Words | _Bytes]
@@ -317,14 +307,15 @@ and () for the reference."""
 def _cameras(records: Fields) -> dict[int, Camera]:
     table: dict[int, Camera] = {}
     for values in records:
-        number = values.whole("the camera's id")
-        model = values.model(number)
-        width, height = values.whole("the width", "Q"), values.whole("the height", "Q")
+        number, model = values.whole("the camera's id"), values.model()
+        if model not in MODELS:
+            raise CameraError(f"the model must be one of {', '.join(MODELS)}, got {shown(model)}")
+        sides = values.whole("the width", "Q"), values.whole("the height", "Q")
         parameters = values.parameters(len(PROGRAMS["colmap"][model].parameters.split()))
         if number in table:
             raise CameraError(f"camera {number} comes twice; leave one")
         try:
-            size = image_side("width", width), image_side("height", height)
+            size = image_side("width", sides[0]), image_side("height", sides[1])
             table[number] = camera_of(model, *size, parameters)
         except CameraError as error:
             raise CameraError(f"camera {number}: {error}") from None
@@ -369,11 +360,8 @@ def _frames(records: Fields) -> list[tuple[int, list[int]]]:
         values.whole("the rig's id")
         values.reals("rig_from_world", 7)
         for _ in range(values.whole("the number of images")):
-            is_camera, _, image = (
-                values.is_camera(),
-                values.whole("an id"),
-                values.whole("an id", "Q"),
-            )
+            is_camera, _ = values.is_camera(), values.whole("an id")
+            image = values.whole("an id", "Q")
             if is_camera:
                 frames[-1][1].append(image)
     return frames

@@ -135,49 +135,48 @@ class Border:
         """Add a line, once."""
         self.notes[text] = None
 
+    def _answer(self, name: str, question: str = "") -> Any:
+        """Answer of that name; the question is the error where there must be one."""
+        self._asked.add(name)
+        answer = getattr(self._given, name)
+        if answer is None and question:
+            raise CameraError(question)
+        return answer
+
     def image_size(self, what: str = "the file") -> tuple[int, int]:
         """Width and height, where the file has none."""
-        self._asked.add("image_size")
-        if self._given.image_size is None:
-            raise CameraError(f"{what} has no image size; give --image-size WIDTHxHEIGHT")
-        return self._given.image_size
+        question = f"{what} has no image size; give --image-size WIDTHxHEIGHT"
+        size: tuple[int, int] = self._answer("image_size", question)
+        return size
 
     def pixel_shift(self, what: str = "the file") -> float:
-        """Pixels to add to image coordinates, where the file does not say what they start from."""
-        self._asked.add("pixel_centre")
-        if self._given.pixel_centre is None:
-            raise CameraError(
-                f"{what} does not say where pixels are counted from; give --pixel-centre 0 if "
-                "(0, 0) is the centre of the top-left pixel, as in OpenCV, or 0.5"
-            )
-        return 0.5 - self._given.pixel_centre
+        """What is added to pixels of a file that does not say where they are counted from."""
+        question = (
+            f"{what} does not say where pixels are counted from; give --pixel-centre 0 if (0, 0) "
+            "is the centre of the top-left pixel, as in OpenCV, or 0.5"
+        )
+        return 0.5 - float(self._answer("pixel_centre", question))
 
     def is_fisheye(self, what: str) -> bool:
         """True for a fisheye, where four coefficients may be either."""
-        self._asked.add("lens_model")
-        if self._given.lens_model is None:
-            raise CameraError(
-                f"{what} are four, of Brown's model (k1 k2 p1 p2) or of cv2.fisheye (k1 k2 k3 "
-                "k4); give --lens-model brown or fisheye"
-            )
-        return self._given.lens_model == "fisheye"
+        question = (
+            f"{what} are four, of Brown's model (k1 k2 p1 p2) or of cv2.fisheye (k1 k2 k3 k4); "
+            "give --lens-model brown or fisheye"
+        )
+        return bool(self._answer("lens_model", question) == "fisheye")
 
     def metres(self, default: float | None = None) -> float | None:
         """Metres in the unit of lengths that was given, where the file may have another one."""
-        self._asked.add("pose_unit")
-        return default if self._given.pose_unit is None else metres_per(self._given.pose_unit)
+        unit = self._answer("pose_unit")
+        return default if unit is None else metres_per(unit)
 
     def undoes_world(self) -> bool:
         """True where the transform that a file says was applied to its world is to be undone."""
-        self._asked.add("original_world")
-        return self._given.original_world
+        return bool(self._answer("original_world"))
 
     def of_convention(self, matrices: FloatArray) -> FloatArray:
         """world_from_camera of matrices that come without a word about their convention."""
-        self._asked.add("pose_convention")
-        has_opengl_axes, is_inverse = POSE_CONVENTIONS[self._given.pose_convention or "opencv"]
-        found = inverse_of(matrices) if is_inverse else matrices
-        return found @ OPENGL_AXES if has_opengl_axes else found
+        return in_convention(matrices, self._answer("pose_convention") or "opencv")
 
     def views(
         self,
@@ -227,25 +226,20 @@ class Border:
         if metres is None and has_lengths:
             metres = self.metres()
         factor = scale * (1.0 if metres is None else metres)
+        rigid, skip_bad = self._rigid(matrices, factor, drift), self._given.skip_bad_poses
         try:
-            poses = Poses.of(
-                self._rigid(matrices, factor, drift),
-                camera=camera,
-                skip_bad=self._given.skip_bad_poses,
-            )
+            poses = Poses.of(rigid, camera=camera, skip_bad=skip_bad)
         except PoseError as error:
             if images is None or not error.pose_ids:
                 raise
             name = shown(printable(images[error.pose_ids[0]]))
             raise PoseError(f"{error}: image {name}", error.pose_ids) from None
-        rig = None
+        rig, places = None, None
+        if rig_from_camera is not None:
+            given = np.asarray(rig_from_camera, dtype=np.float64).reshape(-1, 4, 4)
+            places = self._rigid(given, factor, drift)
         if cameras is not None:
-            places = None
-            if rig_from_camera is not None:
-                given = np.asarray(rig_from_camera, dtype=np.float64).reshape(-1, 4, 4)
-                places = self._rigid(given, factor, drift)
-            labels = [f"camera {row}" for row in range(len(cameras))] if names is None else names
-            rig = Rig(cameras, unique_names(labels), places)
+            rig = Rig(cameras, unique_names(names or [""] * len(cameras)), places)
         if images is None:
             images = [f"pose {row}" for row in range(len(matrices))]
         names_of_frames = _apart(frames)
@@ -297,6 +291,13 @@ class Border:
         ]
 
 
+def in_convention(matrices: FloatArray, name: str) -> FloatArray:
+    """world_from_camera of matrices in one of `POSE_CONVENTIONS`."""
+    has_opengl_axes, is_inverse = POSE_CONVENTIONS[name]
+    found = inverse_of(matrices) if is_inverse else matrices
+    return found @ OPENGL_AXES if has_opengl_axes else found
+
+
 def inverse_of(matrices: FloatArray) -> FloatArray:
     """Inverse of motions whose rotation may have drifted.
 
@@ -342,24 +343,17 @@ def from_quaternions(wxyz: ArrayLike, translation: ArrayLike) -> FloatArray:
 
 def to_quaternions(rotations: FloatArray) -> FloatArray:
     """(N, 4) unit quaternions, scalar first and not negative, of rotations (N, 3, 3)."""
-    r = rotations
-    trace = np.trace(r, axis1=1, axis2=2)
-    diagonal = np.einsum("nii->ni", r)
-    # Four times the squares of w, x, y, z: the largest is divided by, so that no digit is lost.
-    squares = np.concatenate([trace[:, None], 2 * diagonal - trace[:, None]], axis=1) + 1
-    products = np.empty((len(r), 4, 4))
-    products[:, range(4), range(4)] = squares
-    for row, column, value in (
-        (0, 1, r[:, 2, 1] - r[:, 1, 2]),
-        (0, 2, r[:, 0, 2] - r[:, 2, 0]),
-        (0, 3, r[:, 1, 0] - r[:, 0, 1]),
-        (1, 2, r[:, 1, 0] + r[:, 0, 1]),
-        (1, 3, r[:, 0, 2] + r[:, 2, 0]),
-        (2, 3, r[:, 2, 1] + r[:, 1, 2]),
-    ):
-        products[:, row, column] = products[:, column, row] = value
-    largest = squares.argmax(axis=1)
-    q = products[np.arange(len(r)), largest]
+    diagonal = np.einsum("nii->ni", rotations)
+    trace = diagonal.sum(axis=1, keepdims=True)
+    # Four times the products of w, x, y, z; the largest square is divided by: no digit is lost.
+    products = np.empty((len(rotations), 4, 4))
+    products[:, range(4), range(4)] = np.hstack([trace, 2 * diagonal - trace]) + 1
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        one, other = rotations[:, k, j], rotations[:, j, k]
+        products[:, 0, i + 1] = products[:, i + 1, 0] = one - other
+        products[:, j + 1, k + 1] = products[:, k + 1, j + 1] = one + other
+    rows = np.arange(len(rotations))
+    q = products[rows, np.einsum("nii->ni", products).argmax(axis=1)]
     q = q / np.linalg.norm(q, axis=1, keepdims=True)
     result: FloatArray = np.where(q[:, :1] < 0, -q, q)
     return result

@@ -12,9 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.format import size_in_words
 from rastercov.camera.camera import Camera
-from rastercov.camera.formats.conventions import OPENGL_AXES, POSE_CONVENTIONS
+from rastercov.camera.formats.conventions import POSE_CONVENTIONS, in_convention
 from rastercov.camera.models import MODELS
-from rastercov.camera.pose import Poses, inverse
+from rastercov.camera.pose import Poses
 from rastercov.camera.projection import to_camera, to_image
 from rastercov.camera.rig import Cameras, cameras_of
 from rastercov.mesh import Mesh
@@ -134,10 +134,9 @@ def convention_doubts(mesh: Mesh, camera: Cameras, poses: ArrayLike | Poses) -> 
     seen = _looking(points, own, matrices)
     if seen > MOST_SHARE_GIVEN * len(rows):
         return []
-    found = {}
-    for name, (has_opengl_axes, is_inverse) in POSE_CONVENTIONS.items():
-        taken = inverse(matrices) if is_inverse else matrices
-        found[name] = _looking(points, own, taken @ OPENGL_AXES if has_opengl_axes else taken)
+    found = {
+        name: _looking(points, own, in_convention(matrices, name)) for name in POSE_CONVENTIONS
+    }
     name = max(found, key=found.__getitem__)
     if found[name] < LEAST_SHARE_OTHERWISE * len(rows):
         return []
