@@ -20,7 +20,7 @@ from rastercov.base.files import (
     parsed_json,
     read_toml,
 )
-from rastercov.mesh.formats.xml_tree import parsed
+from rastercov.mesh.formats.xml_tree import local_name, parsed
 
 FloatArray = NDArray[np.float64]
 
@@ -194,6 +194,26 @@ class Entries:
             raise self.wrong(name, f"up to {most} numbers", value)
         found: list[float] = checked(value, f"{self.where}: {name}", (len(value),)).tolist()
         return found
+
+
+class Words(Entries):
+    """A table of texts, of which numbers are read: an element of XML."""
+
+    def __init__(self, element: Element, where: str) -> None:
+        texts = {local_name(each): (each.text or "").strip() for each in reversed(element)}
+        table = {name: text for name, text in texts.items() if text} | element.attrib
+        super().__init__(table, where)
+
+    def number(self, name: str, default: float | None = None) -> float:
+        """A finite number."""
+        if default is not None and name not in self:
+            return default
+        return float(self.array(name, (1,))[0])
+
+    def array(self, name: str, *shapes: tuple[int, ...]) -> FloatArray:
+        """Finite numbers, as many as one of these lengths."""
+        words = self.text(name).split()[:100]
+        return checked([*map(number_of, words)], f"{self.where}: {name}", *shapes)
 
 
 def checked(value: Any, what: str, *shapes: tuple[int, ...]) -> FloatArray:
