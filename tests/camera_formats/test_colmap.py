@@ -6,35 +6,12 @@ from operator import attrgetter
 import numpy as np
 import pycolmap
 import pytest
+from lens_cases import COLMAP, HEIGHT, WIDTH
 from view_files import has_note, pixels_of, refused, same, same_pixels, some_points, two_views
 
 import rastercov as rc
 from rastercov.camera.formats import read_views, write_views
 from rastercov.camera.models import PROGRAMS
-
-PARAMETERS = {
-    "SIMPLE_PINHOLE": [500, 321, 239],
-    "PINHOLE": [500, 510, 321, 239],
-    "SIMPLE_RADIAL": [500, 321, 239, -0.05],
-    "RADIAL": [500, 321, 239, -0.05, 0.01],
-    "OPENCV": [500, 510, 321, 239, -0.05, 0.01, 0.001, -0.002],
-    "OPENCV_FISHEYE": [400, 410, 321, 239, 0.02, -0.01, 0.003, 0.001],
-    "FULL_OPENCV": [500, 510, 321, 239, -0.05, 0.01, 0.001, -0.002, 0.01, 0.02, 0.003, 0.001],
-    "FOV": [500, 510, 321, 239, 0.5],
-    "SIMPLE_RADIAL_FISHEYE": [400, 321, 239, 0.02],
-    "RADIAL_FISHEYE": [400, 321, 239, 0.02, -0.01],
-    "THIN_PRISM_FISHEYE": [400, 410, 321, 239, 0.02, -0.01, 0.001, -0.002, 0.01, 0.001, 2e-3, 3e-3],
-    "RAD_TAN_THIN_PRISM_FISHEYE": [
-        *(400, 410, 321, 239, 0.02, -0.01, 0.003, 0.001, 2e-4, 1e-4),
-        *(0.001, -0.002, 1e-3, 2e-3, 3e-3, 4e-3),
-    ],
-    "SIMPLE_DIVISION": [500, 321, 239, -0.05],
-    "DIVISION": [500, 510, 321, 239, -0.05],
-    "SIMPLE_FISHEYE": [400, 321, 239],
-    "FISHEYE": [400, 410, 321, 239],
-    "EUCM": [400, 410, 321, 239, 0.6, 1.1],
-    "EQUIRECTANGULAR": [640, 480],
-}
 
 
 def motion(rng, most, translation):
@@ -50,8 +27,8 @@ def model_of(names, rng):
     rig.rig_id = 1
     sensors = []
     for number, name in enumerate(names, 1):
-        camera = pycolmap.Camera.create_from_model_name(number, name, 500, 640, 480)
-        camera.params = PARAMETERS[name]
+        camera = pycolmap.Camera.create_from_model_name(number, name, 500, WIDTH, HEIGHT)
+        camera.params = COLMAP[name]
         model.add_camera(camera)
         sensors.append(pycolmap.sensor_t(pycolmap.SensorType.CAMERA, number))
         if number == 1:
@@ -90,12 +67,12 @@ def expected(model, points):
 @pytest.mark.parametrize("form", ["text", "binary"])
 def test_every_model_and_pose_projects_as_pycolmap_does(tmp_path, form):
     rng = np.random.default_rng(1)
-    model = model_of(list(PARAMETERS), rng)
+    model = model_of(list(COLMAP), rng)
     getattr(model, f"write_{form}")(tmp_path)
     views = read_views(tmp_path)
     points = some_points(rng)
     pixels, wanted = pixels_of(views, points), expected(model, points)
-    inside = ((wanted > 0) & (wanted < (640, 480))).all(axis=-1)
+    inside = ((wanted > 0) & (wanted < (WIDTH, HEIGHT))).all(axis=-1)
     assert inside.mean() > 0.5
     same(pixels[inside], wanted[inside], 1e-9)
     assert views.images == tuple(model.images[number].name for number in sorted(model.images))
@@ -104,7 +81,7 @@ def test_every_model_and_pose_projects_as_pycolmap_does(tmp_path, form):
 
 
 def test_every_model_of_colmap_is_tested():
-    assert set(PARAMETERS) == set(PROGRAMS["colmap"])
+    assert set(COLMAP) == set(PROGRAMS["colmap"])
     known = pycolmap.CameraModelId.__members__
     assert {name: number for number, name in enumerate(PROGRAMS["colmap"])} == {
         name: int(each) for name, each in known.items() if name != "INVALID"
@@ -133,7 +110,7 @@ def test_places_of_cameras_are_those_of_the_rig_and_a_unit_scales_lengths(tmp_pa
 @pytest.mark.parametrize("form", ["colmap", "colmap-text"])
 def test_written_models_are_read_by_pycolmap_and_by_us(tmp_path, form):
     rng = np.random.default_rng(3)
-    model = model_of(list(PARAMETERS), rng)
+    model = model_of(list(COLMAP), rng)
     (tmp_path / "in").mkdir()
     model.write_binary(tmp_path / "in")
     views = read_views(tmp_path / "in")
@@ -160,7 +137,7 @@ def test_a_project_folder_and_files_of_a_model_lead_to_the_model(tmp_path):
     for path in (tmp_path, folder, folder / "images.txt", folder / "rigs.txt"):
         assert len(read_views(path).poses) == 3
     assert len(read_views(folder / "cameras.txt").poses) == 0
-    assert read_views(folder / "cameras.txt").camera().fx == 500
+    assert read_views(folder / "cameras.txt").camera().fx == 900
 
 
 FILES = {

@@ -23,20 +23,12 @@ CENTRAL = [458.6, 457.3, 367.2, 248.4]
 
 
 def camchain(path, *cameras):
-    """A chain as Kalibr's ConfigReader writes it."""
-    content = {
-        f"cam{row}": {
-            "cam_overlaps": [1],
-            "distortion_model": distortion,
-            "distortion_coeffs": values,
-            "camera_model": model,
-            "intrinsics": intrinsics,
-            "resolution": [752, 480],
-            "rostopic": f"/cam{row}/image_raw",
-            **others,
-        }
-        for row, (model, intrinsics, distortion, values, others) in enumerate(cameras)
-    }
+    """A chain with what Kalibr's ConfigReader writes."""
+    names = "camera_model", "intrinsics", "distortion_model", "distortion_coeffs"
+    content = {}
+    for row, (*values, others) in enumerate(cameras):
+        own = {"cam_overlaps": [1], "resolution": [752, 480], "rostopic": f"/cam{row}/image_raw"}
+        content[f"cam{row}"] = dict(zip(names, values, strict=True)) | own | others
     path.write_text(yaml.dump(content, default_flow_style=None, width=2147483647))
     return path
 
@@ -120,22 +112,12 @@ def test_a_chain_may_have_no_places(tmp_path):
 CAMERA_INFO = """image_width: 640
 image_height: 480
 camera_name: narrow_stereo
-camera_matrix:
-  rows: 3
-  cols: 3
-  data: [616.77, 0.0, 322.28, 0.0, 617.28, 241.43, 0.0, 0.0, 1.0]
+camera_matrix: {{rows: 3, cols: 3, data: [616.77, 0, 322.28, 0, 617.28, 241.43, 0, 0, 1.0]}}
 distortion_model: {model}
-distortion_coefficients:
-  rows: 1
-  cols: {n}
-  data: {data}
-projection_matrix:
-  rows: 3
-  cols: 4
-  data: [610.0, 0.0, 320.0, 0.0, 0.0, 612.0, 240.0, 0.0, 0.0, 0.0, 1.0, 0.0]
+distortion_coefficients: {{rows: 1, cols: {n}, data: {data}}}
+projection_matrix: {{rows: 3, cols: 4, data: [610.0, 0, 320, 0, 0, 612, 240, 0, 0, 0, 1, 0]}}
 """
-MESSAGE = """header:
-  seq: 0
+MESSAGE = """header: {{seq: 0}}
 height: 480
 width: 640
 distortion_model: "{model}"
@@ -143,8 +125,7 @@ D: {data}
 K: [616.77, 0.0, 322.28, 0.0, 617.28, 241.43, 0.0, 0.0, 1.0]
 P: [610.0, 0.0, 320.0, 0.0, 0.0, 612.0, 240.0, 0.0, 0.0, 0.0, 1.0, 0.0]
 binning_x: 2
-roi:
-  width: 3
+roi: {{width: 3}}
 ---
 """
 INFO = {

@@ -88,11 +88,7 @@ def test_panoramas_are_those_of_nerfstudio(tmp_path, given):
     write_views(tmp_path / "transforms_again.json", views)
     again = read_views(tmp_path / "transforms_again.json").camera()
     assert (again.width, again.height) == (w, h)
-    np.testing.assert_allclose(
-        (again.fx, again.fy, again.cx, again.cy),
-        [getattr(views.camera(), name) for name in ("fx", "fy", "cx", "cy")],
-        rtol=1e-15,
-    )
+    assert list(again.to_json().values()) == pytest.approx([*views.camera().to_json().values()])
 
 
 def test_k4_of_a_brown_lens_is_of_r8(tmp_path):
@@ -171,24 +167,18 @@ def test_matrices_in_float32_are_made_orthonormal_and_skewed_ones_refused(tmp_pa
 
 
 @pytest.mark.parametrize(
-    "lens",
+    ("model", "distortion"),
     [
-        {},
-        {"model": "opencv", "distortion": (-0.1, 0.02, 0.001, -0.002, 0.003)},
-        {"model": "opencv_fisheye", "distortion": (0.02, -0.01, 0.003, 0.001)},
-        {"model": "metashape", "distortion": (-0.1, 0.02, 0.003, 0.04, 0.001, -0.002)},
-        {
-            "model": "rad_tan_thin_prism_fisheye",
-            "distortion": tuple(0.001 * (i - 5) for i in range(12)),
-        },
+        ("pinhole", ()),
+        ("opencv", (-0.1, 0.02, 0.001, -0.002, 0.003)),
+        ("opencv_fisheye", (0.02, -0.01, 0.003, 0.001)),
+        ("metashape", (-0.1, 0.02, 0.003, 0.04, 0.001, -0.002)),
+        ("rad_tan_thin_prism_fisheye", [0.001 * (i - 5) for i in range(12)]),
     ],
 )
-def test_what_we_write_projects_the_same_points(tmp_path, lens):
-    rng = np.random.default_rng(1)
-    cameras = [
-        rc.Camera(width=640, height=480, fx=400 + row, fy=405, cx=318, cy=242, **lens)
-        for row in range(2)
-    ]
+def test_what_we_write_projects_the_same_points(tmp_path, model, distortion):
+    rng, lens = np.random.default_rng(1), {"model": model, "distortion": distortion}
+    cameras = [rc.Camera(width=640, height=480, fx=400 + k, fy=405, cx=318, **lens) for k in (0, 1)]
     poses = rc.look_at(eyes=rng.uniform(3, 4, (5, 3)), targets=(0, 0, 0))
     poses = rc.Poses.of(poses, camera=[0, 1, 1, 0, 1])
     views = rc.Views(rc.Rig(cameras), poses, tuple(f"{row}.png" for row in range(5)))
@@ -196,8 +186,7 @@ def test_what_we_write_projects_the_same_points(tmp_path, lens):
     assert write_views(path, views) == ["lengths are metres, which the format does not say"]
     again = read_views(path)
     same_pixels(views, again, some_points(rng))
-    assert again.images == views.images
-    assert again.notes == ()
+    assert (again.images, again.notes) == (views.images, ())
 
 
 def test_a_lens_without_a_model_is_refused_by_name(tmp_path):

@@ -5,7 +5,6 @@ import math
 import pytest
 from lens_cases import HEIGHT, WIDTH, make_lens
 
-from rastercov.base.errors import CameraError
 from rastercov.camera.camera import Camera
 from rastercov.camera.lenses.of_camera import lens_of
 from rastercov.camera.models import MODELS
@@ -61,22 +60,3 @@ def test_model_of_a_camera_has_these_terms(model, distortion, base, terms):
 
 def test_every_model_is_compared():
     assert {model for model, *_ in CASES} == set(MODELS)
-
-
-@pytest.mark.parametrize(
-    ("model", "distortion", "words"),
-    [
-        ("opencv", (1e13, 0, 0, 0), r"k1 of model opencv must be within 1e\+12, got 1e\+13"),
-        ("opencv", (*[0] * 12, 1.3, 0), "tau_x of model opencv must be within 1.05 rad, got 1.3"),
-        ("fov", (-1,), "omega of model fov must be 0 to below pi radians, got -1"),
-        ("fov", (4,), "omega of model fov"),
-        ("omni", (-0.5,), "xi of model omni must be 0 or more, got -0.5"),
-        ("eucm", (2, 1), "alpha of model eucm must be 0 to 1, got 2; correct distortion"),
-        ("eucm", (0.5, 0), "beta of model eucm must be positive, got 0"),
-        ("double_sphere", (2, 0.5), "xi of model double_sphere must be above -1 and at most 1"),
-        ("double_sphere", (0, -0.5), "alpha of model double_sphere must be 0 to 1, got -0.5"),
-    ],
-)
-def test_a_coefficient_out_of_its_range_is_refused_by_its_own_name(model, distortion, words):
-    with pytest.raises(CameraError, match=words):
-        Camera(width=32, height=24, fx=30, fy=30, model=model, distortion=distortion)

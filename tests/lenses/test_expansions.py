@@ -6,11 +6,10 @@ times the greatest Taylor coefficient on it, and nearly that for a short one.
 
 import numpy as np
 import pytest
-from lens_cases import is_outside_hole, of_all_kinds
+from lens_cases import is_outside_hole, of_all_kinds, pixels_of_plane, points_of
 
 from rastercov.camera.lenses import quadrature as expansions
-from rastercov.camera.lenses.quadrature import DIRECTIONS, ORDER, Expansion, coefficient_bounds
-from rastercov.kernels import lens_formulas
+from rastercov.camera.lenses.quadrature import ORDER, Expansion, coefficient_bounds
 
 LENSES = of_all_kinds()
 NODES = 32
@@ -18,7 +17,7 @@ NODES = 32
 
 def segments(plane, half, n, rng):
     """Middles and ends (2, N, 2) of segments of the region, outside its hole."""
-    points = rng.dirichlet(np.full(len(plane.region), 0.05), n) @ plane.region
+    points = points_of(plane, n, rng)
     turn = rng.uniform(0, 2 * np.pi, n)
     along = half * np.column_stack((np.cos(turn), np.sin(turn)))
     is_good = np.ones(n, np.bool_)
@@ -33,10 +32,8 @@ def chebyshev_coefficients(plane, middle, along):
     """(2, NODES, N) coefficients of u and v on segments."""
     k = np.arange(NODES)
     angle = np.pi * (k + 0.5) / NODES
-    points = middle + np.cos(angle)[:, None, None] * along
-    rays = np.concatenate((points, np.ones((*points.shape[:2], 1))), axis=2) @ plane.frame.T
-    values = lens_formulas.project(plane.code, plane.params, *np.moveaxis(rays, -1, 0))
-    return 2 / NODES * np.einsum("kj,cjn->ckn", np.cos(k[:, None] * angle), np.stack(values))
+    values = pixels_of_plane(plane, middle + np.cos(angle)[:, None, None] * along)
+    return 2 / NODES * np.einsum("kj,jnc->ckn", np.cos(k[:, None] * angle), values)
 
 
 @pytest.mark.slow
@@ -73,16 +70,6 @@ def test_a_lens_without_distortion_has_one_coefficient():
     assert (bounds[:, 2:] < 1e-6 * 900 ** (1 + 0 * bounds[:, 2:])).all()
 
 
-def test_directions_bound_those_between_them():
-    """cos(k t) is greatest half a step from directions, for which the factor is exact."""
-    angle = np.pi * np.arange(DIRECTIONS) / DIRECTIONS
-    for k in range(1, ORDER + 1):
-        off = np.pi / (2 * DIRECTIONS)
-        least = np.cos(k * np.pi / (2 * DIRECTIONS))
-        assert np.abs(np.cos(k * (angle - off))).max() >= least - 1e-12
-        assert least > 0
-
-
 @pytest.mark.parametrize("operation", ["product", "quotient", "root"])
 def test_expansions_hold_those_of_all_points(operation):
     """Against numpy's polynomials, of coefficients anywhere in the intervals."""
@@ -116,14 +103,3 @@ def test_expansions_hold_those_of_all_points(operation):
             assert len(found.centre) == n
             off = np.abs(true - found.centre[:, lane])
             assert (off <= found.radius[:, lane] + 1e-12 * (1 + np.abs(true))).all()
-
-
-def test_a_middle_has_its_own_coefficients():
-    """The centre of an expansion is that of the middle, whatever the width."""
-    (plane,) = LENSES["opencv brown"].planes
-    x, y, half = expansions._cells(plane)
-    middle, everywhere = expansions._in_cells(plane, x, y, half)
-    alone, same = expansions._in_cells(plane, x, y, (0.0, 0.0))
-    np.testing.assert_allclose(middle, alone, rtol=1e-12, atol=1e-12)
-    np.testing.assert_allclose(alone, same, rtol=1e-12, atol=1e-12)
-    assert (everywhere >= middle).all()

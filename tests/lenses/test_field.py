@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from lens_cameras import CAMERAS
+from lens_cases import heights, rays_of_plane
 from nightly import examples
 
 from rastercov import Camera
@@ -42,11 +43,9 @@ def check_cells(camera, seed, tolerance=TOLERANCE, n=4000):
         near = rays[:, :2] / rays[:, 2:] + rng.normal(size=(n, 2)) * 10.0 ** -rng.uniform(2, 7)
         is_there = (rays[:, 2] > 0) & ((near >= low) & (near <= low + size)).all(axis=1)
         points = np.concatenate((points, near[is_there]))
-        pixels = lens.project(np.column_stack((points, np.ones(len(points)))) @ plane.frame.T)
+        pixels = lens.project(rays_of_plane(plane, points))
         seen = ((pixels >= 0) & (pixels <= (camera.width, camera.height))).all(axis=1)
-        sides = np.roll(plane.region, -1, axis=0) - plane.region
-        away = points[:, None] - plane.region
-        seen &= (sides[:, 0] * away[..., 1] - sides[:, 1] * away[..., 0] >= 0).all(axis=1)
+        seen &= heights(points, plane.region) >= 0
         leaf = leaves_at(tree, points)
         assert (leaf[seen] != kernels.OUTSIDE).all()
         assert (leaf[~seen] != kernels.INSIDE).all()

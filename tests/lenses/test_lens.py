@@ -6,7 +6,7 @@ import math
 import lens_cases
 import numpy as np
 import pytest
-from lens_cases import BROWN, HEIGHT, WIDTH, K, make_lens, of_all_kinds, pixels
+from lens_cases import BROWN, HEIGHT, WIDTH, make_lens, of_all_kinds, pixels
 
 from rastercov.base.errors import CameraError
 from rastercov.kernels import lens_formulas
@@ -135,31 +135,6 @@ def test_what_is_no_lens_is_refused_in_one_line(call, words):
     with pytest.raises(CameraError, match=words) as caught:
         call()
     assert "\n" not in str(caught.value)
-
-
-def test_models_of_one_lens_agree():
-    shape = lens_cases.lens(
-        *("metashape", (BROWN[0], BROWN[1], BROWN[4], 0, BROWN[3], BROWN[2])),
-        fx=900, fy=880, cx=655.25, cy=500.5,
-    )  # fmt: skip
-    brown, given = lens_cases.opencv(K, BROWN), pixels(100)
-    assert np.abs(shape.project(brown.unproject(given)) - given).max() < 1e-9
-
-
-def test_a_unified_lens_is_the_same_in_two_notations():
-    xi, given = 0.8, pixels(200)
-    alpha = xi / (1 + xi)
-    omni = lens_cases.lens("omni", (xi,), fx=900, fy=910)
-    eucm = lens_cases.lens("eucm", (alpha, 1.0), fx=900 / (1 + xi), fy=910 / (1 + xi))
-    assert np.abs(omni.unproject(given) - eucm.unproject(given)).max() < 1e-12
-
-
-def test_the_center_of_a_double_sphere_is_a_unified_lens():
-    given = pixels(200)
-    double, eucm = (lens_cases.lens(*each) for each in (
-        ("double_sphere", (0.0, 0.6)), ("eucm", (0.6, 1.0))
-    ))  # fmt: skip
-    assert np.abs(double.unproject(given) - eucm.unproject(given)).max() < 1e-12
 
 
 def test_lens_is_named_by_its_base():
