@@ -10,13 +10,10 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from nightly import amount
 
-import rastercov as rc
 from rastercov.base.checks import MAX_IMAGE_SIDE
 from rastercov.base.errors import CameraError
 from rastercov.camera.camera import PRESETS, Camera
 from rastercov.camera.models import MODELS
-from rastercov.mesh import shapes
-from rastercov.reference import models
 
 INTRINSICS = {"width": 640, "height": 480, "fx": 500.0, "fy": 510.0}
 LENS = {"width": 640, "height": 480, "focal_length": 8e-3, "pixel_size": 5e-6}
@@ -60,11 +57,6 @@ def test_thesis_figure_a_3_camera():
     assert camera.depth_of_field() == (0.1, 5.0)
 
 
-@pytest.mark.parametrize("name", PRESETS)
-def test_every_preset_is_what_from_lens_makes_of_it(name):
-    assert Camera.preset(name) == Camera.from_lens(**PRESETS[name])
-
-
 @pytest.mark.parametrize("name", ["kepra", None, {}])
 def test_an_unknown_preset_names_the_known_ones(name):
     with pytest.raises(CameraError, match="there are icube-ns4133bu-8mm, khepra"):
@@ -86,18 +78,6 @@ def test_principal_point_is_the_image_centre_unless_given():
     assert (Camera(**INTRINSICS).cx, Camera(**INTRINSICS).cy) == (320, 240)
     moved = Camera(**INTRINSICS, cx=-5.0, cy=1000.0)  # a crop may not hold its principal point
     assert (moved.cx, moved.cy) == (-5, 1000)
-
-
-@given(cx=st.floats(-100, 740), cy=st.floats(-100, 580), fx=st.floats(10, 1e4))
-def test_field_of_view_is_the_angle_between_the_border_rays(cx, cy, fx):
-    camera = Camera(**INTRINSICS | {"fx": fx}, cx=cx, cy=cy)
-    for angle, f, c, side in (
-        (camera.hfov, camera.fx, camera.cx, camera.width),
-        (camera.vfov, camera.fy, camera.cy, camera.height),
-    ):
-        first, last = (-c / f, 1.0), ((side - c) / f, 1.0)
-        between = np.arctan2(np.cross((*first, 0), (*last, 0))[2], np.dot(first, last))
-        assert angle == pytest.approx(-between, abs=1e-12)
 
 
 @given(fx=st.floats(1, 1e5), fy=st.floats(1, 1e5), cx=st.floats(-1e4, 1e4), cy=st.floats(-1e4, 1e4))
@@ -340,26 +320,6 @@ def test_a_fisheye_and_a_tilted_sensor_have_no_plane_in_focus():
     refused("tilted sensor", **INTRINSICS, **focus, model="opencv", distortion=[0] * 13 + [0.1])
     Camera(**INTRINSICS, **focus, model="opencv", distortion=[0.1] * 12 + [0, 0])
     Camera(**INTRINSICS, focus_range=(1, 2), model="opencv_fisheye")
-
-
-def test_what_needs_a_pinhole_refuses_other_lenses():
-    mesh, pose = shapes.torus(8, 6), np.eye(4)[None]
-    zhang = models.MODELS["zhang"]
-    for camera in (
-        Camera(**INTRINSICS, model="opencv", distortion=[0.1] * 4),
-        Camera(**INTRINSICS, skew=1e-9),
-        Camera(**INTRINSICS, max_angle_deg=30),
-    ):
-        with pytest.raises(CameraError, match="got a lens of model"):
-            zhang(mesh, camera, pose, rc.Task())
-        with pytest.raises(CameraError, match="not supported here yet"):
-            camera.check_pinhole()
-
-
-def test_a_camera_never_changes():
-    with pytest.raises(AttributeError):
-        Camera(**INTRINSICS).fx = 3.0
-    assert hash(Camera(**INTRINSICS)) == hash(Camera(**INTRINSICS))
 
 
 # --- files ----------------------------------------------------------------------------------------

@@ -99,14 +99,12 @@ def test_look_at_is_rigid_however_nearly_up_is_parallel_to_the_view(digits):
 
 
 def test_look_at_single_and_many_broadcast():
-    eyes = np.array([[3, 0, 0], [0, 3, 1], [2, 2, 2]])
-    many = look_at(eyes, (0, 0, 0))
-    assert many.shape == (3, 4, 4)
-    assert look_at((3, 0, 0), (0, 0, 0)).shape == (1, 4, 4)
-    assert np.array_equal(many, np.concatenate([look_at(eye, [(0, 0, 0)]) for eye in eyes]))
+    eyes, origin = np.array([[3, 0, 0], [0, 3, 1], [2, 2, 2]]), (0, 0, 0)
+    many = look_at(eyes, origin)
+    assert np.array_equal(many, np.concatenate([look_at(eye, [origin]) for eye in eyes]))
     assert np.array_equal(look_at((9, 9, 9), eyes)[:, :3, 3], np.full((3, 3), 9))
     ups = np.array([[0, 1, 0], [0, 0, 1], [1, 0, 0]])
-    assert np.array_equal(look_at(eyes, (0, 0, 0), ups)[2], look_at(eyes[2], (0, 0, 0), ups[2])[0])
+    assert np.array_equal(look_at(eyes, origin, ups)[2], look_at(eyes[2], origin, ups[2])[0])
     assert look_at(np.zeros((0, 3)), (1, 0, 0)).shape == (0, 4, 4)
 
 

@@ -135,7 +135,3 @@ def test_what_is_no_lens_is_refused_in_one_line(call, words):
     with pytest.raises(CameraError, match=words) as caught:
         call()
     assert "\n" not in str(caught.value)
-
-
-def test_lens_is_named_by_its_base():
-    assert LENSES["kalibr ds"].base == "double_sphere"
