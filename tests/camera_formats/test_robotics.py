@@ -16,6 +16,7 @@ from view_files import (
 )
 
 from rastercov.camera.formats import read_views, write_views
+from rastercov.camera.models import PROGRAMS
 
 RADTAN = [-0.28, 0.07, 0.0002, 0.00002]
 EQUI = [-0.01, 0.02, -0.01, 0.003]
@@ -67,8 +68,16 @@ LENSES = [
     ("omni", [1.5, 900.0, 905.0, 367.2, 248.4], "radtan", [-0.1, 0.05, 0.0002, 0.00002]),
     ("omni", [1.5, 900.0, 905.0, 367.2, 248.4], "none", []),
     ("eucm", [0.6, 1.1, *CENTRAL], "none", []),
+    ("eucm", [0.6, 1.1, *CENTRAL], "radtan", RADTAN),
     ("ds", [-0.2, 0.6, 358.6, 357.3, 367.2, 248.4], "none", []),
+    ("ds", [-0.2, 0.6, 358.6, 357.3, 367.2, 248.4], "radtan", RADTAN),
 ]
+
+
+def test_every_lens_of_kalibr_is_tested():
+    assert {f"{model}-{distortion}" for model, _, distortion, _ in LENSES} == set(
+        PROGRAMS["kalibr"]
+    )
 
 
 @pytest.mark.slow
