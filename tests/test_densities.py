@@ -73,10 +73,6 @@ def test_a_plan_takes_names_and_keeps_numbers(tmp_path):
     path.write_text(PLAN.format(line='min_facing_density = "identify"\nmin_pixel_density = 20'))
     task = read_plan(path).build_task()
     assert (task.min_facing_density, task.min_pixel_density) == (250.0, 20.0)
-    for value, words in (('"identfy"', r"wanted px/m.*monitor 12\.5"), (-2, "0 or more, got -2")):
-        path.write_text(PLAN.format(line=f"min_facing_density = {value}"))
-        with pytest.raises(ConfigError, match=words):
-            read_plan(path)
 
 
 def test_the_command_line_takes_names(tmp_path, monkeypatch, capsys):
@@ -85,8 +81,6 @@ def test_the_command_line_takes_names(tmp_path, monkeypatch, capsys):
     assert command([*line, "--min-facing-density", "0.25 px/mm", "-o", "out"]) == 0
     task = json.loads(capsys.readouterr().out)["run"]["task"]
     assert task["min_facing_density"] == 250.0
-    assert command([*line, "--min-facing-density", "idntify", "-o", "out"]) == 2
-    assert "identify 250" in " ".join(capsys.readouterr().err.split())
 
 
 # --- the figure -----------------------------------------------------------------------------------

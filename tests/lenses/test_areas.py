@@ -136,31 +136,6 @@ def test_a_lens_with_a_pole_in_its_region_has_no_table():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("limit", [None, 95.0])
-def test_image_circle_of_a_fisheye_leaves_the_corners_blind(limit):
-    lens = make_lens("equidistant", 900, 800, fx=120, fy=120, max_angle_deg=limit)
-    angle = math.radians(limit or 175.0)
-    assert lens.valid_angle == pytest.approx(angle, rel=1e-5)
-    assert not lens.is_whole
-    circle = math.pi * (120 * angle) ** 2
-    assert 900 * 800 - blind_area(lens) == pytest.approx(circle, rel=1e-3)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("base", ["fov", "division"])
-def test_lenses_on_a_plane_may_see_up_to_its_horizon(base):
-    of_base = (0.9, 0.9) if base == "fov" else (-0.2,)
-    lens = make_lens(base, fx=90, fy=90, of_base=of_base)
-    assert math.degrees(lens.valid_angle) > 89
-    assert len(lens.planes) == 5
-    assert 0 < blind_area(lens) < 1280 * 1024
-    total = sum(
-        polygon_areas(lens, plane, on_plane(plane, room(2))).inside.sum() for plane in lens.planes
-    )
-    assert abs(total + blind_area(lens) - 1280 * 1024) <= 1e-6
-
-
-@pytest.mark.slow
 def test_pixels_beyond_a_panorama_see_nothing():
     whole = {"fx": 900 / (2 * np.pi), "fy": 450 / np.pi, "cx": 450, "cy": 225}
     lens = lens_cases.lens("equirectangular", size=(1000, 500), **whole)

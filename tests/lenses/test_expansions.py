@@ -78,28 +78,22 @@ def test_expansions_hold_those_of_all_points(operation):
     centre[:, 0] += 4
     width = np.array([0.3, 0.2, 0.0, 0.1])[:, None] * rng.uniform(0, 1, (2, 4, 50))
     one, two = (Expansion(c, w, expansions.ORDER) for c, w in zip(centre, width, strict=True))
-    if operation == "product":
-        found = one * two
-    elif operation == "quotient":
-        found = 3.0 / one
-    else:
-        found = expansions._sqrt(one)
+    power = {"product": None, "quotient": -1, "root": 0.5}[operation]
+    found = {"product": one * two, "quotient": 1.0 / one, "root": expansions._sqrt(one)}[operation]
     for _ in range(20):
         a, b = centre + width * rng.choice([-1, -0.5, 1], width.shape)
-        for lane in range(50):
-            if operation == "product":
-                true = np.convolve(a[:, lane], b[:, lane])
+        true = np.zeros((7 if power is None else ORDER + 1, 50))
+        for n in range(len(true)):
+            terms = (
+                range(max(0, n - 3), min(n, 3) + 1) if power is None else range(1, min(n, 3) + 1)
+            )
+            if power is None:
+                true[n] = sum(a[i] * b[n - i] for i in terms)
+            elif n == 0:
+                true[n] = a[0] ** power
             else:  # a power of a polynomial from its logarithmic derivative
-                power, c = (-1, a[:, lane]) if operation == "quotient" else (0.5, a[:, lane])
-                true = np.zeros(ORDER + 1)
-                true[0] = c[0] ** power
-                for n in range(1, ORDER + 1):
-                    terms = [
-                        (power * i - (n - i)) * c[i] * true[n - i] for i in range(1, min(n, 3) + 1)
-                    ]
-                    true[n] = sum(terms) / (n * c[0])
-                true *= 3.0 if operation == "quotient" else 1.0
-            n = len(true)
-            assert len(found.centre) == n
-            off = np.abs(true - found.centre[:, lane])
-            assert (off <= found.radius[:, lane] + 1e-12 * (1 + np.abs(true))).all()
+                true[n] = sum((power * i - (n - i)) * a[i] * true[n - i] for i in terms)
+                true[n] /= n * a[0]
+        assert len(found.centre) == len(true)
+        off = np.abs(true - found.centre)
+        assert (off <= found.radius + 1e-12 * (1 + np.abs(true))).all()
