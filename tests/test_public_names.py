@@ -38,18 +38,19 @@ SURFACE = {
     },
     "camera.camera": {
         *("ANGLES", "MOST_DIFFERENCE_REL", "OF_LENS", "OPTICS", "PRESETS", "check_optics"),
+        *("CENTRES", "CHECKS", "border_of"),
     },
     "camera.formats.__init__": {
         *("IN_FOLDERS", "IN_METRES", "OF_ONE_CAMERA", "READERS", "WRITERS", "format_of"),
-        "PARTS_OF_COLMAP",
+        *("BY_SUFFIX", "PARTS_OF_COLMAP", "TABLES"),
         *("Reader", "read_through"),
     },
     "camera.formats.conventions": {
         *("Border", "DRIFT_OF_FILES", "LENS_MODELS", "OPENGL_AXES", "POSE_CONVENTIONS"),
         *("inverse_of", "metres_per", "unique_names"),
         *("from_quaternions", "from_vectors", "motions", "to_quaternions"),
-        *("as_fisheye", "as_opencv", "is_whole_panorama", "lens_camera", "lost", "model_in"),
-        *("no_model", "opencv_terms", "panorama"),
+        *("forms_of", "is_whole_panorama", "lens_camera", "lost", "model_in"),
+        *("in_convention", "no_model", "opencv_terms", "panorama", "yaml_matrix"),
     },
     "coverage.coverage": {
         *("FIGURES", "PAIRS_A_BATCH", "POSES_A_BATCH", "UNITS", "arrays_for", "batch_size"),

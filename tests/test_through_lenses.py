@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 from lens_cameras import CAMERAS, SIDE
 
 from rastercov import Camera, CameraError, ConfigError
+from rastercov.camera.camera import border_of
 from rastercov.camera.lenses.of_camera import lens_of
 from rastercov.camera.models import MODELS
 from rastercov.camera.near_plane import depth_from_near
 from rastercov.camera.projection import (
-    border_of,
     image_boxes,
     rays_of,
     to_camera,

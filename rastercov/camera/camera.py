@@ -243,6 +243,18 @@ CENTRES = {"cx": "width", "cy": "height"}
 """Fields that are the half of others unless given."""
 
 
+def border_of(width: float, height: float, n: int) -> NDArray[np.float64]:
+    """Points (4, n, 2) on the borders of an image of that size, px: top, right, bottom and left.
+
+    Each border has its ends, at equal steps, in the order in which they go around the image.
+    """
+    steps = np.linspace(0.0, 1.0, n)[:, None]
+    corners = np.array([(0, 0), (1, 0), (1, 1), (0, 1)]) * (width, height)
+    starts, ends = corners[:, None], np.roll(corners, -1, axis=0)[:, None]
+    border: NDArray[np.float64] = (1 - steps) * starts + steps * ends
+    return border
+
+
 @dataclass(frozen=True, kw_only=True)
 class Camera:
     """A camera: image size and intrinsics in pixels, model of the lens, focus in metres.

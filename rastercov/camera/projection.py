@@ -10,17 +10,14 @@ E. S. Eissa. Image Space Coverage Model. 2020, (3.2)-(3.5), (3.9).
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rastercov.camera.camera import Camera
+from rastercov.camera import FloatArray, IntArray
+from rastercov.camera.camera import Camera, border_of
 from rastercov.camera.models import MODELS
 
 if TYPE_CHECKING:
     from rastercov.camera.lenses.planes import IdealPlane
 
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
-IntArray = NDArray[np.int64]
 
 STEPS = 64
 """Parts of each side of a box whose image is bounded."""
@@ -179,18 +176,6 @@ def rays_of(pixels: FloatArray, camera: Camera) -> FloatArray:
         return lens_of(camera).unproject(pixels)
     slopes = (pixels - (camera.cx, camera.cy)) / (camera.fx, camera.fy)
     return np.concatenate((slopes, np.ones((*slopes.shape[:-1], 1))), axis=-1)
-
-
-def border_of(width: float, height: float, n: int) -> FloatArray:
-    """Points (4, n, 2) on the borders of an image of that size, px: top, right, bottom and left.
-
-    Each border has its ends, at equal steps, in the order in which they go around the image.
-    """
-    steps = np.linspace(0.0, 1.0, n)[:, None]
-    corners = np.array([(0, 0), (1, 0), (1, 1), (0, 1)]) * (width, height)
-    starts, ends = corners[:, None], np.roll(corners, -1, axis=0)[:, None]
-    border: FloatArray = (1 - steps) * starts + steps * ends
-    return border
 
 
 def view_border(camera: Camera, parts: int) -> FloatArray:

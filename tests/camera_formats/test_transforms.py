@@ -189,10 +189,13 @@ def test_what_we_write_projects_the_same_points(tmp_path, model, distortion):
     assert (again.images, again.notes) == (views.images, ())
 
 
-def test_a_lens_without_a_model_is_refused_by_name(tmp_path):
-    camera = rc.Camera(width=640, height=480, fx=400, fy=400, model="eucm", distortion=(0.5, 1.0))
+@pytest.mark.parametrize(
+    ("model", "distortion"), [("eucm", (0.5, 1.0)), ("opencv", (0.1, 0, 0, 0, 0, 0.2, 0, 0))]
+)
+def test_a_lens_without_a_model_is_refused_by_name(tmp_path, model, distortion):
+    camera = rc.Camera(width=640, height=480, fx=400, fy=400, model=model, distortion=distortion)
     views = rc.Views(rc.Rig([camera], ["left"]), rc.Poses.of(np.eye(4)), ("a",))
     path = tmp_path / "transforms.json"
-    with pytest.raises(rc.CameraError, match=r"left: transforms.json has no model for eucm"):
+    with pytest.raises(rc.CameraError, match=f"left: transforms.json has no model for {model}"):
         write_views(path, views)
     assert not path.exists()

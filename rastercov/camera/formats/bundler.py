@@ -12,12 +12,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.base.checks import shown
 from rastercov.base.errors import CameraError
 from rastercov.base.files import printable
 from rastercov.base.format import plural
+from rastercov.camera import FloatArray
 from rastercov.camera.formats.conventions import (
     OPENGL_AXES,
     Border,
@@ -28,8 +28,6 @@ from rastercov.camera.formats.conventions import (
 )
 from rastercov.camera.formats.source import Source, checked, number_of
 from rastercov.camera.rig import Views
-
-FloatArray = NDArray[np.float64]
 
 HEADER = "# Bundle file"
 MOST_COMPARED = 20_000

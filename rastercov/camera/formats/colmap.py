@@ -22,12 +22,12 @@ from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.base.checks import image_side, shown
 from rastercov.base.errors import CameraError, ConfigError, PoseError
 from rastercov.base.files import UnreadableError, open_file, printable
 from rastercov.base.output import writing
+from rastercov.camera import FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import (
     Border,
@@ -45,7 +45,6 @@ from rastercov.camera.models import PROGRAMS
 from rastercov.camera.pose import inverse
 from rastercov.camera.rig import Views
 
-FloatArray = NDArray[np.float64]
 Record = tuple[str, Sequence[Any]]
 """Form of a record in `struct`, and its values."""
 

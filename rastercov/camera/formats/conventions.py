@@ -13,12 +13,13 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rastercov.base.arguments import check_choice, flag
 from rastercov.base.checks import finite_number, image_side, shown, two
 from rastercov.base.errors import CameraError, ConfigError, MeshError, PoseError
 from rastercov.base.files import UnknownNames, printable
+from rastercov.camera import FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.models import (
     MODELS,
@@ -31,8 +32,6 @@ from rastercov.camera.pose import DRIFT_TOLERANCE, Poses, inverse
 from rastercov.camera.rig import Rig, Views
 from rastercov.mesh import formats
 from rastercov.mesh.arrays import rotations_of_quaternions
-
-FloatArray = NDArray[np.float64]
 
 POSE_CONVENTIONS = {
     "opencv": (False, False),
@@ -394,25 +393,24 @@ def lens_camera(ours: str, size: Sequence[int], p: Mapping[str, float]) -> Camer
     return Camera(width=size[0], height=size[1], **fields, model=model, distortion=distortion)
 
 
-def as_opencv(camera: Camera) -> tuple[float, ...] | None:
-    """The 14 coefficients of OpenCV's model for a camera; None if it is not of that model."""
-    c = coefficients_by_name(camera.model, camera.distortion)
-    if camera.model == "metashape" and not c["k4"]:  # its p1 and p2 are OpenCV's p2 and p1
-        c |= {"p1": c["p2"], "p2": c["p1"]}
-    elif not (
-        camera.model in ("pinhole", "opencv")
-        or (camera.model == "omni" and not c["xi"])
-        or (camera.model == "fov" and not c["omega"])
-    ):
-        return None
-    return tuple(c.get(name, 0.0) for name in MODELS["opencv"].coefficients.split())
-
-
-def as_fisheye(camera: Camera) -> tuple[float, ...] | None:
-    """The 4 coefficients of cv2.fisheye for a camera; None if it is not of that model."""
-    c = coefficients_by_name(camera.model, camera.distortion)
-    radial = tuple(c.pop(f"k{i}", 0.0) for i in range(1, 5))
-    return radial if MODELS[camera.model].base == "equidistant" and not any(c.values()) else None
+def forms_of(camera: Camera) -> dict[str, dict[str, float]]:
+    """Coefficients of a camera by name, in each of our models that is its lens."""
+    own = coefficients_by_name(camera.model, camera.distortion)
+    forms, its, radial = {camera.model: own}, MODELS[camera.model], ("k1", "k2", "k3", "k4")
+    if its.base == "equidistant" and not any(own[name] for name in own if name not in radial):
+        forms["opencv_fisheye"] = {name: own.get(name, 0.0) for name in radial}
+    turned = own | {"p1": own.get("p2", 0.0), "p2": own.get("p1", 0.0)}
+    is_turned = camera.model == "metashape" and not own["k4"]
+    is_plain = (camera.model == "omni" and not own["xi"]) or (
+        camera.model == "fov" and not own["omega"]
+    )
+    if camera.model in ("pinhole", "opencv") or is_turned or is_plain:
+        brown = turned if is_turned else own
+        names = MODELS["opencv"].coefficients.split()
+        forms["opencv"] = {name: brown.get(name, 0.0) for name in names}
+        if not any(list(forms["opencv"].values())[5:]):  # its k4 is another one
+            forms["metashape"] = own if is_turned else turned
+    return forms
 
 
 def model_in(program: str, camera: Camera) -> tuple[str, dict[str, float]] | None:
@@ -420,21 +418,14 @@ def model_in(program: str, camera: Camera) -> tuple[str, dict[str, float]] | Non
 
     With it, values of its parameters by name.
     """
-    forms = [(camera.model, coefficients_by_name(camera.model, camera.distortion))]
-    for ours, values in (("opencv_fisheye", as_fisheye(camera)), ("opencv", as_opencv(camera))):
-        if values is not None:
-            names = MODELS[ours].coefficients.split()
-            forms.insert(0, (ours, dict(zip(names, values, strict=True))))
-    if forms[0][0] == "opencv":
-        brown = forms[0][1]
-        forms.append(("metashape", brown | {"p1": brown["p2"], "p2": brown["p1"]}))
+    forms = forms_of(camera)
     central = {name: getattr(camera, name) for name in ("fx", "fy", "cx", "cy")}
-    for ours, c in forms:
+    for ours in sorted(forms, key=["opencv", "opencv_fisheye", *MODELS].index):
         for name, foreign in PROGRAMS[program].items():
-            wanted = foreign.parameters.split()
+            wanted, c = foreign.parameters.split(), forms[ours]
             held = foreign.ours == ours and all(key in wanted for key in c if c[key])
             if held and {"f", "w"}.isdisjoint(wanted):
-                return name, {key: (central | c)[key] for key in wanted}
+                return name, {key: (central | c).get(key, 0.0) for key in wanted}
     return None
 
 
@@ -474,12 +465,13 @@ def opencv_terms(camera: Camera, program: str) -> tuple[bool, tuple[float, ...]]
 
     As few coefficients as hold all that are not 0: 5, 8, 12 or 14 of Brown's model.
     """
-    values, radial = as_opencv(camera), as_fisheye(camera)
-    if values is not None:
+    forms = forms_of(camera)
+    if "opencv" in forms:
+        values = tuple(forms["opencv"].values())
         return False, values[: opencv_length(values, 5, 8, 12, 14)]
-    if radial is None:
+    if "opencv_fisheye" not in forms:
         raise no_model(program, camera)
-    return True, radial
+    return True, tuple(forms["opencv_fisheye"].values())
 
 
 def yaml_matrix(name: str, matrix: FloatArray, tag: str = "", *others: str) -> list[str]:

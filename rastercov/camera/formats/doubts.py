@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.format import size_in_words
+from rastercov.camera import FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import POSE_CONVENTIONS, in_convention
 from rastercov.camera.models import MODELS
@@ -18,8 +19,6 @@ from rastercov.camera.pose import Poses
 from rastercov.camera.projection import to_camera, to_image
 from rastercov.camera.rig import Cameras, cameras_of
 from rastercov.mesh import Mesh
-
-FloatArray = NDArray[np.float64]
 
 UNLIKELY_RATIO = 300.0
 """Distance of the nearest camera by the size of the mesh above which the unit is asked for."""
@@ -92,9 +91,7 @@ def unit_doubts(
     return []
 
 
-def _before(
-    bounds: NDArray[np.float64], poses: Poses, half: NDArray[np.float64]
-) -> NDArray[np.bool_]:
+def _before(bounds: FloatArray, poses: Poses, half: FloatArray) -> NDArray[np.bool_]:
     """(P,) cameras outside a sphere around a mesh that look at it, with a good part of the image.
 
     `half` is half of the angle of each image, radians.

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.errors import CameraError, MeshError
+from rastercov.camera import FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import OPENGL_AXES, Border
 from rastercov.camera.formats.source import Entries, Source
@@ -31,8 +32,6 @@ from rastercov.mesh.formats.gltf_file import (
     json_object,
     unknown_names,
 )
-
-FloatArray = NDArray[np.float64]
 
 WORLD = "rastercov_world"
 """Entry in `extras` of the node whose frame is the world: viewers have y up, and we have not."""

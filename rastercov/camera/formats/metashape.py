@@ -12,18 +12,16 @@ from collections import Counter
 from xml.etree.ElementTree import Element
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.base.checks import shown
 from rastercov.base.errors import CameraError
+from rastercov.camera import FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import Border, lens_camera, panorama
 from rastercov.camera.formats.source import Words
 from rastercov.camera.models import PROGRAMS
 from rastercov.camera.rig import Views
 from rastercov.mesh.formats.xml_tree import children, local_name, look_at_names, schema_of
-
-FloatArray = NDArray[np.float64]
 
 MODELS = PROGRAMS["metashape"]
 TERMS = MODELS["frame"].parameters.split()

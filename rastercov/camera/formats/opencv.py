@@ -17,10 +17,10 @@ from typing import Any
 from xml.etree.ElementTree import Element
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import CameraError
+from rastercov.camera import FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import (
     Border,
@@ -33,8 +33,6 @@ from rastercov.camera.formats.conventions import (
 from rastercov.camera.formats.source import Source, number_of
 from rastercov.camera.rig import Views
 from rastercov.mesh.formats.xml_tree import local_name
-
-FloatArray = NDArray[np.float64]
 
 SIDES = ("left", "right", "l", "r", "rgb", "color", "depth", "ir")
 """Words of a name that tell cameras apart, beside numbers."""

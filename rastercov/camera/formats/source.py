@@ -8,7 +8,6 @@ from typing import Any
 from xml.etree.ElementTree import Element
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.base.checks import finite_number, image_side, shown
 from rastercov.base.errors import CameraError, MeshError
@@ -20,9 +19,8 @@ from rastercov.base.files import (
     parsed_json,
     read_toml,
 )
+from rastercov.camera import FloatArray
 from rastercov.mesh.formats.xml_tree import local_name, parsed
-
-FloatArray = NDArray[np.float64]
 
 XML_BUDGET = 8 << 30
 """Bytes of memory that a tree of XML may need."""

@@ -11,11 +11,12 @@ from functools import cached_property, lru_cache, wraps
 from typing import Any, Concatenate, ParamSpec, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rastercov.base.arguments import checked_array
 from rastercov.base.errors import CameraError
 from rastercov.base.memory import read_only
+from rastercov.camera import FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.lenses.areas import record_of
 from rastercov.camera.lenses.planes import IdealPlane, ideal_planes, with_region
@@ -28,8 +29,6 @@ from rastercov.kernels.cameras import MOST_SIDES, CurvedLens
 from rastercov.kernels.lens_field import Slopes
 from rastercov.kernels.lens_planes import PlaneRecord
 from rastercov.kernels.lens_polygons import edge_scratch, measure_polygons
-
-FloatArray = NDArray[np.float64]
 
 BASES = (
     *("pinhole", "equidistant", "equisolid", "fov", "unified", "double_sphere", "division"),

@@ -33,14 +33,12 @@ from numpy.typing import NDArray
 
 from rastercov.base.checks import LONGEST, MAX_IMAGE_SIDE
 from rastercov.base.errors import CameraError
-from rastercov.camera.camera import Camera
+from rastercov.camera import FloatArray
+from rastercov.camera.camera import Camera, border_of
 from rastercov.camera.lenses import balls
 from rastercov.camera.lenses.balls import Interval, Jet
-from rastercov.camera.projection import border_of
 from rastercov.kernels import lens_formulas as lens
 from rastercov.kernels.lens import SECTORS, base_points, jacobian_many, rays_of, unproject_many
-
-FloatArray = NDArray[np.float64]
 
 WIDEST_DEG = 175.0
 """Largest angle from the axis: the opposite ray has a circle of pixels, and next to it edges bend

@@ -25,16 +25,14 @@ from typing import Any
 
 import numpy as np
 from numpy.polynomial import legendre
-from numpy.typing import NDArray
 
 from rastercov.base.errors import CameraError
+from rastercov.camera import FloatArray
 from rastercov.camera.lenses.balls import Arithmetic
 from rastercov.camera.lenses.planes import IdealPlane, cells_of
 from rastercov.kernels import lens_expansions as kernels
 from rastercov.kernels import lens_formulas
 from rastercov.kernels.lens_edges import FEWEST, MOST, NODES, RULE
-
-FloatArray = NDArray[np.float64]
 
 ORDER = 18
 DIRECTIONS = 20

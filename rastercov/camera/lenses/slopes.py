@@ -13,9 +13,9 @@ import math
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.base.memory import read_only
+from rastercov.camera import FloatArray
 from rastercov.camera.lenses import balls
 from rastercov.camera.lenses.balls import ROUNDING, Ball
 from rastercov.camera.lenses.planes import IdealPlane, cells_of
@@ -23,8 +23,6 @@ from rastercov.camera.lenses.quadrature import DIRECTIONS, ROUNDING_REL, pixels_
 from rastercov.kernels import lens_formulas
 from rastercov.kernels.lens import jacobian_many
 from rastercov.kernels.lens_field import CELLS, PARTS, Slopes
-
-FloatArray = NDArray[np.float64]
 
 STEP = 1e-3
 """Step of the differences, in units of the plane: far less than the least of the radii."""
