@@ -355,14 +355,10 @@ def test_a_file_may_start_from_a_preset_and_change_it(tmp_path):
 
 FILES = {
     "number.json": ("640", "a camera is a table of names and values, got"),
-    "cut.json": ('{"width": 640', "not valid JSON"),
-    "deep.json": ("[" * 100_000, "not valid JSON"),
-    "digits.json": ('{"width": 1' + "0" * 5000 + "}", "not valid JSON"),
     "large.json": ('{"width": 1' + "0" * 400 + ', "height": 1, "fx": 1, "fy": 1}', "width must be"),
     "latin.json": (b'{"\xe9": 1}', "not valid JSON"),
     "folder.json": (None, "cannot be read"),
     "cut.toml": ("width = ", "not valid TOML"),
-    "deep.toml": ("a = " + "[" * 100_000, "not valid TOML"),
     "empty.toml": ("", "missing width, height, focal_length, pixel_size"),
     "half.toml": ("width = 1\nheight = 1\nfy = 1", "missing fx"),
     "lens.toml": ("width = 1\nheight = 1\nfocal_length = 1", "missing pixel_size; give fx, fy or"),

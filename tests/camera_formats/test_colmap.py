@@ -78,6 +78,9 @@ def test_every_model_and_pose_projects_as_pycolmap_does(tmp_path, form):
     assert views.images == tuple(model.images[number].name for number in sorted(model.images))
     assert not views.has_unit
     assert views.notes == ()
+    frames = [f"frame {model.images[number].frame_id}" for number in sorted(model.images)]
+    assert list(views.frames) == frames
+    assert views.of_camera("camera 2").frames == ("frame 1", "frame 2", "frame 3")
 
 
 def test_every_model_of_colmap_is_tested():

@@ -54,18 +54,6 @@ def sets_of(frames):
     return sorted(rows.values())
 
 
-@pytest.mark.parametrize("form", ["text", "binary"])
-def test_frames_of_colmap_are_read(tmp_path, form):
-    model = model_of(["PINHOLE", "OPENCV", "FISHEYE"], np.random.default_rng(5))
-    getattr(model, f"write_{form}")(tmp_path)
-    views = read_views(tmp_path)
-    wanted = [f"frame {model.images[number].frame_id}" for number in sorted(model.images)]
-    assert list(views.frames) == wanted
-    assert len(set(wanted)) == 3
-    one = views.of_camera("camera 2")
-    assert one.frames == ("frame 1", "frame 2", "frame 3")
-
-
 def test_frames_of_one_image_each_say_nothing(tmp_path):
     model_of(["PINHOLE"], np.random.default_rng(5)).write_binary(tmp_path)
     assert (tmp_path / "frames.bin").exists()

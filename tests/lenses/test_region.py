@@ -134,6 +134,8 @@ COEFFICIENT = st.one_of(
 
 @pytest.mark.slow
 @settings(max_examples=25)
+@example("pinhole", [-0.2], [], [0.02, -0.01], [0.01, -0.02, 0.015, 0.005], (0, 0), False, 500.0)
+@example("pinhole", [-0.2], [], [0.02, -0.01], [], (0, 0), True, 500.0)
 @given(
     st.sampled_from(["pinhole", "equidistant", "equisolid"]),
     st.lists(COEFFICIENT, max_size=6),
