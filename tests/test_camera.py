@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import fields
 from itertools import product
 
 import numpy as np
@@ -421,11 +422,8 @@ json_values = st.recursive(
     max_leaves=6,
 )  # fmt: skip
 keys = st.sampled_from(
-    [
-        *("width", "height", "fx", "fy", "cx", "cy", "near", "focal_length", "pixel_size"),
-        *("aperture", "f_number", "focus_distance", "max_blur", "focus_range", "skew"),
-        *("distortion", "principal_point", "preset", "", "fz", "hfov_deg", "vfov_deg"),
-    ]
+    [*(field.name for field in fields(Camera)), "f_number", "principal_point", "preset", "", "fz"]
+    + ["hfov_deg", "vfov_deg"]
 )
 
 

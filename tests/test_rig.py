@@ -8,14 +8,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from nightly import examples
 
-from rastercov.base.errors import CameraError, ConfigError, PoseError
+from rastercov.base.errors import CameraError, PoseError
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Rig, cameras_of
 from rastercov.camera.viewpoints import look_at, sphere_of_poses
-from rastercov.coverage.area.regions import RegionObserver, regions
+from rastercov.coverage.area.regions import regions
 from rastercov.coverage.coverage import FIGURES
-from rastercov.coverage.engine import Engine
 from rastercov.coverage.job import evaluate
 from rastercov.coverage.network import Network
 from rastercov.coverage.observer import open_observer, visibility
@@ -73,18 +72,6 @@ def test_each_pose_has_the_regions_of_its_own_camera(indices):
         alone = regions(MESH, camera, POSES[rows])
         np.testing.assert_array_equal(areas[rows], alone.areas())
         np.testing.assert_array_equal(bounds[rows], alone.bounds())
-
-
-def test_an_observer_of_regions_takes_several_cameras():
-    poses = Poses.of(POSES, camera=[2, 1, 0] * 3)
-    with (
-        RegionObserver(MESH, CAMERAS, Task(), Engine()) as finder,
-        open_observer(MESH, CAMERAS) as observer,
-    ):
-        found, known = finder.observe(poses), observer.observe(poses)
-    np.testing.assert_array_equal(found.visible_pixels, known.visible_pixels)
-    np.testing.assert_array_equal(found.kind, known.kind)
-    np.testing.assert_array_equal(found.regions.areas(), regions(MESH, CAMERAS, poses).areas())
 
 
 @pytest.mark.slow
@@ -159,8 +146,3 @@ def test_a_camera_that_is_not_there_is_refused(method):
 def test_names_of_a_rig_are_different_texts(names):
     with pytest.raises(CameraError, match="texts"):
         Rig([WIDE, LONG], names)
-
-
-def test_a_method_that_is_none_is_refused():
-    with pytest.raises(ConfigError):
-        evaluate(MESH, CAMERAS, POSES, method="unknown")

@@ -192,15 +192,13 @@ def test_a_model_is_replaced_as_a_whole_if_at_all(tmp_path):
         write_views(tmp_path / "file", two_views(), format="colmap", overwrite=True)
 
 
-def test_huge_counts_and_cut_files_are_refused_at_once(tmp_path):
+@pytest.mark.parametrize("name", ["cameras.bin", "images.bin", "rigs.bin"])
+def test_huge_counts_and_cut_files_are_refused_at_once(tmp_path, name):
     model_of(["PINHOLE", "OPENCV"], np.random.default_rng(6)).write_binary(tmp_path)
-    for name in ("cameras.bin", "images.bin", "rigs.bin"):
-        path = tmp_path / name
-        whole = path.read_bytes()
-        for cut in (0, 4, 9, len(whole) // 2, len(whole) - 1):
-            path.write_bytes(whole[:cut])
-            refused(tmp_path, f"{name}: ", "truncated")
-        path.write_bytes(struct.pack("<Q", 2**63) + whole[8:])
-        refused(tmp_path, "promises 9223372036854775808 ", " has room for")
-        path.write_bytes(whole)
-    read_views(tmp_path)
+    path = tmp_path / name
+    whole = path.read_bytes()
+    for cut in (0, 4, 9, len(whole) // 2, len(whole) - 1):
+        path.write_bytes(whole[:cut])
+        refused(tmp_path, f"{name}: ", "truncated")
+    path.write_bytes(struct.pack("<Q", 2**63) + whole[8:])
+    refused(tmp_path, "promises 9223372036854775808 ", " has room for")

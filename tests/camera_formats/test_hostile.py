@@ -121,6 +121,14 @@ FAULTS = [
     ("opensfm", ('"camera": "c"', '"camera": "v3"'), "camera must be one of c, got 'v3'"),
     ("opensfm", ("0.1, 0.2, 0.3", "0.1, 0.2"), "rotation must be 3 finite numbers"),
     ("opensfm", {"cameras": {}}, "a reconstruction with cameras wanted"),
+    ("bundler", ("500", "5_0"), "numbers of cameras must be 15 finite numbers"),
+    ("bundler", ("500", "-5"), "image 0: f"),
+    ("bundler", ("500", "0"), "cameras with a focal length wanted, got none"),
+    ("bundler", ("1 0", "999999999 0"), "999999999 cameras wanted, got numbers for fewer"),
+    ("bal", ("1 1 1", "999999999 1 1"), "999999999 cameras wanted, got numbers for fewer"),
+    ("bal", ("1 1 1", "1 1 999999999"), "999999999 lines of observations wanted, got"),
+    ("bal", ("500", "nan"), "numbers of cameras must be 9 finite numbers"),
+    ("mvsnet", ("5 0 3\n0", "5 0 3\n1"), "intrinsic must be [[fx, skew, cx]"),
     ("scene", {"nodes": [{}]}, "a node with a camera wanted"),
     ("scene", {"nodes": [{"camera": 3}]}, "'cameras' has 1 objects, number 3"),
     ("scene", {"nodes": RING}, "some form a ring"),
@@ -188,7 +196,9 @@ def test_each_fault_is_one_line_that_names_it(file, change, words):
         assert old in data
         data = data.replace(old, new, 1)
     path.write_bytes(data)
-    answers = rc.Conventions(image_size=(640, 480), original_world=True, lens_model="brown")
+    answers = rc.Conventions(
+        image_size=(640, 480), original_world=True, lens_model="brown", pixel_centre=0
+    )
     refused(path, words, str(path.parent), conventions=answers)
 
 

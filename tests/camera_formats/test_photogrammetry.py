@@ -274,20 +274,6 @@ def test_observations_of_bal_tell_the_unit_of_its_radii(tmp_path, unit, n_points
         assert error > 0.02
 
 
-@pytest.mark.parametrize("write", [bundler, bal])
-def test_cut_and_broken_texts_are_one_line(tmp_path, write):
-    path = write(tmp_path / "cameras.out")
-    text = path.read_text()
-    for broken in (
-        text[: len(text) // 2],
-        *(text.replace("500.0", word) for word in ("nan", "5_0", "-5")),
-        text.replace("3 1\n", "999999999 1\n").replace("2 1 2\n", "999999999 1 2\n"),
-        text.replace("2 1 2\n", "2 1 999999999\n").replace("3 1\n", "3\n"),
-    ):
-        path.write_text(broken)
-        refused(path, conventions=SIZE)
-
-
 def test_mvsnet_asks_for_size_and_pixel_centre_and_reads_a_folder(tmp_path):
     extrinsic = motion([0.3, -0.2, 0.5], SHIFT)
     text = "extrinsic\n" + "\n".join(map(words, extrinsic))

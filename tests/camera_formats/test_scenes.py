@@ -11,7 +11,7 @@ import trimesh
 from view_files import SCENE, SIZE, has_note, lens_of, refused, same
 
 import rastercov as rc
-from rastercov.camera.formats import read_views, write_views
+from rastercov.camera.formats import POSE_CONVENTIONS, read_views, write_views
 
 
 def views_of(n=5, **lens):
@@ -160,26 +160,18 @@ def read_views_of(folder, views):
     return read_views(folder / "p.npy")
 
 
-CONVENTIONS = {
-    "opencv": lambda m: m,
-    "opengl": lambda m: m @ np.diag([1, -1, -1, 1]),
-    "camera-from-world": np.linalg.inv,
-    "opengl-camera-from-world": lambda m: np.linalg.inv(m @ np.diag([1, -1, -1, 1])),
-}
-
-
-@pytest.mark.parametrize("name", CONVENTIONS)
+@pytest.mark.parametrize("name", POSE_CONVENTIONS)
 @pytest.mark.parametrize("suffix", [".npy", ".json"])
 def test_bare_matrices_have_the_convention_that_is_named(tmp_path, name, suffix):
     poses = views_of().poses.world_from_camera
-    given = CONVENTIONS[name](poses)
+    given = poses @ np.diag([1, -1, -1, 1]) if "opengl" in name else poses
+    given = np.linalg.inv(given) if "camera-from-world" in name else given
     path = tmp_path / f"p{suffix}"
     if suffix == ".npy":
         np.save(path, given)
     else:
         path.write_text(json.dumps({"world_from_camera": given.tolist()}))
     views = read_views(path, conventions=rc.Conventions(pose_convention=name, pose_unit="cm"))
-    poses = poses.copy()
     poses[:, :3, 3] /= 100
     same(views.poses.world_from_camera, poses)
     assert views.notes == ()
