@@ -422,8 +422,8 @@ json_values = st.recursive(
     max_leaves=6,
 )  # fmt: skip
 keys = st.sampled_from(
-    [*(field.name for field in fields(Camera)), "f_number", "principal_point", "preset", "", "fz"]
-    + ["hfov_deg", "vfov_deg"]
+    [field.name for field in fields(Camera)]
+    + ["f_number", "principal_point", "preset", "", "fz", "hfov_deg", "vfov_deg"]
 )
 
 

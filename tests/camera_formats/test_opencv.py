@@ -52,8 +52,9 @@ def test_four_coefficients_are_asked_for_unless_the_file_says(tmp_path, suffix, 
         # The flag of OpenCV's sample program.
         flagged = storage(tmp_path / f"f{suffix}", **SIZED, D=d, fisheye_model=flag)
         projects(read_views(flagged).camera(), wanted)
-    named = storage(tmp_path / f"n{suffix}", **SIZED, D=d, camera_model="equidistant")
-    assert read_views(named).camera().model == "opencv_fisheye"
+    for word, wanted in (("equidistant", True), ("plumb_bob", False)):
+        named = storage(tmp_path / f"n{suffix}", **SIZED, D=d, camera_model=word)
+        assert (read_views(named).camera().model == "opencv_fisheye") == wanted
 
 
 def test_a_missing_size_is_asked_for_and_an_answer_that_is_not_needed_is_noted(tmp_path):

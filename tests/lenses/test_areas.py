@@ -136,6 +136,13 @@ def test_a_lens_with_a_pole_in_its_region_has_no_table():
 
 
 @pytest.mark.slow
+def test_image_circle_of_a_fisheye_leaves_the_corners_blind():
+    lens = make_lens("equidistant", 900, 800, fx=120, fy=120, max_angle_deg=95)
+    circle = math.pi * (120 * math.radians(95)) ** 2
+    assert 900 * 800 - blind_area(lens) == pytest.approx(circle, rel=1e-3)
+
+
+@pytest.mark.slow
 def test_pixels_beyond_a_panorama_see_nothing():
     whole = {"fx": 900 / (2 * np.pi), "fy": 450 / np.pi, "cx": 450, "cy": 225}
     lens = lens_cases.lens("equirectangular", size=(1000, 500), **whole)
