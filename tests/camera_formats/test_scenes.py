@@ -8,7 +8,7 @@ from operator import attrgetter
 import numpy as np
 import pytest
 import trimesh
-from view_files import SCENE, SIZE, has_note, lens_of, refused, same
+from view_files import SCENE, SIZE, has_note, lens_of, refused, same, same_pixels, some_points
 
 import rastercov as rc
 from rastercov.camera.formats import POSE_CONVENTIONS, read_views, write_views
@@ -103,6 +103,29 @@ def test_frusta_have_the_turn_of_the_meshes_of_a_report(tmp_path):
     root = json.loads(data[20 : 20 + length])["nodes"][0]
     up = np.reshape(root["matrix"], (4, 4)).T @ [0, 0, 1, 0]
     assert up.tolist() == [0, 1, 0, 0]  # z up becomes y up
+
+
+@pytest.mark.parametrize("name", ["transforms.json", "own.json", "model"])
+@pytest.mark.parametrize(
+    ("model", "distortion"),
+    [
+        ("pinhole", ()),
+        ("opencv", (-0.1, 0.02, 0.001, -0.002, 0.003)),
+        ("opencv_fisheye", (0.02, -0.01, 0.003, 0.001)),
+        ("metashape", (-0.1, 0.02, 0.003, 0.04, 0.001, -0.002)),
+        ("rad_tan_thin_prism_fisheye", [0.001 * (i - 5) for i in range(12)]),
+    ],
+)
+def test_what_is_written_shows_the_same_points_when_it_is_read(tmp_path, name, model, distortion):
+    views = views_of(model=model, distortion=distortion)
+    if (name, model) == ("model", "metashape"):
+        with pytest.raises(rc.CameraError, match="left: COLMAP has no model for metashape"):
+            write_views(tmp_path / name, views)
+        return
+    write_views(tmp_path / name, views)
+    again = read_views(tmp_path / name)
+    same_pixels(views, again, some_points(np.random.default_rng(1)))
+    assert (again.images, again.notes) == (views.images, ())
 
 
 # --- our own --------------------------------------------------------------------------------------

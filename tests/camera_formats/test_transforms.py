@@ -16,9 +16,7 @@ from view_files import (
     projects,
     refused,
     same,
-    same_pixels,
     slopes,
-    some_points,
 )
 
 import rastercov as rc
@@ -164,29 +162,6 @@ def test_matrices_in_float32_are_made_orthonormal_and_skewed_ones_refused(tmp_pa
     matrix[0, 0] += 0.1
     frames = [{"file_path": "a", "transform_matrix": matrix.tolist()}]
     refused(write(tmp_path / "t.json", frames, **INTRINSICS), "pose 0 is not a rotation")
-
-
-@pytest.mark.parametrize(
-    ("model", "distortion"),
-    [
-        ("pinhole", ()),
-        ("opencv", (-0.1, 0.02, 0.001, -0.002, 0.003)),
-        ("opencv_fisheye", (0.02, -0.01, 0.003, 0.001)),
-        ("metashape", (-0.1, 0.02, 0.003, 0.04, 0.001, -0.002)),
-        ("rad_tan_thin_prism_fisheye", [0.001 * (i - 5) for i in range(12)]),
-    ],
-)
-def test_what_we_write_projects_the_same_points(tmp_path, model, distortion):
-    rng, lens = np.random.default_rng(1), {"model": model, "distortion": distortion}
-    cameras = [rc.Camera(width=640, height=480, fx=400 + k, fy=405, cx=318, **lens) for k in (0, 1)]
-    poses = rc.look_at(eyes=rng.uniform(3, 4, (5, 3)), targets=(0, 0, 0))
-    poses = rc.Poses.of(poses, camera=[0, 1, 1, 0, 1])
-    views = rc.Views(rc.Rig(cameras), poses, tuple(f"{row}.png" for row in range(5)))
-    path = tmp_path / "transforms.json"
-    assert write_views(path, views) == ["lengths are metres, which the format does not say"]
-    again = read_views(path)
-    same_pixels(views, again, some_points(rng))
-    assert (again.images, again.notes) == (views.images, ())
 
 
 @pytest.mark.parametrize(

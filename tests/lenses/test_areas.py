@@ -54,18 +54,6 @@ def test_a_room_seen_by_a_folding_lens_adds_up_to_what_is_not_blind():
     assert abs(total + blind - WIDTH * HEIGHT) <= 1e-6
 
 
-@pytest.mark.slow
-def test_longer_edges_than_the_table_allows_are_cut():
-    lens, triangles = LENSES["opencv brown"], room(1)
-    (plane,) = lens.planes
-    polygons = on_plane(plane, triangles)
-    table = edge_table(plane, 1e-13)
-    assert max(np.ptp(polygon) for polygon in polygons) > 4 * table.longest.max()
-    fine = polygon_areas(lens, plane, polygons, table)
-    coarse = polygon_areas(lens, plane, polygons)
-    assert np.abs(fine.inside - coarse.inside).max() <= 1e-7
-
-
 def densified(plane, polygon, n):
     """Areas of the image of a polygon of a plane, by polygons of 3 n corners: whole and inside."""
     t = np.arange(n)[:, None] / n
