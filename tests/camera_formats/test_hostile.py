@@ -102,7 +102,7 @@ FAULTS = [
     ("kalibr", ("[0, 0, 1, 0]", "[0, 0, 2, 0]"), "pose 1 is not a rotation"),
     ("kalibr", ("[0, 0, 0, 1]", "[0, 0, 0, 2]"), "pose 1 must end in the row 0 0 0 1"),
     ("kalibr", ("cam1", "cam2"), "cam0, cam1, ... wanted, got cam0, cam2; number them"),
-    ("kalibr", ("cam0", "cam1_"), "wanted, got another table"),
+    ("kalibr", ("cam0", "cam1_"), "wanted, got a table"),
     ("ros", ("plumb_bob", "barrel"), "distortion_model must be one of none, plumb_bob"),
     ("ros", ("[0.1, ", "["), "distortion_coefficients: 1 x 5 numbers wanted, got 4"),
     ("ros", ("500.0", ".nan"), "camera_matrix must be 9 finite numbers"),

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from rastercov.base.checks import shown
 from rastercov.base.errors import CameraError
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import Border, inverse_of, lens_camera
@@ -52,9 +53,11 @@ def read(content: Any, border: Border) -> Views:
     chain = Entries(content, "camchain")
     found = [name for name in content if CAMERA_NAME.fullmatch(name)]
     names = [f"cam{row}" for row in range(len(found))]
-    others = [each for name, each in content.items() if name not in found]
-    if any(isinstance(each, Mapping) and each.keys() & KNOWN for each in others):
-        raise CameraError(f"cameras {WANTED} wanted, got another table beside them; rename it")
+    for name, value in content.items():
+        if name not in found and isinstance(value, Mapping) and value.keys() & KNOWN:
+            raise CameraError(
+                f"cameras {WANTED} wanted, got a table {shown(name)} beside them; rename it"
+            )
     border.unknown.look("the chain", [*content], frozenset(found))
     if not found or set(names) != set(found):
         raise CameraError(
