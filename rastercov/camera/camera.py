@@ -238,7 +238,7 @@ CHECKS: Mapping[str, Callable[[str, Any], Any]] = {
     "focus_range": _range,
     "max_angle_deg": _angle,
 }
-"""Check of each field that stands by itself."""
+"""Check of each field by itself."""
 CENTRES = {"cx": "width", "cy": "height"}
 """Fields that are the half of others unless given."""
 
