@@ -149,7 +149,7 @@ class Border:
         return size
 
     def pixel_shift(self, what: str = "the file") -> float:
-        """Shift of the pixels of a file that does not say where they are counted from."""
+        """Pixels to add to image coordinates, where the file does not say what they start from."""
         question = (
             f"{what} does not say where pixels are counted from; give --pixel-centre 0 if (0, 0) "
             "is the centre of the top-left pixel, as in OpenCV, or 0.5"
