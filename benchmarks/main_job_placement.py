@@ -100,7 +100,7 @@ def is_same_matrix(matrix: VisibilityMatrix, plan) -> bool:
     """True if some rows have the coverage and the decisions that `evaluate` gives."""
     rows = np.linspace(0, matrix.n_poses - 1, N_COMPARED).astype(np.int64)
     mesh = rc.shapes.torus()
-    judged = rc.evaluate(mesh, plan.build_camera(), matrix.poses[rows], matrix.task)
+    judged = rc.evaluate(mesh, plan.rig.cameras[0], matrix.poses[rows], matrix.task)
     for row, coverage, reason in zip(rows, judged.coverage, judged.reason, strict=True):
         part = slice(matrix.indptr[row], matrix.indptr[row + 1])
         faces = np.flatnonzero(coverage > 0)

@@ -310,15 +310,15 @@ def profile(
     near, cull, _ = limits(mesh, cell.camera, poses)
     scene, grid = _Scene(mesh), SampleGrid(cell.camera)
     worker = _Worker(scene, grid)
-    worker.no_drawn = np.zeros((1, len(PASSES)), np.int32)
+    worker.memory.no_drawn = np.zeros((1, len(PASSES)), np.int32)
     visible, filled = np.empty((n_poses, mesh.n_faces), np.int32), np.empty(n_poses, np.int64)
     given = []
     with mock.patch.object(raster_loops, "count_poses", lambda *arguments: given.extend(arguments)):
-        worker.count(poses, near, cull, worker.all_bands, visible, None, filled)
+        worker.count((poses, near, cull), worker.all_bands, visible, None, filled)
 
     def first_passes(n: int) -> Callable[[], None]:
         def work() -> None:
-            worker.no_drawn[0, :n], worker.no_drawn[0, n:] = -1, 0
+            worker.memory.no_drawn[0, :n], worker.memory.no_drawn[0, n:] = -1, 0
             steps(*given)
 
         return work

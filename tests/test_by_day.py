@@ -3,7 +3,7 @@
 from types import SimpleNamespace
 
 import by_day
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 
@@ -14,6 +14,7 @@ def item(name, is_slow=True):
     )
 
 
+@settings(max_examples=25)
 @given(st.sets(st.text(max_size=4), min_size=2), st.text(max_size=3))
 def test_a_third_is_two_or_more_and_depends_on_names_and_seed_alone(names, seed):
     kept = by_day.a_third(sorted(names), seed)

@@ -13,7 +13,7 @@ from rastercov.camera.near_plane import near_limit
 from rastercov.camera.projection import clip_near, to_camera, to_image
 from rastercov.camera.viewpoints import look_at
 from rastercov.kernels.criteria import incidence_angle
-from rastercov.mesh import Group, Mesh, shapes
+from rastercov.mesh import Group, Mesh
 from rastercov.reference.criteria import in_focus, polygon_area
 from rastercov.reference.criteria import measured_geometry as face_geometry
 
@@ -57,16 +57,6 @@ def test_area_of_a_frontal_square_is_fx_fy_area_over_depth_squared(camera, z):
     )
 
 
-@pytest.mark.slow
-@given(seeds)
-def test_area_has_no_sign(rng):
-    mesh, pose = random_mesh(rng), random_pose(rng)
-    turned = Mesh(vertices=mesh.vertices, faces=mesh.faces[:, ::-1])
-    one, other = (face_geometry(m, UNEVEN, pose) for m in (mesh, turned))
-    assert one.projected_area == pytest.approx(other.projected_area)
-    assert (one.projected_area >= 0).all()
-
-
 def test_area_through_the_near_plane_is_of_the_part_beyond_it():
     # Without clipping the corner behind the camera is mirrored, and the area is far too small.
     mesh = triangles((-0.5, 0.25, 3), (0.5, 0.25, 3), (0, 0.25, -1))
@@ -76,26 +66,6 @@ def test_area_through_the_near_plane_is_of_the_part_beyond_it():
     assert np.isposinf(view.perimeter).all()
     assert not view.in_view.any()
     assert view.pixel_density == [0]
-
-
-def test_behind_the_camera_there_is_nothing():
-    view = face_geometry(square(1, -2), CAMERA, AHEAD)
-    for name in ("projected_area", "in_view_fraction", "pixel_density"):
-        assert not getattr(view, name).any(), name
-    assert not view.in_view.any()
-    assert not view.is_front.any()
-
-
-@pytest.mark.slow
-@given(seeds)
-def test_moving_mesh_and_camera_together_changes_nothing(rng):
-    mesh, pose, motion = random_mesh(rng), random_pose(rng), random_pose(rng)
-    moved = Mesh(vertices=mesh.vertices @ motion[:3, :3].T + motion[:3, 3], faces=mesh.faces)
-    camera = Camera(width=640, height=480, fx=500, fy=400, near=0.1)
-    one, other = face_geometry(mesh, camera, pose), face_geometry(moved, camera, motion @ pose)
-    for name in ("depth", "projected_area", "in_view_fraction", "pixel_density"):
-        assert getattr(one, name) == pytest.approx(getattr(other, name), rel=1e-6, abs=1e-8), name
-    assert one.incidence == pytest.approx(other.incidence, abs=1e-6)
 
 
 # --- field of view --------------------------------------------------------------------------------
@@ -110,12 +80,6 @@ def test_in_view_is_all_or_nothing_and_the_border_is_inside(centre, inside):
     view = face_geometry(square(0.5, 2, centre), CAMERA, AHEAD)
     assert view.in_view.tolist() == [inside, inside]
     assert inside <= (view.in_view_fraction == 1).all()
-
-
-def test_fraction_of_a_wall_around_the_image_is_its_share():
-    view = face_geometry(square(10, 2), CAMERA, AHEAD)
-    assert view.in_view_fraction == pytest.approx([0.04, 0.04])
-    assert not view.in_view.any()
 
 
 @pytest.mark.slow
@@ -167,11 +131,10 @@ def test_thesis_table_5_4_resolution():
     pixels = np.array([plate_pixels(z) for z in DISTANCES])
     assert pixels == pytest.approx((8e-3 * 0.3 / 5.3e-6 / DISTANCES) ** 2)
     side, printed = np.sqrt(pixels), np.sqrt(PRINTED)
-    assert np.abs(printed - side)[1:].max() < 1.4
-    assert np.abs(printed - side)[0] < 2.6
+    assert (np.abs(printed - side) < [2.6] + [1.4] * 14).all()
     assert (printed / side).mean() == pytest.approx(1, abs=0.015)
-    assert np.count_nonzero(np.abs(PRINTED / pixels - 1) < 0.05) == 11
-    assert np.abs(PRINTED / pixels - 1).max() < 0.11
+    error = np.abs(PRINTED / pixels - 1)
+    assert (np.count_nonzero(error < 0.05), error.max() < 0.11) == (11, True)
 
 
 def test_thesis_table_5_4_ends_a_metre_early():
@@ -252,15 +215,6 @@ def test_incidence_is_measured_to_the_camera_centre():
     assert np.degrees(view.incidence) == pytest.approx([45])
 
 
-@pytest.mark.slow
-@given(seeds)
-def test_incidence_from_behind_is_the_supplement(rng):
-    mesh, pose = random_mesh(rng), random_pose(rng)
-    turned = Mesh(vertices=mesh.vertices, faces=mesh.faces[:, ::-1])
-    one, other = (face_geometry(m, UNEVEN, pose).incidence for m in (mesh, turned))
-    assert one + other == pytest.approx(np.full(mesh.n_faces, math.pi))
-
-
 # --- pixel density --------------------------------------------------------------------------------
 
 
@@ -287,37 +241,6 @@ def test_density_is_the_least_singular_value_of_finite_differences(rng):
     assert view.pixel_density[seen] == pytest.approx(expected, rel=1e-5)
 
 
-def lattice(n):
-    """Slanted plane before the camera, as n x n quads."""
-    s, t = np.meshgrid(np.linspace(-1, 1, n + 1), np.linspace(-1, 1, n + 1))
-    points = np.stack((s, t, 4 + s + 0.5 * t), axis=-1).reshape(-1, 3)
-    a = (np.arange(n)[:, None] * (n + 1) + np.arange(n)).ravel()
-    b, c, d = a + n + 1, a + n + 2, a + 1
-    return Mesh(
-        vertices=points, faces=np.concatenate([np.stack(q, 1) for q in ((a, b, c), (a, c, d))])
-    )
-
-
-def test_density_does_not_depend_on_tessellation():
-    # Finer and finer faces approach the density at a point, which belongs to the plane alone, and
-    # the worst of all faces stays what it is.
-    gaps, worst = [], []
-    for n in (4, 16, 64):
-        mesh = lattice(n)
-        density = face_geometry(mesh, CAMERA, AHEAD).pixel_density
-        tangents = np.linalg.svd(mesh.normals[:1])[2][1:]
-        h = 1e-6
-        ahead, behind = (
-            to_image(mesh.centroids[:, None] + sign * h * tangents, CAMERA) for sign in (1, -1)
-        )
-        exact = np.linalg.svd((ahead - behind) / (2 * h), compute_uv=False)[:, -1]
-        gaps.append(np.abs(density / exact - 1).max())
-        worst.append(density.min())
-    assert gaps[1] < 0.35 * gaps[0]
-    assert gaps[2] < 0.35 * gaps[1] < 0.03
-    assert worst == pytest.approx([worst[0]] * 3, rel=1e-9)
-
-
 def test_density_scales_with_the_mesh():
     for scale in (1e-120, 1e-30, 1e20):
         mesh = Mesh(vertices=square(1, 2).vertices * scale, faces=square(1, 2).faces)
@@ -334,16 +257,6 @@ def test_focus_of_all_vertices_is_stricter_than_of_the_centroid():
     assert in_focus(depth, (1, 3)).tolist() == [True, False, False, True, False]
     assert in_focus(depth, (1, 3), "centroid").tolist() == [True, True, True, True, False]
     assert in_focus(depth, (0, math.inf)).all()
-
-
-def test_beyond_the_hyperfocal_distance_everything_is_in_focus():
-    lens = {"width": 1280, "height": 1024, "focal_length": 8e-3, "pixel_size": 5.3e-6}
-    hyperfocal = 8e-3 + 4e-3 * 8e-3 / 5.3e-6
-    camera = Camera.from_lens(**lens, aperture=4e-3, focus_distance=hyperfocal * 1.01)
-    limits = camera.depth_of_field()
-    depth = np.array([(1, 1, 1), (4, 5, 6), (1e3, 1e6, 1e9)]) * hyperfocal
-    assert in_focus(depth, limits).tolist() == [True, True, True]
-    assert not in_focus(0.4 * depth[:1], limits).any()
 
 
 # --- meshes that try to break it ------------------------------------------------------------------
@@ -374,10 +287,3 @@ def test_no_face_ever_makes_a_nan(points, is_turned, near, rng):
     flat = mesh.degenerate_mask
     assert not view.is_front[flat].any()
     assert not view.pixel_density[flat].any()
-
-
-def test_inside_a_closed_surface_nothing_is_front():
-    view = face_geometry(shapes.sphere(2), UNEVEN, AHEAD)
-    assert not view.is_front.any()
-    outside = face_geometry(shapes.sphere(2), UNEVEN, look_at((0, 0, 50), (0, 0, 0), (0, 1, 0))[0])
-    assert 0.4 < outside.is_front.mean() < 0.5

@@ -4,11 +4,10 @@ import os
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import cluster_job
 import pytest
-from hostile_folder import COMMANDS, INPUTS, command, executed, fill
+from hostile_folder import COMMANDS, command, executed, fill
 from open_doors import family, listening, opened_by_others
 
 from rastercov.camera.camera import Camera
@@ -20,24 +19,13 @@ from rastercov.cluster.process import Process
 from rastercov.kernels.jit import compiled_aside
 from rastercov.kernels.lens import unproject_many
 
-SUPPORT = Path(cluster_job.__file__).parent
-HEAD = """
-import sys
-import cluster_job
-from rastercov.cluster import Workers, make_shards
-make_shards(Workers(2), cluster_job.store_of(sys.argv[1], 40), lambda made: None, print)
-"""
-
 
 @pytest.fixture
 def head(tmp_path):
     """A run by two workers, after its first shards; it kills one of them now and then."""
     store = cluster_job.prepared(tmp_path / "job", 40, seconds=0.3, kill=[100])
-    program = tmp_path / "head.py"
-    program.write_text(HEAD)
-    paths = os.pathsep.join([str(SUPPORT.parents[1]), str(SUPPORT)])
-    environment = os.environ | {"PYTHONPATH": paths}
-    with subprocess.Popen([sys.executable, program, tmp_path / "job"], env=environment) as head:
+    environment = os.environ | cluster_job.ENVIRONMENT
+    with subprocess.Popen(cluster_job.head(tmp_path / "job", 40), env=environment) as head:
         try:
             while len(store.missing()) > 36:
                 assert head.poll() is None
@@ -115,15 +103,8 @@ def test_processes_of_the_library_execute_no_file_in_the_folder(hostile, monkeyp
 @pytest.mark.slow
 def test_quarantine_executes_no_file_in_the_folder(hostile, tmp_path):
     cluster_job.prepared(tmp_path / "job", 40, poses=2, kill=[3])
-    (tmp_path / "head.py").write_text(HEAD)
-    environment = os.environ | {
-        "PYTHONPATH": os.pathsep.join([str(SUPPORT.parents[1]), str(SUPPORT)])
-    }
-    words = [sys.executable, tmp_path / "head.py", tmp_path / "job"]
+    environment = os.environ | cluster_job.ENVIRONMENT
+    words = cluster_job.head(tmp_path / "job", 40)
     subprocess.run(words, cwd=hostile, env=environment, check=True, capture_output=True)
     assert (tmp_path / "job/quarantine/shard-1.json").exists()
     assert executed(hostile) == []
-
-
-def test_inputs_of_the_commands_are_in_the_folder(hostile):
-    assert all((hostile / name).exists() for name in INPUTS)

@@ -38,12 +38,6 @@ def test_only_a_mesh_that_is_inside_out_has_a_line(name):
     assert "normals point inwards, or the surface is open: use two_sided" in line
 
 
-@pytest.mark.parametrize("distance", [0.6, 1, 3])
-def test_one_camera_that_sees_a_side_has_no_line(distance):
-    mesh = shapes.by_name("sphere")
-    assert lines(mesh, around(mesh, distance=distance)[:1]) == []
-
-
 def test_a_room_seen_from_inside_has_a_line_only_with_its_normals_outwards():
     mesh = shapes.by_name("box")
     centre = mesh.bounds.mean(axis=0)
@@ -62,9 +56,12 @@ def test_cameras_that_look_away_have_a_line_about_their_convention_and_no_other(
     assert "--pose-convention opengl?" in line
 
 
-def test_two_sided_faces_have_no_line():
-    mesh = turned(shapes.by_name("sphere")).with_groups(two_sided="all")
-    assert lines(mesh, around(mesh)) == []
+def test_two_sided_faces_and_one_camera_that_sees_a_side_have_no_line():
+    mesh = shapes.by_name("sphere")
+    both = turned(mesh).with_groups(two_sided="all")
+    assert lines(both, around(both)) == []
+    for distance in (0.6, 1, 3):
+        assert lines(mesh, around(mesh, distance=distance)[:1]) == []
 
 
 def test_a_sheet_seen_from_behind_has_a_line():

@@ -13,10 +13,10 @@ from rastercov.base.memory import CACHE_LINE, aligned_array, read_only
 from rastercov.camera.pose import Poses
 from rastercov.coverage.coverage import FIGURES, measurements
 from rastercov.coverage.face_pass import FacePass
-from rastercov.coverage.network import CHOICES, Network, Part
+from rastercov.coverage.network import CHOICES, Network
 from rastercov.coverage.task import Reason
 from rastercov.kernels import coverage as kernels
-from rastercov.kernels import decision, network
+from rastercov.kernels import decision
 from rastercov.kernels.decision import AT_A_TIME
 from rastercov.mesh import shapes
 from rastercov.raster.observation import BoundKind
@@ -70,7 +70,7 @@ def sums(network):
 def parts_of(judge, measured, poses):
     """Arguments scene, lens, seen and work of the loops, for a few faces at a time."""
     whole, lens, seen, work = [], [], [], []
-    judge.share(measured, poses, lambda scope: lambda rows, index: whole.append(scope(index)))
+    judge.share(measured, poses, lambda: lambda rows, index, scope: whole.append(scope))
     scene, lens, seen, work = whole[0]
     for first in range(0, judge.mesh.n_faces, FEW):
         part = slice(first, first + FEW)
@@ -98,39 +98,6 @@ def one_by_one(judge, measured, poses):
         for name, each in few.items():
             figures[name][:, part] = each
     return figures
-
-
-def added_one_by_one(judge, measured, poses, choice):
-    """Sums of a network over all faces, each measured by itself, and rows by pose and face."""
-    mesh, found, rows = judge.mesh, [], []
-    for part, scope in parts_of(judge, measured, poses):
-        n = len(range(mesh.n_faces)[part])
-        totals = Part(mesh, len(poses)).sums
-        totals = totals._replace(**{k: getattr(totals, k)[:n] for k in BY_FACE})
-        memory = network.PairRows(
-            *(np.empty(len(poses) * n, network.ROW_TYPES[k]) for k in network.PairRows._fields)
-        )
-        counts = np.zeros(len(poses), np.int64)
-        sink = network.Sink(CHOICES.index(choice), poses.ids, counts, memory)
-        scored, covered = read_only(mesh.task_mask[part].copy()), np.zeros(len(poses), np.int64)
-        for row in range(len(poses)):
-            network.add_pose(
-                row, row, *scope, judge.rules[0], scored, totals, covered, np.empty(n), sink
-            )
-            some = slice(row * n, row * n + counts[row])
-            rows.append(memory._replace(face=memory.face + part.start))
-            rows[-1] = [column[some].copy() for column in rows[-1]]
-        found.append(totals)
-    whole = {name: np.concatenate([getattr(each, name) for each in found]) for name in BY_FACE}
-    whole["kinds"] = sum(each.kinds for each in found)
-    whole["bounds"] = np.max([each.bounds for each in found], axis=0)
-    columns = [np.concatenate(column) for column in zip(*rows, strict=True)]
-    order = np.lexsort((columns[1], columns[0]))
-    return whole, [column[order] for column in columns]
-
-
-BY_FACE = ("views", "best", "best_row", "reason")
-"""Sums of a network of each face."""
 
 
 @pytest.mark.slow
@@ -163,10 +130,6 @@ def test_eight_faces_are_judged_as_one_is(method, seed):
             total = Network(mesh, chosen)
             (batch,) = total.judge(observer, poses, pairs=pairs)
             total.add(batch)
-            ((_, part),) = batch.parts
-            of_faces, rows = added_one_by_one(judge, measured, poses, pairs)
-            np.testing.assert_equal(part.sums._asdict(), of_faces)
-            np.testing.assert_equal(list(batch.rows), rows)
             np.testing.assert_equal(sums(total), sums(whole))
 
 

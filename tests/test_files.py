@@ -16,7 +16,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rastercov.base.errors import CameraError, ConfigError, MeshError, PoseError, RastercovError
-from rastercov.base.files import UnreadableError, file_bytes, open_file, read_json, read_toml
+from rastercov.base.files import UnreadableError, file_bytes, read_json, read_toml
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose_file import read_poses, write_poses
 from rastercov.camera.viewpoints import look_at
@@ -52,28 +52,9 @@ def at_once():
     assert time.monotonic() - start < 2
 
 
-def pipe(path):
-    os.mkfifo(path)
-
-
-def endless(path):
-    path.symlink_to("/dev/zero")
-
-
-def silent(path):
-    path.symlink_to("/dev/null")
-
-
-def folder(path):
-    path.mkdir()
-
-
-def loop(path):
-    path.symlink_to(path.name)
-
-
-def nowhere(path):
-    path.symlink_to("nothing")
+def listening(path):
+    with socket.socket(socket.AF_UNIX) as server:
+        server.bind(str(path))
 
 
 def sparse(path):
@@ -81,34 +62,31 @@ def sparse(path):
         file.truncate(10 << 30)
 
 
-def listening(path):
-    with socket.socket(socket.AF_UNIX) as server:
-        server.bind(str(path))
-
-
-KINDS = [pipe, endless, silent, folder, loop, nowhere, sparse, listening]
+KINDS = {
+    "pipe": (os.mkfifo, "a regular file wanted, got a pipe"),
+    "endless": (lambda path: path.symlink_to("/dev/zero"), "a regular file wanted, got a device"),
+    "silent": (lambda path: path.symlink_to("/dev/null"), "a regular file wanted, got a device"),
+    "folder": (Path.mkdir, "a regular file wanted, got a folder"),
+    "loop": (lambda path: path.symlink_to(path.name), "Too many levels of symbolic links"),
+    "nowhere": (lambda path: path.symlink_to("nothing"), "No such file or directory"),
+    "sparse": (sparse, "bytes wanted, got 10737418240"),
+    "listening": (listening, "a regular file wanted, got a socket"),
+}
 
 
 @pytest.mark.parametrize("name", READERS)
-@pytest.mark.parametrize("make", KINDS, ids=lambda make: make.__name__)
-def test_what_is_no_regular_file_is_refused_at_once_in_one_line(tmp_path, monkeypatch, name, make):
+@pytest.mark.parametrize("kind", KINDS)
+def test_what_is_no_regular_file_is_refused_at_once_in_one_line(tmp_path, monkeypatch, name, kind):
     monkeypatch.chdir(tmp_path)  # names of sockets are short
+    make, words = KINDS[kind]
     make(Path(name))
     read, error = READERS[name]
     with at_once(), pytest.raises(error) as caught:
         read(name)
     text = str(caught.value)
     assert text.startswith(f"{name}: ")
-    assert "\n" not in text
-    words = {
-        loop: "Too many levels of symbolic links",
-        nowhere: "No such file or directory",
-        sparse: "bytes wanted, got 10737418240",
-        listening: "a regular file wanted, got a socket",
-        pipe: "a regular file wanted, got a pipe",
-        folder: "a regular file wanted, got a folder",
-    }
-    assert words.get(make, "a regular file wanted, got a device") in text
+    assert text.isprintable()
+    assert words in text
 
 
 def test_a_file_that_becomes_a_pipe_after_it_was_looked_at_is_not_waited_for(tmp_path, monkeypatch):
@@ -137,12 +115,6 @@ def test_as_many_bytes_as_allowed_are_read(tmp_path, size):
         file_bytes(tmp_path / "file", 100)
 
 
-def test_an_error_of_the_caller_is_not_one_of_the_file(tmp_path):
-    (tmp_path / "file").write_bytes(b"x")
-    with pytest.raises(ZeroDivisionError), open_file(tmp_path / "file", 9):
-        _ = 1 / 0
-
-
 @pytest.mark.parametrize("path", [None, 3, 0, True, b"camera.json", ["camera.json"], 1.5, object()])
 @pytest.mark.parametrize("read", [Camera.load, read_poses, read_plan])
 def test_what_is_no_path_is_refused(read, path):
@@ -163,39 +135,27 @@ def test_a_strange_name_is_refused_in_one_printable_line(read, name):
 # --- text -----------------------------------------------------------------------------------------
 
 GOOD = json.dumps(CAMERA)
-
-
 TABLE = "width = 64\nheight = 48\nfx = 50.0\nfy = 50.0\n"
+DEEP = "[" * 10_000 + "]" * 10_000
+ENCODED = "save it as UTF-8|not valid JSON"
 JSON = [
-    ('{"width": 64, "width": 32, "height": 48, "fx": 50, "fy": 50}', "'width' comes twice"),
+    (GOOD.replace("{", '{"width": 32, '), "'width' comes twice"),
     (GOOD.replace("64", "NaN"), "width must be finite"),
-    (GOOD.replace("50.0", "Infinity"), "fx must be finite"),
-    (GOOD.replace("50.0", "1e400"), "fx must be finite"),
-    (GOOD.replace("64", "1" * 5000), "not valid JSON"),
+    *((GOOD.replace("50.0", word), "fx must be finite") for word in ("Infinity", "1e400")),
     (GOOD.replace("64", "1" * 400), "width must be below 1e308"),
-    (GOOD.replace("64", "[" * 10_000 + "]" * 10_000), "not valid JSON .nested too deep|width"),
-    ("[" * 1_000_000, "not valid JSON"),
-    ('{"a":' * 10_000, "not valid JSON"),
-    (GOOD.encode("utf-16"), "save it as UTF-8"),
-    (GOOD.encode("utf-32"), "not valid JSON|save it as UTF-8"),
-    (b"\xff\xfe\x00", "save it as UTF-8"),
-    ("", "not valid JSON"),
-    ("\0", "not valid JSON"),
-    (GOOD[:-1], "not valid JSON"),
-    (GOOD + GOOD, "not valid JSON"),
-]
+    *((GOOD.replace("64", word), "not valid JSON|width") for word in ("1" * 5000, DEEP)),
+    *((text, "not valid JSON") for text in (
+        "[" * 1_000_000, '{"a":' * 10_000, "", "\0", GOOD[:-1], GOOD + GOOD)),
+    *((text, ENCODED) for text in (
+        GOOD.encode("utf-16"), GOOD.encode("utf-32"), b"\xff\xfe\x00")),
+]  # fmt: skip
 TOML = [
-    (TABLE + "width = 32\n", "not valid TOML"),
     (TABLE.replace("64", "nan"), "width must be finite"),
-    (TABLE.replace("50.0", "inf"), "fx must be finite"),
-    (TABLE.replace("50.0", "1e400"), "fx must be finite"),
-    (TABLE.replace("64", "1" * 5000), "not valid TOML"),
-    (TABLE.replace("64", "[" * 10_000 + "]" * 10_000), "not valid TOML|width"),
-    ("x = " + "{a=" * 10_000, "not valid TOML"),
-    (TABLE.encode("utf-16"), "save it as UTF-8"),
-    ("\0", "not valid TOML"),
-    (TABLE + "[", "not valid TOML"),
-]
+    *((TABLE.replace("50.0", word), "fx must be finite") for word in ("inf", "1e400")),
+    *((TABLE.replace("64", word), "not valid TOML|width") for word in ("1" * 5000, DEEP)),
+    *((text, "not valid TOML") for text in (
+        TABLE + "fx = 3\n", "x = " + "{a=" * 10_000, TABLE.encode("utf-16"), "\0", TABLE + "[")),
+]  # fmt: skip
 TEXTS = [("camera.json", *each) for each in JSON] + [("camera.toml", *each) for each in TOML]
 
 
@@ -271,13 +231,6 @@ def test_any_layout_of_an_npy_gives_the_same_poses(tmp_path, order, dtype):
     assert np.array_equal(read_poses(tmp_path / "poses.npy"), poses.astype(np.float64))
 
 
-def test_numbers_beyond_float64_are_infinite_without_a_warning(tmp_path):
-    np.save(tmp_path / "poses.npy", np.full((1, 4, 4), np.longdouble("1e4000")))
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        assert np.isinf(read_poses(tmp_path / "poses.npy")).all()
-
-
 def test_a_file_that_cannot_be_written_is_named(tmp_path):
     (tmp_path / "folder.json").mkdir()
     camera = Camera(**CAMERA)
@@ -294,3 +247,10 @@ def test_a_file_that_cannot_be_written_is_named(tmp_path):
     (tmp_path / "full.json").symlink_to("/dev/full")
     with pytest.raises(PoseError, match=r"cannot be written \(No space left"):
         write_poses(tmp_path / "full.json", np.eye(4))
+
+
+def test_numbers_beyond_float64_are_infinite_without_a_warning(tmp_path):
+    np.save(tmp_path / "poses.npy", np.full((1, 4, 4), np.longdouble("1e4000")))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert np.isinf(read_poses(tmp_path / "poses.npy")).all()

@@ -2,10 +2,9 @@
 
 import re
 
-import numpy as np
 import pytest
 from lens_cameras import CAMERAS
-from surface_cases import bisected, room
+from surface_cases import room
 
 import rastercov as rc
 from rastercov.camera.viewpoints import sphere_of_poses
@@ -47,17 +46,6 @@ def test_the_share_is_that_of_the_exact_area_through_a_lens():
     assert 0.1 < share <= covered[left].sum() / MESH.areas.sum() + 0.02
     (line,) = half_covered(network, lens, POSES)
     assert "--by area" in line
-
-
-@pytest.mark.slow
-def test_a_finer_mesh_has_less_in_parts():
-    task = rc.Task(max_incidence_deg=75, min_pixels_per_m2=4000)
-    finer = bisected(MESH, np.linalg.norm(np.ptp(MESH.bounds, axis=0)) / 20)[0]
-    shares = [
-        share_in_parts(network_of(mesh, CAMERA, POSES, task), CAMERA, POSES)
-        for mesh in (MESH, finer)
-    ]
-    assert shares[1] < 0.3 * shares[0]
 
 
 def test_nothing_is_said_where_whole_faces_tell_it_all():

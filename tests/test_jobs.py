@@ -1,6 +1,7 @@
 """`evaluate`, `place`, `check` and `audit` as functions: results of the commands, and no files."""
 
 import json
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -17,14 +18,6 @@ from rastercov.report import plan as report
 from rastercov.report.coverage import Options, run
 
 CAMERA = {"width": 96, "height": 72, "fx": 90, "fy": 90}
-PLAN = {
-    "meshes": [{"path": "part.obj"}],
-    "camera": CAMERA,
-    "task": {"min_pixels_per_m2": 100.0},
-    "candidates": [{"generator": "on_sphere", "count": 20, "distances": [3.5]}],
-    "selection": {"goal": "fewest_cameras", "coverage": 0.9},
-}
-NAMED = PLAN | {"candidates": [PLAN["candidates"][0] | {"cameras": ["camera"]}]}
 TOML = """
 [[meshes]]
 path = "part.obj"
@@ -43,6 +36,8 @@ distances = [3.5]
 goal = "fewest_cameras"
 coverage = 0.9
 """
+PLAN = tomllib.loads(TOML)
+NAMED = PLAN | {"candidates": [PLAN["candidates"][0] | {"cameras": ["camera"]}]}
 POSES = rc.sphere_of_poses((0, 0, 0), 3.5, 6)
 
 
@@ -56,6 +51,11 @@ def folder(tmp_path, monkeypatch):
 
 def files():
     return {path.name for path in Path().rglob("*")}
+
+
+def written(name):
+    """Content of a file of the command and of the function."""
+    return [json.loads(Path(where, name).read_text()) for where in ("command", "function")]
 
 
 def as_stored(figures):
@@ -74,9 +74,7 @@ def test_place_writes_nothing_and_finds_what_the_command_finds(capsys):
     code, _, err = call(capsys, "place plan.toml -o command --json")
     assert code == 0, err
     rc.place("plan.toml", out="function")
-    command, function = (
-        json.loads(Path(where, "plan.json").read_text()) for where in ("command", "function")
-    )
+    command, function = written("plan.json")
     assert command.pop("seconds").keys() == function.pop("seconds").keys()
     assert command == function
     found = as_stored(report.summary(placed)["cameras"])
@@ -242,19 +240,12 @@ def test_audit_is_the_command(capsys):
     rc.write_views("views.json", views)
     code, _, err = call(capsys, "audit views.json part.obj --views 2 -o command")
     assert code == 0, err
-    command, function = (
-        json.loads(Path(where, "audit.json").read_text()) for where in ("command", "function")
-    )
-    command["subset"].pop("seconds"), function["subset"].pop("seconds")
+    command, function = written("audit.json")
     for each in (command, function):
-        del each["run"]["mesh"]
+        del each["subset"]["seconds"], each["run"]["mesh"]
         each["run"]["options"].pop("scene", None)  # the words of the command
     assert command == function
-    summary = as_stored(found.summary())
-    assert summary["covered_percent"] == function["covered_percent"]
-    assert [each["seen_m2"] for each in summary["per_camera"]] == [
-        each["seen_m2"] for each in function["per_camera"]
-    ]
+    assert as_stored(found.summary())["covered_percent"] == function["covered_percent"]
 
 
 def test_poses_without_a_unit_are_refused():

@@ -50,20 +50,3 @@ def test_packets_of_embree_count_our_faces(modules):
             assert counts.sum() > 1000
             assert np.array_equal(counts, np.bincount(image[image >= 0], minlength=mesh.n_faces))
             assert np.abs(counts - counted[row]).sum() <= 2 * differing
-
-
-def test_threads_of_the_peer_count_each_pose_once(modules, monkeypatch):
-    packets, _ = modules
-    mesh = shapes.torus(20, 10)
-    poses = rc.sphere_of_poses((0, 0, 0), 4.2, N_POSES)
-    peer = packets.EmbreePackets(mesh, CAMERA, poses, threads=2)
-    cast, counted = peer.cast, []
-
-    def recorded(*arguments):
-        cast(*arguments)
-        counted.append(tuple(arguments[-2]))
-
-    monkeypatch.setattr(peer, "cast", recorded)
-    rows = np.array([5, 0, 3, 3, 1])
-    peer.count(rows)
-    assert sorted(counted) == sorted(tuple(peer.counts(row)) for row in rows)

@@ -9,7 +9,17 @@ import tracemalloc
 
 import numpy as np
 import pytest
-from repeated_parts import CAMERAS, DAE, MESHES, THREEMF, exploding, unplaced_rigs
+from repeated_parts import (
+    CAMERAS,
+    DAE,
+    HERE,
+    MESHES,
+    THREEMF,
+    dae,
+    exploding,
+    shared,
+    unplaced_rigs,
+)
 
 import rastercov as rc
 from rastercov.base.errors import ResourceError
@@ -94,15 +104,6 @@ def test_a_part_twice_as_often_is_twice_the_memory_at_most(read, name, part, mak
     assert second <= 3 * max(first, 0) + (1 << 16)
 
 
-def test_quadratic_work_is_seen(tmp_path):
-    def read(path):
-        n = len(path.read_bytes())
-        return [len("") for _ in range(n) for _ in range(n)]
-
-    first, second = doublings(read, lambda n: b"a" * n, tmp_path / "a", calls_of)
-    assert second > MOST_GROWTH * first + FEW_CALLS
-
-
 def test_rigs_without_places_are_one_note(tmp_path):
     def make(n):
         rows = [f"{i} PINHOLE 640 480 500 500 320 240\n" for i in range(2 * n)]
@@ -120,30 +121,21 @@ def test_rigs_without_places_are_one_note(tmp_path):
 @pytest.mark.parametrize("name", ["a.3mf", "a.dae"])
 def test_instances_beyond_the_budget_are_refused_before_any_is_made(name, tmp_path):
     path = tmp_path / name
-    for k in (25, 100, 400):
-        path.write_bytes(exploding(k)[name])
-        with pytest.raises(ResourceError, match=r"^[^\n]{,300}the budget is[^\n]{,200}$"):
-            Mesh.load(path)
+    path.write_bytes(exploding(400)[name])
     assert calls_of(refused, path) < 100_000
     assert peak_of(refused, path) < 10_000_000
     path.write_bytes(exploding(4)[name])
     assert Mesh.load(path).n_faces == 4 * 2**4
 
 
-def test_instances_are_where_their_nodes_put_them_one_by_one(tmp_path):
+def test_instances_are_where_their_nodes_put_them_one_by_one(load):
     """A chain of elements with one part each is one step."""
-    from repeated_parts import dae, shared
-
     rng = np.random.default_rng(0)
     moves = [f"<rotate>0 0.6 0.8 {a}</rotate><translate>{a} 1 2</translate>" for a in rng.random(5)]
-    here = '<instance_geometry url="#g"/>'
-    nested = "".join(f"<node>{move}" for move in moves) + here + "</node>" * 5
-    in_one = f"<node>{''.join(moves)}{here}</node>"
-    corners = []
-    for data in (shared(2, nested), dae(in_one * 2)):
-        (tmp_path / "a.dae").write_bytes(data)
-        mesh = Mesh.load(tmp_path / "a.dae")
-        corners.append(mesh.vertices[mesh.faces])
+    nested = "".join(f"<node>{move}" for move in moves) + HERE + "</node>" * 5
+    in_one = f"<node>{''.join(moves)}{HERE}</node>"
+    meshes = [load("a.dae", data) for data in (shared(2, nested), dae(in_one * 2))]
+    corners = [mesh.vertices[mesh.faces] for mesh in meshes]
     np.testing.assert_allclose(*corners, rtol=0, atol=1e-14)
 
 

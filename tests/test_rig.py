@@ -11,7 +11,7 @@ from nightly import examples
 from rastercov.base.errors import CameraError, PoseError
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Rig, cameras_of, only_camera
+from rastercov.camera.rig import Rig, cameras_of
 from rastercov.camera.viewpoints import look_at, sphere_of_poses
 from rastercov.coverage.area.regions import regions
 from rastercov.coverage.coverage import FIGURES
@@ -146,9 +146,3 @@ def test_a_camera_that_is_not_there_is_refused(method):
 def test_names_of_a_rig_are_different_texts(names):
     with pytest.raises(CameraError, match="texts"):
         Rig([WIDE, LONG], names)
-
-
-def test_one_camera_is_asked_for_by_name():
-    assert only_camera(WIDE) is only_camera([WIDE]) is WIDE
-    with pytest.raises(CameraError, match="one camera is wanted here, got 3"):
-        only_camera(CAMERAS)

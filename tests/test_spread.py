@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 import rastercov as rc
 from rastercov.coverage.network import ViewSpread, least_cosine
+from rastercov.kernels.placement_selection import next_camera
 from rastercov.mesh import shapes
 from rastercov.placement import Objective, build_matrix, problem_of
 from rastercov.placement.select.problem import BestCoverage
@@ -76,13 +77,7 @@ def test_a_report_counts_faces_with_views_from_two_sides(tmp_path):
     assert summary["by"] == "face"
 
 
-def test_areas_have_no_angle_between_views():
-    task = rc.Task(min_angle_deg=10)
-    with pytest.raises(rc.ConfigError, match="min_angle_deg is of a face"):
-        rc.regions(MESH, CAMERA, POSES, task)
-
-
-@pytest.mark.parametrize("angle", [-1, 181, math.nan, "60"])
-def test_angles_that_are_none_are_refused(angle):
-    with pytest.raises(rc.ConfigError, match="min_angle_deg must be"):
-        rc.Task(min_angle_deg=angle)
+def test_of_equal_gains_that_of_the_least_rank_is_chosen():
+    gain, rank = np.full((3, 1), 5), np.array([2, 0, 1])
+    free = np.ones(3), rank, np.zeros(3, np.uint8), np.inf, False
+    assert next_camera(gain, np.array([9]), 0, *free) == 1

@@ -40,17 +40,13 @@ def bad_row():
 
 def test_poses_name_the_rows_that_were_accepted_and_rejected():
     accepted = Poses.of(bad_row(), skip_bad=True)
+    assert Poses.of(accepted) is accepted
     assert accepted.ids.tolist() == [0, 1, 3]
     assert list(accepted.rejected) == [2]
     assert len(accepted) == len(accepted.world_from_camera) == 3
     assert len(accepted.given) == 4
     with pytest.raises(PoseError, match="pose 2 is not a rotation"):
         Poses.of(bad_row())
-
-
-def test_poses_are_taken_as_they_are():
-    accepted = Poses.of(sphere_of_poses((0, 0, 0), 3, 4))
-    assert Poses.of(accepted) is accepted
 
 
 def test_some_of_the_poses_keep_their_ids():
@@ -69,17 +65,6 @@ def test_poses_give_the_answers_of_their_arrays(method):
     with rc.open_observer(MESH, CAMERA, method) as observer:
         found = observer.visibility(accepted)
     assert np.array_equal(found.value, rc.visibility(MESH, CAMERA, poses, method).value)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("method", ["certified", "sampled"])
-def test_a_run_checks_its_poses_once(method, tmp_path, monkeypatch):
-    calls = []
-    check = pose_module.check_poses
-    monkeypatch.setattr(pose_module, "check_poses", lambda p: calls.append(len(p)) or check(p))
-    line = f"evaluate box -c khepra -p sphere:7 --pictures 2 --method {method} --device cpu"
-    assert cli.command([*shlex.split(line), "--json", "-o", str(tmp_path / "out")]) == 0
-    assert calls.count(7) == 1  # the others are of views of its pictures
 
 
 # --- Engine ---------------------------------------------------------------------------------------
@@ -101,18 +86,17 @@ def test_an_engine_is_read_back_from_its_text(engine):
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    "text",
     [
-        ("ray", "method must be certified, exact or sampled, got 'ray'"),
-        ("exact:cpu", "exact has no samples"),
-        ("certified@2", "certified has no samples"),
-        ("sampled:", "a device is wanted after the colon"),
-        ("sampled@0", "samples a side must be a whole number 1 to 64"),
-        ("sampled@65", "samples a side must be a whole number 1 to 64"),
-        ("sampled@x", "samples a side must be a whole number 1 to 64"),
+        "ray",
+        "exact:cpu",
+        "certified@2",
+        "sampled:",
+        *(f"sampled@{n}" for n in (0, 65, "x", "²", "9" * 5000)),
     ],
 )
-def test_what_is_no_engine_is_refused(text, words):
+def test_what_is_no_engine_is_refused(text):
+    words = r"method must be|has no samples|takes a device|a whole number 1 to 64"
     with pytest.raises(ConfigError, match=words):
         Engine.of(text)
 
@@ -145,27 +129,21 @@ class Limited:
 
 
 @pytest.mark.parametrize(
-    ("values", "words"),
+    ("name", "values", "words"),
     [
-        ({"share": 1.1}, "share must be 0 to 1, got 1.1"),
-        ({"share": float("nan")}, "share must be 0 to 1"),
-        ({"angle": 0}, "angle must be more than 0, up to 90, got 0"),
-        ({"count": 0}, "count must be a whole number, 1 or more, got 0"),
-        ({"count": 1.5}, "count must be a whole number, 1 or more, got 1.5"),
-        ({"maybe": 0}, "maybe must be more than 0, got 0"),
-        ({"maybe": "1"}, "maybe must be more than 0, got '1'"),
-        ({"is_on": 1}, "is_on must be True or False"),
+        ("share", (1.1, float("nan")), "0 to 1"),
+        ("angle", (0,), "more than 0, up to 90"),
+        ("count", (0, 1.5), "a whole number, 1 or more"),
+        ("maybe", (0, "1"), "more than 0"),
+        ("is_on", (1,), "True or False"),
     ],
 )
-def test_a_value_outside_its_limits_is_refused_in_their_words(values, words):
-    with pytest.raises(ConfigError, match=words):
-        Limited(**values)
-
-
-def test_values_become_plain_numbers():
-    limited = Limited(share=np.float32(0.25), count=np.int64(3), maybe=2)
-    assert (limited.share, limited.count, limited.maybe) == (0.25, 3, 2.0)
-    assert [type(v) for v in (limited.share, limited.count, limited.maybe)] == [float, int, float]
+def test_a_value_outside_its_limits_is_refused_in_their_words(name, values, words):
+    for value in values:
+        with pytest.raises(ConfigError, match=f"{name} must be {words}, got"):
+            Limited(**{name: value})
+    plain = Limited(share=np.float32(0.25), count=np.int64(3), maybe=2)
+    assert [type(each) for each in (plain.share, plain.count, plain.maybe)] == [float, int, float]
 
 
 def test_a_new_threshold_is_an_option_of_the_command_line(monkeypatch):
@@ -199,3 +177,14 @@ def test_provenance_depends_on_every_input():
         Provenance(MESH, CAMERA, poses, rc.Task(views=2)),
     )
     assert all(other.as_dict() != first for other in others)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["certified", "sampled"])
+def test_a_run_checks_its_poses_once(method, tmp_path, monkeypatch):
+    calls = []
+    check = pose_module.check_poses
+    monkeypatch.setattr(pose_module, "check_poses", lambda p: calls.append(len(p)) or check(p))
+    line = f"evaluate box -c khepra -p sphere:7 --pictures 2 --method {method} --device cpu"
+    assert cli.command([*shlex.split(line), "--json", "-o", str(tmp_path / "out")]) == 0
+    assert calls.count(7) == 1  # the others are of views of its pictures

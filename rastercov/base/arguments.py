@@ -15,7 +15,6 @@ from collections.abc import Callable, Sequence
 from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
-from annotated_types import Ge, Gt, Le
 from numpy.typing import ArrayLike, NDArray
 from typing_extensions import Doc
 
@@ -77,20 +76,24 @@ def check_seed(seed: int) -> None:
 
 
 def finite_points(
-    name: str, values: ArrayLike, shape: tuple[int, ...], wanted: str
+    name: str,
+    values: ArrayLike,
+    shape: tuple[int, ...],
+    wanted: str,
+    error: type[RastercovError] = ConfigError,
 ) -> NDArray[np.float64]:
     """Finite coordinates of that shape, -1 for any length, within LARGEST_COORDINATE.
 
-    Anything else is a ConfigError; `wanted` says what they must be.
+    Anything else is an error; `wanted` says what they must be.
     """
-    array = checked_array(name, values, "iuf", wanted, ConfigError)
+    array = checked_array(name, values, "iuf", wanted, error)
     sides = zip(array.shape, shape, strict=False)
     if array.ndim != len(shape) or any(side not in (got, -1) for got, side in sides):
-        raise ConfigError(f"{name} must be {wanted}, got shape {array.shape}")
+        raise error(f"{name} must be {wanted}, got shape {array.shape}")
     points = owned(name, array, np.float64)
     if not (np.abs(points) <= LARGEST_COORDINATE).all():
         limit = f"within ±{LARGEST_COORDINATE:g}"
-        raise ConfigError(f"{name} must be {wanted}, {limit}, got {shown(values)}")
+        raise error(f"{name} must be {wanted}, {limit}, got {shown(values)}")
     return points
 
 
@@ -220,31 +223,27 @@ def _checked(name: str, value: Any, hint: Any) -> Any:
             raise ConfigError(f"{name} must be {error}") from None
     number, limits = finite_number(value), metadata_of(hint)
     is_whole = kind is not int or number.is_integer()
-    is_share = any(isinstance(limit, Le) and limit.le == 1 for limit in limits)
-    meant = share_meant(number) if is_share else ""
-    if math.isnan(number) or not is_whole or not all(_holds(limit, number) for limit in limits):
+    above, least, most = (_limit(limits, name) for name in ("gt", "ge", "le"))
+    is_within = above is None or number > above
+    is_within &= (least is None or number >= least) and (most is None or number <= most)
+    if math.isnan(number) or not is_whole or not is_within:
+        meant = share_meant(number) if most == 1 else ""
         raise ConfigError(f"{name} must be {_words(kind, limits)}, got {shown(given)}{meant}")
     return kind(number)
 
 
-def _holds(limit: Any, number: float) -> bool:
-    # Ignored types: annotated_types declares limits as anything that can be compared.
-    if isinstance(limit, Gt):
-        return number > float(limit.gt)  # type: ignore[arg-type]
-    if isinstance(limit, Ge):
-        return number >= float(limit.ge)  # type: ignore[arg-type]
-    return number <= float(limit.le) if isinstance(limit, Le) else True  # type: ignore[arg-type]
+def _limit(limits: tuple[Any, ...], name: str) -> float | None:
+    """Limit of that name, "gt", "ge" or "le", of annotated types."""
+    return next((getattr(each, name) for each in limits if hasattr(each, name)), None)
 
 
 def _words(kind: type, limits: tuple[Any, ...]) -> str:
     """Words for a type and its limits: "0 to 1", "more than 0, up to 90", "0 or more"."""
-    above = next((limit.gt for limit in limits if isinstance(limit, Gt)), None)
-    least = next((limit.ge for limit in limits if isinstance(limit, Ge)), None)
-    most = next((limit.le for limit in limits if isinstance(limit, Le)), None)
-    whole = ["a whole number"] if kind is int else []
+    above, least, most = (_limit(limits, name) for name in ("gt", "ge", "le"))
+    words = ["a whole number"] if kind is int else []
     if least is not None and most is not None:
-        return ", ".join([*whole, f"{least:g} to {most:g}"])
-    low = [f"more than {above:g}"] if above is not None else []
-    low += [f"{least:g} or more"] if least is not None else []
-    high = [f"up to {most:g}"] if most is not None else []
-    return ", ".join([*whole, *low, *high]) or "a number"
+        return ", ".join([*words, f"{least:g} to {most:g}"])
+    words += [f"more than {above:g}"] if above is not None else []
+    words += [f"{least:g} or more"] if least is not None else []
+    words += [f"up to {most:g}"] if most is not None else []
+    return ", ".join(words) or "a number"

@@ -21,6 +21,9 @@ SHORTEST = 1e-12
 1e-12 rad beside the image plane."""
 
 
+BEYOND = "beyond that float64 does not tell pixels apart: check its unit"
+
+
 def number(name: str, value: Any) -> float:
     """`value` as a finite float."""
     if not is_number(value):
@@ -46,10 +49,8 @@ def focal_length_px(name: str, value: Any) -> float:
     """`value` as a focal length in pixels."""
     result = positive(name, value)
     if not SHORTEST <= result <= LONGEST:
-        raise CameraError(
-            f"{name} must be {SHORTEST:g} to {LONGEST:g} px, got {result:g}; "
-            "beyond that float64 does not tell pixels apart: check its unit"
-        )
+        wanted = f"{SHORTEST:g} to {LONGEST:g} px"
+        raise CameraError(f"{name} must be {wanted}, got {result:g}; {BEYOND}")
     return result
 
 
@@ -57,10 +58,8 @@ def principal_point_px(name: str, value: Any) -> float:
     """`value` as a coordinate of the principal point in pixels."""
     result = number(name, value)
     if abs(result) > LONGEST:
-        raise CameraError(
-            f"{name} must be within {LONGEST:g} px of the image, got {result:g}; "
-            "beyond that float64 does not tell pixels apart: check its unit"
-        )
+        wanted = f"within {LONGEST:g} px of the image"
+        raise CameraError(f"{name} must be {wanted}, got {result:g}; {BEYOND}")
     return result
 
 
@@ -85,9 +84,8 @@ def image_side(name: str, value: Any) -> int:
     """Width or height of an image, in whole pixels."""
     result = number(name, value)
     if result != int(result) or not 1 <= result <= MAX_IMAGE_SIDE:
-        raise CameraError(
-            f"{name} must be a whole number of pixels, 1 to {MAX_IMAGE_SIDE}, got {value}"
-        )
+        wanted = f"a whole number of pixels, 1 to {MAX_IMAGE_SIDE}"
+        raise CameraError(f"{name} must be {wanted}, got {value}")
     return int(result)
 
 

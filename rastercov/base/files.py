@@ -259,17 +259,10 @@ def _slips(name: str, needed: frozenset[str]) -> tuple[str, ...]:
 
 def is_slip(name: str, other: str) -> bool:
     """True for two names that differ in one character, two neighbours' order, or upper case."""
-    n, m = len(name), len(other)
-    if min(n, m) < SHORTEST or abs(n - m) > 1:
-        return n == m and name.casefold() == other.casefold()
-    start = next(
-        (i for i, (a, b) in enumerate(zip(name, other, strict=False)) if a != b), min(n, m)
-    )
-    if n != m:
-        longer, shorter = (name, other) if n > m else (other, name)
-        return longer[start + 1 :] == shorter[start:]
-    is_turned = name[start : start + 2] == other[start : start + 2][::-1]
-    is_turned &= name[start + 2 :] == other[start + 2 :]
-    return (
-        is_turned or name[start + 1 :] == other[start + 1 :] or name.casefold() == other.casefold()
-    )
+    if min(len(name), len(other)) < SHORTEST or name.casefold() == other.casefold():
+        return name.casefold() == other.casefold()
+    pairs = enumerate(zip(name, other, strict=False))
+    start = next((i for i, (a, b) in pairs if a != b), min(len(name), len(other)))
+    a, b = name[start:], other[start:]
+    is_turned = a[:2] == b[:2][::-1] and a[2:] == b[2:]
+    return is_turned or a[1:] == b[1:] or a[1:] == b or a == b[1:]

@@ -9,6 +9,7 @@ a ConfigError where the arguments do not fit the signature or its annotations. A
 is not looked at.
 """
 
+import builtins
 import dataclasses
 import functools
 import inspect
@@ -17,7 +18,7 @@ import sys
 from collections.abc import Callable, Collection, Mapping
 from enum import Enum
 from pathlib import Path
-from types import ModuleType, NoneType, SimpleNamespace, UnionType
+from types import ModuleType, NoneType, UnionType
 from typing import Any, Literal, ParamSpec, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -70,14 +71,13 @@ def guarded_name(module: ModuleType, name: str) -> Any:
 
 
 def public_names(module: ModuleType) -> list[str]:
-    """Names in `__all__`, or those that a module defines."""
-    own = [name for name, each in vars(module).items() if _module_of(each) == module.__name__]
-    return list(getattr(module, "__all__", [name for name in own if not name.startswith("_")]))
-
-
-def _module_of(thing: Any) -> str:
-    is_code = inspect.isfunction(thing) or inspect.isclass(thing)
-    return thing.__module__ if is_code else ""
+    """Names in `__all__`, or those of the functions and classes that a module defines."""
+    own = [
+        name
+        for name, each in vars(module).items()
+        if getattr(each, "__module__", "") == module.__name__ and not name.startswith("_")
+    ]
+    return list(getattr(module, "__all__", own))
 
 
 def guarded_class(kind: Kind) -> Kind:
@@ -178,20 +178,17 @@ def check_type(name: str, value: Any, hint: Any) -> None:
         raise error(f"{name} must be {_wanted(hint)}, got {shown(value)}")
 
 
+class _Names(dict[str, Any]):
+    """Names of a module; those that only type checkers import mean any type."""
+
+    def __missing__(self, name: str) -> Any:
+        return Any
+
+
 @functools.cache  # resolved at the first call, when all modules are there
 def _hints(thing: Any) -> dict[str, Any]:
-    try:
-        return get_type_hints(thing)
-    except NameError:  # of a name that only type checkers import; others are resolved
-        return {name: _hint(thing, hint) for name, hint in thing.__annotations__.items()}
-
-
-def _hint(thing: Any, hint: Any) -> Any:
-    alone = SimpleNamespace(__annotations__={"it": hint})
-    try:
-        return get_type_hints(alone, vars(sys.modules[thing.__module__]))["it"]
-    except NameError:
-        return Any
+    known = _Names(vars(builtins) | vars(sys.modules[thing.__module__]))
+    return get_type_hints(thing, localns=known)
 
 
 def _fits(value: Any, hint: Any) -> bool:
@@ -215,9 +212,7 @@ def _fits(value: Any, hint: Any) -> bool:
         return isinstance(value, int | np.integer) and not isinstance(value, bool)
     if hint is bool:
         return isinstance(value, bool | np.bool_)
-    if origin is tuple:
-        if kinds[-1] is ... or len(set(kinds)) == 1:  # the number of them is a limit
-            return _is_row(value) and all(_fits(each, kinds[0]) for each in value)
+    if origin is tuple and kinds[-1] is not ... and len(set(kinds)) > 1:
         return _is_row(value) and len(value) == len(kinds) and all(map(_fits, value, kinds))
     if getattr(origin, "_is_protocol", False) and origin.__module__.startswith("rastercov."):
         names = [name for name in (*vars(origin), *_hints(origin)) if not name.startswith("_")]

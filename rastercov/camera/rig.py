@@ -114,14 +114,6 @@ def names_of(cameras: Cameras) -> tuple[str, ...]:
     return tuple(f"camera {row}" for row in range(len(cameras_of(cameras))))
 
 
-def only_camera(cameras: Cameras) -> Camera:
-    """The camera where there is one; `CameraError` where there are several."""
-    found = cameras_of(cameras)
-    if len(found) > 1:
-        raise CameraError(f"one camera is wanted here, got {len(found)}; give the one to be used")
-    return found[0]
-
-
 def check_scene(mesh: Any, camera: Any) -> None:
     """Raise MeshError or CameraError unless they are a Mesh and a camera, or several."""
     check_kind("mesh", mesh, Mesh, "a Mesh (Mesh.load reads a file)", MeshError)

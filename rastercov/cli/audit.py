@@ -1,6 +1,7 @@
 """The command `audit`: what the images of an existing rig or reconstruction see."""
 
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -54,7 +55,6 @@ def audit(
     from rastercov.base.output import json_text
     from rastercov.coverage.shards import is_long
     from rastercov.exact.certificate import compile_first
-    from rastercov.placement.audit import Audit
     from rastercov.placement.audit import audit as run
     from rastercov.report.audit import write  # loads pyarrow
 
@@ -69,22 +69,13 @@ def audit(
     compile_first(method)
     warn([*mesh.warnings, *notes, *border.unused(), *doubts])
     with progress_bar() as progress:
-        options: Any = {
-            "by": by,
-            "resolution_of_result": resolution_of_result,
-            "method": method,
-        }
-        rig, poses, names = views.rig, views.poses, views.images or None
-        frames = views.frames
-
-        def made(shards: Path | None) -> Audit:
-            return run(
-                mesh, rig, poses, task, names=names, frames=frames, progress=progress,
-                folder=shards, workers=staff, watch=tally.add, note=lambda line: warn([line]),
-                **options,
-            )  # fmt: skip
-
-        is_kept = staff is not None or is_long(len(poses), mesh.n_faces)
+        options: Any = {"by": by, "resolution_of_result": resolution_of_result, "method": method}
+        made = partial(
+            run, mesh, views.rig, views.poses, task, names=views.images or None,
+            frames=views.frames, progress=progress, workers=staff, watch=tally.add,
+            note=lambda line: warn([line]), **options,
+        )  # fmt: skip
+        is_kept = staff is not None or is_long(len(views.poses), mesh.n_faces)
         kept = options | {"scene": scene.entries(out, meshes)}
         _, summary = write(made, out, kept, notes, is_kept=is_kept)
     quarantined = summary["quarantined"]

@@ -85,15 +85,9 @@ def compare(
     with ReportFolder(out, report.COMPARISON) as folder:
         with progress_bar() as progress:
             found = compared(
-                scene,
-                eye,
-                matrices,
-                method,
-                against,
-                worst=faces,
-                convergence=convergence,
+                scene, eye, matrices, method, against, worst=faces, convergence=convergence,
                 progress=progress,
-            )
+            )  # fmt: skip
         with progress_bar() as progress:
             path = report.write_comparison(folder, found, scene, eye, matrices, progress)
     if as_json:

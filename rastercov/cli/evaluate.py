@@ -9,7 +9,7 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import typer
@@ -32,32 +32,43 @@ from rastercov.mesh import Mesh, shapes
 
 FloatArray = NDArray[np.float64]
 
-Method = Annotated[
-    str, typer.Option(help="How occlusion is found: certified, exact (slower) or sampled.")
-]
-By = Annotated[
-    str | None,
-    typer.Option(
-        help="Unit of the result: area (exact, whatever the triangles) or face (as in the thesis).",
-        show_default="area, unless a threshold is of a face",
-    ),
-]
-Supersample = Annotated[int, typer.Option(help="S: S x S samples a pixel, for --method sampled.")]
-Table = Annotated[
-    str | None,
-    typer.Option(
-        help="Pairs of pose and face in the table: none, covered, seen (in the image, facing the "
-        "camera) or all.",
-        show_default="seen, up to 10,000,000 rows",
-    ),
-]
-Pictures = Annotated[
-    int, typer.Option(min=0, help="Poses on the contact sheet, spread over the run; 0: no picture.")
-]
-Full = Annotated[
-    str,
-    typer.Option(help="Full pictures of those poses, too: poses, faces (indices), all or none."),
-]
+
+class ReportOptions(NamedTuple):
+    """Options of the unit of a result, of what measures it, and of its files."""
+
+    by: Annotated[
+        str | None,
+        typer.Option(
+            help="Unit of the result: area (exact, whatever the triangles) or face (as in the "
+            "thesis).",
+            show_default="area, unless a threshold is of a face",
+        ),
+    ] = None
+    method: Annotated[
+        str, typer.Option(help="How occlusion is found: certified, exact (slower) or sampled.")
+    ] = "certified"
+    supersample: Annotated[
+        int, typer.Option(help="S: S x S samples a pixel, for --method sampled.")
+    ] = 1
+    device: options.Device = "auto"
+    table: Annotated[
+        str | None,
+        typer.Option(
+            help="Pairs of pose and face in the table: none, covered, seen (in the image, facing "
+            "the camera) or all.",
+            show_default="seen, up to 10,000,000 rows",
+        ),
+    ] = None
+    pictures: Annotated[
+        int,
+        typer.Option(min=0, help="Poses on the contact sheet, spread over the run; 0: no picture."),
+    ] = 12
+    full: Annotated[
+        str,
+        typer.Option(
+            help="Full pictures of those poses, too: poses, faces (indices), all or none."
+        ),
+    ] = "none"
 
 
 @options.expanded
@@ -67,18 +78,12 @@ def evaluate(
     scene: SceneOptions,
     conventions: Conventions,
     task: Task,
+    report: ReportOptions,
     processes: options.Processes,
     camera: options.CamerasOption = [],  # noqa: B006 - typer copies it
     camera_name: options.CameraName = None,
     out: options.Out = Path("report"),
     skip_bad_poses: options.SkipBadPoses = False,
-    table: Table = None,
-    pictures: Pictures = 12,
-    full: Full = "none",
-    by: By = None,
-    method: Method = "certified",
-    supersample: Supersample = 1,
-    device: options.Device = "auto",
     as_json: options.AsJson = False,
 ) -> None:
     """Evaluate every pose and leave a report: a table, figures, pictures, a coloured mesh.
@@ -95,17 +100,8 @@ def evaluate(
     with _remedy():
         eyes = read_eyes(mesh, camera, poses, conventions, camera_name, several=True)
     warn(eyes.notes)
-    settings = Options(
-        method=method,
-        supersample=supersample,
-        device=device,
-        by=by,
-        table=table,
-        pictures=pictures,
-        full=full,
-        skip_bad_poses=skip_bad_poses,
-        scene=scene.entries(out, meshes),
-    )
+    kept = scene.entries(out, meshes)
+    settings = Options(**report._asdict(), skip_bad_poses=skip_bad_poses, scene=kept)
     assert eyes.rig is not None
     run_and_print(mesh, eyes.rig, eyes.poses, task, out, settings, as_json, workers)
 
@@ -133,7 +129,7 @@ def run_and_print(
     """Evaluate all poses, leave the report, and print a summary or the JSON."""
     from rastercov.base.output import json_text
     from rastercov.coverage.area.zones import zone_lines
-    from rastercov.coverage.job import Staff
+    from rastercov.coverage.shards import Staff
     from rastercov.exact.certificate import compile_first
     from rastercov.report.coverage import run
     from rastercov.report.tables import camera_table, run_table, summary_table

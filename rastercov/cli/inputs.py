@@ -50,7 +50,7 @@ def read_scene(
     further = [name for names in roles.values() for name in names if _is_further(name, meshes)]
     paths = [*meshes, *dict.fromkeys(map(Path, further))]
     places = [_transform(each) for each in by_file("--transform", _named(transform), paths, "")]
-    units = [_unit(each) for each in by_file("--unit", _named(unit), paths, "m")]
+    units = [options.number_or_name(each) for each in by_file("--unit", _named(unit), paths, "m")]
     mesh = Mesh.load(paths, units, transforms=places, drop_invalid=drop_invalid)
     names = names_of(mesh, paths)
     both = "all" if "all" in two_sided else named("--two-sided", two_sided, names)
@@ -165,9 +165,8 @@ def _transform(text: str) -> dict[str, Any]:
     from rastercov.placement.plan.file import lines_of
     from rastercov.placement.plan.sections import TransformEntry
 
-    inside = text.strip().removeprefix("{").removesuffix("}")
     try:
-        table = tomllib.loads(f"transform = {{ {inside} }}")["transform"]
+        table = _entries(text)
         return TransformEntry.model_validate(table).model_dump()
     except ValidationError as error:
         reason = lines_of(error, table, TransformEntry)[0]
@@ -176,11 +175,11 @@ def _transform(text: str) -> dict[str, Any]:
     raise ConfigError(f"--transform {text}: {reason}; correct it")
 
 
-def _unit(unit: str) -> str | float:
-    try:
-        return float(unit)
-    except ValueError:
-        return unit
+def _entries(text: str) -> dict[str, Any]:
+    """Entries of a TOML table in one line, with or without braces."""
+    inside = text.strip().removeprefix("{").removesuffix("}")
+    table: dict[str, Any] = tomllib.loads(f"table = {{ {inside} }}")["table"]
+    return table
 
 
 def poses_around(source: str, mesh: Mesh, camera: Camera) -> NDArray[np.float64]:
@@ -321,8 +320,7 @@ def read_cameras(given: Sequence[str], border: Border) -> Views | None:
         views = _cameras(source, border)
         assert views.rig is not None
         found[name] = views.camera(name if name in views.rig.names else None)
-    rig = Rig(list(found.values()), list(found))
-    return Views(rig=rig, poses=Poses.of(np.zeros((0, 4, 4))))
+    return _without_poses(list(found.values()), list(found))
 
 
 def _named_camera(text: str) -> tuple[str, str] | None:
@@ -335,9 +333,9 @@ def _named_camera(text: str) -> tuple[str, str] | None:
 
 def _cameras(camera: str, border: Border) -> Views:
     if camera in PRESETS:
-        return _alone(Camera.preset(camera), camera)
+        return _without_poses([Camera.preset(camera)], [camera])
     if "=" in camera and not os.path.exists(camera):  # noqa: PTH110 - of a text
-        return _alone(_of_entries(camera), "camera")
+        return _without_poses([_of_entries(camera)], ["camera"])
     found = read_through(camera, border)
     if found.rig is None:
         raise CameraError(f"{camera} has poses and no camera; give a camera file")
@@ -346,10 +344,8 @@ def _cameras(camera: str, border: Border) -> Views:
 
 def _of_entries(text: str) -> Camera:
     """Camera of the entries of a camera file, as one line."""
-    inside = text.strip().removeprefix("{").removesuffix("}")
     try:
-        entries = tomllib.loads(f"camera = {{ {inside} }}")["camera"]
-        return Camera.from_dict(entries)
+        return Camera.from_dict(_entries(text))
     except CameraError as error:
         raise CameraError(f"--camera {text}: {error}") from None
     except (tomllib.TOMLDecodeError, RecursionError, AttributeError):
@@ -359,12 +355,11 @@ def _of_entries(text: str) -> Camera:
         ) from None
 
 
-def _alone(camera: Camera, name: str) -> Views:
-    return Views(rig=Rig([camera], [name]), poses=Poses.of(np.zeros((0, 4, 4))))
+def _without_poses(cameras: list[Camera], names: list[str]) -> Views:
+    return Views(rig=Rig(cameras, names), poses=Poses.of(np.zeros((0, 4, 4))))
 
 
-def _is_same(camera: str | None, poses: str) -> bool:
-    try:
-        return camera is not None and os.path.samefile(camera, poses)  # noqa: PTH121 - of two texts
-    except OSError:
-        return False
+def _is_same(camera: str, poses: str) -> bool:
+    with suppress(OSError):
+        return os.path.samefile(camera, poses)  # noqa: PTH121 - of two texts
+    return False

@@ -4,6 +4,7 @@ import functools
 import inspect
 import re
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import fields, replace
 from pathlib import Path
 from types import UnionType
@@ -220,7 +221,8 @@ def _of_conventions() -> list[inspect.Parameter]:
 
 def _conventions(**answers: Any) -> Conventions:
     answers["image_size"] = _image_size(answers["image_size"])
-    answers["pose_unit"] = _number_or_name(answers["pose_unit"])
+    if answers["pose_unit"] is not None:
+        answers["pose_unit"] = number_or_name(answers["pose_unit"])
     return Conventions(**answers)
 
 
@@ -232,11 +234,11 @@ def _image_size(text: str | None) -> tuple[int, int] | None:
     return int(match[1]), int(match[2])
 
 
-def _number_or_name(text: str | None) -> str | float | None:
-    try:
-        return None if text is None else float(text)
-    except ValueError:
-        return text
+def number_or_name(text: str) -> str | float:
+    """A unit: a number of metres, or the name as it is."""
+    with suppress(ValueError):
+        return float(text)
+    return text
 
 
 def _of_task() -> list[inspect.Parameter]:

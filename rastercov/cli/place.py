@@ -71,15 +71,17 @@ def place(
 
     [bold]Example[/]: rastercov place examples/plans/inspect_part.toml --out plan/
     """
-    asked = _plan(plan)
     from rastercov.base.output import json_text
-    from rastercov.report import plan as report
+    from rastercov.placement.plan.file import read_plan
 
-    folder = out or asked.folder / (asked.outputs.folder or asked.path.stem)
     with errors_by_line():
+        asked = read_plan(plan)
+        from rastercov.report import plan as report  # once the plan is sound
+
+        folder = out or asked.folder / (asked.outputs.folder or asked.path.stem)
         placed = report.run_into(asked, folder, _step, processes.open())
-    warn(placed.prepared.mesh.warnings)
     prepared = placed.prepared
+    warn(prepared.mesh.warnings)
     doubts = _doubts(asked, placed.cameras)
     if not len(placed.cameras.placed):  # nothing is covered from any candidate
         pool = prepared.pool.candidates.placed
@@ -97,18 +99,17 @@ def place(
         if (by_camera := camera_table(network)) is not None:
             console.print(by_camera)
         left = report.left_lines(placed)
-        print("\n".join([size_line(placed.prepared.mesh), *report.lines(placed), *left]))
+        print("\n".join([size_line(prepared.mesh), *report.lines(placed), *left]))
         page = folder / "page.html"  # a second interrupt may have left it out
         print(page if page.exists() else folder / "plan.json")
-        for line in placed.prepared.tally.lines():
+        for line in prepared.tally.lines():
             say(line)
     if placed.interrupted:
         raise KeyboardInterrupt
-    left_out = {} if skip_bad_poses else placed.prepared.quarantined
+    left_out = {} if skip_bad_poses else prepared.quarantined
     if left_out:
-        warn(
-            [f"{plural(len(left_out), 'candidate', 'are')} left out; --skip-bad-poses accepts that"]
-        )
+        words = f"{plural(len(left_out), 'candidate', 'are')} left out"
+        warn([f"{words}; --skip-bad-poses accepts that"])
     if left_out or not placed.is_met:
         raise typer.Exit(1)
 
@@ -188,13 +189,6 @@ def _doubts(plan: "Plan", cameras: "Measured") -> list[str]:
 def _of_plan(lines: Iterable[str]) -> list[str]:
     """Lines that name the entry of a plan for the option of a command."""
     return [line.replace("--unit", "unit of [[meshes]]") for line in lines]
-
-
-def _plan(path: Path) -> "Plan":
-    from rastercov.placement.plan.file import read_plan
-
-    with errors_by_line():
-        return read_plan(path)
 
 
 @contextmanager

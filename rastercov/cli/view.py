@@ -110,19 +110,16 @@ def view(
 
     first = sources[0]
     is_plan = first.suffix.lower() == ".toml"
-    if (is_plan or first.is_dir()) and poses is not None and poses.startswith("sphere:"):
-        raise ConfigError("sphere:N goes with mesh files; give a pose file")
-    rig = None
     if is_plan or first.is_dir():
+        if poses is not None and poses.startswith("sphere:"):
+            raise ConfigError("sphere:N goes with mesh files; give a pose file")
         if task != Task():
             raise ConfigError(
                 f"{first} has its own thresholds; leave out those options, or use the page"
             )
-        given = read_cameras(camera, Border(conventions))
+        rig = read_cameras(camera, Border(conventions))
         if poses is not None:
             rig = read_rig(camera, Path(poses), conventions, camera_name)
-        elif given is not None:
-            rig = given
     if is_plan:
         if len(sources) > 1:
             raise ConfigError("a plan names its meshes; give the plan alone")

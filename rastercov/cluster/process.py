@@ -43,6 +43,7 @@ class Process(Closing):
     """A Python process with the modules of this one, from the installed package."""
 
     def __init__(self, environment: Mapping[str, str] = EMPTY) -> None:
+        self.has_ended = False
         # A session of its own: Ctrl-C is for this process, which then ends the other.
         self._child = subprocess.Popen(
             [sys.executable, "-c", PROGRAM], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
@@ -66,6 +67,7 @@ class Process(Closing):
             self._child.stdin.flush()
             has_failed, outcome = pickle.load(self._child.stdout)
         except (OSError, EOFError, pickle.UnpicklingError):
+            self.has_ended = True
             with suppress(OSError):
                 self._child.stdin.close()  # it ends with its input
             raise ProcessEndedError(self._child.wait()) from None
@@ -117,19 +119,15 @@ class Processes(Closing):
                 raise ProcessEndedError(-signal.SIGKILL)
             process = self._free.pop() if self._free else Process(self._environment)
             self._all.add(process)
-        has_ended = False
         try:
             return process.call(function, *arguments)
-        except ProcessEndedError:
-            has_ended = True
+        finally:
             with self._lock:
-                if not self._is_closed:
+                if process.has_ended and not self._is_closed:
                     process.close()
                     self._all.remove(process)
-            raise
-        finally:
-            if not has_ended:
-                self._free.append(process)
+                elif not process.has_ended:
+                    self._free.append(process)
 
 
 def serve() -> None:

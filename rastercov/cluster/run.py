@@ -5,7 +5,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from queue import Empty, SimpleQueue
 from typing import Any
 
@@ -24,6 +24,7 @@ SCHEDULER_PATIENCE = 60.0
 """Seconds to wait for a lost scheduler to come back, and for a first worker."""
 LOST = "lost"
 """Name for the worker of a shard that is in the folder, but whose cost was never heard of."""
+STAY = "shards that were made stay: run again"
 FULL = (errno.ENOSPC, errno.EDQUOT)
 
 
@@ -142,39 +143,30 @@ def make_shards(
             time.sleep(1)  # it is still lost
 
 
+@dataclass
 class _Run:
     """Shards of a store through one pool of processes."""
 
-    def __init__(
-        self,
-        pool: Pool,
-        store: ShardStore,
-        done: Callable[[Made], None],
-        note: Note,
-        address: str | None,
-    ) -> None:
-        self.pool, self.store, self.done = pool, store, done
-        self.note, self.address = note, address
-        self.finished: SimpleQueue[Any] = SimpleQueue()
-        self.in_flight: dict[int, tuple[int, Any]] = {}
-        self.room = IN_FLIGHT
-        self.last_made = self.last_worker = time.monotonic()
+    pool: Pool
+    store: ShardStore
+    done: Callable[[Made], None]
+    note: Note
+    address: str | None
+    finished: SimpleQueue[Any] = field(default_factory=SimpleQueue)
+    in_flight: dict[int, tuple[int, Any]] = field(default_factory=dict)
+    room: int = IN_FLIGHT
+    last_made: float = field(default_factory=time.monotonic)
+    last_worker: float = field(default_factory=time.monotonic)
 
     def make(self, numbers: Iterable[int]) -> None:
         """Make these shards: side by side, and those whose worker died alone in a process."""
         try:
             suspects = self._all_of(numbers, work)
             if suspects:
-                self.note(
-                    f"a worker died; {plural(len(suspects), 'shard')} to make once more, each in a "
-                    "process of its own"
-                )
-                again = self._all_of(suspects, alone)
-                if again:
-                    raise ConfigError(
-                        f"workers died while they watched shards {again}; shards that were made "
-                        "stay: run again"
-                    )
+                n_again = plural(len(suspects), "shard")
+                self.note(f"a worker died; {n_again} to make once more, each in its own process")
+                if again := self._all_of(suspects, alone):
+                    raise ConfigError(f"workers died while they watched shards {again}; {STAY}")
         finally:
             with suppress(Exception):  # a lost scheduler
                 for _, future in self.in_flight.values():
@@ -202,16 +194,14 @@ class _Run:
             except OSError as error:
                 self._wait_after(error)
                 waiting.append(number)
+            except RastercovError:
+                raise
             except Exception as error:
-                # The second is of Dask, which need not be installed.
-                is_end = isinstance(error, ProcessEndedError)
-                if is_end or type(error).__name__ == "KilledWorker":
-                    suspects.append(number)
-                elif isinstance(error, RastercovError):
-                    raise
-                else:
-                    fault = f"a worker failed: {type(error).__name__}: {error}"
-                    raise RastercovError(fault) from error
+                # That of Dask has no type here, as it need not be installed.
+                kind = type(error).__name__
+                if not isinstance(error, ProcessEndedError) and kind != "KilledWorker":
+                    raise RastercovError(f"a worker failed: {kind}: {error}") from error
+                suspects.append(number)
             else:
                 if not made.quarantined:
                     self.store.note(number, {})
@@ -222,14 +212,11 @@ class _Run:
     def _wait_after(self, error: OSError) -> None:
         """Wait for a folder that is lost; a full disk, and one that stays lost, end the run."""
         if error.errno in FULL:
-            raise ConfigError(
-                f"{error.filename or self.store.folder}: the disk is full; shards that were made "
-                "stay: free some space and run again"
-            )
+            where = error.filename or self.store.folder
+            raise ConfigError(f"{where}: the disk is full; {STAY} with more space")
         if time.monotonic() - self.last_made > FOLDER_PATIENCE:
-            raise ConfigError(
-                f"{error}; the folder must be there for every worker under the same name"
-            )
+            wanted = "the folder must be there for every worker under the same name"
+            raise ConfigError(f"{error}; {wanted}")
         self.note(f"{error}; trying again")
         time.sleep(1)
 
@@ -238,6 +225,5 @@ class _Run:
         if threads := self.pool.n_threads():
             self.room, self.last_worker = IN_FLIGHT * threads, time.monotonic()
         elif time.monotonic() - self.last_worker > SCHEDULER_PATIENCE:
-            raise ConfigError(
-                f"{self.address}: the scheduler has no workers; start some with `dask worker`"
-            )
+            advice = "start some with `dask worker`"
+            raise ConfigError(f"{self.address}: the scheduler has no workers; {advice}")

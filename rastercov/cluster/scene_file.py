@@ -35,10 +35,10 @@ def scene_bytes(mesh: Mesh, cameras: Cameras, more: Mapping[str, NDArray[Any]] =
         "notes": list(mesh.notes),
         "cameras": [camera.to_json() for camera in cameras_of(cameras)],
     }
-    file = io.BytesIO()
     arrays = {name: getattr(mesh, name) for name in ARRAYS}
-    text = np.frombuffer(json.dumps(words, sort_keys=True).encode(), np.uint8)
     arrays |= {f"more.{name}": array for name, array in more.items()}
+    file = io.BytesIO()
+    text = np.frombuffer(json.dumps(words, sort_keys=True).encode(), np.uint8)
     np.savez(file, words=text, **arrays)
     return file.getvalue()
 

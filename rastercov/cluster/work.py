@@ -7,11 +7,11 @@ poses that kill are found one by one, noted before the shard is written, and lef
 
 import os
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cache
-from importlib import import_module
+from functools import partial
 from importlib.metadata import version
+from pkgutil import resolve_name
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -54,12 +54,9 @@ class Made(NamedTuple):
 
 
 def work(
-    store: ShardStore,
-    number: int,
-    leave_out: Sequence[int] = (),
-    only: Sequence[int] | None = None,
+    store: ShardStore, number: int, chosen: Sequence[int] | None = None, *, is_trial: bool = False
 ) -> Made:
-    """Make a shard in this process, without some of its poses; with `only` some are tried out.
+    """Make a shard in this process, of all its poses or of some; a trial writes nothing.
 
     Raises
     ------
@@ -70,28 +67,18 @@ def work(
     """
     worker, own = f"{os.uname().nodename}:{os.getpid()}", version("rastercov")
     if store.version != own:
-        raise ConfigError(
-            f"worker {worker} has rastercov {own}, and the run {store.version}; "
-            "install the same on both"
-        )
+        both = f"has rastercov {own}, and the run {store.version}"
+        raise ConfigError(f"worker {worker} {both}; install the same on both")
     if not store.folder.is_dir():
         raise FolderLostError(f"{store.folder}: no such folder on worker {worker}")
-    poses = np.arange(store.rows(number).start, store.rows(number).stop)
-    n_poses = len(poses)
-    poses = np.delete(poses, list(leave_out)) if only is None else poses[list(only)]
+    every = np.arange(store.rows(number).start, store.rows(number).stop)
+    poses = every if chosen is None else every[list(chosen)]
     clock, cpu, compiled = Stopwatch(), time.thread_time(), Stopwatch.left_out
-    data = _function(store.function)(store.folder, number if only is None else None, poses)
-    if only is None:
+    data = resolve_name(store.function)(store.folder, None if is_trial else number, poses)
+    if not is_trial:
         store.write(number, data)
     cpu, compiled = time.thread_time() - cpu, Stopwatch.left_out - compiled
-    return Made(number, n_poses, worker, clock.seconds, cpu, compiled_s=compiled)
-
-
-@cache
-def _function(name: str) -> Callable[..., bytes]:
-    module, _, attribute = name.partition(":")
-    found: Callable[..., bytes] = getattr(import_module(module), attribute)
-    return found
+    return Made(number, len(every), worker, clock.seconds, cpu, compiled_s=compiled)
 
 
 def alone(store: ShardStore, number: int) -> Made:
@@ -99,17 +86,17 @@ def alone(store: ShardStore, number: int) -> Made:
     made = _in_process(store, number)
     if isinstance(made, Made):
         return made
-    rows = store.rows(number)
-    guilty = dict(_guilty(store, number, range(rows.stop - rows.start), made))
-    if not guilty:
-        raise RastercovError(
-            f"shard {number}: its process {made}, with all poses but with none of them alone; run "
-            "again with fewer workers, so that each has more memory"
-        )
-    store.note(number, guilty)
-    made = _in_process(store, number, leave_out=list(guilty))
+    poses = range(store.rows(number).stop - store.rows(number).start)
+    guilty = dict(_guilty(store, number, poses, made))
+    if guilty:
+        store.note(number, guilty)
+        made = _in_process(store, number, [pose for pose in poses if pose not in guilty])
     if not isinstance(made, Made):
-        raise RastercovError(f"shard {number}: its process {made}, also without poses {guilty}")
+        when = f"also without poses {guilty}" if guilty else "but with none of its poses alone"
+        raise RastercovError(
+            f"shard {number}: its process {made}, {when}; run again with fewer workers, so that "
+            "each has more memory"
+        )
     return made._replace(quarantined=guilty)
 
 
@@ -121,17 +108,14 @@ def _guilty(
         return [(poses[0], end)]
     found = []
     for half in (poses[: len(poses) // 2], poses[len(poses) // 2 :]):
-        outcome = _in_process(store, number, only=list(half))
+        outcome = _in_process(store, number, half, is_trial=True)
         if not isinstance(outcome, Made):
             found += _guilty(store, number, half, outcome)
     return found
 
 
 def _in_process(
-    store: ShardStore,
-    number: int,
-    leave_out: Sequence[int] = (),
-    only: Sequence[int] | None = None,
+    store: ShardStore, number: int, chosen: Sequence[int] | None = None, *, is_trial: bool = False
 ) -> Made | str:
     """Cost of a shard in a process of its own, or words on how the process was killed.
 
@@ -142,7 +126,7 @@ def _in_process(
     """
     with Process() as process:
         try:
-            made: Made = process.call(work, store, number, leave_out, only)
+            made: Made = process.call(partial(work, is_trial=is_trial), store, number, chosen)
         except ProcessEndedError as error:
             if not error.was_killed:
                 raise RastercovError(f"a worker failed: its process {error}") from None

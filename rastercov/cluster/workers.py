@@ -70,14 +70,10 @@ class Workers:
     def __post_init__(self) -> None:
         if (self.number is None) == (self.scheduler is None):
             raise ConfigError("give a number of workers, or the address of a scheduler, not both")
-        if self.number is not None and not (
-            isinstance(self.number, int)
-            and not isinstance(self.number, bool)
-            and 1 <= self.number <= MOST_WORKERS
-        ):
-            raise ConfigError(
-                f"workers must be a whole number 1 to {MOST_WORKERS}, got {shown(self.number)}"
-            )
+        number = 1 if self.number is None else self.number
+        if type(number) is not int or not 1 <= number <= MOST_WORKERS:
+            wanted = f"a whole number 1 to {MOST_WORKERS}"
+            raise ConfigError(f"workers must be {wanted}, got {shown(number)}")
         if self.scheduler is not None:
             check_address(self.scheduler)
             _distributed()
@@ -160,10 +156,8 @@ def check_address(address: str) -> None:
     except ValueError:
         host = port = None
     if not host or port is None or parts.path or parts.scheme not in ("tcp", "tls"):
-        raise ConfigError(
-            "scheduler must be an address such as tcp://127.0.0.1:8786 or tls://host:8786, got "
-            f"{shown(address)}"
-        )
+        wanted = "an address such as tcp://127.0.0.1:8786 or tls://host:8786"
+        raise ConfigError(f"scheduler must be {wanted}, got {shown(address)}")
     if parts.scheme == "tcp" and not _is_loopback(host):
         raise ConfigError(
             f"{address}: refused, because anyone who reaches an open scheduler can run programs on "
@@ -182,10 +176,8 @@ def risk(address: str) -> str:
 
 
 def _is_loopback(host: str) -> bool:
-    if host == "localhost":
-        return True
     try:
-        return ipaddress.ip_address(host).is_loopback
+        return host == "localhost" or ipaddress.ip_address(host).is_loopback
     except ValueError:  # a name, which may mean any machine
         return False
 
@@ -195,9 +187,8 @@ def _distributed() -> Any:
     try:
         return import_module("distributed")
     except ModuleNotFoundError:
-        raise ConfigError(
-            "a scheduler needs the extra cluster: pip install 'rastercov[cluster]'"
-        ) from None
+        advice = "pip install 'rastercov[cluster]'"
+        raise ConfigError(f"a scheduler needs the extra cluster: {advice}") from None
 
 
 @contextmanager
@@ -228,11 +219,12 @@ def _connected(address: str) -> Iterator[Any]:
 @contextmanager
 def _quiet_log() -> Iterator[None]:
     """Messages of Dask about workers that die are left to `run`, which says what follows."""
-    before = {name: logging.getLogger(name).level for name in LOGS}
-    for name in LOGS:
-        logging.getLogger(name).setLevel(logging.CRITICAL)
+    loggers = [logging.getLogger(name) for name in LOGS]
+    before = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.CRITICAL)
     try:
         yield
     finally:
-        for name, level in before.items():
-            logging.getLogger(name).setLevel(level)
+        for logger, level in zip(loggers, before, strict=True):
+            logger.setLevel(level)

@@ -22,11 +22,11 @@ from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, cameras_of, names_of
 from rastercov.coverage.area.failures import first_failures, pixels_per_m2
 from rastercov.coverage.area.network import unit_of_result
+from rastercov.coverage.area.polygons import even_points
 from rastercov.coverage.area.regions import OF_A_FACE
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.network import Network
 from rastercov.coverage.task import Reason, Task
-from rastercov.mesh import Mesh
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -59,13 +59,14 @@ def doubts(network: Network, camera: Cameras, poses: ArrayLike | Poses) -> list[
     placed, cameras = Poses.of(poses), cameras_of(camera)
     if not len(placed):
         return []
-    used = np.unique(placed.camera)
-    return [
+    lines = [
         *unit_doubts(network.mesh, camera, placed),
         *_sides(network, cameras, placed[_spread(len(placed), MOST_POSES)]),
         *convention_doubts(network.mesh, cameras, placed),
-        *_lenses([cameras[index] for index in used], [names_of(camera)[index] for index in used]),
     ]
+    for index in np.unique(placed.camera):
+        lines += _lens_line(names_of(camera)[index], cameras[index])
+    return lines
 
 
 def dead_pixels(camera: Cameras) -> dict[str, float]:
@@ -86,22 +87,20 @@ def _dead_area(camera: Camera) -> float:
     return 0.0 if lens.is_whole else blind_area(lens)
 
 
-def _lenses(cameras: Sequence[Camera], names: Sequence[str]) -> list[str]:
-    """Lines on cameras whose lens gives no rays for a part of the image that is no border."""
-    lines = []
-    for name, camera in zip(names, cameras, strict=True):
-        share = _dead_area(camera) / (camera.width * camera.height)
-        if share <= LEAST_DEAD_SHARE:
-            continue
-        from rastercov.camera.lenses.of_camera import lens_of
+def _lens_line(name: str, camera: Camera) -> list[str]:
+    """A line on a camera whose lens gives no rays for a part of the image that is no border."""
+    share = _dead_area(camera) / (camera.width * camera.height)
+    if share <= LEAST_DEAD_SHARE:
+        return []
+    from rastercov.camera.lenses.of_camera import lens_of
 
-        angle = lens_of(camera).valid_angle
-        if angle < WIDE or share > MOST_DEAD_SHARE:
-            lines.append(
-                f"{share:.0%} of the image of {name} sees nothing: its lens is known to "
-                f"{math.degrees(angle):.0f} degrees from its axis: check its model and coefficients"
-            )
-    return lines
+    angle = lens_of(camera).valid_angle
+    if angle >= WIDE and share <= MOST_DEAD_SHARE:
+        return []
+    return [
+        f"{share:.0%} of the image of {name} sees nothing: its lens is known to "
+        f"{math.degrees(angle):.0f} degrees from its axis: check its model and coefficients"
+    ]
 
 
 def _spread(n_rows: int, most: int) -> NDArray[np.int64]:
@@ -123,7 +122,7 @@ def _sides(network: Network, cameras: Sequence[Camera], poses: Poses) -> list[st
     faces = np.flatnonzero(scored)
     faces = faces[_spread(len(faces), MOST_FACES)]
     points = mesh.centroids[faces]
-    front = behind = 0.0
+    areas = np.zeros(2)  # seen from behind, and from the front
     sharp = [
         replace(each, aperture=None, focus_distance=None, focus_range=None) for each in cameras
     ]
@@ -133,12 +132,12 @@ def _sides(network: Network, cameras: Sequence[Camera], poses: Poses) -> list[st
         seen = reason == Reason.COVERED
         to_eye = pose[:3, 3] - points[seen]
         is_front = np.einsum("fi,fi->f", mesh.normals[faces[seen]], to_eye) > 0
-        front += float(mesh.areas[faces[seen]][is_front].sum())
-        behind += float(mesh.areas[faces[seen]][~is_front].sum())
-    if not behind or behind < LEAST_SHARE_FROM_BEHIND * (front + behind):
+        areas += np.bincount(is_front, mesh.areas[faces[seen]], 2)
+    share = areas[0] / areas.sum() if areas[0] else 0.0
+    if share < LEAST_SHARE_FROM_BEHIND:
         return []
     return [
-        f"{behind / (front + behind):.0%} of what the cameras look at is seen from behind: "
+        f"{share:.0%} of what the cameras look at is seen from behind: "
         "normals point inwards, or the surface is open: use two_sided"
     ]
 
@@ -187,10 +186,14 @@ def share_in_parts(network: Network, camera: Cameras, poses: ArrayLike | Poses) 
     total, area = float(mesh.areas[scored].sum()), float(mesh.areas[left].sum())
     if not len(placed) or not area or area < LEAST_SHARE * total:
         return 0.0
-    some = placed[np.unique(np.linspace(0, len(placed) - 1, MOST_JUDGED).astype(np.int64))]
+    some = placed[_spread(len(placed), MOST_JUDGED)]
     n = int(np.clip(PAIRS // len(some), LEAST_POINTS, MOST_POINTS))
-    face = left[_at_equal_steps(mesh.areas[left], n)]
-    points = _within(mesh, face)
+    sums = np.cumsum(mesh.areas[left])
+    steps = np.searchsorted(sums, (np.arange(n) + 0.5) / n * sums[-1])
+    face = left[np.minimum(steps, len(left) - 1)]
+    a, b, c = mesh.vertices[mesh.faces[face]].transpose(1, 0, 2)
+    x, y = even_points(n)
+    points = a + x[:, None] * (b - a) + y[:, None] * (c - a)
     normals = mesh.normals[face]
     wanted = task.min_pixels * task.min_coverage / mesh.areas[face]
     found = np.zeros(n, np.int64)
@@ -209,25 +212,3 @@ def _pointwise(task: Task) -> Task:
     default = Task()
     of_a_face = {each.name for each in fields(Task)} & set(OF_A_FACE)
     return replace(task, **{name: getattr(default, name) for name in of_a_face})
-
-
-def _at_equal_steps(areas: FloatArray, n: int) -> IntArray:
-    """(n,) rows, at equal steps of the sum of their areas."""
-    total = np.cumsum(areas)
-    rows = np.searchsorted(total, (np.arange(n) + 0.5) / n * total[-1])
-    last: IntArray = np.minimum(rows, len(areas) - 1)
-    return last
-
-
-def _within(mesh: Mesh, face: IntArray) -> FloatArray:
-    """(N, 3) a point in each of (N,) faces, evenly over those of one face.
-
-    M. Roberts. The Unreasonable Effectiveness of Quasirandom Sequences. 2018 (R2).
-    """
-    k = np.arange(len(face)) + 1
-    x, y = k * 0.7548776662466927 % 1, k * 0.5698402909980532 % 1
-    over = x + y > 1
-    x[over], y[over] = 1 - x[over], 1 - y[over]
-    a, b, c = mesh.vertices[mesh.faces[face]].transpose(1, 0, 2)
-    points: FloatArray = a + x[:, None] * (b - a) + y[:, None] * (c - a)
-    return points

@@ -4,11 +4,12 @@ The text form is METHOD[:DEVICE][@S], such as `certified`, `sampled:cpu` or `sam
 accepted wherever `method` is: in Python, on the command line and in plan files.
 """
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
-from rastercov.base.arguments import check_kind
+from rastercov.base.arguments import check_choice, check_kind
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import ConfigError
 from rastercov.base.threads import thread_count
@@ -47,23 +48,18 @@ class Engine:
     threads: int | None = None
 
     def __post_init__(self) -> None:
-        if not isinstance(self.method, str) or self.method not in METHODS:
-            raise ConfigError(
-                f"method must be {', '.join(METHODS[:-1])} or {METHODS[-1]}, "
-                f"got {shown(self.method)}"
-            )
+        check_choice("method", self.method, METHODS)
         check_kind("device", self.device, str, "a text", ConfigError)
         scale = finite_number(self.supersample)
-        if self.method == "sampled":
-            if scale not in range(1, MAX_SUPERSAMPLE + 1):
-                raise ConfigError(
-                    f"supersample must be a whole number 1 to {MAX_SUPERSAMPLE}, "
-                    f"got {shown(self.supersample)}"
-                )
-        elif scale != 1:
+        if self.method != "sampled" and scale != 1:
             raise ConfigError(
                 f"method {self.method} has no samples, so supersample must be 1, "
                 f"got {shown(self.supersample)}; use method sampled"
+            )
+        if scale not in range(1, MAX_SUPERSAMPLE + 1):
+            raise ConfigError(
+                f"supersample must be a whole number 1 to {MAX_SUPERSAMPLE}, "
+                f"got {shown(self.supersample)}"
             )
         object.__setattr__(self, "supersample", int(scale))
         if self.threads is not None:
@@ -79,24 +75,17 @@ class Engine:
         ConfigError
             For a method that does not exist, or one without samples that is given a device or S.
         """
-        rest, at, scale = text.partition("@")
-        method, colon, device = rest.partition(":")
-        if method not in METHODS:
+        form = re.fullmatch(r"(\w*)(?::([^@]+))?(?:@([0-9]{1,9}))?", text, re.ASCII)
+        if form is None:
             raise ConfigError(
-                f"method must be {', '.join(METHODS[:-1])} or {METHODS[-1]}, got {text!r}; "
-                "sampled takes a device and samples a side, as in sampled:cpu@4"
+                f"sampled takes a device and samples a side, as in sampled:cpu@4; got {shown(text)}"
             )
-        if method != "sampled" and (at or colon):
+        method, device, scale = form.groups()
+        if method in ("certified", "exact") and (device or scale):
             raise ConfigError(
-                f"{method} has no samples: it takes no device and no @S, got {text!r}"
+                f"{method} has no samples: it takes no device and no @S, got {shown(text)}"
             )
-        if colon and not device:
-            raise ConfigError(f"a device is wanted after the colon, such as sampled:cpu: {text!r}")
-        if at and not (scale.isdecimal() and 1 <= int(scale[:9]) <= MAX_SUPERSAMPLE):
-            raise ConfigError(
-                f"samples a side must be a whole number 1 to {MAX_SUPERSAMPLE}, got {text!r}"
-            )
-        return cls(method, device or "auto", int(scale) if at else 1)
+        return cls(method, device or "auto", int(scale or 1))
 
     @classmethod
     def of(cls, method: "str | Engine") -> "Engine":
@@ -140,12 +129,8 @@ def settled(
             own |= engine.rasterizer_options | {"supersample": engine.supersample}
     if engine.method == "sampled":
         return engine, own
-    if finite_number(supersample) != 1:
-        raise ConfigError(
-            f"method {engine.method} has no samples, so supersample must be 1, "
-            f"got {shown(supersample)}; use method sampled"
-        )
+    engine = replace(engine, supersample=supersample, threads=own.get("threads"))
     unknown = options.keys() - {"threads"}
     if unknown:
         raise ConfigError(f"method {engine.method} takes no option {', '.join(sorted(unknown))}")
-    return replace(engine, threads=own.get("threads")), {}
+    return engine, {}

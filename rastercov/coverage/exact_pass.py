@@ -1,7 +1,7 @@
 """Pass over poses by the exact methods: solvers, shared among threads, and the arrays they fill."""
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,56 +13,20 @@ from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, cameras_of
 from rastercov.coverage.engine import Engine
 from rastercov.mesh import Mesh
-from rastercov.raster.observation import BoundKind
+from rastercov.raster.observation import BoundKind, Observation
 
 FloatArray = NDArray[np.float64]
 
 
-class Figures(NamedTuple):
-    """Figures of P poses and F faces, and whether the near plane cuts each pose.
+def room_for(n_poses: int, n_faces: int) -> Observation:
+    """Memory for the figures of some poses.
 
-    Attributes
-    ----------
-    visible, area, error : (P, F) float64
-        Visible area, area in the image and the bound of both, px^2.
-    kind : (P, F) uint8
-        `BoundKind`.
-    clipped : (P,) bool
+    Not one array of three: the allocator uses memory of less than 32 MiB again, where fresh pages
+    take a tenth of the time of a large pose.
     """
-
-    visible: FloatArray
-    area: FloatArray
-    error: FloatArray
-    kind: NDArray[np.uint8]
-    clipped: NDArray[np.bool_]
-
-    @classmethod
-    def room(cls, n_poses: int, n_faces: int) -> Self:
-        """Memory for them.
-
-        Not one array of three: the allocator uses memory of less than 32 MiB again, where fresh
-        pages take a tenth of the time of a large pose.
-        """
-        visible, area, error = (np.empty((n_poses, n_faces)) for _ in range(3))
-        kind = np.empty((n_poses, n_faces), np.uint8)
-        return cls(visible, area, error, kind, np.empty(n_poses, np.bool_))
-
-    def lend(self, solver: Any, row: int) -> bool:
-        """Have a solver write a pose here; False if it keeps its own arrays."""
-        is_lent: bool = solver.write_to(self.visible[row], self.area[row], self.error[row])
-        return is_lent
-
-    def take(self, solver: Any, row: int, *, is_lent: bool) -> None:
-        """Take what a solver has found of a pose, in the order of the mesh."""
-        rows = solver.surface.rows
-        if not is_lent:
-            # All rows are in range: with another mode `take` makes a copy first.
-            solver.visible.take(rows, out=self.visible[row], mode="clip")
-            solver.area.take(rows, out=self.area[row], mode="clip")
-            solver.area_error.take(rows, out=self.error[row], mode="clip")
-        # `EXACT` less 1 is `CERTIFIED`; assignment by a mask takes far longer.
-        is_certified = solver.is_certified[rows].view(np.uint8)
-        np.subtract(np.uint8(BoundKind.EXACT), is_certified, out=self.kind[row])
+    shape = n_poses, n_faces
+    kind, clipped = np.empty(shape, np.uint8), np.empty(n_poses, np.bool_)
+    return Observation(np.empty(shape), np.empty(shape), kind, np.empty(shape), clipped)
 
 
 class PoseSolver:
@@ -101,9 +65,30 @@ class PoseSolver:
         self.solver.set_pose(pose, near, front_only)
         self.solver.solve_all()
 
+    def measure(
+        self, pose: FloatArray, near: float, front_only: bool, seen: Observation, row: int
+    ) -> Any:
+        """Solve a pose, and put its figures, in the order of the mesh, into a row of `seen`."""
+        solver, places = self.solver, self.solver.surface.rows
+        areas = seen.visible_pixels[row], seen.drawn_pixels[row], seen.area_error[row]
+        is_lent = solver.write_to(*areas)
+        found = self.find(pose, near, front_only, is_measured=True)
+        if not is_lent:  # it keeps its own arrays
+            own = solver.visible, solver.area, solver.area_error
+            for array, area in zip(own, areas, strict=True):
+                # All rows are in range: with another mode `take` makes a copy first.
+                array.take(places, out=area, mode="clip")
+        # `EXACT` less 1 is `CERTIFIED`; assignment by a mask takes far longer.
+        is_certified = solver.is_certified[places].view(np.uint8)
+        np.subtract(np.uint8(BoundKind.EXACT), is_certified, out=seen.kind[row])
+        return found
+
     def take_back(self) -> None:
         """Have the solver write to its own arrays again, so that it keeps no result alive."""
         self.solver.write_to(*self._own)
+
+
+SolverType = Callable[[Mesh, Sequence[Camera], bool], PoseSolver]
 
 
 class ExactPass:
@@ -117,17 +102,10 @@ class ExactPass:
         Its method is certified or exact.
     solver_type : callable
         Makes a solver of mesh, cameras and `is_certified`.
-    threads : int, optional
-        Threads that share the poses of a call; those of the engine unless given.
     """
 
     def __init__(
-        self,
-        mesh: Mesh,
-        camera: Cameras,
-        engine: Engine,
-        solver_type: Callable[..., PoseSolver] = PoseSolver,
-        threads: int | None = None,
+        self, mesh: Mesh, camera: Cameras, engine: Engine, solver_type: SolverType = PoseSolver
     ) -> None:
         # These compile, or load what was compiled.
         from rastercov.exact import certificate
@@ -135,8 +113,8 @@ class ExactPass:
         certificate.compile_once()
         cameras = cameras_of(camera)
         self.mesh, self.camera, self.cameras = mesh, camera, cameras
-        self.threads = thread_count(engine.threads if threads is None else threads)
-        is_certified = engine.method == "certified"
+        self.threads, self.method = thread_count(engine.threads), engine.method
+        is_certified = self.method == "certified"
         self._scratch: ScratchPool[Any] = ScratchPool(
             lambda: solver_type(mesh, cameras, is_certified), self.threads
         )
@@ -144,10 +122,10 @@ class ExactPass:
     def run(
         self,
         poses: Poses,
-        figures: Figures | None,
+        seen: Observation | None,
         prepare: Callable[[Any], None] = lambda solver: None,
     ) -> list[Any]:
-        """Results of the solvers for each pose; `figures`, where given, are filled.
+        """Results of the solvers for each pose; `seen`, of `room_for`, is filled where given.
 
         `prepare` is called with each solver before its first pose.
         """
@@ -155,8 +133,8 @@ class ExactPass:
         n_poses = len(matrices)
         poses.check_cameras(len(self.cameras))
         near, front_only, clipped = limits_of_poses(self.mesh, self.cameras, poses)
-        if figures is not None:
-            figures.clipped[:] = clipped
+        if seen is not None:
+            seen.clipped[:] = clipped
         found: list[Any] = [None] * n_poses
 
         def worker(solver: PoseSolver) -> Callable[[slice], None]:
@@ -164,13 +142,12 @@ class ExactPass:
 
             def work(turn: slice) -> None:
                 for row in range(n_poses)[turn]:
-                    is_lent = figures is not None and figures.lend(solver.solver, row)
                     solver.take_camera(poses.camera[row])
-                    found[row] = solver.find(
-                        matrices[row], near[row], front_only[row], is_measured=figures is not None
-                    )
-                    if figures is not None:
-                        figures.take(solver.solver, row, is_lent=is_lent)
+                    of_pose = matrices[row], near[row], front_only[row]
+                    if seen is None:
+                        found[row] = solver.find(*of_pose, is_measured=False)
+                    else:
+                        found[row] = solver.measure(*of_pose, seen, row)
 
             return work
 

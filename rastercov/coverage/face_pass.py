@@ -25,9 +25,9 @@ TASK = Task()
 Measured = Observation | FaceCounts
 """Measurement of some poses: areas, or the counts of a rasteriser, which become areas face by face:
 arrays of them would take as long as half the judging."""
-Scope = Callable[[int], tuple[Any, ...]]
-"""Arguments scene, lens, seen and work of the loops, by the index of the camera."""
-Worker = Callable[[slice, int], None]
+Scope = tuple[Any, Any, Any, Any]
+"""Arguments scene, lens, seen and work of the loops."""
+Worker = Callable[[slice, int, Scope], None]
 """Does the work of consecutive poses of one camera, given by its index."""
 
 
@@ -75,50 +75,35 @@ class FacePass:
         places = (array.ctypes.data for array in figures.values() if array.dtype == np.float64)
         skew = next(places, 0) // 8
 
-        def worker(scope: Scope) -> Worker:
-            def work(rows: slice, index: int) -> None:
-                rules = self.rules[index]
-                self.kernels.judge_poses((rows.start, rows.stop), *scope(index), rules, out, skew)
-                if out.incidence.size:
-                    self.kernels.replace_by_angles(out.incidence[rows])
+        def work(rows: slice, index: int, scope: Scope) -> None:
+            rules = self.rules[index]
+            self.kernels.judge_poses((rows.start, rows.stop), *scope, rules, out, skew)
+            if out.incidence.size:
+                self.kernels.replace_by_angles(out.incidence[rows])
 
-            return work
+        self.share(measured, poses, lambda: work)
 
-        self.share(measured, poses, worker)
-
-    def share(
-        self, measured: Measured, poses: Poses, make_worker: Callable[[Scope], Worker]
-    ) -> None:
-        """Share poses among workers, one for each thread.
-
-        Each is made from a function of the camera, by its index, that gives the arguments scene,
-        lens, seen and work of the loops; it is called with consecutive poses of one camera.
-        """
+    def share(self, measured: Measured, poses: Poses, make_worker: Callable[[], Worker]) -> None:
+        """Share poses among workers, one made for each thread."""
         seen = self._seen(measured, poses)
 
         def worker() -> Callable[[slice], None]:
-            work = make_worker(self._scope(seen))
+            work, spaces = make_worker(), dict[type, Any]()
 
             def work_in_turn(turn: slice) -> None:
                 camera = poses.camera[turn]
                 cuts = turn.start + 1 + np.flatnonzero(camera[1:] != camera[:-1])
                 for start, stop in pairwise([turn.start, *cuts.tolist(), turn.stop]):
-                    work(slice(start, stop), int(poses.camera[start]))
+                    index = int(poses.camera[start])
+                    lens = self._lenses[index]
+                    if type(lens) not in spaces:
+                        spaces[type(lens)] = self._records.workspace(self.mesh.n_vertices, lens)
+                    scope = self._scene, lens, seen, spaces[type(lens)]
+                    work(slice(start, stop), index, scope)
 
             return work_in_turn
 
         share_poses(len(poses), [worker() for _ in range(max(1, min(self._threads, len(poses))))])
-
-    def _scope(self, seen: Any) -> Scope:
-        spaces: dict[type, Any] = {}
-
-        def scope(index: int) -> tuple[Any, ...]:
-            lens = self._lenses[index]
-            if type(lens) not in spaces:
-                spaces[type(lens)] = self._records.workspace(self.mesh.n_vertices, lens)
-            return self._scene, lens, seen, spaces[type(lens)]
-
-        return scope
 
     def _seen(self, measured: Measured, poses: Poses) -> Any:
         """Measurement of an observer, for the loops."""

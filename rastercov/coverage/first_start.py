@@ -7,7 +7,7 @@ from rastercov.camera.pose import Poses
 from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.network import Network
-from rastercov.coverage.shards import Source, Wanted, open_for
+from rastercov.coverage.shards import ALONE, Wanted, judged_parts, open_for
 from rastercov.coverage.task import Task
 from rastercov.exact import certificate
 from rastercov.raster.self_test import CAMERA, MESH, POSES
@@ -19,18 +19,13 @@ def compile_half() -> None:
     The latter runs by half planes, whose loops the other process has compiled by then; those of the
     certificate come later there.
     """
-
-    def ignore(*words: object) -> None:
-        """Take no notice of progress."""
-
     certificate.COMPILED.get(lambda: None)  # by that process
     task, poses = Task(max_incidence_deg=75.0), Poses.of(POSES)
     for engine in (Engine("sampled", "cpu"), Engine("exact")):
         network, areas = Network(MESH, task), AreaNetwork(MESH, task)
         wanted = Wanted(engine, engine.method == "exact", "seen", (), False)
         with open_for(MESH, CAMERA, task, wanted) as observer:
-            source = Source(network, observer, poses, wanted)
-            for batch, found in source.parts(ignore, None, ignore, ignore):
+            for batch, found in judged_parts(network, observer, poses, wanted, None, ALONE):
                 network.add(batch)
                 if found is not None:
                     areas.add(found)

@@ -4,11 +4,10 @@
 and for the command, which writes chosen pairs to a table while it runs.
 """
 
-import logging
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +18,7 @@ from rastercov.base.errors import ResourceError
 from rastercov.base.interrupts import interrupts_held
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, check_scene
-from rastercov.cluster import Made, Workers
+from rastercov.cluster import Made
 from rastercov.coverage.area.network import AreaNetwork, ByCamera, unit_of_result
 from rastercov.coverage.area.regions import Regions
 from rastercov.coverage.coverage import (
@@ -36,13 +35,15 @@ from rastercov.coverage.network import SUMMED, JudgedPoses, Network
 from rastercov.coverage.observer import open_observer
 from rastercov.coverage.provenance import Provenance
 from rastercov.coverage.shards import (
+    ALONE,
     UNFINISHED,
     EvaluationShards,
-    Part,
-    Source,
+    Staff,
     Wanted,
     is_long,
+    judged_parts,
     open_for,
+    regions_in,
 )
 from rastercov.coverage.task import Task
 from rastercov.kernels.stopwatch import Stopwatch
@@ -50,35 +51,8 @@ from rastercov.mesh import Mesh
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
-LOG = logging.getLogger("rastercov")
 EVALUATE_BUDGET = 4 << 30
 """Bytes of figures that `evaluate` may return; longer runs go through `evaluate_batches`."""
-
-
-@dataclass(frozen=True)
-class Staff:
-    """Processes that measure, and the functions that they report to.
-
-    Attributes
-    ----------
-    workers : Workers, optional
-        Processes that measure; this one unless given.
-    progress : callable
-        Called with the poses done and the poses in all.
-    watch : callable
-        Called with each shard that a worker made.
-    note : callable
-        Called with a line on what went wrong and was mended; logs it as a warning unless given.
-    """
-
-    workers: Workers | None = None
-    progress: Callable[[int, int], None] = lambda done, total: None
-    watch: Callable[[Made], None] = lambda made: None
-    note: Callable[[str], None] = LOG.warning
-
-
-ALONE = Staff()
-"""This process, without reports."""
 
 
 def evaluate(
@@ -218,14 +192,15 @@ def measure(
         if open_table is not None:
             table = opened.enter_context(open_table(provenance.as_dict()))
         clock = Stopwatch()
-        nothing: Any = ()  # no rows and no sums
-        parts: Iterator[Part] = (
-            (JudgedPoses(part, seen.clipped, nothing, {}, seen, []), getattr(seen, "regions", None))
-            for part, seen in measurements(observer, poses)
-        )
         if is_summed:
-            source = Source(network, observer, poses, wanted, shards)
-            parts = source.parts(staff.progress, staff.workers, watch, staff.note)
+            watched = replace(staff, watch=watch)
+            parts = judged_parts(network, observer, poses, wanted, shards, watched)
+        else:
+            nothing: Any = ()  # no rows
+            parts = (
+                (JudgedPoses(part, seen.clipped, nothing, {}, seen, {}), regions_in(seen))
+                for part, seen in measurements(observer, poses)
+            )
         try:
             for batch, found in parts:
                 with interrupts_held():
@@ -238,7 +213,7 @@ def measure(
                         n_rows += len(batch.rows.pose)
                     if is_summed:
                         network.add(batch)
-                    apart.add(batch, found)
+                    apart.add_batch(batch, found)
                     if areas is not None and found is not None:
                         areas.add(found)
                         # The table has the area of every pair, also of faces that need no more.
@@ -277,8 +252,6 @@ def measure(
 
 def _of_rows(batch: JudgedPoses, found: Regions) -> NDArray[np.float32]:
     """(R,) covered area of the pairs of a batch, m^2."""
-    dense = np.zeros((len(found.pose_ids), found.mesh.n_faces), np.float32)
-    dense[found.pair_pose, found.pair_face] = found.area
     row = np.searchsorted(found.pose_ids, batch.rows.pose)
-    areas: NDArray[np.float32] = dense[row, batch.rows.face]
+    areas: NDArray[np.float32] = found.areas()[row, batch.rows.face].astype(np.float32)
     return areas

@@ -5,15 +5,14 @@ not covered when its coverage is 0 in every camera.
 """
 
 import math
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov.base.arguments import check_kind
-from rastercov.base.checks import shown
+from rastercov.base.arguments import check_choice, check_kind
 from rastercov.base.errors import ConfigError, MeshError
 from rastercov.base.memory import read_only
 from rastercov.base.typed import typed
@@ -21,13 +20,13 @@ from rastercov.camera.pose import Poses
 from rastercov.coverage.coverage import Coverage, batch_size, check_observer, measurements
 from rastercov.coverage.face_pass import FacePass, Measured, Scope, Worker
 from rastercov.coverage.observer import Observer
-from rastercov.coverage.task import Reason, Rules, Task
+from rastercov.coverage.task import Reason, Task
 from rastercov.kernels.direct import DirectCalls
 from rastercov.mesh import Mesh
 from rastercov.raster.observation import BoundKind
 
 if TYPE_CHECKING:
-    from rastercov.kernels.network import PairRows, Sink
+    from rastercov.kernels.network import PairRows, Sink, Sums
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -65,6 +64,8 @@ class JudgedPoses:
         Coverage (F,) float64 of the poses to keep, by their ids.
     measured : Observation or FaceCounts, or None
         Measurement of the poses, of those that this process has measured.
+    sums : dict of int to Sums
+        Sums of the poses of each camera where these are kept apart, otherwise of all as camera -1.
     """
 
     poses: Poses
@@ -72,7 +73,7 @@ class JudgedPoses:
     rows: "PairRows"
     kept: dict[int, FloatArray]
     measured: Measured | None
-    parts: "list[tuple[int, Part]]"
+    sums: "dict[int, Sums]"
 
     @property
     def pose_ids(self) -> IntArray:
@@ -80,196 +81,119 @@ class JudgedPoses:
         return self.poses.ids
 
 
-def joined(mesh: Mesh, poses: Poses, batches: "Sequence[JudgedPoses]") -> JudgedPoses:
-    """Batches of some poses as one, whatever their sizes and the number of threads."""
-    rows = [batch.rows for batch in batches]
-    ends = np.cumsum([0] + [len(batch.poses) for batch in batches])
-    whole: dict[int, Part] = {}
-    for first, batch in zip(ends, batches, strict=False):
-        for camera, part in batch.parts:
-            whole.setdefault(camera, Part(mesh, int(ends[-1]))).merge(part, int(first))
-    kept = {pose: values for batch in batches for pose, values in batch.kept.items()}
-    return JudgedPoses(
-        poses=poses,
-        clipped=np.concatenate([batch.clipped for batch in batches]),
-        rows=type(rows[0])(*map(np.concatenate, zip(*rows, strict=True))),
-        kept=kept,
-        measured=None,
-        parts=sorted(whole.items(), key=lambda entry: entry[0]),
+def no_sums(n_faces: int, n_poses: int) -> "Sums":
+    """Sums of poses before any is added."""
+    from rastercov.kernels.network import Sums  # loads numba
+
+    return Sums(
+        views=np.zeros(n_faces, np.int64),
+        best=np.zeros(n_faces),
+        best_row=np.zeros(n_faces, np.int64),
+        reason=np.zeros(n_faces, np.uint8),
+        kinds=np.zeros(len(BoundKind), np.int64),
+        bounds=np.zeros(2),
+        covered_faces=np.zeros(n_poses, np.int64),
+        totals=np.zeros(n_poses),
+        images=np.zeros(n_poses),
     )
 
 
-def to_arrays(batch: JudgedPoses) -> dict[str, NDArray[Any]]:
-    """Arrays of a batch by name; `from_arrays` has their meaning."""
-    arrays = {f"rows.{name}": values for name, values in batch.rows._asdict().items()}
-    arrays["clipped"] = batch.clipped
-    arrays |= {f"kept.{pose}": values for pose, values in batch.kept.items()}
-    for camera, part in batch.parts:
-        of_part = part.sums._asdict() | {name: getattr(part, name) for name in OF_POSES}
-        arrays |= {f"part.{camera}.{name}": values for name, values in of_part.items()}
-    return arrays
+def merge(ours: "Sums", theirs: "Sums", first: int = 0) -> None:
+    """Add the sums of other poses to `ours`; their row 0 is row `first` of these."""
+    ours.views[:] += theirs.views
+    rows = theirs.best_row + first
+    better = (theirs.best > ours.best) | ((theirs.best == ours.best) & (rows < ours.best_row))
+    ours.best[better], ours.best_row[better] = theirs.best[better], rows[better]
+    np.maximum(ours.reason, theirs.reason, out=ours.reason)
+    ours.kinds[:] += theirs.kinds
+    np.maximum(ours.bounds, theirs.bounds, out=ours.bounds)
+    own = slice(first, first + len(theirs.totals))
+    ours.covered_faces[own] += theirs.covered_faces
+    ours.totals[own] += theirs.totals
+    ours.images[own] += theirs.images
 
 
-def from_arrays(mesh: Mesh, poses: Poses, arrays: Mapping[str, NDArray[Any]]) -> JudgedPoses:
-    """Batch of some poses from the arrays of `to_arrays`."""
-    from rastercov.kernels.network import PairRows, Sums
-
-    tree: dict[str, dict[str, Any]] = {"rows": {}, "kept": {}}
-    parts: dict[int, dict[str, Any]] = {}
-    for name, values in arrays.items():
-        kind, _, rest = name.partition(".")
-        if kind == "part":
-            camera, _, figure = rest.partition(".")
-            parts.setdefault(int(camera), {})[figure] = values
-        elif kind in tree:
-            tree[kind][rest] = values
-    found = []
-    for index, figures in parts.items():
-        part = Part(mesh, len(poses))
-        for name in OF_POSES:
-            setattr(part, name, figures.pop(name))
-        part.sums = Sums(**figures)
-        found.append((index, part))
-    return JudgedPoses(
-        poses=poses,
-        clipped=arrays["clipped"],
-        rows=PairRows(**tree["rows"]),
-        kept={int(pose): values for pose, values in tree["kept"].items()},
-        measured=None,
-        parts=found,
-    )
+def _merged(parts: "Sequence[Sums]") -> "Sums":
+    """Sums of different poses of one batch together."""
+    if len(parts) == 1:
+        return parts[0]
+    whole = no_sums(len(parts[0].views), len(parts[0].totals))
+    for part in parts:
+        merge(whole, part)
+    return whole
 
 
-OF_POSES = ("covered_faces", "totals", "images")
-"""Arrays of a `Part` with a value for each pose."""
+def _add_totals(
+    sums: "Sums", row: int, scored: IntArray | None, coverage: FloatArray, drawn: FloatArray
+) -> None:
+    """Add up coverage and pixels of the scored faces of one pose; all are scored for None."""
+    if scored is not None:
+        coverage, drawn = coverage.take(scored), drawn.take(scored)
+    sums.totals[row], sums.images[row] = coverage.sum(), drawn.sum()
 
 
-class Part:
-    """Sums of some of the poses of a batch, made by one thread.
-
-    `covered_faces`, `totals` of coverage and `images` are (P,), 0 for the poses of other parts.
-    """
-
-    def __init__(self, mesh: Mesh, n_poses: int) -> None:
-        from rastercov.kernels import network  # loads numba
-
-        self.kernels, n = network, mesh.n_faces
-        self.sums = network.Sums(
-            views=np.zeros(n, np.int64),
-            best=np.zeros(n),
-            best_row=np.zeros(n, np.int64),
-            reason=np.zeros(n, np.uint8),
-            kinds=np.zeros(len(BoundKind), np.int64),
-            bounds=np.zeros(2),
-        )
-        self.covered_faces = np.zeros(n_poses, np.int64)
-        self.totals, self.images = np.zeros((2, n_poses))
-        self._is_scored = read_only(mesh.task_mask, np.bool_)
-        self._scored = None if mesh.task_mask.all() else np.flatnonzero(mesh.task_mask)
-        self._coverage, self._drawn = np.empty((2, n))
-        self._calls: dict[int, DirectCalls] = {}
-
-    def add_coverage(self, coverage: Coverage) -> None:
-        """Add all poses of the batch."""
-        arrays = [read_only(getattr(coverage, name), kind) for name, kind in SUMMED.items()]
-        *added, drawn = arrays
-        self.kernels.add_rows(self._is_scored, *added, self.sums, self.covered_faces)
-        for row in range(len(drawn)):  # 10 us each
-            self._add_sums(row, added[0][row], drawn[row])
-
-    def add_poses(
-        self,
-        scope: Scope,
-        rules: Sequence[Rules],
-        sink: "Sink",
-        kept: dict[int, FloatArray],
-        rows: slice,
-        index: int,
-    ) -> None:
-        """Judge some poses of one camera of the batch and add them; their rows go to `sink`."""
-        arguments, coverage = scope(index), self._coverage
-        seen = arguments[2]
-        own = self._is_scored, self.sums, self.covered_faces, coverage
-        call = self._calls.setdefault(index, DirectCalls())
-        for row in range(rows.start, rows.stop):
-            call(self.kernels.add_pose, row, rows.start, *arguments, rules[index], *own, sink)
-            drawn = seen.drawn[row]
-            if seen.scale != 1 or drawn.dtype != np.float64:
-                drawn = np.divide(drawn, seen.scale, out=self._drawn)
-            self._add_sums(row, coverage, drawn)
-            pose_id = int(sink.pose_ids[row])
-            if pose_id in kept:
-                kept[pose_id][:] = coverage
-
-    def _add_sums(self, row: int, coverage: FloatArray, drawn: FloatArray) -> None:
-        """Sums over the scored faces of one pose."""
-        if self._scored is not None:
-            coverage, drawn = coverage.take(self._scored), drawn.take(self._scored)
-        self.totals[row], self.images[row] = coverage.sum(), drawn.sum()
-
-    def merge(self, other: "Part", first: int = 0) -> None:
-        """Add the sums of other poses; their row 0 is row `first` of this one."""
-        ours, theirs = self.sums, other.sums
-        ours.views[:] += theirs.views
-        rows = theirs.best_row + first
-        better = (theirs.best > ours.best) | ((theirs.best == ours.best) & (rows < ours.best_row))
-        ours.best[better], ours.best_row[better] = theirs.best[better], rows[better]
-        np.maximum(ours.reason, theirs.reason, out=ours.reason)
-        ours.kinds[:] += theirs.kinds
-        np.maximum(ours.bounds, theirs.bounds, out=ours.bounds)
-        own = slice(first, first + len(other.totals))
-        for name in OF_POSES:
-            getattr(self, name)[own] += getattr(other, name)
+def _scored(mesh: Mesh) -> IntArray | None:
+    """Faces that are scored; None for all."""
+    return None if mesh.task_mask.all() else np.flatnonzero(mesh.task_mask)
 
 
-class PairBuffer:
-    """Memory for the rows of a batch of poses, used again for each batch.
+def sums_of(coverage: Coverage) -> "Sums":
+    """Sums of all poses of a `Coverage`."""
+    from rastercov.kernels.network import add_rows
+
+    mesh, sums = coverage.mesh, no_sums(coverage.mesh.n_faces, len(coverage.pose_ids))
+    arrays = [read_only(getattr(coverage, name), kind) for name, kind in SUMMED.items()]
+    *added, drawn = arrays
+    add_rows(read_only(mesh.task_mask, np.bool_), *added, sums)
+    for row in range(len(drawn)):  # 10 us each
+        _add_totals(sums, row, _scored(mesh), added[0][row], drawn[row])
+    return sums
+
+
+class _Adder:
+    """One thread that judges poses of a batch and adds them up.
 
     Parameters
     ----------
-    choice : {"none", "covered", "seen", "all"}
-        Pairs to keep.
-    n_poses, n_faces : int
-        Size of the largest batch.
-
-    Raises
-    ------
-    ConfigError
-        For another choice.
+    judge : FacePass
+    sink : Sink
+        Memory for the rows of the batch.
+    kept : dict
+        Coverage of the poses to keep, to be filled.
+    apart : bool
+        Keep the sums of each camera apart.
     """
 
-    def __init__(self, choice: str, n_poses: int, n_faces: int) -> None:
-        from rastercov.kernels import network as kernels  # loads numba
+    def __init__(
+        self, judge: FacePass, sink: "Sink", kept: dict[int, FloatArray], *, apart: bool
+    ) -> None:
+        from rastercov.kernels import network
 
-        check_choice(choice)
-        self.choice, self._kernels, self._n_faces = CHOICES.index(choice), kernels, n_faces
-        size = n_poses * n_faces if self.choice else 0
-        # Memory that no row is written to is never taken from the system.
-        self._memory = kernels.PairRows(
-            *(np.empty(size, kernels.ROW_TYPES[name]) for name in kernels.PairRows._fields)
-        )
-        self._counts: NDArray[np.int64] = np.zeros(0, np.int64)
+        self._add_pose, self._judge, self._sink, self._kept = network.add_pose, judge, sink, kept
+        self._apart, self.sums, mesh = apart, dict[int, "Sums"](), judge.mesh
+        self._is_scored, self._scored = read_only(mesh.task_mask, np.bool_), _scored(mesh)
+        self._coverage, self._drawn = np.empty((2, mesh.n_faces))
+        self._calls: dict[int, DirectCalls] = {}
 
-    def sink(self, pose_ids: NDArray[np.int64]) -> "Sink":
-        """Empty memory for the rows of these poses, (P,)."""
-        self._counts = np.zeros(len(pose_ids), np.int64)
-        return self._kernels.Sink(self.choice, pose_ids, self._counts, self._memory)
-
-    def rows(self) -> "PairRows":
-        """Copy of the rows of the batch, by pose, then by face."""
-        starts = np.flatnonzero(self._counts)
-        spans = [(at * self._n_faces, self._counts[at]) for at in starts.tolist()]
-        return self._kernels.PairRows(*(_joined(column, spans) for column in self._memory))
-
-
-def check_choice(choice: object) -> None:
-    """Raise `ConfigError` for what is no choice of pairs."""
-    if choice not in CHOICES:
-        raise ConfigError(f"pairs must be one of {', '.join(CHOICES)}, got {shown(choice)}")
-
-
-def _joined(column: NDArray[Any], spans: list[tuple[int, int]]) -> NDArray[Any]:
-    return np.concatenate([column[:0], *(column[at : at + n] for at, n in spans)])
+    def add(self, rows: slice, index: int, scope: Scope) -> None:
+        """Judge some poses of one camera and add them, as a `Worker`."""
+        camera, coverage, seen = index if self._apart else -1, self._coverage, scope[2]
+        if camera not in self.sums:
+            self.sums[camera] = no_sums(len(coverage), len(self._sink.pose_ids))
+        sums, call = self.sums[camera], self._calls.setdefault(index, DirectCalls())
+        rules = self._judge.rules[index]
+        for row in range(rows.start, rows.stop):
+            call(
+                self._add_pose, row, rows.start, *scope, rules, self._is_scored, sums, coverage,
+                self._sink,
+            )  # fmt: skip
+            drawn = seen.drawn[row]
+            if seen.scale != 1 or drawn.dtype != np.float64:
+                drawn = np.divide(drawn, seen.scale, out=self._drawn)
+            _add_totals(sums, row, self._scored, coverage, drawn)
+            pose_id = int(self._sink.pose_ids[row])
+            if pose_id in self._kept:
+                self._kept[pose_id][:] = coverage
 
 
 def least_cosine(min_angle: float) -> float:
@@ -314,8 +238,9 @@ class ViewSpread:
         from rastercov.kernels.spread import add_rays
 
         self._eyes = _with_room(self._eyes, self._n_eyes + 1)
-        self._before = _with_room(self._before, self._n_pairs + len(faces))
-        self._camera = _with_room(self._camera, self._n_pairs + len(faces))
+        self._before, self._camera = (
+            _with_room(each, self._n_pairs + len(faces)) for each in (self._before, self._camera)
+        )
         self._eyes[self._n_eyes] = eye
         self._n_pairs = add_rays(
             self._n_eyes, faces.astype(np.int32), self._eyes, self._centroids, self._min_cosine,
@@ -390,16 +315,16 @@ class Network:
         With `camera`, an index, only those of one camera, of poses that were judged apart.
         """
         if isinstance(coverage, JudgedPoses):
-            self._take_judged(coverage, camera)
+            self._add_judged(coverage, camera)
             return
         check_kind("coverage", coverage, Coverage, "what evaluate gives", ConfigError)
         if coverage.task != self.task or coverage.mesh.n_faces != self.mesh.n_faces:
             raise ConfigError("a network adds up coverage of one mesh and one task")
         if len(coverage.pose_ids):
-            part = Part(self.mesh, len(coverage.pose_ids))
-            part.add_coverage(coverage)
-            self._spread_rays(coverage.eyes, coverage.reason == Reason.COVERED)
-            self._take(coverage.pose_ids, coverage.clipped, part)
+            if self.task.min_angle_deg > 0:
+                for eye, reason in zip(coverage.eyes, coverage.reason, strict=True):
+                    self._spread.add(eye, np.flatnonzero(reason == Reason.COVERED))
+            self._take(coverage.pose_ids, coverage.clipped, sums_of(coverage))
 
     def add_poses(
         self, observer: Observer, poses: ArrayLike | Poses, *, skip_bad_poses: bool = False
@@ -459,67 +384,51 @@ class Network:
             For an observer of another mesh, or another choice of pairs.
         """
         check_observer(observer)
+        check_choice("pairs", pairs, CHOICES)
         if pairs == "none" and self.task.min_angle_deg > 0:
             pairs = "covered"  # the rays to them are needed
         if observer.mesh.n_faces != self.mesh.n_faces:
             raise ConfigError("a network adds up coverage of one mesh and one task")
+        from rastercov.kernels.network import ROW_TYPES, PairRows, Sink
 
         judge = FacePass(observer.mesh, observer.camera, observer.threads, self.task)
-        n_faces = self.mesh.n_faces
-        buffer = PairBuffer(pairs, min(len(poses), batch_size(n_faces, observer.threads)), n_faces)
-        return (
-            self._judged(judge, batch, seen, buffer, keep, apart)
-            for batch, seen in measurements(observer, poses)
-        )
+        choice, n_faces = CHOICES.index(pairs), self.mesh.n_faces
+        n_rows = min(len(poses), batch_size(n_faces, observer.threads)) * n_faces if choice else 0
+        # Used again for each batch; what no row is written to is never taken from the system.
+        memory = PairRows(*(np.empty(n_rows, ROW_TYPES[name]) for name in PairRows._fields))
 
-    def _judged(
-        self,
-        judge: FacePass,
-        poses: Poses,
-        seen: Measured,
-        buffer: PairBuffer,
-        keep: Collection[int],
-        apart: bool,
-    ) -> "JudgedPoses":
-        """Judge the poses of a measurement."""
-        sink = buffer.sink(poses.ids)
-        kept = {pose: np.empty(self.mesh.n_faces) for pose in poses.ids.tolist() if pose in keep}
-        parts: list[tuple[int, Part]] = []
+        def judged(batch: Poses, seen: Measured) -> JudgedPoses:
+            sink = Sink(choice, batch.ids, np.zeros(len(batch), np.int64), memory)
+            kept = {pose: np.empty(n_faces) for pose in batch.ids.tolist() if pose in keep}
+            adders: list[_Adder] = []
 
-        def worker(scope: Scope) -> Worker:
-            own: dict[int, Part] = {}
+            def worker() -> Worker:
+                adders.append(_Adder(judge, sink, kept, apart=apart))
+                return adders[-1].add
 
-            def work(rows: slice, index: int) -> None:
-                camera = index if apart else -1
-                if camera not in own:
-                    own[camera] = Part(self.mesh, len(poses))
-                    parts.append((camera, own[camera]))
-                own[camera].add_poses(scope, judge.rules, sink, kept, rows, index)
+            if len(batch):
+                judge.share(seen, batch, worker)
+            parts: dict[int, list[Sums]] = {}
+            for camera, sums in (entry for adder in adders for entry in adder.sums.items()):
+                parts.setdefault(camera, []).append(sums)
+            turns = np.flatnonzero(sink.counts)
+            spans = np.stack([turns * n_faces, turns * n_faces + sink.counts[turns]], axis=1)
+            columns = (
+                np.concatenate([part[:0], *(part[start:stop] for start, stop in spans.tolist())])
+                for part in memory
+            )
+            whole = {camera: _merged(some) for camera, some in parts.items()}
+            return JudgedPoses(batch, seen.clipped, PairRows(*columns), kept, seen, whole)
 
-            return work
+        return (judged(batch, seen) for batch, seen in measurements(observer, poses))
 
-        if len(poses):
-            judge.share(seen, poses, worker)
-        return JudgedPoses(poses, seen.clipped, buffer.rows(), kept, seen, parts)
-
-    def _spread_rays(self, eyes: FloatArray, covers: BoolArray) -> None:
-        """Add the rays of cameras, (P, 3), that cover faces, (P, F)."""
-        if self.task.min_angle_deg > 0:
-            for eye, row in zip(eyes, covers, strict=True):
-                self._spread.add(eye, np.flatnonzero(row))
-
-    def _take_judged(self, batch: "JudgedPoses", camera: int | None) -> None:
+    def _add_judged(self, batch: JudgedPoses, camera: int | None) -> None:
         """Add the sums of a batch, or those of one of its cameras."""
-        parts = [part for index, part in batch.parts if camera in (None, index)]
+        parts = [sums for index, sums in batch.sums.items() if camera in (None, index)]
         if not parts:
             return
-        whole, *others = parts
-        if others:
-            whole = Part(self.mesh, len(batch.poses))
-            for part in parts:
-                whole.merge(part)
         own = slice(None) if camera is None else batch.poses.camera == camera
-        self._take(batch.pose_ids, batch.clipped, whole, own)
+        self._take(batch.pose_ids, batch.clipped, _merged(parts), own)
         if self.task.min_angle_deg > 0:
             placed, rows = batch.poses[own], batch.rows
             is_covered = rows.reason == Reason.COVERED
@@ -530,21 +439,20 @@ class Network:
         self,
         pose_ids: IntArray,
         clipped: BoolArray,
-        first: "Part",
+        sums: "Sums",
         own: slice | BoolArray = slice(None),
     ) -> None:
         """Add the sums of a batch of poses; `own` are those that count."""
-        sums = first.sums
         self.views += sums.views
         better = sums.best > self.best
         self.best[better] = sums.best[better]
         self.best_pose[better] = pose_ids[sums.best_row[better]]
         self.reason = np.maximum(self.reason, sums.reason)
         self.pose_ids += pose_ids[own].tolist()
-        self.covered_faces += first.covered_faces[own].tolist()
+        self.covered_faces += sums.covered_faces[own].tolist()
         n_scored = max(1, int(self.mesh.task_mask.sum()))
-        self.mean_coverage += (first.totals[own] / n_scored).tolist()
-        self.largest_image = max(self.largest_image, float(first.images.max()))
+        self.mean_coverage += (sums.totals[own] / n_scored).tolist()
+        self.largest_image = max(self.largest_image, float(sums.images.max()))
         self.kinds += sums.kinds
         self.largest_bound = max(self.largest_bound, float(sums.bounds[0]))
         self.largest_covered_bound = max(self.largest_covered_bound, float(sums.bounds[1]))
@@ -561,27 +469,26 @@ class Network:
 
         Occluder-only groups are left out of all totals.
         """
-        task_faces = self.mesh.task_mask
-        unseen = task_faces & ~self.covered
+        task_faces, covered = self.mesh.task_mask, self.covered
+
+        def share(part: BoolArray) -> dict[str, float]:
+            return share_of_faces(self.mesh, task_faces & part, task_faces)
+
         reasons = {
-            name.name.lower() if name != Reason.COVERED else "too_few_views": share_of_faces(
-                self.mesh, unseen & (self.reason == name), task_faces
-            )
-            for name in Reason
-            if (unseen & (self.reason == name)).any()
+            reason.name.lower() if reason != Reason.COVERED else "too_few_views": share(faces)
+            for reason in Reason
+            if (faces := task_faces & ~covered & (self.reason == reason)).any()
         }
         if not self.pose_ids:
-            reasons = {"no_cameras": share_of_faces(self.mesh, unseen, task_faces)}
+            reasons = {"no_cameras": share(~covered)}
         return {
             "poses": len(self.pose_ids),
             "faces": self.mesh.n_faces,
             "task_faces": int(task_faces.sum()),
             "required_views": self.task.views,
-            "covered": share_of_faces(self.mesh, task_faces & self.covered, task_faces),
-            "not_covered": share_of_faces(self.mesh, unseen, task_faces),
-            "zero_in_every_camera": share_of_faces(
-                self.mesh, task_faces & (self.best == 0), task_faces
-            ),
+            "covered": share(covered),
+            "not_covered": share(~covered),
+            "zero_in_every_camera": share(self.best == 0),
             "not_covered_because": reasons,
             "mean_best_coverage": float(self.best[task_faces].mean()) if task_faces.any() else 0.0,
             "mean_views": float(self.views[task_faces].mean()) if task_faces.any() else 0.0,
@@ -616,8 +523,4 @@ def share_of_faces(mesh: Mesh, part: BoolArray, whole: BoolArray) -> dict[str, f
     areas = mesh.areas
     by_count = 100 * part.sum() / max(1, whole.sum())
     by_area = 100 * areas[part].sum() / max(areas[whole].sum(), np.finfo(float).tiny)
-    return {
-        "faces": int(part.sum()),
-        "percent": float(by_count),
-        "area_percent": float(by_area),
-    }
+    return {"faces": int(part.sum()), "percent": float(by_count), "area_percent": float(by_area)}

@@ -24,7 +24,7 @@ from rastercov.base.threads import Closing, thread_count
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, cameras_of, check_scene
 from rastercov.coverage.engine import Engine, settled
-from rastercov.coverage.exact_pass import ExactPass, Figures
+from rastercov.coverage.exact_pass import ExactPass, room_for
 from rastercov.coverage.face_pass import FacePass, Measured
 from rastercov.mesh import Mesh
 from rastercov.raster import backend_of
@@ -143,32 +143,18 @@ class SampledObserver(Observer):
 class ExactObserver(Observer):
     """Observer that computes areas by half planes, all of them or where no proof decides."""
 
-    def __init__(self, mesh: Mesh, camera: Cameras, engine: Engine) -> None:
-        method = engine.method
-        self.mesh, self.camera = mesh, camera
-        self.info = RasterizerInfo(
-            backend="analytic",
-            plan=method,
-            renderer=f"{method}, numba {version('numba')}",
-            driver="",
-            device="cpu",
-            depth="float64",
-            shaders="",
-        )
-        self._pass = self._open(engine)
-        self.threads = self._pass.threads
-
-    def _open(self, engine: Engine) -> ExactPass:
-        return ExactPass(self.mesh, self.camera, engine)
+    def __init__(self, solvers: ExactPass) -> None:
+        self.mesh, self.camera, method = solvers.mesh, solvers.camera, solvers.method
+        renderer = f"{method}, numba {version('numba')}"
+        self.info = RasterizerInfo("analytic", method, renderer, "", "cpu", "float64", "")
+        self._pass, self.threads = solvers, solvers.threads
 
     def observe(self, poses: ArrayLike | Poses) -> Observation:
         """Exact or certified areas, see `Observer`."""
         accepted = self._accepted(poses, OBSERVED)
-        figures = Figures.room(len(accepted), self.mesh.n_faces)
-        self._pass.run(accepted, figures)
-        return Observation(
-            figures.visible, figures.area, figures.kind, figures.error, figures.clipped
-        )
+        seen = room_for(len(accepted), self.mesh.n_faces)
+        self._pass.run(accepted, seen)
+        return seen
 
     def close(self) -> None:
         """Release the memory."""
@@ -209,7 +195,7 @@ def open_observer(
     engine, options = settled(method, backend, supersample, options)
     if engine.method == "sampled":
         return SampledObserver(mesh, camera, options)
-    return ExactObserver(mesh, camera, engine)
+    return ExactObserver(ExactPass(mesh, camera, engine))
 
 
 def visibility(

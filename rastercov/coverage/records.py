@@ -8,13 +8,7 @@ from rastercov.base.memory import aligned_array, read_only
 from rastercov.camera.camera import Camera
 from rastercov.camera.lenses.of_camera import curved_lens
 from rastercov.kernels.cameras import COLUMNS, CurvedLens, Lens
-from rastercov.kernels.criteria import (
-    MOST_CORNERS,
-    MOST_DOUBTFUL,
-    SIDE_ROUNDING,
-    Scene,
-    Workspace,
-)
+from rastercov.kernels.criteria import MOST_CORNERS, MOST_DOUBTFUL, SIDE_ROUNDING, Scene, Workspace
 from rastercov.kernels.decision import AT_A_TIME, BLOCK_ROWS
 from rastercov.kernels.lens_faces import CurvedWorkspace, curved_workspace
 from rastercov.mesh import Mesh

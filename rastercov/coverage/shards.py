@@ -11,6 +11,7 @@ shards/shard-*.npz   sums of a network, rows of the table, pictures' coverage, r
 import hashlib
 import io
 import json
+import logging
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
@@ -27,17 +28,18 @@ from rastercov.camera.rig import Cameras, cameras_of
 from rastercov.cluster import Made, ShardStore, Workers, fill
 from rastercov.cluster.run import counted
 from rastercov.cluster.scene_file import read_scene, scene_bytes
-from rastercov.cluster.store import Note, contents, renew
+from rastercov.cluster.store import contents, renew
 from rastercov.cluster.store import remove as remove_files
 from rastercov.cluster.work import FolderLostError
 from rastercov.coverage.area.regions import RegionObserver, Regions
 from rastercov.coverage.engine import Engine
-from rastercov.coverage.network import JudgedPoses, Network, from_arrays, joined, to_arrays
+from rastercov.coverage.network import JudgedPoses, Network, merge, no_sums
 from rastercov.coverage.observer import Observer, open_observer
 from rastercov.coverage.provenance import sha256
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 
+LOG = logging.getLogger("rastercov")
 FUNCTION = "rastercov.coverage.shards:make"
 """Function by which workers make a shard."""
 PAIRS_A_SHARD = 1 << 22
@@ -54,6 +56,32 @@ FILES = (
 """Files of a folder, in an order of removal that is safe to interrupt."""
 OF_REGIONS = ("xy", "starts", "face", "pose", "pair_pose", "pair_face", "area", "bound")
 """Arrays of `Regions` in a shard."""
+
+
+@dataclass(frozen=True)
+class Staff:
+    """Processes that measure, and the functions that they report to.
+
+    Attributes
+    ----------
+    workers : Workers, optional
+        Processes that measure; this one unless given.
+    progress : callable
+        Called with the poses done and the poses in all.
+    watch : callable
+        Called with each shard that a worker made.
+    note : callable
+        Called with a line on what went wrong and was mended; logs it as a warning unless given.
+    """
+
+    workers: Workers | None = None
+    progress: Callable[[int, int], None] = lambda done, total: None
+    watch: Callable[[Made], None] = lambda made: None
+    note: Callable[[str], None] = LOG.warning
+
+
+ALONE = Staff()
+"""This process, without reports."""
 
 
 @dataclass(frozen=True)
@@ -121,34 +149,41 @@ class EvaluationShards:
         """Poses, by their ids, that were left out because they kill their process."""
         return {int(self.poses.ids[row]): end for row, end in self.store.quarantined().items()}
 
-    def parts(
-        self,
-        progress: Callable[[int, int], None],
-        workers: Workers | None,
-        watch: Callable[[Made], None],
-        note: Note,
-    ) -> Iterator[Part]:
-        """Every shard in turn, as of `Source.parts`."""
+    def parts(self, staff: Staff) -> Iterator[Part]:
+        """Every shard in turn, as of `judged_parts`."""
         store = self.store
 
         def make(number: int, did: Callable[[int], None]) -> bytes:
             poses = self.poses[store.rows(number)]
             return _measured(self.observer, poses, self.task, self.wanted, did)
 
-        store.mend(note, store.read)
-        for number in fill(store, make, workers, progress, watch, note):
+        store.mend(staff.note, store.read)
+        for number in fill(store, make, staff.workers, staff.progress, staff.watch, staff.note):
             yield self._part(store.read(number) or b"", self.poses[store.rows(number)])
 
     def _part(self, data: bytes, poses: Poses) -> Part:
+        from rastercov.kernels.network import PairRows, Sums
+
         mesh = self.observer.mesh
         with np.load(io.BytesIO(data), allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
-        left = poses[np.isin(poses.ids, arrays.pop("ids"))]
-        found = None
+            tree = _tree({name: file[name] for name in file.files})
+        left, found = poses[np.isin(poses.ids, tree["ids"])], None
         if self.wanted.by_area:
-            of_regions = {name: arrays.pop(f"regions.{name}") for name in OF_REGIONS}
-            found = Regions(mesh, self.observer.camera, self.task, left.ids, **of_regions)
-        return from_arrays(mesh, left, arrays), found
+            scene: dict[str, Any] = {
+                "mesh": mesh,
+                "camera": self.observer.camera,
+                "task": self.task,
+            }
+            found = Regions(**scene, pose_ids=left.ids, **tree["regions"])
+        batch = JudgedPoses(
+            poses=left,
+            clipped=tree["clipped"],
+            rows=PairRows(**tree["rows"]),
+            kept={int(pose): values for pose, values in tree.get("kept", {}).items()},
+            measured=None,
+            sums={int(camera): Sums(**sums) for camera, sums in tree.get("sums", {}).items()},
+        )
+        return batch, found
 
 
 def remove(above: Path) -> None:
@@ -159,46 +194,35 @@ def remove(above: Path) -> None:
         above.rmdir()
 
 
-@dataclass(frozen=True)
-class Source:
-    """Judged poses of an evaluation: streamed, or by way of shards.
+def regions_in(measured: Any) -> Regions | None:
+    """Regions of a measurement, where the observer finds any."""
+    found: Regions | None = getattr(measured, "regions", None)
+    return found
 
-    Attributes
-    ----------
-    network : Network
-        Judges what is streamed.
-    observer, poses, wanted
-        As of `EvaluationShards`.
-    shards : EvaluationShards, optional
-        Where the run is kept; streamed unless given.
+
+def judged_parts(
+    network: Network,
+    observer: Any,
+    poses: Poses,
+    wanted: Wanted,
+    shards: EvaluationShards | None,
+    staff: Staff,
+) -> Iterator[Part]:
+    """Judged poses of an evaluation and their regions, in the order of the poses.
+
+    By way of shards where the run is kept in some, else the network judges what the observer, of
+    `open_for`, measures. An interrupt while workers are busy is raised after the shards that are
+    there.
     """
-
-    network: Network
-    observer: Observer
-    poses: Poses
-    wanted: Wanted
-    shards: EvaluationShards | None = None
-
-    def parts(
-        self,
-        progress: Callable[[int, int], None],
-        workers: Workers | None,
-        watch: Callable[[Made], None],
-        note: Callable[[str], None],
-    ) -> Iterator[Part]:
-        """Judged poses and their regions, in the order of the poses.
-
-        An interrupt while workers are busy is raised after the shards that are there.
-        """
-        if self.shards is not None:
-            yield from self.shards.parts(progress, workers, watch, note)
-            return
-        wanted, did = self.wanted, counted(len(self.poses), progress)
-        for batch in self.network.judge(
-            self.observer, self.poses, pairs=wanted.pairs, keep=wanted.keep, apart=wanted.apart
-        ):
-            yield batch, batch.measured.regions if wanted.by_area else None  # type: ignore[union-attr] # of a RegionObserver
-            did(len(batch.poses))
+    if shards is not None:
+        yield from shards.parts(staff)
+        return
+    did = counted(len(poses), staff.progress)
+    for batch in network.judge(
+        observer, poses, pairs=wanted.pairs, keep=wanted.keep, apart=wanted.apart
+    ):
+        yield batch, regions_in(batch.measured)
+        did(len(batch.poses))
 
 
 def is_long(n_poses: int, n_faces: int) -> bool:
@@ -231,11 +255,9 @@ def _opened(folder: Path, modified: int) -> tuple[Any, Poses, Task, Wanted]:
         raise FolderLostError(f"{folder}: files of the evaluation are missing")
     header = json.loads(data[0] or b"")
     scene, task = read_scene(data[1] or b""), Task(**header["task"])
-    entries = header["wanted"] | {
-        "engine": Engine(**header["wanted"]["engine"] | {"threads": 1}),
-        "keep": tuple(header["wanted"]["keep"]),
-    }
-    wanted = Wanted(**entries)
+    entries = header["wanted"]
+    engine = Engine(**entries["engine"] | {"threads": 1})
+    wanted = Wanted(**entries | {"engine": engine, "keep": tuple(entries["keep"])})
     with np.load(io.BytesIO(data[2] or b""), allow_pickle=False) as file:
         matrices, ids, camera = file["poses"], file["ids"], file["camera"]
     poses = Poses(matrices, ids, matrices, {}, camera)
@@ -278,14 +300,51 @@ def _measured(
     ):
         batches.append(batch)
         did(len(batch.poses))
-    arrays: dict[str, NDArray[Any]] = {"ids": poses.ids}
-    arrays |= to_arrays(joined(observer.mesh, poses, batches))
+    tree = {"ids": poses.ids} | _joined(poses, batches)
     if wanted.by_area:
-        found = [batch.measured.regions for batch in batches]  # type: ignore[union-attr] # of a RegionObserver
-        arrays |= {f"regions.{name}": values for name, values in _joined_regions(found).items()}
+        tree["regions"] = _joined_regions([batch.measured.regions for batch in batches])  # type: ignore[union-attr] # of a RegionObserver
     file = io.BytesIO()
-    np.savez(file, **arrays)  # type: ignore[arg-type] # its stub has `allow_pickle` first
+    np.savez(file, **dict(_leaves(tree)))  # type: ignore[arg-type] # its stub has `allow_pickle` first
     return file.getvalue()
+
+
+def _joined(poses: Poses, batches: Sequence[JudgedPoses]) -> dict[str, Any]:
+    """Arrays of all batches of some poses, whatever their sizes and the number of threads."""
+    rows = [batch.rows for batch in batches]
+    ends = np.cumsum([0] + [len(batch.poses) for batch in batches])
+    sums: dict[int, Any] = {}
+    for first, batch in zip(ends, batches, strict=False):
+        for camera, part in batch.sums.items():
+            merge(sums.setdefault(camera, no_sums(len(part.views), len(poses))), part, int(first))
+    return {
+        "clipped": np.concatenate([batch.clipped for batch in batches]),
+        "rows": dict(
+            zip(rows[0]._fields, map(np.concatenate, zip(*rows, strict=True)), strict=True)
+        ),
+        "kept": {pose: values for batch in batches for pose, values in batch.kept.items()},
+        "sums": {camera: part._asdict() for camera, part in sorted(sums.items())},
+    }
+
+
+def _leaves(tree: dict[str, Any], path: str = "") -> Iterator[tuple[str, NDArray[Any]]]:
+    """Arrays of a tree of dictionaries by their paths, such as "sums.0.views"."""
+    for name, value in tree.items():
+        if isinstance(value, dict):
+            yield from _leaves(value, f"{path}{name}.")
+        else:
+            yield f"{path}{name}", value
+
+
+def _tree(leaves: dict[str, NDArray[Any]]) -> dict[str, Any]:
+    """Tree of arrays by their paths; see `_leaves`."""
+    tree: dict[str, Any] = {}
+    for path, array in leaves.items():
+        *above, name = path.split(".")
+        branch = tree
+        for each in above:
+            branch = branch.setdefault(each, {})
+        branch[name] = array
+    return tree
 
 
 def _joined_regions(found: Sequence[Regions]) -> dict[str, NDArray[Any]]:

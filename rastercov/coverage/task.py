@@ -77,6 +77,11 @@ class Rules(NamedTuple):
         )
 
 
+Positive = Annotated[float, Gt(0)]
+Share = Annotated[float, Ge(0), Le(1)]
+Density = Annotated[float, Ge(0), PX_PER_M]
+
+
 @dataclass(frozen=True, kw_only=True)
 class Task:
     """Thresholds that a face must meet to be covered.
@@ -121,29 +126,24 @@ class Task:
         For a value outside its limits.
     """
 
-    # fmt: off
-    min_pixels: Annotated[float, Gt(0), Doc("R_min: pixels that give resolution 1.")] = 1.0
-    min_visibility: Annotated[
-        float, Ge(0), Le(1), Doc("V_min: a face less visible counts as hidden.")
-    ] = 0.0
+    min_pixels: Annotated[Positive, Doc("R_min: pixels that give resolution 1.")] = 1.0
+    min_visibility: Annotated[Share, Doc("V_min: a face less visible counts as hidden.")] = 0.0
     max_blur: (
-        Annotated[float, Gt(0), Doc("Largest blur circle, px; the camera's unless given.")] | None
+        Annotated[Positive, Doc("Largest blur circle, px; the camera's unless given.")] | None
     ) = None
     max_incidence_deg: Annotated[
         float, Gt(0), Le(90), Doc("Largest angle between normal and ray.")
     ] = 90.0
-    min_pixel_density: Annotated[
-        float, Ge(0), PX_PER_M, Doc("Least pixels a metre, in the worst direction.")
-    ] = 0.0
+    min_pixel_density: Annotated[Density, Doc("Least pixels a metre, in the worst direction.")] = (
+        0.0
+    )
     min_facing_density: Annotated[
-        float, Ge(0), PX_PER_M, Doc("Least pixels a metre of a target that faces the camera.")
+        Density, Doc("Least pixels a metre of a target that faces the camera.")
     ] = 0.0
     min_pixels_per_m2: Annotated[
         float, Ge(0), Doc("Least pixels on a square metre of the surface.")
     ] = 0.0
-    min_coverage: Annotated[
-        float, Ge(0), Le(1), Doc("Coverage from which a camera covers a face.")
-    ] = 0.5
+    min_coverage: Annotated[Share, Doc("Coverage from which a camera covers a face.")] = 0.5
     views: Annotated[int, Ge(1), Doc("Cameras that must cover a face.")] = 1
     min_angle_deg: Annotated[
         float, Ge(0), Le(180), Doc("Least angle between the rays to two of these cameras.")
@@ -152,7 +152,6 @@ class Task:
         Literal["vertices", "centroid"], Doc("Part of a face that must be in focus.")
     ] = "vertices"
     cap_resolution: Annotated[bool, Doc("Resolution counts up to 1 only.")] = True
-    # fmt: on
 
     def __post_init__(self) -> None:
         check_limits(self)
@@ -167,13 +166,11 @@ class Task:
         z_n, z_f = camera.depth_of_field(self.max_blur)
         angle = math.radians(self.max_incidence_deg)
         is_limited = self.max_incidence_deg < 90
+        own = {
+            name: float(getattr(self, name)) for name in Rules._fields if name.startswith("min_")
+        }
         return Rules(
-            min_pixels=float(self.min_pixels),
-            min_visibility=float(self.min_visibility),
-            min_coverage=float(self.min_coverage),
-            min_pixel_density=float(self.min_pixel_density),
-            min_facing_density=float(self.min_facing_density),
-            min_pixels_per_m2=float(self.min_pixels_per_m2),
+            **own,
             z_n=float(z_n),
             z_f=float(z_f),
             max_incidence=angle,

@@ -30,18 +30,17 @@ from rastercov.kernels.cameras import (
 from rastercov.kernels.criteria import (
     MOST_DOUBTFUL,
     SIDE_ROUNDING,
-    camera_normal,
+    corner_sums,
     cut_to_image,
-    facing_density,
+    densities,
     focus_depth_of,
     image_beyond,
     image_of_face,
     incidence_angle,
     incidence_cosine,
     perimeter,
-    pixel_density,
-    pixels_per_m2,
     project,
+    turned,
 )
 from rastercov.kernels.decision import (
     AT_A_TIME,
@@ -59,9 +58,9 @@ def copy_block(block, n, at, out):
 
     Arrays are pointers to their data.
     """
-    for bit, (name, row) in enumerate(ROWS.items()):
+    for name, row in ROWS.items():
         array = getattr(out, name)
-        with when((out.asked >> bit & 1) > 0):
+        with when((out.asked >> row & 1) > 0):
             with when(n.equals(AT_A_TIME)):
                 row_of(block, row).to(array.kind).store(array.at(at).pointer)
             with when(n < AT_A_TIME), loop(n & 0, n, 1) as k:
@@ -97,30 +96,12 @@ Figures = namedtuple(
 )
 """The (P, F) arrays of `Coverage`, in its order; (0, 0) where a figure is not asked for.
 
-`asked` has a bit for each that is, the lowest for the first.
+`asked` has a bit for each that is, see `ROWS`.
 """
 
 
-ROWS = dict(
-    zip(
-        Figures._fields,
-        (
-            code.IN_VIEW, code.PART, code.AREA, code.VISIBLE, code.DRAWN, code.RESOLUTION,
-            code.DENSITY, code.FACING, code.FOCUSED, code.VISIBILITY, code.BOUND, code.KIND,
-            code.COSINE, code.COVERAGE, code.REASON,
-        ),
-        strict=False,
-    )
-)  # fmt: skip
+ROWS = {name: row for row, name in enumerate(Figures._fields[:-1])}
 """Row of a block of each figure."""
-
-
-ASKS_AREA, ASKS_DENSITY, ASKS_FACING, ASKS_BOUND, ASKS_KIND = (
-    1 << list(ROWS).index(name)
-    for name in (
-        "projected_area", "pixel_density", "facing_density", "visibility_bound", "visibility_kind",
-    )
-)  # fmt: skip
 
 
 TYPES: dict[str, type] = {
@@ -131,7 +112,7 @@ TYPES: dict[str, type] = {
 
 def record(arrays: Mapping[str, NDArray[Any]]) -> Figures:
     """Record of the (P, F) arrays that are given, by their names."""
-    asked = sum(1 << bit for bit, name in enumerate(ROWS) if name in arrays)
+    asked = sum(1 << ROWS[name] for name in arrays)
     none = np.empty((0, 0))
     whole = {name: arrays.get(name, none.astype(kind)) for name, kind in TYPES.items()}
     return Figures(**whole, asked=asked)
@@ -166,7 +147,7 @@ def kind_of(seen, row, f):
 
 
 @part_with_arrays
-def bound_of_fraction(seen, row, f, drawn, points, i, j, k, is_cut):
+def bound_of_fraction(seen, row, f, drawn, points, faces, is_cut):
     """Bound of visible / drawn of a face that is seen, at most 1.
 
     |v/d - v'/d'| <= (|v - v'| + |d - d'|) / d with d the true area; see `raster.observation`
@@ -180,8 +161,10 @@ def bound_of_fraction(seen, row, f, drawn, points, i, j, k, is_cut):
             least = drawn - error
             bound = (error / least if least > 0 else 1.0) + ROUNDING
         elif kind == code.STATISTICAL:
-            samples = seen.samples_per_pixel
-            length = math.inf if is_cut else perimeter(points, i, j, k) * math.sqrt(samples)
+            samples, length = seen.samples_per_pixel, math.inf
+            if not is_cut:
+                length = perimeter(points, faces[f, 0], faces[f, 1], faces[f, 2])
+                length *= math.sqrt(samples)
             deviation = 3 * 0.27 * math.sqrt(1.25 * length + 1) + length / 20
             bound = deviation / (drawn * samples)
         else:
@@ -193,7 +176,7 @@ def bound_of_fraction(seen, row, f, drawn, points, i, j, k, is_cut):
 def cosine_of(scene, seen, points, row, f):
     """Cosine of the angle of incidence of a face in one pose."""
     i, j, k = scene.faces[f, 0], scene.faces[f, 1], scene.faces[f, 2]
-    normal = camera_normal(scene.normals, f, seen.poses[row])
+    normal = turned(scene.normals[f], seen.poses[row])
     return incidence_cosine(points, i, j, k, normal, scene.two_sided[f])
 
 
@@ -223,57 +206,42 @@ def measure_face(
     # A count is no area.
     known = drawn if seen.kind.size or not asks_area else -1.0
     state, part, area = image_of_face(points, i, j, k, near, lens, work, known)
-    per_m2 = 0.0
-    if rules.min_pixels_per_m2 > 0:
-        normal = camera_normal(scene.normals, f, seen.poses[row])
-        per_m2 = pixels_per_m2(points, i, j, k, normal, lens)
+    normal = turned(scene.normals[f], seen.poses[row])
+    asks_density = asks_density and is_front and part > 0
+    density, facing, per_m2 = densities(
+        points, i, j, k, normal, lens, asks_density, asks_facing, rules.min_pixels_per_m2 > 0
+    )
     is_seen = is_front and (part != 0 or state == INSIDE)
     side = 1.0 if is_front else 0.0
     block[code.SIDE, lane] = -1.0 if scene.degenerate[f] else side
     block[code.OBLIQUE, lane] = 1.0 if is_oblique else 0.0
-    block[code.STATE_OF_FACE, lane], block[code.IN_VIEW, lane] = (
-        state,
-        1.0 if state == INSIDE else 0.0,
-    )
+    block[code.STATE_OF_FACE, lane] = state
+    block[code.IN_VIEW, lane] = 1.0 if state == INSIDE else 0.0
     block[code.PART, lane], block[code.AREA, lane] = part, area
     block[code.VISIBLE, lane], block[code.DRAWN, lane] = visible, drawn
-    block[code.DENSITY, lane] = block[code.FACING, lane] = 0.0
-    if asks_density:
-        block[code.DENSITY, lane] = density_of(
-            scene, lens, seen, points, row, f, is_front, state, part
-        )
-    if asks_facing:
-        block[code.FACING, lane] = facing_density(points, i, j, k, lens)
+    block[code.DENSITY, lane], block[code.FACING, lane] = density, facing
     block[code.PER_M2, lane] = per_m2
     block[code.FOCUSED, lane] = 1.0 if in_focus(points, i, j, k, lens, rules) else 0.0
-    block[code.BOUND, lane], block[code.KIND, lane] = (
-        1.0,
-        kind_of(seen, row, f) if is_seen else code.EXACT,
-    )
+    block[code.BOUND, lane] = 1.0
+    block[code.KIND, lane] = kind_of(seen, row, f) if is_seen else code.EXACT
 
 
 @part_with_arrays
 def put_bound(lane, f, scene, lens, seen, row, work, cosine):
-    """Put the bound of the visible fraction of a measured face, and its kind, into its lane."""
-    block = work.block
-    state, part, drawn = (
-        block[code.STATE_OF_FACE, lane],
-        block[code.PART, lane],
-        block[code.DRAWN, lane],
-    )
-    is_seen = block[code.SIDE, lane] > 0 and (part != 0 or state == INSIDE)
-    block[code.BOUND, lane], block[code.KIND, lane] = bound_and_kind(
-        scene, lens, seen, work.points, row, f, drawn, cosine, state, part, is_seen, work
-    )
+    """Put the bound of the visible fraction of a measured face, and its kind, into its lane.
 
-
-@part_with_arrays
-def density_of(scene, lens, seen, points, row, f, is_front, state, part):
-    """Pixel density of a face, px/m; 0 unless it is seen and wholly beyond the near plane."""
-    if not is_front or state == BEHIND or not part > 0:
-        return 0.0
-    i, j, k = scene.faces[f, 0], scene.faces[f, 1], scene.faces[f, 2]
-    return pixel_density(points, i, j, k, camera_normal(scene.normals, f, seen.poses[row]), lens)
+    The bound is 1 where rounding decides which side of the face is seen.
+    """
+    block, points = work.block, work.points
+    state, part = block[code.STATE_OF_FACE, lane], block[code.PART, lane]
+    drawn, has_part = block[code.DRAWN, lane], part != 0 or state == INSIDE
+    bound, kind = 0.0, code.EXACT
+    if block[code.SIDE, lane] > 0 and has_part:
+        bound = bound_of_fraction(seen, row, f, drawn, points, scene.faces, state == BEHIND)
+        kind = kind_of(seen, row, f)
+    if is_in_doubt(scene, lens, seen, points, row, f, drawn, cosine, state, has_part, work):
+        bound = 1.0
+    block[code.BOUND, lane], block[code.KIND, lane] = bound, kind
 
 
 @part_with_arrays
@@ -285,9 +253,7 @@ def is_edge_on(scene, points, f, cosine, state):
     size = abs(points[i, X]) + abs(points[i, Y]) + abs(points[i, Z])
     size += abs(points[j, X]) + abs(points[j, Y]) + abs(points[j, Z])
     size += abs(points[k, X]) + abs(points[k, Y]) + abs(points[k, Z])
-    x = points[i, X] + points[j, X] + points[k, X]
-    y = points[i, Y] + points[j, Y] + points[k, Y]
-    z = points[i, Z] + points[j, Z] + points[k, Z]
+    x, y, z = corner_sums(points, i, j, k)
     height = abs(cosine) * math.sqrt(x * x + y * y + z * z)
     has_needles = scene.doubtful_cosine == MOST_DOUBTFUL
     if height > scene.doubtful_cosine * size and not (has_needles and state != INSIDE):
@@ -339,10 +305,9 @@ def may_reach_image(points, i, j, k, near, lens, work, is_edge_on):
 
 
 @part_with_arrays
-def is_in_doubt(scene, lens, seen, points, row, f, drawn, cosine, state, part, work):
+def is_in_doubt(scene, lens, seen, points, row, f, drawn, cosine, state, has_part, work):
     """True if rounding may decide whether a face is seen from the front and in the image."""
     i, j, k = scene.faces[f, 0], scene.faces[f, 1], scene.faces[f, 2]
-    has_part = part != 0 or state == INSIDE
     if not has_part and not drawn > 0:
         edge_on = is_edge_on(scene, points, f, cosine, state)
         return (cosine > 0 or edge_on) and may_reach_image(
@@ -354,19 +319,6 @@ def is_in_doubt(scene, lens, seen, points, row, f, drawn, cosine, state, part, w
     if cosine > 0 and (scene.two_sided[f] or not has_part):
         return not has_part
     return is_edge_on(scene, points, f, cosine, state)
-
-
-@part_with_arrays
-def bound_and_kind(scene, lens, seen, points, row, f, drawn, cosine, state, part, is_seen, work):
-    """Bound of the visible fraction of a face, and its kind: 1 where rounding decides its side."""
-    i, j, k = scene.faces[f, 0], scene.faces[f, 1], scene.faces[f, 2]
-    bound, kind = 0.0, code.EXACT
-    if is_seen:
-        bound = bound_of_fraction(seen, row, f, drawn, points, i, j, k, state == BEHIND)
-        kind = kind_of(seen, row, f)
-    if is_in_doubt(scene, lens, seen, points, row, f, drawn, cosine, state, part, work):
-        bound = 1.0
-    return bound, kind
 
 
 @allocation_free
@@ -386,10 +338,10 @@ def judge_poses(rows, scene, lens, seen, work, rules, out, skew):
 
     Blocks begin at cache lines: `skew` float64 lie between one and the arrays of float64 of `out`.
     """
-    asks_area = out.asked & ASKS_AREA > 0
-    asks_density = out.asked & ASKS_DENSITY > 0 or rules.min_pixel_density > 0
-    asks_facing = out.asked & ASKS_FACING > 0 or rules.min_facing_density > 0
-    asks_bound = out.asked & (ASKS_BOUND | ASKS_KIND) > 0
+    asks_area = out.asked & 1 << code.AREA > 0
+    asks_density = out.asked & 1 << code.DENSITY > 0 or rules.min_pixel_density > 0
+    asks_facing = out.asked & 1 << code.FACING > 0 or rules.min_facing_density > 0
+    asks_bound = out.asked & (1 << code.BOUND | 1 << code.KIND) > 0
     n_faces, block, figures = scene.faces.shape[0], work.block, pointers(out)
     for row in range(rows[0], rows[1]):
         project(scene.vertices, seen.poses[row], seen.near[row], lens, work.points)

@@ -86,13 +86,23 @@ def project(vertices, pose, near, lens, points):
 
 
 @part_with_arrays
-def camera_normal(normals, f, pose):
-    """Unit normal of a face in camera axes."""
-    a, b, c = normals[f, 0], normals[f, 1], normals[f, 2]
+def turned(way, pose):
+    """A direction of the world, or the way from the camera, in camera axes."""
+    x, y, z = way[0], way[1], way[2]
     return (
-        a * pose[0, 0] + b * pose[1, 0] + c * pose[2, 0],
-        a * pose[0, 1] + b * pose[1, 1] + c * pose[2, 1],
-        a * pose[0, 2] + b * pose[1, 2] + c * pose[2, 2],
+        x * pose[0, 0] + y * pose[1, 0] + z * pose[2, 0],
+        x * pose[0, 1] + y * pose[1, 1] + z * pose[2, 1],
+        x * pose[0, 2] + y * pose[1, 2] + z * pose[2, 2],
+    )
+
+
+@part_with_arrays
+def corner_sums(points, i, j, k):
+    """Three times the centroid of a face, in camera axes."""
+    return (
+        points[i, X] + points[j, X] + points[k, X],
+        points[i, Y] + points[j, Y] + points[k, Y],
+        points[i, Z] + points[j, Z] + points[k, Z],
     )
 
 
@@ -102,9 +112,7 @@ def incidence_cosine(points, i, j, k, normal, is_two_sided):
 
     In camera axes the ray is minus the centroid itself, and three times that has its direction.
     """
-    x = points[i, X] + points[j, X] + points[k, X]
-    y = points[i, Y] + points[j, Y] + points[k, Y]
-    z = points[i, Z] + points[j, Z] + points[k, Z]
+    x, y, z = corner_sums(points, i, j, k)
     against = -(normal[0] * x + normal[1] * y + normal[2] * z)
     reach = math.sqrt(x * x + y * y + z * z)
     cosine = against / reach if reach > 0 else 0.0
@@ -231,41 +239,26 @@ def slopes_at(points, p, lens):
 
 
 @part_with_arrays
-def pixel_density(points, i, j, k, normal, lens):
-    """Pixels a metre on a face along its worst direction, at its worst vertex; `cameras.along`."""
-    worst = math.inf
-    for s in range(3):
-        p = i if s == 0 else j if s == 1 else k
-        density = along(slopes_at(points, p, lens), normal[0], normal[1], normal[2])
-        worst = worst if density >= worst else density
-    return worst
+def densities(points, i, j, k, normal, lens, asks_density, asks_facing, asks_per_m2):
+    """Pixels a metre along the worst direction and of a facing target, and pixels a square metre.
 
-
-@part_with_arrays
-def facing_density(points, i, j, k, lens):
-    """Pixels a metre of a target that faces the camera at the worst vertex; `cameras.facing`.
-
-    0 for a face not wholly beyond the near plane, or not in the valid region of the lens.
+    Each at the worst vertex, see `cameras.along`, `facing`, `per_m2`; 0 where it is not asked for,
+    and for a face not wholly beyond the near plane, or not in the valid region of the lens.
     """
     if min(points[i, STATE], points[j, STATE], points[k, STATE]) == BEHIND:
-        return 0.0
-    worst = math.inf
+        return 0.0, 0.0, 0.0
+    density = math.inf if asks_density else 0.0
+    least_facing, least_per_m2 = math.inf if asks_facing else 0.0, math.inf if asks_per_m2 else 0.0
     for s in range(3):
-        p = i if s == 0 else j if s == 1 else k
-        worst = min(worst, facing(slopes_at(points, p, lens)))
-    return worst
-
-
-@part_with_arrays
-def pixels_per_m2(points, i, j, k, normal, lens):
-    """Pixels on a square metre of a face at the vertex where they are fewest; 0 as above."""
-    if min(points[i, STATE], points[j, STATE], points[k, STATE]) == BEHIND:
-        return 0.0
-    worst = math.inf
-    for s in range(3):
-        p = i if s == 0 else j if s == 1 else k
-        worst = min(worst, per_m2(slopes_at(points, p, lens), normal[0], normal[1], normal[2]))
-    return worst
+        slopes = slopes_at(points, i if s == 0 else j if s == 1 else k, lens)
+        if asks_density:
+            here = along(slopes, normal[0], normal[1], normal[2])
+            density = density if here >= density else here
+        if asks_facing:
+            least_facing = min(least_facing, facing(slopes))
+        if asks_per_m2:
+            least_per_m2 = min(least_per_m2, per_m2(slopes, normal[0], normal[1], normal[2]))
+    return density, least_facing, least_per_m2
 
 
 @part_with_arrays

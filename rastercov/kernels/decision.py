@@ -12,6 +12,7 @@ import math
 from numba.core import types
 
 from rastercov.kernels.cameras import along, facing, focus_depth, jacobian, per_m2, place
+from rastercov.kernels.criteria import turned
 from rastercov.kernels.jit import part_with_arrays
 from rastercov.kernels.simd import load
 from rastercov.kernels.simd_kernel import simd
@@ -21,13 +22,13 @@ AT_A_TIME = 8
 BLOCK_ROWS = 19
 """Measures of a face in a block."""
 (
-    COSINE, IN_VIEW, PART, AREA, DENSITY, FACING, PER_M2, VISIBLE, DRAWN, VISIBILITY, RESOLUTION,
-    FOCUSED, BOUND, KIND, COVERAGE, REASON, SIDE, OBLIQUE, STATE_OF_FACE,
+    IN_VIEW, PART, AREA, VISIBLE, DRAWN, RESOLUTION, DENSITY, FACING, FOCUSED, VISIBILITY, BOUND,
+    KIND, COSINE, COVERAGE, REASON, PER_M2, SIDE, OBLIQUE, STATE_OF_FACE,
 ) = range(BLOCK_ROWS)  # fmt: skip
-"""Rows of a block, see `rastercov.Coverage`: the cosine of the angle of incidence, figures in
-order, True and False and codes as 1, 0 and themselves; 1 for a face that is seen from the front, 0
-from behind, -1 for one without area; 1 where the angle of incidence is too large; and the state of
-all vertices. What is not asked for is 0."""
+"""Rows of a block: first the figures of `rastercov.Coverage` in order, with the cosine of the angle
+of incidence, True and False and codes as 1, 0 and themselves; pixels a m^2; 1 for a face that is
+seen from the front, 0 from behind, -1 for one without area; 1 where the angle of incidence is too
+large; and the state of all vertices. What is not asked for is 0."""
 LARGEST_RESOLUTION = 1e300
 """Of one face; a smaller R_min gives no more."""
 STATISTICAL, CERTIFIED, EXACT = 0, 1, 2
@@ -104,20 +105,14 @@ def judge_point(lens, rules, rotation, near, x, y, z, normals, i, is_two_sided):
         height = abs(height)
     if not height > 0.0:
         return BACK_FACING, 0.0
-    X = x * rotation[0, 0] + y * rotation[1, 0] + z * rotation[2, 0]
-    Y = x * rotation[0, 1] + y * rotation[1, 1] + z * rotation[2, 1]
-    Z = x * rotation[0, 2] + y * rotation[1, 2] + z * rotation[2, 2]
+    X, Y, Z = turned((x, y, z), rotation)
     depth, is_inside = place(lens, near, X, Y, Z)
     if not is_inside:
         return OUTSIDE, depth
     if not rules.z_n <= focus_depth(lens, X, Y, Z) <= rules.z_f:
         return OUT_OF_FOCUS, depth
     if max(rules.min_pixels_per_m2, rules.min_pixel_density, rules.min_facing_density) > 0.0:
-        a = b = c = 0.0
-        for k in range(3):
-            a += normals[i, k] * rotation[k, 0]
-            b += normals[i, k] * rotation[k, 1]
-            c += normals[i, k] * rotation[k, 2]
+        a, b, c = turned(normals[i], rotation)
         slopes = jacobian(lens, X, Y, Z)
         if not (
             per_m2(slopes, a, b, c) >= rules.min_pixels_per_m2

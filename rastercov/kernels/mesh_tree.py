@@ -12,16 +12,9 @@ both sides of an edge.
 C. Ericson. Real-Time Collision Detection. 2004, section 5.1.5, for the nearest point of a triangle.
 """
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.kernels.jit import allocation_free, compiled, part_of, part_with_arrays
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
 LEAF = 4
 """Triangles of a leaf."""
@@ -40,7 +33,7 @@ more than rounding and `LEAST_STEP` move a point."""
 
 
 @compiled
-def spread_bits(value: Any) -> Any:
+def spread_bits(value):
     """Move bit i of an integer below 2^21 to bit 3 i."""
     v = np.uint64(value)
     v = (v | (v << np.uint64(32))) & np.uint64(0x001F00000000FFFF)
@@ -51,14 +44,14 @@ def spread_bits(value: Any) -> Any:
 
 
 @compiled
-def box_centre(points: FloatArray, faces: NDArray[Any], f: int, k: int) -> Any:
+def box_centre(points, faces, f, k):
     """Coordinate k of the centre of a triangle's box."""
     p, q, r = points[faces[f, 0], k], points[faces[f, 1], k], points[faces[f, 2], k]
     return 0.5 * (min(p, min(q, r)) + max(p, max(q, r)))
 
 
 @compiled
-def order_keys(points: FloatArray, faces: NDArray[Any], keys: NDArray[np.uint64]) -> None:
+def order_keys(points, faces, keys):
     """Set `keys`, (T,): the position of the centre of each triangle's box along a Morton curve."""
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     for f in range(faces.shape[0]):
@@ -75,9 +68,7 @@ def order_keys(points: FloatArray, faces: NDArray[Any], keys: NDArray[np.uint64]
 
 
 @compiled
-def grow_boxes(
-    points: FloatArray, faces: NDArray[Any], margin: float, boxes: NDArray[Any], nodes: NDArray[Any]
-) -> None:
+def grow_boxes(points, faces, margin, boxes, nodes):
     """Set the (T, 6) boxes of the triangles, and the (2 L, 6) nodes of the tree above them.
 
     The faces are in the order of the keys; L is a power of two with L >= 2 and L * LEAF >= T. The
@@ -152,11 +143,11 @@ def hit_of(x, y, z, d_x, d_y, d_z, reach, own, is_nearest, corners, nodes, stack
 
     Parameters
     ----------
-    x, y, z, d_x, d_y, d_z, reach : float
+    x, y, z, d_x, d_y, d_z, reach
         Start, unit vector and length, in a scene of diagonal 1 about the origin.
-    own : int
+    own
         Triangle that does not count, in the order of the tree; -1 for none.
-    is_nearest : bool
+    is_nearest
         Search for the nearest one, which takes longer.
     corners, nodes : (T, 3, 3), (2 L, 6) float64
         Triangles in the order of the tree, and its boxes.
@@ -201,14 +192,7 @@ def hit_of(x, y, z, d_x, d_y, d_z, reach, own, is_nearest, corners, nodes, stack
 
 
 @compiled
-def hit_segments(
-    origins: FloatArray,
-    directions: FloatArray,
-    reaches: FloatArray,
-    corners: FloatArray,
-    nodes: FloatArray,
-    hit: BoolArray,
-) -> None:
+def hit_segments(origins, directions, reaches, corners, nodes, hit):
     """Set `hit` for segments that meet a triangle, in a scene of diagonal 1 about the origin.
 
     Directions are unit vectors; a segment without a positive reach, its length, meets nothing. The
@@ -227,13 +211,13 @@ def hit_segments(
 
 
 @compiled
-def dot(a: FloatArray, b: FloatArray) -> Any:
+def dot(a, b):
     """Dot product of two vectors."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @compiled
-def nearest_on_triangle(p: FloatArray, corners: FloatArray, out: FloatArray) -> float:
+def nearest_on_triangle(p, corners, out):
     """Squared distance of a point from a triangle with an area; `out` is its nearest point."""
     a, b, c = corners[0], corners[1], corners[2]
     ab, ac, bc = b - a, c - a, c - b
@@ -257,11 +241,11 @@ def nearest_on_triangle(p: FloatArray, corners: FloatArray, out: FloatArray) -> 
         total = va + vb + vc
         out[:] = a + vb / total * ab + vc / total * ac
     gap = p - out
-    return dot(gap, gap)  # type: ignore[no-any-return] # compiled: untyped
+    return dot(gap, gap)
 
 
 @compiled
-def box_distance(p: FloatArray, box: FloatArray) -> float:
+def box_distance(p, box):
     """Squared distance of a point from a box; 0 inside."""
     total = 0.0
     for k in range(3):
@@ -271,14 +255,7 @@ def box_distance(p: FloatArray, box: FloatArray) -> float:
 
 
 @compiled
-def nearest(
-    points: FloatArray,
-    corners: FloatArray,
-    nodes: FloatArray,
-    squared: FloatArray,
-    triangle: IntArray,
-    where: FloatArray,
-) -> None:
+def nearest(points, corners, nodes, squared, triangle, where):
     """Set squared distance, triangle and (N, 3) nearest point of the triangles for each point.
 
     Of several triangles at the same distance it is the first one that the traversal reaches. They
@@ -318,7 +295,7 @@ def nearest(
 
 
 @compiled
-def is_left(vertices: FloatArray, i: int, j: int, x: float, y: float) -> bool:
+def is_left(vertices, i, j, x, y):
     """True if a point lies to the left of the line from vertex i to j, seen along z.
 
     Computed from the lower to the higher index, so the two faces of an edge always agree.
@@ -331,9 +308,7 @@ def is_left(vertices: FloatArray, i: int, j: int, x: float, y: float) -> bool:
 
 
 @compiled
-def winding(
-    points: FloatArray, vertices: FloatArray, faces: IntArray, nodes: FloatArray, turns: IntArray
-) -> None:
+def winding(points, vertices, faces, nodes, turns):
     """Set `turns` to the winding number of a surface about each point.
 
     These are the signed crossings of a ray along +z: 1 inside a surface that faces outward, -1

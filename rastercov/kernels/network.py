@@ -40,10 +40,11 @@ so that a point beyond it is behind the face in any order of operations."""
 
 
 class Sums(NamedTuple):
-    """Sums of one thread over poses, see `rastercov.Network`; (F,) unless noted.
+    """Sums over poses of a batch, see `rastercov.Network`; (F,) unless noted.
 
     `best_row` is the row of the pose in its batch. `bounds` has the largest bound in view and the
-    largest of a covered pair, (2,).
+    largest of a covered pair, (2,). For each pose, (P,), of which those that were not added are 0:
+    the scored faces that it covers, the total of their coverage, and of their pixels.
     """
 
     views: NDArray[np.int64]
@@ -52,6 +53,9 @@ class Sums(NamedTuple):
     reason: NDArray[np.uint8]
     kinds: NDArray[np.int64]
     bounds: NDArray[np.float64]
+    covered_faces: NDArray[np.int64]
+    totals: NDArray[np.float64]
+    images: NDArray[np.float64]
 
 
 PairRows = namedtuple(
@@ -91,7 +95,7 @@ class Sink(NamedTuple):
 
 @part_with_arrays
 def add_pair(row, f, is_scored, coverage, reason, bound, kind, fraction, sums):
-    """Add the figures of a face in one pose; returns 1 if it is scored and covered.
+    """Add the figures of a face in one pose.
 
     Of equal coverages the least row of the batch is the best, whatever the order in which rows
     come. A pair that fails no later than for its back is not in view.
@@ -110,19 +114,15 @@ def add_pair(row, f, is_scored, coverage, reason, bound, kind, fraction, sums):
         sums.bounds[0] = max(sums.bounds[0], bound)
     if is_scored[f] and covers:
         sums.bounds[1] = max(sums.bounds[1], bound)
-        return 1
-    return 0
+        sums.covered_faces[row] += 1
 
 
 @allocation_free
-def add_rows(is_scored, coverage, reason, bound, kind, fraction, sums, covered_faces):
-    """Add rows of figures, (P, F) each, to `sums`.
-
-    Out: `covered_faces`, (P,), the scored faces that each pose covers.
-    """
+def add_rows(is_scored, coverage, reason, bound, kind, fraction, sums):
+    """Add rows of figures, (P, F) each, to `sums`."""
     for row in range(coverage.shape[0]):
         for f in range(coverage.shape[1]):
-            covered_faces[row] += add_pair(
+            add_pair(
                 row, f, is_scored, coverage[row, f], reason[row, f], bound[row, f],
                 int(kind[row, f]), fraction[row, f], sums,
             )  # fmt: skip
@@ -154,15 +154,16 @@ def add_row(at, pose_id, f, block, lane, rows):
 
 
 @part_with_arrays
-def measure_each(first, n, row, scene, lens, seen, work, rules, rounding, measures_all, has_rows):
+def measure_each(first, n, row, scene, lens, seen, work, rules, rounding, choice):
     """Measure n faces one by one; unless all are asked for, those seen from behind are left out."""
     block, pose, normals = work.block, seen.poses[row], scene.normals
+    has_rows = choice != NO_PAIRS
     for lane in range(n):
         f = first + lane
         height = normals[f, 0] * pose[0, 3] + normals[f, 1] * pose[1, 3]
         height = height + normals[f, 2] * pose[2, 3] - scene.offsets[f]
         is_behind = height < -rounding and not scene.two_sided[f]
-        if (is_behind or scene.degenerate[f]) and not measures_all:
+        if (is_behind or scene.degenerate[f]) and choice != ALL_PAIRS:
             block[code.SIDE, lane] = -1.0 if scene.degenerate[f] else 0.0
             block[code.PART, lane] = 0.0
             continue
@@ -176,12 +177,11 @@ def measure_each(first, n, row, scene, lens, seen, work, rules, rounding, measur
 
 
 @allocation_free
-def add_pose(row, turn, scene, lens, seen, work, rules, is_scored, sums, covered_faces, coverage,
-             sink):  # fmt: skip
+def add_pose(row, turn, scene, lens, seen, work, rules, is_scored, sums, coverage, sink):
     """Judge the faces in one pose and add them to `sums`, as `judge_poses` and `add_rows` would.
 
-    Out: an element of `covered_faces`, (P,), and `coverage`, (F,); and in `sink`, behind those of
-    this turn, the rows of the pairs that it asks for.
+    Out: `coverage`, (F,); and in `sink`, behind those of this turn, the rows of the pairs that it
+    asks for.
     """
     choice, n_faces, block, pose = sink.choice, scene.faces.shape[0], work.block, seen.poses[row]
     has_rows, has_kinds = choice != NO_PAIRS, seen.kind.size > 0
@@ -204,24 +204,12 @@ def add_pose(row, turn, scene, lens, seen, work, rules, is_scored, sums, covered
             has_kinds or has_rows or min(sums.bounds[0], sums.bounds[1]) < 1,
         )  # fmt: skip
         if has_bounds and not has_rows:
-            covered_faces[row] += add_lanes(
+            sums.covered_faces[row] += add_lanes(
                 first, row, pointer(is_scored), pointers(sums), pointer(coverage), pointer(block)
             )
             continue
         if not has_bounds:
-            measure_each(
-                first,
-                n,
-                row,
-                scene,
-                lens,
-                seen,
-                work,
-                rules,
-                rounding,
-                choice == ALL_PAIRS,
-                has_rows,
-            )
+            measure_each(first, n, row, scene, lens, seen, work, rules, rounding, choice)
             decide_block(rules, pointer(block))
         for lane in range(n):
             f, reason, part = first + lane, block[code.REASON, lane], block[code.PART, lane]
@@ -238,14 +226,14 @@ def add_pose(row, turn, scene, lens, seen, work, rules, is_scored, sums, covered
                 sink.counts[turn] += 1
                 add_row(at, sink.pose_ids[row], f, block, lane, sink.rows)
         if is_whole:
-            covered_faces[row] += add_lanes(
+            sums.covered_faces[row] += add_lanes(
                 first, row, pointer(is_scored), pointers(sums), pointer(coverage), pointer(block)
             )
             continue
         for lane in range(n):
             f = first + lane
             coverage[f] = block[code.COVERAGE, lane]
-            covered_faces[row] += add_pair(
+            add_pair(
                 row, f, is_scored, block[code.COVERAGE, lane], np.int64(block[code.REASON, lane]),
                 block[code.BOUND, lane], np.int64(block[code.KIND, lane]), block[code.PART, lane],
                 sums,

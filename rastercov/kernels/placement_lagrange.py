@@ -98,6 +98,29 @@ def most_earned(earned, costs, cameras, budget, amounts):
 
 
 @compiled
+def is_set_back(value, is_better, u, best_u, progress):
+    """Keep a better bound, or count a step without one; True where prices are the best again."""
+    if is_better:
+        progress[BEST], progress[WAITED] = value, 0
+        best_u[:] = u
+        return False
+    progress[WAITED] += 1
+    if progress[WAITED] < PATIENCE:
+        return False
+    progress[SCALE], progress[WAITED] = progress[SCALE] / 2, 0
+    u[:] = best_u
+    return True
+
+
+@compiled
+def has_ended(norm, is_reached, progress):
+    """True, and noted, where no step can give a better bound."""
+    if norm == 0 or is_reached or progress[SCALE] < 1e-4:
+        progress[ENDED] = 1.0
+    return progress[ENDED] > 0
+
+
+@compiled
 def best_weight(
     indptr, face, views, weights, costs, cameras, budget, u, best_u, progress, reached, steps
 ):  # fmt: skip
@@ -121,7 +144,6 @@ def best_weight(
     n, m = len(indptr) - 1, len(weights)
     earned, amounts, cover = np.empty(n), np.empty(n), np.empty(m)
     slope = np.empty(m)
-    best, scale, waited = progress[BEST], progress[SCALE], progress[WAITED]
     for _ in range(steps):
         _earn(indptr, face, u, earned)
         income = most_earned(earned, costs, cameras, budget, amounts)
@@ -135,22 +157,13 @@ def best_weight(
             if (u[f] <= 0 and slope[f] > 0) or (spare <= 0 and slope[f] < 0):
                 slope[f] = 0.0
             norm += slope[f] * slope[f]
-        if value < best - 1e-12:
-            best, waited = value, 0
-            best_u[:] = u
-        else:
-            waited += 1
-            if waited >= PATIENCE:
-                scale, waited = scale / 2, 0
-                u[:] = best_u
-                continue
-        if norm == 0 or best <= reached * (1 + 1e-12) or scale < 1e-4:
-            progress[ENDED] = 1.0
+        if is_set_back(value, value < progress[BEST] - 1e-12, u, best_u, progress):
+            continue
+        if has_ended(norm, progress[BEST] <= reached * (1 + 1e-12), progress):
             break
-        length = scale * max(value - reached, 1e-9) / norm
+        length = progress[SCALE] * max(value - reached, 1e-9) / norm
         for f in range(m):
             u[f] = min(max(u[f] - length * slope[f], 0.0), weights[f] / views[f])
-    progress[BEST], progress[SCALE], progress[WAITED] = best, scale, waited
 
 
 @compiled
@@ -178,7 +191,6 @@ def least_cost(
     earned, amounts, cover = np.empty(n), np.empty(n), np.empty(m)
     slope, z = np.empty(m), np.ones(m)
     all_of_it = least_total >= weights.sum()
-    best, scale, waited = progress[BEST], progress[SCALE], progress[WAITED]
     for _ in range(steps):
         _earn(indptr, face, u, earned)
         value = 0.0
@@ -195,22 +207,13 @@ def least_cost(
             if u[f] <= 0 and slope[f] < 0:
                 slope[f] = 0.0
             norm += slope[f] * slope[f]
-        if value > best + 1e-12:
-            best, waited = value, 0
-            best_u[:] = u
-        else:
-            waited += 1
-            if waited >= PATIENCE:
-                scale, waited = scale / 2, 0
-                u[:] = best_u
-                continue
-        if norm == 0 or best >= cost * (1 - 1e-12) or scale < 1e-4:
-            progress[ENDED] = 1.0
+        if is_set_back(value, value > progress[BEST] + 1e-12, u, best_u, progress):
+            continue
+        if has_ended(norm, progress[BEST] >= cost * (1 - 1e-12), progress):
             break
-        length = scale * max(1.02 * cost - value, 1e-9) / norm
+        length = progress[SCALE] * max(1.02 * cost - value, 1e-9) / norm
         for f in range(m):
             u[f] = max(u[f] + length * slope[f], 0.0)
-    progress[BEST], progress[SCALE], progress[WAITED] = best, scale, waited
 
 
 @compiled

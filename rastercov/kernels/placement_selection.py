@@ -110,12 +110,9 @@ def change(
         if (old >= wanted) != (new >= wanted):
             done[kind[f]] += sign * weights[f]
         if not has_rigs:
-            change_of_gain = (
-                _worth(new + 1, wanted, False, wanted, step[f], bonus[f])
-                - here
-                - _worth(old + 1, wanted, False, wanted, step[f], bonus[f])
-                + before
-            )
+            change_of_gain = before - here
+            change_of_gain += _worth(new + 1, wanted, False, wanted, step[f], bonus[f])
+            change_of_gain -= _worth(old + 1, wanted, False, wanted, step[f], bonus[f])
             if change_of_gain != 0:
                 work += starts[f + 1] - starts[f]
                 for i in range(starts[f], starts[f + 1]):
@@ -125,10 +122,9 @@ def change(
         i = starts[f]
         while i < starts[f + 1]:
             end = _run_end(cameras, owner, i, starts[f + 1])
-            n = end - i
-            gain[owner[cameras[i]], kind[f]] += (
-                _worth(new + n, wanted, False, wanted, step[f], bonus[f]) - here
-            ) - (_worth(old + n, wanted, False, wanted, step[f], bonus[f]) - before)
+            added = _worth(new + end - i, wanted, False, wanted, step[f], bonus[f]) - here
+            was = _worth(old + end - i, wanted, False, wanted, step[f], bonus[f]) - before
+            gain[owner[cameras[i]], kind[f]] += added - was
             i = end
     return work
 
@@ -198,33 +194,17 @@ def change_spread(
                     far_before = which == 2 or (which == 1 and sign < 0)
                     far_after = which == 2 or (which == 1 and sign > 0)
                     spread_before, spread_after = was_spread or far_before, now_spread or far_after
-                    changes[which] = (
-                        _worth(new + n, views[f], spread_after, need[f], step[f], bonus[f]) - here
-                    ) - (
-                        _worth(old + n, views[f], spread_before, need[f], step[f], bonus[f])
-                        - before
-                    )
+                    after = _worth(new + n, views[f], spread_after, need[f], step[f], bonus[f])
+                    was = _worth(old + n, views[f], spread_before, need[f], step[f], bonus[f])
+                    changes[which] = (after - here) - (was - before)
             gain[owner[cameras[i]], kind[f]] += changes[int(is_far) + int(is_far_of_all)]
             i = end
     return work
 
 
 @compiled
-def _score(gain, c, room, total_room, cost, by_cost):
-    """Gain of a candidate that counts, or gain by cost; 0 for none."""
-    worth, total = 0, 0
-    for g in range(len(room)):
-        worth += min(gain[c, g], room[g])
-        total += gain[c, g]
-    worth += min(total, total_room)
-    if worth <= 0:
-        return 0.0
-    return worth / max(cost, 1e-12) if by_cost else float(worth)
-
-
-@compiled
-def next_camera(gain, room, total_room, costs, rank, barred, most_cost, by_cost):
-    """Candidate with the greatest gain, or gain by cost; ties by rank; -1 for none.
+def scores(gain, room, total_room, costs, barred, most_cost, by_cost):
+    """(C,) gain of each candidate that counts, or gain by cost; 0 where it cannot be chosen.
 
     Parameters
     ----------
@@ -233,27 +213,33 @@ def next_camera(gain, room, total_room, costs, rank, barred, most_cost, by_cost)
         Upper limit of the gain that counts, by requirement.
     total_room : int
         Upper limit of the gain that counts in total.
-    costs, rank, barred : (C,) float64, int64, uint8
+    costs, barred : (C,) float64, uint8
         Barred candidates are excluded, and those that cost more than `most_cost`.
     """
-    best, best_score = -1, 0.0
+    found = np.zeros(len(gain))
     for c in range(len(gain)):
         if barred[c] or costs[c] > most_cost:
             continue
-        score = _score(gain, c, room, total_room, costs[c], by_cost)
-        if score > best_score or (score == best_score and best >= 0 and rank[c] < rank[best]):
-            best, best_score = c, score
-    return best
+        worth, total = 0, 0
+        for g in range(len(room)):
+            worth += min(gain[c, g], room[g])
+            total += gain[c, g]
+        worth += min(total, total_room)
+        if worth > 0:
+            found[c] = worth / max(costs[c], 1e-12) if by_cost else float(worth)
+    return found
 
 
 @compiled
-def scores(gain, room, total_room, costs, barred, most_cost, by_cost):
-    """(C,) scores by which `next_camera` chooses, 0 for candidates that it does not choose."""
-    found = np.zeros(len(gain))
-    for c in range(len(gain)):
-        if not barred[c] and costs[c] <= most_cost:
-            found[c] = _score(gain, c, room, total_room, costs[c], by_cost)
-    return found
+def next_camera(gain, room, total_room, costs, rank, barred, most_cost, by_cost):
+    """Candidate with the greatest of `scores`; ties by rank, (C,) int64; -1 for none."""
+    found = scores(gain, room, total_room, costs, barred, most_cost, by_cost)
+    best, best_score = -1, 0.0
+    for c in range(len(found)):
+        is_tie = found[c] == best_score and best >= 0 and rank[c] < rank[best]
+        if found[c] > best_score or is_tie:
+            best, best_score = c, found[c]
+    return best
 
 
 @compiled

@@ -17,6 +17,10 @@ from rastercov.kernels.raster_memory import (
     VERTICES,
     Plane,
 )
+from rastercov.kernels.simd_kernel import offset
+
+REACH = 0.99 * GUARD_BAND / STEPS
+"""Samples from the origin of the canvas beyond which faces are clipped."""
 
 
 @part_of
@@ -58,21 +62,43 @@ def clip(corners, n, normal, offset, out):
     return kept
 
 
+@part_of
+def clip_to_guard_band(polygon, n, lens, out):
+    """Clip `out`, of n corners, to |u| and |v| of at most `REACH` samples; returns their number.
+
+    `lens` has fx, fy, cx, cy in samples; `polygon` is overwritten.
+    """
+    is_far = False
+    for axis in range(2):
+        for i in range(n):
+            position = lens[axis] * out[3 * i + axis] + lens[2 + axis] * out[3 * i + 2]
+            is_far |= abs(position) > REACH * out[3 * i + 2]
+    for side in range(4 if is_far else 0):
+        # |u| <= REACH, |v| <= REACH: +-(f x + c z) <= REACH z
+        sign, axis = 1.0 - 2.0 * (side & 1), side >> 1
+        across, along = sign * lens[axis], sign * lens[2 + axis] + REACH
+        normal = (across, 0.0, along) if axis == 0 else (0.0, across, along)
+        for i in range(3 * n):
+            polygon[i] = out[i]
+        n = clip(polygon, n, normal, 0.0, out)
+    return n
+
+
 @compiled
-def plane_of(corners, camera):
+def plane_of(corners, lens):
     """Plane of 1/z of a face with these corners, not finite where it contains the camera centre.
 
-    Corners of a face cut at the near plane can be much nearer than the part in camera that a
-    plane through them has lost half of its digits.
+    1/z = n . r / (n . a) is affine in the image. Corners of a face cut at the near plane can be
+    much nearer than the part in camera that a plane through them has lost half of its digits.
     """
     ax, ay, az = corners[0], corners[1], corners[2]
     ab_x, ab_y, ab_z = corners[3] - ax, corners[4] - ay, corners[5] - az
     ac_x, ac_y, ac_z = corners[6] - ax, corners[7] - ay, corners[8] - az
     x, y, z = ab_y * ac_z - ab_z * ac_y, ab_z * ac_x - ab_x * ac_z, ab_x * ac_y - ab_y * ac_x
     height = x * ax + y * ay + z * az
-    slope_x, slope_y = x / (height * camera[INTRINSICS]), y / (height * camera[INTRINSICS + 1])
-    first_x, first_y = 0.5 - camera[INTRINSICS + 2], 0.5 - camera[INTRINSICS + 3]
-    return Plane(z / height + slope_x * first_x + slope_y * first_y, slope_x, slope_y)
+    slope_x, slope_y = x / (height * lens[0]), y / (height * lens[1])
+    origin = z / height + slope_x * (0.5 - lens[2]) + slope_y * (0.5 - lens[3])
+    return Plane(origin, slope_x, slope_y)
 
 
 @compiled
@@ -90,38 +116,26 @@ def clip_face(mesh, cluster, packed, camera, window, vertices, polygon, out):
         z = mesh.points[vertex + 2 * stride] - camera[EYE + 2]
         for k in range(3):
             polygon[3 * i + k] = x * camera[k] + y * camera[3 + k] + z * camera[6 + k]
-    plane = plane_of(polygon, camera)
+    lens = offset(camera, INTRINSICS)
+    plane = plane_of(polygon, lens)
     n = clip(polygon, 3, (0.0, 0.0, 1.0), camera[NEAR], out)
     # Beyond the border of the window nothing covers a sample.
-    reach = 0.99 * GUARD_BAND / STEPS
     lows, highs = (0.0, float(window.top)), (window.right + 1.0, window.bottom + 1.0)
-    is_far = False
     for axis in range(2):
         n_below, n_above = 0, 0
         for i in range(n):
             z = out[3 * i + 2]
-            position = (
-                camera[INTRINSICS + axis] * out[3 * i + axis] + camera[INTRINSICS + 2 + axis] * z
-            )
+            position = lens[axis] * out[3 * i + axis] + lens[2 + axis] * z
             n_below += position < lows[axis] * z
             n_above += position > highs[axis] * z
-            is_far |= abs(position) > reach * z
         if n_below == n or n_above == n:
             return 0, plane
-    for side in range(4 if is_far else 0):
-        # |u| <= reach, |v| <= reach: +-(f x + c z) <= reach z
-        sign, axis = 1.0 - 2.0 * (side & 1), side >> 1
-        across = sign * camera[INTRINSICS + axis]
-        along = sign * camera[INTRINSICS + 2 + axis] + reach
-        normal = (across, 0.0, along) if axis == 0 else (0.0, across, along)
-        for i in range(3 * n):
-            polygon[i] = out[i]
-        n = clip(polygon, n, normal, 0.0, out)
+    n = clip_to_guard_band(polygon, n, lens, out)
     for i in range(n):
         to = VERTICES + i
         w = 1.0 / out[3 * i + 2]
-        u = (camera[INTRINSICS] * out[3 * i] * w + camera[INTRINSICS + 2]) * STEPS
-        v = (camera[INTRINSICS + 1] * out[3 * i + 1] * w + camera[INTRINSICS + 3]) * STEPS
+        u = (lens[0] * out[3 * i] * w + lens[2]) * STEPS
+        v = (lens[1] * out[3 * i + 1] * w + lens[3]) * STEPS
         vertices.u[to], vertices.v[to], vertices.w[to] = u, v, w
         vertices.x[to], vertices.y[to] = np.floor(u + 0.5), np.floor(v + 0.5)
     return n, plane

@@ -179,6 +179,22 @@ def gather_positions(vertices, faces, order, starts, n, marks, vertex_starts, po
             count += 1
 
 
+@part_with_arrays
+def difference(vertices, p, q):
+    """Vector from vertex q to vertex p."""
+    return (
+        vertices[p, 0] - vertices[q, 0],
+        vertices[p, 1] - vertices[q, 1],
+        vertices[p, 2] - vertices[q, 2],
+    )
+
+
+@part_with_arrays
+def dot(p, q):
+    """Dot product of two vectors."""
+    return p[0] * q[0] + p[1] * q[1] + p[2] * q[2]
+
+
 @compiled
 def cluster_bounds(vertices, faces, order, starts, n, vertex_starts, points, bounds):
     """Write sphere, cone of normals, planes and altitudes of clusters, see `Clusters.bounds`."""
@@ -202,48 +218,31 @@ def cluster_bounds(vertices, faces, order, starts, n, vertex_starts, points, bou
         offset = altitude = np.inf
         for i in range(starts[k], starts[k + 1]):
             a, b, c = faces[order[i], 0], faces[order[i], 1], faces[order[i], 2]
-            ab_x, ab_y, ab_z = (
-                vertices[b, 0] - vertices[a, 0],
-                vertices[b, 1] - vertices[a, 1],
-                vertices[b, 2] - vertices[a, 2],
-            )
-            ac_x, ac_y, ac_z = (
-                vertices[c, 0] - vertices[a, 0],
-                vertices[c, 1] - vertices[a, 1],
-                vertices[c, 2] - vertices[a, 2],
-            )
-            bc_x, bc_y, bc_z = ac_x - ab_x, ac_y - ab_y, ac_z - ab_z
+            ab, ac = difference(vertices, b, a), difference(vertices, c, a)
+            bc = ac[0] - ab[0], ac[1] - ab[1], ac[2] - ab[2]
             x, y, z = (
-                ab_y * ac_z - ab_z * ac_y,
-                ab_z * ac_x - ab_x * ac_z,
-                ab_x * ac_y - ab_y * ac_x,
+                ab[1] * ac[2] - ab[2] * ac[1],
+                ab[2] * ac[0] - ab[0] * ac[2],
+                ab[0] * ac[1] - ab[1] * ac[0],
             )
             doubled = np.sqrt(x * x + y * y + z * z)
-            longest = max(
-                ab_x * ab_x + ab_y * ab_y + ab_z * ab_z,
-                ac_x * ac_x + ac_y * ac_y + ac_z * ac_z,
-                bc_x * bc_x + bc_y * bc_y + bc_z * bc_z,
-            )
+            longest = max(dot(ab, ab), dot(ac, ac), dot(bc, bc))
             altitude = min(altitude, doubled / np.sqrt(longest) if longest > 0 else 0.0)
             scale = 1.0 / doubled if doubled > 0 else 0.0
             x, y, z = x * scale, y * scale, z * scale
             row = normals[i - starts[k]]
             row[0], row[1], row[2] = x, y, z
             sum_x, sum_y, sum_z = sum_x + x, sum_y + y, sum_z + z
-            away = (
-                x * (vertices[a, 0] - bounds[0, k])
-                + y * (vertices[a, 1] - bounds[1, k])
-                + z * (vertices[a, 2] - bounds[2, k])
-            )
-            offset = min(offset, away)
+            middle = bounds[0, k], bounds[1, k], bounds[2, k]
+            corner = vertices[a, 0], vertices[a, 1], vertices[a, 2]
+            away = corner[0] - middle[0], corner[1] - middle[1], corner[2] - middle[2]
+            offset = min(offset, dot((x, y, z), away))
         length = np.sqrt(sum_x * sum_x + sum_y * sum_y + sum_z * sum_z)
         scale = 1.0 / length if length > 0 else 0.0
         sum_x, sum_y, sum_z = sum_x * scale, sum_y * scale, sum_z * scale
         cosine = 1.0 if length > 0 else -1.0
         for i in range(starts[k + 1] - starts[k]):
-            cosine = min(
-                cosine, normals[i, 0] * sum_x + normals[i, 1] * sum_y + normals[i, 2] * sum_z
-            )
+            cosine = min(cosine, dot(normals[i], (sum_x, sum_y, sum_z)))
         angle = np.arccos(max(-1.0, cosine)) + 1e-7  # rounding, of cosines near 1 above all
         for axis, value in enumerate((sum_x, sum_y, sum_z)):
             bounds[CONE_AXIS + axis, k] = value

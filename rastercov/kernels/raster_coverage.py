@@ -49,14 +49,20 @@ def mask_in_image(bits, block_x, block_y, window):
 
 
 @part_of
-def blocks_of(k, setup):
-    """First and last column, first and last row of the blocks that a triangle reaches."""
+def samples_of(k, setup):
+    """First and last column, first and last row of the samples that a triangle reaches."""
+    bounds = setup.bounds
     return (
-        np.int64(setup.bounds[FIRST_X * LANES + k] >> SIDE_BITS),
-        np.int64(setup.bounds[LAST_X * LANES + k] >> SIDE_BITS),
-        np.int64(setup.bounds[FIRST_Y * LANES + k] >> SIDE_BITS),
-        np.int64(setup.bounds[LAST_Y * LANES + k] >> SIDE_BITS),
-    )
+        np.int64(bounds[FIRST_X * LANES + k]), np.int64(bounds[LAST_X * LANES + k]),
+        np.int64(bounds[FIRST_Y * LANES + k]), np.int64(bounds[LAST_Y * LANES + k]),
+    )  # fmt: skip
+
+
+@part_of
+def blocks_of(k, setup):
+    """The same of the blocks that it reaches."""
+    first_x, last_x, first_y, last_y = samples_of(k, setup)
+    return first_x >> SIDE_BITS, last_x >> SIDE_BITS, first_y >> SIDE_BITS, last_y >> SIDE_BITS
 
 
 @part_of

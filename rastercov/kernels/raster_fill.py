@@ -22,6 +22,7 @@ from rastercov.kernels.raster_coverage import (
     count_hidden_lanes,
     counts_in_blocks,
     mask_in_image,
+    samples_of,
 )
 from rastercov.kernels.raster_memory import (
     ALL_LANES,
@@ -31,8 +32,6 @@ from rastercov.kernels.raster_memory import (
     FOURFOLD,
     GREATEST,
     LANES,
-    LAST_X,
-    LAST_Y,
     MIN_VECTOR_FACES,
     ORIGIN,
     SIDE,
@@ -296,14 +295,10 @@ def hidden_lanes(chosen, setup, target):
     while chosen:
         k = lowest_bit(chosen)
         chosen &= chosen - 1
-        samples = (
-            np.int64(setup.bounds[FIRST_X * LANES + k]),
-            np.int64(setup.bounds[LAST_X * LANES + k]),
-            np.int64(setup.bounds[FIRST_Y * LANES + k]),
-            np.int64(setup.bounds[LAST_Y * LANES + k]),
-        )
         nearest = setup.plane32[GREATEST * LANES + k]
-        hidden |= np.int64(is_hidden(samples, nearest, target.window, target.image)) << k
+        hidden |= (
+            np.int64(is_hidden(samples_of(k, setup), nearest, target.window, target.image)) << k
+        )
     return hidden
 
 

@@ -354,17 +354,9 @@ def count_poses(poses, canvas, bands, clusters, buffers, output, scratch):
                 pointer(visible[p]), pointer(drawn[p if with_drawn else 0]), with_drawn, weights
             )
             filled += draw_band(
-                window,
-                len(bands),
-                canvas,
-                clusters,
-                mesh,
-                buffers,
-                counts,
-                cell_bounds,
-                scratch,
+                window, len(bands), canvas, clusters, mesh, buffers, counts, cell_bounds, scratch,
                 workspace,
-            )
+            )  # fmt: skip
         output.filled[p] = filled
 
 
@@ -398,16 +390,3 @@ def read_band(top, bottom, columns, buffers, image_face, image_depth):
                 if buffers.depth[sample] > 0:
                     image_face[row, column] = buffers.face[sample]
                     image_depth[row, column] = np.float32(1.0 / buffers.depth[sample])
-
-
-@compiled
-def read_depths(columns, buffers, depth):
-    """Copy the depths of the band that `count_poses` left in its buffers, metres, to (h, w)."""
-    for row in range(depth.shape[0]):
-        for column in range(depth.shape[1]):
-            block = (row >> SIDE_BITS) * columns + (column >> SIDE_BITS)
-            if buffers.marks[block >> STRIP_BITS]:
-                sample = (block << SIDE_BITS) + (row & (SIDE - 1))
-                sample = (sample << SIDE_BITS) + (column & (SIDE - 1))
-                if buffers.depth[sample] > 0:
-                    depth[row, column] = np.float32(1.0 / buffers.depth[sample])

@@ -11,16 +11,14 @@ J. Pineda. A Parallel Algorithm for Polygon Rasterization. 1988.
 import numpy as np
 
 from rastercov.kernels.jit import compiled, part_of
-from rastercov.kernels.raster_clipping import clip
-from rastercov.kernels.raster_memory import CLIP_CORNERS, GUARD_BAND, HALF_SAMPLE, STEP_BITS, STEPS
+from rastercov.kernels.raster_clipping import clip, clip_to_guard_band, plane_of
+from rastercov.kernels.raster_memory import CLIP_CORNERS, HALF_SAMPLE, STEP_BITS, STEPS
 
 TIE_REL = 2.0**-20
 """Depth by which a surface must be in front of a target to hide it, relative: 8 roundings to
 float32, by which the depths of one surface differ between devices."""
 MOST_TESTED = 24
 """Samples of a row, at most, that are tested one by one."""
-REACH = 0.99 * GUARD_BAND / STEPS
-"""Samples from the origin of the canvas beyond which targets are clipped."""
 
 
 @part_of
@@ -43,29 +41,6 @@ def put_in_camera(corners, f, axes, eye, polygon):
         x, y, z = corners[f, i, 0] - eye[0], corners[f, i, 1] - eye[1], corners[f, i, 2] - eye[2]
         for k in range(3):
             polygon[3 * i + k] = x * axes[0, k] + y * axes[1, k] + z * axes[2, k]
-
-
-@part_of
-def clip_to_canvas(polygon, lens, near, out):
-    """Clip a face to the near plane and the guard band; returns the corner count of `out`.
-
-    `polygon` is overwritten.
-    """
-    n = clip(polygon, 3, (0.0, 0.0, 1.0), near, out)
-    is_far = False
-    for axis in range(2):
-        for i in range(n):
-            position = lens[axis] * out[3 * i + axis] + lens[2 + axis] * out[3 * i + 2]
-            is_far |= abs(position) > REACH * out[3 * i + 2]
-    for side in range(4 if is_far else 0):
-        # |u| <= REACH, |v| <= REACH: +-(f x + c z) <= REACH z
-        sign, axis = 1.0 - 2.0 * (side & 1), side >> 1
-        across, along = sign * lens[axis], sign * lens[2 + axis] + REACH
-        normal = (across, 0.0, along) if axis == 0 else (0.0, across, along)
-        for i in range(3 * n):
-            polygon[i] = out[i]
-        n = clip(polygon, n, normal, 0.0, out)
-    return n
 
 
 @compiled
@@ -130,12 +105,10 @@ def count_triangle(x, y, plane, least, greatest, tile, runs, depth, sums):
             begin, end = samples_right_of(c + (begin - first) * c_step, c_step, begin, end)
         if begin > end:
             continue
+        n = end - begin + 1
         if is_weighted:
             n = np.int64(sums[row - top, end + 1 - left] - sums[row - top, begin - left])
-            covered += n
-        else:
-            n = end - begin + 1
-            covered += n
+        covered += n
         if n == 0 or not sees:
             continue
         start = plane[0] + plane[2] * row
@@ -196,12 +169,9 @@ def count_targets(corners, axes, eye, lens, near, rows, tile, runs, depth, sums,
         put_in_camera(corners, f, axes, eye, polygon)
         if is_beside(polygon, lens, tile):
             continue
-        ax, ay, az = polygon[0], polygon[1], polygon[2]
-        dx, dy, dz = polygon[3] - ax, polygon[4] - ay, polygon[5] - az
-        ex, ey, ez = polygon[6] - ax, polygon[7] - ay, polygon[8] - az
-        nx, ny, nz = dy * ez - dz * ey, dz * ex - dx * ez, dx * ey - dy * ex
-        height = nx * ax + ny * ay + nz * az
-        n = clip_to_canvas(polygon, lens, near, out)
+        plane = plane_of(polygon, lens)
+        n = clip(polygon, 3, (0.0, 0.0, 1.0), near, out)
+        n = clip_to_guard_band(polygon, n, lens, out)
         if n < 3:
             continue
         least, greatest = np.inf, 0.0
@@ -210,9 +180,7 @@ def count_targets(corners, axes, eye, lens, near, rows, tile, runs, depth, sums,
             u[i] = (lens[0] * out[3 * i] * w[i] + lens[2]) * STEPS
             v[i] = (lens[1] * out[3 * i + 1] * w[i] + lens[3]) * STEPS
             least, greatest = min(least, w[i]), max(greatest, w[i])
-        # 1/z = n . r / height is affine in the image.
-        across, down = nx / (height * lens[0]), ny / (height * lens[1])
-        origin = nz / height + across * (0.5 - lens[2]) + down * (0.5 - lens[3])
+        origin, across, down = plane
         if not (np.isfinite(origin) and np.isfinite(across) and np.isfinite(down)):
             origin, across, down = greatest, 0.0, 0.0
         for k in range(n - 2):
@@ -235,7 +203,7 @@ def rows_of_targets(corners, axes, eye, lens, near, height, rows):
     polygon, out = np.empty(3 * CLIP_CORNERS), np.empty(3 * CLIP_CORNERS)
     for f in range(corners.shape[0]):
         put_in_camera(corners, f, axes, eye, polygon)
-        n = clip_to_canvas(polygon, lens, near, out)
+        n = clip_to_guard_band(polygon, clip(polygon, 3, (0.0, 0.0, 1.0), near, out), lens, out)
         least, most = np.inf, -np.inf
         for i in range(n if n >= 3 else 0):
             v = lens[1] * out[3 * i + 1] / out[3 * i + 2] + lens[3]

@@ -309,10 +309,7 @@ def lookup(context: Any, array: Any, n: int, index: Vector) -> Vector:
         _permuted(pairs, index.lanes(start, width).to(WORD if kind == WORD else LONG))
         for start in range(0, len(index), width)
     ]
-    while len(found) > 1:
-        picked = ir.Constant(ir.VectorType(WORD, 16), list(range(16)))
-        found = [Vector(builder, builder.shuffle_vector(found[0].value, found[1].value, picked))]
-    return found[0]
+    return joined(*found)
 
 
 def _permuted(pairs: Sequence[Sequence[Vector]], index: Vector) -> Vector:

@@ -17,6 +17,7 @@ import math
 import numpy as np
 
 from rastercov.kernels.cameras import along, by_lens, jacobian
+from rastercov.kernels.criteria import turned
 from rastercov.kernels.jit import allocation_free, compiled, part_with_arrays
 from rastercov.kernels.lens import is_valid
 
@@ -228,14 +229,10 @@ def is_ahead(lens, x, y, z):
 def density_at(x, y, z, pose, normal, lens):
     """Pixels a metre along the worst direction of a surface at a point; 0 where it has no image."""
     a, b, c = x - pose[0, 3], y - pose[1, 3], z - pose[2, 3]
-    right = a * pose[0, 0] + b * pose[1, 0] + c * pose[2, 0]
-    down = a * pose[0, 1] + b * pose[1, 1] + c * pose[2, 1]
-    depth = a * pose[0, 2] + b * pose[1, 2] + c * pose[2, 2]
+    right, down, depth = turned((a, b, c), pose)
     if not is_ahead(lens, right, down, depth):
         return 0.0
-    nx = normal[0] * pose[0, 0] + normal[1] * pose[1, 0] + normal[2] * pose[2, 0]
-    ny = normal[0] * pose[0, 1] + normal[1] * pose[1, 1] + normal[2] * pose[2, 1]
-    nz = normal[0] * pose[0, 2] + normal[1] * pose[1, 2] + normal[2] * pose[2, 2]
+    nx, ny, nz = turned(normal, pose)
     return along(jacobian(lens, right, down, depth), nx, ny, nz)
 
 

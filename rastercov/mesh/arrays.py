@@ -43,14 +43,9 @@ def check_coordinates(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -
 
 
 def checked_vertices(vertices: ArrayLike) -> NDArray[np.float64]:
-    """(V, 3) float64 copy, or MeshError."""
+    """(V, 3) float64 copy, or MeshError, or ResourceError."""
     points = checked_array("vertices", vertices, "iuf", "real numbers", MeshError)
-    if points.ndim != 2 or points.shape[1] != 3:
-        raise MeshError(f"vertices must have shape (V, 3), got {points.shape}; pass x, y, z rows")
-    if len(points) > MOST_FACES:
-        raise ResourceError(
-            f"a mesh holds at most {MOST_FACES} vertices, got {len(points)}; split it"
-        )
+    _check_rows("vertices", "V", points, "pass x, y, z rows")
     return owned("vertices", points, np.float64)
 
 
@@ -59,15 +54,23 @@ def checked_faces(faces: ArrayLike) -> NDArray[np.int64]:
     corners = checked_array("faces", faces, "iu", "integers", MeshError)
     if corners.size == 0:
         raise MeshError("no triangles: faces must have at least one row, got none; add faces")
-    if corners.ndim != 2 or corners.shape[1] != 3:
-        raise MeshError(
-            f"faces must have shape (F, 3), got {corners.shape}; triangulate quads first"
-        )
-    if len(corners) > MOST_FACES:
-        raise ResourceError(
-            f"a mesh holds at most {MOST_FACES} faces, got {len(corners)}; split it"
-        )
+    _check_rows("faces", "F", corners, "triangulate quads first")
     return owned("faces", corners, np.int64)
+
+
+def _check_rows(name: str, letter: str, rows: NDArray[Any], advice: str) -> None:
+    if rows.ndim != 2 or rows.shape[1] != 3:
+        raise MeshError(f"{name} must have shape ({letter}, 3), got {rows.shape}; {advice}")
+    if len(rows) > MOST_FACES:
+        raise ResourceError(f"a mesh holds at most {MOST_FACES} {name}, got {len(rows)}; split it")
+
+
+def bounds_of(vertices: NDArray[np.float64], faces: NDArray[Any]) -> NDArray[np.float64]:
+    """(2, 3) lowest and highest coordinates of the vertices that faces use."""
+    is_used = np.zeros(len(vertices), dtype=bool)
+    is_used[faces] = True
+    used = vertices if is_used.all() else vertices[is_used]
+    return np.stack([used.min(axis=0), used.max(axis=0)])
 
 
 def face_labels(name: str, values: ArrayLike, n_faces: int) -> NDArray[np.int64]:

@@ -11,23 +11,21 @@ numbers.
 """
 
 import math
-import os
-import threading
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.threads import Once
+from rastercov.base.threads import Once, share_poses, thread_count
 from rastercov.kernels import mesh_contacts as kernels
 from rastercov.kernels import mesh_tree
-from rastercov.mesh.arrays import blocks, normals_and_areas
+from rastercov.mesh.arrays import blocks, bounds_of, normals_and_areas
 from rastercov.mesh.topology import first_equal_row
 
+T = TypeVar("T")
 BoolArray = NDArray[np.bool_]
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -130,8 +128,8 @@ ROUNDING_FACTOR = 1.01
 STEPS_A_CALL = 20_000
 """Steps through the tree before a compiled loop returns: a few milliseconds, or a second if many
 faces meet in one place."""
-LEAVES_A_TURN = 2048
-"""Leaves of a chunk, the unit of work of a thread."""
+LEAVES_A_PART = 128
+"""Leaves that a thread works on at a time, or a few times as many."""
 FRAME_SAMPLES = 4096
 """Greatest number of faces on which two frames for the boxes are compared."""
 MOST_PARTNERS = 24
@@ -183,10 +181,7 @@ class Contacts:
     degenerate_mask: NDArray[np.bool_]
     diagonal: float
     components: Callable[[], NDArray[np.integer[Any]]]
-    _known: dict[tuple[int, bool], Once[NDArray[np.bool_]]] = field(
-        default_factory=dict, init=False
-    )
-    _partners: dict[int, Once[Partners]] = field(default_factory=dict, init=False)
+    _known: dict[tuple[int, str], Once[Any]] = field(default_factory=dict, init=False)
 
     @property
     def reach(self) -> float:
@@ -195,36 +190,40 @@ class Contacts:
 
     def faces_for(self, distance: float = 0.0) -> NDArray[np.bool_]:
         """(F,) faces in contact, for cameras with no surface beyond `distance`, metres."""
-        return self._faces(self._decade(distance), within=False)
+        return self._once("all", distance, self._touching)
 
     def partners_for(self, distance: float = 0.0) -> Partners:
         """For each face in contact the others that it touches or cuts; see `faces_for`."""
-        decade = self._decade(distance)
-        return self._partners.setdefault(decade, Once()).get(
-            lambda: contact_partners(
-                self.vertices, self.faces, CONTACT * 10**decade * self.diagonal,
-                self._faces(decade, within=False),
-            )
+        return self._once(
+            "partners", distance,
+            lambda tolerance: contact_partners(
+                self.vertices, self.faces, tolerance, self.faces_for(distance)
+            ),
         )  # fmt: skip
 
     def faces_within_components(self, distance: float = 0.0) -> NDArray[np.bool_]:
         """(F,) faces in contact with one of their own edge-connected component; see `faces_for`."""
-        decade = self._decade(distance)
-        any_contact = self._faces(decade, within=False)
-        return self._faces(decade, within=True) if any_contact.any() else any_contact
+        any_contact = self.faces_for(distance)
+        if not any_contact.any():
+            return any_contact
+        return self._once(
+            "within", distance, lambda tolerance: self._touching(tolerance, self.components())
+        )
 
-    def _decade(self, distance: float) -> int:
-        far = distance / self.reach if self.diagonal > 0 else 1.0
-        return max(0, math.ceil(math.log10(max(far, 1.0))))
-
-    def _faces(self, decade: int, within: bool) -> NDArray[np.bool_]:
-        return self._known.setdefault((decade, within), Once()).get(
-            lambda: touching_faces(
-                self.vertices, self.faces, CONTACT * 10**decade * self.diagonal,
-                degenerate_mask=self.degenerate_mask,
-                labels=self.components() if within else None,
-            )
+    def _touching(
+        self, tolerance: float, labels: NDArray[np.integer[Any]] | None = None
+    ) -> NDArray[np.bool_]:
+        return touching_faces(
+            self.vertices, self.faces, tolerance, degenerate_mask=self.degenerate_mask,
+            labels=labels,
         )  # fmt: skip
+
+    def _once(self, what: str, distance: float, make: Callable[[float], T]) -> T:
+        """Answer for a distance, made of the tolerance in metres, once a decade of distances."""
+        far = distance / self.reach if self.diagonal > 0 else 1.0
+        decade = max(0, math.ceil(math.log10(max(far, 1.0))))
+        once: Once[T] = self._known.setdefault((decade, what), Once())
+        return once.get(lambda: make(CONTACT * 10**decade * self.diagonal))
 
 
 def touching_faces(
@@ -355,7 +354,7 @@ class _Placed:
         dtype = np.int32 if len(vertices) < 2**31 else np.int64
         position: NDArray[Any] = first_equal_row(vertices.view(np.uint64)).astype(dtype)
         corners = _corners(position, faces, chosen)
-        low, high = _bounds(vertices, corners)
+        low, high = bounds_of(vertices, corners)
         extent = math.hypot(*(high - low))  # its squares may under- and overflow
         scale = 1 / max(extent, 1e-300)  # the inverse of a smaller number can be infinite
         reach = ROUNDING_FACTOR * max(float(tolerance), LEAST_TOLERANCE_REL * extent) * scale
@@ -373,14 +372,6 @@ def _corners(
     for block in blocks(len(chosen)):
         corners[block] = position[faces[chosen[block]]]
     return corners
-
-
-def _bounds(vertices: FloatArray, corners: NDArray[np.int32]) -> tuple[FloatArray, FloatArray]:
-    """Lowest and highest coordinates of the vertices that faces use."""
-    is_used = np.zeros(len(vertices), dtype=bool)
-    is_used[corners] = True
-    used = vertices if is_used.all() else vertices[is_used]
-    return used.min(axis=0), used.max(axis=0)
 
 
 def _frame(placed: FloatArray, corners: NDArray[np.int32]) -> FloatArray:
@@ -407,34 +398,17 @@ def _box_area(points: FloatArray) -> float:
 def _marks(placed: _Placed, labels: NDArray[np.int32], threads: int | None) -> NDArray[np.bool_]:
     """(N,) faces in contact, in the order of the tree."""
     tree = placed.tree
-    last = -(-len(tree.faces) // LEAF)
     done, marks = tree.nodes[:, 0] == np.inf, np.zeros(len(tree.faces), dtype=bool)
-    turns = [(start, min(start + LEAVES_A_TURN, last)) for start in range(0, last, LEAVES_A_TURN)]
-    stopped = threading.Event()
 
-    def work(_: int) -> None:
-        try:
-            while turns:
-                try:
-                    start, end = turns.pop()
-                except IndexError:  # another thread took the last one
-                    return
-                while start < end and not stopped.is_set():
-                    start = kernels.mark_contacts(
-                        placed.vertices, placed.scale, tree.points, tree.faces, labels, tree.boxes,
-                        tree.nodes, done, placed.reach, start, end, STEPS_A_CALL, marks,
-                    )  # fmt: skip
-        finally:
-            turns.clear()  # empty already, except after an error: then all stop
+    def mark(leaves: slice) -> None:
+        start, end = leaves.start * LEAVES_A_PART, min(leaves.stop * LEAVES_A_PART, n_leaves)
+        while start < end:
+            start = kernels.mark_contacts(
+                placed.vertices, placed.scale, tree.points, tree.faces, labels, tree.boxes,
+                tree.nodes, done, placed.reach, start, end, STEPS_A_CALL, marks,
+            )  # fmt: skip
 
-    n_threads = min(threads or len(os.sched_getaffinity(0)), len(turns))
-    if n_threads == 1:
-        work(0)
-    else:
-        with ThreadPoolExecutor(n_threads) as pool:
-            try:
-                list(pool.map(work, range(n_threads)))
-            finally:
-                turns.clear()  # after an interrupt, the threads end after their current call
-                stopped.set()
+    n_leaves = -(-len(tree.faces) // LEAF)
+    n_parts = -(-n_leaves // LEAVES_A_PART)
+    share_poses(n_parts, [mark] * min(thread_count(threads), n_parts))
     return marks

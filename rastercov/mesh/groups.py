@@ -5,8 +5,9 @@ path, its name or its stem; `*`, `?` and `[...]` are wildcards, unless something
 """
 
 import difflib
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from fnmatch import fnmatchcase
 from hashlib import blake2b
 from pathlib import Path
@@ -93,10 +94,8 @@ def by_file(
             except MeshError as error:
                 raise MeshError(f"{what} {quoted(name)}: {error}") from None
             if not rows:
-                raise MeshError(
-                    f"{what}: there is no mesh file {quoted(name)}; files are "
-                    f"{listed(map(str, paths), name)}"
-                )
+                known = listed(map(str, paths), name)
+                raise MeshError(f"{what}: there is no mesh file {quoted(name)}; files are {known}")
             rank = 2 if is_exact else 1
         for row in rows:
             if rank in found[row]:
@@ -186,12 +185,11 @@ def refuse_twice(
     parts : iterable of (str, (V, 3) float64, (F, 3) int64)
         Name, vertices and faces of each; the corners of all faces are compared, bit by bit.
     """
-    alike: dict[int, list[tuple[str, NDArray[np.float64], NDArray[np.int64]]]] = {}
-    for part in parts:
-        alike.setdefault(len(part[2]), []).append(part)
-    for each in alike.values():
-        first: dict[bytes, str] = {}
-        for name, vertices, faces in each if len(each) > 1 else ():
+    parts = list(parts)
+    n_alike = Counter(len(faces) for _, _, faces in parts)
+    first: dict[bytes, str] = {}
+    for name, vertices, faces in parts:
+        if n_alike[len(faces)] > 1:
             corners = vertices[faces] + 0.0  # zeros of either sign are equal
             digest = blake2b(corners.tobytes()).digest()
             if digest in first:
@@ -226,10 +224,7 @@ class Group:
         for name in ("is_occluder", "is_two_sided", "is_target"):
             object.__setattr__(self, name, flag(name, getattr(self, name)))
         if self.is_occluder and self.is_target:
-            raise MeshError(
-                f"group {self.name!r} must have one role, got occluder and target; an occluder "
-                "hides and is not scored, a target is scored and hides nothing"
-            )
+            raise MeshError(f"group {self.name!r} must have one role, got occluder and target")
 
     @property
     def role(self) -> str:
@@ -276,18 +271,17 @@ def flagged(
     targets: Iterable[str] | None,
 ) -> tuple[Group, ...]:
     """Groups with a flag set on exactly the named ones; None keeps that flag."""
-    hiding, transparent = named("occluders", occluders, names), named("targets", targets, names)
     is_all = isinstance(two_sided, str) and two_sided == "all"
-    both = set(names.groups) if is_all else named("two_sided", two_sided, names)
-    return tuple(
-        replace(
-            group,
-            is_occluder=group.is_occluder if hiding is None else group.name in hiding,
-            is_two_sided=group.is_two_sided if both is None else group.name in both,
-            is_target=group.is_target if transparent is None else group.name in transparent,
-        )
-        for group in groups
-    )
+    chosen: dict[str, set[str] | None] = {
+        "is_occluder": named("occluders", occluders, names),
+        "is_two_sided": set(names.groups) if is_all else named("two_sided", two_sided, names),
+        "is_target": named("targets", targets, names),
+    }
+    found = []
+    for group in groups:
+        flags = {flag: group.name in own for flag, own in chosen.items() if own is not None}
+        found.append(Group(**(asdict(group) | flags)))
+    return tuple(found)
 
 
 def named(argument: str, given: Iterable[str] | None, names: Names) -> set[str] | None:

@@ -13,18 +13,23 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov.base.arguments import check_kind, members
+from rastercov.base.arguments import check_kind, finite_points, members
+from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import MeshError
 from rastercov.base.files import StrPath, is_file, printable, suffix_of
-from rastercov.base.format import shortened
+from rastercov.base.format import plural, shortened, size_in_words
 from rastercov.base.typed import check_type
 from rastercov.mesh.arrays import (
+    blocks,
+    bounds_of,
     check_coordinates,
     checked_faces,
     checked_vertices,
     encloses_volume,
     face_labels,
     frozen,
+    normals_and_areas,
+    rotation_about,
     some,
 )
 from rastercov.mesh.formats import LARGEST_FILE, READERS, metres_per, paths_of, read_files
@@ -38,115 +43,10 @@ from rastercov.mesh.groups import (
     of_files,
     refuse_twice,
 )
-from rastercov.mesh.topology import Topology, surface_faults
+from rastercov.mesh.topology import Topology, first_equal_row
 
 if TYPE_CHECKING:
     from rastercov.mesh.contacts import Contacts
-from rastercov.base.arguments import checked_array, owned
-from rastercov.base.checks import finite_number, shown
-from rastercov.base.format import size_in_words
-from rastercov.mesh.arrays import blocks, normals_and_areas, rotation_about
-from rastercov.mesh.topology import first_equal_row
-
-
-class Faces:
-    """Faces with groups; arrays as of `Mesh`."""
-
-    vertices: NDArray[np.float64]
-    faces: NDArray[np.int64]
-    groups: tuple[Group, ...]
-    face_group: NDArray[np.int32]
-
-    @property
-    def n_faces(self) -> int:
-        """Number of faces F."""
-        return len(self.faces)
-
-    @property
-    def n_vertices(self) -> int:
-        """Number of vertices V."""
-        return len(self.vertices)
-
-    @cached_property
-    def task_mask(self) -> NDArray[np.bool_]:
-        """(F,) faces that are scored, of the task or a target: all but the occluders."""
-        scored = np.array([not group.is_occluder for group in self.groups])
-        return frozen(scored[self.face_group])
-
-    @cached_property
-    def two_sided_mask(self) -> NDArray[np.bool_]:
-        """(F,) faces that count as covered from either side."""
-        two_sided = np.array([group.is_two_sided for group in self.groups])
-        return frozen(two_sided[self.face_group])
-
-    @cached_property
-    def target_mask(self) -> NDArray[np.bool_]:
-        """(F,) faces that are scored but hide nothing."""
-        transparent = np.array([group.is_target for group in self.groups])
-        return frozen(transparent[self.face_group])
-
-    @cached_property
-    def bounds(self) -> NDArray[np.float64]:
-        """(2, 3) lowest and highest coordinates of the vertices that faces use, metres."""
-        is_used = np.zeros(self.n_vertices, dtype=bool)
-        is_used[self.faces] = True
-        used = self.vertices[is_used]
-        return frozen(np.stack([used.min(axis=0), used.max(axis=0)]))
-
-    @property
-    def size_in_words(self) -> str:
-        """Extent along x, y and z with its unit, such as "85 x 62 x 20 m"."""
-        return size_in_words(np.ptp(self.bounds, axis=0))
-
-    @cached_property
-    def centroids(self) -> NDArray[np.float64]:
-        """(F, 3) mean of each face's vertices, metres."""
-        centroids = np.empty((self.n_faces, 3))
-        for block in blocks(self.n_faces):
-            centroids[block] = self.vertices[self.faces[block]].mean(axis=1)
-        return frozen(centroids)
-
-    @cached_property
-    def _normals_and_areas(self) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
-        normals, areas, least_sine = normals_and_areas(self.vertices, self.faces)
-        return frozen(normals), frozen(areas), least_sine
-
-    @property
-    def normals(self) -> NDArray[np.float64]:
-        """(F, 3) unit normals, right-hand rule; 0 for degenerate faces."""
-        return self._normals_and_areas[0]
-
-    @cached_property
-    def plane_offsets(self) -> NDArray[np.float64]:
-        """(F,) scalar product of the normal and the centroid of each face, metres."""
-        return frozen(np.einsum("fi,fi->f", self.normals, self.centroids))
-
-    @property
-    def areas(self) -> NDArray[np.float64]:
-        """(F,) areas, m^2; exactly 0 for degenerate faces."""
-        return self._normals_and_areas[1]
-
-    @property
-    def least_sine(self) -> float:
-        """Least sine of the angle between the first two edges of a face that is not degenerate."""
-        return self._normals_and_areas[2]
-
-    @cached_property
-    def degenerate_mask(self) -> NDArray[np.bool_]:
-        """(F,) faces without area, to within rounding, or with a repeated vertex."""
-        return frozen(~np.any(self.normals, axis=1))
-
-    @cached_property
-    def welded_faces(self) -> NDArray[np.int64]:
-        """(F, 3) vertex indices like `faces`, the same one for all vertices at one point."""
-        same = first_equal_row((self.vertices + 0.0).view(np.uint64))  # -0.0 + 0.0 is 0.0
-        return frozen(same[self.faces])
-
-    @cached_property
-    def duplicate_mask(self) -> NDArray[np.bool_]:
-        """(F,) later copies of a face: the same three positions, in any order."""
-        same = first_equal_row(np.sort(self.welded_faces, axis=1).view(np.uint64))
-        return frozen(same != np.arange(self.n_faces))
 
 
 __all__ = ["Group", "Mesh", "MeshSource"]
@@ -171,7 +71,7 @@ class MeshSource:
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
-class Mesh(Faces):
+class Mesh:
     """Triangle mesh with groups of faces; a frozen value with read-only arrays.
 
     Threads may share a mesh. A derived property is computed at its first use, possibly in several
@@ -225,10 +125,9 @@ class Mesh(Faces):
         n_faces = len(corners)
         outside = np.any((corners < 0) | (corners >= len(points)), axis=1)
         if outside.any():
-            face = int(outside.argmax())
             raise MeshError(
-                f"face indices must lie in 0 ... {len(points) - 1}, face {face} has "
-                f"{corners[face].tolist()} ({some(outside)}); correct the indices"
+                f"face indices must lie in 0 ... {len(points) - 1}, face {outside.argmax()} has "
+                f"{corners[outside.argmax()].tolist()} ({some(outside)}); correct the indices"
             )
         check_coordinates(points, corners)
         groups, labels = checked_groups(groups, face_group, n_faces)
@@ -311,7 +210,7 @@ class Mesh(Faces):
         check_type("memory_budget", memory_budget, int | None)
         paths = paths_of(path)
         scales = [metres_per(each) for each in of_files("unit", unit, paths, "m")]
-        places = of_files("transforms", transforms or {}, paths, {})
+        places = of_files("transforms", transforms if len(transforms) else {}, paths, {})
         if name := _built_in(paths):
             if len(paths) > 1 or scales != [1.0]:
                 raise MeshError(f"{name} is built in: it takes no unit and no other mesh files")
@@ -424,13 +323,12 @@ class Mesh(Faces):
     def _with_flags(self, groups: tuple[Group, ...]) -> Self:
         """Mesh with other flags of the same groups; shares this mesh's arrays."""
         other = object.__new__(type(self))
-        depends_on_groups = {"task_mask", "two_sided_mask", "target_mask", "_opaque", "warnings"}
+        stale = {"task_mask", "two_sided_mask", "target_mask", "_opaque", "warnings"}
         if any(a.is_target != b.is_target for a, b in zip(groups, self.groups, strict=True)):
-            depends_on_groups |= DEPENDS_ON_TARGETS
+            stale |= DEPENDS_ON_TARGETS
         # Copied in one step: another thread may be adding a cached property.
-        cached = vars(self).copy()
-        other.__dict__.update({k: v for k, v in cached.items() if k not in depends_on_groups})
-        object.__setattr__(other, "groups", groups)
+        cached = vars(self).copy() | {"groups": groups}
+        other.__dict__.update({name: cached[name] for name in cached.keys() - stale})
         return other
 
     def moved(
@@ -464,16 +362,107 @@ class Mesh(Faces):
         MeshError
             A value is not finite or outside its range, or the result is no mesh.
         """
-        faces, vertices = (
-            self.faces,
-            moved_points(self.vertices, scale, axis, angle_deg, translation),
-        )
+        faces = self.faces
+        vertices = moved_points(self.vertices, scale, axis, angle_deg, translation)
         if groups is not None:
             moving = named("groups", groups, names_of(self)) or set()
             is_moved = np.array([group.name in moving for group in self.groups])[self.face_group]
-            vertices, faces = with_moved_faces(self.vertices, vertices, faces, is_moved)
+            rows = faces + self.n_vertices * is_moved[:, None]
+            used, corners = np.unique(rows, return_inverse=True)
+            vertices, faces = (
+                np.concatenate([self.vertices, vertices])[used],
+                corners.reshape(-1, 3),
+            )
         others = {name: getattr(self, name) for name in self.__dataclass_fields__}
         return Mesh(**(others | {"vertices": vertices, "faces": faces}))
+
+    @property
+    def n_faces(self) -> int:
+        """Number of faces F."""
+        return len(self.faces)
+
+    @property
+    def n_vertices(self) -> int:
+        """Number of vertices V."""
+        return len(self.vertices)
+
+    @cached_property
+    def task_mask(self) -> NDArray[np.bool_]:
+        """(F,) faces that are scored, of the task or a target: all but the occluders."""
+        scored = np.array([not group.is_occluder for group in self.groups])
+        return frozen(scored[self.face_group])
+
+    @cached_property
+    def two_sided_mask(self) -> NDArray[np.bool_]:
+        """(F,) faces that count as covered from either side."""
+        two_sided = np.array([group.is_two_sided for group in self.groups])
+        return frozen(two_sided[self.face_group])
+
+    @cached_property
+    def target_mask(self) -> NDArray[np.bool_]:
+        """(F,) faces that are scored but hide nothing."""
+        transparent = np.array([group.is_target for group in self.groups])
+        return frozen(transparent[self.face_group])
+
+    @cached_property
+    def bounds(self) -> NDArray[np.float64]:
+        """(2, 3) lowest and highest coordinates of the vertices that faces use, metres."""
+        return frozen(bounds_of(self.vertices, self.faces))
+
+    @property
+    def size_in_words(self) -> str:
+        """Extent along x, y and z with its unit, such as "85 x 62 x 20 m"."""
+        return size_in_words(np.ptp(self.bounds, axis=0))
+
+    @cached_property
+    def centroids(self) -> NDArray[np.float64]:
+        """(F, 3) mean of each face's vertices, metres."""
+        centroids = np.empty((self.n_faces, 3))
+        for block in blocks(self.n_faces):
+            centroids[block] = self.vertices[self.faces[block]].mean(axis=1)
+        return frozen(centroids)
+
+    @cached_property
+    def _normals_and_areas(self) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+        normals, areas, least_sine = normals_and_areas(self.vertices, self.faces)
+        return frozen(normals), frozen(areas), least_sine
+
+    @property
+    def normals(self) -> NDArray[np.float64]:
+        """(F, 3) unit normals, right-hand rule; 0 for degenerate faces."""
+        return self._normals_and_areas[0]
+
+    @cached_property
+    def plane_offsets(self) -> NDArray[np.float64]:
+        """(F,) scalar product of the normal and the centroid of each face, metres."""
+        return frozen(np.einsum("fi,fi->f", self.normals, self.centroids))
+
+    @property
+    def areas(self) -> NDArray[np.float64]:
+        """(F,) areas, m^2; exactly 0 for degenerate faces."""
+        return self._normals_and_areas[1]
+
+    @property
+    def least_sine(self) -> float:
+        """Least sine of the angle between the first two edges of a face that is not degenerate."""
+        return self._normals_and_areas[2]
+
+    @cached_property
+    def degenerate_mask(self) -> NDArray[np.bool_]:
+        """(F,) faces without area, to within rounding, or with a repeated vertex."""
+        return frozen(~np.any(self.normals, axis=1))
+
+    @cached_property
+    def welded_faces(self) -> NDArray[np.int64]:
+        """(F, 3) vertex indices like `faces`, the same one for all vertices at one point."""
+        same = first_equal_row((self.vertices + 0.0).view(np.uint64))  # -0.0 + 0.0 is 0.0
+        return frozen(same[self.faces])
+
+    @cached_property
+    def duplicate_mask(self) -> NDArray[np.bool_]:
+        """(F,) later copies of a face: the same three positions, in any order."""
+        same = first_equal_row(np.sort(self.welded_faces, axis=1).view(np.uint64))
+        return frozen(same != np.arange(self.n_faces))
 
     @property
     def has_targets(self) -> bool:
@@ -602,12 +591,27 @@ class Mesh(Faces):
             if n_flat:
                 found.append(f"{n_flat} degenerate faces of targets, without area")
             return tuple(found)
-        is_oriented = self.is_closed and self.is_consistently_wound
-        found += surface_faults(
-            self.topology,
-            self.inside_out_mask if is_oriented else None,
-            self.self_contact_mask if self.is_closed_outward else None,
-        )
+        edges = self.topology
+        if edges.n_boundary_edges:
+            found.append(f"open surface: {edges.n_boundary_edges} boundary edges")
+        if edges.n_nonmanifold_edges:
+            found.append(f"{edges.n_nonmanifold_edges} edges have more than two faces")
+        if n := edges.n_inconsistent_edges:
+            found.append(
+                f"inconsistent winding at {n} of {edges.n_shared_edges} shared edges "
+                f"({n / edges.n_shared_edges:.1%}); declare groups two_sided"
+            )
+        elif self.is_closed and (n := int(self.inside_out_mask.sum())):
+            found.append(
+                f"inside out: {n} of {len(self.inside_out_mask)} closed components enclose no "
+                "positive volume (a cavity does that, too)"
+            )
+        if self.is_closed_outward and self.self_contact_mask.any():
+            found.append(
+                "the closed surface cuts or touches itself at "
+                f"{plural(self.self_contact_mask.sum(), 'face')}, face "
+                f"{self.self_contact_mask.argmax()} among them: its back may show"
+            )
         if self.degenerate_mask.any():
             found.append(f"{self.degenerate_mask.sum()} degenerate faces without area")
         if self.duplicate_mask.any():
@@ -657,48 +661,17 @@ def moved_points(
 ) -> NDArray[np.float64]:
     """Points (N, 3) of `Mesh.moved`: scaled, then turned, then translated."""
     factor, angle = finite_number(scale), np.radians(finite_number(angle_deg))
-    direction, offset = _triple("axis", axis), _triple("translation", translation)
-    length = np.linalg.norm(direction)
+    wanted = "three finite numbers"
+    direction = finite_points("axis", axis, (3,), wanted, MeshError)
+    offset = finite_points("translation", translation, (3,), wanted, MeshError)
     if not factor > 0:
         raise MeshError(f"scale must be a number above 0, got {shown(scale)}; correct it")
     if not np.isfinite(angle):
         raise MeshError(f"angle_deg must be a finite number, got {shown(angle_deg)}")
-    if not length > 0:
+    if not np.linalg.norm(direction) > 0:
         raise MeshError(f"axis must be a direction, got {direction.tolist()}; correct it")
     with np.errstate(over="ignore", invalid="ignore"):  # the constructor finds what overflows
         moved = points * factor
         if angle:
             moved = moved @ rotation_about(direction, angle).T
         return moved + offset
-
-
-def with_moved_faces(
-    vertices: NDArray[np.float64],
-    moved: NDArray[np.float64],
-    faces: NDArray[np.int64],
-    is_moved: NDArray[np.bool_],
-) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Vertices and faces of a mesh of which some faces, `is_moved` (F,), use `moved` vertices.
-
-    Vertices that they share with the others are doubled.
-    """
-    is_used = np.zeros((2, len(vertices)), bool)
-    for row, mask in enumerate((is_moved, ~is_moved)):
-        is_used[row, faces[mask]] = True
-    shared = np.flatnonzero(is_used.all(axis=0))
-    number = np.arange(len(vertices))
-    number[shared] = len(vertices) + np.arange(len(shared))
-    renumbered = faces.copy()
-    renumbered[is_moved] = number[faces[is_moved]]
-    moves_alone = is_used[0] & ~is_used[1]
-    kept = np.where(moves_alone[:, None], moved, vertices)
-    return np.concatenate([kept, moved[shared]]), renumbered
-
-
-def _triple(name: str, values: ArrayLike) -> NDArray[np.float64]:
-    """(3,) finite numbers, or MeshError."""
-    wanted = "three finite numbers"
-    triple = owned(name, checked_array(name, values, "iuf", wanted, MeshError), np.float64)
-    if triple.shape != (3,) or not np.isfinite(triple).all():
-        raise MeshError(f"{name} must be {wanted}, got {shown(values)}; correct it")
-    return triple

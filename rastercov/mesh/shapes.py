@@ -114,9 +114,8 @@ def torus(
     """
     _at_least(3, n_major=n_major, n_minor=n_minor)
     if not 0 < minor_radius < major_radius <= LARGEST_COORDINATE:
-        raise MeshError(
-            f"a torus needs 0 < minor_radius < major_radius, got {minor_radius} and {major_radius}"
-        )
+        got = f"{minor_radius} and {major_radius}"
+        raise MeshError(f"a torus needs 0 < minor_radius < major_radius, got {got}")
     around = (2 * np.pi / n_major * np.arange(n_major))[:, None]
     tube = (2 * np.pi / n_minor * np.arange(n_minor))[None]
     r, z = major_radius + minor_radius * np.cos(tube), minor_radius * np.sin(tube)
@@ -236,63 +235,20 @@ def room(n: int = 8) -> Mesh:
     """
     shell = box((6.0, 5.0, 2.8), n, (0.0, 0.0, 1.4))
     m = (n + 1) // 2
-    crates = (
+    parts = [
+        Mesh(shell.vertices, shell.faces[:, ::-1]),
         box((1.2, 0.8, 1.0), m, (-1.5, -1.0, 0.6)),
         box((0.8, 0.8, 0.8), m, (1.2, 0.9, 0.5)),
         box((0.8, 1.2, 1.6), m, (1.6, -1.4, 0.9)),
-    )
-    starts = shell.n_vertices + crates[0].n_vertices * np.arange(len(crates))
-    boxes = [crate.faces + start for crate, start in zip(crates, starts, strict=True)]
-    faces = np.concatenate([shell.faces[:, ::-1], *boxes])
+    ]
+    starts = np.cumsum([0, *(part.n_vertices for part in parts)])
+    faces = np.concatenate([p.faces + start for p, start in zip(parts, starts, strict=False)])
     return Mesh(
-        vertices=np.concatenate([shell.vertices, *(crate.vertices for crate in crates)]),
+        vertices=np.concatenate([part.vertices for part in parts]),
         faces=faces,
         groups=(Group("room"), Group("crates")),
         face_group=(np.arange(len(faces)) >= shell.n_faces).astype(np.int32),
     )
-
-
-@typed
-def tessellated_plane(
-    n_columns: int = 10,
-    n_rows: int = 10,
-    width: float = 1.0,
-    height: float = 1.0,
-    jitter: float = 0.2,
-    seed: int = 0,
-) -> Mesh:
-    """Irregular triangulation of a rectangle in the plane z = 0, facing +z, centred at 0.
-
-    Parameters
-    ----------
-    n_columns, n_rows : int
-        Cells along x and y.
-    width, height : float
-        Extent along x and y, metres.
-    jitter : float
-        Inner vertices move by up to this fraction of a cell along x and y, 0 <= jitter < 0.25, so
-        that no face degenerates or flips. The outline of the rectangle is exact.
-    seed : int
-        Seed of the jitter.
-
-    Returns
-    -------
-    Mesh
-        2 n_columns n_rows faces that cover the rectangle exactly once.
-    """
-    _at_least(1, n_columns=n_columns, n_rows=n_rows)
-    if not 0 <= jitter < 0.25:
-        raise MeshError(f"jitter must lie in [0, 0.25), got {jitter}; more would turn faces over")
-    _positive(width=width, height=height)
-    check_seed(seed)
-    row, column = np.indices((n_rows + 1, n_columns + 1))
-    cells = np.stack([column, row], axis=-1).astype(np.float64)
-    inner = cells[1:-1, 1:-1]
-    inner += np.random.default_rng(seed).uniform(-jitter, jitter, size=inner.shape)
-    flat = (cells / (n_columns, n_rows) - 0.5) * (width, height)
-    corners = np.arange(row.size).reshape(row.shape)
-    points = np.pad(flat.reshape(-1, 2), ((0, 0), (0, 1)))
-    return Mesh(vertices=points, faces=_triangulated(corners))
 
 
 BUILT_IN |= {
@@ -320,18 +276,15 @@ def by_name(name: str) -> Mesh:
 
 def _at_least(least: int, **counts: int) -> None:
     for name, count in counts.items():
-        if count < least:
-            raise MeshError(f"{name} must be at least {least}, got {count}")
-        if count > MOST_A_SIDE:
-            raise MeshError(f"{name} must be at most {MOST_A_SIDE}, got {shown(count)}")
+        if not least <= count <= MOST_A_SIDE:
+            raise MeshError(f"{name} must be {least} to {MOST_A_SIDE}, got {shown(count)}")
 
 
 def _positive(**lengths: float) -> None:
     for name, length in lengths.items():
-        if not length > 0:
-            raise MeshError(f"{name} must be positive, got {length}; give metres")
-        if length > LARGEST_COORDINATE:
-            raise MeshError(f"{name} must be at most {LARGEST_COORDINATE:g} m, got {length}")
+        if not 0 < length <= LARGEST_COORDINATE:
+            wanted = f"above 0 and at most {LARGEST_COORDINATE:g} m"
+            raise MeshError(f"{name} must be {wanted}, got {length}")
 
 
 def _weld(lattice: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.intp]]:

@@ -61,10 +61,8 @@ def sheet_above(mesh: Mesh, group: str | Sequence[str], height: float) -> Mesh:
     is_member = np.array([each.name in members for each in mesh.groups])[mesh.face_group]
     chosen = is_member & (upward >= math.cos(math.radians(STEEPEST_DEG)))
     if not chosen.any():
-        raise MeshError(
-            f"group {listed(sorted(members))!r} has no face that faces up, +z, within "
-            f"{STEEPEST_DEG:g} degrees; name a floor, or turn its faces over"
-        )
+        own = repr(listed(sorted(members)))
+        raise MeshError(f"group {own} has no face that faces up within {STEEPEST_DEG:g} degrees")
     faces = mesh.faces[chosen]
     is_turned = mesh.normals[chosen, 2] < 0
     faces[is_turned] = faces[is_turned, ::-1]
@@ -98,10 +96,8 @@ def box_grid(
     lowest, highest = _corners(low, high)
     cells = np.asarray(count)
     if not (lowest < highest).all():
-        raise MeshError(
-            "a volume needs corners low < high on every axis, "
-            f"got {lowest.tolist()} and {highest.tolist()}"
-        )
+        both = f"{lowest.tolist()} and {highest.tolist()}"
+        raise MeshError(f"a volume needs corners low < high on every axis, got {both}")
     if cells.shape != (3,) or cells.dtype.kind not in "iu" or not (cells >= 1).all():
         raise MeshError(f"count must be three whole numbers of 1 or more, got {cells.tolist()}")
     n_boxes = math.prod(cells.tolist())
@@ -109,10 +105,8 @@ def box_grid(
         raise MeshError(f"a grid must have at most {MOST_BOXES:,} boxes, got {n_boxes:,}")
     cell = (highest - lowest) / cells
     if size is not None and not 0 < size <= cell.min() * (1 + 1e-9):
-        raise MeshError(
-            f"size must be above 0 and at most that of a cell, {cell.min():.3g} m, got {size:g} m; "
-            "take smaller boxes or fewer"
-        )
+        most = f"{cell.min():.3g} m"
+        raise MeshError(f"size must be above 0 and at most that of a cell, {most}, got {size:g} m")
     half = (cell / 2 if size is None else np.full(3, size)) / 2
     corners = np.array([(k & 1, k >> 1 & 1, k >> 2) for k in range(8)]) * 2.0 - 1
     places = np.array(list(product(*(range(n) for n in cells.tolist()))))

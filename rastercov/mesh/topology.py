@@ -11,7 +11,6 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.format import plural
 from rastercov.mesh.arrays import blocks, frozen
 
 ODD_MULTIPLIERS = (0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9)
@@ -201,37 +200,3 @@ class Topology:
         number = np.cumsum(root == np.arange(self.n_faces)) - 1
         part: NDArray[np.int64] = number[root]
         return part
-
-
-def surface_faults(
-    topology: Topology,
-    inside_out: NDArray[np.bool_] | None,
-    self_contact: NDArray[np.bool_] | None,
-) -> list[str]:
-    """One line for each fault that the edges of a surface show.
-
-    `inside_out`, (C,), is looked at if the surface is closed and consistently wound, and
-    `self_contact`, (F,), if it also encloses positive volume; None otherwise.
-    """
-    found = []
-    if topology.n_boundary_edges:
-        found.append(f"open surface: {topology.n_boundary_edges} boundary edges")
-    if topology.n_nonmanifold_edges:
-        found.append(f"{topology.n_nonmanifold_edges} edges have more than two faces")
-    if topology.n_inconsistent_edges:
-        share = topology.n_inconsistent_edges / topology.n_shared_edges
-        found.append(
-            f"inconsistent winding at {topology.n_inconsistent_edges} of "
-            f"{topology.n_shared_edges} shared edges ({share:.1%}); declare groups two_sided"
-        )
-    if inside_out is not None and inside_out.any():
-        found.append(
-            f"inside out: {inside_out.sum()} of {len(inside_out)} closed components enclose no "
-            "positive volume (a cavity does that, too)"
-        )
-    if self_contact is not None and self_contact.any():
-        found.append(
-            f"the closed surface cuts or touches itself at {plural(self_contact.sum(), 'face')}, "
-            f"face {self_contact.argmax()} among them: its back may show"
-        )
-    return found

@@ -30,7 +30,7 @@ from rastercov.coverage.area.cells import Cells, cells, usual_size
 from rastercov.coverage.area.network import AreaNetwork, cameras_apart, unit_of_result
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.network import Network
-from rastercov.coverage.shards import EvaluationShards, Source, Wanted, open_for
+from rastercov.coverage.shards import EvaluationShards, Staff, Wanted, judged_parts, open_for
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.placement.bits import CoveredBits
@@ -72,19 +72,30 @@ class Groups:
     alone_m2: FloatArray
     subset: Selection | None = None
 
+    @property
+    def redundant(self) -> BoolArray:
+        """(G,) groups without which, one at a time, all remains covered."""
+        return self.lost_m2 <= 0
+
+    def figures(self, row: int) -> dict[str, float]:
+        """Areas of a group, ready for JSON."""
+        return {
+            name: float(getattr(self, name)[row]) for name in ("seen_m2", "lost_m2", "alone_m2")
+        }
+
     def entries(self, what: str) -> list[dict[str, Any]]:
         """Figures of each group, with its name as entry `what`, ready for JSON."""
-        counts = np.bincount(self.of_pose, minlength=len(self.names))
+        counts = np.bincount(self.of_pose, minlength=len(self.names)).tolist()
         return [
-            {
-                what: self.names[row],
-                "poses": int(counts[row]),
-                "seen_m2": float(self.seen_m2[row]),
-                "lost_m2": float(self.lost_m2[row]),
-                "alone_m2": float(self.alone_m2[row]),
-            }
-            for row in range(len(self.names))
+            {what: name, "poses": counts[row]} | self.figures(row)
+            for row, name in enumerate(self.names)
         ]
+
+    def fewest(self) -> dict[str, Any]:
+        """The smallest subset with the names of its groups, ready for JSON."""
+        assert self.subset is not None
+        chosen = [self.names[row] for row in self.subset.chosen]
+        return self.subset.summary() | {"names": chosen}
 
 
 def groups_of(
@@ -112,23 +123,15 @@ def groups_of(
     weights = problem.weights[element]
     views = np.bincount(face, minlength=problem.n_faces)
 
-    def total(chosen: BoolArray) -> FloatArray:
-        found: FloatArray = np.bincount(group[chosen], weights[chosen], len(names)).astype(float)
-        return found
+    def total(is_counted: BoolArray | float) -> FloatArray:
+        return np.bincount(group, weights * is_counted, len(names)).astype(np.float64)
 
     if problem.min_angle > 0:
         lost = _lost_one_by_one(problem, covered, of_pose, len(names))
     else:
         lost = total(covered[element] & (views[element] - times < problem.views[element]))
     subset = select_greedy(_choice(problem, of_pose, len(names))) if has_subset else None
-    return Groups(
-        names=names,
-        of_pose=of_pose,
-        seen_m2=total(np.ones(len(pairs), np.bool_)),
-        lost_m2=lost,
-        alone_m2=total(times == views[element]),
-        subset=subset,
-    )
+    return Groups(names, of_pose, total(1.0), lost, total(times == views[element]), subset)
 
 
 def _lost_one_by_one(
@@ -159,9 +162,12 @@ def _choice(problem: Problem, of_pose: IntArray, n_groups: int) -> Problem:
 LOG = logging.getLogger("rastercov")
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class Audit(InOneLine):
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class Audit(Groups, InOneLine):
     """Figures of P cameras over E elements of the task surface, faces or cells.
+
+    Each pose is a group of its own; names are those of the poses, and the subset is the fewest
+    cameras found that cover the same elements, with a bound: no fewer can.
 
     Attributes
     ----------
@@ -169,8 +175,6 @@ class Audit(InOneLine):
         Unit of the result; the elements are cells or faces.
     poses : Poses
         The cameras, those without fault.
-    names : tuple of str
-        Name of each, (P,).
     cells : Cells or None
         The elements, where the result is by area.
     problem : Problem
@@ -185,10 +189,6 @@ class Audit(InOneLine):
         Greatest angle between the rays from its centroid to two of them, radians.
     covered : (E,) bool
         Elements with enough cameras, from directions that differ as asked.
-    seen_m2, lost_m2, alone_m2 : (P,) float64
-        Area that each camera covers, that is covered no more without it, and that no other covers.
-    subset : Selection
-        Fewest cameras found that cover the same elements, with a bound: no fewer can.
     network : Network
         By face: views, best coverage and reasons.
     areas : AreaNetwork or None
@@ -206,28 +206,19 @@ class Audit(InOneLine):
     task: Task
     by: str
     poses: Poses
-    names: tuple[str, ...]
     cells: Cells | None
     problem: Problem
+    subset: Selection
     views: IntArray
     best_density: FloatArray
     best_camera: NDArray[np.int32]
     widest_angle: FloatArray
     covered: BoolArray
-    seen_m2: FloatArray
-    lost_m2: FloatArray
-    alone_m2: FloatArray
-    subset: Selection
     network: Network
     areas: AreaNetwork | None
     frames: Groups | None = None
     by_camera: Groups | None = None
     quarantined: Mapping[int, str] = field(default_factory=dict)
-
-    @property
-    def redundant(self) -> BoolArray:
-        """(P,) cameras without which, one at a time, all remains covered."""
-        return self.lost_m2 <= 0
 
     def summary(self) -> dict[str, Any]:
         """Figures of the audit, ready for JSON."""
@@ -246,28 +237,19 @@ class Audit(InOneLine):
             "median_density_px_per_m": _median(self.best_density, weights, is_seen),
             "median_widest_angle_deg": math.degrees(_median(self.widest_angle, weights, several)),
             "redundant_cameras": int(self.redundant.sum()),
-            "subset": self.subset.summary()
-            | {"names": [self.names[row] for row in self.subset.chosen]},
+            "subset": self.fewest(),
             "per_camera": [
-                {
-                    "pose": int(self.poses.ids[row]),
-                    "name": self.names[row],
-                    "camera": int(self.poses.camera[row]),
-                    "seen_m2": float(self.seen_m2[row]),
-                    "lost_m2": float(self.lost_m2[row]),
-                    "alone_m2": float(self.alone_m2[row]),
-                }
-                for row in range(len(self.poses))
+                {"pose": pose, "name": self.names[row], "camera": camera} | self.figures(row)
+                for row, (pose, camera) in enumerate(
+                    zip(self.poses.ids.tolist(), self.poses.camera.tolist(), strict=True)
+                )
             ],
         }
         if self.frames is not None:
-            chosen = self.frames.subset
-            assert chosen is not None
             summary["frames"] = {
                 "count": len(self.frames.names),
-                "redundant": int((self.frames.lost_m2 <= 0).sum()),
-                "subset": chosen.summary()
-                | {"names": [self.frames.names[row] for row in chosen.chosen]},
+                "redundant": int(self.frames.redundant.sum()),
+                "subset": self.frames.fewest(),
                 "per_frame": self.frames.entries("frame"),
             }
         if self.by_camera is not None:
@@ -362,14 +344,13 @@ def audit(
     n_measured, rows_of, elements_of = 0, [np.zeros(0, np.int64)], [np.zeros(0, np.int32)]
     if workers is not None and folder is None:
         raise ConfigError("workers make shards in a folder; name one, or leave out workers")
-    rows = "covered" if elements is None else "none"
-    wanted = Wanted(engine, elements is not None, rows, (), apart=False)
+    wanted = Wanted(engine, unit == "area", "covered" if unit == "face" else "none")
     with open_for(mesh, camera, single, wanted) as observer:
         shards = None
         if folder is not None:
             shards = EvaluationShards(Path(folder), observer, accepted, single, wanted)
-        source = Source(network, observer, accepted, wanted, shards)
-        for batch, regions in source.parts(progress, workers, watch, note):
+        staff = Staff(workers, progress, watch, note)
+        for batch, regions in judged_parts(network, observer, accepted, wanted, shards, staff):
             network.add(batch)
             if areas is None or elements is None or regions is None:
                 is_scored = mesh.task_mask[batch.rows.face]
@@ -413,11 +394,11 @@ def audit(
     if cameras_apart(camera, accepted):
         labels = np.array(names_of(camera), object)[accepted.camera]
         of_camera = groups_of(problem, covered, labels.tolist())
+    own = vars(each) | {"names": words, "subset": select_greedy(problem)}
     return Audit(
-        mesh=mesh, camera=camera, task=task, by=unit, poses=accepted, names=words, cells=elements,
+        **own, mesh=mesh, camera=camera, task=task, by=unit, poses=accepted, cells=elements,
         problem=problem, views=views, best_density=best, best_camera=by_camera,
-        widest_angle=widest, covered=covered, seen_m2=each.seen_m2, lost_m2=each.lost_m2,
-        alone_m2=each.alone_m2, subset=select_greedy(problem), network=network, areas=areas,
+        widest_angle=widest, covered=covered, network=network, areas=areas,
         frames=groups_of(problem, covered, instants, has_subset=True) if instants else None,
         by_camera=of_camera,
         quarantined={} if shards is None else shards.quarantined,

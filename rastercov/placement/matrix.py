@@ -25,6 +25,7 @@ A `BitMatrix` serves selections from more pairs than the memory holds: `measure_
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
+from functools import reduce
 from pathlib import Path
 from typing import Any, Self
 
@@ -46,6 +47,7 @@ from rastercov.kernels import placement_bits as kernels
 from rastercov.mesh import Mesh
 from rastercov.placement.bits import CoveredBits, n_words
 from rastercov.placement.matrix_folder import (
+    NOT_ON_RIGS,
     MatrixFolder,
     add_bounds,
     batches_of,
@@ -56,9 +58,6 @@ from rastercov.placement.matrix_folder import (
     greatest,
     log_warning,
     region_observer,
-    rows_in,
-    shard_bytes,
-    store_of,
     totals_of,
     write_scene,
 )
@@ -69,8 +68,64 @@ POSES_A_TURN = 256
 """Poses whose pairs are made bits at a time."""
 
 
-@dataclass(frozen=True, eq=False)
-class VisibilityMatrix:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class MeasuredPoses:
+    """Candidate poses whose visibility was measured, and the inputs of the measurement.
+
+    Attributes
+    ----------
+    placed : Poses
+        The candidates, with the camera of each, 0 where there is one. Of rigs, that of the mount.
+    header : dict
+        Inputs of the matrix.
+    """
+
+    placed: Poses
+    header: dict[str, Any]
+
+    @property
+    def poses(self) -> FloatArray:
+        """(C, 4, 4) world_from_camera of the candidates."""
+        return self.placed.world_from_camera
+
+    @property
+    def camera(self) -> NDArray[np.int32]:
+        """(C,) index of the camera of each candidate."""
+        return self.placed.camera
+
+    @property
+    def n_poses(self) -> int:
+        """Number of candidates C."""
+        return len(self.placed)
+
+    @property
+    def n_faces(self) -> int:
+        """Faces F of the mesh; of a matrix of cells, their number."""
+        return int(self.header["n_faces"])
+
+    @property
+    def n_task_faces(self) -> int:
+        """Faces that are scored; of a matrix of cells, their number."""
+        return int(self.header["n_task_faces"])
+
+    @property
+    def task(self) -> Task:
+        """Thresholds of coverage."""
+        return Task(**self.header["task"])
+
+    @property
+    def is_of_cells(self) -> bool:
+        """True where the elements are cells, not faces."""
+        return "cells" in self.header
+
+    def _placed_with(self, other: "MeasuredPoses") -> Poses:
+        """Candidates of both."""
+        poses = np.concatenate((self.poses, other.poses))
+        return Poses.of(poses, camera=np.concatenate((self.camera, other.camera)))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class VisibilityMatrix(MeasuredPoses):
     """Coverage of faces by candidate poses, in compressed rows; row c is pose c.
 
     The faces of pose c are `face[indptr[c]:indptr[c + 1]]`, in ascending order; every other face
@@ -78,22 +133,12 @@ class VisibilityMatrix:
 
     Attributes
     ----------
-    poses : (C, 4, 4) float64
-        world_from_camera of the candidates.
-    n_faces, n_task_faces : int
-        Faces F of the mesh, and how many of them are scored; of a matrix of cells, their number.
-    task : Task
-        Thresholds of coverage.
     indptr : (C + 1,) int64
         Row limits of the pairs of each pose.
     face : (N,) int32
     coverage : (N,) float32
         (3.6), more than 0; rounded such that a comparison with `task.min_coverage` gives exactly
         the covered pairs.
-    header : dict
-        Inputs of the matrix.
-    camera : (C,) int32
-        Index of the camera of each pose; 0 where there is one. Of rigs, that of the mount.
     on_rig : (N,) uint16
         Of rigs, number of the camera on its rig: a pose has a pair with a face for each camera of
         its rig that covers it, one after the other. Empty where poses are of single cameras.
@@ -101,26 +146,11 @@ class VisibilityMatrix:
         Poses without pairs because they kill the process that measures them, each with its end.
     """
 
-    poses: FloatArray
-    n_faces: int
-    n_task_faces: int
-    task: Task
     indptr: NDArray[np.int64]
     face: NDArray[np.int32]
     coverage: NDArray[np.float32]
-    header: dict[str, Any] = field(default_factory=dict)
-    camera: NDArray[np.int32] = field(default_factory=lambda: np.zeros(0, np.int32))
-    on_rig: NDArray[np.uint16] = field(default_factory=lambda: np.zeros(0, np.uint16))
+    on_rig: NDArray[np.uint16]
     quarantined: dict[int, str] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        if len(self.camera) != len(self.poses):
-            object.__setattr__(self, "camera", np.zeros(len(self.poses), np.int32))
-
-    @property
-    def n_poses(self) -> int:
-        """Number of candidates C."""
-        return len(self.poses)
 
     @property
     def n_pairs(self) -> int:
@@ -128,20 +158,10 @@ class VisibilityMatrix:
         return len(self.face)
 
     @property
-    def is_of_cells(self) -> bool:
-        """True where the elements are cells, not faces."""
-        return "cells" in self.header
-
-    @property
     def covered(self) -> BoolArray:
         """(N,) pairs in which the pose covers the face: `Reason.COVERED`."""
         enough: BoolArray = self.coverage >= np.float64(self.task.min_coverage)
         return enough
-
-    @property
-    def placed(self) -> Poses:
-        """The candidates, with the camera or mount of each."""
-        return Poses.of(self.poses, camera=self.camera)
 
     def united(self) -> "VisibilityMatrix":
         """The matrix with the greatest coverage of any camera of a rig, each face once."""
@@ -149,11 +169,7 @@ class VisibilityMatrix:
             return self
         counts, face, coverage = greatest(np.diff(self.indptr), self.face, self.coverage)
         return replace(
-            self,
-            indptr=np.concatenate(([0], np.cumsum(counts))),
-            face=face,
-            coverage=coverage,
-            on_rig=np.zeros(0, np.uint16),
+            self, indptr=limits_of(counts), face=face, coverage=coverage, on_rig=NOT_ON_RIGS
         )
 
     def bits(self, least: float, starts: IntArray | None = None) -> CoveredBits:
@@ -183,16 +199,15 @@ class VisibilityMatrix:
 
     def joined(self, other: "VisibilityMatrix") -> "VisibilityMatrix":
         """Matrix of the poses of both, of one mesh and one task."""
+        further = {self.n_poses + pose: end for pose, end in other.quarantined.items()}
         return replace(
             self,
-            poses=np.concatenate((self.poses, other.poses)),
+            placed=self._placed_with(other),
             indptr=np.concatenate((self.indptr, self.indptr[-1] + other.indptr[1:])),
             face=np.concatenate((self.face, other.face)),
             coverage=np.concatenate((self.coverage, other.coverage)),
             on_rig=np.concatenate((self.on_rig, other.on_rig)),
-            camera=np.concatenate((self.camera, other.camera)),
-            quarantined=self.quarantined
-            | {self.n_poses + pose: end for pose, end in other.quarantined.items()},
+            quarantined=self.quarantined | further,
         )
 
     @classmethod
@@ -209,45 +224,35 @@ class VisibilityMatrix:
     @classmethod
     def of(cls, folder: MatrixFolder) -> Self:
         """Matrix of a complete folder, in memory; errors as for `load`."""
-        poses = folder.poses()
+        placed, shards = folder.poses(), folder.store
         face, coverage = np.empty(folder.n_pairs, np.int32), np.empty(folder.n_pairs, np.float32)
-        on_rig = np.empty(folder.n_pairs if "pairs" in folder.header else 0, np.uint16)
-        counts = np.zeros(len(poses), np.int64)
+        on_rig = np.empty(folder.n_pairs if folder.is_of_rigs else 0, np.uint16)
+        counts = np.zeros(len(placed), np.int64)
         done = 0
-        for shard, rows in folder.shards():
-            counts[rows], faces, values, cameras = folder.pairs_of(shard, rows)
+        for number in range(len(shards)):
+            counts[shards.rows(number)], faces, values, cameras = folder.pairs_of(number)
             part = slice(done, done + len(faces))
             if part.stop > folder.n_pairs:
-                raise ConfigError(f"{folder.path / shard}: it changed while it was read")
+                raise ConfigError(
+                    f"{folder.path / shards.name(number)}: it changed while it was read"
+                )
             face[part], coverage[part] = faces, values
             on_rig[part] = cameras
             done = part.stop
-        found = cls._of(poses, folder.header, counts, face, coverage, on_rig)
-        return replace(found, quarantined=folder.quarantined())
-
-    @classmethod
-    def _of(
-        cls,
-        poses: Poses,
-        header: dict[str, Any],
-        counts: NDArray[np.int64],
-        face: NDArray[np.int32],
-        coverage: NDArray[np.float32],
-        on_rig: NDArray[np.uint16],
-    ) -> Self:
-        """Matrix of all pairs, from the number of pairs of each pose."""
         return cls(
-            poses=poses.world_from_camera,
-            camera=poses.camera,
-            n_faces=header["n_faces"],
-            n_task_faces=header["n_task_faces"],
-            task=Task(**header["task"]),
-            indptr=np.concatenate(([0], np.cumsum(counts))),
+            placed=placed,
+            header=folder.header,
+            indptr=limits_of(counts),
             face=face,
             coverage=coverage,
             on_rig=on_rig,
-            header=header,
+            quarantined=folder.quarantined(),
         )
+
+
+def limits_of(counts: IntArray) -> IntArray:
+    """(C + 1,) limits of rows of these lengths."""
+    return np.concatenate(([0], np.cumsum(counts)))
 
 
 @typed
@@ -326,8 +331,14 @@ def build_matrix(
         header = describe(observer, placed, task, poses_a_shard, cells, mounts)
         did = counted(len(placed), progress)
         pairs = gathered(batches_of(observer, placed, task, cells, bounds, mounts, did))
-        columns = pairs.counts, pairs.face, pairs.coverage, pairs.on_rig
-        return VisibilityMatrix._of(placed, header, *columns)
+        return VisibilityMatrix(
+            placed=placed,
+            header=header,
+            indptr=limits_of(pairs.counts),
+            face=pairs.face,
+            coverage=pairs.coverage,
+            on_rig=pairs.on_rig,
+        )
 
 
 @typed
@@ -354,17 +365,16 @@ def measure_matrix(
     placed, task = renumbered(poses), task or Task()
     with _opened(view, cells, task) as observer, locked(Path(folder)) as place:
         header = describe(observer, placed, task, poses_a_shard, cells, mounts)
-        kept = claim(place, header, placed, poses_a_shard is not None, note)
-        shards, sizes = store_of(place, kept), dict[int, int]()
+        matrix = claim(place, header, placed, poses_a_shard is not None, note)
+        shards, sizes = matrix.store, dict[int, int]()
 
         def check(number: int) -> None:
-            sizes[number] = rows_in(place, kept, shards.name(number))
+            sizes[number] = matrix.rows_in(number)
 
         def make(number: int, did: Callable[[int], None]) -> memoryview:
             rows = shards.rows(number)
             batches = batches_of(observer, placed[rows], task, cells, bounds, mounts, did)
-            numbers = np.arange(rows.start, rows.stop)
-            return shard_bytes(shards.name(number), kept, batches, numbers)
+            return matrix.shard_bytes(number, batches, np.arange(rows.start, rows.stop))
 
         shards.mend(note, check)
         is_by_workers = workers is not None and bool(shards.missing())
@@ -374,8 +384,8 @@ def measure_matrix(
             if number not in sizes:
                 check(number)
         if is_by_workers and bounds is not None:
-            add_bounds(place, len(shards), bounds)
-        return MatrixFolder(place, kept, sum(sizes.values()))
+            add_bounds(matrix, bounds)
+        return replace(matrix, n_pairs=sum(sizes.values()))
 
 
 @contextmanager
@@ -392,26 +402,20 @@ def _opened(
         yield observer
 
 
-@dataclass(frozen=True, eq=False)
-class BitMatrix:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class BitMatrix(MeasuredPoses):
     """Faces, or cells, that each candidate pose covers, one bit each.
 
     Attributes
     ----------
-    poses : (C, 4, 4) float64
-        world_from_camera of the candidates.
-    camera : (C,) int32
-        Index of the camera of each pose; 0 where there is one.
     folders : tuple of MatrixFolder
-        Folders of the matrices of consecutive candidates.
+        Folders of the matrices of consecutive candidates; the header is that of the first.
     bits : CoveredBits
         Pairs that count as covered by `task`.
     mean_coverage : (C,) float64
         Mean coverage of each pose over the faces that are scored.
     """
 
-    poses: FloatArray
-    camera: NDArray[np.int32]
     folders: tuple[MatrixFolder, ...]
     bits: CoveredBits
     mean_coverage: FloatArray
@@ -441,8 +445,9 @@ class BitMatrix:
         header = folder.header
         bits, total = covered_bits(folder, Task(**header["task"]).min_coverage, progress)
         mean = total / max(1, header["n_task_faces"])
-        poses = folder.poses()
-        return cls(poses.world_from_camera, poses.camera, (folder,), bits, mean)
+        return cls(
+            placed=folder.poses(), header=header, folders=(folder,), bits=bits, mean_coverage=mean
+        )
 
     @classmethod
     def load(cls, folder: str | Path) -> Self:
@@ -450,34 +455,9 @@ class BitMatrix:
         return cls.of(MatrixFolder.open(folder))
 
     @property
-    def header(self) -> dict[str, Any]:
-        """Inputs of the first matrix."""
-        return self.folders[0].header
-
-    @property
-    def task(self) -> Task:
-        """Thresholds of coverage."""
-        return Task(**self.header["task"])
-
-    @property
-    def n_poses(self) -> int:
-        """Number of candidates C."""
-        return len(self.poses)
-
-    @property
-    def n_faces(self) -> int:
-        """Faces F of the mesh; of a matrix of cells, their number."""
-        return int(self.header["n_faces"])
-
-    @property
     def n_pairs(self) -> int:
         """Pairs with coverage above 0."""
         return sum(folder.n_pairs for folder in self.folders)
-
-    @property
-    def is_of_cells(self) -> bool:
-        """True where the elements are cells, not faces."""
-        return "cells" in self.header
 
     @property
     def quarantined(self) -> dict[int, str]:
@@ -493,17 +473,18 @@ class BitMatrix:
         """Pairs with coverage of at least `least`, from another file that is made where missing."""
         if least == self.task.min_coverage:
             return self.bits
-        parts = [covered_bits(folder, float(least))[0].parts for folder in self.folders]
-        return CoveredBits(tuple(part for each in parts for part in each), self.n_faces)
+        return reduce(
+            CoveredBits.joined, (covered_bits(each, float(least))[0] for each in self.folders)
+        )
 
     def joined(self, other: "BitMatrix") -> "BitMatrix":
         """Matrix of the poses of both, of one mesh and one task."""
         if self.n_faces != other.n_faces or self.task != other.task:
             raise ConfigError("matrices of other faces or another task cannot be joined")
-        return BitMatrix(
-            np.concatenate((self.poses, other.poses)),
-            np.concatenate((self.camera, other.camera)),
-            (*self.folders, *other.folders),
-            self.bits.joined(other.bits),
-            np.concatenate((self.mean_coverage, other.mean_coverage)),
+        return replace(
+            self,
+            placed=self._placed_with(other),
+            folders=(*self.folders, *other.folders),
+            bits=self.bits.joined(other.bits),
+            mean_coverage=np.concatenate((self.mean_coverage, other.mean_coverage)),
         )

@@ -20,69 +20,74 @@ import hashlib
 import io
 import json
 import logging
+import math
+import os
+import secrets
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
-from functools import cache
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import asdict, dataclass, replace
+from functools import cache, lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.errors import ConfigError, ResourceError
-from rastercov.base.memory import IntArray
+from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.base.threads import share_poses, thread_count
-from rastercov.camera.pose import Poses
-from rastercov.camera.rig import cameras_of
+from rastercov.camera.pose import Poses, renumbered
+from rastercov.camera.rig import Rig, cameras_of
 from rastercov.cluster import ShardStore
 from rastercov.cluster.run import counted
-from rastercov.cluster.store import SUMS, DamagedError, Note, contents, locked, store, sum_file
-from rastercov.coverage.area.cells import Cells
-from rastercov.coverage.observer import Observer
+from rastercov.cluster.scene_file import read_scene, scene_bytes
+from rastercov.cluster.store import (
+    SUMS,
+    DamagedError,
+    Note,
+    contents,
+    locked,
+    renew,
+    store,
+    sum_file,
+)
+from rastercov.cluster.work import FolderLostError
+from rastercov.coverage.area.cells import Cells, cells
+from rastercov.coverage.area.frames import check_same_mesh
+from rastercov.coverage.area.regions import RegionObserver
+from rastercov.coverage.coverage import evaluate_batches, judged, measurements
+from rastercov.coverage.engine import Engine
+from rastercov.coverage.face_pass import FacePass
+from rastercov.coverage.observer import ExactObserver, Observer, open_observer
 from rastercov.coverage.provenance import sha256
 from rastercov.coverage.shards import inputs_of
 from rastercov.coverage.task import Task
 from rastercov.kernels import placement_bits as kernels
 from rastercov.placement.bits import CoveredBits, n_words
 from rastercov.placement.mounts import Mounts
+from rastercov.placement.uncovered import FIGURES, CandidateBounds
 
 if TYPE_CHECKING:
     import pyarrow as pa
     import pyarrow.parquet as pq
-import math
-import os
-import secrets
-from collections.abc import Callable, Iterable
-from contextlib import ExitStack
-from dataclasses import asdict
-from functools import lru_cache
-from typing import NamedTuple
-
-from rastercov.base.memory import BoolArray, FloatArray
-from rastercov.camera.pose import renumbered
-from rastercov.camera.rig import Rig
-from rastercov.cluster.scene_file import read_scene, scene_bytes
-from rastercov.cluster.store import renew
-from rastercov.cluster.work import FolderLostError
-from rastercov.coverage.area.cells import cells
-from rastercov.coverage.area.frames import check_same_mesh
-from rastercov.coverage.area.regions import RegionObserver
-from rastercov.coverage.coverage import evaluate_batches, judged, measurements
-from rastercov.coverage.engine import Engine
-from rastercov.coverage.face_pass import FacePass
-from rastercov.coverage.observer import ExactObserver, open_observer
-from rastercov.placement.uncovered import FIGURES, CandidateBounds
 
 FUNCTION = "rastercov.placement.matrix_folder:make"
 """Function by which workers make a shard."""
 PAIRS_A_SHARD = 1 << 22
 """Pose-face pairs, seen or not, of one shard: several seconds of work."""
+ROWS_A_GROUP = 1 << 20
+"""Rows of a shard that Parquet compresses together."""
+MOST_THREADS = 4
+"""Threads that read shards at a time; each takes some ten bytes a pair of one."""
+OPEN = 2
+"""Matrices that a worker keeps open: that of a plan, and that of its cavities."""
 FORMAT = 2
 HEADER, POSES, CAMERAS = "header.json", "poses.npy", "cameras.npy"
-PAIRS, BITS = "pairs", "bits"
-"""Folders of the shards, and of what is derived from them."""
+SCENE = "scene.npz"
+"""Mesh and cameras in the folder of a matrix that workers make."""
+PAIRS, BITS, BOUNDS = "pairs", "bits", "bounds"
+"""Folders of the shards, of bits that are derived from them, and of bounds, a file a worker."""
 WORDS = {
     "format": "in another file format",
     "rastercov": "by another version of rastercov",
@@ -104,6 +109,164 @@ WORDS = {
 def log_warning(line: str) -> None:
     """Log one line on the channel of the library; without logging set up, on standard error."""
     logging.getLogger("rastercov").warning("warning: %s", line)
+
+
+# --- pairs of poses and faces -----------------------------------------------------------------
+
+
+class Pairs(NamedTuple):
+    """Number of pairs of each pose; face, coverage, covered mask and camera of each pair.
+
+    `on_rig` is the number of the camera on its rig, empty where poses are of single cameras.
+    """
+
+    counts: IntArray
+    face: NDArray[np.int32]
+    coverage: NDArray[np.float32]
+    covered: BoolArray
+    on_rig: NDArray[np.uint16]
+
+
+KINDS: tuple[Any, ...] = (np.int64, np.int32, np.float32, np.bool_, np.uint16)
+NO_PAIRS = Pairs(*(np.zeros(0, kind) for kind in KINDS))
+NOT_ON_RIGS = NO_PAIRS.on_rig
+
+
+def gathered(batches: Iterable[Pairs]) -> Pairs:
+    """Pairs of all batches."""
+    return Pairs(*map(np.concatenate, zip(NO_PAIRS, *batches, strict=True)))
+
+
+def batches_of(
+    observer: Observer,
+    poses: Poses,
+    task: Task,
+    cells: Cells | None,
+    bounds: CandidateBounds | None = None,
+    mounts: Mounts | None = None,
+    did: Callable[[int], None] = lambda count: None,
+) -> Iterator[Pairs]:
+    """Pairs of some poses and faces, or cells, batch by batch; poses are those of mounts.
+
+    `did` is called with the number of poses of each batch, once it was taken.
+    """
+    part, owner = poses, None
+    if mounts is not None and mounts.has_rigs:
+        part, owner = mounts.cameras(poses)
+    found = (
+        _of_faces(observer, part, task, bounds)
+        if cells is None
+        else _of_cells(observer, cells, part, task, bounds)
+    )
+    for batch in found if owner is None else _of_mounts(found, owner, len(poses)):
+        if n_poses := len(batch.counts):
+            yield batch
+            did(n_poses)
+
+
+def _of_faces(
+    observer: Observer, poses: Poses, task: Task, bounds: CandidateBounds | None
+) -> Iterator[Pairs]:
+    """Pairs of poses and faces with coverage > 0."""
+    figures = ("coverage", *(FIGURES if bounds is not None else ()))
+    for batch in evaluate_batches(observer, poses, task, fields=figures):
+        pose, face = np.nonzero((batch.coverage > 0) & batch.mesh.task_mask)
+        short, covered = shortened(batch.coverage[pose, face], batch.task.min_coverage)
+        counts = np.bincount(pose, minlength=len(batch.pose_ids))
+        yield Pairs(counts, face.astype(np.int32), short, covered, NOT_ON_RIGS)
+        if bounds is not None and len(batch.pose_ids):
+            bounds.add(batch)
+
+
+def _of_cells(
+    observer: Any, cells: Cells, poses: Poses, task: Task, bounds: CandidateBounds | None
+) -> Iterator[Pairs]:
+    """Pairs of poses and cells with a covered share; visibility is computed once for both."""
+    judge = FacePass(observer.mesh, observer.camera, observer.threads, task)
+    for part, seen in measurements(observer, poses):
+        found = cells.share(seen.regions)  # type: ignore[union-attr] # of a RegionObserver
+        covered = shortened(found.share, task.min_coverage)
+        yield Pairs(np.diff(found.starts), found.cell, *covered, NOT_ON_RIGS)
+        if bounds is not None and len(part):
+            bounds.add(judged(observer, judge, task, part, seen, FIGURES))
+
+
+def _of_mounts(batches: Iterable[Pairs], owner: IntArray, n: int) -> Iterator[Pairs]:
+    """Batches of n mounts from those of their cameras, (K,) of which `owner` is the mount.
+
+    A mount has a pair with a face for each of its cameras that has one, one after the other.
+    """
+    on_rig = (np.arange(len(owner)) - np.searchsorted(owner, owner)).astype(np.uint16)
+    waiting: list[tuple[NDArray[Any], ...]] = []
+    at = done = 0
+    for batch in batches:
+        camera = np.repeat(np.arange(at, at + len(batch.counts)), batch.counts)
+        pairs = batch.face, batch.coverage, batch.covered
+        waiting.append((owner[camera], *pairs, on_rig[camera]))
+        at += len(batch.counts)
+        whole = int(owner[at]) if at < len(owner) else n  # mounts before this one are complete
+        if whole == done:
+            continue
+        columns = [np.concatenate(column) for column in zip(*waiting, strict=True)]
+        is_whole = columns[0] < whole
+        waiting = [tuple(column[~is_whole] for column in columns)]
+        mount, *columns = (column[is_whole] for column in columns)
+        order = np.lexsort((columns[-1], columns[0], mount))
+        counts = np.bincount(mount - done, minlength=whole - done)
+        yield Pairs(counts, *(column[order] for column in columns))
+        done = whole
+
+
+def region_observer(observer: Observer, cells: Cells, task: Task) -> RegionObserver:
+    """Observer of the regions in the mesh of some cells, by the method of another one."""
+    check_same_mesh(cells.mesh, observer.mesh)
+    if not isinstance(observer, ExactObserver):
+        raise ConfigError("cells need method certified or exact, got sampled")
+    engine = Engine(observer.info.plan, threads=observer.threads)
+    return RegionObserver(observer.mesh, observer.camera, task, engine, only_task=True)
+
+
+def shortened(coverage: FloatArray, least: float) -> tuple[NDArray[np.float32], BoolArray]:
+    """Coverage in float32, and the mask of values of at least `least`; both are consistent.
+
+    No value is rounded across the threshold, nor down to 0. Thresholds other than 0 are 1e-30 or
+    more, which is near the least float32.
+    """
+    covered: BoolArray = coverage >= least
+    short = coverage.astype(np.float32)
+    too_low = (covered & (short.astype(np.float64) < least)) | (short == 0)
+    too_high = ~covered & (short.astype(np.float64) >= least) & ~too_low
+    short[too_low] = np.nextafter(short[too_low], np.float32(np.inf))
+    short[too_high] = np.nextafter(short[too_high], np.float32(-np.inf))
+    return short, covered
+
+
+def totals_of(counts: IntArray, coverage: NDArray[np.float32]) -> FloatArray:
+    """(C,) total coverage of poses, from the number of pairs of each and the coverage of all."""
+    # Pose by pose, 10 us each: `reduceat` does not give 0 for a pose without pairs.
+    ends = np.cumsum(counts)
+    total = [coverage[b - n : b].sum(dtype=np.float64) for b, n in zip(ends, counts, strict=True)]
+    return np.array(total, np.float64)
+
+
+def greatest(
+    counts: IntArray, face: NDArray[np.int32], coverage: NDArray[np.float32]
+) -> tuple[IntArray, NDArray[np.int32], NDArray[np.float32]]:
+    """Pairs of poses, each face once, with the greatest coverage of those that follow one another.
+
+    Arguments are the number of pairs of each pose, and face and coverage of each.
+    """
+    starts = np.ones(len(face), np.bool_)
+    starts[1:] = face[1:] != face[:-1]
+    first = np.cumsum(counts) - counts
+    starts[first[first < len(face)]] = True
+    rows = np.flatnonzero(starts)
+    pose = np.repeat(np.arange(len(counts)), counts)[rows]
+    best = np.maximum.reduceat(coverage, rows) if len(rows) else coverage
+    return np.bincount(pose, minlength=len(counts)), face[rows], best
+
+
+# --- header, poses and shards -----------------------------------------------------------------
 
 
 def describe(
@@ -143,7 +306,7 @@ def describe(
 
 @dataclass(frozen=True, eq=False)
 class MatrixFolder:
-    """A complete folder of a visibility matrix, verified, of which nothing is in memory.
+    """A folder of a visibility matrix, of which nothing is in memory.
 
     Attributes
     ----------
@@ -151,12 +314,12 @@ class MatrixFolder:
     header : dict
         Inputs of the matrix.
     n_pairs : int
-        Pairs of pose and face, or cell, with coverage above 0.
+        Pairs of pose and face, or cell, with coverage above 0, once all shards are there.
     """
 
     path: Path
     header: dict[str, Any]
-    n_pairs: int
+    n_pairs: int = 0
 
     @classmethod
     def open(cls, folder: str | Path) -> Self:
@@ -172,24 +335,25 @@ class MatrixFolder:
             header = read_header(folder)
             if header is None:
                 raise ConfigError(f"{folder}: there is no matrix in this folder")
-            shards = store_of(folder, header)
-            if missing := shards.missing():
+            found = cls(folder, header)
+            n_shards = len(found.store)
+            if missing := found.store.missing():
                 raise ConfigError(
-                    f"{folder}: {len(missing)} of {len(shards)} shards are missing; "
+                    f"{folder}: {len(missing)} of {n_shards} shards are missing; "
                     "call build_matrix with the same inputs to make them"
                 )
-            names = map(shards.name, range(len(shards)))
-            return cls(folder, header, sum(rows_in(folder, header, name) for name in names))
+            return replace(found, n_pairs=sum(map(found.rows_in, range(n_shards))))
 
     @property
     def store(self) -> ShardStore:
         """Shards of the folder."""
-        return store_of(self.path, self.header)
+        n_poses, size = self.header["n_poses"], self.header["poses_a_shard"]
+        return ShardStore(self.path, f"{PAIRS}/pairs-{{}}.parquet", n_poses, size, FUNCTION)
 
-    def shards(self) -> list[tuple[str, slice]]:
-        """Name and poses of each shard."""
-        store = self.store
-        return [(store.name(number), store.rows(number)) for number in range(len(store))]
+    @property
+    def is_of_rigs(self) -> bool:
+        """True where pairs are of the cameras of rigs."""
+        return "pairs" in self.header
 
     def poses(self) -> Poses:
         """Candidates; ConfigError where they are damaged."""
@@ -202,11 +366,9 @@ class MatrixFolder:
             return self.store.quarantined()
 
     def pairs_of(
-        self, shard: str, rows: slice
+        self, number: int
     ) -> tuple[IntArray, NDArray[np.int32], NDArray[np.float32], NDArray[np.uint16]]:
         """Number of pairs of each pose of a shard, and face, coverage and camera of each pair.
-
-        Cameras are numbers on a rig; empty where poses are of single cameras.
 
         Raises
         ------
@@ -214,14 +376,218 @@ class MatrixFolder:
             When the shard is damaged or missing by now.
         """
         with _remade_by_build():
-            file = open_shard(self.path, self.header, shard)
-        is_of_rigs = "pairs" in self.header
-        names = ["pose", "face", "coverage", *(["camera_on_rig"] if is_of_rigs else [])]
-        table = file.read(names, use_threads=False)
-        of_pose = table["pose"].to_numpy() - rows.start
-        counts = np.bincount(of_pose, minlength=rows.stop - rows.start)
-        on_rig = table["camera_on_rig"].to_numpy() if is_of_rigs else np.zeros(0, np.uint16)
-        return counts, table["face"].to_numpy(), table["coverage"].to_numpy(), on_rig
+            file = self._shard(number)
+        names = ["pose", "face", "coverage", *(["camera_on_rig"] if self.is_of_rigs else [])]
+        table, rows = file.read(names, use_threads=False), self.store.rows(number)
+        pose, *columns = (table[name].to_numpy() for name in names)
+        counts = np.bincount(pose - rows.start, minlength=rows.stop - rows.start)
+        face, coverage, on_rig = (*columns, NOT_ON_RIGS)[:3]
+        return counts, face, coverage, on_rig
+
+    def rows_in(self, number: int) -> int:
+        """Number of pairs in a shard; DamagedError unless it is whole, and of this matrix."""
+        return int(self._shard(number).metadata.num_rows)
+
+    def _shard(self, number: int) -> "pq.ParquetFile":
+        """A verified shard."""
+        name = self.store.name(number)
+        found, written_with = _opened(self.path, name)
+        if written_with != {**self.header, "shard": name}:
+            raise DamagedError(
+                self.path / name,
+                "this is a shard of another matrix, or of other poses of this one",
+            )
+        return found
+
+    def shard_bytes(
+        self, number: int | None, batches: Iterable[Pairs], numbers: IntArray
+    ) -> memoryview:
+        """File of a shard of the poses of these numbers; without a number it is of no use."""
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        # Metadata name the shard and hold the header of its matrix.
+        own = {**self.header, "shard": "" if number is None else self.store.name(number)}
+        schema = pair_schema(self.is_of_rigs).with_metadata({"rastercov": json.dumps(own)})
+        counts, *columns = gathered(batches)
+        columns = [np.repeat(numbers, counts).astype(np.int32), *columns][: len(schema)]
+        sink = pa.BufferOutputStream()
+        # In one piece: the bytes depend on neither batches nor threads.
+        with pq.ParquetWriter(sink, schema, compression="zstd", write_page_checksum=True) as writer:
+            writer.write_table(pa.table(columns, schema=schema), row_group_size=ROWS_A_GROUP)
+        return memoryview(sink.getvalue())
+
+
+@contextmanager
+def _remade_by_build() -> Iterator[None]:
+    """Name `build_matrix` in the error of a damaged file: it makes the file again."""
+    try:
+        yield
+    except DamagedError as error:
+        raise ConfigError(
+            f"{error}; call build_matrix with the same inputs to make it again"
+        ) from None
+
+
+def claim(
+    folder: Path, header: dict[str, Any], poses: Poses, shard_size_given: bool, note: Note
+) -> MatrixFolder:
+    """The folder with its present header where it agrees with `header`, or with `header`.
+
+    A damaged or missing header is restored from an undamaged shard, and the poses from `poses`;
+    `note` is called with a line on each. Shards beyond the last one are removed.
+    """
+    try:
+        kept = read_header(folder)
+    except DamagedError as error:
+        note(f"{error}; made again")
+        kept = None
+    is_missing = kept is None
+    if kept is None:
+        found = sorted(folder.glob(f"{PAIRS}/*"))
+        if found and not _has_sums(folder):
+            raise ConfigError(f"{folder}: shards without a header; name another folder")
+        if found and not (folder / HEADER).exists():
+            note(f"{folder / HEADER}: missing; made again")
+        headers = [each for path in found if (each := _header_in(folder, path.name))]
+        same = [each for each in headers if _difference(each, header, shard_size_given) is None]
+        kept = [*same, *headers, header][0]
+    words = _difference(kept, header, shard_size_given)
+    if words is not None:
+        raise ConfigError(_made(folder, words))
+    if is_missing:
+        store(folder, HEADER, json.dumps(kept, indent=2).encode() + b"\n")
+    files = _files_of_poses(kept)
+    try:
+        read_poses(folder, kept)
+    except DamagedError as error:
+        if all((folder / name).exists() for name in files):
+            note(f"{error}; made again")
+        arrays: tuple[NDArray[Any], ...] = (poses.world_from_camera, poses.camera)
+        for name, array in zip(files, arrays, strict=False):
+            file = io.BytesIO()
+            np.save(file, array)
+            store(folder, name, file.getvalue())
+    claimed = MatrixFolder(folder, kept)
+    names = {folder / claimed.store.name(number) for number in range(len(claimed.store))}
+    for stray in sorted(set(folder.glob(f"{PAIRS}/pairs-*.parquet")) - names):
+        note(f"{stray}: no shard of this matrix; removed")
+        stray.unlink()
+    return claimed
+
+
+def _difference(kept: dict[str, Any], header: dict[str, Any], shard_size_given: bool) -> str | None:
+    """Words on the first entry in which two headers differ, None where they agree."""
+    left_out = () if shard_size_given else ("poses_a_shard",)
+    differing = (name for name in WORDS if kept.get(name) != header.get(name))
+    return next((WORDS[name] for name in differing if name not in left_out), None)
+
+
+def _made(folder: Path, words: str) -> str:
+    return (
+        f"{folder}: the matrix in this folder was made {words}; "
+        "name another folder, or delete this one to start again"
+    )
+
+
+def read_header(folder: Path) -> dict[str, Any] | None:
+    """Header of a folder, None where there is none.
+
+    Raises
+    ------
+    DamagedError
+        As for `contents`.
+    ConfigError
+        When it is of another format, or not a header.
+    """
+    try:
+        data = contents(folder, HEADER)
+    except DamagedError:
+        if _has_sums(folder):
+            raise
+        raise ConfigError(
+            f"{folder / HEADER}: this is no header of a matrix; name another folder"
+        ) from None
+    header: dict[str, Any] | None = None if data is None else json.loads(data)
+    if header is not None and header["format"] != FORMAT:
+        raise ConfigError(_made(folder, WORDS["format"]))
+    return header
+
+
+def _has_sums(folder: Path) -> bool:
+    """True when a file of a folder has a checksum, as every file of a matrix has."""
+    return any((folder / SUMS).glob("*.sha256"))
+
+
+def _whole(folder: Path, name: str) -> bytes:
+    """Bytes of a file; DamagedError as for `contents`, and where it is missing."""
+    data = contents(folder, name)
+    if data is None:
+        raise DamagedError(folder / name, "it is missing")
+    return data
+
+
+def read_poses(folder: Path, header: dict[str, Any]) -> Poses:
+    """Poses of a matrix, each with its camera.
+
+    Raises
+    ------
+    DamagedError
+        As for `contents`, where a file is missing, and for poses of another matrix.
+    """
+    arrays = []
+    for name, key in _files_of_poses(header).items():
+        array = np.load(io.BytesIO(_whole(folder, name)), allow_pickle=False)
+        if sha256(array) != header[key]:
+            what = key.replace("_", " ")
+            raise DamagedError(folder / name, f"these are {what} of another matrix")
+        arrays.append(array)
+    return Poses.of(arrays[0], camera=arrays[1] if arrays[1:] else None)
+
+
+def _files_of_poses(header: dict[str, Any]) -> dict[str, str]:
+    """Entry of the header with the hash of each file of poses, by the name of the file."""
+    files = {POSES: "poses", CAMERAS: "pose_camera"}
+    return {name: key for name, key in files.items() if key in header}
+
+
+@cache
+def pair_schema(of_rigs: bool = False) -> "pa.Schema":
+    """Columns of a shard, one row a pose-face pair; loads pyarrow, which takes 0.15 s.
+
+    Of rigs, a row is of a pose, a face and a camera, by its number on the rig.
+    """
+    import pyarrow as pa
+
+    types = {"pose": pa.int32(), "face": pa.int32(), "coverage": pa.float32()}
+    types |= {"covered": pa.bool_()} | ({"camera_on_rig": pa.uint16()} if of_rigs else {})
+    return pa.schema([pa.field(name, kind, False) for name, kind in types.items()])
+
+
+def _opened(folder: Path, shard: str) -> "tuple[pq.ParquetFile, dict[str, Any]]":
+    """A shard, and the header with its name in it; nothing for a table of other columns."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        found = pq.ParquetFile(pa.BufferReader(_whole(folder, shard)))
+    except (pa.ArrowException, OSError):
+        raise DamagedError(folder / shard, "this is no Parquet file") from None
+    schema = found.schema_arrow
+    entries = json.loads((schema.metadata or {}).get(b"rastercov", b"{}"))
+    return found, entries if schema.equals(pair_schema("pairs" in entries)) else {}
+
+
+def _header_in(folder: Path, name: str) -> dict[str, Any] | None:
+    """Header of the matrix from an undamaged shard, None for any other file."""
+    try:
+        _, header = _opened(folder, f"{PAIRS}/{name}")
+    except DamagedError:
+        return None
+    return header if header.pop("shard", None) == f"{PAIRS}/{name}" else None
+
+
+# --- bits -------------------------------------------------------------------------------------
 
 
 def covered_bits(
@@ -269,8 +635,8 @@ def _hash_of_bits(folder: MatrixFolder, path: Path) -> bytes:
     """SHA-256 of a file of bits and of the checksums of the shards that it is derived from."""
     with path.open("rb") as file:
         digest = hashlib.file_digest(file, "sha256")
-    for shard, _ in folder.shards():
-        digest.update(sum_file(folder.path, shard).read_bytes())
+    for number in range(len(folder.store)):
+        digest.update(sum_file(folder.path, folder.store.name(number)).read_bytes())
     return digest.digest()
 
 
@@ -292,20 +658,22 @@ def _write_bits(
     progress: Callable[[int, int], None],
 ) -> FloatArray:
     """Write all rows, with threads that each take the next shard; (C,) total coverage."""
+    size = 8 * shape[0] * shape[1]
     try:
         with path.open("wb") as file:  # so large that no write to it finds the disk full
-            os.posix_fallocate(file.fileno(), 0, 8 * shape[0] * shape[1])
+            os.posix_fallocate(file.fileno(), 0, size)
     except OSError as error:
         raise ResourceError(
-            f"{path}: {8 * shape[0] * shape[1]:,} bytes cannot be reserved ({error.strerror}); "
+            f"{path}: {size:,} bytes cannot be reserved ({error.strerror}); "
             "make room on the disk, or use fewer candidates"
         ) from None
-    shards, total, lock = folder.shards(), np.zeros(shape[0]), threading.Lock()
+    shards, total, lock = folder.store, np.zeros(shape[0]), threading.Lock()
     did = counted(shape[0], progress)
 
     def work(part: slice) -> None:
-        for shard, rows in shards[part]:
-            words, total[rows] = _bits_of(folder, shard, rows, shape[1], least)
+        for number in range(part.start, part.stop):
+            rows = shards.rows(number)
+            words, total[rows] = _bits_of(folder, number, shape[1], least)
             if len(words):
                 at = 8 * shape[1] * rows.start
                 np.memmap(path, "<u8", "r+", at, words.shape)[:] = words
@@ -318,10 +686,10 @@ def _write_bits(
 
 
 def _bits_of(
-    folder: MatrixFolder, shard: str, rows: slice, width: int, least: float
+    folder: MatrixFolder, number: int, width: int, least: float
 ) -> tuple[NDArray[np.uint64], FloatArray]:
     """Bits and total coverage of the poses of a shard."""
-    counts, face, coverage, on_rig = folder.pairs_of(shard, rows)
+    counts, face, coverage, on_rig = folder.pairs_of(number)
     if len(on_rig):
         counts, face, coverage = greatest(counts, face, coverage)
     words = np.zeros((len(counts), width), np.uint64)
@@ -330,403 +698,7 @@ def _bits_of(
     return words, totals_of(counts, coverage)
 
 
-def totals_of(counts: IntArray, coverage: NDArray[np.float32]) -> FloatArray:
-    """(C,) total coverage of poses, from the number of pairs of each and the coverage of all."""
-    # Pose by pose, 10 us each: `reduceat` does not give 0 for a pose without pairs.
-    ends = np.cumsum(counts)
-    total = [coverage[b - n : b].sum(dtype=np.float64) for b, n in zip(ends, counts, strict=True)]
-    return np.array(total, np.float64)
-
-
-def greatest(
-    counts: IntArray, face: NDArray[np.int32], coverage: NDArray[np.float32]
-) -> tuple[IntArray, NDArray[np.int32], NDArray[np.float32]]:
-    """Pairs of poses, each face once, with the greatest coverage of those that follow one another.
-
-    Arguments are the number of pairs of each pose, and face and coverage of each.
-    """
-    starts = np.ones(len(face), np.bool_)
-    starts[1:] = face[1:] != face[:-1]
-    first = np.cumsum(counts) - counts
-    starts[first[first < len(face)]] = True
-    rows = np.flatnonzero(starts)
-    pose = np.repeat(np.arange(len(counts)), counts)[rows]
-    best = np.maximum.reduceat(coverage, rows) if len(rows) else coverage
-    return np.bincount(pose, minlength=len(counts)), face[rows], best
-
-
-@contextmanager
-def _remade_by_build() -> Iterator[None]:
-    """Name `build_matrix` in the error of a damaged file: it makes the file again."""
-    try:
-        yield
-    except DamagedError as error:
-        raise ConfigError(
-            f"{error}; call build_matrix with the same inputs to make it again"
-        ) from None
-
-
-def store_of(folder: Path, header: dict[str, Any]) -> ShardStore:
-    """Shards of the matrix of a header."""
-    n_poses, size = header["n_poses"], header["poses_a_shard"]
-    return ShardStore(folder, f"{PAIRS}/pairs-{{}}.parquet", n_poses, size, FUNCTION)
-
-
-def claim(
-    folder: Path,
-    header: dict[str, Any],
-    poses: Poses,
-    shard_size_given: bool,
-    note: Note,
-) -> dict[str, Any]:
-    """Header of the folder: the present one where it agrees with `header`, or `header`.
-
-    A damaged or missing header is restored from an undamaged shard, and the poses from `poses`;
-    `note` is called with a line on each. Shards beyond the last one are removed.
-    """
-    try:
-        kept = read_header(folder)
-    except DamagedError as error:
-        note(f"{error}; made again")
-        kept = None
-    is_missing = kept is None
-    if kept is None:
-        found = sorted(folder.glob(f"{PAIRS}/*"))
-        if found and not _has_sums(folder):
-            raise ConfigError(f"{folder}: shards without a header; name another folder")
-        if found and not (folder / HEADER).exists():
-            note(f"{folder / HEADER}: missing; made again")
-        headers = [each for path in found if (each := _header_in(folder, path.name))]
-        same = [each for each in headers if _difference(each, header, shard_size_given) is None]
-        kept = [*same, *headers, header][0]
-    words = _difference(kept, header, shard_size_given)
-    if words is not None:
-        raise ConfigError(_made(folder, words))
-    if is_missing:
-        store(folder, HEADER, json.dumps(kept, indent=2).encode() + b"\n")
-    arrays: tuple[NDArray[Any], ...] = (poses.world_from_camera, poses.camera)
-    try:
-        read_poses(folder, kept)
-    except DamagedError as error:
-        if all((folder / name).exists() for name, _ in _files_of_poses(kept)):
-            note(f"{error}; made again")
-        for (name, _), array in zip(_files_of_poses(kept), arrays, strict=False):
-            file = io.BytesIO()
-            np.save(file, array)
-            store(folder, name, file.getvalue())
-    shards = store_of(folder, kept)
-    names = {folder / shards.name(number) for number in range(len(shards))}
-    for stray in sorted(set(folder.glob(f"{PAIRS}/pairs-*.parquet")) - names):
-        note(f"{stray}: no shard of this matrix; removed")
-        stray.unlink()
-    return kept
-
-
-def _difference(kept: dict[str, Any], header: dict[str, Any], shard_size_given: bool) -> str | None:
-    """Words on the first entry in which two headers differ, None where they agree."""
-    for name, words in WORDS.items():
-        if name == "poses_a_shard" and not shard_size_given:
-            continue
-        if kept.get(name) != header.get(name):
-            return words
-    return None
-
-
-def _made(folder: Path, words: str) -> str:
-    return (
-        f"{folder}: the matrix in this folder was made {words}; "
-        "name another folder, or delete this one to start again"
-    )
-
-
-def read_header(folder: Path) -> dict[str, Any] | None:
-    """Header of a folder, None where there is none.
-
-    Raises
-    ------
-    DamagedError
-        As for `contents`.
-    ConfigError
-        When it is of another format, or not a header.
-    """
-    try:
-        data = contents(folder, HEADER)
-    except DamagedError:
-        if _has_sums(folder):
-            raise
-        raise ConfigError(
-            f"{folder / HEADER}: this is no header of a matrix; name another folder"
-        ) from None
-    header: dict[str, Any] | None = None if data is None else json.loads(data)
-    if header is not None and header["format"] != FORMAT:
-        raise ConfigError(_made(folder, WORDS["format"]))
-    return header
-
-
-def _has_sums(folder: Path) -> bool:
-    """True when a file of a folder has a checksum, as every file of a matrix has."""
-    return any((folder / SUMS).glob("*.sha256"))
-
-
-def read_poses(folder: Path, header: dict[str, Any]) -> Poses:
-    """Poses of a matrix, each with its camera.
-
-    Raises
-    ------
-    DamagedError
-        As for `contents`, where a file is missing, and for poses of another matrix.
-    """
-    arrays = []
-    for name, key in _files_of_poses(header):
-        data = contents(folder, name)
-        if data is None:
-            raise DamagedError(folder / name, "it is missing")
-        arrays.append(np.load(io.BytesIO(data), allow_pickle=False))
-        if sha256(arrays[-1]) != header[key]:
-            raise DamagedError(
-                folder / name, f"these are {key} of another matrix".replace("_", " ")
-            )
-    return Poses.of(arrays[0], camera=arrays[1] if arrays[1:] else None)
-
-
-def _files_of_poses(header: dict[str, Any]) -> list[tuple[str, str]]:
-    """Name of each file of poses, and the entry of the header with its hash."""
-    files = [(POSES, "poses"), (CAMERAS, "pose_camera")]
-    return files if "pose_camera" in header else files[:1]
-
-
-@cache
-def pair_schema(of_rigs: bool = False) -> "pa.Schema":
-    """Columns of a shard, one row a pose-face pair; loads pyarrow, which takes 0.15 s.
-
-    Of rigs, a row is of a pose, a face and a camera, by its number on the rig.
-    """
-    import pyarrow as pa
-
-    types = {
-        "pose": pa.int32(),
-        "face": pa.int32(),
-        "coverage": pa.float32(),
-        "covered": pa.bool_(),
-    }
-    if of_rigs:
-        types["camera_on_rig"] = pa.uint16()
-    return pa.schema([pa.field(name, kind, False) for name, kind in types.items()])
-
-
-def schema_of(shard: str, header: dict[str, Any]) -> "pa.Schema":
-    """Schema of a shard; its metadata name the shard and hold the header of its matrix."""
-    columns = pair_schema("pairs" in header)
-    return columns.with_metadata({"rastercov": json.dumps({**header, "shard": shard})})
-
-
-def open_shard(folder: Path, header: dict[str, Any], shard: str) -> "pq.ParquetFile":
-    """A verified shard.
-
-    Raises
-    ------
-    DamagedError
-        As for `contents`, where it is missing, and for a shard of another matrix or of other poses
-        of this one.
-    """
-    found, written_with = _opened(folder, shard)
-    if written_with != {**header, "shard": shard}:
-        raise DamagedError(
-            folder / shard, "this is a shard of another matrix, or of other poses of this one"
-        )
-    return found
-
-
-def rows_in(folder: Path, header: dict[str, Any], shard: str) -> int:
-    """Number of pairs in a shard; errors as for `open_shard`."""
-    return int(open_shard(folder, header, shard).metadata.num_rows)
-
-
-def _opened(folder: Path, shard: str) -> "tuple[pq.ParquetFile, dict[str, Any]]":
-    """A shard, and what `schema_of` put into it; nothing for a table of other columns."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    data = contents(folder, shard)
-    if data is None:
-        raise DamagedError(folder / shard, "it is missing")
-    try:
-        found = pq.ParquetFile(pa.BufferReader(data))
-    except (pa.ArrowException, OSError):
-        raise DamagedError(folder / shard, "this is no Parquet file") from None
-    schema = found.schema_arrow
-    entries = json.loads((schema.metadata or {}).get(b"rastercov", b"{}"))
-    return found, entries if schema.equals(pair_schema("pairs" in entries)) else {}
-
-
-def _header_in(folder: Path, name: str) -> dict[str, Any] | None:
-    """Header of the matrix from an undamaged shard, None for any other file."""
-    try:
-        _, header = _opened(folder, f"{PAIRS}/{name}")
-    except DamagedError:
-        return None
-    return header if header.pop("shard", None) == f"{PAIRS}/{name}" else None
-
-
-MOST_THREADS = 4
-"""Threads that read shards at a time; each takes some ten bytes a pair of one."""
-SCENE = "scene.npz"
-"""Mesh and cameras in the folder of a matrix that workers make."""
-BOUNDS = "bounds"
-"""Folder of the bounds that workers found, a file for each."""
-OPEN = 2
-"""Matrices that a worker keeps open: that of a plan, and that of its cavities."""
-ROWS_A_GROUP = 1 << 20
-"""Rows of a shard that Parquet compresses together."""
-OnRig = NDArray[np.uint16]
-Batch = tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.float32], BoolArray, OnRig, int]
-"""Row, face, coverage, covered mask and, of rigs, the number of the camera on its rig of each pair
-of some poses; and the number of poses."""
-NOT_ON_RIGS = np.zeros(0, np.uint16)
-
-
-class Pairs(NamedTuple):
-    """Number of pairs of each pose; face, coverage, covered mask and camera of each pair.
-
-    `on_rig` is empty where poses are of single cameras.
-    """
-
-    counts: IntArray
-    face: NDArray[np.int32]
-    coverage: NDArray[np.float32]
-    covered: BoolArray
-    on_rig: OnRig
-
-
-def gathered(batches: Iterable[Batch]) -> Pairs:
-    """Pairs of all batches."""
-    parts = [
-        Pairs(np.bincount(pose, minlength=n_poses), face, value, covered, on_rig)
-        for pose, face, value, covered, on_rig, n_poses in batches
-    ]
-    none = np.zeros(0, np.int64)
-    parts.append(Pairs(none, none.astype(np.int32), none.astype(np.float32), none > 0, NOT_ON_RIGS))
-    return Pairs(*map(np.concatenate, zip(*parts, strict=True)))
-
-
-def batches_of(
-    observer: Observer,
-    poses: Poses,
-    task: Task,
-    cells: Cells | None,
-    bounds: CandidateBounds | None = None,
-    mounts: Mounts | None = None,
-    did: Callable[[int], None] = lambda count: None,
-) -> Iterator[Batch]:
-    """Pairs of some poses and faces, or cells, batch by batch; poses are those of mounts.
-
-    `did` is called with the number of poses of each batch, once it was taken.
-    """
-    part, owner = poses, None
-    if mounts is not None and mounts.has_rigs:
-        part, owner = mounts.cameras(poses)
-    found = (
-        _of_faces(observer, part, task, bounds)
-        if cells is None
-        else _of_cells(observer, cells, part, task, bounds)
-    )
-    for batch in found if owner is None else _of_mounts(found, owner, len(poses)):
-        if batch[-1]:
-            yield batch
-            did(batch[-1])
-
-
-def _of_mounts(batches: Iterable[Batch], owner: NDArray[np.int64], n: int) -> Iterator[Batch]:
-    """Batches of n mounts from those of their cameras, (K,) of which `owner` is the mount.
-
-    A mount has a pair with a face for each of its cameras that has one, one after the other.
-    """
-    on_rig = (np.arange(len(owner)) - np.searchsorted(owner, owner)).astype(np.uint16)
-    waiting: list[tuple[NDArray[Any], ...]] = []
-    at = done = 0
-    for pose, face, value, covered, _, count in batches:
-        waiting.append((owner[at + pose], face, value, covered, on_rig[at + pose]))
-        at += count
-        whole = int(owner[at]) if at < len(owner) else n  # mounts before this one are complete
-        if whole == done:
-            continue
-        columns = [np.concatenate(column) for column in zip(*waiting, strict=True)]
-        is_whole = columns[0] < whole
-        waiting = [tuple(column[~is_whole] for column in columns)]
-        columns = [column[is_whole] for column in columns]
-        mount, face, value, covered, camera = columns
-        order = np.lexsort((camera, face, mount))
-        mount, face, camera = mount[order] - done, face[order], camera[order]
-        yield mount, face, value[order], covered[order], camera, whole - done
-        done = whole
-
-
-def region_observer(observer: Observer, cells: Cells, task: Task) -> RegionObserver:
-    """Observer of the regions in the mesh of some cells, by the method of another one."""
-    check_same_mesh(cells.mesh, observer.mesh)
-    if not isinstance(observer, ExactObserver):
-        raise ConfigError("cells need method certified or exact, got sampled")
-    engine = Engine(observer.info.plan, threads=observer.threads)
-    return RegionObserver(observer.mesh, observer.camera, task, engine, only_task=True)
-
-
-def _of_faces(
-    observer: Observer, poses: Poses, task: Task, bounds: CandidateBounds | None
-) -> Iterator[Batch]:
-    """Pairs of poses and faces with coverage > 0."""
-    figures = ("coverage", *(FIGURES if bounds is not None else ()))
-    for batch in evaluate_batches(observer, poses, task, fields=figures):
-        pose, face = np.nonzero((batch.coverage > 0) & batch.mesh.task_mask)
-        short, covered = shortened(batch.coverage[pose, face], batch.task.min_coverage)
-        yield pose, face.astype(np.int32), short, covered, NOT_ON_RIGS, len(batch.pose_ids)
-        if bounds is not None and len(batch.pose_ids):
-            bounds.add(batch)
-
-
-def _of_cells(
-    observer: Any, cells: Cells, poses: Poses, task: Task, bounds: CandidateBounds | None
-) -> Iterator[Batch]:
-    """Pairs of poses and cells with a covered share; visibility is computed once for both."""
-    judge = FacePass(observer.mesh, observer.camera, observer.threads, task)
-    for part, seen in measurements(observer, poses):
-        found = cells.share(seen.regions)  # type: ignore[union-attr] # of a RegionObserver
-        pose = np.repeat(np.arange(len(part)), np.diff(found.starts))
-        short, covered = shortened(found.share, task.min_coverage)
-        yield pose, found.cell, short, covered, NOT_ON_RIGS, len(part)
-        if bounds is not None and len(part):
-            bounds.add(judged(observer, judge, task, part, seen, FIGURES))
-
-
-def shortened(coverage: FloatArray, least: float) -> tuple[NDArray[np.float32], BoolArray]:
-    """Coverage in float32, and the mask of values of at least `least`; both are consistent.
-
-    No value is rounded across the threshold, nor down to 0. Thresholds other than 0 are 1e-30 or
-    more, which is near the least float32.
-    """
-    covered: BoolArray = coverage >= least
-    short = coverage.astype(np.float32)
-    too_low = (covered & (short.astype(np.float64) < least)) | (short == 0)
-    too_high = ~covered & (short.astype(np.float64) >= least) & ~too_low
-    short[too_low] = np.nextafter(short[too_low], np.float32(np.inf))
-    short[too_high] = np.nextafter(short[too_high], np.float32(-np.inf))
-    return short, covered
-
-
-def shard_bytes(
-    shard: str, header: dict[str, Any], batches: Iterable[Batch], numbers: IntArray
-) -> memoryview:
-    """File of a shard of the poses of these numbers."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    schema, sink = schema_of(shard, header), pa.BufferOutputStream()
-    counts, *columns = gathered(batches)
-    columns = columns[: len(schema) - 1]
-    table = pa.table([np.repeat(numbers, counts).astype(np.int32), *columns], schema=schema)
-    # In one piece: the bytes depend on neither batches nor threads.
-    with pq.ParquetWriter(sink, schema, compression="zstd", write_page_checksum=True) as writer:
-        writer.write_table(table, row_group_size=ROWS_A_GROUP)
-    return memoryview(sink.getvalue())
+# --- workers ----------------------------------------------------------------------------------
 
 
 def write_scene(folder: Path, observer: Observer, mounts: Mounts | None) -> None:
@@ -737,18 +709,18 @@ def write_scene(folder: Path, observer: Observer, mounts: Mounts | None) -> None
     renew(folder, SCENE, scene_bytes(observer.mesh, observer.camera, arrays))
 
 
-def add_bounds(folder: Path, n_shards: int, bounds: CandidateBounds) -> None:
+def add_bounds(folder: MatrixFolder, bounds: CandidateBounds) -> None:
     """Add the bounds that workers left of all shards, unless some are missing or damaged."""
     found = []
-    for path in sorted((folder / BOUNDS).glob("*.npz")):
+    for path in sorted((folder.path / BOUNDS).glob("*.npz")):
         try:
-            data = contents(folder, f"{BOUNDS}/{path.name}")
+            data = _whole(folder.path, f"{BOUNDS}/{path.name}")
         except DamagedError:
             return
-        with np.load(io.BytesIO(data or b""), allow_pickle=False) as file:
-            found.append({name: file[name] for name in file.files})
-    of_file = [part["shards"] for part in found]
-    if not found or sorted(np.concatenate(of_file).tolist()) != list(range(n_shards)):
+        with np.load(io.BytesIO(data), allow_pickle=False) as file:
+            found.append(dict(file))
+    of_file = [np.zeros(0, np.int64), *(part["shards"] for part in found)]
+    if sorted(np.concatenate(of_file).tolist()) != list(range(len(folder.store))):
         return  # a shard was made again, by another worker
     for part in found:
         np.maximum(bounds.low, part["low"], out=bounds.low)
@@ -760,8 +732,8 @@ def add_bounds(folder: Path, n_shards: int, bounds: CandidateBounds) -> None:
 class _Open(NamedTuple):
     """Matrix that this process makes shards of, and the bounds that it has found."""
 
-    header: dict[str, Any]
-    batches: Callable[[IntArray, CandidateBounds | None], Iterator[Batch]]
+    matrix: MatrixFolder
+    batches: Callable[[IntArray, CandidateBounds | None], Iterator[Pairs]]
     bounds: CandidateBounds
     bounded: list[int]
     file: str
@@ -783,11 +755,10 @@ def make(folder: Path, number: int | None, chosen: IntArray) -> memoryview:
         modified = (folder / SCENE).stat().st_mtime_ns
     except OSError:
         raise FolderLostError(f"{folder}: {SCENE} is missing") from None
-    header, batches, bounds, bounded, file = _opened_once(folder, modified)
+    matrix, batches, bounds, bounded, file = _opened_once(folder, modified)
     if number is None:
-        return shard_bytes("", header, batches(chosen, None), chosen)
-    shard = store_of(folder, header).name(number)
-    data = shard_bytes(shard, header, batches(chosen, bounds), chosen)
+        return matrix.shard_bytes(None, batches(chosen, None), chosen)
+    data = matrix.shard_bytes(number, batches(chosen, bounds), chosen)
     bounded.append(number)
     arrays = {name: getattr(bounds, name) for name in ("low", "high", "covering", "n_poses")}
     content = io.BytesIO()
@@ -810,10 +781,9 @@ def _opened_once(folder: Path, modified: int) -> _Open:
         if made_on is not None:
             observer = region_observer(observer, made_on, task)
             opened.callback(observer.close)
-        info = asdict(observer.info)
-        if info != header["measured_by"]:
+        if asdict(observer.info) != header["measured_by"]:
             raise ConfigError(
-                f"{folder}: a worker measures by {info['renderer']}, and the run by "
+                f"{folder}: a worker measures by {observer.info.renderer}, and the run by "
                 f"{header['measured_by']['renderer']}; use the same versions and devices"
             )
         opened.pop_all()
@@ -823,12 +793,12 @@ def _opened_once(folder: Path, modified: int) -> _Open:
         names = tuple(f"mount {index}" for index in range(len(starts) - 1))
         mounts = Mounts(names, Rig(scene.cameras, None, places), starts)
 
-    def batches(chosen: IntArray, bounds: CandidateBounds | None) -> Iterator[Batch]:
+    def batches(chosen: IntArray, bounds: CandidateBounds | None) -> Iterator[Pairs]:
         return batches_of(observer, renumbered(poses[chosen]), task, made_on, bounds, mounts)
 
     bounds = CandidateBounds(scene.mesh.n_faces, scene.mesh.task_mask)
     file = f"{os.uname().nodename}-{os.getpid()}-{secrets.token_hex(4)}"
-    return _Open(header, batches, bounds, [], file)
+    return _Open(MatrixFolder(folder, header), batches, bounds, [], file)
 
 
 def _engine_of(header: dict[str, Any]) -> Engine:

@@ -42,6 +42,7 @@ from rastercov.coverage.task import Reason, Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import frozen
 from rastercov.raster.cpu import CPURasterizer
+from rastercov.raster.observation import BoundKind
 
 SEEN_NOTHING = 1e-6
 """Visible fraction up to which a face counts as not seen: the bound of computed fractions is 1e-9
@@ -87,13 +88,12 @@ class CandidateBounds:
 
     def add(self, batch: Coverage) -> None:
         """Add a batch of candidates."""
-        from rastercov.base.memory import read_only
-        from rastercov.kernels.placement_candidates import add_bounds
-
-        arrays = (getattr(batch, name) for name in FIGURES)
-        figures = (read_only(array, array.dtype.type) for array in arrays)
-        chosen = read_only(self.chosen, np.bool_)
-        add_bounds(*figures, EDGE_ON, chosen, self.low, self.high, self.covering)
+        value, bound, kind, drawn, why = (getattr(batch, name)[:, self.chosen] for name in FIGURES)
+        # A smaller image shows nothing, unless it was sampled.
+        most = np.where((drawn > EDGE_ON) | (kind == BoundKind.STATISTICAL), value + bound, 0.0)
+        for found, kept in ((value - bound, self.low), (most, self.high)):
+            kept[self.chosen] = np.clip(found.max(axis=0, initial=0.0), kept[self.chosen], 1.0)
+        self.covering[self.chosen] += (why == Reason.COVERED).sum(axis=0)
         self.n_poses += len(batch.pose_ids)
 
     def of(self, chosen: BoolArray) -> "CandidateBounds":
@@ -244,17 +244,7 @@ COULD = {
 }
 """Words on uncovered faces by what the candidates prove of them."""
 
-NETWORK_FIGURES = (
-    "coverage",
-    "reason",
-    "visibility",
-    "visibility_bound",
-    "visibility_kind",
-    "in_view_fraction",
-    "drawn_pixels",
-    "resolution",
-    "incidence",
-)
+NETWORK_FIGURES = (*FIGURES, "coverage", "in_view_fraction", "resolution", "incidence")
 """Figures that a `Network` and `NearestCameras` take."""
 
 

@@ -13,19 +13,27 @@ A CPU rasteriser may be used from several threads at once. An OpenGL rasteriser 
 thread that opened it, and raises `DeviceError` in any other.
 """
 
-from dataclasses import dataclass
-from typing import Protocol, Self
+from abc import abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov.base.errors import ConfigError, ResourceError
+from rastercov.base.arguments import flag
+from rastercov.base.errors import ConfigError, DeviceError, ResourceError
 from rastercov.base.format import InOneLine
 from rastercov.base.memory import check_memory
+from rastercov.base.threads import Closing, ScratchPool, share_poses
 from rastercov.camera.camera import Camera
+from rastercov.camera.pose import valid_poses
 from rastercov.mesh import Mesh
+from rastercov.raster.targets import CountArray, IntArray, TargetFaces
 
-CountArray = NDArray[np.int32] | NDArray[np.int64]
+FloatArray = NDArray[np.float64]
+
 
 MAX_SUPERSAMPLE = 64
 """Largest S: beyond it the exact methods are both cheaper and better."""
@@ -124,14 +132,19 @@ class VisibilityBuffer(InOneLine):
     depth: NDArray[np.float32]
 
 
-class Rasterizer(Protocol):
-    """Counts and images of one mesh through one camera; open it with `open_rasterizer`."""
+class Rasterizer(Closing):
+    """Counts and images of one mesh through one camera; open it with `open_rasterizer`.
 
-    mesh: Mesh
-    camera: Camera
-    supersample: int
-    roll: float
+    Subclasses draw: `_counted` counts all faces, `_drawn` draws the opaque ones.
+    """
+
     info: RasterizerInfo
+    _threads = 1
+
+    def __init__(self, mesh: Mesh, camera: Camera, supersample: int, roll: float) -> None:
+        self.mesh, self.camera, self.supersample, self.roll = mesh, camera, supersample, roll
+        self._targets = TargetFaces.of(mesh)
+        self._is_open = True
 
     def count(self, poses: ArrayLike, *, drawn: bool = True) -> FaceCounts:
         """Samples of each face in each pose.
@@ -153,7 +166,8 @@ class Rasterizer(Protocol):
         ResourceError
             When the counts take more memory than is free, before any is taken.
         """
-        ...
+        self._check_open()
+        return self._counted(valid_poses(poses), flag("drawn", drawn))
 
     def render(self, pose: ArrayLike) -> VisibilityBuffer:
         """Face index and depth at each pixel centre, one sample a pixel.
@@ -171,18 +185,58 @@ class Rasterizer(Protocol):
             For more than `MAX_RENDERED` pixels, or more than memory has room for, before any of it
             is taken.
         """
-        ...
+        self._check_open()
+        poses = valid_poses(pose)
+        if len(poses) != 1:
+            raise ConfigError(f"render takes one pose, got {len(poses)}")
+        check_picture(self.camera)
+        return self._named(*self._drawn(poses))
 
     def close(self) -> None:
         """Give everything on the device back; later calls raise `DeviceError`.
 
         Again it does nothing. A call that another thread is in ends as ever.
         """
-        ...
+        self._is_open = False
 
-    def __enter__(self) -> Self: ...
+    @abstractmethod
+    def _counted(self, poses: FloatArray, drawn: bool) -> FaceCounts: ...
 
-    def __exit__(self, *error: object) -> None: ...
+    @abstractmethod
+    def _drawn(self, poses: FloatArray) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
+        """Face of the opaque part and depth at each pixel centre in one pose, (1, 4, 4)."""
+
+    def _named(self, face: NDArray[np.int32], depth: NDArray[np.float32]) -> VisibilityBuffer:
+        """Image by the faces of the mesh, from that by the faces of its opaque part."""
+        return VisibilityBuffer(self._targets.face_of(face) if self._targets else face, depth)
+
+    def _result(
+        self, visible: Any, drawn: Any, background: NDArray[np.int64], clipped: NDArray[np.bool_]
+    ) -> FaceCounts:
+        sampling = self.supersample, self.info, self.roll
+        return FaceCounts(visible, drawn, background, clipped, *sampling)
+
+    def _with_targets(self, counts: FaceCounts, visible: IntArray, drawn: IntArray) -> FaceCounts:
+        """Counts of the whole mesh from those of its opaque part and of its targets, (P, N)."""
+        assert self._targets is not None
+        merged, alone = self._targets.merged, counts.drawn
+        all_drawn = None if alone is None else merged(alone, drawn)
+        return replace(counts, visible=merged(counts.visible, visible), drawn=all_drawn)
+
+    def _check_open(self) -> None:
+        if not self._is_open:
+            raise DeviceError("this rasteriser is closed; open a new one")
+
+    def _share(
+        self,
+        pool: ScratchPool[Any],
+        n_turns: int,
+        work: Callable[[Any, slice], None],
+    ) -> None:
+        """Call `work` with slices that cover all turns, in threads with scratch of their own."""
+        workers = pool.take(max(1, min(self._threads, n_turns)))
+        share_poses(n_turns, [partial(work, worker) for worker in workers])
+        pool.give_back(workers)
 
 
 def check_counts(n_poses: int, n_faces: int, bytes_a_pair: int) -> None:

@@ -14,37 +14,36 @@ are little larger than the image.
 
 import math
 from collections.abc import Callable, Iterator
-from functools import cached_property, lru_cache
+from dataclasses import dataclass
+from functools import cached_property, lru_cache, partial
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from rastercov.base.arguments import flag
-from rastercov.base.errors import ConfigError, DeviceError, ResourceError
+from rastercov.base.errors import ResourceError
 from rastercov.base.memory import check_memory
-from rastercov.base.threads import Closing, ScratchPool, share_poses, thread_count
+from rastercov.base.threads import ScratchPool, share_poses, thread_count
 from rastercov.camera.camera import Camera
 from rastercov.camera.lenses.of_camera import lens_of, planes_of
 from rastercov.camera.near_plane import limits, picture_limits
-from rastercov.camera.pose import Poses, valid_poses
 from rastercov.kernels.raster_memory import MOST_WEIGHT
 from rastercov.kernels.raster_targets import count_targets
 from rastercov.mesh import Mesh
 from rastercov.raster.contract import (
     FaceCounts,
+    Rasterizer,
     RasterizerInfo,
-    VisibilityBuffer,
     check_counts,
-    check_picture,
 )
 from rastercov.raster.sample_grid import SampleGrid
-from rastercov.raster.targets import TargetFaces
 from rastercov.raster.tie_order import corners_of
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 WordArray = NDArray[np.int32]
+Look = tuple[FloatArray, float, bool]
+"""Pose (4, 4) of a view, depth of its near plane, and whether back faces are hidden."""
 
 RESOLUTION, OF_PICTURES = 1.0, 2.0
 """Samples of a view to one of the lens, a side, where the lens is as dense as `DENSEST`."""
@@ -71,14 +70,10 @@ ROWS_A_TURN = 8
 class ViewDrawer(Protocol):
     """Rasteriser of pinholes that draws the opaque faces of a mesh through one view."""
 
-    def picture(
-        self, pose: FloatArray, near: float, cull: bool
-    ) -> tuple[WordArray, NDArray[np.float32]]:
+    def picture(self, look: Look) -> tuple[WordArray, NDArray[np.float32]]:
         """Face, -1 for none, and depth (H, W) at each sample, until the next call."""
 
-    def add_counts(
-        self, pose: FloatArray, near: float, cull: bool, view: "View", visible: Any, drawn: Any
-    ) -> None:
+    def add_counts(self, look: Look, view: "View", visible: Any, drawn: Any) -> None:
         """Add the samples of the lens that show each face to (F,) counts, and those of it alone.
 
         `drawn` may be None.
@@ -97,6 +92,7 @@ class PinholeRasterizer(Protocol):
         """Give everything on the device back."""
 
 
+@dataclass(eq=False)
 class View:
     """Pinhole at the place of a lens, and the samples of it that show the rays of the lens.
 
@@ -114,14 +110,13 @@ class View:
         X / Z and Y / Z of their rays; empty unless places are kept.
     """
 
-    def __init__(
-        self, camera: Camera, turn: FloatArray, index: WordArray, samples: IntArray,
-        places: NDArray[np.float32],
-    ) -> None:  # fmt: skip
-        self.camera, self.turn, self.index = camera, turn, index
-        self.samples, self.places = samples, places
-        self.of_drawer: Any = None
-        """Kept by a drawer with the view."""
+    camera: Camera
+    turn: FloatArray
+    index: WordArray
+    samples: IntArray
+    places: NDArray[np.float32]
+    of_drawer: Any = None
+    """Kept by a drawer with the view."""
 
     @cached_property
     def grid(self) -> SampleGrid:
@@ -146,24 +141,17 @@ class View:
         return sums
 
     def count_alone(
-        self,
-        corners: FloatArray,
-        centre: FloatArray,
-        pose: FloatArray,
-        near: float,
-        depth: NDArray[np.float32] | None,
-        visible: Any,
+        self, corners: FloatArray, centre: FloatArray, look: Look, depth: Any, visible: Any,
         drawn: Any,
-    ) -> None:
+    ) -> None:  # fmt: skip
         """Add the samples that faces (N, 3, 3) cover alone, and those that a depth leaves.
 
-        The corners are from `centre`, the pose (4, 4) is that of the view. `visible` is not written
-        where there is no depth (H, W).
+        The corners are from `centre`. `visible` is not written where there is no depth (H, W).
         """
-        grid = self.grid
+        (pose, near, _), grid = look, self.grid
         count_targets(
             corners, np.ascontiguousarray(pose[:3, :3]), pose[:3, 3] - centre, grid.lens, near,
-            np.empty((0, 2), np.int64), (0, 0, grid.width, grid.height), (grid.first, grid.last),
+            np.empty((0, 2), np.int64), (0, 0, grid.width, grid.height), tuple(grid.runs),
             np.empty((0, 0), np.float32) if depth is None else depth, self.sums, visible, drawn,
         )  # fmt: skip
 
@@ -267,7 +255,7 @@ class Views:
                 rows = slice(first, min(first + ROWS_A_TURN, bottom - top))
                 own = slice(top + rows.start, top + rows.stop)
                 rays[rows] = lens.unproject(grid.positions(own.start, own.stop))
-                begin, end = grid.first[own, None], grid.last[own, None]
+                begin, end = grid.runs[:, own, None]
                 rays[rows][(column < begin) | (column >= end)] = np.nan
 
         n_turns = -(-(bottom - top) // ROWS_A_TURN)
@@ -304,7 +292,7 @@ def largest_view(camera: Camera, supersample: int) -> Camera:
     return Camera(width=side, height=side, fx=focal, fy=focal)
 
 
-class LensRasterizer(Closing):
+class LensRasterizer(Rasterizer):
     """Rasteriser of cameras with any lens, on one of pinholes.
 
     Parameters
@@ -327,98 +315,68 @@ class LensRasterizer(Closing):
         roll: float = 0.0,
         threads: int | None = None,
     ) -> None:
+        super().__init__(mesh, camera, supersample, roll)
         self._pinholes, self._threads = pinholes, thread_count(threads)
-        self.mesh, self.camera, self.supersample, self.roll = mesh, camera, supersample, roll
         self.info = pinholes.info
-        self._is_open = True
         self._views = views_of(camera, supersample, roll, keeps_places=False)
         self._drawers: ScratchPool[dict[View, ViewDrawer]] = ScratchPool(dict, self._threads)
-        self._targets = TargetFaces.of(mesh)
 
     @cached_property
     def _corners(self) -> tuple[FloatArray, FloatArray]:
         return corners_of(self.mesh.opaque)
 
-    def count(self, poses: ArrayLike, *, drawn: bool = True) -> FaceCounts:
-        """Samples of each face in each pose; see `Rasterizer.count`."""
-        self._check_open()
-        matrices, drawn = valid_poses(poses), flag("drawn", drawn)
-        grid, mesh = self._views.grid, self.mesh.opaque
+    def _counted(self, poses: FloatArray, drawn: bool) -> FaceCounts:
+        grid, mesh, targets = self._views.grid, self.mesh.opaque, self._targets
         n_bytes = np.dtype(grid.count_type).itemsize
-        check_counts(len(matrices), self.mesh.n_faces, n_bytes * (1 + drawn))
-        limit, cull, clipped = limits(self.mesh, self.camera, matrices)
-        visible: Any = np.zeros((len(matrices), mesh.n_faces), grid.count_type)
+        check_counts(len(poses), self.mesh.n_faces, n_bytes * (1 + drawn))
+        limit, cull, clipped = limits(self.mesh, self.camera, poses)
+        visible: Any = np.zeros((len(poses), mesh.n_faces), grid.count_type)
         covered: Any = np.zeros_like(visible) if drawn else None
-        n_targets = 0 if self._targets is None else len(self._targets.rows)
-        of_targets = np.zeros((2, len(matrices), n_targets), np.int64)
-        workers = self._drawers.take(max(1, min(self._threads, len(matrices))))
+        of_targets = np.zeros((2, len(poses), len(targets.rows) if targets else 0), np.int64)
 
-        def work_of(
-            drawers: dict[View, ViewDrawer], views: tuple[View, ...]
-        ) -> Callable[[slice], None]:
-            def work(turn: slice) -> None:
-                for view in views:
-                    drawer = self._drawer(drawers, view)
-                    for row in range(len(matrices))[turn]:
-                        pose = matrices[row] @ view.turn
-                        near, hides = float(limit[row]), bool(cull[row])
-                        drawer.add_counts(
-                            pose, near, hides, view, visible[row],
-                            None if covered is None else covered[row],
-                        )  # fmt: skip
-                        if self._targets is not None:
-                            depth = drawer.picture(pose, near, hides)[1]
-                            view.count_alone(
-                                self._targets.corners, self._targets.centre, pose, near, depth,
-                                of_targets[0, row], of_targets[1, row],
-                            )  # fmt: skip
-
-            return work
+        def work(views: tuple[View, ...], drawers: dict[View, ViewDrawer], turn: slice) -> None:
+            for view in views:
+                drawer = self._drawer(drawers, view)
+                for row in range(turn.start, turn.stop):
+                    look = poses[row] @ view.turn, float(limit[row]), bool(cull[row])
+                    own = None if covered is None else covered[row]
+                    drawer.add_counts(look, view, visible[row], own)
+                    if targets:
+                        depth = drawer.picture(look)[1]
+                        found = of_targets[:, row]
+                        view.count_alone(targets.corners, targets.centre, look, depth, *found)
 
         for views in self._views.bands(self._threads):
-            share_poses(len(matrices), [work_of(drawers, views) for drawers in workers])
-        self._drawers.give_back(workers)
+            self._share(self._drawers, len(poses), partial(work, views))
         background = grid.n_samples - visible.sum(axis=1, dtype=np.int64)
-        counts = FaceCounts(
-            visible, covered, background, clipped, grid.supersample, self.info, self.roll
-        )
-        return counts if self._targets is None else self._targets.added(counts, *of_targets)
+        counts = self._result(visible, covered, background, clipped)
+        return self._with_targets(counts, *of_targets) if targets else counts
 
-    def render(self, pose: ArrayLike) -> VisibilityBuffer:
-        """Face index and depth at each pixel centre; see `Rasterizer.render`."""
-        self._check_open()
-        accepted = Poses.of(pose)
-        if len(accepted) != 1:
-            raise ConfigError(f"render takes one pose, got {len(accepted)}")
-        check_picture(self.camera)
-        matrix = accepted.world_from_camera
-        near, cull = picture_limits(self.mesh, self.camera, matrix)
-        size = self.camera.height * self.camera.width
-        face, depth = np.full(size, -1, np.int32), np.full(size, np.inf, np.float32)
+    def _drawn(self, poses: FloatArray) -> tuple[WordArray, NDArray[np.float32]]:
+        (near,), (cull,) = picture_limits(self.mesh, self.camera, poses)
+        shape = self.camera.height, self.camera.width
+        face, depth = np.full(shape, -1, np.int32), np.full(shape, np.inf, np.float32)
         pictures = views_of(self.camera, 1, 0.0, keeps_places=True)
         for views in pictures.bands(self._threads):
             for view in views:
-                turned = matrix[0] @ view.turn
+                pose = poses[0] @ view.turn
                 drawer = self._pinholes.drawer(view.camera)
-                drawn_face, drawn_depth = drawer.picture(turned, float(near[0]), bool(cull[0]))
+                drawn_face, drawn_depth = drawer.picture((pose, float(near), bool(cull)))
                 found = drawn_face.ravel()[view.index]
                 is_seen = found >= 0
                 at, places = view.samples[is_seen], view.places[is_seen].astype(np.float64)
-                face[at] = found[is_seen]
+                face.ravel()[at] = found[is_seen]
                 drawn = drawn_depth.ravel()[view.index[is_seen]]
-                z = self._depths(turned, float(near[0]), face[at], places, drawn)
+                z = self._depths(pose, float(near), found[is_seen], places, drawn)
                 if len(pictures.frames) > 1:
                     z *= np.sqrt(1 + (places**2).sum(axis=1))
-                depth[at] = z
-        if self._targets is not None:
-            face = self._targets.face_of(face)
-        shape = self.camera.height, self.camera.width
-        return VisibilityBuffer(face.reshape(shape), depth.reshape(shape))
+                depth.ravel()[at] = z
+        return face, depth
 
     def close(self) -> None:
         """Release its memory: later calls raise `DeviceError`, calls in other threads complete."""
         self._pinholes.close()
-        self._is_open = False
+        super().close()
         self._drawers.close()
 
     def _drawer(self, drawers: dict[View, ViewDrawer], view: View) -> ViewDrawer:
@@ -428,10 +386,6 @@ class LensRasterizer(Closing):
                 drawers.clear()
             drawers[view] = self._pinholes.drawer(view.camera, next(iter(drawers.values()), None))
         return drawers[view]
-
-    def _check_open(self) -> None:
-        if not self._is_open:
-            raise DeviceError("this rasteriser is closed; open a new one")
 
     def _depths(
         self,

@@ -83,27 +83,10 @@ class SampleGrid:
         return self._middle[0] - (c * a + s * b), self._middle[1] - (c * b - s * a)
 
     @property
-    def canvas_from_image(self) -> FloatArray:
-        """Affine map (2, 3) from (u, v, 1), pixels, to the canvas, samples."""
-        c, s = self.supersample * self._c, self.supersample * self._s
-        x, y = self._from_corner
-        return np.array(((c, s, x), (-s, c, y)))
-
-    @property
     def mix(self) -> FloatArray:
         """Matrix (2, 2) by which `axes` mixes the first two camera axes."""
         c, s = self._c, self._s
         return np.array(((c, s * self._ratio), (-s / self._ratio, c)))
-
-    @property
-    def first(self) -> NDArray[np.int32]:
-        """First sample of each row inside the image, (height,)."""
-        return self._runs[0]
-
-    @property
-    def last(self) -> NDArray[np.int32]:
-        """Sample after the last one of each row inside the image, (height,)."""
-        return self._runs[1]
 
     @cached_property
     def n_samples(self) -> int:
@@ -116,7 +99,8 @@ class SampleGrid:
         return np.int32 if self.n_samples < 1 << 31 else np.int64
 
     @cached_property
-    def _runs(self) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    def runs(self) -> NDArray[np.int32]:
+        """First sample of each row inside the image, and the one after the last; (2, height)."""
         c, s = self._c, self._s
         x = self._middle[0]
         y = np.arange(self.height) + 0.5 - self._middle[1]
@@ -130,7 +114,7 @@ class SampleGrid:
             high = np.minimum(high, np.maximum(one, other))
         first = np.clip(np.ceil(low + x - 0.5), 0, self.width).astype(np.int32)
         last = np.clip(np.floor(high + x - 0.5) + 1, 0, self.width).astype(np.int32)
-        return first, np.maximum(first, last)
+        return np.stack((first, np.maximum(first, last)))
 
     def positions(self, top: int, bottom: int) -> FloatArray:
         """Pixels (u, v) of the samples of some rows of the canvas, (bottom - top, width, 2)."""
@@ -159,10 +143,9 @@ class SampleGrid:
         """
         if not self.is_rolled:
             return poses
-        mixed = poses.copy()
-        right, down = poses[:, :3, 0], poses[:, :3, 1]
-        mixed[:, :3, 0] = self._c * right + self._s * self._ratio * down
-        mixed[:, :3, 1] = self._c * down - self._s / self._ratio * right
+        mixed, mix = poses.copy(), self.mix
+        for axis in range(2):
+            mixed[:, :3, axis] = mix[axis, 0] * poses[:, :3, 0] + mix[axis, 1] * poses[:, :3, 1]
         return mixed
 
     def boxes(self, boxes: IntArray) -> IntArray:
@@ -173,9 +156,6 @@ class SampleGrid:
         boxes : (P, 4) int
             left, top, right, bottom in pixels.
         """
-        if not self.is_rolled:
-            scaled: IntArray = boxes * self.supersample
-            return scaled
         u = self.supersample * boxes[:, [0, 2, 0, 2]]
         v = self.supersample * boxes[:, [1, 1, 3, 3]]
         x = self._c * u + self._s * v + self._from_corner[0]
@@ -204,5 +184,5 @@ class SampleGrid:
     def _of(self, box: Box) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
         """First and last sample inside the image of each row of a part, from its left edge."""
         left, top, width, height = box
-        rows = slice(top, top + height)
-        return (self.first[rows] - left).clip(0, width), (self.last[rows] - left).clip(0, width)
+        first, last = (self.runs[:, top : top + height] - left).clip(0, width)
+        return first, last

@@ -8,17 +8,17 @@ takes about as long as counting it. Meshes without targets do nothing of this.
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.mesh import Mesh
-from rastercov.raster.contract import CountArray, FaceCounts
 from rastercov.raster.sample_grid import Box, SampleGrid
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+CountArray = NDArray[np.int32] | IntArray
 Depths = Callable[[int, int], Iterator[tuple[Box, NDArray[np.float32]]]]
 """Tiles of one pose that together hold the rows from a first one up to a last one, each with the
 depth of the nearest surface at its samples: metres, inf for none."""
@@ -83,18 +83,10 @@ class TargetFaces:
         kernels.rows_of_targets(*view, grid.height, rows)
         in_view = rows[rows[:, 0] < rows[:, 1]]
         if len(in_view):
-            runs = grid.first, grid.last
+            runs = tuple(grid.runs)
             for tile, depth in depths(int(in_view[:, 0].min()), int(in_view[:, 1].max())):
                 kernels.count_targets(*view, rows, tile, runs, depth, ONCE, visible, drawn)
         return visible, drawn
-
-    def added(self, counts: FaceCounts, visible: IntArray, drawn: IntArray) -> FaceCounts:
-        """Counts of the whole mesh from those of its opaque part and of its targets, (P, N)."""
-        return replace(
-            counts,
-            visible=self._merged(counts.visible, visible),
-            drawn=None if counts.drawn is None else self._merged(counts.drawn, drawn),
-        )
 
     def face_of(self, face: NDArray[np.int32]) -> NDArray[np.int32]:
         """Faces of the mesh for faces of its opaque part; -1 stays."""
@@ -102,7 +94,8 @@ class TargetFaces:
         found: NDArray[np.int32] = names[face]
         return found
 
-    def _merged(self, opaque: CountArray, targets: IntArray) -> CountArray:
+    def merged(self, opaque: CountArray, targets: IntArray) -> CountArray:
+        """Counts of all faces from those of the opaque ones and of the targets, (P, N)."""
         n_faces = len(self.opaque) + len(self.rows)
         merged: CountArray = np.empty((len(targets), n_faces), opaque.dtype)
         merged[:, self.opaque] = opaque[:, : len(self.opaque)]

@@ -17,18 +17,18 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from rastercov.base.format import area, percent, plural
 from rastercov.base.interrupts import interrupts_held
-from rastercov.base.output import write_bytes, write_json, write_npz, write_text, writing
+from rastercov.base.output import write_bytes, write_json, write_npz, write_text
 from rastercov.camera.rig import names_of
 from rastercov.coverage.area.network import in_words
+from rastercov.coverage.network import share_of_faces
 from rastercov.coverage.provenance import Provenance
 from rastercov.coverage.shards import UNFINISHED, remove
 from rastercov.placement.audit import Audit
-from rastercov.report.coverage_files import write_coloured_mesh, write_rig
+from rastercov.report.coverage_files import write_coloured_mesh, write_rig, write_table
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.modes import MODES, mode_picture, rounded
 from rastercov.report.pages import Picture, figures_of, rendered, view_page
@@ -49,7 +49,7 @@ HEADINGS = ("image", "camera", "sees", "lost without it", "by it alone", "in the
 
 
 def write(
-    made: Callable[[Path | None], Audit],
+    made: Callable[..., Audit],
     out: Path,
     options: Mapping[str, Any],
     notes: Sequence[str] = (),
@@ -61,7 +61,7 @@ def write(
     Parameters
     ----------
     made : callable
-        Gives the audit, once the folder can be used; called with the folder of its shards, or None.
+        Gives the audit, once the folder can be used; `folder` is that of its shards, or None.
     out : Path
         Folder for the report.
     options : mapping
@@ -72,28 +72,33 @@ def write(
         True for an audit that is kept in shards until its report is whole.
     """
     with ReportFolder(out, AUDIT) as folder:
-        found = made(folder.path / UNFINISHED if is_kept else None)
+        found = made(folder=folder.path / UNFINISHED if is_kept else None)
         header = Provenance(
             found.mesh, found.camera, found.poses.given, found.task, options
         ).as_dict()
         summary = found.summary() | {"notes": list(notes), "run": header}
-        cameras = names_of(found.camera)
-        values = _values(found)
         eyes = found.poses.world_from_camera[:, :3, 3]
         surface = found.mesh if found.cells is None else found.cells.elements
+        values, cameras = _values(found), _cameras(found, summary)
         pictures = {
             f"audit_{name}": Picture.of(MODES[name].words, mode_picture(name, surface, each, eyes))
             for name, each in values.items()
+        }
+        is_task = found.problem.weights > 0
+        figures = {
+            "covered": share_of_faces(surface, found.covered & is_task, is_task),
+            "task_faces": int(is_task.sum()),
+            "not_covered_because": {},
+            "covered_area": summary.get("covered_area", {}),
         }
         faces = np.diff(found.problem.bits.pairs()[0]).tolist()
         view = view_page(
             folder.path.resolve().name, surface, found.camera, found.poses, found.names, values,
             figures_of(
-                _on_elements(found, summary), faces, found.seen_m2, found.alone_m2,
-                float(found.problem.weights.sum()),
+                figures, faces, found.seen_m2, found.alone_m2, float(found.problem.weights.sum())
             ),
         )  # fmt: skip
-        html = page(found, summary, cameras, pictures, has_view=view is not None)
+        html = page(summary, cameras, pictures, has_view=view is not None)
         with interrupts_held():
             for name, picture in pictures.items():
                 write_bytes(folder.file(f"{name}.png"), picture.light)
@@ -101,15 +106,11 @@ def write(
             if view is not None:
                 write_text(folder.file("view.html"), view)
             elements = _arrays(found)
-            for name, columns in (("elements", elements), ("cameras", _cameras(found, cameras))):
-                with writing(folder.file(f"{name}.parquet")) as part:
-                    pq.write_table(pa.table(columns), part)
+            for name, columns in (("elements", elements), ("cameras", cameras)):
+                write_table(folder.file(f"{name}.parquet"), pa.table(columns))
             write_npz(folder.file("elements.npz"), **elements)
-            write_coloured_mesh(
-                folder.file("audit.glb"),
-                surface,
-                found.views / max(1, int(found.views.max(initial=0))),
-            )
+            shares = found.views / max(1, int(found.views.max(initial=0)))
+            write_coloured_mesh(folder.file("audit.glb"), surface, shares)
             write_rig(folder.file("rig.json"), found.camera, found.poses, found.names)
             write_json(folder.file("audit.json"), summary)
             folder.publish()
@@ -133,23 +134,15 @@ def _arrays(found: Audit) -> dict[str, np.ndarray[Any, Any]]:
     }
 
 
-def _cameras(found: Audit, names: tuple[str, ...]) -> dict[str, Any]:
+def _cameras(found: Audit, summary: Mapping[str, Any]) -> dict[str, Any]:
     """Figures of each pose: `in_subset` is true for those of the smallest subset found."""
-    chosen = np.zeros(len(found.poses), np.bool_)
-    chosen[found.subset.chosen] = True
-    frames = {}
+    entries, names = summary["per_camera"], names_of(found.camera)
+    columns = {name: [entry[name] for entry in entries] for name in entries[0]}
+    columns["camera"] = [names[index] for index in columns["camera"]]
+    columns["in_subset"] = np.isin(np.arange(len(entries)), found.subset.chosen).tolist()
     if found.frames is not None:
-        frames["frame"] = [found.frames.names[row] for row in found.frames.of_pose]
-    return {
-        "pose": found.poses.ids,
-        "name": list(found.names),
-        "camera": [names[index] for index in found.poses.camera],
-        "seen_m2": found.seen_m2,
-        "lost_m2": found.lost_m2,
-        "alone_m2": found.alone_m2,
-        "in_subset": chosen,
-        **frames,
-    }
+        columns["frame"] = [found.frames.names[row] for row in found.frames.of_pose]
+    return columns
 
 
 def _values(found: Audit) -> dict[str, NDArray[Any]]:
@@ -163,42 +156,19 @@ def _values(found: Audit) -> dict[str, NDArray[Any]]:
     return values
 
 
-def _on_elements(found: Audit, summary: Mapping[str, Any]) -> dict[str, Any]:
-    """Figures as of `Network.summary`, of the elements of an audit."""
-    is_task = found.problem.weights > 0
-    percent_of = 100 * float(found.covered[is_task].mean()) if is_task.any() else 0.0
-    return {
-        "covered": {
-            "faces": int(found.covered[is_task].sum()),
-            "percent": percent_of,
-            "area_percent": summary["covered_percent"],
-        },
-        "task_faces": int(is_task.sum()),
-        "not_covered_because": {},
-        "covered_area": summary.get("covered_area", {}),
-    }
-
-
 def page(
-    found: Audit,
     summary: Mapping[str, Any],
-    cameras: tuple[str, ...],
+    cameras: Mapping[str, Any],
     pictures: Mapping[str, Picture],
     *,
     has_view: bool,
 ) -> str:
-    """HTML of an audit and its summary; `cameras` are the names of the cameras."""
-    chosen = set(found.subset.chosen.tolist())
-    order = np.lexsort((-found.seen_m2, -found.lost_m2))
+    """HTML of an audit: its summary, and the columns of its cameras."""
+    order = np.lexsort((-np.array(cameras["seen_m2"]), -np.array(cameras["lost_m2"])))
     rows = [
-        (
-            found.names[row],
-            cameras[found.poses.camera[row]],
-            area(float(found.seen_m2[row])),
-            area(float(found.lost_m2[row])),
-            area(float(found.alone_m2[row])),
-            "yes" if row in chosen else "",
-        )
+        [cameras["name"][row], cameras["camera"][row]]
+        + [area(cameras[name][row]) for name in ("seen_m2", "lost_m2", "alone_m2")]
+        + ["yes" if cameras["in_subset"][row] else ""]
         for row in order[:MOST_ROWS].tolist()
     ]
     exact = summary.get("covered_area")
@@ -213,7 +183,7 @@ def page(
         summary=summary,
         headings=HEADINGS,
         rows=rows,
-        n_more=max(0, len(found.poses) - MOST_ROWS),
+        n_more=max(0, len(order) - MOST_ROWS),
         pictures=list(pictures.values()),
         has_view=has_view,
     )
@@ -239,11 +209,8 @@ def headlines(summary: Mapping[str, Any]) -> list[str]:
     cameras = summary.get("by_camera", ())
     for entry in cameras[:MOST_LINES]:
         lost = f"{area(entry['lost_m2'])} is" if entry["lost_m2"] > 0 else "nothing is"
-        lines.append(
-            f"{entry['camera']}: {plural(entry['poses'], 'image', 'see')} "
-            f"{area(entry['seen_m2'])}, "
-            f"{lost} lost without them"
-        )
+        seen = f"{plural(entry['poses'], 'image', 'see')} {area(entry['seen_m2'])}"
+        lines.append(f"{entry['camera']}: {seen}, {lost} lost without them")
     if cameras[MOST_LINES:]:
         lines.append(f"{len(cameras) - MOST_LINES} more cameras are in audit.json")
     return lines

@@ -18,15 +18,15 @@ describes runs that are killed.
 
 import logging
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass, replace
-from functools import cached_property
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from PIL import Image
 
 from rastercov.base.checks import shown
@@ -41,9 +41,9 @@ from rastercov.coverage.area.regions import RegionPass, Regions
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.evaluation import Evaluation
 from rastercov.coverage.face_pass import faces_in_view
-from rastercov.coverage.job import ALONE, Staff, measure
+from rastercov.coverage.job import measure
 from rastercov.coverage.network import CHOICES
-from rastercov.coverage.shards import UNFINISHED, Wanted, open_for, remove
+from rastercov.coverage.shards import ALONE, UNFINISHED, Staff, Wanted, open_for, remove
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.raster import open_rasterizer
@@ -180,19 +180,20 @@ def run(
     with ReportFolder(out, EVALUATION) as folder:
         unit, reason = unit_of_result(options.by, task, options.engine)
         accepted.check_cameras(len(cameras))
-        rows = np.unique(
-            np.linspace(0, len(accepted) - 1, min(options.pictures, len(accepted))).astype(int)
-        )
+        some = np.linspace(0, len(accepted) - 1, min(options.pictures, len(accepted)))
+        rows = np.unique(some.astype(int))
         if len(rows) and options.device not in ("auto", "cpu"):
-            options.open_rasterizer(
-                mesh, cameras[accepted.camera[rows[0]]]
-            ).close()  # a broken device fails before the work
+            first = cameras[accepted.camera[rows[0]]]
+            options.open_rasterizer(mesh, first).close()  # a broken device fails before the work
         pairs = table_of(mesh, camera, accepted) if options.table is None else options.table
 
         def open_table(header: Mapping[str, Any]) -> CoverageTable:
-            of_poses = _cameras_of_poses(camera, accepted)
-            path, by_area = folder.file("coverage.parquet"), unit == "area"
-            return CoverageTable(path, mesh, header, by_area=by_area, cameras=of_poses)
+            of_poses = np.zeros(len(accepted.given), np.int32)
+            of_poses[accepted.ids] = accepted.camera
+            return CoverageTable(
+                folder.file("coverage.parquet"), mesh, header, by_area=unit == "area",
+                cameras=(names_of(camera), of_poses) if len(cameras) > 1 else None,
+            )  # fmt: skip
 
         wanted = Wanted(options.engine, unit == "area", pairs, tuple(accepted.ids[rows].tolist()))
         with open_for(mesh, camera, task, wanted) as observer:
@@ -210,15 +211,18 @@ def _write(folder: ReportFolder, found: Evaluation, options: Options) -> dict[st
     with interrupts_held():
         summary = found.summary()
     with ExitStack() as stack:
-        shown = None
+        finder = None
         if found.kept and areas is not None:
             finder = RegionPass(mesh, camera, found.task, method=found.engine)
             stack.callback(finder.close)
-            shown = ShownRegions(finder, poses)
         try:
             if found.kept:
-                _draw_poses(folder, found, shown, options.full)
-                _draw_network(folder, found, summary, shown)
+                # Found once for the sheet and the overview, which shows no more of them.
+                every = None
+                if finder is not None and len(poses) <= MOST_COLOURS:
+                    every = finder.find(poses)
+                _draw_poses(folder, found, every, finder, options.full)
+                _draw_network(folder, found, summary, every)
         except KeyboardInterrupt:
             summary["interrupted"] = True
     with interrupts_held():
@@ -235,38 +239,20 @@ def _write(folder: ReportFolder, found: Evaluation, options: Options) -> dict[st
     return summary
 
 
-@dataclass(frozen=True)
-class ShownRegions:
-    """Covered regions of the cameras in pictures, found once for the sheet and the overview.
-
-    Those of all cameras are kept where the overview shows them; of more than `MOST_COLOURS`, one
-    pose is found at a time.
-    """
-
-    finder: RegionPass
-    poses: Poses
-
-    @cached_property
-    def all(self) -> Regions:
-        """Those of all poses."""
-        return self.finder.find(self.poses)
-
-    def of_pose(self, pose: int) -> Regions:
-        """Those of the pose of this number."""
-        is_it = self.poses.ids == pose
-        if len(self.poses) <= MOST_COLOURS:
-            return self.all.of_poses(is_it)
-        return self.finder.find(self.poses[is_it])
-
-
 def _draw_poses(
-    folder: ReportFolder, found: Evaluation, shown: ShownRegions | None, full: str
+    folder: ReportFolder,
+    found: Evaluation,
+    every: Regions | None,
+    finder: RegionPass | None,
+    full: str,
 ) -> None:
     """Draw the poses to keep side by side, and what `full` names of each.
 
-    An interrupt leaves out the rest of them.
+    By area with the regions of all poses, or those that the finder has of each. An interrupt leaves
+    out the rest of the poses.
     """
     mesh, poses, cameras = found.mesh, found.poses, cameras_of(found.camera)
+    named = () if finder is None else ("covered", "not covered")
     tiles: dict[int, tuple[Image.Image, str]] = {}
     digits = len(str(max(found.kept)))
     some = poses[np.isin(poses.ids, list(found.kept))]
@@ -278,49 +264,36 @@ def _draw_poses(
                 sizes.append(PICTURE_SIDE / max(eye.width, eye.height))
             of_camera = f", {names_of(found.camera)[index]}" if len(cameras) > 1 else ""
             with ExitStack() as stack:
-                views = [
-                    stack.enter_context(
-                        open_rasterizer(
-                            mesh, eye.resized(min(1.0, size)), **found.engine.rasterizer_options
-                        )
-                    )
-                    for size in sizes
-                ]
+                rasterizer = partial(open_rasterizer, mesh, **found.engine.rasterizer_options)
+                small = [eye.resized(min(1.0, size)) for size in sizes]
+                views = [stack.enter_context(rasterizer(camera=each)) for each in small]
                 for pose in some[rows].ids.tolist():
-                    own = replace(poses[poses.ids == pose], camera=np.zeros(1, np.int32))
-                    regions = None if shown is None else shown.of_pose(pose)
+                    is_own = poses.ids == pose
+                    own = replace(poses[is_own], camera=np.zeros(1, np.int32))
+                    regions = None if every is None else every.of_poses(is_own)
+                    if finder is not None and regions is None:
+                        regions = finder.find(poses[is_own])
                     title = f"pose {pose}{of_camera}: covers {_covers(found, pose, regions)}"
                     tile = _pixels(found, pose, views[0].camera, views[0].render(own), regions)
+                    tiles[pose] = Image.fromarray(tile), title
                     for view in views[1:]:
-                        buffer = view.render(own)
+                        buffer, camera = view.render(own), view.camera
                         name = f"_{pose:0{digits}d}.png"
                         if full in ("poses", "all"):
-                            picture = _picture(found, pose, view.camera, buffer, regions, title)
+                            pixels = _pixels(found, pose, camera, buffer, regions)
+                            values, matrix = found.kept[pose], poses.given[pose]
+                            picture = coverage_picture(
+                                buffer, values, mesh, camera, matrix, title, pixels, named=named
+                            )
                             save_picture(picture, folder.file("pose" + name))
                         if full in ("faces", "all"):
                             save_picture(face_index_picture(buffer), folder.file("faces" + name))
-                    tiles[pose] = Image.fromarray(tile), title
     finally:
         with interrupts_held():
             if tiles:
                 pictures, titles = zip(*(tiles[pose] for pose in sorted(tiles)), strict=True)
                 sheet = contact_sheet(list(pictures), list(titles))
                 save_picture(sheet, folder.file("contact_sheet.png"))
-
-
-def _picture(
-    found: Evaluation,
-    pose: int,
-    camera: Camera,
-    buffer: VisibilityBuffer,
-    regions: Regions | None,
-    title: str,
-) -> Image.Image:
-    """Picture of a pose with a title and a legend."""
-    named = () if regions is None else ("covered", "not covered")
-    pixels = _pixels(found, pose, camera, buffer, regions)
-    matrix, values = found.poses.given[pose], found.kept[pose]
-    return coverage_picture(buffer, values, found.mesh, camera, matrix, title, pixels, named=named)
 
 
 def _pixels(
@@ -353,7 +326,7 @@ def _covers(found: Evaluation, pose: int, regions: Regions | None) -> str:
 
 
 def _draw_network(
-    folder: ReportFolder, found: Evaluation, summary: Mapping[str, Any], shown: ShownRegions | None
+    folder: ReportFolder, found: Evaluation, summary: Mapping[str, Any], every: Regions | None
 ) -> None:
     """Draw what all cameras cover together and dead zones, and write the page to look around in.
 
@@ -361,20 +334,22 @@ def _draw_network(
     """
     mesh, poses, network, areas = found.mesh, found.poses, found.network, found.areas
     eyes, names = poses.world_from_camera[:, :3, 3], [str(row) for row in poses.ids.tolist()]
+    covered = zones = zones_drawn = None
+    if areas is not None:
+        covered, zones = areas.covered, areas.zones()
+        zones_drawn = zones_picture(zones, summary, eyes) if zones else None
     if len(poses) <= MOST_COLOURS:
-        best, regions = best_covering(network), None if shown is None else shown.all
-        picture = Overview(mesh, found.camera, poses, names, best, regions).picture()
-    elif areas is not None:
-        picture = views_picture(areas.covered, eyes)
+        best = best_covering(network)
+        picture = Overview(mesh, found.camera, poses, names, best, every).picture()
+    elif covered is not None:
+        picture = views_picture(covered, eyes)
     else:
         picture = mode_picture("views", mesh, network.views, eyes)
-    zones = None if areas is None else areas.zones()
-    zones_drawn = zones_picture(zones, summary, eyes) if zones else None
-    need = np.full(mesh.n_faces, found.task.views)
-    covered = None if areas is None else areas.covered
     page = view_page(
         folder.path.resolve().name, mesh, found.camera, poses, [f"pose {name}" for name in names],
-        values_of(network, network.covered, names, covered, need),
+        values_of(
+            network, network.covered, names, covered, np.full(mesh.n_faces, found.task.views)
+        ),
         figures_of(summary, network.covered_faces),
         zone_entries(mesh, zones, summary) if zones else (),
     )  # fmt: skip
@@ -384,17 +359,6 @@ def _draw_network(
             save_picture(zones_drawn, folder.file("zones.png"))
         if page is not None:
             write_text(folder.file("view.html"), page)
-
-
-def _cameras_of_poses(
-    camera: Cameras, poses: Poses
-) -> tuple[Sequence[str], NDArray[np.int32]] | None:
-    """Names of several cameras, and the index of the camera of each pose of the input."""
-    if len(cameras_of(camera)) == 1:
-        return None
-    index = np.zeros(len(poses.given), np.int32)
-    index[poses.ids] = poses.camera
-    return names_of(camera), index
 
 
 def table_of(mesh: Mesh, camera: Cameras, poses: Poses) -> str:

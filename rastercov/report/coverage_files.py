@@ -15,36 +15,27 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+from numpy.typing import ArrayLike, NDArray
+from PIL import Image
 
-from rastercov.base.errors import ConfigError
-from rastercov.base.output import json_bytes, named, replacing, write_json, writing
+from rastercov.base.output import json_bytes, named, replacing, write_bytes, write_json, writing
 from rastercov.camera.formats.own import content_of
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, Rig, Views, cameras_of, names_of
 from rastercov.coverage.area.frames import frames_of
-from rastercov.coverage.area.union import Covered
+from rastercov.coverage.area.union import Covered, with_rest
 from rastercov.coverage.coverage import FIGURES, UNITS
 from rastercov.coverage.task import Reason
 from rastercov.mesh import Mesh
-from rastercov.raster.observation import BoundKind
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from rastercov.kernels.network import PairRows
-
-    Floats = NDArray[np.float32]
-
-
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
-from PIL import Image
-
-from rastercov.base.output import write_bytes
-from rastercov.coverage.area.union import with_rest
 from rastercov.mesh.formats.gltf_file import Y_UP, GlbBuffer
+from rastercov.raster.observation import BoundKind
 from rastercov.report import theme
 from rastercov.report.images import OPACITY, png
+
+if TYPE_CHECKING:
+    from rastercov.kernels.network import PairRows
+
+FloatArray = NDArray[np.float64]
 
 COVERED_M2 = "covered_m2"
 """Column by area only."""
@@ -96,7 +87,7 @@ class CoverageTable:
         header: Mapping[str, Any] | None = None,
         *,
         by_area: bool = False,
-        cameras: "tuple[Sequence[str], NDArray[np.int32]] | None" = None,
+        cameras: tuple[Sequence[str], NDArray[np.int32]] | None = None,
     ) -> None:
         self.path, self.mesh = Path(path), mesh
         names = pa.dictionary(pa.int32(), pa.string())
@@ -135,15 +126,14 @@ class CoverageTable:
             # Floats are split into their bytes, which compress better side by side. Statistics and
             # zstd would take as long again as the rest: 111 in place of 49 ns a row, for 10 % of
             # the size.
-            floats = [name for name, kind in FIGURES.items() if kind is not np.bool_]
-            floats += [COVERED_M2] if COVERED_M2 in self.schema.names else []
+            floats = [field.name for field in self.schema if field.type == pa.float32()]
             self._writer = stack.enter_context(
                 pq.ParquetWriter(
                     file,
                     self.schema,
                     compression="snappy",
                     use_dictionary=["pose", *self._names],
-                    use_byte_stream_split=[name for name in floats if name not in CODES],
+                    use_byte_stream_split=floats,
                     column_encoding={"face": "DELTA_BINARY_PACKED"},
                     write_statistics=["pose", "face"],
                 )
@@ -153,13 +143,11 @@ class CoverageTable:
             self._stack = stack.pop_all()
         return self
 
-    def add(self, rows: "PairRows", covered_m2: "Floats | None" = None) -> None:
+    def add(self, rows: "PairRows", covered_m2: NDArray[np.float32] | None = None) -> None:
         """Append rows; they are not copied, so must not change any more.
 
         `covered_m2` of each row is needed by area.
         """
-        if self._writer is None:
-            raise ConfigError("a table takes rows inside its with block only; open it there")
         self.n_rows += len(rows.pose)
         while len(self._waiting) > BATCHES_WAITING or (self._waiting and self._waiting[0].done()):
             self._waiting.popleft().result()
@@ -187,7 +175,7 @@ class CoverageTable:
             self._writer = self._pending = self._pool = None
             self._waiting.clear()
 
-    def _write(self, rows: "PairRows", covered_m2: "Floats | None") -> None:
+    def _write(self, rows: "PairRows", covered_m2: NDArray[np.float32] | None) -> None:
         columns: dict[str, Any] = rows._asdict()
         if COVERED_M2 in self.schema.names:
             columns[COVERED_M2] = covered_m2
@@ -196,14 +184,13 @@ class CoverageTable:
             columns["camera"] = self._camera_of_pose[rows.pose]
         for name, names in self._names.items():
             columns[name] = pa.DictionaryArray.from_arrays(columns[name], names)
-        pending = pa.concat_tables([self._pending, pa.table(columns, schema=self.schema)])
-        whole = len(pending) // ROWS_A_GROUP * ROWS_A_GROUP
-        # The copy releases the memory of the batch.
-        rest = pending.slice(whole)
-        self._pending = rest.take(np.arange(len(rest))) if whole else rest
+        self._pending = pa.concat_tables([self._pending, pa.table(columns, schema=self.schema)])
+        whole = len(self._pending) // ROWS_A_GROUP * ROWS_A_GROUP
         if whole:
+            groups, rest = self._pending.slice(0, whole), self._pending.slice(whole)
+            self._pending = rest.take(np.arange(len(rest)))  # a copy releases the memory of batches
             with named(self.path):
-                self._writer.write_table(pending.slice(0, whole), row_group_size=ROWS_A_GROUP)
+                self._writer.write_table(groups, row_group_size=ROWS_A_GROUP)
 
 
 def _names(names: Iterable[str]) -> Any:
@@ -218,8 +205,8 @@ def write_areas(path: Path, mesh: Mesh, covered: Covered) -> None:
     """
     faces = np.flatnonzero(mesh.task_mask)
     k = len(covered.area)
-    names = pa.array([group.name for group in mesh.groups])
-    groups = pa.array(np.repeat(mesh.face_group[faces], k).astype(np.int32))
+    names = _names(group.name for group in mesh.groups)
+    groups = np.repeat(mesh.face_group[faces], k).astype(np.int32)
     table = pa.table(
         {
             "face": np.repeat(faces, k).astype(np.int32),
@@ -230,8 +217,13 @@ def write_areas(path: Path, mesh: Mesh, covered: Covered) -> None:
             "area_m2": np.repeat(frames_of(mesh).areas[faces], k),
         }
     )
-    with writing(path) as part:
-        pq.write_table(table, part)
+    write_table(path, table)
+
+
+def write_table(path: Path, table: Any) -> None:
+    """Write an Arrow table as Parquet, by a file of ours: pyarrow takes only paths in UTF-8."""
+    with writing(path) as part, part.open("wb") as file:
+        pq.write_table(table, file)
 
 
 def write_rig(path: Path, camera: Cameras, poses: Poses, names: Sequence[str] = ()) -> None:
@@ -248,9 +240,6 @@ def write_rig(path: Path, camera: Cameras, poses: Poses, names: Sequence[str] = 
     placed = replace(poses, camera=index.astype(np.int32), rejected={})
     images = tuple(names) or tuple(f"pose {row}" for row in poses.ids.tolist())
     write_json(path, content_of(Views(rig=rig, poses=placed, images=images)))
-
-
-FloatArray = NDArray[np.float64]
 
 
 def write_coloured_mesh(path: str | Path, mesh: Mesh, values: ArrayLike) -> None:
@@ -316,15 +305,8 @@ def _glb(
     texture = png(Image.fromarray(theme.coverage_colours()[None]))
     shine = {"baseColorTexture": {"index": 0}, "metallicFactor": 0.0, "roughnessFactor": 1.0}
     faint = shine | {"baseColorFactor": [1.0, 1.0, 1.0, OPACITY]}
-    materials: list[dict[str, Any]] = [
-        {"name": "coverage", "pbrMetallicRoughness": shine, "doubleSided": True},
-        {
-            "name": "coverage of targets",
-            "pbrMetallicRoughness": faint,
-            "doubleSided": True,
-            "alphaMode": "BLEND",
-        },
-    ]
+    opaque = {"name": "coverage", "pbrMetallicRoughness": shine, "doubleSided": True}
+    transparent = {"name": "coverage of targets", "pbrMetallicRoughness": faint}
     centre = mesh.bounds.mean(axis=0)
     turn = Y_UP.copy()
     turn[:3, 3] = turn[:3, :3] @ centre
@@ -350,7 +332,7 @@ def _glb(
             "scenes": [{"nodes": list(range(len(nodes)))}],
             "nodes": nodes,
             "meshes": meshes,
-            "materials": materials,
+            "materials": [opaque, opaque | transparent | {"alphaMode": "BLEND"}],
             "textures": [{"source": 0, "sampler": 0}],
             "samplers": [{}],
             "images": [{"bufferView": buffer.add_bytes(texture), "mimeType": "image/png"}],

@@ -6,19 +6,20 @@ Every command that writes files to a folder does it through `ReportFolder`:
 2. A file that a report of this kind could replace, and that no manifest names as ours, is refused
    before the work begins. So is one of ours whose content has been changed since.
 3. New files are written to a hidden folder inside it, and are on the disk before any of them moves.
-4. `publish` moves the files of the earlier report out, its last file first; then the new ones in,
-   its last file last; then it replaces the manifest. All of these are renames.
+4. `publish` puts the manifest to come beside them, which begins the swap; removes the files of the
+   earlier report, its last file first; renames the new ones, its last file last; then the manifest.
 
 The last file of a kind (`summary.json`, say) is therefore there only beside all others of the same
-report, and files of two reports are never there together. A run that is killed
+report, and files of two reports are never there together. A run that is killed, or whose disk
+fails,
 
-- before step 4 leaves the earlier report as it was;
-- between two renames of step 4 leaves some files of one report, without the last one. The swap is
-  on record by then: the next command that opens the folder ends it, and the new report is whole;
-- after step 4 leaves the new report whole.
+- before the swap begins leaves the earlier report as it was;
+- in the swap leaves some files of one report, without the last one; the next command that opens the
+  folder ends it, and the new report is whole;
+- after it leaves the new report whole.
 
-A rename that fails is undone with all before it. What killed runs left in the hidden folder is
-deleted by the next command; nothing else in the folder is looked into, moved or deleted.
+What killed runs left in the hidden folder is deleted by the next command; nothing else in the
+folder is looked into, moved or deleted.
 """
 
 import errno
@@ -28,7 +29,7 @@ import json
 import os
 import re
 import stat
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -38,15 +39,15 @@ from typing import Any, Self
 
 from rastercov.base.errors import ConfigError
 from rastercov.base.interrupts import interrupts_held
-from rastercov.base.output import named
+from rastercov.base.output import json_bytes, named
 
 STAGING = ".rastercov-report.part"
 """Hidden folder of a running command: its files, and those it replaces."""
-NEW, OLD = "new", "old"
-"""Within it: files to come, and files that go. The manifest to come joins them to begin a swap."""
+NEW = "new"
+"""Within it: files to come. The manifest to come joins them to begin a swap."""
 FORMAT = 1
-NOT_A_MANIFEST = (ValueError, KeyError, TypeError, AttributeError)
-"""Errors that reading something else as a manifest raises."""
+PLAIN = re.compile(r"[\w-][\w.-]*")
+"""Names of files in a manifest of any kind."""
 
 
 @dataclass(frozen=True)
@@ -102,8 +103,7 @@ class ReportFolder:
             raise ConfigError("a folder for the report is wanted, got an empty name")
         self.path, self.kind = Path(path), kind
         self.has_earlier = False
-        staging = self.path / STAGING
-        self._staging, self._new, self._old = staging, staging / NEW, staging / OLD
+        self._staging, self._new = self.path / STAGING, self.path / STAGING / NEW
         self._files: Files = {}
         self._stack = ExitStack()
 
@@ -119,15 +119,18 @@ class ReportFolder:
             stack.enter_context(_locked(self.path))
             if not os.access(self.path, os.W_OK | os.X_OK):
                 raise ConfigError(f"{self.path}: nothing can be written to this folder")
-            self._finish_swap()
+            for journal in self._staging.glob(".rastercov-*.json"):  # of killed runs
+                self._files = _read(self.path / journal.name)[1]
+                if others := self._not_ours(chain(*self._moves(journal))):
+                    raise ConfigError(
+                        f"{others[0]}: in the way of the report that a killed run was putting "
+                        "here, and not of an earlier one; move it away"
+                    )
+                self._swap(journal)
             self._clean()
-            if os.path.lexists(self._staging):
-                raise ConfigError(
-                    f"{self._staging}: holds what no run has left there; move it away"
-                )
-            self._files = _read_manifest(self.path / self.kind.manifest, self.kind)
-            self._refuse_what_is_not_ours()
+            _, self._files = _read(self.path / self.kind.manifest, self.kind.files)
             self.has_earlier = any(os.path.lexists(self.path / name) for name in self._files)
+            self._refuse_what_is_not_ours()
             stack.callback(self._clean)
             self._stack = stack.pop_all()
         return self
@@ -157,7 +160,8 @@ class ReportFolder:
             When a file has come to the place of one of them, or one of the earlier report has been
             changed, since the block began. The new report is in a folder of its own then.
         OSError
-            For a disk error. Nothing has changed then.
+            For a disk error. The earlier report is unchanged then, or the next command ends the
+            swap.
         """
         with interrupts_held():
             files: Files = {}
@@ -165,34 +169,16 @@ class ReportFolder:
                 with named(self.path / path.name), path.open("rb") as file:
                     os.fsync(file.fileno())
                     files[path.name] = _digest(file)
-            self._refuse_what_has_come(files)
-            manifest, journal = (p / self.kind.manifest for p in (self.path, self._staging))
-            done: list[tuple[Path, Path]] = []
-            try:
-                with named(manifest):
-                    self._begin_swap(journal, files)
-                for source, target in self._moves(self.kind.last, files, self._files):
-                    done.append((source, target))
-                    with named(self.path / source.name):
-                        source.rename(target)
-                with named(manifest):
-                    journal.replace(manifest)
-            except BaseException:
-                with suppress(OSError):  # the next command continues a swap that cannot be undone
-                    for source, target in reversed(done):
-                        if not os.path.lexists(source):
-                            target.rename(source)
-                    journal.unlink(missing_ok=True)
-                raise
-            with suppress(OSError):
-                _sync(self.path)
+            self._keep_what_has_come(files)
+            with named(self.path / self.kind.manifest):
+                journal = self._begin_swap(files)
+            self._swap(journal)
             self._files = files
             self._clean()
 
-    def _begin_swap(self, journal: Path, files: Files) -> None:
-        """Record on the disk that the new report replaces the old one."""
-        self._old.mkdir(exist_ok=True)
-        part = journal.with_suffix(".part")
+    def _begin_swap(self, files: Files) -> Path:
+        """Record on the disk that the new report replaces the old one; the file that says so."""
+        journal = self._staging / self.kind.manifest
         content = {
             "format": FORMAT,
             "rastercov": version("rastercov"),
@@ -200,111 +186,84 @@ class ReportFolder:
             "last": self.kind.last,
             "files": files,
         }
-        with part.open("wb") as file:
-            file.write(json.dumps(content, indent=2).encode() + b"\n")
-            file.flush()
-            os.fsync(file.fileno())
+        part = journal.with_suffix(".part")
+        part.write_bytes(json_bytes(content, indent=2) + b"\n")
+        _sync(part)
         _sync(self._new)
         part.replace(journal)
         _sync(self._staging)
+        return journal
 
-    def _moves(self, last: str, new: Files, old: Files) -> list[tuple[Path, Path]]:
-        """Remaining renames of a swap: the earlier report out, the new one in.
+    def _moves(self, journal: Path) -> tuple[list[str], list[str]]:
+        """Files to remove and files to rename that are left of a recorded swap, each in order.
 
         The last file of a report goes first and comes last.
         """
+        last, new = _read(journal)
         coming = [name for name in new if os.path.lexists(self._new / name)]
-        going = [
-            name
-            for name in old
-            if (name not in new or name in coming) and os.path.lexists(self.path / name)
-        ]
-        going.sort(key=lambda name: (name != last, name))
-        coming.sort(key=lambda name: (name == last, name))
-        return [
-            *((self.path / name, self._old / name) for name in going),
-            *((self._new / name, self.path / name) for name in coming),
-        ]
+        going = [name for name in self._files if name not in new or name in coming]
+        going.sort(key=lambda name: name != last)
+        coming.sort(key=lambda name: name == last)
+        return going, coming
 
-    def _finish_swap(self) -> None:
-        """Complete the swap of a killed run."""
-        delete = (
-            f"the report that a killed run was putting here; delete {self._staging} and what is "
-            "there of the report"
-        )
-        for journal in self._staging.glob(".rastercov-*.json"):
-            manifest = self.path / journal.name
-            try:
-                content = json.loads(journal.read_bytes())
-                last, new = str(content["last"]), _files_of(content)
-                old = _files_of(json.loads(manifest.read_bytes())) if manifest.exists() else {}
-            except NOT_A_MANIFEST:
-                raise ConfigError(f"{journal}: damaged; it is of {delete}") from None
-            for name in new:
-                if not any(os.path.lexists(path / name) for path in (self._new, self.path)):
-                    raise ConfigError(f"{self.path / name}: missing from {delete}")
-            moves = self._moves(last, new, old)
-            free = {source for source, _ in moves if _is(source, old.get(source.name))}
-            for name in {source.name for source, _ in moves}:
-                place = self.path / name
-                if os.path.lexists(place) and place not in free:
-                    raise ConfigError(
-                        f"{place}: in the way of the report that a killed run was putting here, "
-                        "and not of an earlier one; move it away"
-                    )
-            for source, target in moves:
-                source.rename(target)
-            journal.replace(manifest)
+    def _swap(self, journal: Path) -> None:
+        """Remove the earlier report and put the recorded one in its place."""
+        going, coming = self._moves(journal)
+        for name in going:
+            with named(self.path / name):
+                (self.path / name).unlink(missing_ok=True)
+        for name in coming:
+            with named(self.path / name):
+                (self._new / name).rename(self.path / name)
+        with named(self.path / journal.name):
+            journal.replace(self.path / journal.name)
+            _sync(self.path)
 
     def _clean(self) -> None:
         """Delete files of killed runs in the hidden folder, except those of an unfinished swap."""
         if any(self._staging.glob(".rastercov-*.json")):
             return
-        for folder, names in ((self._new, "*"), (self._old, "*"), (self._staging, "*.part")):
+        for folder, names in ((self._new, "*"), (self._staging, "*.part")):
             with suppress(OSError):
                 for path in folder.glob(names):
                     path.unlink()
             with suppress(OSError):
                 folder.rmdir()
 
+    def _not_ours(self, names: Iterable[str]) -> list[Path]:
+        """Files of some names that are there and are no unchanged ones of an earlier report."""
+        paths = [self.path / name for name in sorted(set(names))]
+        return [
+            path
+            for path in paths
+            if os.path.lexists(path) and not _is(path, self._files.get(path.name))
+        ]
+
     def _refuse_what_is_not_ours(self) -> None:
         """Refuse files that a new report could replace, unless they are those of an earlier one."""
-        foreign = [
-            path
-            for path in sorted(self.path.iterdir())
-            if self.kind.files.fullmatch(path.name) and path.name not in self._files
-        ]
-        if foreign:
-            more = f" and {len(foreign) - 1} more" if foreign[1:] else ""
+        there = [path.name for path in self.path.iterdir()]
+        others = self._not_ours([*filter(self.kind.files.fullmatch, there), *self._files])
+        if others:
+            first, more = others[0], f" and {len(others) - 1} more" if others[1:] else ""
+            why = f"not of an earlier report ({self.kind.manifest} lists those)"
+            if first.name in self._files:
+                why = "changed since it was written"
             raise ConfigError(
-                f"{foreign[0]}{more}: not of an earlier report ({self.kind.manifest} lists those), "
-                "and a new one may replace it; name another folder, or move or delete what is there"
+                f"{first}{more}: {why}, and a new one may replace it; name another folder, or move "
+                "or delete what is there"
             )
-        for name, of_file in self._files.items():
-            path = self.path / name
-            if os.path.lexists(path) and not _is(path, of_file):
-                raise ConfigError(
-                    f"{path}: changed since it was written, and a new report would replace it; "
-                    "name another folder, or move it away or delete it"
-                )
 
-    def _refuse_what_has_come(self, new: Files) -> None:
-        """Refuse files that came, or were changed, since the block began."""
-        for name in sorted(new.keys() | self._files.keys()):
-            path = self.path / name
-            if os.path.lexists(path) and not _is(path, self._files.get(name)):
-                aside = self._free_name()
-                self._new.rename(aside)
-                raise ConfigError(
-                    f"{path}: came or was changed during the run, and is kept; the new report is "
-                    f"in {aside}"
-                )
-
-    def _free_name(self) -> Path:
-        """Name for a folder that is not there yet."""
-        first = self.path / f"new-{self.kind.name}"
-        later = (first.with_name(f"{first.name}-{number}") for number in count(2))
-        return next(path for path in chain([first], later) if not os.path.lexists(path))
+    def _keep_what_has_come(self, new: Files) -> None:
+        """Refuse files that came or were changed since the block began, and set ours aside."""
+        if others := self._not_ours([*new, *self._files]):
+            name = f"new-{self.kind.name}"
+            tries = (self.path / (name if n == 1 else f"{name}-{n}") for n in count(1))
+            aside = next(path for path in tries if not os.path.lexists(path))
+            self._new.rename(aside)
+            raise ConfigError(
+                f"{others[0]}: came or was changed during the run, and is kept; the new report is "
+                f"in {aside}"
+            )
 
 
 @contextmanager
@@ -313,28 +272,26 @@ def _locked(path: Path) -> Iterator[None]:
 
     A folder that was made, and in which there is nothing at the end, is removed.
     """
-    made: list[Path] = []
-    while True:
-        made += _make_folder(path)
-        try:
-            descriptor = os.open(path, os.O_RDONLY | os.O_DIRECTORY)
-        except FileNotFoundError:
-            continue  # another process had made it, and has removed it
-        except OSError as error:
-            raise ConfigError(f"{path}: the folder cannot be read ({error.strerror})") from None
+    made = [folder for folder in (path, *path.parents) if not os.path.lexists(folder)]
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        descriptor = os.open(path, os.O_RDONLY | os.O_DIRECTORY)
+    except (FileExistsError, NotADirectoryError):
+        raise ConfigError(f"{path}: a folder is wanted, but a file is in the way") from None
+    except OSError as error:
+        raise ConfigError(f"{path}: the folder cannot be used ({error.strerror})") from None
+    is_free = True
+    with suppress(OSError):  # a file system without locks
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            is_free = path.exists()  # not removed by a process that had made it
         except BlockingIOError:
-            os.close(descriptor)
-            raise ConfigError(
-                f"{path}: another process is writing to this folder; wait or name another"
-            ) from None
-        except OSError:
-            pass  # a file system without locks
-        with suppress(FileNotFoundError):
-            if os.path.samestat(os.fstat(descriptor), path.stat()):
-                break
-        os.close(descriptor)  # the folder has been removed since
+            is_free = False
+    if not is_free:
+        os.close(descriptor)
+        raise ConfigError(
+            f"{path}: another process is writing to this folder; wait or name another"
+        )
     try:
         yield
     finally:
@@ -344,42 +301,24 @@ def _locked(path: Path) -> Iterator[None]:
         os.close(descriptor)
 
 
-def _make_folder(path: Path) -> list[Path]:
-    """Make a folder; gives it and those above it that were missing."""
+def _read(path: Path, names: re.Pattern[str] = PLAIN) -> tuple[str, Files]:
+    """Last file and all files of a manifest, whose names match a pattern; none without one."""
     try:
-        missing = [folder for folder in (path, *path.parents) if not folder.exists()]
-        path.mkdir(parents=True, exist_ok=True)
-    except (FileExistsError, NotADirectoryError):
-        raise ConfigError(f"{path}: a folder is wanted, but a file is in the way") from None
-    except OSError as error:
-        raise ConfigError(f"{path}: the folder cannot be made ({error.strerror})") from None
-    return missing
-
-
-def _read_manifest(path: Path, kind: ReportKind) -> Files:
-    """Files of the report in a folder; none where there is none."""
-    try:
-        files = _files_of(json.loads(path.read_bytes()))
-        if all(kind.files.fullmatch(name) for name in files):
-            return files
+        content = json.loads(path.read_bytes())
+        files = {
+            name: {"bytes": int(entry["bytes"]), "sha256": str(entry["sha256"])}
+            for name, entry in content["files"].items()
+        }
+        if all(names.fullmatch(name) for name in files):
+            return str(content["last"]), files
     except FileNotFoundError:
-        return {}
-    except NOT_A_MANIFEST:
+        return "", {}
+    except (ValueError, KeyError, TypeError, AttributeError):  # something else than a manifest
         pass
     raise ConfigError(
         f"{path}: damaged, so it does not say which files are of a report; name another folder, "
         "or delete it with the report"
     )
-
-
-def _files_of(content: dict[str, Any]) -> Files:
-    files = {
-        name: {"bytes": int(entry["bytes"]), "sha256": str(entry["sha256"])}
-        for name, entry in content["files"].items()
-    }
-    if not all(re.fullmatch(r"[\w-][\w.-]*", name) for name in files):
-        raise ValueError("names of files only")
-    return files
 
 
 def _is(path: Path, of_file: dict[str, Any] | None) -> bool:
@@ -398,9 +337,9 @@ def _digest(file: Any) -> dict[str, Any]:
     return {"bytes": file.tell(), "sha256": sha256}
 
 
-def _sync(folder: Path) -> None:
-    """Flush the names in a folder to the disk, where its file system supports that."""
-    descriptor = os.open(folder, os.O_RDONLY)
+def _sync(path: Path) -> None:
+    """Flush a file, or the names in a folder, to the disk where its file system supports that."""
+    descriptor = os.open(path, os.O_RDONLY)
     try:
         os.fsync(descriptor)
     except OSError as error:

@@ -12,15 +12,15 @@ E. S. Eissa. Image Space Coverage Model. 2020, figures 4.2 to 4.6.
 """
 
 import io
-from collections.abc import Sequence
-from dataclasses import replace
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from rastercov.base.errors import ConfigError
 from rastercov.base.output import writing
 from rastercov.camera.camera import Camera
 from rastercov.mesh import Mesh
@@ -49,6 +49,8 @@ Font = ImageFont.FreeTypeFont | ImageFont.ImageFont
 
 LEAST_WIDTH = 320
 """Narrower images are enlarged by a whole factor, to make room for text."""
+LEAST_WITH_LINES = 200
+"""Pixels of a face from which on it has lines around it."""
 DIRECTIONS, RINGS = 16, 14
 """Places that are tried around the point of a label: directions, and rings of them."""
 OPACITY = 0.4
@@ -95,31 +97,29 @@ def coverage_picture(
         RGB; the image is at its own size below the title, see `coverage_pixels`.
         Images narrower than `LEAST_WIDTH` are enlarged without smoothing.
     """
-    if buffer.face.shape != (camera.height, camera.width):
-        raise ConfigError(
-            f"the image must be {camera.height} x {camera.width} as the camera's, "
-            f"got {buffer.face.shape[0]} x {buffer.face.shape[1]}; render it with this camera"
-        )
     if pixels is None:
         pixels = coverage_pixels(buffer, values, mesh, pose, camera)
-    drawn = np.unique(buffer.face)
-    drawn = drawn[drawn >= 0]
-    behind = mesh.task_mask[drawn] & ~facing(mesh, pose)[0][drawn]
-    keys = [Key.scale("coverage", _greys(np.linspace(0, 1, 256)), "0", "1")]
-    ends = [(name, 1.0 - row) for row, name in enumerate(named)]
-    if ends:
-        keys = [Key.of(name, _grey(np.array(level))) for name, level in ends]
-    if behind.any():
+    drawn = buffer.face[buffer.face >= 0]
+    is_task = mesh.task_mask[drawn]
+    keys = _keys_of_levels("coverage", named, _greys)
+    if not facing(mesh, pose)[0][drawn[is_task]].all():
         keys.append(Key.of("seen from behind", BEHIND, BEHIND_STRIPE, 3))
-    if not mesh.task_mask[drawn].all():
+    if not is_task.all():
         keys.append(Key.of("occluder", OCCLUDER))
-    if mesh.has_targets and ends:
-        for name, level in ends:
-            keys.append(Key.of(f"target, {name}", _tinted(np.array([level]))))
-    elif mesh.has_targets:
-        scale = _tinted(np.linspace(0, 1, 256))
-        keys.append(Key.scale("coverage of a target", scale, "0", "1"))
+    if mesh.has_targets:
+        words = [f"target, {name}" for name in named]
+        keys += _keys_of_levels("coverage of a target", words, _tinted)
     return framed(pixels, title, keys)
+
+
+def _keys_of_levels(
+    name: str, named: Sequence[str], colours: Callable[[FloatArray], Pixels]
+) -> "list[Key]":
+    """Entry for the scale of coverage, or those for level 1 and 0 where these have names."""
+    if not named:
+        return [Key.scale(name, colours(np.linspace(0, 1, 256)), "0", "1")]
+    levels = colours(np.array([1.0, 0.0]))
+    return [Key.of(words, level) for words, level in zip(named, levels, strict=False)]
 
 
 def coverage_pixels(
@@ -142,29 +142,23 @@ def coverage_pixels(
     `covered_targets`, (H, W), by their points.
     """
     levels = np.clip(np.nan_to_num(np.asarray(values, np.float64)), 0.0, 1.0)
-    if levels.shape != (mesh.n_faces,):
-        raise ConfigError(f"values must have shape ({mesh.n_faces},), got {levels.shape}")
     is_front, cosine = facing(mesh, pose)
-    behind, is_occluder, row = mesh.task_mask & ~is_front, ~mesh.task_mask, buffer.face
-    if covered is not None:  # rows of uncovered faces, then those of covered ones
-        levels = np.repeat((0.0, 1.0), mesh.n_faces)
-        cosine, behind = np.tile(cosine, 2), np.tile(behind, 2)
-        is_occluder = np.tile(is_occluder, 2)
-        row = np.where(covered, row + mesh.n_faces, row)
+    face, behind, light = buffer.face, mesh.task_mask & ~is_front, 0.8 + 0.2 * cosine[:, None]
     # One more row for the background, where the index -1 finds it.
-    palette = np.empty((len(levels) + 1, 3), np.uint8)
+    palette = np.empty((mesh.n_faces + 1, 3), np.uint8)
     palette[:-1] = _grey(levels, cosine)[:, None]
-    light = 0.8 + 0.2 * cosine[:, None]
-    palette[:-1][behind] = (light * BEHIND)[behind]
-    palette[:-1][is_occluder] = (light * OCCLUDER)[is_occluder]
+    for rows, colour in ((behind, BEHIND), (~mesh.task_mask, OCCLUDER)):
+        palette[:-1][rows] = (light * colour)[rows]
     palette[-1] = BACKGROUND
-    pixels = palette.take(row, axis=0, mode="wrap")
-    striped = np.append(behind, False)[row]
+    pixels = palette.take(face, axis=0, mode="wrap")
+    if covered is not None:
+        by_point = np.append(mesh.task_mask & is_front, False)[face]
+        pixels[by_point] = _grey(covered[by_point], cosine[face[by_point]])[:, None]
+    striped = np.append(behind, False)[face]
     if striped.any():
         striped &= stripes(striped.shape, max(3, round(striped.shape[1] / 240)))
-        palette[:-1][behind] = (light * BEHIND_STRIPE)[behind]
-        pixels[striped] = palette[row[striped]]
-    draw_lines(pixels, buffer.face, mesh.n_faces)
+        pixels[striped] = (light * BEHIND_STRIPE)[face[striped]]
+    draw_lines(pixels, face, mesh.n_faces)
     if camera is not None:
         targets = targets_in_view(mesh, camera, pose, buffer.depth)
         if targets is not None:
@@ -229,26 +223,11 @@ def contact_sheet(
     columns : int, optional
         Pictures in a row; about as many as rows by default.
     thumbnail_width : int
-        Width that each is scaled to, pixels, >= 32.
+        Width that each is scaled to, pixels.
     """
-    if not pictures or len(pictures) != len(captions):
-        raise ConfigError(
-            f"a sheet takes one caption a picture and at least one picture, got {len(pictures)} "
-            f"pictures, {len(captions)} captions"
-        )
-    wanted = int(np.ceil(np.sqrt(len(pictures)))) if columns is None else columns
-    columns = min(len(pictures), wanted)
-    if columns < 1 or thumbnail_width < 32:
-        raise ConfigError(
-            f"a sheet takes 1 column or more and thumbnails of 32 pixels or more, got {columns} "
-            f"and {thumbnail_width}"
-        )
+    columns = min(len(pictures), columns or math.ceil(math.sqrt(len(pictures))))
     thumbnails = []
     for picture in pictures:
-        times, rest = divmod(picture.width, thumbnail_width)
-        if times > 1 and not rest:
-            thumbnails.append(picture.convert("RGB").reduce(times))
-            continue
         height = max(1, round(picture.height * thumbnail_width / picture.width))
         way = Image.Resampling.LANCZOS if picture.width > thumbnail_width else 0
         thumbnails.append(picture.convert("RGB").resize((thumbnail_width, height), way))
@@ -269,8 +248,6 @@ def contact_sheet(
 
 def save_picture(image: Image.Image, path: str | Path) -> None:
     """Write a picture as `.png`; it appears there only when it is whole."""
-    if Path(path).suffix.lower() != ".png":
-        raise ConfigError(f"{path}: a picture is saved as .png")
     with writing(Path(path)) as part:
         image.save(part, format="PNG", compress_level=3)  # half the time of 6, 7 % larger
 
@@ -289,19 +266,18 @@ def png(image: Image.Image, choice: Image.Quantize | None = None) -> bytes:
     return file.getvalue()
 
 
+@dataclass(frozen=True, eq=False)
 class Key:
-    """Entry of a legend: a swatch or a scale, its meaning, and the ends of the scale."""
+    """Entry of a legend: a swatch or a scale, its meaning, and the ends of the scale.
 
-    def __init__(self, name: str, pixels: Pixels, low: str = "", high: str = "") -> None:
-        self.name, self.low, self.high = name, low, high
-        self.image = Image.fromarray(pixels)
+    `colours` are those of a swatch, the one in its corner first.
+    """
 
-    @property
-    def colours(self) -> list[list[int]]:
-        """Colours of the swatch, the one in its corner first."""
-        pixels = np.asarray(self.image).reshape(-1, 3)
-        first: list[int] = pixels[0].tolist()
-        return [first, *(each for each in np.unique(pixels, axis=0).tolist() if each != first)]
+    name: str
+    pixels: Pixels
+    low: str = ""
+    high: str = ""
+    colours: Sequence[Sequence[int]] = ()
 
     @classmethod
     def of(
@@ -313,11 +289,9 @@ class Key:
         period: int = 2,
     ) -> "Key":
         """Entry for a colour, or for one striped with another."""
-        swatch = np.empty((24, 24, 3), np.uint8)
-        swatch[:] = np.asarray(colour)
-        if stripe is not None:
-            swatch[stripes((24, 24), width, period)] = np.asarray(stripe)
-        return cls(name, swatch)
+        colours = np.array([colour] if stripe is None else [colour, stripe], np.uint8)
+        row = stripes((24, 24), width, period) & (len(colours) > 1)
+        return cls(name, colours[row.astype(np.int64)], colours=colours.tolist())
 
     @classmethod
     def scale(cls, name: str, colours: Pixels, low: str, high: str) -> "Key":
@@ -326,12 +300,9 @@ class Key:
 
 
 def target_key() -> Key:
-    """Entry for targets: hatched, with an outline."""
-    swatch = np.empty((24, 24, 3), np.uint8)
-    swatch[:] = PAPER
-    hatch_over(swatch, np.zeros((24, 24), np.int32), np.array([OUTLINE_3D], np.uint8), 4)
-    swatch[[0, 1, -2, -1]] = swatch[:, [0, 1, -2, -1]] = OUTLINE_3D
-    return Key("targets are hatched this way, in their colours", swatch)
+    """Entry for targets, which are hatched along the other diagonal."""
+    key = Key.of("targets are hatched this way, in their colours", OUTLINE_3D, PAPER, 4)
+    return replace(key, pixels=key.pixels[:, ::-1])
 
 
 def facing(mesh: Mesh, pose: ArrayLike) -> tuple[NDArray[np.bool_], FloatArray]:
@@ -343,7 +314,7 @@ def facing(mesh: Mesh, pose: ArrayLike) -> tuple[NDArray[np.bool_], FloatArray]:
     return (cosine >= 0) | mesh.two_sided_mask, np.minimum(np.abs(cosine), 1.0)
 
 
-def _grey(levels: FloatArray, cosine: FloatArray | float = 1.0) -> Pixels:
+def _grey(levels: FloatArray | NDArray[np.bool_], cosine: FloatArray | float = 1.0) -> Pixels:
     return np.rint(DARKEST + GREY_SPAN * levels + HEADLIGHT * cosine).astype(np.uint8)
 
 
@@ -361,33 +332,28 @@ def stripes(shape: tuple[int, int], width: int, period: int = 2) -> NDArray[np.b
 def draw_lines(pixels: Pixels, face: NDArray[np.int32], n_faces: int) -> None:
     """Lines on the last pixel of a face before its right or lower neighbour, in place.
 
-    Lines start at faces of about 60 pixels and have full strength from 600, so that they do not
-    dominate the picture. Faces too dark for a darker line get a lighter one.
+    Faces of less than `LEAST_WITH_LINES` pixels have none, so that lines do not dominate the
+    picture. Faces too dark for a darker line get a lighter one.
     """
     flat, colours, width = face.ravel(), pixels.reshape(-1, 3), face.shape[1]
-    owned = np.bincount(flat + 1, minlength=n_faces + 1)
-    # The index -1 of the background finds the last row.
-    strength = np.clip((np.sqrt(np.roll(owned, -1)) - 8) / 16, 0, 1).astype(np.float32)
-    strength[-1] = 0
+    # The index -1 of the background finds the last entry.
+    is_large = np.roll(np.bincount(flat + 1, minlength=n_faces + 1), -1) >= LEAST_WITH_LINES
+    is_large[-1] = False
     for step in (1, width):
         at = np.flatnonzero(flat[:-step] != flat[step:])
+        at = at[is_large[flat[at]] & is_large[flat[at + step]]]
         if step == 1:
             at = at[(at + 1) % width > 0]
-        shown = np.minimum(strength[flat[at]], strength[flat[at + step]])
-        at, shown = at[shown > 0], shown[shown > 0, None]
         colour = colours[at].astype(np.float32)
         is_dark = colour.mean(axis=1, keepdims=True) < 56
-        line = np.where(is_dark, colour + 26, 0.62 * colour)
-        colours[at] = (colour + shown * (line - colour)).astype(np.uint8)
+        colours[at] = np.where(is_dark, colour + 26, 0.62 * colour).astype(np.uint8)
 
 
 def framed(pixels: Pixels, title: str, keys: Sequence[Key]) -> Image.Image:
     """Frame an image with its title above and its legend below."""
     height, width = pixels.shape[:2]
     zoom = max(1, min(-(-LEAST_WIDTH // width), 4096 // height))
-    image = Image.fromarray(pixels)
-    if zoom > 1:
-        image = image.resize((width * zoom, height * zoom), Image.Resampling.NEAREST)
+    image = Image.fromarray(pixels.repeat(zoom, axis=0).repeat(zoom, axis=1))
     frame = max(LEAST_WIDTH, image.width)
     font = font_for(frame)
     line = line_height(font)
@@ -417,7 +383,7 @@ def framed(pixels: Pixels, title: str, keys: Sequence[Key]) -> Image.Image:
         for word in (key.low, None, key.high, key.name):
             if word is None:
                 box = (round(x), middle - line // 2, round(x) + scale, middle - line // 2 + line)
-                canvas.paste(key.image.resize((scale, line)), box)
+                canvas.paste(Image.fromarray(key.pixels).resize((scale, line)), box)
                 draw.rectangle(box, outline=INK)
                 x += scale + line * 0.5
             elif word:

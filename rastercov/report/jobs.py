@@ -6,6 +6,7 @@ their modules when they are called.
 
 import os
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -206,20 +207,18 @@ def audit(
     if poses is None:
         raise PoseError("poses are missing; give them, or views in place of the cameras")
 
-    def found(shards: Path | None) -> "Audit":
-        return run(
-            mesh, camera, poses, task, names=names, frames=frames, by=by, method=method,
-            resolution_of_result=resolution_of_result, skip_bad_poses=skip_bad_poses,
-            progress=progress, folder=shards, workers=workers,
-        )  # fmt: skip
-
+    made = partial(
+        run, mesh, camera, poses, task, names=names, frames=frames, by=by, method=method,
+        resolution_of_result=resolution_of_result, skip_bad_poses=skip_bad_poses,
+        progress=progress, workers=workers,
+    )  # fmt: skip
     _check_folder(workers, out)
     if out is None:
-        return found(None)
+        return made()
     from rastercov.report.audit import write
 
     options = {"by": by, "resolution_of_result": resolution_of_result, "method": str(method)}
-    return write(found, Path(out), options, is_kept=workers is not None)[0]
+    return write(made, Path(out), options, is_kept=workers is not None)[0]
 
 
 def _check_folder(workers: Workers | None, out: StrPath | None) -> None:

@@ -34,20 +34,17 @@ from rastercov.report.images import Key, font_for, framed, write_labels
 from rastercov.report.panorama import (
     FINE,
     PIECES,
-    PIXELS_AT_A_TIME,
     FaceImage,
     Line,
-    OwnColours,
     Scene,
     beside,
     best_directions,
     draw_in_space,
-    is_in_picture,
+    in_picture,
     look,
     neutral,
     outer_skin,
     paint,
-    place_in_image,
     scene_keys,
     smooth,
     task_points,
@@ -65,8 +62,6 @@ CROWD = 16
 """Cameras from which on their view pyramids get smaller."""
 PARTS = 12
 """Parts of each side of a distorted image, whose border is a curve."""
-FROM_BELOW = 0.6
-"""Worth of the task seen from below, relative to what is seen from above."""
 MOST_ZONES = 30
 """Zones with a number."""
 LEAST_PERCENT = 0.01
@@ -109,38 +104,29 @@ class Overview:
             for pose, index in zip(self.placed.world_from_camera, self.placed.camera, strict=True)
         ]
 
-    def of_points(self, face: NDArray[np.int32], points: FloatArray) -> Pixels:
-        """(N, 3) colours of points (N, 3) of faces (N,)."""
-        found = neutral(self.mesh)[face]
-        best = self.best_pose[face]
-        if self.regions is not None:
-            best = best_pose_at(self.regions, self.placed, face, points)
-        is_task = self.mesh.task_mask[face]
-        found[is_task] = np.array([*self.colours, theme.UNCOVERED], np.uint8)[best[is_task]]
-        return found
-
     def of_image(self, scene: Scene, face: FaceImage) -> Pixels:
-        """(H, W, 3) colours of a face image of a scene, black where it has no face.
+        """(H, W, 3) colours of the task in a face image of a scene.
 
-        One point of each block of `FINE` x `FINE` pixels is looked up, and all points of pixels
-        that are of the task where that one is not, or the other way round.
+        One point of each block of `FINE` x `FINE` pixels is looked up, and those of all pixels of
+        the task where that one is not of it.
         """
-        if self.regions is None:  # a colour for each face
-            of_face = self.of_points(np.arange(self.mesh.n_faces, dtype=np.int32), np.empty((0, 3)))
-            return np.concatenate((of_face, np.zeros((1, 3), np.uint8)))[face]
-        kinds = np.append(self.mesh.task_mask.astype(np.int8), np.int8(2))[face]
+        colours = np.array([*self.colours, theme.UNCOVERED], np.uint8)
+        if self.regions is None:
+            of_faces: Pixels = colours[np.append(self.best_pose, -1)[face]]
+            return of_faces
+        of_points = partial(best_pose_at, self.regions, self.placed)
+        is_task = np.append(self.mesh.task_mask, False)[face]
         first = np.ix_(*(np.arange(size) // FINE * FINE for size in face.shape))
-        own = kinds != kinds[first]
-        own[::FINE, ::FINE] = True
-        found = np.zeros((*face.shape, 3), np.uint8)
-        faces, places, pixel = scene.points(np.where(own, face, np.int32(-1)))
-        found[pixel] = self.of_points(faces, places)
-        return np.where(own[..., None], found, found[first])
+        asked = is_task & ~is_task[first]
+        asked[::FINE, ::FINE] = is_task[::FINE, ::FINE]
+        best = scene.at_points(face, of_points, np.int64(-1), asked)
+        found: Pixels = colours[np.where(asked, best, best[first])]
+        return found
 
     def picture(self) -> Image.Image:
         """The task, which fills the picture, and from its other side with all cameras."""
         mesh, pyramids = self.mesh, self.pyramids()
-        side = best_directions(mesh, mesh.task_mask, 1, self.eyes, 8, FROM_BELOW)[0]
+        side = best_directions(mesh, mesh.task_mask, 1, self.eyes)[0]
         ends = np.concatenate([*pyramids, np.zeros((0, 3))])
         scenes = [
             look(mesh, side, eyes=self.eyes),
@@ -162,10 +148,9 @@ class Overview:
         """A scene in the colours of its cameras, with those cameras that are in the picture."""
         pixels = paint(scene, neutral(self.mesh), partial(self.of_image, scene))
         image, colours = Image.fromarray(pixels), self.colours
-        rows = np.flatnonzero(is_in_picture(scene, self.eyes)).tolist()
+        rows, places = in_picture(scene, self.eyes)
         for row in rows:
             draw_in_space(image, scene, _edges(pyramids[row], colours[row]))
-        places = place_in_image(scene, self.eyes[rows])
         font = font_for(round(FINE * (850 if len(self.placed) <= MANY else 600)))
         names = [self.names[row] for row in rows]
         write_labels(image, places, names, [colours[row] for row in rows], font, FINE)
@@ -179,24 +164,15 @@ def best_pose_at(
 
     `placed` are the P poses of the regions, each with its camera.
     """
-    best = np.full(len(face), -1, np.int64)
-    mesh, cameras = regions.mesh, cameras_of(regions.camera)
-    if not len(placed):
-        return best
-    pixels = [each.fx * each.fy if each.is_pinhole else 1.0 for each in cameras]
-    scales = [pixels[index] / pixels[0] for index in placed.camera]
-    for at in range(0, len(face), PIXELS_AT_A_TIME):
-        part = slice(at, at + PIXELS_AT_A_TIME)
-        covers = covering_poses(regions, face[part], points[part])
-        worth = np.full(len(covers), -np.inf)
-        for pose in np.flatnonzero(covers.any(axis=0)).tolist():  # few cameras, many points
-            rows = np.flatnonzero(covers[:, pose])
-            camera, matrix = cameras[placed.camera[pose]], placed.world_from_camera[pose]
-            density = _density(mesh, camera, matrix, face[part][rows], points[part][rows])
-            density *= scales[pose]
-            is_better = density > worth[rows]
-            worth[rows[is_better]] = density[is_better]
-            best[at + rows[is_better]] = pose
+    best, worth = np.full(len(face), -1, np.int64), np.full(len(face), -np.inf)
+    cameras, covers = cameras_of(regions.camera), covering_poses(regions, face, points)
+    for pose in np.flatnonzero(covers.any(axis=0)).tolist():  # few cameras, many points
+        rows = np.flatnonzero(covers[:, pose])
+        camera, matrix = cameras[placed.camera[pose]], placed.world_from_camera[pose]
+        density = _density(regions.mesh, camera, matrix, face[rows], points[rows])
+        is_better = density > worth[rows]
+        worth[rows[is_better]] = density[is_better]
+        best[rows[is_better]] = pose
     return best
 
 
@@ -237,8 +213,7 @@ def _edges(pyramid: FloatArray, colour: Colour) -> list[Line]:
 def _density(
     mesh: Mesh, camera: Camera, pose: FloatArray, face: NDArray[np.int32], points: FloatArray
 ) -> FloatArray:
-    """(N,) pixels on a m^2 of a pose at points of faces; through a pinhole, divided by fx fy."""
-    away = points - pose[:3, 3]
+    """(N,) pixels on a m^2 of a pose at points (N, 3) of faces (N,)."""
     if not camera.is_pinhole:
         from rastercov.camera.lenses.of_camera import lens_of  # loads numba
 
@@ -249,10 +224,11 @@ def _density(
         return of_lens
     # The height of the camera above the plane of each face is that above all its points.
     heights = np.einsum("fi,fi->f", mesh.normals, mesh.vertices[mesh.faces[:, 0]] - pose[:3, 3])
-    depth = away[:, 0] * pose[0, 2] + away[:, 1] * pose[1, 2] + away[:, 2] * pose[2, 2]
+    x, y, z = (points - pose[:3, 3]).T
+    depth = x * pose[0, 2] + y * pose[1, 2] + z * pose[2, 2]
     with np.errstate(divide="ignore", invalid="ignore"):
-        found: FloatArray = np.nan_to_num(np.abs(heights)[face] / depth**3)
-    return found
+        found: FloatArray = camera.fx * camera.fy * np.abs(heights)[face] / depth**3
+    return np.nan_to_num(found)
 
 
 def views_picture(covered: Covered, eyes: ArrayLike = ()) -> Image.Image:
@@ -262,18 +238,14 @@ def views_picture(covered: Covered, eyes: ArrayLike = ()) -> Image.Image:
     words = ["covered by none", *(f"by {n}" for n in range(1, views + 1))]
     words[-1] += " or more"
 
-    def colours(scene: Scene) -> OwnColours:
-        def own(face: FaceImage) -> Pixels:
-            is_task = np.append(mesh.task_mask, False)[face]
-            faces, points, pixel = scene.points(np.where(is_task, face, np.int32(-1)))
-            found = np.zeros((*face.shape, 3), np.uint8)
-            found[pixel] = levels[views_at(covered, faces, points)]
-            return found
-
-        return own
+    def of_points(faces: NDArray[np.int32], points: FloatArray) -> Pixels:
+        found: Pixels = levels[views_at(covered, faces, points)]
+        return found
 
     keys = [Key.of(text, colour) for text, colour in zip(words, levels, strict=True)]
-    return two_sides(mesh, colours, "Cameras that cover each point of the surface", keys, eyes=eyes)
+    return two_sides(
+        mesh, of_points, "Cameras that cover each point of the surface", keys, eyes=eyes
+    )
 
 
 def numbered(summary: Mapping[str, Any]) -> list[Mapping[str, Any]]:
@@ -347,15 +319,18 @@ def _with_zones(
 ) -> Image.Image:
     """One view of the zones, with the numbers of those that are seen, which are added."""
     n, table = len(colours), np.array([*colours, theme.UNCOVERED, theme.COVERED], np.uint8)
-    numbers = [_zone_of_pixels(zones, scene, layer, n) for layer in scene.layers]
+    layers: list[IntArray] = []  # row of the zone at each pixel, n without a number, -1 for none
+
+    def zone_of(face: NDArray[np.int32], points: FloatArray) -> IntArray:
+        return zones_at(zones, face, points, n)
 
     def own(face: FaceImage) -> Pixels:
-        row = next(row for row, layer in enumerate(scene.layers) if layer is face)
-        return table[numbers[row]]
+        layers.append(scene.at_points(face, zone_of, np.int64(-1)))
+        return table[layers[-1]]
 
     pixels = paint(scene, neutral(zones.mesh), own)
-    shown = numbers[0]
-    for of_layer in numbers[1:]:
+    shown = layers[0]
+    for of_layer in layers[1:]:
         shown = np.where(of_layer >= 0, of_layer, shown)
     for here, other, place in (
         (shown[:, :-1], shown[:, 1:], pixels[:, :-1]),
@@ -372,29 +347,9 @@ def _with_zones(
     return smooth(image)
 
 
-def _zone_of_pixels(zones: DeadZones, scene: Scene, face: FaceImage, n: int) -> IntArray:
-    """(H, W) zone at each pixel: its row, n for those without a number, -1 for none."""
-    found = np.full(face.shape, -1, np.int64)
-    is_task = np.append(zones.mesh.task_mask, False)[face]
-    of_pixel, points, pixel = scene.points(np.where(is_task, face, np.int32(-1)))
-    for at in range(0, len(points), PIXELS_AT_A_TIME):
-        part = slice(at, at + PIXELS_AT_A_TIME)
-        rows, columns = pixel[0][part], pixel[1][part]
-        found[rows, columns] = zones_at(zones, of_pixel[part], points[part], n)
-    return found
-
-
 def middle_of(mask: NDArray[np.bool_]) -> FloatArray:
-    """Place (x, y) of the pixel of a mask that is furthest from its outline, in city blocks."""
-    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    top, left = rows[0], columns[0]
-    layer = np.pad(mask[top : rows[-1] + 1, left : columns[-1] + 1], 1)
-    depth = np.where(layer, sum(layer.shape), 0)
-    # City blocks add up along the axes: the least along one, then along the other.
-    for _ in range(2):
-        depth = depth.T
-        steps = np.arange(len(depth))[:, None]
-        back = np.minimum.accumulate((depth + steps)[::-1])[::-1] - steps
-        depth = np.minimum(np.minimum.accumulate(depth - steps) + steps, back)
-    row, column = np.unravel_index(int(depth.argmax()), depth.shape)
-    return np.array([left + column - 0.5, top + row - 0.5])
+    """Place (x, y) of the pixel of a mask that is nearest to the median of all of them."""
+    places = np.argwhere(mask)[:, ::-1] + 0.5
+    away: FloatArray = places - np.median(places, axis=0)
+    middle: FloatArray = places[(away**2).sum(axis=1).argmin()]
+    return middle

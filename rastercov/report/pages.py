@@ -8,32 +8,24 @@ coloured anew, and not be edited. The viewer describes its scene with the same f
 """
 
 import base64
-from dataclasses import dataclass
-from functools import cache
-from typing import TYPE_CHECKING, Any
-
-from PIL import Image
-
-from rastercov.base.format import length, number, percent, plural
-from rastercov.report.images import png
-from rastercov.report.theme import DARK, LIGHT
-
-if TYPE_CHECKING:
-    from jinja2 import Environment
-
 import hashlib
 import json
 import math
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
 from importlib.resources import files
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 import rastercov
 from rastercov.base.errors import ResourceError
+from rastercov.base.format import length, number, percent, plural
 from rastercov.camera.camera import Camera
 from rastercov.camera.models import MODELS
 from rastercov.camera.pose import Poses
@@ -45,9 +37,14 @@ from rastercov.coverage.network import Network
 from rastercov.coverage.reasons import REASONS, reason_rows
 from rastercov.mesh import Mesh
 from rastercov.report import theme
+from rastercov.report.images import png
 from rastercov.report.modes import MODES, Mode, OfCameras, Painted
 from rastercov.report.overview import best_covering
 from rastercov.report.panorama import is_inside
+from rastercov.report.theme import DARK, LIGHT
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
 
 
 @dataclass(frozen=True)
@@ -87,15 +84,14 @@ def _environment(package: str) -> "Environment":
         "number": number,
         "percent": percent,
         "plural": plural,
-        "uri": _uri,
+        "uri": lambda data: f"data:image/png;base64,{_base64(data)}",
     }
     environment.globals |= {"light": LIGHT, "dark": DARK}
     return environment
 
 
-def _uri(data: bytes) -> str:
-    """Address of a PNG that is in the page itself."""
-    return "data:image/png;base64," + base64.b64encode(data).decode("ascii")
+def _base64(data: Any) -> str:
+    return base64.b64encode(data).decode("ascii")
 
 
 MOST_FACES = 1_500_000
@@ -161,12 +157,11 @@ def view_page(
         },
         "task": {},
     }  # fmt: skip
-    frames = {
-        name: described_frame(name, painted) | {"summary": summary} | levels_of(painted.levels)
-        for name, painted in (
-            (name, MODES[name].paint(mesh, each)) for name, each in values.items()
-        )
-    }
+    frames = {}
+    for name, each in values.items():
+        painted = MODES[name].paint(mesh, each)
+        frames[name] = described_frame(name, painted) | {"summary": summary}
+        frames[name] |= levels_of(painted.levels)
     return embedded(mesh, {"scene": scene, "state": state, "frames": frames, "zones": list(zones)})
 
 
@@ -240,10 +235,8 @@ def figures_of(
 
 def described_mesh(mesh: Mesh) -> dict[str, Any]:
     """A mesh as a page needs it, ready for JSON."""
-    counts = np.bincount(mesh.face_group, minlength=len(mesh.groups))
-    firsts = np.full(len(mesh.groups), -1, np.int64)
-    group, first = np.unique(mesh.face_group, return_index=True)
-    firsts[group] = first
+    firsts = dict(zip(*np.unique(mesh.face_group, return_index=True), strict=True))
+    counts = np.bincount(mesh.face_group, minlength=len(mesh.groups)).tolist()
     return {
         "n_faces": mesh.n_faces,
         "n_vertices": mesh.n_vertices,
@@ -252,7 +245,7 @@ def described_mesh(mesh: Mesh) -> dict[str, Any]:
         "groups": [
             {
                 "name": group.name, "role": group.role, "is_two_sided": group.is_two_sided,
-                "faces": int(counts[row]), "first": int(firsts[row]),
+                "faces": counts[row], "first": int(firsts.get(row, -1)),
             }
             for row, group in enumerate(mesh.groups)
         ],
@@ -267,13 +260,13 @@ def described_mode(name: str, mode: Mode) -> dict[str, Any]:
 
 def described_frame(mode: str, painted: Painted) -> dict[str, Any]:
     """Colours of faces without their levels, ready for JSON."""
-    palette = base64.b64encode(painted.palette.tobytes()).decode()
+    palette = _base64(painted.palette.tobytes())
     return {"mode": mode, "legend": painted.legend, "scale": painted.scale, "palette": palette}
 
 
 def levels_of(levels: Any) -> dict[str, str]:
     """Level of each face, as a frame of an exported page has it."""
-    return {"levels": base64.b64encode(levels).decode()}
+    return {"levels": _base64(levels)}
 
 
 def described_camera(camera: Camera) -> dict[str, Any]:
@@ -323,19 +316,13 @@ def zone_entries(mesh: Mesh, zones: DeadZones, said: Mapping[str, Any]) -> list[
     for row, entry in enumerate(said["dead_zones"]):
         faces = np.unique(zones.face[zones.zone == row])
         normal = (mesh.normals[faces] * mesh.areas[faces, None]).sum(axis=0)
-        length = float(np.linalg.norm(normal))
+        length = max(float(np.linalg.norm(normal)), 1e-300)
         found.append(
-            {
-                "area": entry["area_m2"],
-                "percent": entry["percent"],
-                "centre": list(entry["centroid"]),
-                "normal": (normal / length if length > 0 else normal).tolist(),
-                "group": entry["groups"][0],
-                "reason": entry["reason"],
-                "words": zone_line(entry),
-                "faces": faces[:MOST_FACES_OF_ZONE].tolist(),
-            }
-        )
+            {"area": entry["area_m2"], "percent": entry["percent"],
+             "centre": list(entry["centroid"]), "normal": (normal / length).tolist(),
+             "group": entry["groups"][0], "reason": entry["reason"], "words": zone_line(entry),
+             "faces": faces[:MOST_FACES_OF_ZONE].tolist()}
+        )  # fmt: skip
     return found
 
 
@@ -363,8 +350,8 @@ def embedded(mesh: Mesh, data: Mapping[str, Any]) -> str:
     origin, soup = soup_of(mesh)
     surface = {
         "origin": origin.tolist(),
-        "soup": base64.b64encode(soup).decode(),
-        "groups": base64.b64encode(groups_of(mesh)).decode(),
+        "soup": _base64(soup),
+        "groups": _base64(groups_of(mesh)),
     }
     shaders = {
         each.name.removesuffix(".glsl"): each.read_text("utf-8")
@@ -376,21 +363,26 @@ def embedded(mesh: Mesh, data: Mapping[str, Any]) -> str:
         f"default-src 'none'; script-src {digest_of(script)}; style-src {digest_of(style)}; "
         "img-src blob: data:; connect-src 'none'; base-uri 'none'; form-action 'none'"
     )
-    parts = {
-        '<meta charset="utf-8">': '<meta charset="utf-8">\n'
-        f'<meta http-equiv="Content-Security-Policy" content="{policy}">',
-        r'<link[^>]*href="/static/style\.css"[^>]*>': f"<style>{style}</style>",
-        r'<script type="importmap">.*?</script>': (
-            f'<script type="application/json" id="shaders">{_inside(shaders)}</script>\n'
-            f'<script type="application/json" id="export">{_inside({**data, **surface})}</script>'
-        ),
-        r'<script type="module" src="/static/main\.js"></script>': (
-            f'<script type="module">{script}</script>'
-        ),
-    }
+    data = {**data, **surface}
     text = page_text()
-    for pattern, part in parts.items():
-        before, after = re.split(pattern, text, maxsplit=1, flags=re.DOTALL)
+    for own, part in (
+        (
+            '<meta charset="utf-8">',
+            '<meta charset="utf-8">\n'
+            f'<meta http-equiv="Content-Security-Policy" content="{policy}">',
+        ),
+        ('<link rel="stylesheet" href="/static/style.css">', f"<style>{style}</style>"),
+        (
+            '<script type="importmap">{"imports": {"rastercov/": "/static/"}}</script>',
+            f'<script type="application/json" id="shaders">{_inside(shaders)}</script>\n'
+            f'<script type="application/json" id="export">{_inside(data)}</script>',
+        ),
+        (
+            '<script type="module" src="/static/main.js"></script>',
+            f'<script type="module">{script}</script>',
+        ),
+    ):
+        before, after = text.split(own)
         text = before + part + after
     return text
 
@@ -441,4 +433,4 @@ def static_file(name: str) -> bytes | None:
 
 def digest_of(text: str) -> str:
     """Source of a content security policy: a text inside the page itself."""
-    return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
+    return f"'sha256-{_base64(hashlib.sha256(text.encode()).digest())}'"

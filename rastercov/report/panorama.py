@@ -7,6 +7,8 @@ an occluder in front of the task is hatched over it, and hides none of its colou
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
+from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -17,6 +19,7 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.projection import rays_of, to_camera, to_image
 from rastercov.camera.viewpoints import look_at
 from rastercov.mesh import Mesh
+from rastercov.mesh.contacts import TriangleTree
 from rastercov.report.images import (
     Key,
     draw_lines,
@@ -46,6 +49,8 @@ FaceImage = NDArray[np.int32]
 """(H, W) face at each pixel, -1 for none."""
 OwnColours = Callable[[FaceImage], Pixels]
 """Colours (H, W, 3) of the points of a face image."""
+OfPoints = Callable[[NDArray[np.int32], FloatArray], NDArray[Any]]
+"""Values (N, ...) of points (N, 3) of faces (N,)."""
 
 WIDTH, HEIGHT = 720, 560
 """Pixels of one view."""
@@ -55,16 +60,13 @@ MARGIN = 0.05
 """Margin on each side, relative to the picture."""
 DISTANCE = 4.0
 """Distance of the viewer, in radii of the scene."""
-DIRECTIONS = np.array(
-    [
-        *[(1, -1.5, 1), (-1, 1.5, 1), (-1.5, -1, 1), (1.5, 1, 1)],
-        *[(1, -1.5, -1), (-1, 1.5, -1), (-1.5, -1, -1), (1.5, 1, -1)],
-        *[(0, -0.1, 2), (0, -0.1, -2), (1, 0, 0.1), (-1, 0, 0.1), (0, 1, 0.1), (0, -1, 0.1)],
-    ]
-)
+CORNERS = [(1, -1.5), (-1, 1.5), (-1.5, -1), (1.5, 1)]
+DIRECTIONS = np.array([(x, y, z) for z in (1, -1) for x, y in CORNERS])
 """Directions from the scene to the viewer; the first two are the default."""
 ALL_SIDES = DIRECTIONS[[0, 5]]
 """Two opposite corners: every side of a box is in one of the two pictures."""
+FROM_BELOW = 0.6
+"""Worth of what is seen from below, relative to what is seen from above."""
 PIECES = 96
 """Pieces of a line, each visible or hidden."""
 PIXELS_AT_A_TIME = 1 << 16
@@ -104,8 +106,6 @@ class Scene:
         Brightness of each face in [0, 1].
     backs : (F,) bool
         Task faces that turn their backs.
-    rows : (N,) int64
-        Faces that are drawn: without those of an interior that turn away.
     """
 
     mesh: Mesh
@@ -117,28 +117,25 @@ class Scene:
     beneath: FaceImage | None
     light: FloatArray
     backs: BoolArray
-    rows: IntArray
-
-    @property
-    def layers(self) -> list[FaceImage]:
-        """Face images (H, W), from the lowest to the topmost."""
-        return [each for each in (self.face, self.beneath, self.targets) if each is not None]
 
     @property
     def faces(self) -> FaceImage:
         """Face of each pixel of a surface, of each of a target, and behind occluders."""
-        faces: FaceImage = np.concatenate([layer[layer >= 0] for layer in self.layers])
+        layers = [each for each in (self.face, self.beneath, self.targets) if each is not None]
+        faces: FaceImage = np.concatenate([layer[layer >= 0] for layer in layers])
         return faces
 
     def shows_backs(self) -> bool:
         """True if a task face is seen from behind."""
         return bool(self.backs[self.faces].any())
 
-    def points(self, face: FaceImage) -> tuple[NDArray[np.int32], FloatArray, tuple[IntArray, ...]]:
-        """Faces (N,) and points (N, 3) at the pixels of a face image, with rows and columns."""
-        pixel = np.divmod(np.flatnonzero(face >= 0), face.shape[1])
-        faces = face[pixel]
-        return faces, points_of_pixels(self.mesh, self.camera, self.pose, faces, *pixel), pixel
+    def at_points(
+        self, face: FaceImage, values: OfPoints, nothing: ArrayLike, asked: BoolArray | None = None
+    ) -> NDArray[Any]:
+        """`values_at_pixels` of the pixels of task faces, or of those that are asked for."""
+        if asked is None:
+            asked = np.append(self.mesh.task_mask, False)[face]
+        return values_at_pixels(self.mesh, self.camera, self.pose, face, asked, values, nothing)
 
 
 def look(
@@ -168,19 +165,19 @@ def look(
     focal = float(((1 - 2 * MARGIN) * size / np.maximum(most - least, 1e-9)).min())
     cx, cy = size / 2 - focal * (least + most) / 2
     camera = Camera(width=width, height=height, fx=focal, fy=focal, cx=float(cx), cy=float(cy))
-    rows = np.arange(mesh.n_faces)
-    buffer = part_drawn(mesh, camera, pose, np.flatnonzero(~mesh.target_mask))
+    rows = np.flatnonzero(~mesh.target_mask)
+    buffer = part_drawn(mesh, camera, pose, rows)
     away = turned_away(mesh, eye, eyes) | outer_skin(mesh, eyes)
     # A view of mostly back faces looks into a room through its walls.
     counts = np.bincount(buffer.face[buffer.face >= 0], minlength=mesh.n_faces)
     is_interior = is_inside(mesh, eyes) or 2 * counts[away].sum() > counts.sum()
-    kept = np.flatnonzero(~away & ~mesh.target_mask)
-    if is_interior and len(kept) and (away & ~mesh.target_mask).any():
+    kept = rows[~away[rows]]
+    if is_interior and 0 < len(kept) < len(rows):
         rows = kept
         buffer = part_drawn(mesh, camera, pose, rows)
     targets = targets_in_view(mesh, camera, pose, buffer.depth)
     beneath = None
-    of_task = rows[mesh.task_mask[rows] & ~mesh.target_mask[rows]]
+    of_task = rows[mesh.task_mask[rows]]
     if len(of_task) and not mesh.task_mask.all():
         is_occluder = np.append(~mesh.task_mask, False)[buffer.face]
         task = part_drawn(mesh, camera, pose, of_task).face
@@ -190,41 +187,32 @@ def look(
         mesh=mesh, face=buffer.face, targets=targets, beneath=beneath,
         light=LEAST_LIGHT + (1 - LEAST_LIGHT) * cosine,
         backs=mesh.task_mask & ~mesh.target_mask & ~is_front,
-        camera=camera, pose=pose, rows=rows, depth=buffer.depth,
+        camera=camera, pose=pose, depth=buffer.depth,
     )  # fmt: skip
 
 
 def task_points(mesh: Mesh) -> FloatArray:
     """(N, 3) vertices of the scored faces, or of all faces if none is."""
     scored = mesh.faces[mesh.task_mask] if mesh.task_mask.any() else mesh.faces
-    is_used = np.zeros(len(mesh.vertices), np.bool_)
-    is_used[scored] = True
-    points: FloatArray = mesh.vertices[is_used]
+    points: FloatArray = mesh.vertices[np.unique(scored)]
     return points
 
 
 def best_directions(
-    mesh: Mesh,
-    faces: BoolArray,
-    count: int = 2,
-    eyes: ArrayLike = (),
-    among: int | None = None,
-    from_below: float = 1.0,
+    mesh: Mesh, faces: BoolArray, count: int = 2, eyes: ArrayLike = ()
 ) -> FloatArray:
     """(count, 3) of `DIRECTIONS` that show most of some faces' fronts, chosen greedily.
 
-    Each direction adds most to the visible pixels of those before it; `among` is the number of
-    directions to choose from, all unless given; pixels seen from below count `from_below` times.
+    Each direction adds most to the visible pixels of those before it.
     """
-    directions = DIRECTIONS[:among]
     if not faces.any():
-        return directions[:count].copy()
-    shown = np.empty((len(directions), mesh.n_faces))
-    for row, direction in enumerate(directions):
+        return DIRECTIONS[:count].copy()
+    shown = np.empty((len(DIRECTIONS), mesh.n_faces))
+    for row, direction in enumerate(DIRECTIONS):
         scene = look(mesh, direction, scale=0.3, eyes=eyes)
         is_front = facing(mesh, scene.pose)[0]
         shown[row] = np.bincount(scene.faces, minlength=mesh.n_faces) * (faces & is_front)
-        shown[row] *= from_below if direction[2] < 0 else 1.0
+        shown[row] *= FROM_BELOW if direction[2] < 0 else 1.0
     chosen: list[int] = []
     best = np.zeros(mesh.n_faces)
     for _ in range(count):
@@ -232,7 +220,7 @@ def best_directions(
         gain[chosen] = -1.0
         chosen.append(int(gain.argmax()))
         best = np.maximum(best, shown[chosen[-1]])
-    return directions[chosen]
+    return DIRECTIONS[chosen]
 
 
 def paint(scene: Scene, colours: Pixels, own: OwnColours | None = None) -> Pixels:
@@ -265,10 +253,8 @@ def _painted(scene: Scene, face: FaceImage, colours: Pixels, own: OwnColours | N
         pixels.reshape(-1, 3)[at] = own(face).reshape(-1, 3)[at] * lit
     behind = np.append(scene.backs, False)[face]
     if behind.any():
-        for colour, rows in (
-            (BACK, behind),
-            (BACK_STRIPE, behind & stripes(face.shape, 3 * FINE)),
-        ):
+        striped = behind & stripes(face.shape, 3 * FINE)
+        for colour, rows in ((BACK, behind), (BACK_STRIPE, striped)):
             pixels[rows] = np.array(colour) * light[face[rows]]
     draw_lines(pixels, face, mesh.n_faces)
     return pixels
@@ -284,20 +270,41 @@ def points_of_pixels(
 ) -> FloatArray:
     """(N, 3) points where the rays through the centres of pixels meet the planes of faces (N,)."""
     rotation, eye = pose[:3, :3], pose[:3, 3]
-    normals = mesh.normals @ rotation
-    heights = np.einsum("fi,fi->f", mesh.normals, mesh.vertices[mesh.faces[:, 0]] - eye)
-    points = np.empty((len(face), 3))
-    for at in range(0, len(face), PIXELS_AT_A_TIME):
-        part = slice(at, at + PIXELS_AT_A_TIME)
-        rays = rays_of(np.stack((columns[part] + 0.5, rows[part] + 0.5), axis=1), camera)
-        slope = np.einsum("ni,ni->n", normals[face[part]], rays)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            rays *= np.nan_to_num(heights[face[part]] / slope)[:, None]
-        # Column by column: threads of a matrix product wait for each other where cores are busy.
-        for axis in range(3):
-            points[part, axis] = eye[axis] + rays[:, 0] * rotation[axis, 0]
-            points[part, axis] += rays[:, 1] * rotation[axis, 1] + rays[:, 2] * rotation[axis, 2]
+    normals = mesh.normals[face]
+    heights = np.einsum("ni,ni->n", normals, mesh.vertices[mesh.faces[face, 0]] - eye)
+    rays = rays_of(np.stack((columns + 0.5, rows + 0.5), axis=1), camera)
+    # Column by column: threads of a matrix product wait for each other where cores are busy.
+    away = np.stack([rays[:, 0] * x + rays[:, 1] * y + rays[:, 2] * z for x, y, z in rotation], 1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        reach = np.nan_to_num(heights / np.einsum("ni,ni->n", normals, away))
+    points: FloatArray = eye + reach[:, None] * away
     return points
+
+
+def values_at_pixels(
+    mesh: Mesh,
+    camera: Camera,
+    pose: FloatArray,
+    face: FaceImage,
+    asked: BoolArray,
+    values: OfPoints,
+    nothing: ArrayLike,
+) -> NDArray[Any]:
+    """(H, W, ...) values of the points of a face image at the pixels asked for, (H, W).
+
+    `values` gets faces (N,) and points (N, 3), some at a time; other pixels have `nothing`.
+    """
+    pixels = np.flatnonzero(asked)
+    start = np.asarray(nothing)
+    found = np.empty((face.size, *start.shape), start.dtype)
+    found[:] = start
+    for at in range(0, len(pixels), PIXELS_AT_A_TIME):
+        part = pixels[at : at + PIXELS_AT_A_TIME]
+        faces = face.ravel()[part]
+        rows, columns = np.divmod(part, face.shape[1])
+        points = points_of_pixels(mesh, camera, pose, faces, rows, columns)
+        found[part] = values(faces, points)
+    return found.reshape((*face.shape, *start.shape))
 
 
 def neutral(mesh: Mesh) -> Pixels:
@@ -310,7 +317,7 @@ def neutral(mesh: Mesh) -> Pixels:
 
 def two_sides(
     mesh: Mesh,
-    colours: Pixels | Callable[[Scene], OwnColours],
+    colours: Pixels | OfPoints,
     title: str,
     keys: Sequence[Key],
     directions: FloatArray = ALL_SIDES,
@@ -318,24 +325,25 @@ def two_sides(
 ) -> Image.Image:
     """Two views side by side, with title and legend.
 
-    `colours` are those of faces, (F, 3), or a function that gives those of points for a scene.
+    `colours` are those of faces, (F, 3), or a function that gives those of points of the task.
     """
     scenes = [look(mesh, direction, eyes=eyes) for direction in directions]
-    if callable(colours):
-        found = [paint(scene, neutral(mesh), colours(scene)) for scene in scenes]
-    else:
-        found = [paint(scene, colours) for scene in scenes]
-    images = [smooth(Image.fromarray(pixels)) for pixels in found]
+    images = []
+    for scene in scenes:
+        if callable(colours):
+            own = partial(scene.at_points, values=colours, nothing=np.array(PAPER, np.uint8))
+            pixels = paint(scene, neutral(mesh), own)
+        else:
+            pixels = paint(scene, colours)
+        images.append(smooth(Image.fromarray(pixels)))
     return framed(beside(images), title, [*keys, *scene_keys(scenes)])
 
 
 def beside(images: Sequence[Image.Image]) -> Pixels:
     """Pixels of pictures of equal height, side by side."""
-    gap = np.full((images[0].height, 6, 3), PAPER, np.uint8)
-    parts = [np.asarray(images[0])]
-    for image in images[1:]:
-        parts += [gap, np.asarray(image)]
-    return np.concatenate(parts, axis=1)
+    gap, paper = ((0, 0), (6, 0), (0, 0)), PAPER[0]
+    parts = [np.pad(np.asarray(image), gap, constant_values=paper) for image in images]
+    return np.concatenate(parts, axis=1)[:, 6:]
 
 
 def scene_keys(scenes: Sequence[Scene]) -> list[Key]:
@@ -390,22 +398,14 @@ def draw_in_space(image: Image.Image, scene: Scene, lines: Sequence[Line]) -> No
                 draw.line(places[piece : piece + 2], faint, max(1, width // 2))
 
 
-def is_in_picture(scene: Scene, points: ArrayLike) -> BoolArray:
-    """(N,) points (N, 3) that are before the viewer and within the picture."""
+def in_picture(scene: Scene, points: ArrayLike) -> tuple[IntArray, FloatArray]:
+    """Rows of points (N, 3) before the viewer and within the picture, and their places, px."""
     seen = to_camera(np.asarray(points, np.float64).reshape(-1, 3), scene.pose)
     with np.errstate(all="ignore"):
         places = to_image(seen, scene.camera)
         size = scene.camera.width, scene.camera.height
-        inside = (places >= 0).all(axis=1) & (places < size).all(axis=1)
-    found: BoolArray = inside & (seen[:, 2] > 0)
-    return found
-
-
-def place_in_image(scene: Scene, points: ArrayLike) -> FloatArray:
-    """(N, 2) positions of points (N, 3) in the picture of a scene, px."""
-    return to_image(
-        to_camera(np.asarray(points, np.float64).reshape(-1, 3), scene.pose), scene.camera
-    )
+        inside = (places >= 0).all(axis=1) & (places < size).all(axis=1) & (seen[:, 2] > 0)
+    return np.flatnonzero(inside), places[inside]
 
 
 def smooth(image: Image.Image) -> Image.Image:
@@ -451,26 +451,13 @@ def is_enclosed(mesh: Mesh, eyes: ArrayLike) -> bool:
     if not is_inside(mesh, points):
         return False
     some = points[np.unique(np.linspace(0, len(points) - 1, MOST_EYES).astype(int))]
-    corners = mesh.vertices[mesh.faces[~mesh.target_mask]]
-    around = np.array([_directions_of_surfaces(corners, eye) for eye in some])
+    middle, size = mesh.bounds.mean(axis=0), np.linalg.norm(np.ptp(mesh.bounds, axis=0))
+    tree = TriangleTree.over((mesh.vertices - middle) / size, mesh.faces[~mesh.target_mask])
+    axes = np.concatenate((np.eye(3), -np.eye(3)))
+    starts, directions = np.repeat((some - middle) / size, 6, axis=0), np.tile(axes, (len(some), 1))
+    hit = tree.hit_segments(starts, directions, np.ones(len(starts)))
+    around = hit.reshape(-1, 6).sum(axis=1)
     return bool(2 * (around >= ENCLOSED).sum() > len(some))
-
-
-def _directions_of_surfaces(corners: FloatArray, eye: FloatArray) -> int:
-    """Number of the six directions along the axes in which a point has triangles (N, 3, 3)."""
-    count = 0
-    away = corners - eye
-    for axis in range(3):
-        flat, along = np.delete(away, axis, axis=2), away[..., axis]
-        following = np.roll(flat, -1, axis=1)
-        # Twice the areas of the triangles that the point makes with each side.
-        twice = flat[..., 0] * following[..., 1] - flat[..., 1] * following[..., 0]
-        hit = (twice >= 0).all(axis=1) | (twice <= 0).all(axis=1)
-        hit &= twice.any(axis=1)
-        weights = np.roll(twice[hit], -1, axis=1)
-        place = (weights * along[hit]).sum(axis=1) / weights.sum(axis=1)
-        count += int((place > 0).any()) + int((place < 0).any())
-    return count
 
 
 def outer_skin(mesh: Mesh, eyes: ArrayLike) -> BoolArray:
@@ -479,19 +466,18 @@ def outer_skin(mesh: Mesh, eyes: ArrayLike) -> BoolArray:
     None unless the cameras are indoors: then the outside of its walls and roof, which would hide
     all that is inside. The last answer for each mesh is kept.
     """
-    key = np.asarray(eyes, np.float64).tobytes()
-    kept = _SKINS.get(mesh)
-    if kept is None or kept[0] != key:
-        kept = _SKINS[mesh] = (key, _outer_skin(mesh, eyes))
-    return kept[1]
-
-
-def _outer_skin(mesh: Mesh, eyes: ArrayLike) -> BoolArray:
-    """See `outer_skin`."""
-    found = np.zeros(mesh.n_faces, np.bool_)
-    if not is_enclosed(mesh, eyes):
-        return found
     points = np.asarray(eyes, np.float64).reshape(-1, 3)
+    key = points.tobytes()
+    if mesh not in _SKINS or _SKINS[mesh][0] != key:
+        found = np.zeros(mesh.n_faces, np.bool_)
+        if is_enclosed(mesh, points):
+            found[_on_hull(mesh, points)] = True
+        _SKINS[mesh] = key, found
+    return _SKINS[mesh][1]
+
+
+def _on_hull(mesh: Mesh, points: FloatArray) -> IntArray:
+    """Opaque faces on the hull of a mesh that none of some points, (P, 3), is in front of."""
     normals = mesh.normals
     first = np.einsum("fi,fi->f", normals, mesh.vertices[mesh.faces[:, 0]])
     is_behind = np.ones(mesh.n_faces, np.bool_)
@@ -504,5 +490,5 @@ def _outer_skin(mesh: Mesh, eyes: ArrayLike) -> BoolArray:
     for at in range(0, len(kinds), NORMALS_AT_A_TIME):
         part = slice(at, at + NORMALS_AT_A_TIME)
         reach[part] = (kinds[part] @ mesh.vertices.T).max(axis=1)
-    found[rows] = first[rows] >= reach[kind.ravel()] - slack
-    return found
+    on_hull: IntArray = rows[first[rows] >= reach[kind.ravel()] - slack]
+    return on_hull

@@ -82,54 +82,30 @@ def pages_of(
         ),
         zone_entries(mesh, zones, summary) if zones else (),
     )  # fmt: skip
-    page = _page(
-        placement,
-        summary,
-        figures,
-        notes,
-        pictures,
-        seen_m2 if areas else None,
-        has_view=view is not None,
-    )
-    return {"page.html": page} | ({} if view is None else {"view.html": view})
-
-
-def _page(
-    placement: Placement,
-    summary: Mapping[str, Any],
-    figures: Mapping[str, Any],
-    notes: Sequence[str],
-    pictures: Mapping[str, Picture],
-    seen_m2: Any,
-    *,
-    has_view: bool,
-) -> str:
-    """HTML of a placement, from `plan.json` and its pictures."""
-    covered, owner = figures["covered"], placement.cameras.owner
+    covered, owner = figures["covered"], cameras.owner
     share = figures.get("covered_area", {}).get("percent", covered["area_percent"])
-    title = f"Placement of cameras: {placement.prepared.plan.name}"
-    return rendered(
+    title = f"Placement of cameras: {plan.name}"
+    page = rendered(
         "placement.html",
         title=title,
         heading=title,
-        answer=f"{plural(len(summary['cameras']), 'camera', 'cover')} {percent(share / 100)} of "
-        "the area",
+        answer=f"{plural(len(placed), 'camera', 'cover')} {percent(share / 100)} of the area",
         notes=notes,
         summary=summary,
         figures=figures,
         pictures=pictures,
-        seen_m2=seen_m2,
-        has_view=has_view,
-        is_best=isinstance(placement.prepared.problem.goal, BestCoverage),
+        seen_m2=None if areas is None else seen_m2,
+        has_view=view is not None,
+        is_best=isinstance(prepared.problem.goal, BestCoverage),
         camera_rows=camera_rows(figures),
         zone_rows=zone_rows(summary) if "dead_zones" in summary else None,
         reasons=REASONS,
         mounts=[
-            ", ".join(map(str, np.flatnonzero(owner == row)))
-            for row in range(len(placement.cameras.mounted))
+            ", ".join(map(str, np.flatnonzero(owner == row))) for row in range(len(cameras.mounted))
         ],
-        out_of_reach=_out_of_reach(placement.prepared.openings),
+        out_of_reach=_out_of_reach(prepared.openings),
     )
+    return {"page.html": page} | ({} if view is None else {"view.html": view})
 
 
 def leftover_picture(leftover: Leftover, eyes: Any = ()) -> Image.Image:

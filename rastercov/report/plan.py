@@ -76,11 +76,17 @@ def run_into(
         When no candidate is left, and for a folder that cannot be used.
     """
     with ReportFolder(out, PLACEMENT) as files:
-        placed = place(plan, out, step, lambda found: save_unfinished(found, files), workers)
+
+        def save_unfinished(found: Placement) -> None:
+            """Save the result before the step `interrupted`, unless there is a whole report."""
+            if not files.has_earlier:
+                save(found, files)
+
+        placed = place(plan, out, step, save_unfinished, workers)
         pages: Mapping[str, str] = {}
         if plan.outputs.page:
             without_page = replace(placed, interrupted=placed.interrupted or "page")
-            save_unfinished(without_page, files)
+            save_unfinished(without_page)
             try:
                 with step("page") as progress:
                     from rastercov.report.placement import pages_of  # with the first page only
@@ -104,12 +110,6 @@ def save(
         folder.publish()
 
 
-def save_unfinished(placement: Placement, folder: ReportFolder) -> None:
-    """Save the result before the step `placement.interrupted`, unless there is a whole report."""
-    if not folder.has_earlier:
-        save(placement, folder)
-
-
 def poses_of(placement: Placement) -> dict[str, Any]:
     """Content of the pose file, with the origin of each camera.
 
@@ -118,34 +118,21 @@ def poses_of(placement: Placement) -> dict[str, Any]:
     mounts, cameras = placement.prepared.mounts, placement.cameras
     content: dict[str, Any] = {
         "world_from_camera": cameras.poses,
-        "origin": _origins(placement),
+        "origin": [placement.origin[row] for row in cameras.owner],
         "candidate": placement.chosen[cameras.owner],
     }
     if len(mounts.rig) == 1:
         return content
     content["camera"] = [mounts.rig.names[index] for index in cameras.placed.camera]
-    if mounts.has_rigs:
-        content |= _rigs(placement)
-    return plain_cameras(mounts.rig) | content
-
-
-def _origins(placement: Placement) -> list[str]:
-    """Source of each camera; of those of a rig, the same."""
-    return [placement.origin[row] for row in placement.cameras.owner]
-
-
-def _rigs(placement: Placement) -> dict[str, Any]:
-    """Number of the rig, or the lone camera, that each camera is on, and the poses of these."""
-    names, cameras = placement.prepared.mounts.names, placement.cameras
-    return {
-        "mount": cameras.owner,
-        "mounts": [
-            {"name": names[index], "world_from_mount": pose}
+    if mounts.has_rigs:  # number of the rig, or the lone camera, and the poses of these
+        content["mount"] = cameras.owner
+        content["mounts"] = [
+            {"name": mounts.names[index], "world_from_mount": pose}
             for index, pose in zip(
                 cameras.mounted.camera, cameras.mounted.world_from_camera, strict=True
             )
-        ],
-    }
+        ]
+    return plain_cameras(mounts.rig) | content
 
 
 def summary(placement: Placement) -> dict[str, Any]:
@@ -226,33 +213,21 @@ def made_from(prepared: Prepared) -> dict[str, Any]:
 
 def _cameras(placement: Placement) -> list[dict[str, Any]]:
     """Position, direction, cost and coverage of each camera, and the share covered so far."""
-    cameras, costs = placement.cameras, placement.prepared.pool.costs
-    mounts = placement.prepared.mounts
-    rig = mounts.rig
-    return [
-        {
-            "origin": name,
-            "candidate": int(row),
-            "position": pose[:3, 3],
-            "direction": pose[:3, 2],
-            **({"camera": rig.names[index]} if len(rig) > 1 else {}),
-            **({"mount": int(owner)} if mounts.has_rigs else {}),
-            **dict(zip(("heading_deg", "down_deg"), heading_and_tilt(pose), strict=True)),
-            "cost": costs[row],
-            "covered_faces": faces,
-            "share_so_far": share,
-        }
-        for name, owner, row, pose, index, faces, share in zip(
-            _origins(placement),
-            cameras.owner,
-            placement.chosen[cameras.owner],
-            cameras.poses,
-            cameras.placed.camera.tolist(),
-            cameras.network.covered_faces,
-            cameras.curve,
-            strict=True,
-        )
-    ]
+    cameras, mounts = placement.cameras, placement.prepared.mounts
+    costs, found = placement.prepared.pool.costs, []
+    for row, pose in enumerate(cameras.poses):
+        owner = int(cameras.owner[row])
+        candidate = int(placement.chosen[owner])
+        entry = {"origin": placement.origin[owner], "candidate": candidate}
+        entry |= {"position": pose[:3, 3], "direction": pose[:3, 2]}
+        if len(mounts.rig) > 1:
+            entry["camera"] = mounts.rig.names[cameras.placed.camera[row]]
+        if mounts.has_rigs:
+            entry["mount"] = owner
+        entry["heading_deg"], entry["down_deg"] = heading_and_tilt(pose)
+        entry |= {"cost": costs[candidate], "covered_faces": cameras.network.covered_faces[row]}
+        found.append(entry | {"share_so_far": cameras.curve[row]})
+    return found
 
 
 def cameras_table(placement: Placement) -> Table:
@@ -260,15 +235,11 @@ def cameras_table(placement: Placement) -> Table:
     table = Table(title="Cameras", title_justify="left")
     table.add_column("", justify="right", style="dim")
     several = len(placement.prepared.camera) > 1
-    if several:
-        table.add_column("camera", overflow="fold")
-    table.add_column("from", overflow="fold")
-    table.add_column("at, m", justify="right")
-    table.add_column("towards", justify="right")
-    table.add_column("adds", justify="right", no_wrap=True)
-    table.add_column("so far", justify="right", no_wrap=True)
-    before = 0.0
-    poses = placement.cameras.poses
+    for name in ("camera", "from") if several else ("from",):
+        table.add_column(name, overflow="fold")
+    for name in ("at, m", "towards", "adds", "so far"):
+        table.add_column(name, justify="right", no_wrap=name in ("adds", "so far"))
+    before, poses = 0.0, placement.cameras.poses
     # Three digits for the coordinate that is furthest from 0.
     far = float(np.abs(poses[:, :3, 3]).max(initial=1e-9))
     digits = max(0, 2 - math.floor(math.log10(max(far, 1e-9))))

@@ -65,7 +65,9 @@ def run_table(summary: Mapping[str, Any]) -> Table:
     table.add_row("poses", f"{summary['poses']:,}")
     table.add_row("poses per second", f"{summary['poses_per_second']:,.1f}")
     table.add_row("measured by", Text(summary["run"]["measured_by"]["renderer"]))
-    table.add_row("visibility", _kinds(summary))
+    kinds = [f"{n:,} {kind}" for kind, n in summary["visibility_figures"].items() if n]
+    bound = f"; largest bound {summary['largest_visibility_bound']:.2g}"
+    table.add_row("visibility", ", ".join(kinds) + bound if kinds else "none")
     by_area = f"{covered['area_percent']:.1f} % of the area"
     faces = f"{covered['percent']:.1f} % of the faces, {by_area}"
     if "covered_area" in summary:
@@ -78,31 +80,13 @@ def run_table(summary: Mapping[str, Any]) -> Table:
     return table
 
 
-def _kinds(summary: Mapping[str, Any]) -> str:
-    """Counts of visibility figures by kind, and the largest bound."""
-    figures = summary["visibility_figures"]
-    kinds = ", ".join(f"{n:,} {kind}" for kind, n in figures.items() if n)
-    return f"{kinds}; largest bound {summary['largest_visibility_bound']:.2g}" if kinds else "none"
-
-
 def _shares(entry: Mapping[str, Any], n_faces: int) -> tuple[str, ...]:
-    covered = entry["covered"]
-    if "covered_area" in entry:
-        by_area = entry["covered_area"]
-        return (
-            area(by_area["of_m2"]),
-            f"{by_area['percent']:.1f}",
-            str(n_faces),
-            str(n_faces - covered["faces"]),
-            str(entry["zero_in_every_camera"]["faces"]),
-        )
-    return (
-        str(n_faces),
-        f"{covered['percent']:.1f}",
-        f"{covered['area_percent']:.1f}",
-        str(n_faces - covered["faces"]),
-        str(entry["zero_in_every_camera"]["faces"]),
-    )
+    """Cells of a group under `BY_AREA` or `BY_FACE`."""
+    covered, by_area = entry["covered"], entry.get("covered_area")
+    first = (str(n_faces), f"{covered['percent']:.1f}", f"{covered['area_percent']:.1f}")
+    if by_area is not None:
+        first = (area(by_area["of_m2"]), f"{by_area['percent']:.1f}", str(n_faces))
+    return *first, str(n_faces - covered["faces"]), str(entry["zero_in_every_camera"]["faces"])
 
 
 def heading_and_tilt(pose: NDArray[np.float64]) -> tuple[float, float]:

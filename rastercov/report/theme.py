@@ -62,8 +62,6 @@ EXTERIOR = (246, 248, 250)
 COVERED, UNCOVERED = (214, 220, 226), (52, 56, 62)
 OCCLUDER_PALE = (238, 228, 208)
 """Of occluders in exterior views and plans."""
-WALL_LINE = (84, 90, 100)
-"""Lines of upright faces in a plan."""
 REASONS: dict[str, Colour] = {
     "occluded": (214, 39, 40),
     "outside": (0, 114, 178),

@@ -34,21 +34,6 @@ ROUNDING = 1e-14
 SLACK = 1e-3
 """Largest drift of a rotation that a page sends: it computes in double precision, and prints."""
 
-CAMERA_FIELDS: tuple[dict[str, Any], ...] = tuple(
-    dict(zip(("name", "low", "high", "unit", "words"), row, strict=True))
-    for row in (
-        ("hfov_deg", 1.0, 175.0, "deg", "Angle between left and right."),
-        ("fx", 10.0, 20_000.0, "px", "Focal length over pixel width."),
-        ("width", 64, 8192, "px", "Pixels across, at the same field of view."),
-        ("focus_distance", 0.02, 100.0, "m", "Depth of the plane in focus."),
-        ("f_number", 0.7, 45.0, "", "Focal length over diameter of the aperture."),
-        ("focus_near", 0.0, 100.0, "m", "Least depth in focus."),
-        ("focus_far", 0.01, 1000.0, "m", "Greatest depth in focus."),
-        ("near", 0.0, 10.0, "m", "Surfaces nearer than this are not seen."),
-    )
-)
-"""Values that can be changed, with the ends of their sliders."""
-
 
 class Action(BaseModel):
     """Request of a page; unknown entries and values of another type are errors."""
@@ -362,11 +347,11 @@ def changed(camera: Camera, changes: Mapping[str, Any]) -> Camera:
     CameraError
         For an unknown value, one outside its limits, or one that the camera cannot have.
     """
-    known = [each["name"] for each in CAMERA_FIELDS]
+    known = {name: change for name, *_, change in _FIELDS}
     for name, value in changes.items():
         if name not in known:
             raise CameraError(f"a camera has {', '.join(known)} to change, got {shown(name)}")
-        camera = _CHANGES[name](camera, value)
+        camera = known[name](camera, value)
     return camera
 
 
@@ -426,13 +411,21 @@ def _with_range(camera: Camera, low: Any, high: Any) -> Camera:
     return replace(camera, focus_range=(near, far), aperture=None, focus_distance=None)
 
 
-_CHANGES: dict[str, Change] = {
-    "hfov_deg": _with_angle,
-    "fx": _with_focal,
-    "width": _with_width,
-    "focus_distance": _with_focus,
-    "f_number": _with_f_number,
-    "focus_near": lambda camera, value: _with_range(camera, value, None),
-    "focus_far": lambda camera, value: _with_range(camera, None, value),
-    "near": lambda camera, value: replace(camera, near=value),
-}
+_FIELDS: tuple[tuple[str, float, float, str, str, Change], ...] = (
+    ("hfov_deg", 1.0, 175.0, "deg", "Angle between left and right.", _with_angle),
+    ("fx", 10.0, 20_000.0, "px", "Focal length over pixel width.", _with_focal),
+    ("width", 64, 8192, "px", "Pixels across, at the same field of view.", _with_width),
+    ("focus_distance", 0.02, 100.0, "m", "Depth of the plane in focus.", _with_focus),
+    ("f_number", 0.7, 45.0, "", "Focal length over diameter of the aperture.", _with_f_number),
+    ("focus_near", 0.0, 100.0, "m", "Least depth in focus.",
+     lambda camera, value: _with_range(camera, value, None)),
+    ("focus_far", 0.01, 1000.0, "m", "Greatest depth in focus.",
+     lambda camera, value: _with_range(camera, None, value)),
+    ("near", 0.0, 10.0, "m", "Surfaces nearer than this are not seen.",
+     lambda camera, value: replace(camera, near=value)),
+)  # fmt: skip
+CAMERA_FIELDS = [
+    {"name": name, "low": low, "high": high, "unit": unit, "words": words}
+    for name, low, high, unit, words, _ in _FIELDS
+]
+"""Values that can be changed, with the ends of their sliders."""

@@ -323,18 +323,14 @@ def why(measurements: Measurements, figures: NetworkFigures, face: int) -> dict[
     if group.is_occluder:
         return found
     alone = _alone(mesh, face)
-    found["cameras"] = [
-        _of_station(measurements, alone, state, station, face) for station in state.on
-    ]
+    found["cameras"] = [_of_station(measurements, alone, state, each, face) for each in state.on]
     return found
 
 
 def _alone(mesh: Mesh, face: int) -> Mesh:
     """The face as a mesh of its own, for figures that do not depend on what hides it."""
-    return Mesh(
-        vertices=mesh.vertices[mesh.faces[face]],
-        faces=[[0, 1, 2]],
-    ).with_groups(two_sided="all" if mesh.two_sided_mask[face] else ())
+    made = Mesh(vertices=mesh.vertices[mesh.faces[face]], faces=[[0, 1, 2]])
+    return made.with_groups(two_sided="all" if mesh.two_sided_mask[face] else ())
 
 
 def _words(mesh: Mesh, figures: NetworkFigures, face: int) -> str:
@@ -361,16 +357,12 @@ def _of_station(
     """Figures of the face in one camera."""
     mesh, camera, task = measurements.mesh, state.camera_of(station), of_one_camera(state.task)
     single = evaluate(alone, camera, station.pose[None], task)
-    whole = next(
-        evaluate_batches(
-            measurements.observer(camera), station.pose[None], task, fields=OF_THE_SCENE
-        )
-    )
+    observer = measurements.observer(camera)
+    whole = next(evaluate_batches(observer, station.pose[None], task, fields=OF_THE_SCENE))
     reason = Reason(int(whole.reason[0, face]))
     depth = (mesh.vertices[mesh.faces[face]] - station.pose[:3, 3]) @ station.pose[:3, 2]
-    words, occluder = REASONS[reason.name.lower()].label, None
-    if reason == Reason.OCCLUDED:
-        occluder = _occluder(mesh, station, face)
+    words = REASONS[reason.name.lower()].label
+    occluder = _occluder(mesh, station, face) if reason == Reason.OCCLUDED else None
     if occluder is not None:
         own = occluder["group"] == mesh.face_group[face]
         by = "its own group" if own else occluder["name"]
@@ -398,19 +390,15 @@ def _of_station(
 
 def _finer(single: Coverage, task: Task) -> tuple[str, str]:
     """Figure of a face by the threshold that is farthest off, and the factor that is missing."""
-    pixels = float(single.drawn_pixels[0, 0])
-    densities = (
-        (float(single.pixel_density[0, 0]), task.min_pixel_density),
-        (float(single.facing_density[0, 0]), task.min_facing_density),
-    )
     # Lengths in the image grow with the focal length and with nearness, areas with their squares.
-    wanted = [(math.sqrt(task.min_pixels / pixels), f"{pixels:.3g} of {task.min_pixels:g} px")] * (
-        0 < pixels < task.min_pixels
-    )
-    wanted += [
-        (least / found, f"{found:.3g} of {least:g} px/m")
-        for found, least in densities
-        if 0 < found < least
+    wanted = [
+        ((least / float(found[0, 0])) ** power, f"{found[0, 0]:.3g} of {least:g} {unit}")
+        for found, least, power, unit in (
+            (single.drawn_pixels, task.min_pixels, 0.5, "px"),
+            (single.pixel_density, task.min_pixel_density, 1.0, "px/m"),
+            (single.facing_density, task.min_facing_density, 1.0, "px/m"),
+        )
+        if 0 < found[0, 0] < least
     ]
     factor, words = max(wanted, default=(0.0, ""))
     return words, f"{factor:.2g} times"

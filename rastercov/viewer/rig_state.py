@@ -237,14 +237,6 @@ def camera_in(cameras: Mapping[str, Camera], name: str) -> Camera:
     return cameras[name]
 
 
-@dataclass(frozen=True)
-class Step:
-    """A state of the history, and the words for the edit that made it."""
-
-    state: RigState
-    words: str
-
-
 class History:
     """States in the order of the edits, with the present one among them; any thread may use it.
 
@@ -258,7 +250,7 @@ class History:
 
     def __init__(self, state: RigState) -> None:
         self._lock = RLock()
-        self._steps = [Step(state, "")]
+        self._steps = [(state, "")]  # states, and words for the edits that made them
         self._at = self._saved = 0
         self._gesture = ""
         self.revision = 0
@@ -266,17 +258,17 @@ class History:
     @property
     def state(self) -> RigState:
         """The present state."""
-        return self._steps[self._at].state
+        return self._steps[self._at][0]
 
     @property
     def undo_label(self) -> str:
         """Edit that `undo` takes back; "" where there is none."""
-        return self._steps[self._at].words
+        return self._steps[self._at][1]
 
     @property
     def redo_label(self) -> str:
         """Edit that `redo` makes again; "" where there is none."""
-        return self._steps[self._at + 1].words if self._at + 1 < len(self._steps) else ""
+        return self._steps[self._at + 1][1] if self._at + 1 < len(self._steps) else ""
 
     @property
     def is_saved(self) -> bool:
@@ -287,12 +279,12 @@ class History:
         """Make a state the present one; what was undone is gone."""
         with self._lock:
             if self._gesture == words and words:
-                self._steps[self._at] = Step(state, words)
+                self._steps[self._at] = (state, words)
             else:
                 del self._steps[self._at + 1 :]
                 if self._saved > self._at:
                     self._saved = -1
-                self._steps.append(Step(state, words))
+                self._steps.append((state, words))
                 self._at += 1
             self._gesture = words if is_drag else ""
             self.revision += 1

@@ -1,8 +1,7 @@
 """Files that a viewer saves: rig, plan that holds it, report, or a page without a server."""
 
 import json
-import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -49,23 +48,26 @@ class Saving:
         text = rig_text(state) if what == "rig" else plan_text(self.session.scene, state)
         return NAMES[what], text.encode()
 
-    def save(self, what: str) -> dict[str, str]:
-        """Save the rig, the plan with the rig, or a report; where it is, and words on it.
+    def save(self, asked: Mapping[str, Any]) -> dict[str, str]:
+        """Save what {"what": ...} asks for: the rig, the plan with the rig, or a report.
+
+        Gives the place, and words on it.
 
         Raises
         ------
         ConfigError
             For anything else, and where no folder was given.
         """
-        if what not in NAMES:
+        what = asked.get("what")
+        if set(asked) != {"what"} or not isinstance(what, str) or what not in NAMES:
             raise ConfigError(f"what must be one of {', '.join(NAMES)}, got {shown(what)}")
         if self.out is None:
             raise ConfigError("no folder was given to save into; start with --out, or download it")
         self.out.mkdir(parents=True, exist_ok=True)
         with self.session.lock:
             state = self.session.state
+            path = self.out / NAMES[what]
             if what == "report":
-                path = self.out / NAMES[what]
                 return {"path": str(path), "words": self._report(state, path)}
             texts = {"rig": rig_text(state)}
             if what == "plan":
@@ -73,7 +75,6 @@ class Saving:
             for name, text in texts.items():
                 write_bytes(self.out / NAMES[name], text.encode())
             self.session.history.saved()
-        path = self.out / NAMES[what]
         return {"path": str(path), "words": f"saved {path}"}
 
     def _report(self, state: RigState, path: Path) -> str:
@@ -81,8 +82,7 @@ class Saving:
 
         if not state.on:
             raise ConfigError("there is no camera that is on; add one for a report")
-        method = self.session.measurements.method
-        options = Options(method=method)
+        options = Options(method=self.session.measurements.method)
         run(self.session.scene.mesh, state.rig(), state.poses(), state.task, path, options)
         return f"a report of {plural(len(state.on), 'camera')} is in {path}"
 
@@ -129,41 +129,28 @@ def toml_text(entries: Mapping[str, Any], path: tuple[str, ...] = ()) -> str:
     for name, value in entries.items():
         if value is None:
             continue
+        inner = (*path, name)
+        key = ".".join(map(_quoted, inner))
         if isinstance(value, Mapping):
-            inner = (*path, name)
-            tables.append(f"\n[{_key(inner)}]\n{toml_text(value, inner)}")
+            tables.append(f"\n[{key}]\n{toml_text(value, inner)}")
         elif isinstance(value, list) and value and all(isinstance(e, Mapping) for e in value):
-            inner = (*path, name)
-            head = f"\n[[{_key(inner)}]]\n"
-            tables += [head + toml_text(each, inner) for each in value]
+            tables += [f"\n[[{key}]]\n{toml_text(each, inner)}" for each in value]
         else:
             lines.append(f"{_quoted(name)} = {_value(value)}\n")
     return "".join([*lines, *tables])
 
 
-def _key(path: Iterable[str]) -> str:
-    return ".".join(_quoted(name) for name in path)
-
-
 def _quoted(name: str) -> str:
     is_bare = name.isascii() and name.replace("_", "").replace("-", "").isalnum()
-    return name if is_bare else _text(name)
-
-
-def _text(text: str) -> str:
-    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
+    return name if is_bare else _value(name)
 
 
 def _value(value: Any) -> str:
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, int):
-        return str(value)
+    """A value as JSON has it except tables and numbers that are not finite."""
     if isinstance(value, float):
-        special = {math.inf: "inf", -math.inf: "-inf"}
-        return special.get(value, "nan" if math.isnan(value) else repr(value))
-    if isinstance(value, str):
-        return _text(value)
+        return json.dumps(value).replace("Infinity", "inf").replace("NaN", "nan")
+    if isinstance(value, str | int):
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
     if isinstance(value, Mapping):
         inside = ", ".join(f"{_quoted(k)} = {_value(v)}" for k, v in value.items() if v is not None)
         return f"{{{inside}}}"

@@ -24,7 +24,7 @@ from rastercov.coverage.provenance import sha256
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.placement.candidates.clearance import KeepOutBox, in_solid
-from rastercov.placement.improve.pose_space import PoseSpace
+from rastercov.placement.improve.pose_space import Place, PoseSpace
 from rastercov.placement.plan.file import read_plan
 from rastercov.placement.plan.scene import candidate_pool, named_scene
 from rastercov.report.modes import MODES
@@ -117,7 +117,7 @@ class Scene:
             "version": rastercov.__version__,
             "is_room": self.is_room,
             "task_fields": task_fields(),
-            "camera_fields": list(CAMERA_FIELDS),
+            "camera_fields": CAMERA_FIELDS,
             "presets": list(PRESETS),
             "modes": modes(self.models),
             "constraints": self._constraints() | {"is_kept": is_kept},
@@ -190,19 +190,17 @@ def task_fields() -> list[dict[str, Any]]:
         inner = members[0] if members else hint
         kind = get_args(inner)[0] if get_origin(inner) is not Literal else inner
         is_choice = get_origin(kind) is Literal
-        # Ignored types: annotated_types declares limits as anything that can be compared.
-        low = next((float(e.ge) for e in limits if isinstance(e, Ge)), None)  # type: ignore[arg-type]
-        if low is None:
-            low = next((float(e.gt) for e in limits if isinstance(e, Gt)), None)  # type: ignore[arg-type]
-        high = next((float(e.le) for e in limits if isinstance(e, Le)), None)  # type: ignore[arg-type]
+        bounds: dict[type, Any] = {type(each): each for each in limits}
+        ge, gt, le = (bounds.get(kind) for kind in (Ge, Gt, Le))
+        low = float(ge.ge) if ge else float(gt.gt) if gt else None
         found.append(
             {
                 "name": name,
                 "words": words[name],
                 "kind": "choice" if is_choice else kind.__name__,
                 "low": low,
-                "is_low_open": any(isinstance(e, Gt) for e in limits),
-                "high": high,
+                "is_low_open": gt is not None,
+                "high": None if le is None else float(le.le),
                 "choices": list(get_args(kind)) if is_choice else None,
                 "default": getattr(default, name),
                 "is_optional": bool(members),
@@ -217,8 +215,6 @@ def described_state(scene: Scene, state: RigState, history: dict[str, Any]) -> d
     eyes = state.eyes
     places = ["allowed"] * len(eyes)
     if scene.pool is not None and len(eyes):
-        from rastercov.placement.improve.pose_space import Place
-
         judged = scene.pool.space.judge(eyes)
         places = [Place(code).name.lower().replace("_", " ") for code in judged.tolist()]
     return history | {
@@ -275,14 +271,6 @@ def open_mesh(
     """Scene of a mesh and cameras; `meshes` are entries of a plan for its files."""
     entries = tuple(dict(each) for each in meshes)
     return Scene(title, mesh, _state(views, task), meshes=entries, notes=views.notes)
-
-
-def kind_of(folder: Path) -> str | None:
-    """Kind of the result in a folder: "evaluate", "place", "audit"; None for another folder."""
-    for name, (kind, _) in RESULTS.items():
-        if (folder / name).is_file():
-            return kind
-    return None
 
 
 def run_of(folder: Path) -> Mapping[str, Any]:

@@ -21,7 +21,7 @@ import secrets
 import shutil
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -116,31 +116,23 @@ class Address:
                 "or bind to 127.0.0.1 and forward the port through ssh"
             )
         token = secrets.token_urlsafe(32) if token_file is None else _read_token(Path(token_file))
-        for file in (certificate, key):
-            if file is not None and not Path(file).is_file():
+        files = [None if file is None else str(file) for file in (certificate, key)]
+        for file in filter(None, files):
+            if not Path(file).is_file():
                 raise ConfigError(f"{file}: there is no such file")
-        paths = [None if file is None else str(file) for file in (certificate, key)]
-        return cls(host, port, token, paths[0], paths[1])
-
-    @property
-    def scheme(self) -> str:
-        """The scheme of its URL."""
-        return "http" if self.certificate is None else "https"
+        return cls(host, port, token, *files)
 
     def url(self, port: int) -> str:
         """URL of the page, with the token behind #."""
         host = f"[{self.host}]" if ":" in self.host else self.host
-        return f"{self.scheme}://{host}:{port}/#{self.token}"
+        return f"http{'s' if self.certificate else ''}://{host}:{port}/#{self.token}"
 
 
 def is_loopback(host: str) -> bool:
     """True for localhost and the addresses of this machine alone."""
-    if host == "localhost":
-        return True
-    try:
+    with suppress(ValueError):
         return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return False
+    return host == "localhost"
 
 
 def _read_token(path: Path) -> str:
@@ -178,10 +170,9 @@ def application(
         from starlette.routing import Route
     except ImportError:
         raise ResourceError(INSTALL) from None
-    routes = _Routes(session, Work(session), Saving(session, out))
     threads = ThreadPoolExecutor(thread_name_prefix=ABANDONED)
     made = [Route("/", _page), Route("/static/{name:path}", _static)]
-    for path, method, answer in routes.table():
+    for path, method, answer in _answers(session, Work(session), Saving(session, out)):
         made.append(Route(f"/api/{path}", _endpoint(threads, answer), methods=[method]))
     app = Starlette(routes=made)
     guard: Any = _Guard
@@ -208,18 +199,9 @@ class _Guard:
         self.origins = {f"{scheme}://{host}" for host in hosts for scheme in ("http", "https")}
 
     async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
-        if scope["type"] != "http":
-            if scope["type"] == "websocket":  # there are none
-                await send({"type": "websocket.close", "code": 1008})
-                return
-            await self.app(scope, receive, send)
-            return
-        headers = dict(scope["headers"])
-        fault = self._fault(scope["path"], headers)
-        if fault:
+        if fault := self._fault(scope["path"], dict(scope["headers"])):
             await _error(403, fault)(scope, receive, send)
             return
-
         if scope["path"].startswith("/api/"):
             self._authenticated(scope)
 
@@ -296,47 +278,37 @@ async def _static(request: "Request") -> "Response":
     return Response(data, media_type=kind)
 
 
-class _Routes:
-    """Answers of the server, for a session."""
+def _answers(session: Session, work: Work, saving: Saving) -> list[tuple[str, str, Answer]]:
+    """Path, method and function of each answer."""
 
-    def __init__(self, session: Session, work: Work, saving: Saving) -> None:
-        self.session, self.work, self.saving = session, work, saving
-
-    def table(self) -> list[tuple[str, str, Answer]]:
-        """Path, method and function of each answer."""
-        session, work, saving = self.session, self.work, self.saving
-        return [
-            ("scene", "GET", _json(lambda query, body: session.described())),
-            ("soup", "GET", self._soup),
-            ("groups", "GET", lambda query, body: _octets(groups_of(session.scene.mesh))),
-            ("state", "GET", _json(lambda query, body: session.described_state())),
-            ("ping", "GET", _json(lambda query, body: {"revision": session.history.revision})),
-            ("act", "POST", lambda query, body: _octets(session.act(body))),
-            ("image", "GET", self._image),
-            ("why", "GET", _json(lambda query, body: session.why(_whole(query, "face")))),
-            ("zones", "GET", _json(lambda query, body: session.zones())),
-            ("job", "POST", _json(lambda query, body: {"id": work.start(body)})),
-            ("job", "GET", _json(lambda query, body: work.described())),
-            ("job/cancel", "POST", _json(self._cancel)),
-            ("save", "POST", _json(lambda query, body: saving.save(_what(body)))),
-            ("download", "GET", self._download),
-        ]
-
-    def _soup(self, query: Any, body: Any) -> "Response":
-        origin, data = soup_of(self.session.scene.mesh)
+    def soup(query: Any, body: Any) -> "Response":
+        origin, data = soup_of(session.scene.mesh)
         return _octets(data, {"x-rastercov-origin": ",".join(map(repr, origin.tolist()))})
 
-    def _image(self, query: Any, body: Any) -> "Response":
+    def image(query: Any, body: Any) -> "Response":
         side = _whole(query, "side") if "side" in query else 720
-        return _octets(self.session.image(_whole(query, "station"), side))
+        return _octets(session.image(_whole(query, "station"), side))
 
-    def _cancel(self, query: Any, body: Any) -> dict[str, Any]:
-        self.work.cancel()
-        return self.work.described()
-
-    def _download(self, query: Any, body: Any) -> "Response":
-        name, data = self.saving.content(str(query.get("what", "")))
+    def download(query: Any, body: Any) -> "Response":
+        name, data = saving.content(str(query.get("what", "")))
         return _octets(data, {"content-disposition": f'attachment; filename="{name}"'})
+
+    return [
+        ("scene", "GET", _json(lambda query, body: session.described())),
+        ("soup", "GET", soup),
+        ("groups", "GET", lambda query, body: _octets(groups_of(session.scene.mesh))),
+        ("state", "GET", _json(lambda query, body: session.described_state())),
+        ("ping", "GET", _json(lambda query, body: {"revision": session.history.revision})),
+        ("act", "POST", lambda query, body: _octets(session.act(body))),
+        ("image", "GET", image),
+        ("why", "GET", _json(lambda query, body: session.why(_whole(query, "face")))),
+        ("zones", "GET", _json(lambda query, body: session.zones())),
+        ("job", "POST", _json(lambda query, body: {"id": work.start(body)})),
+        ("job", "GET", _json(lambda query, body: work.described())),
+        ("job/cancel", "POST", _json(lambda query, body: work.cancel())),
+        ("save", "POST", _json(lambda query, body: saving.save(body))),
+        ("download", "GET", download),
+    ]
 
 
 def _json(answer: Callable[[Any, Any], Any]) -> Answer:
@@ -399,21 +371,16 @@ async def _body(request: "Request") -> dict[str, Any]:
     kind = request.headers.get("content-type", "").partition(";")[0].strip()
     if kind != "application/json":
         raise ConfigError("a request is of content-type application/json")
-    if int(request.headers.get("content-length") or 0) > MOST_BYTES:
-        raise _TooLong
-    parts, size = [], 0
+    text = bytearray()
     async for part in request.stream():
-        size += len(part)
-        if size > MOST_BYTES:
+        text += part
+        if len(text) > MOST_BYTES:
             raise _TooLong
-        parts.append(part)
-    try:
-        body = json.loads(b"".join(parts) or b"{}")
-    except (ValueError, RecursionError):
-        raise ConfigError("a request is a JSON object, and this is none") from None
-    if not isinstance(body, dict):
-        raise ConfigError("a request is a JSON object, and this is none")
-    return body
+    with suppress(ValueError, RecursionError):
+        body = json.loads(text or b"{}")
+        if isinstance(body, dict):
+            return body
+    raise ConfigError("a request is a JSON object, and this is none")
 
 
 def _whole(query: Any, name: str) -> int:
@@ -422,12 +389,6 @@ def _whole(query: Any, name: str) -> int:
     if not re.fullmatch(r"\d{1,9}", text):
         raise ConfigError(f"{name} must be a whole number, got {text[:40]!r}")
     return int(text)
-
-
-def _what(body: dict[str, Any]) -> str:
-    if set(body) != {"what"} or not isinstance(body["what"], str):
-        raise ConfigError('wanted {"what": "rig", "plan" or "report"}')
-    return str(body["what"])
 
 
 def serve(

@@ -312,7 +312,7 @@ def camera_png(
     pixels = camera_pixels(found, colour)
     legend = [
         {"label": key.name, "colour": first, "stripe": next(iter(others), None)}
-        for key in camera_keys([found], colour, "covered")
+        for key in camera_keys(found, colour, "covered")
         for first, *others in (key.colours,)
     ]
     buffer = BytesIO()

@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import Field, TypeAdapter, ValidationError
 
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError, RastercovError
@@ -28,6 +28,7 @@ from rastercov.placement.candidates.pool import turns_about_z
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.improve.pose_space import PoseSpace
 from rastercov.placement.improve.refine import refine
+from rastercov.viewer.actions import Action
 from rastercov.viewer.measurements import Measurements, NetworkFigures, exact_area, of_one_camera
 from rastercov.viewer.rig_state import RigState, Station
 from rastercov.viewer.session import Session, StaleError
@@ -95,7 +96,8 @@ def refined(
     start[:3, 3] = eyes[0]
     found = refine(objective, space, start[None], budget=budget)
     moved = state.with_pose(station, found.poses[0])
-    before, after = (_covered_area(measurements, each) for each in (state, moved))
+    figures = (_figures(measurements, each, list(each.on)) for each in (state, moved))
+    before, after = (float(mesh.areas[each.covered & mesh.task_mask].sum()) for each in figures)
     return (moved, after - before) if after > before else (state, 0.0)
 
 
@@ -207,31 +209,21 @@ def _figures(
     return NetworkFigures(measurements.mesh, some, measurements.rows(state, stations))
 
 
-def _covered_area(measurements: Measurements, state: RigState) -> float:
-    figures = _figures(measurements, state, list(state.on))
-    areas: FloatArray = np.asarray(measurements.mesh.areas)
-    return float(areas[figures.covered & measurements.mesh.task_mask].sum())
-
-
-class _Asked(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
-
-
-class Refine(_Asked):
+class Refine(Action):
     """Refinement of a station."""
 
     kind: Literal["refine"]
     station: int
 
 
-class AddNext(_Asked):
+class AddNext(Action):
     """The best next station."""
 
     kind: Literal["add"]
     camera: str
 
 
-class ExactArea(_Asked):
+class ExactArea(Action):
     """Exact area of the network."""
 
     kind: Literal["area"]
@@ -294,9 +286,10 @@ class Work:
         with self._lock:
             return dict(self._said)
 
-    def cancel(self) -> None:
-        """Ask the work to end; what it found is dropped."""
+    def cancel(self) -> dict[str, Any]:
+        """Ask the work to end, so that what it found is dropped; `described` of it."""
         self._cancel.set()
+        return self.described()
 
     def wait(self, seconds: float | None = None) -> None:
         """Wait for its end."""
@@ -342,20 +335,13 @@ class Work:
             return keep
         own = Measurements(session.scene.mesh, session.measurements.method)
         try:
-            make: Callable[[Progress], tuple[Any, float]]
             if isinstance(asked, Refine):
-                name = state.station(asked.station).name
-                space, words = session.space(), f"refine {name}"
-
-                def make(progress: Progress) -> tuple[Any, float]:
-                    return refined(own, state, asked.station, space, progress)
+                words = f"refine {state.station(asked.station).name}"
+                made, gain = refined(own, state, asked.station, session.space(), self._progress)
             else:
                 words = "add the best next camera"
-
-                def make(progress: Progress) -> tuple[Any, float]:
-                    return self._with_next(own, state, asked.camera, progress)
-
-            made, gain = make(self._progress)
+                candidates = self._candidates(own, state, asked.camera)
+                made, gain = with_next(own, state, asked.camera, candidates, self._progress)
         finally:
             own.close()
 
@@ -367,18 +353,15 @@ class Work:
 
         return take
 
-    def _with_next(
-        self, own: Measurements, state: Any, camera: str, progress: Progress
-    ) -> tuple[Any, float]:
+    def _candidates(self, own: Measurements, state: RigState, camera: str) -> FloatArray:
+        """(C, 4, 4) poses that a further camera may have: those of the plan, if it has any."""
         state.camera(camera)
         scene = self.session.scene
         if scene.plan is not None and scene.pool is not None and len(scene.pool.candidates):
             mounts = scene.plan.mounts
             placed = mounts.cameras(scene.pool.candidates.placed)[0]
-            if camera in mounts.rig.names:
-                index = mounts.rig.names.index(camera)
-                candidates = placed.world_from_camera[placed.camera == index]
-                if len(candidates):
-                    return with_next(own, state, camera, candidates, progress)
-        space = scene.space(state)
-        return with_next(own, state, camera, tries(own, state, camera, space), progress)
+            names = np.array(mounts.rig.names)[placed.camera]
+            if (names == camera).any():
+                of_plan: FloatArray = placed.world_from_camera[names == camera]
+                return of_plan
+        return tries(own, state, camera, scene.space(state))

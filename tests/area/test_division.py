@@ -57,8 +57,9 @@ def regions_of(parts):
     areas = polygon_areas(xy, np.arange(n + 1) * 4)
     pose = np.repeat(rows, counts)
     return Regions(
-        MESH, rc.Camera(width=64, height=64, fx=64, fy=64), rc.Task(), np.arange(len(parts)),
-        xy=xy, starts=np.arange(n + 1) * 4, face=np.zeros(n, np.int32), pose=pose,
+        mesh=MESH, camera=rc.Camera(width=64, height=64, fx=64, fy=64), task=rc.Task(),
+        pose_ids=np.arange(len(parts)), xy=xy, starts=np.arange(n + 1) * 4,
+        face=np.zeros(n, np.int32), pose=pose,
         pair_pose=rows, pair_face=np.zeros(len(parts), np.int32),
         area=np.bincount(pose, areas), bound=np.zeros(len(parts)),
     )  # fmt: skip

@@ -10,7 +10,7 @@ from surface_cases import hostile_scene
 import rastercov as rc
 from rastercov.camera.pose import Poses
 from rastercov.coverage.area.regions import RegionPass
-from rastercov.coverage.exact_pass import Figures
+from rastercov.coverage.exact_pass import room_for
 from rastercov.exact.certificate import CertificateSolver
 from rastercov.mesh import Group, Mesh
 from rastercov.raster.observation import BoundKind
@@ -33,9 +33,9 @@ def in_groups(mesh, rng):
 
 def measured(finder, poses, **options):
     """Regions with the figures of all faces: visible, area and bound (3, P, F), and their kind."""
-    figures = Figures.room(len(poses), finder.mesh.n_faces)
-    found = finder.find(poses, figures=figures, **options)
-    return found, np.stack(figures[:3]), figures.kind
+    seen = room_for(len(poses), finder.mesh.n_faces)
+    found = finder.find(poses, seen=seen, **options)
+    return found, np.stack((seen.visible_pixels, seen.drawn_pixels, seen.area_error)), seen.kind
 
 
 def assert_same_regions(found, others):

@@ -14,7 +14,7 @@ import rastercov as rc
 from rastercov.coverage.area import regions as area_regions
 from rastercov.coverage.area.failures import CentrePass, first_failures
 from rastercov.coverage.area.regions import RegionPass
-from rastercov.coverage.exact_pass import Figures
+from rastercov.coverage.exact_pass import room_for
 from rastercov.reference.regions import covers_points, points_on
 
 MESH, PINHOLE, POSES = room()
@@ -165,13 +165,13 @@ def test_a_mixed_rig_has_the_regions_of_each_camera():
 
 def test_observed_areas_are_those_of_an_observer_without_regions():
     finder = RegionPass(MESH, CAMERAS["fisheye"], threads=1)
-    figures = Figures.room(2, MESH.n_faces)
-    finder.find(rc.Poses.of(POSES[:2]), figures=figures)
+    found = room_for(2, MESH.n_faces)
+    finder.find(rc.Poses.of(POSES[:2]), seen=found)
     with rc.open_observer(MESH, CAMERAS["fisheye"], threads=1) as observer:
         seen = observer.observe(POSES[:2])
-    np.testing.assert_array_equal(figures.visible, seen.visible_pixels)
-    np.testing.assert_array_equal(figures.error, seen.area_error)
-    np.testing.assert_array_equal(figures.clipped, seen.clipped)
+    np.testing.assert_array_equal(found.visible_pixels, seen.visible_pixels)
+    np.testing.assert_array_equal(found.area_error, seen.area_error)
+    np.testing.assert_array_equal(found.clipped, seen.clipped)
 
 
 # --- single points --------------------------------------------------------------------------------

@@ -295,3 +295,15 @@ def test_zones_of_a_plane_are_the_parts_of_its_union_by_geos(seed):
     n = int((zones.area > 1e-3).sum())
     assert n > 3
     assert np.allclose(zones.area[:n], areas[:n], atol=1e-4)
+
+
+def test_groups_of_a_zone_are_named_by_falling_area():
+    groups = [rc.Group("small"), rc.Group("large")]
+    mesh = rc.Mesh(
+        [(0, 0, 0), (2, 0, 0), (2, 1, 0), (0, 3, 0)], [(0, 1, 2), (0, 2, 3)], groups, [0, 1]
+    )
+    camera = rc.Camera(width=64, height=64, fx=64, fy=64)
+    away = rc.regions(mesh, camera, rc.look_at((0, 0, 5), (0, 0, 9)))
+    (place,) = dead_zones(rc.unite(away)).places(1)
+    assert place["groups"] == ["large", "small"]
+    assert place["area_m2"] == pytest.approx(4)

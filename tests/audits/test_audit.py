@@ -8,7 +8,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from nightly import examples
 
-from rastercov.base.errors import ConfigError
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.camera.projection import to_camera, to_image
@@ -156,18 +155,3 @@ def test_no_camera_covers_nothing():
     assert not found.views.any()
     assert found.summary()["covered_percent"] == 0
     assert len(found.subset.chosen) == 0
-
-
-@pytest.mark.parametrize(
-    ("options", "text"),
-    [
-        ({"names": ["a"]}, "one text for each of 2 poses, got 1"),
-        ({"names": "ab"}, "list of texts"),
-        ({"by": "volume"}, "by must be one of"),
-        ({"by": "area", "method": "sampled"}, "by area, use certified"),
-        ({"task": 3}, "task must be a Task"),
-    ],
-)
-def test_what_cannot_be_is_refused(options, text):
-    with pytest.raises(ConfigError, match=text):
-        audit(MESH, WIDE, looking_in(0, 2).world_from_camera, **options)

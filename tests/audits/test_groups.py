@@ -90,11 +90,6 @@ def test_a_report_has_frames(tmp_path):
     assert table["frame"].to_pylist() == list(frames)
 
 
-def test_frames_need_one_name_a_pose():
-    with pytest.raises(rc.ConfigError, match="frames must have one text for each of 5 poses"):
-        audit(MESH, CAMERAS, looking_in(1, 5), by="face", frames=["a", "b"])
-
-
 def test_no_poses_have_no_groups():
     found = audit(MESH, CAMERAS[0], np.zeros((0, 4, 4)), by="face")
     groups = groups_of(found.problem, found.covered, [])

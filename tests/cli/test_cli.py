@@ -1,8 +1,6 @@
 """The command as a person, a script and a terminal meet it."""
 
-import hashlib
 import json
-import os
 import re
 import resource
 import shlex
@@ -26,7 +24,7 @@ from rastercov.camera.pose_file import write_poses
 from rastercov.camera.viewpoints import sphere_of_poses
 from rastercov.mesh import shapes
 from rastercov.raster.gl import diagnose
-from rastercov.report.folder import STAGING, ReportFolder, ReportKind
+from rastercov.report.folder import ReportFolder, ReportKind
 
 COMMANDS = ("compare", "demo", "doctor", "evaluate", "render")
 REPORT = {"coverage.parquet", "areas.parquet", "rig.json", "summary.json", "network.glb"}
@@ -50,6 +48,7 @@ def names(folder):
 
 QUICK = "evaluate box -c camera.toml -p sphere:2 --pictures 0"
 MODELS = "compare box -c camera.toml -p sphere:2 --models"
+BUILT_IN = "render box -c camera.toml -p sphere:1 --transform {scale=3}"
 LONG = "evaluate sphere -c camera.toml -p sphere:40000 --table seen --pictures 1 -o report"
 SHARD = 400 * shapes.by_name("sphere").n_faces
 """Pairs of a shard of it, which then has a hundred."""
@@ -68,7 +67,7 @@ def test_each_help_shows_an_example_that_runs(capsys, monkeypatch, name):
         rf"^(?:Example|Without files):\n  rastercov ({name} .*?)\s*$", out, re.MULTILINE
     )
     assert examples
-    Path("part.stl").write_text(ascii_stl(), encoding="ascii")
+    shapes.box((1, 1, 1)).to_trimesh().export("part.stl")
     write_poses("poses.json", sphere_of_poses((0, 0, 0), 4, 4))
     less = {"demo": " --poses 1", "compare": " --no-convergence --faces 1"}.get(name, "")
     for example in examples:
@@ -77,30 +76,13 @@ def test_each_help_shows_an_example_that_runs(capsys, monkeypatch, name):
         assert (code, bool(out)) == (0, True), example
 
 
-def ascii_stl():
-    mesh = shapes.box((1, 1, 1))
-    corners = mesh.vertices[mesh.faces]
-    facets = [
-        "facet normal 0 0 0\nouter loop\n"
-        + "".join(f"vertex {x} {y} {z}\n" for x, y, z in face)
-        + "endloop\nendfacet\n"
-        for face in corners
-    ]
-    return "solid box\n" + "".join(facets) + "endsolid box\n"
-
-
 def test_help_and_version(capsys):
     code, out, _ = call(capsys, "--help")
     assert code == 0
     assert "Example:\n  rastercov demo" in out
     assert all(name in out for name in COMMANDS)
     assert call(capsys, "--version") == (0, rastercov.__version__ + "\n", "")
-
-
-def test_no_command_gives_the_help_and_is_bad_usage(capsys):
-    code, out, _ = call(capsys, [])
-    assert code == 2
-    assert "evaluate" in out
+    assert call(capsys, []) == (2, out, "")  # no command is bad usage
 
 
 # --- bad usage and bad input ----------------------------------------------------------------------
@@ -116,54 +98,38 @@ def test_no_command_gives_the_help_and_is_bad_usage(capsys):
         (QUICK + " --pictures -1", ["--pictures"]),
         (QUICK + " --supersample x", ["--supersample"]),
         (QUICK + " --method sampled --supersample 0", ["supersample must be", "got 0"]),
-        (QUICK + " --views 0", ["views must be", "got 0"]),
         (QUICK + " --min-pixels nan", ["min_pixels"]),
         (QUICK + " --method ray", ["method must be certified, exact or sampled, got 'ray'"]),
         (QUICK + " --table some", ["table must be one of none, covered, seen, all, got 'some'"]),
+        (QUICK + " --full both", ["full must be one of none, poses, faces, all, got 'both'"]),
         (QUICK + " --supersample 4", ["certified has no samples", "use method sampled"]),
         (QUICK + " --pictures 1 --device nonsense", ["no device 'nonsense'", "surfaceless"]),
         (QUICK + " --method sampled --device nonsense", ["no device 'nonsense'", "surfaceless"]),
         (QUICK + " --unit mm", ["box is built in"]),
         (QUICK + " --unit m --unit mm", ["--unit is given twice for all files"]),
         (QUICK + " --transform scale=0", ["--transform", "scale: wanted a number above 0, got 0"]),
-        (QUICK + " --transform angle=1", ["no such entry", "did you mean angle_deg?"]),
         (QUICK + " --transform 90", ["--transform 90: wanted entries such as 'angle_deg = 90"]),
-        (QUICK + " --transform a=1}[b]", ["wanted entries such as"]),
-        (QUICK + " --transform scale=1e40 ", ["1e"]),
         (QUICK + " --transform lid:scale=2", ["no mesh file 'lid'; files are box"]),
-        (QUICK + " --transform scale=2 --transform scale=3", ["given twice for all files"]),
         (QUICK + " --two-sided lid", ["mesh", "lid"]),
         (QUICK + " --occluder [lid]", ["--occluder", "'[lid]'", "groups are mesh"]),
         (QUICK + " --occluder part.obj", ["box is built in"]),
         (QUICK + " --occluder mesh", ["every group is an occluder"]),
-        (QUICK + " --target [lid]", ["--target", "'[lid]'", "groups are mesh"]),
-        (QUICK + " --target part.obj", ["box is built in"]),
         (QUICK + " --target mesh --occluder mesh", ["'mesh' must have one role"]),
-        ("evaluate part.obj box -c khepra -p poses.json", ["box is built in"]),
         ("evaluate bocks -c khepra -p sphere:2", ["bocks: there is no such file", "teapot, "]),
         ("evaluate no[x].stl -c khepra -p sphere:2", ["no[x].stl", "No such file"]),
         ("evaluate part.obj -c khepra -p sphere:2 --unit miles", ["unit must be", "'miles'"]),
-        ("evaluate part.obj -c khepra -p sphere:2 --unit lid:mm", ["no mesh file 'lid'"]),
         ("evaluate part.obj -c khepra -p sphere:2 --unit part:", ["unit must be", "''"]),
-        (
-            "evaluate part.obj ./part.obj -c khepra -p sphere:2 --unit part:mm",
-            ["part.obj is given twice"],
-        ),
         ("evaluate box -c no.toml -p sphere:2", ["no.toml", "No such file"]),
         ("evaluate box -c part.obj -p sphere:2", ["part.obj", "not recognised", "--from"]),
         ("evaluate box -c khepra -p no.json", ["no.json", "No such file"]),
         ("evaluate box -c khepra -p sphere:0", ["whole number", "'sphere:0'"]),
-        ("evaluate box -c khepra -p sphere:²", ["whole number", "'sphere:²'"]),
         ("evaluate box -c khepra -p sphere:99999999999", ["whole number", "10000000"]),
         ("render box -c khepra -p poses.json --pose 12", ["--pose 12", "12 poses"]),
         ("demo --shape nope", ["'nope'", "teapot"]),
         ("demo --poses 0", ["--poses"]),
         ("compare nothing -c khepra -p sphere:2 --models", ["nothing: there is no such file"]),
         (MODELS + " --method exact", ["--models takes neither --method nor --against; leave"]),
-        (MODELS + " --against rational", ["--models takes neither --method nor --against; leave"]),
         (QUICK + " -o camera.toml", ["camera.toml", "a file is in the way"]),
-        (QUICK + " -o camera.toml/x", ["camera.toml/x", "a file is in the way"]),
-        ("render box -c khepra -p poses.json -o part.obj", ["a file is in the way"]),
         (QUICK + " -o /proc/x", ["/proc/x"]),
         (QUICK + " -o " + 300 * "x", [90 * "x" + "...", "name too long"]),
         (f"evaluate {300 * 'x'} -c khepra -p sphere:2", [90 * "x", "...", "no such file"]),
@@ -176,24 +142,13 @@ def test_each_bad_command_line_gets_one_line_that_says_why(capsys, line, words):
 
 
 def test_broken_files_are_named(capsys):
-    Path("cut.stl").write_text(ascii_stl()[:-40], encoding="ascii")
+    Path("cut.stl").write_text("solid box\nfacet normal 0 0 0\nouter loop\nvertex 0 0 0\n")
     Path("cut.json").write_text("[1, 2")
     Path("wrong.toml").write_text("width = 0\nheight = 1\nfx = 1\nfy = 1")
     assert "cut.stl" in refusal(capsys, "evaluate cut.stl -c khepra -p sphere:2")
     assert "cut.json" in refusal(capsys, "evaluate box -c cut.json -p sphere:2")
     assert "cut.json" in refusal(capsys, "evaluate box -c khepra -p cut.json")
     assert "wrong.toml" in refusal(capsys, "evaluate box -c wrong.toml -p sphere:2")
-
-
-@pytest.mark.parametrize(("unit", "is_speck"), [("um", True), ("m", False)])
-def test_a_mesh_that_is_a_speck_in_every_image_gets_a_hint_at_its_unit(capsys, unit, is_speck):
-    write_part("part.obj", side=1.0)
-    write_poses("poses.json", sphere_of_poses((0, 0, 0), 4.0, 5))
-    code, _, err = call(
-        capsys, f"evaluate part.obj --unit {unit} -c khepra -p poses.json --pictures 0"
-    )
-    assert code == 0
-    assert ("--unit" in err) == is_speck
 
 
 def test_a_line_break_in_a_name_does_not_break_the_line(capsys):
@@ -220,36 +175,16 @@ def test_what_nobody_foresaw_is_one_line_too(capsys, monkeypatch, error, words):
     assert words in refusal(capsys, QUICK)
 
 
-def test_an_interrupt_before_a_command_does_not_hide_its_defect(capsys, monkeypatch):
+def test_a_defect_is_shown_after_an_interrupt_before_too_and_with_its_traceback(
+    capsys, monkeypatch
+):
     with pytest.raises(KeyboardInterrupt):
         interrupt(signal.SIGINT, None)
     monkeypatch.setattr("rastercov.report.coverage.run", lambda *_: 1 / 0)
     assert "ZeroDivisionError" in refusal(capsys, QUICK)
-
-
-def test_the_traceback_can_be_had(capsys, monkeypatch):
     monkeypatch.setenv("RASTERCOV_TRACEBACK", "1")
-    monkeypatch.setattr("rastercov.report.coverage.run", lambda *_: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         call(capsys, QUICK)
-
-
-@pytest.mark.slow
-def test_poses_at_fault_end_the_run_or_are_left_out(capsys):
-    poses = sphere_of_poses((0, 0, 0), 4, 12)
-    poses[3, 0, 0] = np.nan
-    poses[5:11, :3, :3] *= 2
-    np.save("bad.npy", poses)
-    line = "evaluate box -c camera.toml -p bad.npy --pictures 1"
-    assert "pose 3 is not finite (and 6 more poses)" in refusal(capsys, line)
-    assert not Path("report").exists()
-    code, _, err = call(capsys, line + " --skip-bad-poses")
-    assert code == 0
-    assert "pose 3 left out: it is not finite" in err
-    assert err.count("left out") == 6  # five by name, two in number
-    summary = json.loads(Path("report/summary.json").read_text())
-    assert summary["poses"] == 5
-    assert list(summary["skipped_poses"]) == ["3", "5", "6", "7", "8", "9", "10"]
 
 
 # --- what a run leaves and prints -----------------------------------------------------------------
@@ -260,6 +195,7 @@ def test_files_units_and_groups(capsys):
     line = "evaluate part.obj --unit mm -c camera.toml -p sphere:4 --occluder lid --two-sided rest"
     code, out, err = call(capsys, line)
     assert (code, err) == (0, "")
+    assert re.search(r"rest +\D 5 m² \D +100.0 \D +10 ", out)
     assert "lid" in out
     assert out.endswith("report/contact_sheet.png\n")
     drawn = {"contact_sheet.png", "overview.png", "view.html"}
@@ -271,52 +207,12 @@ def test_files_units_and_groups(capsys):
     assert roles == {"lid": "occluder", "rest": "task"}
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("options", "size"),
-    [
-        ("", [1001, 1000, 1000]),
-        ("--unit mm", [1.001, 1, 1]),
-        ("--unit part:mm", [1000, 1000, 1000]),
-        ("--unit part.obj:mm --unit far.obj:mm", [1.001, 1, 1]),
-        ("--unit mm --unit far:cm", [10, 10, 10]),
-        ("--unit 0.002", [2.002, 2, 2]),
-        ("--unit mm --transform scale=2", [2.002, 2, 2]),
-        ("--unit mm --transform far:translation=[0,0,3]", [1.001, 1, 4]),
-        ("--unit mm --transform {scale=2} --transform far:scale=1", [2, 2, 2]),
-    ],
-)
-def test_a_file_has_its_own_unit_and_place(capsys, options, size):
-    write_part("part.obj", side=1000.0)
-    Path("far.obj").write_text(
-        re.sub(r"(?m)^v (\S+)", lambda v: f"v {float(v[1]) + 1}", Path("part.obj").read_text())
-    )
-    line = f"render part.obj far.obj -c camera.toml -p sphere:1 --json {options}"
-    code, out, _ = call(capsys, line)
-    assert code == 0
-    assert json.loads(out)["size_m"] == pytest.approx(size)
-
-
 def test_a_built_in_mesh_is_placed(capsys):
-    line = "render box -c camera.toml -p sphere:1 --transform scale=3"
-    code, out, _ = call(capsys, line)
-    assert code == 0
-    assert "; 12 faces, 3 x 3 x 3 m\n" in out
-
-
-def test_an_occluder_may_be_a_file(capsys):
-    write_part("fixture.v2.obj", side=3000.0)  # closed around the part
-    line = "evaluate part.obj --unit mm -c camera.toml -p sphere:4 --pictures 0"
-    code, _, _ = call(capsys, line + " --occluder fixture.v2.obj --json")
-    summary = json.loads(Path("report/summary.json").read_text())
-    assert code == 0
-    assert (summary["faces"], summary["task_faces"]) == (24, 12)
-    assert summary["covered"]["faces"] == 0
-    assert "occluded" in summary["not_covered_because"]
+    assert "; 12 faces, 3 x 3 x 3 m\n" in call(capsys, BUILT_IN)[1]
 
 
 @pytest.mark.slow
-def test_a_target_may_be_a_file_or_a_group(capsys):
+def test_an_occluder_or_a_target_may_be_a_file_or_a_group(capsys):
     write_part("fixture.obj", side=3000.0)  # closed around the part, and hides nothing
     write_part("case.obj", side=2000.0, names={0: "case"})
     line = "evaluate part.obj --unit mm -c camera.toml -p sphere:4 --pictures 1"
@@ -326,16 +222,12 @@ def test_a_target_may_be_a_file_or_a_group(capsys):
     summary = json.loads(Path("report/summary.json").read_text())
     assert code == 0
     roles = {group["name"]: group["role"] for group in summary["groups"]}
-    assert roles == {
-        "part/lid": "target",
-        "part/rest": "task",
-        "case/case": "occluder",
-        "fixture/lid": "target",
-        "fixture/rest": "target",
-    }
+    targets = dict.fromkeys(["part/lid", "fixture/lid", "fixture/rest"], "target")
+    assert roles == targets | {"part/rest": "task", "case/case": "occluder"}
     assert "(target)" in out
     by_name = {group["name"]: group for group in summary["groups"]}
     assert by_name["part/rest"]["covered"]["faces"] == 0  # behind the case
+    assert "occluded" in summary["not_covered_because"]
     assert by_name["fixture/rest"]["covered"]["faces"] > 0
 
 
@@ -424,30 +316,18 @@ def test_a_reader_that_goes_away_is_no_error():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("line", "unbuffered"),
-    [(QUICK, ""), (QUICK + " --json", "1"), ("evaluate --help", ""), ("--version", "1")],
-)
+@pytest.mark.parametrize(("line", "unbuffered"), [("demo --help", ""), ("--version", "1")])
 def test_a_full_disk_behind_standard_output_is_one_line(line, unbuffered):
     with Path("/dev/full").open("wb") as full:
         result = process(line, stdout=full, PYTHONUNBUFFERED=unbuffered)
-    assert result.returncode == 2
+        both = process(line, stdout=full, stderr=full, PYTHONUNBUFFERED=unbuffered)
+    assert result.returncode == both.returncode == 2
     assert result.stderr == b"error: [Errno 28] No space left on device\n"
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("unbuffered", ["", "1"])
-def test_a_full_disk_behind_both_streams_is_still_bad_usage(unbuffered):
-    words = [sys.executable, "-c", ENTRY, "evaluate", "nothing"]
-    environment = os.environ | {"PYTHONUNBUFFERED": unbuffered}
-    with Path("/dev/full").open("wb") as full:
-        result = subprocess.run(words, stdout=full, stderr=full, env=environment, check=False)
-    assert result.returncode == 2
-
-
-@pytest.mark.slow
 def test_closed_streams_are_no_error():
-    words = f"exec {shlex.quote(sys.executable)} -c {shlex.quote(ENTRY)} {QUICK} >&- 2>&-"
+    words = f"exec {shlex.quote(sys.executable)} -c {shlex.quote(ENTRY)} {BUILT_IN} >&- 2>&-"
     assert subprocess.run(["bash", "-c", words], check=False).returncode == 0
 
 
@@ -459,7 +339,7 @@ def test_a_full_disk_is_one_line_that_names_the_file_and_the_old_report_stays(ca
     call(capsys, QUICK)
     Path("report/notes.txt").write_text("mine")
     before, (limit, most) = content("report"), resource.getrlimit(resource.RLIMIT_FSIZE)
-    for kib in (0, 1, 4, 8, 9, 12, 20):
+    for kib in (0, 1, 8, 12):
         resource.setrlimit(resource.RLIMIT_FSIZE, (1024 * kib, most))
         try:
             code = cli.command(shlex.split(line))
@@ -529,97 +409,30 @@ def test_a_folder_in_use_is_refused_and_kept(capsys, line):
 
 
 @pytest.mark.slow
-def test_a_report_with_a_note_of_its_reader_or_without_its_manifest_is_refused_and_kept(capsys):
-    """The second as one of a version that wrote none."""
-    call(capsys, QUICK)
-    with Path("report/summary.json").open("a") as file:
-        file.write(" ")
-    before = content("report")
-    assert "report/summary.json: changed since it was written" in refusal(capsys, QUICK)
-    assert content("report") == before
-    Path("report", MANIFEST).unlink()
-    text = refusal(capsys, QUICK)
-    assert "areas.parquet and 4 more: not of an earlier report" in text
-    assert "name another folder" in text
-    assert content("report") == {p: d for p, d in before.items() if p.name != MANIFEST}
-
-
-def state(folder, old, new):
-    """What a folder is found to hold: one of two reports, or what is no report."""
-    here = {path.name: data for path, data in content(folder).items() if path.parent == folder}
-    assert here.pop("notes.txt") == b"mine"
-    if here == old:
-        return "old"
-    if "summary.json" not in here:
-        return "incomplete"
-    manifest = json.loads(here[MANIFEST])["files"]
-    assert here.keys() == manifest.keys() | {MANIFEST}
-    for name, entry in manifest.items():
-        assert hashlib.sha256(here[name]).hexdigest() == entry["sha256"]
-    assert json.loads(here["summary.json"])["poses"] == new
-    assert pq.read_table(folder / "coverage.parquet")["pose"].to_numpy().max() == new - 1
-    return "new"
-
-
-@pytest.mark.slow
-def test_a_run_that_is_killed_leaves_the_old_report_or_the_new_one(capsys):
-    """At moments from before its first file to its last; `kill_report.py` has those of the swap."""
-    call(capsys, QUICK)
-    out = Path("report")
-    (out / "notes.txt").write_text("mine")
-    old = {path.name: data for path, data in content(out).items() if path.name != "notes.txt"}
-    line = "evaluate box -c camera.toml -p sphere:9 --pictures 2"
-    found = []
-    for waits in ("", "contact_sheet.png", "overview.png"):
-        with subprocess.Popen(
-            [sys.executable, "-c", ENTRY, *line.split()],
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-        ) as child:
-            while child.poll() is None and not list((out / STAGING).glob(f"new/{waits}")):
-                time.sleep(0.001)
-            child.kill()
-        found.append(state(out, old, 9))
-    assert found[0] == "old"
-    assert call(capsys, line)[0] == 0
-    assert state(out, {}, 9) == "new"
-    assert not (out / STAGING).exists()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("encoding", ["ascii", "latin-1"])
-def test_a_terminal_that_cannot_show_a_name_shows_something(encoding):
-    result = process([*QUICK.split(), "-o", "漢"], PYTHONIOENCODING=encoding)
-    assert (result.returncode, result.stderr) == (0, b"")
-    assert result.stdout.decode(encoding)
-
-
-@pytest.mark.slow
-def test_a_locale_without_the_letters_of_a_name_and_a_home_are_not_needed():
+def test_a_terminal_and_a_locale_without_the_letters_of_a_name_show_something():
     bare = {"PYTHONIOENCODING": "ascii", "PYTHONUTF8": "0", "LC_ALL": "C", "LANG": "C"}
-    bare |= {"HOME": "/proc", "XDG_CACHE_HOME": "/proc"}
     Path("part.obj").rename("漢.obj")
-    result = process("evaluate 漢.obj -c camera.toml -p poses.json --json --pictures 0", **bare)
-    assert json.loads(result.stdout)["run"]["mesh"]
+    line = "evaluate 漢.obj -c camera.toml -p poses.json --pictures 0 -o 漢"
+    result = process(line, **bare)
+    assert (result.returncode, result.stderr) == (0, b"")
+    assert result.stdout.decode("ascii")
+    assert json.loads(Path("漢/summary.json").read_text())["run"]["mesh"]
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_an_interrupt_keeps_what_is_done(number):
+def test_an_interrupt_keeps_what_is_done():
     out = Path("report")
     small = f"from rastercov.coverage import shards; shards.PAIRS_A_SHARD = {SHARD}; "
     with subprocess.Popen(
         [sys.executable, "-c", small + ENTRY, *LONG.split()],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
-        # A shell's background job would have the signal ignored.
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
     ) as child:
         # Ended in a shard, the run keeps those before it.
         while len(list(out.glob("unfinished/*/shards/shard-*.npz"))) < 2:
             assert child.poll() is None
             time.sleep(0.01)
-        child.send_signal(number)
+        child.terminate()
         _, err = child.communicate(timeout=60)
     assert child.returncode == 130
     assert err.endswith(b"interrupted\n")

@@ -5,9 +5,9 @@ import re
 
 import numpy as np
 import pytest
+from commands import call
 
 import rastercov as rc
-from rastercov.cli import command
 
 ZONE = {
     *("area_m2", "percent", "centroid", "extent", "groups", "m2_by_views", "reason", "hidden_by")
@@ -43,11 +43,6 @@ def folder(tmp_path, monkeypatch):
     rc.write_poses("rig.json", rc.look_at([(3, 0, 0), (0, 3, 0)], np.zeros(3)))
 
 
-def call(capsys, line):
-    code = command(line.split())
-    return code, capsys.readouterr().out
-
-
 def assert_adds_up(found):
     zones, others = found["dead_zones"], found["other_dead_zones"]
     covered = found["covered_area"]
@@ -60,27 +55,27 @@ def assert_adds_up(found):
 
 def test_evaluate_lists_dead_zones(capsys):
     line = "evaluate box -c camera.toml -p rig.json --pictures 0 -o out"
-    code, out = call(capsys, f"{line} --json")
+    code, out, _ = call(capsys, f"{line} --json")
     assert code == 0
     assert_adds_up(json.loads(out))
-    _, out = call(capsys, line)
+    _, out, _ = call(capsys, line)
     assert len(LINE.findall(out)) == 1
-    _, out = call(capsys, f"{line} --by face --json")
+    _, out, _ = call(capsys, f"{line} --by face --json")
     assert "dead_zones" not in json.loads(out)
 
 
 @pytest.mark.slow
 def test_place_and_check_list_dead_zones(capsys):
-    code, out = call(capsys, "place plan.toml --json -o out")
+    code, out, _ = call(capsys, "place plan.toml --json -o out")
     assert code == 0
     found = json.loads(out)
     assert found["plan"]["task"]["min_facing_density"] == 25
     assert_adds_up(found)
     assert "dead_zones" not in found["network"]
-    _, out = call(capsys, "place plan.toml -o out")
+    _, out, _ = call(capsys, "place plan.toml -o out")
     assert LINE.search(out)
-    code, out = call(capsys, "check plan.toml -p rig.json --min-coverage 0.1 --json")
+    code, out, _ = call(capsys, "check plan.toml -p rig.json --min-coverage 0.1 --json")
     assert code == 0
     assert_adds_up(json.loads(out))
-    _, out = call(capsys, "check plan.toml -p rig.json --min-coverage 0.1")
+    _, out, _ = call(capsys, "check plan.toml -p rig.json --min-coverage 0.1")
     assert len(LINE.findall(out)) == 1

@@ -121,25 +121,16 @@ def test_a_process_for_each_device_answers_as_this_one(examined):
 
 
 @pytest.mark.slow
-def test_every_device_that_opens_passes_its_self_test(report):
-    rows = report["reports"]
-    assert rows
-    for row in rows:
-        assert row["problem"] == ""
-        assert row["self_test"] == "passed"
-        assert row["plan"] == "pipeline"
-        assert "float32" in row["depth"]
-    assert doctor.exit_code(report) == 0
-
-
-@pytest.mark.slow
-def test_each_row_tells_the_plan_and_depth_that_its_device_runs(report):
+def test_every_device_passes_its_self_test_and_its_row_tells_what_it_runs(report):
+    assert report["reports"]
     for row in report["reports"]:
+        assert (row["problem"], row["self_test"], row["plan"]) == ("", "passed", "pipeline")
         label = row["device"]["label"]
         with GLRasterizer(self_test.MESH, self_test.CAMERA, device=label) as rasterizer:
             assert rasterizer.info.device.startswith(label)
             assert rasterizer.info.renderer == row["context"]["renderer"]
             assert (rasterizer.info.plan, rasterizer.info.depth) == (row["plan"], row["depth"])
+    assert doctor.exit_code(report) == 0
 
 
 def test_the_default_is_what_auto_opens(report):
@@ -150,13 +141,9 @@ def test_the_default_is_what_auto_opens(report):
         assert rasterizer.info.renderer == row["renderer"]
 
 
-def test_cpu_passes_its_self_test_on_every_core(report):
-    cores = len(os.sched_getaffinity(0))
-    renderer = f"numba {report['versions']['numba']}"
+def test_every_kind_of_context_and_what_made_the_report_is_in_it(report, gl_context):
+    renderer, cores = f"numba {report['versions']['numba']}", len(os.sched_getaffinity(0))
     assert report["cpu"] == {"renderer": renderer, "threads": cores, "self_test": "passed"}
-
-
-def test_every_kind_of_context_and_library_is_reported(report, gl_context):
     assert set(report["kinds"]) == {"egl-device", "egl-surfaceless", "osmesa"}
     assert report["kinds"]["egl-surfaceless"] == "available"
     assert report["libraries"]["EGL"] == "libEGL.so.1"
@@ -165,13 +152,7 @@ def test_every_kind_of_context_and_library_is_reported(report, gl_context):
     found, info = row["context"], gl_context.info
     assert found["renderer"] == info.renderer
     assert found["limits"]["max_texture_size"] == info.limits["max_texture_size"]
-
-
-def test_report_survives_json_unchanged(report):
     assert json.loads(json.dumps(report, allow_nan=False)) == report
-
-
-def test_report_names_what_made_it(report):
     assert report["shaders"] == shaders.digest()
     names = ["rastercov", "Python", "moderngl", "numba", "numpy", "trimesh", "OS"]
     assert list(report["versions"]) == names
@@ -194,18 +175,6 @@ def test_printed_report_has_every_device_and_ends_with_the_default(report, width
     if device == "cpu":
         assert ON_CPU.search(flat(text))
         assert "Limits of" not in text
-
-
-@pytest.mark.parametrize("width", [80, 120])
-def test_a_default_device_is_printed_with_its_limits_and_named_at_the_end(gpu_report, width):
-    text = printed(gpu_report, width)
-    assert "Limits of egl:0" in text
-    for name in ("image side", "image layers", "storage block", "sub-pixel bits", "float32"):
-        assert name in text
-    assert "64-bit atomics  no" in text
-    row, why = gpu_report["reports"][0], gpu_report["default"]["why"]
-    sentence = f"By default rastercov draws on egl:0, {row['context']['renderer']}"
-    assert flat(text).endswith(f"{sentence}, plan pipeline, because {why}.")
 
 
 def test_environment_is_printed_with_its_effect(report):
@@ -259,15 +228,6 @@ def test_one_wrong_count_fails_the_self_test(device, monkeypatch, row):
     monkeypatch.setattr(GLRasterizer, "count", miscount)
     with pytest.raises(
         DeviceError, match=rf"plan {plan}: {scene}: 1 of 4 poses are counted wrongly"
-    ):
-        diagnose.verify_device("surfaceless")
-
-
-@pytest.mark.slow
-def test_a_wrong_count_is_reported_as_the_line_that_failed(device, monkeypatch):
-    monkeypatch.setattr(self_test, "DRAWN", self_test.DRAWN + 1)
-    with pytest.raises(
-        DeviceError, match=r"plan pipeline: llvmpipe .* counted a known scene wrongly"
     ):
         diagnose.verify_device("surfaceless")
 
@@ -346,19 +306,6 @@ def test_a_cpu_that_fails_is_reported_in_one_line(no_library, monkeypatch, error
     assert text.endswith("tries cpu, which fails its self-test; nothing else passes")
 
 
-def test_a_machine_without_numba_is_told_so(no_library, monkeypatch):
-    monkeypatch.setitem(sys.modules, "numba", None)
-    for name in [
-        name
-        for name in sys.modules
-        if name.startswith(("rastercov.raster.cpu", "rastercov.kernels"))
-    ]:
-        monkeypatch.delitem(sys.modules, name)
-    report = diagnose.examine()
-    assert "ModuleNotFoundError: import of numba halted" in report["cpu"]["self_test"]
-    assert doctor.exit_code(report) == 1
-
-
 def test_a_cpu_that_fails_is_answered_with_a_device_that_passes(report):
     report["cpu"]["self_test"] = "box: 1 of 4 poses are counted wrongly"
     report["default"] = {"device": "cpu", "why": "no hardware device opens; it is fast"}
@@ -401,13 +348,21 @@ def test_libraries_without_a_driver_say_what_to_install(device, monkeypatch):
     assert ON_CPU.search(text)
 
 
-def test_a_graphics_card_is_shown_with_its_cuda_number_and_driver(gpu_report):
-    text = printed(gpu_report, width=120)
+@pytest.mark.parametrize("width", [80, 120])
+def test_a_graphics_card_is_shown_with_its_driver_and_limits_and_named_at_the_end(
+    gpu_report, width
+):
+    text = printed(gpu_report, width)
     cells = r"egl:0 +NVIDIA H200/PCIe/SSE2 \[x\] +NVIDIA 580\.105\.08 +4\.6 +hardware"
-    assert re.search(cells + " +pipeline +passed", text)
+    assert width < 120 or re.search(cells + " +pipeline +passed", text)
     assert re.search("^ ?CUDA 3 ", text, re.MULTILINE)
     assert "Why no hardware" not in text
-    assert flat(text).endswith("because it is the first that draws in hardware.")
+    for words in ("Limits of egl:0", "image side", "image layers", "storage block",
+                  "sub-pixel bits", "float32", "64-bit atomics  no"):  # fmt: skip
+        assert words in text
+    card = "NVIDIA H200/PCIe/SSE2 [x], plan pipeline"
+    why = "because it is the first that draws in hardware."
+    assert flat(text).endswith(f"By default rastercov draws on egl:0, {card}, {why}")
 
 
 @pytest.mark.parametrize(
@@ -431,18 +386,14 @@ def test_a_default_that_fails_is_answered_with_what_passes(gpu_report, cpu, surf
 @pytest.mark.parametrize(
     ("setting", "opens", "default", "why"),
     [
-        (None, ["egl:0", "surfaceless"], "egl:0", "first that draws in hardware"),
-        (None, ["surfaceless"], "cpu", "no hardware device opens; it is"),
+        ("", ["egl:0", "surfaceless"], "egl:0", "first that draws in hardware"),
+        ("", ["surfaceless"], "cpu", "no hardware device opens; it is"),
         ("1", ["egl:0", "surfaceless"], "cpu", "forbids hardware"),
-        (None, [], "cpu", "no hardware device opens"),
     ],
 )
 def test_default_follows_the_order_of_auto(monkeypatch, setting, opens, default, why):
     monkeypatch.setattr(devices, "egl_devices", lambda: [GPU, SURFACELESS])
-    if setting is None:
-        monkeypatch.delenv("LIBGL_ALWAYS_SOFTWARE", raising=False)
-    else:
-        monkeypatch.setenv("LIBGL_ALWAYS_SOFTWARE", setting)
+    monkeypatch.setenv("LIBGL_ALWAYS_SOFTWARE", setting)
     rows = [
         {"device": {"label": label}, "problem": "" if label in opens else "no"}
         for label in ("egl:0", "surfaceless")

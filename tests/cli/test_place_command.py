@@ -3,18 +3,14 @@
 import json
 import os
 import re
-import signal
 import subprocess
-import sys
-import time
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from commands import ENTRY, call, content, enter, refusal, write_part
-from notices import without_notices
+from commands import call, content, enter, refusal, write_part
 
 import rastercov as rc
 from rastercov.camera.pose_file import read_poses, write_poses
@@ -25,7 +21,6 @@ from rastercov.placement.improve.refine import refine
 from rastercov.placement.plan import run as plan_run
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "plans"
-MESHES = Path(__file__).parents[3] / "shared" / "meshes"
 SCENE = """
 [[meshes]]
 path = "part.obj"
@@ -90,6 +85,10 @@ def test_a_plan_gives_poses_that_evaluate_reads_and_figures(capsys):
     told = figures()
     assert told["met"]
     assert told["share"] == 1
+    for each in told["cameras"]:
+        x, y, z = each["direction"]
+        assert each["heading_deg"] == pytest.approx(np.degrees(np.arctan2(y, x)))
+        assert each["down_deg"] == pytest.approx(np.degrees(np.arcsin(-z)))
     poses = read_poses("plan/poses.json")
     assert len(poses) == len(told["cameras"]) == told["selection"]["cameras"]
     sphere = sphere_of_poses((0, 0, 0), 3.5, 20)
@@ -104,25 +103,18 @@ def test_a_plan_gives_poses_that_evaluate_reads_and_figures(capsys):
 
 def test_figures_hold_everything_that_made_them(capsys):
     table = 'name = "table"\nlow = [-9, -9, -9]\nhigh = [9, 9, -3]\n'
-    limits = "[constraints]\nclearance = 0.1\n[[constraints.keep_out]]\n" + table
-    Path("plan.toml").write_text(QUICK + limits)
+    Path("plan.toml").write_text(f"{QUICK}[[constraints.keep_out]]\n{table}")
     code, out, _ = call(capsys, "place plan.toml --json")
     told = json.loads(out)
-    assert code == 0
-    assert told == figures()
-    dropped = told["candidates"]["dropped"]
-    assert dropped["kept_out"]["table"] > 0
-    assert dropped["kept"] + dropped["kept_out"]["table"] == 20
-    selection = told["selection"]
-    assert selection["bound"] <= selection["objective"]
+    assert (code, told) == (0, figures())
+    dropped, selection = told["candidates"]["dropped"], told["selection"]
+    assert dropped["kept"] + dropped["kept_out"]["table"] == 20 > dropped["kept"]
     assert selection["gap"] == pytest.approx(1 - selection["bound"] / selection["objective"])
     (source,) = told["made_from"]["mesh"]
-    assert source["name"] == "part.obj"
-    assert len(source["sha256"]) == 64
+    assert (source["name"], len(source["sha256"])) == ("part.obj", 64)
     assert {"rastercov", "numpy", "pydantic", "python"} <= told["made_from"]["versions"].keys()
     assert {group["name"] for group in told["network"]["groups"]} == {"lid", "rest"}
-    assert told["left"]["left"]["faces"] == 0
-    assert told["seed"] == 0
+    assert (told["left"]["left"]["faces"], told["seed"]) == (0, 0)
     assert "selection" in told["seconds"]["steps"]
 
 
@@ -162,31 +154,6 @@ def test_requirements_of_groups_are_told_one_by_one(capsys):
     assert "holds: group lid: 100.0 % covered, 100.0 % wanted" in out
 
 
-@pytest.mark.slow
-def test_the_network_is_counted_as_the_selection_was(capsys):
-    own = 'min_pixels = 2\nweight_by = "count"\nmin_angle_deg = 60\nviews = { lid = 3 }'
-    text = QUICK.replace("min_pixels = 2", own)
-    _, _, told = placed(capsys, text.replace("coverage = 1.0", "coverage = 0.6"))
-    assert 0.6 <= told["share"] < 1
-    assert told["share"] == told["selection"]["share"] == told["cameras"][-1]["share_so_far"]
-    assert told["share"] == pytest.approx(told["network"]["covered"]["faces"] / 12)
-    code, out, _ = call(capsys, "check plan.toml -p plan/poses.json --min-coverage 0.6 --json")
-    assert code == 0
-    assert json.loads(out)["requirements"][0]["share"] == told["share"]
-
-
-def test_costs_of_entries_decide_between_equals(capsys):
-    other = CANDIDATES.replace("20", "24") + "cost = 0.5\n"
-    assert placed(capsys, QUICK.replace(CANDIDATES, CANDIDATES + "cost = 9\n" + other))[0] == 0
-    assert all(camera["cost"] == 0.5 for camera in figures()["cameras"])
-    budget = SELECTION.replace('"fewest_cameras"\ncoverage = 1.0', '"best_coverage"\nbudget = 9')
-    text = QUICK.replace(SELECTION, budget).replace(CANDIDATES, CANDIDATES + "cost = 4\n")
-    code, out, told = placed(capsys, text)
-    assert code == 0
-    assert len(told["cameras"]) == 2
-    assert "at a cost of 8" in out
-
-
 def test_cavity_candidates_are_added_where_the_others_see_nothing(capsys):
     above = '[[candidates]]\ngenerator = "on_box"\nspacing = 9\noutward = 2.5\nsides = ["+z"]\n'
     assert placed(capsys, QUICK.replace(CANDIDATES, above))[0] == 1
@@ -207,22 +174,7 @@ def test_a_part_in_the_wrong_unit_is_told_by_its_size_and_by_why_nothing_covers_
     code, out, _ = placed(capsys, QUICK.replace('"part.obj"', '"part.obj"\nunit = "um"'))
     assert code == 1
     assert "100.0 % too coarse; the scene measures 1 x 1 x 1 µm, see meshes.unit" in out
-
-
-@pytest.mark.parametrize(
-    ("entry", "hint"),
-    [
-        ('unit = "um"', "the mesh measures 1 x 1 x 1 µm, and the nearest camera is"),
-        ("unit = 1e5", "the mesh measures 100,000 x 100,000 x 100,000 m, and all cameras"),
-        ('unit = "m"', None),
-    ],
-)
-def test_check_doubts_an_unlikely_unit_and_names_the_entry(capsys, entry, hint):
-    Path("plan.toml").write_text(QUICK.replace('"part.obj"', f'"part.obj"\n{entry}'))
-    _, out, err = call(capsys, "check plan.toml -p rig.json")
-    assert err == "" if hint is None else hint in err
-    assert hint is None or "unit of [[meshes]]" in err
-    assert out.splitlines()[-1].startswith("12 faces, ")
+    assert "no candidate covers any of it; see what the candidates fail, below" in out
 
 
 def test_check_doubts_normals_that_point_inwards(capsys):
@@ -231,18 +183,6 @@ def test_check_doubts_normals_that_point_inwards(capsys):
     Path("part.obj").write_text(turned)
     _, _, err = call(capsys, "check plan.toml -p rig.json")
     assert "seen from behind: normals point inwards, or the surface is open: use two_sided" in err
-
-
-def test_a_transform_of_a_plan_is_that_of_the_command_line(capsys):
-    entries = "angle_deg = 30, translation = [0.25, 0, 0.5]"
-    plan = QUICK.replace('"part.obj"', f'"part.obj"\ntransform = {{ {entries} }}')
-    Path("plan.toml").write_text(plan)
-    told = json.loads(call(capsys, "check plan.toml -p rig.json --json")[1])
-    Path("camera.toml").write_text("width = 96\nheight = 72\nfx = 90\nfy = 90\n")
-    line = ["render", "part.obj", "-c", "camera.toml", "-p", "rig.json", "--json"]
-    code, out, _ = call(capsys, [*line, "--transform", entries])
-    assert code == 0
-    assert json.loads(out)["size_m"] == told["size_m"]
 
 
 @pytest.mark.slow
@@ -306,70 +246,15 @@ def test_each_error_of_a_plan_is_a_line_and_nothing_is_written(capsys, text, lin
 
 
 @pytest.mark.slow
-def test_a_second_run_measures_nothing_again(capsys, monkeypatch):
+def test_a_second_run_measures_nothing_again(capsys):
+    def shards():
+        return {path: path.stat().st_mtime_ns for path in Path("plan/matrix").rglob("*.parquet")}
+
     call(capsys, "place plan.toml")
-    shards = {path: path.stat().st_mtime_ns for path in Path("plan/matrix").rglob("*.parquet")}
-    assert shards
+    before = shards()
+    assert before
     placed(capsys, QUICK.replace("coverage = 1.0", "coverage = 0.6"))
-    assert shards == {
-        path: path.stat().st_mtime_ns for path in Path("plan/matrix").rglob("*.parquet")
-    }
-
-
-@pytest.mark.slow
-def test_a_matrix_that_the_plan_no_longer_needs_is_removed_and_nothing_else(capsys):
-    call(capsys, "place plan.toml")
-    (old,) = Path("plan/matrix").iterdir()
-    Path("plan/matrix/notes").mkdir()
-    placed(capsys, QUICK.replace("count = 20", "count = 21"))
-    names = {path.name for path in Path("plan/matrix").iterdir()}
-    assert "notes" in names
-    assert old.name not in names
-    assert len(names) == 2
-
-
-def test_an_interrupt_after_the_selection_keeps_it(capsys, monkeypatch):
-    Path("plan.toml").write_text(QUICK.replace("[outputs]", "refine = true\n[outputs]"))
-
-    def stop(*_, **__):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(plan_run, "refine", stop)
-    code, out, err = call(capsys, "place plan.toml")
-    assert code == 130
-    assert err.endswith("interrupted\n")
-    assert "before refinement" in out
-    told = figures()
-    assert told["interrupted"] == "refinement"
-    assert told["share"] == 1
-    assert len(read_poses("plan/poses.json")) == len(told["cameras"])
-
-
-SHARD = 300_000
-"""Pairs a shard: 30 poses of the plan below, which then has five."""
-CHILD = [
-    *(sys.executable, "-W", "error", "-c"),
-    f"from rastercov.placement import matrix_folder as m; m.PAIRS_A_SHARD = {SHARD}; {ENTRY}",
-    "place",
-]
-LONG = """
-[[meshes]]
-built_in = "torus"
-[camera]
-width = 640
-height = 480
-fx = 600
-fy = 600
-[[candidates]]
-generator = "on_sphere"
-count = 150
-distances = [5]
-[selection]
-goal = "best_coverage"
-cameras = 3
-[outputs]
-page = false
-"""
+    assert shards() == before
 
 
 EACH_STEP = QUICK.replace(
@@ -392,8 +277,12 @@ def no_pages(monkeypatch):
     monkeypatch.setattr("rastercov.report.placement.pages_of", lambda *_: {"page.html": "a page"})
 
 
-def stopped(capsys, monkeypatch, step, error):
-    """`place` when a step of it raises something; what nothing catches is as a kill."""
+def interrupt(*_, **__):
+    raise KeyboardInterrupt
+
+
+def stopped(capsys, monkeypatch, step, error, line="place plan.toml"):
+    """A command when a step of it raises something; what nothing catches is as a kill."""
 
     def stop(*_, **__):
         raise error
@@ -401,7 +290,7 @@ def stopped(capsys, monkeypatch, step, error):
     with monkeypatch.context() as patch:
         patch.setattr(step, stop)
         with suppress(SystemExit):
-            return call(capsys, "place plan.toml")
+            return call(capsys, line)
     return None
 
 
@@ -446,7 +335,9 @@ def test_an_interrupt_in_a_step_replaces_an_earlier_report_and_names_the_step(
     assert (code, err) == (130, "interrupted\n")
     assert f"interrupted: this is what there was before {STEPS[step]}" in out
     assert out.endswith(f"plan/{'page.html' if has_page else 'plan.json'}\n")
-    assert figures()["interrupted"] == STEPS[step]
+    told = figures()
+    assert told["interrupted"] == STEPS[step]
+    assert len(read_poses("plan/poses.json")) == len(told["cameras"]) > 0
     assert Path("plan/page.html").exists() == has_page
 
 
@@ -463,12 +354,12 @@ def test_an_interrupt_in_the_cavities_keeps_the_matrix(capsys, monkeypatch):
 
 @pytest.mark.parametrize("step", ["measured", "left_over"])
 def test_an_interrupt_of_check_writes_nothing(capsys, monkeypatch, step):
-    def stop(*_, **__):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(f"rastercov.placement.plan.check.{step}", stop)
-    line = "check plan.toml -p rig.json --junit out.xml"
-    assert call(capsys, line) == (130, "", "interrupted\n")
+    line, step = (
+        "check plan.toml -p rig.json --junit out.xml",
+        f"rastercov.placement.plan.check.{step}",
+    )
+    stop = stopped(capsys, monkeypatch, step, KeyboardInterrupt(), line)
+    assert stop == (130, "", "interrupted\n")
     assert not Path("out.xml").exists()
 
 
@@ -485,59 +376,16 @@ def test_the_page_after_an_interrupt_names_the_step(capsys, monkeypatch):
 
 def test_a_second_interrupt_leaves_out_the_page(capsys, monkeypatch):
     Path("plan.toml").write_text(EACH_STEP)
-
-    def stop(*_, **__):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("rastercov.report.placement.pages_of", stop)
-    code, out, _ = stopped(
-        capsys, monkeypatch, "rastercov.placement.plan.run.refine", KeyboardInterrupt()
-    )
+    refining, *_, drawing = STEPS
+    with monkeypatch.context() as patch:
+        patch.setattr(drawing, interrupt)
+        code, out, _ = stopped(capsys, monkeypatch, refining, KeyboardInterrupt())
     assert (code, figures()["interrupted"]) == (130, "refinement")
     assert out.endswith("plan/plan.json\n")
     assert not Path("plan/page.html").exists()
 
 
-@contextmanager
-def child(line):
-    """`place` in a process of its own, with the Ctrl-C that a shell's background job would lack."""
-    with subprocess.Popen(
-        [*CHILD, *line.split()],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
-    ) as process:
-        yield process
-
-
-def wait_for(pattern, process):
-    """Return when a file is there, while the process runs."""
-    while not list(Path().glob(pattern)):
-        assert process.poll() is None, process.stderr.read()
-        time.sleep(0.02)
-
-
-@pytest.mark.slow
-def test_two_runs_into_one_folder_are_one_run_and_a_refusal(capsys):
-    """Of another plan, too, whose matrix the second would take for an old one."""
-    assert call(capsys, "place plan.toml")[0] == 0  # loads what the refusal needs
-    Path("long.toml").write_text(LONG)
-    Path("other.toml").write_text(LONG.replace("count = 150", "count = 160"))
-    with child("long.toml --out out") as first:
-        wait_for("out/matrix/*/header.json", first)
-        text = refusal(capsys, "place other.toml --out out")
-        assert first.poll() is None, "the first run was too short for this test"
-        assert text == (
-            "error: out: another process is writing to this folder; wait or name another\n"
-        )
-        assert len(list(Path("out/matrix").iterdir())) == 1
-        _, err = first.communicate(timeout=300)
-    assert (first.returncode, without_notices(err)) == (0, b"")
-    assert figures("out")["matrix"]["poses"] == 150
-    assert len(figures("out")["cameras"]) == 3
-
-
-@pytest.mark.parametrize("name", ["poses.json", "plan.json", "page.html", "view.html"])
+@pytest.mark.parametrize("name", ["poses.json", "view.html"])
 def test_a_file_of_nobody_is_refused_before_the_work_and_kept(capsys, monkeypatch, name):
     Path("out").mkdir()
     Path("out", name).write_text("mine")
@@ -575,29 +423,6 @@ def test_what_is_no_matrix_of_an_earlier_plan_stays(capsys):
     assert Path("out20/matrix/fedcba9876543210").read_text() == "mine"
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
-def test_a_run_that_was_ended_goes_on_from_its_shards(capsys, monkeypatch, number):
-    Path("long.toml").write_text(LONG)
-    with child("long.toml") as process:
-        wait_for("long/matrix/*/pairs/pairs-*.parquet", process)
-        process.send_signal(number)
-        _, err = process.communicate(timeout=300)
-    if number == signal.SIGKILL:
-        assert process.returncode == -signal.SIGKILL
-    else:
-        assert (process.returncode, without_notices(err)) == (130, b"interrupted\n")
-    done = {path: path.stat().st_mtime_ns for path in Path("long").rglob("pairs-*.parquet")}
-    assert not Path("long/plan.json").exists()
-    monkeypatch.setattr("rastercov.placement.matrix_folder.PAIRS_A_SHARD", SHARD)
-    code, _, err = call(capsys, "place long.toml")
-    assert (code, err) == (0, "")
-    after = {path: path.stat().st_mtime_ns for path in Path("long").rglob("pairs-*.parquet")}
-    assert done.items() <= after.items()
-    assert len(after) > len(done)
-    assert len(figures("long")["cameras"]) == 3
-
-
 # --- check ----------------------------------------------------------------------------------------
 
 
@@ -612,7 +437,7 @@ def test_a_rig_that_covers_enough_passes(capsys):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("n_gone", [1, 2, 6])
+@pytest.mark.parametrize("n_gone", [1, 6])
 def test_a_rig_that_lost_cameras_fails_by_as_much_as_they_covered(capsys, n_gone):
     write_poses("rig.json", axis_poses()[n_gone:])
     code, out, _ = call(capsys, "check plan.toml -p rig.json --min-coverage 0.95 --json")
@@ -765,74 +590,59 @@ def short_search(monkeypatch):
     monkeypatch.setattr("rastercov.placement.plan.prepare.openings", few)
 
 
-def test_every_example_plan_is_tried_here():
-    assert {path.name for path in EXAMPLES.glob("*.toml")} == {
-        "audit_rig.toml",
-        "eye_height.toml",
-        "inspect_part.toml",
-        "mixed_cameras.toml",
-        "watch_room.toml",
-    }
-
-
-@pytest.mark.slow
-def test_the_part_is_seen_from_all_sides(capsys, no_pages, short_search):
-    code, out, _ = call(capsys, f"place {EXAMPLES / 'inspect_part.toml'} --out part")
-    told = figures("part")
-    assert code == 0
-    assert told["met"]
+def the_part_is_seen_from_all_sides(told, eyes):
     assert told["requirements"][0]["share"] >= 0.98
     assert told["candidates"]["dropped"]["kept_out"]["table"] > 0
     assert told["tolerance"]["together"]["worst"] <= told["share"] + 1e-9
-    assert Path("part/page.html").exists()
-    eyes = read_poses("part/poses.json")[:, :3, 3]
     assert (eyes[:, 2] > -0.02).all()
-    assert "nan" not in out.lower()
 
 
-@pytest.mark.slow
-def test_the_room_is_watched_from_its_walls_and_ceiling(capsys, no_pages, short_search):
-    code, _, _ = call(capsys, f"place {EXAMPLES / 'watch_room.toml'} --out room")
-    told = figures("room")
-    assert code == 0
-    assert len(told["cameras"]) <= 6
+def the_room_is_watched_from_its_walls_and_ceiling(told, eyes):
+    assert len(eyes) <= 6
     assert told["selection"]["cost"] <= 7
     assert told["share"] > told["selection"]["share"] - 0.01  # one is exact, the other on cells
-    for x, y, z in read_poses("room/poses.json")[:, :3, 3]:
-        assert abs(abs(x) - 2.9) < 1e-9 or abs(abs(y) - 2.4) < 1e-9 or abs(z - 2.7) < 1e-9
-        assert not (x >= 2 and abs(y) <= 0.6)  # over the door
+    x, y, _ = eyes.T
+    walls = np.abs(np.abs(eyes) - (2.9, 2.4, 2.7)) < 1e-9
+    assert walls.any(axis=1).all()
+    assert not ((x >= 2) & (np.abs(y) <= 0.6)).any()  # over the door
 
 
-@pytest.mark.slow
-def test_a_room_is_watched_by_cameras_of_several_kinds(capsys, no_pages, short_search):
-    plan = EXAMPLES / "mixed_cameras.toml"
-    code, out, _ = call(capsys, f"place {plan} --out mixed")
-    told = figures("mixed")
-    assert code == 0
+def a_room_is_watched_by_cameras_of_several_kinds(told, eyes):
     assert told["selection"]["cost"] <= 3000
     assert {each["camera"] for each in told["cameras"]} == {"long", "pair/left", "pair/right"}
-    assert "Covered by each camera alone" in out
-    code, out, _ = call(capsys, f"check {plan} -p mixed/poses.json --min-coverage 0.4 --json")
-    assert code == 0
-    assert json.loads(out)["covered_area"]["percent"] == pytest.approx(100 * told["share"])
+
+
+def faces_at_eye_height_are_watched_from_the_ceiling(told, eyes):
+    groups = {(group["role"], group["name"]) for group in told["network"]["groups"]}
+    assert groups == {*(("occluder", name) for name in ("room", "crates")),
+                      *(("target", name) for name in ("eyes", "capture"))}  # fmt: skip
+    assert told["share"] > 0.5
+    assert len(eyes) == 4
+
+
+LAWS = {
+    "inspect_part": (the_part_is_seen_from_all_sides, "all"),
+    "watch_room": (the_room_is_watched_from_its_walls_and_ceiling, "all"),
+    "mixed_cameras": (a_room_is_watched_by_cameras_of_several_kinds, "Covered by each camera"),
+    "eye_height": (faces_at_eye_height_are_watched_from_the_ceiling, "capture (target)"),
+}
 
 
 @pytest.mark.slow
-def test_faces_at_eye_height_are_watched_from_the_ceiling(capsys, no_pages, short_search):
-    code, out, _ = call(capsys, f"place {EXAMPLES / 'eye_height.toml'} --out eyes")
-    told = figures("eyes")
-    assert code == 0
-    roles = {group["name"]: group["role"] for group in told["network"]["groups"]}
-    assert roles == {
-        "room": "occluder",
-        "crates": "occluder",
-        "eyes": "target",
-        "capture": "target",
-    }
-    assert "capture (target)" in out
-    assert told["share"] > 0.5
-    poses = read_poses("eyes/poses.json")
-    assert len(poses) == 4
+@pytest.mark.parametrize("name", LAWS)
+def test_an_example_plan_does_what_it_is_for(capsys, no_pages, short_search, name):
+    law, words = LAWS[name]
+    code, out, _ = call(capsys, f"place {EXAMPLES / name}.toml --out placed")
+    told = figures("placed")
+    assert (code, told["met"]) == (0, True)
+    law(told, read_poses("placed/poses.json")[:, :3, 3])
+    assert words in out
+    assert "nan" not in out.lower()
+    assert {path.stem for path in EXAMPLES.glob("*.toml")} == {*LAWS, "audit_rig"}
+    if name == "mixed_cameras":
+        line = f"check {EXAMPLES / name}.toml -p placed/poses.json --min-coverage 0.4 --json"
+        covered = json.loads(call(capsys, line)[1])["covered_area"]["percent"]
+        assert covered == pytest.approx(100 * told["share"])
 
 
 @pytest.mark.slow
@@ -849,19 +659,3 @@ def test_the_rig_is_audited(capsys, no_pages, short_search):
     told = figures("audit")
     assert code == 0
     assert len(told["cameras"]) < len(read_poses(rig))
-
-
-@pytest.mark.slow
-def test_a_machined_part_is_placed_around(capsys, no_pages, short_search):
-    path = MESHES / "featuretype.STL"
-    if not path.exists():
-        pytest.skip(f"needs {path.name} in a folder shared/meshes beside the project")
-    Path("part.toml").write_text(
-        f'[[meshes]]\npath = "{os.fspath(path)}"\nunit = "in"\n'
-        '[camera]\npreset = "icube-ns4133bu-8mm"\n[task]\nmin_pixels = 4\n'
-        '[[candidates]]\ngenerator = "per_segment"\nstand_off = [0.2, 0.5]\n'
-        '[selection]\ngoal = "best_coverage"\ncameras = 8\n'
-    )
-    code, _, _ = call(capsys, "place part.toml")
-    assert code == 0
-    assert figures("part")["share"] > 0.5

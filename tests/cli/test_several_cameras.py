@@ -116,24 +116,15 @@ def test_what_cannot_be_matched_is_one_line(capsys, line, words):
     assert words in refusal(capsys, EVALUATE + line)
 
 
-@pytest.mark.parametrize(
-    ("names", "words"),
-    [
-        (["wide"] * 4, "camera must be 5 names of cameras"),
-        ([""] * 5, "camera must be 5 names of cameras"),
-        ("wide", "camera must be 5 names of cameras"),
-    ],
-)
-def test_names_in_a_pose_file_that_are_none_are_refused(capsys, names, words):
+@pytest.mark.parametrize("names", [["wide"] * 4, [""] * 5, "wide"])
+def test_names_in_a_pose_file_that_are_none_are_refused(capsys, names):
     table = {"world_from_camera": MATRICES.tolist(), "camera": names}
     Path("bad.json").write_text(json.dumps(table))
-    assert words in refusal(capsys, EVALUATE + "-c wide.json -p bad.json")
+    line = EVALUATE + "-c wide.json -p bad.json"
+    assert "camera must be 5 names of cameras" in refusal(capsys, line)
     if isinstance(names, list):
         with pytest.raises(rc.PoseError, match="a name for each of 5"):
             write_poses("other.json", MATRICES, names)
-
-
-def test_npy_holds_no_names():
     with pytest.raises(rc.PoseError, match=r"\.npy holds matrices alone"):
         write_poses("poses.npy", MATRICES, NAMES)
 

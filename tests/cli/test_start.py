@@ -12,7 +12,7 @@ import rastercov
 import rastercov as rc
 from rastercov import cli
 
-HEAVY = ("matplotlib", "trimesh", "scipy.spatial", "rastercov.placement", "dask")
+HEAVY = ("matplotlib", "jinja2", "trimesh", "scipy.spatial", "rastercov.placement", "dask")
 
 
 def loaded_after(*arguments):

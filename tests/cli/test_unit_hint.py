@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 from commands import call, enter, write_part
 
+from rastercov.camera.camera import Camera
 from rastercov.camera.formats.doubts import unit_doubts
 from rastercov.camera.pose import Poses
 from rastercov.camera.pose_file import write_poses
@@ -12,6 +13,7 @@ from rastercov.camera.viewpoints import sphere_of_poses
 from rastercov.mesh import shapes
 
 CAMERA = "width = 64\nheight = 48\nfx = 80\nfy = 80\n"
+EYE = Camera(width=64, height=48, fx=80, fy=80)
 FOCUS = CAMERA + "focus_range = [0.2, 0.5]\n"
 PLAN = (
     '[[meshes]]\npath = "part.obj"\n[camera]\nfile = "camera.toml"\n[[candidates]]\n'
@@ -62,29 +64,22 @@ def test_a_plan_whose_candidates_are_all_rejected_asks_too(capsys, limits):
 @pytest.mark.parametrize("distance", [0.15, 0.3, 0.6, 1.2])
 @pytest.mark.parametrize("corner", [0.0, 0.5])
 @pytest.mark.parametrize("n_poses", [1, 12])
-def test_cameras_around_a_part_tell_its_unit(distance, corner, n_poses, camera):
+def test_cameras_around_a_part_tell_its_unit(distance, corner, n_poses):
     """At any distance, and wherever in the part the origin is."""
     part = shapes.box((85.0, 60.0, 20.0)).moved(translation=(85 * corner, 0, 0))
     centre = part.bounds.mean(axis=0) / 1000
     poses = Poses.of(sphere_of_poses(centre, distance, n_poses))
-    assert unit_doubts(part, camera, poses)
-    assert not unit_doubts(part.moved(scale=1e-3), camera, poses)
+    assert unit_doubts(part, EYE, poses)
+    assert not unit_doubts(part.moved(scale=1e-3), EYE, poses)
 
 
 @pytest.mark.parametrize("name", ["room", "aeroplane"])
-def test_cameras_in_and_around_large_scenes_are_no_doubt(name, camera):
+def test_cameras_in_and_around_large_scenes_are_no_doubt(name):
     mesh = shapes.by_name(name)
     size = float(max(mesh.bounds[1] - mesh.bounds[0]))
     for distance in (0.2, 0.6, 2.0):
         poses = Poses.of(sphere_of_poses(mesh.bounds.mean(axis=0), distance * size, 8))
-        assert not unit_doubts(mesh, camera, poses)
-
-
-@pytest.fixture
-def camera():
-    from rastercov.camera.camera import Camera
-
-    return Camera(width=64, height=48, fx=80, fy=80)
+        assert not unit_doubts(mesh, EYE, poses)
 
 
 def test_poses_around_a_part_out_of_focus_ask(capsys):

@@ -8,7 +8,6 @@ import pytest
 from commands import call, enter, refusal, write_part
 
 import rastercov as rc
-from rastercov.base.errors import ConfigError
 from rastercov.camera.formats import read_views
 from rastercov.camera.pose_file import write_poses
 from rastercov.camera.viewpoints import sphere_of_poses
@@ -46,7 +45,7 @@ def test_convert_writes_our_own_camera_file(suffix, capsys):
 
 def test_optics_stand_beside_the_file_of_a_calibration():
     entries = {"file": "cal.yaml", "pixel_centre": 0.5, **OPTICS}
-    camera = plan_of({"meshes": [{"path": "part.obj"}], "camera": entries}).build_camera()
+    camera = plan_of({"meshes": [{"path": "part.obj"}], "camera": entries}).rig.cameras[0]
     assert (camera.focus_distance, camera.aperture) == (0.5, pytest.approx(80.5 * 5e-6 / 4))
     assert camera.model != "pinhole"
 
@@ -84,11 +83,6 @@ def test_a_share_in_percent_is_asked_for(line, capsys):
     goal = '[selection]\ngoal = "fewest_cameras"\ncoverage = 98.0\n'
     Path("share.toml").write_text(PLAN + goal)
     assert "0.98 for 98 %?" in call(capsys, line)[2]
-
-
-def test_a_share_in_percent_is_asked_for_in_functions():
-    with pytest.raises(ConfigError, match=r"0\.98 for 98 %\?"):
-        rc.Task(min_coverage=98)
 
 
 @pytest.mark.parametrize(

@@ -1,19 +1,10 @@
 """The options --workers, --scheduler and --json-progress of place, evaluate and audit."""
 
 import json
-import signal
-import subprocess
-import sys
-import time
 from pathlib import Path
 
-import numpy as np
 import pytest
-from commands import ENTRY, call, enter, refusal
-
-import rastercov as rc
-from rastercov.coverage import shards as evaluation_shards
-from rastercov.mesh import shapes
+from commands import call, enter, refusal
 
 pytestmark = [pytest.mark.slow, pytest.mark.compile]
 PLAN = """
@@ -85,43 +76,3 @@ def summary_of(out):
 def test_wrong_choices_are_one_line_and_leave_nothing(capsys, command, words, line):
     assert line in refusal(capsys, f"{command} -o out {words}")
     assert not Path("out").exists()
-
-
-POSES, SHARD = 3000, 150
-"""Poses of an evaluation that is killed, and those of a shard."""
-
-
-def test_a_killed_evaluation_goes_on_where_it_was(capsys, monkeypatch):
-    """The head is killed after some shards; the same command then makes only the others."""
-    mesh = shapes.aeroplane()
-    np.save("poses.npy", rc.sphere_of_poses(mesh.bounds.mean(axis=0), 38.0, POSES))
-    line = (
-        "evaluate aeroplane -c khepra -p poses.npy -o out --by face --table none --pictures 0 "
-        "--workers 2"
-    )
-    pairs = SHARD * mesh.n_faces
-    small = f"from rastercov.coverage import shards; shards.PAIRS_A_SHARD = {pairs}; "
-    words = [sys.executable, "-c", small + ENTRY, *line.split()]
-    head = subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    deadline = time.monotonic() + 300
-    while len(shards := shards_made()) < 1:
-        assert head.poll() is None
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
-    head.send_signal(signal.SIGKILL)
-    head.wait()
-    time.sleep(1)
-    made = len(shards_made())
-    assert POSES // SHARD > made >= len(shards)
-    assert not Path("out/summary.json").exists()
-    monkeypatch.setattr(evaluation_shards, "PAIRS_A_SHARD", pairs)
-    code, _, err = call(capsys, line)
-    assert code == 0, err
-    counts = [int(line.split()[2]) for line in err.splitlines() if "worker " in line]
-    assert 0 < sum(counts) <= POSES // SHARD - made
-    assert len(summary_of("out")["per_pose"]) == POSES
-    assert not Path("out/unfinished").exists()
-
-
-def shards_made():
-    return sorted(Path("out").glob("unfinished/*/shards/*.npz"))

@@ -12,7 +12,6 @@ import time
 from concurrent.futures import CancelledError
 from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from dataclasses import replace
-from pathlib import Path
 
 import cluster_job
 import dask
@@ -26,7 +25,6 @@ from rastercov.cluster.work import work
 from rastercov.cluster.workers import OfScheduler, SchedulerLostError
 
 pytestmark = pytest.mark.slow
-SUPPORT = Path(cluster_job.__file__).parent
 
 
 class Watch:
@@ -128,13 +126,6 @@ def test_an_error_ends_the_run_in_one_line_and_shards_stay(tmp_path, what, error
     assert not set(job.missing()) & set(watch.numbers)
 
 
-def test_an_error_of_one_process_is_that_of_the_run(tmp_path):
-    job = cluster_job.prepared(tmp_path / "job", 1, kill=[3], **{"raise": {"0": "config"}})
-    with pytest.raises(ConfigError, match="shard 5 is not to be had"):
-        run(job, Watch())
-    assert job.missing()
-
-
 def test_another_version_of_rastercov_is_refused(tmp_path):
     job = cluster_job.prepared(tmp_path / "job", 1)
     with pytest.raises(ConfigError, match=r"has rastercov .*, and the run 0\.0\.1; install"):
@@ -157,11 +148,14 @@ def test_tls_without_certificates_is_refused(tmp_path):
 @contextmanager
 def process(*words):
     """A program of Dask that lasts as long as the block, and so do its own processes."""
-    environment = os.environ | {
-        "PYTHONPATH": os.pathsep.join([str(SUPPORT.parents[1]), str(SUPPORT)]),
-        "DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "0",
-        "DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED": "False",
-    }
+    environment = (
+        os.environ
+        | cluster_job.ENVIRONMENT
+        | {
+            "DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "0",
+            "DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED": "False",
+        }
+    )
     program = [sys.executable, "-m", "dask", *words]
     started = subprocess.Popen(
         program, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
@@ -345,24 +339,11 @@ def test_a_scheduler_without_workers_ends_the_run(tmp_path, port, monkeypatch):
         run(job, Watch(), Workers(scheduler=f"tcp://127.0.0.1:{port}"))
 
 
-HEAD = """
-import sys
-import cluster_job
-from rastercov.cluster import Workers, make_shards
-if __name__ == "__main__":
-    make_shards(Workers(2), cluster_job.store_of(sys.argv[1], 12), lambda made: None, print)
-"""
-
-
 def test_a_killed_head_leaves_whole_shards_and_no_workers(tmp_path):
     folder = tmp_path / "job"
     job = cluster_job.prepared(folder, 12, seconds=0.4)
-    program = tmp_path / "head.py"
-    program.write_text(HEAD)
-    path = os.pathsep.join([str(SUPPORT.parents[1]), str(SUPPORT)])
-    head = subprocess.Popen(
-        [sys.executable, program, folder], env=os.environ | {"PYTHONPATH": path}
-    )
+    environment = os.environ | cluster_job.ENVIRONMENT
+    head = subprocess.Popen(cluster_job.head(folder, 12), env=environment)
     while len(job.missing()) > 8:
         time.sleep(0.05)
     head.kill()
@@ -376,3 +357,10 @@ def test_a_killed_head_leaves_whole_shards_and_no_workers(tmp_path):
     run(job, watch)
     assert watch.numbers == sorted(set(range(12)) - done)
     assert times == {n: (folder / job.name(n)).stat().st_mtime_ns for n in done}
+
+
+def test_an_error_of_one_process_is_that_of_the_run(tmp_path):
+    job = cluster_job.prepared(tmp_path / "job", 1, kill=[3], **{"raise": {"0": "config"}})
+    with pytest.raises(ConfigError, match="shard 5 is not to be had"):
+        run(job, Watch())
+    assert job.missing()

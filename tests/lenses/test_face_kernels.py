@@ -11,7 +11,8 @@ from rastercov.camera.projection import rays_of
 from rastercov.camera.viewpoints import sphere_of_poses
 from rastercov.coverage.records import lens_of, scene_of, workspace
 from rastercov.kernels.cameras import INSIDE
-from rastercov.kernels.criteria import facing_density, image_of_face, project
+from rastercov.kernels.criteria import densities as worst_densities
+from rastercov.kernels.criteria import image_of_face, project
 from rastercov.kernels.jit import allocation_free
 from rastercov.kernels.lens_faces import curved_areas
 from rastercov.mesh import Mesh, shapes
@@ -103,7 +104,8 @@ def densities(scene, pose, lens, work, out):
     project(scene.vertices, pose, NEAR, lens, work.points)
     for f in range(scene.faces.shape[0]):
         i, j, k = scene.faces[f, 0], scene.faces[f, 1], scene.faces[f, 2]
-        out[f] = facing_density(work.points, i, j, k, lens)
+        asked = False, True, False
+        out[f] = worst_densities(work.points, i, j, k, (0.0, 0.0, 1.0), lens, *asked)[1]
 
 
 def test_no_derivative_is_left_from_another_pose():

@@ -34,12 +34,6 @@ def rotation(quaternion) -> np.ndarray:
     )
 
 
-def test_the_builder_makes_files_without_a_note(glb, load):
-    mesh = load(glb)
-    np.testing.assert_array_equal(triangles(mesh), POINTS[FACES])
-    assert mesh.warnings == ()
-
-
 # ---- morph targets
 
 
@@ -79,21 +73,6 @@ def test_targets_without_weights_or_positions_leave_the_base_shape(glb, load):
     np.testing.assert_array_equal(triangles(load(glb)), POINTS[FACES])
 
 
-def test_weights_that_do_not_fit_are_refused(glb, load):
-    add_targets(glb)
-    for weights in ([1.0], [1, 2, 3, 4], [1, 2, "3"], [1, 2, 1e999], "123", [[1]]):
-        glb.node["weights"] = weights
-        with pytest.raises(MeshError):
-            load(glb)
-
-
-def test_target_of_another_length_is_refused(glb, load):
-    glb.primitive["targets"] = [{"POSITION": glb.accessor(DELTAS[0][:3])}]
-    glb.node["weights"] = [1.0]
-    with pytest.raises(MeshError, match="moves 3 points, the mesh has 4"):
-        load(glb)
-
-
 def test_sparse_targets_and_positions_are_read(glb, load):
     sparse = {
         "count": 2,
@@ -114,19 +93,13 @@ def test_sparse_targets_and_positions_are_read(glb, load):
     np.testing.assert_allclose(triangles(load(glb)), replaced[FACES], atol=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("indices", "count", "kind"),
-    [([3, 1], 2, 5123), ([1, 1], 2, 5123), ([1, 4], 2, 5123), ([1, 3], 0, 5123), ([1, 3], 5, 5123),
-     ([1, 3], 2, 5126), ([1, 3], 2.0, 5123), ([1, 3], 9999, 5123)],
-)  # fmt: skip
-def test_broken_sparse_accessors_are_refused(indices, count, kind, glb, load):
+def sparse(glb, indices, count, kind):
+    """Give the first accessor a sparse part."""
     glb.header["accessors"][0]["sparse"] = {
         "count": count,
         "indices": {"bufferView": glb.view(np.array(indices, "<u2")), "componentType": kind},
         "values": {"bufferView": glb.view(np.zeros((2, 3), "<f4"))},
     }
-    with pytest.raises(MeshError):
-        load(glb)
 
 
 # ---- transforms
@@ -148,23 +121,11 @@ def test_json_without_numbers_is_refused(text, glb, load):
         load(glb.data().replace(b"123456789", text.rjust(9)))
 
 
-def test_a_matrix_beside_another_transform_is_refused(glb, load):
-    matrix = np.diag([2, 2, 2, 1.0])
-    glb.node.update(matrix=matrix.ravel().tolist(), scale=[3, 3, 3])
-    with pytest.raises(MeshError, match="node 0 has a matrix and, beside it, another"):
-        load(glb)
-    glb.node.update(scale=[2, 2, 2], translation=[0, 0, 0], rotation=[0, 0, 0, 1])
-    np.testing.assert_array_equal(triangles(load(glb)), 2 * POINTS[FACES])
-    glb.node.update(scale=[1, 1, 1])
-    np.testing.assert_array_equal(triangles(load(glb)), 2 * POINTS[FACES])
-
-
-def test_a_projective_matrix_is_refused(glb, load):
-    matrix = np.eye(4)
-    matrix[3, 0] = 0.5
-    glb.node["matrix"] = matrix.T.ravel().tolist()
-    with pytest.raises(MeshError, match=r"last row is 0 0 0 1 wanted, got \[0.5, 0.0, 0.0, 1.0\]"):
-        load(glb)
+def test_a_matrix_may_have_the_same_transform_beside_it(glb, load):
+    glb.node.update(matrix=np.diag([2, 2, 2, 1.0]).ravel().tolist(), scale=[2, 2, 2])
+    for scale in ([2, 2, 2], [1, 1, 1]):
+        glb.node["scale"] = scale
+        np.testing.assert_array_equal(triangles(load(glb)), 2 * POINTS[FACES])
 
 
 def test_nodes_are_groups_with_the_transforms_of_their_parents(glb, load):
@@ -247,87 +208,85 @@ def test_instances_with_one_attribute_or_packed_rotations_are_read(glb, load):
     np.testing.assert_allclose(triangles(load(glb)), np.tile(expected, (2, 1, 1)), atol=1e-12)
 
 
-def test_instances_of_unequal_number_are_refused(glb, load):
-    instanced(glb, TRANSLATION=glb.accessor(np.zeros((2, 3))))
-    with pytest.raises(MeshError, match=r"of one length, got lengths \[2, 3\]"):
-        load(glb)
-    glb.node["extensions"][INSTANCING]["attributes"] = {}
-    with pytest.raises(MeshError, match=r"of one length, got lengths \[\]"):
-        load(glb)
-
-
 # ---- what is missing or left out
 
 
-MISSING = {
-    ("accessors", 0, "count"): "'count' must be a whole number from 0, got None",
-    ("accessors", 1, "count"): "'count' must be a whole number from 0, got None",
-    ("meshes", 0, "primitives"): "mesh 0 has no primitives",
-    ("meshes", 0, "primitives", 0, "attributes"): "a primitive without POSITION",
-    ("meshes", 0, "primitives", 0, "attributes", "POSITION"): "a primitive without POSITION",
-    ("accessors", 0, "bufferView"): "accessor 0 is sparse or compressed",
-    ("accessors", 0, "componentType"): "contradicts its format",
-    ("accessors", 0, "type"): "accessor 0 must be VEC3, got None",
-    ("bufferViews", 0, "byteLength"): "view holds 0 bytes",
-    ("buffers", 0, "byteLength"): "'byteLength' must be a whole number from 0, got None",
-}
+def test_extensions_and_versions_that_are_not_read_are_refused(load):
+    for name in ("KHR_draco_mesh_compression", "EXT_meshopt_compression", "X"):
+        with pytest.raises(MeshError, match=r"\['.*'\] are required, not supported"):
+            load(Glb().put(("extensionsRequired",), [name]))
+    for asset in ({"version": "1.0"}, {"version": "3.0"}, {"version": "2.0", "minVersion": "2.1"}):
+        with pytest.raises(MeshError, match=r"glTF 2\.0 wanted"):
+            load(Glb().put(("asset",), asset))
 
 
-@pytest.mark.parametrize("keys", MISSING, ids=lambda keys: keys[-1])
-def test_missing_properties_are_refused_and_no_part_vanishes(keys, glb, load):
-    glb.mesh(POINTS, FACES)
-    glb.nodes({"mesh": 0}, {"mesh": 1})
-    with pytest.raises(MeshError, match=MISSING[keys]):
-        load(glb.put(keys, ...))
-
-
-NODE, ACCESSOR, VIEW = ("nodes", 0), ("accessors", 0), ("bufferViews", 0)
-WRONG = [
-    *((("extensionsRequired",), [name], r"\['.*'\] are required, not supported")
-      for name in ("KHR_draco_mesh_compression", "EXT_meshopt_compression", "X")),
-    *((("asset",), asset, "glTF 2.0 wanted") for asset in (
-        {"version": "1.0"}, {"version": "3.0"}, {"version": "2.0", "minVersion": "2.1"})),
-    ((*ACCESSOR, "sparse"), {}, "accessor 0 is sparse or compressed"),
-    ((*ACCESSOR, "count"), 5, "promises 5 elements of 12 bytes"),
-    ((*ACCESSOR, "count"), -1, "'count' must be a whole number"),
-    ((*ACCESSOR, "count"), 1.5, "'count' must be a whole number"),
-    ((*ACCESSOR, "type"), "VEC2", "accessor 0 must be VEC3, got 'VEC2'"),
-    *(((*ACCESSOR, "normalized"), value, "'normalized' is for coordinates")
-      for value in ("false", 1, None)),
+PLACES = [
+    (("accessors", 0, "count"), 5, "promises 5 elements of 12 bytes"),
     # Normalised indices were scaled to 0 or 1, and every face lay at the first vertices.
-    (("accessors", 1, "normalized"), True, "accessor 1: 'normalized' is for coordinates"),
-    (("accessors", 1, "componentType"), 5126, "accessor 1 must be SCALAR"),
-    (("accessors", 1, "componentType"), [], "contradicts its format"),
+    (("accessors", 1, "normalized"), True, "accessor 1: 'normalized' is for whole"),
     (("accessors", 1, "count"), 11, "triangles need 3 corners each, got 11"),
-    ((*VIEW, "byteStride"), 1, "12 bytes every 1"),
-    ((*VIEW, "byteOffset"), 10**30, "view holds 0 bytes"),
-    ((*VIEW, "buffer"), 1, "'buffers' has 1 objects, number 1"),
-    ((*NODE, "children"), [0], "node 0 has two parents"),
-    ((*NODE, "children"), [-1], "'nodes' has 1 objects, number -1"),
-    ((*NODE, "mesh"), True, "'meshes' has 1 objects, number True"),
-    *(((*NODE, "matrix"), value, "'matrix' must be")
-      for value in ([1, 2], [1] * 15, [[1, 0, 0, 0]] * 4)),
-    ((*NODE, "matrix"), [10**400] * 16, "contradicts its format"),
-    *(((*NODE, "rotation"), value, "'rotation' must be")
-      for value in ([0, 0, 0], [0, 0, 0, "1"], [0, 0, 0, None], [[0, 0, 0, 1]])),
-    *(((*NODE, "rotation"), [0, 0, 0.6 * length, 0.8 * length], "must be a quaternion of length 1")
-      for length in (0, 0.5, 0.98, 1.02, 2, 1e200)),
-    *(((*NODE, "scale"), value, "contradicts its format.*'scale' must be")
-      for value in ("big", [1, 1], 2, ["1", "1", "1"])),
-    *(((*NODE, "translation"), value, "'translation' must be")
-      for value in ([0, 0, True], {"x": 1})),
-    ((*NODE, "translation"), [1e300, 0, 0], "coordinates must be finite"),
-    (("nodes",), {}, "'nodes' must be a list, got dict"),
-    (("meshes", 0, "primitives"), [7], "contradicts its format"),
-    *((("meshes", 0, "primitives", 0, "mode"), mode, "a mode from 0 to 6 wanted")
-      for mode in (7, -1, 4.0, "4", True, None, [4])),
+    (("bufferViews", 0, "byteStride"), 1, "12 bytes every 1"),
+    (("meshes", 0, "primitives", 0, "mode"), 7, "a mode from 0 to 6 wanted"),
+    (("nodes", 0, "children"), [0], "node 0 has two parents"),
+    (("nodes", 0, "translation"), [1e300, 0, 0], "coordinates must be finite"),
+    *((("nodes", 0, "rotation"), [0, 0, 0.6 * length, 0.8 * length], "a quaternion of length 1")
+      for length in (0, 0.98, 1.02, 1e200)),
 ]  # fmt: skip
 
 
-def test_a_header_with_one_wrong_value_is_refused(load):
-    for keys, value, text in WRONG:
+def test_a_header_that_is_wrong_in_one_place_is_refused(load):
+    """`test_mesh_damage` has values of wrong types in all places."""
+    for keys, value, text in PLACES:
         found = refusal(lambda _, data: load(data), "a.glb", Glb().put(keys, value))
         assert re.search(f"a.glb: .*{text}", found), (keys, value, found)
+
+
+def instances(**attributes):
+    """Change that gives the node instances with these attributes."""
+
+    def change(glb):
+        own = {name: glb.accessor(value) for name, value in attributes.items()}
+        glb.node["extensions"] = {INSTANCING: {"attributes": own}}
+
+    return change
+
+
+def weights(values):
+    return lambda glb: (add_targets(glb), glb.node.update(weights=values))
+
+
+def corners(mode, n):
+    return lambda g: g.primitive.update(mode=mode, indices=g.accessor(np.arange(n), "<u2"))
+
+
+MATRIX = np.diag([2, 2, 2, 1.0]).ravel().tolist()
+CHANGES = [
+    *((weights(w), "") for w in ([1.0], [1, 2, 3, 4], [1, 2, "3"], [1, 2, 1e999], "123", [[1]])),
+    (lambda g: (g.primitive.update(targets=[{"POSITION": g.accessor(DELTAS[0][:3])}]),
+                g.node.update(weights=[1.0])), "moves 3 points, the mesh has 4"),
+    *((lambda g, case=case: sparse(g, *case), "") for case in (
+        ([3, 1], 2, 5123), ([1, 1], 2, 5123), ([1, 4], 2, 5123), ([1, 3], 0, 5123),
+        ([1, 3], 5, 5123), ([1, 3], 2, 5126), ([1, 3], 2.0, 5123), ([1, 3], 9999, 5123))),
+    (lambda g: g.node.update(matrix=MATRIX, scale=[3, 3, 3]), "node 0 has a matrix and, beside"),
+    (lambda g: g.node.update(matrix=[1, 0, 0, 0.5, *MATRIX[4:]]), "last row is 0 0 0 1 wanted"),
+    (instances(TRANSLATION=np.zeros((2, 3)), SCALE=np.ones((3, 3))), r"got lengths \[2, 3\]"),
+    (instances(), r"of one length, got lengths \[\]"),
+    *((corners(mode, n), f"a strip needs 3 corners or more, got {n}")
+      for mode in (5, 6) for n in (1, 2)),
+    (lambda g: g.primitive["attributes"].update(POSITION=g.accessor(POINTS, "<u4")),
+     "must be VEC3, got 'VEC3' of 5125"),
+    # Of 256 vertices the last is that of the restart index, which the format forbids.
+    (lambda g: g.primitive.update(indices=g.accessor([0, 1, 255], "<u1"), attributes={
+        "POSITION": g.accessor(np.zeros((256, 3)))}), r"must lie in 0 ... 254, got 0 ... 255"),
+]  # fmt: skip
+
+
+def test_a_scene_with_one_wrong_part_is_refused(load):
+    for change, text in CHANGES:
+        glb = Glb()
+        change(glb)
+        found = refusal(lambda _, data: load(data), "a.glb", glb.data())
+        assert re.search(f"a.glb: .*{text}", found), (text, found)
 
 
 CHUNK = b"glTF" + struct.pack("<I", 2)
@@ -350,19 +309,49 @@ def test_a_broken_chunk_is_refused(data, text, load):
         load(data)
 
 
-def test_nodes_and_meshes_outside_the_scene_are_noted(glb, load):
+def outside(glb):
     glb.header["nodes"] += [{"mesh": 0}, {"children": [3]}, {"mesh": 0}]
     glb.mesh(POINTS, FACES)
-    mesh = load(glb)
-    assert mesh.n_faces == 4
-    assert "a.glb: 2 nodes with meshes are outside the default scene, not read" in mesh.warnings[0]
-    assert "a.glb: 1 mesh belongs to no node, not read" in mesh.warnings[1]
 
 
-def test_a_loop_of_nodes_that_no_root_reaches_is_noted(glb, load):
+def loop(glb):
+    """Two nodes that hold each other, and that no root reaches."""
     del glb.header["scenes"]
     glb.header["nodes"] += [{"mesh": 0, "children": [2]}, {"children": [1]}]
-    assert "1 nodes with meshes are outside" in load(glb).notes[0]
+
+
+def extensions(glb):
+    glb.node["extensions"] = {"KHR_node_visibility": {"visible": False}, "KHR_lights_punctual": {}}
+    glb.primitive["extensions"] = {"VENDOR_bend": {}, "KHR_materials_variants": {}}
+
+
+def unused(glb):
+    glb.header["animations"] = [{"channels": [], "samplers": []}]
+    glb.node["skin"] = 0
+
+
+def points_and_nothing(glb):
+    empty = glb.accessor(np.empty(0), "<u2")
+    more = [{**glb.primitive, "mode": 0}, {**glb.primitive, "indices": empty}]
+    glb.header["meshes"][0]["primitives"] += more
+
+
+NOTED = {
+    outside: ["2 nodes with meshes are outside the default scene", "1 mesh belongs to no node"],
+    loop: ["1 nodes with meshes are outside"],
+    extensions: ["extensions ['KHR_node_visibility', 'VENDOR_bend'] were not read; they may"],
+    unused: ["node 'part' has a skin; it is read unposed", "1 animations were not played"],
+    points_and_nothing: ["1 primitives of points or lines", "1 primitives have no triangles"],
+}
+
+
+@pytest.mark.parametrize("change", NOTED)
+def test_what_is_not_read_is_noted(change, glb, load):
+    change(glb)
+    mesh = load(glb)
+    assert mesh.n_faces == 4
+    assert len(mesh.notes) <= len(NOTED[change]) + (change is outside)
+    assert all(any(text in note for note in mesh.notes) for text in NOTED[change])
 
 
 @pytest.mark.parametrize(("change", "is_noted"), [(0, False), (-3, False), (-4, True), (8, True)])
@@ -372,22 +361,6 @@ def test_a_buffer_that_disagrees_with_its_chunk_is_noted(change, is_noted, glb, 
     mesh = load(glb)
     np.testing.assert_array_equal(triangles(mesh), POINTS[FACES])
     assert any("buffer 0 promises" in note for note in mesh.notes) == is_noted
-
-
-def test_extensions_that_may_change_the_shape_are_noted(glb, load):
-    glb.node["extensions"] = {"KHR_node_visibility": {"visible": False}, "KHR_lights_punctual": {}}
-    glb.primitive["extensions"] = {"VENDOR_bend": {}, "KHR_materials_variants": {}}
-    (note,) = load(glb).notes
-    assert "extensions ['KHR_node_visibility', 'VENDOR_bend'] were not read; they may" in note
-
-
-def test_animations_skins_and_trailing_bytes_are_noted(glb, load):
-    glb.header["animations"] = [{"channels": [], "samplers": []}]
-    glb.node["skin"] = 0
-    notes = load(glb.data() + b"junk").notes
-    assert "4 trailing bytes" in notes[0]
-    assert "node 'part' has a skin; it is read unposed" in notes[1]
-    assert "1 animations were not played" in notes[2]
 
 
 # ---- primitives and accessors
@@ -411,28 +384,10 @@ def test_primitives_without_indices_take_vertices_in_turn(load):
     np.testing.assert_array_equal(triangles(load(glb)), POINTS[FACES])
 
 
-def test_primitives_of_a_node_share_vertices_and_points_are_noted(glb, load):
-    primitive = glb.primitive
-    glb.header["meshes"][0]["primitives"] = [primitive, {**primitive, "mode": 0}, primitive]
+def test_primitives_of_a_node_share_vertices(glb, load):
+    glb.header["meshes"][0]["primitives"] *= 2
     mesh = load(glb)
     assert (mesh.n_vertices, mesh.n_faces) == (4, 8)
-    assert any("1 primitives of points or lines" in line for line in mesh.warnings)
-
-
-@pytest.mark.parametrize("mode", [5, 6])
-@pytest.mark.parametrize("n", [1, 2])
-def test_strips_of_less_than_a_triangle_are_refused(mode, n, glb, load):
-    glb.primitive.update(mode=mode, indices=glb.accessor(np.arange(n), "<u2"))
-    with pytest.raises(MeshError, match=f"a strip needs 3 corners or more, got {n}"):
-        load(glb)
-
-
-def test_primitives_without_corners_are_noted(glb, load):
-    empty = glb.accessor(np.empty(0), "<u2")
-    glb.header["meshes"][0]["primitives"].append({**glb.primitive, "indices": empty})
-    mesh = load(glb)
-    assert mesh.n_faces == 4
-    assert "1 primitives have no triangles" in mesh.notes[0]
 
 
 @pytest.mark.parametrize("dtype", ["<i1", "<u1", "<i2", "<u2"])
@@ -445,19 +400,6 @@ def test_positions_in_whole_numbers_are_read(dtype, is_normalised, glb, load):
     glb.header["extensionsRequired"] = ["KHR_mesh_quantization"]
     expected = POINTS if is_normalised else packed
     np.testing.assert_array_equal(triangles(load(glb)), expected[FACES])
-
-
-def test_positions_of_32_bits_are_refused(glb, load):
-    glb.primitive["attributes"]["POSITION"] = glb.accessor(POINTS, "<u4")
-    with pytest.raises(MeshError, match="must be VEC3, got 'VEC3' of 5125"):
-        load(glb)
-
-
-def test_the_restart_index_is_refused_though_a_vertex_has_it(load):
-    glb = Glb(np.random.default_rng(0).normal(size=(256, 3)), [[0, 1, 2]])
-    glb.primitive["indices"] = glb.accessor([0, 1, 255], "<u1")
-    with pytest.raises(MeshError, match=r"must lie in 0 ... 254, got 255"):
-        load(glb)
 
 
 def test_interleaved_and_offset_attributes_are_read(glb, load):
@@ -481,13 +423,6 @@ def test_instances_do_not_multiply_a_short_file_unasked(load):
     with pytest.raises(ResourceError, match=r"triangles.* need about \d+ bytes, the budget is"):
         load(glb)
     assert load(glb, memory_budget=1 << 30).n_faces == 200 * n
-
-
-def test_instances_of_one_mesh_count_against_the_budget(glb, load):
-    glb.nodes(*[{"mesh": 0}] * 1000)
-    assert load(glb).n_faces == 4000
-    with pytest.raises(ResourceError, match="triangles need about"):
-        load(glb, memory_budget=300 * 3999)
 
 
 @pytest.mark.slow

@@ -26,134 +26,44 @@ def long_ply() -> bytes:
     return data.replace(b"element extra 1\nproperty int a\n", b"").removesuffix(b"9\n")
 
 
-# ---- one place that is wrong
-
-TWO = b"  vertex 0.0 1.0 0.0\n"
-VERTEX, FACE = b"1.0 0.0 0.0", b"3 0 1 3 255 0 0"
-BROKEN = {
-    "ascii.stl": [
-        (TWO, b"", "line 6: "),  # a facet with two vertices
-        (TWO, 2 * TWO, "line 7: "),
-        (b"vertex 0.0 1.0 0.0", b"vertex 0.0 1.0", "line 5: "),
-        (b"vertex 0.0 1.0 0.0", b"vertex 0.0 one 0.0", "line 5: "),
-        (b"vertex 0.0 1.0 0.0", b"vertex 0.0 1.0 0.0 0.0", "line 5: "),
-        (b"vertex 0.0 1.0 0.0", b"vertex 0.0 1.0 0.0 1 1", "line 5: "),
-        (b"vertex 0.0 1.0 0.0", b"vertx 0.0 1.0 0.0", "line 5: "),
-        (b"endfacet\nfacet", b"endfacet\nfaced", "line 9: "),
-        (b"endfacet", b"endfacet facet", "line 8: "),
-        (b"endloop", b"endloop endfacet", "line 7: "),
-        (b"outer loop", b"outer loop vertex", "line 3: "),
-        (b"solid a name\nfacet", b"solid a name\nouter", "line 2: "),
-        (b"endsolid a name\n", b"endsolid\nfacet\n", "line 31: "),
-        (b"endsolid a name\n", b"", "'endsolid' wanted after line 29, the file ends"),
-        (b" endloop\nendfacet\nendsolid a name\n", b"", "after line 27, "),
-    ],
-    "a.obj": [
-        (b"v 1.0 0.0 0.0", b"v 1.0 0.0", "line 5: three coordinates wanted"),
-        (b"v 1.0 0.0 0.0", b"v 1.0 0.0 z", "line 5: three coordinates wanted"),
-        (b"v 1.0 0.0 0.0", b"v 1.0 0.0 0.0 1 1", "line 5: "),
-        (b"v 1.0 0.0 0.0", b"v 1.0 0.0 0.0 1 1 1 1 1", "line 5: "),
-        (b"v 1.0 0.0 0.0", b"v 1.0 0.0 0.0 red", "line 5: "),
-        (b"v 1.0 0.0 0.0", b"v 1.0 0.0 0.0 v 0 1 0", "line 5: "),
-    ],
-    "a.off": [
-        (b"OFF", b"OF", "line 1: 'OFF'"),
-        (b"OFF", b"4OFF", "line 1: 'OFF'"),
-        (b"OFF", b"OFF BINARY", "line 1: 'OFF'"),
-        (b"4 4 0", b"4 x 0", "line 2: the counts of vertices, faces, edges wanted"),
-        (b"4 4 0", b"4", "line 2: the counts"),
-        (b"4 4 0", b"4 4 0 0", "line 2: the counts"),
-        *((b"4 4 0", counts, r"promises -?\d+ (vertices|faces)")
-          for counts in (b"2000000000 4 0", b"4 2000000000 0", b"-4 4 0", b"4 -4 0")),
-        (VERTEX, b"1.0 0.0", "line 4: three coordinates"),
-        (VERTEX, VERTEX + b" 5", "line 4: "),
-        (VERTEX, VERTEX + b" 5 5", "line 4: "),
-        (VERTEX, VERTEX + b" r g b", "line 4: "),
-        (FACE, b"4 0 1 3", "line 8: "),
-        (FACE, b"2 0 1 3", "line 8: a corner count of 3 or more"),
-        (FACE, b"-3 0 1 3", "line 8: a corner count of 3 or more"),
-        (FACE, b"3 0 1 3.5", "line 8: a corner count and vertex indices"),
-        (FACE, b"3 0 1 3 255 0", "line 8: "),
-        (FACE, b"3 0 1 3 255 0 0 1 1", "line 8: "),
-        (FACE, b"3 0 1 3 red 0 0", "line 8: "),
-        (b"OFF # comment\n4 4 0\n", b"OFF\n", "line 2: the counts"),
-    ],
-    "ascii.ply": [
-        (b"format ascii 1.0\n", b"", "a line 'format' with one of"),
-        (VERTEX + b" 7", VERTEX, "line 16: values for"),
-        (VERTEX + b" 7", VERTEX + b" 7 7", "line 16: values for"),
-        (b"5 3 0 1 3", b"5 4 0 1 3", "line 20: values for"),
-        (b"5 3 0 1 3", b"5 3 0 1 x", "line 20: values for"),
-        (b"5 3 0 1 3", b"5 3 0 1 3 2", "line 20: values for"),
-        (b"5 3 0 1 3", b"5 -1 0 1 3", "line 20: values for"),
-    ],
-}  # fmt: skip
+# ---- one place that is wrong: test_mesh_damage has every word
 
 
-@pytest.mark.parametrize("name", BROKEN)
-def test_a_file_that_is_wrong_in_one_place_is_refused_with_its_line(name, load):
-    for old, new, text in BROKEN[name]:
+PLACES = [
+    ("ascii.stl", b"  vertex 0.0 1.0 0.0\n", b"", "line 6: "),  # a facet with two vertices
+    ("ascii.stl", b"endfacet\nfacet", b"endfacet\nfaced", "line 9: "),
+    ("ascii.stl", b"endloop", b"endloop endfacet", "line 7: "),
+    ("ascii.stl", b"endsolid a name\n", b"endsolid\nfacet\n", "line 31: "),
+    ("ascii.stl", b"endsolid a name\n", b"", "'endsolid' wanted after line 29, the file ends"),
+    ("a.obj", b"v 1.0 0.0 0.0", b"v 1.0 0.0", "line 5: three coordinates wanted"),
+    ("a.obj", b"v 1.0 0.0 0.0", b"v 1.0 0.0 0.0 1 1", "line 5: three coordinates wanted"),
+    *(("a.obj", b"f 1//1 2//1 4//1", b"f " + corners, f"line 10: {text}") for corners, text in (
+        (b"1 2 5", "vertex indices must lie in 1 ... 4, got 5"), (b"1 2", "a face of 3 or more"),
+        (b"0 1 2", "vertex indices from 1, or from -1 to -4, wanted, got 'f 0 1 2'"),
+        *((corner + b" 2 3", "corners of whole numbers")
+          for corner in (b"1/x/y", b"1/1/1/1", b"/1", b"1/1_0")))),
+    ("a.off", b"4 4 0", b"4 4 0 0", "line 2: the counts of vertices, faces, edges wanted"),
+    *(("a.off", b"4 4 0", counts, r"promises -?\d+ (vertices|faces)")
+      for counts in (b"2000000000 4 0", b"4 2000000000 0", b"-4 4 0", b"4 -4 0")),
+    ("a.off", b"1.0 0.0 0.0", b"1.0 0.0 0.0 5 5", "line 4: three coordinates"),
+    *(("a.off", b"3 0 1 3 255 0 0", row, "line 8: a corner count of 3 or more")
+      for row in (b"4 0 1 3", b"2 0 1 3", b"-3 0 1 3", b"3 0 1 3 255 0")),
+    *(("ascii.ply", b"5 3 0 1 3", row, "line 20: values for")
+      for row in (b"5 4 0 1 3", b"5 3 0 1 3 2", b"5 -1 0 1 3")),
+    *((name, old, new, text) for name in ("ascii.ply", "big.ply") for old, new, text in (
+        (b"ply\n", b"plz\n", "no PLY file"), (b"format", b"comment", "'format' with one of"),
+        (b"property double y\n", b"", r"wants a property 'y', has \['x', 'z', 'red'\]"),
+        (b"list uchar int", b"list float int", "line 11: a format, element or property"),
+        (b"list uchar int", b"list uchar float", "wants a property 'vertex_indices'"),
+        (b"element extra", b"element face", "line 12: each element once"))),
+]  # fmt: skip
+
+
+def test_a_file_that_is_wrong_in_one_place_is_refused_with_its_line(load):
+    for name, old, new, text in PLACES:
         assert old in VALID[name], old
         found = refusal(load, name, VALID[name].replace(old, new, 1))
         assert re.search(f"{name}: .*{text}", found), (old, new, found)
-
-
-@pytest.mark.parametrize(
-    ("line", "text"),
-    [
-        ("f 1 2 5", r"vertex indices must lie in 1 ... 4, got 5"),
-        ("f 1 2 99999999999999999999999", "whole numbers"),
-        ("f 0 1 2", r"vertex indices from 1, or from -1 to -4, wanted, got 'f 0 1 2'"),
-        ("f -5 1 2", "vertex indices from 1, or from -1 to -4, wanted"),
-        ("f 1 2", "a face of 3 or more vertices wanted, got 'f 1 2'"),
-        ("f", "a face of 3 or more"),
-        ("f 1 2 x", "whole numbers as vertex indices wanted"),
-        ("f 1.5 2 3", "whole numbers"),
-        *((f"f {corner} 2 3", "corners of whole numbers, as 1, 1/2, 1//3")
-          for corner in ("1/x/y", "1/x", "1//x", "1/1/1/1", "1/2.5", "/1", "//1", "1/1_0", "1/-",
-                         "1/+/1")),
-        ("face 1 2 3", "a keyword of polygonal OBJ files wanted, got 'face 1 2 3'"),
-    ],
-)  # fmt: skip
-def test_a_broken_face_of_an_obj_is_refused_with_its_line(line, text, load):
-    data = TRIANGLE + f"v 0 0 1\n{line}\nf 1 2 3\n".encode()
-    with pytest.raises(MeshError, match=f"a.obj: line 5: {text}"):
-        load("a.obj", data)
-
-
-def test_obj_beyond_the_end_names_the_line_of_the_right_face(load):
-    text = "f 1 2 3 4\nv 0 0 0\nv 1 0 0\nf 1 2 3\nv 1 1 0\nv 0 1 0\nf 4 3 2 1 7\nf 9 1 2\n"
-    with pytest.raises(MeshError, match=r"line 7: vertex indices must lie in 1 ... 4, got 7"):
-        load("a.obj", text.encode())
-
-
-NO_NUMBERS = ["1_0", "0x1", "1d5", "1,5", "1.0.0", "--1", "1e", "e5", "½", "١", "1f", "+", "1 _"]
-NO_INDICES = [*NO_NUMBERS, "1.0", "1e0", "nan", "inf", "0b1"]
-NO_COUNTS = ["1_0", "1_", "_1"]
-
-
-@pytest.mark.parametrize(
-    ("name", "before", "valid", "words", "text"),
-    [
-        ("a.obj", "v ", "1.0", NO_NUMBERS, "line 5: "),
-        ("a.off", "\n", "1.0", NO_NUMBERS, "line 4: "),
-        ("ascii.ply", "\n", "1.0", NO_NUMBERS, "line 16: "),
-        ("ascii.stl", "vertex ", "1.0", NO_NUMBERS, "line 6: "),
-        ("a.obj", "f ", "1//1", NO_INDICES, r"line \d+: "),
-        ("a.off", "3 ", "0", NO_INDICES, r"line \d+: "),
-        ("ascii.ply", "5 3 ", "0", NO_INDICES, r"line \d+: "),
-        ("a.off", "\n4 ", "4", NO_COUNTS, ""),
-        ("a.off", "\n", "3", NO_COUNTS, ""),
-        ("ascii.ply", "5 ", "3", NO_COUNTS, ""),
-        ("ascii.ply", "face ", "4", NO_COUNTS, ""),
-    ],
-)
-def test_what_is_no_number_is_no_coordinate_index_or_count(name, before, valid, words, text, load):
-    old = (before + valid).encode()
-    assert old in VALID[name]
-    for word in words:
-        found = refusal(load, name, VALID[name].replace(old, (before + word).encode(), 1))
-        assert re.search(f"{name}: {text}", found), (word, found)
 
 
 @pytest.mark.parametrize("word", ["+1", "01", "1.", "1E0", "10e-1", ".1e1", "+1.0e+00", "1e+000"])
@@ -161,11 +71,6 @@ def test_every_way_to_write_a_number_is_one(word, load):
     for name in TEXT:
         data = re.sub(rb"(?<!ascii )1\.0", word.encode(), VALID[name])
         np.testing.assert_array_equal(load(name, data).vertices, load(name, VALID[name]).vertices)
-
-
-def test_underscores_in_names_and_comments_are_no_numbers(load):
-    data = b"# my_mesh\no left_part\nusemtl a_b\n" + TRIANGLE + b"f 1 2 3\n"
-    assert load("a.obj", data).groups[0].name == "left_part"
 
 
 # ---- files that were cut
@@ -204,22 +109,11 @@ def test_no_cut_loses_a_face_without_a_note(name, load):
     assert n_loaded
 
 
-def test_obj_cut_between_the_corners_of_a_quad_is_noted(load):
-    for cut in (b"f 1 2 4 3", b"f 1 2 4 ", b"f 1 2 4"):
-        assert CUT in load("a.obj", TRIANGLE + b"v 1 1 0\n" + cut).notes[0]
-
-
 def test_stl_cut_inside_the_name_of_a_solid_is_noted(load):
     data = VALID["ascii.stl"]
     assert CUT in load("a.stl", data[:-3]).notes[0]
     assert load("a.stl", data[:-1]).notes == (), "the name is whole, so the line is"
     assert load("a.stl", data.removesuffix(b" a name\n")).notes == (), "as SolidWorks ends it"
-
-
-def test_a_colour_that_is_cut_needs_no_note(load):
-    data = VALID["a.off"]
-    assert not data.endswith(b"\n")
-    assert load("a.off", data).notes == ()
 
 
 @pytest.mark.parametrize("end", [b"\\", b"\\\n", b"\\  \n", b"\\\r\n"])
@@ -228,11 +122,6 @@ def test_obj_that_ends_in_a_continued_line_is_noted(end, load):
     assert mesh.n_faces == 1
     assert CUT in mesh.notes[0]
     assert load("a.obj", TRIANGLE + b"f 1 2 3 " + end.rstrip() + b"\n\n").notes == ()
-
-
-def test_obj_cut_inside_a_comment_is_noted(load):
-    for line in (b"f 1 2 3\n", b"f 1 2 \\\n3\n"):
-        assert CUT in load("a.obj", TRIANGLE + line + b"# the oth").notes[0]
 
 
 @pytest.mark.parametrize(
@@ -279,9 +168,11 @@ def test_obj_groups_last_name_wins_and_empty_ones_vanish(load):
     np.testing.assert_array_equal(mesh.face_group, [0, 1, 2, 1, 0, 3])
 
 
+@pytest.mark.parametrize("keyword", ["f", "fo"])
 @pytest.mark.parametrize("corner", ["1", "1/7", "1//7", "1/7/7", "-3/-1", "1//", "1/", "+1/2"])
-def test_corners_of_an_obj_may_have_texture_and_normals(corner, load):
-    mesh = load("a.obj", TRIANGLE + f"f {corner} 2 3\n".encode())
+def test_corners_of_an_obj_may_have_texture_and_normals(corner, keyword, load):
+    """Version 2.11 of the format wrote fo."""
+    mesh = load("a.obj", TRIANGLE + f"{keyword} {corner} 2 3\n".encode())
     np.testing.assert_array_equal(mesh.faces, [[0, 1, 2]])
 
 
@@ -306,17 +197,6 @@ def test_off_vertices_may_have_what_the_header_says(kind, more, load):
     np.testing.assert_array_equal(mesh.vertices, [[0, 0, 0], [1, 0, 0], [0, 1, 0]])
 
 
-def test_off_with_colours_counts_on_the_first_line_and_more_lines(load):
-    mesh = load("a.off", VALID["a.off"].replace(b"OFF # comment\n", b"COFF ") + b"\nmore\n")
-    assert mesh.n_faces == 4
-    assert "lines after line 9 were not read" in mesh.warnings[0]
-
-
-def test_ascii_stl_may_hold_several_solids_in_any_case(load):
-    data = VALID["ascii.stl"]
-    assert load("a.stl", data.upper() + data).n_faces == 8
-
-
 # ---- marks and line ends
 
 
@@ -325,12 +205,6 @@ def test_a_byte_order_mark_is_no_word(name, load):
     mesh = load(name, b"\xef\xbb\xbf" + VALID[name])
     np.testing.assert_array_equal(triangles(mesh), POINTS[FACES])
     assert mesh.notes == ()
-
-
-@pytest.mark.parametrize("start", [b"v 0 0 0\n", b"# comment\nv 0 0 0\n", b"\nv 0 0 0\n"])
-def test_a_byte_order_mark_before_any_first_line_of_an_obj(start, load):
-    data = b"\xef\xbb\xbf" + start + b"v 1 0 0\nv 0 1 0\nf 1 2 3\n"
-    assert load("a.obj", data).n_faces == 1
 
 
 @pytest.mark.parametrize("name", TEXT)
@@ -370,28 +244,14 @@ def solid_text(name: str, height: float) -> bytes:
     return f"solid {name}\nfacet\nouter loop\n{corners}endloop\nendfacet\nendsolid\n".encode()
 
 
-def test_several_solids_of_an_ascii_stl_are_groups(load):
-    mesh = load("part.stl", b"".join(solid_text(*s) for s in (("lid", 0), ("", 1), ("lid", 2))))
+def test_several_solids_of_an_ascii_stl_are_groups_and_a_lone_one_is_its_file(load):
+    solids = [solid_text(*each) for each in (("lid", 0), ("", 1), ("lid", 2))]
+    solids.insert(1, b"solid nothing\nendsolid nothing\n")
+    mesh = load("part.stl", b"".join(solids).replace(b"outer", b"OUTER"))
     assert [group.name for group in mesh.groups] == ["lid", "part", "lid #2"]
     assert mesh.face_group.tolist() == [0, 1, 2]
     np.testing.assert_array_equal(triangles(mesh)[:, 0, 2], [0, 1, 2])
-
-
-def test_a_solid_without_triangles_is_no_group(load):
-    empty = b"solid nothing\nendsolid nothing\n"
-    data = solid_text("lid", 0) + empty + solid_text("tray", 1) + empty
-    mesh = load("part.stl", data)
-    assert [group.name for group in mesh.groups] == ["lid", "tray"]
-    assert mesh.face_group.tolist() == [0, 1]
-
-
-def test_a_lone_solid_has_the_name_of_its_file(load):
-    assert [group.name for group in load("part.stl", solid_text("lid", 0)).groups] == ["part"]
-
-
-def test_the_old_keyword_of_a_face_is_read(load):
-    mesh = load("a.obj", b"\xef\xbb\xbf" + TRIANGLE + b"fo 1//1 2//1 3//1\nf 3 2 1\n")
-    assert mesh.faces.tolist() == [[0, 1, 2], [2, 1, 0]]
+    assert [group.name for group in load("part.stl", solids[0]).groups] == ["part"]
 
 
 @pytest.mark.parametrize("mark", [b"", b"\xef\xbb\xbf", b"# made by hand\n"])

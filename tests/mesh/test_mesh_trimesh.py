@@ -49,15 +49,6 @@ def test_a_mesh_made_by_trimesh_is_one_group_in_metres():
     assert mesh.is_closed
 
 
-def test_extra_attributes_of_trimesh_are_ignored():
-    box = trimesh.creation.box()
-    box.vertex_attributes["heat"] = np.arange(8.0)
-    box.face_attributes["part"] = np.arange(12)
-    box.visual.face_colors = [255, 0, 0, 255]
-    box.metadata["groups"] = 3
-    assert_same(Mesh.from_trimesh(box), Mesh(box.vertices, box.faces))
-
-
 def test_changes_of_the_copy_do_not_reach_the_mesh():
     mesh = shapes.box()
     before = mesh.vertices.copy()

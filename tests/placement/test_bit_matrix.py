@@ -1,26 +1,20 @@
 """Covered pairs as bits in the folder of a matrix: derived, verified, made again where damaged."""
 
 import hashlib
-import json
 import os
 from pathlib import Path
 
 import numpy as np
 import pytest
 from matrix_damage import contents_of, flip
+from test_matrix import CAMERA, MESH, N_POSES, POSES, TASK
 
 import rastercov as rc
 from rastercov.base.errors import ConfigError, ResourceError
 from rastercov.cluster.store import locked
-from rastercov.mesh import shapes
 from rastercov.placement.matrix import BitMatrix, VisibilityMatrix, build_matrix, measure_matrix
 from rastercov.placement.matrix_folder import MatrixFolder
 
-CAMERA = rc.Camera(width=64, height=64, fx=70, fy=70)
-TASK = rc.Task(min_coverage=0.3, max_incidence_deg=80)
-N_POSES = 11
-MESH = shapes.torus(12, 8)
-POSES = rc.sphere_of_poses((0, 0, 0), 4.2, N_POSES)
 WORDS = Path("bits") / "covered-0.3.words"
 RECORD = Path("bits") / "covered-0.3.npz"
 SUM_OF_RECORD = Path("sha256") / "covered-0.3.npz.sha256"
@@ -93,9 +87,9 @@ def made(monkeypatch):
     """Shards whose rows are made, as they are made."""
     names, pairs_of = [], MatrixFolder.pairs_of
 
-    def watched(folder, shard, rows):
-        names.append(shard)
-        return pairs_of(folder, shard, rows)
+    def watched(folder, number):
+        names.append(number)
+        return pairs_of(folder, number)
 
     monkeypatch.setattr(MatrixFolder, "pairs_of", watched)
     return names
@@ -135,22 +129,6 @@ def test_a_damaged_or_exchanged_file_is_made_again(tmp_path, lists, made):
     assert n_made() == 3
 
 
-def test_a_run_that_ends_at_any_shard_can_be_repeated(tmp_path, lists, made, monkeypatch):
-    folder, watched = measure(tmp_path), MatrixFolder.pairs_of
-    for end in range(3):
-
-        def stopped(folder, shard, rows, end=end):
-            if shard.endswith(f"{end}.parquet"):
-                raise InterruptedError
-            return watched(folder, shard, rows)
-
-        monkeypatch.setattr(MatrixFolder, "pairs_of", stopped)
-        with pytest.raises(InterruptedError):
-            BitMatrix.of(folder)
-    monkeypatch.setattr(MatrixFolder, "pairs_of", watched)
-    np.testing.assert_array_equal(dense(BitMatrix.of(folder).bits), covered(lists))
-
-
 def test_a_damaged_shard_is_named_and_a_locked_folder_is_left_alone(tmp_path):
     folder = measure(tmp_path)
     with locked(tmp_path), pytest.raises(ConfigError, match="another process is writing"):
@@ -182,12 +160,3 @@ def test_no_pose_and_no_pair_are_no_rows(tmp_path):
         assert matrix.bits.n_rows == len(poses)
         assert not dense(matrix.bits).any()
         assert matrix.mean_coverage.tolist() == [0.0] * len(poses)
-
-
-def test_measuring_leaves_the_folder_that_building_reads(tmp_path, lists):
-    folder = measure(tmp_path)
-    assert folder.n_pairs == len(lists.face)
-    assert folder.header == json.loads((tmp_path / "header.json").read_text())
-    found = VisibilityMatrix.of(folder)
-    np.testing.assert_array_equal(found.face, lists.face)
-    np.testing.assert_array_equal(found.coverage, lists.coverage)

@@ -4,6 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from nightly import nightly
 from surface_cases import bisected, cut_at_random, room
 from union_greedy import area_of, greedy_by_area, room_candidates
 
@@ -34,20 +35,13 @@ def chosen_on_cells(mesh, size=SIZE, poses=POSES):
 
 
 @pytest.mark.slow
-def test_cells_choose_as_well_as_greedy_on_exact_areas():
-    _, best = greedy_by_area(MESH, CAMERA, POSES, TASK, CAMERAS)
-    network, share = chosen_on_cells(MESH)
-    exact = area_of(MESH, CAMERA, network, TASK)
-    assert exact >= best - 0.005
-    assert abs(exact - share) <= 0.01
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1, *(pytest.param(n, marks=nightly) for n in (2, 3))])
 @pytest.mark.parametrize("rel", [0.05, 0.03])
 def test_cells_up_to_a_twentieth_of_the_diagonal_lose_half_a_point_at_most(seed, rel):
-    network, _ = chosen_on_cells(MESH, rel * DIAGONAL, room_candidates(60, seed))
-    assert area_of(MESH, CAMERA, network, TASK) >= best_of_60(seed) - 0.005
+    network, share = chosen_on_cells(MESH, rel * DIAGONAL, room_candidates(60, seed))
+    exact = area_of(MESH, CAMERA, network, TASK)
+    assert exact >= best_of_60(seed) - 0.005
+    assert abs(exact - share) <= 0.015
 
 
 @cache

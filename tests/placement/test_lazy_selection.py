@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 from nightly import examples
 from selection_cases import best_by_trying_all, covers_faces, dense_of, problems
 
-from rastercov.base.errors import ConfigError
 from rastercov.placement.bits import CoveredBits
 from rastercov.placement.select import bounds
 from rastercov.placement.select.cover import LazyCover
@@ -132,10 +131,15 @@ def test_a_price_proves_what_the_relaxation_says(problem, seed):
     merged = replace(problem, weights=large.integer_weights.astype(float))
     found = bounds._priced(large, price[large.kept])
     assert found.value == pytest.approx(value_of(merged, price), rel=1e-9, abs=1e-9)
-    half = bounds._priced(large, price[large.kept] / 2)
-    between = bounds._between(large, half, found)
+    other = bounds._priced(large, rng.permutation(price[large.kept]))
+    between = bounds._between(large, other, found)
     sign = -1 if isinstance(problem.goal, BestCoverage) else 1
-    assert sign * between.value >= sign * max(found.value, half.value, key=lambda v: sign * v)
+    ends = (other.price, found.price), (other.earned, found.earned)
+    on_the_way = [
+        sign * bounds._value(large, *((1 - part) * one + part * other for one, other in ends))
+        for part in np.linspace(0, 1, 101)
+    ]
+    assert sign * between.value >= max(on_the_way) - 0.05 * np.ptp(on_the_way) - 1e-9
     again = np.zeros(problem.n_faces)
     again[large.kept] = between.price
     assert between.value == pytest.approx(value_of(merged, again), rel=1e-9, abs=1e-9)
@@ -168,36 +172,6 @@ def caps(n_candidates, n_faces, seed=0):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("goal", "views"),
-    [
-        (BestCoverage(8), 1),
-        (BestCoverage(12), 2),
-        (BestCoverage(budget=6.0), 1),
-        (FewestCameras(0.95), 1),
-        (FewestCameras(1.0, of_reachable=True), 2),
-    ],
-)
-def test_a_core_of_a_tenth_bounds_all_candidates_about_as_well(goal, views):
-    covers = caps(1500, 300)
-    rng = np.random.default_rng(2)
-    costs = rng.uniform(0.5, 2, len(covers)) if getattr(goal, "budget", None) else None
-    problem = problem_of_matrix(covers, goal, views=views, weights=rng.random(300), costs=costs)
-    core_pairs = int(covers.sum()) // 10
-    plain = select_greedy(problem, effort=QUICK)
-    found = select_greedy(problem, effort=QUICK, core_pairs=core_pairs)
-    if isinstance(goal, BestCoverage):
-        assert plain.objective - 1e-9 <= plain.bound
-        assert max(found.objective, plain.objective) <= found.bound + 1e-9
-        assert found.bound <= plain.bound + 0.02
-        assert found.objective >= plain.objective - 0.02
-    else:
-        assert found.bound <= min(found.objective, plain.objective) + 1e-9
-        assert found.bound >= plain.bound - 1
-        assert found.objective <= plain.objective + 1
-
-
-@pytest.mark.slow
 def test_a_camera_reads_a_part_of_the_candidates():
     problem = problem_of_matrix(caps(1500, 4000), BestCoverage(10))
     large = presolve(problem)
@@ -207,13 +181,3 @@ def test_a_camera_reads_a_part_of_the_candidates():
         lazy.add(camera)
     assert len(lazy.chosen) == 10
     assert lazy.passes <= 2.3  # 1 for the first gains, a tenth for a camera
-
-
-def test_a_core_of_less_than_nothing_is_refused():
-    with pytest.raises(ConfigError, match="core_pairs must be 0 or more, got -1"):
-        select_greedy(problem_of_matrix([[1, 0]], BestCoverage(1)), core_pairs=-1)
-
-
-def test_bits_of_other_faces_are_refused():
-    with pytest.raises(ConfigError, match="bits must be of 3 faces"):
-        replace(problem_of_matrix([[1, 0]], BestCoverage(1)), weights=np.ones(3))

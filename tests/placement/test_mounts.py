@@ -6,7 +6,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rastercov as rc
-from rastercov.base.memory import Lists
 from rastercov.coverage.area.regions import RegionPass
 from rastercov.mesh import shapes
 from rastercov.placement import (
@@ -36,7 +35,7 @@ POSES = rc.sphere_of_poses((0, 0, 0), 4.0, 8)
 def small_batches():
     """Batches that end within a rig."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("rastercov.coverage.coverage.POSES_A_BATCH", 4)
+        patch.setattr("rastercov.coverage.coverage.POSES_A_BATCH", 2)
         yield
 
 
@@ -137,13 +136,6 @@ def test_a_rig_of_one_camera_is_that_camera():
         wanted = build_matrix(observer, POSES @ place_of(5), TASK)
     assert turned.has_rigs
     np.testing.assert_array_equal(dense(moved, MESH.n_faces), dense(wanted, MESH.n_faces))
-
-
-def test_lists_of_rigs_are_unions():
-    mounts = mounts_of(0)
-    lists = Lists.of([np.array([1, 4]), np.array([4, 7]), np.array([2])])
-    found = mounts.united(lists, np.array([0, 0, 2]), 3)
-    assert [found.row(row).tolist() for row in range(3)] == [[1, 4, 7], [], [2]]
 
 
 def test_shards_of_rigs_resume_and_are_told_from_others(tmp_path):

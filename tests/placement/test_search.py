@@ -159,8 +159,6 @@ def test_first_networks_may_come_from_candidates(objective):
     result = optimise(objective, SPACE, 2, "random", budget=16, population=8, candidates=around)
     for pose in result.poses:
         assert (pose == allowed).all(axis=(1, 2)).any()
-    with pytest.raises(ConfigError, match="none of the candidates"):
-        optimise(objective, SPACE, 2, "random", candidates=np.eye(4)[None])
 
 
 @pytest.mark.slow
@@ -170,25 +168,6 @@ def test_without_pymoo_one_line_says_what_to_install(objective, monkeypatch):
     with pytest.raises(ConfigError, match=r"method pso needs pymoo; install rastercov\[place\]"):
         optimise(objective, SPACE, 2, "pso", budget=16, population=8)
     assert optimise(objective, SPACE, 2, "random", budget=16, population=8).evaluations == 16
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"method": "tabu"}, "method must be random, pso, ga, de"),
-        ({"cameras": 0}, "cameras must be"),
-        ({"budget": 1}, "budget must be"),
-        ({"population": 3}, "population must be"),
-        ({"start": np.eye(4)}, "start must have shape"),
-        ({"start": np.tile(np.eye(4), (2, 1, 1))}, "camera 0 must stand where cameras may"),
-        ({"start": np.tile(np.eye(4), (9, 2, 1, 1))}, "8 networks at most"),
-    ],
-)
-def test_bad_arguments_are_refused(objective, arguments, message):
-    values = {"cameras": 2, "method": "random", "budget": 16, "population": 8} | arguments
-    with pytest.raises(ConfigError, match=message):
-        optimise(objective, SPACE, **values)
 
 
 # Where cameras may stand
@@ -259,22 +238,6 @@ def test_poses_are_composed_of_what_they_are_decomposed_into():
     np.testing.assert_allclose(SPACE.composed(*SPACE.decomposed(rolled)), rolled, atol=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("values", "message"),
-    [
-        ({"stand_off": (2, 1)}, "stand_off must be"),
-        ({}, "boxes are needed"),
-        ({"clearance": -1.0, "stand_off": (0, 1)}, "clearance must be"),
-        ({"boxes": [(0, 0, 0), (1, 1, -1)]}, "low <= high"),
-        ({"boxes": [(0, 0, 0)]}, "two corners"),
-        ({"up": (0, 0, 0), "stand_off": (0, 1)}, "up must be"),
-    ],
-)
-def test_a_space_without_a_meaning_is_refused(values, message):
-    with pytest.raises(ConfigError, match=message):
-        PoseSpace(mesh=MESH, **values)
-
-
 @pytest.mark.slow
 def test_no_place_at_all_is_an_error():
     space = PoseSpace(mesh=MESH, boxes=[(8, 8, 8), (9, 9, 9)], stand_off=(0.0, 1.0))
@@ -283,28 +246,3 @@ def test_no_place_at_all_is_an_error():
 
 
 # What a network is worth
-
-
-def test_networks_side_by_side_are_judged_as_one_by_one(objective):
-    poses = sphere_of_poses((0, 0, 0), 3.5, 12)
-    apart = replace(objective, min_cosine=np.cos(0.5))
-    for each in (objective, apart):
-        covers, eyes = each.covers(poses).reshape(4, 3, -1), poses[:, :3, 3].reshape(4, 3, 3)
-        together = each.covered(covers, eyes)
-        for row in range(4):
-            np.testing.assert_array_equal(together[row], each.covered(covers[row], eyes[row]))
-    assert (together != objective.covered(covers, eyes)).any()
-
-
-@pytest.mark.parametrize(
-    ("values", "message"),
-    [
-        ({"weight_by": "colour"}, "weight_by must be"),
-        ({"views": 0}, "views must be"),
-        ({"views": {"x": 1}}, "no group 'x'"),
-        ({"min_angle_deg": 200}, "min_angle_deg must be"),
-    ],
-)
-def test_an_objective_without_a_meaning_is_refused(objective, values, message):
-    with pytest.raises(ConfigError, match=message):
-        Objective.of(objective.observer, TASK, **values)

@@ -1,4 +1,3 @@
-import lzma
 import math
 import sys
 import time
@@ -144,21 +143,6 @@ def test_merging_equal_candidates_and_faces_changes_nothing(problem, times):
         assert select_integer(copied).objective == pytest.approx(best, abs=1e-6)
 
 
-def test_of_equal_candidates_the_cheapest_is_chosen():
-    covers = [[1, 1, 0], [1, 1, 0], [0, 0, 1], [0, 0, 1]]
-    selection = select_greedy(problem_of_matrix(covers, costs=[3, 2, 1, 5]))
-    assert sorted(selection.chosen) == [1, 2]
-    assert selection.objective == selection.bound == 3
-
-
-def test_two_equal_candidates_are_two_views():
-    covers = [[1, 1], [1, 1], [1, 1]]
-    for select in SELECTORS.values():
-        assert select(problem_of_matrix(covers, views=2)).objective == 2
-    with pytest.raises(ConfigError, match="cannot be reached"):
-        problem_of_matrix(covers, views=4)
-
-
 def test_candidates_at_positions_with_the_same_coordinates_are_two():
     #   the face is seen from x and from y, one unit away each
     problem = problem_of_matrix(
@@ -166,25 +150,6 @@ def test_candidates_at_positions_with_the_same_coordinates_are_two():
     )
     for select in SELECTORS.values():
         assert select(problem).covered.all()
-
-
-def test_views_from_one_direction_do_not_make_a_pair():
-    #   0 1        2
-    #     \|     /
-    #       face
-    eyes = [[0, 0, 4], [0.1, 0, 4], [4, 0, 4]]
-    covers = np.ones((3, 1))
-    for angle, cameras in ((0, 2), (10, 2), (44, 2)):
-        for select in SELECTORS.values():
-            problem = problem_of_matrix(
-                covers, views=2, min_angle_deg=angle, eyes=eyes, centroids=[[0, 0, 0]]
-            )
-            selection = select(problem)
-            if select is not select_thesis:
-                assert len(selection.chosen) == cameras
-            assert angle == 0 or 2 in selection.chosen
-    with pytest.raises(ConfigError, match="cannot be reached"):
-        problem_of_matrix(covers, min_angle_deg=46, eyes=eyes, centroids=[[0, 0, 0]])
 
 
 @pytest.mark.slow
@@ -201,16 +166,6 @@ def test_two_cameras_that_help_only_together_are_found():
     best = replace(problem, goal=BestCoverage(4))
     for name in ("plain", "greedy", "integer"):
         assert SELECTORS[name](best).objective == 1.0
-
-
-def test_a_group_gets_its_share():
-    covers = np.eye(6, dtype=int)
-    goal = FewestCameras(0.5, {"rim": 1.0})
-    problem = problem_of_matrix(covers, goal, groups=("hub", "rim"), face_group=[0, 0, 0, 0, 1, 1])
-    for name in ("plain", "greedy", "integer"):
-        selection = SELECTORS[name](problem)
-        assert selection.objective == selection.bound == 3
-        assert selection.covered[4:].all()
 
 
 def test_a_budget_buys_one_good_camera_rather_than_a_cheap_bad_one():
@@ -260,32 +215,6 @@ def test_published_set_covers_cost_the_published_optimum(name):
     assert greedy.bound <= OPTIMA[name] <= greedy.objective
     selection = select_integer(problem, time_limit=600)
     assert selection.objective == selection.bound == OPTIMA[name]
-
-
-def test_a_set_covering_file_reads_as_it_is_meant(tmp_path):
-    #   columns cost 3, 1, 2;   row 1: columns 1 and 2,   row 2: column 3
-    text = " 2 3 \n 3 1 2 \n 2 \n 1 2 \n 1 \n 3 \n"
-    plain, packed = tmp_path / "small.txt", tmp_path / "small.txt.xz"
-    plain.write_text(text)
-    packed.write_bytes(lzma.compress(text.encode()))
-    for path in (plain, packed):
-        problem = read_set_cover(path)
-        assert problem.costs.tolist() == [3, 1, 2]
-        assert problem.bits.pairs()[1].tolist() == [0, 0, 1]
-        selection = select_integer(problem)
-        assert sorted(selection.chosen) == [1, 2]
-        assert selection.objective == 3
-
-
-@pytest.mark.parametrize("text", ["", "2 2 1", "1 1 5 1 2", "1 1 5 1 0", "1 1 5 1 1 9", "a b"])
-def test_a_file_of_another_kind_is_refused_in_one_line(tmp_path, text):
-    path = tmp_path / "bad.txt"
-    path.write_text(text)
-    with pytest.raises(ConfigError, match="no set-covering file") as error:
-        read_set_cover(path)
-    assert "\n" not in str(error.value)
-    with pytest.raises(ConfigError, match="cannot be read"):
-        read_set_cover(tmp_path / "missing.txt")
 
 
 @pytest.mark.slow
@@ -428,32 +357,3 @@ def test_a_program_too_large_for_memory_is_refused(monkeypatch):
     monkeypatch.setattr(integer_module, "MOST_PAIRS", 10)
     with pytest.raises(ResourceError, match="use select_greedy"):
         select_integer(problem_of_matrix(steiner(9)))
-
-
-@pytest.mark.parametrize(
-    ("make", "words"),
-    [
-        (lambda: problem_of_matrix([[1, 2]]), "0 and 1"),
-        (lambda: problem_of_matrix([1, 0]), "shape"),
-        (lambda: problem_of_matrix([[1]], costs=[-1]), "costs must be 0 or more"),
-        (lambda: problem_of_matrix([[1]], costs=[1, 2]), r"costs must have shape \(1,\)"),
-        (lambda: problem_of_matrix([[1]], weights=[math.nan]), "weights must be 0 or more"),
-        (lambda: problem_of_matrix([[1]], views=0), "views must be 1 or more"),
-        (lambda: problem_of_matrix([[1]], views=1.5), "whole number"),
-        (lambda: problem_of_matrix([[1]], min_angle_deg=20), "needs eyes and centroids"),
-        (lambda: problem_of_matrix([[1]], min_angle_deg=200), "0 to 180"),
-        (lambda: problem_of_matrix([[1]], face_group=1), "face_group must index"),
-        (lambda: problem_of_matrix([[1]], FewestCameras(groups={"rim": 1})), "no group 'rim'"),
-        (lambda: problem_of_matrix([[1, 0]]), "all 1 candidates together cover 0.5;"),
-        (lambda: FewestCameras(1.5), "must be 0 to 1"),
-        (lambda: FewestCameras(groups={"rim": -1}), "of rim must be 0 to 1"),
-        (lambda: BestCoverage(), "a number of cameras or a budget"),
-        (lambda: BestCoverage(-1), "cameras must be 0 or more"),
-        (lambda: BestCoverage(budget=math.inf), "budget must be 0 or more"),
-        (lambda: select_integer(problem_of_matrix([[1]]), time_limit=0), "time_limit"),
-    ],
-)  # fmt: skip
-def test_a_problem_that_is_none_is_refused_in_one_line(make, words):
-    with pytest.raises(ConfigError, match=words) as error:
-        make()
-    assert "\n" not in str(error.value)

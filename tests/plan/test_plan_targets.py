@@ -1,23 +1,13 @@
 """Targets of a plan: sections, roles, and what is refused."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from commands import write_part
-from test_plan import BASE, errors, plan_of
+from test_plan import BASE, plan_of
 
-from rastercov.placement.plan.file import PlanError
 from rastercov.placement.plan.scene import scene
 
 ROOM = BASE.replace('"box"', '"room"')
-
-
-def scene_errors(text):
-    plan = plan_of(text)
-    with pytest.raises(PlanError) as caught:
-        scene(plan)
-    return [line.removeprefix("plan.toml: ") for line in caught.value.lines]
 
 
 def target(entries):
@@ -70,54 +60,3 @@ def test_views_and_requirements_may_name_a_target():
     text = target('above = "room"\nheight = 1.6\nname = "eyes"')
     text += '[task]\nviews = { eyes = 2 }\n[selection]\ngoal = "fewest_cameras"\ncoverage = 0.5\n'
     assert scene(plan_of(text + "groups = { eyes = 0.9 }\n")).has_targets
-
-
-@pytest.mark.parametrize(
-    ("entries", "words"),
-    [
-        ("", "wanted one of above, box, file, got none"),
-        ('above = "room"\nbox = [[0.0, 0.0, 0.0], [1.0, 1.0, 1.0]]', "above and box"),
-        ('above = "room"', "above and height come together"),
-        ("box = [[0.0, 0.0, 0.0], [1.0, 1.0, 1.0]]\nheight = 1.0", "above and height"),
-        ("box = [[0.0, 0.0, 0.0], [1.0, 1.0, 0.0]]", "wanted low < high"),
-        ("box = [[0.0, 0.0, 0.0]]", "2 or more"),
-        ("box = [[0.0, 0.0, 0.0], [1.0, 1.0, 1.0]]\ncount = [1, 1]", "3 or more"),
-        ("box = [[0.0, 0.0, 0.0], [1.0, 1.0, 1.0]]\ncount = [1, 1, 0]", "1 or more"),
-        (
-            "box = [[0.0, 0.0, 0.0], [1.0, 1.0, 1.0]]\ncount = [1, 1, 1]\nspacing = 0.1",
-            "count and spacing exclude each other",
-        ),
-        ('above = "room"\nheight = 1.0\nspacing = 0.5', "spacing is of a box"),
-        ('above = "room"\nheight = -1.0', "0 or more"),
-        ('above = "room"\nheight = 1.0\nunit = "mm"', "unit is of a file"),
-        ('file = "no.stl"', "there is no no.stl"),
-        ('above = "room"\nheight = 1.0\ncolour = "red"', "colour"),
-    ],
-)
-def test_bad_entries_get_a_line(entries, words):
-    found = errors(target(entries))
-    assert len(found) == 1
-    assert found[0].startswith("targets[0]")
-    assert words in found[0]
-
-
-def test_targets_that_do_not_fit_the_scene_get_a_line_each():
-    Path("bad.obj").write_text("v 1 2\n")
-    text = target('above = "flor"\nheight = 1.6')
-    text += '[[targets]]\nfile = "bad.obj"\n'
-    text += "[[targets]]\nbox = [[0.0, 0.0, 0.0], [1.0, 1.0, 1.0]]\nspacing = 0.001\n"
-    text += "[[targets]]\nbox = [[0.0, 0.0, 0.0], [1.0, 1.0, 1.0]]\nsize = 2.0\n"
-    found = scene_errors(text)
-    assert found[0].startswith("targets[0].above: there is no group 'flor'")
-    assert found[0].endswith("groups are room, crates")
-    assert found[1].startswith("targets[1].file: bad.obj")
-    assert "at most 100,000 boxes" in found[2]
-    assert "at most that of a cell" in found[3]
-
-
-def test_a_sheet_is_above_groups_of_meshes_only():
-    text = target('above = "room"\nheight = 1.6\nname = "eyes"')
-    found = scene_errors(text + '[[targets]]\nabove = "eyes"\nheight = 1.0\n')
-    assert [line.partition(",")[0] for line in found] == [
-        "targets[1].above: there is no group 'eyes'"
-    ]

@@ -13,7 +13,7 @@ from rastercov.camera.formats import write_views
 from rastercov.placement import Objective
 from rastercov.placement.plan import run as plan_run
 from rastercov.placement.plan.check import check, limits
-from rastercov.placement.plan.file import PlanError, read_plan
+from rastercov.placement.plan.file import read_plan
 from rastercov.placement.plan.network import observer_of
 from rastercov.placement.plan.prepare import counting
 from rastercov.placement.plan.run import place
@@ -166,28 +166,6 @@ def test_the_page_has_the_cameras_of_rigs(tmp_path):
     assert "without camera 0, 1" in text or "without camera 2, 3" in text
 
 
-@pytest.mark.parametrize(
-    ("cameras", "words"),
-    [
-        (EYE + PAIR.replace('"eye"', '"ear"'), "rigs.pair.cameras: there is no camera 'ear'"),
-        (EYE + PAIR.replace("rigs.pair", "rigs.eye"), "rigs.eye: there is a camera of that name"),
-        (EYE + "[rigs.none]\ncost = 1", "rigs.none: wanted one of cameras, file, got none"),
-        (EYE + PAIR + "[rigs.pair]\ncost = -1", "rigs.pair.cost: wanted a number of 0 or more"),
-        (EYE + PAIR.replace("name =", "label ="), "there is no such entry"),
-        ('[rigs.pair]\nfile = "gone.json"', "rigs.pair.file: wanted a file"),
-        ('[rigs.pair]\nfile = "room.obj"', "rigs.pair: room.obj"),
-    ],
-)
-def test_slips_are_named(cameras, words):
-    with pytest.raises(PlanError, match=words):
-        plan_of(cameras)
-
-
-def test_two_cameras_of_one_name_are_refused():
-    with pytest.raises(PlanError, match=r"rigs\.pair: names must be 2 different"):
-        placed(EYE + PAIR.replace('"right"', '"left"'))
-
-
 TWIN = PAIR.replace("pair", "twin").replace("30", "2").replace("0.1", "0.3")
 """Two cameras side by side, which see nearly the same."""
 ONE = 'goal = "best_coverage"\ncameras = 1\n'
@@ -236,17 +214,3 @@ def test_views_by_area_are_those_of_the_cameras():
     assert seen_again(found).areas.summary()["percent"] == pytest.approx(
         100 * found.cameras.share, abs=1e-9
     )
-
-
-@pytest.mark.slow
-def test_a_plan_with_rigs_and_views_resumes_from_its_shards(tmp_path):
-    plan = plan_of(EYE + TWIN, task=BY_AREA + "\nviews = 2")
-    first = place(plan, tmp_path / "out")
-    shards = sorted((tmp_path / "out").rglob("pairs-*.parquet"))
-    before = [shard.read_bytes() for shard in shards]
-    shards[0].unlink()
-    again = place(plan, tmp_path / "out")
-    assert [shard.read_bytes() for shard in shards] == before
-    assert again.selection.chosen.tolist() == first.selection.chosen.tolist()
-    assert again.selection.bound == first.selection.bound
-    assert again.cameras.share == first.cameras.share

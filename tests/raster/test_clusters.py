@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from solids import tessellated_plane
 
 from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import look_at
@@ -37,7 +38,7 @@ def flat(rng):
 
 
 def nearly_flat(rng):
-    vertices, faces = of_mesh(shapes.tessellated_plane())
+    vertices, faces = of_mesh(tessellated_plane())
     return vertices + rng.normal(size=vertices.shape) * (0, 0, 2e-10), faces
 
 
@@ -50,9 +51,6 @@ def fan(rng):
 
 
 HOSTILE = {
-    "one face": lambda rng: soup(rng, 1),
-    "soup": lambda rng: soup(rng, 500),
-    "64 faces": lambda rng: (rng.normal(size=(20, 3)), rng.integers(0, 20, (64, 3))),
     "65 equal faces": lambda rng: (rng.normal(size=(3, 3)), np.tile((2, 0, 1), (65, 1))),
     "one point": lambda rng: (np.full((4, 3), 0.1), rng.integers(0, 4, (100, 3))),
     "folded": folded,
@@ -60,12 +58,9 @@ HOSTILE = {
     "nearly flat": nearly_flat,
     "fan": fan,
     "closed": lambda rng: of_mesh(shapes.torus(30, 20)),
-    "flat sides": lambda rng: of_mesh(shapes.box(n=9)),
     "far": lambda rng: soup(rng, 100, offset=1e12),
     "tiny": lambda rng: soup(rng, 100, scale=1e-300),
-    "small": lambda rng: soup(rng, 100, scale=1e-100),
     "huge": lambda rng: soup(rng, 100, scale=1e150),
-    "large": lambda rng: soup(rng, 100, scale=1e70),
     "a grain on a plate": lambda rng: (
         np.concatenate((soup(rng, 50)[0] * 1e-12, soup(rng, 50)[0] * 1e6)),
         np.arange(300).reshape(100, 3),
@@ -197,7 +192,7 @@ def test_clusters_of_a_smooth_mesh_are_full_compact_and_look_one_way():
 
 
 def test_both_sides_of_a_face_are_one_direction_unless_the_mesh_is_wound():
-    flat = shapes.tessellated_plane(4, 4)
+    flat = tessellated_plane(4, 4)
     faces = np.concatenate((flat.faces, flat.faces[:, ::-1]))
     for is_wound, n_clusters in ((False, 1), (True, 2)):
         clusters = made(flat.vertices, faces, is_wound)[2]
@@ -220,7 +215,7 @@ def stretched(mesh, *factors):
 
 def hill(rng):
     """A noisy sheet that faces +z, whose sides are steep."""
-    flat = shapes.tessellated_plane(30, 30, jitter=0.2, seed=int(rng.integers(99)))
+    flat = tessellated_plane(30, 30, jitter=0.2, seed=int(rng.integers(99)))
     noise = 0.3 * rng.normal(size=(flat.n_vertices, 1)) * (0, 0, 0.04)
     bulge = 0.4 * np.exp(-8 * (flat.vertices**2).sum(axis=1, keepdims=True)) * (0, 0, 1)
     return Mesh(vertices=flat.vertices + noise + bulge, faces=flat.faces)
@@ -258,17 +253,13 @@ def tufts(rng):
 
 MESHES = {
     "torus": lambda rng: shapes.torus(60, 30),
-    "ring": lambda rng: stretched(shapes.torus(60, 30), 30, 1, 1),
     "teapot": lambda rng: wound(*of_mesh(shapes.teapot(5))),
     "aeroplane": lambda rng: shapes.aeroplane(),
     "rough": lambda rng: shapes.icosahedron(0.15, 3, seed=int(rng.integers(99))),
     "box": lambda rng: shapes.box((1, 2, 0.5), n=10),
     "plate": lambda rng: stretched(shapes.sphere(3), 1, 1, 1e-3),
-    "needle": lambda rng: stretched(shapes.sphere(3), 1e-3, 1e-3, 1),
     "roof": lambda rng: roof(),
     "hill": lambda rng: wound(*of_mesh(hill(rng))),
-    "sheet": lambda rng: wound(*of_mesh(shapes.tessellated_plane(20, 20))),
-    "half": lambda rng: wound(shapes.sphere(3).vertices, shapes.sphere(3).faces[::2]),
     "soup": lambda rng: wound(*soup(rng, 300)),
     "tufts": lambda rng: wound(*tufts(rng)),
 }
@@ -350,25 +341,11 @@ def test_leaving_out_clusters_changes_no_count(name, view):
     counts_agree(mesh, camera, poses_about(mesh, rng), **options)
 
 
-def test_a_cluster_whose_normals_lie_about_the_camera_is_not_turned_away():
-    # From near the axis of a wide cone, where some faces look at the camera and others do not.
-    mesh = roof()
-    rng = np.random.default_rng(2)
-    with CPURasterizer(mesh, CAMERAS["plain"][0]) as rasterizer:
-        bounds, centre = rasterizer._scene.clusters.bounds, rasterizer._scene.centre
-    for k in np.flatnonzero(bounds[10]):
-        axis = bounds[4:7, k] + 10 ** rng.uniform(-3, 0, (40, 1)) * rng.normal(size=(40, 3))
-        axis /= np.linalg.norm(axis, axis=1, keepdims=True)
-        middle = bounds[:3, k] + centre
-        eyes = middle + axis * bounds[3, k] * rng.uniform(1.01, 2, (40, 1))
-        counts_agree(mesh, CAMERAS["plain"][0], look_at(eyes, middle))
-
-
 @pytest.mark.parametrize("scale", [1, 5])
 def test_faces_that_rounding_turns_towards_the_camera_are_counted(scale):
     # A sheet from a hair behind it: corners move by half a step, and some faces turn over.
     rng = np.random.default_rng(6)
-    sheet = wound(*of_mesh(shapes.tessellated_plane(20, 6)))
+    sheet = wound(*of_mesh(tessellated_plane(20, 6)))
     n = 400
     targets = rng.uniform(-0.4, 0.4, (n, 3)) * (1, 1, 0)
     angle = rng.uniform(0, 2 * np.pi, n)
@@ -384,36 +361,3 @@ def test_faces_that_rounding_turns_towards_the_camera_are_counted(scale):
     counts_agree(sheet, camera, poses @ turn, supersample=scale)
     with CPURasterizer(sheet, camera, supersample=scale) as rasterizer:
         assert rasterizer.count(poses @ turn, drawn=False).visible.any()
-
-
-def share_looked_at(mesh, camera, pose):
-    """Share of the clusters whose vertices matter: each in turn is put right before the camera."""
-    rng = np.random.default_rng(0)
-    with CPURasterizer(mesh, camera, threads=1) as rasterizer:
-        expected = rasterizer.count(pose, drawn=False)
-        clusters, centre = rasterizer._scene.clusters, rasterizer._scene.centre
-        bounds = list(zip(clusters.vertex_starts, clusters.vertex_starts[1:], strict=False))
-        looked_at = 0
-        for begin, end in bounds:
-            points = clusters.points[3 * begin : 3 * end]
-            kept = points.copy()
-            before = rng.normal(size=(end - begin, 3)) * 0.03 + (0, 0, 0.1)
-            before = before @ pose[0, :3, :3].T + pose[0, :3, 3] - centre
-            points[:] = before.T.ravel()
-            found = rasterizer.count(pose, drawn=False)
-            points[:] = kept
-            looked_at += not np.array_equal(found.visible, expected.visible)
-    return looked_at / len(bounds)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("mesh", [shapes.torus(120, 90), shapes.box(n=30)], ids=repr)
-def test_a_pose_does_not_look_at_clusters_turned_away_or_outside(mesh):
-    # Else nothing is wrong, but much is slow.
-    centre, size = mesh.bounds.mean(axis=0), np.linalg.norm(np.ptp(mesh.bounds, axis=0))
-    pose = look_at(centre + size * np.array((0.1, 2, 0.2)), centre)
-    whole = share_looked_at(mesh, Camera(width=400, height=400, fx=700, fy=700), pose)
-    assert 0 < whole < 0.85
-    for cx, cy in ((-20, 100), (220, 100), (100, -20), (100, 220)):
-        part = Camera(width=200, height=200, fx=700, fy=700, cx=cx, cy=cy)
-        assert 0 < share_looked_at(mesh, part, pose) < 0.75 * whole

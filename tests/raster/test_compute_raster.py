@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 from image_laws import assert_same, assert_same_counts, everything
 from processes import TESTS, run_python
-from scenes import joined, large_and_small, square
+from scenes import large_and_small
+from test_raster_laws import SCENES as LAWS
 
 from rastercov.base.errors import DeviceError, ResourceError
 from rastercov.camera.camera import Camera
-from rastercov.camera.viewpoints import look_at, sphere_of_poses
+from rastercov.camera.viewpoints import look_at
 from rastercov.mesh import Mesh, shapes
 from rastercov.raster.cpu import CPURasterizer
 from rastercov.raster.gl import WAYS, GLRasterizer, compute
@@ -21,21 +22,7 @@ from rastercov.raster.gl.resources import Resources
 CAMERA = Camera(width=160, height=120, fx=150, fy=140, cx=81.3, cy=58.2)
 
 
-def closed():
-    """A closed mesh, whose back faces are left out from outside and drawn from inside."""
-    poses = look_at([(4, 0, 1), (1, 0, 0.1), (0, 3, 2), (0.9, 0.2, 0)], [(0, 0, 0), (0, 1, 0)] * 2)
-    return shapes.torus(40, 20), poses
-
-
-SCENES = {
-    "large and small": large_and_small,
-    "closed": closed,
-    "room": lambda: (
-        shapes.room(4),
-        look_at([(0, 0, 1.5), (2.5, 2, 0.3)], [(1, 1, 1), (-3, 0, 1)]),
-    ),
-    "teapot": lambda: (shapes.teapot(3), sphere_of_poses((0, 0, 0), 0.4, 3)),
-}
+SCENES = {"large and small": large_and_small} | LAWS
 
 
 @pytest.fixture(params=SCENES)
@@ -51,14 +38,9 @@ def open_compute(device):
     return open_one
 
 
-def assert_same_as_cpu(found, expected, slope=0.0):
-    """All the same; depth to the last bit or two, as sums are taken in another order.
-
-    And to what 1/z changes in 2^-19 of a pixel, where `slope` is its change in a whole one.
-    """
-    depth = np.isfinite(expected["depth"])
-    one, other = 1 / found["depth"][depth], 1 / expected["depth"][depth]
-    assert (np.abs(one - other) <= 2.5e-7 * other + slope * 2**-19).all()
+def assert_same_as_cpu(found, expected):
+    """All the same; depth to the last bit or two, as sums are taken in another order."""
+    np.testing.assert_allclose(found["depth"], expected["depth"], rtol=2.5e-7)
     assert_same(found, {name: expected[name] for name in expected if name != "depth"})
 
 
@@ -180,15 +162,6 @@ def test_many_poses_count_as_each_one_alone(open_compute):
 
 
 @pytest.mark.slow
-def test_counts_repeat_bit_for_bit(open_compute):
-    mesh, poses = large_and_small()
-    with open_compute(mesh) as rasterizer:
-        first = everything(rasterizer, poses)
-        for _ in range(5):
-            assert_same(everything(rasterizer, poses), first)
-
-
-@pytest.mark.slow
 def test_hostile_scenes_are_filled_as_by_the_cpu(open_compute):
     # Triangles that reach 2^17 samples beyond the image are clipped elsewhere than on the CPU, so
     # there a sample by an edge may go to the other side.
@@ -207,44 +180,6 @@ def test_hostile_scenes_are_filled_as_by_the_cpu(open_compute):
         assert different <= 0.002 * found["face"].size + 4
         same += not different and np.array_equal(found["drawn"], expected["drawn"])
     assert same >= 18
-
-
-def slopes(mesh):
-    """Change of 1/z in a pixel to the right, plus that in one down, of each face; (F,)."""
-    x, y, z = np.moveaxis(mesh.vertices[mesh.faces], 2, 0)
-    u, v = CAMERA.fx * x / z + CAMERA.cx, CAMERA.fy * y / z + CAMERA.cy
-    across = np.stack((u[:, 1:] - u[:, :1], v[:, 1:] - v[:, :1]), axis=2)
-    rise = (1 / z[:, 1:] - 1 / z[:, :1])[..., None]
-    return np.abs(np.linalg.solve(across, rise)[..., 0]).sum(axis=1)
-
-
-def test_slivers_seen_edge_on_are_filled_as_by_the_cpu(open_compute):
-    # Across a sliver a tenth of a pixel wide, 1/z goes from one end to the other. One corner rounds
-    # to the middle of a pixel, so the sample there can be a hair beyond it: on the plane of the
-    # sliver that would be behind the camera, or before all others.
-    rng = np.random.default_rng(7)
-    n = 2000
-    angle = rng.uniform(0, np.pi, (n, 1))
-    along = np.concatenate((np.cos(angle), np.sin(angle)), axis=1)[:, None]
-    middle = np.floor(rng.uniform(0, (CAMERA.width, CAMERA.height), (n, 1, 2))) + 0.5
-    image = middle + rng.uniform(-20, 20, (n, 3, 1)) * along
-    image += rng.uniform(-0.1, 0.1, (n, 3, 1)) * along[..., ::-1] * (1, -1)
-    image[:, 0] = middle[:, 0] + rng.uniform(-0.5, 0.5, (n, 2)) / 256
-    z = 10 ** rng.uniform(-0.7, 1.7, (n, 3, 1))
-    ray = (image - (CAMERA.cx, CAMERA.cy)) / (CAMERA.fx, CAMERA.fy)
-    points = np.concatenate((ray * z, z), axis=2).reshape(-1, 3)
-    slivers = Mesh(vertices=points, faces=np.arange(3 * n).reshape(n, 3))
-    mesh = joined(slivers, square(100, 60))
-    with open_compute(mesh) as found, CPURasterizer(mesh, CAMERA) as expected:
-        image = everything(found, np.eye(4)[None])
-        depth, owner = image["depth"], image["face"]
-        steps = slopes(mesh)[owner[np.isfinite(depth)]]
-        assert_same_as_cpu(image, everything(expected, np.eye(4)[None]), steps)
-    assert (owner < n).sum() > 1000
-    z = mesh.vertices[mesh.faces[owner], 2]
-    least, greatest = z.min(axis=-1), z.max(axis=-1)
-    assert (depth >= least * (1 - 1e-6)).all()
-    assert (depth <= greatest * (1 + 1e-6)).all()
 
 
 @pytest.mark.slow

@@ -26,8 +26,8 @@ from rastercov.camera.viewpoints import sphere_of_poses
 from rastercov.mesh import shapes
 from rastercov.raster import lens as lens_module
 from rastercov.raster.cpu import CPURasterizer
-from rastercov.raster.gl import PLANS, WAYS, GLRasterizer
-from rastercov.raster.lens import LensRasterizer, Views
+from rastercov.raster.gl import WAYS, GLRasterizer
+from rastercov.raster.lens import Views
 from rastercov.raster.observation import BoundKind
 from rastercov.raster.sample_grid import SampleGrid
 
@@ -56,7 +56,7 @@ def around(mesh, n=5):
 
 INSIDE = look_at([(0.2, 0.1, 1.5)], [(1, 1, 1)])
 SCENES = {
-    "torus": (shapes.torus(20, 40), around(shapes.torus(20, 40))[1:2]),
+    "torus": (shapes.torus(14, 28), around(shapes.torus(14, 28))[1:2]),
     "aeroplane": (shapes.aeroplane(), around(shapes.aeroplane())[1:2]),
     "room": (shapes.room(6), INSIDE),
 }
@@ -74,7 +74,6 @@ def on_pipeline(counts, number):
     return 0 if counts.info.plan in ("threads", "compute") else number
 
 
-BY = pytest.mark.parametrize("by", ["cpu", *WAYS])
 SAMPLES = [(1, 0.0), (2, 0.0), (1, 0.4), (3, -1.1)]
 """Supersampling and roll."""
 
@@ -185,24 +184,6 @@ def test_each_sample_shows_the_face_its_ray_meets(open_lens, scene, lens):
 
 
 @pytest.mark.slow
-def test_positions_agree_with_opencv():
-    cv2 = pytest.importorskip("cv2")
-    camera = CAMERAS["brown"]
-    points = pixels(camera)
-    criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 300, 1e-14)
-    found = cv2.undistortPoints(
-        (points - 0.5)[:, None], camera.opencv_K, np.array(camera.distortion), criteria=criteria
-    )[:, 0]
-    mesh, poses = SCENES["torus"]
-    directions = np.column_stack((found, np.ones(len(found))))
-    with open_rasterizer(mesh, camera, "cpu") as rasterizer:
-        shown = rasterizer.render(poses[0]).face.ravel()
-    wrong, expected, _ = wrong_samples(camera, in_camera(mesh, poses[0]), directions, shown)
-    assert len(wrong) <= 1
-    assert (expected >= 0).mean() > 0.1
-
-
-@pytest.mark.slow
 @on_the_cpu_and_once_by_each_way("lens", "samples", product(CAMERAS, SAMPLES), ("wide", (1, 0.4)))
 def test_closed_room_leaves_no_live_sample_without_a_face(open_lens, lens, samples):
     supersample, roll = samples
@@ -212,7 +193,7 @@ def test_closed_room_leaves_no_live_sample_without_a_face(open_lens, lens, sampl
     counts = open_lens(mesh, camera, supersample=supersample, roll=roll).count(np.eye(4)[None])
     places = grid.positions(0, grid.height)
     column = np.arange(grid.width)
-    inside = (column >= grid.first[:, None]) & (column < grid.last[:, None])
+    inside = (column >= grid.runs[0][:, None]) & (column < grid.runs[1][:, None])
     dead = np.isnan(rays(camera, places[inside])[:, 0]).sum()
     assert counts.background[0] == dead
     assert counts.visible.sum() + dead == grid.n_samples
@@ -247,31 +228,7 @@ def test_counts_are_of_rays_at_the_samples_of_the_grid(open_lens, lens, samples)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("scene", SCENES)
-def test_without_distortion_counts_are_those_of_the_pinhole(scene):
-    mesh, poses = SCENES[scene]
-    camera = Camera(width=160, height=128, fx=115, fy=110, cx=81.6, cy=62.5)
-    with (
-        open_rasterizer(mesh, camera, "cpu") as pinhole,
-        LensRasterizer(mesh, camera, CPURasterizer(mesh, camera)) as table,
-    ):
-        one, other = pinhole.count(poses), table.count(poses)
-        image, by_table = pinhole.render(poses[0]), table.render(poses[0])
-    n = np.maximum(one.drawn, 1)
-    # Both are within the bound of a count; here of faces of about square shape.
-    assert (np.abs(one.drawn - other.drawn) <= 4 + 2.5 * np.sqrt(n)).all()
-    assert np.abs(one.visible.sum() - other.visible.sum()) <= 0.01 * one.visible.sum()
-    np.testing.assert_array_equal(one.clipped, other.clipped)
-    differ = (image.face != by_table.face).ravel()
-    directions = rays(camera, pixels(camera))
-    corners = in_camera(mesh, poses[0])
-    assert len(wrong_samples(camera, corners, directions, by_table.face.ravel())[0]) <= 1
-    same = ~differ.reshape(image.face.shape)
-    np.testing.assert_allclose(image.depth[same], by_table.depth[same], rtol=1e-5)
-
-
-@pytest.mark.slow
-@BY
+@pytest.mark.parametrize("by", ["cpu", "pipeline"])
 @settings(max_examples=10, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), lens=st.sampled_from(list(CAMERAS)), is_welded=st.booleans())
 def test_sample_at_a_corner_of_a_fan_belongs_to_one_face(gl_context, by, seed, lens, is_welded):
@@ -287,6 +244,8 @@ def test_sample_at_a_corner_of_a_fan_belongs_to_one_face(gl_context, by, seed, l
     gaps = np.diff(np.append(np.sort(angle), np.sort(angle)[0] + 2 * np.pi))
     if gaps.max() > 0.95 * np.pi or gaps.min() < 1e-3:
         return
+    if np.linalg.norm(np.cross(axis, ring), axis=1).min() < 0.03:
+        return  # it may lie between samples of a view
     vertices = np.vstack((axis * rng.uniform(0.5, 2), ring * rng.uniform(0.5, 2)))
     n = len(ring)
     faces = np.array([(0, 1 + i, 1 + (i + 1) % n) for i in range(n)])
@@ -364,53 +323,6 @@ def test_sampled_areas_are_within_their_bound_of_certified_ones(scene, lens):
     assert counts.visible_pixels.sum() == pytest.approx(areas.visible_pixels.sum(), rel=2e-3)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("lens", ["brown", "equirectangular"])
-def test_threads_give_the_same_counts(lens):
-    (mesh, _), camera = SCENES["torus"], CAMERAS[lens]
-    poses = around(mesh, 7)
-    found = []
-    for threads in (1, 3):
-        with open_rasterizer(mesh, camera, "cpu", threads=threads, roll=0.4) as rasterizer:
-            found.append(rasterizer.count(poses))
-    for name in ("visible", "drawn", "background"):
-        np.testing.assert_array_equal(getattr(found[0], name), getattr(found[1], name))
-    assert (found[0].visible <= found[0].drawn).all()
-
-
-@pytest.mark.parametrize("lens", lens_cameras.CAMERAS)
-@pytest.mark.parametrize("roll", [0.0, 0.4])
-def test_views_hold_each_sample_with_a_ray_once_and_as_finely(lens, roll):
-    camera = lens_cameras.CAMERAS[lens].resized(0.2)
-    views = Views(camera, 1, roll, keeps_places=True)
-    (band,) = views.bands(1)
-    samples = np.concatenate([view.samples for view in band])
-    grid = views.grid
-    column = np.arange(grid.width)
-    inside = (column >= grid.first[:, None]) & (column < grid.last[:, None])
-    is_live = inside & ~np.isnan(rays(camera, grid.positions(0, grid.height))[..., 0])
-    np.testing.assert_array_equal(np.sort(samples), np.flatnonzero(is_live))
-    fine = total = 0
-    for view in band:
-        width, height = view.camera.width, view.camera.height
-        assert (
-            width * height <= lens_module.MOST_WASTE * 4 * len(view.samples)
-            or max(width, height) <= lens_module.LEAST_SIDE
-        )
-        assert view.weights().sum() == len(view.samples) == view.sums[:, -1].sum()
-        # Back to the image, from the middle of the sample of the view.
-        row, column = np.divmod(view.index, view.camera.width)
-        x = (column + 0.5 - view.camera.cx) / view.camera.fx
-        y = (row + 0.5 - view.camera.cy) / view.camera.fy
-        ray = np.column_stack((x, y, np.ones_like(x))) @ view.turn[:3, :3].T
-        there = lens_of(camera).project(ray)
-        own = grid.positions(0, grid.height).reshape(-1, 2)[view.samples]
-        away = np.abs(there - own)
-        fine += (np.linalg.norm(away, axis=1) <= EDGE_PX).sum()
-        total += np.isfinite(away).all(axis=1).sum()
-    assert fine > 0.95 * total > 0.9 * len(samples)
-
-
 def test_targets_hide_nothing_and_are_counted_against_surfaces(open_lens):
     camera = CAMERAS["brown"]
     wall = [(-9, -9, 2), (9, -9, 2), (9, 9, 2), (-9, 9, 2)]
@@ -470,32 +382,3 @@ def test_rasterisers_of_pinholes_name_what_draws_a_lens(device, lens):
         with pytest.raises(CameraError, match=line) as caught:
             kind(mesh, camera, **options)
         assert "\n" not in str(caught.value)
-
-
-def test_auto_takes_what_draws_a_lens(device):
-    mesh, camera = SCENES["room"][0], CAMERAS["brown"]
-    with open_rasterizer(mesh, camera, threads=1) as rasterizer:
-        assert rasterizer.info.backend == "cpu"
-    with open_rasterizer(mesh, camera, device=device) as rasterizer:
-        assert (rasterizer.info.backend, rasterizer.info.plan) == ("gl", PLANS[0])
-
-
-@pytest.mark.parametrize("lens", ["brown", "kannala"])
-def test_of_equal_faces_the_first_is_shown_whatever_their_order(lens):
-    """Clusters are drawn by their depth, not by the numbers of their faces."""
-    ring, pose = shapes.torus(12, 24), around(shapes.torus(12, 24), 3)
-    order = np.random.default_rng(5).permutation(2 * ring.n_faces)
-    faces = np.concatenate((ring.faces, ring.faces))[order]
-    twice = Mesh(ring.vertices, faces)
-    with open_rasterizer(twice, CAMERAS[lens], "cpu") as rasterizer:
-        counts = rasterizer.count(pose)
-        shown = rasterizer.render(pose[0]).face
-    is_first = np.zeros(len(faces), bool)
-    is_first[np.unique(order % ring.n_faces, return_index=True)[1]] = True
-    assert counts.visible[:, is_first].sum() > 1000
-    assert not counts.visible[:, ~is_first].any()
-    assert is_first[shown[shown >= 0]].all()
-    np.testing.assert_array_equal(
-        counts.drawn[:, is_first][:, np.argsort(order[is_first] % ring.n_faces)],
-        counts.drawn[:, ~is_first][:, np.argsort(order[~is_first] % ring.n_faces)],
-    )

@@ -95,18 +95,6 @@ def test_counts_of_targets_equal_those_of_the_reference(open_raster):
 
 
 @pytest.mark.slow
-def test_all_devices_count_the_same(open_raster):
-    mesh = in_room(3)
-    with CPURasterizer(mesh, SMALL, supersample=3, roll=0.3) as rasterizer:
-        expected = rasterizer.count(VIEWS)
-    counts = open_raster(mesh, SMALL, supersample=3, roll=0.3).count(VIEWS)
-    is_target = mesh.target_mask
-    np.testing.assert_array_equal(counts.drawn[:, is_target], expected.drawn[:, is_target])
-    differing = np.abs(counts.visible - expected.visible)[:, is_target]
-    assert differing.max() <= 2  # where the depths of a surface differ in their last digits
-
-
-@pytest.mark.slow
 def test_tiles_of_an_image_add_up(open_gl):
     mesh = in_room(4)
     whole, tiled = open_gl(mesh, SMALL), open_gl(mesh, SMALL, max_tile=16)
@@ -114,13 +102,13 @@ def test_tiles_of_an_image_add_up(open_gl):
 
 
 def test_counts_without_drawn_are_those_with_it(open_raster):
-    mesh = in_room(5)
-    rasterizer = open_raster(mesh, SMALL)
+    rasterizer = open_raster(in_room(5), SMALL)
     alone = rasterizer.count(VIEWS, drawn=False)
     assert alone.drawn is None
     np.testing.assert_array_equal(alone.visible, rasterizer.count(VIEWS).visible)
 
 
+@pytest.mark.slow
 @pytest.mark.slow
 @given(seed=st.integers(0, 2**32 - 1))
 @examples(60)

@@ -280,13 +280,11 @@ def test_points_of_the_lens_fill_its_disc_evenly():
 
 
 def test_noise_is_seeded_and_as_large_as_said():
-    light = np.full((200, 200), 0.5)
+    light, level = np.full((200, 200), 0.5), FULL_SCALE * 0.5
     first, again, other = (sensor(light, np.random.default_rng(seed)) for seed in (1, 1, 2))
     assert np.array_equal(first, again)
     assert not np.array_equal(first, other)
-    level = FULL_SCALE * 0.5
-    expected = np.sqrt(1.5**2 + level * 255 / 1e4 + 1 / 12)
-    assert first.std() == pytest.approx(expected, rel=0.02)
+    assert first.std() == pytest.approx(np.sqrt(1.5**2 + level * 255 / 1e4 + 1 / 12), rel=0.02)
     assert first.mean() == pytest.approx(level, abs=0.1)
 
 
@@ -409,10 +407,8 @@ def test_a_score_counts_each_case_once():
 
 
 def test_random_scenes_come_back_the_same(renderer):
-    first, rng = random_scene(7, 3)
-    again, rng_again = random_scene(7, 3)
-    assert np.array_equal(first.scene.mesh.vertices, again.scene.mesh.vertices)
-    images = [photograph(renderer, first, rng), photograph(renderer, again, rng_again)]
+    (first, _), (_, other) = scenes = [random_scene(7, 3) for _ in range(2)]
+    images = [photograph(renderer, scene, rng) for scene, rng in scenes]
     assert np.array_equal(*images)
     other, _ = random_scene(7, 4)
     assert not np.array_equal(first.scene.mesh.vertices, other.scene.mesh.vertices)

@@ -1,7 +1,5 @@
 """Files of an evaluation by area: figures, the table of faces, the coloured parts."""
 
-import json
-
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
@@ -39,20 +37,6 @@ def coloured_areas(path):
     return areas
 
 
-def test_the_summary_has_the_covered_area(report):
-    mesh, folder, summary = report
-    assert (
-        json.loads((folder / "summary.json").read_text())["covered_area"] == summary["covered_area"]
-    )
-    found = summary["covered_area"]
-    exact = rc.unite(rc.regions(*room(), TASK), views=2)
-    assert summary["by"] == "area"
-    assert found["m2"] == pytest.approx(exact.area[1].sum(), abs=1e-6)
-    assert found["percent"] == pytest.approx(100 * found["m2"] / mesh.areas.sum())
-    assert 0 < found["bound_percent"] < 1e-3
-    assert [each["views"] for each in found["by_views"]] == [1, 2]
-
-
 def test_the_table_of_faces_adds_up(report):
     mesh, folder, summary = report
     table = pq.read_table(folder / "areas.parquet").to_pydict()
@@ -73,14 +57,6 @@ def test_only_what_is_covered_has_a_colour_of_coverage(report):
     assert areas.pop(palette[-1]) == pytest.approx(twice, rel=1e-5)
     (half,) = areas.values()
     assert half == pytest.approx(once - twice, rel=1e-5)
-
-
-def test_by_face_the_report_is_that_of_faces(tmp_path):
-    mesh, camera, poses = room()
-    summary = run(mesh, camera, poses, TASK, tmp_path / "r", Options(pictures=0, by="face"))
-    assert summary["by"] == "face"
-    assert "covered_area" not in summary
-    assert not (tmp_path / "r" / "areas.parquet").exists()
 
 
 @pytest.mark.slow
@@ -113,7 +89,10 @@ def test_the_table_of_pairs_has_the_exact_area_of_each(tmp_path, pairs):
         assert found.sum() == pytest.approx(expected.sum(), rel=1e-6)
 
 
-def test_a_table_by_face_has_no_column_of_area(tmp_path):
+def test_by_face_the_report_has_no_areas(tmp_path):
     mesh, camera, poses = room()
-    run(mesh, camera, poses, TASK, tmp_path / "r", Options(pictures=0, by="face"))
+    summary = run(mesh, camera, poses, TASK, tmp_path / "r", Options(pictures=0, by="face"))
+    assert summary["by"] == "face"
+    assert "covered_area" not in summary
+    assert not (tmp_path / "r" / "areas.parquet").exists()
     assert "covered_m2" not in pq.read_schema(tmp_path / "r" / "coverage.parquet").names

@@ -118,17 +118,10 @@ def test_too_many_cameras_have_no_figures_of_their_own():
 
 
 def test_the_table_of_a_terminal_names_each_camera():
-    summary = {
-        "by_camera": [
-            {"camera": "left", "poses": 3, "covered": {"faces": 1200, "percent": 40.0}},
-            {
-                "camera": "right",
-                "poses": 2,
-                "covered": {"faces": 12, "percent": 1.0},
-                "covered_area": {"m2": 2.5, "percent": 50.0},
-            },
-        ]
-    }
+    left = {"camera": "left", "poses": 3, "covered": {"faces": 1200, "percent": 40.0}}
+    right = {"camera": "right", "poses": 2, "covered": {"faces": 12, "percent": 1.0}}
+    right["covered_area"] = {"m2": 2.5, "percent": 50.0}
+    summary = {"by_camera": [left, right]}
     assert camera_rows(summary) == [
         ["left", "3", "1,200 faces", "40.0 %"],
         ["right", "2", "2.5 m²", "50.0 %"],

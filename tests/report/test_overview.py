@@ -1,6 +1,5 @@
 """Pictures of networks: what their colours claim, the view into an interior, dead zones."""
 
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -37,13 +36,13 @@ from rastercov.report.overview import (
 from rastercov.report.panorama import (
     DIRECTIONS,
     best_directions,
+    in_picture,
     is_enclosed,
     is_inside,
     look,
     neutral,
     outer_skin,
     paint,
-    place_in_image,
     points_of_pixels,
     turned_away,
 )
@@ -156,20 +155,23 @@ def test_a_target_hides_nothing():
     assert blocks[1][whole].max() < 0.8  # what is behind shows everywhere
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("two_sided", [[], ["room", "crates"]])
-def test_an_interior_is_cut_open_and_a_part_is_not(two_sided):
-    mesh = shapes.room(4).with_groups(two_sided=two_sided)
-    eyes = [(2.5, 2, 2.5), (-2.5, -2, 2.5)]
-    assert is_inside(mesh, eyes)
-    scene = look(mesh, (1, -1.5, 1), scale=0.3, eyes=eyes)
-    assert len(scene.rows) < mesh.n_faces
-    walls = mesh.face_group[np.unique(scene.faces)] == 0
-    away = np.einsum(
-        "fi,fi->f", mesh.normals, scene.pose[:3, 3] - mesh.centroids
-    )  # the room's normals point inwards
-    assert (away[np.unique(scene.faces)[walls]] > 0).all()
-    assert len(look(shapes.box(), (1, -1.5, 1), scale=0.3, eyes=[(3, 3, 3)]).rows) == 12
-    assert not is_inside(shapes.box(), [])
+@pytest.mark.parametrize("eyes", [(), [(2.5, 2, 2.5), (-2.5, -2, 2.5)]])
+def test_an_interior_is_cut_open_and_a_part_is_not(two_sided, eyes):
+    mesh, box = shapes.room(4).with_groups(two_sided=two_sided), shapes.box()
+    assert is_inside(mesh, eyes) == bool(eyes)
+    for direction in DIRECTIONS if eyes or not two_sided else ():
+        scene = look(mesh, direction, scale=0.2, eyes=eyes)
+        seen = np.unique(scene.faces)
+        walls = seen[mesh.face_group[seen] == 0]  # whose normals point inwards
+        ray = scene.pose[:3, 3] - mesh.centroids[walls]
+        assert (np.einsum("fi,fi->f", mesh.normals[walls], ray) > 0).all()
+        assert set(mesh.face_group[seen]) == {0, 1}
+        whole = np.unique(look(box, direction, scale=0.2, eyes=[(3, 3, 3)]).faces)
+        assert {tuple(each) for each in box.normals[whole].round().tolist()} == {
+            tuple(each) for each in (np.diag(np.sign(direction))).tolist()
+        }
 
 
 def thick_building():
@@ -193,14 +195,11 @@ def test_the_outside_of_a_building_is_left_out_where_the_cameras_are_indoors():
     assert set(drawn.tolist()) & set(range(24, 36))
     outdoors = [(9, 0, 3), (0, 9, 3.0), (4, 4, 2.5)]
     assert not outer_skin(mesh, outdoors).any()
-
-
-def test_cameras_between_buildings_are_not_indoors():
     towers = [shapes.box((4, 4, 20), 1, (x, y, 10)) for x in (-10, 10) for y in (-10, 10)]
-    mesh = joined(joined(towers[0], towers[1]), joined(towers[2], towers[3]))
-    eyes = [(0, 0, 5), (3, 9, 6), (-3, 1, 8)]
-    assert is_inside(mesh, eyes)
-    assert not is_enclosed(mesh, eyes)
+    city = joined(joined(towers[0], towers[1]), joined(towers[2], towers[3]))
+    between = [(0, 0, 5), (3, 9, 6), (-3, 1, 8)]
+    assert is_inside(city, between)
+    assert not is_enclosed(city, between)
 
 
 def test_backs_of_the_task_have_no_cameras_colour():
@@ -239,15 +238,6 @@ def test_an_overview_has_every_camera():
         assert (np.abs(all_around.astype(int) - colour).max(axis=2) < 8).any()
 
 
-@pytest.mark.slow
-def test_without_distortion_an_overview_is_that_of_the_pinhole():
-    flat = replace(CAMERA, max_angle_deg=85)  # computed as a lens
-    pictures = [overview_of(POSES[:3], each, regions=False).picture() for each in (CAMERA, flat)]
-    one, other = (np.asarray(picture).astype(int) for picture in pictures)
-    assert one.shape == other.shape
-    assert (np.abs(one - other).max(axis=2) > 30).mean() < 0.003  # lines in other pieces
-
-
 @pytest.mark.parametrize("lens", CAMERAS)
 def test_a_view_pyramid_has_the_border_of_the_image_and_its_reach(lens):
     camera, pose = CAMERAS[lens], POSES[0]
@@ -276,24 +266,9 @@ def test_a_view_pyramid_has_the_border_of_the_image_and_its_reach(lens):
 def test_all_of_the_mesh_is_in_the_picture_from_everywhere(direction):
     mesh = Mesh(vertices=shapes.aeroplane().vertices * 1e-3 + 100, faces=shapes.aeroplane().faces)
     scene = look(mesh, direction, scale=0.2)
-    size = scene.camera.width, scene.camera.height
-    places = place_in_image(scene, mesh.vertices)
-    assert (places >= 0).all()
-    assert (places <= size).all()
-    assert (np.ptp(places, axis=0) / size).max() > 0.85
-
-
-@pytest.mark.slow
-def test_one_looks_into_a_room_through_its_walls_and_not_into_a_box():
-    inside, box = shapes.room(4), shapes.box()
-    for direction in DIRECTIONS:
-        scene = look(inside, direction, scale=0.2)
-        seen = np.unique(scene.face)
-        seen = seen[seen >= 0]
-        ray = scene.pose[:3, 3] - inside.centroids[seen]
-        assert (np.einsum("fi,fi->f", inside.normals[seen], ray) > 0).all()
-        assert len(look(box, direction, scale=0.2).rows) == box.n_faces
-    assert {inside.groups[row].name for row in inside.face_group[seen]} == {"room", "crates"}
+    rows, places = in_picture(scene, mesh.vertices)
+    assert len(rows) == mesh.n_vertices
+    assert (np.ptp(places, axis=0) / (scene.camera.width, scene.camera.height)).max() > 0.85
 
 
 @pytest.mark.slow
@@ -337,14 +312,9 @@ def test_faces_that_are_left_have_the_colour_of_their_reason():
     image = leftover_picture(behind)
     assert share_of_hue(image, theme.REASONS["outside"]) > 0.03
     assert share_of_hue(image, theme.REASONS["back_facing"]) > 0.03
-
-
-@pytest.mark.slow
-def test_coverage_is_red_where_it_is_nothing():
-    nothing, full = (mode_picture("coverage", shapes.box(), np.full(12, x)) for x in (0.0, 1.0))
-    assert share_of_hue(nothing, (232, 33, 45)) > 0.2
-    assert share_of_hue(full, (253, 231, 37)) > 0.2
-    assert share_of_hue(full, (232, 33, 45)) < share_of_hue(nothing, (232, 33, 45)) / 2
+    for level, colour in ((0.0, theme.ZERO_COVERAGE), (1.0, theme.COVERAGE_SCALE[-1])):
+        picture = mode_picture("coverage", shapes.box(), np.full(12, level))
+        assert share_of_hue(picture, colour) > 0.2
 
 
 @pytest.mark.parametrize(("mode", "count"), [("coverage", 3), ("segments", 3)])
@@ -421,12 +391,8 @@ def test_zones_have_the_colour_of_their_reason_and_what_is_covered_has_none():
     summary = network.dead_zones(camera, pose)
     assert summary["dead_zones"][0]["reason"] == "back_facing"
     picture = zones_picture(network.zones(), summary, pose[:, :3, 3])
-    pixels = np.asarray(picture)[60:600].astype(int)
-    purple = np.abs(pixels - 0.9 * np.array(theme.REASONS["back_facing"])).max(axis=2) < 30
-    grey = np.abs(pixels - 0.9 * np.array(theme.COVERED)).max(axis=2) < 30
-    assert purple.mean() > 0.05
-    # Both views together show each part of a sphere; less than half of it is covered.
-    assert purple.sum() > 0.5 * grey[..., None].sum() * 0.1
+    assert share_of_hue(picture, theme.REASONS["back_facing"]) > 0.05
+    assert share_of_hue(picture, theme.COVERED) > 0.01
 
 
 def test_a_number_is_in_the_middle_of_its_zone():

@@ -3,8 +3,6 @@
 import base64
 import json
 import re
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -215,19 +213,3 @@ def test_a_mesh_too_large_for_a_report_has_no_page(monkeypatch):
     monkeypatch.setattr("rastercov.report.pages.MOST_OF_REPORT", 11)
     poses = rc.Poses.of(POSES)
     assert view_page("box", shapes.box(), CAMERA, poses, list("abcd"), {}, {}) is None
-
-
-@pytest.mark.slow
-def test_only_a_page_imports_its_libraries(tmp_path):
-    code = """
-import sys
-import rastercov.cli, rastercov.reference.methods, rastercov.reference.methods.report
-import rastercov.report.plan, rastercov.reference.models.report, rastercov.report.placement
-from rastercov.cli import command
-assert command(["demo", "--shape", "box", "--poses", "2", "--device", "cpu", "--json"]) == 0
-print(sorted({"jinja2", "matplotlib", "trimesh"} & sys.modules.keys()), file=sys.stderr)
-"""
-    done = subprocess.run(
-        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True
-    )
-    assert done.stderr.splitlines()[-1] == "[]"

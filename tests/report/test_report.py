@@ -14,16 +14,11 @@ from rich.console import Console
 from rastercov.base import output
 from rastercov.base.errors import ConfigError
 from rastercov.camera.camera import Camera
-from rastercov.camera.pose import Poses
 from rastercov.camera.viewpoints import look_at
 from rastercov.coverage.coverage import FIGURES, Coverage
-from rastercov.coverage.engine import METHODS
-from rastercov.coverage.job import evaluate
 from rastercov.coverage.network import Network
-from rastercov.coverage.observer import open_observer
 from rastercov.coverage.task import Reason, Task
 from rastercov.mesh import Group, Mesh, shapes
-from rastercov.raster import open_rasterizer
 from rastercov.raster.contract import RasterizerInfo, VisibilityBuffer
 from rastercov.raster.observation import BoundKind
 from rastercov.reference.coverage import rows_of
@@ -127,16 +122,10 @@ def test_table_types(tmp_path):
     assert schema.field("incidence").metadata == {b"unit": b"rad"}
 
 
-def test_table_without_a_pair_in_view_is_valid_and_has_no_rows(tmp_path):
-    coverage = made_up()
-    coverage.in_view_fraction[:] = 0
-    assert len(stored(tmp_path, coverage, made_up(poses=0), choice="seen")) == 0
-
-
 def test_table_carries_the_header(tmp_path):
     header = {"mesh": [{"name": "Flügel", "sha256": "ab"}], "far": np.inf, "n": np.int64(3)}
-    with coverage_table.CoverageTable(tmp_path / "pairs.parquet", STRIP, header):
-        pass
+    with coverage_table.CoverageTable(tmp_path / "pairs.parquet", STRIP, header) as table:
+        table.add(rows_of(made_up(poses=0), "all"))  # a run without poses is a valid file
     stored = json.loads(pq.read_schema(tmp_path / "pairs.parquet").metadata[b"rastercov"])
     assert stored == {"mesh": [{"name": "Flügel", "sha256": "ab"}], "far": None, "n": 3}
 
@@ -144,16 +133,13 @@ def test_table_carries_the_header(tmp_path):
 def test_stored_bound_covers_the_rounding_of_the_stored_visibility(tmp_path):
     exact = np.array([[0.1, 1 / 3, 0.0, 1.0, 0.7, 1e-9]])
     bound = np.array([[0.0, 1e-9, 0.0, 0.0, 0.1, 1e-9]])
-    coverage = made_up(poses=1, visibility=exact, visibility_bound=bound)
+    beyond = np.full((1, 6), 1e39)
+    coverage = made_up(poses=1, visibility=exact, visibility_bound=bound, projected_area=beyond)
     read = stored(tmp_path, coverage)
+    assert np.isinf(read["projected_area"].to_numpy()).all()
     value, written = (read[n].to_numpy().astype(float) for n in ("visibility", "visibility_bound"))
     assert (np.abs(value - exact[0]) + bound[0] <= written).all()
     assert written[2] == written[3] == 0.0  # what is proved stays proved
-
-
-def test_figures_beyond_float32_are_stored_as_infinite(tmp_path):
-    coverage = made_up(projected_area=np.full((3, 6), 1e39))
-    assert np.isinf(stored(tmp_path, coverage)["projected_area"].to_numpy()).all()
 
 
 def test_table_writes_as_it_goes_and_holds_no_more_than_a_row_group(tmp_path, monkeypatch):
@@ -163,10 +149,10 @@ def test_table_writes_as_it_goes_and_holds_no_more_than_a_row_group(tmp_path, mo
     with coverage_table.CoverageTable(tmp_path / "pairs.parquet", STRIP) as table:
         for _ in range(50):
             table.add(rows)
-            held.append((len(table._pending), table._pending.nbytes, len(table._waiting)))
+            held.append((len(table._pending), pa.total_allocated_bytes(), len(table._waiting)))
         n_rows, sizes, waiting = zip(*held, strict=True)
         assert max(n_rows) < 1000
-        assert max(sizes) < 100_000
+        assert max(sizes[5:]) < sizes[4] + 100_000
         assert max(waiting) <= coverage_table.BATCHES_WAITING + 1
         (part,) = tmp_path.iterdir()
         assert part.stat().st_size > 0
@@ -178,19 +164,6 @@ def test_table_writes_as_it_goes_and_holds_no_more_than_a_row_group(tmp_path, mo
         file.read()["coverage"].to_numpy(),
         np.tile(batch.coverage.astype(np.float32).ravel(), 50),
     )
-
-
-@pytest.mark.slow
-def test_memory_of_arrow_does_not_grow_with_the_run(tmp_path):
-    mesh = shapes.torus(50, 25)
-    rows, sizes = rows_of(made_up(mesh, poses=60), "all"), []
-    bytes_a_row = sum(column.itemsize for column in rows)
-    with coverage_table.CoverageTable(tmp_path / "pairs.parquet", mesh) as table:
-        for _ in range(24):
-            table.add(rows)
-            sizes.append(pa.total_allocated_bytes())
-    assert table.n_rows > 8 * coverage_table.ROWS_A_GROUP
-    assert max(sizes) <= 2 * coverage_table.ROWS_A_GROUP * bytes_a_row
 
 
 @pytest.mark.parametrize("before", [None, b"earlier"])
@@ -207,28 +180,6 @@ def test_an_error_inside_the_block_changes_nothing_on_disk(tmp_path, before):
     with pytest.raises(KeyboardInterrupt):
         run()
     assert [p.read_bytes() for p in tmp_path.iterdir()] == ([before] if before else [])
-
-
-def test_a_full_disk_leaves_nothing_behind(tmp_path, monkeypatch):
-    def fail(*_, **__):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(pq.ParquetWriter, "write_table", fail)
-    table = coverage_table.CoverageTable(tmp_path / "pairs.parquet", STRIP).__enter__()
-    table.add(rows_of(made_up(), "all"))
-    with pytest.raises(OSError, match="No space"):
-        table.__exit__(None, None, None)
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_rows_outside_the_block_are_refused(tmp_path):
-    table = coverage_table.CoverageTable(tmp_path / "pairs.parquet", STRIP)
-    with pytest.raises(ConfigError, match="with block"):
-        table.add(rows_of(made_up(), "all"))
-    with table:
-        pass
-    with pytest.raises(ConfigError, match="with block"):
-        table.add(rows_of(made_up(), "all"))
 
 
 def test_a_disk_that_is_full_while_rows_are_added_ends_the_run_and_names_the_file(
@@ -265,25 +216,6 @@ def test_a_system_without_threads_writes_the_same_table(tmp_path, monkeypatch):
     assert stored(tmp_path, *batches).equals(expected)
 
 
-@pytest.mark.parametrize("method", METHODS)
-def test_table_of_a_real_run_agrees_with_its_network(method, tmp_path):
-    mesh = shapes.room(4).with_groups(occluders=["crates"])
-    poses = look_at((-2.7, -2.2, 1.9), [(1, 0.5, 0.3), (0, 2.5, 1), (2, -1, 1)])
-    network = Network(mesh, Task())
-    with (
-        open_observer(mesh, CAMERA, method) as observer,
-        coverage_table.CoverageTable(tmp_path / "pairs.parquet", mesh) as table,
-    ):
-        for batch in network.judge(observer, Poses.of(poses), pairs="seen"):
-            table.add(batch.rows)
-            network.add(batch)
-    read = pq.read_table(tmp_path / "pairs.parquet")
-    covered = np.array(read["reason"].to_pylist()) == "covered"
-    views = np.bincount(read["face"].to_numpy()[covered], minlength=mesh.n_faces)
-    np.testing.assert_array_equal(views, network.views)
-    assert set(read["group"].to_pylist()) == {"room", "crates"}
-
-
 # --- other files ----------------------------------------------------------------------------
 
 
@@ -296,6 +228,7 @@ def test_json_has_plain_types_and_null_for_what_is_not_finite(tmp_path):
         "float": np.float64(0.1), "inf": -np.inf, "nan": np.float32("nan"), "int": np.int64(3),
         "flag": np.bool_(True), "array": np.array([[1.0, np.nan]]), 3: (1, None),
         "path": Path("a"), "thing": Thing(np.inf), "reason": Reason.COVERED, "word": "größer",
+        "name": "part\udcff.stl",
     }  # fmt: skip
     output.write_json(tmp_path / "a.json", data)
     text = (tmp_path / "a.json").read_text(encoding="utf-8")
@@ -304,22 +237,8 @@ def test_json_has_plain_types_and_null_for_what_is_not_finite(tmp_path):
         "float": 0.1, "inf": None, "nan": None, "int": 3,
         "flag": True, "array": [[1.0, None]], "3": [1, None],
         "path": "a", "thing": {"size": None}, "reason": 8, "word": "größer",
+        "name": "part\udcff.stl",
     }  # fmt: skip
-
-
-def test_json_takes_file_names_that_are_not_unicode(tmp_path):
-    output.write_json(tmp_path / "a.json", {"name": "part\udcff.stl"})
-    assert json.loads((tmp_path / "a.json").read_bytes()) == {"name": "part\udcff.stl"}
-
-
-def test_arrays_come_back(tmp_path):
-    output.write_npz(tmp_path / "a.npz", face=np.arange(3), depth=np.ones((2, 2)))
-    with np.load(tmp_path / "a.npz") as read:
-        assert {name: read[name].tolist() for name in read} == {
-            "face": [0, 1, 2],
-            "depth": [[1, 1], [1, 1]],
-        }
-    assert [p.name for p in tmp_path.iterdir()] == ["a.npz"]
 
 
 def test_what_cannot_be_written_changes_nothing(tmp_path):
@@ -327,27 +246,13 @@ def test_what_cannot_be_written_changes_nothing(tmp_path):
     output.write_json(path, 1)
     with pytest.raises(TypeError):
         output.write_json(path, object())
-    assert (path.read_text(), [p.name for p in tmp_path.iterdir()]) == ("1\n", ["a.json"])
-
-
-def test_files_go_where_a_file_can_be(tmp_path):
     with pytest.raises(ConfigError, match="folder does not exist"):
         output.write_json(tmp_path / "no" / "a.json", 1)
     with pytest.raises(ConfigError, match="is a folder"):
         output.write_json(tmp_path, 1)
-    with pytest.raises(ConfigError, match=r"as \.png"):
-        pictures.save_picture(Image.new("RGB", (1, 1)), tmp_path / "a.jpg")
     with pytest.raises(ConfigError, match="values must have shape"):
         write_coloured_mesh(tmp_path / "a.glb", STRIP, np.zeros(5))
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_picture_comes_back(tmp_path):
-    image = pictures.face_index_picture(strip_buffer())
-    pictures.save_picture(image, tmp_path / "a.png")
-    with Image.open(tmp_path / "a.png") as read:
-        np.testing.assert_array_equal(np.asarray(read), np.asarray(image))
-    assert [p.name for p in tmp_path.iterdir()] == ["a.png"]
+    assert (path.read_text(), [p.name for p in tmp_path.iterdir()]) == ("1\n", ["a.json"])
 
 
 VALUES = np.array([0.0, 0.25, 0.5, 1.0, 0.9, 0.0])
@@ -463,44 +368,12 @@ def test_picture_is_as_wide_as_the_image_and_shows_it_one_to_one():
     assert title.min() < 100 < title.max() == 255
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("size", [(1, 1), (64, 48), (5, 900), (2000, 3)])
-def test_small_images_are_enlarged_so_that_words_fit(size):
-    width, height = size
-    face = np.zeros((height, width), np.int32)
-    buffer = VisibilityBuffer(face, np.ones(face.shape, np.float32))
-    camera = Camera(width=width, height=height, fx=9, fy=9, cx=width / 2, cy=height / 2)
-    title = "a title that is far too long\nfor one line " * 20
-    picture = pictures.coverage_picture(buffer, np.ones(6), STRIP, camera, FROM_ABOVE, title)
-    assert picture.width >= max(320, width)
-    assert pictures.depth_picture(buffer, title).width == picture.width
-
-
-def test_picture_of_nothing_but_background():
-    face = np.full((360, 480), -1, np.int32)
-    buffer = VisibilityBuffer(face, np.full(face.shape, np.inf, np.float32))
-    pixels = pictures.coverage_pixels(buffer, np.ones(6), STRIP, FROM_ABOVE)
-    assert (pixels == theme.BACKGROUND).all()
-    assert (np.asarray(pictures.face_index_picture(buffer)) == 0).all()
-    assert (np.asarray(pictures.depth_picture(buffer)) == theme.BACKGROUND).all()
-
-
-def test_picture_refuses_what_does_not_belong_together():
-    small = Camera(width=48, height=36, fx=40, fy=40, cx=24, cy=18)
-    with pytest.raises(ConfigError, match="36 x 48"):
-        pictures.coverage_picture(strip_buffer(), np.ones(6), STRIP, small, FROM_ABOVE)
-    with pytest.raises(ConfigError, match=r"shape \(6,\), got \(5,\)"):
-        pictures.coverage_pixels(strip_buffer(), np.ones(5), STRIP, FROM_ABOVE)
-
-
 def test_index_picture_has_one_colour_a_face_on_black():
     buffer = strip_buffer()
     pixels = np.asarray(pictures.face_index_picture(buffer))
-    assert pixels.shape == (360, 480, 3)
     assert (pixels[buffer.face < 0] == 0).all()
-    colours = {index: np.unique(pixels[buffer.face == index], axis=0) for index in range(6)}
-    assert all(len(colour) == 1 for colour in colours.values())
-    np.testing.assert_array_equal(np.vstack(list(colours.values())), theme.index_colours(range(6)))
+    is_face = buffer.face >= 0
+    np.testing.assert_array_equal(pixels[is_face], theme.index_colours(buffer.face[is_face]))
 
 
 def test_index_colours_of_neighbours_differ_and_none_is_dark():
@@ -528,7 +401,7 @@ def test_near_is_bright_in_the_depth_picture():
 def test_contact_sheet_shows_each_picture_at_its_place():
     colours = [(200, 0, 0), (0, 200, 0), (0, 0, 200), (90, 90, 0), (0, 90, 90)]
     images = [Image.new("RGB", (640, 480), colour) for colour in colours]
-    sheet = pictures.contact_sheet(images, [f"pose {i}" for i in range(5)], thumbnail_width=160)
+    sheet = pictures.contact_sheet(images, ["x" * 500] * 5, thumbnail_width=160)
     assert sheet.width == 3 * (160 + 4) + 4
     assert 2 * 120 < sheet.height < 2 * 160
     pixels = np.asarray(sheet)
@@ -536,37 +409,6 @@ def test_contact_sheet_shows_each_picture_at_its_place():
         row, column = divmod(index, 3)
         y = 4 + row * (sheet.height - 4) // 2 + 60
         assert tuple(pixels[y, 4 + column * 164 + 80]) == colour
-    single = pictures.contact_sheet(images, [""] * 5, columns=1, thumbnail_width=40)
-    assert single.width == 48
-    assert pictures.contact_sheet(images[:1], ["x" * 500], columns=9).width == 336
-
-
-def test_contact_sheet_refuses_what_makes_no_sheet():
-    image = Image.new("RGB", (10, 10))
-    with pytest.raises(ConfigError, match="1 pictures, 0 captions"):
-        pictures.contact_sheet([image], [])
-    with pytest.raises(ConfigError, match="at least one"):
-        pictures.contact_sheet([], [])
-    with pytest.raises(ConfigError, match="1 column or more"):
-        pictures.contact_sheet([image], [""], columns=0)
-
-
-def test_picture_of_a_rendered_pose():
-    mesh = shapes.room(4).with_groups(occluders=["crates"])
-    pose = look_at((-2.7, -2.2, 1.9), (1, 0.5, 0.3))[0]
-    camera = Camera(width=480, height=360, fx=240, fy=240, cx=240, cy=180)
-    coverage = evaluate(mesh, camera, pose)
-    with open_rasterizer(mesh, camera, "cpu") as rasterizer:
-        buffer = rasterizer.render(pose)
-    pixels = pictures.coverage_pixels(buffer, coverage.coverage[0], mesh, pose).astype(int)
-    is_task = np.append(mesh.task_mask, False)[buffer.face]
-    assert is_task.any()
-    assert not is_task.all()
-    np.testing.assert_array_equal(np.ptp(pixels, axis=2) == 0, is_task)
-    levels = coverage.coverage[0][buffer.face]
-    bright, dark = pixels[is_task & (levels > 0.95)], pixels[is_task & (levels == 0)]
-    assert np.median(bright) > 200
-    assert np.median(dark) < 60
 
 
 # --- tables to print ------------------------------------------------------------------------
@@ -583,7 +425,12 @@ def test_summary_names_groups_percentages_and_reasons_in_80_columns():
     reason = np.full((2, 6), Reason.COVERED, np.uint8)
     reason[:, 0] = Reason.OCCLUDED
     network.add(made_up(poses=2, reason=reason, task=network.task))
-    text = printed(tables.summary_table(network.summary()))
+    summary = network.summary()
+    long = summary["groups"][-2] | {"name": "a group with a very long name indeed, number 1"}
+    many = printed(tables.summary_table(summary | {"groups": summary["groups"] + [long] * 48}))
+    assert "30 more" in many
+    assert max(map(len, many.splitlines())) <= 80
+    text = printed(tables.summary_table(summary))
     lines = text.splitlines()
     assert max(map(len, lines)) <= 80
     (left,) = [line for line in lines if "left" in line]
@@ -597,24 +444,10 @@ def test_summary_names_groups_percentages_and_reasons_in_80_columns():
     assert "occluded" in text
 
 
-def test_summary_of_many_groups_with_long_names_fits():
-    n = 50
-    mesh = Mesh(
-        STRIP.vertices,
-        np.tile(STRIP.faces[:1], (n, 1)),
-        groups=[Group(f"a group with a very long name indeed, number {i}") for i in range(n)],
-        face_group=np.arange(n),
-    )
-    summary = Network(mesh, Task()).summary()
-    summary["task_faces"] = 1_234_567
-    text = printed(tables.summary_table(summary))
-    assert "30 more" in text
-    assert max(map(len, text.splitlines())) <= 80
-    assert "1234567" in text
-
-
 def test_run_table_names_what_ran_and_what_came_out():
-    summary = Network(STRIP, Task()).summary() | {
+    empty = Network(STRIP, Task()).summary()
+    assert "0 cameras" in printed(tables.summary_table(empty))
+    summary = empty | {
         "poses": 1234,
         "poses_per_second": 70.04,
         "size_m": [85.0, 62.0, 20.0],
@@ -623,8 +456,3 @@ def test_run_table_names_what_ran_and_what_came_out():
     text = printed(tables.run_table(summary))
     for wanted in ("1,234", "70.0", "85 x 62 x 20 m", "[bold]Mesa[/]", "0.0 % of the faces"):
         assert wanted in text
-
-
-def test_tables_of_an_empty_network():
-    network = Network(STRIP, Task())
-    assert "0 cameras" in printed(tables.summary_table(network.summary()))

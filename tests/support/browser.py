@@ -10,6 +10,8 @@ import threading
 import time
 from contextlib import contextmanager
 
+import numpy as np
+
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser"))), None)
 ARGUMENTS = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox")
 TOKEN = "a-token-of-the-tests-0123456789"
@@ -95,6 +97,14 @@ class Tab:
 
     def state(self):
         return self.js("rastercov.state()")
+
+    def pose(self, station=0):
+        """(4, 4) pose of a station."""
+        return np.reshape(self.state()["stations"][station]["pose"], (4, 4))
+
+    def click_middle(self):
+        box = self.page.locator("canvas.scene").bounding_box()
+        self.page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
 
     def area_percent(self):
         return self.js("rastercov.summary().covered.area_percent")

@@ -8,6 +8,7 @@ import errno
 import json
 import os
 import signal
+import sys
 import time
 from pathlib import Path
 
@@ -44,3 +45,22 @@ def make(folder, number, chosen):
     if what == "other":
         raise ZeroDivisionError("a defect")
     return json.dumps((chosen % n_poses).tolist()).encode()
+
+
+HEAD = """
+import sys
+import cluster_job
+from rastercov.cluster import Workers, make_shards
+store = cluster_job.store_of(sys.argv[1], int(sys.argv[2]))
+make_shards(Workers(2), store, lambda made: None, print)
+"""
+SUPPORT = Path(__file__).parent
+ENVIRONMENT = {"PYTHONPATH": os.pathsep.join([str(SUPPORT.parents[1]), str(SUPPORT)])}
+"""Where a process finds the package and this module."""
+
+
+def head(folder, n_shards):
+    """Words of a program that makes all shards of a job by two workers."""
+    program = folder.with_name("head.py")
+    program.write_text(HEAD)
+    return [sys.executable, program, folder, str(n_shards)]

@@ -49,19 +49,19 @@ def refusal(capsys, line):
     return err
 
 
-def process(line, stdout=subprocess.PIPE, **environment):
+def process(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, **environment):
     """The command as a process of its own, for laws about streams, signals and the environment."""
     words = line if isinstance(line, list) else shlex.split(line)
     result = subprocess.run(
         [sys.executable, "-W", "error", "-c", ENTRY, *words],
         stdin=subprocess.DEVNULL,
         stdout=stdout,
-        stderr=subprocess.PIPE,
+        stderr=stderr,
         env=os.environ | environment,
         timeout=300,
         check=False,
     )
-    result.stderr = without_notices(result.stderr)
+    result.stderr = without_notices(result.stderr or b"")
     return result
 
 

@@ -42,42 +42,47 @@ def flip(path, bits):
     path.write_bytes(data)
 
 
-def one_bit(folder, other, rng):
-    path = _any_file(folder, rng)
-    bit = int(rng.integers(8 * path.stat().st_size))
-    flip(path, [bit])
-    return f"bit {bit} of {path.name}"
+def edited(change):
+    """Damage to a file by a function of its bytes and the generator."""
+
+    def damage(folder, other, rng):
+        path = _any_file(folder, rng)
+        path.write_bytes(change(path.read_bytes(), rng))
+        return f"{change.__name__} in {path.name}"
+
+    return damage
+
+
+@edited
+def one_bit(data, rng):
+    bit, data = int(rng.integers(8 * len(data))), bytearray(data)
+    data[bit // 8] ^= 1 << (bit % 8)
+    return bytes(data)
+
+
+@edited
+def zeros(data, rng):
+    start = int(rng.integers(len(data))) if rng.integers(2) else 0
+    return data[:start] + bytes(len(data) - start)
+
+
+@edited
+def cut(data, rng):
+    return data[: int(rng.integers(len(data)))]
+
+
+@edited
+def longer(data, rng):
+    return data + rng.bytes(int(rng.integers(1, 5000)))
+
+
+@edited
+def garbage(data, rng):
+    return rng.bytes(len(data))
 
 
 def many_bits(folder, other, rng):
     return ", ".join(one_bit(folder, other, rng) for _ in range(int(rng.integers(2, 9))))
-
-
-def cut(folder, other, rng):
-    path = _any_file(folder, rng)
-    size = int(rng.integers(path.stat().st_size))
-    path.write_bytes(path.read_bytes()[:size])
-    return f"{path.name} cut to {size} bytes"
-
-
-def longer(folder, other, rng):
-    path = _any_file(folder, rng)
-    path.write_bytes(path.read_bytes() + rng.bytes(int(rng.integers(1, 5000))))
-    return f"{path.name} with more at its end"
-
-
-def zeros(folder, other, rng):
-    path = _any_file(folder, rng)
-    size = path.stat().st_size
-    start = int(rng.integers(size)) if rng.integers(2) else 0
-    path.write_bytes(path.read_bytes()[:start] + bytes(size - start))
-    return f"{path.name} zero from byte {start}"
-
-
-def garbage(folder, other, rng):
-    path = _any_file(folder, rng)
-    path.write_bytes(rng.bytes(path.stat().st_size))
-    return f"{path.name} random"
 
 
 def deleted(folder, other, rng):
@@ -134,8 +139,8 @@ def one_too_many(folder, other, rng):
 
 
 KINDS = (
-    *(one_bit, many_bits, cut, longer, zeros, garbage, deleted),
-    *(exchanged, stale, stale_poses, one_too_many),
+    *(one_bit, cut, longer, zeros, garbage),
+    *(many_bits, deleted, exchanged, stale, stale_poses, one_too_many),
 )
 
 

@@ -1,5 +1,6 @@
 """Mesh files of every format, written by hand: a tetrahedron, or any other polygons."""
 
+import base64
 import json
 import struct
 from functools import partial
@@ -168,6 +169,13 @@ class Glb:
 
     def data(self):
         return glb_bytes(self.header, self.binary)
+
+    def json(self, uri=None):
+        """The same in JSON; the buffer is in a data URI, or where `uri` says."""
+        inside = "data:application/octet-stream;base64," + base64.b64encode(self.binary).decode()
+        buffer = {**self.header["buffers"][0], "uri": uri if uri is not None else inside}
+        header = {"asset": {"version": "2.0"}, **self.header, "buffers": [buffer]}
+        return json.dumps(header).encode()
 
 
 WRITERS = {

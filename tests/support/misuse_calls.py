@@ -1,10 +1,11 @@
 """Every public function with every argument, and values that none of them is meant for.
 
 Used by `test_misuse`, which tries each value alone, and by `benchmarks/attack_misuse`, which spoils
-several arguments at once. A call is named for what it calls, and for what is special after a comma.
+several arguments at once. The arguments of a call come from the signature: those that `OWN` names,
+those of an object that the constructor has made, the `usual` ones of that name, and defaults. A
+call is named for what it calls, and for what is special after a comma.
 """
 
-import ast
 import inspect
 import warnings
 from dataclasses import dataclass, replace
@@ -13,17 +14,157 @@ from importlib import import_module
 from typing import Any
 
 import numpy as np
+from misuse_values import CAMERA, FOLDER, MESH, PLAN, POSES, TASK
 
 import rastercov as rc
-from rastercov.base.typed import public_names
+from rastercov import placement
+from rastercov.base.typed import VARIADIC, public_names
+from rastercov.placement.candidates.segments import segment
 
-MODULES = {
-    "rastercov": "misuse_package",
-    "rastercov.mesh.shapes": "misuse_package",
-    "rastercov.mesh.targets": "misuse_package",
-    "rastercov.placement": "misuse_placement",
+MODULES = ("rastercov", "rastercov.mesh.shapes", "rastercov.mesh.targets", "rastercov.placement")
+"""Documented modules."""
+SIZE = {"width": 32, "height": 24}
+LENS = SIZE | {"fx": 30.0, "fy": 30.0}
+SAMPLED = {"method": "sampled", "backend": "cpu", "threads": 1}
+EXACT = {"method": "exact", "threads": 1}
+SHEETS = {"spacing": 0.4, "inset": 0.1}
+VIEWS = rc.Views(rc.Rig([CAMERA], ["a"]), rc.Poses.of(POSES), ("a", "b"))
+OWN: dict[str, dict[str, Any]] = {
+    "Camera": LENS
+    | {"cx": 1.0, "cy": 1.0, "near": 0.1, "focal_length": 0.01, "pixel_size": (1e-5, 1e-5)}
+    | {"aperture": 1e-3, "focus_distance": 1.0},
+    "Camera, of a lens": LENS
+    | {"model": "opencv", "distortion": (0.1, 0, 0, 0), "skew": 1.0, "max_angle_deg": 60.0},
+    "Camera, in focus": LENS | {"focus_range": (0.1, 2.0)},
+    "Camera.from_lens": SIZE
+    | {"focal_length": 0.01, "pixel_size": 1e-5, "principal_point": (1e-4, 1e-4)}
+    | {"f_number": 2.0, "focus_distance": 1.0},
+    "Camera.from_lens, aperture": SIZE
+    | {"focal_length": 0.01, "pixel_size": (1e-5, 1e-5), "aperture": 0.001, "focus_distance": 1.0},
+    "Camera.from_fov": SIZE | {"hfov_deg": 60.0, "near": 0.1},
+    "Camera.from_fov, down": SIZE | {"vfov_deg": 60.0},
+    "Camera.from_fov, corners": SIZE | {"diagonal_deg": 60.0},
+    "Camera.from_opencv": SIZE | {"K": CAMERA.opencv_K, "distortion": (0, 0, 0, 0)},
+    "Camera.preset": {"name": "khepra"},
+    "Camera.with_optics": {"entries": {"near": 0.01}},
+    "Camera.load": {"path": FOLDER / "camera.json"},
+    "Camera.save": {"path": FOLDER / "saved.json"},
+    "Camera.from_dict": {"entries": LENS},
+    "Camera.resized": {"scale": 0.5},
+    "Conventions": {"pixel_centre": 0.5, "lens_model": "brown", "pose_unit": "mm"}
+    | {"image_size": (32, 24), "pose_convention": "opencv"},
+    "Task.thesis": {"min_pixels": 1, "max_incidence_deg": 80, "min_coverage": 0.5, "views": 1},
+    "Group": {"name": "a", "is_two_sided": True},
+    "Mesh, in groups": {"groups": [rc.Group("a"), rc.Group("b")], "face_group": np.arange(12) % 2},
+    "Mesh.load": {"path": FOLDER / "triangle.off", "max_bytes": 1000, "memory_budget": 1 << 20},
+    "Mesh.load, built in": {"path": "box", "two_sided": ()},
+    "Mesh.moved": {"scale": 2.0, "angle_deg": 30.0, "translation": (1, 0, 0)},
+    "Mesh.with_groups": {"occluders": (), "two_sided": "all", "targets": ()},
+    "audit": {"names": ["a", "b"], "by": "face"},
+    "check": {"min_coverage": 0.5, "groups": {"mesh": 0.2}},
+    "look_at": {"eyes": (0, 0, 3), "targets": (0, 0, 0)},
+    "sphere_of_poses": {"distance": 1},
+    "read_poses": {"path": FOLDER / "poses.npy"},
+    "write_poses": {"path": FOLDER / "written.npy", "camera": None},
+    "write_poses, named": {"path": FOLDER / "written.json", "camera": ["a", "b"]},
+    "read_views": {"path": FOLDER / "views.json", "conventions": rc.Conventions()},
+    "write_views": {"views": VIEWS, "path": FOLDER / "written_views.json", "overwrite": True},
+    "visibility": {"threads": 1},
+    "visibility, sampled": SAMPLED,
+    "evaluate": EXACT,
+    "evaluate, by area": EXACT | {"by": "area", "fields": []},
+    "evaluate, sampled": SAMPLED,
+    "open_observer": EXACT,
+    "open_observer, sampled": SAMPLED,
+    "open_rasterizer": {"backend": "cpu", "roll": 0.1, "threads": 1},
+    "open_rasterizer, OpenGL": {"device": "auto", "plan": "auto", "require_hardware": False}
+    | {"max_tile": 64, "max_faces_a_draw": 100, "image_budget": 1 << 20, "backend": "gl"},
+    "Engine": {"method": "sampled", "device": "cpu", "threads": 1},
+    "Engine.of": {"method": "certified"},
+    "Engine.parse": {"text": "sampled:cpu@2"},
+    "Workers, elsewhere": {"number": None, "scheduler": "tls://host:1"},
+    "Poses.of": {"camera": [0, 1]},
+    "Poses.check_cameras": {"n_cameras": 1},
+    "Views.through": {
+        "cameras": VIEWS,
+        "name": "a",
+    },
+    "Rasterizer.render": {"pose": POSES[0]},
+    "Network.add": {"camera": 0},
+    "Network.judge": {"poses": rc.Poses.of(POSES)},
+    "box": {"size": (1, 1, 1)},
+    "DeadZones.places": {"n": 2},
+    "teapot": {"n": 2},
+    "torus": {"n_major": 6, "n_minor": 5},
+    "sphere": {"subdivisions": 1},
+    "icosahedron": {"noise": 0.1, "subdivisions": 1},
+    "room": {"n": 2},
+    "by_name": {"name": "box"},
+    "sheet_above": {"group": "mesh", "height": 1.6},
+    "box_grid": {"count": (1, 2, 1), "size": 0.1},
+    "count_for": {"spacing": 0.5},
+    "with_target": {"name": "sheet", "two_sided": True},
+    "Framing": {"stand_off": (0.1, 9.0), "fit": "vertices", "margin": 1.1},
+    "on_sphere": {"centre": (0, 0, 0), "distances": 3.0},
+    "on_hemisphere": {"centre": None, "distances": (2.0, 3.0)},
+    "on_box": {"spacing": 0.7, "bounds": [(-2, -2, -2), (2, 2, 2)]},
+    "on_walls": SHEETS | {"heights": (0.1, 0.9)},
+    "on_ceiling": SHEETS,
+    "KeepOutBox": {"name": "table"},
+    "KeepOutSphere": {"radius": 1.0, "name": "ball"},
+    "problem_of": {"costs": [1.0, 2.0], "min_coverage": 0.5},
+    "FewestCameras": {"coverage": 0.9, "of_reachable": True},
+    "BestCoverage": {"cameras": 1, "budget": 2.0},
+    "select_greedy": {"effort": 10, "core_pairs": 1000},
+    "select_integer": {"time_limit": 5.0},
+    "select_thesis": {},
+    "optimise": {"cameras": 1, "method": "random", "budget": 8, "population": 4, "camera": 0}
+    | {"candidates": None},
+    "refine": {"step": 0.1, "turn_deg": 10.0, "halvings": 0, "budget": 2, "candidates": None},
+    "what_is_left": {"candidates": None, "covered": None},
+    "PoseSpace": {"stand_off": (0.5, 3.0), "clearance": 0.1},
+    "InstallationError": {"position_mm": 1.0, "angle_deg": 1.0},
+    "tolerance": {"draws": 3},
 }
-"""Documented modules, and the module here that has their calls."""
+"""Arguments of calls whose defaults, or those that are usual under the name, are not right."""
+OF_PLACEMENT = {name for name in placement.__all__ if inspect.isclass(vars(placement)[name])}
+"""Classes of placement: most are results, and their methods take what its functions make. Their
+signatures are tried, and the values of those in `OWN`."""
+UNTRIED = {
+    "Evaluation": "is made by evaluate; its arrays are those of Coverage",
+    "RegionUnion.unite": "takes pieces that `add` has made",
+    "audit out": "writes a report for each text",
+    "place out": "the same",
+    "measure_matrix": "writes a folder; the checks are those of build_matrix",
+    **{
+        f"build_matrix {each}": "options of folders and workers have tests of their own"
+        for each in ("folder", "poses_a_shard", "bounds", "workers", "watch", "note", "mounts")
+    },
+    "problem_of mounts": "given by a plan",
+    **{
+        f"problem_of_matrix {each}": "for programs that have such arrays"
+        for each in ("weights", "groups", "face_group", "eyes", "centroids")
+    },
+    "on_box sides": "words of its own",
+    "on_box source": "a label",
+    **{f"openings {each}": "options of per_cavity" for each in ("side", "finest")},
+}
+"""What is not tried, and why."""
+
+
+def opened_and_closed(function):
+    """The function, whose result is closed."""
+    return lambda **named: function(**named).close()
+
+
+def listed(function):
+    """The function, whose results are all taken."""
+    return lambda **named: list(function(**named))
+
+
+MADE = {"open_observer": opened_and_closed, "open_rasterizer": opened_and_closed}
+MADE |= {"evaluate_batches": listed, "Network.judge": listed}
+"""What has to be done with results of functions."""
 
 
 @dataclass(frozen=True)
@@ -66,28 +207,6 @@ class Call:
         return ""
 
 
-def names_of_calls():
-    """Names of all calls, in the order of `calls`, without making one."""
-    names = []
-    for module in dict.fromkeys(MODULES.values()):
-        tree = ast.parse(inspect.getsource(import_module(module)))
-        made = (node for node in ast.walk(tree) if isinstance(node, ast.Call))
-        names += [
-            node.args[0].value
-            for node in made
-            if isinstance(node.func, ast.Name) and node.func.id == "Call"
-        ]
-    return names
-
-
-def calls():
-    """Every public call with arguments that are right, by name."""
-    found = [
-        call for name in dict.fromkeys(MODULES.values()) for call in import_module(name).calls()
-    ]
-    return {call.name: call for call in found}
-
-
 def public_callables():
     """Functions, constructors and methods of the documented modules, by their names.
 
@@ -124,6 +243,85 @@ def parameters_of(function):
     """Parameters of a callable that a person gives."""
     found = inspect.signature(function).parameters.values()
     return [each for each in found if each.name != "self"]
+
+
+def names_of_calls():
+    """Names of all calls, without making one."""
+    plain = [
+        name
+        for name, function in public_callables().items()
+        if parameters_of(function)
+        and name not in UNTRIED
+        and (name in OWN or name.partition(".")[0] not in OF_PLACEMENT)
+    ]
+    return plain + [name for name in OWN if name not in plain]
+
+
+def calls():
+    """Every public call with arguments that are right, by name; what a folder must have is made."""
+    (FOLDER / "triangle.off").write_text("OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n")
+    CAMERA.save(FOLDER / "camera.json")
+    rc.write_poses(FOLDER / "poses.npy", POSES)
+    public = public_callables() | {"select_thesis": thesis()}
+    objects, usual = right_objects()
+    rc.write_views(FOLDER / "views.json", VIEWS, overwrite=True)
+    found = {}
+    for name in names_of_calls():
+        called = name.partition(",")[0]
+        owner, _, method = called.partition(".")
+        function = public[called]
+        made = objects.get(called)
+        known = {each.name: each.default for each in parameters_of(function)} | usual
+        arguments = {
+            each.name: getattr(made, each.name, known[each.name])
+            for each in parameters_of(function)
+            if each.kind not in VARIADIC and f"{called} {each.name}" not in UNTRIED
+        } | OWN.get(name, {})
+        assert inspect.Parameter.empty not in list(map(type, arguments.values())), name
+        if method and owner in objects:
+            function = getattr(objects[owner], method)
+        found[name] = Call(name, MADE.get(called, lambda f: f)(function), arguments)
+    return found
+
+
+def thesis():
+    """A function of the laboratory that is documented beside those of placement."""
+    return import_module("rastercov.reference.thesis").select_thesis
+
+
+def right_objects():
+    """Objects of public classes by their names, and arguments that are right under any function."""
+    observer = rc.open_observer(MESH, CAMERA, threads=1)
+    rasterizer = rc.open_rasterizer(MESH, CAMERA, "cpu", threads=1)
+    counts, poses = rasterizer.count(POSES), rc.Poses.of(POSES)
+    regions = rc.regions(MESH, CAMERA, POSES, threads=1)
+    covered, cells = rc.unite(regions, 2), rc.cells(MESH, 0.5)
+    made = [
+        CAMERA, MESH, TASK, VIEWS, observer, counts, counts.info, poses, regions, covered, cells,
+        rc.dead_zones(covered, 2), rc.RegionUnion(MESH, 2), rc.Network(MESH, TASK),
+        rc.Rig([CAMERA, CAMERA], ["a", "b"], POSES), cells.share(regions), observer.observe(POSES),
+        observer.visibility(POSES),
+        rasterizer.render(POSES[0]), rc.Workers(1), next(rc.evaluate_batches(observer, POSES)),
+    ]  # fmt: skip
+    objects = {type(each).__name__.lstrip("_"): each for each in made}
+    objects |= {"Observer": observer, "Rasterizer": rasterizer}
+    matrix = placement.build_matrix((MESH, CAMERA), POSES)
+    goal = placement.BestCoverage(cameras=1)
+    usual = {
+        "mesh": MESH, "camera": CAMERA, "poses": POSES, "task": TASK, "threads": 1, "plan": PLAN,
+        "observer": observer, "regions": regions, "covered": covered, "coverage": made[-1],
+        "counts": counts, "views": 1, "size": 0.5, "world_from_rig": POSES, "rig": objects["Rig"],
+        "chosen": np.ones(2, np.bool_), "tri": MESH.to_trimesh(), "max_blur": 1.0, "count": 3,
+        "centre": (0, 0, 0), "low": (0, 0, 0), "high": (1, 1, 1), "target": MESH, "faces": [0, 1],
+        "alpha_deg": 15, "beta_deg": 25, "segmentation": segment(MESH, 15, 25), "point": (0, 0, 0),
+        "direction": (0, 0, 1), "points": [(0, 0, 0)], "view": (MESH, CAMERA), "matrix": matrix,
+        "candidates": placement.on_sphere(MESH, CAMERA, count=4), "goal": goal,
+        "covers": np.eye(3, dtype=bool), "problem": placement.problem_of(matrix, MESH, goal),
+        "objective": placement.Objective.of(observer, TASK), "number": 1, "scheduler": None,
+        "space": placement.PoseSpace(mesh=MESH, stand_off=(0.5, 9.0)),
+        "error": placement.InstallationError(position_mm=1.0),
+    }  # fmt: skip
+    return objects, usual
 
 
 SLOW = {

@@ -34,3 +34,12 @@ def large_and_small():
     mesh = joined(shapes.torus(24, 12), wall, shapes.sphere(3), square(2.5, -1.5))
     poses = np.concatenate((sphere_of_poses((0, 0, 0), 4, 3), look_at((0.2, 0, 0.1), (1, 0.3, 1))))
     return mesh, poses
+
+
+def soup(rng, n=150):
+    """Triangles before, through and behind the near plane: of a hundredth of a sample to all."""
+    size = 10 ** rng.uniform(-3.5, 0, (n, 1, 1))
+    size[::50] = 10
+    middle = rng.normal(size=(n, 1, 3)) + (0, 0, 2) + size * (0, 0, 0.7)
+    points = middle + size * rng.normal(size=(n, 3, 3))
+    return Mesh(vertices=points.reshape(-1, 3), faces=np.arange(3 * n).reshape(n, 3))

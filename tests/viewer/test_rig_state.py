@@ -66,28 +66,17 @@ def test_undo_and_redo_walk_through_the_states_to_the_bit(steps):
         assert bool(history.redo_label) == (at + 1 < len(states))
 
 
-def test_a_gesture_is_one_step():
+def test_a_gesture_is_one_step_and_does_not_go_on_after_an_undo():
     history = History(START)
-    for row in range(5):
-        history.take(START.with_pose(0, OTHER[row]), "move", is_drag=row < 4)
-    assert np.array_equal(history.state.station(0).pose, OTHER[4])
+    for number in range(5):
+        made = START.with_pose(0, OTHER[number])
+        history.take(made, "move", is_drag=number < 4)
+    history.take(START.with_pose(1, OTHER[7]), "turn", is_drag=True)
+    history.take(START.with_pose(1, OTHER[8]), "turn")
+    history.undo()
+    assert same(history.state, made)
     history.undo()
     assert same(history.state, START)
-
-
-def test_two_gestures_are_two_steps():
-    history = History(START)
-    for _ in range(2):
-        history.take(START.with_pose(0, OTHER[1]), "move", is_drag=True)
-        history.take(START.with_pose(0, OTHER[2]), "move")
-    history.undo()
-    assert np.array_equal(history.state.station(0).pose, OTHER[2])
-    history.undo()
-    assert same(history.state, START)
-
-
-def test_a_gesture_that_was_undone_does_not_go_on():
-    history = History(START)
     history.take(START.with_pose(0, OTHER[1]), "move", is_drag=True)
     history.undo()
     history.take(START.with_pose(0, OTHER[2]), "move")

@@ -22,7 +22,7 @@ from rastercov.camera.formats.conventions import OPENGL_AXES, Border
 from rastercov.camera.formats.source import Entries, Source
 from rastercov.camera.projection import view_border
 from rastercov.camera.rig import Views
-from rastercov.mesh.formats.gltf import broken_files_refused, nodes_below, root_nodes
+from rastercov.mesh.formats.gltf import nodes_below, root_nodes
 from rastercov.mesh.formats.gltf_file import (
     Y_UP,
     GlbBuffer,
@@ -32,6 +32,7 @@ from rastercov.mesh.formats.gltf_file import (
     json_object,
     unknown_names,
 )
+from rastercov.mesh.formats.polygons import broken_files_refused
 
 WORLD = "rastercov_world"
 """Entry in `extras` of the node whose frame is the world: viewers have y up, and we have not."""

@@ -200,7 +200,7 @@ def optics_of(camera: Camera) -> Camera:
 
 
 def _kept(function: Callable[Concatenate[Camera, Given], Found]) -> "Of[Given, Found]":
-    """Keep the result of a function of a lens, which takes seconds, for all cameras that have it."""
+    """Keep the result of a function of a lens, which takes seconds, for all that have the lens."""
     found = lru_cache(maxsize=MOST_LENSES)(function)
 
     @wraps(function)

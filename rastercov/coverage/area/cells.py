@@ -16,7 +16,9 @@ from rastercov.base.arguments import check_kind
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import ConfigError, MeshError, ResourceError
 from rastercov.base.format import InOneLine
+from rastercov.base.memory import read_only
 from rastercov.coverage.area.frames import check_same_mesh, frames_of, to_world
+from rastercov.coverage.area.polygons import starts_of
 from rastercov.coverage.area.regions import Regions
 from rastercov.mesh import Mesh
 
@@ -93,7 +95,6 @@ class Cells(InOneLine):
 
     def share(self, regions: Regions) -> CellShares:
         """Share of each cell that each pose covers; `ConfigError` for regions of another mesh."""
-        from rastercov.base.memory import read_only
         from rastercov.kernels import area_cell as kernels
 
         check_kind("regions", regions, Regions, "Regions", ConfigError)
@@ -136,40 +137,32 @@ def cells(mesh: Mesh, size: float) -> Cells:
     ResourceError
         For more than `MOST_CELLS` cells; the message has a size that fits.
     """
-    from rastercov.base.memory import read_only
     from rastercov.kernels import area_cell as kernels
 
     check_kind("mesh", mesh, Mesh, "a Mesh", MeshError)
     longest = finite_number(size)
     if not longest > 0:
         raise ConfigError(f"size must be a positive number of metres, got {shown(size)}")
-    frames = frames_of(mesh)
-    corners = read_only(frames.corners, np.float64)
-    is_asked = read_only(mesh.task_mask & (frames.areas > 0), np.bool_)
-    counts, scratch = np.zeros(mesh.n_faces, np.int64), kernels.cell_scratch(0)
-
-    def count(side: float) -> int:
-        return int(
-            kernels.count_cells(corners, is_asked, side, MOST_CELLS, scratch.triangles, counts)
-        )
-
+    counter = _Counter(mesh)
     # A triangle without a longer side has at most this times the square of it as area.
-    least = math.sqrt(float(frames.areas[is_asked].sum()) / (math.sqrt(3) / 4 * MOST_CELLS))
-    if longest < least or count(longest) > MOST_CELLS:
+    least = math.sqrt(counter.area / (math.sqrt(3) / 4 * MOST_CELLS))
+    if longest < least or counter.count(longest) > MOST_CELLS:
         fits = max(longest, least)
-        while count(fits) > MOST_CELLS:
+        while counter.count(fits) > MOST_CELLS:
             fits *= 1.25
         raise ResourceError(
             f"cells of {longest:.3g} m are more than {MOST_CELLS:,}; {rounded_up(fits):g} m fits"
         )
+    counts, corners = counter.counts, counter.corners
     n_cells = int(counts.sum())
-    first_cell = np.concatenate([[0], counts.cumsum()])
-    first_node = np.concatenate([[0], np.maximum(2 * counts - 1, 0).cumsum()])
+    first_cell, first_node = starts_of(counts), starts_of(np.maximum(2 * counts - 1, 0))
     leaves, areas = np.empty(first_node[-1], np.int32), np.empty(n_cells)
     parents = np.empty(2 * int(counts.max(initial=0)) + 1, np.int64)
     triangles = np.empty((n_cells, 3, 2))
     trees = kernels.Trees(corners, first_cell, first_node, leaves, areas)
-    kernels.fill_cells(corners, is_asked, longest, scratch, trees, parents, triangles)
+    kernels.fill_cells(
+        corners, counter.is_asked, longest, counter.scratch, trees, parents, triangles
+    )
     source = np.repeat(np.arange(mesh.n_faces, dtype=np.int32), counts)
     vertices = to_world(mesh, np.repeat(source, 3), triangles.reshape(-1, 2))
     faces = np.arange(3 * n_cells).reshape(-1, 3)
@@ -182,25 +175,36 @@ def usual_size(mesh: Mesh) -> float:
     The smallest in steps of 2^(1/4) with at most `USUAL_CELLS` cells and two a face, and not below
     `FINEST_REL` of the diagonal of the task faces.
     """
-    from rastercov.base.memory import read_only
-    from rastercov.kernels import area_cell as kernels
-
     check_kind("mesh", mesh, Mesh, "a Mesh", MeshError)
-    frames = frames_of(mesh)
-    is_asked = mesh.task_mask & (frames.areas > 0)
-    if not is_asked.any():
+    counter = _Counter(mesh)
+    n_faces = int(counter.is_asked.sum())
+    if not n_faces:
         return 1.0
-    most = min(USUAL_CELLS + 2 * int(is_asked.sum()), MOST_CELLS)
-    corners, asked = read_only(frames.corners, np.float64), read_only(is_asked, np.bool_)
-    counts, scratch = np.zeros(mesh.n_faces, np.int64), kernels.cell_scratch(0)
-    points = mesh.vertices[mesh.faces[is_asked]].reshape(-1, 3)
+    most = min(USUAL_CELLS + 2 * n_faces, MOST_CELLS)
+    points = mesh.vertices[mesh.faces[counter.is_asked]].reshape(-1, 3)
     size = diagonal = float(np.linalg.norm(np.ptp(points, axis=0)))
-    while size / 2**0.25 >= FINEST_REL * diagonal:
-        finer = size / 2**0.25
-        if kernels.count_cells(corners, asked, finer, most, scratch.triangles, counts) > most:
-            break
-        size = finer
+    while size / 2**0.25 >= FINEST_REL * diagonal and counter.count(size / 2**0.25, most) <= most:
+        size /= 2**0.25
     return rounded_up(size)
+
+
+class _Counter:
+    """Number of cells of each face that is asked for, `counts`, by their size."""
+
+    def __init__(self, mesh: Mesh) -> None:
+        from rastercov.kernels import area_cell as kernels
+
+        frames = frames_of(mesh)
+        self.is_asked = read_only(mesh.task_mask & (frames.areas > 0), np.bool_)
+        self.area = float(frames.areas[self.is_asked].sum())
+        self.corners = read_only(frames.corners, np.float64)
+        self.counts, self.scratch = np.zeros(mesh.n_faces, np.int64), kernels.cell_scratch(0)
+        self._count = kernels.count_cells
+
+    def count(self, side: float, most: int = MOST_CELLS) -> int:
+        """Cells with no side longer than this; some number above `most` for more."""
+        triangles = self.scratch.triangles
+        return int(self._count(self.corners, self.is_asked, side, most, triangles, self.counts))
 
 
 def rounded_up(size: float) -> float:

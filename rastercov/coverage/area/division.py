@@ -15,6 +15,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.coverage.area.polygons import chosen, extents, following, starts_of
+
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
@@ -54,10 +56,7 @@ class Pieces(NamedTuple):
 
     def taken(self, rows: IntArray) -> "Pieces":
         """Some of the pieces, in this order."""
-        counts = (self.starts[1:] - self.starts[:-1])[rows]
-        ends = np.concatenate([np.zeros(1, np.int64), counts.cumsum()])
-        corners = np.repeat(self.starts[rows] - ends[:-1], counts) + np.arange(ends[-1])
-        return Pieces(self.xy[corners], ends, self.cell[rows], self.tag[rows])
+        return Pieces(*chosen(self.xy, self.starts, rows), self.cell[rows], self.tag[rows])
 
 
 NO_PIECES = Pieces(
@@ -67,12 +66,9 @@ NO_PIECES = Pieces(
 
 def joined(parts: list[Pieces]) -> Pieces:
     """All pieces of some lists."""
-    counts = np.concatenate([np.diff(each.starts) for each in parts])
-    starts = np.concatenate([np.zeros(1, np.int64), counts.cumsum()])
-    xy, cell, tag = (
-        np.concatenate([getattr(each, name) for each in parts]) for name in ("xy", "cell", "tag")
-    )
-    return Pieces(xy, starts, cell, tag)
+    counts = [np.diff(each.starts) for each in parts]
+    xy, _, cell, tag = map(np.concatenate, zip(*parts, strict=True))
+    return Pieces(xy, starts_of(np.concatenate(counts)), cell, tag)
 
 
 class Cells:
@@ -112,7 +108,7 @@ class Cells:
         divided = np.flatnonzero(cells >= len(self._corners))
         parts = [self._polygons[cell] for cell in cells[divided].tolist()]
         counts[divided] = [len(each) for each in parts]
-        starts = np.concatenate([np.zeros(1, np.int64), counts.cumsum()])
+        starts = starts_of(counts)
         xy, is_own = np.empty((starts[-1], 2)), np.repeat(cells >= len(self._corners), counts)
         whole = cells[cells < len(self._corners)]
         xy[~is_own] = self._corners[whole].reshape(-1, 2)
@@ -126,15 +122,8 @@ class Cells:
             return faces
         is_asked = np.zeros(len(self._corners), np.bool_)
         is_asked[faces] = True
-        return np.flatnonzero((self.division < 0) & is_asked[self.face] & self._is_used)
-
-    @property
-    def _is_used(self) -> NDArray[np.bool_]:
-        """Cells that are whole faces or have a polygon, see `close`."""
-        used = np.ones(len(self.face), np.bool_)
-        used[len(self._corners) :] = False
-        used[list(self._polygons)] = True
-        return used
+        cells = np.array([*np.flatnonzero(is_asked), *self._polygons], np.int64)
+        return np.sort(cells[is_asked[self.face[cells]] & (self.division[cells] < 0)])
 
     def close(self, faces: IntArray) -> None:
         """Close faces, each as one cell again."""
@@ -186,31 +175,28 @@ class Cells:
         cells, first, counts = np.unique(pieces.cell, return_index=True, return_counts=True)
         lines: list[FloatArray] = []
         divided: list[int] = []
-        for number in np.flatnonzero(counts > MOST_PIECES).tolist():  # as many as cells in the end
-            cell, begin = int(cells[number]), int(first[number])
-            end = begin + int(counts[number])
-            if counts[number] <= self._most.get(cell, MOST_PIECES):
+        for row in np.flatnonzero(counts > MOST_PIECES).tolist():  # as many as cells in the end
+            cell, count = int(cells[row]), int(counts[row])
+            if count <= self._most.get(cell, MOST_PIECES):
                 continue
-            starts = pieces.starts[begin : end + 1]
-            line = dividing_line(
-                pieces.xy[starts[0] : starts[-1]], starts - starts[0],
-                float(self._nearest[self.face[cell]]),
-            )  # fmt: skip
+            starts = pieces.starts[first[row] : first[row] + count + 1]
+            xy, nearest = pieces.xy[starts[0] : starts[-1]], float(self._nearest[self.face[cell]])
+            line = dividing_line(xy, starts - starts[0], nearest)
             halves = None if line is None else self._halves_of(cell, line)
             if line is None or halves is None:
-                self._most[cell] = 2 * int(counts[number])  # by then it may have changed
+                self._most[cell] = 2 * count  # by then it may have changed
                 continue
-            number = len(self._lines) + len(lines)
-            for side, half in enumerate(halves):
-                self._polygons[len(self._corners) + 2 * number + side] = half
+            half = len(self._corners) + 2 * (len(self._lines) + len(lines))
+            self._polygons[half], self._polygons[half + 1] = halves
             lines.append(line)
             divided.append(cell)
         if lines:
+            n = 2 * len(lines)
             self.division[divided] = len(self._lines) + np.arange(len(lines))
             self._lines = np.concatenate([self._lines, np.array(lines)])
             self.face = np.concatenate([self.face, np.repeat(self.face[divided], 2)])
-            self.division = np.concatenate([self.division, np.full(2 * len(lines), -1)])
-            self.is_closed = np.concatenate([self.is_closed, np.zeros(2 * len(lines), np.bool_)])
+            self.division = np.concatenate([self.division, np.full(n, -1)])
+            self.is_closed = np.concatenate([self.is_closed, np.zeros(n, np.bool_)])
 
     def _halves_of(self, cell: int, line: FloatArray) -> list[FloatArray] | None:
         """Corners of the halves of a cell; None where they have too many sides, or no area."""
@@ -233,8 +219,7 @@ def dividing_line(xy: FloatArray, starts: IntArray, nearest: float) -> FloatArra
     """
     n, best = len(starts) - 1, None
     most = LEAST_GAIN * n * n
-    sides = np.roll(xy, -1, axis=0) - xy
-    sides[starts[1:] - 1] = xy[starts[:-1]] - xy[starts[1:] - 1]
+    sides = xy[following(starts)] - xy
     lengths = np.hypot(*sides.T)
     directions = [np.array((1.0, 0.0)), np.array((0.0, 1.0))]
     for number in (int(part * n) for part in SAMPLES):
@@ -245,8 +230,7 @@ def dividing_line(xy: FloatArray, starts: IntArray, nearest: float) -> FloatArra
     for directions_so_far, quantiles in ((directions[:2], QUANTILES[:1]), (directions, QUANTILES)):
         for direction in directions_so_far:
             along = xy @ direction
-            low = np.minimum.reduceat(along, starts[:-1])
-            high = np.maximum.reduceat(along, starts[:-1])
+            low, high = extents(along, starts)
             ordered = np.sort(low)
             for quantile in quantiles:
                 at = ordered[int(quantile * n)]

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov.base.memory import Lists
+from rastercov.base.memory import Lists, read_only
 from rastercov.base.threads import share_poses, thread_count
 from rastercov.camera.camera import Camera
 from rastercov.camera.near_plane import near_limits
@@ -59,15 +59,15 @@ def first_failures(
     placed = Poses.of(poses)
     judge = PointPass(mesh, cameras_of(camera), task, points, face)
     near = near_limits(judge.cameras, mesh.bounds, placed)
+    judge_pose = judge.worker(placed, near, is_nearest=True)
     for row in range(len(placed)):
         reason, hidden_by = np.empty(len(points), np.uint8), np.empty(len(points), np.int64)
-        judge.worker(placed, near, is_nearest=True)(row, reason, hidden_by)
+        judge_pose(row, reason, hidden_by)
         yield reason, np.where(hidden_by >= 0, judge.faces[hidden_by], -1)
 
 
 def pixels_per_m2(camera: Camera, local: FloatArray, normal: FloatArray) -> FloatArray:
     """Pixels (N,) on a square metre of surfaces at points of the image, in camera axes."""
-    from rastercov.base.memory import read_only
     from rastercov.coverage.records import lens_of
     from rastercov.kernels.area_point import find_per_m2
 
@@ -95,7 +95,6 @@ class PointPass:
         points: FloatArray,
         face: NDArray[np.integer[Any]],
     ) -> None:
-        from rastercov.base.memory import read_only
         from rastercov.coverage.records import lens_of
         from rastercov.kernels import area_point
 

@@ -5,6 +5,7 @@ x runs along that edge, and y to the third corner, so that the face is the trian
 (x, y) with 0 <= x <= L and y > 0, counter-clockwise seen from the front. x cross y is the normal.
 """
 
+from dataclasses import dataclass
 from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
@@ -13,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.arguments import check_kind
 from rastercov.base.errors import ConfigError, MeshError
+from rastercov.base.format import InOneLine
 from rastercov.base.threads import Once
 from rastercov.mesh import Mesh
 
@@ -80,13 +82,38 @@ def to_plane(mesh: Mesh, face: ArrayLike, points: ArrayLike) -> FloatArray:
     return np.stack([np.einsum("ni,ni->n", away, axis) for axis in axes], axis=1)
 
 
+@dataclass(frozen=True, eq=False, repr=False)
+class FacePolygons(InOneLine):
+    """Convex polygons on the faces of a mesh: N of them, of C corners in all.
+
+    Attributes
+    ----------
+    xy : (C, 2) float64
+        Corners in the plane coordinates of the faces, metres, counter-clockwise from the front.
+    starts : (N + 1,) int64
+        The corners of piece i are xy[starts[i]] ... xy[starts[i + 1] - 1].
+    face : (N,) int32
+        Face of each piece.
+    """
+
+    mesh: Mesh
+    xy: FloatArray
+    starts: IntArray
+    face: NDArray[np.int32]
+
+    def __len__(self) -> int:
+        return len(self.face)
+
+    def points(self) -> FloatArray:
+        """(C, 3) corners in space, metres."""
+        return to_world(self.mesh, np.repeat(self.face, np.diff(self.starts)), self.xy)
+
+
 def check_same_mesh(first: Mesh, second: Mesh) -> None:
     """Raise `ConfigError` unless two meshes have the same faces at the same places."""
     check_kind("mesh", second, Mesh, "a Mesh", MeshError)
-    is_same = first is second or (
-        first.vertices is second.vertices and first.faces is second.faces
-    )  # a copy with other flags of its groups
-    if not is_same:
+    # A copy may have other flags of its groups.
+    if first.vertices is not second.vertices or first.faces is not second.faces:
         raise ConfigError(
             f"regions of one mesh of {first.n_faces} faces and one of {second.n_faces}; "
             "compute all of them with the same Mesh"

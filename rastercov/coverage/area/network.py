@@ -5,7 +5,7 @@ camera where any of its poses covers it, whatever number of views the task wants
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -45,21 +45,20 @@ def unit_of_result(by: str | None, task: Task, engine: Engine) -> tuple[str, str
     ConfigError
         For an unknown unit, or by area where that cannot be.
     """
-    if by is not None and not (isinstance(by, str) and by in UNITS):
+    if by is not None and by not in UNITS:
         raise ConfigError(f"by must be one of {', '.join(UNITS)}, got {shown(by)}")
     if by == "face":
         return by, ""
     obstacle = ""
-    if engine.method == "sampled":
-        obstacle = "method sampled counts whole faces; by area, use certified or exact"
-    else:
-        try:
-            check_pointwise(task)
-        except ConfigError as error:
-            obstacle = str(error)
-    if obstacle and by == "area":
-        raise ConfigError(obstacle)
-    return ("face", obstacle) if obstacle else ("area", "")
+    try:
+        if engine.method == "sampled":
+            raise ConfigError("method sampled counts whole faces; by area, use certified or exact")
+        check_pointwise(task)
+    except ConfigError as error:
+        if by == "area":
+            raise
+        obstacle = str(error)
+    return "face" if obstacle else "area", obstacle
 
 
 class AreaNetwork:
@@ -79,9 +78,8 @@ class AreaNetwork:
         check_pointwise(task)
         self.mesh, self.task, self.views = mesh, task, task.views
         self._union = RegionUnion(mesh, task.views)
-        self._covered: Covered | None = None
-        self._zones: dict[tuple[int, ...], DeadZones] = {}
-        self._said: dict[tuple[int, ...], dict[str, Any]] = {}
+        self._kept: dict[Any, Any] = {}
+        """Figures computed since regions were added."""
 
     @property
     def closed(self) -> NDArray[np.bool_]:
@@ -91,16 +89,18 @@ class AreaNetwork:
     @property
     def covered(self) -> Covered:
         """Area of each face that the regions so far cover, and its pieces."""
-        if self._covered is None:
-            self._covered = self._union.covered()
-        return self._covered
+        found: Covered = self._once("covered", self._union.covered)
+        return found
 
     def add(self, regions: Regions) -> None:
         """Take in the regions of further poses."""
         self._union.add(regions)
-        self._covered = None
-        self._zones.clear()
-        self._said.clear()
+        self._kept.clear()
+
+    def _once(self, key: Any, make: Callable[[], Any]) -> Any:
+        if key not in self._kept:
+            self._kept[key] = make()
+        return self._kept[key]
 
     def summary(self, views: Mapping[str, int] | None = None) -> dict[str, Any]:
         """Covered area of all task faces, ready for JSON.
@@ -129,31 +129,26 @@ class AreaNetwork:
                 group["covered_area"] = self.of_faces(members, wanted)
 
     def dead_zones(
-        self,
-        camera: Cameras,
-        poses: ArrayLike | Poses,
-        views: Mapping[str, int] | None = None,
+        self, camera: Cameras, poses: ArrayLike | Poses, views: Mapping[str, int] | None = None
     ) -> dict[str, Any]:
         """Dead zones with their reasons, ready for JSON; see `rastercov.coverage.area.zones`.
 
         `camera`, one or several, and `poses`, (P, 4, 4) or `Poses`, are those of the regions;
         `views` as for `summary`. The result is kept until regions are added.
         """
-        if (key := self._wanted(views)) not in self._said:
-            self._said[key] = summary_of(self.zones(views), camera, self.task, poses)
-        return self._said[key]
+        zones = self.zones(views)
+        found: dict[str, Any] = self._once(
+            zones, lambda: summary_of(zones, camera, self.task, poses)
+        )
+        return found
 
     def zones(self, views: Mapping[str, int] | None = None) -> DeadZones:
         """Dead zones, kept like their summary; `views` as for `summary`."""
-        if (key := self._wanted(views)) not in self._zones:
-            of_face = np.minimum(key, self.views)[self.mesh.face_group]
-            self._zones[key] = dead_zones(self.covered, of_face)
-        return self._zones[key]
-
-    def _wanted(self, views: Mapping[str, int] | None) -> tuple[int, ...]:
-        """Cameras that each group needs."""
         names = [group.name for group in self.mesh.groups]
-        return tuple(self.views if views is None else views.get(name, 1) for name in names)
+        wanted = [self.views if views is None else views.get(name, 1) for name in names]
+        of_face = np.minimum(wanted, self.views)[self.mesh.face_group]
+        found: DeadZones = self._once(tuple(wanted), lambda: dead_zones(self.covered, of_face))
+        return found
 
     def of_faces(self, members: NDArray[np.bool_], views: int | None = None) -> dict[str, Any]:
         """Covered area of some faces, (F,) bool: by at least `views` cameras, and by 1 ... views.
@@ -237,7 +232,7 @@ class AreasByCamera:
         return {"covered_area": self._areas[index].summary()} if index in self._areas else {}
 
 
-class ByCamera:
+class ByCamera(AreasByCamera):
     """Figures of each camera alone; of no camera where there is one, or too many.
 
     A point, or a face, counts for a camera where any of its poses covers it, whatever number of
@@ -249,25 +244,21 @@ class ByCamera:
         self, mesh: Mesh, task: Task, camera: Cameras, poses: Poses, *, by_area: bool
     ) -> None:
         self.names, indices = names_of(camera), cameras_apart(camera, poses)
+        super().__init__(mesh, task, indices if by_area else [])
         one = replace(task, views=1, min_angle_deg=0.0)
         self._networks = {index: Network(mesh, one) for index in indices}
-        self._areas = AreasByCamera(mesh, task, indices if by_area else [])
 
     @property
     def is_asked(self) -> bool:
         """True where there are figures by camera."""
         return bool(self._networks)
 
-    def closed(self, closed: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Those of some faces, (F,) bool, that no camera needs regions of any more."""
-        return self._areas.closed(closed)
-
-    def add(self, batch: JudgedPoses, regions: Regions | None) -> None:
+    def add_batch(self, batch: JudgedPoses, regions: Regions | None) -> None:
         """Take in a batch of poses, and their regions where the result is by area."""
         for index, network in self._networks.items():
             network.add(batch, index)
         if regions is not None:
-            self._areas.add(regions, batch.poses.camera)
+            self.add(regions, batch.poses.camera)
 
     def add_figures(self, coverage: Coverage, poses: Poses) -> None:
         """Take in the figures of all poses, where these were not judged."""
@@ -287,7 +278,7 @@ class ByCamera:
         """Figures of each camera, ready for JSON."""
         found = []
         for index, network in self._networks.items():
-            whole = {"camera": self.names[index]} | network.summary()
-            entry = {name: whole[name] for name in ("camera", "poses", "covered")}
-            found.append(entry | self._areas.entry(index))
+            own = network.summary()
+            entry = {"camera": self.names[index], "poses": own["poses"], "covered": own["covered"]}
+            found.append(entry | self.entry(index))
         return found

@@ -3,8 +3,9 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov.base.memory import check_memory
+from rastercov.base.memory import check_memory, read_only
 from rastercov.coverage.area.frames import to_plane
+from rastercov.coverage.area.polygons import boxes
 from rastercov.coverage.area.regions import Regions
 from rastercov.coverage.area.union import Covered, with_rest
 from rastercov.coverage.area.zones import DeadZones
@@ -75,7 +76,6 @@ def _rows_at(
     points: ArrayLike,
 ) -> NDArray[np.bool_]:
     """(N, n_rows) whether points of faces lie in a piece of each row."""
-    from rastercov.base.memory import read_only
     from rastercov.kernels import area_point
 
     mesh, faces = pieces.mesh, np.asarray(face, np.int64)
@@ -86,15 +86,7 @@ def _rows_at(
         read_only(to_plane(mesh, faces, points), np.float64), read_only(faces, np.int32),
         read_only(order, np.int64), read_only(of_face, np.int64),
         read_only(pieces.xy, np.float64), read_only(pieces.starts, np.int64),
-        read_only(_boxes(pieces.xy, pieces.starts), np.float64), read_only(row, np.int32),
+        read_only(boxes(pieces.xy, pieces.starts), np.float64), read_only(row, np.int32),
         SLACK_REL * float(np.linalg.norm(np.ptp(mesh.bounds, axis=0))), found,
     )  # fmt: skip
     return found
-
-
-def _boxes(xy: NDArray[np.float64], starts: NDArray[np.int64]) -> NDArray[np.float64]:
-    """(N, 4) least and most x, least and most y of pieces."""
-    if len(starts) < 2:
-        return np.empty((0, 4))
-    low, high = (each.reduceat(xy, starts[:-1]) for each in (np.minimum, np.maximum))
-    return np.stack([low[:, 0], high[:, 0], low[:, 1], high[:, 1]], axis=1)

@@ -8,7 +8,7 @@ docs/area.md.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -17,15 +17,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.arguments import checked_array
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import InOneLine
+from rastercov.base.memory import read_only
 from rastercov.camera.camera import Camera
 from rastercov.camera.models import MODELS
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, check_scene
-from rastercov.coverage.area.frames import frames_of, to_world
+from rastercov.coverage.area import polygons
+from rastercov.coverage.area.frames import FacePolygons, frames_of
 from rastercov.coverage.coverage import batch_size, checked_task
 from rastercov.coverage.engine import Engine
-from rastercov.coverage.exact_pass import ExactPass, Figures, PoseSolver
+from rastercov.coverage.exact_pass import ExactPass, PoseSolver, room_for
 from rastercov.coverage.observer import OBSERVED, ExactObserver
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
@@ -69,7 +70,7 @@ def check_pointwise(task: Task) -> None:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Regions(InOneLine):
+class Regions(FacePolygons):
     """Parts of the faces that cameras cover: P poses, N convex pieces of C corners in all.
 
     The pieces of a pose do not overlap, and lie in their faces. Pieces are ordered by pose, then by
@@ -92,21 +93,14 @@ class Regions(InOneLine):
         Covered area of each pair and the bound of its error, m^2.
     """
 
-    mesh: Mesh
     camera: Cameras
     task: Task
     pose_ids: NDArray[np.int64]
-    xy: FloatArray
-    starts: NDArray[np.int64]
-    face: NDArray[np.int32]
     pose: NDArray[np.int32]
     pair_pose: NDArray[np.int32]
     pair_face: NDArray[np.int32]
     area: FloatArray
     bound: FloatArray
-
-    def __len__(self) -> int:
-        return len(self.face)
 
     def areas(self) -> FloatArray:
         """(P, F) covered area of each face by each pose, m^2."""
@@ -116,11 +110,6 @@ class Regions(InOneLine):
         """(P, F) bounds of their errors, m^2."""
         return self._dense(self.bound)
 
-    def points(self) -> FloatArray:
-        """(C, 3) corners in space, metres."""
-        counts = np.diff(self.starts)
-        return to_world(self.mesh, np.repeat(self.face, counts), self.xy)
-
     def of_poses(self, chosen: NDArray[np.bool_]) -> "Regions":
         """Regions of some of the poses, (P,) bool."""
         wanted = f"({len(self.pose_ids)},) True or False"
@@ -128,19 +117,20 @@ class Regions(InOneLine):
         if chosen.shape != self.pose_ids.shape or chosen.dtype != np.bool_:
             raise ConfigError(f"chosen must be {wanted}, got shape {chosen.shape}")
         row = (np.cumsum(chosen) - 1).astype(np.int32)
-        pieces, pairs = chosen[self.pose], chosen[self.pair_pose]
-        counts = np.diff(self.starts)
-        return Regions(
-            self.mesh, self.camera, self.task, self.pose_ids[chosen],
-            xy=self.xy[np.repeat(pieces, counts)],
-            starts=np.concatenate([np.zeros(1, np.int64), np.cumsum(counts[pieces])]),
+        pieces, pairs = np.flatnonzero(chosen[self.pose]), chosen[self.pair_pose]
+        xy, starts = polygons.chosen(self.xy, self.starts, pieces)
+        return replace(
+            self,
+            xy=xy,
+            starts=starts,
             face=self.face[pieces],
+            pose_ids=self.pose_ids[chosen],
             pose=row[self.pose[pieces]],
             pair_pose=row[self.pair_pose[pairs]],
             pair_face=self.pair_face[pairs],
             area=self.area[pairs],
             bound=self.bound[pairs],
-        )  # fmt: skip
+        )
 
     def _dense(self, values: FloatArray) -> FloatArray:
         full = np.zeros((len(self.pose_ids), self.mesh.n_faces))
@@ -209,14 +199,12 @@ class RegionPass(ExactPass):
         engine = Engine.of(method)
         if engine.method == "sampled":
             raise ConfigError("regions are exact; use method certified or exact, got sampled")
+        engine = engine if threads is None else replace(engine, threads=threads)
         make = partial(_Finder, task=self.task, only_task=only_task)
-        super().__init__(mesh, camera, engine, make, threads)
+        super().__init__(mesh, camera, engine, make)
 
     def find(
-        self,
-        poses: Poses,
-        closed: NDArray[np.bool_] | None = None,
-        figures: Figures | None = None,
+        self, poses: Poses, closed: NDArray[np.bool_] | None = None, seen: Observation | None = None
     ) -> Regions:
         """Regions of some poses.
 
@@ -226,15 +214,15 @@ class RegionPass(ExactPass):
             P poses.
         closed : (F,) bool, optional
             Faces whose regions are left out.
-        figures : Figures, optional
-            Out: those of all faces. With `only_task` nothing is known of occluders, by their
-            bounds.
+        seen : Observation, optional
+            Out: figures of all faces; of `room_for`. With `only_task` nothing is known of
+            occluders, by their bounds.
         """
 
         def prepare(finder: "_Finder") -> None:
-            finder.leave_out(closed, is_measured=figures is not None)
+            finder.leave_out(closed, is_measured=seen is not None)
 
-        return self._joined(poses, self.run(poses, figures, prepare))
+        return self._joined(poses, self.run(poses, seen, prepare))
 
     def batches(self, poses: Poses) -> Iterator[Regions]:
         """Regions a few poses at a time, for streams of any length; at least one batch."""
@@ -244,21 +232,14 @@ class RegionPass(ExactPass):
 
     def _joined(self, poses: Poses, found: Sequence[Any]) -> Regions:
         """Regions of all poses in one table."""
-        columns: list[Any] = list(zip(*found, strict=True)) if found else [()] * 6
-        xy, counts, face, pair_face, area, bound = columns
-        sizes, pairs = [len(each) for each in face], [len(each) for each in pair_face]
+        columns = zip(_NOTHING_FOUND, *found, strict=True)  # of the right types, whatever follows
+        xy, counts, face, pair_face, area, bound = map(np.concatenate, columns)
         rows = np.arange(len(poses), dtype=np.int32)
-        starts = np.concatenate([np.zeros(1, np.int64), *counts])
         return Regions(
-            self.mesh, self.camera, self.task, poses.ids,
-            xy=_concatenated(xy, np.empty((0, 2))),
-            starts=starts.cumsum(),
-            face=_concatenated(face, np.empty(0, np.int32)),
-            pose=np.repeat(rows, sizes),
-            pair_pose=np.repeat(rows, pairs),
-            pair_face=_concatenated(pair_face, np.empty(0, np.int32)),
-            area=_concatenated(area, np.empty(0)),
-            bound=_concatenated(bound, np.empty(0)),
+            self.mesh, xy, polygons.starts_of(counts), face, self.camera, self.task, poses.ids,
+            pose=np.repeat(rows, [len(each[2]) for each in found]),
+            pair_pose=np.repeat(rows, [len(each[3]) for each in found]),
+            pair_face=pair_face, area=area, bound=bound,
         )  # fmt: skip
 
 
@@ -266,14 +247,8 @@ class _Finder(PoseSolver):
     """Regions one pose at a time, with the scratch memory of one thread."""
 
     def __init__(
-        self,
-        mesh: Mesh,
-        cameras: Sequence[Camera],
-        is_certified: bool,
-        task: Task,
-        only_task: bool,
+        self, mesh: Mesh, cameras: Sequence[Camera], is_certified: bool, task: Task, only_task: bool
     ) -> None:
-        from rastercov.base.memory import read_only
         from rastercov.kernels import area_plane, area_region
 
         super().__init__(mesh, cameras, is_certified)
@@ -287,18 +262,14 @@ class _Finder(PoseSolver):
         self._face_of[: surface.n_faces][surface.rows] = np.arange(mesh.n_faces)
         frames = frames_of(mesh)
         is_asked = mesh.task_mask & (frames.areas > 0)
-        self._is_asked, self._read_only = is_asked, read_only
+        self._is_asked = is_asked
         # Figures through a lens are sums over planes, of all faces.
         has_lens = not all(camera.is_pinhole for camera in cameras)
         has_figures = mesh.task_mask | (not only_task or has_lens)
         self._has_no_figures = None if has_figures.all() else ~has_figures
-        self.planes = area_plane.Planes._make(
-            [
-                *(read_only(array, np.float64) for array in frames),
-                read_only(mesh.two_sided_mask, np.bool_),
-                read_only(is_asked, np.bool_),
-            ]
-        )
+        arrays: list[Any] = [read_only(array, np.float64) for array in frames]
+        arrays += [read_only(mask, np.bool_) for mask in (mesh.two_sided_mask, is_asked)]
+        self.planes = area_plane.Planes._make(arrays)
         self._task = task
         self._criteria: dict[tuple[int, int], Any] = {}
         self._work = area_plane.scratch_for(mesh.n_faces)
@@ -313,16 +284,14 @@ class _Finder(PoseSolver):
         """Pointwise criteria in an ideal plane of the camera, or of a pinhole."""
         key = self._camera, plane
         if key not in self._criteria:
-            self._criteria[key] = _criteria(
-                self.cameras[self._camera], self._task, plane, solver.camera.pixel_error,
-                self._diagonal,
-            )  # fmt: skip
+            error, camera = solver.camera.pixel_error, self.cameras[self._camera]
+            self._criteria[key] = _criteria(camera, self._task, plane, error, self._diagonal)
         return self._criteria[key]
 
     def leave_out(self, closed: NDArray[np.bool_] | None, *, is_measured: bool) -> None:
         """Find no regions of some faces, (F,) bool, from now on; or, not measured, nothing else."""
         is_asked = self._is_asked if closed is None else self._is_asked & ~closed
-        self.planes = self.planes._replace(is_asked=self._read_only(is_asked, np.bool_))
+        self.planes = self.planes._replace(is_asked=read_only(is_asked, np.bool_))
         self._asks_nothing = not is_asked.any()
         self.solver.leave_out(self._has_no_figures if is_measured else ~is_asked)
 
@@ -339,11 +308,12 @@ class _Finder(PoseSolver):
             parts.append(self._cut(solver, near, self._criteria_of(plane, solver)))
 
         self.solver.set_pose(pose, near, front_only)
-        if self._asks_nothing:
-            if is_measured:
-                self.solver.solve_all()
+        if not self._asks_nothing:
+            self.solver.solve_all(visit, is_measured=is_measured)
+        elif is_measured:
+            self.solver.solve_all()
+        if not parts:
             return _NOTHING_FOUND
-        self.solver.solve_all(visit, is_measured=is_measured)
         return parts[0] if len(parts) == 1 else _of_planes(parts, self.planes.areas)
 
     def _cut(self, solver: "HalfPlaneSolver", near: float, criteria: Any) -> tuple[Any, ...]:
@@ -392,15 +362,11 @@ def _of_planes(parts: Sequence[tuple[Any, ...]], face_areas: FloatArray) -> tupl
     """Regions of the planes of one pose in one table, by face; see `_Finder.find`."""
     xy, counts, face, listed, area, bound = map(np.concatenate, zip(*parts, strict=True))
     order = np.argsort(face, kind="stable")
-    starts = np.cumsum(counts) - counts
-    # The corners of the pieces in that order.
-    lengths = counts[order]
-    first = np.cumsum(lengths) - lengths
-    rows = np.repeat(starts[order] - first, lengths) + np.arange(len(xy))
+    xy = polygons.chosen(xy, polygons.starts_of(counts), order)[0]
     faces, where = np.unique(listed, return_inverse=True)
     areas, bounds = (np.bincount(where, each, len(faces)) for each in (area, bound))
     return (
-        xy[rows], lengths, face[order],
+        xy, counts[order], face[order],
         faces, areas, np.minimum(bounds, face_areas[faces]),
     )  # fmt: skip
 
@@ -411,7 +377,6 @@ def _criteria(camera: Camera, task: Task, index: int, pixel_error: float, size: 
     `pixel_error` is the largest error of a position in the pinhole, px, `size` the diagonal of the
     mesh, metres.
     """
-    from rastercov.base.memory import read_only
     from rastercov.camera.lenses.of_camera import fields_of, planes_of, slopes_of
     from rastercov.coverage.records import pinhole_of
     from rastercov.kernels.area_plane import Criteria, LensCriteria
@@ -438,10 +403,6 @@ def _criteria(camera: Camera, task: Task, index: int, pixel_error: float, size: 
     )
 
 
-def _concatenated(arrays: Sequence[NDArray[Any]], empty: NDArray[Any]) -> NDArray[Any]:
-    return np.concatenate(arrays) if len(arrays) else empty
-
-
 @dataclass(frozen=True, eq=False)
 class RegionObservation(Observation):
     """An `Observation`, and the regions that the same poses cover."""
@@ -461,30 +422,16 @@ class RegionObserver(ExactObserver):
         Faces whose regions are left out from now on, such as those of `RegionUnion.closed`.
     """
 
-    _pass: RegionPass
-
     def __init__(
-        self,
-        mesh: Mesh,
-        camera: Cameras,
-        task: Task,
-        engine: Engine,
-        *,
-        only_task: bool = False,
+        self, mesh: Mesh, camera: Cameras, task: Task, engine: Engine, *, only_task: bool = False
     ) -> None:
-        self._task, self._only_task = task, only_task
-        super().__init__(mesh, camera, engine)
+        self._finder = RegionPass(mesh, camera, task, method=engine, only_task=only_task)
+        super().__init__(self._finder)
         self.closed: NDArray[np.bool_] = np.zeros(mesh.n_faces, np.bool_)
-
-    def _open(self, engine: Engine) -> RegionPass:
-        return RegionPass(
-            self.mesh, self.camera, self._task, method=engine, only_task=self._only_task
-        )
 
     def observe(self, poses: ArrayLike | Poses) -> RegionObservation:
         """Areas and regions of every face in each pose."""
         accepted = self._accepted(poses, OBSERVED)
-        figures = Figures.room(len(accepted), self.mesh.n_faces)
-        found = self._pass.find(accepted, closed=self.closed, figures=figures)
-        visible, area, error, kind, clipped = figures
-        return RegionObservation(visible, area, kind, error, clipped, regions=found)
+        seen = room_for(len(accepted), self.mesh.n_faces)
+        found = self._finder.find(accepted, closed=self.closed, seen=seen)
+        return RegionObservation(**vars(seen), regions=found)

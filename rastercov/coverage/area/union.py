@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from rastercov.base.arguments import check_kind
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import ConfigError, MeshError
-from rastercov.base.format import InOneLine
 from rastercov.base.memory import check_memory
 from rastercov.base.threads import Once
 from rastercov.base.typed import typed
@@ -23,7 +22,8 @@ from rastercov.coverage.area.division import (
     Progress,
     joined,
 )
-from rastercov.coverage.area.frames import check_same_mesh, frames_of, to_world
+from rastercov.coverage.area.frames import FacePolygons, check_same_mesh, frames_of
+from rastercov.coverage.area.polygons import polygon_areas
 from rastercov.coverage.area.regions import Regions
 from rastercov.mesh import Mesh
 
@@ -39,7 +39,7 @@ WHOLE_PAIR_REL = 1e-9
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Covered(InOneLine):
+class Covered(FacePolygons):
     """Area of each face that at least 1 ... k cameras cover, and a partition of it.
 
     `bound` holds for every row of `area`: |area - exact area| <= bound.
@@ -58,16 +58,9 @@ class Covered(InOneLine):
         Face of each piece, in ascending order, and cameras that cover it, k for k or more.
     """
 
-    mesh: Mesh
     area: FloatArray
     bound: FloatArray
-    xy: FloatArray
-    starts: NDArray[np.int64]
-    face: NDArray[np.int32]
     views: NDArray[np.int32]
-
-    def __len__(self) -> int:
-        return len(self.face)
 
     def share(self, views: int = 1) -> float:
         """Part of the area of the task faces that at least `views` cameras cover, [0, 1]."""
@@ -77,10 +70,6 @@ class Covered(InOneLine):
         scored = self.mesh.task_mask
         total = frames_of(self.mesh).areas[scored].sum()
         return float(self.area[int(number) - 1][scored].sum() / total) if total > 0 else 0.0
-
-    def points(self) -> FloatArray:
-        """(C, 3) corners in space, metres."""
-        return to_world(self.mesh, np.repeat(self.face, np.diff(self.starts)), self.xy)
 
 
 class RegionUnion:
@@ -113,13 +102,11 @@ class RegionUnion:
             "count fewer views",
         )
         self.mesh, self.views, self._kernels = mesh, int(views), area_union
-        frames = frames_of(mesh)
-        self._areas = frames.areas
-        self._nearest = np.maximum(COINCIDENT_REL * frames.corners[:, 1, 0], diagonal_floor(mesh))
-        self._bound = np.zeros(mesh.n_faces)
+        frames, diagonal = frames_of(mesh), float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
+        self._areas, self._bound = frames.areas, np.zeros(mesh.n_faces)
+        self._nearest = np.maximum(COINCIDENT_REL * frames.corners[:, 1, 0], FLOOR_REL * diagonal)
         self._cells = Cells(frames.corners, self._nearest)
-        self._pieces = NO_PIECES
-        self._pool = area_union.pool_of(64)
+        self._pieces, self._pool = NO_PIECES, area_union.pool_of(64)
 
     @property
     def closed(self) -> NDArray[np.bool_]:
@@ -137,18 +124,16 @@ class RegionUnion:
         is_open = ~is_closed[regions.pair_face]
         is_whole = regions.area >= (1 - WHOLE_PAIR_REL) * self._areas[regions.pair_face]
         whole = np.bincount(regions.pair_face[is_whole & is_open], minlength=n_faces)
-        missing = np.where(is_whole, self._areas[regions.pair_face] - regions.area, 0.0)
-        lost = (regions.bound + np.maximum(missing, 0.0))[is_open]
+        missing = np.maximum(self._areas[regions.pair_face] - regions.area, 0.0)
+        lost = (regions.bound + np.where(is_whole, missing, 0.0))[is_open]
         bound = self._bound + np.bincount(regions.pair_face[is_open], lost, minlength=n_faces)
         keys = regions.pair_pose.astype(np.int64) * n_faces + regions.pair_face
         chosen = np.flatnonzero(~is_closed[regions.face] & (whole[regions.face] < self.views))
         own = regions.pose[chosen].astype(np.int64) * n_faces + regions.face[chosen]
         chosen = chosen[~is_whole[np.searchsorted(keys, own)]]
-        new = Pieces(
-            regions.xy, regions.starts, regions.face.astype(np.int64),
-            np.zeros(len(regions.face), np.int32),
-        ).taken(chosen)  # fmt: skip
-        self.unite(new, whole, bound, progress)
+        tags = np.zeros(len(regions), np.int32)
+        new = Pieces(regions.xy, regions.starts, regions.face.astype(np.int64), tags)
+        self.unite(new.taken(chosen), whole, bound, progress)
 
     @classmethod
     def of(cls, covered: Covered, views: int) -> "RegionUnion":
@@ -250,25 +235,8 @@ class RegionUnion:
         for level in range(self.views):
             rows = views > level
             area[level] = np.bincount(face[rows], areas[rows], minlength=self.mesh.n_faces)
-        return Covered(self.mesh, area, self._bound.copy(), xy.copy(), starts.copy(), face, views)
-
-
-def diagonal_floor(mesh: Mesh) -> float:
-    """Least distance of two corners that do not coincide, metres."""
-    return FLOOR_REL * float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
-
-
-def polygon_areas(xy: FloatArray, starts: NDArray[np.int64]) -> FloatArray:
-    """(N,) areas of polygons in the plane, from their first corner on."""
-    counts = np.diff(starts)
-    first = np.repeat(starts[:-1], counts)
-    following = np.arange(1, len(xy) + 1)
-    following[starts[1:] - 1] = starts[:-1]
-    away = xy - xy[first]
-    after = away[following] if len(xy) else away
-    twice = away[:, 0] * after[:, 1] - away[:, 1] * after[:, 0]
-    found: FloatArray = np.add.reduceat(twice, starts[:-1]) / 2 if len(counts) else np.zeros(0)
-    return found
+        bound = self._bound.copy()
+        return Covered(self.mesh, xy.copy(), starts.copy(), face, area, bound, views)
 
 
 @typed

@@ -25,7 +25,15 @@ from rastercov.base.errors import MeshError, ResourceError
 from rastercov.base.files import StrPath, UnreadableError, file_bytes, printable
 from rastercov.mesh.arrays import check_coordinates, some, unusable_points
 from rastercov.mesh.formats import dae, gltf, ply, text, threemf
-from rastercov.mesh.formats.polygons import PEAK_BYTES_PER_FACE, Polygons, cut_concave
+from rastercov.mesh.formats.polygons import (
+    PEAK_BYTES_PER_FACE,
+    Polygons,
+    broken,
+    broken_files_refused,
+    check,
+    check_indices,
+    cut_concave,
+)
 
 Reader = Callable[..., Polygons]
 
@@ -45,6 +53,7 @@ METRES = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "um": 1e-6, "µm": 1e-6, "μm": 1e-6
 METRES |= {"in": 0.0254, "inch": 0.0254, "ft": 0.3048}
 LARGEST_FILE = 2 << 30
 MEMORY_BUDGET = 8 << 30
+SMALLER = "simplify the mesh, or raise max_bytes"
 FREE_FACES = 1 << 20
 """Faces that a short file may be multiplied into without `memory_budget`."""
 LONGEST_NAME = 200
@@ -55,8 +64,7 @@ def paths_of(path: StrPath | Sequence[StrPath]) -> Sequence[StrPath]:
     kinds = (str, os.PathLike)
     wanted = "a path or several, as strings or Paths"
     paths = [path] if isinstance(path, kinds) else members("path", path, kinds, wanted, MeshError)
-    if not paths:
-        raise MeshError("at least one mesh file wanted, got none; pass a path")
+    check(paths, "at least one mesh file wanted, got none", "pass a path")
     return paths
 
 
@@ -124,15 +132,19 @@ def _read_file(
 ) -> tuple[Polygons, str]:
     """Checked polygons of one file, in metres, and the SHA-256 of its bytes."""
     reader, data = _reader_and_bytes(path, max_bytes)
-    if not data:
-        raise MeshError("no triangles: the file is empty; export it again")
+    check(data, "no triangles: the file is empty")
     if memory_budget is None:
         memory_budget = min(MEMORY_BUDGET, PEAK_BYTES_PER_FACE * max(FREE_FACES, len(data)))
     beside = _Beside(path, max_bytes - len(data))
     if reader is gltf.read_gltf:
         reader = partial(gltf.read_gltf, bytes_beside=beside.read)
-    polygons = reader(data, memory_budget)
-    _check_indices(polygons)
+    with broken_files_refused():
+        polygons = reader(data, memory_budget)
+    faces, n_vertices = polygons.faces, len(polygons.vertices)
+    check(len(faces), "no triangles: the file has no faces", "export the surface, not points")
+    outside = np.any((faces < 0) | (faces >= n_vertices), axis=1)
+    face = int(outside.argmax())
+    check_indices(faces[face], n_vertices, f"face {polygons.source_face[face]}")
     if not polygons.is_in_metres:
         np.multiply(polygons.vertices, scale, out=polygons.vertices)
     elif scale != 1:
@@ -166,20 +178,18 @@ class _Beside:
         """Bytes of the file of a relative name; MeshError where it is not in the folder."""
         shown = printable(name)[:80]
         is_outside = name.startswith(("/", "\\")) or ".." in re.split(r"[/\\]", name)
-        if is_outside or re.match(r"[A-Za-z][A-Za-z0-9+.-]*:", name):
-            raise MeshError(
-                f"a buffer in the folder of the file wanted, got {shown!r}, which is never "
-                "opened; put it beside the file, or export a self-contained .glb"
-            )
+        check(
+            not is_outside and not re.match(r"[A-Za-z][A-Za-z0-9+.-]*:", name),
+            f"a buffer in the folder of the file wanted, got {shown!r}, which is never opened",
+            "put it beside the file, or export a self-contained .glb",
+        )
         name = posixpath.normpath(name)  # a file is read once, however its name is written
         if name not in self.contents:
-            advice = "simplify the mesh, or raise max_bytes"
             try:
-                content = file_bytes(self._folder / name, self._bytes_left, advice)
+                content = file_bytes(self._folder / name, self._bytes_left, SMALLER)
             except UnreadableError as error:
-                raise MeshError(
-                    f"its buffer {shown!r} wanted, got: {error.reason}; put it beside the file"
-                ) from error
+                got = f"its buffer {shown!r} wanted, got: {error.reason}"
+                raise broken(got, "put it beside the file") from error
             self.contents[name] = content
             self._bytes_left -= len(content)
         return self.contents[name]
@@ -187,37 +197,23 @@ class _Beside:
 
 def _reader_and_bytes(path: StrPath, max_bytes: int) -> tuple[Reader, bytes]:
     """Reader of the file's format, and the bytes of the file, read once."""
-    if not isinstance(path, (str, os.PathLike)):
-        raise MeshError(f"a path wanted, got {type(path).__name__}; pass a string or a Path")
-    if re.match(r"[A-Za-z][A-Za-z0-9+.-]+:/", str(path)):
-        raise MeshError("a file on this machine wanted, got a URL; download it first")
+    kind = type(path).__name__
+    check(isinstance(path, str | os.PathLike), f"a path wanted, got {kind}", "pass a Path")
+    is_url = re.match(r"[A-Za-z][A-Za-z0-9+.-]+:/", str(path))
+    check(not is_url, "a file on this machine wanted, got a URL", "download it first")
     extension = Path(path).suffix.lower()
-    if extension not in READERS:
-        raise MeshError(
-            f"supported formats are {', '.join(READERS)}, got {extension or 'no extension'!r}; "
-            "convert the mesh"
-        )
+    got = repr(extension or "no extension")
+    formats = ", ".join(READERS)
+    check(extension in READERS, f"supported formats are {formats}, got {got}", "convert the mesh")
     try:
-        data = file_bytes(path, max_bytes, "simplify the mesh, or raise max_bytes")
+        data = file_bytes(path, max_bytes, SMALLER)
     except UnreadableError as error:
         if error.is_of_system:
-            text = f"a readable file wanted, got: {error.reason}; check the path"
-            raise MeshError(text) from error
+            raise broken(
+                f"a readable file wanted, got: {error.reason}", "check the path"
+            ) from error
         raise MeshError(error.reason) from error
     return READERS[extension], data
-
-
-def _check_indices(polygons: Polygons) -> None:
-    faces, n_vertices = polygons.faces, len(polygons.vertices)
-    if not len(faces):
-        raise MeshError("no triangles: the file has no faces; export the surface, not points")
-    outside = np.any((faces < 0) | (faces >= n_vertices), axis=1)
-    if outside.any():
-        face = int(outside.argmax())
-        raise MeshError(
-            f"vertex indices must lie in 0 ... {n_vertices - 1}, face "
-            f"{polygons.source_face[face]} has {faces[face].tolist()}; correct the face"
-        )
 
 
 def _without_invalid(polygons: Polygons) -> Polygons:
@@ -226,8 +222,7 @@ def _without_invalid(polygons: Polygons) -> Polygons:
     if not unusable.any():
         return polygons
     is_bad = np.any(unusable[polygons.faces], axis=1)
-    if is_bad.all():
-        raise MeshError("no triangles left: no face has finite coordinates; export the mesh again")
+    check(not is_bad.all(), "no triangles left: no face has finite coordinates")
     number = np.cumsum(~unusable) - 1
     dropped = f"faces {some(is_bad)} dropped: their coordinates are not finite"
     return replace(

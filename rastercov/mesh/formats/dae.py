@@ -17,13 +17,16 @@ from numpy.typing import NDArray
 from rastercov.base.errors import MeshError
 from rastercov.base.files import UnknownNames
 from rastercov.mesh.arrays import rotation_about
-from rastercov.mesh.formats.gltf import broken_files_refused
 from rastercov.mesh.formats.polygons import (
     Assembly,
     Part,
     Polygons,
     Shape,
+    broken,
+    check,
+    check_affine,
     check_budget,
+    check_indices,
     strip_triangles,
 )
 from rastercov.mesh.formats.xml_tree import (
@@ -94,21 +97,15 @@ SCHEMA = schema_of(
     },
 )
 """Names of the elements that are read: those of their children and attributes."""
-AFFINE_ROW_TOLERANCE = 1e-6
-
 IntArray = NDArray[np.int64]
 
 
 def read(data: bytes, budget: int) -> Polygons:
     """Polygons of a COLLADA file in metres, one group a node, in the order of the scene's tree."""
     root = parsed(data, "the file", budget)
-    if local_name(root) != "COLLADA":
-        raise MeshError(f"an element COLLADA wanted, got {local_name(root)[:40]!r}; export again")
-    try:
-        with broken_files_refused():
-            return _Scene(root, budget).polygons()
-    except RecursionError:
-        raise MeshError("nodes are nested too deeply; export it again") from None
+    name = local_name(root)
+    check(name == "COLLADA", f"an element COLLADA wanted, got {name[:40]!r}")
+    return _Scene(root, budget).polygons()
 
 
 class _Scene:
@@ -116,13 +113,10 @@ class _Scene:
 
     def __init__(self, root: Element, budget: int) -> None:
         self._root, self._budget = root, budget
-        self._by_id: dict[str, Element] = {}
-        self._repeated: set[str] = set()
+        self._by_id: dict[str, list[Element]] = {}
         for element in root.iter():
             if (key := element.get("id")) is not None:
-                if key in self._by_id:
-                    self._repeated.add(key)
-                self._by_id.setdefault(key, element)
+                self._by_id.setdefault(key, []).append(element)
         self._shapes: dict[str, Shape] = {}
         self._controlled: dict[Element, tuple[Element, NDArray[np.float64]] | None] = {}
         self._points: dict[str, NDArray[np.float64]] = {}
@@ -146,8 +140,8 @@ class _Scene:
         if text is None:
             return None
         value = floats(text)
-        if value.shape != (1,) or not 0 < value[0] < np.inf:
-            raise MeshError(f"a unit of a positive number of metres wanted, got {text[:40]!r}")
+        is_length = value.shape == (1,) and 0 < value[0] < np.inf
+        check(is_length, f"a unit of a positive number of metres wanted, got {text[:40]!r}")
         return float(value[0])
 
     def _visual_scene(self) -> Element:
@@ -155,25 +149,19 @@ class _Scene:
         for instance in below(self._root, "scene", "instance_visual_scene"):
             return self._target(instance.attrib["url"], "visual_scene")
         scenes = below(self._root, "library_visual_scenes", "visual_scene")
-        if len(scenes) != 1:
-            raise MeshError(f"one scene wanted, got {len(scenes)} and none named; export it again")
+        check(len(scenes) == 1, f"one scene wanted, got {len(scenes)} and none named")
         return scenes[0]
 
     def _target(self, url: str, *kinds: str) -> Element:
         """Element that a URL names, of one of these kinds."""
-        if not url.startswith("#"):
-            raise MeshError(
-                f"an element of this file wanted, got {url[:80]!r}, which is never opened; export "
-                "a single file"
-            )
-        key = url[1:]
-        element = self._by_id.get(key)
-        if element is None or local_name(element) not in kinds:
-            got = "nothing of that id" if element is None else f"an element {local_name(element)}"
-            raise MeshError(f"{url[:80]!r}: {kinds[0]} wanted, got {got}; export it again")
-        if key in self._repeated:
-            raise MeshError(f"the id {key[:80]!r} comes twice; correct it")
-        return element
+        shown = repr(url[:80])
+        is_here = url.startswith("#")
+        check(is_here, f"an element of this file wanted, got {shown}, which is never opened")
+        found = self._by_id.get(url[1:], [])
+        got = f"an element {local_name(found[0])}" if found else "nothing of that id"
+        check(found and local_name(found[0]) in kinds, f"{shown}: {kinds[0]} wanted, got {got}")
+        check(len(found) == 1, f"the id {shown} comes twice")
+        return found[0]
 
     def _node(self, node: Any) -> Part:
         """A node: the geometries and the nodes that it holds or names."""
@@ -187,25 +175,22 @@ class _Scene:
             elif kind == "instance_node":
                 pieces.append((step, self._target(url, "node")))
             elif kind in ("instance_geometry", "instance_controller"):
-                geometry, node_from_shape = self._geometry(url, kind == "instance_controller")
+                geometry, node_from_shape = (
+                    self._of_controller(self._target(url, "controller"))
+                    if kind == "instance_controller"
+                    else (self._target(url, "geometry"), np.eye(4))
+                )
                 name = name or _name(geometry)
                 placed = None if step is None else step @ node_from_shape
                 pieces.append((placed, self._shape(geometry)))
         why = "is placed by lookat or skew, which is not supported; export it with matrices"
         return Part(name, f"node {name!r}", pieces, why)
 
-    def _geometry(self, url: str, is_controlled: bool) -> tuple[Element, NDArray[np.float64]]:
-        """Geometry of an instance, and its place in the node."""
-        if not is_controlled:
-            return self._target(url, "geometry"), np.eye(4)
-        return self._of_controller(self._target(url, "controller"))
-
     def _of_controller(self, controller: Element) -> tuple[Element, NDArray[np.float64]]:
         """Geometry of a controller, such as a skin of a morph, and its place; found once."""
         if controller in self._controlled:
-            known = self._controlled[controller]
-            if known is None:
-                raise MeshError(f"controller {_name(controller)!r} is a part of itself; correct it")
+            if (known := self._controlled[controller]) is None:
+                raise broken(f"controller {_name(controller)!r} is a part of itself")
             return known
         self._controlled[controller] = None
         self._skinned[_name(controller)] = None
@@ -228,10 +213,8 @@ class _Scene:
         n_corners = [np.empty(0, np.int64)]
         first_of: dict[str, int] = {}
         n_points = n_faces = 0
-        primitives = [each for mesh in children(geometry, "mesh") for each in mesh]
-        for primitive in primitives:
-            if local_name(primitive) in LINES:
-                self._n_lines += 1
+        for primitive in (each for mesh in children(geometry, "mesh") for each in mesh):
+            self._n_lines += local_name(primitive) in LINES
             if local_name(primitive) not in (*POLYGONS, *STRIPS):
                 continue
             indices, counts, source = self._primitive(primitive, _name(geometry))
@@ -240,11 +223,7 @@ class _Scene:
             own = self._positions(source)
             n_faces += int((counts - 2).sum())
             check_budget(n_faces, self._budget, n_points + (source not in first_of) * len(own))
-            if not (indices.min() >= 0 and indices.max() < len(own)):
-                raise MeshError(
-                    f"geometry {_name(geometry)!r}: vertex indices must lie in 0 ... "
-                    f"{len(own) - 1}, got {indices.min()} ... {indices.max()}; export it again"
-                )
+            check_indices(indices, len(own), f"geometry {_name(geometry)!r}")
             if source not in first_of:
                 first_of[source] = n_points
                 points.append(own)
@@ -259,8 +238,8 @@ class _Scene:
     def _primitive(self, primitive: Element, owner: str) -> tuple[IntArray, IntArray, str]:
         """Vertex of each corner, corners of each polygon, and the URL of the vertices."""
         kind = local_name(primitive)
-        if children(primitive, "ph"):
-            raise MeshError(f"geometry {owner!r} has polygons with holes; triangulate them first")
+        where = f"geometry {owner!r}"
+        check(not children(primitive, "ph"), f"{where} has polygons with holes", "triangulate them")
         inputs = children(primitive, "input")
         offsets = [int(each.get("offset", "0")) for each in inputs]
         stride = max(offsets) + 1
@@ -271,11 +250,11 @@ class _Scene:
         }
         # `polygons` and strips have an element each: about 2 us of this loop and the next one.
         rows = [integers(each.text) for each in children(primitive, "p")]
-        if min(offsets) < 0 or any(len(row) % stride for row in rows):
-            raise MeshError(
-                f"geometry {owner!r}: {kind} of {stride} indices a corner wanted, got "
-                f"{sum(map(len, rows))} indices; the file is truncated, export it again"
-            )
+        check(
+            min(offsets) >= 0 and not any(len(row) % stride for row in rows),
+            f"{where}: {kind} of {stride} indices a corner wanted, got {sum(map(len, rows))} "
+            "indices; truncated",
+        )
         rows = [row[at[0] :: stride] for row in rows]
         indices = np.concatenate([np.empty(0, np.int64), *rows])
         if kind == "triangles":
@@ -285,16 +264,13 @@ class _Scene:
         else:
             counts = np.array([len(row) for row in rows], dtype=np.int64)
         promised = int(primitive.attrib["count"])
-        if promised != len(counts) or counts.sum() != len(indices):
-            raise MeshError(
-                f"geometry {owner!r} promises {promised} {kind}, {len(counts)} with {counts.sum()} "
-                f"corners and {len(indices)} indices are there; it is truncated, export it again"
-            )
-        if len(counts) and counts.min() < 3:
-            raise MeshError(
-                f"geometry {owner!r}: {kind} of 3 corners or more wanted, got {counts.min()}; "
-                "export it again"
-            )
+        check(
+            promised == len(counts) and counts.sum() == len(indices),
+            f"{where} promises {promised} {kind}, {len(counts)} with {counts.sum()} corners and "
+            f"{len(indices)} indices are there; truncated",
+        )
+        least = counts.min(initial=3)
+        check(least >= 3, f"{where}: {kind} of 3 corners or more wanted, got {least}")
         if kind in STRIPS:
             is_fan = kind == "trifans"
             corners = [row[strip_triangles(len(row), is_fan=is_fan)].ravel() for row in rows]
@@ -324,25 +300,21 @@ class _Scene:
         if array not in self._numbers:
             self._numbers[array] = floats(array.text)
         values = self._numbers[array]
-        if len(values) != (promised := int(array.attrib["count"])):
-            raise MeshError(
-                f"source {url[:80]!r} promises {promised} numbers, {len(values)} are there; it is "
-                "truncated, export it again"
-            )
+        where, n = f"source {url[:80]!r}", len(values)
+        promised = int(array.attrib["count"])
+        check(n == promised, f"{where} promises {promised} numbers, {n} are there; truncated")
         names = [each.get("name") for each in children(accessor, "param")]
         columns = [column for column, name in enumerate(names) if name] or [0, 1, 2]
-        if len(columns) != 3:
-            raise MeshError(f"source {url[:80]!r}: 3 coordinates wanted, got {len(columns)}")
+        check(len(columns) == 3, f"{where}: 3 coordinates wanted, got {len(columns)}")
         count, offset = int(accessor.attrib["count"]), int(accessor.get("offset", "0"))
         stride = int(accessor.get("stride", "1"))
-        if not (count >= 0 and offset >= 0 and stride > max(columns)) or (
-            offset + count * stride > len(values)
-        ):
-            raise MeshError(
-                f"source {url[:80]!r} asks for {count} points of {stride} numbers from {offset} "
-                f"on, {len(values)} numbers are there; it is truncated, export it again"
-            )
-        return values[offset : offset + count * stride].reshape(count, stride)[:, columns]
+        end = offset + count * stride
+        check(
+            count >= 0 and offset >= 0 and stride > max(columns) and end <= n,
+            f"{where} asks for {count} points of {stride} numbers from {offset} on, {n} numbers "
+            "are there; truncated",
+        )
+        return values[offset:end].reshape(count, stride)[:, columns]
 
     def _notes(self) -> list[str]:
         """Notes on content of the file that was not read."""
@@ -393,8 +365,5 @@ def _parent_from_node(node: Element) -> NDArray[np.float64] | None:
 def _matrix(text: str | None) -> NDArray[np.float64]:
     """(4, 4) matrix by rows; its last row must be 0 0 0 1."""
     matrix = transform_numbers(text, 16).reshape(4, 4)
-    if not np.allclose(matrix[3], (0, 0, 0, 1), rtol=0, atol=AFFINE_ROW_TOLERANCE):
-        raise MeshError(
-            f"a matrix whose last row is 0 0 0 1 wanted, got {matrix[3].tolist()}; export it again"
-        )
+    check_affine(matrix, "a node")
     return matrix

@@ -20,8 +20,7 @@ import re
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -31,7 +30,8 @@ from urllib.parse import unquote
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.errors import MeshError, ResourceError
+from rastercov.base.checks import shown
+from rastercov.base.errors import MeshError
 from rastercov.base.format import plural
 from rastercov.base.threads import child_environment
 from rastercov.mesh.arrays import rotations_of_quaternions
@@ -48,7 +48,14 @@ from rastercov.mesh.formats.gltf_file import (
     unknown_names,
     unread_data,
 )
-from rastercov.mesh.formats.polygons import Polygons, strip_triangles
+from rastercov.mesh.formats.polygons import (
+    Polygons,
+    broken,
+    check,
+    check_affine,
+    check_indices,
+    strip_triangles,
+)
 
 TRIANGLES, STRIP, FAN = 4, 5, 6
 CAD_FACES = "TM_brep_faces"
@@ -76,33 +83,109 @@ OPTIONAL = (
 """Harmless unless required: their data is also there uncompressed, or its absence is an error."""
 MOST_CAD_FACES = 1 << 20
 QUATERNION_LENGTH_TOLERANCE = 0.01  # components of 8 bits are off by up to 0.004
-AFFINE_ROW_TOLERANCE = 1e-6
+DATA_URI = re.compile(r"data:[\w.+-]+/[\w.+-]+(?:;[^,;]*)*;base64,")
+PADDING = 3
+"""Bytes that a buffer may hold beyond its length without a note: padding to 4 bytes."""
+DEFLECTION_MM = 0.1
+"""Largest distance between a curved surface and its triangles, in the unit of cascadio."""
+ANGULAR_DEFLECTION = 0.25
+"""Largest angle between neighbouring segments along a curve, radians."""
+CONVERT = """
+import sys
+import cascadio
+glb = cascadio.load(
+    sys.stdin.buffer.read(), tol_linear=float(sys.argv[2]), tol_angular=float(sys.argv[3]),
+    use_parallel=False, include_brep=True,
+)
+with open(sys.argv[1], "wb") as file:
+    file.write(glb)
+"""
+"""Program of the other process. One thread: the numbering of several depends on their timing."""
 BYTES_PER_DELTA = 100  # a point, while a morph target is added
 BYTES_PER_INSTANCE = 500  # an instance, while its matrix is computed
 
 
 def read_glb(data: bytes, budget: int) -> Polygons:
     """Triangles of a GLB file in metres, one group a node, in the order of the scene's tree."""
-    with broken_files_refused():
-        header, binary, notes = chunks(data)
-        has_chunk = not any("uri" in buffer for buffer in json_list(header, "buffers")[:1])
-        buffers = [binary] if has_chunk else []
-        return scene_polygons(header, buffers, budget, notes + _chunk_notes(header, binary))
+    header, binary, notes = chunks(data)
+    buffers = []
+    for buffer in json_list(header, "buffers")[:1]:
+        if "uri" not in buffer:
+            promised = json_count(buffer, "byteLength")
+            notes += _length_notes(0, promised, len(binary), "the binary chunk")
+            buffers.append(binary)
+    return _scene_polygons(header, buffers, budget, notes)
 
 
-@contextmanager
-def broken_files_refused() -> Iterator[None]:
-    """Turn errors of a look-up or of a computation in the block into a MeshError."""
+def read_gltf(data: bytes, budget: int, bytes_beside: Callable[[str], bytes]) -> Polygons:
+    """Triangles of a .gltf file in metres, one group a node, in the order of the scene's tree.
+
+    Parameters
+    ----------
+    data : bytes
+        The JSON.
+    budget : int
+        Bytes that reading may need.
+    bytes_beside : callable
+        Bytes of the file of that relative name; MeshError where it is outside the folder.
+    """
+    header = json_header(data, "JSON")
+    buffers: list[memoryview] = []
+    notes: list[str] = []
+    for index, buffer in enumerate(json_list(header, "buffers")):
+        content, name = _content(index, buffer, bytes_beside)
+        promised = json_count(buffer, "byteLength")
+        check(
+            promised <= len(content),
+            f"buffer {index} promises {promised} bytes, {name} holds {len(content)}; truncated",
+        )
+        notes += _length_notes(index, promised, len(content), name)
+        buffers.append(memoryview(content)[:promised])
+    return _scene_polygons(header, buffers, budget, notes)
+
+
+def read_step(data: bytes, budget: int) -> Polygons:
+    """Triangles of a STEP file in metres, one group a CAD face, named "part/face 1" and so on.
+
+    `budget` are the bytes that reading the triangles may need; that of Open CASCADE is not limited.
+    """
+    header, binary, notes = chunks(_converted(data))
+    polygons = _scene_polygons(header, [binary], budget, notes, by_cad_face=True)
+    note = (
+        f"triangulated by Open CASCADE to within {DEFLECTION_MM:g} mm; what it left out of the "
+        "STEP file is not known here"
+    )
+    return replace(polygons, notes=[*polygons.notes, note], is_in_metres=True)
+
+
+def _length_notes(index: int, promised: int, n_bytes: int, name: str) -> list[str]:
+    """A note where a buffer has not the promised length, but for padding."""
+    if 0 <= n_bytes - promised <= PADDING:
+        return []
+    return [f"buffer {index} promises {promised} bytes, {name} holds {n_bytes}"]
+
+
+def _content(
+    index: int, buffer: dict[str, Any], bytes_beside: Callable[[str], bytes]
+) -> tuple[bytes, str]:
+    """Bytes of a buffer, and the name of their place for errors."""
+    uri = buffer.get("uri")
+    if not isinstance(uri, str):
+        raise broken(f"buffer {index}: a file name or a data URI wanted, got {uri!r:.60}")
+    if not uri.startswith("data:"):
+        return bytes_beside(unquote(uri)), unquote(uri)[:80]
+    head = DATA_URI.match(uri)
     try:
-        yield
-    except (MeshError, ResourceError):
-        raise
-    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
-        # Any JSON value may have any type; a check of each would be longer and no clearer.
-        raise MeshError(f"the file contradicts its format ({error!r}); export it again") from error
+        if head is None:
+            raise ValueError("no base64 is declared")
+        text = uri[head.end() :]
+        return base64.b64decode(unquote(text) if "%" in text else text, validate=True), "its URI"
+    except (ValueError, binascii.Error) as error:
+        text = f"buffer {index}: a data URI in base64 wanted, got {uri[:40]!r} ({error})"
+        raise broken(text) from None
 
 
-def scene_polygons(
+def _scene_polygons(
     header: dict[str, Any],
     buffers: Sequence[memoryview],
     budget: int,
@@ -117,51 +200,45 @@ def scene_polygons(
     """
     needed = [str(e) for e in json_list(header, "extensionsRequired")]
     foreign = [e[:80] for e in needed if not (e in READ or e.startswith(HARMLESS))]
-    if foreign:
-        raise MeshError(
-            f"extensions {foreign[:5]} are required, not supported; export without them"
-        )
-    notes = [*notes, *unknown_names(header), *unread_data(header)]
+    check(not foreign, f"extensions {foreign[:5]} are required, not supported", "leave them out")
+    notes = [*notes, *unknown_names(header)]
     if json_list(header, "scenes"):
         roots = json_list(json_object(header, "scenes", header.get("scene", 0)), "nodes")
     else:
         roots = root_nodes(header)
     nodes = [(node, at) for node, _, at in nodes_below(header, roots) if "mesh" in node]
-    accessors = Accessors(header, buffers, budget)
-    shapes = _Shapes(accessors)
-    vertices, faces, labels = [np.empty((0, 3))], [np.empty((0, 3), np.int64)], []
+    shapes = _Shapes(Accessors(header, buffers, budget))
+    vertices, faces, labels = [np.empty((0, 3))], [np.empty((0, 3), np.int64)], [np.empty(0, int)]
     names: list[str] = []
     node_names: list[str] = []
-    n_vertices = n_faces = 0
+    n_vertices = 0
     for node, world_from_node in nodes:
-        mesh = json_object(header, "meshes", node["mesh"])
-        points, triangles, cad_faces = shapes.of(node, mesh)
-        name = json_name(node) or json_name(mesh) or f"node{len(node_names)}"
-        node_names.append(name)
-        world_from_instance = world_from_node @ shapes.instances(node, len(triangles))
+        name = json_name(node) or json_name(json_object(header, "meshes", node["mesh"]))
+        node_names.append(name or f"node{len(node_names)}")
+        points, triangles, cad_faces = shapes.of(node)
+        world_from_instance = world_from_node @ shapes.instances(node, len(points), len(triangles))
         n = len(world_from_instance)
-        accessors.reserve(n * len(triangles), n * len(points))
-        if n:
-            moved = points @ world_from_instance[:, :3, :3].transpose(0, 2, 1)
-            moved += world_from_instance[:, None, :3, 3]
-            vertices.append(moved.reshape(-1, 3))
-            is_mirrored = np.linalg.det(world_from_instance[:, :3, :3]) < 0
-            turned = np.where(is_mirrored[:, None, None], triangles[:, [0, 2, 1]], triangles)
-            first = n_vertices + len(points) * np.arange(n)
-            faces.append((first[:, None, None] + turned).reshape(-1, 3))
-            if by_cad_face and cad_faces.min() >= 0:
-                known, row = np.unique(cad_faces, return_inverse=True)
-                labels.append(np.tile(len(names) + row, n))
-                names += [f"{name}/face {face + 1}" for face in known.tolist()]
-            else:
-                labels.append(np.full(n * len(triangles), len(names)))
-                names.append(name)
-            n_vertices += n * len(points)
-            n_faces += n * len(triangles)
-    notes = [*notes, *_notes(header, [node for node, _ in nodes], node_names), *shapes.notes()]
-    label = np.concatenate(labels) if labels else np.empty(0, np.int64)
+        if not n:
+            continue
+        moved = points @ world_from_instance[:, :3, :3].transpose(0, 2, 1)
+        moved += world_from_instance[:, None, :3, 3]
+        vertices.append(moved.reshape(-1, 3))
+        is_mirrored = np.linalg.det(world_from_instance[:, :3, :3]) < 0
+        turned = np.where(is_mirrored[:, None, None], triangles[:, [0, 2, 1]], triangles)
+        first = n_vertices + len(points) * np.arange(n)
+        faces.append((first[:, None, None] + turned).reshape(-1, 3))
+        n_vertices += n * len(points)
+        row, own = np.zeros(len(triangles), np.int64), [node_names[-1]]
+        if by_cad_face and cad_faces.min() >= 0:
+            known, row = np.unique(cad_faces, return_inverse=True)
+            own = [f"{node_names[-1]}/face {face + 1}" for face in known.tolist()]
+        labels.append(np.tile(len(names) + row, n))
+        names += own
+    notes += _notes(header, [node for node, _ in nodes], node_names)
+    notes += unread_data(header) + shapes.notes()
+    label = np.concatenate(labels)
     return Polygons(
-        np.concatenate(vertices), np.concatenate(faces), np.arange(n_faces), label, names, notes
+        np.concatenate(vertices), np.concatenate(faces), np.arange(len(label)), label, names, notes
     )
 
 
@@ -183,8 +260,8 @@ def nodes_below(
     while stack:
         index, name, world_from_parent = stack.pop()
         node = json_object(header, "nodes", index)
-        if index in seen:  # a cycle, or a subtree repeated until memory is exhausted
-            raise MeshError(f"nodes must form a tree, node {index} has two parents; correct it")
+        # A cycle, or a subtree repeated until memory is exhausted.
+        check(index not in seen, f"nodes must form a tree, node {index} has two parents")
         seen.add(index)
         name = json_name(node) or name
         extras = node.get("extras")
@@ -207,16 +284,11 @@ def _parent_from_node(index: int, node: dict[str, Any]) -> NDArray[np.float64]:
     if "matrix" not in node:
         return placed
     matrix: NDArray[np.float64] = json_numbers(node, "matrix", (0,) * 16).reshape(4, 4).T
-    if not np.allclose(matrix[3], (0, 0, 0, 1), rtol=0, atol=AFFINE_ROW_TOLERANCE):
-        raise MeshError(
-            f"node {index}: a matrix whose last row is 0 0 0 1 wanted, got "
-            f"{matrix[3].tolist()}; export it again"
-        )
-    if not (np.array_equal(placed, np.eye(4)) or np.allclose(placed, matrix)):
-        raise MeshError(
-            f"node {index} has a matrix and, beside it, another translation, rotation or scale; "
-            "keep one of them"
-        )
+    check_affine(matrix, f"node {index}")
+    check(
+        np.array_equal(placed, np.eye(4)) or np.allclose(placed, matrix),
+        f"node {index} has a matrix and, beside it, another translation, rotation or scale",
+    )
     return matrix
 
 
@@ -225,12 +297,12 @@ def _affine(
 ) -> NDArray[np.float64]:
     """(N, 4, 4) matrices: scale, then rotation by a quaternion x y z w, then translation."""
     length = np.linalg.norm(rotation, axis=1)
-    wrong = np.flatnonzero(~(np.abs(length - 1) <= QUATERNION_LENGTH_TOLERANCE))
-    if len(wrong):
-        raise MeshError(
-            f"a rotation must be a quaternion of length 1, got {rotation[wrong[0]].tolist()} of "
-            f"length {length[wrong[0]]:.3g}; export it again"
-        )
+    is_unit = np.abs(length - 1) <= QUATERNION_LENGTH_TOLERANCE
+    worst = is_unit.argmin() if len(is_unit) else 0
+    check(
+        is_unit.all(),
+        f"a rotation must be a quaternion of length 1, got {rotation[worst : worst + 1].tolist()}",
+    )
     matrix = np.zeros((len(rotation), 4, 4))
     matrix[:, :3, :3] = rotations_of_quaternions(rotation / length[:, None]) * scale[:, None, :]
     matrix[:, :3, 3] = translation
@@ -247,36 +319,25 @@ def _notes(header: dict[str, Any], nodes: list[dict[str, Any]], names: list[str]
         notes.append(f"node {skinned[0][:80]!r}{more} has a skin; it is read unposed")
     if animations := json_list(header, "animations"):
         notes.append(f"{len(animations)} animations were not played; the nodes are at rest")
-    outside = sum("mesh" in node for node in json_list(header, "nodes")) - len(nodes)
-    if outside:
+    used = [node["mesh"] for node in json_list(header, "nodes") if "mesh" in node]
+    if outside := len(used) - len(nodes):
         notes.append(f"{outside} nodes with meshes are outside the default scene, not read")
-    used = {node["mesh"] for node in json_list(header, "nodes") if "mesh" in node}
-    n_unused = len(json_list(header, "meshes")) - len(used)
+    n_unused = len(json_list(header, "meshes")) - len(set(used))
     if n_unused > 0:
         notes.append(f"{plural(n_unused, 'mesh', 'belong')} to no node, not read")
     return notes
 
 
-def _chunk_notes(header: dict[str, Any], binary: memoryview) -> list[str]:
-    """A note where the binary chunk has not the promised length."""
-    for buffer in json_list(header, "buffers")[:1]:
-        promised = json_count(buffer, "byteLength")
-        if "uri" not in buffer and not 0 <= len(binary) - promised <= 3:  # padding to 4 bytes
-            return [f"buffer 0 promises {promised} bytes, the binary chunk holds {len(binary)}"]
-    return []
-
-
 def _triangles(corners: NDArray[np.int64], mode: int) -> NDArray[np.int64]:
     """(F, 3) triangles of a primitive; odd ones of a strip are reversed, which unifies winding."""
+    n = len(corners)
     if mode == TRIANGLES:
-        if len(corners) % 3:
-            raise MeshError(f"triangles need 3 corners each, got {len(corners)}; export it again")
+        check(n % 3 == 0, f"triangles need 3 corners each, got {n}")
         return corners.reshape(-1, 3)
-    if 0 < len(corners) < 3:
-        raise MeshError(f"a strip needs 3 corners or more, got {len(corners)}; export it again")
-    if mode == FAN:  # the first corner of a fan is the last of each triangle
-        return corners[np.roll(strip_triangles(len(corners), is_fan=True), -1, axis=1)]
-    return corners[strip_triangles(len(corners))]
+    check(n not in (1, 2), f"a strip needs 3 corners or more, got {n}")
+    rows = strip_triangles(n, is_fan=mode == FAN)
+    # The first corner of a fan is the last of each triangle.
+    return corners[np.roll(rows, -1, axis=1) if mode == FAN else rows]
 
 
 _Shape = tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]
@@ -301,47 +362,49 @@ class _Shapes:
         self._foreign: set[str] = set()
         self._n_skipped = self._n_empty = 0
 
-    def of(self, node: dict[str, Any], mesh: dict[str, Any]) -> _Shape:
+    def of(self, node: dict[str, Any]) -> _Shape:
         """Shape of a node's mesh, in the coordinates of the node."""
         self._look_for_extensions(node)
         index = node["mesh"]
         if index not in self._meshes:
-            self._meshes[index] = self._surfaces(index, mesh)
+            self._meshes[index] = self._surfaces(index)
         surfaces, weights, n_targets = self._meshes[index]
         own = _weights(node) if "weights" in node else None
         weights = weights if own is None else own
-        if weights and n_targets and n_targets != {len(weights)}:
-            raise MeshError(
-                f"mesh {index}: a weight for each of {max(n_targets)} morph targets wanted, got "
-                f"{len(weights)}; correct the weights"
-            )
+        check(
+            not (weights and n_targets) or n_targets == {len(weights)},
+            f"mesh {index}: a weight for each of {max(n_targets, default=0)} morph targets wanted, "
+            f"got {len(weights)}",
+        )
         if (index, own) not in self._known:
             self._known[index, own] = self._read(index, surfaces, weights)
         return self._known[index, own]
 
-    def instances(self, node: dict[str, Any], n_triangles: int) -> NDArray[np.float64]:
-        """(N, 4, 4) node_from_instance; the identity for a node without instances.
+    def instances(
+        self, node: dict[str, Any], n_points: int, n_triangles: int
+    ) -> NDArray[np.float64]:
+        """(N, 4, 4) node_from_instance, counted; the identity for a node without instances.
 
         Nothing is computed of instances without triangles: N is 0.
         """
+        extension = node.get("extensions", {}).get(INSTANCING)
         if not n_triangles:
             return np.empty((0, 4, 4))
-        extension = node.get("extensions", {}).get(INSTANCING)
         if extension is None:
+            self._accessors.reserve(n_triangles, n_points)
             return np.eye(4)[None]
         found = [extension["attributes"].get(key) for key in ("TRANSLATION", "ROTATION", "SCALE")]
         counts = sorted({self._accessors.count(index) for index in found if index is not None})
-        if len(counts) != 1:
-            raise MeshError(
-                f"instances need TRANSLATION, ROTATION or SCALE of one length, got lengths "
-                f"{counts}; export it again"
-            )
-        self._accessors.reserve(0, 0, counts[0] * BYTES_PER_INSTANCE)
-        self._accessors.check(counts[0] * n_triangles, 0)
+        check(
+            len(counts) == 1,
+            f"instances need TRANSLATION, ROTATION or SCALE of one length, got lengths {counts}",
+        )
+        n = counts[0]
+        self._accessors.reserve(n * n_triangles, n * n_points, n * BYTES_PER_INSTANCE)
         rest = (("VEC3", (0, 0, 0)), ("VEC4", (0, 0, 0, 1)), ("VEC3", (1, 1, 1)))
         return _affine(
             *(
-                np.tile(np.array(one, float), (counts[0], 1))
+                np.tile(np.array(one, float), (n, 1))
                 if index is None
                 else self._accessors.read(index, kind).astype(np.float64)
                 for index, (kind, one) in zip(found, rest, strict=True)
@@ -367,31 +430,28 @@ class _Shapes:
             n[:80] for n in names if not (n in READ or n.startswith((*HARMLESS, *OPTIONAL)))
         }
 
-    def _surfaces(self, index: int, mesh: dict[str, Any]) -> _Surfaces:
+    def _surfaces(self, index: int) -> _Surfaces:
         """Primitives of a mesh with triangles, checked once; the others are counted for a note."""
+        mesh = json_object(self._accessors.header, "meshes", index)
         self._look_for_extensions(mesh)
         surfaces: list[dict[str, Any]] = []
         n_targets: set[int] = set()
+        check(json_list(mesh, "primitives"), f"mesh {index} has no primitives")
         for primitive in json_list(mesh, "primitives"):
             self._look_for_extensions(primitive)
             mode = primitive.get("mode", TRIANGLES)
-            if type(mode) is not int or not 0 <= mode <= FAN:
-                raise MeshError(
-                    f"mesh {index}: a mode from 0 to 6 wanted, got {mode!r}; correct it"
-                )
+            is_mode = type(mode) is int and 0 <= mode <= FAN
+            check(is_mode, f"mesh {index}: a mode from 0 to 6 wanted, got {shown(mode)}")
             if mode < TRIANGLES:
                 self._n_skipped += 1
                 continue
             position = primitive.get("attributes", {}).get("POSITION")
-            if position is None:
-                raise MeshError(f"mesh {index}: a primitive without POSITION; export it again")
+            check(position is not None, f"mesh {index}: a primitive without POSITION")
             n_targets.add(len(json_list(primitive, "targets")))
             if self._accessors.count(primitive.get("indices", position)):
                 surfaces.append(primitive)
             else:
                 self._n_empty += 1
-        if not json_list(mesh, "primitives"):
-            raise MeshError(f"mesh {index} has no primitives; export it again")
         return surfaces, _weights(mesh), n_targets
 
     def _read(
@@ -420,10 +480,9 @@ class _Shapes:
                 first_of[key] = n_points
                 n_points += n_new
                 points.append(self._points(position, deltas))
+            corners = np.arange(n_new)
             if "indices" in primitive:
                 corners = self._corners(index, primitive["indices"], n_new)
-            else:
-                corners = np.arange(n_new)
             triangles.append(first_of[key] + _triangles(corners, mode))
             cad_faces.append(self._cad_faces(index, primitive, len(triangles[-1])))
         return np.concatenate(points), np.concatenate(triangles), np.concatenate(cad_faces)
@@ -437,23 +496,21 @@ class _Shapes:
             return np.full(n_triangles, -1)
         values = self._accessors.read(extension["faceIndices"], "SCALAR")[:, 0]
         # A number beyond the triangles would ask for as many names of groups.
-        if len(values) != n_triangles or (n_triangles and values.max() >= MOST_CAD_FACES):
-            raise MeshError(
-                f"mesh {index}: CAD faces below {MOST_CAD_FACES} for {n_triangles} triangles "
-                f"wanted, got {len(values)} up to {values.max(initial=0)}; export it again"
-            )
+        check(
+            len(values) == n_triangles and values.max(initial=0) < MOST_CAD_FACES,
+            f"mesh {index}: CAD faces below {MOST_CAD_FACES} for {n_triangles} triangles wanted, "
+            f"got {len(values)} up to {values.max(initial=0)}",
+        )
         return values.astype(np.int64)
 
     def _points(self, position: Any, deltas: list[tuple[float, Any]]) -> NDArray[np.float64]:
         points = self._accessors.read(position, "VEC3").astype(np.float64)
+        n = len(points)
         for weight, target in deltas:
-            if self._accessors.count(target) != len(points):
-                raise MeshError(
-                    f"accessor {target} moves {self._accessors.count(target)} points, the mesh has "
-                    f"{len(points)}; export it again"
-                )
+            n_moved = self._accessors.count(target)
+            check(n_moved == n, f"accessor {target} moves {n_moved} points, the mesh has {n}")
             # Targets may share their bytes, so a short file could demand unlimited work.
-            self._accessors.reserve(0, 0, BYTES_PER_INSTANCE + len(points) * BYTES_PER_DELTA)
+            self._accessors.reserve(0, 0, BYTES_PER_INSTANCE + n * BYTES_PER_DELTA)
             points += weight * self._accessors.read(target, "VEC3")
         return points
 
@@ -461,133 +518,27 @@ class _Shapes:
         values = self._accessors.read(indices, "SCALAR")[:, 0]
         # The largest value of a type is the primitive restart index, which glTF forbids.
         limit = min(n_points, int(np.iinfo(values.dtype).max))
-        if len(values) and values.max() >= limit:
-            raise MeshError(
-                f"mesh {index}: vertex indices must lie in 0 ... {limit - 1}, got {values.max()}; "
-                "export it again"
-            )
+        check_indices(values, limit, f"mesh {index}")
         return values.astype(np.int64)
 
 
-DATA_URI = re.compile(r"data:[\w.+-]+/[\w.+-]+(?:;[^,;]*)*;base64,")
-PADDING = 3
-"""Bytes that a buffer may hold beyond its length without a note: padding to 4 bytes."""
-
-
-def read_gltf(data: bytes, budget: int, bytes_beside: Callable[[str], bytes]) -> Polygons:
-    """Triangles of a .gltf file in metres, one group a node, in the order of the scene's tree.
-
-    Parameters
-    ----------
-    data : bytes
-        The JSON.
-    budget : int
-        Bytes that reading may need.
-    bytes_beside : callable
-        Bytes of the file of that relative name; MeshError where it is outside the folder.
-    """
-    with broken_files_refused():
-        header = json_header(data, "JSON")
-        buffers: list[memoryview] = []
-        notes: list[str] = []
-        for index, buffer in enumerate(json_list(header, "buffers")):
-            content, name = _content(index, buffer, bytes_beside)
-            promised = json_count(buffer, "byteLength")
-            if promised > len(content):
-                raise MeshError(
-                    f"buffer {index} promises {promised} bytes, {name} holds {len(content)}; "
-                    "it is truncated, export it again"
-                )
-            if len(content) - promised > PADDING:
-                notes.append(
-                    f"buffer {index} promises {promised} bytes, {name} holds {len(content)}"
-                )
-            buffers.append(memoryview(content)[:promised])
-        return scene_polygons(header, buffers, budget, notes)
-
-
-def _content(
-    index: int, buffer: dict[str, Any], bytes_beside: Callable[[str], bytes]
-) -> tuple[bytes, str]:
-    """Bytes of a buffer, and the name of their place for errors."""
-    uri = buffer.get("uri")
-    if not isinstance(uri, str):
-        raise MeshError(
-            f"buffer {index}: a file name or a data URI wanted, got {uri!r:.60}; export it again"
-        )
-    if not uri.startswith("data:"):
-        return bytes_beside(unquote(uri)), unquote(uri)[:80]
-    head = DATA_URI.match(uri)
-    try:
-        if head is None:
-            raise ValueError("no base64 is declared")
-        text = uri[head.end() :]
-        return base64.b64decode(unquote(text) if "%" in text else text, validate=True), "its URI"
-    except (ValueError, binascii.Error) as error:
-        raise MeshError(
-            f"buffer {index}: a data URI in base64 wanted, got {uri[:40]!r} ({error}); "
-            "export it again"
-        ) from None
-
-
-DEFLECTION = 1e-4
-"""Largest distance between a curved surface and its triangles, metres."""
-ANGULAR_DEFLECTION = 0.25
-"""Largest angle between neighbouring segments along a curve, radians."""
-CONVERT = """
-import sys
-import cascadio
-glb = cascadio.load(
-    sys.stdin.buffer.read(), tol_linear=float(sys.argv[2]), tol_angular=float(sys.argv[3]),
-    use_parallel=False, include_brep=True,
-)
-with open(sys.argv[1], "wb") as file:
-    file.write(glb)
-"""
-"""Program of the other process. One thread: the numbering of several depends on their timing."""
-
-
-def read_step(data: bytes, budget: int, deflection: float = DEFLECTION) -> Polygons:
-    """Triangles of a STEP file in metres, one group a CAD face, named "part/face 1" and so on.
-
-    Parameters
-    ----------
-    data : bytes
-        The file.
-    budget : int
-        Bytes that reading the triangles may need; that of Open CASCADE is not limited.
-    deflection : float
-        Largest distance between a curved surface and its triangles, metres.
-    """
-    glb = _converted(data, deflection)
-    with broken_files_refused():
-        header, binary, notes = chunks(glb)
-        polygons = scene_polygons(header, [binary], budget, notes, by_cad_face=True)
-    note = (
-        f"triangulated by Open CASCADE to within {deflection * 1e3:.3g} mm; what it left out of "
-        "the STEP file is not known here"
-    )
-    return replace(polygons, notes=[*polygons.notes, note], is_in_metres=True)
-
-
-def _converted(data: bytes, deflection: float) -> bytes:
+def _converted(data: bytes) -> bytes:
     """GLB file of a STEP file."""
     if find_spec("cascadio") is None:
         raise MeshError("reading STEP files needs cascadio: pip install 'rastercov[formats]'")
     with tempfile.TemporaryDirectory(prefix="rastercov-step-") as folder:
         path = Path(folder) / "scene.glb"
-        # cascadio takes the deflection in millimetres, whatever the unit of the file.
-        numbers = [str(deflection * 1e3), str(ANGULAR_DEFLECTION)]
+        numbers = [str(DEFLECTION_MM), str(ANGULAR_DEFLECTION)]
         command = [sys.executable, "-c", CONVERT, str(path), *numbers]
         ended = subprocess.run(
             command, input=data, capture_output=True, check=False, env=child_environment()
         )
         glb = path.read_bytes() if path.exists() else b""
-    if ended.returncode or not glb:
-        raise MeshError(
-            f"Open CASCADE cannot read the STEP file ({_reason(ended)}); export it again, as AP214 "
-            "or AP242"
-        )
+    check(
+        glb and not ended.returncode,
+        f"Open CASCADE cannot read the STEP file ({_reason(ended)})",
+        "export it again, as AP214 or AP242",
+    )
     return glb
 
 

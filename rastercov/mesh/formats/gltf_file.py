@@ -17,9 +17,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.base.checks import shown
 from rastercov.base.errors import MeshError, RastercovError
 from rastercov.base.files import UnknownNames, unique_names
-from rastercov.mesh.formats.polygons import check_budget
+from rastercov.mesh.formats.polygons import broken, check, check_budget
 
 JSON_CHUNK, BINARY_CHUNK = 0x4E4F534A, 0x004E4942
 COMPONENTS = {5120: "i1", 5121: "u1", 5122: "i2", 5123: "u2", 5125: "u4", 5126: "f4"}
@@ -29,34 +30,32 @@ COLUMNS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "
 
 def chunks(data: bytes) -> tuple[dict[str, Any], memoryview, list[str]]:
     """JSON header, binary chunk and notes."""
-    if len(data) < 20 or data[:4] != b"glTF":
-        raise MeshError("a GLB file begins with 'glTF', this one does not; export a binary .glb")
+    is_glb = len(data) >= 20 and data[:4] == b"glTF"
+    check(is_glb, "a GLB file begins with 'glTF', this one does not", "export a binary .glb")
     version, length = struct.unpack_from("<II", data, 4)
-    if version != 2:
-        raise MeshError(f"glTF version 2 wanted, got {version}; export it again")
-    if length > len(data):
-        raise MeshError(
-            f"the header promises {length} bytes, the file ends at byte offset {len(data)}; "
-            "it is truncated, export it again"
-        )
+    check(version == 2, f"glTF version 2 wanted, got {version}")
+    _check_room("the header", length, 0, len(data))
     found: dict[int, memoryview] = {}
     at = 12
     while at + 8 <= length:
         size, kind = struct.unpack_from("<II", data, at)
         at += 8
-        if at + size > length:
-            raise MeshError(
-                f"a chunk at byte offset {at} promises {size} bytes, {length - at} are there; "
-                "it is truncated, export it again"
-            )
+        _check_room("a chunk", size, at, length)
         found.setdefault(kind, memoryview(data)[at : at + size])
         at += size
     extra = len(data) - at
     notes = [f"{extra} trailing bytes after the last chunk were not read"] if extra > 0 else []
-    if JSON_CHUNK not in found:
-        raise MeshError("no readable JSON chunk (there is none); export it again")
+    check(JSON_CHUNK in found, "no readable JSON chunk (there is none)")
     header = json_header(bytes(found[JSON_CHUNK]), "JSON chunk")
     return header, found.get(BINARY_CHUNK, memoryview(b"")), notes
+
+
+def _check_room(what: str, size: int, at: int, end: int) -> None:
+    check(
+        at + size <= end,
+        f"{what} promises {size} bytes from byte offset {at} on, {end - at} are there; it is "
+        "truncated",
+    )
 
 
 def json_header(text: bytes, what: str) -> dict[str, Any]:
@@ -66,14 +65,13 @@ def json_header(text: bytes, what: str) -> dict[str, Any]:
             text.decode("utf-8-sig"), parse_constant=_no_number, object_pairs_hook=unique_names
         )
     except (ValueError, RecursionError) as error:
-        raise MeshError(f"no readable {what} ({error}); export it again") from error
+        raise broken(f"no readable {what} ({error})") from error
     if not isinstance(header, dict):
-        raise MeshError(f"the {what} must be an object, got {type(header).__name__}")
+        raise broken(f"the {what} must be an object, got {type(header).__name__}")
     asset = header.get("asset", {})
-    for key in ("version", "minVersion"):
+    for key, known in (("version", "2."), ("minVersion", "2.0")):
         wanted = str(asset.get(key, "2.0"))
-        if wanted.partition(".")[0] != "2" or (key == "minVersion" and wanted != "2.0"):
-            raise MeshError(f"glTF 2.0 wanted, got {key} {wanted[:20]!r}; export it again")
+        check(f"{wanted}.".startswith(known), f"glTF 2.0 wanted, got {key} {wanted[:20]!r}")
     return header
 
 
@@ -85,7 +83,7 @@ def json_list(owner: dict[str, Any], key: str) -> list[Any]:
     """List at a key, empty where there is none."""
     found = owner.get(key, [])
     if not isinstance(found, list):
-        raise MeshError(f"{key!r} must be a list, got {type(found).__name__}; export it again")
+        raise broken(f"{key!r} must be a list, got {type(found).__name__}")
     return found
 
 
@@ -93,7 +91,7 @@ def json_object(header: dict[str, Any], key: str, index: Any) -> dict[str, Any]:
     """Object of that index in the list at a key."""
     items = json_list(header, key)
     if type(index) is not int or not 0 <= index < len(items) or type(items[index]) is not dict:
-        raise MeshError(f"{key!r} has {len(items)} objects, number {index!r} was asked; correct it")
+        raise broken(f"{key!r} has {len(items)} objects, number {shown(index)} was asked")
     found: dict[str, Any] = items[index]
     return found
 
@@ -102,15 +100,15 @@ def json_name(owner: dict[str, Any]) -> str:
     """Name of an object, shortened, as many nodes may show that of one mesh; "" without one."""
     name = owner.get("name") or ""
     if not isinstance(name, str):
-        raise MeshError(f"a name must be a text, got {type(name).__name__}; correct it")
+        raise broken(f"a name must be a text, got {type(name).__name__}")
     return name[:LONGEST_NAME]
 
 
 def json_count(owner: dict[str, Any], key: str, default: int | None = None) -> int:
     """Integer of 0 or more at a key."""
     value = owner.get(key, default)
-    if type(value) is not int or value < 0:
-        raise MeshError(f"{key!r} must be a whole number from 0, got {value!r}; export it again")
+    if type(value) is not int or not 0 <= value < 1 << 63:
+        raise broken(f"{key!r} must be a whole number from 0, got {shown(value)}")
     return value
 
 
@@ -155,75 +153,72 @@ class Accessors:
     def read(self, index: Any, wanted: str) -> NDArray[Any]:
         """(N, columns) of type `wanted`; normalised integers become floats, scalars are indices."""
         accessor = json_object(self.header, "accessors", index)
+        where = f"accessor {index}"
         sparse = accessor.get("sparse")
-        if ("bufferView" not in accessor and not sparse) or sparse == {}:
-            raise MeshError(f"accessor {index} is sparse or compressed; export it uncompressed")
+        has_data = sparse if "sparse" in accessor else "bufferView" in accessor
+        check(has_data, f"{where} is sparse or compressed", "export it uncompressed")
         kind = COMPONENTS.get(accessor["componentType"])
         is_index = wanted == "SCALAR"
         is_normalised = accessor.get("normalized", False)
-        fits = kind is not None and (kind[0] == "u" if is_index else kind != "u4")
-        if accessor.get("type") != wanted or not fits:
-            raise MeshError(
-                f"accessor {index} must be {wanted}, got {accessor.get('type')!r} of "
-                f"{accessor.get('componentType')!r}; export it again"
-            )
-        if type(is_normalised) is not bool or (is_normalised and (is_index or kind == "f4")):
-            raise MeshError(
-                f"accessor {index}: 'normalized' is for coordinates in whole numbers, got "
-                f"{is_normalised!r}; export it again"
-            )
+        if (
+            accessor.get("type") != wanted
+            or kind is None
+            or not (kind[0] == "u" if is_index else kind != "u4")
+        ):
+            got = f"{shown(accessor.get('type'))} of {shown(accessor.get('componentType'))}"
+            raise broken(f"{where} must be {wanted}, got {got}")
+        check(
+            type(is_normalised) is bool and not (is_normalised and (is_index or kind == "f4")),
+            f"{where}: 'normalized' is for whole coordinates, got {shown(is_normalised)}",
+        )
         dtype, n, n_columns = np.dtype(f"<{kind}"), self.count(index), COLUMNS[wanted]
         if "bufferView" in accessor:
-            values = self._window(index, accessor, n, dtype, n_columns)
+            values = self._window(where, accessor, n, dtype, n_columns)
         else:
             values = np.zeros((n, n_columns), dtype)
         if sparse:
-            values = self._replaced(index, sparse, values)
+            values = self._replaced(where, sparse, values)
         if is_normalised:
             values = np.maximum(values / np.iinfo(dtype).max, -1)
         return values
 
-    def _replaced(self, index: Any, sparse: dict[str, Any], values: NDArray[Any]) -> NDArray[Any]:
+    def _replaced(self, where: str, sparse: dict[str, Any], values: NDArray[Any]) -> NDArray[Any]:
         """Values of an accessor after the replacements of its sparse part."""
-        n = json_count(sparse, "count")
+        n, n_values = json_count(sparse, "count"), len(values)
         kind = COMPONENTS.get(sparse["indices"]["componentType"], "")
-        if not 0 < n <= len(values) or kind[:1] != "u":
-            raise MeshError(
-                f"accessor {index} is sparse or compressed: 1 to {len(values)} replaced elements "
-                f"wanted, got {n} with indices of type {kind!r}; export it uncompressed"
-            )
-        where = self._window(index, sparse["indices"], n, np.dtype(f"<{kind}"), 1)[:, 0]
-        if (where[1:] <= where[:-1]).any() or where[-1] >= len(values):
-            raise MeshError(
-                f"accessor {index}: sparse indices must rise within 0 ... {len(values) - 1}; "
-                "export it again"
-            )
+        check(
+            0 < n <= n_values and kind[:1] == "u",
+            f"{where} is sparse: 1 to {n_values} replaced elements wanted, got {n} with indices of "
+            f"type {kind!r}",
+        )
+        rows = self._window(where, sparse["indices"], n, np.dtype(f"<{kind}"), 1)[:, 0]
+        check(
+            (rows[1:] > rows[:-1]).all() and rows[-1] < n_values,
+            f"{where}: sparse indices must rise within 0 ... {n_values - 1}",
+        )
         replaced = values.copy()
-        replaced[where] = self._window(index, sparse["values"], n, values.dtype, values.shape[1])
+        replaced[rows] = self._window(where, sparse["values"], n, values.dtype, values.shape[1])
         return replaced
 
     def _window(
-        self, index: Any, owner: dict[str, Any], count: int, dtype: np.dtype[Any], n_columns: int
+        self, where: str, owner: dict[str, Any], count: int, dtype: np.dtype[Any], n_columns: int
     ) -> NDArray[Any]:
         """(count, n_columns) elements of the buffer view that `owner` names."""
         view = json_object(self.header, "bufferViews", owner["bufferView"])
-        buffer_index = view.get("buffer", 0)
-        json_object(self.header, "buffers", buffer_index)
-        if buffer_index >= len(self._buffers):
-            raise MeshError(
-                "a buffer lies outside the file (uri), which is never opened; "
-                "export a self-contained .glb"
-            )
+        index = view.get("buffer", 0)
+        json_object(self.header, "buffers", index)
+        is_here = index < len(self._buffers)
+        check(is_here, "a buffer lies outside the file (uri) and is never opened", "export a .glb")
         row = n_columns * dtype.itemsize
         stride = json_count(view, "byteStride", row)
         start, within = json_count(view, "byteOffset", 0), json_count(owner, "byteOffset", 0)
-        buffer = self._buffers[buffer_index]
+        buffer = self._buffers[index]
         window = min(json_count(view, "byteLength", 0), len(buffer) - start)
-        if stride < row or (count and within + (count - 1) * stride + row > window):
-            raise MeshError(
-                f"accessor {index} promises {count} elements of {row} bytes every {stride}, its "
-                f"view holds {max(window, 0)} bytes; the file is broken, export it again"
-            )
+        check(
+            stride >= row and (not count or within + (count - 1) * stride + row <= window),
+            f"{where} promises {count} elements of {row} bytes every {stride}, its view holds "
+            f"{max(window, 0)} bytes; the file is broken",
+        )
         if not count:
             return np.empty((0, n_columns), dtype)
         return np.ndarray(
@@ -235,58 +230,44 @@ INSTANCING = "EXT_mesh_gpu_instancing"
 KNOWN = {
     kind: frozenset(f"{names} extensions extras".split())
     for kind, names in {
-        "file": "accessors animations asset buffers bufferViews cameras extensionsRequired "
+        "": "accessors animations asset buffers bufferViews cameras extensionsRequired "
         "extensionsUsed images materials meshes nodes samplers scene scenes skins textures",
         "asset": "copyright generator minVersion version",
-        "scene": "nodes name",
-        "node": "camera children matrix mesh name rotation scale skin translation weights",
-        "mesh": "primitives weights name",
-        "primitive": "attributes indices material mode targets",
-        "accessor": "bufferView byteOffset componentType count max min name normalized sparse type",
+        "scenes": "nodes name",
+        "nodes": "camera children matrix mesh name rotation scale skin translation weights",
+        "meshes": "primitives weights name",
+        "primitives": "attributes indices material mode targets",
+        "accessors": "bufferView byteOffset componentType count max min name normalized sparse "
+        "type",
         "sparse": "count indices values",
-        "sparse indices": "bufferView byteOffset componentType",
-        "sparse values": "bufferView byteOffset",
-        "bufferView": "buffer byteLength byteOffset byteStride name target",
-        "buffer": "byteLength name uri",
-        "camera": "orthographic perspective type name",
+        "indices": "bufferView byteOffset componentType",
+        "values": "bufferView byteOffset",
+        "bufferViews": "buffer byteLength byteOffset byteStride name target",
+        "buffers": "byteLength name uri",
+        "cameras": "orthographic perspective type name",
         "perspective": "aspectRatio yfov zfar znear",
         INSTANCING: "attributes",
     }.items()
 }
-"""Names of each kind of object."""
-PARTS = {
-    "file": {
-        "asset": "asset", "scenes": "scene", "nodes": "node", "meshes": "mesh",
-        "accessors": "accessor", "bufferViews": "bufferView", "buffers": "buffer",
-        "cameras": "camera",
-    },
-    "node": {"extensions": "extensions"},
-    "extensions": {INSTANCING: INSTANCING},
-    INSTANCING: {"attributes": "instances"},
-    "mesh": {"primitives": "primitive"},
-    "primitive": {"attributes": "attributes", "targets": "attributes"},
-    "accessor": {"sparse": "sparse"},
-    "sparse": {"indices": "sparse indices", "values": "sparse values"},
-    "camera": {"perspective": "perspective"},
-}  # fmt: skip
-"""Kinds of the objects within an object, or in a list there, by their names."""
+"""Names within the objects that an entry of a name holds, one or a list; "" is the file."""
 HARMLESS = frozenset(
     {"copyright", "generator", "name", "extras", "material", "materials", "max", "min", "target"}
     | {"images", "samplers", "textures", "animations", "skin", "skins", "zfar", "znear"}
 )
 """Names that no triangle and no camera depends on."""
-ATTRIBUTES = {
-    "attributes": (
-        re.compile(r"POSITION|NORMAL|TANGENT|(TEXCOORD|COLOR|JOINTS|WEIGHTS)_[0-9]+|_.*", re.S),
-        frozenset({"POSITION"}),
-    ),
-    "instances": (
-        re.compile(r"TRANSLATION|ROTATION|SCALE|_.*", re.S),
-        frozenset({"TRANSLATION", "ROTATION", "SCALE"}),
-    ),
+ATTRIBUTES = ("attributes", "targets")
+"""Entries of objects whose names are those of attributes."""
+ATTRIBUTE = re.compile(
+    r"POSITION|NORMAL|TANGENT|(TEXCOORD|COLOR|JOINTS|WEIGHTS)_[0-9]+|TRANSLATION|ROTATION|SCALE|_.*",
+    re.DOTALL,
+)
+NESTED = {*KNOWN, *ATTRIBUTES, "extensions"}
+MOVING = frozenset({"POSITION", "TRANSLATION", "ROTATION", "SCALE"})
+"""Attributes that move triangles."""
+NAMES_ACCESSORS = {
+    *("attributes", "indices", "targets", "extensions", "inverseBindMatrices", "input", "output")
 }
-"""Names of attributes, and those that move triangles."""
-WIDTHS = {str(component): int(kind[1]) for component, kind in COMPONENTS.items()}
+"""Names of entries that have indices of accessors, directly or below."""
 ALIGNMENT = 4
 """Bytes: a smaller gap between accessors is padding."""
 
@@ -294,100 +275,87 @@ ALIGNMENT = 4
 def unknown_names(header: dict[str, Any], error: type[RastercovError] = MeshError) -> list[str]:
     """Notes on names that glTF 2.0 does not have; an error for a slip in one that matters."""
     found = UnknownNames(error)
-    for where, kind, owner in _objects("the file", "file", header):
+    for where, kind, owner in _objects("the file", "", header):
         if kind in KNOWN:
             found.look(where, owner.keys(), KNOWN[kind], HARMLESS)
         elif kind in ATTRIBUTES:
-            pattern, needed = ATTRIBUTES[kind]
-            known = {name for name in owner if pattern.fullmatch(name)}
-            if len(known) < len(owner):
-                found.look(where, owner.keys(), frozenset(known | needed), frozenset(known))
+            known = frozenset(filter(ATTRIBUTE.fullmatch, owner))
+            found.look(where, owner.keys(), known | MOVING, known)
     return found.notes()
 
 
 def _objects(
     where: str, kind: str, owner: dict[str, Any]
 ) -> Iterator[tuple[str, str, dict[str, Any]]]:
-    """An object and those within it, each with its place and kind."""
+    """An object and those within it, each with its place and the name of its entry."""
     yield where, kind, owner
-    for name, inner in PARTS.get(kind, {}).items():
-        value = owner.get(name)
-        of = "" if kind == "file" else f" of {where}"
+    of = f" of {where}" if kind else ""
+    for name in filter(NESTED.__contains__, owner):
+        value = owner[name]
         for row, each in enumerate(value if isinstance(value, list) else [value]):
             if isinstance(each, dict):
-                yield from _objects(f"{inner} {row}{of}", inner, each)
+                title = {"meshes": "mesh"}.get(name, name.removesuffix("s"))
+                yield from _objects(f"{title} {row}{of}", name, each)
 
 
 def unread_data(header: dict[str, Any]) -> list[str]:
     """Notes on accessors that nothing names, and on bytes of views that no accessor reads."""
-    accessors, views = (_tables(header.get(key)) for key in ("accessors", "bufferViews"))
+    accessors, views = json_list(header, "accessors"), json_list(header, "bufferViews")
     used = _used_accessors(header)
     n_unused = sum(index not in used for index in range(len(accessors)))
     notes = [f"{n_unused} accessors belong to nothing, not read"] if n_unused else []
     spans: dict[int, list[tuple[int, int, int]]] = {}
     for accessor in accessors:
-        for owner, row in _windows(accessor):
-            index, count = owner.get("bufferView"), owner.get("count")
-            if type(index) is int and 0 <= index < len(views):
-                stride, start = views[index].get("byteStride", row), owner.get("byteOffset", 0)
-                if type(start) is type(stride) is type(count) is int:
-                    spans.setdefault(index, []).append((start, start + stride * count, stride))
+        for owner, count, row in _windows(accessor):
+            view = json_object(header, "bufferViews", owner["bufferView"])
+            stride, start = json_count(view, "byteStride", row), json_count(owner, "byteOffset", 0)
+            span = (start, start + stride * count, stride)
+            spans.setdefault(owner["bufferView"], []).append(span)
     n_unread = 0
     for index, its in spans.items():
-        length = views[index].get("byteLength")
+        length = json_count(views[index], "byteLength", 0)
         at = 0
         for start, end, stride in (*sorted(its), (length, length, its[0][2])):
-            if type(start) is int and start - at >= max(stride, ALIGNMENT):
+            if start - at >= max(stride, ALIGNMENT):
                 n_unread += start - at
-            at = max(at, end) if type(end) is int else at
-    return notes + (
-        [f"{n_unread} bytes beside the elements of accessors belong to none, not read"]
-        if n_unread
-        else []
-    )
+            at = max(at, end)
+    if n_unread:
+        notes.append(f"{n_unread} bytes beside the elements of accessors belong to none, not read")
+    return notes
 
 
-def _windows(accessor: dict[str, Any]) -> Iterator[tuple[dict[str, Any], int]]:
-    """Parts of an accessor that name a view, with their count, and the bytes of an element."""
-    columns = COLUMNS.get(str(accessor.get("type")), 0)
-    row = columns * WIDTHS.get(str(accessor.get("componentType")), 0)
-    yield accessor, row
-    for sparse in _tables([accessor.get("sparse")]):
-        for indices in _tables([sparse.get("indices")]):
-            width = WIDTHS.get(str(indices.get("componentType")), 0)
-            yield {**indices, "count": sparse.get("count")}, width
-        for values in _tables([sparse.get("values")]):
-            yield {**values, "count": sparse.get("count")}, row
+def _windows(accessor: dict[str, Any]) -> Iterator[tuple[dict[str, Any], int, int]]:
+    """Parts of an accessor that name a view, each with its count and the bytes of an element."""
+    row = COLUMNS.get(str(accessor.get("type")), 0) * _width(accessor)
+    sparse = accessor.get("sparse", {})
+    indices, values = sparse.get("indices", {}), sparse.get("values", {})
+    for owner, counted, size in (
+        (accessor, accessor, row), (indices, sparse, _width(indices)), (values, sparse, row)
+    ):  # fmt: skip
+        if "bufferView" in owner:
+            yield owner, json_count(counted, "count"), size
+
+
+def _width(owner: dict[str, Any]) -> int:
+    """Bytes of a number."""
+    return int(COMPONENTS.get(owner.get("componentType", 0), "00")[1])
 
 
 def _used_accessors(header: dict[str, Any]) -> set[int]:
     """Whole numbers in all places that may have the index of an accessor."""
-    places: list[Any] = []
-    for mesh in _tables(header.get("meshes")):
-        for each in _tables(mesh.get("primitives")):
-            places += [each.get(key) for key in ("attributes", "indices", "targets", "extensions")]
-    places += [node.get("extensions") for node in _tables(header.get("nodes"))]
-    places += [skin.get("inverseBindMatrices") for skin in _tables(header.get("skins"))]
-    for animation in _tables(header.get("animations")):
-        samplers = _tables(animation.get("samplers"))
-        places += [sampler.get(key) for key in ("input", "output") for sampler in samplers]
-    places.append(header.get("extensions"))
     found: set[int] = set()
+    others = {key: each for key, each in header.items() if key != "accessors"}
+    places: list[tuple[Any, bool]] = [(others, False)]
     while places:
-        each = places.pop()
+        each, has_accessors = places.pop()
         if isinstance(each, dict):
-            places += each.values()
+            inner = (item for item in each.items() if item[0] != "extras")
+            places += [(value, has_accessors or key in NAMES_ACCESSORS) for key, value in inner]
         elif isinstance(each, list):
-            places += each
-        elif type(each) is int:
+            places += [(value, has_accessors) for value in each]
+        elif has_accessors and type(each) is int:
             found.add(each)
     return found
-
-
-def _tables(items: Any) -> list[dict[str, Any]]:
-    """Objects of a list, empty ones in place of what is none: the reader refuses it."""
-    listed = items if isinstance(items, list) else []
-    return [each if isinstance(each, dict) else {} for each in listed]
 
 
 Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])

@@ -18,6 +18,8 @@ from numpy.typing import NDArray
 from rastercov.base.errors import MeshError
 from rastercov.mesh.formats.polygons import (
     Polygons,
+    broken,
+    check,
     check_budget,
     check_count,
     fan_polygons,
@@ -61,10 +63,8 @@ class Element:
         for i, p in enumerate(self.properties):
             if p.name in names and p.type[0] in kinds and bool(p.count_type) == is_list:
                 return i
-        raise MeshError(
-            f"element {self.name!r} wants a property {names[0]!r}, has "
-            f"{[p.name for p in self.properties]}; export it again"
-        )
+        names_of = [p.name for p in self.properties]
+        raise broken(f"element {self.name!r} wants a property {names[0]!r}, has {names_of}")
 
 
 class Column(NamedTuple):
@@ -92,8 +92,8 @@ def read(data: bytes, budget: int) -> Polygons:
         least = max(1, sum(sizes) if order else 2 * len(sizes))
         check_count(element.count, f"elements {element.name!r}", least, n_left)
     surfaces = [name for name in elements if name in SURFACES]
-    if "vertex" not in elements or not surfaces:
-        raise MeshError(f"no triangles: elements vertex and face wanted, got {list(elements)}")
+    has_both = "vertex" in elements and surfaces
+    check(has_both, f"no triangles: elements vertex and face wanted, got {list(elements)}")
     vertex = elements["vertex"]
     axes = [("vertex", vertex.index((axis,), "iuf", False)) for axis in "xyz"]
     others = [
@@ -129,10 +129,7 @@ def _faces(lists: Column, budget: int) -> Column:
     """Corners of polygons, one list each."""
     few = np.flatnonzero(lists.counts < 3)
     if len(few):
-        raise MeshError(
-            f"face {few[0]}: 3 or more vertices wanted, got {lists.counts[few[0]]}; "
-            "remove points and lines from the faces"
-        )
+        raise broken(f"face {few[0]}: 3 or more vertices wanted, got {lists.counts[few[0]]}")
     return lists
 
 
@@ -147,13 +144,10 @@ def _strips(lists: Column, budget: int) -> Column:
     begins = begins[:-1]
     begins[1:] |= is_gap[:-1]
     step = i - np.maximum.accumulate(np.where(begins, i, 0))
-    is_end = np.append(begins[1:], True)
-    short = np.flatnonzero(is_end & (step + 1 - is_gap > 0) & (step + 1 - is_gap < 3))
+    length = (step + 1 - is_gap) * np.append(begins[1:], True)  # at the end of each strip
+    short = np.flatnonzero((length > 0) & (length < 3))
     if len(short):
-        raise MeshError(
-            f"a strip of 3 or more vertices wanted, one ends at value {short[0]} of the strips "
-            f"with {step[short[0]] + 1 - is_gap[short[0]]}; remove points and lines"
-        )
+        raise broken(f"a strip of 3 or more vertices wanted, one ends at value {short[0]}")
     last = np.flatnonzero((step >= 2) & ~is_gap)
     odd = step[last] % 2
     triangles = np.stack([corners[last - 2], corners[last - 1 + odd], corners[last - odd]], axis=1)
@@ -186,7 +180,7 @@ def _header(lines: Lines) -> tuple[str, dict[str, Element]]:
             case _:
                 raise lines.error("a format, element or property", words)
     if order is None:
-        raise MeshError(f"a line 'format' with one of {list(BYTE_ORDERS)} wanted, there is none")
+        raise broken(f"a line 'format' with one of {list(BYTE_ORDERS)} wanted, there is none")
     return order, elements
 
 
@@ -199,31 +193,30 @@ def _text(
     for element in elements.values():
         if not element.properties:
             continue
-        kept = [i for name, i in wanted if name == element.name]
         names = f"values for {' '.join(p.name for p in element.properties)}"
         # Coordinates are read as floats even if declared as integers, which have 32 bits at most.
-        values: list[array[Any]] = [
-            array("q" if element.properties[i].count_type else "d") for i in kept
-        ]
-        counts = [array("q") for _ in kept]
+        kept: dict[int, tuple[array[Any], array[int]]] = {
+            i: (array("q" if element.properties[i].count_type else "d"), array("q"))
+            for name, i in wanted
+            if name == element.name
+        }
         for words in lines.take(element.count, element.name):
             numbers = lines.floats(words, names)
-            if element.lists:
-                row = _split(lines, element.properties, words, names)
-                for i, value, count in zip(kept, values, counts, strict=True):
-                    if element.properties[i].count_type:
-                        value.extend(lines.integers(row[i], names))
-                        count.append(len(row[i]))
-                        check_budget(max(0, len(value) - 2 * len(count)), budget)
-                    else:
-                        value.extend(lines.floats(row[i], names))
-            else:
+            if not element.lists:
                 if len(words) != len(element.properties):
                     raise lines.error(names, words)
-                for i, value in zip(kept, values, strict=True):
-                    value.append(numbers[i])
-        for i, value, count in zip(kept, values, counts, strict=True):
-            columns[element.name, i] = Column(np.asarray(value), np.asarray(count))
+                for i, (values, _) in kept.items():
+                    values.append(numbers[i])
+                continue
+            row = _split(lines, element.properties, words, names)
+            for i, (values, counts) in kept.items():
+                is_list = element.properties[i].count_type
+                values.extend((lines.integers if is_list else lines.floats)(row[i], names))
+                counts.append(len(row[i]))
+                if is_list:
+                    check_budget(max(0, len(values) - 2 * len(counts)), budget)
+        for i, (values, counts) in kept.items():
+            columns[element.name, i] = Column(np.asarray(values), np.asarray(counts))
         if element.count:
             is_cut = bool(kept) and lines.is_cut
     return columns, [CUT_NOTE] if is_cut else trailing_lines(lines)
@@ -261,7 +254,7 @@ def _binary(
     for element in elements.values():
         kept = [i for name, i in wanted if name == element.name]
         found, offset = _binary_rows(data, offset, order, element, kept, budget)
-        columns |= {(element.name, i): column for i, column in zip(kept, found, strict=True)}
+        columns |= {(element.name, i): column for i, column in found.items()}
     extra = len(data) - offset
     return columns, (
         [f"{extra} trailing bytes after the last element were not read"] if extra else []
@@ -270,10 +263,10 @@ def _binary(
 
 def _binary_rows(
     data: bytes, offset: int, order: str, element: Element, kept: list[int], budget: int
-) -> tuple[list[Column], int]:
+) -> tuple[dict[int, Column], int]:
     """Columns `kept` of a binary element that begins at `offset`, and the offset of its end."""
     if not element.count or not element.properties:
-        return [Column(np.empty(0), np.empty(0, np.int64)) for _ in kept], offset
+        return {i: Column(np.empty(0), np.empty(0, np.int64)) for i in kept}, offset
     lengths, after_first = _row_lengths(data, offset, order, element)
     end = offset + (after_first - offset) * element.count
     if end <= len(data):
@@ -286,9 +279,10 @@ def _binary_rows(
         rows = np.frombuffer(data, np.dtype(fields), element.count, offset)
         if all((rows[f"n{i}"] == lengths[i]).all() for i in element.lists):
             check_budget(max([element.count * (lengths[i] - 2) for i in kept], default=0), budget)
-            return [
-                Column(rows[f"v{i}"].reshape(-1), np.full(element.count, lengths[i])) for i in kept
-            ], end
+            return {
+                i: Column(rows[f"v{i}"].reshape(-1), np.full(element.count, lengths[i]))
+                for i in kept
+            }, end
     # Rows of several lengths: a Python loop over the rows, 3 µs a row.
     pieces = {i: bytearray() for i in kept}
     counts = {i: array("q") for i in kept}
@@ -299,16 +293,15 @@ def _binary_rows(
             size = n * int(p.type[1])
             offset += int(p.count_type[1:] or 0)
             if i in pieces:
-                if p.count_type:
-                    n_corners += n
-                    check_budget(max(0, n_corners - 2 * k - 2), budget)
+                n_corners += n * bool(p.count_type)
+                check_budget(max(0, n_corners - 2 * k - 2), budget)
                 counts[i].append(n)
                 pieces[i] += data[offset : offset + size]
             offset += size
-    return [
-        Column(np.frombuffer(pieces[i], order + element.properties[i].type), np.asarray(counts[i]))
-        for i in kept
-    ], offset
+    return {
+        i: Column(np.frombuffer(piece, order + element.properties[i].type), np.asarray(counts[i]))
+        for i, piece in pieces.items()
+    }, offset
 
 
 def _row_lengths(data: bytes, offset: int, order: str, element: Element) -> tuple[list[int], int]:
@@ -321,8 +314,8 @@ def _row_lengths(data: bytes, offset: int, order: str, element: Element) -> tupl
         offset += int(p.count_type[1:] or 0) + n * int(p.type[1])
         lengths.append(n)
         if n < 0 or offset > len(data):
-            raise MeshError(
+            raise broken(
                 f"element {element.name!r} needs {n} values of {p.name!r} up to byte offset "
-                f"{offset}, the file has {len(data)} bytes; it is truncated, export it again"
+                f"{offset}, the file has {len(data)} bytes; it is truncated"
             )
     return lengths, offset

@@ -11,8 +11,9 @@ those without faces are left out, and a chain of parts that hold one other each 
 remains has fewer parts than shapes.
 """
 
-from collections.abc import Callable, Hashable, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Hashable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,6 +23,10 @@ from rastercov.base.errors import MeshError, ResourceError
 from rastercov.mesh.arrays import MOST_FACES
 from rastercov.mesh.topology import first_equal_row
 
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+AFFINE_ROW_TOLERANCE = 1e-6
 PEAK_BYTES_PER_FACE = 300
 """Peak memory of a face and its vertex: 250 measured with a binary STL of 10^7, the worst case."""
 PEAK_BYTES_PER_VERTEX = 150
@@ -57,6 +62,46 @@ class Polygons:
     group_names: Sequence[str | None] = (None,)
     notes: Sequence[str] = ()
     is_in_metres: bool = False
+
+
+def broken(fault: str, advice: str = "export it again") -> MeshError:
+    """Error about a file; `fault` says what was wanted and what came."""
+    return MeshError(f"{fault}; {advice}")
+
+
+def check(is_right: object, fault: str, advice: str = "export it again") -> None:
+    """Raise the error of `broken` unless something is right."""
+    if not is_right:
+        raise broken(fault, advice)
+
+
+@contextmanager
+def broken_files_refused() -> Iterator[None]:
+    """Turn errors of a look-up or of a computation in the block into a MeshError."""
+    try:
+        yield
+    except (MeshError, ResourceError):
+        raise
+    except RecursionError:
+        raise broken("its parts are nested too deeply") from None
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
+        # Any JSON value may have any type; a check of each would be longer and no clearer.
+        raise broken(f"the file contradicts its format ({error!r})") from error
+
+
+def check_indices(values: NDArray[np.integer[Any]], n: int, where: str) -> None:
+    """Raise MeshError unless all vertex indices lie in 0 ... n - 1; `where` names their owner."""
+    low, high = values.min(initial=0), values.max(initial=0)
+    is_right = not len(values) or (low >= 0 and high < n)
+    check(is_right, f"{where}: vertex indices must lie in 0 ... {n - 1}, got {low} ... {high}")
+
+
+def check_affine(matrix: FloatArray, where: str) -> None:
+    """Raise MeshError unless the last row of a (4, 4) matrix is 0 0 0 1."""
+    check(
+        np.allclose(matrix[3], (0, 0, 0, 1), rtol=0, atol=AFFINE_ROW_TOLERANCE),
+        f"{where}: a matrix whose last row is 0 0 0 1 wanted, got {matrix[3].tolist()}",
+    )
 
 
 def check_budget(n_faces: int, budget: int, n_vertices: int = 0, n_bytes: int = 0) -> None:
@@ -101,15 +146,13 @@ def fan_polygons(
 
 def check_count(count: int, what: str, least_bytes: int, available: int) -> None:
     """Raise MeshError when `count` items of `least_bytes` each cannot be in `available` bytes."""
-    if not 0 <= count * least_bytes <= available + least_bytes:  # the last newline may be missing
-        raise MeshError(
-            f"the header promises {count} {what}, at least {count * least_bytes} bytes, "
-            f"{available} bytes are there; the file is truncated or its header is wrong"
-        )
+    need = count * least_bytes
+    check(
+        0 <= need <= available + least_bytes,  # the last newline may be missing
+        f"the header promises {count} {what}, at least {need} bytes, {available} bytes are there",
+        "the file is truncated or its header is wrong",
+    )
 
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 FOLD_TOLERANCE_REL = 1e-9  # share of a triangle's area that may be wound against its polygon
 WHOLE_TURN = 2 * np.pi * (1 + 1e-9)
@@ -184,22 +227,18 @@ def cut_concave(vertices: FloatArray, faces: IntArray, source_face: IntArray) ->
     bend = np.maximum(np.maximum.reduceat(height.max(axis=1), first_row), 0)
     bend -= np.minimum(np.minimum.reduceat(height.min(axis=1), first_row), 0)
     is_bent = (bend > FLATNESS_TOLERANCE_REL) & ~is_without_plane
-    kinds = (
-        (is_bent, "are not flat", "other triangles would be another surface"),
-        (
-            is_crossing,
-            "cross or touch themselves",
-            "their triangles may overlap, correct them in the modeller",
+    kinds = {
+        "are not flat": (is_bent, "other triangles would be another surface"),
+        "cross or touch themselves": (
+            is_crossing, "their triangles may overlap, correct them in the modeller"
         ),
-        (
-            is_given_up,
-            f"are concave and have more than {MOST_CORNERS} corners",
-            "their triangles fold over, cut them in the modeller",
+        f"are concave and have more than {MOST_CORNERS} corners": (
+            is_given_up, "their triangles fold over, cut them in the modeller"
         ),
-    )
+    }  # fmt: skip
     return [
         f"{is_so.sum()} polygons {what}, the first is {source_face[start[is_so.argmax()]]}; {then}"
-        for is_so, what, then in kinds
+        for what, (is_so, then) in kinds.items()
         if is_so.any()
     ]
 
@@ -330,44 +369,50 @@ class Assembly:
     def __init__(self, element_of: Callable[[Hashable], Part], budget: int) -> None:
         self._element_of, self._budget = element_of, budget
         self._nodes: dict[Hashable, _Node | None] = {}
-        self._vertices, self._corners = [np.empty((0, 3))], [np.empty(0, np.int64)]
-        self._n_corners, self._labels = [np.empty(0, np.int64)], [np.empty(0, np.int64)]
         self._names: list[str | None] = []
-        self._n_vertices = 0
 
     def polygons(
-        self, roots: Iterable[tuple[FloatArray, Hashable]], metres: float | None
+        self, roots: Sequence[tuple[FloatArray, Hashable]], metres: float | None
     ) -> Polygons:
         """All instances below these elements, one group each, by `metres` if they are known."""
-        nodes = [(matrix, self._node(key)) for matrix, key in roots]
-        self._count([node for _, node in nodes])
-        for matrix, node in nodes:
-            self._place(node, matrix)
+        points, corners = [np.empty((0, 3))], [np.empty(0, np.int64)]
+        n_corners, labels = [np.empty(0, np.int64)], [np.empty(0, np.int64)]
+        n_points = 0
+        whole = self._node_of(Part("", "the scene", roots))
+        for label, place, shape in self._shapes(whole, np.eye(4)):
+            points.append(shape.points @ place[:3, :3].T + place[:3, 3])
+            is_mirrored = np.linalg.det(place[:3, :3]) < 0  # it would face inwards
+            rows = _reversed_rows(shape.n_corners) if is_mirrored else slice(None)
+            corners.append(shape.corners[rows] + n_points)
+            n_corners.append(shape.n_corners)
+            labels.append(np.full(len(shape.n_corners), label))
+            n_points += len(shape.points)
         found = fan_polygons(
-            np.concatenate(self._vertices) * (1.0 if metres is None else metres),
-            np.concatenate(self._corners),
-            np.concatenate(self._n_corners),
+            np.concatenate(points) * (1.0 if metres is None else metres),
+            np.concatenate(corners),
+            np.concatenate(n_corners),
             self._budget,
         )
-        return Polygons(
-            found.vertices,
-            found.faces,
-            found.source_face,
-            np.concatenate(self._labels)[found.source_face],
-            self._names or [None],
+        return replace(
+            found,
+            face_group=np.concatenate(labels)[found.source_face],
+            group_names=self._names,
             is_in_metres=metres is not None,
         )
 
     def _node(self, key: Hashable) -> _Node:
         """The element of a key, without what has no faces."""
-        if key in self._nodes:
-            known = self._nodes[key]
-            if known is None:
-                raise MeshError(f"{self._element_of(key).title} is a part of itself; correct it")
-            return known
-        self._nodes[key] = None
-        element = self._element_of(key)
+        if key not in self._nodes:
+            self._nodes[key] = None
+            self._nodes[key] = self._node_of(self._element_of(key))
+        if (known := self._nodes[key]) is None:
+            raise broken(f"{self._element_of(key).title} is a part of itself")
+        return known
+
+    def _node_of(self, element: Part) -> _Node:
+        """An element, counted, within the budget."""
         pieces: list[tuple[FloatArray, Shape | _Node]] = []
+        n_faces = n_vertices = n_shapes = 0
         for matrix, each in element.pieces:
             piece = each if isinstance(each, Shape) else self._node(each)
             if not piece.n_faces:
@@ -379,38 +424,21 @@ class Assembly:
                 if isinstance(only, _Node):
                     matrix, piece = matrix @ place, only
             pieces.append((matrix, piece))
-        totals = self._count([piece for _, piece in pieces])
-        self._nodes[key] = node = _Node(element.name, pieces, *totals)
-        return node
+            n_faces += piece.n_faces
+            n_vertices += piece.n_vertices if isinstance(piece, _Node) else len(piece.points)
+            n_shapes += piece.n_shapes if isinstance(piece, _Node) else 1
+        check_budget(n_faces, self._budget, n_vertices, n_shapes * BYTES_PER_INSTANCE)
+        return _Node(element.name, pieces, n_faces, n_vertices, n_shapes)
 
-    def _count(self, pieces: Sequence[Shape | _Node]) -> tuple[int, int, int]:
-        """Faces, vertices and shapes of these together, within the budget."""
-        n_faces = sum(piece.n_faces for piece in pieces)
-        n_vertices = sum(
-            len(piece.points) if isinstance(piece, Shape) else piece.n_vertices for piece in pieces
-        )
-        n_shapes = sum(1 if isinstance(piece, Shape) else piece.n_shapes for piece in pieces)
-        n_bytes = n_shapes * BYTES_PER_INSTANCE
-        check_budget(n_faces, self._budget, n_vertices, n_bytes)
-        return n_faces, n_vertices, n_shapes
-
-    def _place(self, node: _Node, world_from_node: FloatArray) -> None:
-        """Add the shapes of an instance, and those below it."""
+    def _shapes(self, node: _Node, place: FloatArray) -> Iterator[tuple[int, FloatArray, Shape]]:
+        """Shapes of an instance and of those below it: group, world_from_shape, shape."""
         label = len(self._names)
         self._names.append(node.name)
         for matrix, piece in node.pieces:
-            placed = world_from_node @ matrix
             if isinstance(piece, _Node):
-                self._place(piece, placed)
-                continue
-            points, corners, n_corners, _ = piece
-            if np.linalg.det(placed[:3, :3]) < 0:  # mirrored: it would face inwards
-                corners = corners[_reversed_rows(n_corners)]
-            self._vertices.append(points @ placed[:3, :3].T + placed[:3, 3])
-            self._corners.append(corners + self._n_vertices)
-            self._n_corners.append(n_corners)
-            self._labels.append(np.full(len(n_corners), label))
-            self._n_vertices += len(points)
+                yield from self._shapes(piece, place @ matrix)
+            else:
+                yield label, place @ matrix, piece
 
 
 def _reversed_rows(n_corners: IntArray) -> IntArray:

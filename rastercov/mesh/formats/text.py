@@ -14,8 +14,9 @@ Geomview Manual, section OFF Files. 3D Systems. StereoLithography Interface Spec
 import io
 import re
 from array import array
-from collections.abc import Container, Iterator, Sequence
+from collections.abc import Callable, Container, Iterator, Sequence
 from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,11 +25,15 @@ from rastercov.base.errors import MeshError, ResourceError
 from rastercov.mesh.formats.polygons import (
     PEAK_BYTES_PER_VERTEX,
     Polygons,
+    broken,
+    check,
     check_budget,
     check_count,
     fan_polygons,
 )
 from rastercov.mesh.topology import first_equal_row
+
+T = TypeVar("T", int, float)
 
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"  # UTF-8; Windows programs write it before the first word
 BYTES_PER_CHARACTER = 40  # memory of a line's words: 37 measured with one digit a word
@@ -123,13 +128,10 @@ class Lines:
     def take(self, n: int, what: str) -> Iterator[list[bytes]]:
         """Words of the next n lines, one `what` a line; MeshError if there are fewer."""
         i = 0
-        while i < n:
-            for words in self._lines:
-                i += 1
-                yield words
-                break
-            else:
-                self.next(f"{what} {i} of {n}")
+        for i, words in zip(range(1, n + 1), self._lines, strict=False):  # noqa: B007
+            yield words
+        if i < n:
+            self.next(f"{what} {i} of {n}")
 
     def error(self, wanted: str, words: Sequence[bytes]) -> MeshError:
         """Error that names the expected and the actual content of the latest line."""
@@ -138,20 +140,19 @@ class Lines:
 
     def floats(self, words: Sequence[bytes], wanted: str) -> list[float]:
         """Numbers, including nan and inf."""
-        try:
-            if self._has_underscores and b"_" in b"".join(words):
-                raise ValueError
-            return [float(word) for word in words]
-        except ValueError:
-            raise self.error(wanted, words) from None
+        return self._numbers(float, words, wanted)
 
     def integers(self, words: Sequence[bytes], wanted: str) -> list[int]:
         """Integers of 64 bits."""
+        return self._numbers(int, words, wanted)
+
+    def _numbers(self, kind: Callable[[bytes], T], words: Sequence[bytes], wanted: str) -> list[T]:
         try:
             if self._has_underscores and b"_" in b"".join(words):
                 raise ValueError
-            values = [int(word) for word in words]
-            array("q", values)
+            values = list(map(kind, words))
+            if kind is int:
+                array("q", values)
         except (ValueError, OverflowError):
             raise self.error(wanted, words) from None
         return values
@@ -223,9 +224,9 @@ def read_obj(data: bytes, budget: int) -> Polygons:
     beyond = np.flatnonzero(np.asarray(corners) >= n_vertices)
     if len(beyond):
         face = int(np.searchsorted(np.cumsum(n_corners), beyond[0], side="right"))
-        raise MeshError(
+        raise broken(
             f"line {face_line[face]}: vertex indices must lie in 1 ... {n_vertices}, "
-            f"got {corners[beyond[0]] + 1}; correct the face"
+            f"got {corners[beyond[0]] + 1}"
         )
     notes = [CUT_NOTE] if lines.ends_inside_line else []
     if doubtful:
@@ -313,6 +314,10 @@ def _polygon(lines: Lines, words: list[bytes]) -> list[int]:
     return lines.integers(words[1 : 1 + n], "a corner count and vertex indices")
 
 
+FACET = ((b"outer", 2), *[(b"vertex", 4)] * 3, (b"endloop", 1), (b"endfacet", 1))
+"""First words of the lines after `facet`, and their numbers of words."""
+
+
 def read_stl(data: bytes, budget: int) -> Polygons:
     """Polygons of an STL file, binary or ASCII.
 
@@ -324,19 +329,15 @@ def read_stl(data: bytes, budget: int) -> Polygons:
     is_text = start.startswith(b"solid") and b"\0" not in start
     if is_text and not fits:
         return _ascii_stl(data, budget)
-    if len(data) < 84:
-        raise MeshError(
-            f"a binary STL has 84 bytes before its triangles, got {len(data)}; export it again"
-        )
-    room = (len(data) - 84) // 50
-    if declared > room:
-        raise MeshError(
-            f"the header promises {declared} triangles ({84 + 50 * declared} bytes), the file has "
-            f"{len(data)} bytes and ends in triangle {room} at byte offset {len(data)}; "
-            "it is truncated, export it again"
-        )
+    n = len(data)
+    check(n >= 84, f"a binary STL has 84 bytes before its triangles, got {n}")
+    extra = n - 84 - 50 * declared
+    check(
+        extra >= 0,
+        f"the header promises {declared} triangles ({84 + 50 * declared} bytes), the file has {n} "
+        f"bytes and ends in triangle {(n - 84) // 50} at byte offset {n}; it is truncated",
+    )
     check_budget(declared, budget)
-    extra = len(data) - 84 - 50 * declared
     notes = [f"{extra} trailing bytes after the last triangle were not read"] if extra else []
     record = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
     records = np.frombuffer(data, dtype=record, count=declared, offset=84)
@@ -373,24 +374,18 @@ def _indexed(
 
 def _ascii_stl(data: bytes, budget: int) -> Polygons:
     """Polygons of an ASCII STL. A Python loop over the lines: 0.5 µs a line, 7 lines a triangle."""
-    lines, corners, n_left = Lines(data, budget), array("d"), 0
+    lines, corners = Lines(data, budget), array("d")
     is_open, is_cut, name = False, False, list[bytes]()
     names, n_before = list[str | None](), array("q")  # of each solid; triangles before it
-    facet = (b"facet", b"outer", b"vertex", b"vertex", b"vertex", b"endloop", b"endfacet")
-    n_words = {b"outer": 2, b"vertex": 4, b"endloop": 1, b"endfacet": 1}
     for words in lines:
         word = words[0].lower()
-        if n_left:
-            if word != facet[-n_left]:
-                raise lines.error(f"{facet[-n_left].decode()!r} in a facet of 3 vertices", words)
-            if word == b"vertex":
-                corners.extend(lines.point(words[1:]))
-            elif len(words) != n_words[word]:
-                raise lines.error(f"{word.decode()!r} on a line of its own", words)
-            n_left -= 1
-        elif is_open and word == b"facet":
-            n_left = len(facet) - 1
+        if is_open and word == b"facet":
             check_budget(len(corners) // 9 + 1, budget)
+            for (wanted, n), row in zip(FACET, lines, strict=False):
+                if row[0].lower() != wanted or len(row) != n:
+                    raise lines.error(f"{wanted.decode()!r} in a facet of 3 vertices", row)
+                if wanted == b"vertex":
+                    corners.extend(lines.floats(row[1:], "three coordinates"))
         elif is_open and word in (b"endsolid", b"end"):
             is_open, is_cut = False, words[1:] not in ([], name)
         elif not is_open and word == b"solid":
@@ -404,9 +399,7 @@ def _ascii_stl(data: bytes, budget: int) -> Polygons:
     # Many programs write no line end after `endsolid`, and do not repeat the solid's name there.
     notes = [CUT_NOTE] if lines.ends_inside_line and is_cut else []
     polygons = _indexed(np.asarray(corners).reshape(-1, 3), budget, notes)
-    if (
-        len(names) < 2
-    ):  # the name of a lone solid is often that of the program; the file's is better
+    if len(names) < 2:  # the name of a lone solid is often that of the program
         return polygons
     solid = np.searchsorted(n_before, polygons.source_face, side="right") - 1
     return replace(polygons, face_group=solid, group_names=names)

@@ -19,10 +19,19 @@ from xml.etree.ElementTree import Element
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.errors import MeshError, ResourceError
+from rastercov.base.errors import MeshError
 from rastercov.base.files import UnknownNames
-from rastercov.mesh.formats.gltf import broken_files_refused
-from rastercov.mesh.formats.polygons import Assembly, Part, Polygons, Shape, check_budget
+from rastercov.mesh.formats.polygons import (
+    Assembly,
+    Part,
+    Polygons,
+    Shape,
+    broken,
+    broken_files_refused,
+    check,
+    check_budget,
+    check_indices,
+)
 from rastercov.mesh.formats.xml_tree import (
     BYTES_PER_XML_BYTE,
     attribute,
@@ -96,12 +105,8 @@ def read(data: bytes, budget: int) -> Polygons:
     try:
         with broken_files_refused(), zipfile.ZipFile(io.BytesIO(data)) as archive:
             return _Model(archive, budget).polygons()
-    except (MeshError, ResourceError):
-        raise
-    except RecursionError:
-        raise MeshError("components are nested too deeply; export it again") from None
     except DAMAGED as error:
-        raise MeshError(f"the ZIP archive cannot be read ({error}); export it again") from None
+        raise broken(f"the ZIP archive cannot be read ({error})") from None
 
 
 class _Model:
@@ -120,11 +125,12 @@ class _Model:
         path = self._model_path()
         root = self._part(path)
         unit = root.get("unit", "millimeter")
-        if unit not in METRES:
-            raise MeshError(f"a unit of {', '.join(METRES)} wanted, got {unit[:40]!r}; correct it")
+        check(unit in METRES, f"a unit of {', '.join(METRES)} wanted, got {unit[:40]!r}")
         needed = root.get("requiredextensions", "").split()
-        if foreign := [name[:80] for name in needed if name not in KNOWN_EXTENSIONS]:
-            raise MeshError(f"extensions {foreign[:5]} are required, not supported; export without")
+        foreign = [name[:80] for name in needed if name not in KNOWN_EXTENSIONS]
+        check(
+            not foreign, f"extensions {foreign[:5]} are required, not supported", "leave them out"
+        )
         items = below(root, "build", "item")
         roots = [(_transform(item), self._key(item, path)) for item in items]
         polygons = Assembly(self._object, self._budget).polygons(roots, METRES[unit])
@@ -148,7 +154,7 @@ class _Model:
         for each in self._part(RELATIONSHIPS):
             if each.get("Type", "").endswith(MODEL):
                 return posixpath.normpath(each.attrib["Target"]).lstrip("/")
-        raise MeshError("the archive names no 3D model; export it again")
+        raise broken("the archive names no 3D model")
 
     def _part(self, path: str) -> Element:
         """Root of a part, parsed, its objects known."""
@@ -157,19 +163,19 @@ class _Model:
         try:
             info = self._archive.getinfo(path)
         except KeyError:
-            raise MeshError(f"the archive has no part {path[:80]!r}; export it again") from None
+            raise broken(f"the archive has no part {path[:80]!r}") from None
         # The size is that of the archive's directory; reading stops there, so it is no promise.
         check_budget(0, self._bytes_left, n_bytes=info.file_size * BYTES_PER_XML_BYTE)
-        if info.compress_type not in COMPRESSIONS:
-            raise MeshError(f"{path[:80]!r} must be deflated or stored; export it again")
+        is_read = info.compress_type in COMPRESSIONS
+        check(is_read, f"{path[:80]!r} must be deflated or stored")
         with self._archive.open(info) as file:
             text = file.read(info.file_size + 1)
         root = self._parts[path] = parsed(text, f"its part {path[:80]!r}", self._bytes_left)
         self._bytes_left -= info.file_size * BYTES_PER_XML_BYTE
         look_at_names(root, SCHEMA, self._unknown)
         for each in below(root, "resources", "object"):
-            if self._objects.setdefault((path, each.attrib["id"]), each) is not each:
-                raise MeshError(f"object {each.attrib['id'][:40]!r} comes twice; correct it")
+            is_new = self._objects.setdefault((path, each.attrib["id"]), each) is each
+            check(is_new, f"object {each.attrib['id'][:40]!r} comes twice")
         return root
 
     def _object(self, key: Any) -> Part:
@@ -177,13 +183,11 @@ class _Model:
         path, number = key
         self._part(path)
         title = f"object {number[:40]!r}"
-        if key not in self._objects:
-            raise MeshError(f"{title} is not there; export it again")
+        check(key in self._objects, f"{title} is not there")
         owner = self._objects[key]
         self._read.add(key)
         meshes = children(owner, "mesh")
-        if len(meshes) > 1:
-            raise MeshError(f"{title} has {len(meshes)} meshes, one wanted; export it again")
+        check(len(meshes) < 2, f"{title} has {len(meshes)} meshes, one wanted")
         pieces: list[tuple[NDArray[np.float64], Any]] = [(np.eye(4), _shape(m)) for m in meshes]
         for each in below(owner, "components", "component"):
             pieces.append((_transform(each), self._key(each, path)))
@@ -193,11 +197,7 @@ class _Model:
 def _shape(mesh: Element) -> Shape:
     points = table(below(mesh, "vertices", "vertex"), ("x", "y", "z"), np.float64)
     faces = table(below(mesh, "triangles", "triangle"), ("v1", "v2", "v3"), np.int64)
-    if len(faces) and not (faces.min() >= 0 and faces.max() < len(points)):
-        raise MeshError(
-            f"vertex indices must lie in 0 ... {len(points) - 1}, got {faces.min()} ... "
-            f"{faces.max()}; correct the triangles"
-        )
+    check_indices(faces, len(points), "a mesh")
     return Shape(points, faces.ravel(), np.full(len(faces), 3), len(faces))
 
 

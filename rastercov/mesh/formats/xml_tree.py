@@ -15,9 +15,8 @@ from xml.parsers import expat
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.errors import MeshError
 from rastercov.base.files import UnknownNames
-from rastercov.mesh.formats.polygons import check_budget
+from rastercov.mesh.formats.polygons import broken, check_budget
 
 BYTES_PER_XML_BYTE = 12
 """Memory of a tree: 7.8 measured with vertices of a 3MF, 10.6 with triangles; see `_need`."""
@@ -47,9 +46,9 @@ def parsed(text: bytes, what: str, budget: int) -> Element:
             root = ElementTree.fromstring(text, ElementTree.XMLParser(encoding="utf-8"))
     # ValueError and LookupError: an encoding that is not known, or not kept to.
     except (ElementTree.ParseError, expat.ExpatError, ValueError, LookupError) as error:
-        raise MeshError(f"{what} is no XML ({error}); export it again") from None
+        raise broken(f"{what} is no XML ({error})") from None
     if root is None:
-        raise MeshError(f"{what} declares a document type, which may hide entities; remove it")
+        raise broken(f"{what} declares a document type, which may hide entities", "remove it")
     return root
 
 
@@ -153,10 +152,8 @@ def transform_numbers(text: str | None, count: int) -> NDArray[np.float64]:
     """Numbers of a transform, finite and that many, or MeshError."""
     values = floats(text)
     if values.shape != (count,) or not np.isfinite(values).all():
-        raise MeshError(
-            f"a transform of {count} finite numbers wanted, got {(text or '').strip()[:60]!r}; "
-            "correct it"
-        )
+        shown = repr((text or "").strip()[:60])
+        raise broken(f"a transform of {count} finite numbers wanted, got {shown}")
     return values
 
 
@@ -169,5 +166,5 @@ def _plain(words: list[str]) -> list[str]:
     """The words; an error for 1_0, which Python reads as ten."""
     for word in words:
         if "_" in word:
-            raise MeshError(f"a number wanted, got {word[:40]!r}; correct it")
+            raise broken(f"a number wanted, got {word[:40]!r}")
     return words

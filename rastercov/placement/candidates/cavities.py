@@ -335,15 +335,11 @@ class Enclosure:
         self._starts = np.concatenate(([0], np.cumsum(np.bincount(part))))
         self._corners = mesh.vertices[mesh.faces[rows]] - self._middle
         self._low, self._high = self._corners.min(axis=1), self._corners.max(axis=1)
-        low, high = (
-            (
-                end.reduceat(corners, self._starts[:-1])
-                for end, corners in ((np.minimum, self._low), (np.maximum, self._high))
-            )
-            if len(rows)
-            else np.empty((2, 0, 3))
-        )
-        self._boxes = np.stack((low, high), axis=1)
+        ends = [self._low, self._high]
+        if len(rows):
+            first = self._starts[:-1]
+            ends = [np.minimum.reduceat(ends[0], first), np.maximum.reduceat(ends[1], first)]
+        self._boxes = np.stack(ends, axis=1)
 
     def proofs(self, faces: IntArray, normals: FloatArray) -> list[str]:
         """Reason for each face why no camera can see it from the side of its normal, or "".
@@ -361,11 +357,8 @@ class Enclosure:
         points = raised.mean(axis=1)
         is_solid = in_solid(self.mesh, points + self._middle)
         for row in range(len(faces)):  # tens of microseconds each
-            why = (
-                "matter lies on it"
-                if is_solid[row]
-                else self._closed_space(points[row], centres[row])
-            )
+            why = "matter lies on it" if is_solid[row] else ""
+            why = why or self._closed_space(points[row], centres[row])
             if why and not self._is_crossed(raised[row]):
                 found[row] = why
         return found
@@ -542,14 +535,10 @@ def per_cavity(
     framing: Framing = DEFAULT,
     *,
     faces: ArrayLike,
-    clearance: float = 0.0,
-    keep_out: Sequence[KeepOut] = (),
-    views: int = 3,
+    **options: Any,
 ) -> Candidates:
-    """Views along the directions that are open at each face; arguments as for `openings`."""
-    return openings(
-        mesh, camera, framing, faces=faces, clearance=clearance, keep_out=keep_out, views=views
-    ).candidates
+    """Views along the directions that are open at each face; options as for `openings`."""
+    return openings(mesh, camera, framing, faces=faces, **options).candidates
 
 
 @typed

@@ -6,7 +6,7 @@ which give winding numbers.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import IntEnum
 from typing import Annotated, Any, Protocol
 
@@ -222,7 +222,6 @@ class Nearest:
     point: FloatArray
 
 
-@dataclass(frozen=True, eq=False)
 class NearestSurface:
     """Search for nearest points of a surface, a few microseconds a query.
 
@@ -239,23 +238,13 @@ class NearestSurface:
         No face with an area is left.
     """
 
-    mesh: Mesh
-    faces: BoolArray | None = None
-    _rows: IntArray = field(init=False, repr=False)
-    _tree: TriangleTree = field(init=False, repr=False)
-    _centre: FloatArray = field(init=False, repr=False)
-
-    def __post_init__(self) -> None:
-        chosen = ~self.mesh.degenerate_mask
-        if self.faces is not None:
-            chosen = chosen & self.faces
-        rows = np.flatnonzero(chosen)
-        if not len(rows):
+    def __init__(self, mesh: Mesh, faces: BoolArray | None = None) -> None:
+        chosen = ~mesh.degenerate_mask if faces is None else ~mesh.degenerate_mask & faces
+        self._rows = np.flatnonzero(chosen)
+        if not len(self._rows):
             raise ConfigError("no face with an area is there to be near to; choose other faces")
-        centre = self.mesh.bounds.mean(axis=0)
-        tree = TriangleTree.over(self.mesh.vertices - centre, self.mesh.faces[rows])
-        for name, value in {"_rows": rows, "_tree": tree, "_centre": centre}.items():
-            object.__setattr__(self, name, value)
+        self._centre = mesh.bounds.mean(axis=0)
+        self._tree = TriangleTree.over(mesh.vertices - self._centre, mesh.faces[self._rows])
 
     def query(self, points: ArrayLike) -> Nearest:
         """Nearest point of the surface for each of (N, 3) finite points."""

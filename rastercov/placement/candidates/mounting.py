@@ -224,16 +224,9 @@ def on_ceiling(
     inset: float = 0.1,
 ) -> Candidates:
     """Views from under the ceiling of a room, `inset` from it and the walls; z is up."""
-    room = np.stack(_box(mesh, bounds, -inset))
+    box = np.stack(_box(mesh, bounds, -inset))
     return on_box(
-        mesh,
-        camera,
-        framing,
-        spacing=spacing,
-        aim=aim,
-        bounds=room,
-        sides=CEILING,
-        source="ceiling",
+        mesh, camera, framing, spacing=spacing, aim=aim, bounds=box, sides=CEILING, source="ceiling"
     )
 
 
@@ -292,12 +285,8 @@ def _aimed(mesh: Mesh, framing: Framing, eyes: FloatArray, aim: Aim, source: str
 
 def _box(mesh: Mesh, bounds: ArrayLike | None, outward: float) -> tuple[FloatArray, FloatArray]:
     """Lowest and highest corner of the enlarged box."""
-    box = finite_points(
-        "bounds",
-        mesh.opaque.bounds if bounds is None else bounds,
-        (2, 3),
-        "two finite corners, (2, 3)",
-    )
+    given = mesh.opaque.bounds if bounds is None else bounds
+    box = finite_points("bounds", given, (2, 3), "two finite corners, (2, 3)")
     if not abs(outward) <= LARGEST_COORDINATE:
         raise ConfigError(
             f"outward and inset must be within ±{LARGEST_COORDINATE:g} m, got {outward}"

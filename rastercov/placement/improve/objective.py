@@ -8,7 +8,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -62,6 +62,9 @@ class Objective:
         Rigs of the cameras of the observer, which `Poses.camera` counts then.
     """
 
+    is_estimated: ClassVar[bool] = False
+    """True where `estimated` differs from `listed`."""
+
     observer: Observer
     task: Task
     integer_weights: IntArray
@@ -80,21 +83,14 @@ class Objective:
         views: int | Mapping[str, int] | None = None,
         min_angle_deg: float | None = None,
         mounts: Mounts | None = None,
+        **own: Any,
     ) -> Self:
-        """Objective of an open observer; arguments as for `problem_of` and `build_matrix`."""
-        task = task or Task()
-        counted = cls._counted(observer.mesh, task, weight_by, views, min_angle_deg)
-        return cls(observer, task, *counted, mounts=mounts)
+        """Objective of an open observer; arguments as for `problem_of` and `build_matrix`.
 
-    @staticmethod
-    def _counted(
-        mesh: Mesh,
-        task: Task,
-        weight_by: str,
-        views: int | Mapping[str, int] | None,
-        min_angle_deg: float | None,
-    ) -> tuple[IntArray, IntArray, float]:
-        """Integer weights, needs and least cosine of the faces of a mesh."""
+        `own` are the further attributes of a subclass.
+        """
+        task = task or Task()
+        mesh = own["cells"].elements if "cells" in own else observer.mesh
         weights = in_whole_numbers(weights_of(mesh, weight_by))
         need = views_of(mesh, task.views if views is None else views)
         if (need < 1).any() or not np.issubdtype(need.dtype, np.integer):
@@ -103,17 +99,12 @@ class Objective:
         if not 0 <= angle <= 180:
             raise ConfigError(f"min_angle_deg must be 0 to 180, got {angle}")
         cosine = least_cosine(math.radians(angle))
-        return weights, need.astype(np.int64), cosine
+        return cls(observer, task, weights, need.astype(np.int64), cosine, mounts=mounts, **own)
 
     @property
     def elements(self) -> Mesh:
         """Mesh whose faces are counted."""
         return self.observer.mesh
-
-    @property
-    def is_estimated(self) -> bool:
-        """True where `estimated` differs from `listed`."""
-        return False
 
     def cameras(self, poses: ArrayLike | Poses) -> tuple[Poses, IntArray]:
         """Poses of all cameras of (P, 4, 4) poses, and the row of the pose that each is of."""
@@ -177,6 +168,20 @@ class Objective:
         covers = np.zeros((found.n, len(self.integer_weights)), np.bool_)
         covers[np.repeat(np.arange(found.n), np.diff(found.starts)), found.items] = True
         return covers
+
+    def networks(self, poses: FloatArray, camera: ArrayLike) -> tuple[BoolArray, FloatArray]:
+        """(N, k width, F) faces that each row of N networks covers, and (N, k width, 3) centres.
+
+        Parameters
+        ----------
+        poses : (N, k, 4, 4) float64
+        camera : (k,) int array_like
+            Camera of each pose of a network.
+        """
+        shape = len(poses), poses.shape[1] * self.width
+        placed = Poses.of(poses.reshape(-1, 4, 4), camera=np.tile(camera, len(poses)))
+        covers = self.covers(placed).reshape(*shape, len(self.integer_weights))
+        return covers, self.eyes(placed).reshape(*shape, 3)
 
     def covered(self, covers: BoolArray, eyes: FloatArray) -> BoolArray:
         """(F,) faces that a network covers, from the faces of its cameras, (k, F), and centres.
@@ -270,6 +275,9 @@ class CellObjective(Objective):
         Estimates for the same cells, camera and task.
     """
 
+    is_estimated: ClassVar[bool] = True
+    """The centre of a cell is an estimate of half of it."""
+
     cells: Cells = field(kw_only=True)
     finder: RegionPass = field(kw_only=True)
     centres: CentrePass = field(kw_only=True)
@@ -280,28 +288,16 @@ class CellObjective(Objective):
         observer: Observer,
         finder: RegionPass,
         cells: Cells,
-        *,
-        weight_by: str = "area",
-        views: int | Mapping[str, int] | None = None,
-        min_angle_deg: float | None = None,
-        mounts: Mounts | None = None,
+        **counted: Any,
     ) -> Self:
         """Objective on cells; arguments as for `problem_of` and `build_matrix`."""
-        task = finder.task
-        counted = cls._counted(cells.elements, task, weight_by, views, min_angle_deg)
-        centres = CentrePass(cells, finder.camera, task, finder.threads)
-        own: dict[str, Any] = {"cells": cells, "finder": finder, "centres": centres}
-        return cls(observer, task, *counted, mounts=mounts, **own)
+        centres = CentrePass(cells, finder.camera, finder.task, finder.threads)
+        return cls.of(observer, finder.task, cells=cells, finder=finder, centres=centres, **counted)
 
     @property
     def elements(self) -> Mesh:
         """Mesh of the cells."""
         return self.cells.elements
-
-    @property
-    def is_estimated(self) -> bool:
-        """True: the centre of a cell is an estimate of half of it."""
-        return True
 
     def _listed(self, poses: Poses) -> Lists:
         """Cells that each camera covers, in ascending order."""

@@ -54,7 +54,7 @@ EXCHANGE = -1
 
 @dataclass(eq=False)
 class _Trials:
-    """Poses one move away from a camera, (M, 4, 4), the faces of their rows, and their centres.
+    """Poses one move away from a camera, (M, 4, 4), faces of their rows, (M, width, 3) centres.
 
     Rows are those of an `Objective`. `measured` are those of the trials whose faces in `covers` are
     an estimate and that were measured since.
@@ -218,16 +218,18 @@ class _Search:
         self.objective, self.space, self.budget, self.seed = objective, space, budget, seed
         start, self.camera = placed.world_from_camera, placed.camera
         self.poses = start.copy()
-        # Rows of faces and centres: several a pose where the cameras of rigs count one by one.
+        # (k, width, F) faces and (k, width, 3) centres: the cameras of rigs may count one by one.
         self.width = objective.width
-        self.covers, self.eyes = objective.covers(placed), objective.eyes(placed).copy()
+        covers, eyes = objective.networks(start[None], self.camera)
+        self.covers = covers[0].reshape(len(start), self.width, covers.shape[-1])
+        self.eyes = eyes[0].reshape(len(start), self.width, 3).copy()
         self.evaluations = len(start)
         # What a trial is estimated to cover is compared with the same estimate of the camera.
         self._own: list[Lists | None] = [None] * len(start)
         if objective.is_estimated:
             found = objective.estimated(placed)
             self._own = [self._rows(found, row) for row in range(len(start))]
-        self.worth = int(objective.worth(objective.covered(self.covers, self.eyes)))
+        self.worth = self._worth()
         self.trace, self.trace_evaluations = [self.worth], [self.evaluations]
         self._moves_made = np.zeros(len(start), np.int64)
         # Trials of each camera and level, until the camera moves.
@@ -272,7 +274,8 @@ class _Search:
         for index in np.unique(self.camera).tolist():
             own = renumbered(candidates[candidates.camera == index])
             found = self.objective.estimated(own)
-            self._pools[index] = _Trials(own.world_from_camera, found, self.objective.eyes(own))
+            eyes = self.objective.eyes(own).reshape(-1, self.width, 3)
+            self._pools[index] = _Trials(own.world_from_camera, found, eyes)
         self.evaluations += len(candidates)
         return True
 
@@ -291,15 +294,17 @@ class _Search:
             waiting.remove(row)
         return len(waiting) < len(self.poses)
 
-    def _slice(self, row: int) -> slice:
-        """Rows of faces and centres of a pose."""
-        return slice(row * self.width, (row + 1) * self.width)
+    def _worth(self) -> int:
+        covers = self.covers.reshape(-1, len(self.objective.integer_weights))
+        covered = self.objective.covered(covers, self.eyes.reshape(-1, 3))
+        return int(self.objective.worth(covered))
 
     def _eyes_of(self, poses: FloatArray, row: int) -> FloatArray:
-        """Centres of trials of a pose, in their rows."""
+        """(M, width, 3) centres of trials of a pose."""
         if self.width == 1:
-            return poses[:, :3, 3]
-        return self.objective.eyes(Poses.of(poses, camera=int(self.camera[row])))
+            return poses[:, None, :3, 3]
+        found = self.objective.eyes(Poses.of(poses, camera=int(self.camera[row])))
+        return found.reshape(-1, self.width, 3)
 
     def _of(self, row: int, level: int) -> _Trials:
         if level == EXCHANGE:
@@ -314,23 +319,19 @@ class _Search:
         trials = self._of(row, level)
         if not len(trials.poses):
             return -1, -1
-        mine = self._slice(row)
-        rest = np.ones(len(self.covers), np.bool_)
-        rest[mine] = False
-        covers, eyes = self.covers[rest], self.eyes[rest]
+        covers, eyes = (np.delete(each, row, axis=0) for each in (self.covers, self.eyes))
+        rest = covers.reshape(-1, covers.shape[-1]), eyes.reshape(-1, 3)
 
         def added(lists: Lists, trial_eyes: FloatArray) -> IntArray:
-            return self.objective.worth_added(covers, eyes, lists, trial_eyes)
+            return self.objective.worth_added(*rest, lists, trial_eyes.reshape(-1, 3))
 
         gains = added(trials.covers, trials.eyes)
-        exact = Lists.of([np.flatnonzero(each) for each in self.covers[mine]])
-        own = self._own[row]
-        gains -= added(exact if own is None else own, self.eyes[mine])
+        exact = Lists.of([np.flatnonzero(each) for each in self.covers[row]])
+        gains -= added(self._own[row] or exact, self.eyes[row])
         if trials.measured:
-            rows = np.array(list(trials.measured))
-            of_rows = trials.eyes.reshape(-1, self.width, 3)[rows].reshape(-1, 3)
-            gains[rows] = added(_joined(list(trials.measured.values())), of_rows)
-            gains[rows] -= added(exact, self.eyes[mine])
+            rows = list(trials.measured)
+            gains[rows] = added(_joined(list(trials.measured.values())), trials.eyes[rows])
+            gains[rows] -= added(exact, self.eyes[row])
         best = int(gains.argmax())
         return int(gains[best]), best
 
@@ -365,17 +366,15 @@ class _Search:
         with interrupts_held():
             self.poses[row] = trials.poses[trial]
             found = trials.measured.get(trial, self._rows(trials.covers, trial))
-            mine = self._slice(row)
-            self.covers[mine] = False
+            self.covers[row] = False
             for at in range(self.width):
-                self.covers[mine.start + at, found.row(at)] = True
-            self.eyes[mine] = trials.eyes[self._slice(trial)]
+                self.covers[row, at, found.row(at)] = True
+            self.eyes[row] = trials.eyes[trial]
             if self.objective.is_estimated:
                 self._own[row] = self._rows(trials.covers, trial)
             self._trials[row].clear()
             self._moves_made[row] += 1
-            covered = self.objective.covered(self.covers, self.eyes)
-            self.worth = int(self.objective.worth(covered))
+            self.worth = self._worth()
             self.trace.append(self.worth)
             self.trace_evaluations.append(self.evaluations)
 

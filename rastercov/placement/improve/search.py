@@ -135,12 +135,7 @@ def optimise(
         while left > 0:
             variables = ask()
             poses = code.poses(variables)[:left]  # the last generation may be cut short
-            placed = Poses.of(poses.reshape(-1, 4, 4), camera=np.tile(own, len(poses)))
-            covers = objective.covers(placed)
-            rows = cameras * objective.width
-            covers = covers.reshape(len(poses), rows, -1)
-            eyes = objective.eyes(placed).reshape(len(poses), rows, 3)
-            worth = objective.worth(objective.covered(covers, eyes))
+            worth = objective.worth(objective.covered(*objective.networks(poses, own)))
             with interrupts_held():
                 top = int(np.argmax(worth))
                 if int(worth[top]) > best_worth:

@@ -235,11 +235,7 @@ def tolerance(
     step = max(1, PAIRS_AT_ONCE // max(1, covers.size))
     for begin in range(0, draws, step):
         part = slice(begin, min(begin + step, draws))
-        network = disturbed[part]
-        camera = np.tile(placed.camera, len(network))
-        mounted = Poses.of(network.reshape(-1, 4, 4), camera=camera)
-        seen = objective.covers(mounted).reshape(len(network), *covers.shape)
-        seen_from = objective.eyes(mounted).reshape(len(network), *eyes.shape)
+        seen, seen_from = objective.networks(disturbed[part], placed.camera)
         covered_now = objective.covered(seen, seen_from)
         together[part] = objective.worth(covered_now)
         times += covered_now.sum(axis=0)

@@ -10,6 +10,7 @@ import difflib
 import json
 import re
 from collections.abc import Mapping, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any, Self
 
@@ -20,7 +21,7 @@ from rastercov.base.checks import share_meant, shown
 from rastercov.base.errors import CameraError, ConfigError, RastercovError
 from rastercov.base.files import StrPath, UnparsedError, UnreadableError, printable, read_toml
 from rastercov.camera.camera import Camera
-from rastercov.camera.rig import Rig, only_camera
+from rastercov.camera.rig import Rig
 from rastercov.coverage.area.network import unit_of_result
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.task import Task
@@ -118,10 +119,15 @@ def _joined(path: str, part: str) -> str:
 
 def _meant(location: tuple[int | str, ...], model: type[BaseModel]) -> str:
     """Known entries beside an unknown one, and the most similar name."""
-    names = sorted(_entries(location[:-1], model.model_json_schema()))
+    names = sorted(_entries(location[:-1], _schema_of(model)))
     if not names:
         return ""
     return f"; there are {', '.join(names)}{_near(str(location[-1]), names)}"
+
+
+@cache
+def _schema_of(model: type[BaseModel]) -> dict[str, Any]:
+    return model.model_json_schema()  # 0.1 s
 
 
 def _near(name: str, names: Sequence[str]) -> str:
@@ -231,10 +237,6 @@ class Plan(PlanModel):
             return [row for row, name in enumerate(known) if name in names]
         in_rigs = {each.camera for rig in self.rigs.values() for each in rig.cameras or []}
         return [row for row, name in enumerate(known) if name in self.rigs or name not in in_rigs]
-
-    def build_camera(self) -> Camera:
-        """The camera of all poses; CameraError where there are several."""
-        return only_camera(self.rig)
 
     def cost_of(self, mount: str, place: float | None) -> float:
         """Cost of a camera or rig by its name at a place with a cost; 1 where none has one.

@@ -100,17 +100,18 @@ class Requirement:
 
     def words(self) -> str:
         """The requirement and its outcome in one line."""
-        of = " of what all candidates cover" if self.of_reachable else ""
-        ends = f"the bound of visibility allows {percent(self.low)} to {percent(self.high)}"
-        return self._said(f"covered{of}", plural(self.uncovered, "face"), ends)
-
-    def _said(self, covered: str, uncovered: str, ends: str) -> str:
-        """The line, with words on what is covered, on what is not, and on the bounds of both."""
+        covered, uncovered, ends = self._parts()
         text = f"{self.name}: {percent(self.share)} {covered}, {percent(self.limit)} wanted"
         if self.status == FAILS:
             points = percent(self.short_by).removesuffix(" %")
             return f"{text}: {points} points short, {uncovered} uncovered"
         return f"{text}: not decided, {ends}" if self.status == UNDECIDED else text
+
+    def _parts(self) -> tuple[str, str, str]:
+        """Words on what is covered, on what is not, and on the bounds of both."""
+        of = " of what all candidates cover" if self.of_reachable else ""
+        ends = f"the bound of visibility allows {percent(self.low)} to {percent(self.high)}"
+        return f"covered{of}", plural(self.uncovered, "face"), ends
 
 
 @dataclass(frozen=True)
@@ -129,12 +130,10 @@ class AreaRequirement(Requirement):
     bound_m2: float = 0.0
     of_m2: float = 0.0
 
-    def words(self) -> str:
-        """The requirement and its outcome in one line."""
+    def _parts(self) -> tuple[str, str, str]:
         of = "of the area that all candidates cover" if self.of_reachable else "of the area covered"
-        low, high = f"{100 * self.low:.9g} %", f"{100 * self.high:.9g} %"
-        ends = f"the bound of the area allows {low} to {high}"
-        return self._said(of, f"{self.of_m2 - self.m2:.3g} m²", ends)
+        ends = f"the bound of the area allows {100 * self.low:.9g} % to {100 * self.high:.9g} %"
+        return of, f"{self.of_m2 - self.m2:.3g} m²", ends
 
 
 @dataclass(frozen=True)
@@ -144,6 +143,12 @@ class CellRequirement(Requirement):
     def words(self) -> str:
         """The requirement and its outcome in one line."""
         return f"{super().words().replace('faces', 'cells')} (on cells)"
+
+
+def status_of(low: float, high: float, limit: float) -> str:
+    """Status of a share between two bounds that is to reach a limit."""
+    needed = limit - SHARE_TOLERANCE
+    return HOLDS if low >= needed else UNDECIDED if high >= needed else FAILS
 
 
 OF = {"area": "the area", "count": "the faces"}
@@ -187,15 +192,12 @@ def judge(
         if group is not None:
             faces = faces & (mesh.face_group == names.index(group))
         whole = int(integer_weights[faces].sum())
-        needed = math.ceil(max(0.0, limit - SHARE_TOLERANCE) * whole)
-        worth = [int(integer_weights[faces & part].sum()) for part in parts]
-        status = HOLDS if worth[0] >= needed else UNDECIDED if worth[2] >= needed else FAILS
-        low, share, high = (each / whole if whole else 1.0 for each in worth)
-        n_faces, uncovered = int(faces.sum()), int((faces & ~covered).sum())
-        is_partial = reachable is not None
-        found.append(
-            Requirement(group, limit, low, share, high, status, n_faces, uncovered, is_partial)
+        low, share, high = (
+            int(integer_weights[faces & part].sum()) / whole if whole else 1.0 for part in parts
         )
+        counts = int(faces.sum()), int((faces & ~covered).sum())
+        status, is_partial = status_of(low, high, limit), reachable is not None
+        found.append(Requirement(group, limit, low, share, high, status, *counts, is_partial))
     return tuple(found)
 
 
@@ -228,43 +230,28 @@ def judge_areas(
     mesh, is_whole = areas.mesh, whole_faces(areas, views)
     found = []
     for group, limit in limits.items():
-        faces, total, area, bound = np.zeros(mesh.n_faces, np.bool_), 0.0, 0.0, 0.0
-        of_bound = 0.0
+        faces, sums = np.zeros(mesh.n_faces, np.bool_), np.zeros((2, 2))
         for row, each in enumerate(mesh.groups):
             if each.is_occluder or group not in (None, each.name):
                 continue
             members = mesh.face_group == row
             number = views.get(each.name, 1) if isinstance(views, Mapping) else views
             own = areas.of_faces(members, number)
-            most = {"m2": own["of_m2"], "bound_m2": 0.0}
+            whole = own["of_m2"], 0.0
             if reachable is not None:
                 most = reachable.of_faces(members, number)
+                whole = most["m2"], most["bound_m2"]
             faces |= members
-            area, bound = area + own["m2"], bound + own["bound_m2"]
-            total, of_bound = total + most["m2"], of_bound + most["bound_m2"]
+            sums += [(own["m2"], own["bound_m2"]), whole]
+        (area, bound), (total, of_bound) = sums.tolist()
         ends = ((area - bound, total + of_bound), (area, total), (area + bound, total - of_bound))
         low, share, high = (
             min(max(part / whole, 0.0), 1.0) if whole > 0 else 1.0 for part, whole in ends
         )
-        needed = limit - SHARE_TOLERANCE
-        status = HOLDS if low >= needed else UNDECIDED if high >= needed else FAILS
-        uncovered = int((faces & ~is_whole).sum())
-        found.append(
-            AreaRequirement(
-                group,
-                limit,
-                low,
-                share,
-                high,
-                status,
-                int(faces.sum()),
-                uncovered,
-                reachable is not None,
-                m2=area,
-                bound_m2=bound,
-                of_m2=total,
-            )
-        )
+        counts = int(faces.sum()), int((faces & ~is_whole).sum())
+        status, is_partial = status_of(low, high, limit), reachable is not None
+        common = (group, limit, low, share, high, status, *counts, is_partial)
+        found.append(AreaRequirement(*common, m2=area, bound_m2=bound, of_m2=total))
     return tuple(found)
 
 

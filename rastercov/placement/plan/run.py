@@ -7,8 +7,8 @@ are selected and moved on cells of the surface, and the network is measured by i
 """
 
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, closing
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack, closing, suppress
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
@@ -199,21 +199,12 @@ def place(
             prepared = _with_reachable(prepared, on_cells.finder, clock)
         with clock("selection"):
             chosen = _select(prepared.problem, selection, selection.time_limit)
-        placement = _placed(prepared, chosen, objectives, clock)
-        if on_cells is not None and not placement.interrupted:
-            name = "area"
-            try:
-                with clock(name) as progress:
-                    placement = _by_area(placement, on_cells, progress)
-                if _is_short(placement):
-                    name = "stricter selection"
-                    with clock(name):
-                        placement = _selected_anew(placement, objectives, clock)
-            except KeyboardInterrupt:
-                placement = replace(placement, interrupted=name)
-        for name, work in _later_steps(plan, selection):
+        placement = _placed(prepared, chosen, objectives, clock.seconds)
+        for name, is_asked, work in STEPS:
             if placement.interrupted:
                 break
+            if not is_asked(placement):
+                continue
             try:
                 save(replace(placement, interrupted=name))
                 with clock(name) as progress:
@@ -224,11 +215,11 @@ def place(
 
 
 def _placed(
-    prepared: Prepared, chosen: Selection, objectives: Objectives, clock: Clock
+    prepared: Prepared, chosen: Selection, objectives: Objectives, steps: dict[str, float]
 ) -> Placement:
     """The network of a selection, measured by face."""
     left, rows = prepared.pool.candidates, chosen.chosen
-    cameras = measured(objectives.faces, left.placed[rows])
+    cameras, requirements = _measured(prepared, left.placed[rows], objectives)
     return Placement(
         prepared=prepared,
         selection=chosen,
@@ -237,15 +228,26 @@ def _placed(
             source if index < 0 else f"{source} {index}"
             for source, index in zip(left.source[rows], left.index[rows], strict=True)
         ),
-        requirements=_required_by_face(prepared, cameras, objectives.faces),
-        steps=clock.seconds,
+        requirements=requirements,
+        steps=steps,
         interrupted="selection" if chosen.status == "interrupted" else "",
     )
 
 
+def _measured(
+    prepared: Prepared, mounted: Poses, objectives: Objectives
+) -> tuple[Measured, tuple[Requirement, ...]]:
+    """Cameras or rigs measured by face, and the requirements of a plan by face."""
+    cameras = measured(objectives.faces, mounted)
+    is_part = _is_of_reachable(prepared.selection) and prepared.cells is None
+    reachable = prepared.problem.reachable if is_part else None
+    weights, limits = objectives.faces.integer_weights, limits_of(prepared.selection)
+    return cameras, judge(prepared.mesh, weights, limits, cameras.covered, reachable=reachable)
+
+
 def _by_area(
     placement: Placement,
-    on_cells: CellObjective,
+    objectives: Objectives,
     progress: Progress = lambda done, total: None,
 ) -> Placement:
     """The placement with the exact area of its network, and requirements by it.
@@ -253,12 +255,13 @@ def _by_area(
     Shares of what all candidates cover are judged on cells where the exact area of all candidates
     is not known.
     """
-    prepared, selection = placement.prepared, placement.prepared.selection
-    plan, limits = prepared.plan, limits_of(selection)
+    assert objectives.cells is not None
+    prepared, on_cells = placement.prepared, objectives.cells
+    plan, limits = prepared.plan, limits_of(prepared.selection)
     cameras = with_areas(plan, placement.cameras, on_cells.finder, None, progress, has_curve=True)
     assert cameras.areas is not None
     required: tuple[Requirement, ...]
-    if _is_of_reachable(selection) and prepared.reachable is None:
+    if _is_of_reachable(prepared.selection) and prepared.reachable is None:
         problem, covers = prepared.problem, on_cells.covers(cameras.mounted)
         covered = on_cells.covered(covers, on_cells.eyes(cameras.mounted))
         cells, reachable = on_cells.elements, problem.reachable
@@ -298,40 +301,35 @@ def _is_short(placement: Placement) -> bool:
     return is_reached and any(each.status == FAILS for each in placement.requirements)
 
 
-def _selected_anew(placement: Placement, objectives: Objectives, clock: Clock) -> Placement:
+def _selected_anew(placement: Placement, objectives: Objectives, progress: Progress) -> Placement:
     """The placement with cameras selected anew until its exact area meets the goal.
 
     First a larger share of the cells is wanted, and then a larger part of each cell. Where neither
     helps, it is the placement that covers most.
     """
-    assert objectives.cells is not None
-    on_cells, prepared, best = objectives.cells, placement.prepared, placement
+    prepared, best = placement.prepared, placement
     until = time.perf_counter() + prepared.selection.time_limit
 
     def selected(tighter: Prepared) -> Placement:
         nonlocal best
         left = max(until - time.perf_counter(), 1.0)
         chosen = _select(tighter.problem, tighter.selection, left)
-        found = _by_area(_placed(tighter, chosen, objectives, clock), on_cells)
-        if found.cameras.share > best.cameras.share:
-            best = found
+        found = _by_area(_placed(tighter, chosen, objectives, placement.steps), objectives)
+        best = max(best, found, key=lambda each: each.cameras.share)
         return found
 
     found = placement
-    try:
+    # Ends where all candidates together do not reach that much.
+    with suppress(ConfigError):
         for _ in range(RAISES):
             found = selected(_raised(found))
             if not _is_short(found):
                 return found
-    except ConfigError:  # all candidates together do not reach that on half cells
-        pass
-    try:
+    with suppress(ConfigError):
         for least in STRICTER:
             found = selected(prepared.stricter(least))
             if not _is_short(found):
                 return found
-    except ConfigError:
-        pass
     return best
 
 
@@ -373,29 +371,6 @@ def _select(problem: Problem, selection: SelectionSection, seconds: float) -> Se
     if selection.method == "greedy":
         return select_greedy(problem, seed=selection.seed)
     return select_integer(problem, time_limit=seconds, seed=selection.seed)
-
-
-def _required_by_face(
-    prepared: Prepared, cameras: Measured, faces: Objective
-) -> tuple[Requirement, ...]:
-    is_part = _is_of_reachable(prepared.selection) and prepared.cells is None
-    reachable = prepared.problem.reachable if is_part else None
-    weights, limits = faces.integer_weights, limits_of(prepared.selection)
-    return judge(prepared.mesh, weights, limits, cameras.covered, reachable=reachable)
-
-
-Work = Callable[[Placement, Objectives, Progress], Placement]
-
-
-def _later_steps(plan: Plan, selection: SelectionSection) -> Iterator[tuple[str, Work]]:
-    """Name and function of each step after selection that the plan requests."""
-    if selection.optimise is not None:
-        yield "search", _optimise
-    if selection.refine:
-        yield "refinement", _refine
-    if selection.tolerance is not None:
-        yield "tolerance", _tolerate
-    yield "what is left", _explain_uncovered
 
 
 def _optimise(placement: Placement, objectives: Objectives, progress: Progress) -> Placement:
@@ -472,10 +447,9 @@ def _at(
     placement: Placement, objectives: Objectives, mounted: Poses, origin: Sequence[str]
 ) -> Placement:
     """The placement with other cameras or rigs, measured, each with its source."""
-    cameras = measured(objectives.faces, mounted)
-    requirements = _required_by_face(placement.prepared, cameras, objectives.faces)
-    found = replace(placement, cameras=cameras, origin=tuple(origin), requirements=requirements)
-    return found if objectives.cells is None else _by_area(found, objectives.cells)
+    cameras, required = _measured(placement.prepared, mounted, objectives)
+    found = replace(placement, cameras=cameras, origin=tuple(origin), requirements=required)
+    return found if objectives.cells is None else _by_area(found, objectives)
 
 
 def _tolerate(placement: Placement, objectives: Objectives, progress: Progress) -> Placement:
@@ -518,3 +492,15 @@ def _moved(placement: Placement, objectives: Objectives, poses: FloatArray, how:
     if objectives.cells is not None and moved.cameras.share < placement.cameras.share:
         return replace(placement, kept_poses=(*placement.kept_poses, how))
     return moved
+
+
+Work = Callable[[Placement, Objectives, Progress], Placement]
+STEPS: tuple[tuple[str, Callable[[Placement], object], Work], ...] = (
+    ("area", lambda found: found.prepared.cells is not None, _by_area),
+    ("stricter selection", lambda found: found.cameras.areas and _is_short(found), _selected_anew),
+    ("search", lambda found: found.prepared.selection.optimise, _optimise),
+    ("refinement", lambda found: found.prepared.selection.refine, _refine),
+    ("tolerance", lambda found: found.prepared.selection.tolerance, _tolerate),
+    ("what is left", lambda found: True, _explain_uncovered),
+)
+"""Name of each step after the selection, whether a placement asks for it, and its function."""

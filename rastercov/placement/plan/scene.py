@@ -5,10 +5,10 @@ of a plan. The entries of a `Plan` call the generators of `pool` and `mounting`;
 and `PoseSpace` drop candidates, with reasons.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,15 +29,15 @@ from rastercov.placement.improve.pose_space import Place, PoseSpace
 from rastercov.placement.plan import sections as entries
 from rastercov.placement.plan.file import Plan, PlanError
 from rastercov.placement.plan.sections import (
-    FewestSelection,
+    Entry,
     MeshEntry,
-    Mounted,
-    PerFace,
     TargetEntry,
     TransformEntry,
     no_limit,
     value_of,
 )
+
+AnyEntry = TypeVar("AnyEntry", bound=Entry)
 
 
 def scene(plan: Plan) -> Mesh:
@@ -69,7 +69,9 @@ def named_scene(plan: Plan) -> tuple[Mesh, Plan, Names]:
     for row, entry in enumerate(plan.meshes):
         try:
             parts.append(_loaded(plan, entry))
-            entries.append(_with_groups(entry, parts[-1], f"meshes[{row}]", lines))
+            own = [group.name for group in parts[-1].groups]
+            names = Names(own, [FileGroups(str(entry.built_in or entry.path), own)])
+            entries.append(_with_names(entry, f"meshes[{row}]", names, lines))
         except RastercovError as error:
             lines.append(f"meshes[{row}]: {error}")
     if lines:
@@ -89,7 +91,14 @@ def named_scene(plan: Plan) -> tuple[Mesh, Plan, Names]:
     mesh = _with_roles(plan, mesh, [[group.name for group in part.groups] for part in parts])
     mesh, lines = _with_targets(plan, mesh, of_files)
     names = Names((group.name for group in mesh.groups), of_files)
-    plan = _with_names(plan, names, lines)
+    changes: dict[str, Any] = {"task": _with_names(plan.task, "task", names, lines)}
+    if plan.selection is not None:
+        changes["selection"] = _with_names(plan.selection, "selection", names, lines)
+    changes["candidates"] = [
+        _with_names(entry, f"candidates[{row}]", names, lines)
+        for row, entry in enumerate(plan.candidates)
+    ]
+    plan = plan.model_copy(update=changes)
     if not mesh.task_mask.any():
         lines.append('meshes: every group is an occluder; leave at least one with role = "task"')
     if lines:
@@ -189,59 +198,33 @@ def _target(plan: Plan, entry: TargetEntry, mesh: Mesh, names: Names) -> tuple[M
     return box_grid(low, high, count, entry.size), entry.name or "volume"
 
 
-def _with_groups(entry: MeshEntry, mesh: Mesh, path: str, lines: list[str]) -> MeshEntry:
-    """The entry of a mesh with names of groups of its file; `lines` as for `_groups`."""
-    own = [group.name for group in mesh.groups]
-    names = Names(own, [FileGroups(str(entry.built_in or entry.path), own)])
-    changes: dict[str, Any] = {"groups": _groups(f"{path}.groups", entry.groups, names, lines)}
-    if isinstance(entry.two_sided, list):
-        changes["two_sided"] = _groups(f"{path}.two_sided", entry.two_sided, names, lines)
-    return entry.model_copy(update=changes)
+OF_GROUPS = ("groups", "two_sided", "nearest", "views")
+"""Entries with names of groups: lists of them, or values by them."""
 
 
-def _with_names(plan: Plan, names: Names, lines: list[str]) -> Plan:
-    """The plan with names of groups where it has others; `lines` gets one for each unknown name."""
+def _with_names(entry: AnyEntry, path: str, names: Names, lines: list[str]) -> AnyEntry:
+    """An entry with names of groups where it has others; `lines` gets one for each unknown name."""
+
+    def known(at: str, value: Any, find: Callable[[Any], Any]) -> Any:
+        try:
+            return find(value)
+        except MeshError as error:
+            lines.append(f"{at}: {error}")
+            return []
+
     changes: dict[str, Any] = {}
-
-    def by_group(path: str, values: Any) -> Any:
-        try:
-            return names.by_group(values)
-        except MeshError as error:
-            lines.append(f"{path}: {error}")
-
-    if isinstance(plan.task.views, dict):
-        views = by_group("task.views", plan.task.views)
-        changes["task"] = plan.task.model_copy(update={"views": views})
-    if isinstance(plan.selection, FewestSelection):
-        shares = by_group("selection.groups", plan.selection.groups)
-        changes["selection"] = plan.selection.model_copy(update={"groups": shares})
-    candidates = []
-    for row, entry in enumerate(plan.candidates):
-        at = f"candidates[{row}]"
-        if isinstance(entry, PerFace):
-            groups = _groups(f"{at}.groups", entry.groups, names, lines)
-            entry = entry.model_copy(update={"groups": groups})
-        elif isinstance(entry, Mounted):
-            aims = []
-            for place, aim in enumerate(entry.aim):
-                near = _groups(f"{at}.aim[{place}].nearest", aim.nearest or [], names, lines)
-                aims.append(
-                    aim if aim.nearest is None else aim.model_copy(update={"nearest": near})
-                )
-            entry = entry.model_copy(update={"aim": aims})
-        candidates.append(entry)
-    return plan.model_copy(update=changes | {"candidates": candidates})
-
-
-def _groups(path: str, given: Sequence[str], names: Names, lines: list[str]) -> list[str]:
-    """Groups of the given names; `lines` gets one for each unknown name."""
-    found: list[str] = []
-    for name in given:
-        try:
-            found += names.groups_of(name)
-        except MeshError as error:
-            lines.append(f"{path}: {error}")
-    return list(dict.fromkeys(found))
+    for field in type(entry).model_fields:
+        value, at = getattr(entry, field), f"{path}.{field}"
+        if isinstance(value, list) and field in OF_GROUPS:
+            found = [each for name in value for each in known(at, name, names.groups_of)]
+            changes[field] = list(dict.fromkeys(found))
+        elif isinstance(value, dict) and field in OF_GROUPS:
+            changes[field] = known(at, value, names.by_group)
+        elif isinstance(value, list) and any(isinstance(each, Entry) for each in value):
+            changes[field] = [
+                _with_names(each, f"{at}[{row}]", names, lines) for row, each in enumerate(value)
+            ]
+    return entry.model_copy(update=changes)
 
 
 FloatArray = NDArray[np.float64]

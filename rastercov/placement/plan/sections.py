@@ -172,10 +172,15 @@ def only_one(entry: BaseModel, names: tuple[str, ...]) -> None:
         raise ValueError(f"wanted one of {', '.join(names)}, got {got}; give exactly one")
 
 
+def together(entry: BaseModel, one: str, other: str) -> None:
+    """ValueError where one of two entries is given and the other is not."""
+    if (getattr(entry, one) is None) != (getattr(entry, other) is None):
+        raise ValueError(f"{one} and {other} come together; give both or neither")
+
+
 def both_or_none(entry: Boxed) -> Boxed:
     """The entry; ValueError unless low and high are corners of a box, or both left out."""
-    if (entry.low is None) != (entry.high is None):
-        raise ValueError("low and high come together; give both or neither")
+    together(entry, "low", "high")
     if entry.low is not None and not all(
         a <= b for a, b in zip(entry.low, entry.high, strict=True)
     ):
@@ -463,20 +468,16 @@ class Mounted(Generator):
     _check = model_validator(mode="after")(both_or_none)
 
 
+Side = Literal["-x", "+x", "-y", "+y", "-z", "+z"]
+
+
 class OnBox(Mounted):
     """Mounting positions on the sides of a box."""
 
     generator: Literal["on_box"]
     outward: Number = 0.0
     """Enlarges the box on all sides, m."""
-    sides: Some[Literal["-x", "+x", "-y", "+y", "-z", "+z"]] = [
-        "-x",
-        "+x",
-        "-y",
-        "+y",
-        "-z",
-        "+z",
-    ]
+    sides: Some[Side] = list(get_args(Side))
     """Sides to use."""
 
 
@@ -506,18 +507,9 @@ class PoseFile(Generator):
     """Pose file, ours (.json, .npy) or of another program that states its unit."""
 
 
-CandidateEntry = Annotated[
-    PerSegment
-    | PerFace
-    | PerConvexRegion
-    | PerCavity
-    | Around
-    | OnBox
-    | OnWalls
-    | OnCeiling
-    | PoseFile,
-    Field(discriminator="generator"),
-]
+OfSurface = PerSegment | PerFace | PerConvexRegion | PerCavity
+OfPlaces = Around | OnBox | OnWalls | OnCeiling | PoseFile
+CandidateEntry = Annotated[OfSurface | OfPlaces, Field(discriminator="generator")]
 
 
 def _unit(unit: str | float) -> str | float:
@@ -604,8 +596,7 @@ class TargetEntry(Entry):
     @model_validator(mode="after")
     def _check(self) -> Self:
         only_one(self, ("above", "box", "file"))
-        if (self.above is None) != (self.height is None):
-            raise ValueError("above and height come together; give both or neither")
+        together(self, "above", "height")
         of_boxes = [name for name in ("count", "spacing", "size") if getattr(self, name)]
         if of_boxes and self.box is None:
             raise ValueError(f"{' and '.join(of_boxes)} is of a box; leave it out, or give box")
@@ -671,8 +662,7 @@ class KeepOut(fields_of(KeepOutSphere, base=BoxFields, is_optional=True)):  # ty
     @model_validator(mode="after")
     def _check(self) -> Self:
         both_or_none(self)
-        if (self.centre is None) != (self.radius is None):
-            raise ValueError("centre and radius come together; give both or neither")
+        together(self, "centre", "radius")
         if (self.low is None) == (self.centre is None):
             raise ValueError("wanted low and high, or centre and radius; give one of the two")
         return self
@@ -804,24 +794,20 @@ class PlanModel(Entry):
     def _check(self) -> Self:
         if self.camera is not None and self.cameras:
             raise ValueError("camera and cameras exclude each other; put it among the cameras")
+        used: dict[str, tuple[list[str], tuple[str, ...]]] = {}
         for rig, section in self.rigs.items():
             if rig in self.camera_names:
                 raise ValueError(f"rigs.{rig}: there is a camera of that name; rename it")
-            for each in section.cameras or []:
-                if each.camera not in self.camera_names:
-                    raise ValueError(
-                        f"rigs.{rig}.cameras: there is no camera {each.camera!r}; cameras are "
-                        f"{', '.join(self.camera_names) or 'none'}"
-                    )
-        known = (*self.camera_names, *self.rigs)
+            own = [each.camera for each in section.cameras or []]
+            used[f"rigs.{rig}"] = own, self.camera_names
         for row, entry in enumerate(self.candidates):
-            for name in entry.cameras:
-                if name not in known:
-                    listed = ", ".join(known) or "none"
-                    raise ValueError(
-                        f"candidates[{row}].cameras: there is no camera {name!r}; cameras are "
-                        f"{listed}"
-                    )
+            used[f"candidates[{row}]"] = entry.cameras, (*self.camera_names, *self.rigs)
+        for path, (names, known) in used.items():
+            if missing := [name for name in names if name not in known]:
+                raise ValueError(
+                    f"{path}.cameras: there is no camera {missing[0]!r}; cameras are "
+                    f"{', '.join(known) or 'none'}"
+                )
         return self
 
     @property

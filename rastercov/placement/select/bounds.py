@@ -24,9 +24,8 @@ P. Wentges. Weighted Dantzig-Wolfe decomposition for linear mixed-integer progra
 
 import math
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -35,7 +34,7 @@ from rastercov.kernels import placement_bits
 from rastercov.kernels import placement_lagrange as kernels
 from rastercov.placement.bits import spread_out
 from rastercov.placement.select.cover import Cover, LazyCover
-from rastercov.placement.select.presolve import Presolved, ReducedProblem
+from rastercov.placement.select.presolve import Presolved, Reduced, ReducedProblem
 from rastercov.placement.select.problem import BestCoverage, Problem
 
 EFFORT = 300_000_000
@@ -130,7 +129,7 @@ def _asks_for_any(reduced: ReducedProblem) -> bool:
     return reduced.least_total > 0 or bool((reduced.least > 0).any())
 
 
-def _proved(among: Presolved | ReducedProblem, value: float) -> float:
+def _proved(among: Reduced, value: float) -> float:
     """Bound of the share or the cost from that of prices, with the rounding of its sum."""
     if not isinstance(among.problem.goal, BestCoverage):
         return rounded_up(value - BOUND_SAFETY_REL * abs(value), among.costs)
@@ -145,7 +144,7 @@ def share_of(problem: Problem, weight: float) -> float:
     return weight / total if total else 1.0
 
 
-def limits_of(reduced: Presolved | ReducedProblem) -> tuple[int, float]:
+def limits_of(reduced: Reduced) -> tuple[int, float]:
     """Number of cameras and budget of `BestCoverage`; inf for no budget."""
     goal = reduced.problem.goal
     assert isinstance(goal, BestCoverage)
@@ -167,7 +166,7 @@ def best_prices(
     """
     pairs = reduced.indptr, reduced.face
     views = np.maximum(reduced.views.astype(np.float64), 2.0 if reduced.is_spread else 1.0)
-    search: Callable[[FloatArray, FloatArray, FloatArray, int], None]
+    further: tuple[Any, ...]
     if isinstance(reduced.problem.goal, BestCoverage):
         whole, limits = int(reduced.integer_weights.sum()), limits_of(reduced)
         weights = reduced.integer_weights / whole
@@ -176,32 +175,23 @@ def best_prices(
             degree = np.diff(reduced.starts)
             prices = most / (1 + degree / max(1.0, float(degree.mean())))
         prices = np.minimum(prices, most)
-
-        def search(now: FloatArray, best: FloatArray, progress: FloatArray, steps: int) -> None:
-            kernels.best_weight(
-                *pairs, views, weights, reduced.costs, *limits, now, best, progress,
-                state.covered / whole, steps,
-            )  # fmt: skip
+        loop, further, value = kernels.best_weight, limits, state.covered / whole
     else:
         weights, start = reduced.integer_weights.astype(np.float64), 0.0
         wanted = reduced.least.astype(np.float64), float(reduced.least_total)
         if prices is None:
             prices = np.empty(reduced.n_faces)
             kernels.cheapest_share(*pairs, reduced.costs, prices)
+        loop, further, value = kernels.least_cost, (reduced.kind, *wanted), state.cost
 
-        def search(now: FloatArray, best: FloatArray, progress: FloatArray, steps: int) -> None:
-            kernels.least_cost(
-                *pairs, views, weights, reduced.costs, reduced.kind, *wanted, now, best, progress,
-                state.cost, steps,
-            )  # fmt: skip
-
+    fixed = (*pairs, views, weights, reduced.costs, *further)
     n_pairs = max(1, 2 * len(reduced.face))  # of a step
     left = int(np.clip(EFFORT // n_pairs, FEWEST_STEPS, MOST_STEPS))
     progress = np.array([start, 1.0, 0.0, 0.0])
     now, best = prices.copy(), prices.copy()
     at_once = max(1, PAIRS_A_LOOK // n_pairs)
     while left > 0 and not progress[kernels.ENDED]:
-        search(now, best, progress, min(at_once, left))
+        loop(*fixed, now, best, progress, value, min(at_once, left))
         left -= at_once
         if deadline.is_over:
             break
@@ -314,20 +304,19 @@ def _between(large: Presolved, one: Prices, other: Prices) -> Prices:
         earned = (1 - part) * one.earned + part * other.earned
         return Prices(_value(large, price, earned), price, earned)
 
-    best = max(one, other, key=lambda prices: sign * prices.value)
-    low, high = 0.0, 1.0
-    ends = [high - GOLDEN * (high - low), low + GOLDEN * (high - low)]
-    inner = [at(part) for part in ends]
+    def worth(prices: Prices) -> float:
+        return sign * prices.value
+
+    best, low, high = max(one, other, key=worth), 0.0, 1.0
+    left, right = at(1 - GOLDEN), at(GOLDEN)
     for _ in range(LINE_STEPS):
-        best = max(best, *inner, key=lambda prices: sign * prices.value)
-        if sign * inner[0].value >= sign * inner[1].value:
-            high, ends[1], inner[1] = ends[1], ends[0], inner[0]
-            ends[0] = high - GOLDEN * (high - low)
-            inner[0] = at(ends[0])
+        best = max(best, left, right, key=worth)
+        if worth(left) >= worth(right):
+            high, right = low + GOLDEN * (high - low), left
+            left = at(high - GOLDEN * (high - low))
         else:
-            low, ends[0], inner[0] = ends[0], ends[1], inner[1]
-            ends[1] = low + GOLDEN * (high - low)
-            inner[1] = at(ends[1])
+            low, left = high - GOLDEN * (high - low), right
+            right = at(low + GOLDEN * (high - low))
     return best
 
 

@@ -21,10 +21,9 @@ from rastercov.base.memory import IntArray
 from rastercov.kernels import placement_bits
 from rastercov.kernels import placement_selection as kernels
 from rastercov.placement.bits import Words, spread_out
-from rastercov.placement.select.presolve import Presolved, ReducedProblem
+from rastercov.placement.select.presolve import Presolved, Reduced, ReducedProblem
+from rastercov.placement.select.problem import PROGRESS_BITS
 
-PROGRESS_BITS = 20
-"""Fractional bits below the unit of weight, for progress that does not yet cover a face."""
 NO_LIMIT = np.iinfo(np.int64).max
 FEWEST_AT_ONCE = 16
 """Candidates that `LazyCover` computes at once; more where many were already, for threads."""
@@ -61,7 +60,7 @@ class Cover(ABC):
         1 for candidates that are chosen, or excluded for a while.
     """
 
-    def __init__(self, among: Presolved | ReducedProblem) -> None:
+    def __init__(self, among: Reduced) -> None:
         self.among = among
         self.chosen: set[int] = set()
         self.done = np.zeros(len(among.least), np.int64)

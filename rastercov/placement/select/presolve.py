@@ -24,39 +24,28 @@ from rastercov.placement.bits import CoveredBits, Words, packed, spread_out
 from rastercov.placement.select.problem import FewestCameras, Problem
 
 
-@dataclass(frozen=True, eq=False)
-class Presolved:
-    """A problem after presolve, with C candidates; faces keep their numbers.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Reduced:
+    """A problem of C candidates after presolve.
 
     Attributes
     ----------
     problem : Problem
-    bits : CoveredBits
-        Those of the problem, without pairs of a rig with a face beyond the views that this needs
-        where any two rays will do: they change nothing but bounds, which are tighter without them.
+        Original problem.
     candidates : (C,) int64
         Their rows in the problem, ascending.
     costs, rank : (C,) float64, int64
         `rank` is the order of the candidates, which depends only on the faces they cover.
-    sizes : (C,) int64
-        Upper limit of the number of remaining pairs of each.
-    kept : (K,) int64
-        Remaining faces, the first one of each set of equal faces.
-    integer_weights : (F,) int64
-        With the sum of each set of equal faces at its first one; 0 for faces that do not remain.
-    kind : (F,) int32
-        Requirement that the face counts towards: 0 for the total only.
+    integer_weights, kind : (F,) int64, int32
+        Of each face: its weight, and the requirement that it counts towards, 0 for the total only.
     least, least_total : (G,) int64, int
         Weight to cover of each kind, 0 for kind 0, and in total.
     """
 
     problem: Problem
-    bits: CoveredBits
     candidates: IntArray
     costs: FloatArray
     rank: IntArray
-    sizes: IntArray
-    kept: IntArray
     integer_weights: IntArray
     kind: NDArray[np.int32]
     least: IntArray
@@ -66,6 +55,33 @@ class Presolved:
     def n_candidates(self) -> int:
         """Number of candidates C."""
         return len(self.candidates)
+
+    @property
+    def is_spread(self) -> bool:
+        """True where the rays to two cameras of a face must differ by an angle."""
+        return self.problem.is_spread
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Presolved(Reduced):
+    """A problem after presolve in bits; faces keep their numbers.
+
+    The weight of a set of equal faces is at its first one, and 0 for faces that do not remain.
+
+    Attributes
+    ----------
+    bits : CoveredBits
+        Those of the problem, without pairs of a rig with a face beyond the views that this needs
+        where any two rays will do: they change nothing but bounds, which are tighter without them.
+    sizes : (C,) int64
+        Upper limit of the number of remaining pairs of each.
+    kept : (K,) int64
+        Remaining faces, the first one of each set of equal faces.
+    """
+
+    bits: CoveredBits
+    sizes: IntArray
+    kept: IntArray
 
     @cached_property
     def masks(self) -> Words:
@@ -129,16 +145,12 @@ class Presolved:
         )
 
 
-@dataclass(frozen=True, eq=False)
-class ReducedProblem:
-    """A problem after presolve in lists, with C candidates of K cameras, and F faces.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ReducedProblem(Reduced):
+    """A problem after presolve in lists, of K cameras and the F faces that remain.
 
     Attributes
     ----------
-    problem : Problem
-        Original problem.
-    candidates : (C,) int64
-        Their rows in the problem, ascending.
     owner : (K,) int32
         Candidate of each camera, ascending.
     limits : (C + 1,) int64
@@ -147,39 +159,22 @@ class ReducedProblem:
         Faces of each camera.
     starts, covering : (F + 1,) int64, (N,) int32
         Cameras of each face.
-    integer_weights : (F,) int64
-        Integer weight of each face.
     views, need : (F,) int32
         Cameras that must cover the face; `need` has one step more where rays must differ.
-    kind, least, least_total, costs, rank
-        As in `Presolved`.
     eyes, centroids : (K, 3), (F, 3) float64
         Empty where no angle is required.
     """
 
-    problem: Problem
-    candidates: IntArray
     owner: NDArray[np.int32]
     limits: IntArray
     camera_indptr: IntArray
     face: NDArray[np.int32]
     starts: IntArray
     covering: NDArray[np.int32]
-    integer_weights: IntArray
     views: NDArray[np.int32]
     need: NDArray[np.int32]
-    kind: NDArray[np.int32]
-    least: IntArray
-    least_total: int
-    costs: FloatArray
-    rank: IntArray
     eyes: FloatArray
     centroids: FloatArray
-
-    @property
-    def n_candidates(self) -> int:
-        """Number of candidates C."""
-        return len(self.candidates)
 
     @property
     def n_faces(self) -> int:
@@ -190,11 +185,6 @@ class ReducedProblem:
     def indptr(self) -> IntArray:
         """(C + 1,) limits in `face` of the pairs of each candidate."""
         return self.camera_indptr[self.limits]
-
-    @property
-    def is_spread(self) -> bool:
-        """True where the rays to two cameras of a face must differ by an angle."""
-        return self.problem.is_spread
 
     @property
     def is_mandatory(self) -> BoolArray:

@@ -224,9 +224,9 @@ class Problem:
 
     def by_group(self, faces: BoolArray) -> IntArray:
         """(G,) integer weight of the given faces of each group."""
-        totals = np.zeros(len(self.groups), np.int64)
-        np.add.at(totals, self.face_group[faces], self.integer_weights[faces])
-        return totals
+        # Sums of up to 2^40 are exact as float64.
+        weights, n_groups = self.integer_weights[faces], len(self.groups)
+        return np.bincount(self.face_group[faces], weights, n_groups).astype(np.int64)
 
     def share(self, faces: BoolArray) -> float:
         """Share of the total weight, [0, 1]; 1 where there is no weight."""
@@ -287,22 +287,15 @@ def _check(problem: Problem) -> None:
         raise ConfigError(
             f"the angle must be 0 to 180 degrees, got {math.degrees(problem.min_angle):g}"
         )
-    shapes: dict[str, tuple[Any, tuple[int, ...]]] = {
-        "views": (problem.views, (n_faces,)),
-        "costs": (problem.costs, (n_candidates,)),
-        "face_group": (problem.face_group, (n_faces,)),
-        "mean_coverage": (problem.mean_coverage, (n_candidates,)),
-    }
+    shapes: dict[str, tuple[int, ...]] = dict.fromkeys(("views", "face_group"), (n_faces,))
+    shapes |= dict.fromkeys(("costs", "mean_coverage"), (n_candidates,))
     if problem.is_spread:
         if problem.eyes is None or problem.centroids is None:
             raise ConfigError("an angle between views needs eyes and centroids; give both")
-        shapes |= {
-            "eyes": (problem.eyes, (n_rows, 3)),
-            "centroids": (problem.centroids, (n_faces, 3)),
-        }
-    for name, (array, shape) in shapes.items():
-        if array.shape != shape:
-            raise ConfigError(f"{name} must have shape {shape}, got {array.shape}")
+        shapes |= {"eyes": (n_rows, 3), "centroids": (n_faces, 3)}
+    for name, shape in shapes.items():
+        if (found := getattr(problem, name).shape) != shape:
+            raise ConfigError(f"{name} must have shape {shape}, got {found}")
     for name, values in (("weights", problem.weights), ("costs", problem.costs)):
         if not (np.isfinite(values) & (values >= 0)).all():
             raise ConfigError(f"{name} must be 0 or more, and finite")
@@ -490,8 +483,8 @@ def _of_each(value: ArrayLike, count: int, name: str) -> IntArray:
 
 PROVED = 1e-6
 """Relative gap up to which a selection counts as optimal: the tolerance of HiGHS."""
-ROUNDING = 1e-9
-"""Relative error of a sum of weights, with a margin."""
+PROGRESS_BITS = 20
+"""Fractional bits below the unit of weight, for progress that does not yet cover a face."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -602,37 +595,28 @@ def in_order(problem: Problem, chosen: IntArray) -> tuple[IntArray, FloatArray]:
     order: list[int] = []
     curve: list[float] = []
     # Progress per face, so that the first of several required cameras counts too.
-    count = np.zeros(problem.n_faces, np.int64)
-    part = problem.integer_weights / problem.views
-    spread = problem.spread()
+    count, spread = np.zeros(problem.n_faces, np.int64), problem.spread()
+    part = (problem.integer_weights << PROGRESS_BITS) // problem.views
 
-    def gain(camera: int) -> float:
+    def loss(camera: int) -> int:
         faces = problem.faces_of(camera)
         if problem.has_rigs:
             faces, times = np.unique(faces, return_counts=True)
             left = np.maximum(problem.views[faces] - count[faces], 0)
-            return float((part[faces] * np.minimum(times, left)).sum())
-        return float(part[faces[count[faces] < problem.views[faces]]].sum())
+            return -int((part[faces] * np.minimum(times, left)).sum())
+        return -int(part[faces[count[faces] < problem.views[faces]]].sum())
 
-    # Lazy evaluation: gains only fall as cameras are added, so only gains above the current maximum
-    # are computed again. Ties go by number, and 0 stays 0.
-    rounding = 0.0 if bool((part == np.floor(part)).all()) else ROUNDING
-    stale = [(-gain(camera), camera) for camera in map(int, chosen)]
+    # Lazy evaluation: gains only fall as cameras are added, so the first one that is still the
+    # greatest when computed again is taken. Ties go by number.
+    stale = [(loss(camera), camera) for camera in map(int, chosen)]
     heapq.heapify(stale)
     while stale:
-        fresh, best = [], (math.inf, -1)
-        while stale and (stale[0][0] * (1 + rounding), stale[0][1]) < best:
-            loss, camera = heapq.heappop(stale)
-            fresh.append((-gain(camera) if loss else loss, camera))
-            best = min(best, fresh[-1])
-            if not loss:
-                break
-        for other in fresh:
-            if other is not best:
-                heapq.heappush(stale, other)
-        camera = best[1]
+        known, camera = heapq.heappop(stale)
+        now = (loss(camera) if known else 0, camera)
+        if stale and now > stale[0]:
+            heapq.heappush(stale, now)
+            continue
         problem.add(camera, count, spread)
         order.append(camera)
-        covered = (count >= problem.views) & spread.is_spread
-        curve.append(problem.share(covered))
+        curve.append(problem.share((count >= problem.views) & spread.is_spread))
     return np.array(order, np.int64), np.array(curve, np.float64)

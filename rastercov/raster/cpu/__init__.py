@@ -27,7 +27,7 @@ edge is inside and one on a right or lower edge outside, so every sample belongs
 two triangles that share an edge.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from functools import partial
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -35,12 +35,10 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov.base.arguments import flag
-from rastercov.base.errors import ConfigError, DeviceError, ResourceError
-from rastercov.base.threads import Closing, ScratchPool, share_poses, thread_count
+from rastercov.base.errors import DeviceError, ResourceError
+from rastercov.base.threads import ScratchPool, thread_count
 from rastercov.camera.camera import Camera
 from rastercov.camera.near_plane import limits, picture_limits
-from rastercov.camera.pose import Poses as AcceptedPoses
 from rastercov.camera.pose import valid_poses
 from rastercov.kernels import raster_loops
 from rastercov.kernels.raster_memory import (
@@ -58,10 +56,10 @@ from rastercov.mesh import Mesh
 from rastercov.raster import self_test
 from rastercov.raster.contract import (
     FaceCounts,
+    Rasterizer,
     RasterizerInfo,
     VisibilityBuffer,
     check_counts,
-    check_picture,
 )
 from rastercov.raster.cpu.clusters import group_faces
 from rastercov.raster.sample_grid import Box, SampleGrid
@@ -69,11 +67,13 @@ from rastercov.raster.targets import TargetFaces
 from rastercov.raster.tie_order import in_one_order
 
 if TYPE_CHECKING:
-    from rastercov.raster.lens import View
+    from rastercov.raster.lens import Look, View
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 WordArray = NDArray[np.int32]
+Looks = tuple[FloatArray, FloatArray, NDArray[np.bool_]]
+"""Poses (P, 4, 4), the depths of their near planes, and whether back faces are hidden, (P,)."""
 
 MAX_SIDE = 1 << 20
 """Largest image side in samples: edge functions are 64-bit integers of 1/256 sample."""
@@ -88,7 +88,7 @@ LARGE_POSE = 1 << 18
 """Faces, plus an eighth of the samples, from which on a pose is shared by threads."""
 
 
-class CPURasterizer(Closing):
+class CPURasterizer(Rasterizer):
     """Rasteriser compiled by numba.
 
     Any number of threads may use one rasteriser at once, and so may a forked process.
@@ -122,8 +122,8 @@ class CPURasterizer(Closing):
                 f"an image side must be at most {MAX_SIDE:,} samples, got {side:,}; "
                 "lower supersample or use gl"
             )
+        super().__init__(mesh, camera, supersample, roll)
         self._threads = thread_count(threads)
-        self.mesh, self.camera, self.supersample, self.roll = mesh, camera, supersample, roll
         self.info = RasterizerInfo(
             backend="cpu",
             plan="threads",
@@ -133,32 +133,22 @@ class CPURasterizer(Closing):
             depth="float32 1/z",
             shaders="",
         )
-        self._is_open = True
-        self._scene, self._targets = _Scene(mesh.opaque), TargetFaces.of(mesh)
+        self._scene = _Scene(mesh.opaque)
         self._scratch, self._picture_scratch = (
             ScratchPool(partial(_Worker, self._scene, grid), self._threads)
             for grid in (self._grid, SampleGrid(camera))
         )
         self._check()
 
-    def count(self, poses: ArrayLike, *, drawn: bool = True) -> FaceCounts:
-        """Samples of each face in each pose; see `Rasterizer.count`."""
-        self._check_open()
-        matrices, drawn = valid_poses(poses), flag("drawn", drawn)
-        counts = self._count(self._scratch, self._scene, self.camera, self._grid, matrices, drawn)
+    def _counted(self, poses: FloatArray, drawn: bool) -> FaceCounts:
+        counts = self._count(self._scratch, self._scene, self.camera, self._grid, poses, drawn)
         if self._targets is None:
             return counts
-        return self._targets.added(counts, *self._count_targets(self._targets, matrices))
+        return self._with_targets(counts, *self._count_targets(self._targets, poses))
 
-    def render(self, pose: ArrayLike) -> VisibilityBuffer:
-        """Face index and depth at each pixel centre; see `Rasterizer.render`."""
-        self._check_open()
-        accepted = AcceptedPoses.of(pose)
-        if len(accepted) != 1:
-            raise ConfigError(f"render takes one pose, got {len(accepted)}")
-        check_picture(self.camera)
-        image = self.render_all(accepted)
-        return VisibilityBuffer(image.face[0], image.depth[0])
+    def _drawn(self, poses: FloatArray) -> tuple[WordArray, NDArray[np.float32]]:
+        face, depth = self._draw_all(poses)
+        return face[0], depth[0]
 
     def drawer(self, camera: Camera, beside: "_Worker | None" = None) -> "_Worker":
         """Draw the opaque faces of the mesh through another pinhole; see `raster.lens`."""
@@ -170,35 +160,26 @@ class CPURasterizer(Closing):
     def render_all(self, poses: ArrayLike) -> VisibilityBuffer:
         """`render` of many poses, (P, H, W), in threads; for images that are small."""
         self._check_open()
-        matrices = valid_poses(poses)
-        near, cull = picture_limits(self.mesh, self.camera, matrices)
-        shape = len(matrices), self.camera.height, self.camera.width
+        return self._named(*self._draw_all(valid_poses(poses)))
+
+    def _draw_all(self, poses: FloatArray) -> tuple[WordArray, NDArray[np.float32]]:
+        near, cull = picture_limits(self.mesh, self.camera, poses)
+        shape = len(poses), self.camera.height, self.camera.width
         face, depth = np.full(shape, -1, np.int32), np.full(shape, np.inf, np.float32)
 
-        def work_of(worker: _Worker) -> Callable[[slice], None]:
-            def work(turn: slice) -> None:
-                for row in range(turn.start, turn.stop):
-                    one = slice(row, row + 1)
-                    worker.render(matrices[one], near[one], cull[one], face[row], depth[row])
+        def work(worker: _Worker, turn: slice) -> None:
+            for row in range(turn.start, turn.stop):
+                one = slice(row, row + 1)
+                worker.render((poses[one], near[one], cull[one]), face[row], depth[row])
 
-            return work
-
-        workers = self._picture_scratch.take(max(1, min(self._threads, len(matrices))))
-        share_poses(len(matrices), [work_of(worker) for worker in workers])
-        self._picture_scratch.give_back(workers)
-        if self._targets is not None:
-            face = self._targets.face_of(face)
-        return VisibilityBuffer(face, depth)
+        self._share(self._picture_scratch, len(poses), work)
+        return face, depth
 
     def close(self) -> None:
         """Release its memory: later calls raise `DeviceError`, calls in other threads complete."""
-        self._is_open = False
+        super().close()
         self._scratch.close()
         self._picture_scratch.close()
-
-    def _check_open(self) -> None:
-        if not self._is_open:
-            raise DeviceError("this rasteriser is closed; open a new one")
 
     def _count(
         self,
@@ -213,7 +194,6 @@ class CPURasterizer(Closing):
         is_large = scene.mesh.n_faces + grid.n_samples // 8 >= LARGE_POSE
         n_parts = -(-self._threads // max(1, len(poses))) if is_large else 1
         n_parts = max(n_parts, -(-grid.n_samples // MAX_PART))
-        n_turns = n_parts * len(poses)
         sums = np.dtype(grid.count_type).itemsize if n_parts > 1 else 0
         check_counts(len(poses), scene.mesh.n_faces, (4 * n_parts + sums) * (1 + with_drawn))
         # Not cleared here: each thread clears its rows while they are in its cache.
@@ -223,34 +203,24 @@ class CPURasterizer(Closing):
         filled = np.empty(shape[:2], np.int64)
         near, cull, clipped = limits(scene.mesh, camera, poses)
 
-        def work_of(worker: _Worker) -> Callable[[slice], None]:
-            def work(turn: slice) -> None:
-                while turn.start < turn.stop:  # all poses of one part that are in the turn
-                    part, start = divmod(turn.start, len(poses))
-                    stop = min(len(poses), start + turn.stop - turn.start)
-                    worker.count(
-                        poses[start:stop], near[start:stop], cull[start:stop],
-                        worker.bands(part, n_parts),
-                        visible[part, start:stop],
-                        None if drawn is None else drawn[part, start:stop],
-                        filled[part, start:stop],
-                    )  # fmt: skip
-                    turn = slice(turn.start + stop - start, turn.stop)
+        def work(worker: _Worker, turn: slice) -> None:
+            while turn.start < turn.stop:  # all poses of one part that are in the turn
+                part, start = divmod(turn.start, len(poses))
+                stop = min(len(poses), start + turn.stop - turn.start)
+                some = slice(start, stop)
+                worker.count(
+                    (poses[some], near[some], cull[some]), worker.bands(part, n_parts),
+                    visible[part, some], None if drawn is None else drawn[part, some],
+                    filled[part, some],
+                )  # fmt: skip
+                turn = slice(turn.start + stop - start, turn.stop)
 
-            return work
-
-        n_threads = max(1, min(self._threads, n_turns))
-        workers = scratch.take(n_threads)
-        share_poses(n_turns, [work_of(worker) for worker in workers])
-        scratch.give_back(workers)
-        return FaceCounts(
+        self._share(scratch, n_parts * len(poses), work)
+        return self._result(
             _total(visible, grid.count_type),
             None if drawn is None else _total(drawn, grid.count_type),
             grid.n_samples - _total(filled, np.int64),
             clipped,
-            grid.supersample,
-            self.info,
-            self.roll,
         )
 
     def _count_targets(self, targets: TargetFaces, poses: FloatArray) -> tuple[IntArray, IntArray]:
@@ -258,20 +228,13 @@ class CPURasterizer(Closing):
         near, cull = picture_limits(self.mesh, self.camera, poses)
         visible, drawn = np.empty((2, len(poses), len(targets.rows)), np.int64)
 
-        def work_of(worker: _Worker) -> Callable[[slice], None]:
-            def work(turn: slice) -> None:
-                for row in range(len(poses))[turn]:
-                    one = slice(row, row + 1)
-                    depths = partial(worker.depths, poses[one], near[one], cull[one])
-                    visible[row], drawn[row] = targets.count(
-                        self._grid, poses[row], near[row], depths
-                    )
+        def work(worker: _Worker, turn: slice) -> None:
+            for row in range(turn.start, turn.stop):
+                one = slice(row, row + 1)
+                depths = partial(worker.depths, (poses[one], near[one], cull[one]))
+                visible[row], drawn[row] = targets.count(self._grid, poses[row], near[row], depths)
 
-            return work
-
-        workers = self._scratch.take(max(1, min(self._threads, len(poses))))
-        share_poses(len(poses), [work_of(worker) for worker in workers])
-        self._scratch.give_back(workers)
+        self._share(self._scratch, len(poses), work)
         return visible, drawn
 
     def _check(self) -> None:
@@ -304,6 +267,12 @@ class _Scene:
         vertices = np.ascontiguousarray(mesh.vertices - self.centre)
         faces = np.ascontiguousarray(in_one_order(mesh), dtype=np.int32)
         self.clusters = group_faces(vertices, faces, mesh.can_cull_back_faces)
+
+
+def _looks_of(look: "Look") -> Looks:
+    """One look as several."""
+    pose, near, cull = look
+    return pose[None], np.array([near]), np.array([cull])
 
 
 def _total(parts: Any, kind: type) -> Any:
@@ -348,10 +317,9 @@ class _Worker:
         n_marks = self.block_rows * n_strips
         n_cells = -(-self.block_rows // SIDE) * (self.columns // SIDE)
         self.memory = memory = memory or _Memory(scene, n_marks, n_cells)
-        self.buffers, self.scratch = memory.buffers._replace(n_marks=n_marks), memory.scratch
-        self.no_drawn, self.no_counts = memory.no_drawn, memory.no_counts
+        self.buffers = memory.buffers._replace(n_marks=n_marks)
         firsts, lasts = np.zeros((2, n_block_rows, SIDE), np.int32)
-        firsts.ravel()[: grid.height], lasts.ravel()[: grid.height] = grid.first, grid.last
+        firsts.ravel()[: grid.height], lasts.ravel()[: grid.height] = grid.runs
         inner = -(-firsts.max(axis=1) // SIDE), lasts.min(axis=1) // SIDE
         magnification = np.linalg.svd(np.diag(grid.lens[:2]) @ grid.mix, compute_uv=False)
         self.canvas = Canvas(
@@ -359,8 +327,8 @@ class _Worker:
             intrinsics=grid.lens,
             size=np.array((grid.width, grid.height), np.int64),
             inner=np.stack(inner, axis=1).astype(np.int64),
-            first=grid.first,
-            last=grid.last,
+            first=grid.runs[0],
+            last=grid.runs[1],
             is_rolled=grid.is_rolled,
         )
         self.all_bands = self.bands(0, 1)
@@ -375,80 +343,62 @@ class _Worker:
         return bands
 
     def count(
-        self,
-        poses: FloatArray,
-        near: FloatArray,
-        cull: NDArray[np.bool_],
-        bands: IntArray,
-        visible: WordArray,
-        drawn: WordArray | None,
-        filled: IntArray,
-        weights: tuple[Any, Any] = (None, None),
-    ) -> None:
+        self, looks: Looks, bands: IntArray, visible: WordArray, drawn: WordArray | None,
+        filled: IntArray, weights: tuple[Any, Any] = (None, None),
+    ) -> None:  # fmt: skip
         """Count the bands of poses into the rows of `visible`, `drawn`, `filled`."""
-        moved = self.grid.axes(poses).copy()
+        moved = self.grid.axes(looks[0]).copy()
         moved[:, :3, 3] -= self.scene.centre
-        with_drawn = drawn is not None
-        rows = drawn if with_drawn else self.no_drawn
-        output = Output(visible, rows, filled, with_drawn, *weights)
+        rows = self.memory.no_drawn if drawn is None else drawn
+        output = Output(visible, rows, filled, drawn is not None, *weights)
         raster_loops.count_poses(
-            Poses(moved, near, cull), self.canvas, bands, self.scene.clusters, self.buffers, output,
-            self.scratch,
+            Poses(moved, *looks[1:]), self.canvas, bands, self.scene.clusters, self.buffers, output,
+            self.memory.scratch,
         )  # fmt: skip
 
+    def draw(self, look: Looks, band: IntArray) -> None:
+        """Draw a band of one pose, (2,): first row, and the one after the last."""
+        self.count(look, band[None], self.memory.no_counts, None, np.empty(1, np.int64))
+
     def depths(
-        self,
-        pose: FloatArray,
-        near: FloatArray,
-        cull: NDArray[np.bool_],
-        top: int,
-        bottom: int,
+        self, look: Looks, top: int, bottom: int
     ) -> Iterator[tuple[Box, NDArray[np.float32]]]:
-        """Depths of one pose, (1, 4, 4), in bands that hold some rows; see `targets.Depths`."""
-        for first, last in self.all_bands:
-            if first < bottom and last > top:
-                band = np.array([(first, last)])
-                self.count(pose, near, cull, band, self.no_counts, None, np.empty(1, np.int64))
-                depth = np.full((last - first, self.grid.width), np.inf, np.float32)
-                raster_loops.read_depths(self.columns, self.buffers, depth)
-                yield (0, int(first), self.grid.width, int(last - first)), depth
-
-    def render(
-        self,
-        pose: FloatArray,
-        near: FloatArray,
-        cull: NDArray[np.bool_],
-        face: NDArray[np.int32],
-        depth: NDArray[np.float32],
-    ) -> None:
-        """Write the samples with a surface of one pose, (1, 4, 4): face index, depth in metres."""
+        """Depths of one pose in bands that hold some rows; see `targets.Depths`."""
         for band in self.all_bands:
-            self.count(pose, near, cull, band[None], self.no_counts, None, np.empty(1, np.int64))
-            raster_loops.read_band(band[0], band[1], self.columns, self.buffers, face, depth)
-        # A face cut at the near plane can own a sample 1/512 of one beyond its rim.
-        np.maximum(depth, np.float32(near[0]), out=depth)
+            first, last = band.tolist()
+            if first < bottom and last > top:
+                height, width = last - first, self.grid.width
+                face, depth = (
+                    np.empty((height, width), np.int32),
+                    np.full((height, width), np.inf, np.float32),
+                )
+                self.draw(look, band)
+                raster_loops.read_band(0, height, self.columns, self.buffers, face, depth)
+                yield (0, first, width, height), depth
 
-    def picture(
-        self, pose: FloatArray, near: float, cull: bool
-    ) -> tuple[WordArray, NDArray[np.float32]]:
-        """Face, -1 for none, and depth (H, W) at each sample of a pose (4, 4)."""
+    def render(self, look: Looks, face: WordArray, depth: NDArray[np.float32]) -> None:
+        """Write the samples with a surface of one pose: face index, depth in metres."""
+        for band in self.all_bands:
+            self.draw(look, band)
+            raster_loops.read_band(*band, self.columns, self.buffers, face, depth)
+        # A face cut at the near plane can own a sample 1/512 of one beyond its rim.
+        np.maximum(depth, np.float32(look[1][0]), out=depth)
+
+    def picture(self, look: "Look") -> tuple[WordArray, NDArray[np.float32]]:
+        """Face, -1 for none, and depth (H, W) at each sample of a look."""
         shape = self.grid.height, self.grid.width
         face, depth = np.full(shape, -1, np.int32), np.full(shape, np.inf, np.float32)
-        self.render(pose[None], np.array([near]), np.array([cull]), face, depth)
+        self.render(_looks_of(look), face, depth)
         return face, depth
 
-    def add_counts(
-        self, pose: FloatArray, near: float, cull: bool, view: "View", visible: Any, drawn: Any
-    ) -> None:
+    def add_counts(self, look: "Look", view: "View", visible: Any, drawn: Any) -> None:
         """Add the samples of a lens in a view to (F,) counts; see `raster.lens.ViewDrawer`."""
         if view.of_drawer is None:
             view.of_drawer = self._by_block(view)
         n_faces, filled = self.scene.mesh.n_faces, np.empty(1, np.int64)
         found = np.empty((2 - (drawn is None), 1, n_faces), np.int32)
-        self.count(
-            pose[None], np.array([near]), np.array([cull]), self.all_bands, found[0],
-            None if drawn is None else found[1], filled, view.of_drawer,
-        )  # fmt: skip
+        own = None if drawn is None else found[1]
+        self.count(_looks_of(look), self.all_bands, found[0], own, filled, view.of_drawer)
         if drawn is not None:
             drawn += found[1, 0]
         if filled[0]:

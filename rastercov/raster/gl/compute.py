@@ -13,7 +13,6 @@ Results equal those of the CPU rasteriser, so its near plane is used, not the on
 """
 
 from collections.abc import Iterator
-from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,15 +27,12 @@ from rastercov.raster.gl.strategy import (
     COUNTER_BYTES,
     DrawLimits,
     FloatArray,
-    IntArray,
+    Strategy,
     WordArray,
-    count_targets_by_images,
     face_ranges,
     without_background,
-    workgroups,
 )
 from rastercov.raster.sample_grid import Box, SampleGrid
-from rastercov.raster.targets import TargetFaces
 from rastercov.raster.tie_order import in_one_order
 
 MAX_POSES = 256  # poses in one batch, within the limits of memory: enough to fill a large device
@@ -87,7 +83,7 @@ class ComputePoses:
     """
 
     def __init__(self, scene: ComputeScene, poses: FloatArray, grid: SampleGrid) -> None:
-        self.runs = np.stack((grid.first, grid.last), axis=1)
+        self.runs = np.ascontiguousarray(grid.runs.T)
         self.near, cull, self.clipped = limits(scene.mesh, scene.camera, poses)
         fields = np.zeros((len(poses), RECORD_ROWS, 4))
         fields[:, : EYE + 1, :3] = grid.axes(poses)[:, :3].transpose(0, 2, 1)
@@ -97,29 +93,19 @@ class ComputePoses:
         self.records = fields.reshape(-1, RECORD_VALUES)
 
 
-class Sizes(NamedTuple):
-    """Most samples of a tile, and most pieces of a face in it."""
-
-    samples: int
-    pieces: int
-
-
-class Compute:
-    """`rastercov.raster.gl.strategy.Strategy` on compute shaders.
+class Compute(Strategy):
+    """`Strategy` on compute shaders.
 
     `DrawLimits.image_budget` covers counters, too. ResourceError when the device has no storage
     block for the mesh.
     """
 
     depth = "float32 1/z"
-    shader, piece_bytes, record_bytes = "raster", PIECE_BYTES, 8 * RECORD_VALUES
-    most_views = 1
-    """Most records of a pose in a tile."""
 
     def __init__(
         self, resources: Resources, mesh: Mesh, camera: Camera, grid: SampleGrid, limits: DrawLimits
     ) -> None:
-        self._resources = resources
+        super().__init__(resources)
         info = resources.context.info
         block = int(info.limits["max_ssbo_bytes"])
         needed = max(VERTEX_BYTES * mesh.n_vertices, CORNERS_BYTES * mesh.n_faces)
@@ -128,188 +114,125 @@ class Compute:
                 f"plan 'compute' needs the mesh in storage blocks of {needed:,} bytes, "
                 f"{info.renderer} has {block:,}; use another plan or backend 'cpu'"
             )
-        most = self._sizes(camera, grid, limits, block)
-        counters = block // COUNTER_BYTES
-        self._max_faces = min(limits.max_faces, mesh.n_faces, MAX_FACES, counters - 1)
-        test_samples, test_faces = self_test.WIDTH * self_test.HEIGHT, self_test.MESH.n_faces
-        key_bytes = KEY_BYTES * max(most.samples, test_samples)
-        self._most_faces = max(self._max_faces, test_faces)
-        counter_bytes = COUNTER_BYTES * (self._most_faces + 1)
-        in_budget = limits.image_budget // (key_bytes + counter_bytes)
-        fitting = min(in_budget, block // max(key_bytes, counter_bytes))
-        self._layers = max(1, min(MAX_POSES, fitting))
-
-        pieces = min(2 * self._layers * self._most_faces, block // self.piece_bytes)
-        self._capacity = max(GROUP_FACES * most.pieces, min(MAX_PIECES, pieces))
-        self._faces_at_once, self._poses_at_once = MAX_FACES, MAX_POSES
-        self._defines = self._constants()
-        self._n_passes = 2
-        if info.has_int64_atomics:
-            self._defines["ATOMIC64"] = self._n_passes = 1
-        self._filling = self._programs()
-        self._counting = resources.compute("count", 430, KEYS=1, ROLLED=1)
-        records = self._layers * self.most_views
-        self._records = resources.buffer("poses", size=self.record_bytes * records)
-        self._keys = resources.buffer("depths and faces", size=key_bytes * self._layers)
-        self._counters = resources.buffer("face counters", size=counter_bytes * self._layers)
-        queue_bytes = COUNTER_BYTES * HEAD_WORDS + self.piece_bytes * self._capacity
-        self._queue = resources.buffer("queue", size=queue_bytes)
-        rows = max(grid.height, camera.height, self_test.HEIGHT)
-        self._runs = resources.buffer("rows of samples", size=RUN_BYTES * rows)
-
-    def _sizes(self, camera: Camera, grid: SampleGrid, limits: DrawLimits, block: int) -> Sizes:
-        """Choose the tiles, for storage blocks of `block` bytes."""
         wide, high = max(grid.width, camera.width), max(grid.height, camera.height)
         width = min(limits.max_tile, wide, block // KEY_BYTES)
         self.tile = (width, min(limits.max_tile, high, block // (KEY_BYTES * width)))
-        tallest = max(self.tile[1], self_test.HEIGHT)
-        return Sizes(self.tile[0] * self.tile[1], MAX_FAN * -(-tallest // ROWS))
-
-    def _constants(self) -> dict[str, int]:
-        """Numbers that the shader is compiled with."""
-        return {"SMALL": SMALL, "ROWS": ROWS, "FAR_OUT": FAR_OUT}
-
-    def tiles(self, scene: ComputeScene, grid: SampleGrid) -> Iterator[Box]:
-        """Tiles of a grid."""
-        return grid.tiles(self.tile)
-
-    def prepare(self, scene: ComputeScene, poses: FloatArray, grid: SampleGrid) -> Any:
-        """Compute the storage buffers of the poses."""
-        return ComputePoses(scene, poses, grid)
-
-    def begin(self, prepared: Any, rows: slice) -> None:
-        """Upload the poses of a batch."""
-        self._records.write(prepared.records[rows])
-        self._runs.write(prepared.runs)
-
-    def _bind(self, prepared: Any, rows: slice, tile: Box) -> int:
-        """Bind the buffers of a tile; returns the number of records of each pose."""
-        self._runs.bind_to_storage_buffer(RUNS)
-        return 1
-
-    def _depth(self, prepared: Any, tile: Box, inverse: FloatArray) -> NDArray[np.float32]:
-        """Depths of the first pose for 1/z of the samples of a tile."""
-        with np.errstate(divide="ignore"):
-            depth = (1 / inverse).astype(np.float32)
-        # A face cut at the near plane can cover a sample 1/512 sample beyond its edge.
-        return np.maximum(depth, np.float32(prepared.near[0]))
-
-    # --- the strategy ---------------------------------------------------------------------------
+        n_samples = max(self.tile[0] * self.tile[1], self_test.WIDTH * self_test.HEIGHT)
+        self._max_faces = min(limits.max_faces, mesh.n_faces, MAX_FACES, block // COUNTER_BYTES - 1)
+        most_faces = max(self._max_faces, self_test.MESH.n_faces)
+        key_bytes, counter_bytes = KEY_BYTES * n_samples, COUNTER_BYTES * (most_faces + 1)
+        in_budget = limits.image_budget // (key_bytes + counter_bytes)
+        fitting = min(in_budget, block // max(key_bytes, counter_bytes))
+        self._layers = max(1, min(MAX_POSES, fitting))
+        pieces = min(2 * self._layers * most_faces, block // PIECE_BYTES)
+        pieces_of_face = MAX_FAN * -(-max(self.tile[1], self_test.HEIGHT) // ROWS)
+        self._capacity = max(GROUP_FACES * pieces_of_face, min(MAX_PIECES, pieces))
+        self._faces_at_once, self._poses_at_once = MAX_FACES, MAX_POSES
+        defines = {"SMALL": SMALL, "ROWS": ROWS, "FAR_OUT": FAR_OUT}
+        self._n_passes = 2
+        if info.has_int64_atomics:
+            defines["ATOMIC64"] = self._n_passes = 1
+        self._small = resources.compute("raster", 430, **defines)
+        self._pieces = resources.compute("raster", 430, QUEUED=1, **defines)
+        self._counting = resources.compute("count", 430, KEYS=1, ROLLED=1)
+        self._records = resources.buffer("poses", size=8 * RECORD_VALUES * self._layers)
+        self._keys = resources.buffer("depths and faces", size=key_bytes * self._layers)
+        self._counters = resources.buffer("face counters", size=counter_bytes * self._layers)
+        queue_bytes = COUNTER_BYTES * HEAD_WORDS + PIECE_BYTES * self._capacity
+        self._queue = resources.buffer("queue", size=queue_bytes)
+        rows = max(grid.height, camera.height, self_test.HEIGHT)
+        self._runs = resources.buffer("rows of samples", size=RUN_BYTES * rows)
 
     def scene(self, mesh: Mesh, camera: Camera, grid: SampleGrid) -> ComputeScene:
         """Upload a mesh."""
         return ComputeScene(self._resources, mesh, camera, grid, self._max_faces)
 
-    def batches(self, prepared: Any) -> Iterator[slice]:
+    def prepare(self, scene: ComputeScene, poses: FloatArray, grid: SampleGrid) -> ComputePoses:
+        """Compute the storage buffers of the poses."""
+        return ComputePoses(scene, poses, grid)
+
+    def batches(self, prepared: ComputePoses) -> Iterator[slice]:
         """Rows of the poses of each batch."""
         n_poses = len(prepared.near)
         for start in range(0, n_poses, self._layers):
             yield slice(start, min(start + self._layers, n_poses))
 
+    def begin(self, prepared: ComputePoses, rows: slice) -> None:
+        """Upload the poses of a batch."""
+        self._records.write(prepared.records[rows])
+        self._runs.write(prepared.runs)
+
     def count(
-        self, scene: ComputeScene, prepared: Any, rows: slice, tile: Box, *, drawn: bool
+        self, scene: ComputeScene, prepared: ComputePoses, rows: slice, tile: Box, *, drawn: bool
     ) -> tuple[WordArray, WordArray, WordArray | None]:
         """Draw a batch into a tile: visible samples (B, F), background (B,), drawn samples."""
         n_poses = rows.stop - rows.start
         while True:
-            drawn_counts = self._draw(scene, prepared, rows, tile, drawn=drawn)
+            drawn_counts = self._draw(scene, n_poses, tile, drawn=drawn)
             visible, background = self._count_on_device(scene, tile, n_poses)
             if self._queue_sufficed(scene.mesh.n_faces, n_poses):
                 return visible, background, drawn_counts
 
     def image(
-        self, scene: ComputeScene, prepared: Any, tile: Box
+        self, scene: ComputeScene, prepared: ComputePoses, tile: Box
     ) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
         """Draw the first pose into a tile: faces and depths, as in `VisibilityBuffer`."""
         while True:
-            self._draw(scene, prepared, slice(0, 1), tile, drawn=False)
+            self._draw(scene, 1, tile, drawn=False)
             if self._queue_sufficed(scene.mesh.n_faces, 1):
                 break
-        owner, inverse = np.moveaxis(
-            self._resources.read_words(self._keys, tile[3], tile[2], 2), 2, 0
-        )
+        keys = self._resources.read_words(self._keys, tile[3], tile[2], 2)
+        owner, inverse = keys[..., 0], keys[..., 1].copy().view(np.float32)
         face = np.where(owner == 0, -1, (~owner).view(np.int32) - 1)
-        inverse_depth = np.ascontiguousarray(inverse).view(np.float32).astype(np.float64)
-        return face, self._depth(prepared, tile, inverse_depth)
-
-    def count_targets(
-        self, scene: ComputeScene, targets: TargetFaces, poses: FloatArray
-    ) -> tuple[IntArray, IntArray]:
-        """Visible and drawn samples of the targets, (P, N) each."""
-        return count_targets_by_images(self, scene, targets, poses)
+        with np.errstate(divide="ignore"):
+            depth = (1 / inverse.astype(np.float64)).astype(np.float32)
+        # A face cut at the near plane can cover a sample 1/512 sample beyond its edge.
+        return face, np.maximum(depth, np.float32(prepared.near[0]))
 
     # --- steps ----------------------------------------------------------------------------------
 
-    def _programs(self, **defines: int) -> tuple[Any, Any]:
-        """Programs that fill small faces, and pieces of the others."""
-        given = self._defines | defines
-        compute = self._resources.compute
-        return compute(self.shader, 430, **given), compute(self.shader, 430, QUEUED=1, **given)
-
     def _draw(
-        self, scene: ComputeScene, prepared: Any, rows: slice, tile: Box, *, drawn: bool
+        self, scene: ComputeScene, n_poses: int, tile: Box, *, drawn: bool
     ) -> WordArray | None:
         """Fill the keys; with `drawn`, return the samples that each face covers alone."""
-        poses, windows = rows.stop - rows.start, []
-        views = self._bind(prepared, rows, tile)
-        self._clear(poses * tile[2] * tile[3])
+        buffers = {
+            COUNTS: self._counters, RUNS: self._runs, KEYS: self._keys, QUEUE: self._queue,
+            POSES: self._records, VERTICES: scene.vertices, FACES: scene.faces,
+        }  # fmt: skip
+        for binding, buffer in buffers.items():
+            buffer.bind_to_storage_buffer(binding)
+        self._clear(n_poses * tile[2] * tile[3])
         self._resources.zero(self._queue, COUNTER_BYTES * HEAD_WORDS)
+        windows = []
         for which_pass in range(self._n_passes):
-            counts_drawn = drawn and which_pass == 0
+            is_counted = drawn and which_pass == 0
             for first, n in scene.parts:
-                n_counters = n + 1 if counts_drawn else 0
-                self._fill_part(
-                    self._filling, scene, (first, n), (poses, views), tile, n_counters,
-                    with_drawn=counts_drawn, which_pass=which_pass,
-                )  # fmt: skip
-                if counts_drawn:
-                    windows.append(self._resources.read_words(self._counters, poses, n_counters))
+                stride = n + 1 if is_counted else 0
+                for program in (self._small, self._pieces):
+                    set_uniforms(
+                        program, size=tile[2:], corner=tile[:2], first_face=first, stride=stride,
+                        capacity=self._capacity, with_drawn=is_counted, which_pass=which_pass,
+                    )  # fmt: skip
+                if is_counted:
+                    self._resources.zero(self._counters, COUNTER_BYTES * n_poses * stride)
+                for face in range(first, first + n, self._faces_at_once):
+                    faces = face, min(face + self._faces_at_once, first + n)
+                    for pose in range(0, n_poses, self._poses_at_once):
+                        self._fill(faces, pose, min(self._poses_at_once, n_poses - pose))
+                if is_counted:
+                    windows.append(self._resources.read_words(self._counters, n_poses, stride))
         return without_background(windows) if drawn else None
 
     def _clear(self, n_samples: int) -> None:
         self._resources.zero(self._keys, KEY_BYTES * n_samples)
 
-    def _fill_part(
-        self,
-        programs: tuple[Any, Any],
-        scene: Any,
-        part: tuple[int, int],
-        poses_and_views: tuple[int, int],
-        tile: Box,
-        n_counters: int,
-        **uniforms: Any,
-    ) -> None:
-        """Fill a part (first, n) of the faces of a scene, with `n_counters` of each pose."""
-        (first, n), (poses, views) = part, poses_and_views
-        buffers = {
-            COUNTS: self._counters, KEYS: self._keys, QUEUE: self._queue, POSES: self._records,
-            VERTICES: scene.vertices, FACES: scene.faces,
-        }  # fmt: skip
-        for binding, buffer in buffers.items():
-            buffer.bind_to_storage_buffer(binding)
-        for program in programs:
-            set_uniforms(
-                program, size=tile[2:], corner=tile[:2], first_face=first, stride=n_counters,
-                capacity=self._capacity, **uniforms,
-            )  # fmt: skip
-        if n_counters:
-            self._resources.zero(self._counters, COUNTER_BYTES * poses * n_counters)
-        for face in range(first, first + n, self._faces_at_once):
-            faces = face, min(face + self._faces_at_once, first + n)
-            for pose in range(0, poses, self._poses_at_once):
-                n_poses = min(self._poses_at_once, poses - pose)
-                self._fill(programs, faces, views * pose, views * n_poses)
-
-    def _fill(
-        self, programs: tuple[Any, Any], faces: tuple[int, int], first_view: int, views: int
-    ) -> None:
+    def _fill(self, faces: tuple[int, int], first_pose: int, n_poses: int) -> None:
         """Fill the small triangles of a range of faces, then the pieces of the larger ones."""
-        small, pieces = programs
-        set_uniforms(small, faces_to_draw=faces, first_view=first_view)
+        set_uniforms(self._small, faces_to_draw=faces, first_view=first_pose)
         self._queue.write(EMPTY)
-        small.run(-(-(faces[1] - faces[0]) // GROUP_FACES), 1, views)
+        self._small.run(-(-(faces[1] - faces[0]) // GROUP_FACES), 1, n_poses)
         self._resources.gl.memory_barrier()
-        pieces.run_indirect(self._queue)
+        self._pieces.run_indirect(self._queue)
         self._resources.gl.memory_barrier()
 
     def _queue_sufficed(self, n_faces: int, poses: int) -> bool:
@@ -329,18 +252,3 @@ class Compute:
         else:
             raise self._resources.untrusted(f"has no room for the pieces of {GROUP_FACES} faces")
         return False
-
-    def _count_on_device(
-        self, scene: ComputeScene, tile: Box, poses: int
-    ) -> tuple[WordArray, WordArray]:
-        """Count the keys of a batch, in windows of faces that fit."""
-        windows = []
-        self._runs.bind_to_storage_buffer(RUNS)
-        for first, n in scene.parts:
-            set_uniforms(
-                self._counting, corner=tile[:2], size=tile[2:], stride=n + 1, first_face=first
-            )
-            self._resources.zero(self._counters, COUNTER_BYTES * poses * (n + 1))
-            self._counting.run(*workgroups(tile), poses)
-            windows.append(self._resources.read_words(self._counters, poses, n + 1))
-        return without_background(windows), windows[0][:, 0]

@@ -13,6 +13,7 @@ EGL_EXT_create_context_robustness. Mesa project. OSMesa interface (GL/osmesa.h).
 """
 
 import ctypes
+import itertools
 import os
 import sys
 import threading
@@ -44,8 +45,10 @@ EGL_PLATFORM_DEVICE_EXT, EGL_PLATFORM_SURFACELESS_MESA = 0x313F, 0x31DD
 EGL_CONTEXT_MAJOR_VERSION, EGL_CONTEXT_MINOR_VERSION = 0x3098, 0x30FB
 EGL_CONTEXT_OPENGL_PROFILE_MASK, EGL_CONTEXT_OPENGL_CORE_PROFILE_BIT = 0x30FD, 1
 EGL_CONTEXT_OPENGL_ROBUST_ACCESS_EXT = 0x30BF
-EGL_CONTEXT_OPENGL_RESET_NOTIFICATION_STRATEGY = 0x31BD  # EGL 1.5 and EGL_KHR_create_context
-EGL_CONTEXT_OPENGL_RESET_NOTIFICATION_STRATEGY_EXT = 0x3138  # Mesa: OpenGL ES only
+RESET_STRATEGIES = (
+    0x31BD,  # EGL_CONTEXT_OPENGL_RESET_NOTIFICATION_STRATEGY: EGL 1.5, EGL_KHR_create_context
+    0x3138,  # the same with _EXT; in Mesa for OpenGL ES only
+)
 EGL_LOSE_CONTEXT_ON_RESET = 0x31BF
 OSMESA_FORMAT, OSMESA_PROFILE, OSMESA_CORE_PROFILE = 0x22, 0x33, 0x34
 OSMESA_CONTEXT_MAJOR_VERSION, OSMESA_CONTEXT_MINOR_VERSION = 0x36, 0x37
@@ -66,25 +69,42 @@ class _Thread(threading.local):
 _thread = _Thread()
 
 
+_EMPTY = ctypes.create_string_buffer(1)
+_EMPTY_NAME = ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_uint, ctypes.c_uint)(
+    lambda _token, _index: ctypes.addressof(_EMPTY)
+)
+"""Replacement of glGetStringi while moderngl lists the names of extensions."""
+
+
+@cache
+def _same_object(number: int) -> int:
+    """The number itself, as one object for all equal numbers."""
+    return number
+
+
 class _NativeContext(ABC):
-    """OpenGL context of EGL or OSMesa, owned by one thread."""
+    """OpenGL context of EGL or OSMesa, owned by one thread, with glcontext's interface.
+
+    moderngl 5.13 never releases the address of each of 670 functions and the name of each of 220
+    extensions, 38 KiB a context. For it equal addresses are therefore one object, and names are
+    empty, a single object in Python; `HeadlessContext` sets the names afterwards.
+    """
 
     def __init__(self, device: DeviceInfo) -> None:
         self.pid = os.getpid()
-        self.thread = threading.get_ident()
-        self.thread_name = threading.current_thread().name
+        self.thread = threading.current_thread()
         self.released = False
         self.handle = self._create(device)
         try:
             self.make_current()
-            if not self.load("glGetString"):
+            if not self.address("glGetString"):
                 raise DeviceError(f"no OpenGL library: wanted libGL.so.1; {install_line('egl')}")
         except DeviceError:
             self.release()
             raise
 
     @abstractmethod
-    def load(self, name: str) -> int:
+    def address(self, name: str) -> int:
         """Address of an OpenGL function, 0 when it is absent."""
 
     @abstractmethod
@@ -96,6 +116,18 @@ class _NativeContext(ABC):
     @abstractmethod
     def _destroy(self) -> None: ...
 
+    def load(self, name: str) -> int:
+        """Address of an OpenGL function for moderngl."""
+        if name == "glGetStringi":
+            return _same_object(ctypes.cast(_EMPTY_NAME, ctypes.c_void_p).value or 0)
+        return _same_object(self.address(name))
+
+    def __enter__(self) -> None:
+        self.make_current()
+
+    def __exit__(self, *_: object) -> None:  # noqa: B027 - it is not abstract
+        """Leave the context current: the thread owns it."""
+
     def check_owner(self) -> None:
         """Raise DeviceError in another process or thread, or after `release`."""
         if self.released:
@@ -105,10 +137,10 @@ class _NativeContext(ABC):
                 f"OpenGL context of process {self.pid} used in process {os.getpid()}, a fork of it;"
                 " start processes with multiprocessing's 'spawn' and open a context in each"
             )
-        if threading.get_ident() != self.thread:
-            thread = threading.current_thread()
+        owner, thread = self.thread, threading.current_thread()
+        if thread.ident != owner.ident:
             raise DeviceError(
-                f"OpenGL context of thread {self.thread_name!r} ({self.thread}) used in thread "
+                f"OpenGL context of thread {owner.name!r} ({owner.ident}) used in thread "
                 f"{thread.name!r} ({thread.ident}); open one context in each thread"
             )
 
@@ -149,22 +181,17 @@ class _EglContext(_NativeContext):
         options: list[tuple[int, ...]] = [()]
         if "EGL_EXT_create_context_robustness" in extensions:
             robust = (EGL_CONTEXT_OPENGL_ROBUST_ACCESS_EXT, 1)
-            strategies = (
-                EGL_CONTEXT_OPENGL_RESET_NOTIFICATION_STRATEGY,
-                EGL_CONTEXT_OPENGL_RESET_NOTIFICATION_STRATEGY_EXT,
-            )
-            options = [(*robust, name, EGL_LOSE_CONTEXT_ON_RESET) for name in strategies]
-            options += [robust, ()]
-        for major, minor in GL_VERSIONS:
+            strategies = [(*robust, name, EGL_LOSE_CONTEXT_ON_RESET) for name in RESET_STRATEGIES]
+            options = [*strategies, robust, ()]
+        profile = (EGL_CONTEXT_OPENGL_PROFILE_MASK, EGL_CONTEXT_OPENGL_CORE_PROFILE_BIT)
+        for (major, minor), option in itertools.product(GL_VERSIONS, options):
             version = (EGL_CONTEXT_MAJOR_VERSION, major, EGL_CONTEXT_MINOR_VERSION, minor)
-            profile = (EGL_CONTEXT_OPENGL_PROFILE_MASK, EGL_CONTEXT_OPENGL_CORE_PROFILE_BIT)
-            for option in options:
-                attributes = int_array(*version, *profile, *option, EGL_NONE)
-                if handle := egl.eglCreateContext(self.display, None, None, attributes):
-                    return int(handle)
+            attributes = int_array(*version, *profile, *option, EGL_NONE)
+            if handle := egl.eglCreateContext(self.display, None, None, attributes):
+                return int(handle)
         raise DeviceError(f"no OpenGL 3.3 core context: eglCreateContext gave {egl.error()}")
 
-    def load(self, name: str) -> int:
+    def address(self, name: str) -> int:
         return self.egl.address(name)
 
     def _is_current(self) -> bool:
@@ -187,13 +214,10 @@ def _display(egl: Egl, device: DeviceInfo) -> int:
     """Initialised EGL display of a device; the same one for every context of the device."""
     if egl.eglGetPlatformDisplayEXT is None:
         raise DeviceError("EGL lacks EGL_EXT_platform_base; a newer EGL library is needed")
-    if device.kind == "egl-device":
-        assert device.index is not None
-        native: int | None = egl.devices()[device.index]
-        platform = EGL_PLATFORM_DEVICE_EXT
-    else:
-        native, platform = None, EGL_PLATFORM_SURFACELESS_MESA
-    display = egl.eglGetPlatformDisplayEXT(platform, native, None)
+    platform: tuple[int, int | None] = (EGL_PLATFORM_SURFACELESS_MESA, None)
+    if device.index is not None:
+        platform = (EGL_PLATFORM_DEVICE_EXT, egl.devices()[device.index])
+    display = egl.eglGetPlatformDisplayEXT(*platform, None)
     driver = f"is its driver installed? ({install_line('egl')})"
     if not display:
         raise DeviceError(f"no EGL display: eglGetPlatformDisplayEXT gave {egl.error()}; {driver}")
@@ -216,7 +240,7 @@ class _OSMesaContext(_NativeContext):
                 return int(handle)
         raise DeviceError("no OpenGL 3.3 core context: OSMesaCreateContextAttribs refused")
 
-    def load(self, name: str) -> int:
+    def address(self, name: str) -> int:
         return self.osmesa.OSMesaGetProcAddress(name.encode()) or 0
 
     def _is_current(self) -> bool:
@@ -231,47 +255,6 @@ class _OSMesaContext(_NativeContext):
         if self._is_current():
             self.osmesa.OSMesaMakeCurrent(None, None, 0, 0, 0)
         self.osmesa.OSMesaDestroyContext(self.handle)
-
-
-# --- moderngl -------------------------------------------------------------------------------------
-
-
-@cache
-def _same_object(number: int) -> int:
-    """The number itself, as one object for all equal numbers."""
-    return number
-
-
-_EMPTY = ctypes.create_string_buffer(1)
-_EMPTY_NAME = ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_uint, ctypes.c_uint)(
-    lambda _token, _index: ctypes.addressof(_EMPTY)
-)
-"""Replacement of glGetStringi while moderngl lists the names of extensions."""
-
-
-class _ModernglContext:
-    """Native context with glcontext's interface, for moderngl.
-
-    moderngl 5.13 never releases the address of each of 670 functions and the name of each of 220
-    extensions, 38 KiB a context. Equal addresses are therefore one object, and names are empty, a
-    single object in Python; `HeadlessContext` sets the names afterwards.
-    """
-
-    def __init__(self, native: _NativeContext) -> None:
-        self._native = native
-        self.release = native.release
-
-    def load(self, name: str) -> int:
-        """Address of an OpenGL function, 0 when it is absent."""
-        if name == "glGetStringi":
-            return _same_object(ctypes.cast(_EMPTY_NAME, ctypes.c_void_p).value or 0)
-        return _same_object(self._native.load(name))
-
-    def __enter__(self) -> None:
-        self._native.make_current()
-
-    def __exit__(self, *_: object) -> None:
-        """Leave the context current: the thread owns it."""
 
 
 class HeadlessContext(Unique):
@@ -294,9 +277,9 @@ class HeadlessContext(Unique):
         try:
             self.info = devices.describe_context(self.function, device)
             # `standalone`: there is no default framebuffer to inspect.
-            context = cast("Any", _ModernglContext(self._native))
-            self._gl = moderngl.create_context(context=context, standalone=True)
-            self._gl.extensions.clear()  # see `_ModernglContext`
+            native = cast("Any", self._native)
+            self._gl = moderngl.create_context(context=native, standalone=True)
+            self._gl.extensions.clear()  # see `_NativeContext`
             self._gl.extensions.update(self.info.extensions)
             self._gl.gc_mode = "context_gc"
             self._pixel = self._gl.renderbuffer((1, 1))
@@ -327,7 +310,7 @@ class HeadlessContext(Unique):
         self._native.check_owner()
         key = (name, restype, *argtypes)
         if key not in self._functions:
-            if not (address := self._native.load(name)):
+            if not (address := self._native.address(name)):
                 raise DeviceError(f"this OpenGL driver has no function {name}")
             self._functions[key] = ctypes.CFUNCTYPE(restype, *argtypes)(address)
         return cast("Callable[..., Any]", self._functions[key])
@@ -364,7 +347,7 @@ class HeadlessContext(Unique):
         if native is None or native.released or native.pid != os.getpid() or sys.is_finalizing():
             return
         warnings.warn("OpenGL context was not released", ResourceWarning, source=self, stacklevel=2)
-        if threading.get_ident() == native.thread:
+        if threading.get_ident() == native.thread.ident:
             self.release()
 
 
@@ -403,8 +386,7 @@ def open_context(device: str | int = "auto", *, require_hardware: bool = False) 
         try:
             context = HeadlessContext(candidate)
         except DeviceError as error:
-            hint = "; LIBGL_ALWAYS_SOFTWARE is set" if devices.is_software_wanted() else ""
-            failures.append(f"{candidate}: {error}{'' if candidate.is_software else hint}")
+            failures.append(f"{candidate}: {error}")
             continue
         is_software = context.info.is_software
         if is_software == candidate.is_software and not (require_hardware and is_software):

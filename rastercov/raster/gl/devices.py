@@ -38,24 +38,22 @@ LIMITS = {  # name: (token, number of values)
     "max_texture_size": (0x0D33, 1),
     "max_viewport_dims": (0x0D3A, 2),
     "max_array_layers": (0x88FF, 1),
-    "max_renderbuffer_size": (0x84E8, 1),
-    "max_framebuffer_layers": (0x9317, 1),
-    "max_viewports": (0x825B, 1),
-    "max_clip_distances": (0x0D32, 1),
-    "max_color_attachments": (0x8CDF, 1),
-    "max_samples": (0x8D57, 1),
-    "max_texture_buffer_texels": (0x8C2B, 1),
-    "max_uniform_block_bytes": (0x8A30, 1),
     "max_ssbo_bytes": (0x90DE, 1),
-    "max_ssbo_bindings": (0x90DD, 1),
-    "max_compute_invocations": (0x90EB, 1),
-    "max_compute_shared_bytes": (0x8262, 1),
     "subpixel_bits": (0x0D50, 1),
 }
 MAX_ERRORS = 100
 """Errors cleared after the queries of `describe_context`."""
+LAYER_EXTENSIONS = (
+    "GL_ARB_shader_viewport_layer_array", "GL_AMD_vertex_shader_layer", "GL_NV_viewport_array2",
+)  # fmt: skip
+"""gl_Layer in vertex shaders, an extension of every core version: any of them."""
 SOFTWARE_RENDERERS = re.compile(
     r"llvmpipe|softpipe|swrast|swiftshader|lavapipe|software rasterizer|basic render", re.IGNORECASE
+)
+
+NVIDIA_IN_CONTAINER = (
+    "set NVIDIA_DRIVER_CAPABILITIES=all (or graphics) and provide "
+    "/usr/share/glvnd/egl_vendor.d/10_nvidia.json"
 )
 
 DeviceKind = Literal["egl-device", "egl-surfaceless", "osmesa"]
@@ -99,11 +97,6 @@ class DeviceInfo:
         return f"{self.label} ({self.name}{', software' if self.is_software else ''})"
 
 
-def _feature(doc: str, core_since: int, *extensions: str) -> property:
-    """Property of `ContextInfo`: in core since that version, or by any of the extensions."""
-    return property(lambda info: info.has(core_since, *extensions), doc=doc)
-
-
 @dataclass(frozen=True)
 class ContextInfo:
     """Renderer, version, limits and features of an open context.
@@ -141,38 +134,36 @@ class ContextInfo:
         """Feature in core since that version, or by any of the extensions."""
         return self.gl_version >= core_since or not self.extensions.isdisjoint(extensions)
 
-    has_clip_control = _feature(
-        "Depth from 0 to 1, for reversed depth.", 450, "GL_ARB_clip_control"
-    )
-    has_layer_from_vertex_shader = _feature(
-        "gl_Layer in vertex shaders, an extension of every core version.",
-        10_000,
-        "GL_ARB_shader_viewport_layer_array",
-        "GL_AMD_vertex_shader_layer",
-        "GL_NV_viewport_array2",
-    )
-    has_viewport_array = _feature("Several viewports in a draw.", 410, "GL_ARB_viewport_array")
-    has_compute = _feature("Compute shaders.", 430, "GL_ARB_compute_shader")
-    has_ssbo = _feature(
-        "Shader storage buffers and their atomics.", 430, "GL_ARB_shader_storage_buffer_object"
-    )
+    @property
+    def has_clip_control(self) -> bool:
+        """Depth from 0 to 1, for reversed depth."""
+        return self.has(450, "GL_ARB_clip_control")
+
+    @property
+    def has_compute(self) -> bool:
+        """Compute shaders."""
+        return self.has(430, "GL_ARB_compute_shader")
+
+    @property
+    def has_ssbo(self) -> bool:
+        """Shader storage buffers and their atomics."""
+        return self.has(430, "GL_ARB_shader_storage_buffer_object")
 
     @property
     def has_doubles(self) -> bool:
         """Double precision in all stages, needed for depths of coplanar faces."""
-        return self.has(400, "GL_ARB_gpu_shader_fp64") and self.has(
-            410, "GL_ARB_vertex_attrib_64bit"
-        )
+        has_attributes = self.has(410, "GL_ARB_vertex_attrib_64bit")
+        return has_attributes and self.has(400, "GL_ARB_gpu_shader_fp64")
 
     @property
     def has_batches(self) -> bool:
         """Features of layers: many poses in one draw, counted on the device."""
-        return bool(self.has_layer_from_vertex_shader) and self.has_compute_raster
+        return self.has_compute_raster and not self.extensions.isdisjoint(LAYER_EXTENSIONS)
 
     @property
     def has_compute_raster(self) -> bool:
         """Features of plan "compute"."""
-        return bool(self.has_compute and self.has_ssbo)
+        return self.has_compute and self.has_ssbo
 
     @property
     def has_int64_atomics(self) -> bool:
@@ -198,19 +189,16 @@ def describe_device(egl: Egl, index: int, handle: int) -> DeviceInfo:
         ("EGL_EXT_device_query_name", EGL_RENDERER_EXT),
     )
     names = [query(handle, token) for extension, token in strings if extension in extensions]
-    cuda = ctypes.c_ssize_t(-1)
-    if "EGL_NV_device_cuda" not in extensions or not (
-        egl.eglQueryDeviceAttribEXT
-        and egl.eglQueryDeviceAttribEXT(handle, EGL_CUDA_DEVICE_NV, ctypes.byref(cuda))
-    ):
-        cuda.value = -1
+    cuda, ask = ctypes.c_ssize_t(-1), egl.eglQueryDeviceAttribEXT
+    has_cuda = "EGL_NV_device_cuda" in extensions and ask is not None
+    has_cuda = has_cuda and ask(handle, EGL_CUDA_DEVICE_NV, ctypes.byref(cuda)) and cuda.value >= 0
     unnamed = "Mesa software device" if is_software else "no DRM node"
     return DeviceInfo(
         kind="egl-device",
         index=index,
         name=", ".join(name.decode("utf-8", "replace") for name in names if name) or unnamed,
         is_software=is_software,
-        cuda_index=cuda.value if cuda.value >= 0 else None,
+        cuda_index=cuda.value if has_cuda else None,
         extensions=tuple(sorted(extensions)),
     )
 
@@ -243,54 +231,38 @@ def list_devices() -> list[DeviceInfo]:
 
 def candidates(device: str | int) -> tuple[list[DeviceInfo], list[str]]:
     """Devices to try for a request of `open_context`, best first, and reasons for missing ones."""
-    index = _egl_index(device)
-    name = device if isinstance(device, str) else ""  # an array is neither equal nor unequal to one
-    if name == "osmesa":
+    wanted = device if isinstance(device, str) else ""
+    if not isinstance(device, str | bool):
+        with suppress(TypeError):  # a whole number of any type
+            wanted = f"egl:{operator.index(device)}"
+    if wanted == "osmesa":
         return [OSMESA], []
-    missing = []
+    missing: list[str] = []
     try:
         egl = egl_devices()
     except DeviceError as error:
-        if name != "auto":
+        if wanted != "auto":
             raise
         egl, missing = [], [str(error)]
-    hardware = [d for d in egl if d.index is not None and not d.is_software]
-    software = [d for d in egl if d.index is not None and d.is_software]
-    surfaceless = [d for d in egl if d.index is None]
-    if is_software_wanted() and index is None:
-        hardware = []
-    if name == "auto":
-        found = [*hardware, *surfaceless, *software, OSMESA]
-    elif name == "surfaceless":
-        found = surfaceless + software  # same renderer, if surfaceless EGL prefers hardware
-    else:
-        found = [d for d in hardware + software if index in (None, d.index)]
-    if found:
+    hardware = [each for each in egl if not each.is_software]
+    software = [each for each in egl if each.is_software and each != SURFACELESS]
+    surfaceless = [each for each in egl if each == SURFACELESS]
+    usable = [] if is_software_wanted() else hardware
+    named = {
+        "auto": [*usable, *surfaceless, *software, OSMESA],
+        "surfaceless": surfaceless + software,  # same renderer, if surfaceless EGL wants hardware
+        "egl": usable + software,
+    } | {each.label: [each] for each in hardware + software}
+    if found := named.get(wanted):
         return found, missing
-    has_egl_devices = any(d.index is not None for d in egl)
-    if not has_egl_devices and (index is None or index >= 0):
+    if re.fullmatch(r"egl(:\d{1,9})?|surfaceless", wanted) and not hardware + software:
         surface = "; or ask for 'surfaceless'" if surfaceless else ""
         raise DeviceError(
             f"no device {shown(device)}: EGL announces no device; {install_line('egl')}; "
-            "in a container with an NVIDIA GPU "
-            "set NVIDIA_DRIVER_CAPABILITIES=all (or graphics) and provide"
-            f" /usr/share/glvnd/egl_vendor.d/10_nvidia.json{surface}"
+            f"in a container with an NVIDIA GPU {NVIDIA_IN_CONTAINER}{surface}"
         )
     known_devices = ", ".join(map(str, list_devices())) or f"none; {install_line('egl')}"
     raise DeviceError(f"no device {shown(device)}; there are: {known_devices}")
-
-
-def _egl_index(device: str | int) -> int | None:
-    """Index in a request such as 0 or "egl:0", -1 for an impossible one, None without one."""
-    if isinstance(device, str):
-        if device in ("auto", "egl", "surfaceless", "osmesa"):
-            return None
-        found = re.fullmatch(r"egl:(\d{1,9})", device)
-        return int(found[1]) if found else -1
-    try:
-        return -1 if isinstance(device, bool) else operator.index(device)
-    except TypeError:
-        return -1
 
 
 def is_software_wanted() -> bool:
@@ -308,9 +280,8 @@ def why_no_hardware(devices: list[DeviceInfo]) -> list[str]:
     if Path("/proc/driver/nvidia").exists() or Path("/dev/nvidiactl").exists():
         capabilities = os.environ.get("NVIDIA_DRIVER_CAPABILITIES", "not set")
         reasons.append(
-            f"an NVIDIA GPU is here and NVIDIA_DRIVER_CAPABILITIES is {capabilities}: a container"
-            " needs NVIDIA_DRIVER_CAPABILITIES=all (or graphics) and 10_nvidia.json in"
-            " /usr/share/glvnd/egl_vendor.d"
+            f"an NVIDIA GPU is here and NVIDIA_DRIVER_CAPABILITIES is {capabilities}: in a "
+            f"container {NVIDIA_IN_CONTAINER}"
         )
     for node in sorted(Path("/dev/dri").glob("renderD*")):
         if not os.access(node, os.R_OK | os.W_OK):

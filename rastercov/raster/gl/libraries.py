@@ -8,11 +8,10 @@ EGL_EXT_device_query. Mesa project. OSMesa interface (GL/osmesa.h).
 """
 
 import ctypes
-import re
-from collections.abc import Callable
+import platform
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from functools import cache, partial
-from pathlib import Path
 from typing import Any, Literal
 
 from rastercov.base.errors import DeviceError
@@ -22,6 +21,8 @@ GL_LIBRARIES = ("libOpenGL.so.0", "libGL.so.1", "libGL.so")
 OSMESA_LIBRARIES = ("libOSMesa.so.8", "libOSMesa.so.6", "libOSMesa.so")
 
 EGL_EXTENSIONS = 0x3055
+MOST_DEVICES = 64
+"""EGL devices that are listed."""
 
 PACKAGES = {  # family: (command, EGL packages, OSMesa packages)
     "debian": ("apt-get install -y", "libegl1 libgl1 libgl1-mesa-dri", "libosmesa6"),
@@ -32,21 +33,18 @@ PACKAGES = {  # family: (command, EGL packages, OSMesa packages)
 FAMILY = {"ubuntu": "debian", "rhel": "fedora", "centos": "fedora"}
 
 
-def install_line(kind: Literal["egl", "osmesa"], os_release: str | None = None) -> str:
-    """Command that installs EGL with OpenGL, or OSMesa, on this distribution.
+def install_line(kind: Literal["egl", "osmesa"], release: Mapping[str, str] | None = None) -> str:
+    """Command that installs EGL with OpenGL, or OSMesa, on a distribution.
 
-    `os_release` is the text of an os-release file; None reads that of this machine.
+    `release` has the fields of its os-release file; None reads that of this machine.
     """
-    if os_release is None:
-        try:
-            os_release = Path("/etc/os-release").read_text(encoding="utf-8", errors="replace")
-        except OSError:
-            os_release = ""
-    for key in ("ID", "ID_LIKE"):
-        found = re.search(rf"^{key}=[\"']?([^\"'\n]*)", os_release, re.MULTILINE)
-        for word in found[1].lower().split() if found else ():
-            if family := PACKAGES.get(FAMILY.get(word, word)):
-                return f"{family[0]} {family[1] if kind == 'egl' else family[2]}"
+    if release is None:
+        release = {}
+        with suppress(OSError, ValueError):  # no file, or another encoding
+            release = platform.freedesktop_os_release()
+    for word in f"{release.get('ID', '')} {release.get('ID_LIKE', '')}".lower().split():
+        if family := PACKAGES.get(FAMILY.get(word, word)):
+            return f"{family[0]} {family[1] if kind == 'egl' else family[2]}"
     library = "libEGL.so.1 and libGL.so.1" if kind == "egl" else "libOSMesa.so.8"
     return f"install your distribution's Mesa packages that hold {library}"
 
@@ -59,10 +57,10 @@ def find_library(names: tuple[str, ...]) -> ctypes.CDLL | None:
     return None
 
 
-def _required_library(kind: Literal["egl", "osmesa"], names: tuple[str, ...]) -> ctypes.CDLL:
+def _required_library(kind: Literal["egl", "osmesa"]) -> ctypes.CDLL:
+    title, names = {"egl": ("EGL", EGL_LIBRARIES), "osmesa": ("OSMesa", OSMESA_LIBRARIES)}[kind]
     if library := find_library(names):
         return library
-    title = {"egl": "EGL", "osmesa": "OSMesa"}[kind]
     raise DeviceError(f"no {title}: wanted {names[0]}, found none; {install_line(kind)}")
 
 
@@ -106,18 +104,6 @@ ENTRY_POINTS: dict[str, tuple[Any, ...]] = {  # name: (result, *arguments)
     "OSMesaDestroyContext": (None, _VOID),
     "OSMesaGetProcAddress": (_VOID, _TEXT),
 }
-_EGL_ERRORS = {
-    0x3001: "EGL_NOT_INITIALIZED",
-    0x3002: "EGL_BAD_ACCESS",
-    0x3003: "EGL_BAD_ALLOC",
-    0x3004: "EGL_BAD_ATTRIBUTE",
-    0x3005: "EGL_BAD_CONFIG",
-    0x3006: "EGL_BAD_CONTEXT",
-    0x3008: "EGL_BAD_DISPLAY",
-    0x3009: "EGL_BAD_MATCH",
-    0x300C: "EGL_BAD_PARAMETER",
-    0x300E: "EGL_CONTEXT_LOST",
-}
 
 
 class Library:
@@ -148,9 +134,8 @@ class Egl(Library):
         return frozenset((text or b"").decode("ascii", "replace").split())
 
     def error(self) -> str:
-        """Name of the last error in this thread."""
-        code = self.eglGetError()
-        return _EGL_ERRORS.get(code, f"EGL error {code:#x}")
+        """Last error in this thread, by its number in EGL/egl.h."""
+        return f"EGL error {self.eglGetError():#x}"
 
     def address(self, name: str) -> int:
         """Address of an EGL or OpenGL function, 0 when it is absent."""
@@ -158,27 +143,22 @@ class Egl(Library):
 
     def devices(self) -> list[int]:
         """Handles of the EGL devices, in EGL's order; empty when EGL cannot list them."""
-        if self.eglQueryDevicesEXT is None:
-            return []
-        count = _INT(0)
-        if not self.eglQueryDevicesEXT(0, None, ctypes.byref(count)) or count.value <= 0:
-            return []
-        handles = (_VOID * count.value)()
-        if not self.eglQueryDevicesEXT(count.value, handles, ctypes.byref(count)):
-            return []
+        count, handles = _INT(0), (_VOID * MOST_DEVICES)()
+        if self.eglQueryDevicesEXT is not None:
+            self.eglQueryDevicesEXT(MOST_DEVICES, handles, ctypes.byref(count))
         return [handle for handle in handles[: max(count.value, 0)] if handle]
 
 
 @cache
 def egl_library() -> Egl:
     """EGL, loaded once; DeviceError with the command that installs it."""
-    return Egl(_required_library("egl", EGL_LIBRARIES))
+    return Egl(_required_library("egl"))
 
 
 @cache
 def osmesa_library() -> Library:
     """OSMesa, loaded once; DeviceError with the command that installs it."""
-    osmesa = Library("OSMesa", partial(_address, _required_library("osmesa", OSMESA_LIBRARIES)))
+    osmesa = Library("OSMesa", partial(_address, _required_library("osmesa")))
     for name, function in vars(osmesa).items():
         if function is None:
             raise DeviceError(f"OSMesa has no {name}: wanted Mesa 12 or newer")

@@ -26,7 +26,7 @@ from rastercov.camera.camera import Camera
 from rastercov.mesh import Mesh
 from rastercov.raster import self_test
 from rastercov.raster.gl.coplanar import coplanar_overlaps
-from rastercov.raster.gl.resources import SAMPLE_BYTES, Resources, Target, set_uniforms
+from rastercov.raster.gl.resources import SAMPLE_BYTES, Resources, Target
 from rastercov.raster.gl.scene import RAYS_BYTES, RECORD_BYTES, PreparedPoses, Scene
 from rastercov.raster.gl.strategy import (
     COUNTER_BYTES,
@@ -34,13 +34,10 @@ from rastercov.raster.gl.strategy import (
     DrawLimits,
     FloatArray,
     IntArray,
-    WordArray,
-    count_targets_by_images,
+    Strategy,
     without_background,
-    workgroups,
 )
 from rastercov.raster.sample_grid import Box, SampleGrid
-from rastercov.raster.targets import TargetFaces
 
 MAX_POSES = 128
 """Poses in one uniform block: 128 records of 96 bytes, or 128 rays of 128 bytes, fit the 16 KiB
@@ -50,8 +47,8 @@ COUNTS_BINDING, RUNS_BINDING = 0, 1  # storage buffers
 NO_LAYER = 0xFFFFFFFF
 
 
-class Pipeline:
-    """`rastercov.raster.gl.strategy.Strategy` on the graphics pipeline."""
+class Pipeline(Strategy):
+    """`Strategy` on the graphics pipeline."""
 
     def __init__(
         self,
@@ -61,8 +58,8 @@ class Pipeline:
         grid: SampleGrid,
         limits: DrawLimits,
     ) -> None:
-        is_layered = limits.max_layers > 1
-        self._resources, self._is_layered = resources, is_layered
+        super().__init__(resources)
+        is_layered = self._is_layered = limits.max_layers > 1
         self.depth = "float32 reversed" if resources.is_reversed else "float32"
         info = resources.context.info
         device = info.limits
@@ -119,10 +116,6 @@ class Pipeline:
         programs, max_faces = self._programs, self._max_faces
         return Scene(self._resources, programs, mesh, camera, grid, max_faces, overlapping)
 
-    def tiles(self, scene: Scene, grid: SampleGrid) -> Iterator[Box]:
-        """Tiles of a grid."""
-        return grid.tiles(self.tile)
-
     def prepare(self, scene: Scene, poses: FloatArray, grid: SampleGrid) -> PreparedPoses:
         """Compute the uniform blocks of the poses."""
         return PreparedPoses(scene, poses, grid, self._resources.is_reversed)
@@ -149,6 +142,8 @@ class Pipeline:
         self._draw_faces(scene, prepared, rows, tile)
         visible: Counts
         if self._is_layered:
+            self._targets[0].faces.use(0)
+            self._bind_counters(scene)
             visible, background = self._count_on_device(scene, tile, len(rows))
         else:
             visible, background = self._count_on_host(scene, tile, prepared.boxes[rows[0]])
@@ -162,12 +157,6 @@ class Pipeline:
         ids = self._resources.read_faces(self._targets[0], (0, 0, *tile[2:]))
         values = self._resources.read_depth(self._targets[0], (0, 0, *tile[2:]))
         return ids.view(np.int32) - 1, prepared.depth(0, values)
-
-    def count_targets(
-        self, scene: Scene, targets: TargetFaces, poses: FloatArray
-    ) -> tuple[IntArray, IntArray]:
-        """Visible and drawn samples of the targets, (P, N) each."""
-        return count_targets_by_images(self, scene, targets, poses)
 
     def _draw_faces(self, scene: Scene, prepared: PreparedPoses, rows: IntArray, tile: Box) -> None:
         """Draw the nearest faces of a batch into the triangle-ID images."""
@@ -215,40 +204,26 @@ class Pipeline:
         counts = np.bincount(values, weights=lengths, minlength=scene.mesh.n_faces + 1)
         return counts.astype(np.int64)
 
-    def _count_on_device(self, scene: Scene, tile: Box, poses: int) -> tuple[WordArray, Any]:
-        """Count a batch of layers in a compute shader, in windows of faces that fit."""
-        counting = self._counting
-        self._bind_runs(scene)
-        windows = []
-        for first, n in scene.parts:
-            set_uniforms(counting, size=tile[2:], corner=tile[:2], stride=n + 1, first_face=first)
-            self._targets[0].faces.use(0)
-            self._counters.clear()
-            self._counters.bind_to_storage_buffer(COUNTS_BINDING)
-            counting.run(*workgroups(tile), poses)
-            windows.append(self._resources.read_words(self._counters, poses, n + 1))
-        return without_background(windows), windows[0][:, 0]
-
     def _count_drawn(self, scene: Scene, tile: Box, poses: int) -> Counts:
         """Samples of each face alone: without the depth test, every sample adds to a counter."""
         if "peel" in self._programs:
             return self._peel(scene, tile)
         frame = self._targets[0].frame
         frame.color_mask = (False,) * 4  # the shader writes no id
-        self._bind_runs(scene)
+        self._bind_counters(scene)
         windows = []
         try:
             self._begin(self._targets[0], tile, test=False)
             for part in scene.parts:
                 self._counters.clear()
-                self._counters.bind_to_storage_buffer(COUNTS_BINDING)
                 scene.draw("drawn", tile, scene.grid, poses, part)
                 windows.append(self._resources.read_words(self._counters, poses, part[1] + 1))
         finally:
             frame.color_mask = (True,) * 4  # after an interrupt, too, or later images stay empty
         return without_background(windows)
 
-    def _bind_runs(self, scene: Scene) -> None:
+    def _bind_counters(self, scene: Scene) -> None:
+        self._counters.bind_to_storage_buffer(COUNTS_BINDING)
         if scene.runs is not None:
             scene.runs.bind_to_storage_buffer(RUNS_BINDING)
 

@@ -17,23 +17,21 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from rastercov import shaders
 from rastercov.base.arguments import check_choice, flag
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError, DeviceError
-from rastercov.base.threads import Closing
 from rastercov.camera.camera import Camera
-from rastercov.camera.pose import valid_poses
 from rastercov.mesh import Mesh
 from rastercov.raster import self_test
 from rastercov.raster.contract import (
     FaceCounts,
+    FloatArray,
+    Rasterizer,
     RasterizerInfo,
-    VisibilityBuffer,
     check_counts,
-    check_picture,
 )
 from rastercov.raster.gl.compute import Compute
 from rastercov.raster.gl.context import HeadlessContext, open_context
@@ -44,14 +42,12 @@ from rastercov.raster.gl.strategy import (
     MAX_FACES_A_DRAW,
     MAX_TILE,
     DrawLimits,
-    Strategy,
 )
 from rastercov.raster.sample_grid import SampleGrid
-from rastercov.raster.targets import TargetFaces
 from rastercov.raster.tie_order import corners_of
 
 if TYPE_CHECKING:
-    from rastercov.raster.lens import View, ViewDrawer
+    from rastercov.raster.lens import Look, View, ViewDrawer
 
 PLANS = ("pipeline", "compute")
 WAYS: dict[str, dict[str, Any]] = {
@@ -67,7 +63,7 @@ SELF_TEST_INTERVAL = 256
 """Poses between two self-tests of the device."""
 
 
-class GLRasterizer(Closing):
+class GLRasterizer(Rasterizer):
     """The contract of `rastercov.raster.contract` on OpenGL.
 
     Parameters
@@ -121,8 +117,7 @@ class GLRasterizer(Closing):
                 "max_tile, max_faces_a_draw, image_budget and max_layers must be 1 or more, in "
                 f"whole numbers, got {shown(list(given))}"
             )
-        self.mesh, self.camera, self.supersample, self.roll = mesh, camera, supersample, roll
-        self._is_open = True
+        super().__init__(mesh, camera, supersample, roll)
         self._owns_context = not isinstance(device, HeadlessContext)
         if isinstance(device, HeadlessContext):
             if require_hardware and device.info.is_software:
@@ -169,10 +164,9 @@ class GLRasterizer(Closing):
     def _prepare(self, plan: str, limits: DrawLimits) -> None:
         """Compile the programs, allocate the images and upload the mesh."""
         resources, mesh, camera = self._resources, self.mesh.opaque, self.camera
-        self._targets = TargetFaces.of(self.mesh)
         grid = SampleGrid(camera, self.supersample, self.roll)
         resources.use()
-        self._strategy: Strategy
+        self._strategy: Any
         if plan == "compute":
             self._strategy = Compute(resources, mesh, camera, grid, limits)
         else:
@@ -195,29 +189,19 @@ class GLRasterizer(Closing):
 
     # --- the contract ---------------------------------------------------------------------------
 
-    def count(self, poses: ArrayLike, *, drawn: bool = True) -> FaceCounts:
-        """Samples of each face in each pose; see `Rasterizer.count`."""
-        matrices, drawn = valid_poses(poses), flag("drawn", drawn)
+    def _counted(self, poses: FloatArray, drawn: bool) -> FaceCounts:
         n_bytes = np.dtype(self._scene.grid.count_type).itemsize
-        check_counts(len(matrices), self.mesh.n_faces, n_bytes * (1 + drawn))
+        check_counts(len(poses), self.mesh.n_faces, n_bytes * (1 + drawn))
         with self._current():
-            counts = self._count(self._scene, matrices, drawn)
+            counts = self._count(self._scene, poses, drawn)
             if self._targets is None:
                 return counts
-            found = self._strategy.count_targets(self._scene, self._targets, matrices)
-            return self._targets.added(counts, *found)
+            found = self._strategy.count_targets(self._scene, self._targets, poses)
+            return self._with_targets(counts, *found)
 
-    def render(self, pose: ArrayLike) -> VisibilityBuffer:
-        """Face index and depth at each pixel centre; see `Rasterizer.render`."""
-        matrices = valid_poses(pose)
-        if len(matrices) != 1:
-            raise ConfigError(f"render takes one pose, got {len(matrices)}")
-        check_picture(self.camera)
+    def _drawn(self, poses: FloatArray) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
         with self._current():
-            face, depth = self._picture(self._scene, self._pixels, matrices)
-        if self._targets is not None:
-            face = self._targets.face_of(face)
-        return VisibilityBuffer(face, depth)
+            return self._picture(self._scene, self._pixels, poses)
 
     def drawer(self, camera: Camera, beside: Any = None) -> "ViewDrawer":
         """Draw the opaque faces of the mesh through another pinhole; see `raster.lens`."""
@@ -225,18 +209,18 @@ class GLRasterizer(Closing):
             return _Drawer(self, camera)
 
     @cached_property
-    def _corners(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _corners(self) -> tuple[FloatArray, FloatArray]:
         return corners_of(self.mesh.opaque)
 
     def _picture(
-        self, scene: Any, grid: SampleGrid, poses: NDArray[np.float64]
+        self, scene: Any, grid: SampleGrid, poses: FloatArray
     ) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
         """Face, -1 for none, and depth (H, W) at each sample of a grid in one pose (1, 4, 4)."""
         shape = grid.height, grid.width
         face, depth = np.empty(shape, np.int32), np.empty(shape, np.float32)
         prepared = self._strategy.prepare(scene, poses, grid)
         self._strategy.begin(prepared, np.array([0]))
-        for tile in self._strategy.tiles(scene, grid):
+        for tile in grid.tiles(self._strategy.tile):
             x, y, width, height = tile
             part = np.s_[y : y + height, x : x + width]
             face[part], depth[part] = self._strategy.image(scene, prepared, tile)
@@ -247,7 +231,7 @@ class GLRasterizer(Closing):
         if not self._is_open:
             return
         self._context.check_owner()
-        self._is_open = False
+        super().close()
         self._context.make_current()
         self._resources.release()
         if self._owns_context:
@@ -256,15 +240,14 @@ class GLRasterizer(Closing):
     @contextmanager
     def _current(self) -> Iterator[None]:
         """Make the context current, and report the device's errors at the end."""
-        if not self._is_open:
-            raise DeviceError("this rasteriser is closed; open a new one")
+        self._check_open()
         self._resources.use()
         yield
         self._resources.poll("drawing")
 
     # --- counting -------------------------------------------------------------------------------
 
-    def _count(self, scene: Any, poses: NDArray[np.float64], with_drawn: bool) -> FaceCounts:
+    def _count(self, scene: Any, poses: FloatArray, with_drawn: bool) -> FaceCounts:
         """Count poses in batches and tiles; run the self-test when it is due."""
         shape = (len(poses), scene.mesh.n_faces)
         visible = np.zeros(shape, scene.grid.count_type)
@@ -274,7 +257,7 @@ class GLRasterizer(Closing):
         prepared = strategy.prepare(scene, poses, grid)
         for rows in strategy.batches(prepared):
             strategy.begin(prepared, rows)
-            for tile in strategy.tiles(scene, grid):
+            for tile in grid.tiles(strategy.tile):
                 counts = strategy.count(scene, prepared, rows, tile, drawn=with_drawn)
                 tile_visible, tile_background, tile_drawn = counts
                 visible[rows] += tile_visible
@@ -283,19 +266,22 @@ class GLRasterizer(Closing):
                     drawn[rows] += tile_drawn
             self._resources.poll("drawing")
             if scene is self._scene:
-                self._poses_since_self_test += len(prepared.clipped[rows])
-                if self._poses_since_self_test >= SELF_TEST_INTERVAL:
-                    self._run_self_test()
+                self._note(len(prepared.clipped[rows]))
         wrong = np.flatnonzero(visible.sum(axis=1) + background != grid.n_samples)
         if wrong.size:
             row = int(wrong[0])
             raise self._resources.untrusted(
                 f"counted {visible[row].sum() + background[row]} samples of {grid.n_samples}"
             )
-        scale = grid.supersample
-        return FaceCounts(visible, drawn, background, prepared.clipped, scale, self.info, self.roll)
+        return self._result(visible, drawn, background, prepared.clipped)
 
     # --- self-test ------------------------------------------------------------------------------
+
+    def _note(self, n_poses: int) -> None:
+        """Run the self-test where it is due after some more poses."""
+        self._poses_since_self_test += n_poses
+        if self._poses_since_self_test >= SELF_TEST_INTERVAL:
+            self._run_self_test()
 
     def _run_self_test(self) -> None:
         """Count a scene with known counts; DeviceError when the device counts it wrongly.
@@ -322,35 +308,23 @@ class _Drawer:
         self._scene = copy(rasterizer._scene)
         self._scene.camera, self._scene.grid = camera, SampleGrid(camera)
 
-    def picture(
-        self, pose: NDArray[np.float64], near: float, cull: bool
-    ) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
-        """Face, -1 for none, and depth (H, W) at each sample of a pose (4, 4)."""
+    def picture(self, look: "Look") -> tuple[NDArray[np.int32], NDArray[np.float32]]:
+        """Face, -1 for none, and depth (H, W) at each sample of a look."""
         rasterizer = self._rasterizer
         with rasterizer._current():
-            found = rasterizer._picture(self._scene, self._scene.grid, pose[None])
-        rasterizer._poses_since_self_test += 1
-        if rasterizer._poses_since_self_test >= SELF_TEST_INTERVAL:
-            rasterizer._run_self_test()
+            found = rasterizer._picture(self._scene, self._scene.grid, look[0][None])
+        rasterizer._note(1)
         return found
 
-    def add_counts(
-        self,
-        pose: NDArray[np.float64],
-        near: float,
-        cull: bool,
-        view: "View",
-        visible: Any,
-        drawn: Any,
-    ) -> None:
+    def add_counts(self, look: "Look", view: "View", visible: Any, drawn: Any) -> None:
         """Add the samples of a lens in a view to (F,) counts; see `raster.lens.ViewDrawer`."""
         from rastercov.kernels.raster_targets import count_shown  # loads numba
 
-        face = self.picture(pose, near, cull)[0]
+        face = self.picture(look)[0]
         if (last := int(face.max())) >= len(visible):
             raise self._rasterizer._resources.untrusted(f"drew face {last} of {len(visible)}")
         count_shown(face, view.sums, visible)
         if drawn is not None:
             corners, centre = self._rasterizer._corners
-            view.count_alone(corners, centre, pose, near, None, visible, drawn)
+            view.count_alone(corners, centre, look, None, visible, drawn)
             np.maximum(drawn, visible, out=drawn)  # the device rounds otherwise

@@ -51,13 +51,11 @@ class Target:
         what = f"{layers} images of {width} x {height}"
         size = width * height * layers * SAMPLE_BYTES
         gl = resources.gl
-        self.faces = resources.own(
-            resources.make(
-                what, size, lambda: gl.texture_array((width, height, layers), 1, dtype="u4")
-            )
+        self.faces = resources.make(
+            what, size, lambda: gl.texture_array((width, height, layers), 1, dtype="u4")
         )
         self.faces.filter = (moderngl.NEAREST, moderngl.NEAREST)
-        self.frame = resources.own(resources.make(what, size, lambda: gl.framebuffer([self.faces])))
+        self.frame = resources.make(what, size, lambda: gl.framebuffer([self.faces]))
         resources.attach_depth(self.frame, width, height, layers, what)
         # moderngl disables the depth mask for a depth attachment that it did not create.
         self.frame.depth_mask = True
@@ -96,7 +94,7 @@ class Resources:
         return thing
 
     def make(self, what: str, size: int, create: Any) -> Any:
-        """Result of `create()`; ResourceError with `what` and its `size` in bytes if it fails."""
+        """Result of `create()`, owned; ResourceError with `what` and its `size` if it fails."""
         asked = f"{what} ({size / 2**20:,.1f} MiB)"
         try:
             thing = create()
@@ -106,14 +104,14 @@ class Resources:
         if reported != "GL_NO_ERROR":
             thing.release()
             raise ResourceError(f"the device refused {asked}: {reported}")
-        return thing
+        return self.own(thing)
 
     def buffer(self, what: str, data: NDArray[Any] | None = None, size: int = 0) -> Any:
         """Buffer with the given contents, or of `size` bytes."""
         if data is None:
-            return self.own(self.make(what, size, lambda: self.gl.buffer(None, size, dynamic=True)))
+            return self.make(what, size, lambda: self.gl.buffer(None, size, dynamic=True))
         contents = np.ascontiguousarray(data)
-        return self.own(self.make(what, contents.nbytes, lambda: self.gl.buffer(contents)))
+        return self.make(what, contents.nbytes, lambda: self.gl.buffer(contents))
 
     def program(self, fragment: str, version: int, **defines: int) -> Any:
         """Program of `face.vert` and the named fragment shader."""

@@ -6,6 +6,7 @@ from the plane of the face, so equal surfaces get equal depths. All other faces 
 the device interpolates, which costs less.
 """
 
+from collections.abc import Iterable
 from typing import Any
 
 import moderngl
@@ -23,7 +24,7 @@ from rastercov.raster.tie_order import in_one_order
 
 BoolArray = NDArray[np.bool_]
 
-NEAREST = frozenset(("face", "coplanar"))
+NEAREST = ("face", "coplanar")
 """Programs that draw the nearest face, each a part of the faces; the others draw all faces."""
 POSITIONS = "3f 3f", "position_high", "position_low"
 PLANES = "3f8 3f8 3f8 3f8 1u 4x", "corner_a", "corner_b", "corner_c", "normal", "number"
@@ -85,10 +86,9 @@ class Scene:
         # Samples of each row inside the image, for shaders that count a rotated grid.
         self.runs = None
         if "drawn" in programs and "corner" in programs["drawn"]:
-            runs = np.stack((grid.first, grid.last), axis=1)
-            self.runs = resources.buffer("rows of samples", runs)
+            self.runs = resources.buffer("rows of samples", grid.runs.T)
         all_faces = resources.buffer("faces", indices)
-        self._drawables = {name: drawable(name, all_faces) for name in programs.keys() - NEAREST}
+        self._drawables = {name: drawable(name, all_faces) for name in programs.keys() - {*NEAREST}}
         self.has_overlaps = bool(overlapping.any())
         plain, coplanar = np.flatnonzero(~overlapping), np.flatnonzero(overlapping)
         self._counts = {"face": len(plain), "coplanar": len(coplanar)}
@@ -132,19 +132,21 @@ class Scene:
         The range counts the faces of the program: a part of the mesh for programs of `NEAREST`,
         else all faces.
         """
-        self._set_projection(program, tile, grid)
         set_uniforms(
             self._programs[program], first_face=part[0], stride=part[1] + 1, corner=tile[:2],
-            middle=tuple(grid.lens[2:]),
+            middle=tuple(grid.lens[2:]), image=_projection(tile, grid),
         )  # fmt: skip
         self._drawables[program].render(
             moderngl.TRIANGLES, vertices=3 * part[1], first=3 * part[0], instances=poses
         )
 
-    def draw_nearest(self, tile: Box, grid: SampleGrid, poses: int) -> None:
-        """Draw all faces into a tile, one instance a pose, under the depth test."""
-        for program in self._counts:
-            self._draw_nearest(program, tile, grid, poses)
+    def draw_nearest(
+        self, tile: Box, grid: SampleGrid, poses: int, programs: Iterable[str] = NEAREST
+    ) -> None:
+        """Draw the faces of some programs into a tile, one instance a pose, by their depths."""
+        for program in programs:
+            for part in face_ranges(self._counts[program], self._max_faces):
+                self.draw(program, tile, grid, poses, part)
 
     def draw_front(self, tile: Box, grid: SampleGrid, eye: FloatArray) -> None:
         """Draw the front faces of one pose into a tile.
@@ -152,7 +154,7 @@ class Scene:
         Same image as drawing all faces with culling on, for half the vertices. Faces edge-on to
         within rounding are drawn, and culled by the device.
         """
-        self._set_projection("face", tile, grid)
+        set_uniforms(self._programs["face"], image=_projection(tile, grid))
         x, y, z = eye - self.centre
         height = self._planes[0] * x + self._planes[1] * y + self._planes[2] * z - self._offsets
         chosen = np.flatnonzero(height > -EDGE_ON_HEIGHT_REL * np.sqrt(x * x + y * y + z * z))
@@ -160,23 +162,7 @@ class Scene:
         self._front_faces.orphan()
         self._front_faces.write(front)
         self._front_drawable.render(moderngl.TRIANGLES, vertices=3 * len(front))
-        if self.has_overlaps:
-            self._draw_nearest("coplanar", tile, grid, 1)
-
-    def _draw_nearest(self, program: str, tile: Box, grid: SampleGrid, poses: int) -> None:
-        for part in face_ranges(self._counts[program], self._max_faces):
-            self.draw(program, tile, grid, poses, part)
-
-    def _set_projection(self, program: str, tile: Box, grid: SampleGrid) -> None:
-        """Set the map from camera axes to clip space: x = fx X/Z + cx becomes 2 x/width - 1."""
-        x, y, width, height = tile
-        fx, fy, cx, cy = grid.lens.tolist()
-        self._programs[program]["image"].value = (
-            2 * fx / width,
-            2 * fy / height,
-            2 * (cx - x) / width - 1,
-            2 * (cy - y) / height - 1,
-        )
+        self.draw_nearest(tile, grid, 1, ["coplanar"])
 
 
 class PreparedPoses:
@@ -263,6 +249,13 @@ class PreparedPoses:
                 z[values == 1] = np.inf
         metres: NDArray[np.float32] = z.astype(np.float32)
         return metres
+
+
+def _projection(tile: Box, grid: SampleGrid) -> tuple[float, ...]:
+    """Map from camera axes to clip space: x = fx X/Z + cx becomes 2 x/width - 1."""
+    x, y, width, height = tile
+    fx, fy, cx, cy = grid.lens.tolist()
+    return 2 * fx / width, 2 * fy / height, 2 * (cx - x) / width - 1, 2 * (cy - y) / height - 1
 
 
 def split_floats(values: FloatArray) -> tuple[NDArray[np.float32], NDArray[np.float32]]:

@@ -1,20 +1,20 @@
-"""Interface between the OpenGL rasteriser and the strategies that draw and count.
+"""Base of the strategies that draw and count for the OpenGL rasteriser.
 
 `rasterizer` owns the contract, the context and the self-test; a strategy owns the programs and the
-images. `pipeline` implements it with the graphics pipeline, `compute` with compute shaders.
+images: `pipeline` with the graphics pipeline, `compute` with compute shaders.
 """
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, Protocol
+from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.camera.camera import Camera
 from rastercov.camera.near_plane import near_limit
-from rastercov.mesh import Mesh
-from rastercov.raster.sample_grid import Box, SampleGrid
+from rastercov.raster.gl.resources import Resources, set_uniforms
+from rastercov.raster.sample_grid import Box
 from rastercov.raster.targets import TargetFaces
 
 FloatArray = NDArray[np.float64]
@@ -46,80 +46,81 @@ class DrawLimits:
     max_layers: int = 1
 
 
-class Strategy(Protocol):
-    """Programs and images on a device, for one mesh and camera.
+class Strategy:
+    """Programs and images on a device, for one mesh and camera: what both plans share.
 
-    Constructed from `Resources` in use, the mesh, camera and grid of the largest scene to draw, and
-    `DrawLimits`.
+    `Pipeline` and `Compute` add these methods; `scene` and `prepared` are records of their own.
+
+    - `scene(mesh, camera, grid)` uploads a mesh; the result has `mesh`, `camera` and `grid`.
+    - `prepare(scene, poses, grid)` computes what shaders need of poses; the result has `clipped`,
+      (P,) bool.
+    - `batches(prepared)` yields the rows of the poses of each batch, as indices or as a slice.
+    - `begin(prepared, rows)` uploads the poses of a batch.
+    - `count(scene, prepared, rows, tile, drawn=...)` draws a batch into a tile: visible samples
+      (B, F), background (B,), drawn samples.
+    - `image(scene, prepared, tile)` draws the first pose into a tile: faces and depths, as in
+      `VisibilityBuffer`.
 
     Attributes
     ----------
     depth : str
         Description of the depth buffer, as in `RasterizerInfo`.
+    tile : (width, height)
+        Largest part of a canvas that is drawn at once.
     """
 
     depth: str
+    tile: tuple[int, int]
+    prepare: Any
+    begin: Any
+    image: Any
+    _counting: Any
+    _counters: Any
 
-    def scene(self, mesh: Mesh, camera: Camera, grid: SampleGrid) -> Any:
-        """Upload a mesh; the result has `mesh`, `camera` and `grid`."""
-
-    def tiles(self, scene: Any, grid: SampleGrid) -> Iterator[Box]:
-        """Parts of a canvas that are drawn at once; together they are all of it."""
-
-    def prepare(self, scene: Any, poses: FloatArray, grid: SampleGrid) -> Any:
-        """Compute the per-pose data of the shaders; the result has `clipped`, (P,) bool."""
-
-    def batches(self, prepared: Any) -> Iterator[Any]:
-        """Rows of the poses of each batch, as indices or as a slice."""
-
-    def begin(self, prepared: Any, rows: Any) -> None:
-        """Upload the poses of a batch."""
-
-    def count(
-        self, scene: Any, prepared: Any, rows: Any, tile: Box, *, drawn: bool
-    ) -> tuple[Counts, Any, Counts | None]:
-        """Draw a batch into a tile: visible samples (B, F), background (B,), drawn samples."""
-
-    def image(
-        self, scene: Any, prepared: Any, tile: Box
-    ) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
-        """Draw the first pose into a tile: faces and depths, as in `VisibilityBuffer`."""
+    def __init__(self, resources: Resources) -> None:
+        self._resources = resources
 
     def count_targets(
         self, scene: Any, targets: TargetFaces, poses: FloatArray
     ) -> tuple[IntArray, IntArray]:
-        """Visible and drawn samples of the targets, (P, N) each."""
+        """Visible and drawn samples of the targets, (P, N) each.
 
+        They are counted on the CPU: the depths of each pose are read back.
+        """
+        visible, drawn = np.empty((2, len(poses), len(targets.rows)), np.int64)
+        grid, near = scene.grid, near_limit(scene.camera, scene.mesh.bounds, poses)
+        for row in range(len(poses)):
+            depths = partial(self._depths, scene, poses[row : row + 1])
+            visible[row], drawn[row] = targets.count(grid, poses[row], near[row], depths)
+        return visible, drawn
 
-def count_targets_by_images(
-    strategy: Strategy, scene: Any, targets: TargetFaces, poses: FloatArray
-) -> tuple[IntArray, IntArray]:
-    """`Strategy.count_targets` of pinholes, on the CPU: the depths of each pose are read back."""
-    visible, drawn = np.empty((2, len(poses), len(targets.rows)), np.int64)
-    grid, near = scene.grid, near_limit(scene.camera, scene.mesh.bounds, poses)
-    for row in range(len(poses)):
+    def _depths(
+        self, scene: Any, pose: FloatArray, top: int, bottom: int
+    ) -> Iterator[tuple[Box, NDArray[np.float32]]]:
+        """Depths of one pose, (1, 4, 4), in tiles that hold some rows; see `targets.Depths`."""
+        prepared = self.prepare(scene, pose, scene.grid)
+        self.begin(prepared, slice(0, 1))
+        for tile in scene.grid.tiles(self.tile):
+            if tile[1] < bottom and tile[1] + tile[3] > top:
+                yield tile, self.image(scene, prepared, tile)[1]
 
-        def depths(
-            top: int, bottom: int, row: int = row
-        ) -> Iterator[tuple[Box, NDArray[np.float32]]]:
-            prepared = strategy.prepare(scene, poses[row : row + 1], grid)
-            strategy.begin(prepared, np.array([0]))
-            for tile in strategy.tiles(scene, grid):
-                if tile[1] < bottom and tile[1] + tile[3] > top:
-                    yield tile, strategy.image(scene, prepared, tile)[1]
-
-        visible[row], drawn[row] = targets.count(grid, poses[row], near[row], depths)
-    return visible, drawn
+    def _count_on_device(self, scene: Any, tile: Box, n_poses: int) -> tuple[WordArray, WordArray]:
+        """Count the faces of a batch in a compute shader, in windows of faces that fit."""
+        groups = -(-tile[2] // COUNT_COLUMNS), -(-tile[3] // COUNT_ROWS), n_poses
+        windows = []
+        for first, n in scene.parts:
+            set_uniforms(
+                self._counting, size=tile[2:], corner=tile[:2], stride=n + 1, first_face=first
+            )
+            self._resources.zero(self._counters, COUNTER_BYTES * n_poses * (n + 1))
+            self._counting.run(*groups)
+            windows.append(self._resources.read_words(self._counters, n_poses, n + 1))
+        return without_background(windows), windows[0][:, 0]
 
 
 def face_ranges(n_faces: int, max_faces: int) -> list[tuple[int, int]]:
     """Ranges (first, n) that cover all faces with at most `max_faces` each."""
     return [(first, min(max_faces, n_faces - first)) for first in range(0, n_faces, max_faces)]
-
-
-def workgroups(tile: Box) -> tuple[int, int]:
-    """Workgroups of `count.comp` in x and y that cover a tile."""
-    return -(-tile[2] // COUNT_COLUMNS), -(-tile[3] // COUNT_ROWS)
 
 
 def without_background(windows: list[WordArray]) -> WordArray:

@@ -1,0 +1,82 @@
+"""Tables of polygons in planes, and points that fill an area evenly.
+
+Polygon i of a table has the corners xy[starts[i]] ... xy[starts[i + 1] - 1], counter-clockwise.
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+def starts_of(counts: ArrayLike) -> IntArray:
+    """(N + 1,) sums of the counts before each polygon, and of all."""
+    return np.concatenate([np.zeros(1, np.int64), np.cumsum(counts, dtype=np.int64)])
+
+
+def chosen(xy: FloatArray, starts: IntArray, rows: IntArray) -> tuple[FloatArray, IntArray]:
+    """Corners and starts of some of the polygons, in this order."""
+    counts = np.diff(starts)[rows]
+    ends = starts_of(counts)
+    corners = np.repeat(starts[rows] - ends[:-1], counts) + np.arange(ends[-1])
+    return xy[corners], ends
+
+
+def following(starts: IntArray) -> IntArray:
+    """(C,) the corner after each corner."""
+    after = np.arange(1, starts[-1] + 1)
+    after[starts[1:] - 1] = starts[:-1]
+    return after
+
+
+def extents(values: FloatArray, starts: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Least and greatest value of the corners of each polygon."""
+    if len(starts) < 2:
+        return values[:0], values[:0]
+    return np.minimum.reduceat(values, starts[:-1]), np.maximum.reduceat(values, starts[:-1])
+
+
+def boxes(xy: FloatArray, starts: IntArray) -> FloatArray:
+    """(N, 4) least and most x, least and most y."""
+    low, high = extents(xy, starts)
+    return np.stack([low[:, 0], high[:, 0], low[:, 1], high[:, 1]], axis=1)
+
+
+def _triangles(xy: FloatArray, starts: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Sums of two corners, and twice the area, of the triangle of each side and the first corner.
+
+    Corners are relative to the first.
+    """
+    away = xy - xy[np.repeat(starts[:-1], np.diff(starts))]
+    after = away[following(starts)] if len(xy) else away
+    return away + after, away[:, 0] * after[:, 1] - away[:, 1] * after[:, 0]
+
+
+def polygon_areas(xy: FloatArray, starts: IntArray) -> FloatArray:
+    """(N,) areas."""
+    twice = _triangles(xy, starts)[1]
+    found: FloatArray = np.add.reduceat(twice, starts[:-1]) / 2 if len(starts) > 1 else np.zeros(0)
+    return found
+
+
+def centroids(xy: FloatArray, starts: IntArray, areas: FloatArray) -> FloatArray:
+    """(N, 2) centroids of polygons of areas (N,) > 0."""
+    if len(starts) < 2:
+        return np.zeros((0, 2))
+    sums, twice = _triangles(xy, starts)
+    moments = np.add.reduceat(sums * twice[:, None] / 6, starts[:-1])
+    found: FloatArray = xy[starts[:-1]] + moments / areas[:, None]
+    return found
+
+
+def even_points(n: int) -> tuple[FloatArray, FloatArray]:
+    """Coordinates x, y >= 0, x + y <= 1 of n points, evenly over the triangle.
+
+    M. Roberts. The Unreasonable Effectiveness of Quasirandom Sequences. 2018 (R2).
+    """
+    k: FloatArray = np.arange(1.0, n + 1.0)
+    x, y = k * 0.7548776662466927 % 1, k * 0.5698402909980532 % 1
+    over = x + y > 1
+    x[over], y[over] = 1 - x[over], 1 - y[over]
+    return x, y

@@ -1,0 +1,153 @@
+"""What a plan cannot hold: a line with its path for each, of files, scenes and candidates."""
+
+from pathlib import Path
+
+import pytest
+from test_camera_types import LONG, WIDE, types
+from test_plan import BASE, CAMERA, ENTRY, errors, plan_of
+from test_rigs import EYE, PAIR
+
+from rastercov.placement.plan.file import PlanError
+from rastercov.placement.plan.prepare import cells_of
+from rastercov.placement.plan.run import place
+from rastercov.placement.plan.scene import candidate_pool, scene
+
+BOX = "[[meshes]]\nbuilt_in = 'box'\n"
+TASK = BASE + "[task]\n"
+SPACE = BASE + "[[constraints.spaces]]\n"
+KEEP_OUT = BASE + "[[constraints.keep_out]]\nname = 'table'\n"
+SELECTION = BASE + "[selection]\n"
+TURN = BASE.replace('"box"\n', '"box"\ntransform = {{ {} }}\n').format
+TARGET = BASE.replace('"box"', '"room"') + "[[targets]]\n"
+SHEET = TARGET + 'above = "room"\n'
+GRID = TARGET + "box = [[0.0, 0.0, 0.0], [1.0, 1.0, 1.0]]\n"
+ONE_CAMERA = BOX + "[camera]\n" + WIDE
+
+
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        ("", "meshes: missing; add it"),
+        (BASE.replace("[[meshes]]", "[meshes]"), "meshes: wanted a list"),
+        ("x = [", "not valid TOML"),
+        ("x = 1\nx = 2", "not valid TOML"),
+        ("[[meshes]]\n" + CAMERA, "meshes[0]: wanted one of path, built_in, got none"),
+        ("[[meshes]]\nbuilt_in='box'\nunit='mm'\n" + CAMERA, "meshes[0]: built-in parts are in m"),
+        (TURN("scale = 0"), "meshes[0].transform.scale: wanted a number above 0, got 0"),
+        (TURN("axis = [0, 0, 0]"), "meshes[0].transform.axis: wanted a direction, got [0, 0, 0]"),
+        (TURN("angle_deg = inf"), "meshes[0].transform.angle_deg: wanted a finite number, got inf"),
+        (TURN("shift = 1"), "meshes[0].transform.shift: there is no such entry"),
+        # targets
+        (TARGET, "targets[0]: wanted one of above, box, file, got none"),
+        (SHEET, "targets[0]: above and height come together"),
+        (SHEET + "box = [[0, 0, 0], [1, 1, 1]]", "targets[0]: wanted one of above, box, file"),
+        (SHEET + "height = 1\nspacing = 0.5", "targets[0]: spacing is of a box"),
+        (SHEET + "height = -1", "targets[0].height: wanted a number of 0 or more"),
+        (SHEET + 'height = 1\nunit = "mm"', "targets[0]: unit is of a file"),
+        (SHEET + 'height = 1\ncolour = "red"', "targets[0].colour: there is no such entry"),
+        (GRID + "height = 1", "targets[0]: above and height come together"),
+        (GRID + "count = [1, 1]", "targets[0].count: wanted 3 or more of them"),
+        (GRID + "count = [1, 1, 0]", "targets[0].count[2]: wanted a number of 1 or more"),
+        (GRID + "count = [1, 1, 1]\nspacing = 0.1", "targets[0]: count and spacing exclude each"),
+        (GRID.replace("1.0]]", "0.0]]"), "targets[0]: wanted low < high on every axis"),
+        (TARGET + "box = [[0, 0, 0]]", "targets[0].box: wanted 2 or more of them"),
+        (TARGET + 'file = "no.stl"', "targets[0].file: wanted a file, got 'no.stl'"),
+        # cameras and rigs
+        (BASE + "aperture = 0.1", "camera: aperture and focus_distance come together"),
+        (BASE + "width = 0", "camera: width must be a whole number of pixels"),
+        (BASE + "file = 'plan.toml'", "camera: file stands beside near"),
+        (BOX + "[camera]\nfile = 'x.toml'", "camera.file: wanted a file"),
+        (BOX + "[camera]\nwidth = 3", "camera: missing height"),
+        (ONE_CAMERA + "cost = 1", "camera.cost: there is no such entry"),
+        (ONE_CAMERA + types(long=LONG), "camera and cameras exclude each other"),
+        (BOX + types(wide=WIDE + "cost = -1"), "cameras.wide.cost: wanted a number of 0 or more"),
+        (BOX + types(wide="width = 3"), "cameras.wide: missing height"),
+        (BOX + types(wide=WIDE + "price = 3"), "cameras.wide.price: there is no such entry"),
+        (BOX + EYE + PAIR.replace('"eye"', '"ear"'), "rigs.pair.cameras: there is no camera 'ear'"),
+        (BOX + EYE + PAIR.replace("pair", "eye"), "rigs.eye: there is a camera of that name"),
+        (BOX + EYE + "[rigs.none]\ncost = 1", "rigs.none: wanted one of cameras, file, got none"),
+        (BOX + EYE + PAIR + "[rigs.pair]\ncost = -1", "rigs.pair.cost: wanted a number of 0"),
+        (BOX + EYE + PAIR.replace("name =", "label ="), "rigs.pair.cameras[0].label: there is no"),
+        (BOX + '[rigs.pair]\nfile = "gone.json"', "rigs.pair.file: wanted a file"),
+        (BOX + '[rigs.pair]\nfile = "room.obj"', "rigs.pair: room.obj"),
+        # task, selection, constraints
+        (TASK + "min_coverage = 1.5", "task.min_coverage: wanted a number of 1 or less"),
+        (TASK + "min_pixels = true", "task.min_pixels: wanted a number, got True"),
+        (TASK + "min_pixels = nan", "task.min_pixels: wanted a finite number, got nan"),
+        (TASK + "views = 1.5", "task.views: wanted a whole number"),
+        (TASK + "views = {box = 0}", "task.views.box: wanted a number of 1 or more"),
+        (TASK + "supersample = 2", "task: supersample is for method sampled"),
+        (TASK + "method = 'ray'", "task.method: wanted 'certified', 'exact' or 'sampled'"),
+        (TASK + "resolution_of_result = 0", "task.resolution_of_result: wanted a number above 0"),
+        (TASK + "resolution_of_result = nan", "task.resolution_of_result: wanted a"),
+        (TASK + "resolution_of_result = inf", "task.resolution_of_result: wanted a"),
+        (TASK + "resolution_of_result = 'fine'", "task.resolution_of_result: wanted a number"),
+        (TASK + "resolution_of_result = 1\nby = 'face'", "task: resolution_of_result is of cells"),
+        (TASK + "weight_by = 'count'\nby = 'area'", 'task: weight_by = "count" is of faces'),
+        (SELECTION + "coverage = 1", "selection.goal: missing"),
+        (SELECTION + "goal = 'best_coverage'", "selection: wanted cameras, budget or both"),
+        (SELECTION + "goal = 'most'", "selection.goal: wanted one of 'fewest_cameras'"),
+        (BASE + "[constraints]\nclearance = -1", "constraints.clearance: wanted a number of 0 or"),
+        (SPACE + "low = [0, 0, 1]\nhigh = [1, 1, 0]", "constraints.spaces[0]: wanted low <= high"),
+        (KEEP_OUT + "low = [0, 0, 0]", "constraints.keep_out[0]: low and high come together"),
+        (KEEP_OUT + "centre = [0, 0]", "constraints.keep_out[0].centre: wanted 3 or more of them"),
+        (KEEP_OUT + "radius = 0", "constraints.keep_out[0].radius: wanted a number above 0"),
+        # candidates
+        (ENTRY + "'on_sphere'\ncount = 0", "candidates[0].count: wanted a number of 1 or more"),
+        (ENTRY + "'per_face'\nup = [0, 0, 0]", "candidates[0].up: wanted a direction"),
+        (ENTRY + "'poses'\nfile = '/'", "candidates[0].file: wanted a file"),
+        (ENTRY + "'per_face'\ncameras = ['fish']", "candidates[0].cameras: there is no camera"),
+    ],
+)
+def test_each_error_says_what_was_wanted(text, line):
+    assert [found for found in errors(text) if found.startswith(line)], errors(text)
+
+
+FLAT = TASK + "resolution_of_result = {}\n"
+FAR = ENTRY + "'per_face'\nstand_off = [90, 99]\n"
+
+
+def cells(plan):
+    cells_of(plan, scene(plan))
+
+
+def pool(plan):
+    candidate_pool(plan, scene(plan))
+
+
+def placed(plan):
+    place(plan, None)
+
+
+@pytest.mark.parametrize(
+    ("step", "text", "line"),
+    [
+        (scene, BASE.replace("[camera]", 'role = "occluder"\n[camera]'), "meshes: every group is"),
+        (scene, SHEET.replace("room", "flor") + "height = 1", "meshes[0].built_in: wanted one of"),
+        (scene, TARGET + 'above = "flor"\nheight = 1', "targets[0].above: there is no group"),
+        (scene, TARGET + 'file = "bad.obj"', "targets[0].file: bad.obj"),
+        (scene, GRID + "spacing = 0.001", "targets[0].box: "),
+        (scene, GRID + "size = 2.0", "targets[0].box: "),
+        (
+            scene, SHEET + 'height = 1\nname = "eyes"\n[[targets]]\nabove = "eyes"\nheight = 1',
+            "targets[1].above: there is no group 'eyes'",
+        ),
+        (pool, FAR, "candidates[0]: the stand-off"),
+        (cells, FLAT.format(1e-5), "task.resolution_of_result: cells of 1e-05 m are more than"),
+        (cells, FLAT.format(1e-300), "task.resolution_of_result: cells of 1e-300 m are more"),
+        (cells, FLAT.format("1\nmin_pixels = 3"), "task.resolution_of_result: the result is"),
+        (placed, BOX, "candidates: missing; place needs one entry or more"),
+        (placed, BOX + ENTRY[len(BASE) :] + "'per_face'", "camera: missing; add it, or cameras"),
+        (placed, FAR, "selection: missing; place needs a goal"),
+        (
+            placed, BOX + EYE + PAIR.replace('"right"', '"left"')
+            + "[[candidates]]\ngenerator = 'per_face'\n[selection]\ngoal = 'fewest_cameras'",
+            "rigs.pair: names must be 2 different",
+        ),
+    ],
+)  # fmt: skip
+def test_what_the_scene_refuses_has_a_line_too(step, text, line):
+    Path("bad.obj").write_text("v 1 2\n")
+    with pytest.raises(PlanError) as caught:
+        step(plan_of(text))
+    assert [found for found in caught.value.lines if found.startswith(f"plan.toml: {line}")]
