@@ -175,15 +175,10 @@ def test_one_face_a_segment_gives_one_view_a_face():
 
 
 def test_views_of_faces_leave_out_occluders_and_what_has_no_area():
-    mesh = Mesh(
-        [(0, 0, 0), (1, 0, 0), (0, 1, 0), (1, 1, 0)],
-        [(0, 1, 2), (0, 1, 1), (1, 3, 2)],
-        (Group("part"), Group("clamp", is_occluder=True)),
-        [0, 0, 1],
-    )
-    assert per_face(mesh, CAMERA).index.tolist() == [0]
-    assert per_face(mesh, CAMERA, faces=np.array([True, True, True])).index.tolist() == [0, 2]
-    assert len(per_face(mesh, CAMERA, faces=[])) == 0
+    points, faces = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (1, 1, 0)], [(0, 1, 2), (0, 1, 1), (1, 3, 2)]
+    mesh = Mesh(points, faces, (Group("part"), Group("clamp", is_occluder=True)), [0, 0, 1])
+    for chosen, wanted in ((None, [0]), (np.array([True, True, True]), [0, 2]), ([], [])):
+        assert per_face(mesh, CAMERA, faces=chosen).index.tolist() == wanted
 
 
 def test_a_convex_corner_is_seen_along_its_diagonal_however_its_sides_are_divided():

@@ -262,8 +262,5 @@ def test_a_mesh_far_away_has_the_openings_it_has_at_the_origin():
 def test_no_faces_and_faces_without_area_give_nothing():
     mesh = Mesh(vertices=[(0, 0, 0), (1, 0, 0), (0, 1, 0)], faces=[(0, 1, 2), (0, 1, 1)])
     assert len(openings(mesh, CAMERA, FAR, faces=[]).face) == 0
-    found = openings(mesh, CAMERA, FAR, faces=[0, 1])
-    assert found.face.tolist() == [0]
-    candidates = per_cavity(mesh, CAMERA, FAR, faces=[0, 1])
-    assert (candidates.poses == found.candidates.poses).all()
-    assert set(candidates.source) == {"cavity"}
+    assert openings(mesh, CAMERA, FAR, faces=[0, 1]).face.tolist() == [0]
+    assert set(per_cavity(mesh, CAMERA, FAR, faces=[0, 1]).source) == {"cavity"}

@@ -38,20 +38,13 @@ PLAN = {
 placed = partial(plans.placed, PLAN)
 
 
+def eye(name, angle_deg, x):
+    return {"camera": "eye", "name": name, "angle_deg": angle_deg, "translation": [x, 0, 0]}
+
+
 def pair(angle_deg, distance):
     """A rig of two cameras, turned away from each other."""
-    sides = {"left": -1, "right": 1}
-    return {
-        "cameras": [
-            {
-                "camera": "eye",
-                "name": name,
-                "angle_deg": side * angle_deg,
-                "translation": [side * distance, 0, 0],
-            }
-            for name, side in sides.items()
-        ]
-    }
+    return {"cameras": [eye("left", -angle_deg, -distance), eye("right", angle_deg, distance)]}
 
 
 PAIR = {"cameras": {"eye": EYE}, "rigs": {"pair": pair(30, 0.1)}}
