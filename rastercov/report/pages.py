@@ -281,33 +281,23 @@ def described_camera(camera: Camera) -> dict[str, Any]:
     f_number = None
     if camera.aperture is not None and camera.focal_length is not None:
         f_number = camera.focal_length / camera.aperture
-    is_pinhole = camera.is_pinhole
+    sides = math.atan(camera.cx / camera.fx), math.atan((camera.width - camera.cx) / camera.fx)
     return {
         "model": camera.model,
-        "width": camera.width, "height": camera.height,
-        "fx": camera.fx, "fy": camera.fy, "cx": camera.cx, "cy": camera.cy,
-        "hfov_deg": angle_deg(camera.cx, camera.width, camera.fx) if is_pinhole else None,
-        "vfov_deg": angle_deg(camera.cy, camera.height, camera.fy) if is_pinhole else None,
+        "width": camera.width, "height": camera.height, "fx": camera.fx,
+        "hfov_deg": math.degrees(sum(sides)) if camera.is_pinhole else None,
         "focal_length": camera.focal_length,
         "f_number": f_number,
         "focus_distance": camera.focus_distance,
         "focus_near": near,
         "focus_far": None if far is None or math.isinf(far) else far,
         "near": camera.near,
-        "max_blur": camera.max_blur,
-        "aperture": camera.aperture,
-        "pixel_size": camera.pixel_size,
         "depth_of_field": [z_n, z_f if math.isfinite(z_f) else None] if is_focused else None,
         "can_focus": camera.focal_length is not None and camera.pixel_size is not None
         and MODELS[camera.model].is_planar,
         "plain": camera.to_json(),
         "border": view_border(camera, PARTS_OF_BORDER).tolist(),
     }  # fmt: skip
-
-
-def angle_deg(centre: float, side: int, focal: float) -> float:
-    """Angle between opposite sides of the image of a pinhole, degrees."""
-    return math.degrees(math.atan(centre / focal) + math.atan((side - centre) / focal))
 
 
 def zone_entries(mesh: Mesh, zones: DeadZones, said: Mapping[str, Any]) -> list[dict[str, Any]]:
