@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
 import rastercov
@@ -201,10 +201,11 @@ def values_of(
 
 def figures_of(
     summary: Mapping[str, Any],
-    faces: Sequence[int],
+    faces: ArrayLike,
     seen_m2: NDArray[np.float64] | None = None,
     alone_m2: NDArray[np.float64] | None = None,
     total_m2: float = 0.0,
+    stations: Sequence[int] = (),
 ) -> dict[str, Any]:
     """Figures of a network for its page, from those of `Network.summary` and of each camera.
 
@@ -212,22 +213,25 @@ def figures_of(
     ----------
     summary : mapping
         Of the network, with its exact area where it has one.
-    faces : (P,) sequence of int
-        Faces that each camera covers.
+    faces : (P,) array_like
+        Number of faces that each camera covers.
     seen_m2, alone_m2 : (P,) float64, optional
         Area that it covers, and that no other does.
     total_m2 : float
         Area of the task.
+    stations : (P,) sequence of int
+        Ids of the cameras; their rows unless given.
     """
+    counts = np.asarray(faces, np.int64).tolist()
 
     def share(part: NDArray[np.float64] | None, row: int) -> float | None:
         return None if part is None or not total_m2 else 100 * float(part[row]) / total_m2
 
     return {name: summary[name] for name in ("covered", "task_faces", "not_covered_because")} | {
         "by_camera": [
-            {"station": row, "faces": int(count), "area_percent": share(seen_m2, row),
+            {"station": station, "faces": counts[row], "area_percent": share(seen_m2, row),
              "alone_percent": share(alone_m2, row)}
-            for row, count in enumerate(faces)
+            for row, station in enumerate(stations or range(len(counts)))
         ],
         "exact_area_percent": summary.get("covered_area", {}).get("percent"),
     }  # fmt: skip

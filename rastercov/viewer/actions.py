@@ -14,11 +14,9 @@ from rastercov.base.checks import image_side, number, positive, shown
 from rastercov.base.errors import CameraError, ConfigError
 from rastercov.base.files import printable
 from rastercov.camera.camera import PRESETS, Camera
-from rastercov.camera.pose import valid_poses
 from rastercov.camera.viewpoints import look_at
 from rastercov.coverage.task import Task
-from rastercov.mesh.arrays import frozen
-from rastercov.viewer.rig_state import LONGEST_NAME, MOST_STATIONS, RigState, Station, camera_in
+from rastercov.viewer.rig_state import LONGEST_NAME, MOST_STATIONS, RigState, Station, checked_pose
 
 FloatArray = NDArray[np.float64]
 Settle = Callable[[FloatArray, FloatArray], FloatArray]
@@ -195,14 +193,13 @@ def _restore(state: RigState, settle: Settle, rig: KeptRig) -> Edited:
     if len({each.id for each in rig.stations}) != len(rig.stations):
         raise ConfigError("the ids of stations must differ")
     cameras = {name: Camera.from_dict(each.plain) for name, each in rig.cameras.items()}
+    made = replace(state, stations=(), cameras=MappingProxyType(cameras))
     stations = []
     for each in rig.stations:
-        camera_in(cameras, each.camera)
-        pose = valid_poses(straightened(np.reshape(each.pose, (4, 4))))[0].copy()
-        stations.append(Station(each.id, each.name, each.camera, frozen(pose), each.is_on))
-    task = _task(Task(), rig.task)
-    needed = state.needed if task.views == state.task.views else None
-    made = RigState(tuple(stations), MappingProxyType(cameras), task, needed)
+        made.camera(each.camera)
+        pose = checked_pose(straightened(np.reshape(each.pose, (4, 4))))
+        stations.append(Station(each.id, each.name, each.camera, pose, each.is_on))
+    made = replace(made, stations=tuple(stations)).with_task(_task(Task(), rig.task))
     return made, "restore the rig"
 
 

@@ -32,6 +32,7 @@ from rastercov.coverage.task import Reason, Task
 from rastercov.mesh import Mesh
 from rastercov.placement.uncovered import in_front
 from rastercov.report.modes import OfCameras
+from rastercov.report.pages import figures_of
 from rastercov.report.theme import camera_colours
 from rastercov.viewer.rig_state import RigState, Station
 
@@ -230,37 +231,24 @@ class NetworkFigures:
         return np.where(self.views > 1, np.degrees(widest), 0.0)
 
     def summary(self) -> dict[str, Any]:
-        """Figures of the network, ready for JSON, as `coverage.network.Network.summary`."""
-        mesh, task_faces = self.mesh, self.mesh.task_mask
+        """Figures of the network and of its stations, ready for JSON; see `pages.figures_of`."""
+        mesh, task_faces, areas = self.mesh, self.mesh.task_mask, np.asarray(self.mesh.areas)
         unseen = task_faces & ~self.covered
         reasons = {
             NAMES[row]: share_of_faces(mesh, unseen & (self.reasons == row), task_faces)
             for row in np.unique(self.reasons[unseen]).tolist()
         }
-        return {
+        network = {
             "covered": share_of_faces(mesh, task_faces & self.covered, task_faces),
             "task_faces": int(task_faces.sum()),
-            "by_camera": self._by_camera(),
             "not_covered_because": reasons,
         }
-
-    def _by_camera(self) -> list[dict[str, Any]]:
-        """Faces that each station covers, and the area that no other one does."""
-        task_faces, areas = self.mesh.task_mask, np.asarray(self.mesh.areas)
         total = max(float(areas[task_faces].sum()), np.finfo(float).tiny)
-        single = task_faces & (self.views == 1)
-        found = []
-        for station, row in zip(self.state.on, self.rows, strict=True):
-            covers = row.covers & task_faces
-            found.append(
-                {
-                    "station": station.id,
-                    "faces": int(covers.sum()),
-                    "area_percent": 100 * float(areas[covers].sum()) / total,
-                    "alone_percent": 100 * float(areas[covers & single].sum()) / total,
-                }
-            )
-        return found
+        single = self.views == 1
+        covers = (row.covers & task_faces for row in self.rows)
+        own = [(each.sum(), areas[each].sum(), areas[each & single].sum()) for each in covers]
+        faces, seen, alone = np.array(own).reshape(-1, 3).T
+        return figures_of(network, faces, seen, alone, total, [each.id for each in self.state.on])
 
 
 def of_one_camera(task: Task) -> Task:

@@ -6,6 +6,7 @@ Opened from a plan, a mesh with cameras, or the folder of a result.
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal, get_args, get_origin
 
 import numpy as np
@@ -252,10 +253,11 @@ def open_plan(path: Path, rig: Views | None = None) -> Scene:
             named = bool(rig.camera_names)
             views = rig.with_cameras(cameras) if named else replace(rig, rig=cameras)
         start = _state(views, plan.build_task())
-        # Cameras of the plan that the rig does not use may be added.
-        for name, camera in zip(*_named(cameras), strict=True):
-            if name not in start.cameras:
-                start = start.with_camera(name, camera)
+        if cameras is not None:  # those that the rig does not use may be added
+            of_plan = dict(zip(cameras.names, cameras.cameras, strict=True))
+            start = replace(
+                start, cameras=MappingProxyType({**start.cameras, **of_plan, **start.cameras})
+            )
     elif cameras is None:
         raise ConfigError(f"{plan.name} has no camera; add one, or give --poses with cameras")
     else:
@@ -362,10 +364,6 @@ def _cameras(run: Mapping[str, Any]) -> Rig:
     entries = [dict(each) for each in run.get("cameras", ())]
     names = [str(each.pop("name", f"camera {row}")) for row, each in enumerate(entries)]
     return Rig([Camera.from_dict(each) for each in entries], names)
-
-
-def _named(rig: Rig | None) -> tuple[tuple[str, ...], tuple[Camera, ...]]:
-    return ((), ()) if rig is None else (rig.names, rig.cameras)
 
 
 def _state(views: Views, task: Task) -> RigState:
