@@ -286,18 +286,10 @@ def _with_angle(camera: Camera, value: Any) -> Camera:
     return _scaled(camera, (half + math.sqrt(max(0.0, half**2 + apart))) / camera.fx)
 
 
-def _with_focal(camera: Camera, value: Any) -> Camera:
-    return _scaled(camera, positive("fx", value) / camera.fx)
-
-
 def _scaled(camera: Camera, factor: float) -> Camera:
     """With focal lengths times a factor; the aperture keeps its diameter."""
     f = None if camera.focal_length is None else camera.focal_length * factor
     return replace(camera, fx=camera.fx * factor, fy=camera.fy * factor, focal_length=f)
-
-
-def _with_width(camera: Camera, value: Any) -> Camera:
-    return camera.resized(image_side("width", value) / camera.width)
 
 
 def _with_focus(camera: Camera, value: Any) -> Camera:
@@ -332,8 +324,10 @@ def _with_range(camera: Camera, low: Any, high: Any) -> Camera:
 
 _FIELDS: tuple[tuple[str, float, float, str, str, Change], ...] = (
     ("hfov_deg", 1.0, 175.0, "deg", "Angle between left and right.", _with_angle),
-    ("fx", 10.0, 20_000.0, "px", "Focal length over pixel width.", _with_focal),
-    ("width", 64, 8192, "px", "Pixels across, at the same field of view.", _with_width),
+    ("fx", 10.0, 20_000.0, "px", "Focal length over pixel width.",
+     lambda camera, value: _scaled(camera, positive("fx", value) / camera.fx)),
+    ("width", 64, 8192, "px", "Pixels across, at the same field of view.",
+     lambda camera, value: camera.resized(image_side("width", value) / camera.width)),
     ("focus_distance", 0.02, 100.0, "m", "Depth of the plane in focus.", _with_focus),
     ("f_number", 0.7, 45.0, "", "Focal length over diameter of the aperture.", _with_f_number),
     ("focus_near", 0.0, 100.0, "m", "Least depth in focus.",

@@ -22,9 +22,8 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.area.regions import RegionPass
-from rastercov.coverage.coverage import Coverage, evaluate_batches
+from rastercov.coverage.coverage import evaluate_batches
 from rastercov.coverage.engine import Engine
-from rastercov.coverage.job import evaluate
 from rastercov.coverage.network import ViewSpread, share_of_faces
 from rastercov.coverage.observer import Observer, open_observer
 from rastercov.coverage.reasons import NAMES, REASONS, reason_rows
@@ -280,8 +279,11 @@ def exact_area(
     return found
 
 
-OF_THE_SCENE = ("coverage", "reason", "visibility", "visibility_bound")
-"""Figures that depend on what hides the face."""
+OF_A_FACE = (
+    "coverage", "reason", "visibility", "visibility_bound", "drawn_pixels", "incidence",
+    "pixel_density", "facing_density", "in_view_fraction",
+)  # fmt: skip
+"""Figures that say why a camera does not cover a face."""
 
 
 def why(measurements: Measurements, figures: NetworkFigures, face: int) -> dict[str, Any]:
@@ -310,15 +312,8 @@ def why(measurements: Measurements, figures: NetworkFigures, face: int) -> dict[
     }
     if group.is_occluder:
         return found
-    alone = _alone(mesh, face)
-    found["cameras"] = [_of_station(measurements, alone, state, each, face) for each in state.on]
+    found["cameras"] = [_of_station(measurements, state, each, face) for each in state.on]
     return found
-
-
-def _alone(mesh: Mesh, face: int) -> Mesh:
-    """The face as a mesh of its own, for figures that do not depend on what hides it."""
-    made = Mesh(vertices=mesh.vertices[mesh.faces[face]], faces=[[0, 1, 2]])
-    return made.with_groups(two_sided="all" if mesh.two_sided_mask[face] else ())
 
 
 def _words(mesh: Mesh, figures: NetworkFigures, face: int) -> str:
@@ -340,14 +335,14 @@ def _words(mesh: Mesh, figures: NetworkFigures, face: int) -> str:
 
 
 def _of_station(
-    measurements: Measurements, alone: Mesh, state: RigState, station: Station, face: int
+    measurements: Measurements, state: RigState, station: Station, face: int
 ) -> dict[str, Any]:
     """Figures of the face in one camera."""
     mesh, camera, task = measurements.mesh, state.camera_of(station), of_one_camera(state.task)
-    single = evaluate(alone, camera, station.pose[None], task)
     observer = measurements.observer(camera)
-    whole = next(evaluate_batches(observer, station.pose[None], task, fields=OF_THE_SCENE))
-    reason = Reason(int(whole.reason[0, face]))
+    batch = next(evaluate_batches(observer, station.pose[None], task, fields=OF_A_FACE))
+    found = {name: float(getattr(batch, name)[0, face]) for name in OF_A_FACE}
+    reason = Reason(int(found["reason"]))
     depth = (mesh.vertices[mesh.faces[face]] - station.pose[:3, 3]) @ station.pose[:3, 2]
     words = REASONS[reason.name.lower()].label
     occluder = _occluder(mesh, station, face) if reason == Reason.OCCLUDED else None
@@ -355,41 +350,25 @@ def _of_station(
         own = occluder["group"] == mesh.face_group[face]
         by = "its own group" if own else occluder["name"]
         words = f"hidden by {by}: {percent(occluder['share'])} of its image"
-    visible, bound = float(whole.visibility[0, face]), float(whole.visibility_bound[0, face])
+    visible, bound = found["visibility"], found["visibility_bound"]
     entries = {
         "visible part": f"{percent(visible)} ± {100 * bound:.1g} %",
-        "coverage": f"{float(whole.coverage[0, face]):.3g}",
-        "pixels if nothing hides it": f"{float(single.drawn_pixels[0, 0]):.3g} px",
-        "angle of incidence": f"{math.degrees(float(single.incidence[0, 0])):.3g} deg",
-        "pixel density": f"{float(single.pixel_density[0, 0]):.4g} px/m",
+        "coverage": f"{found['coverage']:.3g}",
+        "pixels if nothing hides it": f"{found['drawn_pixels']:.3g} px",
+        "angle of incidence": f"{math.degrees(found['incidence']):.3g} deg",
+        "pixel density": f"{found['pixel_density']:.4g} px/m",
         "depth": f"{length(float(depth.min()))} to {length(float(depth.max()))} m",
-        "in the image": percent(float(single.in_view_fraction[0, 0])),
+        "in the image": percent(found["in_view_fraction"]),
     }
     return {
         "station": station.id,
         "name": station.name,
         "reason": reason.name.lower(),
         "words": words,
-        "help": _help(reason, single, task, depth, occluder, camera),
+        "help": _help(reason, found, entries["depth"], depth, task, occluder, camera),
         "figures": [{"label": label, "value": value} for label, value in entries.items()],
         "occluder": occluder,
     }
-
-
-def _finer(single: Coverage, task: Task) -> tuple[str, str]:
-    """Figure of a face by the threshold that is farthest off, and the factor that is missing."""
-    # Lengths in the image grow with the focal length and with nearness, areas with their squares.
-    wanted = [
-        ((least / float(found[0, 0])) ** power, f"{found[0, 0]:.3g} of {least:g} {unit}")
-        for found, least, power, unit in (
-            (single.drawn_pixels, task.min_pixels, 0.5, "px"),
-            (single.pixel_density, task.min_pixel_density, 1.0, "px/m"),
-            (single.facing_density, task.min_facing_density, 1.0, "px/m"),
-        )
-        if 0 < found[0, 0] < least
-    ]
-    factor, words = max(wanted, default=(0.0, ""))
-    return words, f"{factor:.2g} times"
 
 
 def _occluder(mesh: Mesh, station: Station, face: int) -> dict[str, Any] | None:
@@ -403,25 +382,36 @@ def _occluder(mesh: Mesh, station: Station, face: int) -> dict[str, Any] | None:
 
 def _help(
     reason: Reason,
-    single: Coverage,
+    found: dict[str, float],
+    depths: str,
+    depth: FloatArray,
     task: Task,
-    depth: np.ndarray[Any, Any],
     occluder: dict[str, Any] | None,
     camera: Camera,
 ) -> str:
     """Advice for a camera to cover the face: that of `REASONS` with the figures of the face."""
-    z_n, z_f = camera.depth_of_field(task.max_blur)
-    finer, times = _finer(single, task)
+    # Lengths in the image grow with the focal length and with nearness, areas with their squares.
+    wanted = [
+        ((least / found[name]) ** power, f"{found[name]:.3g} of {least:g} {unit}")
+        for name, least, power, unit in (
+            ("drawn_pixels", task.min_pixels, 0.5, "px"),
+            ("pixel_density", task.min_pixel_density, 1.0, "px/m"),
+            ("facing_density", task.min_facing_density, 1.0, "px/m"),
+        )
+        if 0 < found[name] < least
+    ]
+    factor, finer = max(wanted, default=(0.0, ""))
     if reason == Reason.TOO_COARSE and not finer:
         return "come nearer, or take a longer lens"
+    z_n, z_f = map(float, camera.depth_of_field(task.max_blur))
+    furthest = "any depth" if math.isinf(z_f) else f"{length(z_f)} m"
     return REASONS[reason.name.lower()].advice.format(
         wider=", or take a wider lens" if (depth > 0).all() else "",
-        depth=f"{length(float(depth.min()))} to {length(float(depth.max()))} m",
-        in_focus=f"{length(float(z_n))} m to "
-        + ("any depth" if math.isinf(z_f) else f"{length(float(z_f))} m"),
+        depth=depths,
+        in_focus=f"{length(z_n)} m to {furthest}",
         finer=finer,
-        times=times,
+        times=f"{factor:.2g} times",
         hider="what is before it" if occluder is None else occluder["name"],
-        angle=f"{math.degrees(float(single.incidence[0, 0])):.3g}",
+        angle=f"{math.degrees(found['incidence']):.3g}",
         max_angle=f"{task.max_incidence_deg:g}",
     )
