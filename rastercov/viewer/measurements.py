@@ -40,6 +40,8 @@ BoolArray = NDArray[np.bool_]
 
 MOST_BYTES = 1 << 30
 """Memory for rows that the present state does not need."""
+BYTES_A_FACE = 10
+"""Of a row."""
 MOST_OBSERVERS = 8
 """Cameras that are kept ready to measure."""
 FIELDS = ("coverage", "reason", "pixel_density")
@@ -71,11 +73,6 @@ class Row:
         covers: BoolArray = self.reason == Reason.COVERED
         return covers
 
-    @property
-    def n_bytes(self) -> int:
-        """Bytes that it takes."""
-        return 10 * len(self.reason)
-
 
 class Measurements:
     """Rows of cameras at their poses, measured on demand; one thread at a time may use it.
@@ -88,7 +85,6 @@ class Measurements:
         Engine.of(method)  # refuses what is no method before anything is served
         self._observers: OrderedDict[Camera, Observer] = OrderedDict()
         self._rows: OrderedDict[Key, Row] = OrderedDict()
-        self._bytes = 0
 
     def rows(self, state: RigState, stations: Sequence[Station]) -> list[Row]:
         """Row of each of some stations of a state."""
@@ -103,7 +99,9 @@ class Measurements:
         found = [self._rows[key] for key in keys]
         for key in keys:
             self._rows.move_to_end(key)
-        self._forget(len(set(keys)))
+        kept = max(MOST_BYTES // (BYTES_A_FACE * self.mesh.n_faces), len(set(keys)))
+        while len(self._rows) > kept:  # those that were used longest ago go
+            self._rows.popitem(last=False)
         return found
 
     def observer(self, camera: Camera) -> Observer:
@@ -130,12 +128,6 @@ class Measurements:
                 coverage, reason, density = figures
                 row = Row(coverage.astype(np.float32), reason.copy(), density.astype(np.float32))
                 self._rows[next(keys)] = row
-                self._bytes += row.n_bytes
-
-    def _forget(self, needed: int) -> None:
-        """Drop the rows that were used longest ago."""
-        while self._bytes > MOST_BYTES and len(self._rows) > needed:
-            self._bytes -= self._rows.popitem(last=False)[1].n_bytes
 
 
 class NetworkFigures:
