@@ -149,7 +149,7 @@ UNTRIED = {
     "on_box source": "a label",
     **{f"openings {each}": "options of per_cavity" for each in ("side", "finest")},
 }
-"""What is not tried, and why."""
+"""Arguments that are not tried, and why."""
 
 
 def opened_and_closed(function):
@@ -164,7 +164,7 @@ def listed(function):
 
 MADE = {"open_observer": opened_and_closed, "open_rasterizer": opened_and_closed}
 MADE |= {"evaluate_batches": listed, "Network.judge": listed}
-"""What has to be done with results of functions."""
+"""Functions whose results have to be closed or taken."""
 
 
 @dataclass(frozen=True)
