@@ -198,16 +198,6 @@ def test_files_with_concave_polygons_load_right_and_without_a_note(name, load):
     assert mesh.notes == ()
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("shape", [star, comb, spiral])
-def test_ten_thousand_corners_take_no_minutes(shape):
-    rng = np.random.default_rng(3)
-    xy = shape(rng, 5000 if shape is not star else 10000)
-    start = time.process_time()
-    check_covers_once(xy, 1)
-    assert time.process_time() - start < 5  # 0.5 s measured; cubic time would be minutes
-
-
 def test_a_polygon_of_too_many_corners_keeps_its_fan_and_is_noted():
     xy = comb(np.random.default_rng(0), 25_000)
     faces, notes = cut(np.column_stack([xy, np.zeros(len(xy))]))

@@ -1,7 +1,6 @@
 """The mesh value: what it refuses, what it finds wrong, and that it never changes."""
 
 import pickle
-import time
 
 import numpy as np
 import pytest
@@ -34,17 +33,6 @@ def cube(scale: float = 1, offset: float = 0, flip: bool = False) -> Mesh:
 
 
 # ---- the value
-
-
-def test_arrays_keep_their_order_and_types():
-    mesh = Mesh(vertices=CUBE.tolist(), faces=CUBE_FACES.astype(np.uint8))
-    assert mesh.vertices.dtype == np.float64
-    assert mesh.faces.dtype == np.int64
-    assert mesh.face_group.dtype == np.int32
-    np.testing.assert_array_equal(mesh.faces, CUBE_FACES)
-    np.testing.assert_array_equal(mesh.source_face, np.arange(12))
-    assert (mesh.n_faces, mesh.n_vertices, mesh.groups) == (12, 8, (Group("mesh"),))
-    assert mesh.sources == ()
 
 
 def test_mesh_does_not_alias_its_input():
@@ -339,15 +327,6 @@ def test_a_long_strip_of_faces_is_one_component():
     shuffled = np.random.default_rng(2).permutation(faces)
     for strip in (faces, faces[::-1], shuffled):
         assert not Mesh(points, strip).topology.components().any()
-
-
-@pytest.mark.slow
-def test_a_hundred_thousand_faces_are_diagnosed_quickly():
-    mesh = shapes.torus(500, 100)
-    start = time.process_time()
-    assert mesh.warnings == ()
-    assert mesh.can_cull_back_faces
-    assert time.process_time() - start < 2
 
 
 # ---- placing and sizing
