@@ -45,24 +45,17 @@ def add_targets(glb):
 
 
 @pytest.mark.parametrize("owner", ["mesh", "node", "both"])
-def test_morph_weights_move_the_points(owner, glb, load):
+def test_morph_weights_move_the_points_of_each_node(owner, glb, load):
     add_targets(glb)
-    weights = [0.5, 0.0, -2.0]
+    rows = np.array([[0.5, 0, -2], [0, 1, 0]])
     if owner != "node":
-        glb.header["meshes"][0]["weights"] = weights if owner == "mesh" else [1.0, 1.0, 1.0]
-    if owner != "mesh":
-        glb.node["weights"] = weights
-    expected = POINTS + np.einsum("i,ijk->jk", weights, DELTAS)
-    np.testing.assert_allclose(triangles(load(glb)), expected[FACES], rtol=0, atol=1e-12)
-
-
-def test_nodes_of_one_mesh_have_weights_of_their_own(glb, load):
-    add_targets(glb)
-    glb.nodes(*({"mesh": 0, "weights": [0, i, 0]} for i in range(3)))
-    mesh = load(glb)
-    for i in range(3):
-        expected = (POINTS + i * DELTAS[1])[FACES]
-        np.testing.assert_allclose(triangles(mesh)[4 * i : 4 * i + 4], expected, atol=1e-12)
+        rows[1:] = rows[0] if owner == "mesh" else rows[1]
+        glb.header["meshes"][0]["weights"] = rows[1].tolist()
+    own = [{} if owner == "mesh" else {"weights": row} for row in rows.tolist()]
+    glb.nodes(*({"mesh": 0, **weights} for weights in own))
+    moved = POINTS + np.einsum("ni,ijk->njk", rows, DELTAS)
+    expected = moved[:, FACES].reshape(-1, 3, 3)
+    np.testing.assert_allclose(triangles(load(glb)), expected, rtol=0, atol=1e-12)
 
 
 def test_targets_without_weights_or_positions_leave_the_base_shape(glb, load):
@@ -407,24 +400,35 @@ def test_instances_do_not_multiply_a_short_file_unasked(load):
     assert load(glb, memory_budget=1 << 30).n_faces == 200 * n
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("what", ["nodes", "primitives", "targets", "points"])
-def test_shared_data_is_counted_before_it_is_read(what, load):
-    n = 4000
-    glb = Glb(np.random.default_rng(0).normal(size=(3000, 3)), np.arange(3000))
+N_SHARED = 4000
+
+
+def shared_points(glb):
+    """Accessors of one view, each for a primitive of one triangle."""
+    few, accessors = glb.accessor([0, 1, 2], "<u2"), glb.header["accessors"]
+    at = range(len(accessors), len(accessors) + N_SHARED)
+    accessors.extend([accessors[0]] * N_SHARED)
     primitives = glb.header["meshes"][0]["primitives"]
-    if what == "nodes":
-        glb.nodes(*[{"mesh": 0}] * n)
-    elif what == "primitives":
-        primitives *= n
-    elif what == "targets":
-        glb.primitive["targets"] = [{"POSITION": 0}] * n
-        glb.node["weights"] = [1.0] * n
-    else:
-        few = glb.accessor([0, 1, 2], "<u2")
-        for _ in range(n):
-            glb.header["accessors"].append(dict(glb.header["accessors"][0]))
-            position = {"POSITION": len(glb.header["accessors"]) - 1}
-            primitives.append({"attributes": position, "indices": few})
+    primitives.extend({"attributes": {"POSITION": index}, "indices": few} for index in at)
+
+
+def shared_targets(glb):
+    glb.primitive["targets"] = [{"POSITION": 0}] * N_SHARED
+    glb.node["weights"] = [1.0] * N_SHARED
+
+
+SHARED = [
+    lambda glb: glb.nodes(*[{"mesh": 0}] * N_SHARED),
+    lambda glb: glb.header["meshes"][0].update(primitives=[glb.primitive] * N_SHARED),
+    shared_targets,
+    shared_points,
+]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("change", SHARED)
+def test_shared_data_is_counted_before_it_is_read(change, load):
+    glb = Glb(np.random.default_rng(0).normal(size=(3000, 3)), np.arange(3000))
+    change(glb)
     with pytest.raises(ResourceError, match="need about"):
         load(glb)
