@@ -115,21 +115,18 @@ def test_as_many_bytes_as_allowed_are_read(tmp_path, size):
         file_bytes(tmp_path / "file", 100)
 
 
-@pytest.mark.parametrize("path", [None, 3, 0, True, b"camera.json", ["camera.json"], 1.5, object()])
-@pytest.mark.parametrize("read", [Camera.load, read_poses, read_plan])
-def test_what_is_no_path_is_refused(read, path):
-    with pytest.raises(RastercovError, match="a path wanted, got"):
-        read(path)
+NO_PATHS = (None, 3, 0, True, b"camera.json", ["camera.json"], 1.5, object())
+STRANGE = ("a\0b", "a\nb", "\x1b[31m", "x" * 5000, "\ud800", "")
 
 
 @pytest.mark.parametrize("read", [Camera.load, read_poses, read_plan])
-@pytest.mark.parametrize("name", ["a\0b", "a\nb", "\x1b[31m", "x" * 5000, "\ud800", ""])
-def test_a_strange_name_is_refused_in_one_printable_line(read, name):
-    for suffix in (".json", ".toml", ".npy", ""):
+def test_what_is_no_path_or_a_strange_one_is_refused_in_one_printable_line(read):
+    for path in (*NO_PATHS, *(name + end for name in STRANGE for end in (".json", ".npy", ""))):
         with pytest.raises(RastercovError) as caught:
-            read(name + suffix)
+            read(path)
         assert str(caught.value).isprintable()
         assert len(str(caught.value)) < 500
+        assert isinstance(path, str) or "a path wanted, got" in str(caught.value)
 
 
 # --- text -----------------------------------------------------------------------------------------

@@ -1,7 +1,5 @@
 """Which faces touch: what exact arithmetic says of every pair, and what may not change it."""
 
-from fractions import Fraction
-
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
@@ -13,11 +11,7 @@ from solids import tessellated_plane
 from rastercov.kernels import mesh_contacts
 from rastercov.mesh import Mesh, contacts, shapes
 from rastercov.mesh.contacts import touching_faces
-
-try:
-    from gmpy2 import mpq as rational
-except ImportError:
-    rational = Fraction
+from rastercov.reference.rational import cross, difference, dot, mpq
 
 HAIR = 1e-9
 
@@ -58,18 +52,6 @@ def tube(n, length):
 # --- the oracle: what two triangles have in common, in rational numbers
 
 
-def dot(a, b):
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-def minus(a, b):
-    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
-
-
-def cross(a, b):
-    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
-
-
 def kept(polygon, normal, offset):
     """Part of a convex polygon where normal . p >= offset."""
     heights = [dot(normal, p) - offset for p in polygon]
@@ -87,11 +69,11 @@ def kept(polygon, normal, offset):
 def in_common(one, other):
     """Corners of the intersection of two triangles, of rational points."""
     a, b, c = other
-    normal = cross(minus(b, a), minus(c, a))
+    normal = cross(difference(b, a), difference(c, a))
     planes = [normal, tuple(-x for x in normal)]
     polygon = one
     for plane, at in [(plane, a) for plane in planes] + [
-        (cross(normal, minus(q, p)), p) for p, q in ((a, b), (b, c), (c, a))
+        (cross(normal, difference(q, p)), p) for p, q in ((a, b), (b, c), (c, a))
     ]:
         polygon = kept(polygon, plane, dot(plane, at))
     return polygon
@@ -105,8 +87,8 @@ def meet_elsewhere(one, other):
     for p in in_common(one, other):
         if not shared:
             return True
-        along = minus(shared[-1], shared[0])
-        off = minus(p, shared[0])
+        along = difference(shared[-1], shared[0])
+        off = difference(p, shared[0])
         on_line = not any(cross(along, off)) if any(along) else not any(off)
         if not on_line or not 0 <= dot(off, along) <= dot(along, along):
             return True
@@ -116,7 +98,7 @@ def meet_elsewhere(one, other):
 def exactly_touching(vertices, faces):
     """(F,) the same in rational numbers, pair by pair; no face may be degenerate."""
     triangles = [
-        [tuple(rational(*float(x).as_integer_ratio()) for x in vertices[v]) for v in face]
+        [tuple(mpq(*float(x).as_integer_ratio()) for x in vertices[v]) for v in face]
         for face in faces
     ]
     corners = np.asarray(vertices, float)[faces]
@@ -388,21 +370,3 @@ def test_threads_and_turns_change_nothing(monkeypatch, teapot, threads, leaves, 
     monkeypatch.setattr(contacts, "LEAVES_A_PART", leaves)
     monkeypatch.setattr(contacts, "STEPS_A_CALL", steps)
     assert np.array_equal(of_mesh(mesh, threads=threads), marks)
-
-
-@pytest.mark.parametrize("threads", [1, 2])
-def test_an_interrupt_ends_the_search_within_a_call(monkeypatch, threads):
-    made = []
-    loop = mesh_contacts.mark_contacts
-
-    def interrupted(*args):
-        made.append(1)
-        if len(made) == 3:
-            raise KeyboardInterrupt
-        return loop(*args)
-
-    monkeypatch.setattr(mesh_contacts, "mark_contacts", interrupted)
-    monkeypatch.setattr(contacts, "LEAVES_A_PART", 10)
-    with pytest.raises(KeyboardInterrupt):
-        of_mesh(shapes.torus(200, 200), threads=threads)
-    assert len(made) < 50

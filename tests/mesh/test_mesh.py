@@ -199,19 +199,18 @@ def test_faces_without_area_are_kept_and_marked(scale):
 # ---- topology
 
 
-def test_topology_is_judged_on_positions():
-    soup = CUBE[CUBE_FACES].reshape(-1, 3)
-    soup[soup == 0] = np.where(np.arange((soup == 0).sum()) % 2, 0.0, -0.0)
-    mesh = Mesh(soup, np.arange(36).reshape(-1, 3))
-    assert mesh.is_closed
-    assert mesh.can_cull_back_faces
-    assert mesh.n_vertices == 36
-
-
+SOUP = CUBE[CUBE_FACES].reshape(-1, 3)
+SOUP[SOUP == 0] = np.where(np.arange((SOUP == 0).sum()) % 2, 0.0, -0.0)
 FLIPPED = np.where(np.arange(12)[:, None] == 5, CUBE_FACES[:, ::-1], CUBE_FACES)
 SHEETS = [[0, 1, 2], [0, 2, 1]]
 FAULTS = {
     "none": (cube(), True, True, []),
+    "vertices of their own": (Mesh(SOUP, np.arange(36).reshape(-1, 3)), True, True, []),
+    "three": (joined(cube(10), cube(1, 100), cube(0.1, -50)), True, True, []),
+    "one of three": (  # which the large ones must not outvote
+        joined(cube(10), cube(1, 100), cube(0.1, -50, flip=True)), True, True,
+        ["inside out: 1 of 3"],
+    ),
     "far": (cube(2**-10, 1e7), True, True, []),
     "open": (Mesh(CUBE, CUBE_FACES[2:]), False, True, ["open surface: 4 boundary edges"]),
     "flipped": (Mesh(CUBE, FLIPPED), True, False, ["winding at 3 of 18 shared edges (16.7%)"]),
@@ -233,14 +232,6 @@ def test_a_fault_is_named_and_ends_culling(name):
     assert mesh.can_cull_back_faces == (not lines)
     assert len(mesh.warnings) == len(lines)
     assert all(text in line for text, line in zip(lines, mesh.warnings, strict=True))
-
-
-def test_each_component_needs_positive_volume():
-    """A big sound cube must not outvote a small inverted one, wherever it lies."""
-    assert joined(cube(10), cube(1, 100), cube(0.1, -50)).can_cull_back_faces
-    mesh = joined(cube(10), cube(1, 100), cube(0.1, -50, flip=True))
-    assert not mesh.can_cull_back_faces
-    assert "inside out: 1 of 3" in mesh.warnings[0]
 
 
 def test_flaps_without_area_do_not_spoil_a_closed_mesh():

@@ -6,11 +6,11 @@ faster, so that neither time nor memory of reading it may.
 
 import io
 import json
-import struct
 import zipfile
+from functools import partial
 
 import numpy as np
-from mesh_files import FACES, POINTS, Glb, obj, off, ply
+from mesh_files import FACES, POINTS, Glb, ascii_stl, obj, off, ply
 
 # ---- 3MF
 
@@ -54,12 +54,6 @@ def components(*ids):
 
 def object_of(number, inside):
     return f'<object id="{number}">{inside}</object>'
-
-
-def threemf_levels(k, below, inside=MESH):
-    """2^k instances of object 1, which holds `below` beside its mesh."""
-    levels = [object_of(i + 2, components(i + 1, i + 1)) for i in range(k)]
-    return threemf("".join(levels), f'<item objectid="{k + 1}"/>', below + inside)
 
 
 ITEM = '<item objectid="1"/>'
@@ -237,17 +231,14 @@ def repeated(content, place, n, item=None):
         content |= {f"_{i}": 0 if item is None else item for i in range(n)}
 
 
-def glb(n_nodes, change):
-    file = Glb()
-    change(file)
-    if n_nodes:
-        file.nodes(*[{"mesh": 0, **node} for node in file.header["nodes"] * n_nodes])
-    return file.data()
-
-
 PRIMITIVE = {"attributes": {"POSITION": 0}}
 PRIMITIVES, TARGETS = "meshes/0/primitives", "meshes/0/primitives/0/targets"
-PLACES = {
+OF_SCENE = {
+    "primitives": [(PRIMITIVES, {**PRIMITIVE, "indices": 1})],
+    "unused meshes": [("meshes", None)],
+}
+"""Parts of a scene that are repeated."""
+OF_MESH = {
     "nodes": [],
     "weights of the mesh": [(TARGETS, {"POSITION": 0}), ("meshes/0/weights", 0.0)],
     "points": [(PRIMITIVES, {**PRIMITIVE, "mode": 0})],
@@ -258,67 +249,57 @@ PLACES = {
     "views": [("bufferViews", None)],
     "attributes": [("meshes/0/primitives/0/attributes", 0)],
 }
-"""Parts of a scene that are repeated, with n nodes of its mesh."""
+"""The same, with n nodes of the mesh."""
 
 
-def own_weights(n):
+def own_weights(file, n):
     """n nodes with weights of their own, and n primitives without triangles."""
-
-    def change(file):
-        file.primitive["targets"] = [{"POSITION": 0}]
-        repeated(file.header, PRIMITIVES, n, {**PRIMITIVE, "mode": 0})
-        file.nodes(*[{"mesh": 0, "weights": [i / n]} for i in range(n)])
-
-    return change
+    file.primitive["targets"] = [{"POSITION": 0}]
+    repeated(file.header, PRIMITIVES, n, {**PRIMITIVE, "mode": 0})
+    file.nodes(*[{"mesh": 0, "weights": [i / n]} for i in range(n)])
 
 
-def chain_of_nodes(n):
-    def change(file):
-        file.header["nodes"] = [{"children": [i + 1]} for i in range(n)] + [{"mesh": 0}]
-
-    return change
+def chain_of_nodes(file, n):
+    file.header["nodes"] = [{"children": [i + 1]} for i in range(n)] + [{"mesh": 0}]
 
 
-def instances_of_nothing(n):
-    def change(file):
-        move = file.accessor(np.zeros((n, 3)))
-        file.header["meshes"].append({"primitives": [{**PRIMITIVE, "mode": 0}]})
-        own = {"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": move}}}
-        file.nodes({"mesh": 0}, *[{"mesh": 1, "extensions": own} for _ in range(n)])
-
-    return change
+def instances_of_nothing(file, n):
+    move = file.accessor(np.zeros((n, 3)))
+    file.header["meshes"].append({"primitives": [{**PRIMITIVE, "mode": 0}]})
+    own = {"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": move}}}
+    file.nodes({"mesh": 0}, *[{"mesh": 1, "extensions": own} for _ in range(n)])
 
 
-def one_large_position(n):
+def one_large_position(file, n):
     """n primitives of one triangle each that share n points."""
-
-    def change(file):
-        large = {"POSITION": file.accessor(np.zeros((n, 3)))}
-        few = file.accessor(np.array([0, 1, 2]), "<u2")
-        repeated(file.header, PRIMITIVES, n, {"attributes": large, "indices": few})
-
-    return change
+    large = {"POSITION": file.accessor(np.zeros((n, 3)))}
+    few = file.accessor(np.array([0, 1, 2]), "<u2")
+    repeated(file.header, PRIMITIVES, n, {"attributes": large, "indices": few})
 
 
-def at_places(n, places):
-    return lambda file: [repeated(file.header, place, n, item) for place, item in places]
+def a_long_name(file, n):
+    file.header["meshes"][0]["name"] = "n" * 100 * n
+    file.nodes(*[{"mesh": 0}] * n)
 
 
-GLB = {
-    **{
-        part: lambda n, places=places: glb(n, at_places(n, places))
-        for part, places in PLACES.items()
-    },
-    "primitives": lambda n: glb(0, at_places(n, [(PRIMITIVES, {**PRIMITIVE, "indices": 1})])),
-    "unused meshes": lambda n: glb(0, at_places(n, [("meshes", None)])),
-    "own weights": lambda n: glb(0, own_weights(n)),
-    "a long name": lambda n: glb(
-        n, lambda file: file.header["meshes"][0].update(name="n" * 100 * n)
-    ),
-    "a chain of nodes": lambda n: glb(0, chain_of_nodes(n)),
-    "instances of nothing": lambda n: glb(0, instances_of_nothing(n)),
-    "one large position": lambda n: glb(0, one_large_position(n)),
-}
+SCENES = (own_weights, chain_of_nodes, instances_of_nothing, one_large_position, a_long_name)
+
+
+def glb(n, part):
+    """Scene whose part, a function or one of the tables above, is repeated n times."""
+    file = Glb()
+    if callable(part):
+        part(file, n)
+        return file.data()
+    for place, item in (OF_SCENE | OF_MESH)[part]:
+        repeated(file.header, place, n, item)
+    if part in OF_MESH:
+        file.nodes(*[{"mesh": 0}] * n)
+    return file.data()
+
+
+GLB = {part: partial(glb, part=part) for part in (*OF_SCENE, *OF_MESH)}
+GLB |= {part.__name__: partial(glb, part=part) for part in SCENES}
 
 # ---- text
 
@@ -330,18 +311,9 @@ def ply_with(head, n, order=""):
 
 
 def ply_properties(n, order=""):
-    rows = "".join(f"property list uchar int p{i}\n" for i in range(n))
-    head = (
-        f"ply\nformat {'binary_little_endian' if order else 'ascii'} 1.0\nelement vertex 3\n"
-        f"property float x\nproperty float y\nproperty float z\nelement face {n}\n"
-        f"property list uchar int vertex_indices\nend_header\n"
-    ).replace("element face", f"element other 2\n{rows}element face")
-    if order:
-        body = struct.pack("<9f", *range(9)) + bytes(2 * n)
-        return head.encode() + body + struct.pack("<B3i", 3, 0, 1, 2) * n
-    return (
-        head + "0 0 0\n1 0 0\n0 1 0\n" + "0 " * n + "\n" + "0 " * n + "\n" + "3 0 1 2\n" * n
-    ).encode()
+    rows = b"".join(b"property list uchar int p%d\n" % i for i in range(n))
+    data = ply(POINTS, [*FACES] * n, order).replace(b"end_header", rows + b"end_header")
+    return data + bytes(n) if order else data.rstrip() + b" 0" * n + b"\n"
 
 
 SHAPE = obj(POINTS, FACES)
@@ -369,17 +341,8 @@ TEXT = {
         "faces": lambda n: off(POINTS, [*FACES] * n),
     },
     "a.stl": {
-        "solids": lambda n: b"".join(
-            b"solid a%d\nfacet normal 0 0 0\nouter loop\nvertex 0 0 0\nvertex 1 0 0\n"
-            b"vertex 0 1 %d\nendloop\nendfacet\nendsolid\n" % (i, i)
-            for i in range(n)
-        ),
-        "solids of nothing": lambda n: (
-            b"solid a\nendsolid a\n"
-            * n
-            + b"solid\nfacet normal 0 0 0\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\n"
-            b"endloop\nendfacet\nendsolid\n"
-        ),
+        "solids": lambda n: ascii_stl(POINTS, FACES) * n,
+        "solids of nothing": lambda n: b"solid a\nendsolid a\n" * n + ascii_stl(POINTS, FACES),
     },
 }
 
@@ -395,7 +358,7 @@ MESHES = {
 def exploding(k):
     """Mesh files of k lines or so that ask for 2^k instances of a shape, by their names."""
     return {
-        "a.3mf": threemf_levels(k, "<metadata/>" * 100),
+        "a.3mf": threemf(pairs(k, holding) + object_of(k + 2, "<metadata/>" * 100 + MESH), SECOND),
         "a.dae": dae(
             f"<node>{INNER}</node>",
             library=f'{pairs(k, node_of)}<node id="m{k + 2}">{MOVE * 100}{HERE}</node>',
