@@ -3,6 +3,7 @@
 import errno
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -14,6 +15,7 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import cluster_job
+import dask
 import pytest
 
 from rastercov.base.errors import ConfigError, RastercovError
@@ -168,13 +170,13 @@ def process(*words):
         started.wait()
 
 
-def scheduler(port):
-    return process("scheduler", "--port", port, "--no-show")
+def scheduler(port, protocol="tcp"):
+    return process("scheduler", "--port", port, "--no-show", "--protocol", protocol)
 
 
-def worker(port, folder):
+def worker(port, folder, protocol="tcp"):
     own = "--nthreads", 1, "--memory-limit", 0, "--local-directory", folder
-    return process("worker", f"tcp://127.0.0.1:{port}", *own)
+    return process("worker", f"{protocol}://127.0.0.1:{port}", *own)
 
 
 @pytest.fixture
@@ -322,3 +324,37 @@ def test_an_error_of_one_process_is_that_of_the_run(tmp_path):
     with pytest.raises(ConfigError, match="shard 5 is not to be had"):
         run(job, Watch())
     assert job.missing()
+
+
+AUTHORITY = "req -x509 -newkey rsa:2048 -nodes -keyout ca.key -out ca.pem -days 2 -subj /CN=own"
+REQUEST = "req -newkey rsa:2048 -nodes -keyout key.pem -out request.pem -subj /CN=cluster"
+SIGN = "x509 -req -in request.pem -CA ca.pem -CAkey ca.key -CAcreateserial -out cert.pem -days 2"
+
+
+@pytest.fixture
+def certificates(tmp_path, monkeypatch):
+    """Dask's configuration of TLS, as docs/scale.md has it, of this process and those it starts."""
+    if shutil.which("openssl") is None:
+        pytest.skip("no openssl")
+    for line in (AUTHORITY, REQUEST, SIGN):
+        subprocess.run(["openssl", *line.split()], cwd=tmp_path, check=True, capture_output=True)
+    pair = {"cert": str(tmp_path / "cert.pem"), "key": str(tmp_path / "key.pem")}
+    tls = {"ca-file": str(tmp_path / "ca.pem"), "scheduler": pair, "worker": pair, "client": pair}
+    comm = {"require-encryption": True, "tls": tls}
+    (tmp_path / "dask").mkdir()
+    (tmp_path / "dask/tls.yaml").write_text(json.dumps({"distributed": {"comm": comm}}))
+    monkeypatch.setenv("DASK_CONFIG", str(tmp_path / "dask"))
+    own = {"ca-file": tls["ca-file"], "client.cert": pair["cert"], "client.key": pair["key"]}
+    with dask.config.set({f"distributed.comm.tls.{name}": path for name, path in own.items()}):
+        yield
+
+
+def test_a_scheduler_with_certificates_is_used_without_a_line_on_its_risk(
+    tmp_path, port, certificates
+):
+    job = cluster_job.prepared(tmp_path / "job", 4)
+    watch = Watch()
+    with scheduler(port, "tls"), worker(port, tmp_path / "w", "tls"):
+        run(job, watch, Workers(scheduler=f"tls://127.0.0.1:{port}"))
+    assert watch.numbers == list(range(4))
+    assert not [line for line in watch.lines if "run programs as you" in line]
