@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov.base.arguments import check_kind, members
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import InOneLine
+from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, cameras_of, check_scene, names_of
 from rastercov.cluster import Made, Workers
@@ -43,10 +44,6 @@ from rastercov.placement.select.problem import (
     views_of,
     weights_of,
 )
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)

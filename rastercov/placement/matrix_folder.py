@@ -171,7 +171,7 @@ def pairs_of(
     on_rig = (camera - np.searchsorted(owner, owner)[camera]).astype(np.uint16)
     order = np.lexsort((pairs.face, owner[camera]))
     counts = np.bincount(owner[camera], minlength=len(poses))
-    of_pairs = (pairs.face, pairs.coverage, pairs.covered, on_rig)
+    of_pairs: tuple[Any, ...] = (pairs.face, pairs.coverage, pairs.covered, on_rig)
     return Pairs(counts, *(column[order] for column in of_pairs))
 
 

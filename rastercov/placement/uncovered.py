@@ -221,19 +221,15 @@ def _depths(corners: FloatArray, scale: float) -> FloatArray:
 def _samples_within(corners: FloatArray) -> BoolArray:
     """(N, SIDE, SIDE) the pixel centres inside triangles, (N, 3, 2) px."""
     centre = np.arange(SIDE) + 0.5
-    inside = np.ones((len(corners), SIDE, SIDE), np.bool_)
-    following = np.roll(corners, -1, axis=1)
     (ax, ay), (bx, by), (cx, cy) = np.moveaxis(corners, 0, -1)
     turn = np.copysign(1.0, (bx - ax) * (cy - ay) - (by - ay) * (cx - ax))
-    for corner in range(3):
-        px, py = corners[:, corner].T
-        dx, dy = (following - corners)[:, corner].T
-        # Along x it varies with the column alone, along y with the row alone.
-        rows = turn[:, None] * dx[:, None] * (centre - py[:, None])
-        columns = turn[:, None] * dy[:, None] * (centre - px[:, None])
-        least = EDGE_MARGIN_REL * np.hypot(dx, dy)
-        inside &= rows[:, :, None] - columns[:, None] > least[:, None, None]
-    return inside
+    dx, dy = np.moveaxis(np.roll(corners, -1, axis=1) - corners, -1, 0)
+    # Along x it varies with the column alone, along y with the row alone.
+    rows = (turn[:, None] * dx)[..., None] * (centre - corners[..., 1:])
+    columns = (turn[:, None] * dy)[..., None] * (centre - corners[..., :1])
+    least = EDGE_MARGIN_REL * np.hypot(dx, dy)
+    is_left: BoolArray = rows[..., None] - columns[..., None, :] > least[..., None, None]
+    return is_left.all(axis=1)
 
 
 COULD = {
@@ -424,15 +420,12 @@ def what_is_left(
             network.add(batch)
             nearest.add(batch)
             progress(len(network.pose_ids), n_poses + len(others))
-        return left_by(
-            observer,
-            network_poses,
-            network,
-            nearest.camera,
-            candidates=others,
-            covered=network.covered if covered is None else np.asarray(covered),
-            progress=lambda done, total: progress(n_poses + done, n_poses + total),
-        )
+        mask = network.covered if covered is None else np.asarray(covered)
+
+        def further(done: int, total: int) -> None:
+            progress(n_poses + done, n_poses + total)
+
+        return left_by(observer, network_poses, network, nearest.camera, mask, others, further)
 
 
 def left_by(
@@ -440,9 +433,8 @@ def left_by(
     poses: Poses,
     network: Network,
     nearest: IntArray,
-    *,
-    candidates: Poses,
     covered: NDArray[Any],
+    candidates: Poses,
     progress: Callable[[int, int], None],
     bounds: CandidateBounds | None = None,
 ) -> Leftover:
