@@ -202,13 +202,7 @@ class CoveredBits:
 
     def counts(self, mask: Words, rows: IntArray | None = None) -> IntArray:
         """(N,) number of faces within a mask, (W,), of each row."""
-        found = np.zeros(self.n_rows if rows is None else len(rows), np.int64)
-
-        def work(words: Words, own: IntArray, at: slice) -> None:
-            kernels.pair_counts(words, own, mask, found[at])
-
-        self._share(rows, lambda: work)
-        return found
+        return self.sums(np.ones((1, BITS * self.n_words), np.int64), mask[None], rows)[:, 0]
 
     def pairs(self) -> tuple[IntArray, NDArray[np.int32]]:
         """Row limits (K + 1,), and faces of all rows."""
