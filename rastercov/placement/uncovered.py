@@ -228,8 +228,9 @@ def _samples_within(corners: FloatArray) -> BoolArray:
     rows = (turn[:, None] * dx)[..., None] * (centre - corners[..., 1:])
     columns = (turn[:, None] * dy)[..., None] * (centre - corners[..., :1])
     least = EDGE_MARGIN_REL * np.hypot(dx, dy)
-    is_left: BoolArray = rows[..., None] - columns[..., None, :] > least[..., None, None]
-    return is_left.all(axis=1)
+    is_left = rows[..., None] - columns[..., None, :] > least[..., None, None]
+    within: BoolArray = is_left.all(axis=1)
+    return within
 
 
 COULD = {
@@ -466,6 +467,11 @@ def left_by(
         hidden,
         lambda done, _: progress(len(candidates) + done, total),
     )
+    occluder, share = np.full(mesh.n_faces, -1, np.int32), np.zeros(mesh.n_faces)
+    share[hidden] = shares.max(axis=1)
+    occluder[hidden] = np.where(share[hidden] > 0, shares.argmax(axis=1), -1)
+    area = np.zeros((len(mesh.groups), len(mesh.groups)))
+    np.add.at(area, mesh.face_group[hidden], mesh.areas[hidden, None] * shares)
     return Leftover(
         mesh=mesh,
         task=task,
@@ -479,26 +485,10 @@ def left_by(
         sight=frozen(sight.claims(len(candidates))),
         seen_at_least=frozen(sight.low),
         seen_at_most=frozen(sight.high if len(candidates) else np.where(left, 1.0, 0.0)),
-        **_occluders(mesh, hidden, shares),
+        occluder=frozen(occluder),
+        occluder_share=frozen(share),
+        hidden_area=frozen(area),
     )
-
-
-def _occluders(mesh: Mesh, hidden: IntArray, shares: FloatArray) -> dict[str, Any]:
-    """Fields of `Leftover` from the shares of each hidden face that groups hide, (N, G)."""
-    occluder = np.full(mesh.n_faces, -1, np.int32)
-    share = np.zeros(mesh.n_faces)
-    area = np.zeros((len(mesh.groups), len(mesh.groups)))
-    if len(hidden):
-        most = shares.argmax(axis=1)
-        greatest = shares[np.arange(len(hidden)), most]
-        occluder[hidden] = np.where(greatest > 0, most, -1)
-        share[hidden] = greatest
-        np.add.at(area, mesh.face_group[hidden], mesh.areas[hidden, None] * shares)
-    return {
-        "occluder": frozen(occluder),
-        "occluder_share": frozen(share),
-        "hidden_area": frozen(area),
-    }
 
 
 class NearestCameras:

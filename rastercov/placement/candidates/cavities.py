@@ -580,7 +580,7 @@ def openings(
     """
     rows = face_rows(mesh, faces)
     rows = rows[~mesh.degenerate_mask[rows]]
-    if isinstance(views, bool) or views < 1 or side < 2 or side % 2 or finest % 2:
+    if views < 1 or side < 2 or side % 2 or finest % 2:
         raise ConfigError(
             f"views must be 1 or more, side and finest even, got {views}, {side} and {finest}"
         )

@@ -165,7 +165,7 @@ def refine(
     if not LEAST_TURN_DEG <= turn_deg <= 90:
         raise ConfigError(f"turn_deg must be {LEAST_TURN_DEG:g} to 90, got {turn_deg}")
     for name, value, low in (("halvings", halvings, 0), ("budget", budget, len(start))):
-        if isinstance(value, bool) or value != int(value) or value < low:
+        if value < low:
             raise ConfigError(f"{name} must be a whole number, {low} or more, got {value}")
     space.require(start, "camera")
 
@@ -337,7 +337,8 @@ class _Search:
         gains -= added(self._own[row] or exact, self.eyes[row])
         if trials.measured:
             rows = list(trials.measured)
-            gains[rows] = added(_joined(list(trials.measured.values())), trials.eyes[rows])
+            known = [part.row(at) for part in trials.measured.values() for at in range(part.n)]
+            gains[rows] = added(Lists.of(known), trials.eyes[rows])
             gains[rows] -= added(exact, self.eyes[row])
         best = int(gains.argmax())
         return int(gains[best]), best
@@ -384,11 +385,6 @@ class _Search:
             self.worth = self._worth()
             self.trace.append(self.worth)
             self.trace_evaluations.append(self.evaluations)
-
-
-def _joined(parts: Sequence[Lists]) -> Lists:
-    """Lists of all parts, one after the other."""
-    return Lists.of([part.row(row) for part in parts for row in range(part.n)])
 
 
 def _moves(

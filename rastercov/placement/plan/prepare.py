@@ -306,7 +306,12 @@ def prepare(
         )
     if folder is not None:
         _forget(folder, used)
-    notes += words_on(matrix)
+    if isinstance(matrix, BitMatrix):
+        size = matrix.bits.n_rows * matrix.bits.n_words * 8
+        notes.append(
+            f"the matrix has {matrix.n_pairs:,} pairs and is held as {size / 1e6:,.0f} MB of bits "
+            "on the disk: exchanges of cameras are tried among the best candidates only"
+        )
     notes += [
         f"candidate {pose} is left out: the process that measured it {end}"
         for pose, end in matrix.quarantined.items()
@@ -384,17 +389,6 @@ def held(
         remedy = "leave them out, or use fewer candidates"
         check_memory(what, BYTES_A_PAIR * n_pairs, remedy)
     return reduce(VisibilityMatrix.joined, lists or map(VisibilityMatrix.of, folders))
-
-
-def words_on(matrix: Matrix) -> list[str]:
-    """Line on a matrix of bits; none for lists."""
-    if not isinstance(matrix, BitMatrix):
-        return []
-    size = matrix.bits.n_rows * matrix.bits.n_words * 8
-    return [
-        f"the matrix has {matrix.n_pairs:,} pairs and is held as {size / 1e6:,.0f} MB of bits on "
-        "the disk: exchanges of cameras are tried among the best candidates only"
-    ]
 
 
 def _faces_with(elements: BoolArray, cells: Cells | None) -> BoolArray:

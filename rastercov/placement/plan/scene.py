@@ -333,10 +333,8 @@ def filtered_pool(plan: Plan, mesh: Mesh, parts: Sequence[Part]) -> CandidatePoo
     """
     limits = plan.constraints
     found = Candidates(np.zeros((0, 4, 4)), np.zeros(0, np.int16), np.zeros(0, np.int64), ())
-    costs: list[FloatArray] = [np.zeros(0)]
-    for part, cost in parts:
-        found += part
-        costs.append(np.full(len(part), cost))
+    found = sum((part for part, _ in parts), found)
+    costs = np.concatenate([np.zeros(0), *(np.full(len(part), cost) for part, cost in parts)])
     left, dropped = filter_candidates(found, mesh, limits.clearance, keep_outs(plan))
     if limits.spaces:
         boxes = [np.array([space.low, space.high]) for space in limits.spaces]
@@ -350,15 +348,11 @@ def filtered_pool(plan: Plan, mesh: Mesh, parts: Sequence[Part]) -> CandidatePoo
         keep_out=keep_outs(plan),
     )
     place = space.judge(left.poses[:, :3, 3])
-    misplaced = {
-        each.name.lower(): int((place == each).sum())
-        for each in Place
-        if each != Place.ALLOWED and (place == each).any()
-    }
-    allowed = place == Place.ALLOWED
+    allowed, counts = place == Place.ALLOWED, np.bincount(place, minlength=len(Place))
+    misplaced = {each.name.lower(): int(counts[each]) for each in Place if each and counts[each]}
     return CandidatePool(
         candidates=left.take(allowed),
-        costs=np.concatenate(costs)[dropped.kept_mask][allowed],
+        costs=costs[dropped.kept_mask][allowed],
         made=found.counts(),
         proposed=found,
         dropped=dropped,
