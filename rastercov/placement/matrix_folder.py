@@ -712,16 +712,6 @@ def add_bounds(folder: MatrixFolder, bounds: CandidateBounds) -> None:
         bounds.n_poses += int(part["n_poses"])
 
 
-class _Open(NamedTuple):
-    """Matrix that this process makes shards of, and the bounds that it has found."""
-
-    matrix: MatrixFolder
-    find: Callable[[IntArray, CandidateBounds | None], Pairs]
-    bounds: CandidateBounds
-    bounded: list[int]
-    file: str
-
-
 def make(folder: Path, number: int | None, chosen: IntArray) -> memoryview:
     """Content of a shard, as `rastercov.cluster.ShardStore` wants it.
 
@@ -738,21 +728,12 @@ def make(folder: Path, number: int | None, chosen: IntArray) -> memoryview:
         modified = (folder / SCENE).stat().st_mtime_ns
     except OSError:
         raise FolderLostError(f"{folder}: {SCENE} is missing") from None
-    matrix, find, bounds, bounded, file = _opened_once(folder, modified)
-    if number is None:
-        return matrix.shard_bytes(None, find(chosen, None), chosen)
-    data = matrix.shard_bytes(number, find(chosen, bounds), chosen)
-    bounded.append(number)
-    arrays = {name: getattr(bounds, name) for name in ("low", "high", "covering", "n_poses")}
-    content = io.BytesIO()
-    np.savez(content, shards=np.array(bounded, np.int64), **arrays)
-    store(folder, f"{BOUNDS}/{file}.npz", content.getvalue())
-    return data
+    return _opened_once(folder, modified)(number, chosen)
 
 
 @lru_cache(OPEN)
-def _opened_once(folder: Path, modified: int) -> _Open:
-    """Matrix of a folder; its observer lives as long as this process, or until two others."""
+def _opened_once(folder: Path, modified: int) -> Callable[[int | None, IntArray], memoryview]:
+    """Function `make` of a folder; its observer lives as long as this process, or two others."""
     header, data = read_header(folder), contents(folder, SCENE)
     if header is None or data is None:
         raise FolderLostError(f"{folder}: files of the matrix are missing")
@@ -776,12 +757,23 @@ def _opened_once(folder: Path, modified: int) -> _Open:
         names = tuple(f"mount {index}" for index in range(len(starts) - 1))
         mounts = Mounts(names, Rig(scene.cameras, None, places), starts)
 
-    def find(chosen: IntArray, bounds: CandidateBounds | None) -> Pairs:
-        return pairs_of(observer, renumbered(poses[chosen]), task, made_on, bounds, mounts)
-
+    matrix = MatrixFolder(folder, header)
     bounds = CandidateBounds(scene.mesh.n_faces, scene.mesh.task_mask)
     file = f"{os.uname().nodename}-{os.getpid()}-{secrets.token_hex(4)}"
-    return _Open(MatrixFolder(folder, header), find, bounds, [], file)
+    bounded: list[int] = []
+
+    def make_shard(number: int | None, chosen: IntArray) -> memoryview:
+        placed, added = renumbered(poses[chosen]), None if number is None else bounds
+        pairs = pairs_of(observer, placed, task, made_on, added, mounts)
+        data = matrix.shard_bytes(number, pairs, chosen)
+        if number is not None:
+            bounded.append(number)
+            content = io.BytesIO()
+            np.savez(content, shards=np.array(bounded, np.int64), **vars(bounds))
+            store(folder, f"{BOUNDS}/{file}.npz", content.getvalue())
+        return data
+
+    return make_shard
 
 
 def _engine_of(header: dict[str, Any]) -> Engine:

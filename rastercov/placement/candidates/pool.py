@@ -13,6 +13,7 @@ Inspection. 2014 (averages over convex regions).
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -29,7 +30,6 @@ from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import frozen
 from rastercov.placement.candidates.segments import Segmentation
 
-FITS = ("extent", "vertices")
 FRAMING_MARGIN_REL = 1e-9
 """Relative margin that keeps targets inside the image and the depth of field after rounding."""
 
@@ -71,7 +71,7 @@ class Framing:
     """
 
     stand_off: tuple[float, float] = (0.0, np.inf)
-    fit: str = "extent"
+    fit: Literal["extent", "vertices"] = "extent"
     margin: float = 1.0
     rolls_deg: tuple[float, ...] = (0.0,)
     up: tuple[float, float, float] = (0.0, 0.0, 1.0)
@@ -80,8 +80,6 @@ class Framing:
     def __post_init__(self) -> None:
         check_fields(self)
         check_stand_off(self.stand_off)
-        if self.fit not in FITS:
-            raise ConfigError(f"fit must be {' or '.join(FITS)}, got {self.fit!r}")
         if not 0 < self.margin < np.inf:
             raise ConfigError(f"margin must be positive and finite, got {self.margin}")
         if not len(self.rolls_deg) or not np.isfinite(self.rolls_deg).all():
