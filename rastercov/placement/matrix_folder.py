@@ -65,7 +65,7 @@ from rastercov.coverage.shards import inputs_of
 from rastercov.coverage.task import Task
 from rastercov.kernels import placement_bits as kernels
 from rastercov.placement.bits import CoveredBits, n_words
-from rastercov.placement.mounts import Mounts
+from rastercov.placement.mounts import Mounts, places_on_rigs
 from rastercov.placement.uncovered import FIGURES, CandidateBounds
 
 if TYPE_CHECKING:
@@ -168,7 +168,7 @@ def pairs_of(
     if mounts is None or not mounts.has_rigs:
         return pairs
     camera = np.repeat(np.arange(len(owner)), pairs.counts)
-    on_rig = (camera - np.searchsorted(owner, owner)[camera]).astype(np.uint16)
+    on_rig = places_on_rigs(owner)[camera].astype(np.uint16)
     order = np.lexsort((pairs.face, owner[camera]))
     counts = np.bincount(owner[camera], minlength=len(poses))
     of_pairs: tuple[Any, ...] = (pairs.face, pairs.coverage, pairs.covered, on_rig)

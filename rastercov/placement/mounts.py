@@ -17,6 +17,11 @@ from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Rig
 
 
+def places_on_rigs(owner: IntArray) -> IntArray:
+    """(K,) number of each camera on its rig, from the ascending rows of their rigs."""
+    return np.arange(len(owner)) - np.searchsorted(owner, owner)
+
+
 @dataclass(frozen=True, eq=False)
 class Mounts:
     """Cameras and rigs that candidates choose among.
@@ -79,8 +84,7 @@ class Mounts:
         placed.check_cameras(len(self))
         counts = np.diff(self.starts)[placed.camera]
         owner = np.repeat(np.arange(len(placed)), counts)
-        firsts = np.repeat(np.cumsum(counts) - counts, counts)
-        camera = self.starts[placed.camera[owner]] + np.arange(len(owner)) - firsts
+        camera = self.starts[placed.camera[owner]] + places_on_rigs(owner)
         places = self.rig.rig_from_camera[camera]
         return Poses.of(placed.world_from_camera[owner] @ places, camera=camera), owner
 
