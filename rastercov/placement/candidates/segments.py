@@ -210,11 +210,11 @@ def _by_closest(sums: FloatArray, least_cosine: float, links: Links) -> IntArray
     segments, the one looked up later has the other as its partner, so they come first.
     """
     sums, units = sums.copy(), _units(sums)
-    owner, partner = np.arange(len(units)), np.arange(len(units))
-    closest = np.full(len(units), -1.0)
+    every, closest = np.arange(len(units)), np.full(len(units), -1.0)
+    owner, partner = every.copy(), every.copy()
 
     def look_up(one: int) -> None:
-        others = np.array(sorted(links[one]), np.int64) if links else np.arange(len(units))
+        others = np.array(sorted(links[one]), np.int64) if links else every
         cosines = units[others] @ units[one] if links else units @ units[one]
         cosines[others == one] = -1.0
         closest[one] = cosines.max(initial=-1.0)
