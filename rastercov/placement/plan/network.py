@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.format import percent, plural
+from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.camera.rig import Rig
 from rastercov.coverage.area.network import AreaNetwork, AreasByCamera, cameras_apart, in_words
@@ -50,10 +51,6 @@ from rastercov.placement.uncovered import (
     NearestCameras,
     left_by,
 )
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
-IntArray = NDArray[np.int64]
 
 HOLDS, FAILS, UNDECIDED = "holds", "fails", "undecided"
 
@@ -479,21 +476,14 @@ def left_over(
 ) -> Leftover:
     """Faces that a measured network does not cover, with reasons; arguments as for `left_by`.
 
-    By area, those that it does not cover as a whole; `views` are needed there.
+    By area, those that it does not cover as a whole.
     """
     covered = cameras.covered
     if cameras.areas is not None:
         covered = covered | whole_faces(cameras.areas, views)
-    return left_by(
-        observer,
-        cameras.placed,
-        cameras.network,
-        cameras.nearest,
-        candidates=renumbered(np.zeros((0, 4, 4)) if candidates is None else candidates),
-        covered=covered,
-        progress=progress,
-        bounds=bounds,
-    )
+    others = renumbered(np.zeros((0, 4, 4)) if candidates is None else candidates)
+    found = cameras.placed, cameras.network, cameras.nearest, covered
+    return left_by(observer, *found, others, progress, bounds)
 
 
 def certain_and_possible(batch: Coverage) -> BoolArray:
