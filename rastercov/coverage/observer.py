@@ -56,12 +56,7 @@ class Observer(Closing, ABC):
 
     @abstractmethod
     def observe(self, poses: ArrayLike | Poses) -> Observation:
-        """Measure every face in each pose.
-
-        Parameters
-        ----------
-        poses : (P, 4, 4) or (4, 4) array_like, or Poses
-            world_from_camera.
+        """Measure every face in each pose, (P, 4, 4) or (4, 4) world_from_camera.
 
         Raises
         ------
@@ -208,21 +203,9 @@ def visibility(
     supersample: int = 1,
     **options: Any,
 ) -> Visibility:
-    """Visible fraction of each face in each pose, with a bound.
+    """Visible fraction of each face in each pose, (P, 4, 4) world_from_camera, with a bound.
 
-    Parameters
-    ----------
-    mesh, camera
-        Scene and camera, or cameras.
-    poses : (P, 4, 4) array_like, or Poses
-        world_from_camera.
-    method, backend, supersample, **options
-        As for `open_observer`.
-
-    Raises
-    ------
-    ResourceError
-        Where the arrays take more memory than is free, before any is taken.
+    The other arguments are those of `open_observer`; errors as for `Observer.observe`.
     """
     check_scene(mesh, camera)
     accepted = Poses.of(poses)

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from surface_cases import hostile_scene, in_regions, room
 
 import rastercov as rc
-from rastercov.coverage.area.points import covering_poses
+from rastercov.coverage.area.regions import covering_poses
 from rastercov.reference.regions import points_on
 
 TASK = rc.Task(max_incidence_deg=75)

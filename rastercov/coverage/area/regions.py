@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.arguments import checked_array
 from rastercov.base.errors import ConfigError
-from rastercov.base.memory import read_only
+from rastercov.base.memory import check_memory, read_only
 from rastercov.camera.camera import Camera
 from rastercov.camera.models import MODELS
 from rastercov.camera.pose import Poses
@@ -173,6 +173,32 @@ def regions(
     """
     finder = RegionPass(mesh, camera, task, method=method, threads=threads)
     return finder.find(Poses.of(poses))
+
+
+def covering_poses(regions: Regions, face: ArrayLike, points: ArrayLike) -> NDArray[np.bool_]:
+    """Poses that cover points of the surface.
+
+    Parameters
+    ----------
+    regions : Regions
+        Of P poses.
+    face : (N,) int array_like
+        Face of each point.
+    points : (N, 3) array_like
+        Points on the faces, metres.
+
+    Returns
+    -------
+    (N, P) bool
+        Row i, column j: the pose `regions.pose_ids[j]` covers point i.
+    """
+    n_points, n_poses = len(np.asarray(face)), len(regions.pose_ids)
+    check_memory(
+        f"coverage of {n_points:,} points by {n_poses:,} poses",
+        n_points * n_poses,
+        "ask for fewer points at a time",
+    )
+    return regions.rows_at(regions.pose, n_poses, face, points)
 
 
 class RegionPass(ExactPass):
