@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from surface_cases import bisected, building, cut_at_random, room
+from surface_cases import bisected, building, cut_at_random, room, turned
 
 import rastercov as rc
 
@@ -41,3 +41,16 @@ def test_another_cut_of_the_same_surface_has_the_same_covered_area(scene, task):
         off = 100 * np.abs(together - of_face) / mesh.areas.sum()
         assert off.max() <= POINTS
         assert off.sum() <= 2 * (bound + other_bound) + 1e-9
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [3, 4])
+def test_cuts_rounded_off_the_surface_keep_the_area_within_bounds(seed):
+    mesh, camera, poses = room()
+    there, theirs = turned(mesh, poses)  # points of its edges lie off them by rounding
+    whole, of_face, bound = shares(there, camera, theirs, TASKS[0], 2)
+    other, origin = cut_at_random(there, seed, 150)
+    percent, of_part, other_bound = shares(other, camera, theirs, TASKS[0], 2)
+    assert np.abs(percent - whole).max() <= 1e-3
+    off = np.abs(np.bincount(origin, of_part, minlength=mesh.n_faces) - of_face)
+    assert 100 * off.sum() / mesh.areas.sum() <= 2 * (bound + other_bound) + 1e-6

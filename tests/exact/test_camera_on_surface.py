@@ -133,10 +133,15 @@ def test_a_face_whose_image_rounds_to_nothing_stands_in_the_bounds_of_those_behi
 
 
 @on_both_paths
-def test_culled_faces_have_the_area_that_they_would_have_alone(path):
-    mesh = shapes.torus(12, 8)
-    pose = rc.sphere_of_poses((0, 0, 0), 3, 5)[2]
-    whole, culled = (look(mesh, CAMERA, pose, path, front_only=cull) for cull in (False, True))
-    assert np.array_equal(whole.area, culled.area)
-    assert (culled.area_error[(culled.state == 0) & (culled.area > 0)] > 0).all()
-    assert np.array_equal(culled.visible > 0, whole.visible > 0)
+@pytest.mark.parametrize("name", ["aeroplane", "torus", "sphere"])
+def test_culling_of_a_closed_mesh_changes_no_figure(path, name):
+    mesh = shapes.by_name(name)
+    size = float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
+    for pose in rc.sphere_of_poses(mesh.bounds.mean(axis=0), 1.1 * size, 4):
+        whole, culled = (look(mesh, CAMERA, pose, path, front_only=cull) for cull in (False, True))
+        assert np.array_equal(whole.area, culled.area)
+        assert (culled.area_error[(culled.state == 0) & (culled.area > 0)] > 0).all()
+        # Of a back face next to the outline rounding may leave a trace.
+        assert np.abs(culled.visible - whole.visible).max() <= 1e-9
+        sure = whole.is_certified & culled.is_certified
+        assert np.array_equal(culled.visible[sure], whole.visible[sure])

@@ -5,6 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
 from lens_cameras import CAMERAS
 from scenes import joined, square
 
@@ -62,6 +64,24 @@ def test_visible_areas_in_a_closed_room_add_up_to_the_image(name, seed):
     found = solved(ROOM, camera, inside(ROOM, seed))
     assert abs(found.visible.sum() - camera.width * camera.height) < 1e-6
     assert np.all(found.visible <= found.area + found.area_error + 1e-9)
+
+
+@pytest.mark.slow
+@settings(max_examples=15)
+@given(
+    seed=st.integers(0, 10_000),
+    focal=st.floats(200, 2000),
+    k=st.tuples(st.floats(-0.3, 0.5), st.floats(-0.1, 0.2)),
+    p=st.floats(-5e-3, 5e-3),
+    tau=st.floats(-0.05, 0.05),
+)
+def test_the_law_of_the_room_holds_for_random_lenses(seed, focal, k, p, tau):
+    camera = Camera(
+        width=800, height=600, fx=focal, fy=1.1 * focal, cx=390, cy=310, skew=0.5, model="opencv",
+        distortion=(*k, p, -p / 2, 0, 0, 0, 0, 0, 0, 0, 0, tau, -tau),
+    )  # fmt: skip
+    assume(lens_of(camera).is_whole)
+    assert abs(solved(ROOM, camera, inside(ROOM, seed)).visible.sum() - 800 * 600) < 1e-6
 
 
 BEHIND = {
