@@ -26,23 +26,6 @@ def test_edges_behind_a_wall_cross_nothing():
     assert view.visible[wall.n_faces :].max() == 0
 
 
-def test_an_edge_that_a_wall_hides_in_part_crosses_where_it_is_seen():
-    """
-    +------+-----+         one bar before two tiles, a wall before the left half of the bar:
-    |  left|right|         the left tile is hidden, the right one is crossed by the bar
-    | ##===+===  |
-    +------+-----+
-    """
-    left, right = sheet((-4, -2), (-0.1, 2), 4.0), sheet((0.1, -2), (4, 2), 4.0)
-    bar, wall = sheet((-2, -0.2), (2, 0.2), 3.0), sheet((-5, -5), (0, 5), 2.0)
-    view = look(joined(left, right, bar, wall), window(), AHEAD)
-    crossed = view.state & CROSSED != 0
-    assert crossed[:2].tolist() == [False, False]
-    assert crossed[2:4].any()
-    assert view.visible[:2].max() == 0
-    assert (view.visible[2:4] > 0).any()
-
-
 def test_neighbours_that_abut_are_divided_although_they_touch():
     """Faces along a T-junction touch each other without passing through each other."""
     tile, row = sheet((-1, -1), (1, 0), 4.0), [sheet((x, 0), (x + 0.5, 1), 4.0) for x in (-1, -0.5)]

@@ -14,7 +14,7 @@ from scenes import joined, square
 
 from rastercov.exact.surface import surface_of
 from rastercov.kernels.exact_records import CONSISTENT, NON_MANIFOLD, REVERSED
-from rastercov.mesh import Mesh, contacts, shapes
+from rastercov.mesh import Mesh, shapes
 from rastercov.mesh.contacts import CONTACT, REACH, touching_faces
 
 
@@ -99,20 +99,6 @@ def test_whatever_is_at_equal_depth_from_afar_is_in_contact(seed, distance):
     gap = tie * rng.uniform(0, 1)
     mesh = joined(square(1, 0.0), square(1, gap))
     assert surface_of(mesh).contacts.faces_for(10**distance * diagonal).all()
-
-
-def test_contacts_of_a_decade_are_worked_out_once(monkeypatch):
-    calls = []
-
-    def counted(*arguments, **options):
-        calls.append(1)
-        return touching_faces(*arguments, **options)
-
-    monkeypatch.setattr(contacts, "touching_faces", counted)
-    found = surface_of(box((0, 0, 0), (1, 1, 1)))
-    for distance in (1, 2, 9, 40, 51, 40, 2, 400, 0.01):
-        found.contacts.faces_for(float(distance))
-    assert len(calls) == 2  # up to 30 diagonals, and up to 300
 
 
 # --- kept as long as the mesh ---------------------------------------------------------------------

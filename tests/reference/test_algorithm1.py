@@ -12,7 +12,6 @@ import pytest
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from solids import tessellated_plane
 
 from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import look_at, sphere_of_poses
@@ -293,22 +292,6 @@ def area_of(points):
 def test_centroid_sort_is_right_for_sheets_parallel_to_the_image(mesh, self_occlusion):
     hidden = occlusion(mesh, CAMERA, ORIGIN, self_occlusion=self_occlusion)
     assert same(hidden, *exact(mesh))
-
-
-@pytest.mark.slow
-@settings(max_examples=30)
-@given(mesh=frontal_sheets(), data=st.data())
-def test_centroid_sort_does_not_hang_on_the_numbering(mesh, data):
-    order = data.draw(st.permutations(range(mesh.n_faces)))
-    other = Mesh(vertices=mesh.vertices, faces=mesh.faces[order])
-    assert same(algorithm1(other, "charitable"), *algorithm1(mesh, "charitable")[order])
-
-
-@pytest.mark.parametrize("reading", READINGS)
-def test_neighbours_along_an_edge_do_not_overlap(reading):
-    plane = tessellated_plane(4, 4)
-    pose = look_at((0.3, 0.2, 2), (0, 0, 0))[0]
-    assert same(occlusion(plane, CAMERA, pose, reading), *np.zeros(plane.n_faces))
 
 
 def test_convex_part_hides_only_its_back():

@@ -526,27 +526,10 @@ def far_away(rng):
 
 
 KINDS = (
-    soup,
-    interpenetrating,
-    shells,
-    inside,
-    coplanar_stack,
-    lattice,
-    decals,
-    needles,
-    near_plane,
-    t_junctions,
-    aligned_tilings,
-    duplicates,
-    degenerate,
-    flipped,
-    self_intersecting,
-    sub_pixel,
-    grazing,
-    fans,
-    borders,
-    far_away,
-)
+    soup, interpenetrating, shells, inside, coplanar_stack, lattice, decals,
+    needles, near_plane, t_junctions, aligned_tilings, duplicates, degenerate, flipped,
+    self_intersecting, sub_pixel, grazing, fans, borders, far_away,
+)  # fmt: skip
 """Kinds of hostile scene: `hostile(seed)` takes number seed % len(KINDS)."""
 
 
