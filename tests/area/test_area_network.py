@@ -31,16 +31,6 @@ def network_of(mesh, camera, poses, task, step=2, *, closing=True):
 # --- unit of a result -----------------------------------------------------------------------------
 
 
-def test_a_result_is_by_area_unless_a_threshold_or_the_method_is_of_faces():
-    assert unit_of_result(None, rc.Task(), Engine()) == ("area", "")
-    assert unit_of_result("face", rc.Task(), Engine()) == ("face", "")
-    unit, reason = unit_of_result(None, rc.Task(min_pixels=5), Engine())
-    assert unit == "face"
-    assert reason.startswith("min_pixels is of a face; give min_pixels_per_m2")
-    assert unit_of_result(None, rc.Task.thesis(), Engine())[0] == "face"
-    assert unit_of_result(None, rc.Task(), Engine("sampled"))[0] == "face"
-
-
 @pytest.mark.parametrize(
     ("by", "task", "method", "words"),
     [
@@ -52,6 +42,9 @@ def test_a_result_is_by_area_unless_a_threshold_or_the_method_is_of_faces():
 def test_what_cannot_be_by_area_is_refused(by, task, method, words):
     with pytest.raises(ConfigError, match=words):
         unit_of_result(by, task, Engine(method))
+    # Where nothing was chosen, that is the reason of a result by face.
+    unit, reason = unit_of_result(None, task, Engine(method))
+    assert (unit, words in reason) == (("area", False) if by == "faces" else ("face", True))
 
 
 # --- sums -----------------------------------------------------------------------------------------

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from surface_cases import bisected, building, cut_at_random, room, turned
+from surface_cases import building, cut_at_random, room, turned
 
 import rastercov as rc
 
@@ -31,7 +31,12 @@ def test_another_cut_of_the_same_surface_has_the_same_covered_area(scene, task):
     whole, of_face, bound = shares(mesh, camera, poses, task, 3)
     assert 1 < whole[0] < 99
     size = np.linalg.norm(np.ptp(mesh.bounds, axis=0))
-    cuts = [cut_at_random(mesh, 1, 150), cut_at_random(mesh, 2, 150), bisected(mesh, size / 12)]
+    fine = rc.cells(mesh, size / 12)
+    cuts = [
+        cut_at_random(mesh, 1, 150),
+        cut_at_random(mesh, 2, 150),
+        (fine.elements, fine.source_face),
+    ]
     for other, origin in cuts:
         assert other.n_faces > 2 * mesh.n_faces
         assert np.allclose(np.bincount(origin, other.areas), mesh.areas, rtol=1e-13)

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 from scenes import square
-from surface_cases import bisected, building, cut_at_random, room
+from surface_cases import building, cut_at_random, room
 
 import rastercov as rc
 from rastercov.base.errors import ConfigError
@@ -71,7 +71,7 @@ def test_another_cut_of_the_same_surface_has_the_same_zones(scene, views):
     mesh, camera, poses = scene()
     whole = dead_zones(covered_by(mesh, camera, poses, views=views))
     size = np.linalg.norm(np.ptp(mesh.bounds, axis=0))
-    for other in (cut_at_random(mesh, 1, 150)[0], bisected(mesh, size / 12)[0]):
+    for other in (cut_at_random(mesh, 1, 150)[0], rc.cells(mesh, size / 12).elements):
         zones = dead_zones(covered_by(other, camera, poses, views=views))
         assert len(zones) == len(whole)
         assert np.allclose(zones.area, whole.area, atol=1e-6 * mesh.areas.sum())

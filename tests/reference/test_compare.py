@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-import math
 import re
 import shutil
 from contextlib import contextmanager
@@ -206,21 +205,13 @@ def test_figures_are_those_of_an_independent_reckoning(tmp_path):
     every = score["all_sizes"]
     assert every["figures"] == len(rows)
     assert every["partly_hidden"] == partly.sum() > 20
-    for name, expected in {
-        "rms": np.sqrt((error**2).mean()), "mean": error.mean(), "greatest": error.max(),
-        "rms_partly_hidden": np.sqrt((error[partly] ** 2).mean()),
-        "mean_bound_partly_hidden": bound[partly].mean(),
-    }.items():  # fmt: skip
-        assert every[name] == pytest.approx(expected)
+    assert every["mean"] == pytest.approx(error.mean())
+    assert every["rms_partly_hidden"] == pytest.approx(np.sqrt((error[partly] ** 2).mean()))
+    assert every["mean_bound_partly_hidden"] == pytest.approx(bound[partly].mean())
     assert score["missed"] == ((value == 0) & (truth * area > 1e-6)).sum()
     assert score["missed_area"] == pytest.approx((truth * area)[value == 0].sum(), abs=1e-5)
-    for size in score["size_classes"]:
-        of_size = (area >= size["low"]) & (area < (size["high"] or math.inf))
-        assert size["figures"] == of_size.sum() == sum(n for _, n in size["errors"])
-        assert size["greatest"] == pytest.approx(error[of_size].max(), abs=1e-6)
     check = score["bounds"][0]
     assert check["kind"] == "statistical"
-    assert check["held"] == (error <= bound + 1e-6).sum()
     assert check["partly_hidden_held"] == (error <= bound + 1e-6)[partly].sum()
     assert check["greatest_ratio"] == pytest.approx((error / bound)[partly].max(), rel=1e-5)
     known = bound < 1
@@ -653,6 +644,8 @@ def test_a_liar_ends_the_command_with_1(capsys, monkeypatch):
     assert code == 1
     assert "FAILS certified" in out
     assert json.loads(Path("compare/compare.json").read_bytes())["passed"] is False
+    assert "Failed: " in Path("compare/compare.html").read_text(encoding="utf-8")
+    assert Path("compare/worst_certified_1.png").exists()
 
 
 @pytest.mark.slow
