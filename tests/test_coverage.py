@@ -1,7 +1,6 @@
 """Coverage: the product recomputed, every reason by a scene made for it, runs of any size."""
 
 import copy
-import json
 import math
 from dataclasses import replace
 
@@ -198,58 +197,31 @@ def test_only_a_run_within_the_budget_is_returned(how, monkeypatch):
 
 # --- Task -----------------------------------------------------------------------------------------
 
-NOT_NUMBERS = ["1", b"1", True, False, np.True_, [], (1,), np.array([1.0]), 1j, np.complex128(1)]
-NOT_FINITE = [math.nan, math.inf, -math.inf, np.float32(np.nan), 10**400]
-DENSITIES = ("min_pixel_density", "min_facing_density")
-RANGES = {
-    "min_pixels": [0, -1, 0.0],
-    "min_visibility": [-0.1, 1.1],
-    "max_blur": [0, -2],
-    "max_incidence_deg": [0, -10, 90.1],
-    "min_pixel_density": [-1, "-1 px/m"],
-    "min_facing_density": [-1, "-1 px/m"],
-    "min_pixels_per_m2": [-1],
-    "min_coverage": [-0.1, 1.1],
-    "views": [0, -1, 1.5],
-    "min_angle_deg": [-1, 181],
+LIMITS = {
+    "min_pixels": ([0, -1, math.nan, True], [1e-3, 1e9]),
+    "min_visibility": ([-0.1, 1.1, None], [0, 1]),
+    "max_blur": ([0, -2, "1"], [1e-9, 1e9, None]),
+    "max_incidence_deg": ([0, -10, 90.1], [1e-3, 90]),
+    "min_pixel_density": ([-1, "-1 px/m", math.inf], [0, 1e9]),
+    "min_facing_density": ([-1, "-1 px/m", 1j], [0, 1e9]),
+    "min_pixels_per_m2": ([-1, 10**400], [0, 1e9]),
+    "min_coverage": ([-0.1, 1.1, [0.5]], [0, 1]),
+    "views": ([0, -1, 1.5], [1, 10**6]),
+    "min_angle_deg": ([-1, 181], [0, 180]),
+    "focus_rule": (["centre", "", None, ["vertices"]], ["vertices", "centroid"]),
+    "cap_resolution": (["no", 0, 1, None], [False, True]),
 }
-WORDS = {
-    "focus_rule": ["centre", "", None, 1, True, ["vertices"], np.array(["centroid"])],
-    "cap_resolution": ["no", 0, 1, None, math.nan, []],
-}
-ENDS = {
-    **{"min_visibility": (0, 1), "min_coverage": (0, 1), "min_pixel_density": (0, 1e9)},
-    **{"min_pixels": (1e-3, 1e9), "max_incidence_deg": (1e-3, 90), "views": (1, 10**6)},
-    **{"min_facing_density": (0, 1e9), "min_pixels_per_m2": (0, 1e9), "max_blur": (1e-9, 1e9)},
-    **{"min_angle_deg": (0, 180), "cap_resolution": (False, True)},
-    "focus_rule": ("vertices", "centroid"),
-}
+"""Values of a threshold that are refused, and its ends."""
 
 
-@pytest.mark.parametrize("name", ENDS)
+@pytest.mark.parametrize("name", LIMITS)
 def test_a_threshold_outside_its_range_is_refused_and_its_ends_are_not(name):
-    refused = WORDS.get(name, [])
-    if name in RANGES:
-        nothing = [] if name == "max_blur" else [None]
-        not_numbers = NOT_NUMBERS[1:] if name in DENSITIES else NOT_NUMBERS  # these may be text
-        refused = [*RANGES[name], *not_numbers, *NOT_FINITE, *nothing]
+    refused, ends = LIMITS[name]
     for value in refused:
-        with pytest.raises(ConfigError, match=f"^{name} must be ") as caught:
+        with pytest.raises(ConfigError, match=f"^{name} must be .{{,140}}$"):
             Task(**{name: value})
-        assert "\n" not in str(caught.value)
-        assert len(str(caught.value)) < 150
-    for value in ENDS[name]:
+    for value in ends:
         assert getattr(Task(**{name: value}), name) == value
-
-
-def test_numbers_of_any_kind_become_plain_ones():
-    plain = Task(min_pixels=2, views=3, min_coverage=0.5, max_blur=4)
-    kinds = {"min_pixels": np.float32(2), "views": np.int64(3), "min_coverage": np.float16(0.5)}
-    mixed = Task(**kinds, max_blur=np.uint8(4))
-    assert mixed == plain
-    assert hash(mixed) == hash(plain)
-    assert json.dumps(vars(mixed)) == json.dumps(vars(plain))
-    assert type(Task(views=2.0).views) is int
 
 
 def test_a_task_sets_the_blur_limit(how):
