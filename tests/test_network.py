@@ -234,7 +234,7 @@ def test_poses_added_in_threads_or_by_shards_make_the_network_of_their_coverage(
             kept |= batch.kept
         stored = Network(mesh, task)  # one shard of several batches
         shards = EvaluationShards(tmp_path, observer, accepted, task, wanted)
-        for batch, _ in judged_parts(stored, observer, accepted, wanted, shards, ALONE):
+        for batch in judged_parts(stored, observer, accepted, wanted, shards, ALONE):
             stored.add(batch)
     for pose in (1, 9):
         np.testing.assert_array_equal(kept[pose], whole.coverage[whole.pose_ids == pose][0])

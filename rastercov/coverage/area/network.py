@@ -253,12 +253,12 @@ class ByCamera(AreasByCamera):
         """True where there are figures by camera."""
         return bool(self._networks)
 
-    def add_batch(self, batch: JudgedPoses, regions: Regions | None) -> None:
+    def add_batch(self, batch: JudgedPoses) -> None:
         """Take in a batch of poses, and their regions where the result is by area."""
         for index, network in self._networks.items():
             network.add(batch, index)
-        if regions is not None:
-            self.add(regions, batch.poses.camera)
+        if batch.regions is not None:
+            self.add(batch.regions, batch.poses.camera)
 
     def add_figures(self, coverage: Coverage, poses: Poses) -> None:
         """Take in the figures of all poses, where these were not judged."""
