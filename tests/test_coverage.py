@@ -98,18 +98,6 @@ def test_a_threshold_that_is_just_met_is_met(how):
         assert missed.reason[0, 0] == Reason.TOO_COARSE
 
 
-@pytest.mark.parametrize("points", [TEAPOT.vertices, [(0.0, 0, 0)] * 3, [(0.0, 0, 1)] * 3])
-def test_degenerate_faces_score_0_and_make_no_nan(how, points):
-    faces = np.array([(0, 1, 2)]) if len(points) == 3 else TEAPOT.faces
-    whole = faces[: 0 if len(points) == 3 else None]
-    mesh = Mesh(vertices=points, faces=np.concatenate((whole, faces * 0)))
-    found = evaluate(mesh, SMALL, POSES, Task.thesis(), **how)
-    assert (found.reason[:, len(whole) :] == Reason.DEGENERATE).all()
-    assert not found.coverage[:, len(whole) :].any()
-    for name in FIGURES:
-        assert np.isfinite(getattr(found, name)).all(), name
-
-
 def test_near_clipped_poses_are_marked(how):
     mesh = sheet((-1, -1), (1, 1), 0.05)
     camera = replace(CAMERA, near=0.1)

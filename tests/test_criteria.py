@@ -184,14 +184,6 @@ def test_density_is_the_least_singular_value_of_finite_differences(rng):
     assert view.pixel_density[seen] == pytest.approx(expected, rel=1e-5)
 
 
-def test_density_scales_with_the_mesh():
-    for scale in (1e-120, 1e-30, 1e20):
-        mesh = Mesh(vertices=square(1, 2).vertices * scale, faces=square(1, 2).faces)
-        view = face_geometry(mesh, CAMERA, AHEAD)
-        expected = face_geometry(square(1, 2), CAMERA, AHEAD).pixel_density / scale
-        assert view.pixel_density == pytest.approx(expected)
-
-
 # --- focus ----------------------------------------------------------------------------------------
 
 

@@ -12,7 +12,7 @@ from rastercov.camera.pose import Poses
 from rastercov.camera.viewpoints import sphere_of_poses
 from rastercov.coverage.engine import METHODS
 from rastercov.coverage.face_pass import FacePass
-from rastercov.coverage.observer import open_observer, visibility
+from rastercov.coverage.observer import visibility
 from rastercov.mesh import Mesh, shapes
 from rastercov.raster.gl import GLRasterizer
 from rastercov.raster.observation import BoundKind, Observation
@@ -100,15 +100,6 @@ def test_back_faces_and_faces_outside_are_exactly_0(method, kind):
     assert seen.info.backend in (("cpu", "gl") if method == "sampled" else ("analytic",))
 
 
-def test_certified_figures_have_no_bound_and_computed_ones_have_rounding():
-    mesh = joined(square(2, 4), square(0.5, 2), square(0.001, 1, (0.7, 0)))
-    seen = visibility(mesh, CAMERA, AHEAD)
-    assert seen.kind.tolist() == [[BoundKind.EXACT] * 2 + [BoundKind.CERTIFIED] * 4]
-    assert (seen.bound[0, 2:] == 0).all()
-    for bound in (seen.bound[0, :2], visibility(mesh, CAMERA, AHEAD, "exact").bound[0]):
-        assert ((bound > 1e-16) & (bound < 1e-9)).all()
-
-
 @pytest.mark.parametrize("method", METHODS)
 def test_a_face_whose_image_rounds_to_nothing_is_unknown(method):
     x = 0.5
@@ -127,15 +118,6 @@ def test_edges_along_the_rows_of_the_image_are_sampled_without_bias():
         truth, counted = (visibility(mesh, CAMERA, AHEAD, name) for name in ("exact", "sampled"))
         held += (np.abs(truth.value - counted.value) <= counted.bound)[0, :2].sum()
     assert held == 82
-
-
-def test_method_sampled_passes_its_options_on():
-    mesh = square(1, 2)
-    with open_observer(mesh, CAMERA, "sampled", backend="cpu", supersample=3) as observer:
-        seen = observer.observe(AHEAD)
-        assert observer.info.backend == "cpu"
-    assert seen.samples_per_pixel == 9
-    assert np.abs(seen.drawn_pixels - 5000).max() < 50
 
 
 @pytest.mark.parametrize(

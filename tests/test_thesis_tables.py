@@ -18,19 +18,11 @@ BENCHMARKS = ROOT / "benchmarks"
 THESIS = (ROOT / "docs" / "thesis.md").read_text(encoding="utf-8")
 
 
-def benchmark_module(name):
-    """Fixture of a module of benchmarks/."""
-
-    @pytest.fixture(scope="module")
-    def imported():
-        with pytest.MonkeyPatch.context() as patch:
-            patch.syspath_prepend(str(BENCHMARKS))
-            yield import_module(name)
-
-    return imported
-
-
-table_6_1 = benchmark_module("thesis_table_6_1")
+@pytest.fixture(scope="module")
+def table_6_1():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(str(BENCHMARKS))
+        return import_module("thesis_table_6_1")
 
 
 def cells(line):

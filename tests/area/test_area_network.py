@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 from exact_views import SEEDS
 from hypothesis import given, settings
+from hypothesis import strategies as st
+from lens_cameras import CAMERAS
 from scenes import joined, square
 from surface_cases import hostile_scene, room
 
@@ -98,10 +100,11 @@ def test_groups_may_need_views_of_their_own():
 
 
 @pytest.mark.slow
-@given(seed=SEEDS)
-@settings(max_examples=15)
-def test_an_observer_of_regions_measures_what_an_exact_observer_does(seed):
+@given(seed=SEEDS, lens=st.sampled_from([None, "fisheye"]))
+@settings(max_examples=20)
+def test_an_observer_of_regions_measures_what_an_exact_observer_does(seed, lens):
     mesh, camera, poses = hostile_scene(seed)
+    camera = CAMERAS[lens] if lens else camera
     with rc.open_observer(mesh, camera) as plain:
         expected = plain.observe(poses)
     with RegionObserver(mesh, camera, rc.Task(), Engine()) as observer:

@@ -13,8 +13,6 @@ from surface_cases import assert_pointwise, cut_at_random, hostile_scene, room
 import rastercov as rc
 from rastercov.coverage.area import regions as area_regions
 from rastercov.coverage.area.failures import CentrePass
-from rastercov.coverage.area.regions import RegionPass
-from rastercov.coverage.exact_pass import room_for
 from rastercov.reference.regions import covers_points
 
 MESH, PINHOLE, POSES = room()
@@ -117,17 +115,6 @@ def test_a_mixed_rig_has_the_regions_of_each_camera():
     for row, camera in enumerate(cameras):
         alone = rc.regions(MESH, camera, POSES[row : row + 1])
         np.testing.assert_array_equal(mixed.areas()[row], alone.areas()[0])
-
-
-def test_observed_areas_are_those_of_an_observer_without_regions():
-    finder = RegionPass(MESH, CAMERAS["fisheye"], threads=1)
-    found = room_for(2, MESH.n_faces)
-    finder.find(rc.Poses.of(POSES[:2]), seen=found)
-    with rc.open_observer(MESH, CAMERAS["fisheye"], threads=1) as observer:
-        seen = observer.observe(POSES[:2])
-    np.testing.assert_array_equal(found.visible_pixels, seen.visible_pixels)
-    np.testing.assert_array_equal(found.area_error, seen.area_error)
-    np.testing.assert_array_equal(found.clipped, seen.clipped)
 
 
 # --- single points --------------------------------------------------------------------------------

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from exact_cases import AHEAD, t_junctions, window
+from exact_cases import AHEAD, window
 from exact_views import SEEDS, assert_agree, assert_within_bounds, look, soup
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -93,23 +93,6 @@ def test_a_sheet_that_passes_through_a_face_by_a_sliver_hides_its_part(width, ti
     hidden = 2500 - view.visible[:2].sum()
     assert hidden == pytest.approx(1250, abs=5e3 * abs(width) + 1e-9)
     assert_within_bounds(mesh, window(), AHEAD)
-
-
-@pytest.mark.slow
-@given(seed=SEEDS)
-@settings(max_examples=15)
-def test_partners_are_the_faces_that_touch(seed):
-    mesh = t_junctions(np.random.default_rng(seed))[0]
-    tolerance = contacts.CONTACT * mesh.contacts.diagonal
-    touching = mesh.contacts.faces_for(0.0)
-    starts, faces = mesh.contacts.partners_for(0.0)
-    counts = np.diff(starts)
-    assert np.array_equal(counts > 0, touching)
-    for f in np.flatnonzero(touching)[:6]:
-        for m in faces[starts[f] : starts[f + 1]]:
-            pair = mesh.faces[[f, m]]
-            assert contacts.touching_faces(mesh.vertices, pair, 1.1 * tolerance).all()
-            assert f in faces[starts[m] : starts[m + 1]]
 
 
 def test_a_face_with_too_many_partners_lists_none(monkeypatch):

@@ -10,19 +10,11 @@ from scenes import joined, square
 
 import rastercov as rc
 from rastercov.camera.viewpoints import look_at
-from rastercov.exact.certificate import CertificateSolver
 from rastercov.exact.half_planes import HalfPlaneSolver
-from rastercov.kernels.exact_records import DOUBTFUL
 from rastercov.mesh import Mesh, shapes
 from rastercov.reference import rational
 
 CAMERA = rc.Camera(width=640, height=512, fx=400, fy=400)
-
-
-def pose_at(eye, rotation):
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = rotation, eye
-    return pose
 
 
 @pytest.mark.slow
@@ -87,15 +79,6 @@ def test_a_camera_on_the_outside_of_a_solid_looks_through_the_face_it_is_on(heig
 
 
 # --- faces that rounding decides over -------------------------------------------------------------
-
-
-def test_every_edge_of_a_face_that_holds_the_camera_may_change_visibility():
-    mesh = joined(box((-1, -1, 0), (1, 1, 2)), square(3, 5))
-    for eye in ((0.25, 0.25, 0), (1, 0.5, 0), (1, 1, 0)):  # on a face, an edge, a vertex
-        view = look(mesh, CAMERA, pose_at(eye, np.eye(3)), CertificateSolver)
-        holding = np.flatnonzero(view.state & DOUBTFUL)
-        assert len(holding) >= 1
-        assert view._is_event[view.surface.edges.of_face[holding]].all()
 
 
 def test_a_face_whose_image_rounds_to_nothing_stands_in_the_bounds_of_those_behind_it():

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from exact_cases import AHEAD, KINDS, hostile, known_cases, slivers, triangles
 from exact_views import (
-    PATHS,
     SEEDS,
     assert_within_bounds,
     for_seeds_on_both_paths,
@@ -124,26 +123,6 @@ def test_hostile_scenes_come_out_as_in_exact_arithmetic(kind, turn):
         assert np.isin(seen.value[0][certified], (0, 1)).all()
         assert (seen.bound[0][certified] == 0).all()
         assert method == "certified" or (seen.kind == BoundKind.EXACT).all()
-
-
-@pytest.mark.slow
-@given(seed=SEEDS)
-@settings(max_examples=2)
-def test_random_faces_of_ten_thousand_come_out_as_in_exact_arithmetic(seed):
-    rng = np.random.default_rng(seed)
-    mesh = shapes.teapot(12)
-    away = rng.normal(size=3)
-    centre = mesh.bounds.mean(axis=0)
-    pose = look_at(centre + away / np.linalg.norm(away) * rng.uniform(2.5, 5), centre)[0]
-    views = [look(mesh, CAMERA, pose, path) for path in PATHS]
-    seen = views[0].area > 0
-    partly = seen & (views[0].visible > 0) & (views[0].visible < views[0].area * (1 - 1e-9))
-    targets = np.concatenate(
-        [rng.choice(np.flatnonzero(mask), 10, replace=False) for mask in (partly, seen)]
-    )
-    exact = rational.visible_area(mesh, CAMERA, pose, targets)
-    for view in views:
-        assert np.abs(view.visible[targets] - exact).max() <= 1e-9
 
 
 # --- 17: what samples cannot see ------------------------------------------------------------------

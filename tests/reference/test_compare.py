@@ -535,11 +535,6 @@ def test_faces_cut_by_the_near_plane_or_the_border_are_drawn(roll):
         assert face_picture(mesh, CAMERA, AHEAD, some, "any", 1, roll).size == (640, 772)
 
 
-def test_a_comparison_without_errors_still_has_plots():
-    found = compare(square(0.1, 1), CAMERA, AHEAD[None], ["certified"], convergence=False)
-    assert set(comparison_plots(found, LIGHT)) == {"time"}
-
-
 def test_a_face_that_is_not_in_the_image_has_no_picture():
     found = compare(OVERLAP, CAMERA, AHEAD[None], ["sampled"], convergence=False)
     away = look_at((0, 0, 5), (0, 0, 9))[0]

@@ -292,10 +292,6 @@ def test_numbers_of_either_opencv_are_understood(monkeypatch, shape):
     assert (found[9] == 1.5).all()
 
 
-def test_an_empty_picture_has_no_markers():
-    assert detection.detect(np.full((64, 64), 200, np.uint8)) == {}
-
-
 def test_missing_opencv_says_what_to_install(monkeypatch, tmp_path, capsys):
     monkeypatch.setitem(__import__("sys").modules, "cv2", None)
     for cached in (detection.opencv, detection.patterns):

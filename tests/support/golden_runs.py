@@ -32,27 +32,13 @@ VOLATILE = {"poses_per_second", "versions", "machine", "renderer", "driver", "sh
 """And every key with "seconds" in it."""
 CAMERA = "width = 120\nheight = 90\nfx = 110\nfy = 110\n"
 PLAN = """
-[[meshes]]
-path = "part.obj"
-unit = "mm"
-[camera]
-width = 96
-height = 72
-fx = 90
-fy = 90
-[task]
-min_pixels = 2
-[[candidates]]
-generator = "on_sphere"
-count = 20
-distances = [0.0035]
-[constraints]
-clearance = 1e-4
-[selection]
-goal = "fewest_cameras"
-coverage = 0.9
-[outputs]
-page = false
+meshes = [{path = "part.obj", unit = "mm"}]
+camera = {width = 96, height = 72, fx = 90, fy = 90}
+task = {min_pixels = 2}
+candidates = [{generator = "on_sphere", count = 20, distances = [0.0035]}]
+constraints = {clearance = 1e-4}
+selection = {goal = "fewest_cameras", coverage = 0.9}
+outputs = {page = false}
 """
 BOW_TIE = ((-3, -3), (1, 1), (1, -1), (-3, 3))
 _SCENES = {
