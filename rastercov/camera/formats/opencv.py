@@ -112,10 +112,12 @@ def read(content: Mapping[str, Any], border: Border) -> Views:
     named = [name for name, value in content.items() if _is_of_coefficients(name, value)]
     # A number by itself is none, such as n_coeffs beside D; k1 and k2 alone are not understood.
     named = [name for name in named if isinstance(content[name], Mapping | list)] or named
+    of_label: dict[str, list[str]] = {}
+    for name in named:
+        of_label.setdefault(_label(name), []).append(name)
     for label in labels:
         name = labelled[label]
-        own = [each for each in named if _label(each) == label]
-        own = own or (named if len(matrices) == 1 else [])
+        own = of_label.get(label) or (named if len(matrices) == 1 else [])
         if len(own) > 1 or (named and not own):
             raise CameraError(
                 f"one vector of distortion coefficients for {name} wanted, got "

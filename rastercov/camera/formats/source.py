@@ -137,7 +137,7 @@ class Entries:
         return found
 
     def angle(self, name: str, unit: float = 1.0) -> float:
-        """An angle of view in radians, from one in a unit of so many radians."""
+        """An angle of view in radians, from one in a unit of some radians."""
         found = self.number(name) * unit
         if not 0 < found < math.pi:
             raise self.wrong(name, "above 0 and below half a turn", self.number(name))
