@@ -169,10 +169,15 @@ def check_observer(observer: object) -> None:
 
 def measurements(observer: Observer, poses: Poses) -> Iterator[tuple[Poses, Measured]]:
     """Poses and what is measured of them, a few at a time; at least once, maybe of none."""
-    step = batch_size(observer.mesh.n_faces, observer.threads)
-    for at in range(0, max(1, len(poses)), step):
-        part = poses[at : at + step]
+    for part in in_batches(poses, observer.mesh.n_faces, observer.threads):
         yield part, observer.measure(part)
+
+
+def in_batches(poses: Poses, n_faces: int, threads: int) -> Iterator[Poses]:
+    """Poses a few at a time, see `batch_size`; at least once, maybe none."""
+    step = batch_size(n_faces, threads)
+    for at in range(0, max(1, len(poses)), step):
+        yield poses[at : at + step]
 
 
 def batch_size(n_faces: int, threads: int) -> int:

@@ -48,7 +48,6 @@ from rastercov.kernels.stopwatch import Stopwatch
 from rastercov.mesh import Mesh
 
 FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 EVALUATE_BUDGET = 4 << 30
 """Bytes of figures that `evaluate` may return; longer runs go through `evaluate_batches`."""
 
@@ -75,10 +74,8 @@ def evaluate(
         What is looked at.
     camera : Camera, Rig or sequence of Camera
         What looks; where there are several, `Poses.camera` says which of them is in each pose.
-    poses : (P, 4, 4) array_like, or Poses
-        world_from_camera.
-    task : Task, optional
-        Thresholds; `Task()` unless given.
+    poses, task : (P, 4, 4) array_like, or Poses; Task, optional
+        world_from_camera, and thresholds, `Task()` unless given.
     by : {"face", "area"}, optional
         Unit of the result: whole faces as in the thesis, or exact area, with the unions and dead
         zones of docs/area.md. None is the choice of the command: area, unless a threshold is of a
@@ -148,10 +145,8 @@ def measure(
 
     Parameters
     ----------
-    observer : Observer
-        Open, of `open_for`.
-    poses, task, wanted
-        The engine is that of the observer; `wanted.apart` is decided here.
+    observer, poses, task, wanted
+        The observer is open, of `open_for` by the same engine; `wanted.apart` is decided here.
     fields : sequence of str
         Figures to keep of all pairs of pose and face, of `FIGURES`.
     reason : str

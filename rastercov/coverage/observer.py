@@ -15,8 +15,7 @@ from collections.abc import Mapping
 from importlib.metadata import version
 from typing import Any
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rastercov.base.errors import DeviceError
 from rastercov.base.memory import check_memory
@@ -31,9 +30,6 @@ from rastercov.raster import backend_of
 from rastercov.raster.contract import FaceCounts, RasterizerInfo
 from rastercov.raster.observation import Observation, Visibility
 from rastercov.raster.several import Rasterizers
-
-FloatArray = NDArray[np.float64]
-
 
 ROLL = 0.4
 """Radians by which the grid of samples is turned against the image: 23 degrees, far from every

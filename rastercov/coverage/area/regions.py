@@ -24,7 +24,7 @@ from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, check_scene
 from rastercov.coverage.area import polygons
 from rastercov.coverage.area.frames import FacePolygons, frames_of
-from rastercov.coverage.coverage import batch_size, checked_task
+from rastercov.coverage.coverage import checked_task, in_batches
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.exact_pass import ExactPass, PoseSolver, room_for
 from rastercov.coverage.observer import OBSERVED, ExactObserver
@@ -252,9 +252,7 @@ class RegionPass(ExactPass):
 
     def batches(self, poses: Poses) -> Iterator[Regions]:
         """Regions a few poses at a time, for streams of any length; at least one batch."""
-        step = batch_size(self.mesh.n_faces, self.threads)
-        for at in range(0, max(1, len(poses)), step):
-            yield self.find(poses[at : at + step])
+        return map(self.find, in_batches(poses, self.mesh.n_faces, self.threads))
 
     def _joined(self, poses: Poses, found: Sequence[Any]) -> Regions:
         """Regions of all poses in one table."""
