@@ -28,10 +28,6 @@ from rastercov.coverage.engine import Engine
 from rastercov.coverage.network import Network
 from rastercov.coverage.task import Reason, Task
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-
-
 LEAST_UNSEEN_SHARE = 0.5
 """Share of the area with coverage 0 in every camera above which its sides are looked at."""
 LEAST_SHARE_FROM_BEHIND = 0.8

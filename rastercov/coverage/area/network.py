@@ -27,9 +27,6 @@ from rastercov.coverage.network import SUMMED, JudgedPoses, Network
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 
-FloatArray = NDArray[np.float64]
-
-
 UNITS = ("area", "face")
 """Units of a result: exact area, or whole faces as in the thesis."""
 
