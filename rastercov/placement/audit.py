@@ -338,15 +338,15 @@ def audit(
         if folder is not None:
             shards = EvaluationShards(Path(folder), observer, accepted, single, wanted)
         staff = Staff(workers, progress, watch, note)
-        for batch, regions in judged_parts(network, observer, accepted, wanted, shards, staff):
+        for batch in judged_parts(network, observer, accepted, wanted, shards, staff):
             network.add(batch)
-            if areas is None or elements is None or regions is None:
+            if areas is None or elements is None or batch.regions is None:
                 is_scored = mesh.task_mask[batch.rows.face]
-                row = np.searchsorted(batch.pose_ids, batch.rows.pose[is_scored])
+                row = np.searchsorted(batch.poses.ids, batch.rows.pose[is_scored])
                 own = batch.rows.face[is_scored]
             else:
-                areas.add(regions)
-                found = elements.share(regions)
+                areas.add(batch.regions)
+                found = elements.share(batch.regions)
                 row = np.repeat(np.arange(len(batch.poses)), np.diff(found.starts))
                 enough = shortened(found.share, task.min_coverage)[1]
                 row, own = row[enough], found.cell[enough]

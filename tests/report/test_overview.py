@@ -16,7 +16,8 @@ import rastercov as rc
 from rastercov.base.format import area
 from rastercov.camera.projection import to_camera, to_image
 from rastercov.coverage.area.network import AreaNetwork
-from rastercov.coverage.area.points import views_at, zones_at
+from rastercov.coverage.area.union import views_at
+from rastercov.coverage.area.zones import zones_at
 from rastercov.coverage.network import Network
 from rastercov.coverage.reasons import REASONS
 from rastercov.mesh import Group, Mesh, shapes

@@ -21,7 +21,7 @@ from rastercov.base.format import percent, plural
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.camera.rig import Rig
-from rastercov.coverage.area.network import AreaNetwork, AreasByCamera, cameras_apart, in_words
+from rastercov.coverage.area.network import AreaNetwork, ByCamera, cameras_apart, in_words
 from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.area.zones import zone_lines
 from rastercov.coverage.coverage import Coverage, batch_size, evaluate_batches
@@ -308,7 +308,7 @@ class Measured:
         Share covered by all cameras; with `areas`, of the exact area.
     areas : AreaNetwork or None
         Exact covered area; None where the plan counts faces.
-    apart : AreasByCamera or None
+    apart : ByCamera or None
         That of each camera, where there are several.
     """
 
@@ -324,7 +324,7 @@ class Measured:
     curve: FloatArray
     share: float
     areas: AreaNetwork | None = None
-    apart: AreasByCamera | None = None
+    apart: ByCamera | None = None
 
     @property
     def poses(self) -> FloatArray:
@@ -354,7 +354,7 @@ def with_areas(
     """
     mesh, poses, curve = finder.mesh, cameras.placed, []
     areas = AreaNetwork(mesh, plan.build_task(most_views(plan, views)))
-    apart = AreasByCamera(mesh, areas.task, cameras_apart(plan.rig, poses))
+    apart = ByCamera(mesh, areas.task, plan.rig, poses, by_area=True, by_face=False)
     step = 1 if has_curve else batch_size(mesh.n_faces, finder.threads)
     for at in range(0, len(poses), step):
         some = poses[at : at + step]
