@@ -3,24 +3,11 @@
 import os
 import tomllib
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 from processes import python
-from skips import reasons_of
 
 ROOT = Path(__file__).parents[1]
-
-
-def skipped(reason, line=1):
-    return SimpleNamespace(longrepr=("tests/test_one.py", line, reason))
-
-
-def test_skips_are_counted_by_reason():
-    reports = [skipped("Skipped: no GPU", line) for line in range(3)]
-    reports += [skipped("Skipped: no\n mesh"), skipped("no mesh")]
-    assert reasons_of(reports) == [("no GPU", 3), ("no mesh", 2)]
-    assert reasons_of([]) == []
 
 
 @pytest.mark.slow

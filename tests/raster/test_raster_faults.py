@@ -103,10 +103,9 @@ def test_layers_are_used_on_a_gpu_unless_told(device, monkeypatch, is_software, 
     assert counted(device, "compute")[1].plan == "compute"
 
 
-def test_hardware_can_be_required(device):
-    for given in ("surfaceless", device):
-        with pytest.raises(DeviceError, match="hardware"):
-            GLRasterizer(MESH, CAMERA, device=given, require_hardware=True)
+def test_hardware_can_be_required_of_a_context_that_is_open(device):
+    with pytest.raises(DeviceError, match="wanted hardware OpenGL, got llvmpipe"):
+        GLRasterizer(MESH, CAMERA, device=device, require_hardware=True)
 
 
 # --- what a caller gets wrong ---------------------------------------------------------------------
@@ -243,20 +242,6 @@ def test_what_holds_a_device_or_scratch_memory_cannot_be_copied_or_pickled(devic
         assert cpu.count(POSES).visible.any()
 
 
-def test_released_context_says_so():
-    context = open_context("surfaceless")
-    rasterizer = GLRasterizer(MESH, CAMERA, device=context)
-    context.release()
-    with pytest.raises(DeviceError, match="used after its release"):
-        rasterizer.count(POSES)
-
-
-def test_rasteriser_leaves_the_callers_context_open(device):
-    with GLRasterizer(MESH, CAMERA, device=device):
-        pass
-    assert device.gl.error == "GL_NO_ERROR"
-
-
 @pytest.mark.slow
 def test_rasterisers_take_turns_on_one_and_on_two_contexts(open_gl):
     first, second = open_gl(MESH, CAMERA), open_gl(shapes.box(), CAMERA, supersample=2)
@@ -272,14 +257,6 @@ def test_rasterisers_take_turns_on_one_and_on_two_contexts(open_gl):
 
 
 # --- a device that answers wrongly ----------------------------------------------------------------
-
-
-# Not plan "compute": llvmpipe has computed when the call returns, only what it draws it puts off.
-@pytest.mark.parametrize("plan", ["pipeline", "layers"])
-def test_counters_read_without_a_barrier_are_not_trusted(open_gl, monkeypatch, plan):
-    monkeypatch.setattr(moderngl.Context, "memory_barrier", lambda self, *_, **__: None)
-    with pytest.raises(DeviceError, match="cannot be trusted"):
-        open_gl(MESH, CAMERA)
 
 
 def test_barrier_comes_before_every_reading_of_counters(rasterizer, monkeypatch):
@@ -368,12 +345,6 @@ def test_device_that_goes_wrong_later_is_caught_within_the_interval(open_gl, mon
     fail(monkeypatch)
     with pytest.raises(DeviceError, match="cannot be trusted"):
         rasterizer.count(np.concatenate((POSES, POSES)))
-
-
-def test_image_left_over_from_the_check_before_is_caught(rasterizer, monkeypatch):
-    stuck(monkeypatch)  # on the view checked at opening; the next check wants the other view
-    with pytest.raises(DeviceError, match="drew a known scene wrongly"):
-        rasterizer._run_self_test()
 
 
 def test_counts_that_do_not_add_up_are_refused(open_gl, monkeypatch, plan):

@@ -15,7 +15,7 @@ from numba.core import types
 from processes import run_python
 
 from rastercov.kernels.raster_memory import LANES, make_scratch
-from rastercov.kernels.raster_stage_depth import count_block, samples_of_face, write_face
+from rastercov.kernels.raster_stage_depth import count_block
 from rastercov.kernels.simd import gather  # fmt: skip
 from rastercov.kernels.simd_kernel import (  # fmt: skip
     append_set_bits,
@@ -96,27 +96,6 @@ def test_bits_are_counted_and_the_lowest_is_found(number):
     digits = format(number % 2**64, "b")
     lowest = len(digits) - len(digits.rstrip("0"))
     assert bits_of(number) == (digits.count("1"), lowest)
-
-
-@given(st.integers(0, 62))
-def test_a_lone_bit_is_the_lowest(bit):
-    assert bits_of(1 << bit) == (1, bit)
-
-
-@njit
-def give(owner, at, bits, face):
-    write_face(pointer(owner), at, bits, face)
-    return samples_of_face(pointer(owner), at, face)
-
-
-@pytest.mark.slow
-@given(arrays(np.int32, 48, elements=st.integers(0, 3)), st.integers(0, 32), st.integers(0, 65535))
-def test_samples_go_to_a_face_and_no_others_do(owner, at, bits):
-    expected, block = owner.copy(), slice(at, at + LANES)
-    expected[block] = twin.write_face(owner[block], bits >> np.arange(LANES) & 1 > 0, 2)
-    held = give(owner, at, bits, np.int32(2))
-    assert np.array_equal(owner, expected)
-    assert held == (twin.samples_of_face(owner[block], 2) << np.arange(LANES)).sum()
 
 
 @njit
