@@ -18,7 +18,7 @@ from rastercov.base.errors import DeviceError
 from rastercov.kernels.direct import DirectCalls
 from rastercov.mesh import Mesh
 from rastercov.raster.cpu import CPURasterizer
-from rastercov.raster.gl import WAYS, GLRasterizer
+from rastercov.raster.gl import WAYS, GLRasterizer, libraries
 from rastercov.raster.gl.context import open_context
 
 # New examples on every run at a desk, the same ones where a run decides over a change. No time
@@ -93,6 +93,18 @@ def gl_context():
         pytest.fail(f"the rasteriser tests need Mesa's software OpenGL: {error}", pytrace=False)
     with context:
         yield context
+
+
+@pytest.fixture
+def no_library(monkeypatch):
+    """A machine without any graphics library."""
+    cached = (libraries.egl_library, libraries.osmesa_library)
+    for load in cached:
+        load.cache_clear()
+    monkeypatch.setattr(libraries, "find_library", lambda names: None)
+    yield
+    for load in cached:
+        load.cache_clear()
 
 
 @pytest.fixture(scope="module")

@@ -30,6 +30,7 @@ from rastercov.raster.gl import WAYS, GLRasterizer
 from rastercov.raster.lens import Views
 from rastercov.raster.observation import BoundKind
 from rastercov.raster.sample_grid import SampleGrid
+from rastercov.reference import samples
 
 SCALE = 0.1
 EDGE_PX = 0.4
@@ -204,20 +205,14 @@ def test_closed_room_leaves_no_live_sample_without_a_face(open_lens, lens, sampl
 
 @pytest.mark.slow
 @on_the_cpu_and_once_by_each_way(
-    "lens", "samples", product(["brown", "wide"], SAMPLES[1:3]), ("brown", (1, 0.4))
+    "lens", "sampling", product(["brown", "wide"], SAMPLES[1:3]), ("brown", (1, 0.4))
 )
-def test_counts_are_of_rays_at_the_samples_of_the_grid(open_lens, lens, samples):
-    supersample, roll = samples
+def test_counts_are_of_rays_at_the_samples_of_the_grid(open_lens, lens, sampling):
+    supersample, roll = sampling
     (mesh, poses), camera = SCENES["torus"], CAMERAS[lens]
     counts = open_lens(mesh, camera, supersample=supersample, roll=roll).count(poses[:1])
     grid = SampleGrid(camera, supersample, roll)
-    c, s = math.cos(roll), math.sin(roll)
-    x, y = np.meshgrid(np.arange(grid.width) + 0.5, np.arange(grid.height) + 0.5)
-    x, y = x.ravel() - grid.width / 2, y.ravel() - grid.height / 2
-    points = np.stack((c * x - s * y, s * x + c * y), axis=1) / supersample
-    points += np.array((camera.width, camera.height)) / 2
-    is_in = ((points > 0) & (points < (camera.width, camera.height))).all(axis=1)
-    directions = rays(camera, points[is_in])
+    directions = rays(camera, samples.grid_points(camera, supersample, roll))
     expected, _ = first_hits(in_camera(mesh, poses[0]), directions)
     seen = np.bincount(expected[expected >= 0], minlength=mesh.n_faces)
     differ = np.abs(counts.visible[0] - seen)

@@ -1,9 +1,7 @@
-"""Lanes are looked up, listed and weighed like in numpy; a file that changes is compiled anew.
+"""Lanes are looked up, listed and weighed like in numpy.
 
 Operators on lanes are held by the stages that use them: `test_raster_stages`.
 """
-
-import os
 
 import numpy as np
 import pytest
@@ -12,7 +10,6 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numba import njit
 from numba.core import types
-from processes import run_python
 
 from rastercov.kernels.raster_memory import LANES, make_scratch
 from rastercov.kernels.raster_stage_depth import count_block
@@ -106,59 +103,3 @@ def weigh(bits, weights):
 @given(arrays(np.uint8, LANES), st.integers(0, 65535))
 def test_weights_of_a_block_are_bytes_without_a_sign(weights, bits):
     assert weigh(bits, weights) == weights[bits >> np.arange(LANES) & 1 > 0].sum()
-
-
-# --- compiled loops on disk -----------------------------------------------------------------------
-
-LOOP = """
-from numba.extending import intrinsic
-from numba.core import types
-from lanepackage import formula
-from rastercov.kernels.jit import compiled
-
-@compiled
-def loop(number):
-    return formula.changed(number) + 1
-
-if __name__ == "lanepackage.loop":
-    result = loop(2)
-    hits, misses = loop.stats.cache_hits, loop.stats.cache_misses
-    print(result, sum(hits.values()), sum(misses.values()))
-"""
-FORMULA = """
-from numba.extending import intrinsic
-from numba.core import types
-
-@intrinsic
-def changed(typing, number):
-    def generate(context, builder, signature, args):
-        return builder.mul(args[0], args[0].type({factor}))
-
-    return types.int64(types.int64), generate
-"""
-
-
-@pytest.mark.compile
-def test_a_loop_is_compiled_anew_when_a_file_that_it_is_made_of_changes(tmp_path):
-    package = tmp_path / "lanepackage"
-    package.mkdir()
-    (package / "__init__.py").touch()
-    (package / "loop.py").write_text(LOOP)
-    formula = package / "formula.py"
-
-    def run():
-        kept = {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
-        done = run_python("-c", "import lanepackage.loop", paths=[tmp_path], **kept)
-        return tuple(map(int, done.stdout.split()))
-
-    def write(factor, seconds):
-        formula.write_text(FORMULA.format(factor=factor))
-        os.utime(formula, (seconds, seconds))
-
-    write(3, 10**9)
-    assert run() == (7, 0, 1)
-    assert run() == (7, 1, 0)
-    write(4, 10**9 + 5)  # as long as it was, and newer
-    assert run() == (9, 0, 1)
-    write(50, 10**9 + 5)  # as old as it was, and longer
-    assert run() == (101, 0, 1)
