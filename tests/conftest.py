@@ -3,6 +3,7 @@
 import gc
 import logging
 import os
+from collections import Counter
 from contextlib import ExitStack
 from itertools import count
 from pathlib import Path
@@ -12,7 +13,6 @@ import moderngl
 import pytest
 from hypothesis import settings
 from notices import NOTICE
-from skips import reasons_of
 
 from rastercov.base.errors import DeviceError
 from rastercov.kernels.direct import DirectCalls
@@ -68,7 +68,8 @@ def pytest_terminal_summary(terminalreporter):
     """Say at the end what was not tested here, and why."""
     skipped = terminalreporter.stats.get("skipped", [])
     terminalreporter.section(f"not tested here: {len(skipped)}")
-    for reason, n in reasons_of(skipped):
+    reasons = (report.longrepr[2].removeprefix("Skipped: ") for report in skipped)
+    for reason, n in Counter(" ".join(reason.split()) for reason in reasons).most_common():
         terminalreporter.write_line(f"{n:5} {reason}")
 
 

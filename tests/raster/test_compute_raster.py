@@ -241,27 +241,19 @@ def test_a_graphics_card_sees_what_the_cpu_sees(scene, plan):
     assert (found["visible"] <= found["drawn"]).all()
 
 
-def test_mesh_beyond_the_largest_storage_block_is_refused(device, monkeypatch):
-    mesh = shapes.torus(20, 10)
-    small = dataclasses.replace(
-        device.info, limits=device.info.limits | {"max_ssbo_bytes": 12 * mesh.n_faces - 1}
-    )
-    monkeypatch.setattr(device, "info", small)
-    with pytest.raises(
-        ResourceError, match=r"storage blocks of 4,800 bytes, llvmpipe .* has 4,799"
-    ):
-        GLRasterizer(mesh, CAMERA, device=device, plan="compute")
-
-
 @pytest.mark.slow
-def test_storage_blocks_that_hold_little_change_nothing(device, monkeypatch):
+def test_storage_blocks_that_hold_little_are_used_in_tiles_or_refused(device, monkeypatch):
     mesh, poses = large_and_small()
-    with GLRasterizer(mesh, CAMERA, device=device, plan="compute") as rasterizer:
-        expected = everything(rasterizer, poses)
-    small = dataclasses.replace(
-        device.info, limits=device.info.limits | {"max_ssbo_bytes": 100_000}
-    )
-    monkeypatch.setattr(device, "info", small)
-    with GLRasterizer(mesh, CAMERA, device=device, plan="compute") as rasterizer:
-        assert rasterizer._strategy.tile == (160, 78)
-        assert_same(everything(rasterizer, poses), expected)
+
+    def open_with(max_ssbo_bytes):
+        limits = info.limits | {"max_ssbo_bytes": max_ssbo_bytes}
+        monkeypatch.setattr(device, "info", dataclasses.replace(info, limits=limits))
+        return GLRasterizer(mesh, CAMERA, device=device, plan="compute")
+
+    info, needed = device.info, max(24 * mesh.n_vertices, 12 * mesh.n_faces)
+    with open_with(info.limits["max_ssbo_bytes"]) as whole, open_with(100_000) as tiled:
+        assert tiled._strategy.tile == (160, 78)
+        assert_same(everything(tiled, poses), everything(whole, poses))
+    line = rf"storage blocks of {needed:,} bytes, llvmpipe .* has {needed - 1:,}"
+    with pytest.raises(ResourceError, match=line):
+        open_with(needed - 1)

@@ -15,7 +15,7 @@ import pytest
 from image_laws import assert_same_counts
 
 from rastercov import shaders
-from rastercov.base.errors import ConfigError, DeviceError, PoseError, ResourceError
+from rastercov.base.errors import ConfigError, DeviceError, ResourceError
 from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import look_at, sphere_of_poses
 from rastercov.coverage.engine import Engine
@@ -161,21 +161,6 @@ def test_threads_of_an_observer_judge_what_opengl_counts(lens):
             assert (observer.info.backend, observer.threads) == ("gl", 2)
     with open_observer(MESH, camera, Engine("sampled", "gl", threads=2)) as observer:
         assert (observer.info.backend, observer.threads) == ("gl", 2)
-
-
-def test_bad_pose_is_named_and_the_rasteriser_goes_on(rasterizer):
-    bad = POSES.copy()
-    bad[2, 0, 0] = np.nan
-    expected = rasterizer.count(POSES)
-    with pytest.raises(PoseError, match="pose 2 is not finite"):
-        rasterizer.count(bad)
-    np.testing.assert_array_equal(rasterizer.count(POSES).visible, expected.visible)
-
-
-@pytest.mark.parametrize("n", [0, 2])
-def test_render_takes_one_pose(rasterizer, n):
-    with pytest.raises(ConfigError, match=f"render takes one pose, got {n}"):
-        rasterizer.render(POSES[:n])
 
 
 def test_drawn_pixels_that_were_not_counted_are_refused(rasterizer):

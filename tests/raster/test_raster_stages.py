@@ -4,8 +4,9 @@ from functools import cache
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 from numba import njit
 from numba.core import cgutils, types
 from numba.extending import intrinsic
@@ -30,6 +31,7 @@ from rastercov.kernels.raster_memory import (
     make_scratch,
 )
 from rastercov.kernels.raster_stage_vertices import project_vertices
+from rastercov.kernels.simd_kernel import append_set_bits, count_bits, lowest_bit
 from rastercov.reference import raster_stages as twin
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -349,3 +351,35 @@ def test_depths_are_tested_alike(seed):
     assert_equal(depth[LANES : 2 * LANES], expected)
     assert_equal(split(found, 3), masks)
     assert_equal((depth[:LANES], depth[2 * LANES :]), others)
+
+
+# --- bits and lists of lanes ----------------------------------------------------------------------
+
+
+def test_every_mask_is_listed_in_order_behind_what_was_there():
+    n_masks, room = 1 << LANES, 3 * LANES
+    bit_indices = make_scratch().bit_indices
+    starts = np.random.default_rng(0).integers(0, 8, n_masks)
+    listed = np.full((n_masks, room), -1, np.int32)
+    for mask in range(0, n_masks, 7):  # any value of either byte is among them
+        start, is_set = starts[mask], split(mask, 1)[0]
+        n = run(append_set_bits, bit_indices, mask, 3 * mask, listed[mask], start)
+        assert n == start + is_set.sum()
+        expected = twin.append_set_bits(np.full(start, -1), is_set, 3 * mask)
+        assert np.array_equal(listed[mask, :n], expected)
+    column = np.arange(room)
+    assert (listed[column >= starts[:, None] + LANES] == -1).all()  # no more than it has room for
+
+
+@given(st.integers(-(2**63), 2**63 - 1).filter(bool))
+@example(1)
+@example(-(2**63))
+def test_bits_are_counted_and_the_lowest_is_found(number):
+    digits = format(number % 2**64, "b")
+    lowest = len(digits) - len(digits.rstrip("0"))
+    assert (run(count_bits, number), run(lowest_bit, number)) == (digits.count("1"), lowest)
+
+
+@given(arrays(np.uint8, LANES), st.integers(0, 65535))
+def test_weights_of_a_block_are_bytes_without_a_sign(weights, bits):
+    assert run(depths.count_block, bits, 0, weights) == weights[split(bits, 1)[0]].sum()
