@@ -12,7 +12,6 @@ from test_raster_laws import SCENES as LAWS
 
 from rastercov.base.errors import DeviceError, ResourceError
 from rastercov.camera.camera import Camera
-from rastercov.camera.viewpoints import look_at
 from rastercov.mesh import Mesh, shapes
 from rastercov.raster.cpu import CPURasterizer
 from rastercov.raster.gl import WAYS, GLRasterizer, compute
@@ -141,24 +140,6 @@ def test_triangles_over_the_borders_of_tiles_change_not_one_sample(open_compute,
         open_compute(mesh, roll=roll, max_tile=max_tile) as t,
     ):
         assert_same(everything(t, poses), everything(whole, poses))
-
-
-@pytest.mark.slow
-def test_many_poses_count_as_each_one_alone(open_compute):
-    # Views from inside and outside, with back faces and without, in batches that do not come out
-    # even, with checks of the device between them.
-    mesh = shapes.torus(20, 10)
-    camera = Camera(width=40, height=30, fx=38, fy=36)
-    rng = np.random.default_rng(3)
-    eyes = rng.normal(size=(601, 3)) * rng.uniform(0.5, 4, (601, 1))
-    poses = look_at(eyes, rng.normal(size=(601, 3)))
-    budget = 77 * (8 * 40 * 30 + 4 * (mesh.n_faces + 1))
-    with CPURasterizer(mesh, camera) as rasterizer:
-        expected = rasterizer.count(poses)
-    for options in ({}, {"image_budget": budget}, {"image_budget": 1}):
-        with open_compute(mesh, camera, **options) as rasterizer:
-            found = rasterizer.count(poses)
-        assert_same_counts(found, expected)
 
 
 @pytest.mark.slow

@@ -187,12 +187,6 @@ def test_a_gpu_tells_its_node_its_name_and_its_cuda_index(egl, monkeypatch):
     assert devices.describe_device(egl, 1, 0).cuda_index is None
 
 
-def test_auto_does_without_egl_devices(context, monkeypatch):
-    monkeypatch.setattr(devices, "egl_devices", lambda: [devices.SURFACELESS])
-    with open_context() as fallback:
-        assert fallback.info.device == devices.SURFACELESS
-
-
 def test_hardware_that_cannot_be_had_is_refused_by_name():
     if any(not device.is_software for device in list_devices()):
         pytest.skip("this machine has hardware")
