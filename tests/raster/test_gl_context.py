@@ -328,6 +328,7 @@ def test_two_contexts_take_turns(context, other):
     with open_or_skip(other) as other:
         for turn in (other, context, other):
             turn.make_current()
+            assert turn._native._door.current() == turn._native._handle
             assert draw_red(turn) == b"\xff\x00\x00\xff"
         gl = context.gl
         other.make_current()

@@ -9,8 +9,8 @@ import lens_cases
 import lens_rooms
 import numpy as np
 import pytest
-from scenes import square
-from target_scenes import beside
+from scenes import joined, square
+from target_scenes import some_as_targets
 
 from rastercov import (
     Camera,
@@ -260,14 +260,17 @@ def test_sampled_areas_are_within_their_bound_of_certified_ones(scene, lens):
 
 def test_targets_hide_nothing_and_are_counted_against_surfaces(open_lens):
     camera, wall = CAMERAS["brown"], square(9, 2)
-    rasterizer = open_lens(beside(wall, square(0.3, 1), square(0.5, 3)), camera)
+    plain = joined(square(0.3, 1), wall, square(0.5, 3))
+    mesh = some_as_targets(plain, [True, True, False, False, True, True])
+    rasterizer = open_lens(mesh, camera)
     counts, image = rasterizer.count(np.eye(4)), rasterizer.render(np.eye(4))
     alone = open_lens(wall, camera).count(np.eye(4))
-    np.testing.assert_array_equal(counts.visible[0, :2], alone.visible[0])
+    np.testing.assert_array_equal(counts.visible[0, 2:4], alone.visible[0])
     np.testing.assert_array_equal(counts.background, alone.background)
-    assert set(np.unique(image.face)) <= {-1, 0, 1}
-    assert (counts.visible[0, 2:4] == counts.drawn[0, 2:4]).all()
-    assert counts.drawn[0, 2:].min() > 50
+    assert set(np.unique(image.face)) - {-1} == {2, 3}
+    np.testing.assert_allclose(image.depth[image.face >= 0], 2, rtol=1e-6)
+    assert (counts.visible[0, :2] == counts.drawn[0, :2]).all()
+    assert counts.drawn.min() > 50
     assert (counts.visible[0, 4:] == 0).all()
 
 

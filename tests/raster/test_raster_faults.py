@@ -6,7 +6,7 @@ import itertools
 import pickle
 import re
 import threading
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from functools import partial
 
 import moderngl
@@ -52,17 +52,15 @@ def counted(context, plan, mesh=MESH, **options):
 def old_context(monkeypatch):
     """A context that says it is OpenGL 3.3; its own, because it leaves other state behind."""
 
-    def open_old(*extensions):
-        context = open_context("surfaceless")
-        opened.append(context)
-        info = dataclasses.replace(context.info, gl_version=330, extensions=frozenset(extensions))
-        monkeypatch.setattr(context, "info", info)
-        return context
+    with ExitStack() as stack:
 
-    opened = []
-    yield open_old
-    for context in opened:
-        context.release()
+        def open_old(*extensions):
+            context = stack.enter_context(open_context("surfaceless"))
+            old = {"gl_version": 330, "extensions": frozenset(extensions)}
+            monkeypatch.setattr(context, "info", dataclasses.replace(context.info, **old))
+            return context
+
+        yield open_old
 
 
 @pytest.mark.slow
