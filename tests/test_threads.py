@@ -420,30 +420,26 @@ def test_small_results_are_not_held_against_the_machine(monkeypatch):
     ask(OPENERS["cpu"](MESH, CAMERA))
 
 
-def free_with(monkeypatch, tmp_path, meminfo, *limits):
+MEMINFO = "MemTotal: 100 kB\nMemAvailable: 60 kB\nHugePages_Total: 0\nSwapFree: 10 kB\n"
+WHOLE = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+
+
+@pytest.mark.parametrize(
+    ("meminfo", "limits", "free"),
+    [
+        *((MEMINFO, limits, 70 * 1024) for limits in ((), ("max\n", None), ("999999999\n",))),
+        *((MEMINFO, limits, 5000) for limits in (("5000\n",), (None, "5000\n"))),
+        # All memory where the system does not say.
+        *((text, (), WHOLE) for text in (None, "", "MemTotal: 100 kB\n", "MemAvailable: much\n")),
+    ],
+)
+def test_free_memory_is_what_is_left_within_the_container(
+    monkeypatch, tmp_path, meminfo, limits, free
+):
     files = [tmp_path / f"{number}" for number in range(len(limits) + 1)]
     for file, text in zip(files, (meminfo, *limits), strict=True):
-        file.unlink(missing_ok=True)
         if text is not None:
             file.write_text(text)
     monkeypatch.setattr(memory, "_MEMINFO", files[0])
     monkeypatch.setattr(memory, "_CONTAINER_LIMITS", files[1:])
-    return memory.free_memory()
-
-
-MEMINFO = "MemTotal: 100 kB\nMemAvailable: 60 kB\nHugePages_Total: 0\nSwapFree: 10 kB\n"
-
-
-def test_free_memory_is_what_the_system_has_left_within_its_container(monkeypatch, tmp_path):
-    free = partial(free_with, monkeypatch, tmp_path)
-    assert free(MEMINFO) == 70 * 1024
-    assert free(MEMINFO, "max\n", None) == 70 * 1024
-    assert free(MEMINFO, "5000\n") == 5000
-    assert free(MEMINFO, None, "9000\n") == 9000
-    assert free(MEMINFO, "999999999\n") == 70 * 1024
-
-
-@pytest.mark.parametrize("meminfo", [None, "", "MemTotal: 100 kB\n", "MemAvailable: much\n"])
-def test_free_memory_is_all_memory_where_the_system_does_not_say(monkeypatch, tmp_path, meminfo):
-    whole = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-    assert free_with(monkeypatch, tmp_path, meminfo) == whole
+    assert memory.free_memory() == free

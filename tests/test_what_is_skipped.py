@@ -37,8 +37,3 @@ def test_what_the_tests_import_is_installed_with_them():
 
     for extra in ("place", "models", "markers"):
         assert names(extras[extra]) <= names(extras["dev"]), extra
-
-
-@pytest.mark.parametrize("module", ["pymoo", "highspy", "cv2", "embreex", "trimesh"])
-def test_optional_packages_are_here_where_the_tests_run(module):
-    __import__(module)

@@ -15,7 +15,6 @@ from scenes import joined, sheet, square
 from solids import tessellated_plane
 
 from rastercov.camera.camera import Camera
-from rastercov.camera.viewpoints import look_at
 from rastercov.mesh import Mesh, shapes
 from rastercov.raster.gl import GLRasterizer, coplanar
 from rastercov.raster.gl.context import open_context
@@ -99,23 +98,6 @@ def test_an_edge_on_face_does_not_come_before_what_hides_it(open_gl):
             buffer = rasterizer.render(pose)
         assert (buffer.face < 2).all()
         np.testing.assert_allclose(buffer.depth[buffer.face >= 0], 2, rtol=1e-6)
-
-
-def test_depth_of_overlapping_faces_is_that_of_the_cpu(device):
-    rng = np.random.default_rng(2)
-    mesh = SCENES["triangulations"](rng)
-    pose = look_at(mesh.bounds[1] + 1, mesh.bounds.mean(axis=0))[0]
-    with (
-        GLRasterizer(mesh, CAMERA, device=device, plan="pipeline") as drawn,
-        GLRasterizer(mesh, CAMERA, device=device, plan="compute") as computed,
-    ):
-        one, other = drawn.render(pose), computed.render(pose)
-    assert coplanar_overlaps(mesh).all()
-    both = (one.face == other.face) & (one.face >= 0)
-    assert both.mean() > 0.1
-    # The same double, but for its last bits: the same float, but where it lies between two.
-    np.testing.assert_array_max_ulp(one.depth[both], other.depth[both], 1)
-    assert (one.depth[both] == other.depth[both]).mean() > 0.999
 
 
 def test_device_without_doubles_says_that_overlaps_are_undecided(device, monkeypatch):

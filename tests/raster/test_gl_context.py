@@ -249,8 +249,7 @@ def test_forced_software_skips_hardware_devices(monkeypatch):
     ],
 )
 def test_install_line_of_each_distribution(ids, line):
-    own, _, like = ids.partition(" ")
-    release = {"ID": own, "ID_LIKE": like} if like else {"ID": own} if own else {}
+    release = dict(zip(("ID", "ID_LIKE"), ids.split(" ", 1), strict=False))
     assert line in libraries.install_line("egl", release)
     osmesa = libraries.install_line("osmesa", {"ID": "ubuntu"})
     assert osmesa == "apt-get install -y libosmesa6"

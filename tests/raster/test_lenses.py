@@ -29,7 +29,6 @@ from rastercov.raster.gl import WAYS, GLRasterizer
 from rastercov.raster.lens import Views
 from rastercov.raster.observation import BoundKind
 from rastercov.raster.sample_grid import SampleGrid
-from rastercov.reference import samples
 
 SCALE = 0.1
 EDGE_PX = 0.4
@@ -200,25 +199,6 @@ def test_closed_room_leaves_no_live_sample_without_a_face(open_lens, lens, sampl
     # One surface a ray: each live sample is drawn once, so no edge is owned twice.
     off = counts.drawn.sum() - counts.visible.sum()
     assert 0 <= off <= on_pipeline(counts, 1e-4 * grid.n_samples)
-
-
-@pytest.mark.slow
-@on_the_cpu_and_once_by_each_way(
-    "lens", "sampling", product(["brown", "wide"], SAMPLES[1:3]), ("brown", (1, 0.4))
-)
-def test_counts_are_of_rays_at_the_samples_of_the_grid(open_lens, lens, sampling):
-    supersample, roll = sampling
-    (mesh, poses), camera = SCENES["torus"], CAMERAS[lens]
-    counts = open_lens(mesh, camera, supersample=supersample, roll=roll).count(poses[:1])
-    grid = SampleGrid(camera, supersample, roll)
-    directions = rays(camera, samples.grid_points(camera, supersample, roll))
-    expected, _ = first_hits(in_camera(mesh, poses[0]), directions)
-    seen = np.bincount(expected[expected >= 0], minlength=mesh.n_faces)
-    differ = np.abs(counts.visible[0] - seen)
-    assert differ[seen > 0].mean() < 0.7 * np.sqrt(seen[seen > 0]).mean()
-    assert (differ <= 6 + 2 * np.sqrt(seen)).all()
-    assert abs(counts.visible.sum() - seen.sum()) <= 0.01 * seen.sum()
-    assert counts.visible.sum() + counts.background[0] == grid.n_samples
 
 
 @pytest.mark.slow

@@ -22,7 +22,6 @@ from image_laws import (
     reference_view,
     shown_by_two,
 )
-from nightly import IS_NIGHTLY
 from scenes import joined, soup, square
 from solids import tessellated_plane
 
@@ -209,24 +208,6 @@ def assert_rolled_counts(counts, mesh, camera, pose, supersample, roll):
     check(counts.visible[0], *whole, "visible")
     for index, expected in enumerate(alone):
         check(counts.drawn[0, [index]], *expected, f"face {index} drawn")
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("name", "roll"),
-    [
-        # By day each scene with half of the rolls, each roll with half of the scenes.
-        (name, roll)
-        for row, name in enumerate(SCENES)
-        for column, roll in enumerate(ROLLS)
-        if IS_NIGHTLY or (row + column) % 2 == 0
-    ],
-)
-def test_rolled_counts_equal_reference(open_raster, name, roll):
-    mesh, poses = scene_of(name)
-    supersample = 1 if roll == 0.4 else 2
-    counts = open_raster(mesh, SMALL, supersample=supersample, roll=roll).count(poses[0])
-    assert_rolled_counts(counts, mesh, SMALL, poses[0], supersample, roll)
 
 
 @pytest.mark.slow

@@ -120,13 +120,3 @@ def stored_mesh(name):
 def test_real_part_is_seen_as_by_rays(open_raster, name):
     mesh = stored_mesh(name)
     assert_no_differing_pixel(open_raster, mesh, CAMERA, outside(mesh, 2))
-
-
-@pytest.mark.slow
-@shown_by_two
-def test_warehouse_is_seen_as_by_rays_from_inside(open_raster):
-    mesh = stored_mesh("warehouse.ply")
-    low, high = mesh.bounds
-    at = low + (high - low) * [(0.5, 0.5, 0.2), (0.15, 0.2, 0.7), (0.8, 0.7, 0.15)]
-    to = low + (high - low) * [(0.1, 0.1, 0.1), (0.7, 0.8, 0.1), (0.4, 0.2, 0.3)]
-    assert_no_differing_pixel(open_raster, mesh, WIDE, look_at(at, to))
