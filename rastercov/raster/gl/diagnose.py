@@ -14,7 +14,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import asdict
 from functools import partial
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from typing import Any, get_args
 
 import rastercov
@@ -89,7 +89,7 @@ def examine(timeout_s: float = 30.0) -> Report:
     has_hardware = any(row["context"] and not row["context"]["is_software"] for row in reports)
     libraries = library_names()
     versions = {"rastercov": rastercov.__version__, "Python": platform.python_version()}
-    versions |= {package: version(package) for package in PACKAGES}
+    versions |= {package: _version(package) for package in PACKAGES}
     return {
         "kinds": {kind: _availability(kind, reports) for kind in get_args(DeviceKind)},
         "reports": reports,
@@ -149,6 +149,13 @@ def _default(reports: list[Report]) -> dict[str, str]:
     forbidden = "LIBGL_ALWAYS_SOFTWARE forbids hardware"
     why = forbidden if is_software_wanted() else "no hardware device opens"
     return {"device": "cpu", "why": f"{why}; it is several times as fast as OpenGL in software"}
+
+
+def _version(package: str) -> str:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return "not installed"
 
 
 # --- self-tests -----------------------------------------------------------------------------------
