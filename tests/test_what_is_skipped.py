@@ -12,7 +12,7 @@ ROOT = Path(__file__).parents[1]
 
 @pytest.mark.slow
 def test_a_run_ends_with_its_skips(tmp_path):
-    for name in ("conftest.py", "support/notices.py", "support/by_day.py"):
+    for name in ("conftest.py", "support/notices.py"):
         (tmp_path / Path(name).name).write_text((ROOT / "tests" / name).read_text())
     (tmp_path / "test_some.py").write_text(
         "import pytest\n"

@@ -120,7 +120,7 @@ def test_help_and_version(capsys):
         ("evaluate part.obj -c khepra -p sphere:2 --unit miles", ["unit must be", "'miles'"]),
         ("evaluate part.obj -c khepra -p sphere:2 --unit part:", ["unit must be", "''"]),
         ("evaluate box -c no.toml -p sphere:2", ["no.toml", "No such file"]),
-        ("evaluate box -c part.obj -p sphere:2", ["part.obj", "not recognised", "--from"]),
+        ("evaluate box -c part.obj -p sphere:2", ["part.obj", "a camera file", "--from"]),
         ("evaluate box -c khepra -p no.json", ["no.json", "No such file"]),
         ("evaluate box -c khepra -p sphere:0", ["whole number", "'sphere:0'"]),
         ("evaluate box -c khepra -p sphere:99999999999", ["whole number", "10000000"]),
