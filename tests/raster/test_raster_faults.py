@@ -140,25 +140,21 @@ def test_an_option_that_a_backend_does_not_know_is_refused(backend, options, wor
             open_observer(MESH, camera, "sampled", backend=backend, **options)
 
 
-def test_a_device_may_be_the_name_of_a_backend():
-    with open_rasterizer(MESH, CAMERA, device="cpu", threads=1) as rasterizer:
-        assert rasterizer.info.backend == "cpu"
-    with open_rasterizer(MESH, CAMERA, "cpu", device="auto") as rasterizer:
-        assert rasterizer.info.backend == "cpu"
-    with open_observer(MESH, CAMERA, "sampled", device="cpu", threads=1) as observer:
-        assert (observer.info.backend, observer.threads) == ("cpu", 1)
-    with pytest.raises(ConfigError, match="takes no option roll"):
-        open_observer(MESH, CAMERA, "sampled", roll=0.1)
-
-
 @pytest.mark.parametrize("lens", [{}, {"skew": 1.0}], ids=["pinhole", "lens"])
-def test_threads_of_an_observer_judge_what_opengl_counts(lens):
+def test_device_or_backend_is_what_counts_and_threads_judge(lens):
     camera = dataclasses.replace(CAMERA, **lens)
-    for options in ({"backend": "gl"}, {"device": "gl"}, {"device": "surfaceless"}):
+    by_cpu = {"device": "cpu"}, {"backend": "cpu", "device": "auto"}
+    by_gl = {"backend": "gl"}, {"device": "gl"}, {"device": "surfaceless"}
+    for options in (*by_cpu, *by_gl):
+        backend = "cpu" if options in by_cpu else "gl"
+        with open_rasterizer(MESH, camera, **options) as rasterizer:
+            assert rasterizer.info.backend == backend
         with open_observer(MESH, camera, "sampled", threads=2, **options) as observer:
-            assert (observer.info.backend, observer.threads) == ("gl", 2)
+            assert (observer.info.backend, observer.threads) == (backend, 2)
     with open_observer(MESH, camera, Engine("sampled", "gl", threads=2)) as observer:
         assert (observer.info.backend, observer.threads) == ("gl", 2)
+    with pytest.raises(ConfigError, match="takes no option roll"):
+        open_observer(MESH, camera, "sampled", roll=0.1)
 
 
 def test_drawn_pixels_that_were_not_counted_are_refused(rasterizer):
@@ -375,25 +371,24 @@ def test_interrupted_counting_leaves_the_next_one_right(rasterizer, monkeypatch)
 
 
 @pytest.mark.parametrize(
-    ("error", "kind", "text"),
+    ("owner", "name", "fault", "kind", "text"),
     [
-        ("GL_INVALID_OPERATION", DeviceError, "reported GL_INVALID_OPERATION while drawing"),
-        ("GL_OUT_OF_MEMORY", ResourceError, "ran out of memory while drawing"),
+        ("gl", "error", "GL_INVALID_OPERATION", DeviceError, "reported GL_INVALID_OPERATION while"),
+        ("gl", "error", "GL_OUT_OF_MEMORY", ResourceError, "ran out of memory while drawing"),
+        (
+            *("context", "reset_status", lambda: 0x8253, DeviceError),
+            "lost the context while drawing; open a new rasteriser",
+        ),
     ],
 )
-def test_error_of_the_driver_is_raised(rasterizer, monkeypatch, error, kind, text):
-    monkeypatch.setattr(moderngl.Context, "error", property(lambda self: error))
-    with pytest.raises(kind, match=text):
-        rasterizer.count(POSES)
-    with pytest.raises(kind, match=text):
-        rasterizer.render(POSES[0])
-    monkeypatch.undo()
-
-
-def test_lost_context_is_told(rasterizer, monkeypatch):
-    monkeypatch.setattr(type(rasterizer._context), "reset_status", lambda self: 0x8253)
-    with pytest.raises(DeviceError, match="lost the context while drawing; open a new rasteriser"):
-        rasterizer.count(POSES)
+def test_fault_that_the_driver_reports_is_raised(
+    rasterizer, monkeypatch, owner, name, fault, kind, text
+):
+    owners = {"gl": moderngl.Context, "context": type(rasterizer._context)}
+    monkeypatch.setattr(owners[owner], name, property(lambda self: fault))
+    for call in (rasterizer.count, rasterizer.render):
+        with pytest.raises(kind, match=text):
+            call(POSES[0])
     monkeypatch.undo()
 
 
