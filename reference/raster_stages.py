@@ -305,16 +305,6 @@ def samples_of_later_faces(owner: Array, face: int) -> Any:
     return owner > face
 
 
-def samples_of_face(owner: Array, face: int) -> Any:
-    """Samples of a block of which a face is the nearest."""
-    return owner == face
-
-
-def write_face(owner: Array, chosen: Array, face: int) -> Any:
-    """Nearest faces of a block after a face is written to chosen samples."""
-    return np.where(chosen, face, owner)
-
-
 def append_set_bits(listed: Array, bits: Array, base: int) -> Any:
     """List with base + index of each set bit behind it."""
     return np.append(listed, base + np.flatnonzero(bits))

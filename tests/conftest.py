@@ -3,6 +3,7 @@
 import gc
 import logging
 import os
+from collections import Counter
 from contextlib import ExitStack
 from itertools import count
 from pathlib import Path
@@ -11,13 +12,12 @@ import moderngl
 import pytest
 from hypothesis import settings
 from notices import NOTICE
-from skips import reasons_of
 
 from rastercov.base.errors import DeviceError
 from rastercov.kernels.direct import DirectCalls
 from rastercov.mesh import Mesh
 from rastercov.raster.cpu import CPURasterizer
-from rastercov.raster.gl import WAYS, GLRasterizer
+from rastercov.raster.gl import WAYS, GLRasterizer, libraries
 from rastercov.raster.gl.context import open_context
 
 # New examples on every run at a desk, the same ones where a run decides over a change. No time
@@ -56,7 +56,8 @@ def pytest_terminal_summary(terminalreporter):
     """Say at the end what was not tested here, and why."""
     skipped = terminalreporter.stats.get("skipped", [])
     terminalreporter.section(f"not tested here: {len(skipped)}")
-    for reason, n in reasons_of(skipped):
+    reasons = (report.longrepr[2].removeprefix("Skipped: ") for report in skipped)
+    for reason, n in Counter(" ".join(reason.split()) for reason in reasons).most_common():
         terminalreporter.write_line(f"{n:5} {reason}")
 
 
@@ -81,6 +82,18 @@ def gl_context():
         pytest.fail(f"the rasteriser tests need Mesa's software OpenGL: {error}", pytrace=False)
     with context:
         yield context
+
+
+@pytest.fixture
+def no_library(monkeypatch):
+    """A machine without any graphics library."""
+    cached = (libraries.egl_library, libraries.osmesa_library)
+    for load in cached:
+        load.cache_clear()
+    monkeypatch.setattr(libraries, "find_library", lambda names: None)
+    yield
+    for load in cached:
+        load.cache_clear()
 
 
 @pytest.fixture(scope="module")

@@ -21,7 +21,6 @@ from rastercov.base.errors import DeviceError, ResourceError
 from rastercov.base.threads import Once, ScratchPool, share_poses
 from rastercov.camera.viewpoints import sphere_of_poses
 from rastercov.exact import half_planes as analytic
-from rastercov.exact import half_planes as images
 from rastercov.exact import surface
 from rastercov.kernels import jit as compiled
 from rastercov.mesh import contacts, shapes
@@ -166,19 +165,6 @@ assert value.get(lambda: "late") == "parent"
 # --- what is worked out once ----------------------------------------------------------------------
 
 
-def test_threads_that_ask_together_get_one_value():
-    made, value = [], Once()
-
-    def make():
-        time.sleep(0.05)
-        made.append(object())
-        return made[-1]
-
-    found = in_threads(6, lambda _: value.get(make))
-    assert len(made) == 1
-    assert all(each is made[0] for each in found)
-
-
 def test_what_could_not_be_made_is_made_by_the_next_that_asks():
     value = Once()
     with pytest.raises(ValueError, match="not yet"):
@@ -279,7 +265,7 @@ def test_scratch_memory_that_an_error_left_half_changed_is_not_used_again(monkey
     rng = np.random.default_rng(2)
     mesh = rc.Mesh(rng.normal(size=(900, 3)) * 3, np.arange(900).reshape(300, 3))
     expected = ask(OPENERS[kind](mesh, CAMERA, threads=1), np.eye(4))
-    make_room = images.room_for_clipped
+    make_room = analytic.room_for_clipped
 
     def interrupted(n):
         if n > 8:
@@ -287,7 +273,7 @@ def test_scratch_memory_that_an_error_left_half_changed_is_not_used_again(monkey
         return make_room(n)
 
     with OPENERS[kind](mesh, CAMERA, threads=1) as observer:
-        monkeypatch.setattr(images, "room_for_clipped", interrupted)
+        monkeypatch.setattr(analytic, "room_for_clipped", interrupted)
         with pytest.raises(error):
             observer.observe(np.eye(4))
         monkeypatch.undo()
@@ -326,12 +312,9 @@ def test_what_is_closed_refuses_in_one_line_and_closes_again(kind):
     with OPENERS[kind](MESH, CAMERA) as thing:
         ask(thing)
     thing.close()
-    calls = [lambda: ask(thing), lambda: ask(thing, np.empty((0, 4, 4)))]
-    if kind == "cpu":
-        calls.append(lambda: thing.render(POSES[0]))
-    for call in calls:
+    for poses in (POSES, np.empty((0, 4, 4))):
         with pytest.raises(DeviceError, match="is closed; open a new one") as caught:
-            call()
+            ask(thing, poses)
         assert "\n" not in str(caught.value)
 
 
@@ -437,30 +420,26 @@ def test_small_results_are_not_held_against_the_machine(monkeypatch):
     ask(OPENERS["cpu"](MESH, CAMERA))
 
 
-def free_with(monkeypatch, tmp_path, meminfo, *limits):
+MEMINFO = "MemTotal: 100 kB\nMemAvailable: 60 kB\nHugePages_Total: 0\nSwapFree: 10 kB\n"
+WHOLE = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+
+
+@pytest.mark.parametrize(
+    ("meminfo", "limits", "free"),
+    [
+        *((MEMINFO, limits, 70 * 1024) for limits in ((), ("max\n", None), ("999999999\n",))),
+        *((MEMINFO, limits, 5000) for limits in (("5000\n",), (None, "5000\n"))),
+        # All memory where the system does not say.
+        *((text, (), WHOLE) for text in (None, "", "MemTotal: 100 kB\n", "MemAvailable: much\n")),
+    ],
+)
+def test_free_memory_is_what_is_left_within_the_container(
+    monkeypatch, tmp_path, meminfo, limits, free
+):
     files = [tmp_path / f"{number}" for number in range(len(limits) + 1)]
     for file, text in zip(files, (meminfo, *limits), strict=True):
-        file.unlink(missing_ok=True)
         if text is not None:
             file.write_text(text)
     monkeypatch.setattr(memory, "_MEMINFO", files[0])
     monkeypatch.setattr(memory, "_CONTAINER_LIMITS", files[1:])
-    return memory.free_memory()
-
-
-MEMINFO = "MemTotal: 100 kB\nMemAvailable: 60 kB\nHugePages_Total: 0\nSwapFree: 10 kB\n"
-
-
-def test_free_memory_is_what_the_system_has_left_within_its_container(monkeypatch, tmp_path):
-    free = partial(free_with, monkeypatch, tmp_path)
-    assert free(MEMINFO) == 70 * 1024
-    assert free(MEMINFO, "max\n", None) == 70 * 1024
-    assert free(MEMINFO, "5000\n") == 5000
-    assert free(MEMINFO, None, "9000\n") == 9000
-    assert free(MEMINFO, "999999999\n") == 70 * 1024
-
-
-@pytest.mark.parametrize("meminfo", [None, "", "MemTotal: 100 kB\n", "MemAvailable: much\n"])
-def test_free_memory_is_all_memory_where_the_system_does_not_say(monkeypatch, tmp_path, meminfo):
-    whole = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-    assert free_with(monkeypatch, tmp_path, meminfo) == whole
+    assert memory.free_memory() == free

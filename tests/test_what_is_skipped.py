@@ -3,29 +3,16 @@
 import os
 import tomllib
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 from processes import python
-from skips import reasons_of
 
 ROOT = Path(__file__).parents[1]
 
 
-def skipped(reason, line=1):
-    return SimpleNamespace(longrepr=("tests/test_one.py", line, reason))
-
-
-def test_skips_are_counted_by_reason():
-    reports = [skipped("Skipped: no GPU", line) for line in range(3)]
-    reports += [skipped("Skipped: no\n mesh"), skipped("no mesh")]
-    assert reasons_of(reports) == [("no GPU", 3), ("no mesh", 2)]
-    assert reasons_of([]) == []
-
-
 @pytest.mark.slow
 def test_a_run_ends_with_its_skips(tmp_path):
-    for name in ("conftest.py", "support/notices.py", "support/skips.py"):
+    for name in ("conftest.py", "support/notices.py"):
         (tmp_path / Path(name).name).write_text((ROOT / "tests" / name).read_text())
     (tmp_path / "test_some.py").write_text(
         "import pytest\n"
@@ -50,8 +37,3 @@ def test_what_the_tests_import_is_installed_with_them():
 
     for extra in ("place", "models", "markers"):
         assert names(extras[extra]) <= names(extras["dev"]), extra
-
-
-@pytest.mark.parametrize("module", ["pymoo", "highspy", "cv2", "embreex", "trimesh"])
-def test_optional_packages_are_here_where_the_tests_run(module):
-    __import__(module)

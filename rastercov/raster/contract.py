@@ -16,7 +16,7 @@ thread that opened it, and raises `DeviceError` in any other.
 from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -31,6 +31,7 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.pose import valid_poses
 from rastercov.mesh import Mesh
 from rastercov.raster.targets import CountArray, IntArray, TargetFaces
+from rastercov.raster.tie_order import corners_of
 
 FloatArray = NDArray[np.float64]
 
@@ -222,6 +223,11 @@ class Rasterizer(Closing):
         merged, alone = self._targets.merged, counts.drawn
         all_drawn = None if alone is None else merged(alone, drawn)
         return replace(counts, visible=merged(counts.visible, visible), drawn=all_drawn)
+
+    @cached_property
+    def _corners(self) -> tuple[FloatArray, FloatArray]:
+        """Corners (F, 3, 3) of the opaque faces from their centre, and the centre."""
+        return corners_of(self.mesh.opaque)
 
     def _check_open(self) -> None:
         if not self._is_open:

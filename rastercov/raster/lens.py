@@ -33,11 +33,9 @@ from rastercov.mesh import Mesh
 from rastercov.raster.contract import (
     FaceCounts,
     Rasterizer,
-    RasterizerInfo,
     check_counts,
 )
 from rastercov.raster.sample_grid import SampleGrid
-from rastercov.raster.tie_order import corners_of
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -78,18 +76,6 @@ class ViewDrawer(Protocol):
 
         `drawn` may be None.
         """
-
-
-class PinholeRasterizer(Protocol):
-    """Rasteriser whose pinhole can be changed."""
-
-    info: RasterizerInfo
-
-    def drawer(self, camera: Camera, beside: Any = None) -> ViewDrawer:
-        """Draw through another pinhole, with the memory of another drawer of the thread."""
-
-    def close(self) -> None:
-        """Give everything on the device back."""
 
 
 @dataclass(eq=False)
@@ -299,7 +285,7 @@ class LensRasterizer(Rasterizer):
     ----------
     mesh, camera, supersample, roll
         As for `open_rasterizer`.
-    pinholes : PinholeRasterizer
+    pinholes : GLRasterizer or CPURasterizer
         Of this mesh; it is closed with this one.
     threads : int, optional
         Number of threads, by default one for each core; each takes whole poses.
@@ -309,7 +295,7 @@ class LensRasterizer(Rasterizer):
         self,
         mesh: Mesh,
         camera: Camera,
-        pinholes: PinholeRasterizer,
+        pinholes: Any,
         *,
         supersample: int = 1,
         roll: float = 0.0,
@@ -320,10 +306,6 @@ class LensRasterizer(Rasterizer):
         self.info = pinholes.info
         self._views = views_of(camera, supersample, roll, keeps_places=False)
         self._drawers: ScratchPool[dict[View, ViewDrawer]] = ScratchPool(dict, self._threads)
-
-    @cached_property
-    def _corners(self) -> tuple[FloatArray, FloatArray]:
-        return corners_of(self.mesh.opaque)
 
     def _counted(self, poses: FloatArray, drawn: bool) -> FaceCounts:
         grid, mesh, targets = self._views.grid, self.mesh.opaque, self._targets

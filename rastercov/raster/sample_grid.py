@@ -118,13 +118,10 @@ class SampleGrid:
 
     def positions(self, top: int, bottom: int) -> FloatArray:
         """Pixels (u, v) of the samples of some rows of the canvas, (bottom - top, width, 2)."""
-        x, y = np.arange(self.width) + 0.5, np.arange(top, bottom)[:, None] + 0.5
         found = np.empty((bottom - top, self.width, 2))
-        if not self.is_rolled:
-            found[..., 0], found[..., 1] = x / self.supersample, y / self.supersample
-            return found
         c, s, (a, b) = self._c, self._s, self._half
-        x, y = x - self._middle[0], y - self._middle[1]
+        x = np.arange(self.width) + 0.5 - self._middle[0]
+        y = np.arange(top, bottom)[:, None] + 0.5 - self._middle[1]
         found[..., 0] = (c * x - s * y + a) / self.supersample
         found[..., 1] = (s * x + c * y + b) / self.supersample
         return found

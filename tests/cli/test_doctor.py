@@ -63,18 +63,6 @@ def report(examined):
 
 
 @pytest.fixture
-def no_library(monkeypatch):
-    """A machine without any graphics library."""
-    cached = (libraries.egl_library, libraries.osmesa_library)
-    for load in cached:
-        load.cache_clear()
-    monkeypatch.setattr(libraries, "find_library", lambda names: None)
-    yield
-    for load in cached:
-        load.cache_clear()
-
-
-@pytest.fixture
 def bad_driver(tmp_path, monkeypatch, examined):
     """A device that opens, whose driver then does what a shell script says; or at opening."""
     opened = json.dumps({"context": examined["reports"][0]["context"]})

@@ -43,17 +43,6 @@ def egl():
     return libraries.egl_library()
 
 
-@pytest.fixture
-def no_library(monkeypatch):
-    """A machine without any graphics library."""
-    for cached in (libraries.egl_library, libraries.osmesa_library):
-        cached.cache_clear()
-    monkeypatch.setattr(libraries, "find_library", lambda names: None)
-    yield
-    for cached in (libraries.egl_library, libraries.osmesa_library):
-        cached.cache_clear()
-
-
 def draw_red(context):
     """Clear a framebuffer to red and read one pixel."""
     texture = context.gl.texture((4, 4), 4)
@@ -75,17 +64,10 @@ def test_each_kind_of_context_draws(device):
         assert context.gl.error == "GL_NO_ERROR"
         assert context.gl.gc_mode == "context_gc"
         assert context.gl.version_code == context.info.gl_version >= 330
-
-
-def test_info_says_what_was_got(context):
-    info = context.info
-    assert info.renderer == context.gl.info["GL_RENDERER"]
-    assert info.device.kind == "egl-surfaceless"
-    assert info.is_software
-    assert set(info.limits) == set(devices.LIMITS)
-    assert info.limits["max_texture_size"] >= 1024 <= min(info.limits["max_viewport_dims"])
-    assert info.has_ssbo == (info.limits["max_ssbo_bytes"] > 0)
-    assert info.extensions == context.gl.extensions
+        assert context.info.renderer == context.gl.info["GL_RENDERER"]
+        assert context.info.extensions == context.gl.extensions
+        limits = context.info.limits
+        assert limits["max_texture_size"] >= 1024 <= min(limits["max_viewport_dims"])
 
 
 def test_missing_extensions_are_false_flags_not_errors(context):
@@ -117,33 +99,27 @@ def test_a_lost_context_is_reported_and_a_live_one_is_not(context, monkeypatch):
 # --- what the driver refuses ----------------------------------------------------------------------
 
 
-def test_lower_versions_are_asked_for_when_higher_ones_are_refused(egl, monkeypatch):
+@pytest.mark.parametrize(
+    "is_refused",
+    [
+        lambda attributes: attributes[1] >= 4,  # versions 4.5 and 4.3
+        lambda attributes: 0x30BF in list(attributes)[::2],  # robust access
+    ],
+)
+def test_less_is_asked_for_when_more_is_refused(egl, monkeypatch, is_refused):
+    with open_context("surfaceless") as context:
+        whole = context.info
     create, asked = egl.eglCreateContext, []
 
-    def refuse_4(display, config, share, attributes):
-        asked.append((attributes[1], attributes[3]))
-        return create(display, config, share, attributes) if attributes[1] < 4 else None
+    def refuse(display, config, share, attributes):
+        asked.append(is_refused(attributes))
+        return None if asked[-1] else create(display, config, share, attributes)
 
-    monkeypatch.setattr(egl, "eglCreateContext", refuse_4)
+    monkeypatch.setattr(egl, "eglCreateContext", refuse)
     with open_context("surfaceless") as context:
-        assert context.info.gl_version >= 330
-    assert list(dict.fromkeys(asked)) == [(4, 5), (4, 3), (3, 3)]
-
-
-def test_robust_access_is_asked_for_and_done_without_when_refused(egl, monkeypatch):
-    with open_context("surfaceless") as context:
-        if not (context.info.has_robust_access and context.info.has_reset_notification):
-            pytest.skip(f"{context.info.renderer} offers no robust access")
-    create = egl.eglCreateContext
-
-    def refuse_robust(display, config, share, attributes):
-        is_robust = 0x30BF in list(attributes)[::2]
-        return None if is_robust else create(display, config, share, attributes)
-
-    monkeypatch.setattr(egl, "eglCreateContext", refuse_robust)
-    with open_context("surfaceless") as context:
-        assert not context.info.has_robust_access
-        assert context.info.gl_version >= 330
+        assert whole.gl_version >= context.info.gl_version >= 330
+    if whole.has_robust_access:
+        assert asked[0] > asked[-1]
 
 
 @pytest.mark.parametrize(
@@ -152,7 +128,7 @@ def test_robust_access_is_asked_for_and_done_without_when_refused(egl, monkeypat
         ("eglCreateContext", None, r"no OpenGL 3\.3 core context"),
         ("eglMakeCurrent", 0, "cannot make the context current"),
         ("eglInitialize", 0, "cannot initialise the EGL display.*driver installed"),
-        ("eglGetPlatformDisplayEXT", None, "no EGL display"),
+        ("eglGetPlatformDisplayEXT", None, "cannot initialise the EGL display"),
         ("address", 0, r"no OpenGL library: wanted libGL\.so\.1"),
     ],
 )
@@ -211,12 +187,6 @@ def test_a_gpu_tells_its_node_its_name_and_its_cuda_index(egl, monkeypatch):
     assert devices.describe_device(egl, 1, 0).cuda_index is None
 
 
-def test_auto_does_without_egl_devices(context, monkeypatch):
-    monkeypatch.setattr(devices, "egl_devices", lambda: [devices.SURFACELESS])
-    with open_context() as fallback:
-        assert fallback.info.device == devices.SURFACELESS
-
-
 def test_hardware_that_cannot_be_had_is_refused_by_name():
     if any(not device.is_software for device in list_devices()):
         pytest.skip("this machine has hardware")
@@ -262,17 +232,6 @@ def test_forced_software_skips_hardware_devices(monkeypatch):
     assert devices.candidates("auto")[0][0] == GPU
 
 
-@pytest.mark.slow
-def test_a_read_only_home_and_a_plain_locale_open(context):
-    code = (
-        "from rastercov.raster.gl.context import open_context as o\n"
-        "with o() as c: print(c.info.renderer)"
-    )
-    home = {"HOME": "/proc", "XDG_CACHE_HOME": "/proc/none", "LIBGL_ALWAYS_SOFTWARE": "1"}
-    done = run_python("-W", "error", "-c", code, timeout=60, LANG="C", LC_ALL="C", **home)
-    assert devices.SOFTWARE_RENDERERS.search(done.stdout)
-
-
 # --- missing libraries ----------------------------------------------------------------------------
 
 
@@ -290,8 +249,7 @@ def test_a_read_only_home_and_a_plain_locale_open(context):
     ],
 )
 def test_install_line_of_each_distribution(ids, line):
-    own, _, like = ids.partition(" ")
-    release = {"ID": own, "ID_LIKE": like} if like else {"ID": own} if own else {}
+    release = dict(zip(("ID", "ID_LIKE"), ids.split(" ", 1), strict=False))
     assert line in libraries.install_line("egl", release)
     osmesa = libraries.install_line("osmesa", {"ID": "ubuntu"})
     assert osmesa == "apt-get install -y libosmesa6"
@@ -364,24 +322,29 @@ context.release()
     run_python("-W", "error", "-c", code, timeout=60)
 
 
-def test_two_contexts_take_turns(context):
-    with open_context("surfaceless") as other:
-        assert draw_red(other) == b"\xff\x00\x00\xff"
-        assert draw_red(context) == b"\xff\x00\x00\xff"
-        assert draw_red(other) == b"\xff\x00\x00\xff"
+@pytest.mark.parametrize("other", ["surfaceless", "osmesa"])
+def test_two_contexts_take_turns(context, other):
+    with open_or_skip(other) as other:
+        for turn in (other, context, other):
+            turn.make_current()
+            assert turn._native._door.current() == turn._native._handle
+            assert draw_red(turn) == b"\xff\x00\x00\xff"
         gl = context.gl
         other.make_current()
     assert gl.buffer(b"1234").read() == b"1234"
     assert draw_red(context) == b"\xff\x00\x00\xff"  # the release hands the thread back
 
 
-def test_egl_and_osmesa_take_turns(context):
-    with open_or_skip("osmesa") as other:
-        for turn in (other, context, other):
-            turn.make_current()
-            assert draw_red(turn) == b"\xff\x00\x00\xff"
-        context.make_current()
-    assert draw_red(context) == b"\xff\x00\x00\xff"
+@pytest.mark.slow
+def test_a_context_opens_without_a_home_and_may_be_open_when_python_ends(context):
+    code = (
+        "from rastercov.raster.gl.context import open_context\n"
+        "c = open_context()\nc.gl.buffer(b'1')\nprint(c.info.renderer)"
+    )
+    home = {"HOME": "/proc", "XDG_CACHE_HOME": "/proc/none", "LIBGL_ALWAYS_SOFTWARE": "1"}
+    done = run_python("-W", "error", "-c", code, timeout=60, LANG="C", LC_ALL="C", **home)
+    assert devices.SOFTWARE_RENDERERS.search(done.stdout)
+    assert not re.search("exception|warning|error", done.stderr, re.IGNORECASE)
 
 
 def test_a_forgotten_context_warns_and_is_released(context):
@@ -392,16 +355,6 @@ def test_a_forgotten_context_warns_and_is_released(context):
         del forgotten
     assert native.released
     context.make_current()
-
-
-@pytest.mark.slow
-def test_an_open_context_does_not_disturb_the_exit_of_python(context):
-    code = (
-        "from rastercov.raster.gl.context import open_context\n"
-        "c = open_context()\nc.gl.buffer(b'1')"
-    )
-    done = run_python("-W", "error", "-c", code, timeout=60)
-    assert (done.returncode, done.stderr) == (0, "")
 
 
 @pytest.mark.slow

@@ -1,18 +1,21 @@
 """Each stage of the CPU rasteriser gives what its numpy twin in the reference gives."""
 
+from functools import cache
+
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 from numba import njit
+from numba.core import cgutils, types
+from numba.extending import intrinsic
 
-from rastercov.kernels import (
-    raster_memory,
-    raster_stage_cover,
-    raster_stage_cull,
-    raster_stage_depth,
-    raster_stage_setup,
-)
+from rastercov.kernels import raster_memory
+from rastercov.kernels import raster_stage_cover as cover
+from rastercov.kernels import raster_stage_cull as cull
+from rastercov.kernels import raster_stage_depth as depths
+from rastercov.kernels import raster_stage_setup as set_up
 from rastercov.kernels.raster_loops import put_frustum
 from rastercov.kernels.raster_memory import (
     LANES,
@@ -28,11 +31,53 @@ from rastercov.kernels.raster_memory import (
     make_scratch,
 )
 from rastercov.kernels.raster_stage_vertices import project_vertices
-from rastercov.kernels.simd_kernel import pointer, pointers
+from rastercov.kernels.simd_kernel import append_set_bits, count_bits, lowest_bit
 from rastercov.reference import raster_stages as twin
 
 SEEDS = st.integers(0, 2**32 - 1)
 NONE = np.zeros(1, np.int32)
+
+
+def of_memory(kind):
+    """Type of an argument with pointers for its arrays."""
+    if isinstance(kind, types.BaseNamedTuple):
+        return types.NamedTuple([of_memory(each) for each in kind], kind.instance_class)
+    return types.CPointer(kind.dtype) if isinstance(kind, types.Array) else kind
+
+
+def memory(context, builder, kind, value):
+    if isinstance(kind, types.BaseNamedTuple):
+        parts = zip(kind, cgutils.unpack_tuple(builder, value), strict=True)
+        values = [memory(context, builder, *part) for part in parts]
+        return context.make_tuple(builder, of_memory(kind), values)
+    is_array = isinstance(kind, types.Array)
+    return context.make_array(kind)(context, builder, value).data if is_array else value
+
+
+@intrinsic
+def in_memory(typing, args):
+    """Arguments with pointers for their arrays."""
+
+    def generate(context, builder, signature, values):
+        parts = zip(args, cgutils.unpack_tuple(builder, values[0]), strict=True)
+        found = [memory(context, builder, *part) for part in parts]
+        return context.make_tuple(builder, signature.return_type, found)
+
+    return types.Tuple([of_memory(kind) for kind in args])(args), generate
+
+
+@cache
+def loop_of(stage):
+    @njit
+    def loop(*args):
+        return stage(*in_memory(args))
+
+    return loop
+
+
+def run(stage, *args):
+    """Result of a stage, which takes pointers, for arrays."""
+    return loop_of(stage)(*args)
 
 
 def bits_of(mask):
@@ -50,28 +95,6 @@ def assert_equal(found, expected):
 
 
 # --- projection and culling of clusters -----------------------------------------------------------
-
-
-@njit
-def run_project(mesh, cluster, camera, vertices):
-    return project_vertices(pointers(mesh), cluster, pointer(camera), pointers(vertices))
-
-
-@njit
-def run_cull(bounds, camera, frustum, magnification, hides_backs, centres, size):
-    put_frustum(pointer(camera), size[0], size[1], size[2], pointer(frustum))
-    return raster_stage_cull.cull_clusters(
-        pointer(bounds), bounds.shape[1], LANES, pointer(camera), pointer(frustum), magnification,
-        hides_backs, pointer(centres),
-    )  # fmt: skip
-
-
-@njit
-def run_band(bounds, centres, fy, up, up_length, down, down_length):
-    return raster_stage_cull.clusters_in_band(
-        pointer(bounds), bounds.shape[1], LANES, pointer(centres), fy, up, up_length, down,
-        down_length,
-    )  # fmt: skip
 
 
 def camera_of(rng):
@@ -100,7 +123,7 @@ def test_vertices_are_projected_alike(seed, n_vectors, is_safe):
     mesh = Mesh(memory_of, NONE, NONE, NONE)
     cluster = Cluster(first, first + n, 0, 0, 0, 0, int(is_safe))
     vertices = Vertices(scratch.u, scratch.v, scratch.w, scratch.x, scratch.y)
-    box = run_project(mesh, cluster, camera, vertices)
+    box = run(project_vertices, mesh, cluster, camera, vertices)
     expected = twin.project_vertices(points, camera, is_safe)
     for found, values in zip(vertices, expected, strict=True):
         assert_equal(found[:n], values)
@@ -122,81 +145,24 @@ def test_clusters_are_culled_alike(seed, hides_backs):
     bounds[9], bounds[10] = -bounds[3] * rng.random(48), bounds[3] * rng.uniform(0, 1, 48)
     frustum, centres = np.zeros((5, 4)), np.zeros((2, 48))
     hides = raster_memory.ALL_LANES if hides_backs else 0
-    bits = run_cull(bounds, camera, frustum, camera[12:14].min(), hides, centres, size)
+    run(put_frustum, camera, *size, frustum)
+    clusters = bounds, bounds.shape[1]
+    magnification = camera[12:14].min()
+    bits = run(cull.cull_clusters, *clusters, LANES, camera, frustum, magnification, hides, centres)
     chosen = slice(LANES, 2 * LANES)
     kept, safe, middles = twin.cull_clusters(
-        bounds[:, chosen], camera, frustum, camera[12:14].min(), hides_backs
+        bounds[:, chosen], camera, frustum, magnification, hides_backs
     )
     assert_equal(split(bits, 2), (kept, safe))
     assert_equal(centres[:, chosen], middles)
     fy, cy = camera[13], camera[15]
     band = fy, cy - size[1], frustum[2, 3], size[2] - cy, frustum[3, 3]
     expected = twin.clusters_in_band(bounds[3, chosen], middles, *band)
-    assert run_band(bounds, centres, *band) == bits_of(expected)
+    found = run(cull.clusters_in_band, *clusters, LANES, centres, *band)
+    assert found == bits_of(expected)
 
 
 # --- triangles ------------------------------------------------------------------------------------
-
-
-@njit
-def run_bin(mesh, vertices, coverage, window, is_plain):
-    faces = Faces(pointers(mesh), 0, pointers(vertices), pointer(coverage))
-    return raster_stage_cull.bin_faces(faces, 0, pointers(window), is_plain)
-
-
-@njit
-def run_set_up(slots, mesh, vertices, coverage, window, setup):
-    faces = Faces(pointers(mesh), 0, pointers(vertices), pointer(coverage))
-    window, setup = pointers(window), pointers(setup)
-    return raster_stage_setup.set_up_triangles(pointer(slots), 0, 1, faces, window, setup)
-
-
-@njit
-def run_edges(slots, mesh, vertices, coverage, window, setup):
-    faces = Faces(pointers(mesh), 0, pointers(vertices), pointer(coverage))
-    setup = pointers(setup)
-    raster_stage_setup.set_up_edges(pointer(slots), 0, faces, pointers(window), setup)
-    return raster_stage_cover.fit_count_samples(setup)
-
-
-@njit
-def run_cover(k, window, setup):
-    return raster_stage_cover.cover_blocks(k, pointers(window), pointers(setup))
-
-
-@njit
-def run_count(chosen, setup):
-    raster_stage_cover.count_samples(chosen, pointers(setup))
-
-
-@njit
-def run_count_rows(k, start, setup):
-    return raster_stage_cover.count_rows(k, start, pointers(setup))
-
-
-@njit
-def run_tile(k, right, down, x, y, window, setup, masks, bound):
-    window, setup = pointers(window), pointers(setup)
-    reached = raster_stage_cover.reach_blocks(k, right, down, setup)
-    raster_stage_cover.start_blocks(k, x, y, window, setup)
-    for block in range(LANES):
-        masks[block] = raster_stage_cover.cover_block(block, setup)
-    whole, hidden = (
-        raster_stage_cover.whole_blocks(k, setup),
-        raster_stage_depth.hidden_blocks(k, bound, setup),
-    )
-    return reached, whole, hidden, raster_stage_depth.least_in_tile(k, setup)
-
-
-@njit
-def run_samples(k, window, setup):
-    raster_stage_depth.depth_of_samples(k, pointers(window), pointers(setup))
-    return raster_stage_cover.coverage_of_samples(pointers(setup))
-
-
-@njit
-def run_depth_test(image, at, covered, setup, k, start):
-    return raster_stage_depth.depth_test(pointers(image), at, covered, pointers(setup), k, start)
 
 
 def triangles(seed, scale, is_flawed=False):
@@ -256,7 +222,8 @@ def rows(array, n):
 @settings(max_examples=25, deadline=None)
 def test_faces_are_culled_and_binned_alike(seed, scale, is_flawed):
     scratch, mesh, vertices, window, _, places = triangles(seed, scale, is_flawed)
-    shown, hidden = run_bin(mesh, vertices, scratch.coverage_2x2, window, int(not is_flawed))
+    faces = Faces(mesh, 0, vertices, scratch.coverage_2x2)
+    shown, hidden = run(cull.bin_faces, faces, 0, window, int(not is_flawed))
     is_face = mesh.corners[:LANES] > 0
     expected, covered = twin.bin_faces(places, is_face, window, not is_flawed)
     assert_equal(np.concatenate((split(shown, 4), split(hidden, 2))), expected)
@@ -275,7 +242,8 @@ def test_triangles_are_set_up_covered_and_located_alike(kind, seed, scale):
     scratch, mesh, vertices, window, exact, places = triangles(seed, scale)
     slots, setup = scratch.larger, setup_of(scratch, getattr(scratch, kind))
     chosen = slots[:LANES]
-    sizes, sides = run_set_up(slots, mesh, vertices, scratch.coverage_2x2, window, setup)
+    faces = Faces(mesh, 0, vertices, scratch.coverage_2x2)
+    sizes, sides = run(set_up.set_up_triangles, slots, 0, 1, faces, window, setup)
     places, exact = places[chosen], exact[:, chosen].swapaxes(1, 2)
     edges, bounds, plane64, plane32 = twin.set_up_triangles(exact, places, window)
     area = twin.signed_area(places)
@@ -292,13 +260,14 @@ def test_triangles_are_set_up_covered_and_located_alike(kind, seed, scale):
     assert_equal(rows(setup.edges, 9)[:, can_cover], edges[:, can_cover])
     assert_equal(rows(setup.plane64, 3)[:, is_whole], plane64[:, is_whole])
     assert_equal(rows(setup.plane32, 4)[:, is_whole], plane32[:, is_whole])
-    small = run_edges(slots, mesh, vertices, scratch.coverage_2x2, window, setup)
+    run(set_up.set_up_edges, slots, 0, faces, window, setup)
+    small = run(cover.fit_count_samples, setup)
     fits = twin.fit_count_samples(bounds)
     assert_equal(split(small, 1)[0], fits)
     ok = can_cover & is_whole
     if kind == "edges":
         for k in range(4):
-            found = split(run_cover(k, window, setup), 2)
+            found = split(run(cover.cover_blocks, k, window, setup), 2)
             has, border, masks, sample, start = twin.cover_blocks(
                 k, places, bounds, window, plane64
             )
@@ -308,26 +277,28 @@ def test_triangles_are_set_up_covered_and_located_alike(kind, seed, scale):
                 (*found, *written), (has, border, masks, sample, start), strict=True
             ):
                 assert_equal(np.asarray(one)[in_blocks], np.asarray(other)[in_blocks])
-            samples = run_samples(k, window, setup)
+            run(depths.depth_of_samples, k, window, setup)
+            samples = run(cover.coverage_of_samples, setup)
             coverage = scratch.coverage_2x2[chosen]
             assert_equal(split(samples, 4), twin.coverage_of_samples(coverage))
             sample, depth = twin.depth_of_samples(k, bounds, window, plane64, plane32)
             assert_equal(rows(setup.sample, 4)[k][ok], sample[ok])
             assert_equal(rows(setup.depth, 4)[k][ok], depth[ok])
-        run_count(bits_of(ok & fits), setup)
+        run(cover.count_samples, bits_of(ok & fits), setup)
         expected = twin.count_samples(places[ok & fits], bounds[:, ok & fits])
         assert_equal(setup.masks[:LANES][ok & fits], expected)
         for k in np.flatnonzero(ok):
             for start in range(0, bounds[3, k] - bounds[2, k] + 1, LANES):
-                found = run_count_rows(k, start, setup)
+                found = run(cover.count_rows, k, start, setup)
                 assert found == twin.count_rows(places[k], bounds[:, k], start)
     for k in np.flatnonzero(ok)[:3]:
         first_x, first_y = int(bounds[0, k]) // SIDE, int(bounds[2, k]) // SIDE
-        masks = np.zeros(LANES, np.int64)
         bound = rows(scratch.plane32, 4)[2:, k].mean()
-        reached, whole, hidden, least = run_tile(
-            k, 0, 0, first_x, first_y, window, setup, masks, bound
-        )
+        reached = run(cover.reach_blocks, k, 0, 0, setup)
+        run(cover.start_blocks, k, first_x, first_y, window, setup)
+        masks = np.array([run(cover.cover_block, block, setup) for block in range(LANES)])
+        whole, least = run(cover.whole_blocks, k, setup), run(depths.least_in_tile, k, setup)
+        hidden = run(depths.hidden_blocks, k, bound, setup)
         x, y = first_x + np.arange(LANES) % SIDE, first_y + np.arange(LANES) // SIDE
         assert_equal(masks, twin.cover_block(np.tile(places[k], (LANES, 1, 1)), x, y))
         assert_equal(split(reached, 1)[0], twin.reach_blocks(edges[:, k], 0, 0))
@@ -341,15 +312,6 @@ def test_triangles_are_set_up_covered_and_located_alike(kind, seed, scale):
         assert_equal(least, twin.least_in_tile(plane32[:, k], start))
 
 
-@njit
-def run_cell(depth, block, columns, n_rows, vertices, n, owner, face):
-    return (
-        raster_stage_depth.least_depth(pointer(depth), block, columns, n_rows),
-        raster_stage_depth.nearest_vertex(pointers(vertices), n),
-        raster_stage_depth.samples_of_later_faces(pointer(owner), 0, face),
-    )
-
-
 @given(SEEDS)
 @settings(max_examples=25, deadline=None)
 def test_cells_and_clusters_are_bounded_alike(seed):
@@ -361,7 +323,9 @@ def test_cells_and_clusters_are_bounded_alike(seed):
     block = SIDE * int(rng.integers(0, 4)) + SIDE * columns
     depth = rng.random((SIDE + n_rows) * columns * LANES).astype(np.float32)
     owner, face = rng.integers(0, 5, LANES).astype(np.int32), int(rng.integers(5))
-    least, nearest, later = run_cell(depth, block, columns, n_rows, vertices, n, owner, face)
+    least = run(depths.least_depth, depth, block, columns, n_rows)
+    nearest = run(depths.nearest_vertex, vertices, n)
+    later = run(depths.samples_of_later_faces, owner, 0, face)
     assert_equal(least, twin.least_depth(depth, block, columns, n_rows))
     assert_equal(nearest, twin.nearest_vertex(vertices.w[:n]))
     assert_equal(split(later, 1)[0], twin.samples_of_later_faces(owner, face))
@@ -382,8 +346,40 @@ def test_depths_are_tested_alike(seed):
     old = depth[LANES : 2 * LANES].copy()
     others = depth[:LANES].copy(), depth[2 * LANES :].copy()
     image = Image(depth, NONE, NONE, NONE, False)
-    found = run_depth_test(image, LANES, bits_of(covered), setup, k, start)
+    found = run(depths.depth_test, image, LANES, bits_of(covered), setup, k, start)
     expected, *masks = twin.depth_test(old, covered, planes[:, k], start)
     assert_equal(depth[LANES : 2 * LANES], expected)
     assert_equal(split(found, 3), masks)
     assert_equal((depth[:LANES], depth[2 * LANES :]), others)
+
+
+# --- bits and lists of lanes ----------------------------------------------------------------------
+
+
+def test_every_mask_is_listed_in_order_behind_what_was_there():
+    n_masks, room = 1 << LANES, 3 * LANES
+    bit_indices = make_scratch().bit_indices
+    starts = np.random.default_rng(0).integers(0, 8, n_masks)
+    listed = np.full((n_masks, room), -1, np.int32)
+    for mask in range(0, n_masks, 7):  # any value of either byte is among them
+        start, is_set = starts[mask], split(mask, 1)[0]
+        n = run(append_set_bits, bit_indices, mask, 3 * mask, listed[mask], start)
+        assert n == start + is_set.sum()
+        expected = twin.append_set_bits(np.full(start, -1), is_set, 3 * mask)
+        assert np.array_equal(listed[mask, :n], expected)
+    column = np.arange(room)
+    assert (listed[column >= starts[:, None] + LANES] == -1).all()  # no more than it has room for
+
+
+@given(st.integers(-(2**63), 2**63 - 1).filter(bool))
+@example(1)
+@example(-(2**63))
+def test_bits_are_counted_and_the_lowest_is_found(number):
+    digits = format(number % 2**64, "b")
+    lowest = len(digits) - len(digits.rstrip("0"))
+    assert (run(count_bits, number), run(lowest_bit, number)) == (digits.count("1"), lowest)
+
+
+@given(arrays(np.uint8, LANES), st.integers(0, 65535))
+def test_weights_of_a_block_are_bytes_without_a_sign(weights, bits):
+    assert run(depths.count_block, bits, 0, weights) == weights[split(bits, 1)[0]].sum()

@@ -18,7 +18,6 @@ import os
 import sys
 import threading
 import warnings
-from abc import ABC, abstractmethod
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cache
@@ -32,7 +31,6 @@ from rastercov.raster.gl import devices
 from rastercov.raster.gl.devices import DeviceInfo
 from rastercov.raster.gl.libraries import (
     EGL_EXTENSIONS,
-    Egl,
     egl_library,
     install_line,
     int_array,
@@ -82,7 +80,7 @@ def _same_object(number: int) -> int:
     return number
 
 
-class _NativeContext(ABC):
+class _NativeContext:
     """OpenGL context of EGL or OSMesa, owned by one thread, with glcontext's interface.
 
     moderngl 5.13 never releases the address of each of 670 functions and the name of each of 220
@@ -94,7 +92,8 @@ class _NativeContext(ABC):
         self.pid = os.getpid()
         self.thread = threading.current_thread()
         self.released = False
-        self.handle = self._create(device)
+        self._door = _OSMesaDoor() if device.kind == "osmesa" else _EglDoor(device)
+        self.address, self._handle = self._door.address, self._door.create()
         try:
             self.make_current()
             if not self.address("glGetString"):
@@ -102,19 +101,6 @@ class _NativeContext(ABC):
         except DeviceError:
             self.release()
             raise
-
-    @abstractmethod
-    def address(self, name: str) -> int:
-        """Address of an OpenGL function, 0 when it is absent."""
-
-    @abstractmethod
-    def _create(self, device: DeviceInfo) -> int: ...
-    @abstractmethod
-    def _is_current(self) -> bool: ...
-    @abstractmethod
-    def _bind(self) -> None: ...
-    @abstractmethod
-    def _destroy(self) -> None: ...
 
     def load(self, name: str) -> int:
         """Address of an OpenGL function for moderngl."""
@@ -125,7 +111,7 @@ class _NativeContext(ABC):
     def __enter__(self) -> None:
         self.make_current()
 
-    def __exit__(self, *_: object) -> None:  # noqa: B027 - it is not abstract
+    def __exit__(self, *_: object) -> None:
         """Leave the context current: the thread owns it."""
 
     def check_owner(self) -> None:
@@ -147,8 +133,8 @@ class _NativeContext(ABC):
     def make_current(self) -> None:
         """Bind the context to its thread, unless it is already bound."""
         self.check_owner()
-        if _thread.contexts[-1:] != [self] or not self._is_current():
-            self._bind()
+        if _thread.contexts[-1:] != [self] or self._door.current() != self._handle:
+            self._door.bind(self._handle)
             _thread.contexts = [*(other for other in _thread.contexts if other is not self), self]
 
     def release(self) -> None:
@@ -157,21 +143,37 @@ class _NativeContext(ABC):
             return
         if os.getpid() == self.pid:
             self.check_owner()
-            self._destroy()
+            self._door.destroy(self._handle)
             _thread.contexts = [other for other in _thread.contexts if other is not self]
             if _thread.contexts:
+                last = _thread.contexts[-1]
                 with suppress(DeviceError):  # its next use raises the error again
-                    _thread.contexts[-1]._bind()
+                    last._door.bind(last._handle)
         self.released = True
 
 
-class _EglContext(_NativeContext):
-    """Context on an EGL device or on EGL without a surface."""
+class _EglDoor:
+    """Contexts on an EGL device or on EGL without a surface."""
 
-    def _create(self, device: DeviceInfo) -> int:
-        """Handle of a new context: highest version first, then most robustness first."""
+    def __init__(self, device: DeviceInfo) -> None:
         self.egl = egl = egl_library()
-        self.display = _display(egl, device)
+        self.address, self.current = egl.address, egl.eglGetCurrentContext
+        if egl.eglGetPlatformDisplayEXT is None:
+            raise DeviceError("EGL lacks EGL_EXT_platform_base; a newer EGL library is needed")
+        platform: tuple[int, int | None] = (EGL_PLATFORM_SURFACELESS_MESA, None)
+        if device.index is not None:
+            platform = (EGL_PLATFORM_DEVICE_EXT, egl.devices()[device.index])
+        # The same one for every context of the device.
+        self.display = egl.eglGetPlatformDisplayEXT(*platform, None)
+        if not self.display or not egl.eglInitialize(self.display, None, None):
+            raise DeviceError(
+                f"cannot initialise the EGL display: {egl.error()}; is its driver installed? "
+                f"({install_line('egl')})"
+            )
+
+    def create(self) -> int:
+        """Handle of a new context: highest version first, then most robustness first."""
+        egl = self.egl
         if not egl.eglBindAPI(EGL_OPENGL_API):
             raise DeviceError(f"EGL offers no desktop OpenGL: eglBindAPI gave {egl.error()}")
         extensions = egl.words(egl.eglQueryString(self.display, EGL_EXTENSIONS))
@@ -191,47 +193,31 @@ class _EglContext(_NativeContext):
                 return int(handle)
         raise DeviceError(f"no OpenGL 3.3 core context: eglCreateContext gave {egl.error()}")
 
-    def address(self, name: str) -> int:
-        return self.egl.address(name)
-
-    def _is_current(self) -> bool:
-        return bool(self.egl.eglGetCurrentContext() == self.handle)
-
-    def _bind(self) -> None:
+    def bind(self, handle: int) -> None:
+        """Make a context current."""
         self.egl.eglBindAPI(EGL_OPENGL_API)  # per thread; another library may bind OpenGL ES
         # Unbind first: Mesa skips a context it believes current, even after OSMesa replaced it.
         self.egl.eglMakeCurrent(self.display, None, None, None)
-        if not self.egl.eglMakeCurrent(self.display, None, None, self.handle):
+        if not self.egl.eglMakeCurrent(self.display, None, None, handle):
             raise DeviceError(f"cannot make the context current: {self.egl.error()}")
 
-    def _destroy(self) -> None:
-        if self._is_current():
+    def destroy(self, handle: int) -> None:
+        """Give a context back."""
+        if self.current() == handle:
             self.egl.eglMakeCurrent(self.display, None, None, None)
-        self.egl.eglDestroyContext(self.display, self.handle)
+        self.egl.eglDestroyContext(self.display, handle)
 
 
-def _display(egl: Egl, device: DeviceInfo) -> int:
-    """Initialised EGL display of a device; the same one for every context of the device."""
-    if egl.eglGetPlatformDisplayEXT is None:
-        raise DeviceError("EGL lacks EGL_EXT_platform_base; a newer EGL library is needed")
-    platform: tuple[int, int | None] = (EGL_PLATFORM_SURFACELESS_MESA, None)
-    if device.index is not None:
-        platform = (EGL_PLATFORM_DEVICE_EXT, egl.devices()[device.index])
-    display = egl.eglGetPlatformDisplayEXT(*platform, None)
-    driver = f"is its driver installed? ({install_line('egl')})"
-    if not display:
-        raise DeviceError(f"no EGL display: eglGetPlatformDisplayEXT gave {egl.error()}; {driver}")
-    if not egl.eglInitialize(display, None, None):
-        raise DeviceError(f"cannot initialise the EGL display: {egl.error()}; {driver}")
-    return int(display)
+class _OSMesaDoor:
+    """Contexts of OSMesa, which draws into memory without EGL."""
 
-
-class _OSMesaContext(_NativeContext):
-    """Context of OSMesa, which draws into memory without EGL."""
-
-    def _create(self, device: DeviceInfo) -> int:
+    def __init__(self) -> None:
         self.osmesa = osmesa_library()
+        self.current = self.osmesa.OSMesaGetCurrentContext
         self.buffer = ctypes.create_string_buffer(4 * OSMESA_SIDE**2)
+
+    def create(self) -> int:
+        """Handle of a new context, highest version first."""
         for major, minor in GL_VERSIONS:
             version = (OSMESA_CONTEXT_MAJOR_VERSION, major, OSMESA_CONTEXT_MINOR_VERSION, minor)
             layout = (OSMESA_FORMAT, GL_RGBA, OSMESA_PROFILE, OSMESA_CORE_PROFILE)
@@ -241,20 +227,20 @@ class _OSMesaContext(_NativeContext):
         raise DeviceError("no OpenGL 3.3 core context: OSMesaCreateContextAttribs refused")
 
     def address(self, name: str) -> int:
+        """Address of an OpenGL function, 0 when it is absent."""
         return self.osmesa.OSMesaGetProcAddress(name.encode()) or 0
 
-    def _is_current(self) -> bool:
-        return bool(self.osmesa.OSMesaGetCurrentContext() == self.handle)
-
-    def _bind(self) -> None:
+    def bind(self, handle: int) -> None:
+        """Make a context current."""
         image = (self.buffer, GL_UNSIGNED_BYTE, OSMESA_SIDE, OSMESA_SIDE)
-        if not self.osmesa.OSMesaMakeCurrent(self.handle, *image):
+        if not self.osmesa.OSMesaMakeCurrent(handle, *image):
             raise DeviceError("cannot make the OSMesa context current")
 
-    def _destroy(self) -> None:
-        if self._is_current():
+    def destroy(self, handle: int) -> None:
+        """Give a context back."""
+        if self.current() == handle:
             self.osmesa.OSMesaMakeCurrent(None, None, 0, 0, 0)
-        self.osmesa.OSMesaDestroyContext(self.handle)
+        self.osmesa.OSMesaDestroyContext(handle)
 
 
 class HeadlessContext(Unique):
@@ -272,8 +258,7 @@ class HeadlessContext(Unique):
 
     def __init__(self, device: DeviceInfo) -> None:
         self._functions: dict[tuple[Any, ...], Any] = {}
-        kind = _OSMesaContext if device.kind == "osmesa" else _EglContext
-        self._native: _NativeContext = kind(device)
+        self._native = _NativeContext(device)
         try:
             self.info = devices.describe_context(self.function, device)
             # `standalone`: there is no default framebuffer to inspect.

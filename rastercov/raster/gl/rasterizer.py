@@ -13,7 +13,6 @@ poses, with the programs, images and buffers in use.
 from collections.abc import Iterator
 from contextlib import contextmanager
 from copy import copy
-from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -44,7 +43,6 @@ from rastercov.raster.gl.strategy import (
     DrawLimits,
 )
 from rastercov.raster.sample_grid import SampleGrid
-from rastercov.raster.tie_order import corners_of
 
 if TYPE_CHECKING:
     from rastercov.raster.lens import Look, View, ViewDrawer
@@ -166,11 +164,8 @@ class GLRasterizer(Rasterizer):
         resources, mesh, camera = self._resources, self.mesh.opaque, self.camera
         grid = SampleGrid(camera, self.supersample, self.roll)
         resources.use()
-        self._strategy: Any
-        if plan == "compute":
-            self._strategy = Compute(resources, mesh, camera, grid, limits)
-        else:
-            self._strategy = Pipeline(resources, mesh, camera, grid, limits)
+        kind = Compute if plan == "compute" else Pipeline
+        self._strategy: Any = kind(resources, mesh, camera, grid, limits)
         self.info = RasterizerInfo(
             backend="gl",
             plan=plan,
@@ -207,10 +202,6 @@ class GLRasterizer(Rasterizer):
         """Draw the opaque faces of the mesh through another pinhole; see `raster.lens`."""
         with self._current():
             return _Drawer(self, camera)
-
-    @cached_property
-    def _corners(self) -> tuple[FloatArray, FloatArray]:
-        return corners_of(self.mesh.opaque)
 
     def _picture(
         self, scene: Any, grid: SampleGrid, poses: FloatArray
