@@ -11,7 +11,11 @@ from notices import without_notices
 from rastercov import cli
 from rastercov.mesh import shapes
 
-ENTRY = "import sys; from rastercov.cli import main; sys.argv[0] = 'rastercov'; main()"
+INTERRUPTIBLE = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+"""The background of a shell ignores SIGINT, and so would a process that tests start from there."""
+ENTRY = (
+    INTERRUPTIBLE + "import sys; from rastercov.cli import main; sys.argv[0] = 'rastercov'; main()"
+)
 LID_AND_REST = {0: "lid", 2: "rest"}
 
 

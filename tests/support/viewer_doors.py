@@ -10,6 +10,8 @@ import threading
 import time
 from contextlib import contextmanager, suppress
 
+from commands import ENTRY
+
 VIEW = ("view", "teapot-5", "-c", "khepra", "-p", "sphere:3")
 SLOW = """
 import sys, time
@@ -22,10 +24,8 @@ def slow(self, entries):
             sum(range(10_000))
     return act(self, entries)
 Session.act = slow
-from rastercov.cli import main
-main()
 """
-"""The command, with answers to edits that take a minute."""
+"""Before the command: answers to edits that take a minute."""
 
 
 def half_opened(kind, port):
@@ -90,13 +90,11 @@ def seconds_to_close(connection, limit, trickle=b""):
 class Viewer:
     """The command `view` as a process; `url` and `token` are those that it printed."""
 
-    def __init__(self, *options, code="from rastercov.cli import main; main()", **environment):
+    def __init__(self, *options, code=ENTRY, **environment):
         self.process = subprocess.Popen(
             [sys.executable, "-P", "-c", code, *VIEW, *options],
             stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
             env=os.environ | environment,
-            # The background of a shell ignores SIGINT, and hands that on.
-            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
         )  # fmt: skip
         lines = iter(self.process.stdout.readline, "")
         self.url, self.token = next(x for x in lines if "/#" in x).strip().split("/#")
@@ -116,7 +114,7 @@ def interrupted(after, gaps=(), *, is_slow=True):
     """Exit code and errors of a viewer that gets Ctrl-C `after` an edit was sent, s, and again."""
     import httpx
 
-    viewer = Viewer("--no-browser", **({"code": SLOW} if is_slow else {}))
+    viewer = Viewer("--no-browser", code=SLOW + ENTRY if is_slow else ENTRY)
     body = {"revision": 0, "mode": "reason", "action": {"do": "none"}}
 
     def ask():
