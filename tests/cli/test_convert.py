@@ -5,6 +5,7 @@ import re
 from pathlib import Path
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 from commands import call, enter, refusal
 
@@ -138,17 +139,21 @@ def test_what_a_command_lacks_is_one_line(here, capsys, line, words):
 
 
 def test_evaluate_leaves_out_bad_poses_of_any_file(here, capsys):
-    views = rig().of_camera("left")
-    write_views("transforms.json", views)
+    write_views("transforms.json", rig(12).of_camera("left"))
     content = json.loads((here / "transforms.json").read_text())
     content["frames"][1]["transform_matrix"][0][0] = 9
+    content["frames"][4]["transform_matrix"][1][1] = 9
     (here / "transforms.json").write_text(json.dumps(content))
-    line = "evaluate box -p transforms.json --pose-unit m --pictures 0 --json -o out"
+    line = "evaluate box -p transforms.json --pose-unit m --pictures 2 --table all --json -o out"
     assert re.search(r"pose 1 is not a rotation .*: image '2\.png'", refusal(capsys, line))
+    assert not Path("out").exists()
     code, out, err = call(capsys, line + " --skip-bad-poses")
     assert code == 0
     assert "pose 1 left out: it is not a rotation" in err
-    assert json.loads(out)["poses"] == 1
+    told = json.loads(out)
+    assert [row["pose"] for row in told["per_pose"]] == [0, 2, 3, 5]
+    assert told["skipped_poses"].keys() == {"1", "4"}
+    assert set(pq.read_table("out/coverage.parquet")["pose"].to_pylist()) == {0, 2, 3, 5}
 
 
 def test_convert_says_which_poses_it_leaves_out(here, capsys):

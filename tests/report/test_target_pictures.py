@@ -5,10 +5,9 @@ import pytest
 import trimesh
 from exact_cases import AHEAD
 from scenes import square
-from target_scenes import beside, some_as_targets
+from target_scenes import beside
 
 from rastercov.camera.camera import Camera
-from rastercov.mesh import shapes
 from rastercov.raster import open_rasterizer
 from rastercov.reference.methods.faces import neighbourhood
 from rastercov.reference.models.report import difference_picture, look_at_part
@@ -19,8 +18,6 @@ from rastercov.report.images import (
     lay_over,
     targets_in_view,
 )
-from rastercov.report.modes import mode_picture
-from rastercov.report.panorama import look
 
 CAMERA = Camera(width=80, height=80, fx=80, fy=80)
 WALL = square(2, 4)
@@ -60,21 +57,6 @@ def test_outlines_are_stronger_than_the_inside():
     assert (pixels[:, [0, 5]] == 200).all()
     assert (pixels[:, [2, 3]] == 120).all()
     assert (pixels[:, [1, 4]] == 20).all()
-
-
-@pytest.mark.slow
-def test_pictures_of_a_placement_draw_targets_over_the_part():
-    room = shapes.room(4)
-    mesh = beside(room, shapes.box((1, 1, 1)))
-    scene = look(mesh, (1, -1.5, 1), scale=0.3)
-    assert scene.targets is not None
-    assert (scene.targets >= room.n_faces).any()
-    assert scene.face.max() < room.n_faces
-    best = np.ones(mesh.n_faces)
-    best[room.n_faces :] = 0
-    assert mode_picture("coverage", mesh, best).size > (0, 0)
-    alone = some_as_targets(square(1, 2), np.ones(2, bool))
-    assert (look(alone, (0, 0, -1), scale=0.3).targets >= 0).any()
 
 
 def test_coloured_meshes_have_translucent_targets(tmp_path):
