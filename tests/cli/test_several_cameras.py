@@ -18,14 +18,10 @@ MATRICES = rc.sphere_of_poses((0, 0, 0), 3.5, 5)
 INDICES = [0, 1, 1, 0, 1]
 EVALUATE = "evaluate box --min-pixels-per-m2 250 --pictures 0 --table none --json -o out "
 PLAN = """
-[[meshes]]
-built_in = "box"
+meshes = [{{ built_in = "box" }}]
+task = {{ min_pixels_per_m2 = 250 }}
+selection = {{ goal = "fewest_cameras", coverage = 0.5 }}
 {cameras}
-[task]
-min_pixels_per_m2 = 250
-[selection]
-goal = "fewest_cameras"
-coverage = 0.5
 """
 WIDE_ENTRIES = "width = 64\nheight = 48\nfx = 50\nfy = 50\n"
 LONG_ENTRIES = "width = 96\nheight = 72\nfx = 120\nfy = 120\n"
@@ -60,13 +56,11 @@ def figures(summary):
 
 def test_poses_may_name_their_cameras():
     views = read_views("named.json")
-    assert views.rig is None
-    assert views.camera_names == ("wide", "long")
-    assert views.poses.camera.tolist() == INDICES
-    np.testing.assert_array_equal(read_poses("named.json"), MATRICES)
     write_views("again.json", views)
-    again = read_views("again.json")
-    assert (again.camera_names, again.poses.camera.tolist()) == (("wide", "long"), INDICES)
+    for each in (views, read_views("again.json")):
+        assert each.rig is None
+        assert (each.camera_names, each.poses.camera.tolist()) == (("wide", "long"), INDICES)
+    np.testing.assert_array_equal(read_poses("named.json"), MATRICES)
 
 
 @pytest.mark.slow
@@ -122,11 +116,9 @@ def test_names_in_a_pose_file_that_are_none_are_refused(capsys, names):
     Path("bad.json").write_text(json.dumps(table))
     line = EVALUATE + "-c wide.json -p bad.json"
     assert "camera must be 5 names of cameras" in refusal(capsys, line)
-    if isinstance(names, list):
-        with pytest.raises(rc.PoseError, match="a name for each of 5"):
-            write_poses("other.json", MATRICES, names)
-    with pytest.raises(rc.PoseError, match=r"\.npy holds matrices alone"):
-        write_poses("poses.npy", MATRICES, NAMES)
+    for path, wrong in (("other.json", list(names)), ("poses.npy", NAMES)):
+        with pytest.raises(rc.PoseError, match=r"a name for each of 5|\.npy holds matrices alone"):
+            write_poses(path, MATRICES, wrong)
 
 
 def checked(capsys, cameras, line):

@@ -42,10 +42,6 @@ def test_millimetres_read_as_metres_are_asked_for_in_every_command(line, capsys)
     _, _, err = call(capsys, line)
     assert err.count("the mesh measures 85 x 85 x 85 m") == 1
     assert "mm?" in err
-
-
-@pytest.mark.parametrize("line", RUNS)
-def test_the_right_unit_is_not_asked_for(line, capsys):
     Path("plan.toml").write_text(PLAN.replace("[camera]", 'unit = "mm"\n[camera]'))
     unit = "" if "plan" in line else " --unit mm"
     assert "the mesh measures" not in call(capsys, line + unit)[2]

@@ -8,19 +8,11 @@ from commands import call, enter, refusal
 
 pytestmark = [pytest.mark.slow, pytest.mark.compile]
 PLAN = """
-[[meshes]]
-built_in = "teapot-5"
-[camera]
-preset = "icube-ns4133bu-8mm"
-[[candidates]]
-generator = "on_sphere"
-count = 30
-[selection]
-goal = "fewest_cameras"
-coverage = 0.5
-of_reachable = true
-[outputs]
-page = false
+meshes = [{ built_in = "teapot-5" }]
+camera = { preset = "icube-ns4133bu-8mm" }
+candidates = [{ generator = "on_sphere", count = 30 }]
+selection = { goal = "fewest_cameras", coverage = 0.5, of_reachable = true }
+outputs = { page = false }
 """
 
 

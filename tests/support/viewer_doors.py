@@ -28,10 +28,13 @@ Session.act = slow
 """Before the command: answers to edits that take a minute."""
 
 
-def half_opened(kind, port):
-    """A connection that asks for no answer: what it sends is the start of a request, if any."""
+def half_opened(kind, port, more=""):
+    """A connection that asks for no answer: what it sends is the start of a request, if any.
+
+    `more` are further lines of its head.
+    """
     made = socket.create_connection(("127.0.0.1", port), timeout=20)
-    host = f"Host: 127.0.0.1:{port}\r\n"
+    host = f"Host: 127.0.0.1:{port}\r\ncontent-type: application/json\r\n{more}"
     starts = {
         "silent": "",
         "head": f"GET / HTTP/1.1\r\n{host}x-a: ",

@@ -195,7 +195,7 @@ def test_work_that_does_not_exist_or_on_what_is_gone_is_said(asked, words):
 def test_a_camera_at_a_forbidden_place_is_refined_from_the_nearest_allowed_one(measurements):
     state = state_of(MESH, 3)
     low, high = np.asarray(MESH.bounds)
-    space = PoseSpace(mesh=MESH, boxes=np.stack((low - [1, 1, -0.5], high + [1, 1, 2])))
+    space = PoseSpace(mesh=MESH, boxes=np.stack((np.add(low, (-1, -1, 0.5)), high + 1)))
     row = int(np.argmin([each.pose[2, 3] for each in state.stations]))
     assert not space.allows(state.stations[row].pose[None, :3, 3])[0]
     made, gain = refined(measurements, state, row, space, budget=200)
