@@ -122,7 +122,8 @@ def test_another_mesh_is_told_by_its_hash(results):
 @pytest.mark.parametrize(
     ("has_out", "asked", "words"),
     [(False, {"what": "rig"}, "--out"), (True, {"what": "rig"}, "no camera"),
-     *((True, asked, "what must be") for asked in ({"what": "../x"}, {"what": "rig", "more": 1}, {}))],
+     (True, {"what": "../x"}, "what must be"), (True, {}, "what must be"),
+     (True, {"what": "rig", "more": 1}, "what must be")],
 )  # fmt: skip
 def test_nothing_is_saved_without_a_folder_or_a_camera(tmp_path, has_out, asked, words):
     saving = Saving(session_of(count=0), tmp_path if has_out else None)
