@@ -20,6 +20,7 @@ from rastercov.cluster.store import locked
 from rastercov.placement.candidates.cavities import openings
 from rastercov.placement.improve.refine import refine
 from rastercov.placement.plan import run as plan_run
+from rastercov.placement.plan.file import schema
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "plans"
 SCENE = """
@@ -188,10 +189,8 @@ def test_the_page_is_written_and_a_stale_one_removed(capsys):
 
 
 def test_the_schema_can_be_had_without_a_plan(capsys):
-    code, out, err = call(capsys, "place --schema")
-    assert (code, err) == (0, "")
-    docs = EXAMPLES.parents[1] / "docs" / "plan.schema.json"
-    assert json.loads(out) == json.loads(docs.read_text(encoding="utf-8"))
+    code, out, _ = call(capsys, "place --schema")
+    assert (code, json.loads(out)) == (0, schema())
 
 
 @pytest.mark.slow
@@ -200,14 +199,8 @@ def test_the_schema_can_be_had_without_a_plan(capsys):
     [
         (None, ["no.toml: cannot be read (No such file or directory)"]),
         (SCENE, ["plan.toml: candidates: missing", "plan.toml: selection: missing"]),
-        (QUICK.replace("part", "prt"), ["plan.toml: meshes[0].path: wanted a file, got 'prt.obj'"]),
-        (QUICK.replace("min_pixels = 2", "min_pixels = 0\nmin_pixel = 3"),
-         ["plan.toml: task.min_pixels: wanted", "plan.toml: task.min_pixel: there is no such"]),
-        (QUICK.replace("[outputs]", "groups = { lit = 1.0 }\n[outputs]"),
-         ["plan.toml: selection.groups: there is no group 'lit', nor a mesh file"]),
         (QUICK.replace("[3.5]", "[0.2]"),
          ["plan.toml: no candidate is left (20 candidates: 20 sp"]),
-        (QUICK + "folder = 3\n", ["plan.toml: outputs.folder: wanted a text in quotes, got 3"]),
         (QUICK + 'folder = "part.obj"\n', ["part.obj: a folder is wanted, but a file is in"]),
     ],
 )  # fmt: skip
@@ -525,53 +518,44 @@ def short_search(monkeypatch):
     monkeypatch.setattr("rastercov.placement.plan.prepare.openings", few)
 
 
-def the_part_is_seen_from_all_sides(told, eyes):
-    assert told["requirements"][0]["share"] >= 0.98
-    assert told["candidates"]["dropped"]["kept_out"]["table"] > 0
-    assert told["tolerance"]["together"]["worst"] <= told["share"] + 1e-9
-    assert (eyes[:, 2] > -0.02).all()
-
-
-def the_room_is_watched_from_its_walls_and_ceiling(told, eyes):
-    assert len(eyes) <= 6
-    assert told["selection"]["cost"] <= 7
-    assert told["share"] > told["selection"]["share"] - 0.01  # one is exact, the other on cells
-    x, y, _ = eyes.T
-    walls = np.abs(np.abs(eyes) - (2.9, 2.4, 2.7)) < 1e-9
-    assert walls.any(axis=1).all()
-    assert not ((x >= 2) & (np.abs(y) <= 0.6)).any()  # over the door
-
-
-def a_room_is_watched_by_cameras_of_several_kinds(told, eyes):
-    assert told["selection"]["cost"] <= 3000
-    assert {each["camera"] for each in told["cameras"]} == {"long", "pair/left", "pair/right"}
-
-
-def faces_at_eye_height_are_watched_from_the_ceiling(told, eyes):
-    groups = {(group["role"], group["name"]) for group in told["network"]["groups"]}
-    assert groups == {*(("occluder", name) for name in ("room", "crates")),
-                      *(("target", name) for name in ("eyes", "capture"))}  # fmt: skip
-    assert told["share"] > 0.5
-    assert len(eyes) == 4
+def is_on_a_wall(eyes):
+    """True where an eye is on a wall or the ceiling of the room, and not over its door."""
+    is_over_door = (eyes[:, 0] >= 2) & (np.abs(eyes[:, 1]) <= 0.6)
+    return (np.abs(np.abs(eyes) - (2.9, 2.4, 2.7)) < 1e-9).any(axis=1) & ~is_over_door
 
 
 LAWS = {
-    "inspect_part": (the_part_is_seen_from_all_sides, "all"),
-    "watch_room": (the_room_is_watched_from_its_walls_and_ceiling, "all"),
-    "mixed_cameras": (a_room_is_watched_by_cameras_of_several_kinds, "Covered by each camera"),
-    "eye_height": (faces_at_eye_height_are_watched_from_the_ceiling, "capture (target)"),
+    "inspect_part": lambda told, eyes: (
+        told["requirements"][0]["share"] >= 0.98
+        and told["candidates"]["dropped"]["kept_out"]["table"] > 0
+        and told["tolerance"]["together"]["worst"] <= told["share"] + 1e-9
+        and (eyes[:, 2] > -0.02).all()
+    ),
+    "watch_room": lambda told, eyes: (
+        len(eyes) <= 6
+        and told["selection"]["cost"] <= 7
+        and told["share"] > told["selection"]["share"] - 0.01  # one is exact, the other on cells
+        and is_on_a_wall(eyes).all()
+    ),
+    "mixed_cameras": lambda told, eyes: (
+        told["selection"]["cost"] <= 3000
+        and {each["camera"] for each in told["cameras"]} == {"long", "pair/left", "pair/right"}
+    ),
+    "eye_height": lambda told, eyes: (
+        {group["role"] for group in told["network"]["groups"]} == {"occluder", "target"}
+        and told["share"] > 0.5
+        and len(eyes) == 4
+    ),
 }
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", LAWS)
 def test_an_example_plan_does_what_it_is_for(capsys, no_pages, short_search, name):
-    law, words = LAWS[name]
     code, out, _ = call(capsys, f"place {EXAMPLES / name}.toml --out placed")
     told = figures("placed")
     assert (code, told["met"]) == (0, True)
-    law(told, read_poses("placed/poses.json")[:, :3, 3])
-    assert words in out
+    assert LAWS[name](told, read_poses("placed/poses.json")[:, :3, 3])
     assert "nan" not in out.lower()
     assert {path.stem for path in EXAMPLES.glob("*.toml")} == {*LAWS, "audit_rig"}
     if name == "mixed_cameras":
@@ -585,12 +569,7 @@ def test_the_rig_is_audited(capsys, no_pages, short_search):
     plan, rig = EXAMPLES / "audit_rig.toml", EXAMPLES / "rig.json"
     assert call(capsys, f"check {plan} -p {rig}")[0] == 0
     code, out, _ = call(capsys, f"check {plan} -p {rig} --views 2")
-    assert code == 1
-    # What docs/plan.md shows.
     page = (EXAMPLES.parents[1] / "docs" / "plan.md").read_text(encoding="utf-8")
-    shown = re.search(r"--views 2\n(fails.*?)\$ echo", page, re.DOTALL)
-    assert out == shown.group(1)
-    code, _, _ = call(capsys, f"place {plan} --out audit")
-    told = figures("audit")
-    assert code == 0
-    assert len(told["cameras"]) < len(read_poses(rig))
+    assert (code, [out]) == (1, re.findall(r"--views 2\n(fails.*?)\$ echo", page, re.DOTALL))
+    assert call(capsys, f"place {plan} --out audit")[0] == 0
+    assert len(figures("audit")["cameras"]) < len(read_poses(rig))

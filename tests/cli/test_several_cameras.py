@@ -3,13 +3,12 @@
 import json
 from pathlib import Path
 
-import numpy as np
 import pytest
 from commands import call, enter, refusal, write_part
 
 import rastercov as rc
-from rastercov.camera.formats import read_views, write_views
-from rastercov.camera.pose_file import read_poses, write_poses
+from rastercov.camera.formats import write_views
+from rastercov.camera.pose_file import write_poses
 
 WIDE = rc.Camera(width=64, height=48, fx=50, fy=50)
 LONG = rc.Camera(width=96, height=72, fx=120, fy=120)
@@ -52,15 +51,6 @@ def result(capsys, line):
 def figures(summary):
     """What a summary says of coverage."""
     return {name: summary[name] for name in ("by_camera", "covered_area", "covered", "per_pose")}
-
-
-def test_poses_may_name_their_cameras():
-    views = read_views("named.json")
-    write_views("again.json", views)
-    for each in (views, read_views("again.json")):
-        assert each.rig is None
-        assert (each.camera_names, each.poses.camera.tolist()) == (("wide", "long"), INDICES)
-    np.testing.assert_array_equal(read_poses("named.json"), MATRICES)
 
 
 @pytest.mark.slow
@@ -127,23 +117,19 @@ def checked(capsys, cameras, line):
 
 
 @pytest.mark.slow
-def test_check_takes_cameras_of_the_plan_of_the_file_or_of_options(capsys):
-    wanted = result(capsys, EVALUATE + "-p rig.json")["covered_area"]
-    several = (
-        checked(capsys, TYPES, "-p named.json"),
-        checked(capsys, TYPES, "-p rig.json"),
-        checked(capsys, "", "-p rig.json"),
-        checked(capsys, "", "-p named.json -c wide=wide.json -c long=long.json"),
-        # --camera replaces that of the plan.
-        checked(capsys, "[camera]\n" + LONG_ENTRIES, "-p named.json -c rig.json"),
-    )
-    for found in several:
-        assert found["covered_area"]["percent"] == pytest.approx(wanted["percent"], abs=1e-9)
-        assert {each["camera"] for each in found["network"]["by_camera"]} == {"wide", "long"}
-    one = checked(capsys, "[camera]\n" + LONG_ENTRIES, "-p bare.json")
-    assert one["covered_area"]["percent"] != pytest.approx(wanted["percent"], abs=1e-3)
-    chosen = checked(capsys, "[camera]\n" + LONG_ENTRIES, "-p rig.json --camera-name long")
-    assert chosen["cameras"] == 3
+@pytest.mark.parametrize(
+    ("cameras", "line"),
+    [(TYPES, "-p named.json"), (TYPES, "-p rig.json"), ("", "-p rig.json"),
+     ("", "-p named.json -c wide=wide.json -c long=long.json"),
+     (f"[camera]\n{LONG_ENTRIES}", "-p named.json -c rig.json")],  # --camera replaces the plan's
+)  # fmt: skip
+def test_check_takes_cameras_of_the_plan_of_the_file_or_of_options(capsys, cameras, line):
+    found, wanted = checked(capsys, cameras, line), result(capsys, EVALUATE + "-p rig.json")
+    percents = [each["covered_area"]["percent"] for each in (found, wanted)]
+    assert percents[0] == pytest.approx(percents[1], abs=1e-9)
+    assert {each["camera"] for each in found["network"]["by_camera"]} == {"wide", "long"}
+    one = "[camera]\n" + LONG_ENTRIES
+    assert checked(capsys, one, "-p rig.json --camera-name long")["cameras"] == 3
 
 
 @pytest.mark.slow

@@ -78,24 +78,16 @@ PLANS = Path(__file__).parents[2] / "examples" / "plans"
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "line",
-    [
-        "demo",
-        "evaluate box -c khepra -p sphere:2",
-        "view box -c khepra -p sphere:2 --export page.html",
-        "compare box -c khepra -p sphere:2",
-        f"place {PLANS / 'eye_height.toml'} -o plan",
-        f"check {PLANS / 'audit_rig.toml'} -p {PLANS / 'rig.json'}",
-        "audit rig.json box",
-    ],
-)
+    ["demo", "evaluate box -c khepra -p sphere:2", "compare box -c khepra -p sphere:2",
+     "view box -c khepra -p sphere:2 --export page.html",
+     f"place {PLANS / 'eye_height.toml'} -o plan",
+     f"check {PLANS / 'audit_rig.toml'} -p {PLANS / 'rig.json'}", "audit rig.json box"],
+)  # fmt: skip
 def test_the_first_notice_says_how_long_compiling_takes(tmp_path, line):
     """Whatever a command compiles first: where it is a loop of meshes, two processes begin late."""
     poses = rc.Poses.of(rc.sphere_of_poses((0, 0, 0), 4.0, 2))
     rig = rc.Rig([rc.Camera.preset("khepra")], ["one"])
     rc.write_views(tmp_path / "rig.json", rc.Views(rig=rig, poses=poses, images=("a", "b")))
-    loops = str(tmp_path / "loops")
-    done = run_python(
-        "-c", STOP_AT_THE_FIRST_NOTICE, tmp_path, *line.split(), NUMBA_CACHE_DIR=loops
-    )
-    said = done.stdout.splitlines()[-1]
-    assert re.fullmatch(r"rastercov: compiling, about \d+ s, once for this version", said), done
+    words = ("-c", STOP_AT_THE_FIRST_NOTICE, tmp_path, *line.split())
+    said = run_python(*words, NUMBA_CACHE_DIR=str(tmp_path / "loops")).stdout.splitlines()[-1]
+    assert re.fullmatch(r"rastercov: compiling, about \d+ s, once for this version", said)

@@ -14,7 +14,6 @@ from rastercov.mesh import shapes
 
 CAMERA = "width = 64\nheight = 48\nfx = 80\nfy = 80\n"
 EYE = Camera(width=64, height=48, fx=80, fy=80)
-FOCUS = CAMERA + "focus_range = [0.2, 0.5]\n"
 PLAN = (
     '[[meshes]]\npath = "part.obj"\n[camera]\nfile = "camera.toml"\n[[candidates]]\n'
     'generator = "poses"\nfile = "rig.json"\n[selection]\ngoal = "fewest_cameras"\n'
@@ -76,9 +75,3 @@ def test_cameras_in_and_around_large_scenes_are_no_doubt(name):
     for distance in (0.2, 0.6, 2.0):
         poses = Poses.of(sphere_of_poses(mesh.bounds.mean(axis=0), distance * size, 8))
         assert not unit_doubts(mesh, EYE, poses)
-
-
-def test_poses_around_a_part_out_of_focus_ask(capsys):
-    Path("camera.toml").write_text(FOCUS)
-    _, _, err = call(capsys, "render part.obj -c camera.toml -p sphere:2")
-    assert "in focus to 500 mm: --unit mm?" in err

@@ -43,21 +43,6 @@ def test_place_by_workers_is_place(capsys):
     assert {"per_second", "seconds_left"} < of_matrix[-1].keys()
 
 
-def test_evaluate_by_workers_is_evaluate(capsys):
-    words = "evaluate teapot-5 -c icube-ns4133bu-8mm -p sphere:12 --pictures 2"
-    for out, more in (("plain", ""), ("workers", "--workers 2")):
-        code, _, err = call(capsys, f"{words} -o {out} {more}")
-        assert code == 0, err
-    assert "worker " in err
-    one, other = (summary_of(out) for out in ("plain", "workers"))
-    assert one["covered_area"]["m2"] == pytest.approx(other["covered_area"]["m2"], rel=1e-12)
-    assert one["per_pose"] == other["per_pose"]
-
-
-def summary_of(out):
-    return json.loads(Path(out, "summary.json").read_text())
-
-
 @pytest.mark.parametrize("command", ["place plan.toml", "evaluate teapot-5 -c khepra -p sphere:3"])
 @pytest.mark.parametrize(
     ("words", "line"),

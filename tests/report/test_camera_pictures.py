@@ -9,8 +9,6 @@ from target_scenes import beside, sheet_at
 
 import rastercov as rc
 from rastercov.camera.projection import to_camera, to_image
-from rastercov.camera.viewpoints import sphere_of_poses
-from rastercov.coverage.doubts import doubts
 from rastercov.coverage.task import Reason
 from rastercov.mesh import Group, Mesh, shapes
 from rastercov.report import theme
@@ -86,16 +84,3 @@ def test_a_pixel_of_a_camera_picture_has_the_colour_of_the_face_that_its_ray_mee
     beyond = np.maximum(-points, points - np.array((8, 5, 3))).max(axis=1)
     assert (beyond < 1e-9).mean() > 0.995  # pixels at an edge may show either side
     assert beyond.max() < 0.7
-
-
-@pytest.mark.slow
-def test_faces_that_a_wide_lens_sees_from_behind_are_doubted():
-    mesh = shapes.by_name("torus")
-    turned = rc.Mesh(mesh.vertices, mesh.faces[:, ::-1])
-    poses = sphere_of_poses((0, 0, 0), 4.0, 6)
-    for camera in (CAMERAS["brown"], CAMERAS["wide fisheye"], CAMERAS["equirectangular"]):
-        for each, expected in ((mesh, 0), (turned, 1)):
-            network = rc.Network(each, rc.Task())
-            network.add(rc.evaluate(each, camera, poses, network.task))
-            lines = [line for line in doubts(network, camera, poses) if "behind" in line]
-            assert len(lines) == expected

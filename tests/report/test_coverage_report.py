@@ -5,8 +5,10 @@ import json
 import math
 import re
 import signal
+from contextlib import suppress
 from dataclasses import asdict, replace
 from importlib.metadata import version
+from itertools import count
 from unittest.mock import Mock
 
 import numpy as np
@@ -217,28 +219,24 @@ def test_a_run_that_fails_leaves_the_old_report(tmp_path, small_batches, monkeyp
     assert content(tmp_path) == before
 
 
-@pytest.mark.parametrize("done_at", [1, 8])
-def test_an_interrupt_keeps_whole_batches(tmp_path, small_batches, done_at):
+@pytest.mark.parametrize(("done_at", "done"), [(1, 4), (8, 8)])
+def test_an_interrupt_keeps_whole_batches(tmp_path, small_batches, done_at, done):
     whole = run(MESH, CAMERA, around(12), TASK, tmp_path / "whole", PLAIN)
     part = run(MESH, CAMERA, around(12), TASK, tmp_path / "part", PLAIN, stop_after(done_at))
-    done = {1: 4, 8: 8}[done_at]
-    assert part["interrupted"] is True
-    assert part["poses"] == done
+    assert (part["interrupted"], part["poses"]) == (True, done)
     assert part["per_pose"] == whole["per_pose"][:done]
     assert json.loads((tmp_path / "part" / "summary.json").read_text())["interrupted"] is True
-    kept = pq.read_table(tmp_path / "part" / "coverage.parquet")
-    rows = pq.read_table(tmp_path / "whole" / "coverage.parquet")
+    kept, rows = (pq.read_table(tmp_path / run / "coverage.parquet") for run in ("part", "whole"))
     assert kept.equals(rows.filter(np.asarray(rows["pose"]) < done))
 
 
 @pytest.mark.parametrize("step", ["_pixels", "view_page"])  # the sheet has what was drawn
 def test_an_interrupt_while_drawing_leaves_out_the_rest_and_says_so(tmp_path, monkeypatch, step):
     run(MESH, CAMERA, around(5), TASK, tmp_path, Options(pictures=5))
-    function, calls = getattr(coverage, step), []
+    function, calls = getattr(coverage, step), count(1 if step == "_pixels" else 3)
 
     def stop(*arguments, **options):
-        calls.append(arguments)
-        if len(calls) == 3 or step == "view_page":
+        if next(calls) == 3:
             raise KeyboardInterrupt
         return function(*arguments, **options)
 
@@ -250,15 +248,21 @@ def test_an_interrupt_while_drawing_leaves_out_the_rest_and_says_so(tmp_path, mo
     assert pq.read_table(tmp_path / "coverage.parquet")["pose"].to_numpy().max() == 11
 
 
+def interrupting(monkeypatch, name, is_now=lambda *arguments: True):
+    """Let the table of a run be interrupted by Ctrl-C in a method of it."""
+    method = getattr(CoverageTable, name)
+
+    def interrupt(table, *arguments):
+        if is_now(*arguments):
+            signal.raise_signal(signal.SIGINT)
+        return method(table, *arguments)
+
+    monkeypatch.setattr(CoverageTable, name, interrupt)
+
+
 @pytest.mark.usefixtures("raising_interrupts")
 def test_an_interrupt_while_the_table_is_closed_comes_after_it(tmp_path, monkeypatch):
-    close = CoverageTable.__exit__
-
-    def interrupt_and_close(table, *error):
-        signal.raise_signal(signal.SIGINT)
-        return close(table, *error)
-
-    monkeypatch.setattr(CoverageTable, "__exit__", interrupt_and_close)
+    interrupting(monkeypatch, "__exit__")
     summary = run(MESH, CAMERA, around(6), TASK, tmp_path, PLAIN)
     assert (summary["interrupted"], summary["poses"]) == (True, 6)
     assert names(tmp_path) == FILES
@@ -274,28 +278,20 @@ def raising_interrupts():
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_is_held_until_the_block_ends(number):
-    before = signal.signal(number, signal.default_int_handler)
-    reached = []
-    try:
-        with pytest.raises(KeyboardInterrupt), interrupts_held():  # noqa: PT012 - that is the law
+    before, reached = signal.signal(number, signal.default_int_handler), []
+    with suppress(KeyboardInterrupt):
+        with interrupts_held():
             signal.raise_signal(number)
-            reached.append("the end")
-        assert reached == ["the end"]
-        assert signal.getsignal(number) is signal.default_int_handler
-    finally:
-        signal.signal(number, before)
+            reached.append("the end of the block")
+        reached.append("what follows it")
+    restored = signal.signal(number, before)
+    assert reached == ["the end of the block"]
+    assert restored is signal.default_int_handler
 
 
 @pytest.mark.usefixtures("raising_interrupts", "small_batches")
 def test_a_signal_in_a_batch_counts_it_everywhere_or_nowhere(tmp_path, monkeypatch):
-    add = CoverageTable.add
-
-    def add_and_interrupt(table, batch, covered_m2):
-        add(table, batch, covered_m2)
-        if batch.pose[0] == 4:
-            signal.raise_signal(signal.SIGINT)
-
-    monkeypatch.setattr(CoverageTable, "add", add_and_interrupt)
+    interrupting(monkeypatch, "add", lambda batch, covered_m2: batch.pose[0] == 4)
     summary = run(MESH, CAMERA, around(12), TASK, tmp_path, PLAIN)
     assert summary["poses"] == 8
     assert np.asarray(pq.read_table(tmp_path / "coverage.parquet")["pose"]).max() == 7

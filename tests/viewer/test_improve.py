@@ -116,11 +116,16 @@ def finished(work):
     return work.described()
 
 
-@pytest.mark.slow
-def test_work_becomes_one_step_of_the_history():
+@pytest.fixture
+def work():
     session = session_of(MESH, 2)
-    work = Work(session)
-    before = session.state
+    yield Work(session)
+    session.close()
+
+
+@pytest.mark.slow
+def test_work_becomes_one_step_of_the_history(work):
+    session, before = work.session, work.session.state
     assert work.described() == {"id": None}
     work.start({"kind": "add", "camera": "eye"})
     said = finished(work)
@@ -131,22 +136,15 @@ def test_work_becomes_one_step_of_the_history():
     assert session.state is before
     work.start({"kind": "area"})
     assert finished(work)["status"] == "done"
-    head, _ = acted(session)
-    assert head["summary"]["exact_area_percent"] > 0
-    session.close()
+    assert acted(session)[0]["summary"]["exact_area_percent"] > 0
 
 
 @pytest.mark.slow
-def test_work_that_was_overtaken_is_dropped(monkeypatch):
-    session = session_of(MESH, 2)
-    work, goes_on = Work(session), threading.Event()
-    whole = Work._progress
-
-    def slow(self, done, total):
-        whole(self, done, total)
-        goes_on.wait(20)
-
-    monkeypatch.setattr(Work, "_progress", slow)
+def test_work_that_was_overtaken_is_dropped(work, monkeypatch):
+    session, goes_on, progress = work.session, threading.Event(), Work._progress
+    monkeypatch.setattr(
+        Work, "_progress", lambda self, *done: (progress(self, *done), goes_on.wait(20))
+    )
     work.start({"kind": "add", "camera": "eye"})
     with pytest.raises(BusyError):
         work.start({"kind": "area"})
@@ -157,19 +155,15 @@ def test_work_that_was_overtaken_is_dropped(monkeypatch):
     assert said["status"] == "failed"
     assert "edited meanwhile" in said["words"]
     assert len(session.state.stations) == 2
-    session.close()
 
 
-def test_work_can_be_cancelled():
-    session = session_of(MESH, 2)
-    work = Work(session)
+def test_work_can_be_cancelled(work):
     work.start({"kind": "add", "camera": "eye"})
     work.cancel()
     assert finished(work)["status"] == "cancelled"
-    assert len(session.state.stations) == 2
+    assert len(work.session.state.stations) == 2
     work.start({"kind": "area"})
     assert finished(work)["status"] == "done"
-    session.close()
 
 
 @pytest.mark.parametrize(
@@ -179,8 +173,7 @@ def test_work_can_be_cancelled():
      *((bad, None) for bad in ({}, {"kind": "fly"}, {"kind": "refine"}, [],
                                {"kind": "refine", "station": "0"}))],
 )  # fmt: skip
-def test_work_that_does_not_exist_or_on_what_is_gone_is_said(asked, words):
-    work = Work(session_of(MESH, 1))
+def test_work_that_does_not_exist_or_on_what_is_gone_is_said(work, asked, words):
     if words is None:
         with pytest.raises(rc.ConfigError, match="work must be"):
             work.start(asked)
