@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from commands import call, enter, refusal
+from commands import answer, done, refusal
 from mesh_files import obj
 
 from rastercov.camera.camera import Camera
@@ -26,21 +26,17 @@ POSES = Poses.of(sphere_of_poses(MESH.bounds.mean(axis=0), 4.0, 8), camera=[0, 1
 IMAGES = tuple(f"image {row}.jpg" for row in range(8))
 
 
-@pytest.fixture
-def here(tmp_path, monkeypatch):
-    enter(tmp_path, monkeypatch)
-    (tmp_path / "torus.obj").write_bytes(obj(MESH.vertices, MESH.faces))
+@pytest.fixture(autouse=True)
+def files(here):
+    (here / "torus.obj").write_bytes(obj(MESH.vertices, MESH.faces))
     write_views("sparse", Views(Rig(CAMERAS, ["wide", "long"]), POSES, IMAGES))
-    return tmp_path
 
 
 @pytest.mark.slow
 def test_files_of_an_audit_of_a_reconstruction_are_those_of_the_function(here, capsys):
-    line = "audit sparse torus.obj --pose-unit 1 --min-pixels 4 -o out --json"
-    code, printed, error = call(capsys, line)
-    assert code == 0, error
+    line = "audit sparse torus.obj --pose-unit 1 --min-pixels 4 -o out"
+    summary, out = answer(capsys, line), here / "out"
     found = audit(MESH, CAMERAS, POSES, Task(min_pixels=4), names=IMAGES)
-    out, summary = here / "out", json.loads(printed)
     assert summary["by"] == "face"
     assert json.loads((out / "audit.json").read_text())["per_camera"] == summary["per_camera"]
     elements = pq.read_table(out / "elements.parquet")
@@ -65,8 +61,7 @@ def test_pinholes_are_audited_by_area(here, capsys):
     content["frames"][3]["transform_matrix"][0][0] = 9  # no rotation
     (here / "transforms.json").write_text(json.dumps(content))
     line = "audit transforms.json torus.obj --pose-unit 1 -o out --skip-bad-poses"
-    code, printed, error = call(capsys, line)
-    assert code == 0, error
+    printed, error = done(capsys, line)
     summary, left_out = json.loads((here / "out/audit.json").read_text()), "pose 3 left out"
     assert summary["covered_area"]["m2"] > 0
     assert [entry["name"] for entry in summary["per_camera"]] == [*IMAGES[:3], *IMAGES[4:]]

@@ -15,7 +15,7 @@ from unittest.mock import Mock
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from commands import ENTRY, call, content, enter, process, refusal, write_part
+from commands import ENTRY, answer, call, content, done, process, refusal, write_part
 from notices import without_notices
 from PIL import Image
 
@@ -35,13 +35,11 @@ CAMERA = "width = 48\nheight = 36\nfx = 60\nfy = 60\n"
 
 
 @pytest.fixture(autouse=True)
-def folder(tmp_path, monkeypatch):
+def files():
     """A folder of its own with a part, a camera and twelve poses around it."""
-    enter(tmp_path, monkeypatch)
     write_part("part.obj", side=1000.0)  # millimetres
     Path("camera.toml").write_text(CAMERA)
     write_poses("poses.json", sphere_of_poses((0, 0, 0), 4000, 12))
-    return tmp_path
 
 
 def names(folder):
@@ -63,8 +61,7 @@ SMALL = f"shards.PAIRS_A_SHARD = {400 * shapes.by_name('sphere').n_faces}"
 @pytest.mark.parametrize("name", COMMANDS)
 def test_each_help_shows_an_example_that_runs(capsys, monkeypatch, name):
     monkeypatch.setattr(diagnose, "list_devices", list)  # tested with the doctor
-    code, out, _ = call(capsys, [name, "--help"])
-    assert code == 0
+    out, _ = done(capsys, [name, "--help"])
     examples = re.findall(
         rf"^(?:Example|Without files):\n  rastercov ({name} .*?)\s*$", out, re.MULTILINE
     )
@@ -79,8 +76,7 @@ def test_each_help_shows_an_example_that_runs(capsys, monkeypatch, name):
 
 
 def test_help_and_version(capsys):
-    code, out, _ = call(capsys, "--help")
-    assert code == 0
+    out, _ = done(capsys, "--help")
     assert "Example:\n  rastercov demo" in out
     assert all(name in out for name in COMMANDS)
     assert call(capsys, "--version") == (0, rastercov.__version__ + "\n", "")
@@ -97,22 +93,21 @@ def test_help_and_version(capsys):
         ("nonsense", ["No such command 'nonsense'"]),
         ("evaluate", ["Missing argument", "rastercov evaluate --help"]),
         ("evaluate box --nope[x]", ["--nope[x]"]),
+        ("evaluate box --full", ["'--full' requires an argument; see rastercov evaluate --help"]),
+        ("place plan.toml --out", ["'--out' requires an argument; see rastercov place --help"]),
         (QUICK + " --pictures -1", ["--pictures"]),
-        (QUICK + " --supersample x", ["--supersample"]),
         (QUICK + " --method sampled --supersample 0", ["supersample must be", "got 0"]),
         (QUICK + " --min-pixels nan", ["min_pixels"]),
         (QUICK + " --method ray", ["method must be certified, exact or sampled, got 'ray'"]),
         (QUICK + " --table some", ["table must be one of none, covered, seen, all, got 'some'"]),
         (QUICK + " --full both", ["full must be one of none, poses, faces, all, got 'both'"]),
         (QUICK + " --supersample 4", ["certified has no samples", "use method sampled"]),
-        (QUICK + " --pictures 1 --device nonsense", ["no device 'nonsense'", "surfaceless"]),
         (QUICK + " --method sampled --device nonsense", ["no device 'nonsense'", "surfaceless"]),
         (QUICK + " --unit mm", ["box is built in"]),
         (QUICK + " --unit m --unit mm", ["--unit is given twice for all files"]),
         (QUICK + " --transform scale=0", ["--transform", "scale: wanted a number above 0, got 0"]),
         (QUICK + " --transform 90", ["--transform 90: wanted entries such as 'angle_deg = 90"]),
         (QUICK + " --transform lid:scale=2", ["no mesh file 'lid'; files are box"]),
-        (QUICK + " --two-sided lid", ["mesh", "lid"]),
         (QUICK + " --occluder [lid]", ["--occluder", "'[lid]'", "groups are mesh"]),
         (QUICK + " --occluder part.obj", ["box is built in"]),
         (QUICK + " --occluder mesh", ["every group is an occluder"]),
@@ -121,16 +116,11 @@ def test_help_and_version(capsys):
         (["evaluate", "a\nb\x1b[31m", "-psphere:1"], ["error: ab[31m: there is no such file"]),
         ("evaluate no[x].stl -c khepra -p sphere:2", ["no[x].stl", "No such file"]),
         ("evaluate part.obj -c khepra -p sphere:2 --unit miles", ["unit must be", "'miles'"]),
-        ("evaluate part.obj -c khepra -p sphere:2 --unit part:", ["unit must be", "''"]),
         ("evaluate box -c no.toml -p sphere:2", ["no.toml", "No such file"]),
         ("evaluate box -c part.obj -p sphere:2", ["part.obj", "not recognised", "--from"]),
-        ("evaluate box -c khepra -p no.json", ["no.json", "No such file"]),
-        ("evaluate box -c khepra -p sphere:0", ["whole number", "'sphere:0'"]),
         ("evaluate box -c khepra -p sphere:99999999999", ["whole number", "10000000"]),
         ("render box -c khepra -p poses.json --pose 12", ["--pose 12", "12 poses"]),
         ("demo --shape nope", ["'nope'", "teapot"]),
-        ("demo --poses 0", ["--poses"]),
-        ("compare nothing -c khepra -p sphere:2 --models", ["nothing: there is no such file"]),
         (MODELS + " --method exact", ["--models takes neither --method nor --against; leave"]),
         (QUICK + " -o camera.toml", ["camera.toml", "a file is in the way"]),
         (QUICK + " -o /proc/x", ["/proc/x"]),
@@ -144,14 +134,16 @@ def test_each_bad_command_line_gets_one_line_that_says_why(capsys, line, words):
     assert names(".") == {"part.obj", "camera.toml", "poses.json"}
 
 
-def test_broken_files_are_named(capsys):
-    Path("cut.stl").write_text("solid box\nfacet normal 0 0 0\nouter loop\nvertex 0 0 0\n")
-    Path("cut.json").write_text("[1, 2")
-    Path("wrong.toml").write_text("width = 0\nheight = 1\nfx = 1\nfy = 1")
-    assert "cut.stl" in refusal(capsys, "evaluate cut.stl -c khepra -p sphere:2")
-    assert "cut.json" in refusal(capsys, "evaluate box -c cut.json -p sphere:2")
-    assert "cut.json" in refusal(capsys, "evaluate box -c khepra -p cut.json")
-    assert "wrong.toml" in refusal(capsys, "evaluate box -c wrong.toml -p sphere:2")
+@pytest.mark.parametrize(
+    ("name", "text", "line"),
+    [("cut.stl", "solid box\nfacet normal 0 0 0\nouter loop\nvertex 0 0 0\n", "cut.stl -c khepra"),
+     ("cut.json", "[1, 2", "box -c cut.json"), ("cut.json", "[1, 2", "box -c khepra -p cut.json"),
+     ("wrong.toml", "width = 0\nheight = 1\nfx = 1\nfy = 1", "box -c wrong.toml")],
+)  # fmt: skip
+def test_broken_files_are_named(capsys, name, text, line):
+    Path(name).write_text(text)
+    line = line if "-p" in line else f"{line} -p sphere:2"
+    assert name in refusal(capsys, f"evaluate {line}")
 
 
 @pytest.mark.parametrize(
@@ -203,10 +195,8 @@ def test_an_occluder_or_a_target_may_be_a_file_or_a_group(capsys):
     write_part("fixture.obj", side=3000.0)  # closed around the part, and hides nothing
     write_part("case.obj", side=2000.0, names={0: "case"})
     roles = "--target fixture.obj --target part/lid --occluder case.obj"
-    line = f"evaluate part.obj --unit mm -c camera.toml -p sphere:4 --pictures 1 --json {roles}"
-    code, out, _ = call(capsys, line)
-    assert code == 0
-    by_name = {group["name"]: group for group in json.loads(out)["groups"]}
+    line = f"evaluate part.obj --unit mm -c camera.toml -p sphere:4 --pictures 1 {roles}"
+    by_name = {group["name"]: group for group in answer(capsys, line)["groups"]}
     targets = dict.fromkeys(["part/lid", "fixture/lid", "fixture/rest"], "target")
     assert {name: group["role"] for name, group in by_name.items()} == targets | {
         "part/rest": "task", "case/case": "occluder"
@@ -218,8 +208,7 @@ def test_an_occluder_or_a_target_may_be_a_file_or_a_group(capsys):
 @pytest.mark.slow
 @pytest.mark.parametrize("line", [QUICK, "render box -c camera.toml -p sphere:2", "demo --poses 1"])
 def test_json_is_all_there_is_on_standard_output(capsys, line):
-    code, out, _ = call(capsys, line + " --json")
-    assert code == 0
+    out, _ = done(capsys, line + " --json")
     assert json.loads(out)
     assert out.isascii()
 
@@ -228,8 +217,7 @@ def test_json_is_all_there_is_on_standard_output(capsys, line):
 def test_names_are_shown_as_they_are(capsys):
     name, out_folder, group = "<script>[bold]x[] é.obj", "a [red]b[] é", "<b>[bold]lid"
     write_part(name, names={0: group, 2: "rest"})
-    code, out, _ = call(capsys, ["evaluate", name, "-ccamera.toml", "-psphere:2", "-o", out_folder])
-    assert code == 0
+    out, _ = done(capsys, ["evaluate", name, "-ccamera.toml", "-psphere:2", "-o", out_folder])
     assert f"{out_folder}/contact_sheet.png\n" in out
     assert group in out
     summary = json.loads(Path(out_folder, "summary.json").read_text(encoding="utf-8"))
@@ -238,9 +226,7 @@ def test_names_are_shown_as_they_are(capsys):
 
 def test_no_poses_is_a_run_that_covers_nothing(capsys):
     np.save("none.npy", np.zeros((0, 4, 4)))
-    code, _, err = call(capsys, "evaluate box -c camera.toml -p none.npy")
-    assert code == 0
-    assert "there are no poses" in err
+    assert "there are no poses" in done(capsys, "evaluate box -c camera.toml -p none.npy")[1]
     assert names("report") == (REPORT - {"rig.json"}) | {MANIFEST}
     assert pq.read_table("report/coverage.parquet").num_rows == 0
 
@@ -263,9 +249,7 @@ def test_a_built_in_mesh_is_placed(capsys):
 
 
 def test_render_leaves_what_it_names(capsys):
-    code, out, _ = call(capsys, "render box -c camera.toml -p sphere:3 --pose 2 --json")
-    result = json.loads(out)
-    assert code == 0
+    result = answer(capsys, "render box -c camera.toml -p sphere:3 --pose 2")
     files = {Path(name).name for name in result["files"]}
     assert names("render") == files | {".rastercov-render.json"}
     with np.load("render/buffers.npz") as arrays:
@@ -326,11 +310,9 @@ def test_a_full_disk_is_one_line_that_names_the_file_and_the_old_report_stays(ca
             code = cli.command(shlex.split(line))
         finally:
             resource.setrlimit(resource.RLIMIT_FSIZE, (limit, most))
-        error = capsys.readouterr().err
-        assert code == 2, kib
-        assert re.fullmatch(r"error: report/[\w.]+: File too large\n", error), kib
+        error = r"error: report/[\w.]+: File too large\n"
+        assert (code, bool(re.fullmatch(error, capsys.readouterr().err))) == (2, True), kib
         assert content("report") == before, kib
-    assert names("report") == REPORT | {"notes.txt", MANIFEST}
 
 
 # --- the folder of a report -----------------------------------------------------------------------

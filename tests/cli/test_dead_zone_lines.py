@@ -1,11 +1,10 @@
 """Dead zones in the answers of evaluate, place and check: JSON, and lines for people."""
 
-import json
 import re
 
 import numpy as np
 import pytest
-from commands import call
+from commands import answer, call
 
 import rastercov as rc
 
@@ -26,10 +25,9 @@ LINE = re.compile(
 
 
 @pytest.fixture(autouse=True)
-def folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "camera.toml").write_text(CAMERA)
-    (tmp_path / "plan.toml").write_text(PLAN)
+def files(here):
+    (here / "camera.toml").write_text(CAMERA)
+    (here / "plan.toml").write_text(PLAN)
     rc.write_poses("rig.json", rc.look_at([(3, 0, 0), (0, 3, 0)], np.zeros(3)))
 
 
@@ -40,10 +38,8 @@ def folder(tmp_path, monkeypatch):
      "check plan.toml -p rig.json --min-coverage 0.1"],
 )  # fmt: skip
 def test_every_command_lists_dead_zones_that_add_up(capsys, line):
-    code, out, _ = call(capsys, f"{line} --json")
-    found = json.loads(out)
+    found = answer(capsys, line)
     zones, others, covered = found["dead_zones"], found["other_dead_zones"], found["covered_area"]
-    assert code == 0
     assert zones
     assert all(set(zone) == set(ZONE.split()) for zone in zones)
     total = sum(zone["area_m2"] for zone in zones) + others["area_m2"]
@@ -55,5 +51,5 @@ def test_every_command_lists_dead_zones_that_add_up(capsys, line):
 
 
 def test_by_face_there_are_no_dead_zones(capsys):
-    line = "evaluate box -c camera.toml -p rig.json --pictures 0 -o out --by face --json"
-    assert "dead_zones" not in json.loads(call(capsys, line)[1])
+    line = "evaluate box -c camera.toml -p rig.json --pictures 0 -o out --by face"
+    assert "dead_zones" not in answer(capsys, line)

@@ -203,15 +203,12 @@ def test_one_wrong_count_fails_the_self_test(device, monkeypatch, row):
 @pytest.mark.parametrize("when", ["open_device", "verify_device"])
 @pytest.mark.parametrize(
     ("script", "problem"),
-    [
-        ("kill -SEGV $$", "crashed with SIGSEGV"),
-        ("exec sleep 60", "no answer in 1 s, it hangs"),
-        ("echo no libLLVM >&2; exit 7", "ended with code 7: no libLLVM"),
-        ("exit 0", "ended with code 0 and no answer"),
-        ("echo '{}'; kill -SEGV $$", "crashed with SIGSEGV"),  # after the answer
-        ('echo \'{"problem": "plan pipeline: box: bad"}\'; exit 0', "plan pipeline: box: bad"),
-    ],
-)
+    [("kill -SEGV $$", "crashed with SIGSEGV"), ("exec sleep 60", "no answer in 1 s, it hangs"),
+     ("echo no libLLVM >&2; exit 7", "ended with code 7: no libLLVM"),
+     ("exit 0", "ended with code 0 and no answer"),
+     ("echo '{}'; kill -SEGV $$", "crashed with SIGSEGV"),  # after the answer
+     ('echo \'{"problem": "plan pipeline: box: bad"}\'; exit 0', "plan pipeline: box: bad")],
+)  # fmt: skip
 def test_a_driver_that_fails_is_reported(bad_driver, script, problem, when):
     bad_driver(script, when)
     report = diagnose.examine(timeout_s=1 if "sleep" in script else 30)
@@ -220,8 +217,7 @@ def test_a_driver_that_fails_is_reported(bad_driver, script, problem, when):
     assert problem in row["self_test" if opens else "problem"]
     assert opens == (row["problem"] == "") == (row["self_test"] is not None)
     assert (problem in report["kinds"]["egl-surfaceless"]) != opens
-    assert report["default"]["device"] == "cpu"
-    assert doctor.exit_code(report) == 0
+    assert (report["default"]["device"], doctor.exit_code(report)) == ("cpu", 0)
     text = flat(printed(report))
     assert (f"surfaceless: {row['self_test']}" if opens else row["problem"]) in text
     assert ("does not open" in text) != opens
@@ -258,14 +254,6 @@ def test_a_cpu_that_fails_is_reported_in_one_line(no_library, monkeypatch, error
     text = flat(printed(report))
     assert f"Problems cpu: {line}" in text
     assert text.endswith("tries cpu, which fails its self-test; nothing else passes")
-
-
-def test_a_cpu_that_fails_is_answered_with_a_device_that_passes(report):
-    report["cpu"]["self_test"] = "box: 1 of 4 poses are counted wrongly"
-    report["default"] = {"device": "cpu", "why": "no hardware device opens; it is fast"}
-    assert doctor.exit_code(report) == 1
-    label = report["reports"][0]["device"]["label"]
-    assert flat(printed(report)).endswith(f"fails its self-test; pass `--device {label}`")
 
 
 # --- other machines -------------------------------------------------------------------------------

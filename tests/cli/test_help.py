@@ -4,7 +4,7 @@ import re
 
 import pytest
 import typer
-from commands import call, enter
+from commands import call
 
 from rastercov import cli
 from rastercov.cli.console import PANEL_OF, PANELS
@@ -12,11 +12,6 @@ from rastercov.cli.console import PANEL_OF, PANELS
 WIDTHS = (60, 80, 100)
 LINES = [[], ["validate"], ["validate", "markers"], *([name] for name in sorted(cli.COMMANDS))]
 PARAMETERS = [line for line in LINES if line not in ([], ["validate"])]
-
-
-@pytest.fixture(autouse=True)
-def folder(tmp_path, monkeypatch):
-    enter(tmp_path, monkeypatch)
 
 
 def loaded(line):

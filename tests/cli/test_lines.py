@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from commands import INTERRUPTIBLE, enter, refusal
+from commands import INTERRUPTIBLE, refusal
 from processes import python
 
 from rastercov.cli.console import LONGEST_LINE, LONGEST_WORD, say
@@ -21,8 +21,7 @@ LINES = [
 
 @pytest.mark.parametrize("value", ["x" * 3000, "word " * 700, "漢" * 900, "a/" * 100 + "b" * 2500])
 @pytest.mark.parametrize("line", LINES)
-def test_a_long_value_or_name_is_shortened(tmp_path, monkeypatch, capsys, line, value):
-    enter(tmp_path, monkeypatch)
+def test_a_long_value_or_name_is_shortened(capsys, line, value):
     Path("camera.toml").write_text("width = 96\nheight = 72\nfx = 90\nfy = 90\n")
     words = [value if word == "LONG" else word for word in line.split()]
     assert len(refusal(capsys, words)) <= LONGEST_LINE + 1

@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from commands import call, content, enter, refusal, write_part
+from commands import answer, call, content, done, refusal, write_part
 
 import rastercov as rc
 from rastercov.camera.pose_file import read_poses, write_poses
@@ -36,13 +36,11 @@ CHECK = "check plan.toml -p rig.json"
 
 
 @pytest.fixture(autouse=True)
-def folder(tmp_path, monkeypatch):
+def files():
     """A folder of its own with a part of two groups and a rig of six around it."""
-    enter(tmp_path, monkeypatch)
     write_part("part.obj")
     write_poses("rig.json", axis_poses())
     Path("plan.toml").write_text(QUICK)
-    return tmp_path
 
 
 def axis_poses():
@@ -85,17 +83,16 @@ def test_a_plan_gives_poses_that_evaluate_reads_and_figures(capsys):
     sphere = sphere_of_poses((0, 0, 0), 3.5, 20)
     assert np.abs(poses - sphere[told["selection"]["chosen"]]).max() < 1e-12
     camera = "-c 'width = 96, height = 72, fx = 90, fy = 90'"
-    line = f"evaluate part.obj {camera} -p plan/poses.json --min-pixels 2 --pictures 0 --json"
-    assert json.loads(call(capsys, line)[1])["covered"]["faces"] == 12
+    line = f"evaluate part.obj {camera} -p plan/poses.json --min-pixels 2 --pictures 0"
+    assert answer(capsys, line)["covered"]["faces"] == 12
     assert call(capsys, "check plan.toml -p plan/poses.json")[0] == 0
 
 
 def test_figures_hold_everything_that_made_them(capsys):
     table = 'name = "table"\nlow = [-9, -9, -9]\nhigh = [9, 9, -3]\n'
     Path("plan.toml").write_text(f"{QUICK}[[constraints.keep_out]]\n{table}")
-    code, out, _ = call(capsys, "place plan.toml --json")
-    told = json.loads(out)
-    assert (code, told) == (0, figures())
+    told = answer(capsys, "place plan.toml")
+    assert told == figures()
     dropped, selection = told["candidates"]["dropped"], told["selection"]
     assert dropped["kept"] + dropped["kept_out"]["table"] == 20 > dropped["kept"]
     assert selection["gap"] == pytest.approx(1 - selection["bound"] / selection["objective"])
@@ -135,19 +132,10 @@ def test_a_goal_that_is_out_of_reach_gives_what_can_be_had_and_code_1(capsys):
     assert placed(capsys, text)[0] == 0
 
 
-def test_requirements_of_groups_are_told_one_by_one(capsys):
-    text = QUICK.replace("coverage = 1.0", "coverage = 0.2\ngroups = { lid = 1.0 }")
-    code, out, told = placed(capsys, text)
-    assert code == 0
-    assert [each["group"] for each in told["requirements"]] == [None, "lid"]
-    assert "holds: group lid: 100.0 % covered, 100.0 % wanted" in out
-
-
 def test_cavity_candidates_are_added_where_the_others_see_nothing(capsys):
     above = '[[candidates]]\ngenerator = "on_box"\nspacing = 9\noutward = 2.5\nsides = ["+z"]\n'
-    assert placed(capsys, QUICK.replace(CANDIDATES, above))[0] == 1
-    alone = figures()
-    assert alone["cavities"] is None
+    code, _, alone = placed(capsys, QUICK.replace(CANDIDATES, above))
+    assert (code, alone["cavities"]) == (1, None)
     more = above + '[[candidates]]\ngenerator = "per_cavity"\nstand_off = [3.0, 4.0]\n'
     code, out, told = placed(capsys, QUICK.replace(CANDIDATES, more))
     assert code == 0
@@ -156,7 +144,6 @@ def test_cavity_candidates_are_added_where_the_others_see_nothing(capsys):
     assert told["cavities"]["faces"] == told["cavities"]["reached"] == 2  # the underside
     assert "into cavities cover" in told["notes"][0]
     assert told["notes"][0] in out
-    assert any(camera["origin"].startswith("cavity") for camera in told["cameras"])
 
 
 def test_a_part_in_the_wrong_unit_is_told_by_its_size_and_by_why_nothing_covers_it(capsys):
@@ -166,31 +153,21 @@ def test_a_part_in_the_wrong_unit_is_told_by_its_size_and_by_why_nothing_covers_
     assert "no candidate covers any of it; see what the candidates fail, below" in out
 
 
-def test_check_doubts_normals_that_point_inwards(capsys):
-    text = Path("part.obj").read_text()
-    turned = re.sub(r"f (\d+) (\d+) (\d+)", r"f \1 \3 \2", text)
-    Path("part.obj").write_text(turned)
-    _, _, err = call(capsys, "check plan.toml -p rig.json")
-    assert "seen from behind: normals point inwards, or the surface is open: use two_sided" in err
-
-
 @pytest.mark.slow
 def test_the_page_is_written_and_a_stale_one_removed(capsys):
+    pages = [Path("plan/page.html"), Path("plan/view.html")]
     code, out, _ = placed(capsys, QUICK.replace("page = false", ""))
     assert code == 0
-    assert out.endswith("plan/page.html\n")
-    page = Path("plan/page.html").read_text(encoding="utf-8")
-    assert page.lower().startswith("<!doctype html>")
-    assert "plan.toml" in page
-    assert "plan.toml" in Path("plan/view.html").read_text(encoding="utf-8")
+    assert out.endswith(f"{pages[0]}\n")
+    texts = [page.read_text(encoding="utf-8") for page in pages]
+    assert texts[0].lower().startswith("<!doctype html>")
+    assert all("plan.toml" in text for text in texts)
     placed(capsys, QUICK)
-    assert not Path("plan/page.html").exists()
-    assert not Path("plan/view.html").exists()
+    assert not any(page.exists() for page in pages)
 
 
 def test_the_schema_can_be_had_without_a_plan(capsys):
-    code, out, _ = call(capsys, "place --schema")
-    assert (code, json.loads(out)) == (0, schema())
+    assert json.loads(done(capsys, "place --schema")[0]) == schema()
 
 
 @pytest.mark.slow
@@ -215,18 +192,6 @@ def test_each_error_of_a_plan_is_a_line_and_nothing_is_written(capsys, text, lin
 
 
 # --- ended runs -----------------------------------------------------------------------------------
-
-
-@pytest.mark.slow
-def test_a_second_run_measures_nothing_again(capsys):
-    def shards():
-        return {path: path.stat().st_mtime_ns for path in Path("plan/matrix").rglob("*.parquet")}
-
-    call(capsys, "place plan.toml")
-    before = shards()
-    assert before
-    placed(capsys, QUICK.replace("coverage = 1.0", "coverage = 0.6"))
-    assert shards() == before
 
 
 EACH_STEP = QUICK.replace(
@@ -383,9 +348,8 @@ def test_a_rig_that_covers_enough_passes(capsys):
 def test_a_rig_that_lost_cameras_fails_by_as_much_as_they_covered(capsys, n_gone):
     write_poses("rig.json", axis_poses()[n_gone:])
     share = 1 - n_gone / 6
-    code, out, _ = call(capsys, f"{CHECK} --min-coverage 0.95 --json")
-    (found,) = json.loads(out)["requirements"]
-    assert (code, found["status"], found["uncovered"]) == (1, "fails", 2 * n_gone)
+    (found,) = answer(capsys, f"{CHECK} --min-coverage 0.95", code=1)["requirements"]
+    assert (found["status"], found["uncovered"]) == ("fails", 2 * n_gone)
     assert (found["share"], found["short_by"]) == pytest.approx((share, 0.95 - share))
     text = call(capsys, f"{CHECK} --min-coverage 0.95")[1]
     assert f"{2 * n_gone} faces uncovered" in text
@@ -396,7 +360,7 @@ def test_a_rig_that_lost_cameras_fails_by_as_much_as_they_covered(capsys, n_gone
 @pytest.mark.slow
 def test_views_and_groups_of_the_command_take_the_place_of_those_of_the_plan(capsys):
     line = f"{CHECK} --min-coverage 0 --views 2"
-    told = json.loads(call(capsys, line + " --json")[1])
+    told = answer(capsys, line)
     assert told["views"] == told["network"]["required_views"] == 2
     code, out, _ = call(capsys, line + " --group lid=0.5 --group rest=0.0")
     assert code == 1
@@ -423,7 +387,7 @@ def test_a_limit_within_the_bound_is_said_to_be_undecided(capsys):
     code, out, _ = call(capsys, f"{line} --junit j.xml")
     assert code == 1
     assert out.startswith("undecided: all: 100.0 % covered, 90.0 % wanted: not decided, the bound")
-    told = json.loads(call(capsys, f"{line} --json")[1])
+    told = answer(capsys, line, code=1)
     assert {(group["low"], group["high"]) for group in told["groups"]} == {(0, 1)}
     (failure,) = ElementTree.parse("j.xml").iter("failure")
     assert failure.get("type") == "undecided"
@@ -451,16 +415,16 @@ def test_junit_has_a_test_case_for_each_requirement(capsys):
 
 @pytest.mark.slow
 def test_junit_replaces_an_outcome_and_nothing_else(capsys):
-    line = f"{CHECK} --junit "
     Path("empty.xml").write_text("")
     for name in ("out.xml", "out.xml", "empty.xml"):
-        assert call(capsys, line + name)[0] == 0
+        done(capsys, f"{CHECK} --junit {name}")
         assert ElementTree.parse(name).getroot().get("name") == "rastercov"
     Path("of_others.xml").write_text("<?xml version='1.0'?><testsuites name='pytest'/>")
+    before = content(".")
     for name in ("plan.toml", "rig.json", "part.obj", "of_others.xml"):
-        before = Path(name).read_bytes()
-        assert refusal(capsys, line + name).startswith(f"error: {name}: not of an earlier check")
-        assert Path(name).read_bytes() == before
+        said = refusal(capsys, f"{CHECK} --junit {name}")
+        assert said.startswith(f"error: {name}: not of an earlier check")
+    assert content(".") == before
 
 
 def test_junit_goes_through_links_and_pipes(capsys):
@@ -482,10 +446,7 @@ def test_junit_goes_through_links_and_pipes(capsys):
         ("check no.toml -p rig.json", "no.toml: cannot be read"),
         ("check plan.toml -p no.json", "no.json: cannot be read"),
         ("check plan.toml", "Missing option"),
-        ("check plan.toml -p rig.json --min-coverage 2", "--min-coverage"),
-        ("check plan.toml -p rig.json --views 0", "--views"),
         ("check plan.toml -p rig.json --group lid", "--group wants NAME=SHARE"),
-        ("check plan.toml -p rig.json --group lid=2", "--group wants NAME=SHARE"),
         ("check plan.toml -p rig.json --group lid=nan", "--group wants NAME=SHARE"),
         ("check plan.toml -p rig.json --group led=1", "there is no group 'led'"),
         ("check plan.toml -p rig.json --junit no/j.xml", "its folder does not exist"),
@@ -559,9 +520,8 @@ def test_an_example_plan_does_what_it_is_for(capsys, no_pages, short_search, nam
     assert "nan" not in out.lower()
     assert {path.stem for path in EXAMPLES.glob("*.toml")} == {*LAWS, "audit_rig"}
     if name == "mixed_cameras":
-        line = f"check {EXAMPLES / name}.toml -p placed/poses.json --min-coverage 0.4 --json"
-        covered = json.loads(call(capsys, line)[1])["covered_area"]["percent"]
-        assert covered == pytest.approx(100 * told["share"])
+        line = f"check {EXAMPLES / name}.toml -p placed/poses.json --min-coverage 0.4"
+        assert answer(capsys, line)["covered_area"]["percent"] == pytest.approx(100 * told["share"])
 
 
 @pytest.mark.slow

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from commands import enter, write_part
+from commands import write_part
 
 from rastercov.base.errors import ConfigError, MeshError, RastercovError
 from rastercov.cli.inputs import read_scene
@@ -23,8 +23,7 @@ FIXTURE = [
 
 
 @pytest.fixture(autouse=True)
-def folder(tmp_path, monkeypatch):
-    enter(tmp_path, monkeypatch)
+def files():
     Path("deep").mkdir()
     for row, name in enumerate(FILES):
         write_part(name, side=1.0 + row)

@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 from processes import run_python
 
-import rastercov
 import rastercov as rc
 from rastercov import cli
 
@@ -50,15 +49,6 @@ def test_a_report_loads_no_heavy_package_that_it_does_not_need(tmp_path, by):
     found = loaded_after(*line, "-o", str(tmp_path / "out"))
     assert (tmp_path / "out" / "contact_sheet.png").exists()
     assert not {name for name in found if name.startswith(HEAVY)}
-
-
-def test_names_of_the_package_come_at_their_first_use():
-    code = "import sys, rastercov as rc; print('numpy' in sys.modules); rc.Mesh; print(rc.camera)"
-    first, second = run_python("-c", code).stdout.splitlines()
-    assert first == "False"
-    assert "rastercov.camera" in second
-    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
-        rastercov.nothing  # noqa: B018 - it is looked up
 
 
 STOP_AT_THE_FIRST_NOTICE = """

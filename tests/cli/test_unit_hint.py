@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from commands import call, enter, write_part
+from commands import call, write_part
 
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.doubts import unit_doubts
@@ -28,8 +28,7 @@ RUNS = [
 
 
 @pytest.fixture(autouse=True)
-def folder(tmp_path, monkeypatch):
-    enter(tmp_path, monkeypatch)
+def files():
     write_part("part.obj", side=85.0)
     Path("camera.toml").write_text(CAMERA)
     Path("plan.toml").write_text(PLAN)

@@ -5,7 +5,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
-from commands import call, enter, refusal, write_part
+from commands import call, refusal, write_part
 
 import rastercov as rc
 from rastercov.camera.formats import read_views
@@ -24,8 +24,7 @@ OPTICS = {"pixel_size": 5e-6, "f_number": 4.0, "focus_distance": 0.5}
 
 
 @pytest.fixture(autouse=True)
-def folder(tmp_path, monkeypatch):
-    enter(tmp_path, monkeypatch)
+def files():
     write_part("part.obj")
     Path("cal.yaml").write_text("%YAML:1.0\n---\n" + YAML)
     Path("plan.toml").write_text(PLAN)
@@ -92,11 +91,3 @@ def test_junit_is_written_for_bad_input(name, line, capsys):
     suites = ElementTree.parse("check.xml").getroot()
     assert (suites.get("tests"), suites.get("errors"), suites.get("failures")) == ("1", "1", "0")
     assert suites.find("testsuite/testcase/error").get("message") in said
-
-
-@pytest.mark.parametrize("line", ["evaluate part.obj --full", "place plan.toml --out"])
-def test_an_option_without_its_value_points_to_the_help_of_its_command(line, capsys):
-    command, option = line.split()[0], line.split()[-1]
-    code, _, err = call(capsys, line)
-    assert code == 2
-    assert err == f"error: Option '{option}' requires an argument; see rastercov {command} --help\n"

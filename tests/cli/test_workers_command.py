@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 
 import pytest
-from commands import call, enter, refusal
+from commands import call, done, refusal
 
 pytestmark = [pytest.mark.slow, pytest.mark.compile]
 PLAN = """
@@ -17,8 +17,7 @@ outputs = { page = false }
 
 
 @pytest.fixture(autouse=True)
-def folder(tmp_path, monkeypatch):
-    enter(tmp_path, monkeypatch)
+def files():
     Path("plan.toml").write_text(PLAN)
 
 
@@ -30,8 +29,7 @@ def figures(path):
 
 def test_place_by_workers_is_place(capsys):
     assert call(capsys, "place plan.toml -o plain")[0] == 0
-    code, _, err = call(capsys, "place plan.toml -o workers --workers 2 --json-progress")
-    assert code == 0, err
+    _, err = done(capsys, "place plan.toml -o workers --workers 2 --json-progress")
     (one, _), (other, seconds) = figures("plain/plan.json"), figures("workers/plan.json")
     assert one == other
     assert sum(each["poses"] for each in seconds["workers"].values()) == 30

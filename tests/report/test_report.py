@@ -113,26 +113,21 @@ def test_stored_bound_covers_the_rounding_of_the_stored_visibility(tmp_path):
 
 def test_table_writes_as_it_goes_and_holds_no_more_than_a_row_group(tmp_path, monkeypatch):
     monkeypatch.setattr(coverage_table, "ROWS_A_GROUP", 1000)
-    batch = made_up(poses=100)
-    rows, held = rows_of(batch, "all"), []
-    with coverage_table.CoverageTable(tmp_path / "pairs.parquet", STRIP) as table:
+    batch, path, sizes = made_up(poses=100), tmp_path / "pairs.parquet", []
+    with coverage_table.CoverageTable(path, STRIP) as table:
         for _ in range(50):
-            table.add(rows)
-            held.append((len(table._pending), pa.total_allocated_bytes(), len(table._waiting)))
-        n_rows, sizes, waiting = zip(*held, strict=True)
-        assert max(n_rows) < 1000
+            table.add(rows_of(batch, "all"))
+            sizes.append(pa.total_allocated_bytes())
+            assert len(table._pending) < 1000
+            assert len(table._waiting) <= coverage_table.BATCHES_WAITING + 1
         assert max(sizes[5:]) < sizes[4] + 100_000
-        assert max(waiting) <= coverage_table.BATCHES_WAITING + 1
-        (part,) = tmp_path.iterdir()
-        assert part.stat().st_size > 0
-    file = pq.ParquetFile(tmp_path / "pairs.parquet")
+        assert next(tmp_path.iterdir()).stat().st_size > 0
+    file = pq.ParquetFile(path)
     groups = [file.metadata.row_group(g).num_rows for g in range(file.num_row_groups)]
     assert groups == [1000] * 30
     assert file.metadata.row_group(0).column(0).compression == "SNAPPY"
-    np.testing.assert_array_equal(
-        file.read()["coverage"].to_numpy(),
-        np.tile(batch.coverage.astype(np.float32).ravel(), 50),
-    )
+    expected = np.tile(batch.coverage.astype(np.float32).ravel(), 50)
+    np.testing.assert_array_equal(file.read()["coverage"].to_numpy(), expected)
 
 
 def test_a_disk_that_is_full_while_rows_are_added_ends_the_run_and_names_the_file(

@@ -370,13 +370,14 @@ def test_a_swap_whose_record_is_damaged_says_what_to_delete(half_swapped):
     refused(half_swapped, r"b\.txt: changed since it was written", OLD)
 
 
-def test_an_interrupt_in_a_swap_comes_after_it(tmp_path, monkeypatch):
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupt_in_a_swap_comes_after_it(tmp_path, monkeypatch, number):
     write(tmp_path, OLD)
     sync = report_folder._sync
-    steps = Mock(side_effect=lambda path: (signal.raise_signal(signal.SIGINT), sync(path)))
+    steps = Mock(side_effect=lambda path: (signal.raise_signal(number), sync(path)))
     monkeypatch.setattr(report_folder, "_sync", steps)
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    before = signal.signal(number, signal.default_int_handler)
     with pytest.raises(KeyboardInterrupt):
         write(tmp_path, NEW)
-    signal.signal(signal.SIGINT, before)
+    assert signal.signal(number, before) is signal.default_int_handler
     assert reports(tmp_path) == NEW

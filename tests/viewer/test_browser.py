@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from browser import Tab
 from rigs_to_view import EYES, ROOM, percent_covered
+from scipy.ndimage import maximum_filter, minimum_filter
 
 import rastercov as rc
 from rastercov.report.pages import described_camera
@@ -44,10 +45,11 @@ def tip_of_arrow(tab):
 
 def is_uniform(image, reach):
     """True where all pixels up to `reach` rows and columns away show the same face."""
-    windows = np.lib.stride_tricks.sliding_window_view(
-        np.pad(image, reach, constant_values=-2), (2 * reach + 1, 2 * reach + 1)
+    low, high = (
+        find(image, 2 * reach + 1, mode="constant", cval=-2)
+        for find in (minimum_filter, maximum_filter)
     )
-    return (windows == image[:, :, None, None]).all(axis=(2, 3)) & (image >= 0)
+    return (low == high) & (image >= 0)
 
 
 def inner_pixels(image, count, seed):
@@ -55,12 +57,9 @@ def inner_pixels(image, count, seed):
 
     Every other one is at most three pixels from another face.
     """
-    inner, deep = is_uniform(image, 1), is_uniform(image, 3)
-    chosen = [
-        np.random.default_rng(seed).choice(np.argwhere(mask)[:, ::-1], count // 2, replace=False)
-        for mask in (inner, inner & ~deep)
-    ]
-    return np.concatenate(chosen).tolist()
+    rng, inner, deep = np.random.default_rng(seed), is_uniform(image, 1), is_uniform(image, 3)
+    places = [np.argwhere(mask)[:, ::-1] for mask in (inner, inner & ~deep)]
+    return np.concatenate([rng.choice(each, count // 2, replace=False) for each in places]).tolist()
 
 
 def test_a_slider_changes_the_summary_to_what_evaluate_says(tab):

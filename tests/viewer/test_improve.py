@@ -54,26 +54,19 @@ def test_the_next_camera_is_the_best_of_all_tried(measurements, views):
 
 
 @pytest.mark.slow
-def test_a_refined_camera_covers_more_and_the_others_stay(measurements):
-    state = state_of(MESH, 3)
-    aside = state.station(0).pose.copy()
-    aside[:3, :3] = aside[:3, :3] @ [[0.96, 0, 0.28], [0, 1, 0], [-0.28, 0, 0.96]]
-    state = state.with_pose(0, aside)
-    before = covered_area(state)
-    made, gain = refined(measurements, state, 0, default_space(MESH, state), budget=400)
-    assert gain > 0
-    assert covered_area(made) - before == pytest.approx(gain)
-    for row in (1, 2):
-        assert made.stations[row] is state.stations[row]
-
-
-@pytest.mark.slow
-def test_refinement_never_loses(measurements):
-    for views in (1, 2, 3):
-        state = state_of(MESH, 4, task=rc.Task(views=views, min_angle_deg=30.0 * (views > 1)))
-        made, gain = refined(measurements, state, 2, default_space(MESH, state), budget=150)
-        assert covered_area(made) >= covered_area(state)
-        assert (gain > 0) == (made is not state)
+@pytest.mark.parametrize("views", [1, 2, 3])
+def test_refinement_never_loses_and_the_others_stay(measurements, views):
+    state = state_of(MESH, 4, task=rc.Task(views=views, min_angle_deg=30.0 * (views > 1)))
+    if views == 1:  # aside, so that there is something to gain
+        aside = state.station(2).pose.copy()
+        aside[:3, :3] = aside[:3, :3] @ [[0.96, 0, 0.28], [0, 1, 0], [-0.28, 0, 0.96]]
+        state = state.with_pose(2, aside)
+    made, gain = refined(measurements, state, 2, default_space(MESH, state), budget=250)
+    gained = covered_area(made) - covered_area(state)
+    assert gained >= 0
+    assert (gain > 0) == (made is not state)
+    assert views > 1 or 0 < gain == pytest.approx(gained)
+    assert all(made.stations[row] is state.stations[row] for row in (0, 1, 3))
 
 
 @pytest.mark.slow

@@ -6,27 +6,21 @@ import shutil
 from pathlib import Path
 
 import pytest
-from commands import call, enter, refusal
+from commands import answer, done, enter, refusal
 from rigs_to_view import CAMERA, around, part
 
 import rastercov as rc
-from rastercov import cli
 from rastercov.mesh import shapes
 
 SCENES = {
-    "plain": (["part.stl"], []),
-    "unit": (["parts/part.stl"], ["--unit", "mm"]),
-    "transform": (["part.stl"], ["--transform", "axis = [1, 0, 0], angle_deg = 90"]),
-    "occluder": (["part.stl"], ["--occluder", "parts/wall.stl"]),
-    "all": (
-        ["parts/part.stl", "floor.stl"],
-        [
-            *("--unit", "mm", "--unit", "floor.stl:m", "--occluder", "parts/wall.stl"),
-            *("--transform", "parts/part.stl:translation = [0, 0, 0.01]"),
-            *("--transform", "wall:scale = 2", "--target", "floor", "--two-sided", "all"),
-        ],
-    ),
-    "built in": (["teapot-5"], ["--transform", "angle_deg = 30"]),
+    "plain": "part.stl",
+    "unit": "parts/part.stl --unit mm",
+    "transform": "part.stl --transform 'axis = [1, 0, 0], angle_deg = 90'",
+    "occluder": "part.stl --occluder parts/wall.stl",
+    "all": "parts/part.stl floor.stl --unit mm --unit floor.stl:m --occluder parts/wall.stl"
+    " --transform 'parts/part.stl:translation = [0, 0, 0.01]' --transform 'wall:scale = 2'"
+    " --target floor --two-sided all",
+    "built in": "teapot-5 --transform 'angle_deg = 30'",
 }
 
 
@@ -45,22 +39,19 @@ def room(tmp_path, monkeypatch):
     return made
 
 
-def made_report(meshes, options):
-    """Faces that a report covers."""
-    own = ["-p", "rig.json", "--pictures", "0", "--by", "face", "-o", "report"]
-    assert cli.command(["evaluate", *meshes, *options, *own]) == 0
-    return json.loads(Path("report/summary.json").read_text())["covered"]
+def made_report(capsys, name):
+    """Faces that a report of a scene covers."""
+    own = "-p rig.json --pictures 0 --by face -o report"
+    return answer(capsys, f"evaluate {SCENES[name]} {own}")["covered"]
 
 
 def line_of(capsys, report, *more):
-    capsys.readouterr()
     return ["view", str(report), *map(str, more), "--export", "page.html"]
 
 
 def seen(capsys, report, *more):
     """Percent of the area that the page of a report shows."""
-    code, _, err = call(capsys, line_of(capsys, report, *more))
-    assert code == 0, err
+    done(capsys, line_of(capsys, report, *more))
     page = Path("page.html").read_text("utf-8")
     data = page.partition('id="export">')[2].partition("</script>")[0]
     return json.loads(data)["frames"]["reason"]["summary"]["covered"]
@@ -73,14 +64,14 @@ def refused(capsys, report, *more):
 @pytest.mark.parametrize("name", SCENES)
 def test_a_result_is_opened_without_its_options(room, name, capsys, monkeypatch, tmp_path):
     """From the working folder of the run, and from another one."""
-    covered = made_report(*SCENES[name])
+    covered = made_report(capsys, name)
     assert seen(capsys, "report") == covered
     monkeypatch.chdir(tmp_path)
     assert seen(capsys, room / "report") == covered
 
 
 def test_a_project_may_move(room, capsys, monkeypatch, tmp_path):
-    covered = made_report(*SCENES["all"])
+    covered = made_report(capsys, "all")
     monkeypatch.chdir(tmp_path)
     room.rename(tmp_path / "moved")
     assert seen(capsys, "moved/report") == covered
@@ -88,7 +79,7 @@ def test_a_project_may_move(room, capsys, monkeypatch, tmp_path):
 
 def test_a_report_may_move_away_from_its_meshes(room, capsys, monkeypatch, tmp_path):
     """They are found in the working folder, or named after the report."""
-    covered = made_report(*SCENES["transform"])
+    covered = made_report(capsys, "transform")
     assert "the mesh is not that of report" in refused(capsys, "report", "--unit", "mm")
     away = tmp_path / "a" / "b"
     away.mkdir(parents=True)
@@ -102,7 +93,7 @@ def test_a_report_may_move_away_from_its_meshes(room, capsys, monkeypatch, tmp_p
 
 
 def test_a_mesh_that_has_changed_is_named(room, capsys):
-    made_report(*SCENES["occluder"])
+    made_report(capsys, "occluder")
     shapes.box((1, 1, 1)).to_trimesh().export(room / "parts" / "wall.stl")
     err = refused(capsys, "report")
     assert "wall.stl is not the file that report was made of" in err
@@ -119,7 +110,7 @@ def test_a_result_without_its_arguments_is_opened_by_the_names_of_its_meshes(
     room, capsys, arguments
 ):
     """One of an earlier version, or with an entry that is damaged."""
-    made_report(*SCENES["plain"])
+    made_report(capsys, "plain")
     path = room / "report" / "summary.json"
     summary = json.loads(path.read_text())
     for options in (summary["run"]["options"] | {"scene": arguments}, None):
@@ -131,6 +122,5 @@ def test_a_result_without_its_arguments_is_opened_by_the_names_of_its_meshes(
 
 
 def test_an_audit_is_opened_without_its_options(room, capsys):
-    meshes, options = SCENES["all"]
-    assert cli.command(["audit", "rig.json", *meshes, *options, "-o", "audit"]) == 0
+    done(capsys, f"audit rig.json {SCENES['all']} -o audit")
     assert seen(capsys, "audit")["faces"] >= 0
