@@ -1,6 +1,6 @@
 # make demo    install everything and run the main job on a built-in mesh
-# make test    install everything and run all tests, a third of the cases of tests with many slow
-#              ones; RASTERCOV_NIGHTLY=1 runs all cases and larger problems
+# make test    install everything and run all tests; RASTERCOV_NIGHTLY=1 takes larger problems and
+#              more examples
 # make quick   the same without the slow ones
 # make lint    formatting, style, types
 # make bench   exactness and speed, side by side with a ray tracer
@@ -28,7 +28,6 @@ OSMESA_EXISTS = apt-cache policy $(OSMESA) 2>/dev/null | grep -q 'Candidate: [0-
 # One thread of Mesa and of numpy a process: tests run in two processes. Those that they start find
 # the modules compiled, wherever the environment forbids Python to keep them.
 TEST_ENV := env -u PYTHONDONTWRITEBYTECODE LP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
-BY_DAY := $(if $(filter 1,$(RASTERCOV_NIGHTLY)),,--by-day)
 
 # Two pips must not work on one environment.
 .NOTPARALLEL:
@@ -41,7 +40,7 @@ demo: $(VENV)/installed
 	@$(BIN)/rastercov demo --out report
 
 test: $(VENV)/installed-dev opengl osmesa chromium
-	$(TEST_ENV) $(BIN)/python -m pytest -n 2 --dist worksteal -m "" --durations=40 $(BY_DAY)
+	$(TEST_ENV) $(BIN)/python -m pytest -n 2 --dist worksteal -m "" --durations=20
 
 quick: $(VENV)/installed-dev opengl osmesa chromium
 	$(TEST_ENV) $(BIN)/python -m pytest -n 2 --dist worksteal

@@ -100,7 +100,7 @@ def commands(plans: Path) -> list[Command]:
     camera = plans / "camera.toml"
     camera.write_text("width = 96\nheight = 72\nfx = 90\nfy = 90\n", encoding="utf-8")
     evaluate = ["evaluate", "icosahedron", "-c", str(camera), "--pictures", "4"]
-    evaluate += ["-p"]
+    evaluate += ["--full", "poses", "-p"]
     return [
         Command("evaluate", [*evaluate, "sphere:3"], [*evaluate, "sphere:60"], "summary.json"),
         Command(
@@ -133,7 +133,7 @@ def _prepared(command: Command, before: Path) -> float:
     """Make the report that is there before; seconds that the attacked command takes."""
     assert cli.command([*command.old, "--out", str(before)]) in (0, 1)
     (before / "notes.txt").write_bytes(MINE)
-    warm = before.with_name("warm")
+    warm = before.with_name(f"warm_{command.name}")
     assert cli.command([*command.new, "--out", str(warm)]) in (0, 1)  # loads what is compiled
     shutil.rmtree(warm)
     started = time.perf_counter()
@@ -305,7 +305,7 @@ def killed(
 def full(report: Report, command: Command, before: Path, base: Path, n_disks: int) -> Counter[str]:
     """Run a command on disks with ever more bytes left, up to those it needs."""
     old, errors = content(before), base / "errors"
-    warm = base / "warm"
+    warm = base / f"warm_{command.name}"
     sizes = {path: path.stat().st_size for path in warm.rglob("*") if path.is_file()}
     most = int(1.1 * sum(sizes.values())) + (1 << 15)
     used = sum(path.stat().st_size for path in before.rglob("*") if path.is_file())

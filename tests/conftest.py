@@ -7,7 +7,6 @@ from contextlib import ExitStack
 from itertools import count
 from pathlib import Path
 
-import by_day
 import moderngl
 import pytest
 from hypothesis import settings
@@ -37,11 +36,6 @@ USES, UNFROZEN = count(), 100
 logging.getLogger("rastercov").addFilter(lambda record: NOTICE not in record.getMessage())
 
 
-def pytest_addoption(parser):
-    text = "of each test with more than three slow cases, run a third"
-    parser.addoption("--by-day", action="store_true", help=text)
-
-
 def pytest_configure(config):
     """Make errors of warnings in our own files.
 
@@ -53,14 +47,8 @@ def pytest_configure(config):
     config.addinivalue_line("filterwarnings", rf"error:::(rastercov\b|({names})$)")
 
 
-def pytest_collection_modifyitems(config, items):
-    """Leave out cases by day.
-
-    Tests that compile for a minute go first: what the processes share at the end is short.
-    """
-    if config.getoption("by_day"):
-        items[:], left_out = by_day.split(items, by_day.seed_of())
-        config.hook.pytest_deselected(items=left_out)
+def pytest_collection_modifyitems(items):
+    """Begin with tests that compile for a minute: what the processes share at the end is short."""
     items.sort(key=lambda item: item.get_closest_marker("compile") is None)
 
 

@@ -2,20 +2,19 @@
 
 import json
 import math
+from dataclasses import fields
 from itertools import product
 
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from nightly import amount
 
-import rastercov as rc
 from rastercov.base.checks import MAX_IMAGE_SIDE
 from rastercov.base.errors import CameraError
 from rastercov.camera.camera import PRESETS, Camera
 from rastercov.camera.models import MODELS
-from rastercov.mesh import shapes
-from rastercov.reference import models
 
 INTRINSICS = {"width": 640, "height": 480, "fx": 500.0, "fy": 510.0}
 LENS = {"width": 640, "height": 480, "focal_length": 8e-3, "pixel_size": 5e-6}
@@ -59,12 +58,7 @@ def test_thesis_figure_a_3_camera():
     assert camera.depth_of_field() == (0.1, 5.0)
 
 
-@pytest.mark.parametrize("name", PRESETS)
-def test_every_preset_is_what_from_lens_makes_of_it(name):
-    assert Camera.preset(name) == Camera.from_lens(**PRESETS[name])
-
-
-@pytest.mark.parametrize("name", ["kepra", "", None, [], {}])
+@pytest.mark.parametrize("name", ["kepra", None, {}])
 def test_an_unknown_preset_names_the_known_ones(name):
     with pytest.raises(CameraError, match="there are icube-ns4133bu-8mm, khepra"):
         Camera.preset(name)
@@ -77,29 +71,14 @@ def test_lens_and_intrinsics_make_the_same_camera():
         width=640, height=480, fx=by_lens.fx, fy=by_lens.fy, cx=by_lens.cx, cy=by_lens.cy,
         focal_length=8e-3, pixel_size=(5e-6, 5e-6),
     )  # fmt: skip
-
-
-def test_f_number_is_focal_length_over_aperture():
     by_number = Camera.from_lens(**LENS, f_number=2.0, focus_distance=2.0)
-    assert by_number == Camera.from_lens(**LENS, aperture=4e-3, focus_distance=2.0)
+    assert by_number == Camera.from_lens(**LENS | FOCUS)
 
 
 def test_principal_point_is_the_image_centre_unless_given():
     assert (Camera(**INTRINSICS).cx, Camera(**INTRINSICS).cy) == (320, 240)
     moved = Camera(**INTRINSICS, cx=-5.0, cy=1000.0)  # a crop may not hold its principal point
     assert (moved.cx, moved.cy) == (-5, 1000)
-
-
-@given(cx=st.floats(-100, 740), cy=st.floats(-100, 580), fx=st.floats(10, 1e4))
-def test_field_of_view_is_the_angle_between_the_border_rays(cx, cy, fx):
-    camera = Camera(**INTRINSICS | {"fx": fx}, cx=cx, cy=cy)
-    for angle, f, c, side in (
-        (camera.hfov, camera.fx, camera.cx, camera.width),
-        (camera.vfov, camera.fy, camera.cy, camera.height),
-    ):
-        first, last = (-c / f, 1.0), ((side - c) / f, 1.0)
-        between = np.arctan2(np.cross((*first, 0), (*last, 0))[2], np.dot(first, last))
-        assert angle == pytest.approx(-between, abs=1e-12)
 
 
 @given(fx=st.floats(1, 1e5), fy=st.floats(1, 1e5), cx=st.floats(-1e4, 1e4), cy=st.floats(-1e4, 1e4))
@@ -114,12 +93,9 @@ def test_opencv_calibrations_survive_the_half_pixel_there_and_back(fx, fy, cx, c
     ("K", "match"),
     [
         (np.eye(2), r"shape \(3, 3\), got \(2, 2\)"),
-        (np.eye(4), r"shape \(3, 3\), got \(4, 4\)"),
-        (None, "real numbers"),
         ("K", "real numbers"),
         (np.eye(3) * 1j, "real numbers"),
         ([[1, 0, 0], [0, 1]], "unequal length"),
-        (np.ones((3, 3)), r"K must be \[\["),
         (np.diag([1, 1, 2]), r"K must be \[\["),
         (np.diag([1, 0, 1]), "fy must be positive"),
         (np.diag([np.nan, 1, 1]), "fx must be finite"),
@@ -153,15 +129,8 @@ def blur_circle(camera: Camera, z: float) -> float:
     return camera.aperture * abs(v - v_s) / v
 
 
-def test_depth_of_field_by_hand():
-    # c = 10 px: 2.05e-3 / (1e-3 + 1e-4) and 2.05e-3 / (1e-3 - 1e-4).
-    assert lens().depth_of_field(10) == pytest.approx((20.5 / 11, 20.5 / 9), rel=1e-12)
+def test_the_camera_has_its_own_limit_of_blur():
     assert lens(max_blur=10).depth_of_field() == lens().depth_of_field(10)
-
-
-def test_the_smaller_pixel_side_sets_the_blur_limit():
-    assert lens(pixel_size=(5e-6, 9e-6)).depth_of_field(10) == lens().depth_of_field(10)
-    assert lens(pixel_size=(9e-6, 5e-6)).depth_of_field(10) == lens().depth_of_field(10)
 
 
 lenses = st.builds(
@@ -186,14 +155,6 @@ def test_blur_at_both_limits_is_c_pixels(camera, c):
         assert blur_circle(camera, far) == pytest.approx(limit, rel=1e-6)
     if math.isinf(far):
         assert blur_circle(camera, 1e9) <= limit * (1 + 1e-6)
-
-
-@given(lenses, st.floats(0.1, 20), st.floats(1, 5))
-def test_more_blur_allowed_is_more_depth_of_field(camera, c, factor):
-    near, far = camera.depth_of_field(c)
-    nearer, farther = camera.depth_of_field(c * factor)
-    assert nearer <= near
-    assert far <= farther
 
 
 def test_focused_at_the_hyperfocal_distance_all_from_half_of_it_is_sharp():
@@ -234,6 +195,7 @@ NO_RANGE = [
     5, "ab", "12", (), (1,), (1, 2, 3), (2, 1), (1, 1), (-1, 2), (math.nan, 2), (1, math.nan),
     (math.inf, math.inf), (True, 2), ("1", "2"), (10**400, 10**401), {"a": 1, "b": 2}, object(),
 ]  # fmt: skip
+NO_COEFFICIENTS = ["k1", None, (0, "0"), (math.nan,), {"k1": 0.1}, [[0], "x"]]
 NO_SIDES = [(5e-6,), (5e-6, 5e-6, 5e-6), (5e-6, 0), (5e-6, "5e-6")]
 
 
@@ -250,6 +212,9 @@ NO_SIDES = [(5e-6,), (5e-6, 5e-6, 5e-6), (5e-6, 0), (5e-6, "5e-6")]
         (LENS, ["principal_point"], NO_PAIR, ""),
         (INTRINSICS, ["focus_range"], NO_RANGE, " must"),
         (LENS, ["pixel_size"], NO_SIDES, " must"),
+        (INTRINSICS, ["max_angle_deg"], [0, -1, 181, math.nan, "wide"], ""),
+        (INTRINSICS, ["skew"], [None, *NO_NUMBER, *NOT_FINITE], " must be"),
+        (INTRINSICS, ["distortion"], NO_COEFFICIENTS, " must be"),
     ],
 )
 def test_a_value_that_describes_no_camera_is_refused_by_name(base, names, values, match):
@@ -262,11 +227,7 @@ def test_an_image_side_may_be_any_whole_number(value):
     camera = Camera(**INTRINSICS | {"width": value})
     assert camera.width == value
     assert type(camera.width) is int
-
-
-def test_near_may_be_0_and_may_be_whole():
-    assert Camera(**INTRINSICS).near == 0
-    assert Camera(**INTRINSICS, near=2).near == 2
+    assert (camera.near, Camera(**INTRINSICS, near=2).near) == (0, 2)
 
 
 @pytest.mark.parametrize(
@@ -308,30 +269,37 @@ def test_distortion_needs_a_model(distortion):
 
 
 @pytest.mark.parametrize(
-    ("model", "n", "wanted"),
+    ("model", "distortion", "wanted"),
     [
-        ("opencv", 1, "4 or 5 or 8 or 12 or 14 numbers .k1 k2 p1 p2 k3.*got 1"),
-        ("opencv", 41, "got 41"),
-        ("opencv_fisheye", 5, "0 or 4 numbers .k1 k2 k3 k4., got 5"),
-        ("fov", 0, "1 numbers .omega., got 0"),
-        ("equirectangular", 1, "0 numbers, got 1"),
-        ("OPENCV", 4, "model must be one of pinhole, opencv"),
-        (3, 4, "model must be one of"),
+        ("opencv", [0.1], "4 or 5 or 8 or 12 or 14 numbers .k1 k2 p1 p2 k3.*got 1"),
+        ("opencv_fisheye", [0.1] * 5, "0 or 4 numbers .k1 k2 k3 k4., got 5"),
+        ("fov", [], "1 numbers .omega., got 0"),
+        ("equirectangular", [0.1], "0 numbers, got 1"),
+        ("OPENCV", [0.1] * 4, "model must be one of pinhole, opencv"),
+        (3, [0.1] * 4, "model must be one of"),
+        ("opencv", (1e13, 0, 0, 0), r"k1 of model opencv must be within 1e\+12, got 1e\+13"),
+        ("opencv", (*[0] * 12, 1.3, 0), "tau_x of model opencv must be within 1.05 rad, got 1.3"),
+        ("fov", (-1,), "omega of model fov must be 0 to below pi radians, got -1"),
+        ("fov", (4,), "omega of model fov"),
+        ("omni", (-0.5,), "xi of model omni must be 0 or more, got -0.5"),
+        ("eucm", (2, 1), "alpha of model eucm must be 0 to 1, got 2; correct distortion"),
+        ("eucm", (0.5, 0), "beta of model eucm must be positive, got 0"),
+        ("double_sphere", (2, 0.5), "xi of model double_sphere must be above -1 and at most 1"),
+        ("double_sphere", (0, -0.5), "alpha of model double_sphere must be 0 to 1, got -0.5"),
     ],
 )
-def test_a_model_has_its_number_of_coefficients(model, n, wanted):
-    refused(wanted, **INTRINSICS, model=model, distortion=[0.1] * n)
+def test_a_model_has_its_coefficients_within_their_ranges(model, distortion, wanted):
+    refused(wanted, **INTRINSICS, model=model, distortion=distortion)
 
 
 @pytest.mark.parametrize("n", [4, 5, 8, 12, 14])
 def test_an_opencv_calibration_keeps_its_coefficients(n):
     coefficients = tuple(0.01 * k for k in range(1, n + 1))
     K = [[500, 1.5, 319.5], [0, 490, 239.5], [0, 0, 1]]
-    camera = Camera.from_opencv(K, 640, 480, coefficients)
-    assert (camera.model, camera.distortion, camera.skew) == ("opencv", coefficients, 1.5)
-    assert not camera.is_pinhole
-    fisheye = Camera.from_opencv(K, 640, 480, coefficients[:4], fisheye=True)
-    assert (fisheye.model, fisheye.distortion) == ("opencv_fisheye", coefficients[:4])
+    for fisheye, model in ((False, "opencv"), (True, "opencv_fisheye")):
+        own = coefficients[:4] if fisheye else coefficients
+        camera = Camera.from_opencv(K, 640, 480, own, fisheye=fisheye)
+        assert (camera.model, camera.distortion, camera.skew) == (model, own, 1.5)
 
 
 @pytest.mark.parametrize(("model", "its"), MODELS.items())
@@ -342,6 +310,9 @@ def test_a_camera_of_any_model_survives_its_file(model, its, tmp_path):
     camera.save(tmp_path / "camera.json")
     assert Camera.load(tmp_path / "camera.json") == camera
     assert not camera.is_pinhole
+    for other in (lens(), Camera(**INTRINSICS, cx=1 / 3, near=0.1, focus_range=(0.1, math.inf))):
+        other.save(tmp_path / "camera.json")
+        assert Camera.load(tmp_path / "camera.json") == other
 
 
 def test_a_fisheye_and_a_tilted_sensor_have_no_plane_in_focus():
@@ -350,43 +321,6 @@ def test_a_fisheye_and_a_tilted_sensor_have_no_plane_in_focus():
     refused("tilted sensor", **INTRINSICS, **focus, model="opencv", distortion=[0] * 13 + [0.1])
     Camera(**INTRINSICS, **focus, model="opencv", distortion=[0.1] * 12 + [0, 0])
     Camera(**INTRINSICS, focus_range=(1, 2), model="opencv_fisheye")
-
-
-@pytest.mark.parametrize("angle", [0, -1, 181, math.nan, "wide"])
-def test_the_largest_angle_is_one(angle):
-    refused("max_angle_deg", **INTRINSICS, max_angle_deg=angle)
-
-
-def test_what_needs_a_pinhole_refuses_other_lenses():
-    mesh, pose = shapes.torus(8, 6), np.eye(4)[None]
-    zhang = models.MODELS["zhang"]
-    for camera in (
-        Camera(**INTRINSICS, model="opencv", distortion=[0.1] * 4),
-        Camera(**INTRINSICS, skew=1e-9),
-        Camera(**INTRINSICS, max_angle_deg=30),
-    ):
-        with pytest.raises(CameraError, match="got a lens of model"):
-            zhang(mesh, camera, pose, rc.Task())
-        with pytest.raises(CameraError, match="not supported here yet"):
-            camera.check_pinhole()
-
-
-@pytest.mark.parametrize("distortion", ["k1", None, (0, "0"), (math.nan,), {"k1": 0.1}, [[0], "x"]])
-def test_distortion_is_numbers(distortion):
-    refused("distortion must be", **INTRINSICS, distortion=distortion)
-    with pytest.raises(CameraError, match="distortion must be"):
-        Camera.from_opencv(Camera(**INTRINSICS).opencv_K, 640, 480, distortion)
-
-
-def test_skew_is_never_ignored():
-    assert not Camera(**INTRINSICS, skew=0.1).is_pinhole
-    refused("skew must be", **INTRINSICS, skew=math.nan)
-
-
-def test_a_camera_never_changes():
-    with pytest.raises(AttributeError):
-        Camera(**INTRINSICS).fx = 3.0
-    assert hash(Camera(**INTRINSICS)) == hash(Camera(**INTRINSICS))
 
 
 # --- files ----------------------------------------------------------------------------------------
@@ -402,30 +336,6 @@ def test_json_and_toml_say_the_same_camera(tmp_path):
     expected = Camera.from_lens(**LENS | {"pixel_size": (5e-6, 6e-6)}, near=1)
     assert Camera.load(tmp_path / "c.json") == expected
     assert Camera.load(str(tmp_path / "c.TOML")) == expected
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    return tmp_path_factory.mktemp("cameras")
-
-
-@pytest.mark.slow
-@given(
-    st.one_of(
-        lenses,
-        st.builds(
-            lambda cx, near, far: Camera(
-                **INTRINSICS, cx=cx, near=near, focus_range=(near, near + far)
-            ),
-            st.floats(-1e6, 1e6),
-            st.floats(0, 1e3),
-            st.floats(1, math.inf),
-        ),
-    )
-)
-def test_a_saved_camera_loads_equal(folder, camera):
-    camera.save(folder / "camera.json")
-    assert Camera.load(folder / "camera.json") == camera
 
 
 def test_a_camera_is_saved_only_where_it_can_be_loaded(tmp_path):
@@ -445,67 +355,47 @@ def test_a_file_may_start_from_a_preset_and_change_it(tmp_path):
 
 
 FILES = {
-    "list.json": ("[640, 480]", "a camera is a table of names and values, got"),
-    "number.json": ("640", "a camera is a table"),
-    "null.json": ("null", "a camera is a table"),
-    "empty.json": ("", "not valid JSON"),
-    "cut.json": ('{"width": 640', "not valid JSON"),
-    "deep.json": ("[" * 100_000, "not valid JSON"),
-    "digits.json": ('{"width": 1' + "0" * 5000 + "}", "not valid JSON"),
+    "number.json": ("640", "a camera is a table of names and values, got"),
     "large.json": ('{"width": 1' + "0" * 400 + ', "height": 1, "fx": 1, "fy": 1}', "width must be"),
+    "latin.json": (b'{"\xe9": 1}', "not valid JSON"),
+    "folder.json": (None, "cannot be read"),
     "cut.toml": ("width = ", "not valid TOML"),
-    "deep.toml": ("a = " + "[" * 100_000, "not valid TOML"),
     "empty.toml": ("", "missing width, height, focal_length, pixel_size"),
     "half.toml": ("width = 1\nheight = 1\nfy = 1", "missing fx"),
     "lens.toml": ("width = 1\nheight = 1\nfocal_length = 1", "missing pixel_size; give fx, fy or"),
     "typo.toml": ("widht = 1", "unknown entry 'widht'; a camera has aperture"),
-    "text.toml": (
-        'width = "1280"\nheight = 1\nfx = 1\nfy = 1',
-        "width must be a number, got '1280'",
-    ),
-    "list.toml": ("width = 1\nheight = 1\nfx = [1]\nfy = 1", "fx must be a number, got"),
-    "table.toml": ("width = 1\nheight = 1\nfy = 1\n[fx]\na = 1", "fx must be a number, got"),
     "date.toml": ("width = 1\nheight = 1\nfx = 1\nfy = 2020-01-01", "fy must be a number, got"),
-    "mixed.toml": (
-        "width = 1\nheight = 1\nfx = 1\nfy = 1\nf_number = 2",
-        "f_number and aperture need the focal length in metres; give pixel_size",
-    ),
+    "mixed.toml": ("width = 1\nheight = 1\nfx = 1\nfy = 1\nf_number = 2", "give pixel_size"),
+    "both.toml": ("width = 1\nheight = 1\nfx = 1\nfy = 1\nprincipal_point = [1, 1]", "not fx, fy"),
     "unfit.toml": (
         "width = 1\nheight = 1\nfx = 100\nfy = 200\npixel_size = 1e-6\nf_number = 2",
         r"give focal lengths of 0\.0001 m and 0\.0002 m; correct pixel_size",
     ),
     "sideless.toml": ("height = 1\nhfov_deg = 60", "missing width; hfov_deg needs it"),
-    "outside.toml": (
-        "width = 9\nheight = 9\nvfov_deg = 60\ncy = -1",
-        "vfov_deg needs a principal point inside the image",
-    ),
+    "outside.toml": ("width = 9\nheight = 9\nvfov_deg = 60\ncy = -1", "vfov_deg needs a principal"),
     "preset.toml": ('preset = "leica"', "no camera preset 'leica'; there are"),
-    "presets.json": ('{"preset": ["khepra"]}', "no camera preset"),
-    "far.json": ('{"width": 1, "height": 1, "fx": Infinity, "fy": 1}', "fx must be finite"),
     "camera.yaml": ("width: 640", r"a camera file ends in \.json or \.toml"),
-    "camera": ("", r"a camera file ends in \.json or \.toml"),
 }
 
 
-@pytest.mark.parametrize(
-    ("name", "content", "match"), [(n, *c) for n, c in FILES.items()], ids=FILES
-)
-def test_a_file_that_holds_no_camera_is_named(tmp_path, name, content, match):
-    (tmp_path / name).write_text(content)
+@pytest.mark.parametrize(("name", "content"), FILES.items(), ids=FILES)
+def test_a_file_that_holds_no_camera_is_named(tmp_path, name, content):
+    text, match = content
+    if text is None:
+        (tmp_path / name).mkdir()
+    else:
+        (tmp_path / name).write_bytes(text if isinstance(text, bytes) else text.encode())
     with pytest.raises(CameraError, match=match) as caught:
         Camera.load(tmp_path / name)
     assert str(caught.value).startswith(f"{tmp_path / name}: ")
     assert "\n" not in str(caught.value)
 
 
-def test_two_fields_of_view_give_both_focal_lengths():
+def test_fields_of_view_give_focal_lengths_also_of_a_preset():
     both = Camera.from_dict(
         {"width": 640, "height": 480, "hfov_deg": 70, "vfov_deg": 50, "cx": 100}
     )
     assert (math.degrees(both.hfov), math.degrees(both.vfov)) == pytest.approx((70, 50), rel=1e-12)
-
-
-def test_a_preset_is_changed_by_a_field_of_view():
     camera = Camera.from_dict({"preset": "khepra", "vfov_deg": 40, "near": 0.2})
     assert math.degrees(camera.vfov) == pytest.approx(40)
     assert (camera.width, camera.near, camera.focus_range) == (1280, 0.2, (0.1, 5.0))
@@ -524,18 +414,6 @@ def test_a_calibrated_matrix_and_a_pixel_size_give_the_aperture_of_an_f_number()
     assert Camera.from_dict(by_diameter) == camera
 
 
-def test_a_file_that_cannot_be_read_is_named(tmp_path):
-    (tmp_path / "folder.json").mkdir()
-    (tmp_path / "latin.json").write_bytes(b'{"\xe9": 1}')
-    for name, match in (
-        ("none.json", "cannot be read"),
-        ("folder.json", "cannot be read"),
-        ("latin.json", "not valid JSON"),
-    ):
-        with pytest.raises(CameraError, match=f"{name}: {match}"):
-            Camera.load(tmp_path / name)
-
-
 json_values = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5)
     | st.just(10**400) | st.sampled_from([*PRESETS, 1, 640, 0.5]),
@@ -544,11 +422,8 @@ json_values = st.recursive(
     max_leaves=6,
 )  # fmt: skip
 keys = st.sampled_from(
-    [
-        *("width", "height", "fx", "fy", "cx", "cy", "near", "focal_length", "pixel_size"),
-        *("aperture", "f_number", "focus_distance", "max_blur", "focus_range", "skew"),
-        *("distortion", "principal_point", "preset", "", "fz", "hfov_deg", "vfov_deg"),
-    ]
+    [field.name for field in fields(Camera)]
+    + ["f_number", "principal_point", "preset", "", "fz", "hfov_deg", "vfov_deg"]
 )
 
 
@@ -557,7 +432,7 @@ keys = st.sampled_from(
     st.dictionaries(keys, json_values, max_size=4),
     st.sets(keys, max_size=1),
 )
-@settings(max_examples=40)
+@settings(max_examples=amount(15, 100))
 def test_whatever_json_says_it_is_a_camera_or_a_camera_error(base, changes, dropped):
     entries = {k: v for k, v in (base | changes).items() if k not in dropped}
     try:

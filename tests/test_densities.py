@@ -73,12 +73,6 @@ def test_a_plan_takes_names_and_keeps_numbers(tmp_path):
     path.write_text(PLAN.format(line='min_facing_density = "identify"\nmin_pixel_density = 20'))
     task = read_plan(path).build_task()
     assert (task.min_facing_density, task.min_pixel_density) == (250.0, 20.0)
-    path.write_text(PLAN.format(line='min_facing_density = "identfy"'))
-    with pytest.raises(ConfigError, match=r"task\.min_facing_density: wanted px/m.*monitor 12\.5"):
-        read_plan(path)
-    path.write_text(PLAN.format(line="min_facing_density = -2"))
-    with pytest.raises(ConfigError, match=r"wanted a number of 0 or more, got -2"):
-        read_plan(path)
 
 
 def test_the_command_line_takes_names(tmp_path, monkeypatch, capsys):
@@ -87,8 +81,6 @@ def test_the_command_line_takes_names(tmp_path, monkeypatch, capsys):
     assert command([*line, "--min-facing-density", "0.25 px/mm", "-o", "out"]) == 0
     task = json.loads(capsys.readouterr().out)["run"]["task"]
     assert task["min_facing_density"] == 250.0
-    assert command([*line, "--min-facing-density", "idntify", "-o", "out"]) == 2
-    assert "identify 250" in " ".join(capsys.readouterr().err.split())
 
 
 # --- the figure -----------------------------------------------------------------------------------
@@ -103,18 +95,19 @@ def test_facing_density_is_the_focal_length_by_the_greatest_depth():
 
 
 def test_it_is_the_least_singular_value_of_a_plane_across_the_ray():
-    rng = np.random.default_rng(0)
-    points = rng.uniform((-2, -2, 1), (2, 2, 5), (500, 3))
-    across = -points / np.linalg.norm(points, axis=1, keepdims=True)
-    least = np.linalg.svd(jacobian(CAMERA, points, across), compute_uv=False)[:, 1]
-    assert np.allclose(least, 100 / points[:, 2], rtol=1e-12)
-    flat = rc.Camera(width=200, height=200, fx=100, fy=130)
-    least = np.linalg.svd(jacobian(flat, points, across), compute_uv=False)[:, 1]
-    assert (least >= 100 / points[:, 2] * (1 - 1e-12)).all()  # a lower bound ...
-    points[:, 0] = 0
-    across = -points / np.linalg.norm(points, axis=1, keepdims=True)
-    least = np.linalg.svd(jacobian(flat, points, across), compute_uv=False)[:, 1]
-    assert np.allclose(least, 100 / points[:, 2], rtol=1e-12)  # ... and exact on this axis
+    points = np.random.default_rng(0).uniform((-2, -2, 1), (2, 2, 5), (500, 3))
+    points[250:, 0] = 0
+
+    def ratios(camera):
+        """Least singular values by the figure."""
+        across = -points / np.linalg.norm(points, axis=1, keepdims=True)
+        found = np.linalg.svd(jacobian(camera, points, across), compute_uv=False)[:, 1]
+        return found * points[:, 2] / 100
+
+    assert np.allclose(ratios(CAMERA), 1, rtol=1e-12)
+    flat = ratios(rc.Camera(width=200, height=200, fx=100, fy=130))
+    assert (flat >= 1 - 1e-12).all()  # a lower bound ...
+    assert np.allclose(flat[250:], 1, rtol=1e-12)  # ... and exact on this axis
 
 
 @pytest.mark.parametrize("method", ["certified", "exact", "sampled"])

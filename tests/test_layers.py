@@ -88,12 +88,12 @@ def test_the_path_from_mesh_to_coverage_is_read_in_one_sitting():
 # needs more says what it retires.
 BUDGET = {
     "base": 910,
-    "camera": 5_220,
+    "camera": 4_830,
     "cli": 1_530,
     "cluster": 620,
     "coverage": 2_780,
-    "exact": 830,
-    "kernels": 10_890,
+    "exact": 740,
+    "kernels": 10_280,
     "mesh": 3_400,
     "placement": 7_030,
     "raster": 2_710,

@@ -2,6 +2,7 @@
 
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -21,21 +22,12 @@ CAMERA = Camera(width=160, height=120, fx=140, fy=150)
 
 @given(n_poses=st.integers(0, 400), n_workers=st.integers(1, 9))
 @settings(max_examples=60)
-def test_every_pose_is_taken_exactly_once(n_poses, n_workers):
-    taken = []
-    workers = [lambda turn: taken.extend(range(n_poses)[turn]) for _ in range(n_workers)]
-    share_poses(n_poses, workers)
-    assert sorted(taken) == list(range(n_poses))
-
-
-@given(n_poses=st.integers(1, 400), n_workers=st.integers(1, 9))
-@settings(max_examples=30)
-def test_turns_are_few_enough_to_share_and_no_longer_than_a_turn(n_poses, n_workers):
-    lengths = []
-    workers = [lambda turn: lengths.append(len(range(n_poses)[turn])) for _ in range(n_workers)]
-    share_poses(n_poses, workers)
-    assert max(lengths) <= POSES_A_TURN
-    assert len(lengths) >= min(n_poses, n_workers)
+def test_every_pose_is_taken_once_in_turns_that_can_be_shared(n_poses, n_workers):
+    turns = []
+    share_poses(n_poses, [lambda turn: turns.append(range(n_poses)[turn])] * n_workers)
+    assert sorted(row for turn in turns for row in turn) == list(range(n_poses))
+    assert max(map(len, turns), default=0) <= POSES_A_TURN
+    assert len(turns) >= min(n_poses, n_workers)
 
 
 def test_workers_run_side_by_side_each_in_a_thread_of_its_own():
@@ -99,36 +91,23 @@ def observe(mesh, poses, method, **options):
 
 
 def assert_same(one, other, rows=slice(None)):
-    assert np.array_equal(one.visible_pixels[rows], other.visible_pixels)
-    assert np.array_equal(one.drawn_pixels[rows], other.drawn_pixels)
-    assert np.array_equal(one.kind[rows], other.kind)
-    assert np.array_equal(one.clipped[rows], other.clipped)
+    for name in ("visible_pixels", "drawn_pixels", "kind", "clipped"):
+        assert np.array_equal(getattr(one, name)[rows], getattr(other, name))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("method", ["certified", "exact"])
 @pytest.mark.parametrize("name", ["room", "teapot-5"])
-def test_threads_change_not_one_bit(method, name):
-    mesh = shapes.by_name(name)
-    poses = mixed_poses(mesh, 35, np.random.default_rng(3))
+def test_neither_threads_nor_batches_nor_their_order_change_a_bit(method, name):
+    mesh, rng = shapes.by_name(name), np.random.default_rng(3)
+    poses, order = mixed_poses(mesh, 40, rng), rng.permutation(40)
     one = observe(mesh, poses, method, threads=1)
-    for threads in (2, 64, None):
+    for threads in (64, None):
         assert_same(one, observe(mesh, poses, method, threads=threads))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("method", ["certified", "exact"])
-def test_neither_batches_nor_their_order_change_a_bit(method):
-    mesh = shapes.room(4)
-    rng = np.random.default_rng(4)
-    poses = mixed_poses(mesh, 40, rng)
-    together = observe(mesh, poses, method)
     with open_observer(mesh, CAMERA, method, threads=2) as observer:
-        for start, stop in ((0, 1), (1, 8), (8, 40)):
-            assert_same(together, observer.observe(poses[start:stop]), slice(start, stop))
-        order = rng.permutation(40)
-        assert_same(together, observer.observe(poses[order]), order)
-        assert_same(together, observer.observe(poses[7]), slice(7, 8))
+        for rows in (slice(0, 1), slice(1, 8), slice(8, 40), order):
+            assert_same(one, observer.observe(poses[rows]), rows)
+        assert_same(one, observer.observe(poses[7]), slice(7, 8))
 
 
 @pytest.mark.slow
@@ -137,18 +116,9 @@ def test_observers_of_one_mesh_work_side_by_side():
     mesh = shapes.torus(40, 30)
     poses = mixed_poses(mesh, 30, np.random.default_rng(5))
     expected = observe(mesh, poses, "certified", threads=1)
-    found = {}
-
-    def run(name):
-        found[name] = observe(mesh, poses, "certified", threads=2)
-
-    threads = [threading.Thread(target=run, args=(name,)) for name in range(4)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    for name in range(4):
-        assert_same(expected, found[name])
+    with ThreadPoolExecutor(4) as pool:
+        for found in pool.map(lambda _: observe(mesh, poses, "certified", threads=2), range(4)):
+            assert_same(expected, found)
 
 
 def test_an_interrupt_ends_the_work_within_a_turn_and_leaves_the_observer_usable(monkeypatch):

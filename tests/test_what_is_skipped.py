@@ -25,7 +25,7 @@ def test_skips_are_counted_by_reason():
 
 @pytest.mark.slow
 def test_a_run_ends_with_its_skips(tmp_path):
-    for name in ("conftest.py", "support/notices.py", "support/skips.py", "support/by_day.py"):
+    for name in ("conftest.py", "support/notices.py", "support/skips.py"):
         (tmp_path / Path(name).name).write_text((ROOT / "tests" / name).read_text())
     (tmp_path / "test_some.py").write_text(
         "import pytest\n"

@@ -9,7 +9,7 @@ E. S. Eissa. Image Space Coverage Model for Deployment of Multi-Camera Networks.
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from typing import Annotated, Any
 
@@ -89,10 +89,11 @@ def _arguments_of(entries: Any, fields: Sequence[str]) -> dict[str, Any]:
         raise CameraError(
             f"unknown entry {', '.join(unknown)}; a camera has {', '.join(sorted(known))}"
         )
-    given = {k: tuple(v) if isinstance(v, list) else v for k, v in entries.items()}
-    for name in (*OF_LENS, *ANGLES):
-        if given.get(name, 0) is None:
-            del given[name]
+    given = {
+        name: tuple(value) if isinstance(value, list) else value
+        for name, value in entries.items()
+        if value is not None or name not in (*OF_LENS, *ANGLES)
+    }
     if not given.keys().isdisjoint(ANGLES):
         given = _with_focal_lengths(given)
     by_lens = given.keys().isdisjoint({"fx", "fy"})
@@ -102,19 +103,19 @@ def _arguments_of(entries: Any, fields: Sequence[str]) -> dict[str, Any]:
         raise CameraError(
             f"missing {', '.join(missing)}; give fx, fy or focal_length, pixel_size or hfov_deg"
         )
-    has_aperture, n = given.get("aperture") is not None, given.pop("f_number", None)
-    if n is not None and has_aperture:
-        raise CameraError("give f_number or aperture, not both")
     if by_lens:
         given = _of_lens(given)
     elif "principal_point" in given:
         raise CameraError("principal_point goes with focal_length and pixel_size, not fx, fy")
-    elif (n is not None or has_aperture) and given.get("focal_length") is None:
+    n = given.pop("f_number", None)
+    has_aperture = given.get("aperture") is not None
+    if n is not None and has_aperture:
+        raise CameraError("give f_number or aperture, not both")
+    if (n is not None or has_aperture) and given.get("focal_length") is None:
         given["focal_length"] = _focal_length_m(given)
     if n is not None:
-        given["aperture"] = positive("focal_length", given["focal_length"]) / positive(
-            "f_number", n
-        )
+        focal_length = positive("focal_length", given["focal_length"])
+        given["aperture"] = focal_length / positive("f_number", n)
     return given
 
 
@@ -159,13 +160,10 @@ def _with_focal_lengths(entries: dict[str, Any]) -> dict[str, Any]:
     if entries.get("model", "pinhole") != "pinhole":
         raise CameraError("hfov_deg and vfov_deg are of a pinhole; give fx and fy of other lenses")
     found = {}
-    for name, focal, side, centre in (
-        ("hfov_deg", "fx", "width", "cx"),
-        ("vfov_deg", "fy", "height", "cy"),
-    ):
+    for name, focal, centre in (("hfov_deg", "fx", "cx"), ("vfov_deg", "fy", "cy")):
         if name not in entries:
             continue
-        if side not in entries:
+        if (side := CENTRES[centre]) not in entries:
             raise CameraError(f"missing {side}; {name} needs it")
         length = image_side(side, entries[side])
         at = entries.get(centre)
@@ -204,6 +202,57 @@ def _focal_length_m(entries: Mapping[str, Any]) -> float:
             "correct pixel_size"
         )
     return (across + down) / 2
+
+
+def _near(name: str, value: Any) -> float:
+    near = number(name, value)
+    if not 0 <= near <= LARGEST_COORDINATE:
+        raise CameraError(
+            f"{name} must be 0 or more metres, at most {LARGEST_COORDINATE:g}, got {near:g}"
+        )
+    return near
+
+
+def _angle(name: str, value: Any) -> float:
+    angle = number(name, value)
+    if not 0 < angle <= 180:
+        raise CameraError(f"{name} must be above 0 and at most 180, got {angle:g}")
+    return angle
+
+
+def _range(name: str, value: Any) -> tuple[float, float]:
+    first, second = two(name, value)
+    z_n, z_f = number(name, first), math.inf if is_inf(second) else number(name, second)
+    if not 0 <= z_n < z_f:
+        raise CameraError(f"{name} must satisfy 0 <= near < far, got [{z_n}, {z_f}]")
+    return z_n, z_f
+
+
+CHECKS: Mapping[str, Callable[[str, Any], Any]] = {
+    **dict.fromkeys(("width", "height"), image_side),
+    **dict.fromkeys(("fx", "fy"), focal_length_px),
+    **dict.fromkeys(("cx", "cy", "skew"), principal_point_px),
+    **dict.fromkeys(("focal_length", "aperture", "focus_distance", "max_blur"), positive),
+    "pixel_size": pair,
+    "near": _near,
+    "focus_range": _range,
+    "max_angle_deg": _angle,
+}
+"""Check of each field by itself."""
+CENTRES = {"cx": "width", "cy": "height"}
+"""Fields that are the half of others unless given."""
+
+
+def border_of(width: float, height: float, n: int) -> NDArray[np.float64]:
+    """Points (4, n, 2) on the borders of an image of that size, px: top, right, bottom and left.
+
+    Each border has its ends, at equal steps, in the order in which they go around the image.
+    """
+    steps = np.linspace(0.0, 1.0, n)[:, None]
+    corners = np.array([(0, 0), (1, 0), (1, 1), (0, 1)]) * (width, height)
+    starts, ends = corners[:, None], np.roll(corners, -1, axis=0)[:, None]
+    border: NDArray[np.float64] = (1 - steps) * starts + steps * ends
+    return border
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -274,69 +323,40 @@ class Camera:
     ] = None
 
     def __post_init__(self) -> None:
-        for name in ("width", "height"):
-            object.__setattr__(self, name, image_side(name, getattr(self, name)))
-        for name, centre in (("cx", self.width / 2), ("cy", self.height / 2)):
-            value = getattr(self, name)
-            object.__setattr__(
-                self, name, centre if value is None else principal_point_px(name, value)
-            )
-        for name in ("fx", "fy"):
-            object.__setattr__(self, name, focal_length_px(name, getattr(self, name)))
-        object.__setattr__(self, "max_blur", positive("max_blur", self.max_blur))
-        near = number("near", self.near)
-        if not 0 <= near <= LARGEST_COORDINATE:
-            raise CameraError(
-                f"near must be 0 or more metres, at most {LARGEST_COORDINATE:g}, got {near:g}"
-            )
-        object.__setattr__(self, "near", near)
-        object.__setattr__(self, "skew", principal_point_px("skew", self.skew))
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if value is None and field.name in CENTRES:
+                value = getattr(self, CENTRES[field.name]) / 2
+            if field.name in CHECKS and (value is not None or field.default is not None):
+                object.__setattr__(self, field.name, CHECKS[field.name](field.name, value))
         model, coefficients = checked_model(self.model, self.distortion)
         object.__setattr__(self, "model", model)
         object.__setattr__(self, "distortion", coefficients)
-        if self.max_angle_deg is not None:
-            angle = number("max_angle_deg", self.max_angle_deg)
-            if not 0 < angle <= 180:
-                raise CameraError(f"max_angle_deg must be above 0 and at most 180, got {angle:g}")
-            if model == "equirectangular":
-                raise CameraError("an equirectangular image has no largest angle")
-            object.__setattr__(self, "max_angle_deg", angle)
-        self._check_lens()
-
-    def _check_lens(self) -> None:
-        for name in ("focal_length", "aperture", "focus_distance"):
-            if getattr(self, name) is not None:
-                object.__setattr__(self, name, positive(name, getattr(self, name)))
-        if self.pixel_size is not None:
-            object.__setattr__(self, "pixel_size", pair("pixel_size", self.pixel_size))
+        if model == "equirectangular" and self.max_angle_deg is not None:
+            raise CameraError("an equirectangular image has no largest angle")
         if (self.aperture is None) != (self.focus_distance is None):
             raise CameraError("aperture and focus_distance come together: give both or neither")
-        if self.aperture is not None and (self.focal_length is None or self.pixel_size is None):
+        if self.aperture is not None:
+            self._check_aperture()
+
+    def _check_aperture(self) -> None:
+        """Raise `CameraError` unless the lens has a plane in focus at `focus_distance`."""
+        if self.focal_length is None or self.pixel_size is None:
             raise CameraError("aperture needs focal_length and pixel_size: see Camera.from_lens")
-        if self.aperture is not None and not MODELS[self.model].is_planar:
+        if self.focus_range is not None:
+            raise CameraError("give focus_range or aperture, not both")
+        is_tilted = any(self.distortion[12:])
+        if is_tilted or not MODELS[self.model].is_planar:
+            lens = "a tilted sensor" if is_tilted else f"a lens of model {self.model}"
             raise CameraError(
-                f"a lens of model {self.model} has no plane in focus; give focus_range, in metres "
-                "from the camera, instead of an aperture"
+                f"{lens} has no plane in focus at one depth; give focus_range, in metres from the "
+                "camera, instead of an aperture"
             )
-        if self.aperture is not None and any(self.distortion[12:]):
-            raise CameraError(
-                "the plane in focus of a tilted sensor is tilted; give focus_range instead of an "
-                "aperture"
-            )
-        if (self.focus_distance or np.inf) <= (self.focal_length or 0):
+        if (self.focus_distance or 0) <= self.focal_length:
             raise CameraError(
                 f"focus_distance must exceed focal_length {self.focal_length:g} m, "
                 f"got {self.focus_distance:g} m"
             )
-        if self.focus_range is not None:
-            if self.aperture is not None:
-                raise CameraError("give focus_range or aperture, not both")
-            first, second = two("focus_range", self.focus_range)
-            z_n = number("focus_range", first)
-            z_f = math.inf if is_inf(second) else number("focus_range", second)
-            if not 0 <= z_n < z_f:
-                raise CameraError(f"focus_range must satisfy 0 <= near < far, got [{z_n}, {z_f}]")
-            object.__setattr__(self, "focus_range", (z_n, z_f))
 
     @classmethod
     def from_lens(
@@ -561,19 +581,11 @@ class Camera:
             for side in (self.width, self.height)
         )
         across, down = width / self.width, height / self.height
+        scaled = {name: getattr(self, name) * across for name in ("fx", "cx", "skew")}
+        scaled |= {name: getattr(self, name) * down for name in ("fy", "cy")}
         sizes = self.pixel_size and (self.pixel_size[0] / across, self.pixel_size[1] / down)
-        return replace(
-            self,
-            width=width,
-            height=height,
-            fx=self.fx * across,
-            fy=self.fy * down,
-            cx=self.cx * across,
-            cy=self.cy * down,
-            skew=self.skew * across,
-            pixel_size=sizes,
-            max_blur=self.max_blur * min(across, down),
-        )
+        blur = self.max_blur * min(across, down)
+        return replace(self, width=width, height=height, **scaled, pixel_size=sizes, max_blur=blur)
 
     def depth_of_field(self, max_blur: float | None = None) -> tuple[float, float]:
         """Depths between which the blur circle stays within `max_blur`, (3.10) and (3.11).

@@ -122,9 +122,10 @@ PROGRAMS: Mapping[str, Mapping[str, Foreign]] = {
         "spherical": Foreign("equirectangular"),
     },
     "nerfstudio": {
+        # k4 is of r^8, as Metashape has it, whose p1 and p2 are turned around.
         **dict.fromkeys(
-            ("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV"),
-            Foreign("opencv", "k1 k2 k3 k4 p1 p2"),
+            ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL"),
+            Foreign("metashape", "k1 k2 k3 k4 p2 p1"),
         ),
         "OPENCV_FISHEYE": Foreign("opencv_fisheye", "k1 k2 k3 k4"),
         "EQUIRECTANGULAR": Foreign("equirectangular"),

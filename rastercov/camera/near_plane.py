@@ -10,16 +10,12 @@ from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rastercov.camera import BoolArray, FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.camera.projection import box_corners, clip_near, clip_polygons, to_camera
 from rastercov.mesh import Mesh
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
-IntArray = NDArray[np.int64]
 
 NEAR_TO_FAR = 1e-6
 """Least depth that is seen, relative to the farthest depth, whatever `Camera.near` is."""
@@ -29,7 +25,7 @@ LEAST_DEPTH = 1e-150
 
 def limits(
     mesh: Mesh, camera: Camera, poses: FloatArray
-) -> tuple[FloatArray, NDArray[np.bool_], NDArray[np.bool_]]:
+) -> tuple[FloatArray, BoolArray, BoolArray]:
     """Near plane, whether back faces can be left out, and whether a surface is cut; (P,) each."""
     mesh = mesh.opaque
     views = pinholes(camera, poses)
@@ -59,13 +55,12 @@ def _pinholes_of(camera: Camera) -> tuple[tuple[Camera, FloatArray], ...]:
 
 def limits_of_poses(
     mesh: Mesh, cameras: Sequence[Camera], poses: Poses
-) -> tuple[FloatArray, NDArray[np.bool_], NDArray[np.bool_]]:
+) -> tuple[FloatArray, BoolArray, BoolArray]:
     """`limits` of poses that may have different cameras."""
     near, (can_cull, clipped) = np.empty(len(poses)), np.empty((2, len(poses)), np.bool_)
     for index, rows in poses.by_camera():
-        near[rows], can_cull[rows], clipped[rows] = limits(
-            mesh, cameras[index], poses.world_from_camera[rows]
-        )
+        own = limits(mesh, cameras[index], poses.world_from_camera[rows])
+        near[rows], can_cull[rows], clipped[rows] = own
     return near, can_cull, clipped
 
 
@@ -77,9 +72,7 @@ def near_limits(cameras: Sequence[Camera], bounds: FloatArray, poses: Poses) -> 
     return near
 
 
-def picture_limits(
-    mesh: Mesh, camera: Camera, poses: FloatArray
-) -> tuple[FloatArray, NDArray[np.bool_]]:
+def picture_limits(mesh: Mesh, camera: Camera, poses: FloatArray) -> tuple[FloatArray, BoolArray]:
     """The first two of `limits`, which take less time without the third."""
     mesh = mesh.opaque
     cull = can_cull(mesh, poses, np.zeros(len(poses), np.bool_))
@@ -160,7 +153,7 @@ def near_cuts(
     return cut
 
 
-def can_cull(mesh: Mesh, poses: FloatArray, clipped: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def can_cull(mesh: Mesh, poses: FloatArray, clipped: BoolArray) -> BoolArray:
     """Poses in which culling back faces cannot change the nearest surface, (P,) bool.
 
     The mesh is closed and outward, and the camera is outside it with nothing cut open; and no two
@@ -177,7 +170,7 @@ def can_cull(mesh: Mesh, poses: FloatArray, clipped: NDArray[np.bool_]) -> NDArr
     distance = np.sqrt((reach**2).sum(axis=1))
     margin = NEAR_TO_FAR * distance[:, None]
     is_beyond = (eyes < mesh.bounds[0] - margin) | (eyes > mesh.bounds[1] + margin)
-    allowed: NDArray[np.bool_] = is_beyond.any(axis=1) & ~clipped
+    allowed: BoolArray = is_beyond.any(axis=1) & ~clipped
     if not (allowed.any() and mesh.can_cull_back_faces):
         return np.zeros(len(poses), bool)
     for row in np.flatnonzero(allowed & (distance > mesh.contacts.reach)):

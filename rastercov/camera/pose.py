@@ -15,8 +15,7 @@ from rastercov.base.arguments import LARGEST_COORDINATE, checked_array, flag, ow
 from rastercov.base.errors import PoseError
 from rastercov.base.format import InOneLine
 from rastercov.base.typed import check_fields
-
-FloatArray = NDArray[np.float64]
+from rastercov.camera import FloatArray
 
 DRIFT_TOLERANCE = 1e-6
 """A rotation further than this from orthonormal is refused; nearer, it is made orthonormal."""

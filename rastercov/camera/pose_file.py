@@ -25,9 +25,8 @@ from rastercov.base.files import (
     suffix_of,
     written_file,
 )
+from rastercov.camera import FloatArray
 from rastercov.camera.pose import as_matrices, real_numbers, valid_poses
-
-FloatArray = NDArray[np.float64]
 
 
 def read_poses(path: StrPath) -> FloatArray:

@@ -10,17 +10,14 @@ E. S. Eissa. Image Space Coverage Model. 2020, (3.2)-(3.5), (3.9).
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rastercov.camera.camera import Camera
+from rastercov.camera import FloatArray, IntArray
+from rastercov.camera.camera import Camera, border_of
 from rastercov.camera.models import MODELS
 
 if TYPE_CHECKING:
     from rastercov.camera.lenses.planes import IdealPlane
 
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
-IntArray = NDArray[np.int64]
 
 STEPS = 64
 """Parts of each side of a box whose image is bounded."""
@@ -181,18 +178,6 @@ def rays_of(pixels: FloatArray, camera: Camera) -> FloatArray:
     return np.concatenate((slopes, np.ones((*slopes.shape[:-1], 1))), axis=-1)
 
 
-def border_of(camera: Camera, n: int) -> FloatArray:
-    """Points (4, n, 2) on the borders of the image, px: top, right, bottom and left.
-
-    Each border has its ends, at equal steps, in the order in which they go around the image.
-    """
-    steps = np.linspace(0.0, 1.0, n)[:, None]
-    corners = np.array([(0, 0), (1, 0), (1, 1), (0, 1)]) * (camera.width, camera.height)
-    starts, ends = corners[:, None], np.roll(corners, -1, axis=0)[:, None]
-    border: FloatArray = (1 - steps) * starts + steps * ends
-    return border
-
-
 def view_border(camera: Camera, parts: int) -> FloatArray:
     """Rays (4 `parts`, 3) around the field of view, `parts` from each corner of the image on.
 
@@ -201,7 +186,7 @@ def view_border(camera: Camera, parts: int) -> FloatArray:
     lens, they are on the border of that. An image of all directions has no border; its rays go once
     around the horizon.
     """
-    pixels = border_of(camera, parts + 1)[:, :-1].reshape(-1, 2)
+    pixels = border_of(camera.width, camera.height, parts + 1)[:, :-1].reshape(-1, 2)
     if camera.model == "equirectangular":
         pixels = np.stack(
             (

@@ -114,14 +114,6 @@ def names_of(cameras: Cameras) -> tuple[str, ...]:
     return tuple(f"camera {row}" for row in range(len(cameras_of(cameras))))
 
 
-def only_camera(cameras: Cameras) -> Camera:
-    """The camera where there is one; `CameraError` where there are several."""
-    found = cameras_of(cameras)
-    if len(found) > 1:
-        raise CameraError(f"one camera is wanted here, got {len(found)}; give the one to be used")
-    return found[0]
-
-
 def check_scene(mesh: Any, camera: Any) -> None:
     """Raise MeshError or CameraError unless they are a Mesh and a camera, or several."""
     check_kind("mesh", mesh, Mesh, "a Mesh (Mesh.load reads a file)", MeshError)
@@ -190,16 +182,10 @@ class Views(InOneLine):
         for name in ("images", "notes", "camera_names", "frames"):
             words = members(name, getattr(self, name), str, "texts", CameraError)
             object.__setattr__(self, name, words)
-        if len(self.images) != len(self.poses):
-            raise PoseError(
-                f"images must have a name for each of {len(self.poses)} poses, "
-                f"got {len(self.images)}"
-            )
-        if self.frames and len(self.frames) != len(self.poses):
-            raise PoseError(
-                f"frames must have a name for each of {len(self.poses)} poses, or be empty, "
-                f"got {len(self.frames)}"
-            )
+        n = len(self.poses)
+        for name, words in (("images", self.images), ("frames", self.frames or self.images)):
+            if len(words) != n:
+                raise PoseError(f"{name} must have a name for each of {n} poses, got {len(words)}")
 
     @typed
     def camera(self, name: str | None = None) -> Camera:
@@ -228,18 +214,20 @@ class Views(InOneLine):
         is_alone = self.rig is not None and name is None and self.n_used == 1
         index = int(self.poses.camera[0]) if is_alone else self._index(name)
         assert self.rig is not None
-        rows = np.flatnonzero(self.poses.camera == index)
-        poses = replace(self.poses[rows], camera=np.zeros(len(rows), np.int32))
-        poses = replace(poses, rejected=self.poses.rejected)
         rig = Rig(
             [self.rig.cameras[index]],
             [self.rig.names[index]],
             self.rig.rig_from_camera[index][None],
         )
+        return self._with_rows(np.flatnonzero(self.poses.camera == index), rig)
+
+    def _with_rows(self, rows: NDArray[np.intp], rig: "Rig | None") -> "Views":
+        """These poses, all of the only camera of a rig; `Poses.rejected` is kept."""
+        camera, rejected = np.zeros(len(rows), np.int32), self.poses.rejected
         return replace(
             self,
             rig=rig,
-            poses=poses,
+            poses=replace(self.poses[rows], camera=camera, rejected=rejected),
             images=tuple(self.images[row] for row in rows),
             frames=tuple(self.frames[row] for row in rows) if self.frames else (),
         )
@@ -266,18 +254,15 @@ class Views(InOneLine):
                 f"the poses do not say which camera each is of, and there are {len(rig)}, {known}; "
                 "name them under camera in the pose file, or choose one by --camera-name"
             )
-        used = np.unique(self.poses.camera).tolist()
         row_of = {name: row for row, name in enumerate(rig.names)}
-        if unknown := [
-            name for name in map(self.camera_names.__getitem__, used) if name not in row_of
-        ]:
-            raise PoseError(
-                f"the poses are of a camera {shown(unknown[0])}, and cameras are {known}; give it, "
-                "or correct the name"
-            )
         index = np.zeros(len(self.camera_names), np.int32)
-        for row in used:
-            index[row] = row_of[self.camera_names[row]]
+        for row in np.unique(self.poses.camera):
+            if (name := self.camera_names[row]) not in row_of:
+                raise PoseError(
+                    f"the poses are of a camera {shown(name)}, and cameras are {known}; give it, "
+                    "or correct the name"
+                )
+            index[row] = row_of[name]
         poses = replace(self.poses, camera=index[self.poses.camera])
         return replace(self, rig=rig, poses=poses)
 
@@ -311,15 +296,7 @@ class Views(InOneLine):
         rows = np.arange(len(self.poses))
         if name in self.camera_names:
             rows = np.flatnonzero(self.poses.camera == self.camera_names.index(name))
-        poses = replace(self.poses[rows], camera=np.zeros(len(rows), np.int32))
-        return replace(
-            self,
-            rig=chosen.rig,
-            poses=replace(poses, rejected=self.poses.rejected),
-            images=tuple(self.images[row] for row in rows),
-            frames=tuple(self.frames[row] for row in rows) if self.frames else (),
-            notes=notes,
-        )
+        return replace(self._with_rows(rows, chosen.rig), notes=notes)
 
     @property
     def n_used(self) -> int:

@@ -4,18 +4,17 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rastercov.base.arguments import LARGEST_COORDINATE, MOST_POSES, owned
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import ConfigError, PoseError
-from rastercov.camera.camera import Camera
+from rastercov.camera import FloatArray
+from rastercov.camera.camera import Camera, border_of
 from rastercov.camera.models import MODELS
 from rastercov.camera.pose import real_numbers
-from rastercov.camera.projection import border_of, rays_of, to_image
+from rastercov.camera.projection import rays_of, to_image
 from rastercov.mesh import Mesh
-
-FloatArray = NDArray[np.float64]
 
 WIDEST_DEG = 60.0
 """Angle from the axis of a lens without an ideal plane up to which targets are framed."""
@@ -191,7 +190,7 @@ def _inscribed(camera: Camera) -> tuple[float, float]:
     lens = lens_of(camera)
     top, right, bottom, left = (
         _least_tangent(camera, ends, axis)
-        for axis, ends in zip((1, 0, 1, 0), border_of(camera, 2), strict=True)
+        for axis, ends in zip((1, 0, 1, 0), border_of(camera.width, camera.height, 2), strict=True)
     )
     most = math.tan(math.radians(WIDEST_DEG))
     if MODELS[camera.model].is_planar:

@@ -95,8 +95,7 @@ class CertificateSolver(HalfPlaneSolver):
     def __init__(self, surface: Surface, camera: Camera) -> None:
         super().__init__(surface, camera)
         n_edges, n_faces = len(surface.edges.kind), len(surface.faces)
-        self._is_event, self._events = np.empty(n_edges, np.bool_), np.empty(n_edges, np.int32)
-        self._is_hidden = np.empty(n_edges, np.bool_)
+        self._events, self._is_hidden = np.empty(n_edges, np.int32), np.empty(n_edges, np.bool_)
         self._is_at_event = np.empty(len(surface.vertices), np.bool_)
         self._targets = np.empty(n_faces, np.int32)
         n_nodes = len(surface.blocks.lowest) + n_faces
@@ -118,14 +117,13 @@ class CertificateSolver(HalfPlaneSolver):
         reach = distance + surface.diagonal / 2
         contacts = surface.contacts.faces_for(reach)
         partners = surface.contacts.partners_for(reach)
-        is_event = self._is_event
         self.n_events = self._call(
-            find_event_edges, surface.edges, projected, is_event, self._events
+            find_event_edges, surface.edges, projected, self._is_event, self._events
         )
-        events = self._events[: self.n_events]
+        events, view = self._events[: self.n_events], self._view(projected)
         self._call(
             kernels.mark_uncertifiable,
-            events, surface.edges, projected, contacts, self._blocks_in(contacts), partners,
+            events, view, contacts, self._blocks_in(contacts), partners,
             THIN_TOLERANCE_REL * self.coordinate_scale, self._is_at_event,
         )  # fmt: skip
         self._list_around(events)
@@ -135,18 +133,17 @@ class CertificateSolver(HalfPlaneSolver):
         while True:
             n_crossings = self._call(
                 mark_crossed,
-                events, surface.edges, is_event, surface.vertices, camera, projected, self.grid,
-                self._extent, CROSSING_TOLERANCE_REL * self.coordinate_scale, self.n_clipped,
-                self._segment, self._work, self._crossings, self._is_hidden,
+                events, surface.vertices, self._view(projected), self._extent,
+                CROSSING_TOLERANCE_REL * self.coordinate_scale, self.n_clipped, self._segment,
+                self._crossings, self._is_hidden,
             )  # fmt: skip
             if n_crossings <= len(self._crossings.edge):
                 break
             self._make_room_for_crossings(2 * n_crossings)
         self.n_crossed, self.n_regions = self._call(
             find_regions,
-            events, surface.edges, is_event, self._is_hidden, camera, projected,
-            self.grid.faces[: self.grid.n_faces[0]], self.grid.is_whole,
-            self._region, self._number, self._targets,
+            events, self._is_hidden, self._view(projected), self._region, self._number,
+            self._targets,
         )  # fmt: skip
         crossed = self._targets[: self.n_crossed]
         targets = np.concatenate((self._measured(crossed), self.largest_of_regions()))
@@ -158,9 +155,8 @@ class CertificateSolver(HalfPlaneSolver):
         while True:
             n_left = self._call(
                 arrangement_areas,
-                targets, self._crossings, partners, surface.edges,
-                is_event, camera, projected, self.grid, self._pieces, self._work, self.visible,
-                self.area_error, self._scratch,
+                targets, self._crossings, partners, self._view(projected), self._pieces,
+                self._scratch,
             )  # fmt: skip
             if not self._grow_kept():
                 break
@@ -174,9 +170,9 @@ class CertificateSolver(HalfPlaneSolver):
         self.solve(left)
         self.n_doubtful = self._call(
             kernels.classify_regions,
-            projected, self._region, self.largest_of_regions(),
-            self._decision[: self.n_regions], self.visible, self.is_certified[:n_faces],
-            self._scratch, CERTAIN_AREA_REL,
+            self._view(projected), self._region, self.largest_of_regions(),
+            self._decision[: self.n_regions], self.is_certified[:n_faces], self._scratch,
+            CERTAIN_AREA_REL,
         )  # fmt: skip
         self._is_listed = self.n_doubtful == 0
         self.solve(self._measured(self._scratch[: self.n_doubtful]))
@@ -186,8 +182,8 @@ class CertificateSolver(HalfPlaneSolver):
     def _blocks_in(self, contacts: BoolArray) -> BoolArray:
         """(N,) blocks with a face in contact."""
         if contacts is not self._contacts:
-            blocks = self.surface.blocks
-            self._contacts, self._has_contact = contacts, np.zeros(len(blocks.has_flat), np.bool_)
+            n_blocks = len(self.surface.blocks.has_flat)
+            self._contacts, self._has_contact = contacts, np.zeros(n_blocks, np.bool_)
             self._has_contact[np.flatnonzero(contacts) // BLOCK] = True
         return self._has_contact
 
@@ -204,12 +200,9 @@ class CertificateSolver(HalfPlaneSolver):
         self._list_faces()
 
     def _make_room_for_crossings(self, n: int) -> None:
-        self._crossings = Crossings(
-            np.full(len(self.surface.faces), -1, np.int32),
-            np.empty(n, np.int32),
-            np.empty(n, np.int32),
-            np.empty((n, 7)),
-        )
+        last = np.full(len(self.surface.faces), -1, np.int32)
+        before, edge = np.empty((2, n), np.int32)
+        self._crossings = Crossings(last, before, edge, np.empty((n, 7)))
 
     def largest_of_regions(self) -> IntArray:
         """(n_regions,) face of each region that was computed for all of it."""

@@ -44,6 +44,7 @@ from rastercov.kernels.exact_records import (
     Pieces,
     Pinhole,
     Projected,
+    View,
     VisiblePieces,
     Work,
 )
@@ -71,36 +72,34 @@ CELLS_PER_FACE = 1
 ENTRIES_PER_FACE = 3
 
 
+OF_CELLS = {
+    "asked": np.uint8, "is_near": np.bool_, "fresh": np.int32, "starts": np.int64,
+    "stops": np.int64, "is_sorted": np.bool_, "has_bounds": np.bool_, "hider": np.int32,
+}  # fmt: skip
+"""Arrays of a grid with a value for each cell."""
+
+
+def _room_for_cells(n: int) -> dict[str, Any]:
+    return {name: np.empty(n, dtype) for name, dtype in OF_CELLS.items()}
+
+
+def _room_for_entries(n: int) -> dict[str, Any]:
+    spare = n + SPARE_ENTRIES
+    bounds, pairs = np.empty((6, spare)), np.empty((spare, 2), np.int32)
+    entries, nearest = np.empty(n, np.int32), np.empty(n)
+    return {"entries": entries, "nearest": nearest, "bounds": bounds, "pairs": pairs}
+
+
 def first_grid(n_faces: int) -> CellGrid:
     """Grid for a mesh, of no cells yet."""
+    n_fresh, n_entries, n_listed = np.zeros((3, 1), np.int64)
+    faces, found = np.empty((2, n_faces), np.int32)
     return CellGrid(
-        left=0.0,
-        top=0.0,
-        per_u=1.0,
-        per_v=1.0,
-        columns=1,
-        rows=1,
-        asked=np.empty(0, np.uint8),
-        is_near=np.empty(0, np.bool_),
-        fresh_bits=np.empty((0, 0), np.uint64),
-        fresh=np.empty(0, np.int32),
-        n_fresh=np.zeros(1, np.int64),
-        starts=np.empty(0, np.int64),
-        stops=np.empty(0, np.int64),
-        entries=np.empty(2 * n_faces, np.int32),
-        n_entries=np.zeros(1, np.int64),
-        nearest=np.empty(2 * n_faces),
-        is_sorted=np.empty(0, np.bool_),
-        bounds=np.empty((6, 2 * n_faces + SPARE_ENTRIES)),
-        has_bounds=np.empty(0, np.bool_),
-        hider=np.empty(0, np.int32),
-        buckets=np.empty(BUCKETS + 1, np.int64),
-        faces=np.empty(n_faces, np.int32),
-        n_faces=np.zeros(1, np.int64),
-        found=np.empty(n_faces, np.int32),
-        pairs=np.empty((2 * n_faces + SPARE_ENTRIES, 2), np.int32),
-        is_whole=np.zeros(n_faces, np.bool_),
-    )
+        left=0.0, top=0.0, per_u=1.0, per_v=1.0, columns=1, rows=1, n_fresh=n_fresh,
+        fresh_bits=np.empty((0, 0), np.uint64), n_entries=n_entries, n_faces=n_listed, faces=faces,
+        found=found, buckets=np.empty(BUCKETS + 1, np.int64), is_whole=np.zeros(n_faces, np.bool_),
+        **_room_for_cells(0), **_room_for_entries(2 * n_faces),
+    )  # fmt: skip
 
 
 def grid_over(grid: CellGrid, n_live: int, extent: NDArray[np.float64]) -> CellGrid:
@@ -118,8 +117,8 @@ def grid_over(grid: CellGrid, n_live: int, extent: NDArray[np.float64]) -> CellG
         Left, right, top and bottom of their boxes, px, and sums of the widths, heights and areas of
         these; not looked at without faces.
     """
-    limits = extent.tolist() if n_live else (0.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0)
-    left, right, top, bottom, widths, heights, areas = limits
+    limits = extent if n_live else np.array((0.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0))
+    left, right, top, bottom, widths, heights, areas = limits.tolist()
     wide, high = max(right - left, LEAST_EXTENT), max(bottom - top, LEAST_EXTENT)
     cells = CELLS_PER_FACE * n_live + 1.0
     while True:
@@ -131,27 +130,13 @@ def grid_over(grid: CellGrid, n_live: int, extent: NDArray[np.float64]) -> CellG
         if entries <= ENTRIES_PER_FACE * n_live or columns * rows == 1:
             break
         cells /= 2
+    n_cells, fresh_bits = columns * rows, np.zeros((rows, (columns + 63) // 64), np.uint64)
     grid = grid._replace(
-        left=left,
-        top=top,
-        per_u=per_u,
-        per_v=per_v,
-        columns=columns,
-        rows=rows,
-        fresh_bits=np.zeros((rows, (columns + 63) // 64), np.uint64),
-    )
-    n_cells = columns * rows
+        left=left, top=top, per_u=per_u, per_v=per_v, columns=columns, rows=rows,
+        fresh_bits=fresh_bits,
+    )  # fmt: skip
     if len(grid.is_sorted) < n_cells:
-        grid = grid._replace(
-            starts=np.empty(n_cells, np.int64),
-            stops=np.empty(n_cells, np.int64),
-            is_sorted=np.empty(n_cells, np.bool_),
-            has_bounds=np.empty(n_cells, np.bool_),
-            hider=np.empty(n_cells, np.int32),
-            asked=np.empty(n_cells, np.uint8),
-            is_near=np.empty(n_cells, np.bool_),
-            fresh=np.empty(n_cells, np.int32),
-        )
+        grid = grid._replace(**_room_for_cells(n_cells))
     grid.asked[:n_cells], grid.is_near[:n_cells] = NOT_ASKED, False
     grid.n_fresh[0] = grid.n_entries[0] = 0
     return grid
@@ -159,14 +144,10 @@ def grid_over(grid: CellGrid, n_live: int, extent: NDArray[np.float64]) -> CellG
 
 def with_room(grid: CellGrid, room: int) -> CellGrid:
     """Return the grid with the entries it has, and room for a number of them."""
-    n = int(grid.n_entries[0])
-    entries, nearest = np.empty(room, np.int32), np.empty(room)
-    bounds = np.empty((6, room + SPARE_ENTRIES))
-    entries[:n], nearest[:n], bounds[:, :n] = (
-        grid.entries[:n], grid.nearest[:n], grid.bounds[:, :n],
-    )  # fmt: skip
-    pairs = np.empty((room + SPARE_ENTRIES, 2), np.int32)
-    return grid._replace(entries=entries, nearest=nearest, bounds=bounds, pairs=pairs)
+    n, more = int(grid.n_entries[0]), _room_for_entries(room)
+    for name in ("entries", "nearest", "bounds"):
+        more[name][..., :n] = getattr(grid, name)[..., :n]
+    return grid._replace(**more)
 
 
 class TargetImage(NamedTuple):
@@ -201,43 +182,31 @@ def room_for_image(surface: Surface, area: FloatArray) -> Projected:
     if surface.targets is not None:
         faces = np.concatenate((faces, surface.targets.faces + np.int32(len(vertices))))
         vertices = np.concatenate((vertices, surface.targets.vertices))
+    uvw = np.empty((len(vertices) + SPARE_ENTRIES, 3))[: len(vertices)]
+    state = np.empty(n_all + SPARE_ENTRIES, np.uint16)[:n_all]
     return Projected(
-        faces=faces,
-        rank=surface.rank,
-        uvw=np.empty((len(vertices) + SPARE_ENTRIES, 3))[: len(vertices)],
-        side=np.empty(n_all, np.int8),
-        state=np.empty(n_all + SPARE_ENTRIES, np.uint16)[:n_all],
-        box=np.empty((n_all, 6)),
-        area=area,
-        clipped_index=np.zeros(n_all, np.int32),
-        clipped=room_for_clipped(8),
-        **_room_for_blocks(surface.blocks),
-    )
+        faces=faces, rank=surface.rank, uvw=uvw, side=np.empty(n_all, np.int8), state=state,
+        box=np.empty((n_all, 6)), area=area, clipped_index=np.zeros(n_all, np.int32),
+        clipped=room_for_clipped(8), **_room_for_blocks(surface.blocks),
+    )  # fmt: skip
 
 
 def _room_for_blocks(blocks: Blocks) -> dict[str, Any]:
     n = len(blocks.has_flat)
-    return {
-        "blocks": blocks,
-        "block_box": np.empty((n, 4)),
-        "block_state": np.empty(n, np.uint16),
-        "block_side": np.empty(n, np.int8),
-        "has_boxes": np.empty(n, np.bool_),
-    }
+    state, side = np.empty(n, np.uint16), np.empty(n, np.int8)
+    its = {"block_box": np.empty((n, 4)), "block_state": state, "block_side": side}
+    return {"blocks": blocks, "has_boxes": np.empty(n, np.bool_), **its}
 
 
 def part_of(everything: Projected, part: slice, faces: IntArray, blocks: Blocks) -> Projected:
     """Image of a part of all faces, with its own vertices, clipped faces and blocks."""
+    own = {
+        name: getattr(everything, name)[part]
+        for name in ("side", "state", "box", "area", "clipped_index")
+    }
+    uvw = np.empty((int(faces.max(initial=-1)) + 1, 3))
     return everything._replace(
-        faces=faces,
-        uvw=np.empty((int(faces.max(initial=-1)) + 1, 3)),
-        side=everything.side[part],
-        state=everything.state[part],
-        box=everything.box[part],
-        area=everything.area[part],
-        clipped_index=everything.clipped_index[part],
-        clipped=room_for_clipped(8),
-        **_room_for_blocks(blocks),
+        faces=faces, uvw=uvw, clipped=room_for_clipped(8), **own, **_room_for_blocks(blocks)
     )
 
 
@@ -281,22 +250,14 @@ def room_for_pieces(n: int, corners: int) -> Pieces:
 
 def room_for_kept(n: int, corners: int) -> VisiblePieces:
     """Memory for n pieces of a number of corners together."""
-    return VisiblePieces(
-        corners=np.empty((corners, 2)),
-        starts=np.zeros(n + 1, np.int64),
-        faces=np.empty(n, np.int32),
-        used=np.zeros(3, np.int64),
-    )
+    starts, faces = np.zeros(n + 1, np.int64), np.empty(n, np.int32)
+    return VisiblePieces(np.empty((corners, 2)), starts, faces, np.zeros(3, np.int64))
 
 
 def room_for_clipped(n: int) -> Clipped:
     """Memory for n faces that are clipped in space."""
-    return Clipped(
-        polygons=np.empty((n, CORNERS, 2)),
-        n_corners=np.empty(n, np.int32),
-        lines=np.empty((n, SIDES, 5)),
-        planes=np.empty((n, 7)),
-    )
+    polygons, lines = np.empty((n, CORNERS, 2)), np.empty((n, SIDES, 5))
+    return Clipped(polygons, np.empty(n, np.int32), lines, np.empty((n, 7)))
 
 
 MOST_RANGES = 16
@@ -314,25 +275,16 @@ def pinhole_of(camera: Camera) -> tuple[Pinhole, float]:
     scale = max(width, height, fx, fy, abs(cx), abs(cy), steep)
     x, y = 1.5 * across / fx, 1.5 * down / fy
     longest_ray = math.sqrt(1.0 + x * x + y * y)
+    (u_min, u_max), (v_min, v_max) = (
+        (-CLIP_MARGIN * side - 1, (1 + CLIP_MARGIN) * side + 1) for side in (width, height)
+    )
     pinhole = Pinhole(
-        rotation=np.eye(3),
-        centre=np.zeros(3),
-        near=1.0,
-        fx=fx,
-        fy=fy,
-        cx=cx,
-        cy=cy,
-        width=width,
-        height=height,
-        u_min=-CLIP_MARGIN * width - 1,
-        u_max=(1 + CLIP_MARGIN) * width + 1,
-        v_min=-CLIP_MARGIN * height - 1,
-        v_max=(1 + CLIP_MARGIN) * height + 1,
+        np.eye(3), np.zeros(3), 1.0, fx, fy, cx, cy, width, height, u_min, u_max, v_min, v_max,
         longest_ray=longest_ray,
         pixel_error=UNIT_ROUNDING * scale,
         w_error_rel=UNIT_ROUNDING * (longest_ray / 2),
         border=border_of(width, height),
-    )
+    )  # fmt: skip
     return pinhole, scale
 
 
@@ -372,6 +324,7 @@ class HalfPlaneSolver:
         self.area, self.visible, self.area_error = np.empty((3, n_all))
         self.is_certified: BoolArray = np.zeros(n_all, np.bool_)
         self._marks, self._extent = np.zeros(n_faces + 1, np.int32), np.empty(7)
+        self._is_event = np.empty(len(surface.edges.kind), np.bool_)
         self.projected = room_for_image(surface, self.area)
         self._target_image = None
         if surface.targets is not None:
@@ -384,21 +337,15 @@ class HalfPlaneSolver:
         self.grid = first_grid(n_faces)
         self._is_listed = False
         self._make_room_for_pieces(64)
+        spare, other = np.empty((2, PIECE_ROOM, 2))
         self._work = Work(
-            target=np.empty((2 * CORNERS, 2)),
-            own=np.empty((SIDES, 5)),
-            corners=np.empty((CORNERS, 2)),
-            lines=np.empty((SIDES + 1, 5)),
-            spare=np.empty((PIECE_ROOM, 2)),
-            other=np.empty((PIECE_ROOM, 2)),
-            values=np.empty(PIECE_ROOM),
-            ranges=np.empty((MOST_RANGES, 2)),
-            cell=np.empty((4, 5)),
-            parts=room_for_pieces(STACK_ROOM, 2 * CORNERS),
+            target=np.empty((2 * CORNERS, 2)), own=np.empty((SIDES, 5)),
+            corners=np.empty((CORNERS, 2)), lines=np.empty((SIDES + 1, 5)), spare=spare,
+            other=other, values=np.empty(PIECE_ROOM), ranges=np.empty((MOST_RANGES, 2)),
+            cell=np.empty((4, 5)), parts=room_for_pieces(STACK_ROOM, 2 * CORNERS),
             levels=np.empty(STACK_ROOM, np.int64),
-            intersections=np.empty((MOST_INTERSECTIONS, 7)),
-            kept=room_for_kept(0, 0),
-        )
+            intersections=np.empty((MOST_INTERSECTIONS, 7)), kept=room_for_kept(0, 0),
+        )  # fmt: skip
 
     def set_camera(self, camera: Camera) -> None:
         """Take another camera, for the poses from now on."""
@@ -413,11 +360,10 @@ class HalfPlaneSolver:
         They hide what they hid. Their visible area is 0 from now on, within their area in the
         image.
         """
-        if faces is None:
-            self._left_out = None
-            return
-        self._left_out = np.zeros(self.surface.n_faces, np.bool_)
-        self._left_out[self.surface.rows] = faces
+        self._left_out = None
+        if faces is not None:
+            self._left_out = np.zeros(self.surface.n_faces, np.bool_)
+            self._left_out[self.surface.rows] = faces
 
     def keep_pieces(self) -> None:
         """Keep the visible pieces of all faces that are partly visible from now on."""
@@ -489,7 +435,7 @@ class HalfPlaneSolver:
                 self._list_faces()
             self._run(opaque, self.projected)
         # Last, so that nothing they leave in the grid changes the figures of opaque faces.
-        self._solve_targets(targets[~is_opaque])
+        self.solve_targets(targets[~is_opaque])
 
     def solve_all(self, visit: Visit | None = None, *, is_measured: bool = True) -> None:
         """Compute `visible` and `area_error` of every face.
@@ -516,22 +462,18 @@ class HalfPlaneSolver:
         if self._left_out is None:
             return faces
         is_left_out = self._left_out[faces] & (self.state[faces] & LIVE > 0)
+        rest: IntArray = faces[~is_left_out]
         others = faces[is_left_out]
         self.visible[others] = 0.0
         self.area_error[others] += self.area[others]
-        rest: IntArray = faces[~is_left_out]
         return rest
 
-    def solve_targets(self) -> None:
-        """Compute `visible` and `area_error` of every target."""
-        n_faces = len(self.surface.faces)
-        self._solve_targets(np.arange(n_faces, self.surface.n_faces, dtype=np.int32))
-
-    def _solve_targets(self, targets: IntArray) -> None:
-        """Compute some targets, from the opaque faces in the cells that they touch."""
+    def solve_targets(self, targets: IntArray | None = None) -> None:
+        """Compute some targets, or all, from the opaque faces in the cells that they touch."""
         if self._target_image is None:
             return
-
+        if targets is None:
+            targets = np.arange(len(self.surface.faces), self.surface.n_faces, dtype=np.int32)
         projected = self._target_image.everything
         targets = targets[projected.state[targets] & (LIVE | THIN) > 0]
         if len(targets) == 0:
@@ -548,14 +490,20 @@ class HalfPlaneSolver:
         while True:
             done = self._call(
                 visible_areas,
-                faces, done, self.camera, projected, self.grid, self._marks, self._pieces,
-                self._work, self.visible, self.area_error,
+                faces, done, self._view(projected), self._marks, self._pieces,
             )  # fmt: skip
             if done == len(faces):
                 break
             if not self._grow_kept():
                 self._make_room_for_pieces(2 * len(self._pieces.corners))
         self._limit_errors(faces)
+
+    def _view(self, projected: Projected) -> View:
+        """The pose for the loops, with an image of all faces or of the opaque ones."""
+        return View(
+            self.camera, projected, self.grid, self.surface.edges, self._is_event, self._work,
+            self.visible, self.area_error,
+        )  # fmt: skip
 
     def _limit_errors(self, faces: IntArray) -> None:
         """No area exceeds the image; a face that rounds to a point may be some roundings wide."""
@@ -578,12 +526,10 @@ class HalfPlaneSolver:
         kept = self._work.kept
         if not kept.used[2]:
             return False
-        used = min(len(kept.faces), int(kept.used[0])), min(len(kept.corners), int(kept.used[1]))
+        n = min(len(kept.faces), int(kept.used[0]))
+        corners = min(len(kept.corners), int(kept.used[1]))
         more = room_for_kept(2 * len(kept.faces), 2 * len(kept.corners))
-        more.corners[: used[1]], more.faces[: used[0]] = (
-            kept.corners[: used[1]],
-            kept.faces[: used[0]],
-        )
-        more.starts[: used[0] + 1], more.used[:2] = kept.starts[: used[0] + 1], kept.used[:2]
+        more.corners[:corners], more.faces[:n] = kept.corners[:corners], kept.faces[:n]
+        more.starts[: n + 1], more.used[:2] = kept.starts[: n + 1], kept.used[:2]
         self._work = self._work._replace(kept=more)
         return True

@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 
 from rastercov.camera.camera import Camera
 from rastercov.camera.lenses.of_camera import planes_of
-from rastercov.exact.half_planes import HalfPlaneSolver, Visit
+from rastercov.exact.half_planes import HalfPlaneSolver, Visit, room_for_kept
 from rastercov.exact.surface import Surface
 from rastercov.kernels import exact_lens as kernels
 from rastercov.kernels.direct import DirectCalls
 from rastercov.kernels.exact_lens import edge_bulges, edge_lists, vertex_images, whole_groups
 from rastercov.kernels.exact_records import SPARE_ENTRIES, Edges
 from rastercov.kernels.lens_planes import PlaneRecord
-from rastercov.kernels.lens_polygons import bulges_by_parts, edge_scratch, measure_insides
+from rastercov.kernels.lens_polygons import bulges_by_parts, edge_scratch, measure_polygons
 from rastercov.kernels.raster_memory import aligned_zeros
 
 FloatArray = NDArray[np.float64]
@@ -62,16 +62,13 @@ class LensSolver:
         self._ends, self._lists = whole_groups(surface.edges.vertices), edge_lists()
         self._longer = np.empty(len(self._ends), np.int32)
         n_vertices = -(-len(surface.vertices) // kernels.AT_A_TIME) * kernels.AT_A_TIME
-        self._seen = kernels.Seen(
-            places=aligned_zeros((n_vertices, 4), np.float64),
-            is_inside=np.empty(n_vertices, np.bool_),
-            bulge=np.empty(len(self._ends)),
-            n_faces=len(surface.faces),
-        )
+        places = aligned_zeros((n_vertices, 4), np.float64)
+        is_inside, bulge = np.empty(n_vertices, np.bool_), np.empty(len(self._ends))
+        self._seen = kernels.Seen(places, is_inside, bulge, len(surface.faces))
         self._is_done = np.empty(n + SPARE_ENTRIES, np.bool_)
         self._own, self._own_error = np.empty((2, n + SPARE_ENTRIES))
         self._scratch = kernels.scratch()
-        self._found = kernels.room_for_polygons(1024, 8192)
+        self._found = room_for_kept(1024, 8192)
         self._measured, self._edges = np.empty((1024, 2)), edge_scratch()
         flat: NDArray[np.bool_] = surface.flat
         self._vertices: FloatArray = surface.vertices
@@ -97,7 +94,7 @@ class LensSolver:
 
     def _take_camera(self, camera: Camera) -> None:
         self._camera, self._planes = camera, planes_of(camera)
-        self._images = [image_of(plane.camera) for plane, _ in self._planes]
+        self._sides_of = [sides_of(plane.camera) for plane, _ in self._planes]
 
     @property
     def _pinhole(self) -> Camera:
@@ -127,8 +124,7 @@ class LensSolver:
             array[:] = 0
         solved: FloatArray | None = None
         for index, (plane, record) in enumerate(self._planes):
-            is_needed = visit is not None or self._may_see(plane.frame, record, index)
-            if not is_needed:
+            if visit is None and not self._may_see(plane.frame, record, index):
                 continue
             if solved is None or not np.array_equal(plane.frame, solved):
                 self._solve(plane.camera, plane.frame)
@@ -141,14 +137,19 @@ class LensSolver:
         self._call(kernels.settle, self.figures, largest, self.is_certified)
 
     def _may_see(self, frame: FloatArray, record: PlaneRecord, index: int) -> bool:
-        """False where the image shows nothing of a plane, or all of the surface is beside it."""
+        """False where the image shows nothing of a plane, or all of the surface is beside it.
+
+        That is behind the plane, or beyond one side of its image; a box decides in most cases.
+        """
         if len(record.window) == 0:
             return False
-        is_beside: bool = self._call(
-            kernels.is_beside, self._box, self._vertices, self._pose[0], frame,
-            self._images[index], BESIDE_REL,
-        )  # fmt: skip
-        return not is_beside
+        sides, pose = self._sides_of[index], self._pose[0]
+        normals = np.ascontiguousarray(sides @ (pose[:3, :3] @ frame).T)
+        margin = BESIDE_REL * (1 + np.abs(sides[1:, 2]).max())
+        return not any(
+            self._call(kernels.are_beyond, points, pose[:3, 3].copy(), normals, margin)
+            for points in (self._box, self._vertices)
+        )
 
     def _solve(self, camera: Camera, frame: FloatArray, visit: Visit | None = None) -> None:
         """Visibility in one pinhole."""
@@ -178,30 +179,31 @@ class LensSolver:
         )  # fmt: skip
         while True:
             found = self._found
-            self._call(
+            n_outlines = self._call(
                 kernels.collect,
                 self._vertices, is_done, projected, kept, solver.camera, record, self._scratch,
                 found,
             )  # fmt: skip
-            n, corners = found.used.tolist()
-            if n <= len(found.face) and corners <= len(found.corners):
+            n, corners, is_short = found.used.tolist()
+            if not is_short:
                 break
-            self._found = kernels.room_for_polygons(n * 5 // 4, corners * 5 // 4)
+            self._found = room_for_kept(n * 5 // 4, corners * 5 // 4)
         if len(self._measured) < n:
             self._measured = np.empty((n * 5 // 4, 2))
         images = self._measured[:n]
-        self._call(measure_insides, record, found.corners, found.starts, self._edges, images)
+        self._call(measure_polygons, record, found.corners, found.starts, self._edges, images)
         pinhole = solver.visible, solver.area_error, solver.is_certified
         self._call(
-            kernels.add_areas, found, images, projected, kept, pinhole, record, own, self.figures
-        )
+            kernels.add_areas,
+            found, n_outlines, images, projected, kept, pinhole, record, own, self.figures,
+        )  # fmt: skip
 
 
-def image_of(pinhole: Camera) -> FloatArray:
-    """Left, right, top and bottom of the image of a plane, (4,), in its units."""
+def sides_of(pinhole: Camera) -> FloatArray:
+    """(5, 3) inner normals of a plane, and of the four sides of its image, in units of it."""
     left, top = -pinhole.cx / pinhole.fx, -pinhole.cy / pinhole.fy
     right, bottom = left + pinhole.width / pinhole.fx, top + pinhole.height / pinhole.fy
-    return np.array([left, right, top, bottom])
+    return np.array([(0, 0, 1), (1, 0, -left), (-1, 0, right), (0, 1, -top), (0, -1, bottom)])
 
 
 def directed_sides(faces: IntArray, edges: Edges) -> IntArray:

@@ -13,15 +13,15 @@ G. M. Morton. A Computer Oriented Geodetic Data Base and a New Technique in File
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, TypeVar
 from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.threads import Once
-from rastercov.kernels import exact_setup as kernels
 from rastercov.kernels.exact_records import BLOCK, CONSISTENT, NON_MANIFOLD, REVERSED, Blocks, Edges
+from rastercov.kernels.exact_setup import find_patches
 from rastercov.mesh import Mesh
 from rastercov.mesh.contacts import Contacts, Partners
 from rastercov.mesh.topology import edge_table
@@ -29,79 +29,68 @@ from rastercov.mesh.topology import edge_table
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int32]
+Kept = TypeVar("Kept")
 
 
 MOST_VERTICES = 96
 """Vertices of the faces of a block, on average, up to which the order of the mesh is local: a strip
 of them has 66, faces in any order 192."""
 LEAST_FACES = 1 << 14
-"""Faces from which on they are sorted: figures of fewer fit the cache in any order."""
+"""Faces from which on they, and vertices, are sorted: figures of fewer fit the cache in any order.
+"""
 BITS = 10
 """Bits of each coordinate along the curve."""
-
-
-def is_large(n_faces: int) -> bool:
-    """True for a mesh whose figures do not fit the cache, so that its order in memory matters."""
-    return n_faces >= LEAST_FACES
 
 
 def local_order(vertices: FloatArray, faces: IntArray) -> IntArray | None:
     """(F,) faces in an order in which neighbours are close; None where that of the mesh is."""
     n = len(faces) // BLOCK
-    if not is_large(len(faces)):
+    if len(faces) < LEAST_FACES:
         return None
     used = np.sort(faces[: n * BLOCK].reshape(n, 3 * BLOCK), axis=1)
     n_vertices = n + np.count_nonzero(used[:, 1:] != used[:, :-1])
     return _along_curve(vertices, faces) if n_vertices > MOST_VERTICES * n else None
 
 
-def blocks_of_targets(flat: BoolArray) -> Blocks:
-    """Blocks of targets, which no result spreads over."""
-    return _with_faces(flat)
-
-
 def blocks_of(flat: BoolArray, edges: Edges) -> Blocks:
     """Blocks of the faces of a surface, which are in an order of `local_order`."""
-    blocks = _with_faces(flat)
-    patch, lowest = blocks.patch, np.empty(len(flat), np.int32)
-    n = kernels.find_patches(edges, patch, lowest, blocks.patch_starts)
-    met, joins = np.empty(n, np.int32), np.empty((len(edges.kind), 2), np.int32)
-    n_joins = kernels.list_joins(edges, patch, met, joins)
-    if n_joins > len(joins):
-        joins = np.empty((n_joins, 2), np.int32)
-        kernels.list_joins(edges, patch, met, joins)
-    is_plain = np.empty(-(-len(edges.kind) // BLOCK), np.bool_)
-    starts, met = np.empty(len(is_plain) + 1, np.int32), np.empty(len(blocks.has_flat), np.int32)
-    of_edges = np.empty(2 * len(edges.kind), np.int32)
-    n_blocks = kernels.list_blocks_of_edges(edges, met, is_plain, starts, of_edges)
-    return blocks._replace(
-        of_patch=np.repeat(np.arange(len(blocks.has_flat)), np.diff(blocks.patch_starts)).astype(
-            np.int32
-        ),
-        lowest=lowest[:n].copy(),
-        joins=joins[:n_joins].copy(),
-        is_plain=is_plain,
-        starts=starts,
-        of_edges=of_edges[:n_blocks].copy(),
-    )
-
-
-def _with_faces(flat: BoolArray) -> Blocks:
-    """Blocks of faces, without what follows from their edges."""
     n = -(-len(flat) // BLOCK)
     has_flat = np.zeros(n, np.bool_)
     has_flat[np.flatnonzero(flat) // BLOCK] = True
+    lowest_of = np.empty(len(flat), np.int32)
+    find_patches(edges, lowest_of)
+    lowest = np.flatnonzero(lowest_of == np.arange(len(flat))).astype(np.int32)
+    number = np.empty(len(flat), np.int32)
+    number[lowest] = np.arange(len(lowest))
+    patch = number[lowest_of]
+    patch_starts = np.searchsorted(lowest, np.arange(n + 1) * BLOCK).astype(np.int32)
     return Blocks(
-        has_flat=has_flat,
-        patch=np.zeros(len(flat), np.int32),
-        patch_starts=np.zeros(n + 1, np.int32),
-        of_patch=np.empty(0, np.int32),
-        lowest=np.empty(0, np.int32),
-        joins=np.empty((0, 2), np.int32),
-        is_plain=np.empty(0, np.bool_),
-        starts=np.zeros(1, np.int32),
-        of_edges=np.empty(0, np.int32),
-    )
+        has_flat=has_flat, patch=patch, patch_starts=patch_starts, of_patch=lowest // BLOCK,
+        lowest=lowest, joins=_joins(edges, patch), **_blocks_of_edges(edges),
+    )  # fmt: skip
+
+
+def _joins(edges: Edges, patch: IntArray) -> IntArray:
+    """(J, 2) pairs of patches with a common edge of two faces, see `records.Blocks`."""
+    has_two = (edges.faces[:, 1] >= 0) & (edges.kind != NON_MANIFOLD)
+    one, other = np.sort(patch[edges.faces[has_two]], axis=1).T
+    is_consistent, are_two = edges.kind[has_two] == CONSISTENT, one != other
+    pairs = np.stack((one, np.where(is_consistent, other, ~other)), axis=1)[are_two]
+    return np.unique(pairs.view(np.int64)).view(np.int32).reshape(-1, 2)
+
+
+def _blocks_of_edges(edges: Edges) -> dict[str, Any]:
+    """Blocks of the faces of each `BLOCK` consecutive edges, see `records.Blocks`."""
+    n, rest = -(-len(edges.kind) // BLOCK), -len(edges.kind) % BLOCK
+    is_plain = np.ones(n, np.bool_)
+    is_odd = (edges.kind != CONSISTENT) | (edges.faces[:, 1] < 0)
+    is_plain[np.flatnonzero(is_odd) // BLOCK] = False
+    blocks = np.pad(edges.faces // BLOCK, ((0, rest), (0, 0)), "edge").reshape(n, 2 * BLOCK)
+    blocks.sort(axis=1)
+    is_new = np.diff(blocks, axis=1, prepend=-2) != 0
+    is_new[~is_plain] = False
+    starts = np.concatenate(([0], np.cumsum(is_new.sum(axis=1)))).astype(np.int32)
+    return {"is_plain": is_plain, "starts": starts, "of_edges": blocks[is_new]}
 
 
 def _along_curve(vertices: FloatArray, faces: IntArray) -> IntArray:
@@ -154,15 +143,11 @@ class SortedContacts:
 
     def faces_for(self, distance: float = 0.0) -> BoolArray:
         """(F,) faces in contact; see `Contacts`."""
-        found: BoolArray = self._once(
-            self.contacts.faces_for(distance), lambda own: own[self.order]
-        )
-        return found
+        return self._once(self.contacts.faces_for(distance), lambda own: own[self.order])
 
     def partners_for(self, distance: float = 0.0) -> Partners:
         """Faces in contact with each face; see `Contacts`."""
-        found: Partners = self._once(self.contacts.partners_for(distance), self._sort_partners)
-        return found
+        return self._once(self.contacts.partners_for(distance), self._sort_partners)
 
     def _sort_partners(self, own: Partners) -> Partners:
         counts = np.diff(own.starts)[self.order]
@@ -170,9 +155,10 @@ class SortedContacts:
         at = np.repeat(own.starts[self.order] - starts[:-1], counts) + np.arange(starts[-1])
         return Partners(starts, self.place[own.faces[at]])
 
-    def _once(self, own: Any, sort: Callable[[Any], Any]) -> Any:
+    def _once(self, own: Kept, sort: Callable[[Kept], Kept]) -> Kept:
         """Sort what the mesh keeps, once; an entry holds it, so that no other has its id."""
-        return self._sorted.setdefault(id(own), (own, Once()))[1].get(lambda: sort(own))
+        found: Kept = self._sorted.setdefault(id(own), (own, Once()))[1].get(lambda: sort(own))
+        return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -254,21 +240,15 @@ def _build(mesh: Mesh) -> Surface:
         rank, place = order, np.argsort(order)
         faces, flat = faces[order], flat[order]
         contacts = SortedContacts(mesh.contacts, order, place.astype(np.int32))
-    if is_large(len(faces)):
+    if len(faces) >= LEAST_FACES:
         vertices, faces = _by_use(vertices, faces)
     edges = _edges(faces, len(vertices))
     return Surface(
         centre=mesh.bounds.mean(axis=0),
         diagonal=float(np.linalg.norm(np.ptp(mesh.bounds, axis=0))),
-        vertices=vertices,
-        faces=faces,
-        flat=flat,
-        edges=edges,
-        blocks=blocks_of(flat, edges),
-        rank=rank,
-        contacts=contacts,
-        place=place,
-    )
+        vertices=vertices, faces=faces, flat=flat, edges=edges, blocks=blocks_of(flat, edges),
+        rank=rank, contacts=contacts, place=place,
+    )  # fmt: skip
 
 
 def _welded(positions: NDArray[np.int64], n_vertices: int) -> tuple[IntArray, BoolArray]:
@@ -293,8 +273,8 @@ def _by_use(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray
 def _targets(mesh: Mesh) -> Targets:
     is_target = mesh.target_mask
     faces, is_used = _welded(mesh.welded_faces[is_target], mesh.n_vertices)
-    flat = np.ascontiguousarray(mesh.degenerate_mask[is_target])
-    return Targets(mesh.vertices[is_used], faces, flat, blocks_of_targets(flat))
+    vertices, flat = mesh.vertices[is_used], np.ascontiguousarray(mesh.degenerate_mask[is_target])
+    return Targets(vertices, faces, flat, blocks_of(flat, _edges(faces, len(vertices))))
 
 
 def _place_of_all(mesh: Mesh, opaque: Surface) -> NDArray[np.int64]:

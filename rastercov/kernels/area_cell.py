@@ -9,7 +9,7 @@ M.-C. Rivara. Algorithms for Refining Triangular Grids Suitable for Adaptive and
 Techniques. 1984.
 """
 
-from typing import NamedTuple
+from collections import namedtuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,29 +29,16 @@ SMALLEST_SHARE = 1e-12
 FloatArray = NDArray[np.float64]
 
 
-class Trees(NamedTuple):
-    """Cells of all faces: `first_cell` and `first_node` of each face, (F + 1,); and the trees.
+Trees = namedtuple("Trees", "corners first_cell first_node leaves areas")
+"""Cells of all faces: `first_cell` and `first_node` of each face, (F + 1,); and the trees.
 
-    `corners` are the faces in their planes, (F, 3, 2); `leaves` those below each node, `areas` m^2
-    of each cell.
-    """
-
-    corners: FloatArray
-    first_cell: NDArray[np.int64]
-    first_node: NDArray[np.int64]
-    leaves: NDArray[np.int32]
-    areas: FloatArray
+`corners` are the faces in their planes, (F, 3, 2); `leaves` those below each node, `areas` m^2
+of each cell.
+"""
 
 
-class CellScratch(NamedTuple):
-    """Memory of one thread: a stack of triangles, nodes, cells and polygons; area by cell."""
-
-    triangles: FloatArray
-    nodes: NDArray[np.int64]
-    cells: NDArray[np.int64]
-    polygons: Pieces
-    spare: FloatArray
-    covered: FloatArray
+CellScratch = namedtuple("CellScratch", "triangles nodes cells polygons spare covered")
+"""Memory of one thread: a stack of triangles, nodes, cells and polygons; area by cell."""
 
 
 def cell_scratch(n_cells: int) -> CellScratch:

@@ -32,33 +32,35 @@ A pinhole is a lens whose A is constant.
 """
 
 import math
-from typing import Any, NamedTuple
+from collections import namedtuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.kernels.cameras import Lens
 from rastercov.kernels.exact_polygon import (
-    MOST_CORNERS,
+    copy_part,
     copy_polygon,
+    corners_of_part,
     keep_inside,
     line_at,
     line_value,
+    side_at,
     twice_area,
 )
+from rastercov.kernels.exact_polygon import extent_of as box_of
 from rastercov.kernels.exact_records import (
     DU,
     DV,
     LINE_ERROR,
     OFFSET,
     PIECE_ROOM,
-    Pieces,
     U,
     V,
 )
 from rastercov.kernels.jit import allocation_free, by_type, part_of, part_with_arrays
 from rastercov.kernels.lens import plane_slopes
-from rastercov.kernels.lens_field import Slopes, Tree, bounds_within, sizes_within
+from rastercov.kernels.lens_field import bounds_within, sizes_within
 
 FloatArray = NDArray[np.float64]
 
@@ -90,11 +92,8 @@ MOST_HALVINGS = 48
 
 
 PER_M2, DENSE, FACING, DISTANT = 1, 2, 4, 8
-"""Bits of the criteria that a piece still has to meet."""
-
-
-MASK = 16
-"""One more than all of them: pieces keep MASK times the number of halvings, and the bits."""
+"""Bits of the criteria that a piece still has to meet: its first number in `Scratch.strips`. The
+other one is how often it was halved."""
 
 
 N_FIGURES = 13
@@ -121,98 +120,53 @@ ROUNDING = 2.0**-46
 """Of the size of a figure: its rounding and, times the radius over the step, that of its slopes."""
 
 
-class Planes(NamedTuple):
-    """Faces of a mesh, of `coverage.area.frames.Frames`; `is_asked` are those to be measured."""
-
-    origin: FloatArray
-    x_axis: FloatArray
-    y_axis: FloatArray
-    normal: FloatArray
-    corners: FloatArray
-    areas: FloatArray
-    two_sided: NDArray[np.bool_]
-    is_asked: NDArray[np.bool_]
+Planes = namedtuple("Planes", "origin x_axis y_axis normal corners areas two_sided is_asked")
+"""Faces of a mesh, of `coverage.area.frames.Frames`; `is_asked` are those to be measured."""
 
 
-class Criteria(NamedTuple):
-    """Pointwise criteria of a task in the image of a pinhole.
+Criteria = namedtuple("Criteria", "lens rules gap pixel_error")
+"""Pointwise criteria of a task in the image of a pinhole.
 
-    `rules` are a `coverage.task.Rules`; `gap` is the largest distance between the arc of the
-    incidence criterion and its chords, and the mean width of the strips that no test decides,
-    metres; `pixel_error` is the largest error of a position in the image, px.
-    """
-
-    lens: Lens
-    rules: Any
-    gap: float
-    pixel_error: float
+`rules` are a `coverage.task.Rules`; `gap` is the largest distance between the arc of the
+incidence criterion and its chords, and the mean width of the strips that no test decides,
+metres; `pixel_error` is the largest error of a position in the image, px.
+"""
 
 
-class LensCriteria(NamedTuple):
-    """Pointwise criteria of a task in one ideal plane of a lens.
+LensCriteria = namedtuple(
+    "LensCriteria", "pinhole rules by_distance axis gap tree code params frame slopes"
+)
+"""Pointwise criteria of a task in one ideal plane of a lens.
 
-    `pinhole` has what a surface must meet in the plane itself: to be in its image, and the angle of
-    incidence; `rules` has all. `by_distance` says whether distances are in focus; if not, depths
-    along `axis` are, the axis of the lens in the axes of the plane. `gap` is the mean width
-    of the strips that no test decides, metres. `tree` is the field of view; `code`, `params` and
-    `frame` are the lens, and `slopes` bounds of its derivatives.
-    """
-
-    pinhole: Criteria
-    rules: Any
-    by_distance: bool
-    axis: FloatArray
-    gap: float
-    tree: Tree
-    code: int
-    params: FloatArray
-    frame: FloatArray
-    slopes: Slopes
+`pinhole` has what a surface must meet in the plane itself: to be in its image, and the angle of
+incidence; `rules` has all. `by_distance` says whether distances are in focus; if not, depths
+along `axis` are, the axis of the lens in the axes of the plane. `gap` is the mean width
+of the strips that no test decides, metres. `tree` is the field of view; `code`, `params` and
+`frame` are the lens, and `slopes` bounds of its derivatives.
+"""
 
 
-class Scratch(NamedTuple):
-    """Memory of one thread.
+Scratch = namedtuple(
+    "Scratch",
+    "base part spare other tidy inner seen caps strips views lines sides plane places fits first",
+)
+"""Memory of one thread.
 
-    `base`, `part`, `spare`, `other`, `tidy`, `inner` and `seen` are polygons; `lines` bound the
-    viewing pyramid and depths, `sides` the face; `arcs`, `levels` and `nodes` belong to the stacks
-    `caps`, `strips` and `views`; `first` is the first piece of each face in the image; `plane` is
-    the face in camera axes. For densities through a lens, `places` are corners in the ideal plane,
-    and `fits` affine parts of the criteria.
-    """
+`base` to `seen` are polygons, (PIECE_ROOM, 2), and `caps`, `strips` and `views` stacks of them;
+`lines` bound the viewing pyramid and depths, `sides` the face; `plane` is the face in camera axes;
+`first` is the first piece of each face in the image. For densities, `places` are corners in the
+ideal plane, and `fits` affine parts of the criteria.
+"""
 
-    base: FloatArray
-    part: FloatArray
-    spare: FloatArray
-    other: FloatArray
-    tidy: FloatArray
-    inner: FloatArray
-    lines: FloatArray
-    sides: FloatArray
-    plane: FloatArray
-    caps: Pieces
-    arcs: NDArray[np.int64]
-    strips: Pieces
-    levels: NDArray[np.int64]
-    views: Pieces
-    nodes: NDArray[np.int64]
-    seen: FloatArray
-    places: FloatArray
-    fits: FloatArray
-    first: NDArray[np.int64]
+Stack = namedtuple("Stack", "corners n_corners tags")
+"""Polygons that are still to be divided, and two numbers of each, (STACK_ROOM, 2) int64."""
 
 
-class Found(NamedTuple):
-    """Regions of a pose: corners, `starts` of N pieces, their faces; area and bound of each face.
+Found = namedtuple("Found", "xy starts face used area bound")
+"""Regions of a pose: corners, `starts` of N pieces, their faces; area and bound of each face.
 
-    `used` has the pieces and the corners so far, also where there is no room for them.
-    """
-
-    xy: FloatArray
-    starts: NDArray[np.int64]
-    face: NDArray[np.int32]
-    used: NDArray[np.int64]
-    area: FloatArray
-    bound: FloatArray
+`used` has the pieces and the corners so far, also where there is no room for them.
+"""
 
 
 ORIGIN, X_AXIS, Y_AXIS, NORMAL = 0, 3, 6, 9
@@ -226,28 +180,13 @@ perpendicular; the largest error of a point of the face in camera axes; its long
 
 def scratch_for(n_faces: int) -> Scratch:
     """Scratch memory for a mesh."""
-    base, part, spare, other, tidy, inner = np.empty((6, PIECE_ROOM, 2))
-    return Scratch(
-        base=base,
-        part=part,
-        spare=spare,
-        other=other,
-        tidy=tidy,
-        inner=inner,
-        lines=np.empty((N_LINES, LINE_ERROR + 1)),
-        sides=np.empty((3, LINE_ERROR + 1)),
-        plane=np.empty(17),
-        caps=_stack(),
-        arcs=np.empty((STACK_ROOM, 2), np.int64),
-        strips=_stack(),
-        levels=np.empty(STACK_ROOM, np.int64),
-        views=_stack(),
-        nodes=np.empty(STACK_ROOM, np.int64),
-        seen=np.empty((PIECE_ROOM, 2)),
-        places=np.empty((PIECE_ROOM, 3)),
-        fits=np.empty((8, 13)),
-        first=np.empty(n_faces, np.int64),
-    )
+    polygons = np.empty((7, PIECE_ROOM, 2))
+    lines, sides = np.empty((N_LINES, LINE_ERROR + 1)), np.empty((3, LINE_ERROR + 1))
+    places, fits = np.empty((PIECE_ROOM, 3)), np.empty((8, 13))
+    first = np.empty(n_faces, np.int64)
+    stacks = _stack(), _stack(), _stack()
+    of_face = lines, sides, np.empty(17), places, fits, first
+    return Scratch._make([*polygons, *stacks, *of_face])
 
 
 def room_for_found(n: int, corners: int, n_faces: int) -> Found:
@@ -261,8 +200,9 @@ def room_for_found(n: int, corners: int, n_faces: int) -> Found:
     )
 
 
-def _stack() -> Any:
-    return Pieces(np.empty((STACK_ROOM, PIECE_ROOM, 2)), np.empty(STACK_ROOM, np.int64))
+def _stack() -> Stack:
+    corners, tags = np.empty((STACK_ROOM, PIECE_ROOM, 2)), np.empty((STACK_ROOM, 2), np.int64)
+    return Stack(corners, np.empty(STACK_ROOM, np.int64), tags)
 
 
 @part_of
@@ -290,11 +230,12 @@ def set_line(lines, s, value, along_x, along_y, error):
 
 
 @part_with_arrays
-def set_side(lines, s, x0, y0, x1, y1):
-    """Store the line from one point to another, whose inner side is on the left."""
-    lines[s, U], lines[s, V] = x0, y0
-    lines[s, DU], lines[s, DV] = x1 - x0, y1 - y0
-    lines[s, OFFSET] = lines[s, LINE_ERROR] = 0.0
+def lines_of(polygon, n, lines):
+    """Store the lines along the sides of a polygon, whose inner side is on the left."""
+    for p in range(n):
+        x, y, dx, dy, _ = side_at(polygon, n, p)
+        lines[p, U], lines[p, V], lines[p, DU], lines[p, DV] = x, y, dx, dy
+        lines[p, OFFSET] = lines[p, LINE_ERROR] = 0.0
 
 
 @allocation_free
@@ -329,6 +270,12 @@ def cut_by_lines(polygon, n, lines, first, last, spare):
     return n, undecided
 
 
+@part_with_arrays
+def distance_in_axes(polygon, p, other, q):
+    """Greater of the distances of two corners along the axes; of rows of arrays it takes longer."""
+    return max(abs(polygon[p, U] - other[q, U]), abs(polygon[p, V] - other[q, V]))
+
+
 @allocation_free
 def without_needless(polygon, n, nearest, out):
     """Copy a polygon without corners that rounding may have put anywhere; returns their count.
@@ -339,16 +286,10 @@ def without_needless(polygon, n, nearest, out):
     """
     kept = 0
     for p in range(n):
-        if kept > 0:
-            near_u = abs(polygon[p, U] - out[kept - 1, U])
-            near_v = abs(polygon[p, V] - out[kept - 1, V])
-            if max(near_u, near_v) <= nearest:
-                continue
-        out[kept, U], out[kept, V] = polygon[p, U], polygon[p, V]
-        kept += 1
-    while kept > 1 and (
-        max(abs(out[0, U] - out[kept - 1, U]), abs(out[0, V] - out[kept - 1, V])) <= nearest
-    ):
+        if kept == 0 or distance_in_axes(polygon, p, out, kept - 1) > nearest:
+            out[kept, U], out[kept, V] = polygon[p, U], polygon[p, V]
+            kept += 1
+    while kept > 1 and distance_in_axes(out, 0, out, kept - 1) <= nearest:
         kept -= 1
     n, kept = kept, 0
     for p in range(n):
@@ -363,18 +304,21 @@ def without_needless(polygon, n, nearest, out):
 
 
 @part_with_arrays
-def push_parts(polygon, n, stack):
+def push(top, n, one, other, stack):
+    """Count a polygon of n corners as the top of a stack, with its numbers; the new height."""
+    stack.n_corners[top], stack.tags[top, 0], stack.tags[top, 1] = n, one, other
+    return top + 1
+
+
+@part_with_arrays
+def push_parts(polygon, n, one, other, stack):
     """Put a polygon on an empty stack, in parts of at most `MOST_CORNERS` corners; their number."""
     first, top = 1, 0
     while first + 1 < n:
-        last = min(first + MOST_CORNERS - 2, n - 1)
-        corners = stack.corners[top]
-        corners[0, U], corners[0, V] = polygon[0, U], polygon[0, V]
-        for p in range(first, last + 1):
-            corners[1 + p - first, U], corners[1 + p - first, V] = polygon[p, U], polygon[p, V]
-        stack.n_corners[top] = last - first + 2
-        first = last
-        top += 1
+        m = corners_of_part(first, n)
+        copy_part(polygon, first, m, stack.corners[top])
+        top = push(top, m, one, other, stack)
+        first += m - 2
     return top
 
 
@@ -394,18 +338,13 @@ def append_piece(face, polygon, n, nearest, tidy, out):
     out.bound[face] += abs(area - before)
     first = 1
     while first + 1 < kept:
-        last = min(first + MOST_CORNERS - 2, kept - 1)
-        piece, at = out.used[0], out.used[1]
-        m = last - first + 2
+        piece, at, m = out.used[0], out.used[1], corners_of_part(first, kept)
         if piece < out.face.shape[0] and at + m <= out.xy.shape[0]:
-            out.xy[at, U], out.xy[at, V] = tidy[0, U], tidy[0, V]
-            for p in range(first, last + 1):
-                out.xy[at + 1 + p - first, U] = tidy[p, U]
-                out.xy[at + 1 + p - first, V] = tidy[p, V]
+            copy_part(tidy, first, m, out.xy[at:])
             out.face[piece] = face
             out.starts[piece + 1] = at + m
         out.used[0], out.used[1] = piece + 1, at + m
-        first = last
+        first += m - 2
 
 
 @part_with_arrays
@@ -577,13 +516,10 @@ def fit_criteria(polygon, n, mask, plane, criteria, places, fits):
     at least column 3 and at most column 4, and column KNOWN is 1 where that is known.
     """
     place_corners(polygon, n, plane, places)
-    low_x = low_y = math.inf
-    high_x = high_y = -math.inf
+    low_x, high_x, low_y, high_y = box_of(places, n)
     x = y = 0.0
     least_w, most_w = math.inf, 0.0
     for p in range(n):
-        low_x, high_x = min(low_x, places[p, 0]), max(high_x, places[p, 0])
-        low_y, high_y = min(low_y, places[p, 1]), max(high_y, places[p, 1])
         x, y = x + places[p, 0] / n, y + places[p, 1] / n
         least_w, most_w = min(least_w, places[p, 2]), max(most_w, places[p, 2])
     r = 0.0
@@ -696,16 +632,25 @@ def set_known(fits, i, value):
 
 
 @part_with_arrays
-def line_of(fits, i, offset, plane):
-    """Line in the plane of the face along criterion i, moved by an offset: value, slopes."""
-    a, b, c = fits[i, 0], fits[i, 1], fits[i, 2] + offset
-    if i == 3:
-        return c, a, b
+def line_in_plane(a, b, c, plane):
+    """Value, and its slopes along x and y in the plane of the face, of a line of the ideal plane.
+
+    The line is a x + b y + c, or a X + b Y + c Z in camera axes.
+    """
     return (
         a * plane[ORIGIN] + b * plane[ORIGIN + 1] + c * plane[ORIGIN + 2],
         a * plane[X_AXIS] + b * plane[X_AXIS + 1] + c * plane[X_AXIS + 2],
         a * plane[Y_AXIS] + b * plane[Y_AXIS + 1] + c * plane[Y_AXIS + 2],
     )
+
+
+@part_with_arrays
+def line_of(fits, i, offset, plane):
+    """Line in the plane of the face along criterion i, moved by an offset: value, slopes."""
+    a, b, c = fits[i, 0], fits[i, 1], fits[i, 2] + offset
+    if i == 3:
+        return c, a, b
+    return line_in_plane(a, b, c, plane)
 
 
 @allocation_free
@@ -728,19 +673,17 @@ def least_and_most(polygon, n, line):
 @allocation_free
 def append_dense(face, polygon, n, criteria, scratch, out):
     """Append the part of a polygon that meets all criteria of densities; see the module."""
-    plane, strips, levels = scratch.plane, scratch.strips, scratch.levels
+    plane, strips = scratch.plane, scratch.strips
     part, spare, fits, other = scratch.inner, scratch.spare, scratch.fits, scratch.other
     nearest = max(COINCIDENT_REL * plane[LONGEST], plane[ERROR])
     mask = mask_of(criteria)
     if mask == 0:
         append_piece(face, polygon, n, nearest, scratch.tidy, out)
         return
-    top = push_parts(polygon, n, strips)
-    for p in range(top):
-        levels[p] = mask
+    top = push_parts(polygon, n, mask, 0, strips)
     while top > 0:
         top -= 1
-        n, mask, level = strips.n_corners[top], levels[top] % MASK, levels[top] // MASK
+        n, mask, level = strips.n_corners[top], strips.tags[top, 0], strips.tags[top, 1]
         copy_polygon(strips.corners[top], n, part)
         area = twice_area(part, n) / 2
         if not area > 0:
@@ -777,9 +720,7 @@ def append_dense(face, polygon, n, criteria, scratch, out):
                     copy_polygon(strips.corners[top], m, other)
                     append_piece(face, other, m, nearest, scratch.tidy, out)
                 else:
-                    strips.n_corners[top] = m
-                    levels[top] = level * MASK + mask - (1 << best)
-                    top += 1
+                    top = push(top, m, mask - (1 << best), level, strips)
             n = keep_beyond(part, n, inner, -1.0, spare)
             if n >= 3:
                 n = keep_beyond(spare, n, outer, 1.0, part)
@@ -793,7 +734,7 @@ def append_dense(face, polygon, n, criteria, scratch, out):
         ):
             out.bound[face] += rest
             continue
-        top = halve_part(part, n, scratch, top, (level + 1) * MASK + mask)
+        top = halve_part(part, n, scratch, top, mask, level + 1)
 
 
 @allocation_free
@@ -810,21 +751,12 @@ def range_of(fits, i, polygon, n, scratch):
 
 
 @allocation_free
-def halve_part(polygon, n, scratch, top, level):
+def halve_part(polygon, n, scratch, top, mask, level):
     """Push both halves of a polygon across its longest extent in the image; height of the stack."""
-    strips, levels, places = scratch.strips, scratch.levels, scratch.places
+    strips, places = scratch.strips, scratch.places
     place_corners(polygon, n, scratch.plane, places)
-    far = other = 0
-    for side in range(2):
-        extent, start = -1.0, 0 if side == 0 else far
-        for p in range(n):
-            away = length2(places[p, 0] - places[start, 0], places[p, 1] - places[start, 1])
-            if away > extent:
-                extent = away
-                if side == 0:
-                    far = p
-                else:
-                    other = p
+    far = farthest_from(places, n, 0)
+    other = farthest_from(places, n, far)
     a = places[far, 0] - places[other, 0]
     b = places[far, 1] - places[other, 1]
     c = -0.5 * (a * (places[far, 0] + places[other, 0]) + b * (places[far, 1] + places[other, 1]))
@@ -833,6 +765,16 @@ def halve_part(polygon, n, scratch, top, level):
     for side in range(2):
         m = keep_beyond(polygon, n, line, 1.0 if side == 0 else -1.0, strips.corners[top])
         if m >= 3:
-            strips.n_corners[top], levels[top] = m, level
-            top += 1
+            top = push(top, m, mask, level, strips)
     return top
+
+
+@part_with_arrays
+def farthest_from(places, n, start):
+    """Corner that is farthest from another one, the first of equals."""
+    far, extent = 0, -1.0
+    for p in range(n):
+        away = length2(places[p, 0] - places[start, 0], places[p, 1] - places[start, 1])
+        if away > extent:
+            far, extent = p, away
+    return far

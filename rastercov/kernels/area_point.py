@@ -5,7 +5,7 @@ Occlusion is a segment from the near plane to the point, traced through a tree o
 """
 
 import math
-from typing import NamedTuple
+from collections import namedtuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,17 +19,12 @@ from rastercov.kernels.mesh_tree import distance_to, hit_of
 FloatArray = NDArray[np.float64]
 
 
-class Points(NamedTuple):
-    """Points in a scene of diagonal 1 about the origin, their unit normals, and their triangles.
+Points = namedtuple("Points", "points normals two_sided own")
+"""Points in a scene of diagonal 1 about the origin, their unit normals, and their triangles.
 
-    `own` is the triangle of each point in the order of the tree, -1 where it is not in it;
-    `two_sided` says whether either side counts.
-    """
-
-    points: FloatArray
-    normals: FloatArray
-    two_sided: NDArray[np.bool_]
-    own: NDArray[np.int64]
+`own` is the triangle of each point in the order of the tree, -1 where it is not in it;
+`two_sided` says whether either side counts.
+"""
 
 
 @allocation_free

@@ -17,12 +17,12 @@ chord only the rectangle around its segment of the circle is looked at again, wi
 own, down to the sides of the polygon.
 
 Through a lens, `cut_regions` finds what the pinhole of an ideal plane sees, within the largest
-angle of incidence. Three loops follow, each from a list of pieces to another one; the first and the
-last run only where a task asks for them:
+angle of incidence. Three steps of `cut_pieces` follow, each from a list of pieces to another one;
+the first and the last run only where a task asks for them:
 
-- `cut_to_discs`: focus up to a distance;
-- `cut_to_view`: the field of view of the lens, and focus by depth;
-- `cut_to_densities`: densities through the lens, and focus from a distance.
+- `TO_DISCS`: focus up to a distance;
+- `TO_VIEW`: the field of view of the lens, and focus by depth;
+- `TO_DENSITIES`: densities through the lens, and focus from a distance.
 
 The curved borders of the field of view make most pieces, so discs come first.
 
@@ -32,10 +32,9 @@ plane of the face: polygons need not be projected.
 """
 
 import math
-from typing import Any, NamedTuple
+from collections import namedtuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.kernels.area_plane import (
     COINCIDENT_REL,
@@ -59,15 +58,20 @@ from rastercov.kernels.area_plane import (
     append_piece,
     cut_by_lines,
     extent_of,
+    keep_beyond,
+    least_and_most,
     length2,
+    line_in_plane,
+    lines_of,
     perimeter_of,
+    push,
     push_parts,
     set_line,
-    set_side,
 )
 from rastercov.kernels.exact_polygon import (
     MOST_CORNERS,
     copy_polygon,
+    copy_second_half,
     keep_inside,
     line_at,
     line_value,
@@ -94,6 +98,10 @@ FEWEST_CHORDS, MOST_CHORDS = 16, 1 << 20
 
 LEAST_INNER_REL = math.cos(math.pi / FEWEST_CHORDS) * (1 - 1e-9)
 """Radius within the chords of any circle of incidence, relative to its own."""
+
+
+TO_DISCS, TO_VIEW, TO_DENSITIES = range(3)
+"""Steps of `cut_pieces`."""
 
 
 FARTHEST = 2.0
@@ -163,7 +171,7 @@ def append_within_angle(face, polygon, n, slope, criteria, scratch, out):
         Criteria; Scratch, with the face in `plane`; Found, to whose bound the area is added that
         the polygon in the circle leaves undecided.
     """
-    plane, caps, arcs, part = scratch.plane, scratch.caps, scratch.arcs, scratch.inner
+    plane, caps, part = scratch.plane, scratch.caps, scratch.inner
     if slope == 0:
         append_dense(face, polygon, n, criteria, scratch, out)
         return
@@ -181,12 +189,10 @@ def append_within_angle(face, polygon, n, slope, criteria, scratch, out):
         append_dense(face, polygon, n, criteria, scratch, out)
         return
     towards = anchor(plane)
-    top = push_parts(polygon, n, caps)
-    for p in range(top):
-        arcs[p, 0], arcs[p, 1] = 0, n_chords
+    top = push_parts(polygon, n, 0, n_chords, caps)
     while top > 0:
         top -= 1
-        start, end, n = arcs[top, 0], arcs[top, 1], caps.n_corners[top]
+        start, end, n = caps.tags[top, 0], caps.tags[top, 1], caps.n_corners[top]
         copy_polygon(caps.corners[top], n, part)
         area = max(twice_area(part, n) / 2, 0.0)
         if end - start == 1:
@@ -206,9 +212,7 @@ def append_within_angle(face, polygon, n, slope, criteria, scratch, out):
             over = radius * (1 - math.cos(math.pi * (last - first) / n_chords)) + error
             k = cap_of_chord(part, n, x0, y0, x1, y1, over, caps.corners[top], scratch.spare)
             if k >= 3:
-                caps.n_corners[top] = k
-                arcs[top, 0], arcs[top, 1] = first, last
-                top += 1
+                top = push(top, k, first, last, caps)
             if m >= 3:
                 m = keep_inside(scratch.other, m, (x0, y0, x1 - x0, y1 - y0, 0.0), scratch.spare)
                 copy_polygon(scratch.spare, m, scratch.other)
@@ -217,18 +221,8 @@ def append_within_angle(face, polygon, n, slope, criteria, scratch, out):
             append_dense(face, scratch.other, m, criteria, scratch, out)
 
 
-class Seen(NamedTuple):
-    """A solved pose: `rotation` world_from_camera and `centre`; see `HalfPlaneSolver`."""
-
-    rotation: NDArray[np.float64]
-    centre: NDArray[np.float64]
-    near: float
-    state: NDArray[np.uint16]
-    visible: NDArray[np.float64]
-    area: NDArray[np.float64]
-    area_error: NDArray[np.float64]
-    is_certified: NDArray[np.bool_]
-    kept: Any
+Seen = namedtuple("Seen", "rotation centre near state visible area area_error is_certified kept")
+"""A solved pose: `rotation` world_from_camera and `centre`; see `HalfPlaneSolver`."""
 
 
 @part_with_arrays
@@ -332,17 +326,6 @@ def bring_back(kept, piece, plane, criteria, deepest, out):
 
 
 @part_with_arrays
-def set_sides(planes, f, sides):
-    """Fill `sides` with the lines along the edges of a face."""
-    for p in range(3):
-        q = p + 1 if p < 2 else 0
-        set_side(
-            sides, p, planes.corners[f, p, U], planes.corners[f, p, V],
-            planes.corners[f, q, U], planes.corners[f, q, V],
-        )  # fmt: skip
-
-
-@part_with_arrays
 def is_well_inside(corners, lines, plane, criteria):
     """True if a face meets all criteria of `lines` and of incidence by more than rounding.
 
@@ -442,7 +425,7 @@ def cut_regions(planes, criteria, seen, scratch, out):
             bound[f] += strips
             append_within_angle(f, base, n, criteria.rules.tan_incidence, criteria, scratch, out)
         elif seen.visible[f] > 0 and first[f] >= 0:
-            set_sides(planes, f, sides)
+            lines_of(corners[f], 3, sides)
             # Rounding of the position, the height and the ray, brought to the plane.
             off = (
                 2 * POSITION_ERROR_REL
@@ -468,15 +451,11 @@ def cut_regions(planes, criteria, seen, scratch, out):
 
 
 @part_with_arrays
-def line_in_plane(line, plane):
-    """Value, its slopes along x and y, and its error, of a line of the ideal plane."""
-    a, b, c = line[0], line[1], line[2]
-    return (
-        a * plane[ORIGIN] + b * plane[ORIGIN + 1] + c * plane[ORIGIN + 2],
-        a * plane[X_AXIS] + b * plane[X_AXIS + 1] + c * plane[X_AXIS + 2],
-        a * plane[Y_AXIS] + b * plane[Y_AXIS + 1] + c * plane[Y_AXIS + 2],
-        plane[ERROR] * (abs(a) + abs(b) + abs(c)),
-    )
+def line_of_node(node, criteria, plane):
+    """Line of a node of the field of view in the plane of a face: value, slopes; and its error."""
+    lines = criteria.tree.lines
+    a, b, c = lines[node, 0], lines[node, 1], lines[node, 2]
+    return line_in_plane(a, b, c, plane), plane[ERROR] * (abs(a) + abs(b) + abs(c))
 
 
 @allocation_free
@@ -485,15 +464,11 @@ def is_in_view(corners, n, plane, criteria):
     tree = criteria.tree
     node = tree.root
     while node >= 0:
-        value, along_x, along_y, error = line_in_plane(tree.lines[node], plane)
-        is_inside = is_outside = True
-        for p in range(n):
-            at = value + along_x * corners[p, U] + along_y * corners[p, V]
-            is_inside = is_inside and at > error
-            is_outside = is_outside and at < -error
-        if not (is_inside or is_outside):
+        line, error = line_of_node(node, criteria, plane)
+        least, most = least_and_most(corners, n, line)
+        if not (least > error or most < -error):
             return False
-        node = tree.children[node, 0 if is_inside else 1]
+        node = tree.children[node, 0 if least > error else 1]
     return node == INSIDE
 
 
@@ -503,20 +478,21 @@ def append_in_view(face, polygon, n, criteria, scratch, out):
 
     Parameters
     ----------
-    face, polygon, n, rules
+    face, polygon, n, criteria
         A convex polygon of the face; LensCriteria, whose undecided cells are added to the bound.
     scratch, out
         Scratch, with the face in `plane`; Found.
     """
-    plane, views, nodes, part = scratch.plane, scratch.views, scratch.nodes, scratch.seen
+    plane, views, part = scratch.plane, scratch.views, scratch.seen
     tree = criteria.tree
     nearest = max(COINCIDENT_REL * plane[LONGEST], plane[ERROR])
-    top = push_parts(polygon, n, views)
-    for p in range(top):
-        nodes[p] = tree.root
+    if is_in_view(polygon, n, plane, criteria):
+        append_piece(face, polygon, n, nearest, scratch.tidy, out)
+        return
+    top = push_parts(polygon, n, tree.root, 0, views)
     while top > 0:
         top -= 1
-        node, n = nodes[top], views.n_corners[top]
+        node, n = views.tags[top, 0], views.n_corners[top]
         copy_polygon(views.corners[top], n, part)
         while node >= 0:
             kind = tree.kinds[node]
@@ -525,13 +501,10 @@ def append_in_view(face, polygon, n, criteria, scratch, out):
                 if area <= criteria.gap * extent_of(part, n):
                     node = UNDECIDED
                     break
-            value, along_x, along_y, error = line_in_plane(tree.lines[node], plane)
-            least, most = math.inf, -math.inf
-            for p in range(n):
-                at = value + along_x * part[p, U] + along_y * part[p, V]
-                least, most = min(least, at), max(most, at)
+            line, error = line_of_node(node, criteria, plane)
+            least, most = least_and_most(part, n, line)
             if kind == BORDER and least < error and most > -error:
-                slope = length2(along_x, along_y)
+                slope = length2(line[1], line[2])
                 strip = twice_area(part, n) / 2
                 if slope > 0:
                     strip = min(strip, error / slope * perimeter_of(part, n))
@@ -542,29 +515,22 @@ def append_in_view(face, polygon, n, criteria, scratch, out):
                 node = tree.children[node, 1]
             else:
                 beyond = tree.children[node, 1]
-                line = (0.0, 0.0, -along_y, along_x, -value)
                 if beyond in (UNDECIDED, INSIDE) or beyond >= 0:
-                    m = keep_inside(part, n, line, views.corners[top])
+                    m = keep_beyond(part, n, line, -1.0, views.corners[top])
                     if m >= 3 and (beyond == UNDECIDED or top + 2 > STACK_ROOM):
                         out.bound[face] += max(twice_area(views.corners[top], m) / 2, 0.0)
                     elif m >= 3:
-                        views.n_corners[top], nodes[top] = m, beyond
-                        top += 1
-                n = keep_inside(part, n, (0.0, 0.0, along_y, -along_x, value), scratch.spare)
+                        top = push(top, m, beyond, 0, views)
+                n = keep_beyond(part, n, line, 1.0, scratch.spare)
                 copy_polygon(scratch.spare, n, part)
                 if n < 3:
                     break
                 node = tree.children[node, 0]
                 if n > 2 * MOST_CORNERS and top + 2 <= STACK_ROOM:
                     # A chord divides what has many corners.
-                    half = n // 2
-                    corners = views.corners[top]
-                    for p in range(half, n):
-                        corners[p - half, U], corners[p - half, V] = part[p, U], part[p, V]
-                    corners[n - half, U], corners[n - half, V] = part[0, U], part[0, V]
-                    views.n_corners[top], nodes[top] = n - half + 1, node
-                    top += 1
-                    n = half + 1
+                    m = copy_second_half(part, n, views.corners[top])
+                    top = push(top, m, node, 0, views)
+                    n = n // 2 + 1
         if n < 3:
             continue
         if node == INSIDE:
@@ -574,35 +540,42 @@ def append_in_view(face, polygon, n, criteria, scratch, out):
 
 
 @part_with_arrays
-def start_from(source, out):
-    """Start a list with the bounds of another one."""
-    out.used[0] = out.used[1] = 0
-    for f in range(out.area.shape[0]):
-        out.area[f], out.bound[f] = 0.0, source.bound[f]
+def disc_of(criteria, plane):
+    """Tangent of the angle up to which a face is in focus and not too oblique, 0 for any.
+
+    Both are discs around the foot of the perpendicular from the camera; the smaller one counts. Of
+    a disc that is hardly there the result is -1, and the area within which it may be.
+    """
+    farthest, slope, height = criteria.rules.z_f, criteria.rules.tan_incidence, abs(plane[HEIGHT])
+    square = farthest * farthest - height * height
+    if slope == 0 or square < slope * slope * height * height:
+        if square <= 16 * farthest * plane[ERROR]:
+            is_near = square > -16 * farthest * plane[ERROR]
+            return -1.0, 128 * farthest * plane[ERROR] if is_near else 0.0
+        # The radius of the circle at that distance is off by height / radius times the error of
+        # the height.
+        radius = math.sqrt(square)
+        slope = radius / height
+        plane[ERROR] *= 1 + height / radius
+    return slope, 0.0
 
 
 @part_with_arrays
-def copy_piece(source, piece, polygon):
-    """Copy the corners of a piece; their number."""
-    first = source.starts[piece]
-    n = source.starts[piece + 1] - first
-    for p in range(n):
-        polygon[p, U], polygon[p, V] = source.xy[first + p, U], source.xy[first + p, V]
-    return n
-
-
-@part_with_arrays
-def limit_bounds(planes, out):
-    """No bound exceeds its face."""
-    for f in range(out.bound.shape[0]):
-        out.bound[f] = min(out.bound[f], planes.areas[f])
+def set_depths(criteria, plane, lines):
+    """Fill the first two of `lines` with the depths in focus; False where any depth is."""
+    rules, axis = criteria.rules, criteria.axis
+    z, z_x, z_y = line_in_plane(axis[0], axis[1], axis[2], plane)
+    set_line(lines, 0, z - rules.z_n, z_x, z_y, plane[ERROR])
+    # What is infinitely far away needs no line.
+    set_line(lines, 1, 1.0, 0.0, 0.0, 0.0)
+    if rules.z_f < math.inf:
+        set_line(lines, 1, rules.z_f - z, -z_x, -z_y, plane[ERROR])
+    return not criteria.by_distance and (rules.z_n > 0 or rules.z_f < math.inf)
 
 
 @allocation_free
-def cut_to_discs(planes, criteria, seen, scratch, source, out):
-    """Cut pieces to the greatest distance in focus, and to the largest angle of incidence.
-
-    Both are discs around the foot of the perpendicular from the camera; the smaller one counts.
+def cut_pieces(planes, criteria, seen, scratch, source, step, out):
+    """Cut pieces by one of the steps for lenses, see the module.
 
     Parameters
     ----------
@@ -610,91 +583,39 @@ def cut_to_discs(planes, criteria, seen, scratch, source, out):
         Planes; LensCriteria; Seen of the ideal plane; Scratch.
     source : Found
         Pieces in the ideal plane, by face.
+    step : int
+        `TO_DISCS`, `TO_VIEW` or `TO_DENSITIES`.
     out : Found
         Where `used` is more than there is room for, call again with that much.
     """
-    plane, polygon, farthest = scratch.plane, scratch.base, criteria.rules.z_f
-    start_from(source, out)
-    last, slope, square, is_grazed = -1, 0.0, 0.0, False
-    for piece in range(source.used[0]):
-        f = source.face[piece]
-        if f != last:
-            set_plane(planes, f, seen, plane)
-            last, slope, is_grazed = f, criteria.rules.tan_incidence, False
-            height = abs(plane[HEIGHT])
-            square = farthest * farthest - height * height
-            if slope == 0 or square < slope * slope * height * height:
-                # The radius of the circle at that distance is off by height / radius times the
-                # error of the height; one that is hardly there is left undecided.
-                is_grazed = square <= 16 * farthest * plane[ERROR]
-                radius = math.sqrt(max(square, 0.0))
-                if not is_grazed:
-                    slope = radius / height
-                    plane[ERROR] *= 1 + height / radius
-        if is_grazed:
-            if square > -16 * farthest * plane[ERROR]:
-                n = copy_piece(source, piece, polygon)
-                area = twice_area(polygon, n) / 2
-                out.bound[f] += min(area, 128 * farthest * plane[ERROR])
-            continue
-        n = copy_piece(source, piece, polygon)
-        append_within_angle(f, polygon, n, slope, criteria.pinhole, scratch, out)
-    limit_bounds(planes, out)
-
-
-@allocation_free
-def cut_to_view(planes, criteria, seen, scratch, source, out):
-    """Cut pieces to the field of view of a lens and to the depths that are in focus.
-
-    Parameters are those of `cut_to_discs`.
-    """
-    plane, lines, polygon = scratch.plane, scratch.lines, scratch.base
-    has_depths = not criteria.by_distance and (
-        criteria.rules.z_n > 0 or criteria.rules.z_f < math.inf
-    )
-    start_from(source, out)
-    last = -1
+    plane, polygon, last = scratch.plane, scratch.base, -1
+    has_depths, slope, undecided = False, 0.0, 0.0
+    out.used[0] = out.used[1] = 0
+    for f in range(out.area.shape[0]):
+        out.area[f], out.bound[f] = 0.0, source.bound[f]
     for piece in range(source.used[0]):
         f = source.face[piece]
         if f != last:
             set_plane(planes, f, seen, plane)
             last = f
-            if has_depths:
-                z = z_x = z_y = 0.0
-                for k in range(3):
-                    z += criteria.axis[k] * plane[ORIGIN + k]
-                    z_x += criteria.axis[k] * plane[X_AXIS + k]
-                    z_y += criteria.axis[k] * plane[Y_AXIS + k]
-                set_line(lines, 0, z - criteria.rules.z_n, z_x, z_y, plane[ERROR])
-                # What is infinitely far away needs no line.
-                set_line(lines, 1, 1.0, 0.0, 0.0, 0.0)
-                if criteria.rules.z_f < math.inf:
-                    set_line(lines, 1, criteria.rules.z_f - z, -z_x, -z_y, plane[ERROR])
-        n = copy_piece(source, piece, polygon)
-        if has_depths:
-            n, strips = cut_by_lines(polygon, n, lines, 0, 2, scratch.spare)
-            out.bound[f] += strips
-            if n < 3:
-                continue
-        if is_in_view(polygon, n, plane, criteria):
-            nearest = max(COINCIDENT_REL * plane[LONGEST], plane[ERROR])
-            append_piece(f, polygon, n, nearest, scratch.tidy, out)
+            if step == TO_DISCS:
+                slope, undecided = disc_of(criteria, plane)
+            elif step == TO_VIEW:
+                has_depths = set_depths(criteria, plane, scratch.lines)
+        first = source.starts[piece]
+        n = source.starts[piece + 1] - first
+        copy_polygon(source.xy[first:], n, polygon)
+        if step == TO_DENSITIES:
+            append_dense(f, polygon, n, criteria, scratch, out)
+        elif step == TO_DISCS and slope < 0:
+            out.bound[f] += min(twice_area(polygon, n) / 2, undecided)
+        elif step == TO_DISCS:
+            append_within_angle(f, polygon, n, slope, criteria.pinhole, scratch, out)
         else:
-            append_in_view(f, polygon, n, criteria, scratch, out)
-    limit_bounds(planes, out)
-
-
-@allocation_free
-def cut_to_densities(planes, criteria, seen, scratch, source, out):
-    """Cut pieces to where densities through a lens are large enough; as `cut_to_discs`."""
-    plane, polygon = scratch.plane, scratch.base
-    start_from(source, out)
-    last = -1
-    for piece in range(source.used[0]):
-        f = source.face[piece]
-        if f != last:
-            set_plane(planes, f, seen, plane)
-            last = f
-        n = copy_piece(source, piece, polygon)
-        append_dense(f, polygon, n, criteria, scratch, out)
-    limit_bounds(planes, out)
+            if has_depths:
+                n, strips = cut_by_lines(polygon, n, scratch.lines, 0, 2, scratch.spare)
+                out.bound[f] += strips
+            if n >= 3:
+                append_in_view(f, polygon, n, criteria, scratch, out)
+    for f in range(out.bound.shape[0]):
+        out.bound[f] = min(out.bound[f], planes.areas[f])

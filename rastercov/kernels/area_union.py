@@ -10,18 +10,19 @@ inconsistent.
 `halve_pieces` divides pieces by lines, for `division`.
 """
 
-from typing import NamedTuple
+from collections import namedtuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.kernels.area_plane import perimeter_of, set_side, without_needless
-from rastercov.kernels.exact_half_plane import extent_of
+from rastercov.kernels.area_plane import lines_of, perimeter_of, without_needless
 from rastercov.kernels.exact_polygon import (
-    MOST_CORNERS,
     clip,
     clip_subtract,
+    copy_part,
     copy_polygon,
+    corners_of_part,
+    extent_of,
     split,
     twice_area,
 )
@@ -48,32 +49,15 @@ SLACK_REL = 0.1
 FloatArray = NDArray[np.float64]
 
 
-class Partition(NamedTuple):
-    """Pieces ordered by cell, and their numbers of cameras; `used` has the pieces and corners."""
-
-    xy: FloatArray
-    starts: NDArray[np.int64]
-    cell: NDArray[np.int64]
-    views: NDArray[np.int32]
-    used: NDArray[np.int64]
+Partition = namedtuple("Partition", "xy starts cell views used")
+"""Pieces ordered by cell, and their numbers of cameras; `used` has the pieces and corners."""
 
 
-class Pool(NamedTuple):
-    """Scratch memory: the pieces of one cell with their boxes and numbers, and rests of others.
+Pool = namedtuple("Pool", "pieces box views rest corners spare given values lines near")
+"""Scratch memory: the pieces of one cell with their boxes and numbers, and rests of others.
 
-    `near` is the result of `find_near`.
-    """
-
-    pieces: Pieces
-    box: FloatArray
-    views: NDArray[np.int32]
-    rest: Pieces
-    corners: FloatArray
-    spare: FloatArray
-    given: FloatArray
-    values: FloatArray
-    lines: FloatArray
-    near: NDArray[np.int64]
+`near` is the result of `find_near`.
+"""
 
 
 def room_for_partition(n: int, corners: int) -> Partition:
@@ -115,11 +99,12 @@ def pool_of(n: int) -> Pool:
 
 
 @part_with_arrays
-def lines_of(polygon, n, lines):
-    """Lines along the sides of a polygon."""
-    for p in range(n):
-        q = p + 1 if p + 1 < n else 0
-        set_side(lines, p, polygon[p, U], polygon[p, V], polygon[q, U], polygon[q, V])
+def set_piece(at, n, views, pool):
+    """Store the number of corners, the views and the box of a piece whose corners are stored."""
+    pool.pieces.n_corners[at], pool.views[at] = n, views
+    u_min, u_max, v_min, v_max = extent_of(pool.pieces.corners[at], n)
+    pool.box[at, U_MIN], pool.box[at, U_MAX] = u_min, u_max
+    pool.box[at, V_MIN], pool.box[at, V_MAX] = v_min, v_max
 
 
 @allocation_free
@@ -139,24 +124,15 @@ def put_piece(polygon, n, views, at, count, nearest, pool):
         return count, before
     first = 1
     while first + 1 < kept:
-        last = min(first + MOST_CORNERS - 2, kept - 1)
-        is_new = first > 1 or at == count
-        if is_new:
+        if first > 1 or at == count:
             at = count
             count += 1
         if count > pool.views.shape[0]:
             return np.int64(-1), 0.0
-        corners = pieces.corners[at]
-        corners[0, U], corners[0, V] = tidy[0, U], tidy[0, V]
-        for p in range(first, last + 1):
-            corners[1 + p - first, U], corners[1 + p - first, V] = tidy[p, U], tidy[p, V]
-        m = last - first + 2
-        pieces.n_corners[at] = m
-        pool.views[at] = views
-        u_min, u_max, v_min, v_max = extent_of(corners, m)
-        pool.box[at, 0], pool.box[at, 1] = u_min, u_max
-        pool.box[at, 2], pool.box[at, 3] = v_min, v_max
-        first = last
+        m = corners_of_part(first, kept)
+        copy_part(tidy, first, m, pieces.corners[at])
+        set_piece(at, m, views, pool)
+        first += m - 2
     return count, abs(area - before)
 
 
@@ -269,21 +245,10 @@ def covered_area(pool, count, views):
 
 
 @part_with_arrays
-def corners_of(pool, count):
-    """Corners of all pieces."""
-    total = 0
-    for q in range(count):
-        total += pool.pieces.n_corners[q]
-    return total
-
-
-@part_with_arrays
 def store_partition(cell, pool, count, out):
     """Append the pieces of a cell to a partition; False, and nothing, where there is no room."""
-    if (
-        out.used[0] + count > out.cell.shape[0]
-        or out.used[1] + corners_of(pool, count) > out.xy.shape[0]
-    ):
+    n_corners = pool.pieces.n_corners[:count].sum()
+    if out.used[0] + count > out.cell.shape[0] or out.used[1] + n_corners > out.xy.shape[0]:
         return False
     for q in range(count):
         n = pool.pieces.n_corners[q]
@@ -302,9 +267,7 @@ def load_partition(old, first, last, pool):
     for piece in range(first, last):
         q, n = piece - first, old.starts[piece + 1] - old.starts[piece]
         copy_polygon(old.xy[old.starts[piece] :], n, pool.pieces.corners[q])
-        pool.pieces.n_corners[q], pool.views[q] = n, old.views[piece]
-        box = extent_of(pool.pieces.corners[q], n)
-        pool.box[q, 0], pool.box[q, 1], pool.box[q, 2], pool.box[q, 3] = box
+        set_piece(q, n, old.views[piece], pool)
 
 
 @allocation_free
@@ -411,17 +374,11 @@ def unite_cells(cells, nearest, k, old, new, order, whole, pool, is_closed, boun
     return DONE
 
 
-class Halves(NamedTuple):
-    """Parts of pieces on the two sides of lines: corners, starts, row of the piece, and side.
+Halves = namedtuple("Halves", "xy starts row side used")
+"""Parts of pieces on the two sides of lines: corners, starts, row of the piece, and side.
 
-    `used` has the parts and their corners.
-    """
-
-    xy: NDArray[np.float64]
-    starts: NDArray[np.int64]
-    row: NDArray[np.int64]
-    side: NDArray[np.int64]
-    used: NDArray[np.int64]
+`used` has the parts and their corners.
+"""
 
 
 def room_for_halves(n: int, corners: int) -> Halves:
@@ -442,17 +399,19 @@ def append_half(polygon, n, row, side, nearest, spare, out):
         return 0.0
     first = 1
     while first + 1 < kept:
-        last = min(first + MOST_CORNERS - 2, kept - 1)
-        part, at = out.used[0], out.used[1]
-        out.xy[at, U], out.xy[at, V] = spare[0, U], spare[0, V]
-        for p in range(first, last + 1):
-            out.xy[at + 1 + p - first, U] = spare[p, U]
-            out.xy[at + 1 + p - first, V] = spare[p, V]
-        out.row[part], out.side[part] = row, side
-        out.used[0], out.used[1] = part + 1, at + last - first + 2
-        out.starts[part + 1] = out.used[1]
-        first = last
+        m = corners_of_part(first, kept)
+        copy_part(spare, first, m, out.xy[out.used[1] :])
+        count_half(m, row, side, out)
+        first += m - 2
     return area
+
+
+@part_with_arrays
+def count_half(n, row, side, out):
+    """Count a part of n corners, which are stored."""
+    part, end = out.used[0], out.used[1] + n
+    out.row[part], out.side[part], out.starts[part + 1] = row, side, end
+    out.used[0], out.used[1] = part + 1, end
 
 
 @compiled
@@ -496,8 +455,5 @@ def halve_pieces(xy, starts, lines, nearest, change, out):
             after += append_half(inside, kept, row, 1, close, spare, out)
             change[row] = abs(before - after) + 4 * slack * perimeter_of(polygon, n)
             continue
-        at = out.used[1]
-        copy_polygon(polygon, n, out.xy[at:])
-        out.row[out.used[0]], out.side[out.used[0]] = row, 1 if most > 0 else 0
-        out.used[0], out.used[1] = out.used[0] + 1, at + n
-        out.starts[out.used[0]] = at + n
+        copy_polygon(polygon, n, out.xy[out.used[1] :])
+        count_half(n, row, 1 if most > 0 else 0, out)

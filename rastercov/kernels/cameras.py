@@ -12,8 +12,9 @@ T. Duff et al. Building an Orthonormal Basis, Revisited. 2017 (tangents of a nor
 
 import functools
 import math
+from collections import namedtuple
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numba.core import types
@@ -83,82 +84,49 @@ MOST_SIDES = 132
 """Room for the sides of a region: a cone of 128 sides cut by a square."""
 
 
-class Lens(NamedTuple):
-    """Intrinsics and image size of a pinhole, pixels."""
-
-    fx: float
-    fy: float
-    cx: float
-    cy: float
-    width: float
-    height: float
+Lens = namedtuple("Lens", "fx fy cx cy width height")
+"""Intrinsics and image size of a pinhole, pixels, float."""
 
 
-class CurvedLens(NamedTuple):
-    """A lens for the loops over faces; arrays read-only, one row for each of its planes.
+CurvedLens = namedtuple(
+    "CurvedLens",
+    "code params width height by_distance frames own_params regions region_sides holes "
+    "hole_sides longest parts_of is_graded bends tolerance",
+)
+"""A lens for the loops over faces; arrays read-only, one row for each of its planes.
 
-    Attributes
-    ----------
-    code, params
-        The lens.
-    width, height : float
-        Image size, px.
-    by_distance : bool
-        Sharpness depends on the distance, not on the depth.
-    frames : (N, 3, 3) float64
-        lens_from_plane.
-    own_params : (N, 32) float64
-    regions, holes : (N, MOST_SIDES, 2) float64
-    region_sides, hole_sides : (N,) int64
-    longest : (N, M) float64
-    parts_of : (N,) int64
-    is_graded : (N,) bool
-    bends : (N,) float64
-    tolerance : float
-        See `PlaneRecord` of `lens_planes`.
-    """
-
-    code: int
-    params: FloatArray
-    width: float
-    height: float
-    by_distance: bool
-    frames: FloatArray
-    own_params: FloatArray
-    regions: FloatArray
-    region_sides: NDArray[np.int64]
-    holes: FloatArray
-    hole_sides: NDArray[np.int64]
-    longest: FloatArray
-    parts_of: NDArray[np.int64]
-    is_graded: NDArray[np.bool_]
-    bends: FloatArray
-    tolerance: float
+Attributes
+----------
+code, params
+    The lens.
+width, height : float
+    Image size, px.
+by_distance : bool
+    Sharpness depends on the distance, not on the depth.
+frames : (N, 3, 3) float64
+    lens_from_plane.
+own_params : (N, 32) float64
+regions, holes : (N, MOST_SIDES, 2) float64
+region_sides, hole_sides : (N,) int64
+longest : (N, M) float64
+parts_of : (N,) int64
+is_graded : (N,) bool
+bends : (N,) float64
+tolerance : float
+    See `PlaneRecord` of `lens_planes`.
+"""
 
 
-class Slopes(NamedTuple):
-    """Derivative of a pinhole at the point z (right, down, 1).
+Slopes = namedtuple("Slopes", "fx fy right down z")
+"""Derivative of a pinhole at the point z (right, down, 1).
 
-    Its rows are (fx, 0, -fx right) / z and (0, fy, -fy down) / z; z remains a factor, because its
-    square would underflow for a very small mesh.
-    """
-
-    fx: float
-    fy: float
-    right: float
-    down: float
-    z: float
+Its rows are (fx, 0, -fx right) / z and (0, fy, -fy down) / z; z remains a factor, because its
+square would underflow for a very small mesh.
+"""
 
 
-class CurvedSlopes(NamedTuple):
-    """Derivative of any lens: the rows J_u and J_v, px/m."""
-
-    ux: float
-    uy: float
-    uz: float
-    vx: float
-    vy: float
-    vz: float
+CurvedSlopes = namedtuple("CurvedSlopes", "ux uy uz vx vy vz")
+"""Derivative of any lens: the rows J_u and J_v, px/m."""
 
 
 def by_lens(curved: Any) -> Any:
@@ -265,8 +233,10 @@ def jacobian(lens, x, y, z):
 
 
 @part_of
-def _largest(uu, vv, uv):
+def _largest(ux, uy, uz, vx, vy, vz):
     """Largest singular value of a derivative, by the products of its rows."""
+    uu, vv = ux * ux + uy * uy + uz * uz, vx * vx + vy * vy + vz * vz
+    uv = ux * vx + uy * vy + uz * vz
     return math.sqrt(0.5 * (uu + vv + math.sqrt((uu - vv) * (uu - vv) + 4.0 * uv * uv)))
 
 
@@ -278,9 +248,7 @@ def along_through_lens(slopes, a, b, c):
     un, vn = ux * a + uy * b + uz * c, vx * a + vy * b + vz * c
     ux, uy, uz = ux - un * a, uy - un * b, uz - un * c
     vx, vy, vz = vx - vn * a, vy - vn * b, vz - vn * c
-    largest = _largest(
-        ux * ux + uy * uy + uz * uz, vx * vx + vy * vy + vz * vz, ux * vx + uy * vy + uz * vz
-    )
+    largest = _largest(ux, uy, uz, vx, vy, vz)
     return det / largest if largest > 0 else 0.0
 
 
@@ -317,9 +285,7 @@ def facing_through_lens(slopes):
     """The same of any derivative J: J is 0 along the ray, so its least singular value is across."""
     ux, uy, uz, vx, vy, vz = slopes
     a, b, c = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-    largest = _largest(
-        ux * ux + uy * uy + uz * uz, vx * vx + vy * vy + vz * vz, ux * vx + uy * vy + uz * vz
-    )
+    largest = _largest(ux, uy, uz, vx, vy, vz)
     return math.sqrt(a * a + b * b + c * c) / largest if largest > 0 else 0.0
 
 

@@ -22,22 +22,20 @@ from rastercov.kernels.exact_grid import (
     cell_at,
     find_faces,
     lay_bounds,
-    likely_hider,
 )
-from rastercov.kernels.exact_half_plane import hides_all
+from rastercov.kernels.exact_half_plane import is_hidden_by_one, settle_area, take_target
 from rastercov.kernels.exact_polygon import (
-    clip,
     copy_polygon,
     drop_pieces,
     is_joined,
     line_value,
     n_sides_of,
-    outline,
     outline_error,
     plane_of,
     side_of,
     split,
     store_piece,
+    values_on_line,
 )
 from rastercov.kernels.exact_records import (
     CROSSED,
@@ -49,7 +47,6 @@ from rastercov.kernels.exact_records import (
     IN_CONTACT,
     LAST,
     LIVE,
-    PARTLY,
     U_MAX,
     U_MIN,
     UNFIT,
@@ -59,7 +56,6 @@ from rastercov.kernels.exact_records import (
     U,
     V,
 )
-from rastercov.kernels.exact_setup import OUTLINE_ERROR_FACTOR
 from rastercov.kernels.jit import allocation_free, part_with_arrays
 
 MOST_CROSSINGS = 24
@@ -119,11 +115,7 @@ def divide_piece(pieces, p, count, segment, work):
     u, v, du, dv, tolerance = segment[U], segment[V], segment[DU], segment[DV], segment[EDGE_ERROR]
     slack = tolerance * (abs(du) + abs(dv))
     line = (u, v, du, dv, 0.0)
-    least = most = 0.0
-    for k in range(n):
-        value = line_value(line, corners[k, U], corners[k, V])
-        values[k] = value if abs(value) > slack else 0.0
-        least, most = min(least, values[k]), max(most, values[k])
+    least, most = values_on_line(corners, n, line, slack, values)
     if least == 0 or most == 0:
         return count
     # The part of the line within the piece must hold a part of the crossing.
@@ -153,10 +145,11 @@ def divide_piece(pieces, p, count, segment, work):
 
 
 @part_with_arrays
-def covers(m, u, v, edges, is_event, camera, projected):
+def covers(m, u, v, view):
     """`HIDDEN` if the image of a face covers a point, `VISIBLE` if it does not, or `UNSURE`."""
+    projected = view.projected
     n_lines = n_sides_of(m, projected)
-    error = outline_error(m, camera, projected)
+    error = outline_error(m, view.camera, projected)
     result = HIDDEN
     for s in range(n_lines):
         line = side_of(m, s, projected)
@@ -164,26 +157,15 @@ def covers(m, u, v, edges, is_event, camera, projected):
         margin = SURE * error * (abs(line[DU]) + abs(line[DV]))
         if value < -margin:
             return VISIBLE
-        if value < margin and not is_joined(m, s, n_lines, edges, is_event, projected):
+        if value < margin and not is_joined(m, s, n_lines, view):
             result = UNSURE
     return result
 
 
 @part_with_arrays
-def point_visibility(t, u, v, plane, edges, is_event, camera, projected, grid, work):
-    """`VISIBLE`, `HIDDEN` or `UNSURE` for a point of a face.
-
-    Parameters
-    ----------
-    t : int
-        The face.
-    u, v : float
-        The point, pixels.
-    plane : tuple
-        Of `plane_of` the face.
-    edges, is_event, camera, projected, grid, work
-        As for `arrangement_areas`.
-    """
+def point_visibility(t, u, v, plane, view):
+    """`VISIBLE`, `HIDDEN` or `UNSURE` for a point of face t, pixels, whose `plane_of` is given."""
+    camera, projected, grid = view.camera, view.projected, view.grid
     box, state = projected.box, projected.state
     u_t, v_t, w_t, a_t, b_t, error_t = plane
     w = w_t + a_t * (u - u_t) + b_t * (v - v_t)
@@ -206,7 +188,7 @@ def point_visibility(t, u, v, plane, edges, is_event, camera, projected, grid, w
             continue
         if not (box[m, U_MIN] <= u <= box[m, U_MAX] and box[m, V_MIN] <= v <= box[m, V_MAX]):
             continue
-        covered = covers(m, u, v, edges, is_event, camera, projected)
+        covered = covers(m, u, v, view)
         if covered == VISIBLE:
             continue
         u_m, v_m, w_m, a_m, b_m, error_m = plane_of(m, camera, projected)
@@ -237,143 +219,135 @@ def divide_about_centre(target, n, pieces):
     return n
 
 
+@part_with_arrays
+def list_intersections(t, n, n_own, partners, view):
+    """List the lines along which faces in contact pass through a face; see `add_intersection`."""
+    n_lines = np.int64(0)
+    if view.projected.state[t] & IN_CONTACT:
+        for k in range(partners.starts[t], partners.starts[t + 1]):
+            n_lines = add_intersection(t, partners.faces[k], n, n_own, n_lines, view)
+            if n_lines == NOT_KNOWN:
+                break
+    return n_lines
+
+
+@part_with_arrays
+def divide_target(t, n, n_crossings, n_lines, crossings, view, pieces):
+    """Divide a face by its crossings and `n_lines` intersections; its cells, -1 for too many.
+
+    What the error of a line may move is added to the bound of the face.
+    """
+    work, order, count = view.work, view.work.levels, np.int64(1)
+    if view.projected.state[t] & CROSSED:
+        copy_polygon(work.target, n, pieces.corners[0])
+        pieces.n_corners[0] = n
+    else:
+        count = divide_about_centre(work.target, n, pieces)
+    for k in range(n_crossings + n_lines):
+        segment = work.intersections[k - n_crossings]
+        if k < n_crossings:
+            segment = crossings.segments[order[k]]
+        view.area_error[t] += (
+            4 * (abs(segment[DU]) + abs(segment[DV])) * (segment[LAST] - segment[FIRST])
+            * segment[EDGE_ERROR]
+        )  # fmt: skip
+        for p in range(count):
+            if count == MOST_CELLS:
+                return np.int64(NOT_KNOWN)
+            count = divide_piece(pieces, p, count, segment, work)
+    return count
+
+
+@part_with_arrays
+def sum_cells(t, count, error, view, pieces):
+    """Twice the area of the visible ones of the cells of a face, and the number of hidden ones.
+
+    It is `NOT_KNOWN` where rounding could decide. A sliver, without a point that surely lies
+    inside, goes into the bound of the face; one of more than `error` decides.
+    """
+    pixel_error, plane = view.camera.pixel_error, plane_of(t, view.camera, view.projected)
+    n_hidden, twice = 0, 0.0
+    for p in range(count):
+        corners, n = pieces.corners[p], pieces.n_corners[p]
+        u, v, around = corners[0, U], corners[0, V], 0.0
+        twice_piece = mean_u = mean_v = 0.0
+        for k in range(1, n):
+            u1, v1 = corners[k, U] - u, corners[k, V] - v
+            around += abs(corners[k, U] - corners[k - 1, U])
+            around += abs(corners[k, V] - corners[k - 1, V])
+            if k + 1 < n:
+                u2, v2 = corners[k + 1, U] - u, corners[k + 1, V] - v
+                part = u1 * v2 - u2 * v1
+                twice_piece += part
+                mean_u += part * (u1 + u2)
+                mean_v += part * (v1 + v2)
+        if twice_piece <= 4 * SURE * pixel_error * around:
+            if twice_piece > error:
+                return float(NOT_KNOWN), n_hidden
+            view.area_error[t] += max(twice_piece, 0.0)
+            continue
+        u, v = u + mean_u / (3 * twice_piece), v + mean_v / (3 * twice_piece)
+        seen = point_visibility(t, u, v, plane, view)
+        if seen == UNSURE:
+            return float(NOT_KNOWN), n_hidden
+        if seen == HIDDEN:
+            n_hidden += 1
+        else:
+            twice += twice_piece
+            store_piece(t, corners, n, view.work.kept)
+    return twice, n_hidden
+
+
+@part_with_arrays
+def measure_by_cells(t, crossings, partners, view, pieces):
+    """Find the visible area of a face; False where it is left to half planes."""
+    state, kept = view.projected.state, view.work.kept
+    n_crossings = order_crossings(t, crossings, view.work.levels)
+    is_crossed = state[t] & CROSSED != 0
+    if state[t] & UNFIT or n_crossings > MOST_CROSSINGS:
+        return False
+    if is_crossed and n_crossings == 0 and not state[t] & IN_CONTACT:
+        return False
+    view.visible[t] = 0.0
+    n, n_own = take_target(t, view)
+    if n < 3 or is_hidden_by_one(t, n, view):
+        return True
+    error, count, twice, n_hidden = view.area_error[t], np.int64(NOT_KNOWN), 0.0, 0
+    n_kept, n_kept_corners = kept.used[0], kept.used[1]
+    n_lines = list_intersections(t, n, n_own, partners, view)
+    if n_lines >= 0:
+        count = divide_target(t, n, n_crossings, n_lines, crossings, view, pieces)
+    if count >= 0:
+        twice, n_hidden = sum_cells(t, count, error, view, pieces)
+    if count < 0 or twice < 0 or (not is_crossed and n_hidden > 0 and twice > 0):
+        drop_pieces(kept, n_kept, n_kept_corners)
+        return False
+    settle_area(t, twice / 2, view, n_kept, n_kept_corners)
+    return True
+
+
 @allocation_free
-def arrangement_areas(
-    targets,
-    crossings,
-    partners,
-    edges,
-    is_event,
-    camera,
-    projected,
-    grid,
-    pieces,
-    work,
-    visible,
-    area_error,
-    left,
-):
+def arrangement_areas(targets, crossings, partners, view, pieces, left):
     """Visible areas of faces; returns how many are left to half planes.
 
     Parameters
     ----------
     targets : (N,) int32
         Crossed faces, and faces that decide over their regions.
-    crossings, edges : Crossings, Edges
+    crossings : Crossings
     partners : Partners
         Faces in contact with each.
-    is_event : (E,) bool
-        Event edges.
-    camera, projected, grid
-        Pinhole; Projected; CellGrid.
-    pieces, work : Pieces, Work
-        Scratch; `MOST_CELLS` pieces or more. `work.kept` may be too small: call again with more.
-    visible, area_error : (F,) float64
-        Out: as of `exact_half_plane.visible_areas`.
+    view : View
+        Out: as of `exact_half_plane.visible_areas`. `work.kept` may be too small: call again with
+        more.
+    pieces : Pieces
+        Scratch, `MOST_CELLS` or more.
     left : (N,) int32
         Out: faces that are left to half planes.
     """
-    state, box, area = projected.state, projected.box, projected.area
-    target, border, order, n_left = work.target, camera.border, work.levels, 0
+    n_left = 0
     for index in range(targets.shape[0]):
-        t = targets[index]
-        n_crossings = order_crossings(t, crossings, order)
-        is_crossed = state[t] & CROSSED != 0
-        if (
-            state[t] & UNFIT
-            or n_crossings > MOST_CROSSINGS
-            or (is_crossed and n_crossings == 0 and not state[t] & IN_CONTACT)
-        ):
-            left[n_left] = t
+        if not measure_by_cells(targets[index], crossings, partners, view, pieces):
+            left[n_left] = targets[index]
             n_left += 1
-            continue
-        width = min(box[t, U_MAX], camera.width) - max(box[t, U_MIN], 0.0)
-        height = min(box[t, V_MAX], camera.height) - max(box[t, V_MIN], 0.0)
-        visible[t] = 0.0
-        error = OUTLINE_ERROR_FACTOR * (width + height) * camera.pixel_error
-        area_error[t] = error
-        n, n_own = outline(t, projected, target, work.own)
-        if state[t] & PARTLY:
-            n = clip(target, n, border, border.shape[0], work.spare)
-            if n < 3:
-                continue
-        hider = likely_hider(t, box, grid)
-        if hider >= 0 and hides_all(hider, t, target, n, camera, projected, work, area_error):
-            continue
-        fits, n_lines = True, np.int64(0)
-        if state[t] & IN_CONTACT:
-            for k in range(partners.starts[t], partners.starts[t + 1]):
-                m = partners.faces[k]
-                n_lines = add_intersection(
-                    t, m, target, n, n_own, n_lines, edges, is_event, camera, projected, work,
-                    area_error,
-                )  # fmt: skip
-                if n_lines == NOT_KNOWN:
-                    fits = False
-                    break
-        if is_crossed:
-            copy_polygon(target, n, pieces.corners[0])
-            pieces.n_corners[0], count = n, np.int64(1)
-        else:
-            count = divide_about_centre(target, n, pieces)
-        for k in range(n_crossings + n_lines if fits else 0):
-            segment = work.intersections[k - n_crossings]
-            if k < n_crossings:
-                segment = crossings.segments[order[k]]
-            area_error[t] += (
-                4 * (abs(segment[DU]) + abs(segment[DV])) * (segment[LAST] - segment[FIRST])
-                * segment[EDGE_ERROR]
-            )  # fmt: skip
-            for p in range(count):
-                if count == MOST_CELLS:
-                    fits = False
-                    break
-                count = divide_piece(pieces, p, count, segment, work)
-        plane = plane_of(t, camera, projected)
-        n_kept, n_kept_corners = work.kept.used[0], work.kept.used[1]
-        n_hidden, twice = 0, 0.0
-        for p in range(count):
-            if not fits:
-                break
-            corners, n = pieces.corners[p], pieces.n_corners[p]
-            u, v, around = corners[0, U], corners[0, V], 0.0
-            twice_piece = mean_u = mean_v = 0.0
-            for k in range(1, n):
-                u1, v1 = corners[k, U] - u, corners[k, V] - v
-                around += abs(corners[k, U] - corners[k - 1, U])
-                around += abs(corners[k, V] - corners[k - 1, V])
-                if k + 1 < n:
-                    u2, v2 = corners[k + 1, U] - u, corners[k + 1, V] - v
-                    part = u1 * v2 - u2 * v1
-                    twice_piece += part
-                    mean_u += part * (u1 + u2)
-                    mean_v += part * (v1 + v2)
-            if twice_piece <= 4 * SURE * camera.pixel_error * around:
-                # A sliver without a point that surely lies inside.
-                if twice_piece > error:
-                    fits = False
-                area_error[t] += max(twice_piece, 0.0)
-                continue
-            u, v = u + mean_u / (3 * twice_piece), v + mean_v / (3 * twice_piece)
-            seen = point_visibility(t, u, v, plane, edges, is_event, camera, projected, grid, work)
-            if seen == UNSURE:
-                fits = False
-            elif seen == HIDDEN:
-                n_hidden += 1
-            else:
-                twice += twice_piece
-                store_piece(t, corners, n, work.kept)
-        if not fits or (not is_crossed and n_hidden > 0 and twice > 0):
-            drop_pieces(work.kept, n_kept, n_kept_corners)
-            left[n_left] = t
-            n_left += 1
-            continue
-        tolerance = camera.pixel_error * (
-            box[t, U_MAX] - box[t, U_MIN] + box[t, V_MAX] - box[t, V_MIN]
-        )
-        seen_area = twice / 2
-        if seen_area > tolerance:
-            visible[t] = area[t] if seen_area >= area[t] - tolerance else seen_area
-        if visible[t] == 0 or visible[t] == area[t]:
-            drop_pieces(work.kept, n_kept, n_kept_corners)
     return n_left

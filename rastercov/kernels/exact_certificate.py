@@ -31,16 +31,10 @@ from rastercov.kernels.exact_records import (
     W,
 )
 from rastercov.kernels.exact_setup import join, lay_boxes_of_block, root_of
-from rastercov.kernels.jit import allocation_free, part_of, part_with_arrays
+from rastercov.kernels.jit import allocation_free, part_with_arrays
 
 HIDDEN, VISIBLE, IN_DOUBT = range(3)
 """Decisions over a region."""
-
-
-@part_of
-def is_inside(u, v, w, width, height):
-    """True if a projected vertex lies in the image."""
-    return w > 0 and 0 <= u <= width and 0 <= v <= height
 
 
 @part_with_arrays
@@ -56,11 +50,24 @@ def is_one_patch(b, blocks):
 
 
 @part_with_arrays
-def node_of(f, parent, projected):
-    """Node of a face in the forest of regions, -1 for a face in no region.
+def nodes_of(b, projected):
+    """Nodes of a block in the forest of regions, from the first to before the last.
 
-    Nodes are the patches, of blocks `is_of_a_region`, and after them the faces, of other blocks.
+    Nodes are the patches, of blocks `is_of_a_region`, and after them the faces, of other blocks
+    with a live face.
     """
+    blocks = projected.blocks
+    if is_of_a_region(b, projected):
+        return np.int64(blocks.patch_starts[b]), np.int64(blocks.patch_starts[b + 1])
+    first = np.int64(blocks.lowest.shape[0] + b * BLOCK)
+    if not projected.block_state[b] & LIVE:
+        return first, first
+    return first, np.int64(blocks.lowest.shape[0]) + min((b + 1) * BLOCK, blocks.patch.shape[0])
+
+
+@part_with_arrays
+def node_of(f, parent, projected):
+    """Node of a face in the forest of regions, -1 for a face in no region."""
     blocks = projected.blocks
     b = f // BLOCK
     if is_of_a_region(b, projected):
@@ -71,48 +78,31 @@ def node_of(f, parent, projected):
 
 
 @part_with_arrays
-def is_joint(e, edges, camera, projected):
+def is_joint(e, view):
     """True if visibility does not change across an edge that is no event edge.
 
     It may if both of its faces leave the image and it lies outside, where nothing is checked.
     """
-    uvw, state, width, height = projected.uvw, projected.state, camera.width, camera.height
-    if not (state[edges.faces[e, 0]] & PARTLY and state[edges.faces[e, 1]] & PARTLY):
-        return True
-    a, b = edges.vertices[e, 0], edges.vertices[e, 1]
-    return is_inside(uvw[a, U], uvw[a, V], uvw[a, W], width, height) or is_inside(
-        uvw[b, U], uvw[b, V], uvw[b, W], width, height
-    )
+    edges, camera, uvw, state = view.edges, view.camera, view.projected.uvw, view.projected.state
+    is_inside = not (state[edges.faces[e, 0]] & PARTLY and state[edges.faces[e, 1]] & PARTLY)
+    for end in range(2):
+        i = edges.vertices[e, end]
+        is_in_image = 0 <= uvw[i, U] <= camera.width and 0 <= uvw[i, V] <= camera.height
+        is_in_image = is_in_image and uvw[i, W] > 0
+        is_inside = is_inside or is_in_image
+    return is_inside
 
 
 @part_with_arrays
-def join_along(e, edges, camera, projected, parent):
+def join_along(e, view, parent):
     """Join the regions on both sides of an edge along which visibility does not change."""
-    if edges.faces[e, 1] < 0 or not is_joint(e, edges, camera, projected):
+    edges, projected = view.edges, view.projected
+    if edges.faces[e, 1] < 0 or not is_joint(e, view):
         return
     f = node_of(edges.faces[e, 0], parent, projected)
     g = node_of(edges.faces[e, 1], parent, projected)
     if f >= 0 and g >= 0 and parent[f] != parent[g]:
         join(f, g, parent)
-
-
-@part_with_arrays
-def sort(numbers, n, key):
-    """Sort the first n numbers by their keys.
-
-    D. Shell. A High-Speed Sorting Procedure. 1959.
-    """
-    gap = np.int64(1)
-    while 3 * gap + 1 < n:
-        gap = 3 * gap + 1
-    while gap > 0:
-        for i in range(gap, n):
-            number, j = numbers[i], i
-            while j >= gap and key[numbers[j - gap]] > key[number]:
-                numbers[j] = numbers[j - gap]
-                j -= gap
-            numbers[j] = number
-        gap //= 3
 
 
 @part_with_arrays
@@ -137,18 +127,18 @@ def take_larger(f, r, area, largest):
 
 
 @part_with_arrays
-def find_largest_listed(projected, listed, is_listed, region, largest):
-    """Find the largest face of each region among those that are listed in all their cells."""
+def find_largest_listed(projected, grid, region, largest):
+    """Find the largest face of each region among those that the grid lists in all their cells."""
     blocks, n_patches = projected.blocks, projected.blocks.lowest.shape[0]
     block, is_whole, of_block = np.int64(-1), False, np.int64(-1)
-    for index in range(listed.shape[0]):
-        f = listed[index]
+    for index in range(grid.n_faces[0]):
+        f = grid.faces[index]
         if f // BLOCK != block:  # the faces of a block follow one another
             block, of_block = np.int64(f // BLOCK), np.int64(-1)
             is_whole = is_of_a_region(block, projected)
             if is_whole and is_one_patch(block, blocks):
                 of_block = np.int64(region[blocks.patch_starts[block]])
-        if is_listed[f] and projected.block_state[block] & LIVE:
+        if grid.is_whole[f] and projected.block_state[block] & LIVE:
             r = of_block
             if r < 0:
                 r = np.int64(region[blocks.patch[f] if is_whole else n_patches + f])
@@ -185,24 +175,15 @@ def find_largest(projected, region, is_known, largest):
 
 
 @part_with_arrays
-def join_regions(
-    events, edges, is_event, is_hidden, camera, projected, listed, is_listed, region, number, found
-):
-    """Collect blocks patch by patch, and the others face by face; returns the number of regions.
-
-    `found`, (N,) int32, is filled with the largest face of each; see `find_regions` for the others.
-    """
-    state, parent, blocks = projected.state, region, projected.blocks
-    lowest, joins, n_blocks = blocks.lowest, blocks.joins, projected.block_state.shape[0]
-    n_faces, n_patches = blocks.patch.shape[0], lowest.shape[0]
-    for b in range(n_blocks):
-        if is_of_a_region(b, projected):
-            for c in range(blocks.patch_starts[b], blocks.patch_starts[b + 1]):
-                parent[c] = c
-        elif projected.block_state[b] & LIVE:
-            for f in range(b * BLOCK, min((b + 1) * BLOCK, n_faces)):
-                node = n_patches + f
-                parent[node] = node if state[f] & (LIVE | CROSSED) == LIVE else -1
+def join_blocks(projected, parent):
+    """Plant the forest of regions, and join the patches of blocks that are whole."""
+    state, blocks = projected.state, projected.blocks
+    joins, n_patches = blocks.joins, blocks.lowest.shape[0]
+    for b in range(projected.block_state.shape[0]):
+        first, stop = nodes_of(b, projected)
+        for node in range(first, stop):
+            is_in = node < n_patches or state[node - n_patches] & (LIVE | CROSSED) == LIVE
+            parent[node] = node if is_in else -1
     for k in range(joins.shape[0]):
         is_reversed = joins[k, 1] < 0
         c, d = joins[k, 0], ~joins[k, 1] if is_reversed else joins[k, 1]
@@ -215,72 +196,38 @@ def join_regions(
             and parent[c] != parent[d]
         ):
             join(c, d, parent)
-    for b in range(n_blocks):
-        if projected.block_state[b] & LIVE and not is_of_a_region(b, projected):
-            for f in range(b * BLOCK, min((b + 1) * BLOCK, n_faces)):
-                if parent[n_patches + f] >= 0:
-                    for s in range(3):
-                        e = edges.of_face[f, s]
-                        # Once: from the first of its faces, unless the block of that is whole.
-                        g = edges.faces[e, 0]
-                        is_mine = g == f or is_of_a_region(g // BLOCK, projected)
-                        if is_mine and not is_event[e]:
-                            join_along(e, edges, camera, projected, parent)
-    for index in range(events.shape[0]):
-        if is_hidden[events[index]]:
-            join_along(events[index], edges, camera, projected, parent)
 
-    # Regions are numbered by their lowest faces.
-    n = np.int64(0)
+
+@part_with_arrays
+def number_regions(projected, region, number):
+    """Number the trees of the forest by their lowest faces; returns how many there are.
+
+    `region` is the forest, and has the number of each node afterwards.
+    """
+    n, n_blocks = np.int64(0), projected.block_state.shape[0]
     for b in range(n_blocks):
-        if is_of_a_region(b, projected):
-            for c in range(blocks.patch_starts[b], blocks.patch_starts[b + 1]):
-                if parent[c] == c:
-                    found[n], number[c] = c, lowest[c]
+        first, stop = nodes_of(b, projected)
+        for node in range(first, stop):
+            number[node] = -1
+    # Nodes come in the order of their lowest faces.
+    for b in range(n_blocks):
+        first, stop = nodes_of(b, projected)
+        for node in range(first, stop):
+            if region[node] >= 0:
+                root = root_of(region, node)
+                if number[root] < 0:
+                    number[root] = n
                     n += 1
-        elif projected.block_state[b] & LIVE:
-            for f in range(b * BLOCK, min((b + 1) * BLOCK, n_faces)):
-                node = n_patches + f
-                if parent[node] == node:
-                    found[n], number[node] = node, f
-                    n += 1
+                region[node] = root
     for b in range(n_blocks):
-        if is_of_a_region(b, projected):
-            for c in range(blocks.patch_starts[b], blocks.patch_starts[b + 1]):
-                parent[c] = root_of(parent, c)
-                number[parent[c]] = min(number[parent[c]], lowest[c])
-        elif projected.block_state[b] & LIVE:
-            for f in range(b * BLOCK, min((b + 1) * BLOCK, n_faces)):
-                node = n_patches + f
-                if parent[node] >= 0:
-                    parent[node] = root_of(parent, node)
-                    number[parent[node]] = min(number[parent[node]], f)
-    largest = found[:n]
-    sort(largest, n, number)
-    for r in range(n):
-        number[largest[r]] = r
-        largest[r] = -1
-    for b in range(n_blocks):
-        if is_of_a_region(b, projected):
-            for c in range(blocks.patch_starts[b], blocks.patch_starts[b + 1]):
-                region[c] = number[parent[c]]
-        elif projected.block_state[b] & LIVE:
-            for f in range(b * BLOCK, min((b + 1) * BLOCK, n_faces)):
-                node = n_patches + f
-                region[node] = number[parent[node]] if parent[node] >= 0 else -1
-    find_largest_listed(projected, listed, is_listed, region, largest)
-    for r in range(n):
-        if largest[r] < 0:
-            find_largest(projected, region, number, largest)
-            break
+        first, stop = nodes_of(b, projected)
+        for node in range(first, stop):
+            region[node] = number[region[node]] if region[node] >= 0 else -1
     return n
 
 
 @allocation_free
-def find_regions(
-    events, edges, is_event, is_hidden, camera, projected, listed, is_listed, region, number,
-    targets,
-):  # fmt: skip
+def find_regions(events, is_hidden, view, region, number, out):
     """Collect the uncrossed faces into regions; number of crossed faces, and of regions.
 
     A forest of faces, whose roots have the lowest index of their region, is joined edge by edge; in
@@ -290,35 +237,49 @@ def find_regions(
     ----------
     events : (N,) int32
         Event edges.
-    is_event, is_hidden : (E,) bool
-        Of `find_event_edges` and `mark_crossed`. What hides an event edge hides both of its faces.
-    projected : Projected
-        With `CROSSED` in the states of faces and blocks.
-    listed : (N,) int32
-        Faces that the grid lists.
-    is_listed : (F,) bool
-        Those of them that are listed in all their cells, which are preferred as the largest of a
-        region.
+    is_hidden : (E,) bool
+        Of `mark_crossed`. What hides an event edge hides both of its faces.
+    view : View
+        With `CROSSED` in the states of faces and blocks. Faces that the grid lists in all their
+        cells are preferred as the largest of a region.
     region : (C + F,) int32
         Out: number of each patch's region, in blocks `is_of_a_region`; and of each face's region,
         -1 for none, in other blocks with a live face.
     number : (C + F,) int32
         Scratch.
-    targets : (F,) int32
+    out : (F,) int32
         Out: the crossed faces, and after them the largest face of each region, of those that are
         listed if any is.
     """
-    n_crossed = list_crossed(projected, targets)
-    return n_crossed, join_regions(
-        events, edges, is_event, is_hidden, camera, projected, listed, is_listed, region, number,
-        targets[n_crossed:],
-    )  # fmt: skip
+    projected, edges = view.projected, view.edges
+    n_crossed, n_patches = list_crossed(projected, out), projected.blocks.lowest.shape[0]
+    join_blocks(projected, region)
+    for b in range(projected.block_state.shape[0]):
+        first, stop = nodes_of(b, projected)
+        for node in range(max(first, n_patches), stop):
+            f = node - n_patches
+            for s in range(3 if region[node] >= 0 else 0):
+                e = edges.of_face[f, s]
+                # Once: from the first of its faces, unless the block of that is whole.
+                g = edges.faces[e, 0]
+                if (g == f or is_of_a_region(g // BLOCK, projected)) and not view.is_event[e]:
+                    join_along(e, view, region)
+    for index in range(events.shape[0]):
+        if is_hidden[events[index]]:
+            join_along(events[index], view, region)
+    n = number_regions(projected, region, number)
+    largest = out[n_crossed : n_crossed + n]
+    largest[:] = -1
+    find_largest_listed(projected, view.grid, region, largest)
+    for r in range(n):
+        if largest[r] < 0:
+            find_largest(projected, region, number, largest)
+            break
+    return n_crossed, n
 
 
 @allocation_free
-def mark_uncertifiable(
-    events, edges, projected, in_contact, has_contact, partners, thinnest, is_at_event
-):
+def mark_uncertifiable(events, view, in_contact, has_contact, partners, thinnest, is_at_event):
     """Mark the live faces that cannot be certified, whether an edge crosses them or not.
 
     These are faces that are clipped in space, in contact with another, or as thin as a line; and
@@ -329,7 +290,7 @@ def mark_uncertifiable(
     ----------
     events : (N,) int32
         Event edges.
-    projected : Projected
+    view : View
         `CROSSED` is added to the states of blocks and, with `UNFIT` or `IN_CONTACT`, of faces.
         The faces in contact get boxes.
     in_contact, has_contact : (F,), (B,) bool
@@ -341,6 +302,7 @@ def mark_uncertifiable(
     is_at_event : (V,) bool
         Scratch.
     """
+    projected, edges = view.projected, view.edges
     faces, state, box, area = projected.faces, projected.state, projected.box, projected.area
     n_faces = projected.blocks.patch.shape[0]
     is_at_event[:] = False
@@ -369,24 +331,20 @@ def mark_uncertifiable(
 
 
 @allocation_free
-def classify_regions(
-    projected, region, largest, decision, visible, is_certified, doubtful, certain
-):
+def classify_regions(view, region, largest, decision, is_certified, doubtful, certain):
     """Classify each face of a region like its largest; number of faces that remain in doubt.
 
     Parameters
     ----------
-    projected : Projected
-        With the areas inside the image, px^2.
+    view : View
+        In: visible areas of the largest faces, px^2. Out: of all faces of regions that are not in
+        doubt, and 0 of those that are not in view.
     region : (C + F,) int32
         Of `find_regions`.
     largest : (N,) int32
         Largest face of each region.
     decision : (N,) int32
         Scratch.
-    visible : (F,) float64
-        In: of the largest faces, px^2. Out: of all faces of regions that are not in doubt, and 0 of
-        those that are not in view.
     is_certified : (F,) bool
         Out: these faces.
     doubtful : (F,) int32
@@ -394,6 +352,7 @@ def classify_regions(
     certain : float
         Tolerance of that decision, relative to the area of the largest face.
     """
+    projected, visible = view.projected, view.visible
     n, blocks, area = 0, projected.blocks, projected.area
     n_patches = blocks.lowest.shape[0]
     is_certified[:] = False

@@ -20,13 +20,15 @@ from rastercov.kernels.exact_grid import (
     ENTRIES_AT_A_TIME,
     ask_for_cells,
     cell,
+    cells_of_rectangle,
     find_faces,
     lay_bounds,
 )
-from rastercov.kernels.exact_half_plane import depth_order
+from rastercov.kernels.exact_half_plane import common_extent, depth_order
 from rastercov.kernels.exact_polygon import (
     clip,
     copy_polygon,
+    ends_of_side,
     is_joined,
     length,
     line_value,
@@ -163,12 +165,9 @@ def crosses(f, a, b, segment, first, last, tolerance, projected):
     # is within their wedge.
     corner = a if has_a else b if has_b else np.int64(NO_VERTEX)
     for s in range(3):
-        if s == 0:
-            p, q, up, vp, along_u, along_v = i, j, ui, vi, uj - ui, vj - vi
-        elif s == 1:
-            p, q, up, vp, along_u, along_v = j, k, uj, vj, uk - uj, vk - vj
-        else:
-            p, q, up, vp, along_u, along_v = k, i, uk, vk, ui - uk, vi - vk
+        p, q = ends_of_side(f, s, projected)
+        up, vp = uvw[p, U], uvw[p, V]
+        along_u, along_v = uvw[q, U] - up, uvw[q, V] - vp
         line = (up, vp, along_u, along_v, tolerance * (abs(along_u) + abs(along_v)))
         start, end = line_value(line, u0, v0), line_value(line, u1, v1)
         if corner in (p, q):
@@ -199,14 +198,14 @@ def crosses(f, a, b, segment, first, last, tolerance, projected):
 
 
 @part_with_arrays
-def hidden_range(m, a, b, segment, first, last, tolerance, edges, is_event, camera, projected):
+def hidden_range(m, a, b, segment, first, last, tolerance, view):
     """Part of first ... last where face m certainly hides a segment; (1, 0) if none.
 
     The face is shrunk by the tolerance, pixels, along its event edges; along the others, where the
     surface continues, it is grown by the rounding of a position.
     """
-    faces = projected.faces
-    i, j, k = faces[m, 0], faces[m, 1], faces[m, 2]
+    camera, projected = view.camera, view.projected
+    i, j, k = projected.faces[m, 0], projected.faces[m, 1], projected.faces[m, 2]
     if a in (i, j, k) or b in (i, j, k):  # at the depth of the segment there
         return 1.0, 0.0
     u, v, w = segment[START, U], segment[START, V], segment[START, W]
@@ -222,7 +221,7 @@ def hidden_range(m, a, b, segment, first, last, tolerance, edges, is_event, came
             return 1.0, 0.0
         if start >= most and end >= most:
             continue
-        margin = least if is_joined(m, s, n_lines, edges, is_event, projected) else most
+        margin = least if is_joined(m, s, n_lines, view) else most
         first, last = narrowed_to_inside(start - margin, end - margin, first, last)
         if first > last:
             return 1.0, 0.0
@@ -263,12 +262,13 @@ def take_range(ranges, n, first, last):
 
 
 @part_with_arrays
-def overlap_of(t, m, target, n, n_own, camera, projected, work):
+def overlap_of(t, m, n, n_own, view):
     """Area that the images of two live faces have in common, px^2, and the sides of that of m.
 
-    It is negative if one of them is so thin that rounding may decide. See `may_pass_through` for
+    It is negative if one of them is so thin that rounding may decide. See `add_intersection` for
     the arguments; the lines that bound the image of m are left in `work.lines`.
     """
+    camera, projected, work = view.camera, view.projected, view.work
     box, lines, corners, other = projected.box, work.lines, work.corners, work.other
     k, n_sides = outline(m, projected, corners, lines)
     # Of a clipped needle rounding may leave a short piece.
@@ -288,9 +288,9 @@ def overlap_of(t, m, target, n, n_own, camera, projected, work):
         return 0.0, n_sides
     if is_thin:
         return -1.0, n_sides
-    if separates(lines, n_sides, target, n) or separates(work.own, n_own, corners, k):
+    if separates(lines, n_sides, work.target, n) or separates(work.own, n_own, corners, k):
         return 0.0, n_sides
-    copy_polygon(target, n, work.spare)
+    copy_polygon(work.target, n, work.spare)
     n = clip(work.spare, n, lines, n_sides, other)
     if n < 3:
         return 0.0, n_sides
@@ -298,14 +298,15 @@ def overlap_of(t, m, target, n, n_own, camera, projected, work):
 
 
 @part_with_arrays
-def take_intersection(t, m, n_sides, count, camera, projected, work):
+def take_intersection(t, m, n_sides, count, view):
     """Add the line of equal depth that `depth_order` left in `work.lines`; returns their number.
 
     Its range is that within the image of face m, which `n_sides` of `work.lines` bound, and within
     three times the box of face t. It may be too large, but not too small: the line may run along a
     side of m, so that rounding decides where it meets that side, and on which side of it it is.
     """
-    lines, rows, box = work.lines, work.intersections, projected.box
+    camera, projected = view.camera, view.projected
+    lines, rows, box = view.work.lines, view.work.intersections, projected.box
     line = lines[n_sides]
     slope = length(line[DU], line[DV], 0.0)
     error = plane_of(t, camera, projected)[5] + plane_of(m, camera, projected)[5]
@@ -333,9 +334,7 @@ def take_intersection(t, m, n_sides, count, camera, projected, work):
 
 
 @part_with_arrays
-def add_intersection(
-    t, m, target, n, n_own, count, edges, is_event, camera, projected, work, area_error
-):
+def add_intersection(t, m, n, n_own, count, view):
     """Add the line along which a face in contact passes through a face; returns their number.
 
     It is `NOT_KNOWN` if the visibility of the face may change elsewhere: where the two coincide, or
@@ -346,30 +345,28 @@ def add_intersection(
     ----------
     t, m : int
         The face, and the other.
-    target, n, n_own : (24, 2) float64, int, int
-        Image of face t; `work.own` has the lines that bound it.
+    n, n_own : int
+        Corners of face t in `work.target`, and lines that bound it in `work.own`.
     count : int
         Number of lines so far.
-    edges, is_event, camera, projected
-        As for `arrangement_areas`.
-    work : Work
-        The line is added to `work.intersections`.
-    area_error : (F,) float64
-        What rounding may decide along their contact is added to that of t.
+    view : View
+        The line is added to `work.intersections`, and what rounding may decide along their contact
+        to the bound of t.
     """
-    box, state = projected.box, projected.state
+    camera, projected, edges, area_error = view.camera, view.projected, view.edges, view.area_error
+    state = projected.state
     if not state[m] & LIVE:
         return np.int64(NOT_KNOWN) if state[m] & THIN else count
     for s in range(-1, 3):  # the other face itself; then, if it is in front, its neighbours
         other = np.int64(m)
         if s >= 0:
             e = edges.of_face[m, s]
-            if is_event[e] or edges.faces[e, 1] < 0:
+            if view.is_event[e] or edges.faces[e, 1] < 0:
                 continue
             other = np.int64(edges.faces[e, 0] if edges.faces[e, 0] != m else edges.faces[e, 1])
             if other == t or not state[other] & LIVE:
                 continue
-        overlap, n_sides = overlap_of(t, other, target, n, n_own, camera, projected, work)
+        overlap, n_sides = overlap_of(t, other, n, n_own, view)
         if overlap == 0 and s >= 0:
             continue
         if overlap == 0:
@@ -378,21 +375,18 @@ def add_intersection(
             return np.int64(NOT_KNOWN)
         if s < 0:
             error = outline_error(m, camera, projected)
-            across = min(box[t, U_MAX], box[m, U_MAX]) - max(box[t, U_MIN], box[m, U_MIN])
-            down = min(box[t, V_MAX], box[m, V_MAX]) - max(box[t, V_MIN], box[m, V_MIN])
-            if overlap <= SURE * error * (across + down):  # neighbours that abut, up to rounding
-                area_error[t] += max(overlap, 4 * error * (across + down))
+            around = common_extent(t, m, projected.box)
+            if overlap <= SURE * error * around:  # neighbours that abut, up to rounding
+                area_error[t] += max(overlap, 4 * error * around)
                 return count
-            area_error[t] += 4 * error * (across + down)
-        order = depth_order(
-            t, other, target, n, n_sides, camera, projected, work, s < 0, area_error
-        )
+            area_error[t] += 4 * error * around
+        order = depth_order(t, other, n, n_sides, view, s < 0)
         if order == IN_FRONT:
             continue
         if s >= 0 or order == TIED:
             return np.int64(NOT_KNOWN)
         if order == IN_FRONT_IN_PART:
-            return take_intersection(t, m, n_sides, count, camera, projected, work)
+            return take_intersection(t, m, n_sides, count, view)
         return count
     return count
 
@@ -478,16 +472,17 @@ def record_crossing(f, edge, segment, first, last, crossings, n):
 
 @part_with_arrays
 def mark_in_cell(
-    c, edge, is_doubtful, first, last, segment, ends, tolerance, edges, is_event, camera,
-    projected, grid, work, crossings, n_crossings,
-):  # fmt: skip
+    c, edge, is_doubtful, first, last, segment, tolerance, view, crossings, n_crossings
+):
     """Mark the live faces of a cell that the visible parts of a segment there cross.
 
     first ... last is the part of the segment in cell c. See `mark_segment` for the others; returns
     the number of crossings.
     """
+    projected, grid, ranges = view.projected, view.grid, view.work.ranges
     state, box, found = projected.state, projected.box, grid.found
-    ranges, a, b = work.ranges, ends[START], ends[END]
+    ends, segment = segment.ends, segment.uvw
+    a, b = ends[START], ends[END]
     du, dv = segment[END, U] - segment[START, U], segment[END, V] - segment[START, V]
     ua, ub = segment[START, U] + first * du, segment[START, U] + last * du
     va, vb = segment[START, V] + first * dv, segment[START, V] + last * dv
@@ -524,9 +519,7 @@ def mark_in_cell(
             m = np.int64(found[index])
         index += 1
         if m >= 0 and box[m, W_MAX] >= farthest and state[m] & (LIVE | DOUBTFUL) == LIVE:
-            begin, end = hidden_range(
-                m, a, b, segment, first, last, tolerance, edges, is_event, camera, projected
-            )
+            begin, end = hidden_range(m, a, b, segment, first, last, tolerance, view)
             if begin < end:
                 n = take_range(ranges, n, begin, end)
                 if n == 0:
@@ -550,10 +543,7 @@ def mark_in_cell(
 
 
 @part_with_arrays
-def mark_segment(
-    edge, is_doubtful, segment, tolerance, edges, is_event, camera, projected, grid, extent, work,
-    crossings, n_crossings,
-):  # fmt: skip
+def mark_segment(edge, is_doubtful, segment, tolerance, view, extent, crossings, n_crossings):
     """Mark the live faces that the visible parts of a segment cross, by the cells it runs through.
 
     Parameters
@@ -568,12 +558,12 @@ def mark_segment(
 
     See `mark_crossed` for the others; returns the number of crossings.
     """
-    uvw, ends = segment.uvw, segment.ends
+    uvw, grid = segment.uvw, view.grid
     u, v = uvw[START, U], uvw[START, V]
     du, dv = uvw[END, U] - u, uvw[END, V] - v
     t0, t1 = narrowed(u, u + du, extent[U_MIN] - tolerance, extent[U_MAX] + tolerance, 0.0, 1.0)
     t0, t1 = narrowed(v, v + dv, extent[V_MIN] - tolerance, extent[V_MAX] + tolerance, t0, t1)
-    ends[IS_VISIBLE] = 1 if t0 > 0 or t1 < 1 else 0
+    segment.ends[IS_VISIBLE] = 1 if t0 > 0 or t1 < 1 else 0
     if t0 > t1:
         return n_crossings
     ua, ub, va, vb = u + t0 * du, u + t1 * du, v + t0 * dv, v + t1 * dv
@@ -601,9 +591,8 @@ def mark_segment(
             enters, leaves = narrowed(u, u + du, left, right, t_row, t_next)
             if enters <= leaves:
                 n_crossings = mark_in_cell(
-                    row * grid.columns + column, edge, is_doubtful, enters, leaves, uvw, ends,
-                    tolerance, edges, is_event, camera, projected, grid, work, crossings,
-                    n_crossings,
+                    row * grid.columns + column, edge, is_doubtful, enters, leaves, segment,
+                    tolerance, view, crossings, n_crossings,
                 )  # fmt: skip
     return n_crossings
 
@@ -672,10 +661,7 @@ def ask_for_events(events, edges, vertices, camera, projected, tolerance, grid, 
             right = max(uvw[START, U], uvw[END, U]) + margin
             upper = min(uvw[START, V], uvw[END, V]) - margin
             lower = max(uvw[START, V], uvw[END, V]) + margin
-            first = cell(left, grid.left, grid.per_u, grid.columns)
-            last = cell(right, grid.left, grid.per_u, grid.columns)
-            top = cell(upper, grid.top, grid.per_v, grid.rows)
-            bottom = cell(lower, grid.top, grid.per_v, grid.rows)
+            first, last, top, bottom = cells_of_rectangle(left, right, upper, lower, grid)
             if (last - first + 1) * (bottom - top + 1) > MOST_CELLS_OF_EDGE:
                 return False
             ask_for_cells(first, last, top, bottom, grid)
@@ -708,19 +694,16 @@ def take_rim(s, p, camera, clipped, segment):
 
 @allocation_free
 def mark_crossed(
-    events, edges, is_event, vertices, camera, projected, grid, extent, tolerance, n_clipped,
-    segment, work, crossings, is_hidden,
-):  # fmt: skip
+    events, vertices, view, extent, tolerance, n_clipped, segment, crossings, is_hidden
+):
     """Mark the live faces crossed by a visible part of an event edge or of a rim at the near plane.
 
     Parameters
     ----------
     events : (N,) int32
         Event edges.
-    is_event : (E,) bool
-        Of `find_event_edges`.
     vertices : (V, 3) float64
-    projected : Projected
+    view : View
         `CROSSED` is added to the states of faces and blocks, and `UNFIT` to those of faces where
         rounding decides what crosses.
     extent : (7,) float64
@@ -730,7 +713,7 @@ def mark_crossed(
     n_clipped : int
         Of `set_up`: faces that are clipped in space.
     crossings : Crossings
-        In: without a crossing. Out: all of them. `segment` and `work` are scratch.
+        In: without a crossing. Out: all of them. `segment` is scratch.
     is_hidden : (E,) bool
         Out: event edges that faces in front hide from end to end.
 
@@ -739,6 +722,7 @@ def mark_crossed(
     int
         Number of crossings. If it is more than `crossings` has room for, call again with more.
     """
+    camera, projected, edges = view.camera, view.projected, view.edges
     uvw, state, clipped = projected.uvw, projected.state, projected.clipped
     n_events, n_crossings = events.shape[0], 0
     for index in range(n_events + n_clipped * CORNERS):
@@ -757,9 +741,8 @@ def mark_crossed(
             if not take_rim(s, (index - n_events) % CORNERS, camera, clipped, segment):
                 continue
         n_crossings = mark_segment(
-            e, is_doubtful, segment, tolerance, edges, is_event, camera, projected, grid, extent,
-            work, crossings, n_crossings,
-        )  # fmt: skip
+            e, is_doubtful, segment, tolerance, view, extent, crossings, n_crossings
+        )
         if e >= 0 and not segment.ends[IS_VISIBLE]:
             a, b = edges.vertices[e, 0], edges.vertices[e, 1]
             is_hidden[e] = uvw[a, W] > 0 and uvw[b, W] > 0

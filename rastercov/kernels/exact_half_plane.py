@@ -26,6 +26,7 @@ from rastercov.kernels.exact_polygon import (
     contains,
     copy_polygon,
     drop_pieces,
+    extent_of,
     keep_inside,
     length,
     outline,
@@ -76,33 +77,31 @@ NO_ROOM, ALL_HIDDEN, TOO_MANY = -1, -2, -3
 
 
 @part_with_arrays
-def depth_order(t, m, target, n, n_sides, camera, projected, work, is_first, area_error):
+def depth_order(t, m, n, n_sides, view, is_first):
     """Depth order of face m relative to face t, over the overlap of their images.
 
     The order is unknown where w differs by less than its error, a strip along the line of equal
     depth. The smaller the angle at which faces pierce each other, the wider the strip. Its area is
     added to `area_error` of t if `is_first`: the two are compared for the first time.
 
-    `target` and n are the image of t; `work.lines` has the `n_sides` lines that bound that of m.
-    The result is `BEHIND`, `IN_FRONT`, `IN_FRONT_IN_PART` or `TIED`; for the third, the line of
-    equal depth is appended to `work.lines`.
+    `work.target` has the n corners of t, `work.lines` the `n_sides` lines that bound m. The result
+    is `BEHIND`, `IN_FRONT`, `IN_FRONT_IN_PART` or `TIED`; for the third, the line of equal depth is
+    appended to `work.lines`.
     """
+    camera, projected, work, area_error = view.camera, view.projected, view.work, view.area_error
     faces, box, lines, spare = projected.faces, projected.box, work.lines, work.spare
     if box[m, W_MIN] > box[t, W_MAX] * (1 + 2 * DEPTH_TIE_REL):
         return IN_FRONT
     # The overlap, and the difference of w at its corners.
-    copy_polygon(target, n, spare)
+    copy_polygon(work.target, n, spare)
     n = clip(spare, n, lines, n_sides, work.other)
     if n < 3:
         return BEHIND
     u_t, v_t, w_t, a_t, b_t, error_t = plane_of(t, camera, projected)
     u_m, v_m, w_m, a_m, b_m, error_m = plane_of(m, camera, projected)
     least, most, first, apart = np.inf, -np.inf, 0.0, -np.inf
-    u_min = v_min = np.inf
-    u_max = v_max = -np.inf
     for p in range(n):
         u, v = spare[p, U], spare[p, V]
-        u_min, u_max, v_min, v_max = min(u_min, u), max(u_max, u), min(v_min, v), max(v_max, v)
         mine = w_t + a_t * (u - u_t) + b_t * (v - v_t)
         its = w_m + a_m * (u - u_m) + b_m * (v - v_m)
         nearer = its - mine
@@ -123,6 +122,7 @@ def depth_order(t, m, target, n, n_sides, camera, projected, work, is_first, are
     elif abs(apart) <= error or (apart > 0 and max(most, -least) <= error):
         area_error[t] += common
     elif apart > 0 and shared < 2 and least <= error and most >= -error:
+        u_min, u_max, v_min, v_max = extent_of(spare, n)
         extent = length(u_max - u_min, v_max - v_min, 0.0)
         strip = error / length(a_m - a_t, b_m - b_t, 0.0) * extent
         area_error[t] += min(strip, common)
@@ -159,19 +159,9 @@ def set_line(lines, row, u, v, du, dv, offset):
 
 
 @part_with_arrays
-def extent_of(polygon, n):
-    """Bounds of a polygon: least and greatest u, least and greatest v."""
-    u_min = u_max = polygon[0, U]
-    v_min = v_max = polygon[0, V]
-    for p in range(1, n):
-        u_min, u_max = min(u_min, polygon[p, U]), max(u_max, polygon[p, U])
-        v_min, v_max = min(v_min, polygon[p, V]), max(v_max, polygon[p, V])
-    return u_min, u_max, v_min, v_max
-
-
-@part_with_arrays
-def hides_all(m, t, target, n, camera, projected, work, area_error):
-    """True if face m hides all of face t."""
+def hides_all(m, t, n, view):
+    """True if face m hides all of face t, whose n corners `work.target` has."""
+    projected, work = view.projected, view.work
     box = projected.box
     if (
         m == t
@@ -180,36 +170,31 @@ def hides_all(m, t, target, n, camera, projected, work, area_error):
         or box[m, V_MIN] > box[t, V_MIN]
         or box[m, V_MAX] < box[t, V_MAX]
         or box[m, W_MAX] < box[t, W_MIN] * (1 - 2 * DEPTH_TIE_REL)
-        or not projected.state[m] & LIVE
-        or projected.state[m] & DOUBTFUL
+        or projected.state[m] & (LIVE | DOUBTFUL) != LIVE
     ):
         return False
     _, n_sides = outline(m, projected, work.corners, work.lines)
     return (
-        contains(work.lines, n_sides, target, n)
-        and depth_order(t, m, target, n, n_sides, camera, projected, work, True, area_error)
-        == IN_FRONT
+        contains(work.lines, n_sides, work.target, n)
+        and depth_order(t, m, n, n_sides, view, True) == IN_FRONT
     )
 
 
 @part_with_arrays
-def visible_in_cells(
-    t, target, n, n_own, part, n_part, cells, limit, camera, projected, grid, marks, pieces, work,
-    area_error,
-):  # fmt: skip
+def visible_in_cells(t, n, n_own, part, n_part, cells, limit, view, marks, pieces):
     """Twice the area that the faces listed in some cells leave of a part of face t.
 
     Parameters
     ----------
-    t, target, n, n_own
-        The face, its image, and the number of lines that bound it.
+    t, n, n_own
+        The face, its corners in `work.target`, and its lines in `work.own`.
     part, n_part : (24, 2) float64, int
         The part, within the cells.
     cells : tuple
         First and last column, first and last row.
     limit : int
         Number of pieces beyond which the part is left to be halved.
-    camera, projected, grid, marks, pieces, work, area_error
+    view, marks, pieces
         As for `visible_areas`.
 
     Returns
@@ -220,9 +205,9 @@ def visible_in_cells(
     face : int
         The last face that hides something.
     """
-    box, state, lines, corners, own = (
-        projected.box, projected.state, work.lines, work.corners, work.own,
-    )  # fmt: skip
+    camera, projected, grid, work = view.camera, view.projected, view.grid, view.work
+    box, state, area_error = projected.box, projected.state, view.area_error
+    target, own, lines, corners = work.target, work.own, work.lines, work.corners
     farthest = box[t, W_MIN] * (1 - 2 * DEPTH_TIE_REL)
     u_t, v_t, w_t, a_t, b_t, error_t = plane_of(t, camera, projected)
     u_min, u_max, v_min, v_max = extent_of(part, n_part)
@@ -253,13 +238,12 @@ def visible_in_cells(
             ):
                 continue
             is_first = marks[m] != number
-            across = min(box[t, U_MAX], box[m, U_MAX]) - max(box[t, U_MIN], box[m, U_MIN])
-            down = min(box[t, V_MAX], box[m, V_MAX]) - max(box[t, V_MIN], box[m, V_MIN])
+            around = common_extent(t, m, box)
             if state[m] & DOUBTFUL:
                 if is_first:
                     marks[m] = number
                     error = outline_error(m, camera, projected)
-                    area_error[t] += 4 * EDGE_ON_FACTOR * (across + down) * error
+                    area_error[t] += 4 * EDGE_ON_FACTOR * around * error
                 if state[m] & THIN:
                     continue
             # The plane of t where it is farthest within the box of m: most faces that are before t
@@ -274,9 +258,7 @@ def visible_in_cells(
             if separates(lines, n_sides, target, n) or separates(own, n_own, corners, k):
                 continue
             marks[m] = number
-            order = depth_order(
-                t, m, target, n, n_sides, camera, projected, work, is_first, area_error
-            )
+            order = depth_order(t, m, n, n_sides, view, is_first)
             if order == TIED:
                 is_before = not state[t] & TRANSPARENT and projected.rank[m] < projected.rank[t]
                 order = IN_FRONT if is_before else BEHIND
@@ -285,7 +267,7 @@ def visible_in_cells(
             if order == IN_FRONT and contains(lines, n_sides, target, n):
                 return ALL_HIDDEN, m
             if is_first:
-                area_error[t] += 4 * (across + down) * outline_error(m, camera, projected)
+                area_error[t] += 4 * around * outline_error(m, camera, projected)
             n_lines = n_sides + 1 if order == IN_FRONT_IN_PART else n_sides
             count = clip_subtract(
                 pieces, count, lines, n_sides, n_lines, camera.pixel_error, work.spare, work.values
@@ -340,15 +322,14 @@ def take_number(marks):
 
 
 @part_with_arrays
-def visible_twice_area(
-    t, target, n, n_own, camera, projected, grid, marks, pieces, work, area_error
-):
+def visible_twice_area(t, n, n_own, view, marks, pieces):
     """Twice the visible area of face t, or `NO_ROOM`.
 
     A large face is taken apart by the cells of the grid, and parts of many pieces are halved.
     """
+    grid, work = view.grid, view.work
     parts, levels = work.parts, work.levels
-    left, right, top_row, bottom = cells_of_box(projected.box, t, grid)
+    left, right, top_row, bottom = cells_of_box(view.projected.box, t, grid)
     is_large = (right - left + 1) * (bottom - top_row + 1) > MOST_CELLS_OF_PART
     width, height = (1, 1) if is_large else (right - left + 1, bottom - top_row + 1)
     twice = 0.0
@@ -356,7 +337,7 @@ def visible_twice_area(
         for column in range(left, right + 1, width):
             cells = (column, column + width - 1, row, row + height - 1)
             middle = (row + height // 2) * grid.columns + column + width // 2
-            copy_polygon(target, n, parts.corners[0])
+            copy_polygon(work.target, n, parts.corners[0])
             parts.n_corners[0] = n
             if is_large:
                 lines_of_cell(column, row, grid, work.cell)
@@ -369,8 +350,8 @@ def visible_twice_area(
                 can_halve = levels[top] < MOST_HALVINGS and top + 2 < STACK_ROOM
                 limit = np.int64(MOST_PIECES) if can_halve else pieces.corners.shape[0]
                 rest, face = visible_in_cells(
-                    t, target, n, n_own, parts.corners[top], parts.n_corners[top], cells, limit,
-                    camera, projected, grid, marks, pieces, work, area_error,
+                    t, n, n_own, parts.corners[top], parts.n_corners[top], cells, limit, view,
+                    marks, pieces,
                 )  # fmt: skip
                 if rest == ALL_HIDDEN:
                     grid.hider[middle] = face
@@ -386,10 +367,69 @@ def visible_twice_area(
     return twice
 
 
+@part_with_arrays
+def common_extent(t, m, box):
+    """Width and height together of the rectangle that the boxes of two faces share, pixels."""
+    across = min(box[t, U_MAX], box[m, U_MAX]) - max(box[t, U_MIN], box[m, U_MIN])
+    down = min(box[t, V_MAX], box[m, V_MAX]) - max(box[t, V_MIN], box[m, V_MIN])
+    return across + down
+
+
+@part_with_arrays
+def extent_in_image(t, view):
+    """Width and height together of the part of the box of a face that is in the image, pixels."""
+    box, camera = view.projected.box, view.camera
+    width = min(box[t, U_MAX], camera.width) - max(box[t, U_MIN], 0.0)
+    return width + (min(box[t, V_MAX], camera.height) - max(box[t, V_MIN], 0.0))
+
+
+@part_with_arrays
+def take_target(t, view):
+    """Fill `work.target` and `work.own` with the image of a face; its corners and its lines.
+
+    Its own error begins the bound of the face. There are fewer than 3 corners outside the image.
+    """
+    camera, projected, work = view.camera, view.projected, view.work
+    error = outline_error(t, camera, projected)
+    view.area_error[t] = OUTLINE_ERROR_FACTOR * extent_in_image(t, view) * error
+    n, n_own = outline(t, projected, work.target, work.own)
+    if projected.state[t] & PARTLY:
+        n = clip(work.target, n, camera.border, camera.border.shape[0], work.spare)
+    return n, n_own
+
+
+@part_with_arrays
+def is_hidden_by_one(t, n, view):
+    """True if a face that hid another one there hides all of a face, see `take_target`.
+
+    Faces beside each other often have the same face before them. The figures of a target, and their
+    bounds, must not depend on other targets.
+    """
+    if view.projected.state[t] & TRANSPARENT:
+        return False
+    hider = likely_hider(t, view.projected.box, view.grid)
+    return hider >= 0 and hides_all(hider, t, n, view)
+
+
+@part_with_arrays
+def settle_area(t, seen, view, n_kept, n_kept_corners):
+    """Store the visible area of a face, px^2, and drop its pieces if it is all or nothing.
+
+    Remainders up to the rounding count as nothing, both of the visible and of the hidden part.
+    """
+    box, area, visible = view.projected.box, view.projected.area, view.visible
+    tolerance = view.camera.pixel_error * (
+        box[t, U_MAX] - box[t, U_MIN] + box[t, V_MAX] - box[t, V_MIN]
+    )
+    visible[t] = 0.0
+    if seen > tolerance:
+        visible[t] = area[t] if seen >= area[t] - tolerance else seen
+    if visible[t] == 0 or visible[t] == area[t]:
+        drop_pieces(view.work.kept, n_kept, n_kept_corners)
+
+
 @allocation_free
-def visible_areas(
-    targets, first, camera, projected, grid, marks, pieces, work, visible, area_error
-):
+def visible_areas(targets, first, view, marks, pieces):
     """Visible areas of some faces; returns how many of `targets` are done.
 
     If not all are, there is too little scratch memory, or room in `work.kept` where its `used` says
@@ -401,57 +441,29 @@ def visible_areas(
         Faces.
     first : int
         Those before this one are done.
-    projected : Projected
-        As filled by `set_up`.
+    view : View
+        With `Projected` as filled by `set_up`. Out: `visible` and `area_error` of the targets.
     marks : (F + 1,) int32
-        Scratch, see `take_number`. `pieces` and `work` are scratch, too.
-    visible : (F,) float64
-        Out: visible px^2 inside the image, for the targets.
-    area_error : (F,) float64
-        Out: bound of the errors of `visible` and `area` together, px^2, for the targets.
+        Scratch, see `take_number`. `pieces` are scratch, too.
     """
-    state, box, area = projected.state, projected.box, projected.area
-    target, own, border = work.target, work.own, camera.border
-    kept = work.kept
+    state, kept = view.projected.state, view.work.kept
     for index in range(first, targets.shape[0]):
         t = targets[index]
         n_kept, n_kept_corners = kept.used[0], kept.used[1]
-        visible[t] = area_error[t] = 0.0
+        view.visible[t] = view.area_error[t] = 0.0
         if not state[t] & (LIVE | THIN):
             continue
-        width = min(box[t, U_MAX], camera.width) - max(box[t, U_MIN], 0.0)
-        height = min(box[t, V_MAX], camera.height) - max(box[t, V_MIN], 0.0)
-        error = outline_error(t, camera, projected)
         if state[t] & THIN:
-            area_error[t] = 4 * EDGE_ON_FACTOR * (width + height) * error
+            error = outline_error(t, view.camera, view.projected)
+            view.area_error[t] = 4 * EDGE_ON_FACTOR * extent_in_image(t, view) * error
             continue
-        area_error[t] = OUTLINE_ERROR_FACTOR * (width + height) * error
-        n, n_own = outline(t, projected, target, own)
-        if state[t] & PARTLY:
-            n = clip(target, n, border, border.shape[0], work.spare)
-            if n < 3:
-                continue
-        # Faces beside each other often have the same face before them. The figures of a target, and
-        # their bounds, must not depend on other targets.
-        hider = np.int64(-1) if state[t] & TRANSPARENT else likely_hider(t, box, grid)
-        if hider >= 0 and hides_all(hider, t, target, n, camera, projected, work, area_error):
+        n, n_own = take_target(t, view)
+        if n < 3 or is_hidden_by_one(t, n, view):
             continue
         take_number(marks)
-        twice = visible_twice_area(
-            t, target, n, n_own, camera, projected, grid, marks, pieces, work, area_error
-        )
+        twice = visible_twice_area(t, n, n_own, view, marks, pieces)
         if twice == NO_ROOM or kept.used[2]:
             drop_pieces(kept, n_kept, n_kept_corners)
             return index
-        # Remainders up to the rounding count as nothing, both of the visible and the hidden part.
-        tolerance = camera.pixel_error * (
-            box[t, U_MAX] - box[t, U_MIN] + box[t, V_MAX] - box[t, V_MIN]
-        )
-        seen = twice / 2
-        if seen <= tolerance:
-            visible[t] = 0.0
-        else:
-            visible[t] = area[t] if seen >= area[t] - tolerance else seen
-        if visible[t] == 0 or visible[t] == area[t]:
-            drop_pieces(kept, n_kept, n_kept_corners)
+        settle_area(t, twice / 2, view, n_kept, n_kept_corners)
     return targets.shape[0]

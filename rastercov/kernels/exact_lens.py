@@ -11,14 +11,21 @@ that two faces share is integrated once.
 """
 
 import math
-from typing import Any, NamedTuple
+from collections import namedtuple
+from typing import Any
 
 import numpy as np
 from llvmlite import ir
 from numba.core import types
 from numpy.typing import NDArray
 
-from rastercov.kernels.exact_polygon import twice_area
+from rastercov.kernels.exact_polygon import (
+    copy_polygon,
+    extent_of,
+    side_at,
+    store_piece,
+    twice_area,
+)
 from rastercov.kernels.exact_records import CLIPPED, LIVE, THIN, U, V, W
 from rastercov.kernels.jit import allocation_free, part_with_arrays
 from rastercov.kernels.lens_edges import FEWEST, MOST, NODES, RULE
@@ -169,32 +176,18 @@ TABLE = MOST + 1
 """Rows of a table by n."""
 
 
-class EdgeLists(NamedTuple):
-    """Edges that wait to be integrated, by their rule n; a projection takes `LANES` of them.
+EdgeLists = namedtuple("EdgeLists", "x y z u v ends first waiting")
+"""Edges that wait to be integrated, by their rule n; a projection takes `LANES` of them.
 
-    `x`, `y`, `z`, `u` and `v`, (MOST + 1, MOST LANES), are the inner nodes of edges, all first
-    nodes first, `ends`, (MOST + 1, 4, LANES), the images of both ends, `first`, (MOST + 1, GROUPS),
-    the first edge of each group, and `waiting`, (MOST + 1,), counts the groups. All nodes are
-    finite, also those of unused lanes.
-    """
-
-    x: FloatArray
-    y: FloatArray
-    z: FloatArray
-    u: FloatArray
-    v: FloatArray
-    ends: FloatArray
-    first: NDArray[np.int64]
-    waiting: NDArray[np.int64]
+`x`, `y`, `z`, `u` and `v`, (MOST + 1, MOST LANES), are the inner nodes of edges, all first nodes
+first, `ends`, (MOST + 1, 4, LANES), the images of both ends, `first`, (MOST + 1, GROUPS), the first
+edge of each group, and `waiting`, (MOST + 1,), counts the groups. All nodes are finite, also those
+of unused lanes.
+"""
 
 
-class Pinhole(NamedTuple):
-    """Of a plane, px."""
-
-    fx: float
-    fy: float
-    cx: float
-    cy: float
+Pinhole = namedtuple("Pinhole", "fx fy cx cy")
+"""Of a plane, px."""
 
 
 def edge_lists() -> EdgeLists:
@@ -253,9 +246,8 @@ def inner_radius2(window):
     """Square of the radius of the largest disc around 0 in a window."""
     radius2, m = np.inf, window.shape[0]
     for s in range(m):
-        t = s + 1 if s + 1 < m else 0
-        dx, dy = window[t, 0] - window[s, 0], window[t, 1] - window[s, 1]
-        height = dx * window[s, 1] - dy * window[s, 0]
+        x, y, dx, dy, _ = side_at(window, m, s)
+        height = dx * y - dy * x
         size = dx * dx + dy * dy
         if size > 0:
             radius2 = min(radius2, height * height / size)
@@ -400,45 +392,13 @@ def sum_up(at, n, rule, u, v, images, first, bulge):
     total.now.store(bulge.at(first).pointer)
 
 
-OUTLINE, PIECE = 0, 1
-"""Kinds of polygons: the whole of a face in the plane, or a visible part of it."""
-
 EDGE_ROUNDING = 2.0**-46
 """Rounding of the area under an edge, relative to its length and the size of the image: positions
 to 2^-50 of the size, some ten times over."""
 
 
-class Polygons(NamedTuple):
-    """Polygons of an ideal plane: corners (C, 2), starts (N + 1,), and face and kind (N,) of each.
-
-    `used`, (2,), counts the polygons and the corners.
-    """
-
-    corners: FloatArray
-    starts: NDArray[np.int64]
-    face: NDArray[np.int32]
-    kind: NDArray[np.int8]
-    used: NDArray[np.int64]
-
-
-class Scratch(NamedTuple):
-    """Scratch for one polygon: (MOST_CORNERS, 2) and (MOST_CORNERS, 3) float64."""
-
-    polygon: FloatArray
-    spare: FloatArray
-    points: FloatArray
-    spare_points: FloatArray
-
-
-def room_for_polygons(n: int, corners: int) -> Polygons:
-    """Memory for n polygons of a number of corners together."""
-    return Polygons(
-        np.empty((corners, 2)),
-        np.empty(n + 1, np.int64),
-        np.empty(n, np.int32),
-        np.empty(n, np.int8),
-        np.zeros(2, np.int64),
-    )
+Scratch = namedtuple("Scratch", "polygon spare points spare_points")
+"""Scratch for one polygon: (MOST_CORNERS, 2) and (MOST_CORNERS, 3) float64."""
 
 
 def scratch() -> Scratch:
@@ -447,20 +407,7 @@ def scratch() -> Scratch:
 
 
 @part_with_arrays
-def append(polygon, n, face, kind, found):
-    """Append a polygon to the list; counts it only where there is no room."""
-    at, corner = found.used[0], found.used[1]
-    if at < found.face.shape[0] and corner + n <= found.corners.shape[0]:
-        for p in range(n):
-            found.corners[corner + p, 0] = polygon[p, 0]
-            found.corners[corner + p, 1] = polygon[p, 1]
-        found.face[at], found.kind[at] = face, kind
-        found.starts[at + 1] = corner + n
-    found.used[0], found.used[1] = at + 1, corner + n
-
-
-@part_with_arrays
-def append_cut(polygon, n, face, kind, plane, spare, found):
+def append_cut(polygon, n, face, plane, spare, found):
     """Append the parts of a convex polygon in the window and outside the hole of a plane."""
     if not is_in_region(polygon, n, plane.window):
         n = cut_to_region(polygon, n, plane.window, spare)
@@ -470,12 +417,12 @@ def append_cut(polygon, n, face, kind, plane, spare, found):
     # rest is listed side by side, what is beyond the first side, then beyond the second, ...
     sides = plane.hole.shape[0]
     if sides == 0:
-        append(polygon, n, face, kind, found)
+        store_piece(face, polygon, n, found)
         return
     for i in range(sides):
         m = beyond_side_of(polygon, n, plane.hole, i, spare)
         if m >= 3:
-            append(spare, m, face, kind, found)
+            store_piece(face, spare, m, found)
         n = cut_to_side_of(polygon, n, plane.hole, i, spare)
         if n < 3:
             return
@@ -495,30 +442,17 @@ def outline_in_space(vertices, faces, f, camera, region, points, spare, polygon)
             points[p, k] = x * rotation[0, k] + y * rotation[1, k] + z * rotation[2, k]
     if max(points[0, 2], points[1, 2], points[2, 2]) < camera.near:
         return np.int64(0)
-    m = region.shape[0]
-    for i in range(m):
-        j = i + 1 if i + 1 < m else 0
-        x0, y0 = region[i, 0], region[i, 1]
-        dx, dy = region[j, 0] - x0, region[j, 1] - y0
-        d = dx * y0 - dy * x0
-        if (
-            dx * points[0, 1] - dy * points[0, 0] < d * points[0, 2]
-            and dx * points[1, 1] - dy * points[1, 0] < d * points[1, 2]
-            and dx * points[2, 1] - dy * points[2, 0] < d * points[2, 2]
-        ):
-            return np.int64(0)
     # On which side of the plane of the face the camera is decides the direction of its image.
     ax, ay, az = points[0, 0], points[0, 1], points[0, 2]
     bx, by, bz = points[1, 0] - ax, points[1, 1] - ay, points[1, 2] - az
     cx, cy, cz = points[2, 0] - ax, points[2, 1] - ay, points[2, 2] - az
     height = (by * cz - bz * cy) * ax + (bz * cx - bx * cz) * ay + (bx * cy - by * cx) * az
     n = cut_in_space(points, np.int64(3), 0.0, 0.0, 1.0, camera.near, spare)
+    m = region.shape[0]
     for i in range(m):
         if n < 3:
             return np.int64(0)
-        j = i + 1 if i + 1 < m else 0
-        x0, y0 = region[i, 0], region[i, 1]
-        dx, dy = region[j, 0] - x0, region[j, 1] - y0
+        x0, y0, dx, dy, _ = side_at(region, m, i)
         n = cut_in_space(points, n, -dy, dx, dy * x0 - dx * y0, 0.0, spare)
     if n < 3:
         return np.int64(0)
@@ -528,9 +462,20 @@ def outline_in_space(vertices, faces, f, camera, region, points, spare, polygon)
     return np.int64(n)
 
 
+@part_with_arrays
+def to_plane(corners, n, is_reversed, camera, polygon):
+    """Fill `polygon` with corners in the image of the pinhole of a plane, in its units."""
+    for p in range(n):
+        q = n - 1 - p if is_reversed else p
+        polygon[p, 0] = (corners[q, U] - camera.cx) / camera.fx
+        polygon[p, 1] = (corners[q, V] - camera.cy) / camera.fy
+
+
 @allocation_free
 def collect(vertices, is_done, projected, kept, camera, plane, scratch, found):
     """List the outlines of the other faces, and the kept pieces, in units of an ideal plane.
+
+    Returns the number of outlines, which come first.
 
     Parameters
     ----------
@@ -542,14 +487,13 @@ def collect(vertices, is_done, projected, kept, camera, plane, scratch, found):
     camera : Pinhole
     plane : PlaneRecord
     scratch : Scratch
-    found : Polygons
-        Out: the polygons; `used` counts them and their corners also where there is no room.
+    found : VisiblePieces
+        Out: the polygons.
     """
     faces, uvw, state = projected.faces, projected.uvw, projected.state
     polygon, spare = scratch.polygon, scratch.spare
     points, spare_points = scratch.points, scratch.spare_points
-    found.used[0] = found.used[1] = 0
-    found.starts[0] = 0
+    found.used[:] = 0
     for f in range(state.shape[0]):
         if is_done[f]:
             continue
@@ -560,139 +504,74 @@ def collect(vertices, is_done, projected, kept, camera, plane, scratch, found):
                     vertices, faces, f, camera, plane.window, points, spare_points, polygon
                 )
                 if n >= 3:
-                    append_cut(polygon, n, f, OUTLINE, plane, spare, found)
+                    append_cut(polygon, n, f, plane, spare, found)
             continue
         if state[f] & CLIPPED:
             s = projected.clipped_index[f]
             n = np.int64(projected.clipped.n_corners[s])
-            for p in range(n):
-                polygon[p, U] = projected.clipped.polygons[s, p, U]
-                polygon[p, V] = projected.clipped.polygons[s, p, V]
+            copy_polygon(projected.clipped.polygons[s], n, spare)
         else:
             n = np.int64(3)
             for p in range(3):
-                polygon[p, U], polygon[p, V] = uvw[faces[f, p], U], uvw[faces[f, p], V]
-        if n < 3:
-            continue
-        is_reversed = twice_area(polygon, n) < 0
-        for p in range(n):
-            q = n - 1 - p if is_reversed else p
-            spare[p, 0] = (polygon[q, U] - camera.cx) / camera.fx
-            spare[p, 1] = (polygon[q, V] - camera.cy) / camera.fy
-        for p in range(n):
-            polygon[p, 0], polygon[p, 1] = spare[p, 0], spare[p, 1]
-        append_cut(polygon, n, f, OUTLINE, plane, spare, found)
+                spare[p, U], spare[p, V] = uvw[faces[f, p], U], uvw[faces[f, p], V]
+        if n >= 3:
+            to_plane(spare, n, twice_area(spare, n) < 0, camera, polygon)
+            append_cut(polygon, n, f, plane, spare, found)
+    n_outlines = found.used[0]
     for i in range(kept.used[0]):
         start = kept.starts[i]
         n = kept.starts[i + 1] - start
-        for p in range(n):
-            polygon[p, 0] = (kept.corners[start + p, U] - camera.cx) / camera.fx
-            polygon[p, 1] = (kept.corners[start + p, V] - camera.cy) / camera.fy
-        append_cut(polygon, n, kept.faces[i], PIECE, plane, spare, found)
+        to_plane(kept.corners[start:], n, False, camera, polygon)
+        append_cut(polygon, n, kept.faces[i], plane, spare, found)
+    return n_outlines
 
 
-class Seen(NamedTuple):
-    """Images of the vertices and edges of a surface of `n_faces` in one plane.
+Seen = namedtuple("Seen", "places is_inside bulge n_faces")
+"""Images of the vertices and edges of a surface of `n_faces` in one plane.
 
-    `places`, (V', 4), are x, y in units of the plane and u, v in px, `is_inside`, (V',), vertices
-    of its window, and `bulge`, (E,), areas between the image of an edge and its chord; NaN where
-    unknown.
-    """
-
-    places: FloatArray
-    is_inside: NDArray[np.bool_]
-    bulge: FloatArray
-    n_faces: int
+`places`, (V', 4), are x, y in units of the plane and u, v in px, `is_inside`, (V',), vertices
+of its window, and `bulge`, (E,), areas between the image of an edge and its chord; NaN where
+unknown.
+"""
 
 
-class Figures(NamedTuple):
-    """Sums over the planes of a camera, (F,): areas, px^2, and planes by the kind of their figure.
+Figures = namedtuple("Figures", "area visible area_error n_certified n_visible n_computed")
+"""Sums over the planes of a camera, (F,): areas, px^2, and planes by the kind of their figure.
 
-    `n_certified` counts planes with a certified figure, `n_visible` those of them in which the face
-    is visible, `n_computed` the others that show it.
-    """
-
-    area: FloatArray
-    visible: FloatArray
-    area_error: FloatArray
-    n_certified: NDArray[np.int8]
-    n_visible: NDArray[np.int8]
-    n_computed: NDArray[np.int8]
+`n_certified` counts planes with a certified figure, `n_visible` those of them in which the face
+is visible, `n_computed` the others that show it.
+"""
 
 
-class FaceRule(NamedTuple):
-    """Numbers of a plane by which faces are measured.
+FaceRule = namedtuple("FaceRule", "width height bend tolerance one part")
+"""Numbers of a plane by which faces are measured.
 
-    `one` is the square of the length of the longest edge in one part; longer ones have parts of
-    twice `part` at most. For the others see `PlaneRecord`.
-    """
-
-    width: float
-    height: float
-    bend: float
-    tolerance: float
-    one: float
-    part: float
-
-
-@part_with_arrays
-def axis_of(pose, frame, k):
-    """Axis k of a plane in the world."""
-    a, b, c = frame[0, k], frame[1, k], frame[2, k]
-    return (
-        pose[0, 0] * a + pose[0, 1] * b + pose[0, 2] * c,
-        pose[1, 0] * a + pose[1, 1] * b + pose[1, 2] * c,
-        pose[2, 0] * a + pose[2, 1] * b + pose[2, 2] * c,
-    )
-
-
-@part_with_arrays
-def are_beyond(points, pose, frame, image, margin):
-    """True where all of some points are beyond one side of a plane, see `is_beside`.
-
-    Sides are moved outwards by `margin` times the distance of the farthest point so far.
-    """
-    meets_front = meets_left = meets_right = meets_top = meets_bottom = False
-    far = 0.0
-    right, down = axis_of(pose, frame, 0), axis_of(pose, frame, 1)
-    ahead = axis_of(pose, frame, 2)
-    for i in range(points.shape[0]):
-        a, b, c = points[i, 0] - pose[0, 3], points[i, 1] - pose[1, 3], points[i, 2] - pose[2, 3]
-        x = a * right[0] + b * right[1] + c * right[2]
-        y = a * down[0] + b * down[1] + c * down[2]
-        z = a * ahead[0] + b * ahead[1] + c * ahead[2]
-        far = max(far, abs(a), abs(b), abs(c))
-        slack = margin * far
-        meets_front = meets_front or z >= -slack
-        meets_left = meets_left or x - image[0] * z >= -slack
-        meets_right = meets_right or image[1] * z - x >= -slack
-        meets_top = meets_top or y - image[2] * z >= -slack
-        meets_bottom = meets_bottom or image[3] * z - y >= -slack
-        if meets_front and meets_left and meets_right and meets_top and meets_bottom:
-            return False
-    return True
+`one` is the square of the length of the longest edge in one part; longer ones have parts of
+twice `part` at most. For the others see `PlaneRecord`.
+"""
 
 
 @allocation_free
-def is_beside(box, points, pose, frame, image, margin):
-    """True where all of some points (N, 3) are behind a plane, or beyond one side of its image.
+def are_beyond(points, eye, sides, margin):
+    """True where all of some points, (N, 3), are on the outer side of one plane through the eye.
 
     Parameters
     ----------
-    box : (8, 3) float64
-        Corners of a box around the points, which decide in most cases.
-    pose, frame : (4, 4), (3, 3) float64
-        World from camera, and camera from plane.
-    image : (4,) float64
-        Left, right, top and bottom of the image, in units of the plane.
+    eye, sides : (3,), (5, 3) float64
+        Camera centre, and the inner normals of the planes.
     margin : float
-        Distance relative to that of a point that is no rounding.
+        Distance from a plane that is no rounding, relative to that of the farthest point so far.
     """
-    steep = 1 + max(abs(image[0]), abs(image[1]), abs(image[2]), abs(image[3]))
-    slack = margin * steep
-    return are_beyond(box, pose, frame, image, slack) or are_beyond(
-        points, pose, frame, image, slack
-    )
+    met, far = 0, 0.0
+    for i in range(points.shape[0]):
+        a, b, c = points[i, 0] - eye[0], points[i, 1] - eye[1], points[i, 2] - eye[2]
+        far = max(far, abs(a), abs(b), abs(c))
+        for s in range(5):
+            if a * sides[s, 0] + b * sides[s, 1] + c * sides[s, 2] >= -margin * far:
+                met |= 1 << s
+        if met == 31:
+            return False
+    return True
 
 
 @allocation_free
@@ -738,23 +617,20 @@ def measure_simple(faces, sides, is_flat, state, seen, plane, own, own_error, is
 @part_with_arrays
 def length_of(corners, first, last, plane):
     """Length of the outline of a polygon, px of the pinhole; at most twice its box is as good."""
-    low_x = low_y = np.inf
-    high_x = high_y = -np.inf
-    for i in range(first, last):
-        low_x, high_x = min(low_x, corners[i, 0]), max(high_x, corners[i, 0])
-        low_y, high_y = min(low_y, corners[i, 1]), max(high_y, corners[i, 1])
+    low_x, high_x, low_y, high_y = extent_of(corners[first:last], last - first)
     return 2 * ((high_x - low_x) * plane.fx + (high_y - low_y) * plane.fy)
 
 
 @allocation_free
-def add_areas(found, images, projected, kept, pinhole, plane, own, out):
+def add_areas(found, n_outlines, images, projected, kept, pinhole, plane, own, out):
     """Add the images of polygons to the figures of faces.
 
     Parameters
     ----------
-    found : Polygons
+    found, n_outlines : VisiblePieces, int
+        Of `collect`.
     images : (M, 2) float64
-        Of `rastercov.kernels.lens_polygons.measure_insides`.
+        Of `rastercov.kernels.lens_polygons.measure_polygons`.
     pinhole : tuple
         Visible area (F,), error (F,) and certificates (F,) of the pinhole, px^2 of its image.
     own : (F,) float64
@@ -766,11 +642,11 @@ def add_areas(found, images, projected, kept, pinhole, plane, own, out):
     rounding = EDGE_ROUNDING * (plane.width + plane.height) * plane.speed
     # A face with pieces is partly visible; one without is wholly visible or wholly hidden.
     for i in range(found.used[0]):
-        f, inside = found.face[i], images[i, 0]
+        f, inside = found.faces[i], images[i, 0]
         out.area_error[f] += images[i, 1] * plane.tolerance + rounding * length_of(
             found.corners, found.starts[i], found.starts[i + 1], plane
         )
-        if found.kind[i] == OUTLINE:
+        if i < n_outlines:
             own[f] += inside
             out.area[f] += inside
         else:

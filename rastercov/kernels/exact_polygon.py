@@ -58,13 +58,28 @@ def copy_polygon(source, n, target):
 
 
 @part_with_arrays
+def corners_of_part(first, n):
+    """Corners of the part of a polygon from corner `first` on, see `copy_part`."""
+    return min(MOST_CORNERS, n - first + 1)
+
+
+@part_with_arrays
+def copy_part(polygon, first, m, target):
+    """Copy corner 0 and m - 1 corners from `first` on; the next part begins at `first` + m - 2.
+
+    Parts of at most `MOST_CORNERS` corners divide a convex polygon from 1 on.
+    """
+    target[0, U], target[0, V] = polygon[0, U], polygon[0, V]
+    copy_polygon(polygon[first:], m - 1, target[1:])
+
+
+@part_with_arrays
 def store_piece(face, polygon, n, kept):
     """Append a polygon to the pieces that are handed out, if anyone asks for them."""
     if kept.corners.shape[0] > 0:
         piece, at = kept.used[0], kept.used[1]
         if piece < kept.faces.shape[0] and at + n <= kept.corners.shape[0]:
-            for p in range(n):
-                kept.corners[at + p, U], kept.corners[at + p, V] = polygon[p, U], polygon[p, V]
+            copy_polygon(polygon, n, kept.corners[at:])
             kept.faces[piece] = face
             kept.starts[piece + 1] = at + n
         else:
@@ -118,6 +133,39 @@ def twice_area(polygon, n):
             polygon[i, V] - v
         )
     return total
+
+
+@part_with_arrays
+def extent_of(polygon, n):
+    """Bounds of a polygon: least and greatest u, least and greatest v."""
+    u_min = u_max = polygon[0, U]
+    v_min = v_max = polygon[0, V]
+    for p in range(1, n):
+        u_min, u_max = min(u_min, polygon[p, U]), max(u_max, polygon[p, U])
+        v_min, v_max = min(v_min, polygon[p, V]), max(v_max, polygon[p, V])
+    return u_min, u_max, v_min, v_max
+
+
+@part_with_arrays
+def side_at(polygon, n, i):
+    """Side i of a polygon of n corners as a line through its first corner: (x, y, dx, dy, 0)."""
+    j = i + 1 if i + 1 < n else 0
+    x, y = polygon[i, 0], polygon[i, 1]
+    return x, y, polygon[j, 0] - x, polygon[j, 1] - y, 0.0
+
+
+@part_with_arrays
+def values_on_line(polygon, n, line, slack, values):
+    """Fill `values` with those of a line at the corners, 0 within the slack; least and greatest.
+
+    Neither is beyond 0, so that it is 0 for a polygon on one side of the line.
+    """
+    least = most = 0.0
+    for p in range(n):
+        value = line_value(line, polygon[p, U], polygon[p, V])
+        values[p] = value if abs(value) > slack else 0.0
+        least, most = min(least, values[p]), max(most, values[p])
+    return least, most
 
 
 @part_with_arrays
@@ -190,6 +238,15 @@ def split(polygon, n, values, inside, outside):
     return kept, lost
 
 
+@part_with_arrays
+def copy_second_half(polygon, n, target):
+    """Copy the part of a polygon beyond the chord from corner n // 2 to corner 0; its corners."""
+    half = n // 2
+    copy_polygon(polygon[half:], n - half, target)
+    target[n - half, U], target[n - half, V] = polygon[0, U], polygon[0, V]
+    return n - half + 1
+
+
 @allocation_free
 def limit_corners(pieces, at, count):
     """Split a piece of more than `MOST_CORNERS` corners along chords; returns the piece count.
@@ -199,14 +256,8 @@ def limit_corners(pieces, at, count):
     corners, n_corners = pieces.corners, pieces.n_corners
     while n_corners[at] > MOST_CORNERS:
         n = n_corners[at]
-        half = n // 2
-        for p in range(half, n):
-            corners[count, p - half, U] = corners[at, p, U]
-            corners[count, p - half, V] = corners[at, p, V]
-        corners[count, n - half, U] = corners[at, 0, U]
-        corners[count, n - half, V] = corners[at, 0, V]
-        n_corners[count] = n - half + 1
-        n_corners[at] = half + 1
+        n_corners[count] = copy_second_half(corners[at], n, corners[count])
+        n_corners[at] = n // 2 + 1
         count += 1
     return count
 
@@ -262,12 +313,7 @@ def clip_subtract(pieces, count, lines, n_sides, n_lines, tolerance, spare, valu
             line = line_at(lines, s)
             slack = tolerance * (abs(lines[s, DU]) + abs(lines[s, DV]))
             n = n_corners[i]
-            least, most = 0.0, 0.0
-            for p in range(n):
-                value = line_value(line, corners[i, p, U], corners[i, p, V])
-                values[p] = value if abs(value) > slack else 0.0
-                least = min(least, values[p])
-                most = max(most, values[p])
+            least, most = values_on_line(corners[i], n, line, slack, values)
             if most == 0:
                 is_hidden = False
                 break
@@ -311,17 +357,11 @@ def outline(f, projected, corners, lines):
             for column in range(OFFSET + 1):
                 lines[p, column] = clipped.lines[s, p, column]
         return clipped.n_corners[s], SIDES
-    faces, uvw = projected.faces, projected.uvw
-    second, third = (1, 2) if projected.side[f] < 0 else (2, 1)
-    i, j, k = faces[f, 0], faces[f, second], faces[f, third]
-    corners[0, U], corners[0, V] = uvw[i, U], uvw[i, V]
-    corners[1, U], corners[1, V] = uvw[j, U], uvw[j, V]
-    corners[2, U], corners[2, V] = uvw[k, U], uvw[k, V]
     for p in range(3):
-        q = p + 1 if p < 2 else 0
-        lines[p, U], lines[p, V] = corners[p, U], corners[p, V]
-        lines[p, DU], lines[p, DV] = corners[q, U] - corners[p, U], corners[q, V] - corners[p, V]
-        lines[p, OFFSET] = 0.0
+        line = side_of(f, p, projected)
+        corners[p, U], corners[p, V] = line[U], line[V]
+        for column in range(OFFSET + 1):
+            lines[p, column] = line[column]
     return 3, 3
 
 
@@ -332,20 +372,30 @@ def n_sides_of(f, projected):
 
 
 @part_with_arrays
+def ends_of_side(f, s, projected):
+    """Vertices at the ends of side s of a live face, clockwise in the image.
+
+    The corners of a face seen from the front are taken in reverse.
+    """
+    faces = projected.faces
+    if projected.side[f] < 0:
+        return faces[f, s], faces[f, (s + 1) % 3]
+    return faces[f, s if s == 0 else 3 - s], faces[f, 2 - s]
+
+
+@part_with_arrays
 def side_of(f, s, projected):
     """Line s of the outline of a live face, as `outline` fills it."""
     if projected.state[f] & CLIPPED:
         return line_at(projected.clipped.lines[projected.clipped_index[f]], s)
-    faces, uvw = projected.faces, projected.uvw
-    is_back = projected.side[f] < 0  # the corners of a face seen from the front in reverse
-    p = faces[f, s if is_back or s == 0 else 3 - s]
-    q = faces[f, (s + 1) % 3 if is_back else 2 - s]
+    p, q = ends_of_side(f, s, projected)
+    uvw = projected.uvw
     u, v = uvw[p, U], uvw[p, V]
     return u, v, uvw[q, U] - u, uvw[q, V] - v, 0.0
 
 
 @part_with_arrays
-def is_joined(f, s, n_lines, edges, is_event, projected):
+def is_joined(f, s, n_lines, view):
     """True if the surface continues beyond line s of the outline of a face: it is no event edge.
 
     Never where one of the two faces is clipped in space: its lines may be known to few digits, and
@@ -353,9 +403,10 @@ def is_joined(f, s, n_lines, edges, is_event, projected):
     """
     if n_lines == SIDES:
         return False
+    edges, projected = view.edges, view.projected
     # The corners of a face seen from the front are taken in reverse.
     e = edges.of_face[f, s if projected.side[f] < 0 else 2 - s]
-    if is_event[e] or edges.faces[e, 1] < 0:
+    if view.is_event[e] or edges.faces[e, 1] < 0:
         return False
     other = edges.faces[e, 0] if edges.faces[e, 0] != f else edges.faces[e, 1]
     return projected.state[other] & (LIVE | CLIPPED | DOUBTFUL) == LIVE

@@ -2,9 +2,9 @@
 
 Image coordinates are u to the right and v down, in pixels; w is 1/z, z being the depth in metres.
 
-The arguments `camera`, `projected`, `clipped`, `grid`, `edges`, `segment`, `occluders`, `pieces`
-and `work` of a kernel are the records defined here: Pinhole, Projected, Clipped, CellGrid and so
-on. A polygon and its corner count n are (N, 2) float64 and int, clockwise; lines are (N, 5).
+The arguments `camera`, `projected`, `clipped`, `grid`, `edges`, `segment`, `pieces`, `work` and
+`view` of a kernel are the records defined here: Pinhole, Projected, Clipped, CellGrid and so on. A
+polygon and its corner count n are (N, 2) float64 and int, clockwise; lines are (N, 5).
 """
 
 from collections import namedtuple
@@ -314,4 +314,18 @@ edge : (N,) int32
 segments : (N, 7) float64
     u, v, du, dv of the edge, the first and last of the range of it that crosses the face, and the
     error of its position, pixels.
+"""
+
+View = namedtuple("View", "camera projected grid edges is_event work visible area_error")
+"""Pose of a surface, with what is found of it.
+
+Attributes
+----------
+camera, projected, grid, edges : Pinhole, Projected, CellGrid, Edges
+is_event : (E,) bool
+    Event edges, of `exact_event.find_event_edges`; unused by half planes.
+work : Work
+    Scratch.
+visible, area_error : (F,) float64
+    Visible area, and the bound of its error and that of the area together, px^2.
 """

@@ -29,7 +29,7 @@ import numpy as np
 from llvmlite import ir
 from numba.core import types
 
-from rastercov.kernels.exact_polygon import clip, length, twice_area
+from rastercov.kernels.exact_polygon import clip, copy_polygon, extent_of, length, twice_area
 from rastercov.kernels.exact_records import (
     ABSENT,
     BLOCK,
@@ -42,7 +42,6 @@ from rastercov.kernels.exact_records import (
     LINE_ERROR,
     LIVE,
     MIXED,
-    NON_MANIFOLD,
     OFFSET,
     OUTLINE_ERROR,
     PARTLY,
@@ -97,117 +96,19 @@ def join(f, g, parent):
 
 
 @compiled
-def find_patches(edges, patch, lowest, patch_starts):
-    """Divide each block into patches: faces joined by edges that two of them use consistently.
+def find_patches(edges, lowest):
+    """Fill `lowest`, (F,), with the lowest face of the patch of each face.
 
-    Parameters
-    ----------
-    edges : Edges
-    patch, lowest : (F,) int32
-        Out: patch of each face; lowest face of each patch.
-    patch_starts : (N + 1,) int32
-        Out: first patch of each block, and after them the number of all.
-
-    Returns
-    -------
-    int
-        Number of patches.
+    A patch is a part of a block whose faces are joined by edges that two of them use consistently.
     """
-    n, parent = 0, patch
-    n_faces = patch.shape[0]
-    for f in range(n_faces):
-        parent[f] = f
+    for f in range(lowest.shape[0]):
+        lowest[f] = f
     for e in range(edges.kind.shape[0]):
         f, g = edges.faces[e, 0], edges.faces[e, 1]
         if g >= 0 and edges.kind[e] == CONSISTENT and f // BLOCK == g // BLOCK:
-            join(f, g, parent)
-    for f in range(n_faces):
-        parent[f] = root_of(parent, f)
-    for b in range(patch_starts.shape[0] - 1):
-        patch_starts[b] = n
-        last = min((b + 1) * BLOCK, n_faces)
-        for f in range(b * BLOCK, last):
-            if parent[f] == f:
-                lowest[n] = f
-                n += 1
-        # From roots to numbers: below zero until all faces of the block have theirs.
-        for c in range(patch_starts[b], n):
-            parent[lowest[c]] = ~np.int32(c)
-        for f in range(b * BLOCK, last):
-            if parent[f] >= 0:
-                parent[f] = parent[parent[f]]
-        for f in range(b * BLOCK, last):
-            patch[f] = ~parent[f]
-    patch_starts[patch_starts.shape[0] - 1] = n
-    return n
-
-
-@compiled
-def list_joins(edges, patch, met, joins):
-    """List the pairs of patches that share an edge of two faces; returns their number.
-
-    Parameters
-    ----------
-    met : (C,) int32
-        Scratch.
-    joins : (J, 2) int32
-        Out: the lower patch and the other one, whose complement ~c is listed where both faces run
-        along the edge in the same direction. A pair may be listed more than once; those beyond the
-        room are counted only.
-    """
-    n = 0
-    met[:] = -1
-    for f in range(patch.shape[0]):
-        for s in range(3):
-            e = edges.of_face[f, s]
-            if edges.kind[e] == NON_MANIFOLD or edges.faces[e, 1] < 0:
-                continue
-            other = edges.faces[e, 0] if edges.faces[e, 0] != f else edges.faces[e, 1]
-            c, d = patch[f], patch[other]
-            is_consistent = edges.kind[e] == CONSISTENT
-            if d <= c or (is_consistent and met[d] == c):
-                continue
-            if is_consistent:
-                met[d] = c
-            if n < joins.shape[0]:
-                joins[n, 0], joins[n, 1] = c, d if is_consistent else ~d
-            n += 1
-    return n
-
-
-@compiled
-def list_blocks_of_edges(edges, met, is_plain, starts, blocks):
-    """List the blocks of faces that each `BLOCK` consecutive edges belong to; their number.
-
-    Parameters
-    ----------
-    met : (N,) int32
-        Scratch.
-    is_plain : (M,) bool
-        Out: each of these edges has two faces that run along it in opposite directions.
-    starts : (M + 1,) int32
-        Out: the blocks of edges m are blocks[starts[m]] ... blocks[starts[m + 1] - 1].
-    blocks : (Q,) int32
-        Out; those beyond the room are counted only.
-    """
-    n = 0
-    met[:] = -1
-    for m in range(is_plain.shape[0]):
-        starts[m], is_plain[m] = n, True
-        for e in range(m * BLOCK, min((m + 1) * BLOCK, edges.kind.shape[0])):
-            if edges.kind[e] != CONSISTENT or edges.faces[e, 1] < 0:
-                is_plain[m] = False
-                break
-        for e in range(m * BLOCK, min((m + 1) * BLOCK, edges.kind.shape[0])):
-            for s in range(2 if is_plain[m] else 0):
-                b = edges.faces[e, s] // BLOCK
-                if met[b] != m:
-                    met[b] = m
-                    if n < blocks.shape[0]:
-                        blocks[n] = b
-                    n += 1
-    starts[is_plain.shape[0]] = n
-    return n
+            join(f, g, lowest)
+    for f in range(lowest.shape[0]):
+        lowest[f] = root_of(lowest, f)
 
 
 SPLITTER = 2.0**27 + 1
@@ -338,8 +239,7 @@ def normals_of_sides(high, low, underflow, normals, errors):
     d is n . X of the face. (p x q) . ray has its sign for a ray on the inner side of edge p q.
     """
     d = d_low = 0.0
-    for k in range(3):
-        normals[3, k] = normals[4, k] = 0.0
+    normals[3:] = 0.0
     for s in range(3):
         p, q = s, s + 1 if s < 2 else 0
         for k in range(3):
@@ -504,26 +404,22 @@ def clip_in_space(corners, low, camera, normals, errors, sides, plane, polygon, 
 @part_with_arrays
 def bounds_of_clipped(polygon, n, plane):
     """Box of a clipped face: least and greatest u, v and w."""
-    u_min = v_min = w_min = np.inf
-    u_max = v_max = w_max = -np.inf
+    w_min, w_max = np.inf, -np.inf
     for p in range(n):
         u, v = polygon[p, U], polygon[p, V]
-        u_min, u_max = min(u_min, u), max(u_max, u)
-        v_min, v_max = min(v_min, v), max(v_max, v)
         along_u, along_v = plane[SLOPE_U] * (u - plane[U]), plane[SLOPE_V] * (v - plane[V])
         w = plane[W] + along_u + along_v
         size = abs(plane[W]) + abs(along_u) + abs(along_v)
         error = plane[W_ERROR] + W_ARITHMETIC_ERROR_REL * size
         w_min, w_max = min(w_min, w - error), max(w_max, w + error)
-    return u_min, u_max, v_min, v_max, max(w_min, 0.0), w_max
+    return (*extent_of(polygon, n), max(w_min, 0.0), w_max)
 
 
 @part_with_arrays
 def store_clipped(clipped, s, polygon, n, sides, plane):
     """Copy what `clip_in_space` returned to row s."""
     clipped.n_corners[s] = max(n, 0)
-    for p in range(n):
-        clipped.polygons[s, p, U], clipped.polygons[s, p, V] = polygon[p, U], polygon[p, V]
+    copy_polygon(polygon, n, clipped.polygons[s])
     for q in range(SIDES):
         for column in range(OFFSET + 1):
             clipped.lines[s, q, column] = sides[q, column]
@@ -669,20 +565,13 @@ def entries_that_touch(
 
 
 @part_with_arrays
-def lay_boxes_of_some(first, stop, projected):
-    """Fill in the boxes of the faces `first` ... `stop` - 1; none is clipped."""
-    faces, uvw, box = pointer(projected.faces), pointer(projected.uvw), pointer(projected.box)
-    for f in range(first, stop):
-        lay_box(f, faces, uvw, box)
-
-
-@part_with_arrays
 def lay_boxes_of_block(b, projected):
     """Fill in the boxes of the faces of a block, the first time. None of them is clipped."""
     if not projected.has_boxes[b]:
         projected.has_boxes[b] = True
-        n_faces = projected.blocks.patch.shape[0]
-        lay_boxes_of_some(b * BLOCK, min((b + 1) * BLOCK, n_faces), projected)
+        faces, uvw, box = pointer(projected.faces), pointer(projected.uvw), pointer(projected.box)
+        for f in range(b * BLOCK, min((b + 1) * BLOCK, projected.blocks.patch.shape[0])):
+            lay_box(f, faces, uvw, box)
 
 
 @allocation_free
@@ -690,6 +579,20 @@ def lay_boxes(faces, projected):
     """Fill in the boxes of some faces, and of the others of their blocks."""
     for index in range(faces.shape[0]):
         lay_boxes_of_block(faces[index] // BLOCK, projected)
+
+
+@part_with_arrays
+def clear_box(box):
+    """Let a box hold nothing."""
+    box[U_MIN] = box[V_MIN] = np.inf
+    box[U_MAX] = box[V_MAX] = -np.inf
+
+
+@part_with_arrays
+def widen_box(box, u_min, u_max, v_min, v_max):
+    """Let a box hold a rectangle, too."""
+    box[U_MIN], box[U_MAX] = min(box[U_MIN], u_min), max(box[U_MAX], u_max)
+    box[V_MIN], box[V_MAX] = min(box[V_MIN], v_min), max(box[V_MAX], v_max)
 
 
 @part_with_arrays
@@ -742,8 +645,7 @@ def set_up_plain(camera, front_only, n_out, projected, area_error, extent, measu
     blocks = projected.blocks
     width, height, pixel_error = camera.width, camera.height, camera.pixel_error
     extent[:] = 0.0
-    extent[U_MIN] = extent[V_MIN] = np.inf
-    extent[U_MAX] = extent[V_MAX] = -np.inf
+    clear_box(extent)
     n_live = n_rest = 0
     faces_at, uvw_at = pointer(projected.faces), pointer(projected.uvw)
     narrow, most_error = NARROW_FACTOR * pixel_error, 2 * width * height
@@ -786,13 +688,10 @@ def set_up_plain(camera, front_only, n_out, projected, area_error, extent, measu
         projected.block_state[b] = flags if has_all else flags | np.uint16(ABSENT)
         projected.block_side[b] = MIXED if is_mixed else common
         projected.has_boxes[b] = False
-        projected.block_box[b, U_MIN] = projected.block_box[b, V_MIN] = np.inf
-        projected.block_box[b, U_MAX] = projected.block_box[b, V_MAX] = -np.inf
+        clear_box(projected.block_box[b])
         if is_live:
-            projected.block_box[b, U_MIN], projected.block_box[b, U_MAX] = low_u, high_u
-            projected.block_box[b, V_MIN], projected.block_box[b, V_MAX] = low_v, high_v
-            extent[U_MIN], extent[U_MAX] = min(extent[U_MIN], low_u), max(extent[U_MAX], high_u)
-            extent[V_MIN], extent[V_MAX] = min(extent[V_MIN], low_v), max(extent[V_MAX], high_v)
+            widen_box(projected.block_box[b], low_u, high_u, low_v, high_v)
+            widen_box(extent, low_u, high_u, low_v, high_v)
             n_live += BLOCK
             extent[SUM_OF_WIDTHS] += its_widths
             extent[SUM_OF_HEIGHTS] += its_heights
@@ -834,13 +733,11 @@ def set_up(vertices, is_flat, rest, camera, front_only, projected, area_error, e
     errors, polygon, spare = np.empty(5), np.empty((CORNERS, 2)), np.empty((CORNERS, 2))
     lines, plane, border = np.empty((SIDES, 6)), np.empty(7), camera.border
     n_live = n_clipped = 0
-    low_u, high_u, low_v, high_v = extent[U_MIN], extent[U_MAX], extent[V_MIN], extent[V_MAX]
-    widths = heights = areas = 0.0
+    widths, heights, areas, bounds = 0.0, 0.0, 0.0, extent.copy()
     for index in range(rest.shape[0]):
         b = rest[index]
         projected.has_boxes[b] = True
-        block_box[b, U_MIN] = block_box[b, V_MIN] = np.inf
-        block_box[b, U_MAX] = block_box[b, V_MAX] = -np.inf
+        clear_box(block_box[b])
         for f in range(b * BLOCK, min((b + 1) * BLOCK, n_faces)):
             state[f] = 0
             side[f] = 0
@@ -926,10 +823,7 @@ def set_up(vertices, is_flat, rest, camera, front_only, projected, area_error, e
                 continue
             box[f, U_MIN], box[f, U_MAX], box[f, V_MIN], box[f, V_MAX] = u_min, u_max, v_min, v_max
             box[f, W_MIN], box[f, W_MAX] = w_min, w_max
-            block_box[b, U_MIN] = min(block_box[b, U_MIN], u_min)
-            block_box[b, U_MAX] = max(block_box[b, U_MAX], u_max)
-            block_box[b, V_MIN] = min(block_box[b, V_MIN], v_min)
-            block_box[b, V_MAX] = max(block_box[b, V_MAX], v_max)
+            widen_box(block_box[b], u_min, u_max, v_min, v_max)
             if not inside > 0:
                 state[f] = THIN | DOUBTFUL | flags & CLIPPED
                 continue
@@ -941,11 +835,10 @@ def set_up(vertices, is_flat, rest, camera, front_only, projected, area_error, e
             widths += u_max - u_min
             heights += v_max - v_min
             areas += (u_max - u_min) * (v_max - v_min)
-            low_u, high_u = min(low_u, u_min), max(high_u, u_max)
-            low_v, high_v = min(low_v, v_min), max(high_v, v_max)
+            widen_box(bounds, u_min, u_max, v_min, v_max)
         describe_block(b, UNEVEN, projected)
     if n_clipped <= clipped.polygons.shape[0]:
-        extent[U_MIN], extent[U_MAX], extent[V_MIN], extent[V_MAX] = low_u, high_u, low_v, high_v
+        extent[:] = bounds
         extent[SUM_OF_WIDTHS] += widths
         extent[SUM_OF_HEIGHTS] += heights
         extent[SUM_OF_AREAS] += areas

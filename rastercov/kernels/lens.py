@@ -96,12 +96,11 @@ def _angle_over_r_step(r2, z):
 
 _REAL = {"sqrt": math.sqrt, "atan2": math.atan2, "angle_over_r": _angle_over_r}
 _STEP = {"sqrt": _sqrt_step, "atan2": _atan2_step, "angle_over_r": _angle_over_r_step}
-_DISTORTION = (lens_formulas.radial_factor, lens_formulas.distorted)
-
-_plane = lens_formulas.bound_to(_REAL, part_with_arrays, _DISTORTION)
-radial_factor, distorted = _plane["radial_factor"], _plane["distorted"]
-_plane = lens_formulas.bound_to(_STEP, part_with_arrays, _DISTORTION)
-_radial_factor_step, _distorted_step = _plane["radial_factor"], _plane["distorted"]
+_equations = lens_formulas.bound_to(_REAL, part_with_arrays)
+radial_factor, project, based = (_equations[name] for name in ("radial_factor", "project", "based"))
+_steps = lens_formulas.bound_to(_STEP, part_with_arrays)
+_radial_factor_step, _distorted_step = _steps["radial_factor"], _steps["distorted"]
+_project_step = _steps["project"]
 
 
 @part_with_arrays
@@ -209,12 +208,6 @@ def undo_distortion(p, a, b):
             if not is_good:
                 return math.nan, math.nan
     return x, y
-
-
-_equations = lens_formulas.bound_to(_REAL, part_with_arrays)
-_steps = lens_formulas.bound_to(_STEP, part_with_arrays)
-project, based = _equations["project"], _equations["based"]
-_project_step = _steps["project"]
 
 
 @part_with_arrays

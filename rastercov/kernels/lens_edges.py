@@ -24,7 +24,7 @@ import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
-from rastercov.kernels.jit import allocation_free, called_whole, part_with_arrays
+from rastercov.kernels.jit import allocation_free, called_whole, part_of, part_with_arrays
 from rastercov.kernels.lens import project
 from rastercov.kernels.lens_lanes import GROUP, project_lanes
 
@@ -92,30 +92,43 @@ NO_LEVEL, LEVEL_U, LEVEL_V = 0, 1, 2
 
 
 @part_with_arrays
-def plane_value(code, p, frame, x, y):
+def plane_value(plane, x, y):
     """Pixel (u, v) of a point of a plane."""
+    frame = plane.frame
     X = frame[0, 0] * x + frame[0, 1] * y + frame[0, 2]
     Y = frame[1, 0] * x + frame[1, 1] * y + frame[1, 2]
     Z = frame[2, 0] * x + frame[2, 1] * y + frame[2, 2]
-    return project(code, p, X, Y, Z)
+    return project(plane.code, plane.params, X, Y, Z)
+
+
+@part_of
+def point_of(edge, s, t):
+    """Point of an edge (ax, ay, bx, by) with the weights s and t of its ends."""
+    ax, ay, bx, by = edge
+    return s * ax + t * bx, s * ay + t * by
+
+
+@part_of
+def part_of_edge(edge, start, end):
+    """Part of an edge from one place to another one, 0 to 1."""
+    return (*point_of(edge, 1.0 - start, start), *point_of(edge, 1.0 - end, end))
 
 
 @allocation_free
-def node_value(code, p, frame, ax, ay, bx, by, n, k):
-    """Pixel (u, v) of node k of the n + 1 nodes of the edge from (ax, ay) to (bx, by)."""
-    t, s = NODES[n, k], NODES[n, n - k]
-    return plane_value(code, p, frame, s * ax + t * bx, s * ay + t * by)
+def node_value(plane, edge, n, k):
+    """Pixel (u, v) of node k of the n + 1 nodes of an edge."""
+    x, y = point_of(edge, NODES[n, n - k], NODES[n, k])
+    return plane_value(plane, x, y)
 
 
 @allocation_free
-def values_together(code, p, frame, ax, ay, bx, by, n, nodes, U, V):
-    """Fill U, V with the pixels of the n + 1 nodes of an edge; `nodes`, (3, NODE_ROOM), scratch."""
-    x, y = nodes[0], nodes[1]
+def values_together(plane, edge, n, scratch):
+    """Fill `scratch.U` and `scratch.V` with the pixels of the n + 1 nodes of an edge."""
+    x, y, z = scratch.nodes[0], scratch.nodes[1], scratch.nodes[2]
     for k in range(NODE_ROOM):
         m = min(k, n)
-        t, s = NODES[n, m], NODES[n, n - m]
-        x[k], y[k] = s * ax + t * bx, s * ay + t * by
-    project_lanes(code, p, frame, x, y, nodes[2], n + 1, U, V)
+        x[k], y[k] = point_of(edge, NODES[n, n - m], NODES[n, m])
+    project_lanes(plane.code, plane.params, plane.frame, x, y, z, n + 1, scratch.U, scratch.V)
 
 
 @part_with_arrays
@@ -270,90 +283,107 @@ def roots(n, stack, low, spare, out, kinds, kind, count):
 
 
 @allocation_free
-def height_at(code, p, frame, ax, ay, bx, by, t, is_u, level):
+def height_at(plane, edge, t, is_u, level):
     """Pixels by which u, or v, of the point at t on an edge is above a level."""
-    x, y = (1.0 - t) * ax + t * bx, (1.0 - t) * ay + t * by
-    u, v = plane_value(code, p, frame, x, y)
+    x, y = point_of(edge, 1.0 - t, t)
+    u, v = plane_value(plane, x, y)
     return (u if is_u else v) - level
 
 
 @allocation_free
-def crossing(code, p, frame, ax, ay, bx, by, t, is_u, level):
+def crossing(plane, edge, t, is_u, level):
     """Place where the image of an edge takes a level of u, or of v, next to a root t.
 
     The root is that of the polynomial through the nodes, which is next to the lens by area, but may
     be off by much more in its place; steps of the secant method follow while they come nearer.
     """
     step = SECANT if t < 0.5 else -SECANT
-    height = height_at(code, p, frame, ax, ay, bx, by, t, is_u, level)
+    height = height_at(plane, edge, t, is_u, level)
     for _ in range(CORRECTIONS):
         if abs(height) < CROSSED:
             break
-        change = height_at(code, p, frame, ax, ay, bx, by, t + step, is_u, level) - height
+        change = height_at(plane, edge, t + step, is_u, level) - height
         move = -step * (height / change) if change != 0.0 else 1.0
         if not abs(move) < SECANT or not 0.0 < t + move < 1.0:
             break
-        following = height_at(code, p, frame, ax, ay, bx, by, t + move, is_u, level)
+        following = height_at(plane, edge, t + move, is_u, level)
         if not abs(following) < abs(height):
             break
         t, height = t + move, following
     return t
 
 
+@allocation_free
+def find_cuts(plane, edge, n, stray, scratch):
+    """List the places where the image of an edge may cross the border of the image, in order.
+
+    The values at its nodes are `scratch.U` and `scratch.V`. Returns their number.
+    """
+    cuts, kinds, count = scratch.cuts, scratch.kinds, 0
+    for side in range(4):
+        is_u, level = side < 2, (0.0, plane.width, 0.0, plane.height)[side]
+        values = scratch.U if is_u else scratch.V
+        if may_cross(n, values, level, stray):
+            bernstein_of(n, values, level, scratch.stack[0])
+            found, kind = count, LEVEL_U if is_u else LEVEL_V
+            count = roots(
+                n, scratch.stack, scratch.low, scratch.spare, cuts, kinds, kind, count
+            )  # fmt: skip
+            for i in range(found, count):
+                cuts[i] = crossing(plane, edge, cuts[i], is_u, level)
+    for i in range(1, count):
+        cut, kind, j = cuts[i], kinds[i], i - 1
+        while j >= 0 and cuts[j] > cut:
+            cuts[j + 1], kinds[j + 1] = cuts[j], kinds[j]
+            j -= 1
+        cuts[j + 1], kinds[j + 1] = cut, kind
+    return count
+
+
+@part_of
+def clamped_end(v, height, kind):
+    """Clamped v of an end of a part of an edge.
+
+    A cut by v is on the border, to the error of its root: the integral must end there, or that
+    error would be multiplied by u.
+    """
+    if kind == LEVEL_V:
+        v = 0.0 if v < 0.5 * height else height
+    return min(max(v, 0.0), height)
+
+
 @called_whole
-def clamped_edge(
-    code, p, frame, ax, ay, bx, by, n, W, H, stray, U, V, stack, low, spare, cuts, kinds, nodes
-):
+def clamped_edge(plane, edge, n, stray, scratch):
     """Integral of clamp(u, 0, W) d clamp(v, 0, H) along the image of an edge, px^2, and its pieces.
 
-    U, V are the values at the nodes of the edge, with room for `NODE_ROOM`, and lost. An arc
-    between two nodes leaves its chord by `stray` at most, px.
+    `scratch.U` and `scratch.V` are the values at the nodes of the edge, and lost. An arc between
+    two nodes leaves its chord by `stray` at most, px.
     """
+    U, V, W, H, cuts, kinds = (
+        scratch.U, scratch.V, plane.width, plane.height, scratch.cuts, scratch.kinds,
+    )  # fmt: skip
     is_in = True
     for k in range(n + 1):
         is_in = is_in and 0.0 < U[k] < W and 0.0 < V[k] < H
-    count = 0
-    for side in range(4):
-        level, values = (0.0, W, 0.0, H)[side], U if side < 2 else V
-        if may_cross(n, values, level, stray):
-            kind = LEVEL_U if side < 2 else LEVEL_V
-            bernstein_of(n, values, level, stack[0])
-            found = count
-            count = roots(n, stack, low, spare, cuts, kinds, kind, count)
-            for i in range(found, count):
-                cuts[i] = crossing(code, p, frame, ax, ay, bx, by, cuts[i], side < 2, level)
-    total = 0.0
+    count = find_cuts(plane, edge, n, stray, scratch)
     if count == 0 and is_in:
-        total = under_edge(n, U, V, 0.0)
-    else:
-        for i in range(1, count):
-            cut, kind, j = cuts[i], kinds[i], i - 1
-            while j >= 0 and cuts[j] > cut:
-                cuts[j + 1], kinds[j + 1] = cuts[j], kinds[j]
-                j -= 1
-            cuts[j + 1], kinds[j + 1] = cut, kind
-        start, start_kind = 0.0, NO_LEVEL
-        for i in range(count + 1):
-            end = cuts[i] if i < count else 1.0
-            end_kind = kinds[i] if i < count else NO_LEVEL
-            if end > start:
-                x0, y0 = (1.0 - start) * ax + start * bx, (1.0 - start) * ay + start * by
-                x1, y1 = (1.0 - end) * ax + end * bx, (1.0 - end) * ay + end * by
-                u, v = U[n // 2], V[n // 2]
+        return under_edge(n, U, V, 0.0), 1
+    total, start, start_kind = 0.0, 0.0, NO_LEVEL
+    for i in range(count + 1):
+        end, end_kind = (cuts[i], kinds[i]) if i < count else (1.0, np.int64(NO_LEVEL))
+        if end > start:
+            part = part_of_edge(edge, start, end)
+            u, v = U[n // 2], V[n // 2]
+            if count > 0:
+                u, v = node_value(plane, part, n, n // 2)
+            if u > 0.0 and 0.0 < v < H:
                 if count > 0:
-                    u, v = node_value(code, p, frame, x0, y0, x1, y1, n, n // 2)
-                if u > 0.0 and 0.0 < v < H:
-                    if count > 0:
-                        values_together(code, p, frame, x0, y0, x1, y1, n, nodes, U, V)
-                    # A cut by v is on the border, to the error of its root: the integral must end
-                    # there, or that error would be multiplied by u.
-                    first = (0.0 if V[0] < 0.5 * H else H) if start_kind == LEVEL_V else V[0]
-                    last = (0.0 if V[n] < 0.5 * H else H) if end_kind == LEVEL_V else V[n]
-                    first, last = min(max(first, 0.0), H), min(max(last, 0.0), H)
-                    if u >= W:
-                        total += W * (last - first)
-                    else:
-                        total += under_edge(n, U, V, 0.0)
-                        total += U[0] * (V[0] - first) + U[n] * (last - V[n])
-            start, start_kind = end, end_kind
+                    values_together(plane, part, n, scratch)
+                first, last = clamped_end(V[0], H, start_kind), clamped_end(V[n], H, end_kind)
+                if u >= W:
+                    total += W * (last - first)
+                else:
+                    total += under_edge(n, U, V, 0.0)
+                    total += U[0] * (V[0] - first) + U[n] * (last - V[n])
+        start, start_kind = end, end_kind
     return total, count + 1

@@ -5,7 +5,7 @@ arguments, the same results. The area and the field of view come from integrals 
 """
 
 import math
-from typing import NamedTuple
+from collections import namedtuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,25 +24,24 @@ from rastercov.kernels.cameras import (
     Z,
     jacobian,
 )
+from rastercov.kernels.exact_polygon import extent_of
 from rastercov.kernels.jit import allocation_free, called_whole, part_with_arrays
-from rastercov.kernels.lens_edges import NODES, bulge, nodes_for
+from rastercov.kernels.lens_edges import NODES, bulge, nodes_for, point_of
 from rastercov.kernels.lens_lanes import GROUP, project_lanes
 from rastercov.kernels.lens_planes import PlaneRecord
 from rastercov.kernels.lens_polygons import (
     MOST_CORNERS,
-    EdgeScratch,
     beyond_side_of,
     cut_in_space,
     cut_to_region,
     cut_to_side_of,
     edge_scratch,
+    is_in_region,
     polygon_image,
 )
 
 FloatArray = NDArray[np.float64]
 
-NOWHERE = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-"""Corners of a face that is not in a plane."""
 SLOPES = 8
 """First of six columns of a vertex, behind those of `cameras`: the derivative of the lens,
 found when a density asks for it; NaN before."""
@@ -50,19 +49,13 @@ OUTSIDE_TOLERANCE = 1e-9
 """Area outside the image, px^2 and relative to the face, up to which a face is inside it."""
 
 
-class CurvedWorkspace(NamedTuple):
-    """Memory of one thread: the projected vertices (V, 14), polygons of a plane, and a `block`.
+CurvedWorkspace = namedtuple(
+    "CurvedWorkspace", "points polygon spare corners spare_corners edges block"
+)
+"""Memory of one thread: the projected vertices (V, 14), polygons of a plane, and a `block`.
 
-    The latter is as in `criteria.Workspace`.
-    """
-
-    points: FloatArray
-    polygon: FloatArray
-    spare: FloatArray
-    corners: FloatArray
-    spare_corners: FloatArray
-    edges: EdgeScratch
-    block: FloatArray
+The latter is as in `criteria.Workspace`.
+"""
 
 
 def curved_workspace(n_vertices: int, block: FloatArray) -> CurvedWorkspace:
@@ -108,11 +101,9 @@ def image_of_face(points, i, j, k, near, lens, work, drawn):
     """
     worst = min(points[i, STATE], points[j, STATE], points[k, STATE])
     if worst == INSIDE:
-        n, longest2, corners = _plane_inside(points, i, j, k, near, lens)
+        n, longest2 = _plane_inside(points, i, j, k, near, lens, work.polygon)
         if n >= 0:
-            area = drawn
-            if not drawn > 0:
-                area = _area_inside(points, i, j, k, lens, n, longest2, corners, work)
+            area = drawn if drawn > 0 else _area_inside(points, i, j, k, lens, n, longest2, work)
             if area > 0:
                 return worst, 1.0, area
     if worst == BEHIND and _is_out_of_sight(points, i, j, k, near, lens):
@@ -129,19 +120,21 @@ def image_of_face(points, i, j, k, near, lens, work, drawn):
 
 
 @allocation_free
-def _plane_inside(points, i, j, k, near, lens):
-    """Plane that has all of a face whose image stays inside; its longest edge squared, its corners.
+def _plane_inside(points, i, j, k, near, lens, polygon):
+    """Plane that has all of a face whose image stays inside, and its longest edge squared.
 
     -1 where an edge may leave the image, or the face a plane. A line of length L in a plane leaves
-    its chord in the image by at most bend L^2 / 8.
+    its chord in the image by at most bend L^2 / 8. `polygon` has the face in the plane.
     """
     low_u = min(points[i, U], points[j, U], points[k, U])
     high_u = max(points[i, U], points[j, U], points[k, U])
     low_v = min(points[i, V], points[j, V], points[k, V])
     high_v = max(points[i, V], points[j, V], points[k, V])
     for n in range(lens.frames.shape[0]):
-        longest2, corners = _longest_edge(points, i, j, k, near, lens, n)
-        if longest2 < math.inf:
+        if _lay_in_plane(points, i, j, k, near, lens, n, polygon):
+            longest2 = max(
+                _length2(polygon, 0, 1), _length2(polygon, 1, 2), _length2(polygon, 2, 0)
+            )
             stray = lens.bends[n] * longest2 / 8
             is_inside = (
                 low_u >= stray
@@ -149,12 +142,19 @@ def _plane_inside(points, i, j, k, near, lens):
                 and high_u <= lens.width - stray
                 and high_v <= lens.height - stray
             )
-            return n if is_inside else -1, longest2, corners
-    return -1, math.inf, NOWHERE
+            return n if is_inside else -1, longest2
+    return -1, math.inf
+
+
+@part_with_arrays
+def _length2(polygon, p, q):
+    """Squared distance of two corners."""
+    x, y = polygon[p, 0] - polygon[q, 0], polygon[p, 1] - polygon[q, 1]
+    return x * x + y * y
 
 
 @called_whole
-def _area_inside(points, i, j, k, lens, n, longest2, corners, work):
+def _area_inside(points, i, j, k, lens, n, longest2, work):
     """Area of the image of a face that is all in plane n, px^2: its triangle and three bulges.
 
     0 where its longest edge is too long for one rule, on a plane with a pole, and where the image
@@ -166,13 +166,12 @@ def _area_inside(points, i, j, k, lens, n, longest2, corners, work):
         return 0.0
     x, y, z, u, v = work.edges.x, work.edges.y, work.edges.z, work.edges.u, work.edges.v
     U_, V_, inner = work.edges.U, work.edges.V, rule - 1
-    nodes = 3 * inner
-    x0, y0, x1, y1, x2, y2 = corners
-    for m in range(inner):
-        t, s = NODES[rule, m + 1], NODES[rule, inner - m]
-        x[m], y[m] = s * x0 + t * x1, s * y0 + t * y1
-        x[inner + m], y[inner + m] = s * x1 + t * x2, s * y1 + t * y2
-        x[2 * inner + m], y[2 * inner + m] = s * x2 + t * x0, s * y2 + t * y0
+    nodes, polygon = 3 * inner, work.polygon
+    for p in range(3):
+        q, at = p + 1 if p < 2 else 0, p * inner
+        edge = (polygon[p, 0], polygon[p, 1], polygon[q, 0], polygon[q, 1])
+        for m in range(inner):
+            x[at + m], y[at + m] = point_of(edge, NODES[rule, inner - m], NODES[rule, m + 1])
     for m in range(nodes, nodes + GROUP):
         x[m], y[m] = x[0], y[0]
     project_lanes(lens.code, lens.own_params[n], frame, x, y, z, nodes, u, v)
@@ -189,38 +188,22 @@ def _area_inside(points, i, j, k, lens, n, longest2, corners, work):
 
 
 @part_with_arrays
-def _longest_edge(points, i, j, k, near, lens, n):
-    """Squared length of the longest edge of a face in a plane, and the corners in its units.
+def _lay_in_plane(points, i, j, k, near, lens, n, polygon):
+    """Fill `polygon` with a face in a plane, in its units; False where some of it is not there.
 
-    The length is infinite for a face not all in the plane. The valid vertices of a lens with one
-    plane are in it.
+    The valid vertices of a lens with one plane are in it.
     """
-    frame, sides = lens.frames[n], lens.region_sides[n]
-    x, y, z = _turned(points, i, frame)
-    u, v, w = _turned(points, j, frame)
-    r, s, t = _turned(points, k, frame)
-    if not min(z, w, t) > 0:
-        return math.inf, NOWHERE
-    x, y, u, v, r, s = x / z, y / z, u / w, v / w, r / t, s / t
-    if lens.frames.shape[0] > 1:
-        if min(z, w, t) < near or lens.hole_sides[n] > 0:
-            return math.inf, NOWHERE
-        for side in range(sides):
-            following = side + 1 if side + 1 < sides else 0
-            x0, y0 = lens.regions[n, side, 0], lens.regions[n, side, 1]
-            dx, dy = lens.regions[n, following, 0] - x0, lens.regions[n, following, 1] - y0
-            if (
-                dx * (y - y0) - dy * (x - x0) < 0
-                or dx * (v - y0) - dy * (u - x0) < 0
-                or dx * (s - y0) - dy * (r - x0) < 0
-            ):
-                return math.inf, NOWHERE
-    longest2 = max(
-        (x - u) * (x - u) + (y - v) * (y - v),
-        (u - r) * (u - r) + (v - s) * (v - s),
-        (r - x) * (r - x) + (s - y) * (s - y),
-    )
-    return longest2, (x, y, u, v, r, s)
+    least, is_one = math.inf, lens.frames.shape[0] == 1
+    for s in range(3):
+        p = i if s == 0 else j if s == 1 else k
+        x, y, z = _turned(points, p, lens.frames[n])
+        polygon[s, 0], polygon[s, 1] = x / z, y / z
+        least = min(least, z)
+    if is_one or not least > 0:
+        return least > 0
+    if least < near or lens.hole_sides[n] > 0:
+        return False
+    return is_in_region(polygon, 3, lens.regions[n, : lens.region_sides[n]])
 
 
 @allocation_free
@@ -228,11 +211,8 @@ def _is_out_of_sight(points, i, j, k, near, lens):
     """True where all of a face is before the near plane, or beyond one side, in every plane."""
     for n in range(lens.frames.shape[0]):
         frame = lens.frames[n]
-        low_x = low_y = math.inf
-        high_x = high_y = -math.inf
-        for s in range(lens.region_sides[n]):
-            low_x, high_x = min(low_x, lens.regions[n, s, 0]), max(high_x, lens.regions[n, s, 0])
-            low_y, high_y = min(low_y, lens.regions[n, s, 1]), max(high_y, lens.regions[n, s, 1])
+        sides = lens.region_sides[n]
+        low_x, high_x, low_y, high_y = extent_of(lens.regions[n], sides)
         before = left = right = above = below = True
         for s in range(3):
             p = i if s == 0 else j if s == 1 else k
@@ -254,6 +234,14 @@ def _turned(points, p, frame):
         frame[0, 1] * a + frame[1, 1] * b + frame[2, 1] * c,
         frame[0, 2] * a + frame[1, 2] * b + frame[2, 2] * c,
     )
+
+
+@allocation_free
+def _with_image(plane, polygon, n, edges, whole, inside):
+    """Sums of areas, and of those inside the image, with those of one more polygon."""
+    area, part, _ = polygon_image(plane, polygon, 0, n, edges, True)
+    sign = -1.0 if area < 0 else 1.0
+    return whole + sign * area, inside + sign * part
 
 
 @called_whole
@@ -282,17 +270,11 @@ def curved_areas(points, i, j, k, near, lens, work):
             continue
         sides = lens.hole_sides[n]
         if sides == 0:
-            area, part, _ = polygon_image(plane, polygon, 0, m, work.edges, True)
-            sign = -1.0 if area < 0 else 1.0
-            whole += sign * area
-            inside += sign * part
+            whole, inside = _with_image(plane, polygon, m, work.edges, whole, inside)
         for side in range(sides):  # what is outside the hole, as in `exact_lens.append_cut`
             beyond = beyond_side_of(polygon, m, plane.hole, side, work.spare)
             if beyond >= 3:
-                area, part, _ = polygon_image(plane, work.spare, 0, beyond, work.edges, True)
-                sign = -1.0 if area < 0 else 1.0
-                whole += sign * area
-                inside += sign * part
+                whole, inside = _with_image(plane, work.spare, beyond, work.edges, whole, inside)
             m = cut_to_side_of(polygon, m, plane.hole, side, work.spare)
             if m < 3:
                 break

@@ -15,15 +15,15 @@ Beside it, bounds of the derivatives of a lens over a box of an ideal plane, fro
 """
 
 import math
-from typing import NamedTuple
+from collections import namedtuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.kernels.exact_polygon import keep_inside
+from rastercov.kernels.exact_polygon import copy_polygon, keep_inside
 from rastercov.kernels.jit import allocation_free, part_with_arrays
-from rastercov.kernels.lens import project
-from rastercov.kernels.lens_polygons import MOST_CORNERS, EdgeScratch, edge_scratch, polygon_image
+from rastercov.kernels.lens_edges import plane_value
+from rastercov.kernels.lens_polygons import MOST_CORNERS, edge_scratch, polygon_image
 
 FloatArray = NDArray[np.float64]
 
@@ -31,34 +31,25 @@ CELLS, PARTS = 32, 4
 """Cells of a side of the grid for balls, and parts of the side of a cell."""
 
 
-class Slopes(NamedTuple):
-    """Bounds of derivatives along lines of a plane, px per unit^2 and unit^3.
+Slopes = namedtuple(
+    "Slopes", "low_x low_y per_x per_y second third sizes is_graded near_pole_2 near_pole_3"
+)
+"""Bounds of derivatives along lines of a plane, px per unit^2 and unit^3.
 
-    Attributes
-    ----------
-    low_x, low_y, per_x, per_y : float
-        Corner of the grid, and cells a unit.
-    second, third : (CELLS PARTS, CELLS PARTS) float64
-        By row (y) and column (x); 0 beyond the region.
-    sizes : (2, CELLS, CELLS) float64
-        Least and greatest |det A|, A the first derivative of pixels, px^2, of each cell of PARTS x
-        PARTS parts; infinite and 0 beyond the region; 0 and infinite where nothing is known.
-    is_graded : bool
-        The plane has a pole at (0, 0): bounds at a distance d from it are the next two numbers,
-        over d^2 and d^3.
-    near_pole_2, near_pole_3 : float
-    """
-
-    low_x: float
-    low_y: float
-    per_x: float
-    per_y: float
-    second: FloatArray
-    third: FloatArray
-    sizes: FloatArray
-    is_graded: bool
-    near_pole_2: float
-    near_pole_3: float
+Attributes
+----------
+low_x, low_y, per_x, per_y : float
+    Corner of the grid, and cells a unit.
+second, third : (CELLS PARTS, CELLS PARTS) float64
+    By row (y) and column (x); 0 beyond the region.
+sizes : (2, CELLS, CELLS) float64
+    Least and greatest |det A|, A the first derivative of pixels, px^2, of each cell of PARTS x
+    PARTS parts; infinite and 0 beyond the region; 0 and infinite where nothing is known.
+is_graded : bool
+    The plane has a pole at (0, 0): bounds at a distance d from it are the next two numbers,
+    over d^2 and d^3.
+near_pole_2, near_pole_3 : float
+"""
 
 
 @allocation_free
@@ -126,6 +117,17 @@ def extremes(line, polygon, n):
     return least, most
 
 
+@part_with_arrays
+def farthest_from(polygon, n, start):
+    """Corner that is farthest from another one, and how far it is."""
+    far, extent = start, 0.0
+    for p in range(n):
+        away = math.hypot(polygon[p, 0] - polygon[start, 0], polygon[p, 1] - polygon[start, 1])
+        if away > extent:
+            far, extent = p, away
+    return far, extent
+
+
 @allocation_free
 def area_and_extent(polygon, n):
     """Area of a polygon, and its greatest distance of corners, to a factor of 2; far corners."""
@@ -133,16 +135,8 @@ def area_and_extent(polygon, n):
     for p in range(1, n - 1):
         area += (polygon[p, 0] - polygon[0, 0]) * (polygon[p + 1, 1] - polygon[0, 1])
         area -= (polygon[p + 1, 0] - polygon[0, 0]) * (polygon[p, 1] - polygon[0, 1])
-    far, other, extent = 0, 0, 0.0
-    for p in range(n):
-        away = math.hypot(polygon[p, 0] - polygon[0, 0], polygon[p, 1] - polygon[0, 1])
-        if away > extent:
-            far, extent = p, away
-    extent = 0.0
-    for p in range(n):
-        away = math.hypot(polygon[p, 0] - polygon[far, 0], polygon[p, 1] - polygon[far, 1])
-        if away > extent:
-            other, extent = p, away
+    far, extent = farthest_from(polygon, n, 0)
+    other, extent = farthest_from(polygon, n, far)
     return 0.5 * area, extent, far, other
 
 
@@ -152,18 +146,6 @@ def keep_side(polygon, n, line, sign, out):
     a, b, c = sign * line[0], sign * line[1], sign * line[2]
     # The point of the line that is nearest to the origin; the inner side is on the left of (b, -a).
     return keep_inside(polygon, n, (-a * c, -b * c, b, -a, 0.0), out)
-
-
-@part_with_arrays
-def pixel_of(plane, frame, x, y):
-    """Pixel of a point of a plane."""
-    return project(
-        plane.code,
-        plane.params,
-        frame[0, 0] * x + frame[0, 1] * y + frame[0, 2],
-        frame[1, 0] * x + frame[1, 1] * y + frame[1, 2],
-        frame[2, 0] * x + frame[2, 1] * y + frame[2, 2],
-    )
 
 
 @allocation_free
@@ -177,17 +159,16 @@ def fit_borders(plane, polygon, n, fit):
     for p in range(n):
         cx += polygon[p, 0] / n
         cy += polygon[p, 1] / n
-    frame = plane.frame
     reach = 0.0
     for p in range(n):
         reach = max(reach, math.hypot(polygon[p, 0] - cx, polygon[p, 1] - cy))
     step = 1e-3 * reach
     for axis in range(2):
         dx, dy = (step, 0.0) if axis == 0 else (0.0, step)
-        u1, v1 = pixel_of(plane, frame, cx + dx, cy + dy)
-        u0, v0 = pixel_of(plane, frame, cx - dx, cy - dy)
+        u1, v1 = plane_value(plane, cx + dx, cy + dy)
+        u0, v0 = plane_value(plane, cx - dx, cy - dy)
         fit[0, axis], fit[1, axis] = 0.5 * (u1 - u0) / step, 0.5 * (v1 - v0) / step
-    u, v = pixel_of(plane, frame, cx, cy)
+    u, v = plane_value(plane, cx, cy)
     fit[0, 2], fit[1, 2] = u - fit[0, 0] * cx - fit[0, 1] * cy, v - fit[1, 0] * cx - fit[1, 1] * cy
     fit[0, 3] = fit[1, 3] = fit[0, 4] = fit[1, 4] = 0.0
     low_u = high_u = u
@@ -201,7 +182,7 @@ def fit_borders(plane, polygon, n, fit):
                 s, t = i / SAMPLES, j / SAMPLES
                 x = cx + s * (polygon[p, 0] - cx) + t * (polygon[q, 0] - cx)
                 y = cy + s * (polygon[p, 1] - cy) + t * (polygon[q, 1] - cy)
-                u, v = pixel_of(plane, frame, x, y)
+                u, v = plane_value(plane, x, y)
                 low_u, high_u = min(low_u, u), max(high_u, u)
                 low_v, high_v = min(low_v, v), max(high_v, v)
                 u -= fit[0, 0] * x + fit[0, 1] * y + fit[0, 2]
@@ -296,75 +277,44 @@ ALL_BORDERS, HOLE = 15, 16
 """Bits of the borders u = 0, u = width, v = 0, v = height; of a hole that a cell may reach."""
 
 
-class Tree(NamedTuple):
-    """Field of view of a plane: rays (x, y, 1) with a x + b y + c >= 0 are inside a line.
+Tree = namedtuple("Tree", "lines children kinds root")
+"""Field of view of a plane: rays (x, y, 1) with a x + b y + c >= 0 are inside a line.
 
-    Attributes
-    ----------
-    lines : (N, 3) float64
-        a, b, c of each node, (a, b) of unit length.
-    children : (N, 2) int32
-        What follows inside and outside: a node or a leaf.
-    kinds : (N,) uint8
-    root : int
-        Node 0 or a leaf.
-    """
-
-    lines: FloatArray
-    children: NDArray[np.int32]
-    kinds: NDArray[np.uint8]
-    root: int
+Attributes
+----------
+lines : (N, 3) float64
+    a, b, c of each node, (a, b) of unit length.
+children : (N, 2) int32
+    What follows inside and outside: a node or a leaf.
+kinds : (N,) uint8
+root : int
+    Node 0 or a leaf.
+"""
 
 
-class Growing(NamedTuple):
-    """A tree that is filled; `root` has its first node or leaf, and the number of nodes."""
-
-    lines: FloatArray
-    children: NDArray[np.int32]
-    kinds: NDArray[np.uint8]
-    root: NDArray[np.int64]
+Growing = namedtuple("Growing", "lines children kinds root")
+"""A tree that is filled; `root` has its first node or leaf, and the number of nodes."""
 
 
-class TreeScratch(NamedTuple):
-    """Stack of cells, and scratch for one.
+TreeScratch = namedtuple(
+    "TreeScratch",
+    "corners n_corners sides hole borders owner level cell other spare fit line edges",
+)
+"""Stack of cells, and scratch for one.
 
-    A cell has corners, the sides of region and hole that may still cut it, a bit for each border of
-    the image that it may cross, its place in the tree, and the number of times it was halved.
-    """
-
-    corners: FloatArray
-    n_corners: NDArray[np.int64]
-    sides: NDArray[np.bool_]
-    hole: NDArray[np.bool_]
-    borders: NDArray[np.int64]
-    owner: NDArray[np.int64]
-    level: NDArray[np.int64]
-    cell: FloatArray
-    other: FloatArray
-    spare: FloatArray
-    fit: FloatArray
-    line: FloatArray
-    edges: EdgeScratch
+A cell has corners, the sides of region and hole that may still cut it, a bit for each border of the
+image that it may cross, its place in the tree, and the number of times it was halved.
+"""
 
 
 def tree_scratch(n_sides: int, n_hole: int) -> TreeScratch:
     """Memory for a tree of a region and a hole, by the numbers of their sides."""
-    n = STACK_ROOM
-    return TreeScratch(
-        corners=np.empty((n, MOST_CORNERS, 2)),
-        n_corners=np.empty(n, np.int64),
-        sides=np.empty((n, n_sides), np.bool_),
-        hole=np.empty((n, n_hole), np.bool_),
-        borders=np.empty(n, np.int64),
-        owner=np.empty(n, np.int64),
-        level=np.empty(n, np.int64),
-        cell=np.empty((MOST_CORNERS, 2)),
-        other=np.empty((MOST_CORNERS, 2)),
-        spare=np.empty((MOST_CORNERS, 2)),
-        fit=np.empty((4, 5)),
-        line=np.empty(3),
-        edges=edge_scratch(),
-    )
+    n, edges = STACK_ROOM, edge_scratch()
+    sides, hole = np.empty((n, n_sides), np.bool_), np.empty((n, n_hole), np.bool_)
+    n_corners, borders, owner, level = np.empty((4, n), np.int64)
+    corners, polygons = np.empty((n, MOST_CORNERS, 2)), np.empty((3, MOST_CORNERS, 2))
+    of_cells = corners, n_corners, sides, hole, borders, owner, level
+    return TreeScratch._make([*of_cells, *polygons, np.empty((4, 5)), np.empty(3), edges])
 
 
 def room_for_tree(n: int) -> Growing:
@@ -376,8 +326,7 @@ def room_for_tree(n: int) -> Growing:
 @allocation_free
 def push(polygon, n, owner, borders, level, work, top):
     """Put a cell on the stack with the sides of the entry at `top`; the height of the stack."""
-    for p in range(n):
-        work.corners[top, p, 0], work.corners[top, p, 1] = polygon[p, 0], polygon[p, 1]
+    copy_polygon(polygon, n, work.corners[top])
     work.n_corners[top], work.level[top] = n, level
     work.owner[top], work.borders[top] = owner, borders
     return top + 1
@@ -469,17 +418,13 @@ def divide(plane, box, region_lines, hole_lines, tolerance, work, out):
     """
     cell, other, fit, line = work.cell, work.other, work.fit, work.line
     out.root[0], out.root[1] = OUTSIDE, 0
-    for s in range(work.sides.shape[1]):
-        work.sides[0, s] = True
-    for s in range(work.hole.shape[1]):
-        work.hole[0, s] = True
+    work.sides[0, :] = work.hole[0, :] = True
     top = push(box, 4, -1, ALL_BORDERS + (HOLE if hole_lines.shape[0] > 0 else 0), 0, work, 0)
     while top > 0:
         top -= 1
         n, owner = work.n_corners[top], work.owner[top]
         level, borders = work.level[top], work.borders[top]
-        for p in range(n):
-            cell[p, 0], cell[p, 1] = work.corners[top, p, 0], work.corners[top, p, 1]
+        copy_polygon(work.corners[top], n, cell)
         area, extent, far, near = area_and_extent(cell, n)
         if area <= LEAST_AREA or level >= DEEPEST or top + 4 > STACK_ROOM:
             attach(UNDECIDED, owner, out)
@@ -538,16 +483,14 @@ def divide(plane, box, region_lines, hole_lines, tolerance, work, out):
                 attach(OUTSIDE, 2 * node + 1, out)
                 owner = 2 * node
                 n = keep_side(cell, n, line, 1.0, other)
-                for p in range(n):
-                    cell[p, 0], cell[p, 1] = other[p, 0], other[p, 1]
+                copy_polygon(other, n, cell)
             line_of_border(plane, fit, k, -least, line)
             _, high = extremes(line, cell, n) if n >= 3 else (0.0, 0.0)
             m = keep_side(cell, n, line, 1.0, other) if high > 0.0 else 0
             if m >= 3:
                 node = append_node(line, BORDER, owner, out)
                 n = keep_side(cell, n, line, -1.0, work.spare)
-                for p in range(n):
-                    cell[p, 0], cell[p, 1] = work.spare[p, 0], work.spare[p, 1]
+                copy_polygon(work.spare, n, cell)
                 copy_sides(work, top, top + 1)
                 top = push(other, m, 2 * node, borders - (1 << k), level + 1, work, top)
                 owner = 2 * node + 1

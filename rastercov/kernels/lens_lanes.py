@@ -5,36 +5,20 @@ vector instructions. An edge that two faces share is integrated once.
 """
 
 import math
-from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
-from rastercov.kernels.jit import allocation_free, called_whole, part_of
+from rastercov.kernels import lens_formulas
+from rastercov.kernels.jit import allocation_free, called_whole, part_of, part_with_arrays
 from rastercov.kernels.lens import project
 from rastercov.kernels.lens_formulas import (
     B0,
     B1,
     B2,
-    CX,
-    CY,
-    D1,
-    D2,
-    D3,
     DIVISION,
     DOUBLE_SPHERE,
     EQUIDISTANT,
     EQUIRECT,
     EQUISOLID,
     FOV,
-    FX,
-    FY,
-    K1,
-    K2,
-    K3,
-    K4,
-    K5,
-    K6,
     LATE,
     P1,
     P2,
@@ -43,13 +27,6 @@ from rastercov.kernels.lens_formulas import (
     S2,
     S3,
     S4,
-    SKEW,
-    T00,
-    T10,
-    T11,
-    T20,
-    T21,
-    T22,
     UNIFIED,
 )
 
@@ -61,19 +38,24 @@ X, Y, U, V = range(4)
 """Columns of the places of vertices: in a plane, in its units, and in the image, px."""
 
 
-class LaneScratch(NamedTuple):
-    """Scratch for `LANES` rays; all numbers are finite, also those of unused lanes."""
+ATAN = (
+    (-0.333333333333311110369124, -0.090908995008245008229153, -0.0523674852303482457616113,
+     -0.0254517624932312641616861, -0.00110611831486672482563471),
+    (0.199999999996591265594148, 0.0769219538311769618355029, 0.0466667150077840625632675,
+     0.016599329773529201970117, 0.000209850076645816976906797),
+    (-0.14285714266771329383765, -0.0666573579361080525984562, -0.0407629191276836500001934,
+     -0.00889896195887655491740809, -1.88796008463073496563746e-05),
+    (0.111111105648261418443745, 0.0587666392926673580854313, 0.0337852580001353069993897,
+     0.00370026744188713119232403, 0.0),
+)  # fmt: skip
+"""Coefficients of q, q^2, q^3 and q^4 in `atan_over`, each by powers of q^4."""
 
-    x: NDArray[np.float64]
-    y: NDArray[np.float64]
-    z: NDArray[np.float64]
-    u: NDArray[np.float64]
-    v: NDArray[np.float64]
 
-
-def lane_scratch() -> LaneScratch:
-    """Memory for `LANES` rays."""
-    return LaneScratch(*np.zeros((5, LANES)))
+@part_of
+def quartic(s, coefficients):
+    """Polynomial of degree 4 at s."""
+    c0, c1, c2, c3, c4 = coefficients
+    return c0 + s * (c1 + s * (c2 + s * (c3 + s * c4)))
 
 
 @part_of
@@ -87,36 +69,8 @@ def atan_over(q):
     """
     # Four chains, because the processor would wait for each step of one.
     r, s = q * q, (q * q) * (q * q)
-    a = -0.333333333333311110369124 + s * (
-        -0.090908995008245008229153
-        + s
-        * (
-            -0.0523674852303482457616113
-            + s * (-0.0254517624932312641616861 - s * 0.00110611831486672482563471)
-        )
-    )
-    b = 0.199999999996591265594148 + s * (
-        0.0769219538311769618355029
-        + s
-        * (
-            0.0466667150077840625632675
-            + s * (0.016599329773529201970117 + s * 0.000209850076645816976906797)
-        )
-    )
-    d = -0.14285714266771329383765 + s * (
-        -0.0666573579361080525984562
-        + s
-        * (
-            -0.0407629191276836500001934
-            + s * (-0.00889896195887655491740809 - s * 1.88796008463073496563746e-05)
-        )
-    )
-    e = 0.111111105648261418443745 + s * (
-        0.0587666392926673580854313
-        + s * (0.0337852580001353069993897 + s * 0.00370026744188713119232403)
-    )
-    p = a + q * b + r * (d + q * e)
-    return 1.0 + q * p
+    a, b, d, e = quartic(s, ATAN[0]), quartic(s, ATAN[1]), quartic(s, ATAN[2]), quartic(s, ATAN[3])
+    return 1.0 + q * (a + q * b + r * (d + q * e))
 
 
 @part_of
@@ -183,6 +137,22 @@ def base_lanes(code, b0, b1, b2, is_ahead, x, y, z, n):
                 x[i], y[i] = x[i] * g, y[i] * g
 
 
+_equations = lens_formulas.bound_to(
+    {}, part_of, (lens_formulas.radial_factor, lens_formulas.imaged)
+)
+radial_factor, imaged = _equations["radial_factor"], _equations["imaged"]
+
+
+@part_with_arrays
+def values_of(p):
+    """Parameters of a lens as a tuple: numbers that no store to an array can change."""
+    return (
+        p[0], p[1], p[2], p[3], p[4], p[5], p[6], p[7], p[8], p[9], p[10], p[11], p[12], p[13],
+        p[14], p[15], p[16], p[17], p[18], p[19], p[20], p[21], p[22], p[23], p[24], p[25], p[26],
+        p[27], p[28], p[29], p[30], p[31],
+    )  # fmt: skip
+
+
 @called_whole
 def project_lanes(code, p, frame, x, y, z, m, u, v):
     """Project the first m points (x, y) of a plane into u, v; x, y and z are lost.
@@ -210,25 +180,10 @@ def project_lanes(code, p, frame, x, y, z, m, u, v):
             z[i] = f20 * x[i] + f21 * y[i] + f22
             x[i], y[i] = X, Y
         base_lanes(code, p[B0], p[B1], p[B2], is_ahead, x, y, z, n)
-    k1, k2, k3, k4, k5, k6 = p[K1], p[K2], p[K3], p[K4], p[K5], p[K6]
-    d1, d2, d3 = p[D1], p[D2], p[D3]
-    is_polynomial = d1 == 0.0 and d2 == 0.0 and d3 == 0.0
-    if is_polynomial and k4 == 0.0 and k5 == 0.0 and k6 == 0.0:
-        for i in range(n):
-            q = x[i] * x[i] + y[i] * y[i]
-            f = 1.0 + q * (k1 + q * (k2 + q * k3))
-            u[i], v[i] = x[i] * f, y[i] * f
-    elif is_polynomial:
-        for i in range(n):
-            q = x[i] * x[i] + y[i] * y[i]
-            f = 1.0 + q * (k1 + q * (k2 + q * (k3 + q * (k4 + q * (k5 + q * k6)))))
-            u[i], v[i] = x[i] * f, y[i] * f
-    else:
-        for i in range(n):
-            q = x[i] * x[i] + y[i] * y[i]
-            f = 1.0 + q * (k1 + q * (k2 + q * (k3 + q * (k4 + q * (k5 + q * k6)))))
-            f = f / (1.0 + q * (d1 + q * (d2 + q * d3)))
-            u[i], v[i] = x[i] * f, y[i] * f
+    values = values_of(p)
+    for i in range(n):
+        f = radial_factor(values, x[i] * x[i] + y[i] * y[i])
+        u[i], v[i] = x[i] * f, y[i] * f
     p1, p2, s1, s2, s3, s4 = p[P1], p[P2], p[S1], p[S2], p[S3], p[S4]
     if p1 != 0.0 or p2 != 0.0 or s1 != 0.0 or s2 != 0.0 or s3 != 0.0 or s4 != 0.0:
         is_late = p[LATE] != 0.0
@@ -239,15 +194,5 @@ def project_lanes(code, p, frame, x, y, z, m, u, v):
             ab = 2.0 * (a * b)
             u[i] += p1 * ab + p2 * (q + 2.0 * (a * a)) + q * (q * s2 + s1)
             v[i] += p1 * (q + 2.0 * (b * b)) + p2 * ab + q * (q * s4 + s3)
-    if p[T20] != 0.0 or p[T21] != 0.0:
-        t00, t10, t11, t20, t21, t22 = p[T00], p[T10], p[T11], p[T20], p[T21], p[T22]
-        for i in range(n):
-            w = 1.0 / (t20 * u[i] + t21 * v[i] + t22)
-            b = (t10 * u[i] + t11 * v[i]) * w
-            u[i] = t00 * u[i] * w
-            v[i] = b
-    fx, fy, cx, cy, skew = p[FX], p[FY], p[CX], p[CY], p[SKEW]
     for i in range(n):
-        a = fx * u[i] + skew * v[i] + cx
-        v[i] = fy * v[i] + cy
-        u[i] = a
+        u[i], v[i] = imaged(values, u[i], v[i])

@@ -5,13 +5,13 @@ those that may reach across the border are clamped to it (`lens_edges`).
 """
 
 import math
-from typing import NamedTuple
+from collections import namedtuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.kernels.exact_polygon import keep_inside
-from rastercov.kernels.jit import allocation_free, called_whole, part_with_arrays
+from rastercov.kernels.exact_polygon import copy_polygon, keep_inside, side_at
+from rastercov.kernels.jit import allocation_free, called_whole, part_of, part_with_arrays
 from rastercov.kernels.lens_edges import (
     DEEPEST,
     GAP,
@@ -21,6 +21,8 @@ from rastercov.kernels.lens_edges import (
     NODES,
     clamped_edge,
     nodes_for,
+    part_of_edge,
+    point_of,
     under_edge,
 )
 from rastercov.kernels.lens_lanes import GROUP, U, V, X, Y, project_lanes
@@ -35,29 +37,14 @@ MOST_NODES, MOST_PARTS = 512, 128
 """Nodes of a polygon that are projected together, and edges and parts of them that these are of."""
 
 
-class EdgeScratch(NamedTuple):
-    """Scratch for one edge, and for the parts of all edges of a polygon.
+EdgeScratch = namedtuple(
+    "EdgeScratch", "U V spare stack low cuts kinds waiting nodes x y z u v ends rules"
+)
+"""Scratch for one edge, and for the parts of all edges of a polygon.
 
-    The parts have `ends`, (x0, y0, x1, y1), `rules`, and all nodes in x ... v: the last of a part
-    is the first of the next.
-    """
-
-    U: FloatArray
-    V: FloatArray
-    spare: FloatArray
-    stack: FloatArray
-    low: FloatArray
-    cuts: FloatArray
-    kinds: NDArray[np.int64]
-    waiting: FloatArray
-    nodes: FloatArray
-    x: FloatArray
-    y: FloatArray
-    z: FloatArray
-    u: FloatArray
-    v: FloatArray
-    ends: FloatArray
-    rules: NDArray[np.int64]
+The parts have `ends`, (x0, y0, x1, y1), `rules`, and all nodes in x ... v: the last of a part is
+the first of the next.
+"""
 
 
 def edge_scratch() -> EdgeScratch:
@@ -69,6 +56,13 @@ def edge_scratch() -> EdgeScratch:
     of_edge, rules = np.empty((3, NODE_ROOM)), np.empty(MOST_PARTS, np.int64)
     of_one = [*(np.empty(size) for size in sizes), kinds, waiting, of_edge]
     return EdgeScratch._make([*of_one, *of_polygon, ends, rules])
+
+
+@part_of
+def length2_of(edge):
+    """Squared length of an edge (ax, ay, bx, by)."""
+    ax, ay, bx, by = edge
+    return (bx - ax) * (bx - ax) + (by - ay) * (by - ay)
 
 
 @called_whole
@@ -97,8 +91,8 @@ def polygon_image(plane, corners, first, last, scratch, is_whole_asked):
     whole, inside, rules = 0.0, 0.0, 0
     for i in range(first, last):
         j = i + 1 if i + 1 < last else first
-        ax, ay, bx, by = corners[i, 0], corners[i, 1], corners[j, 0], corners[j, 1]
-        length = math.sqrt((bx - ax) * (bx - ax) + (by - ay) * (by - ay))
+        edge = (corners[i, 0], corners[i, 1], corners[j, 0], corners[j, 1])
+        length = math.sqrt(length2_of(edge))
         if length == 0.0:
             continue
         n, parts = plane.parts_of, 1
@@ -109,9 +103,12 @@ def polygon_image(plane, corners, first, last, scratch, is_whole_asked):
             while top > 0:
                 top -= 1
                 s, e = waiting[top, 0], waiting[top, 1]
-                x0, y0, x1, y1 = _ends(ax, ay, bx, by, s, e)
-                if plane.is_graded and not _is_short(x0, y0, x1, y1, plane.longest[n], top):
-                    top = _halve(waiting, top, s, e)
+                piece = part_of_edge(edge, s, e)
+                if plane.is_graded and not _is_short(piece, plane.longest[n], top):
+                    m = 0.5 * (s + e)
+                    waiting[top, 0], waiting[top, 1] = m, e
+                    waiting[top + 1, 0], waiting[top + 1, 1] = s, m
+                    top += 2
                     continue
                 if listed == MOST_PARTS or nodes + n > MOST_NODES:
                     own, part_inside, more = _sum_parts(
@@ -119,7 +116,7 @@ def polygon_image(plane, corners, first, last, scratch, is_whole_asked):
                     )
                     whole, inside, rules = whole + own, inside + part_inside, rules + more
                     listed, nodes, is_first = 0, 0, False
-                _lay_part(x0, y0, x1, y1, n, listed, nodes, scratch)
+                _lay_part(piece, n, listed, nodes, scratch)
                 listed, nodes, longest = listed + 1, nodes + n, max(longest, (e - s) * length)
     if listed == 0:
         return whole, inside, rules
@@ -145,13 +142,7 @@ def _sum_parts(plane, parts, nodes, longest, is_all, is_whole_asked, scratch):
     project_lanes(plane.code, plane.params, plane.frame, x, y, scratch.z, asked, u, v)
     if is_all:
         u[nodes], v[nodes] = u[0], v[0]
-    low_u, high_u, low_v, high_v = u[0], u[0], v[0], v[0]
-    for k in range(nodes + 1):
-        low_u, high_u = min(low_u, u[k]), max(high_u, u[k])
-        low_v, high_v = min(low_v, v[k]), max(high_v, v[k])
-    stray = plane.bend * longest * longest / 8
-    W, H = plane.width, plane.height
-    is_in = low_u > stray and low_v > stray and high_u < W - stray and high_v < H - stray
+    is_in, is_out, _ = _where(plane, u, v, 0, nodes, plane.bend * longest * longest / 8)
     whole, at = math.nan, 0
     if is_in or is_whole_asked or not is_all:
         whole = 0.0
@@ -161,7 +152,6 @@ def _sum_parts(plane, parts, nodes, longest, is_all, is_whole_asked, scratch):
             at += n
     if is_all and is_in:
         return whole, whole, parts
-    is_out = high_u < -stray or high_v < -stray or low_u > W + stray or low_v > H + stray
     if is_all and is_out:
         return whole, 0.0, parts
     inside, pieces, at = 0.0, 0, 0
@@ -174,9 +164,20 @@ def _sum_parts(plane, parts, nodes, longest, is_all, is_whole_asked, scratch):
 
 
 @part_with_arrays
-def _stray(plane, n, length2):
-    """Distance by which an arc between two nodes of an edge may leave its chord, px."""
-    return plane.bend * length2 * GAP[n] * GAP[n] / 8
+def _where(plane, u, v, at, n, stray):
+    """True for an image inside that of the lens, beyond one side of it, beyond u = W alone.
+
+    It has n + 1 nodes from `at` on, and leaves the chords between them by the stray at most.
+    """
+    low_u, high_u, low_v, high_v = u[at], u[at], v[at], v[at]
+    for k in range(at + 1, at + n + 1):
+        low_u, high_u = min(low_u, u[k]), max(high_u, u[k])
+        low_v, high_v = min(low_v, v[k]), max(high_v, v[k])
+    W, H = plane.width, plane.height
+    is_in = low_u > stray and low_v > stray and high_u < W - stray and high_v < H - stray
+    is_beside = high_u < -stray or high_v < -stray or low_v > H + stray
+    is_right = not is_beside and low_u > W + stray
+    return is_in, is_beside or is_right, is_right
 
 
 @allocation_free
@@ -188,61 +189,46 @@ def _part_inside(plane, part, at, scratch):
     is W times the change of the clamped v, beyond the other sides it is 0.
     """
     u, v, ends, n = scratch.u, scratch.v, scratch.ends, scratch.rules[part]
-    x0, y0, x1, y1 = ends[part, 0], ends[part, 1], ends[part, 2], ends[part, 3]
-    W, H = plane.width, plane.height
-    low_u, high_u, low_v, high_v = u[at], u[at], v[at], v[at]
-    for k in range(at + 1, at + n + 1):
-        low_u, high_u = min(low_u, u[k]), max(high_u, u[k])
-        low_v, high_v = min(low_v, v[k]), max(high_v, v[k])
-    stray = _stray(plane, n, (x1 - x0) * (x1 - x0) + (y1 - y0) * (y1 - y0))
-    if high_u < -stray or high_v < -stray or low_v > H + stray:
+    edge = (ends[part, 0], ends[part, 1], ends[part, 2], ends[part, 3])
+    # An arc between two nodes of an edge leaves its chord by that much.
+    stray = plane.bend * length2_of(edge) * GAP[n] * GAP[n] / 8
+    is_in, is_out, is_right = _where(plane, u, v, at, n, stray)
+    if is_right:
+        H = plane.height
+        return plane.width * (min(max(v[at + n], 0.0), H) - min(max(v[at], 0.0), H)), 1
+    if is_out:
         return 0.0, 1
-    if low_u > W + stray:
-        return W * (min(max(v[at + n], 0.0), H) - min(max(v[at], 0.0), H)), 1
-    if low_u > stray and low_v > stray and high_u < W - stray and high_v < H - stray:
+    if is_in:
         return under_edge(n, u[at : at + n + 1], v[at : at + n + 1], 0.0), 1
     for k in range(n + 1):
         scratch.U[k], scratch.V[k] = u[at + k], v[at + k]
-    return clamped_edge(
-        plane.code, plane.params, plane.frame, x0, y0, x1, y1, n, W, H, stray, scratch.U,
-        scratch.V, scratch.stack, scratch.low, scratch.spare, scratch.cuts, scratch.kinds,
-        scratch.nodes,
-    )  # fmt: skip
+    return clamped_edge(plane, edge, n, stray, scratch)
 
 
 @part_with_arrays
-def _lay_part(x0, y0, x1, y1, n, listed, nodes, scratch):
+def _lay_part(edge, n, listed, nodes, scratch):
     """List a part of an edge, and its nodes but the last, behind those that are listed."""
     x, y, ends = scratch.x, scratch.y, scratch.ends
-    ends[listed, 0], ends[listed, 1], ends[listed, 2], ends[listed, 3] = x0, y0, x1, y1
+    ends[listed, 0], ends[listed, 1], ends[listed, 2], ends[listed, 3] = edge
     scratch.rules[listed] = n
     for k in range(n):
-        t, s = NODES[n, k], NODES[n, n - k]
-        x[nodes + k], y[nodes + k] = s * x0 + t * x1, s * y0 + t * y1
+        x[nodes + k], y[nodes + k] = point_of(edge, NODES[n, n - k], NODES[n, k])
 
 
 @allocation_free
 def measure_polygons(plane, corners, starts, scratch, out):
     """Fill `out`, (M, 3), with the whole area, the area inside, and the edges of polygons.
 
-    See `polygon_image`; the corners of polygon i are rows starts[i] ... starts[i + 1] - 1.
+    See `polygon_image`; the corners of polygon i are rows starts[i] ... starts[i + 1] - 1. Without
+    the first column, (M, 2), the whole area is not found.
     """
+    first = out.shape[1] - 2
     for i in range(out.shape[0]):
         whole, inside, rules = polygon_image(
-            plane, corners, starts[i], starts[i + 1], scratch, True
+            plane, corners, starts[i], starts[i + 1], scratch, first > 0
         )
-        out[i, 0], out[i, 1], out[i, 2] = whole, inside, rules
-
-
-@allocation_free
-def measure_insides(plane, corners, starts, scratch, out):
-    """Fill `out`, (M, 2), with the area inside the image, and the edges, of polygons.
-
-    As `measure_polygons`.
-    """
-    for i in range(out.shape[0]):
-        _, inside, rules = polygon_image(plane, corners, starts[i], starts[i + 1], scratch, False)
-        out[i, 0], out[i, 1] = inside, rules
+        out[i, 0] = whole
+        out[i, first], out[i, first + 1] = inside, rules
 
 
 @allocation_free
@@ -267,17 +253,17 @@ def bulges_by_parts(plane, edges, ends, places, scratch, bulge):
     for index in range(edges.shape[0]):
         e = edges[index]
         a, b = ends[e, 0], ends[e, 1]
-        ax, ay, bx, by = places[a, X], places[a, Y], places[b, X], places[b, Y]
-        half = 0.5 * math.sqrt((bx - ax) * (bx - ax) + (by - ay) * (by - ay))
+        edge = (places[a, X], places[a, Y], places[b, X], places[b, Y])
+        half = 0.5 * math.sqrt(length2_of(edge))
         n, parts = nodes_for(half, plane.longest, plane.parts_of)
         nodes = n * parts
         if parts > MOST_PARTS or nodes > MOST_NODES:
             continue
         for part in range(parts):
-            x0, y0, x1, y1 = _ends(ax, ay, bx, by, part / parts, (part + 1) / parts)
-            _lay_part(x0, y0, x1, y1, n, part, part * n, scratch)
+            piece = part_of_edge(edge, part / parts, (part + 1) / parts)
+            _lay_part(piece, n, part, part * n, scratch)
         for k in range(nodes, nodes + GROUP):
-            x[k], y[k] = bx, by
+            x[k], y[k] = places[b, X], places[b, Y]
         project_lanes(
             plane.code, plane.params, plane.frame, x, y, scratch.z, nodes + 1, u, v
         )  # fmt: skip
@@ -288,26 +274,9 @@ def bulges_by_parts(plane, edges, ends, places, scratch, bulge):
 
 
 @allocation_free
-def _ends(ax, ay, bx, by, s, e):
-    """Ends of the part s ... e of an edge."""
-    return (
-        *((1.0 - s) * ax + s * bx, (1.0 - s) * ay + s * by),
-        *((1.0 - e) * ax + e * bx, (1.0 - e) * ay + e * by),
-    )
-
-
-@allocation_free
-def _halve(waiting, top, s, e):
-    """Put the halves of a part on the stack; returns its new size."""
-    m = 0.5 * (s + e)
-    waiting[top, 0], waiting[top, 1] = m, e
-    waiting[top + 1, 0], waiting[top + 1, 1] = s, m
-    return top + 2
-
-
-@allocation_free
-def _is_short(ax, ay, bx, by, longest, top):
+def _is_short(edge, longest, top):
     """True where an edge of a plane with a pole is short for its distance from the pole."""
+    ax, ay, bx, by = edge
     half = 0.5 * math.hypot(bx - ax, by - ay)
     distance = 0.5 * math.hypot(ax + bx, ay + by)
     return half <= longest * distance or half < 1e-15 or top >= MOST_WAITING - 2
@@ -316,11 +285,8 @@ def _is_short(ax, ay, bx, by, longest, top):
 @part_with_arrays
 def is_in_region(polygon, n, region):
     """True where all corners lie inside a convex polygon, counter-clockwise in (x, y)."""
-    m = region.shape[0]
-    for i in range(m):
-        j = i + 1 if i + 1 < m else 0
-        x0, y0 = region[i, 0], region[i, 1]
-        dx, dy = region[j, 0] - x0, region[j, 1] - y0
+    for i in range(region.shape[0]):
+        x0, y0, dx, dy, _ = side_at(region, region.shape[0], i)
         for p in range(n):
             if dx * (polygon[p, 1] - y0) - dy * (polygon[p, 0] - x0) < 0:
                 return False
@@ -340,12 +306,8 @@ def cut_to_region(polygon, n, region, spare):
 @part_with_arrays
 def cut_to_side_of(polygon, n, region, i, spare):
     """Cut a polygon in place to one side of a convex region; returns its corner count."""
-    j = i + 1 if i + 1 < region.shape[0] else 0
-    x0, y0 = region[i, 0], region[i, 1]
-    side = (x0, y0, region[j, 0] - x0, region[j, 1] - y0, 0.0)
-    n = keep_inside(polygon, n, side, spare)
-    for p in range(n):
-        polygon[p, 0], polygon[p, 1] = spare[p, 0], spare[p, 1]
+    n = keep_inside(polygon, n, side_at(region, region.shape[0], i), spare)
+    copy_polygon(spare, n, polygon)
     return n
 
 
@@ -355,9 +317,8 @@ def beyond_side_of(polygon, n, region, i, out):
 
     Its corners on that side are those of `cut_to_side_of`, bit for bit.
     """
-    j = i + 1 if i + 1 < region.shape[0] else 0
-    x0, y0 = region[i, 0], region[i, 1]
-    return keep_inside(polygon, n, (x0, y0, x0 - region[j, 0], y0 - region[j, 1], 0.0), out)
+    x0, y0, dx, dy, _ = side_at(region, region.shape[0], i)
+    return keep_inside(polygon, n, (x0, y0, -dx, -dy, 0.0), out)
 
 
 @part_with_arrays

@@ -138,13 +138,6 @@ def test_covered_parts_and_the_rest_make_up_the_faces(views):
         assert found == pytest.approx(areas.covered.area[level], abs=1e-9 * mesh.areas.max())
 
 
-def test_without_poses_all_is_rest():
-    mesh, _, _ = room()
-    parts = with_rest(AreaNetwork(mesh, rc.Task()).covered)
-    assert (parts.views == 0).all()
-    assert polygon_areas(parts.xy, parts.starts).sum() == pytest.approx(mesh.areas.sum())
-
-
 def test_occluders_have_no_rest():
     covered = AreaNetwork(two_groups(is_occluder=True), rc.Task()).covered
     assert set(with_rest(covered).face.tolist()) == {0, 1}

@@ -9,7 +9,6 @@ from surface_cases import building, in_regions, room
 
 import rastercov as rc
 from rastercov.base.errors import ConfigError, ResourceError
-from rastercov.reference.regions import points_on
 
 TASK = rc.Task(max_incidence_deg=70, min_pixels_per_m2=2000)
 
@@ -62,27 +61,6 @@ def test_a_cell_in_a_region_is_whole_and_one_outside_has_no_share():
     assert inside[share > 1 - 1e-12].all()
     assert not inside[share == 0].any()
     assert (share > 1 - 1e-12).sum() > 0.5 * inside.sum()
-
-
-@pytest.mark.slow
-def test_shares_are_those_of_points_in_cells():
-    mesh, camera, poses = room()
-    regions = rc.regions(mesh, camera, poses[:2], TASK)
-    cells = rc.cells(mesh, 2.0)
-    shares = cells.share(regions)
-    points, face = points_on(mesh, 100_000)
-    corners = cells.vertices[cells.faces]
-    for row in range(2):
-        covered = in_regions(regions, row, points, face)
-        share = np.zeros(len(cells))
-        part = slice(shares.starts[row], shares.starts[row + 1])
-        share[shares.cell[part]] = shares.share[part]
-        for cell in range(0, len(cells), 5):
-            mine = np.flatnonzero(face == cells.source_face[cell])
-            a, b, c = corners[cell]
-            weights = np.linalg.lstsq(np.stack([b - a, c - a], 1), (points[mine] - a).T)[0]
-            within = mine[(weights >= 0).all(axis=0) & (weights.sum(axis=0) <= 1)]
-            assert abs(covered[within].mean() - share[cell]) < 0.1
 
 
 def test_occluders_have_no_cells():

@@ -9,9 +9,6 @@ from surface_cases import hostile_scene, in_regions, room
 import rastercov as rc
 from rastercov.coverage.area.points import covering_poses
 from rastercov.reference.regions import points_on
-from rastercov.report.camera_pictures import covered_pixels
-from rastercov.report.overview import best_pose_at
-from rastercov.report.panorama import points_of_pixels
 
 TASK = rc.Task(max_incidence_deg=75)
 
@@ -47,27 +44,3 @@ def test_no_points_and_no_poses_are_no_error():
     assert covering_poses(regions, [0], mesh.vertices[mesh.faces[:1, 0]]).shape == (1, 0)
     regions = rc.regions(mesh, camera, poses, TASK)
     assert covering_poses(regions, [], np.empty((0, 3))).shape == (0, len(poses))
-
-
-@pytest.mark.slow
-def test_pixels_show_the_area_that_is_covered():
-    """In a picture from a camera, the share of covered pixels is that of its own regions."""
-    mesh, camera, poses = room()
-    camera = camera.resized(0.25)
-    regions = rc.regions(mesh, camera, poses, TASK)
-    with rc.open_rasterizer(mesh, camera, "cpu") as rasterizer:
-        buffer = rasterizer.render(poses[0])
-    rows, columns = np.nonzero(buffer.face >= 0)
-    points = points_of_pixels(mesh, camera, poses[0], buffer.face[rows, columns], rows, columns)
-    depth = (points - poses[0][:3, 3]) @ poses[0][:3, 2]
-    assert depth == pytest.approx(buffer.depth[rows, columns], rel=1e-4)
-    covered = covering_poses(regions, buffer.face[rows, columns], points)[:, 0].mean()
-    best = best_pose_at(regions, rc.Poses.of(poses), buffer.face[rows, columns], points)
-    whole = covering_poses(regions, buffer.face[rows, columns], points)
-    assert ((best >= 0) == whole.any(axis=1)).all()
-    assert whole[np.arange(len(best)), best][best >= 0].all()
-    alone = rc.regions(mesh, camera, poses[:1], TASK)
-    shown = covered_pixels(alone, camera, poses[0], buffer.face)
-    assert not shown[buffer.face < 0].any()
-    assert shown[rows, columns].mean() == pytest.approx(covered, abs=1e-3)
-    assert 0.1 < covered < 1

@@ -5,7 +5,6 @@ import pytest
 from surface_cases import bisected, building, cut_at_random, room
 
 import rastercov as rc
-from rastercov.mesh import Mesh
 
 TASKS = [
     rc.Task(max_incidence_deg=75, min_pixels_per_m2=2000),
@@ -42,31 +41,3 @@ def test_another_cut_of_the_same_surface_has_the_same_covered_area(scene, task):
         off = 100 * np.abs(together - of_face) / mesh.areas.sum()
         assert off.max() <= POINTS
         assert off.sum() <= 2 * (bound + other_bound) + 1e-9
-
-
-def test_cuts_rounded_off_the_surface_change_little():
-    # Turned by an angle that is not dyadic, cut points lie off edges by rounding.
-    mesh, camera, poses = room()
-    rotation = rc.look_at(eyes=[(0.1, 0.2, 0.3)], targets=[(1.0, 0.7, 0.4)])[0, :3, :3]
-    motion = np.eye(4)
-    motion[:3, :3] = rotation
-    there = Mesh(mesh.vertices @ rotation.T, mesh.faces)
-    whole, _, _ = shares(there, camera, motion @ poses, TASKS[0], 2)
-    for seed in (3, 4):
-        other, _ = cut_at_random(there, seed, 150)
-        percent, _, _ = shares(other, camera, motion @ poses, TASKS[0], 2)
-        assert np.abs(percent - whole).max() <= 1e-3
-
-
-def test_by_face_another_cut_changes_what_is_covered():
-    # The reason for all of this: a face is covered when all of it is.
-    mesh, camera, poses = room()
-    other, _ = bisected(mesh, 1.0)
-    task = rc.Task(max_incidence_deg=75)
-    percent = []
-    for each in (mesh, other):
-        network = rc.Network(each, task)
-        with rc.open_observer(each, camera) as observer:
-            network.add_poses(observer, poses)
-        percent.append(network.summary()["covered"]["area_percent"])
-    assert percent[1] - percent[0] > 10

@@ -3,21 +3,20 @@
 import math
 import signal
 import threading
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from exact_cases import known_cases
+from exact_cases import box
 from exact_views import SEEDS, soup
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import joined, sheet, square
 from surface_cases import (
     assert_pointwise,
-    box,
     building,
     hostile_scene,
     in_regions,
-    mesh_of,
     room,
     turned,
 )
@@ -36,6 +35,7 @@ TASKS = {
     "per m^2": rc.Task(min_pixels_per_m2=4000),
     "density": rc.Task(min_pixel_density=60),
     "facing": rc.Task(min_facing_density=120),
+    "outside": rc.Task(max_incidence_deg=75, min_pixels_per_m2=900),
     "all": rc.Task(max_incidence_deg=70, min_pixels_per_m2=4000, min_pixel_density=55),
 }
 
@@ -44,18 +44,10 @@ TASKS = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", TASKS)
-def test_a_point_is_in_a_region_exactly_if_it_meets_every_criterion(name):
-    mesh, camera, poses = room()
-    assert_pointwise(mesh, camera, poses, TASKS[name], 20_000)
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("method", ["certified", "exact"])
-def test_regions_of_a_building_hold_its_covered_points(method):
-    mesh, camera, poses = building()
-    task = rc.Task(max_incidence_deg=75, min_pixels_per_m2=900)
-    assert_pointwise(mesh, camera, poses, task, 20_000, method=method)
+@pytest.mark.parametrize(("scene", "task"), [*((room, t) for t in TASKS), (building, "outside")])
+def test_a_point_is_in_a_region_exactly_if_it_meets_every_criterion(scene, task, method):
+    assert_pointwise(*scene(), TASKS[task], 20_000, method=method)
 
 
 @pytest.mark.slow
@@ -83,28 +75,6 @@ def test_regions_of_any_scale_hold_their_covered_points(seed, scale):
     camera = rc.Camera(width=640, height=480, fx=400, fy=420, focus_range=(4 * scale, 6 * scale))
     regions, _ = assert_pointwise(mesh, camera, AHEAD, task, 3000)
     assert regions.bound.sum() <= 1e-4 * mesh.areas.sum()
-
-
-def test_a_face_wholly_visible_has_its_own_area():
-    mesh, _, poses = room()
-    far = rc.Camera(width=4000, height=4000, fx=500, fy=500)
-    regions = rc.regions(mesh, far, poses)
-    seen = rc.visibility(mesh, far, poses)
-    front = rc.evaluate(mesh, far, poses, fields=["in_view", "reason"])
-    whole = (seen.value == 1) & (seen.bound == 0) & front.in_view
-    whole &= front.reason != rc.Reason.BACK_FACING
-    assert whole.sum() > 20
-    found = regions.areas()[whole]
-    expected = np.broadcast_to(mesh.areas, whole.shape)[whole]
-    assert np.allclose(found, expected, rtol=1e-12, atol=0)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("case", known_cases(), ids=repr)
-def test_regions_have_the_visible_area_in_the_image(case):
-    # Seen from either side, without other criteria: all that the engine sees, and no more.
-    mesh = case.mesh.with_groups(two_sided="all")
-    assert_visible_area(mesh, case.camera, case.pose[None])
 
 
 @pytest.mark.slow
@@ -153,28 +123,11 @@ def test_moving_mesh_and_camera_together_changes_nothing():
     assert off.sum() <= 1e-6 * mesh.areas.sum()
 
 
-def test_both_methods_have_the_same_regions():
-    mesh, camera, poses = building()
-    task = rc.Task(max_incidence_deg=75, min_pixel_density=30)
-    one, other = (rc.regions(mesh, camera, poses, task, method=m) for m in ("certified", "exact"))
-    off = np.abs(one.areas() - other.areas())
-    assert (off <= one.bounds() + other.bounds() + 1e-12 * mesh.areas).all()
-
-
 def test_threads_change_no_bit():
     mesh, camera, poses = room()
     one, two = (rc.regions(mesh, camera, poses, TASKS["all"], threads=n) for n in (1, 2))
     for name in ("xy", "starts", "face", "pose", "pair_pose", "pair_face", "area", "bound"):
         assert np.array_equal(getattr(one, name), getattr(two, name)), name
-
-
-def test_a_finder_starts_every_pose_anew():
-    mesh, camera, poses = room()
-    finder = RegionPass(mesh, camera, TASKS["all"], threads=1)
-    chosen = rc.Poses.of(poses)
-    both = [finder.find(chosen[row : row + 1]) for row in (0, 1, 0)]
-    assert np.array_equal(both[0].xy, both[2].xy)
-    assert np.array_equal(both[0].bound, both[2].bound)
 
 
 def test_regions_come_in_batches_of_poses():
@@ -204,15 +157,6 @@ def test_the_back_of_a_face_is_covered_only_if_its_group_is_two_sided():
                             abs_tol=0.02)  # fmt: skip
 
 
-def test_occluders_hide_and_have_no_regions():
-    mesh = joined(square(0.25, 1), square(0.5, 2))
-    groups = [rc.Group("plate", is_occluder=True), rc.Group("wall")]
-    mesh = rc.Mesh(mesh.vertices, mesh.faces, groups, [0, 0, 1, 1])
-    regions = rc.regions(mesh, CAMERA, AHEAD)
-    assert set(regions.face.tolist()) <= {2, 3}
-    assert regions.area.sum() <= 1e-12  # at half the distance, half the size hides all
-
-
 def test_the_incidence_region_of_a_wall_is_a_disc():
     wall = sheet((-4, -4), (4, 4), 2)
     for degrees in (10, 30, 44):
@@ -223,37 +167,31 @@ def test_the_incidence_region_of_a_wall_is_a_disc():
         assert bound < 1e-4 * exact
 
 
-def test_the_density_region_of_a_wall_seen_head_on_is_a_disc():
-    # Worst direction, radial: f z / (z^2 + r^2) cos ... = f h / d^2, d = sqrt(h^2 + r^2) / cos 0
-    wall = sheet((-4, -4), (4, 4), 2)
-    limit = 45.0
-    regions = rc.regions(wall, CAMERA, AHEAD, rc.Task(min_pixel_density=limit))
-    # On a wall parallel to the image every direction has f / z = 50 px/m.
-    assert math.isclose(regions.area.sum(), 4 * 4, rel_tol=1e-9)
-    assert len(rc.regions(wall, CAMERA, AHEAD, rc.Task(min_pixel_density=50.01))) == 0
-
-
-def test_pixels_per_m2_cut_a_slanted_face_along_a_line_of_depth():
-    floor = rc.Mesh([(-50, 1, 1), (50, 1, 1), (50, 1, 99), (-50, 1, 99)], [(0, 1, 2), (0, 2, 3)])
-    if len(rc.regions(floor, CAMERA, AHEAD)) == 0:
-        floor = rc.Mesh(floor.vertices, floor.faces[:, ::-1])
-    rho = 100 * 100 * 1 / 8.0**3  # reached at z = 8
-    regions = rc.regions(floor, CAMERA, AHEAD, rc.Task(min_pixels_per_m2=rho))
-    assert math.isclose(regions.points()[:, 2].max(), 8, rel_tol=1e-9)
-    assert math.isclose(regions.area.sum(), 8**2 - 1, rel_tol=1e-9)  # |x| <= z, 1 <= z <= 8
-
-
-def test_the_near_plane_and_the_depth_of_field_cut_faces():
+@pytest.mark.parametrize(
+    ("camera", "task", "low", "high"),
+    [
+        (CAMERA, rc.Task(min_pixels_per_m2=100 * 100 / 8.0**3), 1, 8),  # reached at z = 8
+        (replace(CAMERA, near=2.0, focus_range=(1.0, 5.0)), rc.Task(), 2, 5),
+    ],
+    ids=["density", "near plane and focus"],
+)
+def test_depths_cut_a_slanted_face_along_lines(camera, task, low, high):
     floor = rc.Mesh([(-50, 1, -9), (50, 1, -9), (50, 1, 99), (-50, 1, 99)], [(0, 2, 1), (0, 3, 2)])
-    if len(rc.regions(floor, CAMERA, AHEAD)) == 0:
-        floor = rc.Mesh(floor.vertices, floor.faces[:, ::-1])
-    camera = rc.Camera(width=200, height=200, fx=100, fy=100, near=2.0, focus_range=(1.0, 5.0))
-    regions = rc.regions(floor, camera, AHEAD)
-    assert math.isclose(regions.area.sum(), 5**2 - 2**2, rel_tol=1e-9)
+    regions = rc.regions(floor.with_groups(two_sided="all"), camera, AHEAD, task)
+    assert math.isclose(regions.points()[:, 2].max(), high, rel_tol=1e-9)
+    assert math.isclose(regions.area.sum(), high**2 - low**2, rel_tol=1e-9)  # |x| <= z
+
+
+def test_occluders_hide_and_have_no_regions():
+    mesh = joined(square(0.25, 1), square(0.5, 2))
+    groups = [rc.Group("plate", is_occluder=True), rc.Group("wall")]
+    regions = rc.regions(rc.Mesh(mesh.vertices, mesh.faces, groups, [0, 0, 1, 1]), CAMERA, AHEAD)
+    assert set(regions.face.tolist()) <= {2, 3}
+    assert regions.area.sum() <= 1e-12  # at half the distance, half the size hides all
 
 
 def test_a_camera_in_the_plane_of_a_face_covers_nothing_of_it():
-    mesh = mesh_of(box((-1, -1, 2), (1, 1, 4)))
+    mesh = box((-1, -1, 2), (1, 1, 4))
     pose = np.eye(4)[None].copy()
     pose[0, :3, 3] = (1, 0, 0)  # in the plane x = 1 of two faces
     regions = rc.regions(mesh, CAMERA, pose)

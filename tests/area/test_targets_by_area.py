@@ -11,9 +11,7 @@ from target_scenes import beside, only, sheet_at, some_as_targets
 import rastercov as rc
 from rastercov.coverage.area.failures import first_failures
 from rastercov.coverage.area.network import AreaNetwork
-from rastercov.coverage.area.regions import RegionObserver
 from rastercov.coverage.area.union import with_rest
-from rastercov.coverage.engine import Engine
 from rastercov.coverage.task import Reason
 from rastercov.reference.regions import covers_points, points_on
 
@@ -67,18 +65,6 @@ def test_targets_change_no_region_of_the_surface(seed):
 def test_regions_of_hostile_targets_hold_their_covered_points(seed):
     mesh, _, camera, poses = split(seed)
     assert_pointwise(mesh, camera, poses, rc.Task(), 1000, seed)
-
-
-@given(seed=SEEDS)
-@settings(max_examples=15)
-def test_an_observer_of_regions_measures_targets_as_an_exact_one_does(seed):
-    mesh, _, camera, poses = split(seed)
-    with rc.open_observer(mesh, camera) as plain:
-        expected = plain.observe(poses)
-    with RegionObserver(mesh, camera, rc.Task(), Engine()) as observer:
-        found = observer.observe(poses)
-    for name in ("visible_pixels", "drawn_pixels", "kind", "area_error"):
-        assert np.array_equal(getattr(found, name), getattr(expected, name)), name
 
 
 def test_targets_are_scored_by_area_and_have_a_rest():

@@ -1,7 +1,5 @@
 """Union of regions over cameras: against Clipper2, and by the laws of sets."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from exact_views import SEEDS, soup
@@ -12,20 +10,11 @@ from surface_cases import building, hostile_scene, in_regions, off_clipper2, roo
 import rastercov as rc
 from rastercov.base.errors import ConfigError
 from rastercov.coverage.area.frames import frames_of, to_plane
-from rastercov.coverage.area.union import RegionUnion, polygon_areas
+from rastercov.coverage.area.union import RegionUnion
 from rastercov.reference.regions import points_on
 
 TASK = rc.Task(max_incidence_deg=75, min_pixels_per_m2=2000)
 CAMERA = rc.Camera(width=200, height=200, fx=100, fy=100)
-
-
-@pytest.mark.parametrize("scene", [room, building])
-def test_the_union_agrees_with_clipper2(scene):
-    mesh, camera, poses = scene()
-    regions = rc.regions(mesh, camera, poses, TASK)
-    covered = rc.unite(regions)
-    assert off_clipper2(regions, covered.area[0]).max() <= 1e-10 * mesh.areas.max()
-    assert 0.01 < covered.share() < 0.99
 
 
 @pytest.mark.slow
@@ -42,35 +31,6 @@ def test_the_union_of_hostile_scenes_agrees_with_clipper2(seed):
     assert off.max() <= 1e-8 * mesh.areas.max()
 
 
-@pytest.mark.parametrize("scene", [room, building])
-def test_the_areas_of_all_numbers_of_views_add_up_to_the_pieces(scene):
-    mesh, camera, poses = scene()
-    regions = rc.regions(mesh, camera, poses, TASK)
-    covered = rc.unite(regions, len(poses))
-    total = np.bincount(regions.pair_face, regions.area, minlength=mesh.n_faces)
-    assert np.abs(covered.area.sum(axis=0) - total).max() <= 1e-9 * mesh.areas.sum()
-
-
-def test_fewer_views_cover_no_less_and_levels_do_not_depend_on_the_largest():
-    mesh, camera, poses = room()
-    regions = rc.regions(mesh, camera, poses, TASK)
-    most = rc.unite(regions, 6)
-    assert (np.diff(most.area, axis=0) <= 1e-12).all()
-    assert most.share(6) < most.share(5) < most.share(1)
-    for k in (1, 2, 4):
-        fewer = rc.unite(regions, k)
-        assert np.allclose(fewer.area, most.area[:k], rtol=0, atol=1e-9)
-        assert fewer.views.max() == k
-
-
-def test_the_order_of_cameras_changes_nothing():
-    mesh, camera, poses = room()
-    one = rc.unite(rc.regions(mesh, camera, poses, TASK), 3)
-    for order in ([5, 4, 3, 2, 1, 0], [2, 5, 0, 3, 1, 4]):
-        other = rc.unite(rc.regions(mesh, camera, poses[order], TASK), 3)
-        assert np.abs(one.area - other.area).max() <= 1e-9
-
-
 def test_poses_added_one_by_one_cover_as_much_as_all_at_once():
     mesh, camera, poses = building()
     union = RegionUnion(mesh, 2)
@@ -85,16 +45,6 @@ def test_poses_added_one_by_one_cover_as_much_as_all_at_once():
     assert np.abs(found.area - at_once.area).max() <= 1e-9 * mesh.areas.max()
     # Slivers aside, the bound is that of the same regions.
     assert np.allclose(found.bound, at_once.bound, rtol=1e-3, atol=1e-9 * mesh.areas.max())
-
-
-def test_regions_of_several_cameras_are_united():
-    mesh, camera, poses = room()
-    wide = replace(camera, fx=400, fy=400)
-    parts = [rc.regions(mesh, each, poses[:3], TASK) for each in (camera, wide)]
-    both = rc.unite(parts, 2)
-    for part in parts:
-        assert (both.area[0] >= rc.unite(part).area[0] - 1e-9).all()
-    assert both.share(2) > 0
 
 
 def test_a_face_that_k_cameras_cover_as_a_whole_is_closed():
@@ -141,21 +91,6 @@ def test_pieces_of_a_partition_do_not_overlap_and_know_their_views():
         times[rows[inside]] += 1
     assert times.max() == 1
     assert np.array_equal(found, views)
-
-
-def test_a_partition_has_the_areas_of_its_pieces():
-    mesh, camera, poses = building()
-    covered = rc.unite(rc.regions(mesh, camera, poses, TASK), 3)
-    areas = polygon_areas(covered.xy, covered.starts)
-    assert (areas > 0).all()
-    assert (np.diff(covered.face) >= 0).all()
-    for level in range(3):
-        rows = covered.views > level
-        total = np.bincount(covered.face[rows], areas[rows], minlength=mesh.n_faces)
-        assert np.allclose(total, covered.area[level], rtol=1e-12)
-    corners = covered.points()
-    assert (corners >= mesh.bounds[0] - 1e-9).all()
-    assert (corners <= mesh.bounds[1] + 1e-9).all()
 
 
 @given(seed=SEEDS)

@@ -117,7 +117,7 @@ def test_help_and_version(capsys):
         ("evaluate no[x].stl -c khepra -p sphere:2", ["no[x].stl", "No such file"]),
         ("evaluate part.obj -c khepra -p sphere:2 --unit miles", ["unit must be", "'miles'"]),
         ("evaluate box -c no.toml -p sphere:2", ["no.toml", "No such file"]),
-        ("evaluate box -c part.obj -p sphere:2", ["part.obj", "not recognised", "--from"]),
+        ("evaluate box -c part.obj -p sphere:2", ["part.obj", "a camera file", "--from"]),
         ("evaluate box -c khepra -p sphere:99999999999", ["whole number", "10000000"]),
         ("render box -c khepra -p poses.json --pose 12", ["--pose 12", "12 poses"]),
         ("demo --shape nope", ["'nope'", "teapot"]),

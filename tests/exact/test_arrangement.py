@@ -2,14 +2,13 @@
 
 import numpy as np
 import pytest
-from exact_cases import AHEAD, hostile, t_junctions, window
+from exact_cases import AHEAD, t_junctions, window
 from exact_views import SEEDS, assert_agree, assert_within_bounds, look, soup
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import joined, sheet, square
 
-from rastercov.kernels.exact_grid import sort_cell
-from rastercov.kernels.exact_records import CROSSED, W_MAX
+from rastercov.kernels.exact_records import CROSSED
 from rastercov.mesh import Mesh, contacts, shapes
 
 
@@ -44,28 +43,6 @@ def test_an_edge_that_a_wall_hides_in_part_crosses_where_it_is_seen():
     assert (view.visible[2:4] > 0).any()
 
 
-@pytest.mark.slow
-@given(seed=SEEDS)
-@settings(max_examples=60)
-def test_half_planes_agree_with_arrangements(seed):
-    case = hostile(seed)
-    assert_agree(case.mesh, case.camera, case.pose)
-
-
-@pytest.mark.slow
-@given(seed=SEEDS)
-@settings(max_examples=10)
-def test_half_planes_agree_in_a_crowd(seed):
-    rng = np.random.default_rng(seed)
-    crowd = [shapes.box(rng.uniform(0.05, 0.3, 3)) for _ in range(60)]
-    moved = [
-        type(part)(vertices=part.vertices + rng.uniform((-1, -1, 2), (1, 1, 5)), faces=part.faces)
-        for part in crowd
-    ]
-    view = assert_agree(joined(*moved), window(), AHEAD)
-    assert view.n_left < view.n_crossed
-
-
 def test_neighbours_that_abut_are_divided_although_they_touch():
     """Faces along a T-junction touch each other without passing through each other."""
     tile, row = sheet((-1, -1), (1, 0), 4.0), [sheet((x, 0), (x + 0.5, 1), 4.0) for x in (-1, -0.5)]
@@ -87,19 +64,12 @@ def test_faces_that_pass_through_each_other_are_divided_along_their_intersection
 
 @pytest.mark.slow
 @given(seed=SEEDS)
-@settings(max_examples=30)
-def test_half_planes_agree_where_many_faces_pass_through_each_other(seed):
+@settings(max_examples=20)
+def test_faces_that_pass_through_each_other_are_as_good_as_their_bounds(seed):
     rng = np.random.default_rng(seed)
     mesh = joined(square(2.0, 4.0), soup(rng, n=int(rng.integers(2, 40)), size=rng.uniform(0.3, 2)))
     assert_agree(mesh, window(), AHEAD)
-
-
-@pytest.mark.slow
-@given(seed=SEEDS)
-@settings(max_examples=10)
-def test_faces_that_pass_through_each_other_are_as_good_as_their_bounds(seed):
-    mesh = joined(square(2.0, 4.0), soup(np.random.default_rng(seed), n=8, size=1.5))
-    assert_within_bounds(mesh, window(), AHEAD)
+    assert_within_bounds(mesh, window(), AHEAD, np.arange(4))
 
 
 def bent(*rows):
@@ -166,25 +136,3 @@ def test_a_face_with_too_many_partners_lists_none(monkeypatch):
     assert mesh.contacts.faces_for(0.0).all()
     assert np.diff(starts).min() == 0
     assert_agree(mesh, window(), AHEAD)
-
-
-@pytest.mark.parametrize("largest", [1.0, 0.0, 5e-324, 1e300])
-@pytest.mark.parametrize("n", [0, 1, 2, 17, 500])
-def test_a_sorted_cell_lists_its_faces_from_front_to_back(n, largest):
-    view = look(square(1, 4), window(), AHEAD)
-    rng = np.random.default_rng(n)
-    box = np.zeros((n, 6))
-    box[:, W_MAX] = rng.integers(0, 9, n) * largest
-    box[: n // 9, W_MAX] = np.inf
-    order = rng.permutation(n).astype(np.int32)
-    grid = view.grid._replace(
-        starts=np.array([0]), stops=np.array([n]), entries=order.copy(), nearest=np.empty(n),
-        is_sorted=np.zeros(1, bool), has_bounds=np.ones(1, bool), bounds=np.empty((6, n)),
-        found=np.empty(n, np.int32),
-    )  # fmt: skip
-    sort_cell(0, box, grid)
-    assert sorted(grid.entries) == sorted(order)
-    assert (grid.nearest[1:] <= grid.nearest[:-1]).all()
-    assert np.array_equal(grid.nearest, box[grid.entries, W_MAX])
-    assert grid.is_sorted[0]
-    assert not grid.has_bounds[0]

@@ -1,10 +1,10 @@
 """Blocks of faces: what is decided for a block at once is what each of its faces gives alone."""
 
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
+from exact_cases import grid
 from exact_views import SEEDS, assert_agree, look, regions_of, see_again, soup
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -18,10 +18,8 @@ from rastercov.exact.certificate import THIN_TOLERANCE_REL, CertificateSolver
 from rastercov.exact.surface import surface_of
 from rastercov.kernels.exact_records import (
     BLOCK,
-    CONSISTENT,
     LIVE,
     MIXED,
-    NON_MANIFOLD,
     SUM_OF_WIDTHS,
     U_MAX,
     U_MIN,
@@ -33,11 +31,6 @@ from rastercov.kernels.exact_setup import NARROW_FACTOR, UNIT_ROUNDING, lay_boxe
 from rastercov.mesh import Mesh, shapes
 
 CAMERA = Camera(width=320, height=240, fx=300, fy=300)
-
-
-def shuffled(mesh, rng):
-    order = rng.permutation(mesh.n_faces)
-    return Mesh(mesh.vertices, mesh.faces[order]), order
 
 
 def scene(rng):
@@ -73,58 +66,27 @@ def one_by_one(mesh):
 
 
 @pytest.mark.slow
-@given(seed=SEEDS, is_sorted=st.booleans())
-@settings(max_examples=20)
-def test_patches_joins_and_blocks_of_edges_are_those_of_the_faces(seed, is_sorted):
-    rng = np.random.default_rng(seed)
-    mesh = scene(rng)
-    if not is_sorted:
-        mesh = Mesh(vertices=mesh.vertices, faces=rng.permutation(mesh.faces))
-    surface = surface_of(mesh)
-    found, edges, of_face = surface.blocks, surface.edges, np.arange(mesh.n_faces) // BLOCK
-    # Labels spread to the lowest face over edges within blocks, step by step.
-    f, g = edges.faces[edges.faces[:, 1] >= 0].T
-    kind = edges.kind[edges.faces[:, 1] >= 0]
-    within = (of_face[f] == of_face[g]) & (kind == CONSISTENT)
-    label = np.arange(mesh.n_faces)
-    for _ in range(BLOCK):
-        np.minimum.at(label, f[within], label[g[within]])
-        np.minimum.at(label, g[within], label[f[within]])
-    assert np.array_equal(found.lowest[found.patch], label)
-    assert np.array_equal(found.of_patch, of_face[found.lowest])
-    for n, (first, last) in enumerate(pairwise(found.patch_starts)):
-        assert (found.of_patch[first:last] == n).all()
-    pairs = set()
-    for a, b, its in zip(found.patch[f], found.patch[g], kind, strict=True):
-        if a != b and its != NON_MANIFOLD:
-            pairs.add((min(a, b), max(a, b) if its == CONSISTENT else ~max(a, b)))
-    assert set(map(tuple, found.joins.tolist())) == pairs
-    for m, is_plain in enumerate(found.is_plain):
-        part = slice(m * BLOCK, (m + 1) * BLOCK)
-        expected = (edges.kind[part] == CONSISTENT) & (edges.faces[part, 1] >= 0)
-        assert is_plain == expected.all()
-        if is_plain:
-            listed = found.of_edges[found.starts[m] : found.starts[m + 1]]
-            assert set(listed) == set(of_face[edges.faces[part].ravel()])
-
-
-@pytest.mark.slow
 @given(seed=SEEDS, front_only=st.booleans())
 @examples(12, at_night=25)
 def test_blocks_change_no_figure(seed, front_only):
     rng = np.random.default_rng(seed)
     mesh = scene(rng)
+    # What the pose before has left must not matter.
+    assert_same(mesh, [view_of(mesh, rng) for _ in range(2)], front_only)
+
+
+def assert_same(mesh, poses, front_only=False):
+    """With blocks and without them, poses have the same figures, one after the other."""
     together = CertificateSolver(surface_of(mesh), CAMERA)
     apart = CertificateSolver(one_by_one(mesh), CAMERA)
-    for _ in range(2):  # what the pose before has left must not matter
-        pose = view_of(mesh, rng)
-        see_again(together, mesh, CAMERA, pose, front_only=front_only)
-        see_again(apart, mesh, CAMERA, pose, front_only=front_only)
-        assert_same(together, apart)
+    for pose in poses:
+        for view in (together, apart):
+            see_again(view, mesh, CAMERA, pose, front_only=front_only)
+        assert_same_figures(together, apart)
 
 
-def assert_same(together, apart):
-    """Both have the same figures, and the second decided no block at once."""
+def assert_same_figures(together, apart):
+    """Two solvers have the same figures, and the second decided no block at once."""
     assert (apart.projected.block_state & UNEVEN).all()
     for name in ("area", "state", "side", "is_certified"):
         assert np.array_equal(getattr(together, name), getattr(apart, name)), name
@@ -157,28 +119,18 @@ def test_regions_end_where_whole_blocks_of_two_sides_meet(seed, front_only):
     turned = rng.random(6) < 0.3
     faces[turned] = faces[turned][:, :, ::-1]
     mesh = Mesh(box.vertices, faces.reshape(-1, 3))
-    together = CertificateSolver(surface_of(mesh), CAMERA)
-    apart = CertificateSolver(one_by_one(mesh), CAMERA)
     direction = rng.normal(size=3)
     eye = mesh.bounds.mean(axis=0) + direction / np.linalg.norm(direction) * rng.uniform(4, 8)
     pose = look_at(eye, mesh.bounds.mean(axis=0), rng.normal(size=3))[0]
-    see_again(together, mesh, CAMERA, pose, front_only=front_only)
-    see_again(apart, mesh, CAMERA, pose, front_only=front_only)
-    assert_same(together, apart)
+    assert_same(mesh, [pose], front_only)
 
 
 @pytest.mark.parametrize("height", [0.0, 1e-15, 1e-9])
 def test_a_plate_seen_edge_on_is_looked_at_face_by_face(height):
-    grid = np.linspace(-1, 1, 21)
-    corners = np.array([(x, y, 0.0) for x in grid for y in grid])
-    at = np.arange(20)[:, None] * 21 + np.arange(20)
-    quads = np.stack((at, at + 21, at + 22, at + 1), axis=-1).reshape(-1, 4)
-    mesh = Mesh(corners, np.concatenate((quads[:, [0, 1, 2]], quads[:, [0, 2, 3]])))
+    flat, faces = grid(20)
+    mesh = Mesh(np.column_stack((flat, np.zeros(len(flat)))), faces)
     pose = look_at((0.0, -4.0, height), (0.0, 0.0, height), (0.0, 0.0, 1.0))[0]
-    together = look(mesh, CAMERA, pose)
-    apart = CertificateSolver(one_by_one(mesh), CAMERA)
-    see_again(apart, mesh, CAMERA, pose)
-    assert_same(together, apart)
+    assert_same(mesh, [pose])
 
 
 def test_most_blocks_of_a_fine_mesh_are_decided_together():
@@ -197,7 +149,8 @@ def test_most_blocks_of_a_fine_mesh_are_decided_together():
 def test_the_order_of_the_faces_does_not_matter(seed):
     rng = np.random.default_rng(seed)
     mesh = scene(rng)
-    other, order = shuffled(mesh, rng)
+    order = rng.permutation(mesh.n_faces)
+    other = Mesh(mesh.vertices, mesh.faces[order])
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(blocks_module, "LEAST_FACES", 1)
         rows = surface_of(other).place

@@ -7,7 +7,7 @@ import pytest
 from exact_views import SEEDS
 from hypothesis import example, given
 from nightly import examples
-from scenes import joined, square
+from scenes import square
 
 import rastercov as rc
 from rastercov.mesh import shapes
@@ -134,21 +134,6 @@ def test_faces_that_are_certainly_outside_the_image_stay_known():
     found = rc.visibility(mesh, EDGE_ON, aside)
     assert (found.bound == 0).all()
     assert (found.value == 0).all()
-
-
-def test_single_faces_and_blocks_of_eight_have_the_same_bounds():
-    # The plane of half of these faces has the camera in it; they come in blocks.
-    flat = [square(0.5, 0.0) for _ in range(20)]
-    parts = [
-        rc.Mesh(vertices=each.vertices * 0.05 + (0, 0.04 * i, 0.01 * (i % 2)), faces=each.faces)
-        for i, each in enumerate(flat)
-    ]
-    mesh, pose = joined(*parts), beside(0.0)[None]
-    found = rc.visibility(mesh, EDGE_ON, pose)
-    whole = rc.evaluate(mesh, EDGE_ON, pose, fields=("visibility_bound", "visibility_kind"))
-    assert np.array_equal(found.bound, whole.visibility_bound)
-    assert np.array_equal(found.kind, whole.visibility_kind)
-    assert 0 < (found.bound == 1).sum() < mesh.n_faces
 
 
 def test_the_area_of_a_face_too_thin_for_the_plane_of_a_lens_has_a_bound():

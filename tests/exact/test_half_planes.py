@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 from bounds_checked import run_checked
-from exact_cases import AHEAD, box, hostile, slivers, triangles, window
+from exact_cases import AHEAD, hostile, triangles, window
 from exact_views import (
     SEEDS,
     assert_within_bounds,
-    fractions,
     look,
     on_both_paths,
     see_again,
@@ -15,17 +14,15 @@ from exact_views import (
 )
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scenes import joined, sheet, square
+from scenes import joined, square
 
 from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import look_at
-from rastercov.coverage.observer import visibility
 from rastercov.exact import half_planes
 from rastercov.exact.half_planes import HalfPlaneSolver, room_for_clipped
 from rastercov.exact.surface import surface_of
 from rastercov.mesh import Mesh, shapes
 from rastercov.reference import rational
-from rastercov.reference.criteria import face_geometry
 
 CAMERA = Camera(width=320, height=240, fx=260, fy=270)
 SQUARES = joined(square(2, 4), square(0.5, 2))
@@ -56,21 +53,6 @@ def test_faces_cut_in_space_make_room_for_themselves(path):
 
 
 @on_both_paths
-@pytest.mark.parametrize("room", [1, 8, 60])
-def test_pieces_make_room_for_themselves(path, room):
-    # A sieve before a face: tens of pieces of it remain in each block of cells.
-    slats = [sheet((-1 + i / 16, -1), (-1 + (i + 0.5) / 16, 1), 2) for i in range(32)]
-    beams = [sheet((-1, -1 + i / 16), (1, -1 + (i + 0.5) / 16), 2.5) for i in range(32)]
-    mesh = joined(triangles([(-3, -3, 4), (3, -3, 4), (0, 5, 4)]), *slats, *beams)
-    expected = look(mesh, CAMERA, AHEAD, path)
-    view = path(surface_of(mesh), CAMERA)
-    view._make_room_for_pieces(room)
-    see_again(view, mesh, CAMERA, AHEAD)
-    assert len(view._pieces.corners) > room
-    assert np.array_equal(view.visible, expected.visible)
-
-
-@on_both_paths
 @given(seed=SEEDS, room=st.integers(1, 40))
 @settings(max_examples=10)
 def test_room_for_pieces_changes_no_answer(path, seed, room):
@@ -80,62 +62,6 @@ def test_room_for_pieces_changes_no_answer(path, seed, room):
     view._make_room_for_pieces(room)
     see_again(view, mesh, CAMERA, AHEAD)
     assert np.array_equal(view.visible, expected)
-
-
-@pytest.mark.slow
-@on_both_paths
-def test_large_faces_among_small_ones_fill_the_grid_and_make_it_coarser(path):
-    # Sheets over the whole image lie in every cell that 2,000 specks ask for.
-    rng = np.random.default_rng(6)
-    specks = triangles(*(rng.uniform(-1, 1, (2000, 1, 3)) + rng.normal(size=(2000, 3, 3)) * 1e-3))
-    specks = Mesh(vertices=specks.vertices + np.array((0, 0, 4)), faces=specks.faces)
-    mesh = joined(specks, *(square(9, 5 + i) for i in range(1500)))
-    view = look(mesh, CAMERA, AHEAD, path)
-    image = CAMERA.width * CAMERA.height
-    assert view.grid.columns * view.grid.rows < 2 * mesh.n_faces
-    assert view.visible[:4002].sum() == pytest.approx(image, rel=1e-12)
-    assert view.visible[4002:].max() <= 1e-12 * image
-
-
-def clump(n, rng):
-    """n needles through one place, the worst for lists of occluders."""
-    ends = rng.normal(size=(n, 3))
-    width = rng.normal(size=(n, 3)) * 0.05
-    return triangles(*(np.stack((-ends, ends, ends + width), axis=1) + np.array((0, 0, 6))))
-
-
-@pytest.mark.slow
-@on_both_paths
-def test_hundreds_of_needles_through_one_place(path):
-    mesh = clump(150, np.random.default_rng(11))
-    view = look(mesh, CAMERA, AHEAD, path)
-    targets = np.array((0, 70, 149))
-    exact = rational.visible_area(mesh, CAMERA, AHEAD, targets)
-    assert np.abs(view.visible[targets] - exact).max() <= 1e-9
-
-
-@pytest.mark.slow
-@on_both_paths
-def test_eight_thousand_boxes_on_one_ground(path):
-    n = 90
-    corner = (np.stack(np.meshgrid(np.arange(n), np.arange(n)), axis=-1).reshape(-1, 2) - n / 2) / n
-    unit = box((0, 0, 0), (0.5 / n, 0.5 / n, 0.3 / n))
-    ground = Mesh(
-        vertices=[(-1, -1, -0.01), (1, -1, -0.01), (0, 2, -0.01)], faces=[(0, 1, 2)]
-    )  # below the boxes, so that they touch nothing
-    points = unit.vertices + np.column_stack((corner, np.zeros(len(corner))))[:, None]
-    faces = unit.faces + 8 * np.arange(len(corner))[:, None, None]
-    mesh = Mesh(
-        vertices=np.concatenate((ground.vertices, points.reshape(-1, 3))),
-        faces=np.concatenate((ground.faces, faces.reshape(-1, 3) + 3)),
-    )
-    pose = look_at((0.02, 0.03, 2.5), (0, 0, 0))[0]
-    camera = Camera(width=600, height=600, fx=1300, fy=1300)
-    view = look(mesh, camera, pose, path)
-    # From above the boxes are all that hides: what is seen of their tops and sides is not ground.
-    boxes = view.visible[1:].sum()
-    assert view.visible[0] == pytest.approx(view.area[0] - boxes, rel=1e-9)
-    assert 0.2 * view.area[0] < boxes < 0.4 * view.area[0]
 
 
 @pytest.mark.slow
@@ -184,30 +110,6 @@ def test_any_camera_sees_as_in_exact_arithmetic(path, seed, width, height, cx, c
     faces = rng.normal(size=(20, 3, 3)) * 0.7 + ray * rng.uniform(0.5, 3, (20, 1, 1))
     mesh = triangles(*faces)
     assert_within_bounds(mesh, camera, AHEAD, paths=[path])
-    method = "exact" if path is HalfPlaneSolver else "certified"
-    seen = visibility(mesh, camera, AHEAD, method)
-    fraction, area = fractions(mesh, camera, AHEAD)
-    is_front = face_geometry(mesh, camera, AHEAD).is_front & (area > 0)
-    off = np.abs(seen.value[0] - fraction)[is_front]
-    assert (off <= np.maximum(seen.bound[0][is_front], 1e-14)).all()
-
-
-def test_the_principal_point_may_be_a_corner():
-    exact = slivers()
-    view = look(exact.mesh, exact.camera, exact.pose)
-    assert view.visible[:2] == pytest.approx([500, 500], rel=1e-12)
-
-
-@on_both_paths
-@pytest.mark.parametrize("size", [1e-90, 1e-30, 1e-9, 1e9, 1e29])
-def test_any_length_of_a_metre_will_do(path, size):
-    mesh = triangles(*(np.random.default_rng(3).normal(size=(12, 3, 3)) * 1.2))
-    eye = np.array((0.3, 0.2, -1.0))
-    expected = look(mesh, CAMERA, look_at(eye, (0, 0, 0))[0], path)
-    scaled = Mesh(vertices=mesh.vertices * size, faces=mesh.faces)
-    view = look(scaled, CAMERA, look_at(eye * size, (0, 0, 0))[0], path)
-    assert view.n_clipped == expected.n_clipped > 0
-    assert np.abs(view.visible - expected.visible).max() <= 1e-8
 
 
 @on_both_paths
@@ -224,59 +126,7 @@ def test_coordinates_up_to_the_largest_allowed(path):
     assert np.abs(view.visible - exact).max() <= 1e-5
 
 
-@on_both_paths
-def test_nothing_in_view_is_nothing(path):
-    for mesh in (square(1, -2), sheet((9, 9), (10, 10), 1), Mesh([(0, 0, 1)] * 3, [(0, 1, 2)])):
-        view = look(mesh, CAMERA, AHEAD, path)
-        assert not view.visible.any()
-        assert not view.area.any()
-        assert not view.is_certified.any()
-
-
-@on_both_paths
-def test_faces_of_no_area_hide_nothing_and_break_no_neighbour(path):
-    # A needle along the joint of two triangles, a flap on it, a point: all without area.
-    points = np.concatenate((square(1, 2).vertices, [(0, 0, 2)]))
-    faces = [(0, 4, 2), (0, 0, 2), (1, 1, 1), (0, 1, 2), (0, 2, 3)]
-    view = look(Mesh(vertices=points, faces=faces), window(), AHEAD, path)
-    assert view.visible == pytest.approx([0, 0, 0, 5000, 5000], rel=1e-13)
-    assert (view.visible[:3] == 0).all()
-
-
 # --- culling --------------------------------------------------------------------------------------
-
-
-@pytest.mark.slow
-@on_both_paths
-@pytest.mark.parametrize("name", ["aeroplane", "torus", "sphere"])
-@given(seed=SEEDS)
-@settings(max_examples=3)
-def test_back_faces_of_a_closed_mesh_may_be_left_out(path, name, seed):
-    rng = np.random.default_rng(seed)
-    mesh = shapes.by_name(name)
-    centre, extent = mesh.bounds.mean(axis=0), np.linalg.norm(np.ptp(mesh.bounds, axis=0))
-    away = rng.normal(size=3)
-    eye = centre + away / np.linalg.norm(away) * extent * rng.uniform(0.7, 3)
-    pose = look_at(eye, rng.uniform(*mesh.bounds))[0]
-    both = look(mesh, CAMERA, pose, path)
-    front = look(mesh, CAMERA, pose, path, front_only=True)
-    # Of a back face next to the outline rounding may leave a trace.
-    assert np.abs(both.visible - front.visible).max() <= 1e-9
-    assert (front.side >= 0).all()
-
-
-@on_both_paths
-def test_boxes_that_touch_may_be_culled(path):
-    # Faces on one another look both ways: the one that looks at the camera is covered anyway.
-    row = joined(*(box((i, 0, 4), (i + 1, 1, 5)) for i in (-1, 0)), box((-0.5, -1, 3), (0.5, 0, 5)))
-    for shift in ((0, 0), (3, 2), (-2, -3)):
-        pose = np.eye(4)
-        pose[:2, 3] = shift
-        both = look(row, CAMERA, pose, path)
-        front = look(row, CAMERA, pose, path, front_only=True)
-        seen = front.side > 0
-        assert both.visible[seen] == pytest.approx(front.visible[seen], abs=1e-9)
-        assert (front.visible[~seen] == 0).all()
 
 
 @on_both_paths
@@ -291,18 +141,6 @@ def test_culled_back_faces_neither_hide_nor_are_seen(path):
 
 
 # --- what is visible is a part of what there is ---------------------------------------------------
-
-
-@pytest.mark.slow
-@on_both_paths
-@given(seed=st.integers(0, 100_000))
-@settings(max_examples=20)
-def test_visible_area_is_at_most_the_area(path, seed):
-    case = hostile(seed)
-    view = look(case.mesh, case.camera, case.pose, path)
-    assert (view.visible >= 0).all()
-    assert (view.visible <= view.area).all()
-    assert (view.area <= case.camera.width * case.camera.height * (1 + 1e-12)).all()
 
 
 @given(seed=st.integers(0, 100_000))
@@ -365,16 +203,6 @@ def test_a_metre_may_be_1e_110():
     pose = look_at(np.array((0.3, 0.2, -1.0)) * 1e-110, (0, 0, 0))[0]
     exact = rational.visible_area(mesh, CAMERA, pose)
     assert np.abs(look(mesh, CAMERA, pose, HalfPlaneSolver).visible - exact).max() <= 1e-8
-
-
-def test_a_small_thing_before_a_vast_one_keeps_its_digits():
-    # The eye and a square before it, exact in binary, and a wall of 100 km.
-    rng = np.random.default_rng(0)
-    near = rng.normal(size=(6, 3, 3)) * 0.3 + (0, 0, 1.5)
-    far = triangles([(-1e5, -2e5, 3e5), (2e5, -1e5, 4e5), (0, 3e5, 3e5)])
-    mesh = joined(triangles(*near), far)
-    exact = rational.visible_area(mesh, window(), AHEAD)
-    assert np.abs(look(mesh, window(), AHEAD, HalfPlaneSolver).visible - exact).max() <= 1e-9
 
 
 @pytest.mark.slow

@@ -5,12 +5,10 @@ import pytest
 from exact_cases import hostile
 from exact_views import SEEDS, look, on_both_paths, see_again, soup
 from hypothesis import given, settings
-from scenes import joined, square
 
 from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import look_at
 from rastercov.exact import half_planes
-from rastercov.exact.certificate import CertificateSolver
 from rastercov.exact.surface import surface_of
 
 CAMERA = Camera(width=320, height=240, fx=260, fy=270)
@@ -69,14 +67,6 @@ def test_pieces_make_room_for_themselves(path, monkeypatch):
     see_again(solver, mesh, CAMERA, look_at(eyes=[(1, 0, 0)], targets=(0, 0, 5))[0])
     see_again(solver, mesh, CAMERA, np.eye(4))
     assert np.array_equal(pieces_of(solver)[0], wanted)
-
-
-def test_a_window_leaves_pieces_around_it():
-    mesh = joined(square(0.25, 1), square(1, 2))
-    solver = solver_with_pieces(mesh, CAMERA, np.eye(4), CertificateSolver)
-    area, _ = pieces_of(solver)
-    assert not area[:2].any()
-    assert area[2:].sum() == pytest.approx(solver.visible[2:].sum(), rel=1e-12)
 
 
 def test_a_solver_that_is_not_asked_keeps_nothing():

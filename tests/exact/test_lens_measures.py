@@ -46,8 +46,8 @@ def test_edges_of_any_lengths_agree_with_the_best_rule(camera):
         rounding = exact_lens.EDGE_ROUNDING * (record.width + record.height)
         for e in np.flatnonzero(~np.isnan(found)):
             (ax, ay), (bx, by) = places[ends[e, 0], :2], places[ends[e, 1], :2]
-            edge = record.code, record.params, record.frame, ax, ay, bx, by
-            values = np.transpose([node_value(*edge, MOST, k) for k in range(MOST + 1)])
+            edge = ax, ay, bx, by
+            values = np.transpose([node_value(record, edge, MOST, k) for k in range(MOST + 1)])
             size = np.abs(np.diff(values)).sum() + 1
             error = abs(found[e] - bulge.py_func(MOST, *values))
             assert error <= 2 * record.tolerance + rounding * size

@@ -5,8 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from lens_cameras import CAMERAS
 from scenes import joined, square
 
@@ -20,7 +18,6 @@ from rastercov.camera.lenses.of_camera import (
     slopes_of,
 )
 from rastercov.camera.lenses.slopes import slopes_in
-from rastercov.camera.near_plane import limits
 from rastercov.camera.rig import Rig
 from rastercov.camera.viewpoints import look_at, sphere_of_poses
 from rastercov.coverage.coverage import FIGURES
@@ -114,10 +111,8 @@ def test_edges_next_to_the_horizon_cross_the_border_where_the_lens_does(focal):
     """There a polynomial by area is off by much in its place."""
     camera = Camera(width=300, height=300, fx=focal, fy=focal, model="eucm", distortion=(0.25, 1.2))
     walls, inner = shapes.box((4, 5, 3)), shapes.box((0.6, 0.5, 0.8))
-    room = Mesh(
-        np.concatenate((walls.vertices, inner.vertices + np.array([0.9, 0.4, -0.7]))),
-        np.concatenate((walls.faces[:, ::-1], inner.faces + len(walls.vertices))),
-    )
+    turned_in = Mesh(walls.vertices, walls.faces[:, ::-1])
+    room = joined(turned_in, Mesh(inner.vertices + np.array([0.9, 0.4, -0.7]), inner.faces))
     rng = np.random.default_rng(5)
     for _ in range(12):
         eye = rng.normal(0, 0.2, 3)
@@ -139,18 +134,6 @@ def test_half_planes_and_the_certificate_agree(name):
 
 
 @pytest.mark.slow
-@each_lens
-def test_turning_scene_and_camera_together_changes_no_area(name):
-    camera, pose = CAMERAS[name], inside(ROOM, 5)
-    turn = look_at((0, 0, 0), (1, 2, 3), (3, -1, 1))[0]
-    turned = Mesh(ROOM.vertices @ turn[:3, :3].T, ROOM.faces)
-    one = solved(Mesh(ROOM.vertices, ROOM.faces), camera, pose)
-    other = solved(turned, camera, turn @ pose)
-    np.testing.assert_allclose(one.visible, other.visible, atol=1e-6)
-    np.testing.assert_allclose(one.area, other.area, atol=1e-6)
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("method", ["certified", "exact"])
 def test_a_pinhole_as_a_lens_has_the_figures_of_a_pinhole(method):
     poses = sphere_of_poses((0, 0, 0), 2.4, 5)
@@ -166,60 +149,6 @@ def test_a_pinhole_as_a_lens_has_the_figures_of_a_pinhole(method):
     # Of a pinhole it is a bound, exact for square pixels.
     assert np.all(other.facing_density >= one.facing_density * (1 - 1e-12))
     assert np.all(other.facing_density <= one.facing_density * (510 / 500 + 1e-12))
-
-
-def test_certificates_are_those_of_the_pinhole():
-    pose = sphere_of_poses((0, 0, 0), 6.0, 1)[0]  # all of it in the image
-    near, cull, _ = limits(TORUS, PINHOLE, pose[None])
-    one = CertificateSolver(surface_of(TORUS), PINHOLE)
-    other = LensSolver(surface_of(TORUS), SAME, CertificateSolver)
-    for solver in (one, other):
-        solver.set_pose(pose, near[0], cull[0])
-        solver.solve_all()
-    np.testing.assert_array_equal(one.is_certified, other.is_certified)
-    assert one.is_certified.sum() > 500
-    whole = other.is_certified & (other.visible > 0)
-    np.testing.assert_array_equal(other.visible[whole], other.area[whole])
-
-
-def pixel_areas(mesh, camera, pose, per_side=3):
-    """Visible area of each face by one ray through each of some points of the image, px^2."""
-    step = 1 / per_side
-    u, v = np.meshgrid(
-        np.arange(step / 2, camera.width, step), np.arange(step / 2, camera.height, step)
-    )
-    rays = lens_of(camera).unproject(np.column_stack((u.ravel(), v.ravel())))
-    seen = np.isfinite(rays).all(axis=1)
-    directions = rays[seen] @ pose[:3, :3].T
-    nearest = np.full(len(directions), np.inf)
-    face = np.full(len(directions), -1)
-    corners = mesh.vertices[mesh.faces] - pose[:3, 3]
-    for f, (a, b, c) in enumerate(corners):
-        normal = np.cross(b - a, c - a)
-        slope = directions @ normal
-        with np.errstate(all="ignore"):
-            t = (normal @ a) / slope
-        sides = [directions @ np.cross(p, q) for p, q in ((a, b), (b, c), (c, a))]
-        hit = np.all([s >= 0 for s in sides], axis=0) | np.all([s <= 0 for s in sides], axis=0)
-        hit &= (t > 1e-3) & (t < nearest)
-        nearest[hit], face[hit] = t[hit], f
-    return np.bincount(face[face >= 0], minlength=mesh.n_faces) * step**2
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "name", ["brown", "rational and prism", "wide fisheye", "double sphere", "equirectangular"]
-)
-def test_areas_are_those_of_rays_through_the_unprojected_pixels(name):
-    big = CAMERAS[name]
-    camera = big.resized(1 / 16)
-    mesh = ROOM
-    pose = inside(mesh, 3)
-    found = solved(mesh, camera, pose)
-    counted = pixel_areas(mesh, camera, pose)
-    outline = 4 * np.sqrt(np.maximum(found.area, 1)) + 8
-    assert np.all(np.abs(found.visible - counted) <= 0.35 * outline)
-    assert abs(found.visible.sum() - counted.sum()) < 1e-6 * camera.width * camera.height
 
 
 @each_lens
@@ -261,27 +190,6 @@ def test_pixels_without_a_ray_see_nothing():
     seen = np.isfinite(lens.unproject(np.column_stack((u.ravel(), v.ravel())))).all(axis=1)
     assert found.visible.sum() == pytest.approx(seen.sum(), rel=2e-3)
     assert found.visible.sum() < 640 * 480 - 100
-
-
-@pytest.mark.slow
-@settings(max_examples=15)
-@given(
-    seed=st.integers(0, 10_000),
-    k1=st.floats(-0.3, 0.5),
-    k2=st.floats(-0.1, 0.2),
-    p1=st.floats(-5e-3, 5e-3),
-    tau=st.floats(-0.05, 0.05),
-    focal=st.floats(200, 2000),
-)
-def test_the_law_of_the_room_holds_for_random_lenses(seed, k1, k2, p1, tau, focal):
-    camera = Camera(
-        width=800, height=600, fx=focal, fy=1.1 * focal, cx=390, cy=310, skew=0.5, model="opencv",
-        distortion=(k1, k2, p1, -p1 / 2, 0, 0, 0, 0, 0, 0, 0, 0, tau, -tau),
-    )  # fmt: skip
-    if not lens_of(camera).is_whole:
-        return
-    found = solved(ROOM, camera, inside(ROOM, seed))
-    assert abs(found.visible.sum() - 800 * 600) < 1e-6
 
 
 @pytest.mark.slow
@@ -330,12 +238,6 @@ def test_planes_of_a_lens_are_found_once():
         assert planes_of(replace(camera, **changed)) is not planes
 
 
-@each_lens
-def test_optics_keep_all_that_a_lens_is_made_of(name):
-    near = replace(CAMERAS[name], near=0.5, focus_range=(1.0, 6.0))
-    assert optics_of(near) == CAMERAS[name]
-
-
 @pytest.mark.parametrize("name", ["wide fisheye", "equirectangular"])
 def test_planes_that_see_nothing_of_the_mesh_change_no_figure(name):
     mesh = shapes.torus(12, 16)
@@ -350,3 +252,9 @@ def test_planes_that_see_nothing_of_the_mesh_change_no_figure(name):
         for one, other in zip(*figures, strict=True):
             np.testing.assert_array_equal(one, other)
         assert figures[0][0].max() > 0
+
+
+@each_lens
+def test_optics_keep_all_that_a_lens_is_made_of(name):
+    near = replace(CAMERAS[name], near=0.5, focus_range=(1.0, 6.0))
+    assert optics_of(near) == CAMERAS[name]

@@ -59,29 +59,3 @@ def assert_same(seed, camera, method):
     assert np.array_equal(one.kind, other.kind)
     off = np.abs(one.visible_pixels - other.visible_pixels)
     assert (off <= one.area_error + other.area_error + 1e-9).all()
-
-
-@given(seed=SEEDS)
-@settings(max_examples=5)
-def test_sorted_faces_have_the_regions_of_the_mesh(seed):
-    one, other = (rc.regions(mesh, WINDOW, AHEAD) for mesh in scene(seed))
-    assert len(one) > 0
-    bound = one.bound.sum() + other.bound.sum()
-    np.testing.assert_allclose(one.areas(), other.areas(), rtol=1e-9, atol=1e-9 + bound)
-
-
-@pytest.mark.slow
-@given(seed=SEEDS)
-@settings(max_examples=10)
-def test_sorted_faces_have_the_contacts_of_the_mesh(seed):
-    surface, other = (surface_of(mesh) for mesh in scene(seed))
-    rank = other.rank
-    for distance in (0.0, 1e6):
-        expected, found = (s.contacts.faces_for(distance) for s in (surface, other))
-        assert np.array_equal(found, expected[rank])
-        expected, found = (s.contacts.partners_for(distance) for s in (surface, other))
-        assert found is other.contacts.partners_for(distance)
-        for f in range(len(rank)):
-            its = found.faces[found.starts[f] : found.starts[f + 1]]
-            mine = expected.faces[expected.starts[rank[f]] : expected.starts[rank[f] + 1]]
-            assert np.array_equal(rank[its], mine)

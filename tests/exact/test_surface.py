@@ -6,7 +6,7 @@ from collections import defaultdict
 
 import numpy as np
 import pytest
-from exact_cases import box, triangles
+from exact_cases import box
 from exact_views import SEEDS
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -68,51 +68,11 @@ def test_every_position_in_use_stands_once_and_faces_stay_where_they_are(seed):
     assert found.diagonal == pytest.approx(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["teapot-5", "torus", "room"])
-def test_a_mesh_torn_apart_along_all_edges_is_the_same_surface(name):
-    mesh = shapes.by_name(name)
-    one, other = surface_of(mesh), surface_of(triangles(*mesh.vertices[mesh.faces]))
-    assert len(one.vertices) == len(other.vertices)
-    assert len(one.edges.kind) == len(other.edges.kind)
-    pairs = [
-        {tuple(sorted(pair)) for pair in found.edges.faces[found.edges.kind == CONSISTENT].tolist()}
-        for found in (one, other)
-    ]
-    assert pairs[0] == pairs[1]
-    assert np.array_equal(one.contacts.faces_for(1.0), other.contacts.faces_for(1.0))
-
-
 def test_minus_zero_and_zero_are_one_place():
     points = [(0.0, 0, 0), (1, 0, 0), (0, 1, 0), (-0.0, -0.0, 0), (1, 0, -0.0), (0, -1, 0)]
     found = surface_of(Mesh(vertices=points, faces=[(0, 1, 2), (4, 3, 5)]))
     assert len(found.vertices) == 4
     assert (found.edges.faces >= 0).all(axis=1).sum() == 1
-
-
-def test_a_closed_body_has_three_edges_for_two_faces_all_of_one_kind():
-    for mesh in (shapes.box(), shapes.sphere(2), shapes.torus(7, 5)):
-        found = surface_of(mesh)
-        assert len(found.edges.kind) == mesh.n_faces * 3 // 2
-        assert (found.edges.kind == CONSISTENT).all()
-        assert (found.edges.faces >= 0).all()
-
-
-def test_a_face_with_a_repeated_vertex_ends_every_edge_it_is_on():
-    points = square(1, 2).vertices
-    found = surface_of(Mesh(vertices=points, faces=[(0, 1, 2), (0, 2, 3), (0, 0, 2)]))
-    diagonal = np.flatnonzero((found.edges.vertices == (0, 2)).all(axis=1))
-    assert found.edges.kind[diagonal].tolist() == [NON_MANIFOLD]
-    assert found.flat.tolist() == [False, False, True]
-
-
-def test_a_face_alone_and_one_that_is_a_point():
-    found = surface_of(triangles([(0, 0, 0), (1, 0, 0), (0, 1, 0)]))
-    assert found.edges.faces.tolist() == [[0, -1]] * 3
-    point = surface_of(triangles([(1, 2, 3)] * 3))
-    assert point.diagonal == 0
-    assert point.edges.kind.tolist() == [NON_MANIFOLD]
-    assert point.contacts.faces_for(5.0).tolist() == [False]
 
 
 # --- contacts -------------------------------------------------------------------------------------
@@ -141,17 +101,6 @@ def test_whatever_is_at_equal_depth_from_afar_is_in_contact(seed, distance):
     assert surface_of(mesh).contacts.faces_for(10**distance * diagonal).all()
 
 
-def test_contacts_never_shrink_with_the_distance():
-    mesh = shapes.aeroplane()
-    found = surface_of(mesh)
-    before = np.zeros(mesh.n_faces, bool)
-    for decade in range(-2, 12):
-        now = found.contacts.faces_for(10.0**decade * found.diagonal)
-        assert (now | ~before).all()
-        before = now
-    assert before.all()
-
-
 def test_contacts_of_a_decade_are_worked_out_once(monkeypatch):
     calls = []
 
@@ -164,12 +113,6 @@ def test_contacts_of_a_decade_are_worked_out_once(monkeypatch):
     for distance in (1, 2, 9, 40, 51, 40, 2, 400, 0.01):
         found.contacts.faces_for(float(distance))
     assert len(calls) == 2  # up to 30 diagonals, and up to 300
-
-
-def test_a_cube_touches_itself_nowhere_and_its_copy_everywhere():
-    mesh = box((0, 0, 0), (1, 1, 1))
-    assert not surface_of(mesh).contacts.faces_for(1.0).any()
-    assert surface_of(joined(mesh, mesh)).contacts.faces_for(1.0).all()
 
 
 # --- kept as long as the mesh ---------------------------------------------------------------------

@@ -9,36 +9,22 @@ import pytest
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from lens_cases import HEIGHT, WIDTH, K, make_lens, of_all_kinds
+from lens_cases import HEIGHT, WIDTH, make_lens, of_all_kinds, pixels_of_plane, points_of
 from lens_rooms import on_plane, room
 
-import rastercov as rc
 from rastercov.base.errors import CameraError
 from rastercov.camera.lenses.of_camera import blind_area, polygon_areas
 from rastercov.camera.lenses.quadrature import edge_table
-from rastercov.kernels import lens_formulas
-from rastercov.reference.polygons import image_area
 
 LENSES = of_all_kinds()
 table_of = cache(lambda name, k: edge_table(LENSES[name].planes[k]))
-QUICK = {"opencv tilted", "kalibr ds", "wide equidistant", "colmap EQUIRECTANGULAR"}
-SLOW_TOO = [
-    name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) for name in LENSES
-]
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", SLOW_TOO)
-def test_the_region_covers_the_image(name):
-    lens = LENSES[name]
-    assert lens.is_whole
-    assert abs(blind_area(lens)) <= 1e-8
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", SLOW_TOO)
+@pytest.mark.parametrize("name", LENSES)
 def test_walls_of_a_room_add_up_to_the_image(name):
     lens = LENSES[name]
+    assert lens.is_whole
     triangles = room(3, seed=len(name))
     total, bound = 0.0, 0.0
     for plane in lens.planes:
@@ -68,48 +54,12 @@ def test_a_room_seen_by_a_folding_lens_adds_up_to_what_is_not_blind():
     assert abs(total + blind - WIDTH * HEIGHT) <= 1e-6
 
 
-@pytest.mark.slow
-def test_longer_edges_than_the_table_allows_are_cut():
-    lens, triangles = LENSES["opencv brown"], room(1)
-    (plane,) = lens.planes
-    polygons = on_plane(plane, triangles)
-    table = edge_table(plane, 1e-13)
-    assert max(np.ptp(polygon) for polygon in polygons) > 4 * table.longest.max()
-    fine = polygon_areas(lens, plane, polygons, table)
-    coarse = polygon_areas(lens, plane, polygons)
-    assert np.abs(fine.inside - coarse.inside).max() <= 1e-7
-
-
-@pytest.mark.slow
-def test_without_distortion_areas_are_those_of_the_reference():
-    matrix = K - [[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]]
-    lens = lens_cases.opencv(matrix)
-    camera = rc.Camera(width=WIDTH, height=HEIGHT, fx=900, fy=880, cx=654.75, cy=500.0)
-    (plane,) = lens.planes
-    rng = np.random.default_rng(4)
-    middle = rng.uniform((-0.8, -0.7), (0.8, 0.7), (300, 1, 2))
-    corners = middle + rng.normal(size=(300, 3, 2)) * rng.choice([0.02, 0.2, 0.6], (300, 1, 1))
-    z = rng.uniform(1, 3, (300, 3, 1))
-    points = np.concatenate((corners * z, z), axis=2)
-    mesh = rc.Mesh(vertices=points.reshape(-1, 3), faces=np.arange(900).reshape(-1, 3))
-    wanted = image_area(mesh, camera, np.eye(4))
-    assert ((wanted > 0).sum(), (wanted == 0).sum()) > (200, 10)
-    polygons = [on_plane(plane, points[i : i + 1]) for i in range(300)]
-    face = np.repeat(np.arange(300), [len(its) for its in polygons])
-    areas = polygon_areas(lens, plane, [each for its in polygons for each in its])
-    found = np.abs(np.bincount(face, areas.inside, 300))
-    assert np.abs(found - wanted).max() <= 2e-9
-
-
 def densified(plane, polygon, n):
     """Areas of the image of a polygon of a plane, by polygons of 3 n corners: whole and inside."""
     t = np.arange(n)[:, None] / n
     ends = np.roll(polygon, -1, axis=0)
     points = np.concatenate([a + t * (b - a) for a, b in zip(polygon, ends, strict=True)])
-    rays = np.column_stack((points, np.ones(len(points)))) @ plane.frame.T
-    whole = shapely.Polygon(
-        np.column_stack(lens_formulas.project(plane.code, plane.params, *rays.T))
-    )
+    whole = shapely.Polygon(pixels_of_plane(plane, points))
     inside = whole.intersection(shapely.box(0, 0, WIDTH, HEIGHT))
     return np.array((whole.area, inside.area))
 
@@ -122,8 +72,7 @@ def test_areas_are_those_of_polygons_of_many_corners(name):
     for plane in lens.planes[:2]:
         polygons = []
         for _ in range(12):
-            weights = rng.dirichlet(np.full(len(plane.region), 0.1), 3)
-            triangle = weights @ plane.region
+            triangle = points_of(plane, 3, rng)
             one, two = triangle[1] - triangle[0], triangle[2] - triangle[0]
             polygons.append(triangle if one[0] * two[1] > one[1] * two[0] else triangle[::-1])
         areas = polygon_areas(lens, plane, polygons)
@@ -134,17 +83,6 @@ def test_areas_are_those_of_polygons_of_many_corners(name):
             assert error[0] <= 1e-6
             # Except where the border cuts them at an end of one of them.
             assert error[1] <= 0.1 * np.abs(fine - coarse).max() + 1e-6
-
-
-@pytest.mark.slow
-def test_reversed_polygons_have_the_negative_area():
-    lens = LENSES["opencv prism"]
-    (plane,) = lens.planes
-    polygons = on_plane(plane, room(2))
-    one = polygon_areas(lens, plane, polygons)
-    other = polygon_areas(lens, plane, [polygon[::-1] for polygon in polygons])
-    assert np.abs(one.inside + other.inside).max() <= 1e-8
-    assert np.abs(one.whole + other.whole).max() <= 1e-8
 
 
 def test_edges_along_the_border_of_the_image():
@@ -167,13 +105,13 @@ def test_parts_of_a_polygon_add_up(seed, name):
     plane = lens.planes[k]
     if plane.hole is not None:
         return
-    weights = rng.dirichlet(np.full(len(plane.region), 0.05), 3)
-    triangle = weights @ plane.region
+    triangle = points_of(plane, 3, rng)
     inner = rng.dirichlet(np.ones(3)) @ triangle
     parts = [np.array([triangle[i - 1], triangle[i], inner]) for i in range(3)]
-    areas = polygon_areas(lens, plane, [triangle, *parts], table_of(name, k))
+    areas = polygon_areas(lens, plane, [triangle, triangle[::-1], *parts], table_of(name, k))
     for values in (areas.whole, areas.inside):
-        assert abs(values[0] - values[1:].sum()) <= areas.bound.sum() + 1e-8
+        assert abs(values[0] + values[1]) <= 1e-8
+        assert abs(values[0] - values[2:].sum()) <= areas.bound.sum() + 1e-8
 
 
 def test_a_lens_with_a_pole_in_its_region_has_no_table():
@@ -186,28 +124,10 @@ def test_a_lens_with_a_pole_in_its_region_has_no_table():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("limit", [None, 95.0])
-def test_image_circle_of_a_fisheye_leaves_the_corners_blind(limit):
-    lens = make_lens("equidistant", 900, 800, fx=120, fy=120, max_angle_deg=limit)
-    angle = math.radians(limit or 175.0)
-    assert lens.valid_angle == pytest.approx(angle, rel=1e-5)
-    assert not lens.is_whole
-    circle = math.pi * (120 * angle) ** 2
+def test_image_circle_of_a_fisheye_leaves_the_corners_blind():
+    lens = make_lens("equidistant", 900, 800, fx=120, fy=120, max_angle_deg=95)
+    circle = math.pi * (120 * math.radians(95)) ** 2
     assert 900 * 800 - blind_area(lens) == pytest.approx(circle, rel=1e-3)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("base", ["fov", "division"])
-def test_lenses_on_a_plane_may_see_up_to_its_horizon(base):
-    of_base = (0.9, 0.9) if base == "fov" else (-0.2,)
-    lens = make_lens(base, fx=90, fy=90, of_base=of_base)
-    assert math.degrees(lens.valid_angle) > 89
-    assert len(lens.planes) == 5
-    assert 0 < blind_area(lens) < 1280 * 1024
-    total = sum(
-        polygon_areas(lens, plane, on_plane(plane, room(2))).inside.sum() for plane in lens.planes
-    )
-    assert abs(total + blind_area(lens) - 1280 * 1024) <= 1e-6
 
 
 @pytest.mark.slow

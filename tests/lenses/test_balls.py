@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from lens_cases import is_outside_hole, of_all_kinds
+from lens_cases import is_outside_hole, of_all_kinds, pixels_of_plane, points_of, rays_of_plane
 
 from rastercov.camera.lenses import balls
 from rastercov.camera.lenses.balls import Ball
@@ -41,10 +41,9 @@ COMPLEX = lens_formulas.bound_to(
 )["project"]
 
 
-def points_of(plane, n, rng):
+def inner_points(plane, n, rng):
     """Random points of the region of a plane, outside its hole."""
-    weights = rng.dirichlet(np.full(len(plane.region), 0.05), n)
-    points = weights @ plane.region
+    points = points_of(plane, n, rng)
     return points[is_outside_hole(plane, points)]
 
 
@@ -53,7 +52,7 @@ def points_of(plane, n, rng):
 def test_values_at_complex_points_are_within_reach(name):
     lens, rng = LENSES[name], np.random.default_rng(7)
     for plane in lens.planes:
-        points = points_of(plane, 60, rng)
+        points = inner_points(plane, 60, rng)
         for radius in (0.003, 0.03, 0.1):
             off = np.sqrt(rng.uniform(0, 1, (2, 20, len(points))))
             turn = np.exp(2j * np.pi * rng.uniform(0, 1, off.shape))
@@ -63,10 +62,9 @@ def test_values_at_complex_points_are_within_reach(name):
             near = points.T[:, None] + own * off * turn
             reach = balls.reach(plane.code, plane.params, plane.frame, *points.T, own)
             rays = np.stack((*near, 1 + 0 * near[0]), axis=-1) @ plane.frame.T
-            base = np.column_stack((points, np.ones(len(points)))) @ plane.frame.T
             with np.errstate(all="ignore"):
                 at = COMPLEX(plane.code, plane.params, *np.moveaxis(rays, -1, 0))
-                real = lens_formulas.project(plane.code, plane.params, *base.T)
+                real = pixels_of_plane(plane, points).T
             for k in range(2):
                 far = np.abs(at[k] - real[k])
                 is_good = reach[k] < np.inf
@@ -79,11 +77,10 @@ def test_values_at_complex_points_are_within_reach(name):
 def test_bounds_of_small_balls_are_close_to_the_derivative(lens):
     rng = np.random.default_rng(8)
     plane = lens.planes[0]
-    points = points_of(plane, 200, rng) * 0.9
+    points = inner_points(plane, 200, rng) * 0.9
     radius = 1e-5
     reach = balls.reach(plane.code, plane.params, plane.frame, *points.T, radius)
-    rays = np.column_stack((points, np.ones(len(points)))) @ plane.frame.T
-    slopes = lens.jacobian(rays) @ plane.frame[:, :2]
+    slopes = lens.jacobian(rays_of_plane(plane, points)) @ plane.frame[:, :2]
     for k in range(2):
         largest = radius * np.abs(slopes[:, k]).sum(axis=1)  # both coordinates move
         assert (reach[k] >= largest * (1 - 1e-6)).all()
@@ -98,25 +95,16 @@ def test_an_edge_bends_no_more_than_its_bound(lens):
             continue  # a pole bends edges without limit
         bend = plane.bend()
         assert bend < math.inf
-        ends = points_of(plane, 400, rng)
+        ends = inner_points(plane, 400, rng)
         ends = ends[: len(ends) // 2 * 2].reshape(2, -1, 2)
         length = rng.uniform(0.001, 0.1, (ends.shape[1], 1))
         towards = ends[1] - ends[0]
         towards *= length / np.hypot(*towards.T)[:, None]
         a, b = ends[0], ends[0] + towards
-        middle = (a + b) / 2
-        seen = [
-            np.column_stack(
-                lens_formulas.project(
-                    plane.code, plane.params, *(plane.frame @ np.vstack((z.T, np.ones(len(z)))))
-                )
-            )
-            for z in (a, middle, b)
-        ]
+        seen = pixels_of_plane(plane, np.stack((a, (a + b) / 2, b)))
         chord = np.linalg.norm(seen[1] - (seen[0] + seen[2]) / 2, axis=1)
         bound = bend * (length[:, 0] * plane.camera.fx) ** 2 / 8
-        valid = [lens.project(plane.frame @ np.append(z, 1.0)) for z in b]
-        is_valid = np.isfinite(valid).all(axis=1)
+        is_valid = np.isfinite(lens.project(rays_of_plane(plane, b))).all(axis=1)
         assert (chord[is_valid] <= bound[is_valid] * (1 + 1e-9) + 1e-9).all()
 
 

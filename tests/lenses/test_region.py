@@ -2,12 +2,11 @@
 
 import math
 
-import lens_cases
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from lens_cases import HEIGHT, WIDTH, K, make_lens, of_all_kinds, rays
+from lens_cases import HEIGHT, WIDTH, make_lens, of_all_kinds, rays
 
 from rastercov.base.errors import CameraError
 from rastercov.camera.lenses import Lens
@@ -87,14 +86,6 @@ def test_no_ray_outside_the_region_is_answered(folding):
         assert (folded & inside).mean() > 0.02
 
 
-def test_corners_beyond_the_fold_see_nothing(folding):
-    lens, _, is_whole = folding
-    corners = lens.unproject([[2, 2], [WIDTH - 2, HEIGHT - 2]])
-    assert np.isfinite(corners).all() == is_whole
-    middle = lens.unproject([WIDTH / 2 + 1, HEIGHT / 2])
-    assert np.isfinite(middle).all()
-
-
 def test_region_is_no_larger_than_it_is_allowed():
     lens = square("pinhole", 900, -0.2, max_angle_deg=30)
     assert lens.valid_angle == pytest.approx(math.radians(30))
@@ -106,15 +97,7 @@ def test_region_is_no_larger_than_it_is_allowed():
 @pytest.mark.slow
 @pytest.mark.parametrize("name", LENSES)
 def test_map_is_injective_on_the_region(name):
-    """Determinants of the derivative along the sphere keep one sign."""
-    lens = LENSES[name]
-    given = rays(20_000, seed=5)
-    slopes = lens.jacobian(given)
-    is_valid = np.isfinite(slopes).all(axis=(1, 2))
-    slopes, given = slopes[is_valid], given[is_valid]
-    # On the tangent plane of the unit sphere: det of (u', v', ray).
-    det = np.linalg.det(np.concatenate((slopes, given[:, None]), axis=1))
-    assert (det > 0).all()
+    check_injective(LENSES[name])
 
 
 @settings(max_examples=25)
@@ -151,6 +134,8 @@ COEFFICIENT = st.one_of(
 
 @pytest.mark.slow
 @settings(max_examples=25)
+@example("pinhole", [-0.2], [], [0.02, -0.01], [0.01, -0.02, 0.015, 0.005], (0, 0), False, 500.0)
+@example("pinhole", [-0.2], [], [0.02, -0.01], [], (0, 0), True, 500.0)
 @given(
     st.sampled_from(["pinhole", "equidistant", "equisolid"]),
     st.lists(COEFFICIENT, max_size=6),
@@ -164,28 +149,14 @@ COEFFICIENT = st.one_of(
 def test_any_coefficients_give_an_injective_lens_or_one_line(
     base, radial, denominator, tangential, prism, tilt, is_late, focal
 ):
-    lens, lines = lens_or_lines(
-        *(base, 640, 480),
-        fx=focal,
-        fy=0.9 * focal,
-        radial=radial,
-        denominator=denominator,
-        tangential=tangential,
-        prism=prism,
-        tilt=tilt,
-        is_late=is_late,
-    )
-    assert len(lines) == (lens is None)
-    if lens:
-        check_injective(lens)
-
-
-def lens_or_lines(*terms, **others):
-    """A lens, or the lines of the error that says why there is none."""
+    terms = {"radial": radial, "denominator": denominator, "tangential": tangential}
+    terms |= {"prism": prism, "tilt": tilt, "is_late": is_late}
     try:
-        return make_lens(*terms, **others), []
+        lens = make_lens(base, 640, 480, fx=focal, fy=0.9 * focal, **terms)
     except CameraError as error:
-        return None, str(error).splitlines()
+        assert "\n" not in str(error)  # noqa: PT017 - some coefficients are a lens
+    else:
+        check_injective(lens)
 
 
 def check_injective(lens: Lens) -> None:
@@ -210,21 +181,18 @@ def check_injective(lens: Lens) -> None:
     assert (np.nan_to_num(error) <= 1e-8 * size).all()
 
 
-def test_pole_inside_the_image_ends_the_region():
-    lens = square("pinhole", 900, 0.1, denominator=(-3.0,))
-    assert math.tan(lens.valid_angle) < 1 / math.sqrt(3)
-    check_injective(lens)
-
-
-def test_horizon_of_a_tilt_ends_the_region():
-    lens = make_lens("pinhole", **SIDE, fx=400, fy=400, tilt=(0.9, 0.0))
-    assert math.tan(lens.valid_angle) < 1 / math.tan(0.9)
-    check_injective(lens)
-
-
-def test_tangential_terms_end_the_region():
-    lens = make_lens("pinhole", **SIDE, fx=300, fy=300, tangential=(0.3, 0.2))
-    assert math.tan(lens.valid_angle) <= 1 / (6 * math.hypot(0.3, 0.2)) + 1e-9
+@pytest.mark.parametrize(
+    ("terms", "limit"),
+    [
+        ({"fx": 900, "fy": 900, "radial": (0.1,), "denominator": (-3.0,)}, 1 / math.sqrt(3)),
+        ({"fx": 400, "fy": 400, "tilt": (0.9, 0.0)}, 1 / math.tan(0.9)),
+        ({"fx": 300, "fy": 300, "tangential": (0.3, 0.2)}, 1 / (6 * math.hypot(0.3, 0.2)) + 1e-9),
+    ],
+    ids=["a pole", "the horizon of a tilt", "tangential terms"],
+)
+def test_what_is_no_lens_ends_the_region(terms, limit):
+    lens = make_lens("pinhole", **SIDE, **terms)
+    assert math.tan(lens.valid_angle) < limit
     check_injective(lens)
 
 
@@ -235,14 +203,6 @@ def test_wide_region_is_all_but_a_cone_behind():
     assert np.isnan(lens.project([math.sin(0.99 * behind), 0, -math.cos(0.99 * behind)])).all()
     assert np.isfinite(lens.project([math.sin(1.001 * behind), 0, -math.cos(1.001 * behind)])).all()
     assert np.isfinite(lens.project([1, 0, 0.0])).all()
-
-
-def test_a_pinhole_has_the_rays_of_its_matrix():
-    lens = lens_cases.opencv(K, **SIDE)
-    given = rays(1000, least_z=0.8)
-    image = given @ np.add(K, [[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]]).T
-    seen = lens.project(given)
-    assert np.abs(seen - image[:, :2] / image[:, 2:]).max() < 1e-12 * 2000
 
 
 NUMBERS = st.floats(-10, 10)

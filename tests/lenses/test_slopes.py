@@ -3,20 +3,13 @@
 import numpy as np
 import pytest
 from lens_cameras import CAMERAS
+from lens_cases import heights, pixels_of_plane, rays_of_plane
 
 from rastercov import Camera
 from rastercov.camera.lenses.of_camera import lens_of, planes_of, slopes_of
-from rastercov.kernels import lens as kernels
 from rastercov.kernels.lens_field import CELLS, bounds_within, sizes_within
 
 STEP = 2e-3
-
-
-def pixels_of(plane, points):
-    rays = np.ascontiguousarray(np.column_stack((points, np.ones(len(points)))) @ plane.frame.T)
-    pixels = np.empty((len(points), 2))
-    kernels.project_many(plane.code, plane.params, rays, pixels)
-    return pixels
 
 
 def differences(plane, points):
@@ -25,7 +18,7 @@ def differences(plane, points):
     for angle in np.linspace(0, np.pi, 9):
         d = STEP * np.array([np.cos(angle), np.sin(angle)])
         far, near, here, back, behind = (
-            pixels_of(plane, points + k * d) for k in (2, 1, 0, -1, -2)
+            pixels_of_plane(plane, points + k * d) for k in (2, 1, 0, -1, -2)
         )
         second = (near + back - 2 * here) / STEP**2
         third = (far - 2 * near + 2 * back - behind) / (2 * STEP**3)
@@ -43,11 +36,8 @@ def test_no_difference_is_above_its_bound(name):
         points = rng.uniform(low, high, (600, 2))
         # Differences around a point must stay in the region, and away from a pole.
         around = points[:, None] + 3 * STEP * np.array([(1, 1), (1, -1), (-1, 1), (-1, -1)])
-        sides = np.roll(plane.region, -1, axis=0) - plane.region
-        away = around[:, :, None] - plane.region
-        is_in = (sides[:, 0] * away[..., 1] - sides[:, 1] * away[..., 0] >= 0).all(axis=(1, 2))
-        rays = np.concatenate((around, np.ones((len(points), 4, 1))), axis=2) @ plane.frame.T
-        is_in &= np.isfinite(lens.project(rays)).all(axis=(1, 2))
+        is_in = (heights(around, plane.region) >= 0).all(axis=1)
+        is_in &= np.isfinite(lens.project(rays_of_plane(plane, around))).all(axis=(1, 2))
         is_in &= (np.hypot(*points.T) > 0.1) | (not plane.has_pole)
         points = points[is_in]
         if not len(points):
@@ -75,8 +65,7 @@ def test_determinants_are_in_the_range_of_their_cells(name):
     for (plane, _), slopes in zip(planes_of(camera), slopes_of(camera), strict=True):
         low, high = plane.region.min(axis=0), plane.region.max(axis=0)
         points = rng.uniform(low, high, (400, 2))
-        rays = np.column_stack((points, np.ones(len(points)))) @ plane.frame.T
-        jacobian = lens_of(camera).jacobian(rays) @ plane.frame[:, :2]
+        jacobian = lens_of(camera).jacobian(rays_of_plane(plane, points)) @ plane.frame[:, :2]
         is_in = np.isfinite(jacobian).all(axis=(1, 2))
         sizes = np.abs(np.linalg.det(jacobian[is_in]))
         found = [sizes_within(slopes, x, x, y, y) for x, y in points[is_in]]

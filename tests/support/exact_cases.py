@@ -6,7 +6,7 @@ that `seed` picks, on which methods are compared with one another.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from itertools import pairwise
 
@@ -308,14 +308,8 @@ def _view(rng, distance, centre=(0, 0, 0)):
 def _lens(rng, focal=(60, 250)):
     width, height = (int(side) for side in rng.integers(64, 257, 2))
     fx = rng.uniform(*focal)
-    return Camera(
-        width=width,
-        height=height,
-        fx=fx,
-        fy=fx * rng.uniform(0.8, 1.2),
-        cx=width * rng.uniform(0.3, 0.7),
-        cy=height * rng.uniform(0.3, 0.7),
-    )
+    fy, cx, cy = fx * rng.uniform(0.8, 1.2), width * rng.uniform(0.3, 0.7), rng.uniform(0.3, 0.7)
+    return Camera(width=width, height=height, fx=fx, fy=fy, cx=cx, cy=height * cy)
 
 
 def soup(rng):
@@ -385,10 +379,7 @@ def near_plane(rng):
     n = int(rng.integers(3, 25))
     camera = _lens(rng, (40, 120))
     if rng.random() < 0.7:
-        near = 10.0 ** rng.uniform(-3, -0.3)
-        camera = Camera(
-            width=camera.width, height=camera.height, fx=camera.fx, fy=camera.fy, near=near
-        )
+        camera = replace(camera, near=10.0 ** rng.uniform(-3, -0.3), cx=None, cy=None)
     return triangles(*_soup_faces(rng, n, 1.5)), camera, _view(rng, rng.uniform(0.1, 1.5))
 
 
@@ -470,16 +461,22 @@ def self_intersecting(rng):
     return joined(*boxes), _lens(rng), _view(rng, 5)
 
 
-def _blanket(rng, n):
-    """Height field of n x n quads over a square, (points, faces)."""
+def grid(n):
+    """Points (N, 2) of n x n quads over a square, and their triangles."""
     u, v = np.meshgrid(np.linspace(-1, 1, n + 1), np.linspace(-1, 1, n + 1), indexing="ij")
-    height = (
-        0.4 * np.sin(3 * u + rng.uniform(0, 6)) * np.cos(3 * v) + rng.normal(size=u.shape) * 0.02
-    )
     index = np.arange((n + 1) ** 2).reshape(n + 1, n + 1)
     a, b, c, d = index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]
     faces = np.concatenate([np.stack(t, axis=-1).reshape(-1, 3) for t in ((a, b, c), (a, c, d))])
-    return Mesh(vertices=np.stack((u, v, height), axis=-1).reshape(-1, 3), faces=faces)
+    return np.stack((u, v), axis=-1).reshape(-1, 2), faces
+
+
+def _blanket(rng, n):
+    """Height field of n x n quads over a square."""
+    flat, faces = grid(n)
+    u, v = flat.T
+    height = 0.4 * np.sin(3 * u + rng.uniform(0, 6)) * np.cos(3 * v)
+    height += rng.normal(size=len(u)) * 0.02
+    return Mesh(vertices=np.column_stack((flat, height)), faces=faces)
 
 
 def sub_pixel(rng):

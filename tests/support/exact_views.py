@@ -65,17 +65,18 @@ def fractions(mesh, camera, pose, faces=None):
 
 
 def assert_within_bounds(mesh, camera, pose, faces=None, paths=PATHS):
-    """Computed areas are as good as `area_error` says, certified ones all or nothing."""
+    """Computed areas are as good as `area_error` says, certified ones all or nothing; the views."""
     faces = np.arange(mesh.n_faces) if faces is None else faces
     visible = rational.visible_area(mesh, camera, pose, faces)
     area = rational.image_area(mesh, camera, pose, faces)
-    for path in paths:
-        view = look(mesh, camera, pose, path)
+    views = [look(mesh, camera, pose, path) for path in paths]
+    for view in views:
         off = np.abs(view.visible[faces] - visible) + np.abs(view.area[faces] - area)
         sure = view.is_certified[faces]
         whole = np.where(view.visible[faces] > 0, area, 0.0)
         assert np.abs(visible - whole)[sure].max(initial=0) <= 1e-12
         assert (off <= view.area_error[faces] + 1e-12)[~sure].all()
+    return views
 
 
 def hard_poses(mesh, n, rng):

@@ -105,14 +105,50 @@ def of_all_kinds():
     return lenses
 
 
+def heights(points, polygon):
+    """Least distance (..., N) of points from the sides of a convex polygon, > 0 inside."""
+    side = np.roll(polygon, -1, axis=0) - polygon
+    away = points[..., None, :] - polygon
+    height = side[:, 0] * away[..., 1] - side[:, 1] * away[..., 0]
+    return (height / np.hypot(*side.T)).min(axis=-1)
+
+
 def is_outside_hole(plane, points, margin=0.0):
     """True for points (N, 2) that are farther than a margin from the hole of a plane."""
     if plane.hole is None:
         return np.ones(len(points), np.bool_)
-    side = np.roll(plane.hole, -1, axis=0) - plane.hole
-    side /= np.hypot(*side.T)[:, None]
-    away = points[:, None] - plane.hole
-    return (away[..., 0] * side[:, 1] - away[..., 1] * side[:, 0]).max(axis=1) > margin
+    return -heights(points, plane.hole) > margin
+
+
+def rays_of_plane(plane, points):
+    """Rays (..., 3) of the lens through points (..., 2) of one of its planes."""
+    return points @ plane.frame[:, :2].T + plane.frame[:, 2]
+
+
+def pixels_of_plane(plane, points):
+    """Pixels (..., 2) of points (..., 2) of a plane, by the equations of the lens alone."""
+    x, y, z = np.moveaxis(rays_of_plane(plane, points), -1, 0)
+    return np.stack(lens_formulas.project(plane.code, plane.params, x, y, z), axis=-1)
+
+
+def points_of(plane, n, rng):
+    """Random points (N, 2) of the region of a plane, many near its border."""
+    return rng.dirichlet(np.full(len(plane.region), 0.05), n) @ plane.region
+
+
+def on_planes(lens, rays):
+    """Each plane of a lens, and the points (N, 2) of rays that are in its region."""
+    for plane in lens.planes:
+        x, y, z = (rays @ plane.frame).T
+        points = np.column_stack((x[z > 0], y[z > 0])) / z[z > 0, None]
+        yield plane, points[heights(points, plane.region) > 1e-12]
+
+
+def rays_of_image(lens):
+    """Rays (N, 3) of all parts of the image, its border among them."""
+    grid = np.stack(np.meshgrid(np.linspace(0, lens.width, 97), np.linspace(0, lens.height, 83)))
+    rays = lens.unproject(grid.reshape(2, -1).T)
+    return rays[np.isfinite(rays).all(axis=1)]
 
 
 def pixels(n, seed=0, margin=0.0):

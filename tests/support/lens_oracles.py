@@ -8,18 +8,19 @@ def opencv_pixels(matrix, distortion, rays):
     """Pixels (N, 2) of rays (N, 3) by cv2.projectPoints, with our origin."""
     import cv2
 
-    none, distortion = np.zeros(3), np.array(distortion, np.float64)
-    pixels, _ = cv2.projectPoints(rays[:, None], none, none, np.array(matrix), distortion)
-    return pixels[:, 0] + 0.5
+    return _of_opencv(cv2.projectPoints, matrix, distortion, rays)
 
 
 def opencv_fisheye_pixels(matrix, distortion, rays):
     """Pixels (N, 2) of rays (N, 3) by cv2.fisheye.projectPoints, with our origin."""
     import cv2
 
+    return _of_opencv(cv2.fisheye.projectPoints, matrix, distortion, rays)
+
+
+def _of_opencv(project, matrix, distortion, rays):
     none, distortion = np.zeros(3), np.array(distortion, np.float64)
-    pixels, _ = cv2.fisheye.projectPoints(rays[:, None], none, none, np.array(matrix), distortion)
-    return pixels[:, 0] + 0.5
+    return project(rays[:, None], none, none, np.array(matrix), distortion)[0][:, 0] + 0.5
 
 
 def colmap_camera(model):

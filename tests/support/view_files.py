@@ -1,9 +1,19 @@
-"""Samples of camera files and the pixels that their views give, for the tests of formats."""
+"""Camera files of many formats, pixels by published equations, and checks that the tests share."""
 
+import json
+
+import cv2
 import numpy as np
+import pytest
 
+import rastercov as rc
+from rastercov.camera.formats import read_views, write_views
 from rastercov.camera.lenses.of_camera import lens_of
 from rastercov.camera.pose import inverse
+
+SIZE = rc.Conventions(image_size=(640, 480))
+ANSWERS = rc.Conventions(image_size=(640, 480), pixel_centre=0.5, lens_model="brown", pose_unit="m")
+RAYS = np.column_stack([np.random.default_rng(0).uniform(-0.4, 0.4, (20, 2)), np.ones(20)])
 
 
 def pixels_of(views, points):
@@ -30,3 +40,157 @@ def same_pixels(one, other, points):
 def some_points(rng, n=60):
     """Points around the origin, for cameras some metres away."""
     return rng.uniform(-1, 1, (n, 3))
+
+
+def same(found, wanted, atol=1e-12):
+    """Assert that two arrays agree."""
+    np.testing.assert_allclose(found, wanted, rtol=0, atol=atol)
+
+
+def projects(camera, wanted, rays=RAYS):
+    """Assert the pixels of rays through the lens of a camera."""
+    same(lens_of(camera).project(rays), wanted, 1e-9)
+
+
+def refused(path, *words, conventions=None):
+    """Assert that a file is refused in one line with these words; the error."""
+    with pytest.raises((rc.CameraError, rc.PoseError)) as caught:
+        read_views(path, conventions=conventions)
+    text = str(caught.value)
+    assert "\n" not in text
+    assert len(text) < 700
+    assert all(word in text for word in words), text
+    return caught.value
+
+
+def has_note(views, words):
+    """True where a note of views, or a line of several, has these words."""
+    return any(words in note for note in getattr(views, "notes", views))
+
+
+def motion(rvec, translation):
+    """(4, 4) of a rotation vector and a translation."""
+    out = np.eye(4)
+    out[:3, :3], _ = cv2.Rodrigues(np.array(rvec, dtype=float))
+    out[:3, 3] = translation
+    return out
+
+
+# --- pixels by equations --------------------------------------------------------------------------
+
+
+def slopes(rays):
+    """x / z and y / z of rays (N, 3)."""
+    return rays[:, 0] / rays[:, 2], rays[:, 1] / rays[:, 2]
+
+
+def by_angle(rays, law):
+    """Slopes whose distance from the axis is a law of the angle, which is a fisheye's."""
+    x, y = slopes(rays)
+    r = np.hypot(x, y)
+    return x * law(np.arctan(r)) / r, y * law(np.arctan(r)) / r
+
+
+def bent(xy, k=(), p=(0, 0), s=(0, 0, 0, 0)):
+    """Radial, tangential and prism terms of slopes, as OpenCV has them."""
+    x, y = xy
+    r2 = x * x + y * y
+    f = 1 + sum(each * r2**power for power, each in enumerate(k, 1))
+    return (
+        x * f + 2 * p[0] * x * y + p[1] * (r2 + 2 * x * x) + s[0] * r2 + s[1] * r2**2,
+        y * f + 2 * p[1] * x * y + p[0] * (r2 + 2 * y * y) + s[2] * r2 + s[3] * r2**2,
+    )
+
+
+def pixels(xy, fx, fy, cx, cy):
+    """(N, 2) pixels of slopes."""
+    return np.column_stack([fx * xy[0] + cx, fy * xy[1] + cy])
+
+
+def cv_pixels(rays, k, d, fisheye=False):
+    """Pixels by cv2, counted from their centres, plus a half."""
+    zero, d = np.zeros(3), np.array(d)
+    if fisheye:
+        found, _ = cv2.fisheye.projectPoints(rays[None], zero, zero, k, d)
+    else:
+        found, _ = cv2.projectPoints(rays, zero, zero, k, d)
+    return found.reshape(-1, 2) + 0.5
+
+
+# --- a good file of each format -------------------------------------------------------------------
+
+KALIBR = """cam0:
+  camera_model: pinhole
+  intrinsics: [458.6, 457.3, 367.2, 248.4]
+  distortion_model: radtan
+  distortion_coeffs: [-0.28, 0.07, 0.0002, 0.00002]
+  resolution: [752, 480]
+cam1:
+  camera_model: ds
+  intrinsics: [-0.2, 0.6, 458.6, 457.3, 367.2, 248.4]
+  distortion_model: none
+  distortion_coeffs: []
+  resolution: [752, 480]
+  T_cn_cnm1: [[1.0, 0, 0, -0.1], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
+"""
+METASHAPE = """<document version="2.0.0"><chunk label="c"><sensors><sensor id="0" label="s"
+type="frame"><resolution width="640" height="480"/><calibration class="adjusted">
+<resolution width="640" height="480"/><f>500</f><k1>-0.1</k1></calibration></sensor></sensors>
+<transform><scale>0.5</scale></transform>
+<cameras><camera id="0" sensor_id="0" label="a">
+<transform>1 0 0 1 0 1 0 2 0 0 1 3 0 0 0 1</transform></camera></cameras></chunk></document>"""
+OPENSFM = {
+    "cameras": {"c": {"projection_type": "brown", "width": 640, "height": 480, "focal_x": 0.8,
+                      "focal_y": 0.8, "k1": 0.1}},
+    "shots": {"a": {"rotation": [0.1, 0.2, 0.3], "translation": [1, 2, 3], "camera": "c"}},
+}  # fmt: skip
+SCENE = {
+    "asset": {"version": "2.0"},
+    "scenes": [{"nodes": [0]}],
+    "nodes": [{"camera": 0}],
+    "cameras": [{"type": "perspective", "perspective": {"yfov": 1.0, "aspectRatio": 4 / 3}}],
+}
+TEXTS = {
+    "kalibr": ("k.yaml", KALIBR),
+    "metashape": ("m.xml", METASHAPE),
+    "opensfm": ("o.json", json.dumps(OPENSFM)),
+    "scene": ("s.gltf", json.dumps(SCENE)),
+    "bundler": ("b.out", "# Bundle file v0.3\n1 0\n500 0.1 0.02\n1 0 0\n0 1 0\n0 0 1\n1 2 3\n"),
+    "bal": ("bal.txt", "1 1 1\n0 0 1.5 2.5\n0.1\n0.2\n0.3\n1\n2\n3\n500\n0.1\n0.02\n0\n0\n1\n"),
+    "mvsnet": (
+        "cam.txt",
+        "extrinsic\n1 0 0 1\n0 1 0 2\n0 0 1 3\n0 0 0 1\n\nintrinsic\n5 0 3\n0 5 2\n0 0 1\n\n1 2\n",
+    ),
+}
+
+
+def two_views():
+    """Two poses of a camera with a lens."""
+    camera = rc.Camera(
+        width=640, height=480, fx=500, fy=500, model="opencv", distortion=(0.1, 0, 0, 0)
+    )
+    poses = rc.look_at(eyes=[(1.0, 2, 3), (3, 2, 1)], targets=(0, 0, 0))
+    return rc.Views(rc.Rig([camera]), rc.Poses.of(poses), ("a.png", "b.png"))
+
+
+def good_files(folder):
+    """A good file of each format, by the format; those of a COLMAP model by "text cameras", ..."""
+    written = {
+        "rastercov": "own.json",
+        "nerfstudio": "transforms.json",
+        "opencv": "cv.yaml",
+        "ros": "ros.yaml",
+        "gltf": "rig.glb",
+    }
+    for form, name in written.items():
+        write_views(folder / name, two_views(), format=form)
+    write_views(folder / "text", two_views(), format="colmap-text")
+    write_views(folder / "binary", two_views(), format="colmap")
+    for name, text in TEXTS.values():
+        (folder / name).write_text(text)
+    files = {form: folder / name for form, name in written.items()}
+    files |= {form: folder / name for form, (name, _) in TEXTS.items()}
+    for part in ("cameras", "images"):
+        files[f"text {part}"] = folder / "text" / f"{part}.txt"
+        files[f"binary {part}"] = folder / "binary" / f"{part}.bin"
+    return files

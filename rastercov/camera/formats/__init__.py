@@ -6,10 +6,9 @@ where the content says nothing. Nothing is guessed: a file that leaves a convent
 with the option that answers.
 """
 
-import io
-import json
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,7 +18,7 @@ import numpy as np
 from rastercov.base.arguments import check_choice, check_kind, flag
 from rastercov.base.checks import shown
 from rastercov.base.errors import CameraError, ConfigError, PoseError, RastercovError
-from rastercov.base.files import StrPath, UnreadableError, one_line, printable
+from rastercov.base.files import StrPath, one_line, printable
 from rastercov.base.format import plural
 from rastercov.base.output import json_bytes, write_bytes
 from rastercov.camera.formats import (
@@ -66,10 +65,12 @@ def _with_optics(folder: Path, content: Mapping[str, Any], border: Border) -> Vi
     return replace(views, rig=rig)
 
 
+def _mvsnet_files(folder: Path) -> list[Path]:
+    return bundler.mvsnet_files(folder) or bundler.mvsnet_files(folder / "cams")
+
+
 def _mvsnet(source: Source, border: Border) -> Views:
-    files = [source.path]
-    if source.path.is_dir():
-        files = bundler.mvsnet_files(source.path) or bundler.mvsnet_files(source.path / "cams")
+    files = _mvsnet_files(source.path) if source.path.is_dir() else [source.path]
     if not files:
         raise CameraError(f"files {bundler.PATTERN} wanted, got a folder without any")
     return bundler.read_mvsnet([Source(path) for path in files], border)
@@ -90,8 +91,24 @@ READERS: Mapping[str, Reader] = {
     "mvsnet": _mvsnet,
 }
 """Readers by the name of the format."""
+TABLES: Mapping[str, Any] = {
+    "nerfstudio": transforms,
+    "opensfm": opensfm,
+    "gltf": gltf,
+    "kalibr": kalibr,
+    "ros": ros,
+    "opencv": opencv,
+    "rastercov": own,
+}
+"""Formats of JSON and YAML, each recognised by `is_mine`, in this order."""
 WRITERS = ("rastercov", "colmap", "colmap-text", "nerfstudio", "opencv", "ros", "gltf")
 """Formats that are written."""
+BY_SUFFIX = dict.fromkeys((".json", ".npy", ".toml"), "rastercov") | {
+    ".glb": "gltf",
+    ".yaml": "opencv",
+    ".yml": "opencv",
+}
+"""Formats of files to be written by the ends of their names."""
 IN_METRES = ("rastercov", "gltf")
 """Formats whose lengths are metres; the others have no unit."""
 OF_ONE_CAMERA = ("opencv", "ros")
@@ -141,19 +158,26 @@ def read_through(path: StrPath, border: Border, format: str | None = None) -> Vi
     place = _path(path)
     if format is not None:
         check_choice("format", format, tuple(READERS))
+    # What overflows is not finite, and is refused by a line of its own, not by numpy's warning.
+    with _naming(path, CameraError), np.errstate(all="ignore"):
+        place, found = _recognised(place, format)
+        return READERS[found](Source(place), border)
+
+
+@contextmanager
+def _naming(path: StrPath, kind: type[RastercovError], words: str = "{}") -> Iterator[None]:
+    """Let errors name a file, once; those of the system become of that kind, in these words."""
     name = printable(str(path))
     try:
-        place, found = _recognised(place, format)
-        # What overflows is not finite, and is refused by a line of its own, not by numpy's warning.
-        with np.errstate(all="ignore"):
-            return READERS[found](Source(place), border)
-    except PoseError as error:
-        prefix = "" if str(error).startswith(name) else f"{name}: "
-        raise PoseError(f"{prefix}{error}", error.pose_ids) from None
+        yield
     except RastercovError as error:
-        raise type(error)(f"{name}: {error}") from None
-    except (UnreadableError, OSError) as error:
-        raise CameraError(f"{name}: {one_line(error)}") from None
+        text = str(error) if str(error).startswith(name) else f"{name}: {error}"
+        if isinstance(error, PoseError):
+            raise PoseError(text, error.pose_ids) from None
+        raise type(error)(text) from None
+    except (OSError, ValueError) as error:  # ValueError: a zero byte in the path
+        reason = getattr(error, "strerror", None) or one_line(error)
+        raise kind(f"{name}: {words.format(reason)}") from None
 
 
 def _path(path: StrPath) -> Path:
@@ -171,10 +195,8 @@ def _recognised(path: Path, format: str | None) -> tuple[Path, str]:
         return path.parent, "colmap"
     if format is not None:
         return path, format
-    if suffix in (".npy", ".toml"):
-        return path, "rastercov"
-    if suffix in (".glb", ".gltf"):
-        return path, "gltf"
+    if suffix in (".npy", ".toml", ".glb", ".gltf"):
+        return path, "gltf" if suffix.startswith(".gl") else "rastercov"
     if stem == "cameras" and suffix in (".bin", ".txt"):
         return path, "colmap"
     return path, _of_content(Source(path))
@@ -186,75 +208,51 @@ def _of_folder(path: Path, format: str | None) -> tuple[Path, str]:
     for name, its in IN_FOLDERS.items():
         if format in (None, its) and (path / name).is_file():
             return path / name, its
-    if format is None and not (bundler.mvsnet_files(path) or bundler.mvsnet_files(path / "cams")):
+    if format is None and not _mvsnet_files(path):
         raise CameraError(
             f"a COLMAP model, {', '.join(IN_FOLDERS)}, or {bundler.PATTERN} of MVSNet wanted, got "
             "a folder without any; name the file itself"
         )
-    if format in (None, "mvsnet"):
-        return path, "mvsnet"
-    return path, format or ""
+    return path, format or "mvsnet"
 
 
 def _of_content(source: Source) -> str:
     start = source.data[:4000].removeprefix(b"\xef\xbb\xbf").lstrip()
+    suffix = source.path.suffix.lower()
     if source.is_xml:
         return "metashape" if metashape.is_mine(source.xml) else "opencv"
-    if source.path.suffix.lower() == ".json" or start.startswith(b"{"):
-        return _of_json(source.json)
-    if source.path.suffix.lower() in (".yaml", ".yml") or start.startswith((b"%YAML", b"---")):
-        return _of_yaml(source.yaml)
+    is_json = suffix == ".json" or start.startswith(b"{")
+    if is_json or suffix in (".yaml", ".yml") or start.startswith((b"%YAML", b"---")):
+        return _of_table(source.json if is_json else source.yaml, is_json=is_json)
     if start.startswith(bundler.HEADER.encode()):
         return "bundler"
-    if bundler.is_mvsnet(source.text):
-        return "mvsnet"
-    if bundler.is_bal(source.text):
-        return "bal"
+    for name, is_mine in (("mvsnet", bundler.is_mvsnet), ("bal", bundler.is_bal)):
+        if is_mine(source.text):
+            return name
     raise CameraError(
-        "the format is not recognised: a camera file, or one of "
-        f"{', '.join(READERS)}, wanted; name it by --from if it is one of them"
+        f"a camera file, or one of {', '.join(READERS)}, wanted; name its format by --from"
     )
 
 
-def _of_json(content: Any) -> str:
-    for name, module in (
-        ("nerfstudio", transforms),
-        ("opensfm", opensfm),
-        ("gltf", gltf),
-        ("ros", ros),
-        ("opencv", opencv),
-        ("rastercov", own),
-    ):
+def _of_table(content: Any, *, is_json: bool) -> str:
+    for name, module in TABLES.items():
         if module.is_mine(content):
             return name
     # Plain lists of numbers, as a script may have left them; else a camera with a slip in it.
     has_lists = isinstance(content, dict) and any(isinstance(v, list) for v in content.values())
-    return "opencv" if has_lists else "rastercov"
-
-
-def _of_yaml(content: Any) -> str:
-    if kalibr.is_mine(content):
-        return "kalibr"
-    return "ros" if ros.is_mine(content) else "opencv"
+    return "opencv" if has_lists or not is_json else "rastercov"
 
 
 def format_of(path: StrPath) -> str:
     """Format that a file to be written has by its name; ConfigError where the name says nothing."""
     place = Path(path)
     suffix = place.suffix.lower()
-    if suffix == ".json":
-        return "nerfstudio" if place.stem.startswith("transforms") else "rastercov"
-    by_suffix = {
-        ".npy": "rastercov",
-        ".toml": "rastercov",
-        ".glb": "gltf",
-        ".yaml": "opencv",
-        ".yml": "opencv",
-    }
-    if suffix in by_suffix:
-        return by_suffix[suffix]
+    if suffix == ".json" and place.stem.startswith("transforms"):
+        return "nerfstudio"
     if not suffix or place.is_dir():
         return "colmap"
+    if suffix in BY_SUFFIX:
+        return BY_SUFFIX[suffix]
     raise ConfigError(
         f"{printable(str(path))}: a name that ends in .json, .toml, .npy, .glb or .yaml, or a "
         "folder for COLMAP, wanted; name the format by --to"
@@ -294,66 +292,46 @@ def write_views(
     check_kind("views", views, Views, "Views (read_views reads a file)", CameraError)
     overwrite = flag("overwrite", overwrite)
     target = format_of(place) if format is None else format
-    name = printable(str(path))
-    check_choice("format", target, WRITERS)
-    if target in IN_METRES and not views.has_unit:
-        raise ConfigError(f"{name} is in metres, and the poses have no unit; give --pose-unit")
-    try:
+    check_choice("format", target, tuple(WRITERS))
+    with _naming(path, ConfigError, "cannot be written ({})"):
+        if target in IN_METRES and not views.has_unit:
+            raise ConfigError("the file is in metres, and the poses have no unit; give --pose-unit")
         contents, notes = _contents(place, views, target)
-        if len(contents) > 1 or target.startswith("colmap"):
+        if "" not in contents:
             colmap.write(place, contents, overwrite=overwrite)
         elif place.exists() and not overwrite:
             raise ConfigError("it is there already; give another name, or --overwrite")
         else:
             write_bytes(place, contents[""])
-    except RastercovError as error:
-        prefix = "" if str(error).startswith(name) else f"{name}: "
-        raise type(error)(f"{prefix}{error}") from None
-    except (OSError, ValueError) as error:  # ValueError: a zero byte in the path
-        reason = getattr(error, "strerror", None) or one_line(error)
-        raise ConfigError(f"{name}: cannot be written ({reason})") from None
     return notes
 
 
 def _contents(path: Path, views: Views, target: str) -> tuple[dict[str, bytes], list[str]]:
     """Bytes of each file by its name, "" for the only one, and what is lost."""
     notes: list[str] = []
-    n_poses = len(views.poses)
-    if target == "rastercov" and path.suffix.lower() == ".npy":
-        if views.rig is not None or views.camera_names:
-            notes.append(".npy holds poses alone: cameras and names of images are left out")
-        buffer = io.BytesIO()
-        np.save(buffer, views.poses.world_from_camera)
-        return {"": buffer.getvalue()}, notes
-    if target == "rastercov" and path.suffix.lower() == ".toml":
-        if n_poses:
-            notes.append(f"left out: {plural(n_poses, 'pose')}: a .toml file holds one camera")
-        return {"": own.toml_of(views.camera()).encode()}, notes
     if target == "rastercov":
-        # Not `json_bytes`, which has no infinity: a camera may be in focus as far as that.
-        return {"": (json.dumps(own.content_of(views), indent=1) + "\n").encode()}, notes
-    its = views.rig
-    if its is None:
+        return {"": own.bytes_of(views, path.suffix.lower(), notes)}, notes
+    if views.rig is None:
         raise CameraError(
             "cameras wanted, got poses alone; put both into a .json file of ours, or write one"
         )
-    rig = its.cameras
-    for camera, name in zip(rig, its.names, strict=True):
-        if fields := lost(camera):
-            notes.append(f"{name}: left out: {', '.join(fields)}")
-    if target in OF_ONE_CAMERA:
-        if n_poses:
-            notes.append(f"left out: {plural(n_poses, 'pose')}, which the format does not hold")
-        module = opencv if target == "opencv" else ros
-        return {"": module.text_of(views).encode()}, notes
+    n_poses = len(views.poses)
+    if target in OF_ONE_CAMERA and n_poses:
+        notes.append(f"left out: {plural(n_poses, 'pose')}, which the format does not hold")
     if views.frames and target in ("nerfstudio", "gltf"):
         notes.append("frames are left out: which images were taken at the same instant")
-    if views.has_unit and n_poses and target not in IN_METRES:
+    if views.has_unit and n_poses and target not in IN_METRES + OF_ONE_CAMERA:
         notes.append("lengths are metres, which the format does not say")
-    if target == "gltf":
-        for camera, name in zip(rig, its.names, strict=True):
-            notes.append(f"{name}: left out: {', '.join(gltf.lost(camera))}")
-        return {"": gltf.glb_of(views)}, notes
-    if target == "nerfstudio":
-        return {"": json_bytes(transforms.content_of(views), indent=1) + b"\n"}, notes
-    return colmap.contents_of(views, as_text=target == "colmap-text", notes=notes), notes
+    for camera, name in zip(views.rig.cameras, views.rig.names, strict=True):
+        fields = lost(camera) + (gltf.lost(camera) if target == "gltf" else [])
+        if fields:
+            notes.append(f"{name}: left out: {', '.join(fields)}")
+    if target.startswith("colmap"):
+        return colmap.contents_of(views, as_text=target == "colmap-text", notes=notes), notes
+    contents = {
+        "opencv": lambda: opencv.text_of(views).encode(),
+        "ros": lambda: ros.text_of(views).encode(),
+        "gltf": lambda: gltf.glb_of(views),
+        "nerfstudio": lambda: json_bytes(transforms.content_of(views), indent=1) + b"\n",
+    }
+    return {"": contents[target]()}, notes

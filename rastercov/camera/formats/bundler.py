@@ -12,13 +12,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.base.checks import shown
 from rastercov.base.errors import CameraError
 from rastercov.base.files import printable
 from rastercov.base.format import plural
-from rastercov.camera.camera import Camera
+from rastercov.camera import FloatArray
 from rastercov.camera.formats.conventions import (
     OPENGL_AXES,
     Border,
@@ -29,8 +28,6 @@ from rastercov.camera.formats.conventions import (
 )
 from rastercov.camera.formats.source import Source, checked, number_of
 from rastercov.camera.rig import Views
-
-FloatArray = NDArray[np.float64]
 
 HEADER = "# Bundle file"
 MOST_COMPARED = 20_000
@@ -50,10 +47,7 @@ def is_bal(text: str) -> bool:
 
 def read_bundler(text: str, border: Border) -> Views:
     """Cameras and poses of a bundle.out; cameras with focal length 0 were not found."""
-    lines = text.split("\n", 1)
-    words = (lines[1] if lines[1:] else "").split(maxsplit=2)
-    n_cameras, n_points = _counts(words[:2], "cameras and points")
-    rest = words[2] if words[2:] else ""
+    (n_cameras, n_points), rest = _counts(text.partition("\n")[2], "cameras and points")
     values = _numbers(rest, n_cameras, 15)
     n_lines = sum(bool(line.strip()) for line in rest.split("\n"))
     if n_lines != (wanted := 5 * n_cameras + 3 * n_points):
@@ -66,8 +60,8 @@ def read_bundler(text: str, border: Border) -> Views:
         raise CameraError("cameras with a focal length wanted, got none")
     if not is_found.all():
         border.note(
-            f"{plural((~is_found).sum(), 'image')} without a camera left out: their "
-            f"focal length is 0"
+            f"{plural((~is_found).sum(), 'image')} without a camera left out: their focal length "
+            "is 0"
         )
     rows = np.flatnonzero(is_found)
     poses = motions(values[rows, 3:12].reshape(-1, 3, 3), values[rows, 12:15])
@@ -80,9 +74,8 @@ def read_bal(text: str, border: Border) -> Views:
     The documented radii are in units of the focal length; the observations of a file show where
     its coefficients are of radii in pixels, see `_by_focal_length`.
     """
-    words = text.split(maxsplit=3)
-    n_cameras, n_points, n_observations = _counts(words[:3], "cameras, points and observations")
-    rest = words[3] if words[3:] else ""
+    counts, rest = _counts(text, "cameras, points and observations")
+    n_cameras, n_points, n_observations = counts
     lines = rest.split("\n", n_observations)
     if len(lines) <= n_observations:
         raise CameraError(
@@ -91,22 +84,21 @@ def read_bal(text: str, border: Border) -> Views:
         )
     values = _numbers(lines[-1], n_cameras, 9)
     poses = from_vectors(values[:, :3], values[:, 3:6])
-    numbers = lines[-1].split(maxsplit=values.size + 3 * MOST_COMPARED)[values.size :]
-    points = _matrix([numbers[: 3 * min(n_points, MOST_COMPARED)]], 1).reshape(-1)
+    lenses, n_compared = values[:, 6:9], min(n_points, MOST_COMPARED)
+    words = lines[-1].split(maxsplit=values.size + 3 * MOST_COMPARED)[values.size :]
+    points = _matrix([words[3 * row : 3 * row + 3] for row in range(n_compared)], 3)
     observations = _matrix([line.split() for line in lines[:-1][:MOST_COMPARED]], 4)
-    lenses = values[:, 6:9]
-    if len(points) % 3 == 0:
-        lenses = _by_focal_length(lenses, poses, points.reshape(-1, 3), observations, border)
+    if len(points) and len(observations):
+        lenses = _by_focal_length(lenses, poses, points, observations, border)
     return _views(lenses, poses, [f"image {row}" for row in range(n_cameras)], border)
 
 
 def _matrix(rows: list[list[str]], columns: int) -> FloatArray:
-    """(N, columns) float64, or all in one row; (0, columns) where a word is no number."""
+    """(N, columns) float64; (0, columns) where a word is no number, or one is missing."""
     try:
-        found = np.array(rows, dtype=np.float64)
+        return np.array(rows, dtype=np.float64).reshape(-1, columns)
     except ValueError:
-        found = np.empty((0, columns))
-    return found if columns == 1 or found.shape[1:] == (columns,) else np.empty((0, columns))
+        return np.empty((0, columns))
 
 
 def _by_focal_length(
@@ -123,9 +115,9 @@ def _by_focal_length(
     readings project the points, and that of pixels is taken where it meets the observations
     (camera, point, u, v) clearly better.
     """
-    which = np.nan_to_num(observations[:, :2], nan=-1).clip(-1, 2**31 - 1).astype(np.int64)
+    which = observations[:, :2]  # NaN is nowhere
     exists = ((which >= 0) & (which < [len(lenses), len(points)])).all(axis=1)
-    (row, point), seen = which[exists].T, observations[exists, 2:]
+    (row, point), seen = which[exists].astype(np.int64).T, observations[exists, 2:]
     f, k1, k2 = lenses[row].T
     with np.errstate(all="ignore"):
         motion = camera_from_world[row]
@@ -147,53 +139,38 @@ def _by_focal_length(
     return lenses * np.column_stack([lenses[:, 0] ** power for power in (0, 2, 4)])
 
 
-def _counts(words: list[str], what: str) -> list[int]:
-    if not words or not all(word.isdecimal() and len(word) < 10 for word in words):
-        raise CameraError(f"the numbers of {what} wanted, got {shown(' '.join(words))}")
-    return [int(word) for word in words] if len(words) > 1 else [int(words[0]), 0]
+def _counts(text: str, what: str) -> tuple[list[int], str]:
+    """Numbers with which a text begins, one for each word of `what`, and the rest of it."""
+    n = what.count(" ") + 1 - what.count(" and ")
+    words = text.split(maxsplit=n)
+    if len(words) < n or not all(word.isdecimal() and len(word) < 10 for word in words[:n]):
+        raise CameraError(f"the numbers of {what} wanted, got {shown(' '.join(words[:n]))}")
+    return [int(word) for word in words[:n]], "".join(words[n:])
 
 
 def _numbers(text: str, n_cameras: int, per_camera: int) -> FloatArray:
     """(n_cameras, per_camera) of the words of a text."""
     wanted = n_cameras * per_camera
-    if n_cameras < 1 or 2 * wanted - 1 > len(text):
+    words = text.split(maxsplit=wanted)[:wanted] if 2 * wanted - 1 <= len(text) else []
+    if n_cameras < 1 or len(words) < wanted:
         raise CameraError(
             f"{n_cameras} cameras wanted, got numbers for fewer; the file is truncated or broken"
         )
-    words = text.split(maxsplit=wanted)[:wanted]
-    try:
-        if any("_" in word for word in words):
-            raise ValueError
-        found = np.array(words, dtype=np.float64)
-    except ValueError:
-        raise CameraError(
-            "numbers of cameras wanted, got a word that is none; correct the file"
-        ) from None
-    if len(found) < wanted or not np.isfinite(found).all():
-        raise CameraError(
-            f"{wanted} finite numbers of {n_cameras} cameras wanted, got "
-            f"{np.isfinite(found).sum()}; the file is truncated or broken"
-        )
-    return found.reshape(n_cameras, per_camera)
+    return checked([*map(number_of, words)], "numbers of cameras", (wanted,)).reshape(
+        n_cameras, per_camera
+    )
 
 
 def _views(lenses: FloatArray, poses: FloatArray, images: list[str], border: Border) -> Views:
     """Views of f k1 k2 and camera_from_world with OpenGL axes."""
-    size = border.image_size()
-    cameras: dict[Camera, int] = {}
-    index = []
-    for row, (f, k1, k2) in enumerate(lenses.tolist()):
+    size, cameras = border.image_size(), []
+    for image, (f, k1, k2) in zip(images, lenses.tolist(), strict=True):
         try:
-            camera = lens_camera("opencv", size, {"f": f, "k1": k1, "k2": k2})
+            cameras.append(lens_camera("opencv", size, {"f": f, "k1": k1, "k2": k2}))
         except CameraError as error:
-            raise CameraError(f"{images[row]}: {error}") from None
-        index.append(cameras.setdefault(camera, len(cameras)))
-    return border.views(
-        list(cameras),
-        world_from_camera=inverse_of(poses) @ OPENGL_AXES,
-        camera=index,
-        images=images,
-    )
+            raise CameraError(f"{image}: {error}") from None
+    poses = inverse_of(poses) @ OPENGL_AXES
+    return border.views_of_images(cameras, images, world_from_camera=poses)
 
 
 def is_mvsnet(text: str) -> bool:
@@ -214,8 +191,7 @@ def read_mvsnet(sources: Sequence[Source], border: Border) -> Views:
     """
     size = border.image_size("an MVSNet file")
     shift = border.pixel_shift("an MVSNet file")
-    cameras: dict[Camera, int] = {}
-    index, poses, images = [], [], []
+    cameras, poses, images = [], [], []
     for source in sources:
         name = printable(source.path.name)
         words = source.text[:10_000].split()
@@ -224,21 +200,14 @@ def read_mvsnet(sources: Sequence[Source], border: Border) -> Views:
                 f"{name}: extrinsic with 16 numbers and intrinsic with 9 wanted, got "
                 f"{len(words)} words"
             )
-        extrinsic = checked([*map(number_of, words[1:17])], f"{name}: extrinsic", (16,)).reshape(
-            4, 4
-        )
-        k = checked([*map(number_of, words[18:27])], f"{name}: intrinsic", (9,)).reshape(3, 3)
+        numbers = [number_of(word) for word in words]
+        poses.append(checked(numbers[1:17], f"{name}: extrinsic", (16,)).reshape(4, 4))
+        k = checked(numbers[18:27], f"{name}: intrinsic", (9,)).reshape(3, 3)
         if k[1, 0] or not np.array_equal(k[2], (0, 0, 1)):
             raise CameraError(f"{name}: intrinsic must be [[fx, skew, cx], [0, fy, cy], [0, 0, 1]]")
         (fx, skew, cx), (_, fy, cy) = k[:2].tolist()
         p = {"fx": fx, "fy": fy, "cx": cx + shift, "cy": cy + shift, "skew": skew}
-        camera = lens_camera("pinhole", size, p)
-        index.append(cameras.setdefault(camera, len(cameras)))
-        poses.append(extrinsic)
+        cameras.append(lens_camera("pinhole", size, p))
         images.append(source.path.stem.removesuffix("cam").rstrip("_") or source.path.stem)
-    return border.views(
-        list(cameras),
-        world_from_camera=inverse_of(np.array(poses)),
-        camera=index,
-        images=images,
-    )
+    found = inverse_of(np.array(poses))
+    return border.views_of_images(cameras, images, world_from_camera=found)

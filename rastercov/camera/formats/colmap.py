@@ -17,17 +17,17 @@ import re
 import struct
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.base.checks import image_side, shown
 from rastercov.base.errors import CameraError, ConfigError, PoseError
 from rastercov.base.files import UnreadableError, open_file, printable
 from rastercov.base.output import writing
+from rastercov.camera import FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import (
     Border,
@@ -40,11 +40,11 @@ from rastercov.camera.formats.conventions import (
     to_quaternions,
     unique_names,
 )
+from rastercov.camera.formats.source import number_of
 from rastercov.camera.models import PROGRAMS
 from rastercov.camera.pose import inverse
 from rastercov.camera.rig import Views
 
-FloatArray = NDArray[np.float64]
 Record = tuple[str, Sequence[Any]]
 """Form of a record in `struct`, and its values."""
 
@@ -53,7 +53,6 @@ LARGEST_FILE = 1 << 36
 LONGEST_LINE = 1 << 28
 """Bytes of a line of points."""
 LONGEST_NAME = 4096
-LONGEST_COMMENT = 1000
 PROMISE = re.compile(r"#\s*number of (\w+)\s*[:=]\s*([0-9]{1,15})\b", re.IGNORECASE)
 """Line by which COLMAP begins a text: # Number of images: 12, mean observations ..."""
 MODELS = tuple(PROGRAMS["colmap"])
@@ -102,9 +101,8 @@ def model_folder(path: Path) -> Path | None:
 def read(path: Path, border: Border) -> Views:
     """Cameras and poses of a folder; cameras alone of a file `cameras.bin` or `cameras.txt`."""
     if path.is_file():
-        table = _one_file(path, "cameras", border)
-        cameras, _ = _ordered(table)
-        return border.views(cameras, _names(sorted(table)))
+        cameras, row_of = _ordered(_one_file(path, "cameras", border))
+        return border.views(cameras, _names(row_of))
     if not path.exists():
         raise CameraError("cannot be read (No such file or directory)")
     folder = model_folder(path)
@@ -116,17 +114,12 @@ def read(path: Path, border: Border) -> Views:
         there = (folder / f"{name}{suffix}").is_file()
         return _one_file(folder / f"{name}{suffix}", name, border) if there else None
 
-    table = part("cameras")
-    cameras, row_of = _ordered(table)
+    cameras, row_of = _ordered(part("cameras"))
     images: list[Image] | None = part("images")
     if images is None:
         images = []
         border.note(f"there is no images{suffix}: cameras alone")
-    numbers: set[int] = set()
     for image in images:
-        if image.image_id in numbers:
-            raise CameraError(f"image {image.image_id} comes twice in images{suffix}; leave one")
-        numbers.add(image.image_id)
         if image.camera_id not in row_of:
             raise CameraError(
                 f"image {shown(image.name)} is of camera {image.camera_id}, which is not in "
@@ -137,7 +130,7 @@ def read(path: Path, border: Border) -> Views:
     motions = from_quaternions([i.quaternion for i in images], [i.translation for i in images])
     return border.views(
         cameras,
-        _names(sorted(table)),
+        _names(row_of),
         world_from_camera=inverse_of(motions),
         camera=[row_of[image.camera_id] for image in images],
         images=[image.name for image in images],
@@ -153,12 +146,12 @@ def _names_of_frames(images: Sequence[Image], frame_of: dict[int, int]) -> list[
     if len(set(known)) == len(known):
         return []
     return [
-        f"frame {number}" if number is not None else f"image {image.image_id}"
+        f"image {image.image_id}" if number is None else f"frame {number}"
         for number, image in zip(found, images, strict=True)
     ]
 
 
-def _names(ids: Sequence[int]) -> list[str]:
+def _names(ids: Iterable[int]) -> list[str]:
     return [f"camera {number}" for number in ids]
 
 
@@ -177,12 +170,22 @@ def _one_file(path: Path, part: str, border: Border) -> Any:
         with open_file(path, LARGEST_FILE) as file:
             if path.suffix == ".bin":
                 what, least_bytes = RECORDS[part]
-                count = _count(file, part, least_bytes)
-                return PARSERS[part](_Bytes(file, what) for _ in range(count))
-            lines = _lines(file)
+                n_records = _count(file, part, least_bytes)
+                return PARSERS[part](_Bytes(file, what) for _ in range(n_records))
+            promised: dict[str, int] = {}
+            lines = _lines(file, promised)
             found = PARSERS[part](_Words(*line, lines) for line in lines if line[1])
-            file.seek(0)
-            _check_promise(_promised(file), len(found), name, border)
+            for what, number in promised.items():
+                if number > len(found):
+                    raise CameraError(
+                        f"the header promises {number} {what}, {len(found)} are there; the file is "
+                        "truncated or damaged, export it again, or correct its header"
+                    )
+                if number < len(found):
+                    border.note(
+                        f"{name}: the header promises {number} {what}, {len(found)} are there and "
+                        "read"
+                    )
             return found
     except (UnreadableError, CameraError, PoseError) as error:
         raise CameraError(f"{name}: {error}") from None
@@ -213,35 +216,34 @@ class _Words:
         self._where, self._words, self._at = f"line {number}", text.split(), 0
         self._number, self._text, self._following = number, text, following
 
-    def take(self, what: str) -> str:
+    def word(self, what: str) -> str:
         if self._at >= len(self._words):
             raise CameraError(f"{self._where} ends before {what}; the file is truncated")
         self._at += 1
         return self._words[self._at - 1]
 
     def whole(self, what: str, form: str = "") -> int:
-        word = self.take(what)
+        word = self.word(what)
         # The longest: -2^63 and 2^64 - 1.
         if not _is_whole(word) or len(word) > 20:
             raise CameraError(f"{self._where}: {what} must be a whole number, got {shown(word)}")
         return int(word)
 
     def reals(self, what: str, count: int) -> tuple[float, ...]:
-        return tuple(self._real(what, self.take(what)) for _ in range(count))
+        found = [number_of(self.word(what)) for _ in range(count)]
+        for value in found:
+            if isinstance(value, str):
+                raise CameraError(f"{self._where}: {what} must be a number, got {shown(value)}")
+        return tuple(map(float, found))
 
     def parameters(self, count: int) -> tuple[float, ...]:
         return self.reals("a parameter", len(self._words) - self._at)
 
     def is_camera(self) -> bool:
-        return self.take("a sensor") == "CAMERA"
+        return self.word("a sensor") == "CAMERA"
 
-    def model(self, camera_id: int) -> str:
-        name = self.take("the model")
-        if name not in MODELS:
-            raise CameraError(
-                f"{self._where}: the model must be one of {', '.join(MODELS)}, got {shown(name)}"
-            )
-        return name
+    def model(self) -> str:
+        return self.word("the model")
 
     def name(self) -> str:
         """The rest of the line, which may have spaces."""
@@ -257,14 +259,6 @@ class _Words:
                 f"line {after}: the points of image {shown(name)} wanted, got {shown(points)}; "
                 "leave an empty line where an image has none"
             )
-
-    def _real(self, what: str, word: str) -> float:
-        try:
-            return float(word if "_" not in word else "")  # Python reads 1_0 as ten
-        except ValueError:
-            raise CameraError(
-                f"{self._where}: {what} must be a number, got {shown(word)}"
-            ) from None
 
 
 class _Bytes:
@@ -286,26 +280,21 @@ class _Bytes:
     def is_camera(self) -> bool:
         return self.whole("a sensor", "i") == 0  # 1 is an IMU
 
+    def model(self) -> str:
+        number = self.whole("the model", "i")
+        return MODELS[number] if 0 <= number < len(MODELS) else f"number {number}"
+
     def name(self) -> str:
         start = self._file.tell()
-        data = self._file.read(LONGEST_NAME)
-        end = data.find(b"\0")
-        if end < 0:
+        data, end, _ = self._file.read(LONGEST_NAME).partition(b"\0")
+        if not end:
             raise CameraError("the name of an image has no end; the file is truncated or broken")
-        self._file.seek(start + end + 1)
-        return data[:end].decode("utf-8", errors="replace")
+        self._file.seek(start + len(data) + 1)
+        return data.decode("utf-8", errors="replace")
 
     def pass_points(self, name: str) -> None:
         n_points = _count(self._file, f"points of image {shown(name)}", 24)
         self._file.seek(24 * n_points, 1)
-
-    def model(self, camera_id: int) -> str:
-        number = self.whole("the model", "i")
-        if not 0 <= number < len(MODELS):
-            raise CameraError(
-                f"camera {camera_id}: the model must be 0 to {len(MODELS) - 1}, got {number}"
-            )
-        return MODELS[number]
 
 
 Fields = Iterable[_Words | _Bytes]
@@ -317,14 +306,15 @@ and () for the reference."""
 def _cameras(records: Fields) -> dict[int, Camera]:
     table: dict[int, Camera] = {}
     for values in records:
-        number = values.whole("the camera's id")
-        model = values.model(number)
-        width, height = values.whole("the width", "Q"), values.whole("the height", "Q")
+        number, model = values.whole("the camera's id"), values.model()
+        if model not in MODELS:
+            raise CameraError(f"the model must be one of {', '.join(MODELS)}, got {shown(model)}")
+        sides = values.whole("the width", "Q"), values.whole("the height", "Q")
         parameters = values.parameters(len(PROGRAMS["colmap"][model].parameters.split()))
         if number in table:
             raise CameraError(f"camera {number} comes twice; leave one")
         try:
-            size = image_side("width", width), image_side("height", height)
+            size = image_side("width", sides[0]), image_side("height", sides[1])
             table[number] = camera_of(model, *size, parameters)
         except CameraError as error:
             raise CameraError(f"camera {number}: {error}") from None
@@ -332,14 +322,16 @@ def _cameras(records: Fields) -> dict[int, Camera]:
 
 
 def _images(records: Fields) -> list[Image]:
-    images: list[Image] = []
+    table: dict[int, Image] = {}
     for values in records:
         number = values.whole("the image's id")
         motion = values.reals("the quaternion", 4), values.reals("the translation", 3)
         camera_id, name = values.whole("the camera's id"), values.name()
         values.pass_points(name)
-        images.append(Image(*motion, camera_id, name, number))
-    return images
+        if number in table:
+            raise CameraError(f"image {number} comes twice; leave one")
+        table[number] = Image(*motion, camera_id, name, number)
+    return list(table.values())
 
 
 def _rigs(records: Fields) -> Rigs:
@@ -367,11 +359,8 @@ def _frames(records: Fields) -> list[tuple[int, list[int]]]:
         values.whole("the rig's id")
         values.reals("rig_from_world", 7)
         for _ in range(values.whole("the number of images")):
-            is_camera, _, image = (
-                values.is_camera(),
-                values.whole("an id"),
-                values.whole("an id", "Q"),
-            )
+            is_camera, _ = values.is_camera(), values.whole("an id")
+            image = values.whole("an id", "Q")
             if is_camera:
                 frames[-1][1].append(image)
     return frames
@@ -388,38 +377,25 @@ PARSERS: dict[str, Any] = {
 # Text.
 
 
-def _promised(file: BinaryIO) -> tuple[int, str]:
-    """Number that the comments at the start of a file promise, and of what; -1 without any."""
-    while (line := file.readline(LONGEST_COMMENT)).startswith(b"#") or line.isspace():
-        if found := PROMISE.match(line.decode("utf-8", errors="replace")):
-            return int(found[2]), found[1]
-    return -1, ""
+def _lines(file: BinaryIO, promised: dict[str, int]) -> Iterator[tuple[int, str]]:
+    """Number and text of each line that is no comment; empty ones as well, which may be points.
 
-
-def _check_promise(promised: tuple[int, str], count: int, name: str, border: Border) -> None:
-    """Hold the number in a file's header against what was read."""
-    number, what = promised
-    if number > count:
-        raise CameraError(
-            f"the header promises {number} {what}, {count} are there; the file is truncated or "
-            "damaged, export it again, or correct its header"
-        )
-    if 0 <= number < count:
-        border.note(f"{name}: the header promises {number} {what}, {count} are there and read")
-
-
-def _lines(file: BinaryIO) -> Iterator[tuple[int, str]]:
-    """Number and text of each line that is no comment; empty ones as well, which may be points."""
-    number = 0
-    while raw := file.readline(LONGEST_LINE):
-        number += 1
+    The number that comments at the start promise is added to `promised`, by its word.
+    """
+    has_begun = False
+    for number in count(1):
+        if not (raw := file.readline(LONGEST_LINE)):
+            return
         if len(raw) == LONGEST_LINE:
             raise CameraError(f"line {number} is longer than {LONGEST_LINE} bytes")
         if number == 1 and raw.startswith((b"\xff\xfe", b"\xfe\xff")):
             raise CameraError("text in UTF-8 wanted, got UTF-16; save it as UTF-8")
         text = raw.decode("utf-8-sig" if number == 1 else "utf-8", errors="replace").strip()
         if not text.startswith("#"):
+            has_begun = has_begun or bool(text)
             yield number, text
+        elif not has_begun and not promised and (match := PROMISE.match(text)):
+            promised[match[1]] = int(match[2])
 
 
 def _is_whole(word: str) -> bool:
@@ -439,16 +415,16 @@ def _unpack(file: BinaryIO, form: str, what: str) -> tuple[Any, ...]:
 
 def _count(file: BinaryIO, what: str, least_bytes: int) -> int:
     """A count that the rest of the file has room for, each of `least_bytes` or more."""
-    (count,) = _unpack(file, "Q", f"the number of {what}")
+    (promised,) = _unpack(file, "Q", f"the number of {what}")
     at = file.tell()
     left = file.seek(0, 2) - at
     file.seek(at)
-    if count * least_bytes > left:
+    if promised * least_bytes > left:
         raise CameraError(
-            f"the file promises {count} {what} and has room for {left // least_bytes}; it is "
+            f"the file promises {promised} {what} and has room for {left // least_bytes}; it is "
             "truncated, export it again"
         )
-    return int(count)
+    return int(promised)
 
 
 def _places(rigs: Rigs, row_of: dict[int, int], border: Border) -> Any:
@@ -477,74 +453,6 @@ def _places(rigs: Rigs, row_of: dict[int, int], border: Border) -> Any:
 # Written.
 
 
-@dataclass(frozen=True)
-class Frame:
-    """A frame: its rig, world_from_rig, and the rows of its images."""
-
-    rig: int
-    world_from_rig: FloatArray
-    rows: list[int]
-
-
-@dataclass(frozen=True)
-class RigsAndFrames:
-    """Cameras of each rig, the reference first, and the frames.
-
-    Attributes
-    ----------
-    cameras : list of list of int
-        Indices into the rig of the views.
-    sensor_from_rig : (N, 4, 4) float64
-        Of each camera.
-    frames : list of Frame
-    """
-
-    cameras: list[list[int]]
-    sensor_from_rig: FloatArray
-    frames: list[Frame]
-
-
-def _rigs_of(views: Views, notes: list[str]) -> RigsAndFrames | None:
-    """Rigs and frames of these views; None where there are none, or they do not fit together.
-
-    Cameras that share a frame are on one rig.
-    """
-    if not views.frames or views.rig is None:
-        return None
-    index = views.poses.camera
-    rows_of: dict[str, list[int]] = {}
-    for row, frame in enumerate(views.frames):
-        rows_of.setdefault(frame, []).append(row)
-    if any(len({int(index[row]) for row in rows}) < len(rows) for rows in rows_of.values()):
-        notes.append("frames are left out: one of them has two images of a camera")
-        return None
-    # Cameras on one rig have the number of its first camera.
-    first = list(range(len(views.rig)))
-    for rows in rows_of.values():
-        joined = {first[index[row]] for row in rows}
-        first = [min(joined) if each in joined else each for each in first]
-    places = views.rig.rig_from_camera
-    camera_from_reference = inverse(places) @ places[first]
-    world_from_rig = views.poses.world_from_camera @ camera_from_reference[index]
-    centres = views.poses.world_from_camera[:, :3, 3]
-    extent = max(1e-30, float(np.ptp(centres, axis=0).max()), float(np.abs(places[:, :3, 3]).max()))
-    scale = np.ones((4, 4))
-    scale[:3, 3] = extent
-    heads = sorted(set(first))
-    frames = []
-    for rows in rows_of.values():
-        of_frame = world_from_rig[rows]
-        if (np.abs(of_frame - of_frame[0]) > PLACE_TOLERANCE * scale).any():
-            notes.append(
-                "frames are left out: their images are not where the places of the cameras on the "
-                "rig put them; each image has its own pose"
-            )
-            return None
-        frames.append(Frame(heads.index(first[index[rows[0]]]), of_frame[0], rows))
-    cameras = [[row for row, head in enumerate(first) if head == each] for each in heads]
-    return RigsAndFrames(cameras, camera_from_reference, frames)
-
-
 class Word(NamedTuple):
     """A value that is another one in binary than in text."""
 
@@ -553,6 +461,54 @@ class Word(NamedTuple):
 
 
 CAMERA = Word(0, "CAMERA")
+
+
+def _rigs_and_frames(views: Views, notes: list[str]) -> dict[str, list[Record]]:
+    """Records of the rigs and frames of these views; none where they do not fit together.
+
+    Cameras that share a frame are on one rig, whose reference is its first camera.
+    """
+    assert views.rig is not None
+    index = views.poses.camera
+    rows_of: dict[str, list[int]] = {}
+    for row, frame in enumerate(views.frames):
+        rows_of.setdefault(frame, []).append(row)
+    if any(len(set(index[rows].tolist())) < len(rows) for rows in rows_of.values()):
+        notes.append("frames are left out: one of them has two images of a camera")
+        return {}
+    first = np.arange(len(views.rig))
+    for rows in rows_of.values():
+        joined = first[index[rows]]
+        first[np.isin(first, joined)] = joined.min()
+    places = views.rig.rig_from_camera
+    sensor_from_rig = inverse(places) @ places[first]
+    world_from_rig = views.poses.world_from_camera @ sensor_from_rig[index]
+    centres = views.poses.world_from_camera[:, :3, 3]
+    tolerance = np.full((4, 4), PLACE_TOLERANCE)
+    tolerance[:3, 3] *= max(1e-30, np.ptp(centres, axis=0).max(), np.abs(places[:, :3, 3]).max())
+    for rows in rows_of.values():
+        if (np.abs(world_from_rig[rows] - world_from_rig[rows[0]]) > tolerance).any():
+            notes.append(
+                "frames are left out: their images are not where the places of the cameras on the "
+                "rig put them; each image has its own pose"
+            )
+            return {}
+    motions = _motions(sensor_from_rig)
+    heads, rig_of = np.unique(first, return_inverse=True)
+    rigs: list[Record] = []
+    for number, head in enumerate(heads.tolist(), 1):
+        others = [row for row in np.flatnonzero(first == head).tolist() if row != head]
+        values = [number, 1 + len(others), CAMERA, head + 1]
+        for row in others:
+            values += [CAMERA, row + 1, 1, *motions[row]]
+        rigs.append((f"IIiI{'iIB7d' * len(others)}", values))
+    motions, frames = _motions(inverse(world_from_rig)), list[Record]()
+    for number, rows in enumerate(rows_of.values(), 1):
+        values = [number, int(rig_of[index[rows[0]]]) + 1, *motions[rows[0]], len(rows)]
+        for row in rows:
+            values += [CAMERA, int(index[row]) + 1, row + 1]
+        frames.append((f"II7dI{'iIQ' * len(rows)}", values))
+    return {"rigs": rigs, "frames": frames}
 
 
 def contents_of(views: Views, *, as_text: bool, notes: list[str]) -> dict[str, bytes]:
@@ -582,10 +538,13 @@ def contents_of(views: Views, *, as_text: bool, notes: list[str]) -> dict[str, b
         values = [number + 1, *motion, index[number] + 1, end]
         images.append((f"I7dI{len(end.code)}s", values))
     parts: dict[str, list[Record]] = {"cameras": cameras, "images": images, "points3D": []}
-    rigs = _rigs_of(views, notes)
-    if rigs is not None:
-        parts |= _records_of(rigs, index)
-    elif len(set(index)) > 1 and (rig.rig_from_camera[1:] != rig.rig_from_camera[:1]).any():
+    if views.frames:
+        parts |= _rigs_and_frames(views, notes)
+    if (
+        "rigs" not in parts
+        and len(set(index)) > 1
+        and (rig.rig_from_camera[1:] != rig.rig_from_camera[:1]).any()
+    ):
         notes.append("places of cameras on the rig are left out: each image has its own pose")
     if as_text and any(" " in name for name in names):
         notes.append("COLMAP ends names of a text model at spaces; write the binary one")
@@ -607,25 +566,6 @@ def _as_binary(part: str, records: Sequence[Record]) -> bytes:
         for form, values in records
     ]
     return b"".join([struct.pack("<Q", len(records)), *packed])
-
-
-def _records_of(rigs: RigsAndFrames, camera: Sequence[int]) -> dict[str, list[Record]]:
-    """Rigs and frames; `camera` has the index of that of each image."""
-    places = _motions(rigs.sensor_from_rig)
-    of_rigs: list[Record] = []
-    for number, (first, *others) in enumerate(rigs.cameras):
-        values = [number + 1, 1 + len(others), CAMERA, first + 1]
-        for row in others:
-            values += [CAMERA, row + 1, 1, *places[row]]
-        of_rigs.append((f"IIiI{'iIB7d' * len(others)}", values))
-    of_frames: list[Record] = []
-    motions = _motions(inverse(np.array([frame.world_from_rig for frame in rigs.frames])))
-    for number, (frame, motion) in enumerate(zip(rigs.frames, motions, strict=True)):
-        values = [number + 1, frame.rig + 1, *motion, len(frame.rows)]
-        for row in frame.rows:
-            values += [CAMERA, camera[row] + 1, row + 1]
-        of_frames.append((f"II7dI{'iIQ' * len(frame.rows)}", values))
-    return {"rigs": of_rigs, "frames": of_frames}
 
 
 def _motions(matrices: FloatArray) -> list[list[float]]:

@@ -13,12 +13,13 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rastercov.base.arguments import check_choice, flag
 from rastercov.base.checks import finite_number, image_side, shown, two
 from rastercov.base.errors import CameraError, ConfigError, MeshError, PoseError
 from rastercov.base.files import UnknownNames, printable
+from rastercov.camera import FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.models import (
     MODELS,
@@ -31,8 +32,6 @@ from rastercov.camera.pose import DRIFT_TOLERANCE, Poses, inverse
 from rastercov.camera.rig import Rig, Views
 from rastercov.mesh import formats
 from rastercov.mesh.arrays import rotations_of_quaternions
-
-FloatArray = NDArray[np.float64]
 
 POSE_CONVENTIONS = {
     "opencv": (False, False),
@@ -135,49 +134,48 @@ class Border:
         """Add a line, once."""
         self.notes[text] = None
 
+    def _answer(self, name: str, question: str = "") -> Any:
+        """Answer of that name; the question is the error where there must be one."""
+        self._asked.add(name)
+        answer = getattr(self._given, name)
+        if answer is None and question:
+            raise CameraError(question)
+        return answer
+
     def image_size(self, what: str = "the file") -> tuple[int, int]:
         """Width and height, where the file has none."""
-        self._asked.add("image_size")
-        if self._given.image_size is None:
-            raise CameraError(f"{what} has no image size; give --image-size WIDTHxHEIGHT")
-        return self._given.image_size
+        question = f"{what} has no image size; give --image-size WIDTHxHEIGHT"
+        size: tuple[int, int] = self._answer("image_size", question)
+        return size
 
     def pixel_shift(self, what: str = "the file") -> float:
         """Pixels to add to image coordinates, where the file does not say what they start from."""
-        self._asked.add("pixel_centre")
-        if self._given.pixel_centre is None:
-            raise CameraError(
-                f"{what} does not say where pixels are counted from; give --pixel-centre 0 if "
-                "(0, 0) is the centre of the top-left pixel, as in OpenCV, or 0.5"
-            )
-        return 0.5 - self._given.pixel_centre
+        question = (
+            f"{what} does not say where pixels are counted from; give --pixel-centre 0 if (0, 0) "
+            "is the centre of the top-left pixel, as in OpenCV, or 0.5"
+        )
+        return 0.5 - float(self._answer("pixel_centre", question))
 
     def is_fisheye(self, what: str) -> bool:
         """True for a fisheye, where four coefficients may be either."""
-        self._asked.add("lens_model")
-        if self._given.lens_model is None:
-            raise CameraError(
-                f"{what} are four, of Brown's model (k1 k2 p1 p2) or of cv2.fisheye (k1 k2 k3 "
-                "k4); give --lens-model brown or fisheye"
-            )
-        return self._given.lens_model == "fisheye"
+        question = (
+            f"{what} are four, of Brown's model (k1 k2 p1 p2) or of cv2.fisheye (k1 k2 k3 k4); "
+            "give --lens-model brown or fisheye"
+        )
+        return bool(self._answer("lens_model", question) == "fisheye")
 
     def metres(self, default: float | None = None) -> float | None:
         """Metres in the unit of lengths that was given, where the file may have another one."""
-        self._asked.add("pose_unit")
-        return default if self._given.pose_unit is None else metres_per(self._given.pose_unit)
+        unit = self._answer("pose_unit")
+        return default if unit is None else metres_per(unit)
 
     def undoes_world(self) -> bool:
         """True where the transform that a file says was applied to its world is to be undone."""
-        self._asked.add("original_world")
-        return self._given.original_world
+        return bool(self._answer("original_world"))
 
     def of_convention(self, matrices: FloatArray) -> FloatArray:
         """world_from_camera of matrices that come without a word about their convention."""
-        self._asked.add("pose_convention")
-        has_opengl_axes, is_inverse = POSE_CONVENTIONS[self._given.pose_convention or "opencv"]
-        found = inverse_of(matrices) if is_inverse else matrices
-        return found @ OPENGL_AXES if has_opengl_axes else found
+        return in_convention(matrices, self._answer("pose_convention") or "opencv")
 
     def views(
         self,
@@ -227,25 +225,20 @@ class Border:
         if metres is None and has_lengths:
             metres = self.metres()
         factor = scale * (1.0 if metres is None else metres)
+        rigid, skip_bad = self._rigid(matrices, factor, drift), self._given.skip_bad_poses
         try:
-            poses = Poses.of(
-                self._rigid(matrices, factor, drift),
-                camera=camera,
-                skip_bad=self._given.skip_bad_poses,
-            )
+            poses = Poses.of(rigid, camera=camera, skip_bad=skip_bad)
         except PoseError as error:
             if images is None or not error.pose_ids:
                 raise
             name = shown(printable(images[error.pose_ids[0]]))
             raise PoseError(f"{error}: image {name}", error.pose_ids) from None
-        rig = None
+        rig, places = None, None
+        if rig_from_camera is not None:
+            given = np.asarray(rig_from_camera, dtype=np.float64).reshape(-1, 4, 4)
+            places = self._rigid(given, factor, drift)
         if cameras is not None:
-            places = None
-            if rig_from_camera is not None:
-                given = np.asarray(rig_from_camera, dtype=np.float64).reshape(-1, 4, 4)
-                places = self._rigid(given, factor, drift)
-            labels = [f"camera {row}" for row in range(len(cameras))] if names is None else names
-            rig = Rig(cameras, unique_names(labels), places)
+            rig = Rig(cameras, unique_names(names or [""] * len(cameras)), places)
         if images is None:
             images = [f"pose {row}" for row in range(len(matrices))]
         names_of_frames = _apart(frames)
@@ -258,6 +251,14 @@ class Border:
             camera_names=tuple(camera_names),
             frames=tuple(names_of_frames[row] for row in poses.ids) if frames else (),
         )
+
+    def views_of_images(
+        self, cameras: Sequence[Camera], images: Sequence[str], **others: Any
+    ) -> Views:
+        """Views of images with the camera of each, which may be the same; `others` as `views`."""
+        row_of = {camera: row for row, camera in enumerate(dict.fromkeys(cameras))}
+        index = [row_of[camera] for camera in cameras]
+        return self.views(list(row_of), camera=index, images=images, **others)
 
     def _rigid(self, matrices: FloatArray, factor: float, most: float) -> FloatArray:
         """Matrices with lengths times `factor`; rotations that a file has in few digits repaired.
@@ -287,6 +288,13 @@ class Border:
             if getattr(self._given, field.name) not in (None, False)
             and field.name not in self._asked
         ]
+
+
+def in_convention(matrices: FloatArray, name: str) -> FloatArray:
+    """world_from_camera of matrices in one of `POSE_CONVENTIONS`."""
+    has_opengl_axes, is_inverse = POSE_CONVENTIONS[name]
+    found = inverse_of(matrices) if is_inverse else matrices
+    return found @ OPENGL_AXES if has_opengl_axes else found
 
 
 def inverse_of(matrices: FloatArray) -> FloatArray:
@@ -334,24 +342,17 @@ def from_quaternions(wxyz: ArrayLike, translation: ArrayLike) -> FloatArray:
 
 def to_quaternions(rotations: FloatArray) -> FloatArray:
     """(N, 4) unit quaternions, scalar first and not negative, of rotations (N, 3, 3)."""
-    r = rotations
-    trace = np.trace(r, axis1=1, axis2=2)
-    diagonal = np.einsum("nii->ni", r)
-    # Four times the squares of w, x, y, z: the largest is divided by, so that no digit is lost.
-    squares = np.concatenate([trace[:, None], 2 * diagonal - trace[:, None]], axis=1) + 1
-    products = np.empty((len(r), 4, 4))
-    products[:, range(4), range(4)] = squares
-    for row, column, value in (
-        (0, 1, r[:, 2, 1] - r[:, 1, 2]),
-        (0, 2, r[:, 0, 2] - r[:, 2, 0]),
-        (0, 3, r[:, 1, 0] - r[:, 0, 1]),
-        (1, 2, r[:, 1, 0] + r[:, 0, 1]),
-        (1, 3, r[:, 0, 2] + r[:, 2, 0]),
-        (2, 3, r[:, 2, 1] + r[:, 1, 2]),
-    ):
-        products[:, row, column] = products[:, column, row] = value
-    largest = squares.argmax(axis=1)
-    q = products[np.arange(len(r)), largest]
+    diagonal = np.einsum("nii->ni", rotations)
+    trace = diagonal.sum(axis=1, keepdims=True)
+    # Four times the products of w, x, y, z; the largest square is divided by: no digit is lost.
+    products = np.empty((len(rotations), 4, 4))
+    products[:, range(4), range(4)] = np.hstack([trace, 2 * diagonal - trace]) + 1
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        one, other = rotations[:, k, j], rotations[:, j, k]
+        products[:, 0, i + 1] = products[:, i + 1, 0] = one - other
+        products[:, j + 1, k + 1] = products[:, k + 1, j + 1] = one + other
+    rows = np.arange(len(rotations))
+    q = products[rows, np.einsum("nii->ni", products).argmax(axis=1)]
     q = q / np.linalg.norm(q, axis=1, keepdims=True)
     result: FloatArray = np.where(q[:, :1] < 0, -q, q)
     return result
@@ -392,44 +393,39 @@ def lens_camera(ours: str, size: Sequence[int], p: Mapping[str, float]) -> Camer
     return Camera(width=size[0], height=size[1], **fields, model=model, distortion=distortion)
 
 
-def as_opencv(camera: Camera) -> tuple[float, ...] | None:
-    """The 14 coefficients of OpenCV's model for a camera; None if it is not of that model."""
-    c = coefficients_by_name(camera.model, camera.distortion)
-    if camera.model == "metashape" and not c["k4"]:  # its p1 and p2 are OpenCV's p2 and p1
-        c |= {"p1": c["p2"], "p2": c["p1"]}
-    elif not (
-        camera.model in ("pinhole", "opencv")
-        or (camera.model == "omni" and not c["xi"])
-        or (camera.model == "fov" and not c["omega"])
-    ):
-        return None
-    return tuple(c.get(name, 0.0) for name in MODELS["opencv"].coefficients.split())
-
-
-def as_fisheye(camera: Camera) -> tuple[float, ...] | None:
-    """The 4 coefficients of cv2.fisheye for a camera; None if it is not of that model."""
-    c = coefficients_by_name(camera.model, camera.distortion)
-    radial = tuple(c.pop(f"k{i}", 0.0) for i in range(1, 5))
-    return radial if MODELS[camera.model].base == "equidistant" and not any(c.values()) else None
+def forms_of(camera: Camera) -> dict[str, dict[str, float]]:
+    """Coefficients of a camera by name, in each of our models that is its lens."""
+    own = coefficients_by_name(camera.model, camera.distortion)
+    forms, its, radial = {camera.model: own}, MODELS[camera.model], ("k1", "k2", "k3", "k4")
+    if its.base == "equidistant" and not any(own[name] for name in own if name not in radial):
+        forms["opencv_fisheye"] = {name: own.get(name, 0.0) for name in radial}
+    turned = own | {"p1": own.get("p2", 0.0), "p2": own.get("p1", 0.0)}
+    is_turned = camera.model == "metashape" and not own["k4"]
+    is_plain = (camera.model == "omni" and not own["xi"]) or (
+        camera.model == "fov" and not own["omega"]
+    )
+    if camera.model in ("pinhole", "opencv") or is_turned or is_plain:
+        brown = turned if is_turned else own
+        names = MODELS["opencv"].coefficients.split()
+        forms["opencv"] = {name: brown.get(name, 0.0) for name in names}
+        if not any(list(forms["opencv"].values())[5:]):  # its k4 is another one
+            forms["metashape"] = own if is_turned else turned
+    return forms
 
 
 def model_in(program: str, camera: Camera) -> tuple[str, dict[str, float]] | None:
-    """Name of a model of a program, with fx and fy, that is the lens of a camera; None without one.
+    """Name of a model of a program, not of square pixels, that is the lens of a camera; or None.
 
     With it, values of its parameters by name.
     """
-    forms = [(camera.model, coefficients_by_name(camera.model, camera.distortion))]
-    for ours, values in (("opencv_fisheye", as_fisheye(camera)), ("opencv", as_opencv(camera))):
-        if values is not None:
-            names = MODELS[ours].coefficients.split()
-            forms.insert(0, (ours, dict(zip(names, values, strict=True))))
+    forms = forms_of(camera)
     central = {name: getattr(camera, name) for name in ("fx", "fy", "cx", "cy")}
-    for ours, c in forms:
+    for ours in sorted(forms, key=["opencv", "opencv_fisheye", *MODELS].index):
         for name, foreign in PROGRAMS[program].items():
-            wanted = foreign.parameters.split()
+            wanted, c = foreign.parameters.split(), forms[ours]
             held = foreign.ours == ours and all(key in wanted for key in c if c[key])
-            if held and "fx" in wanted:
-                return name, {key: (central | c)[key] for key in wanted}
+            if held and {"f", "w"}.isdisjoint(wanted):
+                return name, {key: (central | c).get(key, 0.0) for key in wanted}
     return None
 
 
@@ -469,12 +465,21 @@ def opencv_terms(camera: Camera, program: str) -> tuple[bool, tuple[float, ...]]
 
     As few coefficients as hold all that are not 0: 5, 8, 12 or 14 of Brown's model.
     """
-    values, radial = as_opencv(camera), as_fisheye(camera)
-    if values is not None:
+    forms = forms_of(camera)
+    if "opencv" in forms:
+        values = tuple(forms["opencv"].values())
         return False, values[: opencv_length(values, 5, 8, 12, 14)]
-    if radial is None:
+    if "opencv_fisheye" not in forms:
         raise no_model(program, camera)
-    return True, radial
+    return True, tuple(forms["opencv_fisheye"].values())
+
+
+def yaml_matrix(name: str, matrix: FloatArray, tag: str = "", *others: str) -> list[str]:
+    """Lines of a matrix in YAML; numbers with a point, which OpenCV takes for real ones."""
+    words = ", ".join(repr(float(value)) for value in matrix.ravel())
+    rows, cols = matrix.shape
+    entries = [f"rows: {rows}", f"cols: {cols}", *others, f"data: [{words}]"]
+    return [f"{name}:{tag}", *(f"  {entry}" for entry in entries)]
 
 
 def no_model(program: str, camera: Camera, name: str = "") -> CameraError:

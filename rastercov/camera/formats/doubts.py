@@ -11,15 +11,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.format import size_in_words
+from rastercov.camera import FloatArray
 from rastercov.camera.camera import Camera
-from rastercov.camera.formats.conventions import OPENGL_AXES, POSE_CONVENTIONS
+from rastercov.camera.formats.conventions import POSE_CONVENTIONS, in_convention
 from rastercov.camera.models import MODELS
-from rastercov.camera.pose import Poses, inverse
+from rastercov.camera.pose import Poses
 from rastercov.camera.projection import to_camera, to_image
 from rastercov.camera.rig import Cameras, cameras_of
 from rastercov.mesh import Mesh
-
-FloatArray = NDArray[np.float64]
 
 UNLIKELY_RATIO = 300.0
 """Distance of the nearest camera by the size of the mesh above which the unit is asked for."""
@@ -92,9 +91,7 @@ def unit_doubts(
     return []
 
 
-def _before(
-    bounds: NDArray[np.float64], poses: Poses, half: NDArray[np.float64]
-) -> NDArray[np.bool_]:
+def _before(bounds: FloatArray, poses: Poses, half: FloatArray) -> NDArray[np.bool_]:
     """(P,) cameras outside a sphere around a mesh that look at it, with a good part of the image.
 
     `half` is half of the angle of each image, radians.
@@ -134,10 +131,9 @@ def convention_doubts(mesh: Mesh, camera: Cameras, poses: ArrayLike | Poses) -> 
     seen = _looking(points, own, matrices)
     if seen > MOST_SHARE_GIVEN * len(rows):
         return []
-    found = {}
-    for name, (has_opengl_axes, is_inverse) in POSE_CONVENTIONS.items():
-        taken = inverse(matrices) if is_inverse else matrices
-        found[name] = _looking(points, own, taken @ OPENGL_AXES if has_opengl_axes else taken)
+    found = {
+        name: _looking(points, own, in_convention(matrices, name)) for name in POSE_CONVENTIONS
+    }
     name = max(found, key=found.__getitem__)
     if found[name] < LEAST_SHARE_OTHERWISE * len(rows):
         return []

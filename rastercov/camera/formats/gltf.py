@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.errors import CameraError, MeshError
+from rastercov.camera import FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import OPENGL_AXES, Border
 from rastercov.camera.formats.source import Entries, Source
@@ -32,8 +33,6 @@ from rastercov.mesh.formats.gltf_file import (
     unknown_names,
 )
 from rastercov.mesh.formats.polygons import broken_files_refused
-
-FloatArray = NDArray[np.float64]
 
 WORLD = "rastercov_world"
 """Entry in `extras` of the node whose frame is the world: viewers have y up, and we have not."""
@@ -77,28 +76,19 @@ def read(source: Source, border: Border) -> Views:
     if not found:
         raise CameraError("a node with a camera wanted, got none")
     size = border.image_size("a glTF scene")
-    cameras: dict[int, Camera] = {}
-    names, index, images, poses = list[str](), [], [], []
-    for node, name, matrix in found:
-        number = node["camera"]
-        lens = Entries(lenses[number], f"camera {number}")
-        if lens.text("type", "perspective") != "perspective":
-            border.note("orthographic cameras left out")
-            continue
-        if number not in cameras:
-            cameras[number] = _camera(lens, size)
-            names.append(lens.text("name", lens.where))
-        index.append(list(cameras).index(number))
-        images.append(name)
-        poses.append(matrix)
-    if not poses:
+    entries = {number: Entries(lens, f"camera {number}") for number, lens in lenses.items()}
+    used = [n for n, lens in entries.items() if lens.text("type", "perspective") == "perspective"]
+    if len(used) < len(entries):
+        border.note("orthographic cameras left out")
+    found = [each for each in found if each[0]["camera"] in used]
+    if not found:
         raise CameraError("perspective cameras wanted, got orthographic ones only")
     return border.views(
-        list(cameras.values()),
-        names,
-        world_from_camera=_without_scale(np.array(poses)) @ OPENGL_AXES,
-        camera=index,
-        images=images,
+        [_camera(entries[number], size) for number in used],
+        [entries[number].text("name", entries[number].where) for number in used],
+        world_from_camera=_without_scale(np.array([pose for *_, pose in found])) @ OPENGL_AXES,
+        camera=[used.index(node["camera"]) for node, *_ in found],
+        images=[name for _, name, _ in found],
         metres=1.0,
     )
 
@@ -112,13 +102,8 @@ def _without_scale(matrices: FloatArray) -> FloatArray:
 
 def _camera(entries: Entries, size: tuple[int, int]) -> Camera:
     lens = entries.table("perspective")
-    yfov = lens.number("yfov")
-    if not 0 < yfov < math.pi:
-        raise CameraError(f"{lens.where}: yfov must be above 0 and below pi, got {yfov:g}")
     width, height = size
-    aspect = lens.number("aspectRatio", width / height)
-    if not aspect > 0:
-        raise CameraError(f"{lens.where}: aspectRatio must be positive, got {aspect:g}")
+    yfov, aspect = lens.angle("yfov"), lens.positive("aspectRatio", width / height)
     square = width / height / aspect
     if not 1 / MOST_ASPECT <= square <= MOST_ASPECT:
         raise CameraError(
@@ -136,23 +121,19 @@ def lost(camera: Camera) -> list[str]:
     return lost + (["lens (only the lines show it)"] if not camera.is_pinhole else [])
 
 
-def glb_of(views: Views, length: float | None = None) -> bytes:
-    """A scene with a node for each pose: a camera, and a pyramid of lines.
-
-    `length` is that of its longest edge, metres.
-    """
+def glb_of(views: Views) -> bytes:
+    """A scene with a node for each pose: a camera, and a pyramid of lines."""
     if not len(views.poses):
         raise CameraError("a scene of frusta holds poses, and there are none to write")
     rig = views.rig
     assert rig is not None
     poses = views.poses.world_from_camera
-    size = _usual_length(poses[:, :3, 3]) if length is None else length
-    used = np.unique(views.poses.camera).tolist()
-    pieces = [_pyramid(rig.cameras[row], size) for row in used]
+    size = _usual_length(poses[:, :3, 3])
+    used, lens_of = np.unique(views.poses.camera, return_inverse=True)
     buffer = GlbBuffer()
     meshes, cameras = [], []
-    for row, (points, lines) in zip(used, pieces, strict=True):
-        name, camera = rig.names[row], rig.cameras[row]
+    for name, camera in [(rig.names[row], rig.cameras[row]) for row in used]:
+        points, lines = _pyramid(camera, size)
         primitive = {
             "attributes": {"POSITION": buffer.add(points.astype(np.float32))},
             "indices": buffer.add(lines.astype(np.uint32)),
@@ -164,34 +145,30 @@ def glb_of(views: Views, length: float | None = None) -> bytes:
         ratio = camera.width / camera.height * camera.fy / camera.fx
         lens = {"yfov": vertical, "aspectRatio": ratio, "znear": max(camera.near, size / 100)}
         cameras.append({"name": name, "type": "perspective", "perspective": lens})
-    matrices = poses @ OPENGL_AXES
-    row_of = {row: number for number, row in enumerate(used)}
-    n = len(poses)
+    n, matrices = len(poses), (poses @ OPENGL_AXES).transpose(0, 2, 1).reshape(-1, 16)
     world = {"name": "rig", "matrix": Y_UP.T.ravel().tolist(), "children": list(range(1, n + 1))}
-    nodes: list[dict[str, Any]] = [world | {"extras": {WORLD: True}}]
-    for row, (image, index) in enumerate(
-        zip(views.images, views.poses.camera.tolist(), strict=True)
-    ):
-        matrix = matrices[row].T.ravel().tolist()
-        # The camera is a node below: some programs drop the mesh of a node that has a camera.
-        node = {"name": image, "matrix": matrix, "mesh": row_of[index], "children": [n + 1 + row]}
-        nodes.append(node)
-    nodes += [{"camera": row_of[index]} for index in views.poses.camera.tolist()]
+    # The camera is a node below: some programs drop the mesh of a node that has a camera.
+    nodes: list[dict[str, Any]] = [
+        world | {"extras": {WORLD: True}},
+        *(
+            {"name": image, "matrix": matrix, "mesh": lens, "children": [n + 1 + row]}
+            for row, (image, matrix, lens) in enumerate(
+                zip(views.images, matrices.tolist(), lens_of.tolist(), strict=True)
+            )
+        ),
+        *({"camera": lens} for lens in lens_of.tolist()),
+    ]
+    unlit: dict[str, Any] = {"KHR_materials_unlit": {}}
     colour = {"baseColorFactor": [0.9, 0.35, 0.1, 1.0], "metallicFactor": 0.0}
+    material = {"name": "frusta", "pbrMetallicRoughness": colour, "extensions": unlit}
     scene = {
         "scene": 0,
         "scenes": [{"nodes": [0]}],
         "nodes": nodes,
         "cameras": cameras,
         "meshes": meshes,
-        "materials": [
-            {
-                "name": "frusta",
-                "pbrMetallicRoughness": colour,
-                "extensions": {"KHR_materials_unlit": {}},
-            }
-        ],
-        "extensionsUsed": ["KHR_materials_unlit"],
+        "materials": [material],
+        "extensionsUsed": list(unlit),
     }
     return buffer.file(scene)
 

@@ -9,7 +9,7 @@ config/*/kalibr_imucam_chain.yaml.
 """
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -23,6 +23,7 @@ from rastercov.camera.models import PROGRAMS
 from rastercov.camera.rig import Views
 
 CAMERA_NAME = re.compile(r"cam(0|[1-9][0-9]{0,5})")
+WANTED = "cam0, cam1, ..."
 MOST_SHOWN = 8
 """Names of cameras in a message."""
 KALIBR = PROGRAMS["kalibr"]
@@ -52,35 +53,30 @@ def read(content: Any, border: Border) -> Views:
     chain = Entries(content, "camchain")
     found = [name for name in content if CAMERA_NAME.fullmatch(name)]
     names = [f"cam{row}" for row in range(len(found))]
-    if not found:
-        raise CameraError("cameras cam0, cam1, ... wanted, got none")
-    for name in content.keys() - set(found):
-        value = content[name]
-        if isinstance(value, Mapping) and not value.keys().isdisjoint(KNOWN):
+    for name, value in content.items():
+        if name not in found and isinstance(value, Mapping) and value.keys() & KNOWN:
             raise CameraError(
-                f"cameras cam0, cam1, ... wanted, got a table {shown(name)} beside them; rename "
-                "it, or leave it out"
+                f"cameras {WANTED} wanted, got a table {shown(name)} beside them; rename it"
             )
     border.unknown.look("the chain", [*content], frozenset(found))
-    if set(names) != set(found):
+    if not found or set(names) != set(found):
         raise CameraError(
-            f"cameras {', '.join(names[:MOST_SHOWN])} wanted, each with its place from the one "
-            f"before, got {', '.join(found[:MOST_SHOWN])}; number them from 0 without a gap"
+            f"cameras {WANTED} wanted, got {', '.join(found[:MOST_SHOWN]) or 'none'}; number them "
+            "from 0 without a gap"
         )
     entries = [chain.table(name) for name in names]
     for each in entries:
         border.unknown.look(each.where, each.names(), KNOWN, HARMLESS)
     cameras = [_camera(each) for each in entries]
     border.note("pixels are taken to be counted from their centres, as Kalibr's detectors do")
-    later = entries[1:]
-    if all("T_cn_cnm1" in each for each in later):
-        places = [np.eye(4)]
-        for each in later:
-            places.append(places[-1] @ _inverse(each, "T_cn_cnm1"))
-        frame = "cam0"
+    if all("T_cn_cnm1" in each for each in entries[1:]):
+        places, frame = [np.eye(4)[None]], "cam0"
+        for each in entries[1:]:
+            places.append(places[-1] @ inverse_of(_motion(each, "T_cn_cnm1")))
     elif all(each.any_of("T_cam_imu", "T_imu_cam") for each in entries):
+        key = "T_cam_imu"
         places = [
-            _inverse(each, "T_cam_imu") if "T_cam_imu" in each else _motion(each, "T_imu_cam")
+            inverse_of(_motion(each, key)) if key in each else _motion(each, "T_imu_cam")
             for each in entries
         ]
         frame = "the IMU"
@@ -91,52 +87,35 @@ def read(content: Any, border: Border) -> Views:
     return border.views(
         cameras,
         names,
-        world_from_camera=np.array(places),
+        world_from_camera=np.concatenate(places),
         camera=np.arange(len(names)),
         images=names,
-        rig_from_camera=np.array(places),
+        rig_from_camera=np.concatenate(places),
         metres=1.0,
     )
 
 
 def _motion(entries: Entries, name: str) -> Any:
-    # Some tools that write chains by hand have the 16 numbers in one row.
-    return entries.array(name, (4, 4), (16,)).reshape(4, 4)
-
-
-def _inverse(entries: Entries, name: str) -> Any:
-    return inverse_of(_motion(entries, name)[None])[0]
+    """(1, 4, 4): some tools that write chains by hand have the 16 numbers in one row."""
+    return entries.array(name, (4, 4), (16,)).reshape(1, 4, 4)
 
 
 def _camera(entries: Entries) -> Camera:
-    model = entries.text("camera_model")
-    distortion = entries.text("distortion_model", "none")
-    if model not in CAMERA_MODELS or distortion not in DISTORTION_MODELS:
-        raise CameraError(
-            f"{entries.where}: camera_model must be one of {', '.join(CAMERA_MODELS)}, and "
-            f"distortion_model one of {', '.join(DISTORTION_MODELS)}, got {shown(model)}, "
-            f"{shown(distortion)}"
-        )
+    model = entries.choice("camera_model", CAMERA_MODELS)
+    distortion = entries.choice("distortion_model", DISTORTION_MODELS, "none")
     foreign = KALIBR.get(f"{model}-{distortion}")
     if foreign is None:
-        raise CameraError(
-            f"{entries.where}: distortion {distortion} comes with camera model pinhole only, "
-            f"got {model}"
-        )
+        raise entries.wrong("camera_model", f"pinhole with distortion {distortion}", model)
     intrinsics, _, coefficients = foreign.parameters.partition(" cy")
     p = dict.fromkeys(("k1", "k2", "p1", "p2"), 0.0)
-    p |= _named(entries, "intrinsics", f"{intrinsics} cy")
-    p |= _named(entries, "distortion_coeffs", coefficients.strip())
+    p |= _named(entries, "intrinsics", f"{intrinsics} cy".split())
+    p |= _named(entries, "distortion_coeffs", coefficients.split())
     p |= {"cx": p["cx"] + 0.5, "cy": p["cy"] + 0.5}
     return lens_camera(foreign.ours, entries.array("resolution", (2,)).tolist(), p)
 
 
-def _named(entries: Entries, name: str, order: str) -> dict[str, float]:
-    names = order.split()
+def _named(entries: Entries, name: str, names: Sequence[str]) -> dict[str, float]:
     values = entries.row(name) if names or name in entries else []
     if len(values) != len(names):
-        raise CameraError(
-            f"{entries.where}: {name} must be {len(names)} numbers"
-            f"{f' ({order})' if order else ''}, got {len(values)}"
-        )
+        raise entries.wrong(name, f"{len(names)} numbers ({' '.join(names)})", values)
     return dict(zip(names, values, strict=True))

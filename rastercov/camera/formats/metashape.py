@@ -8,25 +8,25 @@ Source: Agisoft Metashape Professional manual 2.1, appendix C, "Camera models"; 
 """
 
 import re
+from collections import Counter
 from xml.etree.ElementTree import Element
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rastercov.base.checks import image_side, shown
+from rastercov.base.checks import shown
 from rastercov.base.errors import CameraError
+from rastercov.camera import FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import Border, lens_camera, panorama
-from rastercov.camera.formats.source import checked, number_of
+from rastercov.camera.formats.source import Words
 from rastercov.camera.models import PROGRAMS
 from rastercov.camera.rig import Views
 from rastercov.mesh.formats.xml_tree import children, local_name, look_at_names, schema_of
 
-FloatArray = NDArray[np.float64]
-
 MODELS = PROGRAMS["metashape"]
 TERMS = MODELS["frame"].parameters.split()
-UNKNOWN_TERM = re.compile(r"[a-z][0-9]")
+KNOWN_TERMS = (*TERMS, "b1", "b2", "cx", "cy")
+TERM = re.compile(r"[a-z][0-9]|c[xy]")
 """A coefficient; p3 and p4, of older versions, change the tangential terms."""
 
 
@@ -74,7 +74,8 @@ def read(root: Element, border: Border) -> Views:
     """Cameras and poses of the first chunk, or the camera of a calibration."""
     look_at_names(root, SCHEMA, border.unknown)
     if local_name(root) == "calibration":
-        return border.views([_camera(root, _text(root, "projection", "frame"), "calibration")])
+        kind = Words(root, "calibration").text("projection", "frame")
+        return border.views([_camera(root, kind, "calibration")])
     chunks = [root] if local_name(root) == "chunk" else children(root, "chunk")
     if not chunks:
         raise CameraError("a chunk wanted, got none; use File, Export, Export Cameras")
@@ -84,47 +85,37 @@ def read(root: Element, border: Border) -> Views:
         which = "the first" if enabled[0] is chunks[0] else "the first enabled one"
         border.note(f"{which} of {len(chunks)} chunks; each has its own frame")
     chunk = enabled[0]
-    cameras, names, row_of = _sensors(chunk, border)
+    sensors, places = _sensors(chunk, border), _places(chunk)
+    row_of = {key: row for row, key in enumerate(sensors)}
     index, images, matrices, scales = [], [], [], set()
-    places = _places(chunk)
-    n_left = n_disabled = n_slaves = 0
+    left_out: Counter[str] = Counter()
     for element in _each(chunk, "cameras", "camera"):
-        label = element.get("label", f"camera {element.get('id', '')}")
-        transform = _text(element, "transform", "")
-        sensor = element.get("sensor_id", "")
+        own = Words(element, f"camera {element.get('label', '')[:60]}")
+        sensor = own.text("sensor_id", "")
         if not _is_enabled(element):
-            n_disabled += 1
-            continue
-        if not transform and "master_id" in element.attrib:
-            n_slaves += 1
-            continue
-        if not transform or sensor not in row_of:
-            n_left += 1
-            continue
-        matrix = _numbers(transform, f"transform of {shown(label)}", (16,)).reshape(4, 4)
-        place, scale = places.get(element.get("component_id"), places[None])
-        matrix[:3, 3] *= 1.0 if scale is None else scale
-        matrices.append(place @ matrix)
-        scales.add(scale)
-        index.append(row_of[sensor])
-        images.append(label)
-    if n_disabled:
-        border.note(f"{n_disabled} images left out: they are disabled")
-    if n_slaves:
-        border.note(
-            f"{n_slaves} images of further cameras of a rig left out: only their master has a "
-            "transform"
-        )
-    if n_left:
-        border.note(f"{n_left} images left out: they have no transform, or no calibrated sensor")
+            left_out["left out: they are disabled"] += 1
+        elif "transform" not in own and "master_id" in own:
+            left_out["of further cameras of a rig left out: only their master has a transform"] += 1
+        elif "transform" not in own or sensor not in row_of:
+            left_out["left out: they have no transform, or no calibrated sensor"] += 1
+        else:
+            matrix = own.array("transform", (16,)).reshape(4, 4)
+            place, scale = places.get(own.get("component_id"), places[None])
+            matrix[:3, 3] *= 1.0 if scale is None else scale
+            matrices.append(place @ matrix)
+            scales.add(scale)
+            index.append(row_of[sensor])
+            images.append(own.text("label", f"camera {own.get('id', '')}"))
+    for why, count in left_out.items():
+        border.note(f"{count} images {why}")
     if None in scales and len(scales) > 1:
         border.note("some components have a scale and others none: lengths do not fit together")
-    reference = _text(chunk, "reference", "")
+    reference = Words(chunk, "chunk").text("reference", "")
     if reference.startswith(("GEO", "PROJ", "COMPD")) and None not in scales:
         border.note("the chunk is georeferenced: poses are geocentric, in metres")
     return border.views(
-        cameras,
-        names,
+        [camera for _, camera in sensors.values()],
+        [label for label, _ in sensors.values()],
         world_from_camera=np.array(matrices).reshape(-1, 4, 4),
         camera=index,
         images=images,
@@ -138,73 +129,57 @@ def _is_enabled(element: Element) -> bool:
     return element.get("enabled", "true").strip().lower() not in ("false", "0")
 
 
-def _sensors(chunk: Element, border: Border) -> tuple[list[Camera], list[str], dict[str, int]]:
-    cameras: list[Camera] = []
-    names: list[str] = []
-    row_of: dict[str, int] = {}
+def _sensors(chunk: Element, border: Border) -> dict[str, tuple[str, Camera]]:
+    """Labels and cameras of the sensors by id."""
+    sensors: dict[str, tuple[str, Camera]] = {}
     without: list[str] = []
     for sensor in _each(chunk, "sensors", "sensor"):
         label = sensor.get("label", f"sensor {sensor.get('id', '')}")
         kind = sensor.get("type", "frame")
         found = children(sensor, "calibration")
         adjusted = [each for each in found if each.get("class") == "adjusted"]
-        if not found and kind != "spherical":
+        if found or kind == "spherical":
+            camera = _camera((adjusted or found or [sensor])[0], kind, label, sensor)
+            sensors[sensor.get("id", "")] = label, camera
+        else:
             without.append(label)
-            continue
-        row_of[sensor.get("id", "")] = len(cameras)
-        cameras.append(_camera((adjusted or found or [sensor])[0], kind, label, sensor))
-        names.append(label)
     if without:
         more = f" (and {len(without) - 1} others)" if len(without) > 1 else ""
         border.note(f"sensor {shown(without[0])}{more} left out: it has no calibration")
-    if not cameras:
+    if not sensors:
         raise CameraError("a sensor with a calibration wanted, got none; align the photos first")
-    return cameras, names, row_of
+    return sensors
 
 
-def _camera(element: Element, kind: str, label: str, sensor: Element | None = None) -> Camera:
+def _camera(element: Element, kind: str, label: str, *sensor: Element) -> Camera:
     """Camera of a calibration; the size may be in the sensor."""
+    what = f"sensor {shown(label)}"
     if kind not in MODELS:
-        raise CameraError(
-            f"sensor {shown(label)}: its type must be one of {', '.join(MODELS)}, got {shown(kind)}"
-        )
-    holders = [element] if sensor is None else [element, sensor]
-    sizes = [size for holder in holders for size in children(holder, "resolution")]
-    where = sizes[0].attrib if sizes else {c: _text(element, c, "") for c in ("width", "height")}
-    words = [where.get(name, "") for name in ("width", "height")]
-    if not all(word.isdecimal() for word in words):
-        raise CameraError(f"sensor {shown(label)}: its width and height wanted, got {shown(words)}")
-    width, height = (image_side("side", int(word[:20])) for word in words)
+        raise CameraError(f"{what}: its type must be one of {', '.join(MODELS)}, got {shown(kind)}")
+    values = Words(element, what)
+    sizes = [size for holder in (element, *sensor) for size in children(holder, "resolution")]
+    size = Words(sizes[0], what) if sizes else values
+    width, height = size.side("width"), size.side("height")
     if kind == "spherical":
         if width != 2 * height:
             raise CameraError(
-                f"sensor {shown(label)}: a spherical image of 2:1 wanted, which is of all "
+                f"{what}: a spherical image of 2:1 wanted, which is of all "
                 f"directions, got {width} x {height}; its scale is not in the file"
             )
         return panorama(width, height)
-    if children(element, "fx"):
-        raise CameraError(
-            f"sensor {shown(label)} is of a version before 1.3, which has fx; export it again with "
-            "a later one"
-        )
-
-    def of(name: str, default: str = "0") -> float:
-        return float(_numbers(_text(element, name, default), f"{label}: {name}", (1,))[0])
-
-    c = {name: of(name) for name in TERMS}
-    for each in element:
-        name = local_name(each)
-        if not UNKNOWN_TERM.fullmatch(name) or name in (*TERMS, "b1", "b2"):
-            continue
-        text = (each.text or "").strip() or "0"
-        if value := _numbers(text, f"{label}: {name}", (1,))[0]:
+    if "fx" in values:
+        raise CameraError(f"{what} is of a version before 1.3, which has fx; export it again")
+    c = dict.fromkeys(KNOWN_TERMS, 0.0)
+    c |= {name: values.number(name) for name in values.names() if TERM.fullmatch(name)}
+    for name, value in c.items():
+        if value and name not in KNOWN_TERMS:
             raise CameraError(
-                f"sensor {shown(label)}: its term {name} has no model here, got {value:g}; "
-                "calibrate again without it, or undistort the photos"
+                f"{what}: its term {name} has no model here, got {value:g}; calibrate again "
+                "without it, or undistort the photos"
             )
-    b1, f = of("b1"), of("f", "")
-    c |= {"fx": f + b1, "fy": f, "skew": of("b2")}
-    c |= {"cx": width / 2 + of("cx"), "cy": height / 2 + of("cy")}
+    f = values.number("f")
+    c |= {"fx": f + c["b1"], "fy": f, "skew": c["b2"]}
+    c |= {"cx": width / 2 + c["cx"], "cy": height / 2 + c["cy"]}
     return lens_camera(MODELS[kind].ours, (width, height), c)
 
 
@@ -220,18 +195,13 @@ def _places(chunk: Element) -> dict[str | None, tuple[FloatArray, float | None]]
 def _place(owner: Element) -> tuple[FloatArray, float | None]:
     place, scale = np.eye(4), None
     for transform in children(owner, "transform")[:1]:
-        rotation, translation = (
-            _text(transform, "rotation", ""),
-            _text(transform, "translation", ""),
-        )
-        if rotation:
-            place[:3, :3] = _numbers(rotation, "rotation of the chunk", (9,)).reshape(3, 3)
-        if translation:
-            place[:3, 3] = _numbers(translation, "translation of the chunk", (3,))
-        if text := _text(transform, "scale", ""):
-            scale = float(_numbers(text, "scale of the chunk", (1,))[0])
-            if scale <= 0:
-                raise CameraError(f"scale of the chunk must be positive, got {scale:g}")
+        own = Words(transform, "transform of the chunk")
+        if "rotation" in own:
+            place[:3, :3] = own.array("rotation", (9,)).reshape(3, 3)
+        if "translation" in own:
+            place[:3, 3] = own.array("translation", (3,))
+        if "scale" in own:
+            scale = own.positive("scale")
     return place, scale
 
 
@@ -246,12 +216,3 @@ def _each(owner: Element, group: str, name: str) -> list[Element]:
         else:
             stack += children(element, name, "group")[::-1]
     return found
-
-
-def _text(owner: Element, name: str, default: str) -> str:
-    found = children(owner, name)
-    return (found[0].text or "").strip() or default if found else default
-
-
-def _numbers(text: str, what: str, shape: tuple[int, ...]) -> FloatArray:
-    return checked([*map(number_of, text.split()[:100])], what, shape)

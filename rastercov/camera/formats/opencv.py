@@ -17,10 +17,10 @@ from typing import Any
 from xml.etree.ElementTree import Element
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import CameraError
+from rastercov.camera import FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import (
     Border,
@@ -28,12 +28,11 @@ from rastercov.camera.formats.conventions import (
     inverse_of,
     motions,
     opencv_terms,
+    yaml_matrix,
 )
 from rastercov.camera.formats.source import Source, number_of
 from rastercov.camera.rig import Views
 from rastercov.mesh.formats.xml_tree import local_name
-
-FloatArray = NDArray[np.float64]
 
 SIDES = ("left", "right", "l", "r", "rgb", "color", "depth", "ir")
 """Words of a name that tell cameras apart, beside numbers."""
@@ -41,6 +40,8 @@ FIRST_AND_SECOND = (("left", "right"), ("l", "r"))
 """Sides whose order is OpenCV's; numbers have one as well."""
 COEFFICIENT_WORD = re.compile(r"d|k|kc|dist(?!ance).*|coef.*")
 """Words of the names that distortion coefficients usually have."""
+NOT_FINITE = re.compile(r"(^|\s|[+-])\.(nan|inf)\b", re.IGNORECASE)
+"""As YAML writes what is no number."""
 LENGTHS = (4, 5, 8, 12, 14)
 """Numbers of coefficients of Brown's model; a fisheye has the first."""
 WIDTHS = ("image_width", "imageWidth", "image_Width", "width", "cols", "img_width")
@@ -54,8 +55,6 @@ OTHERS = (
     *("Image_points", "Grid_points", "Per_View_Reprojection_Errors"),
 )
 """Matrices that often come beside those of cameras."""
-MOST_VALUES = 10_000_000
-"""Values of a matrix that is looked at."""
 
 
 def is_mine(content: Any) -> bool:
@@ -79,27 +78,18 @@ def of_xml(root: Element) -> dict[str, Any]:
 def _xml_value(element: Element, depth: int) -> Any:
     if depth > 50:
         raise CameraError("nested deeper than 50")
-    text = (element.text or "").strip()
     if len(element):
         if all(local_name(each) == "_" for each in element):
             return [_xml_value(each, depth + 1) for each in element]
         table = {local_name(each): _xml_value(each, depth + 1) for each in element}
-        if "data" in table and element.get("type_id", "").startswith("opencv"):
-            data = table["data"]
-            table["data"] = data if isinstance(data, list) else [data] if data != "" else []
+        if table.get("data") == "":
+            table["data"] = []
         return table
-    words = [_number(word) for word in text.split()]
-    if words and all(not isinstance(word, str) for word in words):
+    text = (element.text or "").strip()
+    words = [number_of(word) for word in NOT_FINITE.sub(r"\1\2", text).split()]
+    if words and all(isinstance(word, float) for word in words):
         return words if len(words) > 1 else words[0]
     return text.strip('"')
-
-
-def _number(word: str) -> Any:
-    if word.lower().lstrip("+-") in (".nan", ".inf"):
-        word = word.replace(".", "")
-    is_whole = word.lstrip("+-").isdecimal() and len(word) < 20
-    value = number_of(word)
-    return int(word) if is_whole and isinstance(value, float) else value
 
 
 def read(content: Mapping[str, Any], border: Border) -> Views:
@@ -122,17 +112,20 @@ def read(content: Mapping[str, Any], border: Border) -> Views:
     named = [name for name, value in content.items() if _is_of_coefficients(name, value)]
     # A number by itself is none, such as n_coeffs beside D; k1 and k2 alone are not understood.
     named = [name for name in named if isinstance(content[name], Mapping | list)] or named
-    own_of: dict[str, list[str]] = {}
+    of_label: dict[str, list[str]] = {}
     for name in named:
-        own_of.setdefault(_label(name), []).append(name)
+        of_label.setdefault(_label(name), []).append(name)
     for label in labels:
         name = labelled[label]
-        own = own_of.get(label) or (named if len(matrices) == 1 else [])
-        key = _key_of_coefficients(
-            content, found, f"distortion_coefficients{label}", name, own, named
-        )
-        coefficients = np.zeros(0) if key is None else found[key].ravel()
+        own = of_label.get(label) or (named if len(matrices) == 1 else [])
+        if len(own) > 1 or (named and not own):
+            raise CameraError(
+                f"one vector of distortion coefficients for {name} wanted, got "
+                f"{', '.join(own or named)}; leave one, named distortion_coefficients{label}"
+            )
         known.update(own)
+        key = _key_of_coefficients(content, found, own)
+        coefficients = np.zeros(0) if key is None else found[key].ravel()
         cameras.append(_camera(content, label, matrices[name], coefficients, key or name, border))
     border.unknown.look("the file", [*found], frozenset(known), frozenset(known.difference(POSES)))
     return _views(found, cameras, labels, border)
@@ -145,36 +138,19 @@ def _order(label: str) -> tuple[bool, int, str]:
 
 
 def _key_of_coefficients(
-    content: Mapping[str, Any],
-    found: Mapping[str, FloatArray],
-    wanted: str,
-    matrix: str,
-    own: Sequence[str],
-    named: Sequence[str],
+    content: Mapping[str, Any], found: Mapping[str, FloatArray], own: Sequence[str]
 ) -> str | None:
-    """Name of the coefficients beside a camera matrix; None where the file has none of it.
-
-    `own` are the names of coefficients that belong to the matrix by their label, `named` those of
-    all, and `wanted` is a name for those of the matrix.
+    """Name of the coefficients of a camera, of one name or none; None where the file has none.
 
     Other vectors may have as many numbers, such as the reprojection errors of 12 images: only a
     name like D or distortion_coefficients is taken for one of coefficients.
     """
-    if len(own) > 1:
-        raise CameraError(
-            f"one vector of distortion coefficients for {matrix} wanted, got {', '.join(own)}; "
-            "leave one"
-        )
-    if not own and named:
-        raise CameraError(
-            f"distortion of {matrix} wanted, got {', '.join(named)}; rename it {wanted}"
-        )
     if not own:
         nameless = [name for name, value in found.items() if _is_vector(value, LENGTHS)]
         if nameless:
             raise CameraError(
-                f"distortion of {matrix} wanted by a name like D or dist, got {nameless[0]}; "
-                f"rename it {wanted} if it is that, and leave it out if not"
+                f"distortion wanted by a name like D or dist, got {nameless[0]}; rename it "
+                "distortion_coefficients if it is that, and leave it out if not"
             )
         return None
     (key,) = own
@@ -210,8 +186,8 @@ def _arrays(content: Mapping[str, Any]) -> dict[str, FloatArray]:
     """Matrices of numbers by their names; lists of numbers, or of rows, are some as well."""
     found: dict[str, FloatArray] = {}
     for name, value in content.items():
-        if _is_matrix(value) or (
-            isinstance(value, Mapping) and {"rows", "cols", "data"} <= value.keys()
+        if isinstance(value, Mapping) and (
+            _is_matrix(value) or {"rows", "cols", "data"} <= value.keys()
         ):
             found[name] = _matrix(name, value)
         elif isinstance(value, list) and len(value) <= 100:
@@ -224,27 +200,23 @@ def _arrays(content: Mapping[str, Any]) -> dict[str, FloatArray]:
 
 
 def _matrix(name: str, value: Mapping[str, Any]) -> FloatArray:
-    rows: Any = value.get("rows")
-    cols: Any = value.get("cols")
+    if "rows" in value:
+        sides = [value["rows"], value.get("cols")]
+    else:  # a matrix with one dimension, or with three and more
+        first, *others = np.ravel(np.array(value.get("sizes", 0), object)).tolist() or [0]
+        sides = [*others, first]
+    dt = re.fullmatch(r"([1-4])[a-zA-Z]", str(value.get("dt")).strip('"'))
+    channels = int(dt[1]) if dt else 1
     data = value["data"]
-    sizes = value.get("sizes")  # of a matrix with one dimension, or with three and more
-    if isinstance(sizes, int | list) and rows is None:
-        sides = sizes if isinstance(sizes, list) else [sizes]
-        is_whole = all(isinstance(side, int) and 0 < side <= MOST_VALUES for side in sides)
-        rows, cols = (math.prod(sides[1:]), sides[0]) if is_whole and sides else (sizes, None)
-    dt = value.get("dt", "d")
-    channels = 1
-    if isinstance(dt, str) and (match := re.fullmatch(r"([1-4]?)([a-zA-Z])", dt.strip('"'))):
-        channels = int(match[1] or 1)
-    whole = all(isinstance(each, int) and 0 <= each <= MOST_VALUES for each in (rows, cols))
-    wanted = rows * cols * channels if whole else -1
     data = data if isinstance(data, list) else [data] if data is not None else []
-    if not 0 <= wanted <= MOST_VALUES or len(data) != wanted:
+    count = channels * math.prod(map(finite_number, sides))  # NaN where one is no number
+    if count != len(data) or not all(side == int(side) >= 0 for side in sides):
         raise CameraError(
-            f"{name}: {shown(rows)} x {shown(cols)} numbers wanted, got {len(data)}; the file is "
+            f"{name}: {' x '.join(map(shown, sides))} numbers wanted, got {len(data)}; the file is "
             "truncated or broken, export it again"
         )
-    array = np.array([finite_number(each) for each in data]).reshape(rows, cols * channels)
+    array = np.array([finite_number(each) for each in data])
+    array = array.reshape(math.prod(map(int, sides[:-1])), int(sides[-1]) * channels)
     # Points of the pattern may be anything.
     if array.shape[1] <= 14 and not np.isfinite(array).all():
         raise CameraError(f"{name} must have finite numbers, got {shown(data)}; correct it")
@@ -310,9 +282,8 @@ def _omnidirectional(
             f"a number xi and 4 coefficients of cv2.omnidir wanted, got {shown(given)} and "
             f"{len(coefficients)}; correct them, or leave xi out"
         )
-    camera = Camera.from_opencv(matrix, *size)
-    values = coefficients.tolist() or [0.0] * 4
-    return replace(camera, model="omni", distortion=(xi, *values))
+    values = (xi, *(coefficients.tolist() or [0.0] * 4))
+    return replace(Camera.from_opencv(matrix, *size), model="omni", distortion=values)
 
 
 def _says_fisheye(content: Mapping[str, Any]) -> bool | None:
@@ -324,10 +295,9 @@ def _says_fisheye(content: Mapping[str, Any]) -> bool | None:
                 raise CameraError(f"{name} must be 0 or 1, got {shown(flag)}; correct it")
             return bool(flag)
     model = str(content.get("distortion_model", content.get("camera_model", ""))).lower()
-    if "fisheye" in model or model in ("equidistant", "kannala_brandt"):
-        return True
-    is_brown = model in ("plumb_bob", "radtan", "brown", "pinhole", "rational_polynomial")
-    return False if is_brown else None
+    if model in ("plumb_bob", "radtan", "brown", "pinhole", "rational_polynomial"):
+        return False
+    return "fisheye" in model or model in ("equidistant", "kannala_brandt") or None
 
 
 def _size(content: Mapping[str, Any], label: str) -> tuple[Any, Any] | None:
@@ -353,40 +323,33 @@ def _views(
     """Views with the poses that a storage may have beside its cameras."""
     names = [f"camera {label}" if label else "camera" for label in labels]
     rotation, translation = found.get("R"), found.get("T")
-    is_pair = len(cameras) == 2 and rotation is not None and translation is not None
-    if is_pair and not (tuple(labels) in FIRST_AND_SECOND or all(map(str.isdecimal, labels))):
+    # OpenCV 2.4 and 3.0 began the words with capitals.
+    boards = found.get("extrinsic_parameters", found.get("Extrinsic_Parameters"))
+    if len(cameras) == 2 and rotation is not None and translation is not None:
+        if tuple(labels) in FIRST_AND_SECOND or all(map(str.isdecimal, labels)):
+            if rotation.shape != (3, 3) or translation.size != 3:
+                raise CameraError("R of 3 x 3 and T of 3 numbers wanted, from camera 1 to camera 2")
+            second = inverse_of(motions([rotation], [translation.ravel()]))
+            places = np.concatenate([np.eye(4)[None], second])
+            border.note("poses are in the frame of the first camera")
+            return border.views(
+                cameras,
+                names,
+                world_from_camera=places,
+                camera=[0, 1],
+                images=names,
+                rig_from_camera=places,
+            )
         border.note(
             f"R and T are left out: they lead from the first camera to the second, and the file "
             f"does not say whether {labels[0]} is the first; rename {labels[0]} and {labels[1]} to "
             "1 and 2"
         )
-    elif is_pair:
-        assert rotation is not None
-        assert translation is not None
-        if rotation.shape != (3, 3) or translation.size != 3:
-            raise CameraError("R of 3 x 3 and T of 3 numbers wanted, from camera 1 to camera 2")
-        second = inverse_of(motions([rotation], [translation.ravel()]))
-        places = np.concatenate([np.eye(4)[None], second])
-        border.note("poses are in the frame of the first camera")
-        return border.views(
-            cameras,
-            names,
-            world_from_camera=places,
-            camera=[0, 1],
-            images=names,
-            rig_from_camera=places,
-        )
-    # OpenCV 2.4 and 3.0 began the words with capitals.
-    boards = found.get("extrinsic_parameters", found.get("Extrinsic_Parameters"))
-    if boards is not None and boards.shape[1] == 6 and len(cameras) == 1:
+    elif boards is not None and boards.shape[1] == 6 and len(cameras) == 1:
         border.note("poses are those of extrinsic_parameters, in the frame of the pattern")
         poses = inverse_of(from_vectors(boards[:, :3], boards[:, 3:]))
-        return border.views(
-            cameras,
-            names,
-            world_from_camera=poses,
-            images=[f"view {row}" for row in range(len(poses))],
-        )
+        images = [f"view {row}" for row in range(len(poses))]
+        return border.views(cameras, names, world_from_camera=poses, images=images)
     return border.views(cameras, names)
 
 
@@ -432,19 +395,7 @@ def text_of(views: Views) -> str:
     lines.append(f"fisheye_model: {int(is_fisheye)}")
     k = camera.opencv_K
     k[0, 1] = camera.skew
-    lines += _block("camera_matrix", k)
-    lines += _block("distortion_coefficients", np.array(values)[:, None])
+    lines += yaml_matrix("camera_matrix", k, " !!opencv-matrix", "dt: d")
+    coefficients = np.array(values)[:, None]
+    lines += yaml_matrix("distortion_coefficients", coefficients, " !!opencv-matrix", "dt: d")
     return "\n".join([*lines, ""])
-
-
-def _block(name: str, matrix: FloatArray) -> list[str]:
-    """Lines of a matrix; numbers with a point, which OpenCV takes for real ones."""
-    rows, cols = matrix.shape
-    words = ", ".join(repr(float(value)) for value in matrix.ravel())
-    return [
-        f"{name}: !!opencv-matrix",
-        f"   rows: {rows}",
-        f"   cols: {cols}",
-        "   dt: d",
-        f"   data: [ {words} ]",
-    ]

@@ -9,13 +9,12 @@ opensfm/src/geometry/camera_distortions_functions.h.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.checks import shown
 from rastercov.base.errors import CameraError
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import Border, from_vectors, inverse_of, lens_camera
@@ -72,22 +71,16 @@ def read(content: Any, border: Border) -> Views:
         names = [word for word in each.names() if not word.endswith("_prior")]
         border.unknown.look(each.where, names, KNOWN_OF_CAMERA)
         cameras.append(_camera(each))
-    index, vectors, translations, images = [], [], [], []
-    for name, shot in entries.tables("shots"):
-        camera = shot.text("camera")
-        if camera not in row_of:
-            raise CameraError(f"{shot.where}: there is no camera {shown(camera)}")
-        index.append(row_of[camera])
-        vectors.append(shot.array("rotation", (3,)))
-        translations.append(shot.array("translation", (3,)))
-        images.append(name)
     if not cameras:
         raise CameraError("a reconstruction with cameras wanted, got none")
+    shots = dict(entries.tables("shots"))
+    index = [row_of[shot.choice("camera", row_of)] for shot in shots.values()]
+    images = list(shots)
     frames, rig_cameras = _instances(entries, images)
     return border.views(
         cameras,
         list(row_of),
-        world_from_camera=inverse_of(from_vectors(vectors, translations)),
+        world_from_camera=_poses(shots.values()),
         camera=index,
         images=images,
         frames=frames,
@@ -102,7 +95,7 @@ def _instances(entries: Entries, images: Sequence[str]) -> tuple[list[str], list
         for name, instance in entries.tables("rig_instances"):
             ids = instance.get("rig_camera_ids", {})
             if not isinstance(ids, Mapping):
-                raise CameraError(f"{instance.where}: rig_camera_ids must be a table of images")
+                raise instance.wrong("rig_camera_ids", "a table of images", ids)
             of_image |= {str(image): (name, str(camera)) for image, camera in ids.items()}
     found = [of_image.get(image, (f"image {image}", "")) for image in images]
     frames = [instance for instance, _ in found]
@@ -123,33 +116,26 @@ def _places(
         on_rig[row].add(name)
     if any(len(names) != 1 or not names <= table.keys() for names in on_rig):
         return None
-    poses = [table[name] for names in on_rig for name in names]
-    motions = from_vectors(
-        [pose.array("rotation", (3,)) for pose in poses],
-        [pose.array("translation", (3,)) for pose in poses],
-    )
-    return inverse_of(motions)
+    return _poses(table[name] for names in on_rig for name in names)
+
+
+def _poses(tables: Iterable[Entries]) -> NDArray[np.float64]:
+    """(N, 4, 4) inverse motions of rotation vectors and translations."""
+    rows = [(each.array("rotation", (3,)), each.array("translation", (3,))) for each in tables]
+    return inverse_of(from_vectors([row for row, _ in rows], [shift for _, shift in rows]))
 
 
 def _camera(entries: Entries) -> Camera:
-    kind = entries.text("projection_type", "perspective")
-    if kind not in MODELS:
-        raise CameraError(
-            f"{entries.where}: projection_type must be one of {', '.join(MODELS)}, got "
-            f"{shown(kind)}; undistort first"
-        )
+    ours, order = MODELS[entries.choice("projection_type", MODELS, "perspective")]
     width, height = entries.side("width"), entries.side("height")
-    ours, order = MODELS[kind]
     side = max(width, height)
     if ours == "equirectangular":
         # Longitude and latitude over 2 pi are both parts of the longer side, also where the image
         # is a part of the sphere.
         f = side / (2 * math.pi)
         return Camera(width=width, height=height, fx=f, fy=f, model=ours)
-    if "focal_x" in entries:
-        fx, fy = entries.number("focal_x"), entries.number("focal_y")
-    else:
-        fx = fy = entries.number("focal")
+    focals = ("focal_x", "focal_y") if "focal_x" in entries else ("focal", "focal")
+    fx, fy = map(entries.number, focals)
     p = {name: entries.number(_own_name(name), 0.0) for name in order.split()}
     p |= {"fx": fx * side, "fy": fy * side}
     p["cx"] = width / 2 + entries.number("c_x", 0.0) * side

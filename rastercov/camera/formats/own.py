@@ -9,6 +9,7 @@ camera of each pose; a file of poses alone may have names of cameras that anothe
 `read_poses` reads the poses of such files, too. Lengths are metres.
 """
 
+import io
 import json
 from collections import Counter
 from collections.abc import Mapping
@@ -19,6 +20,7 @@ from numpy.typing import NDArray
 
 from rastercov.base.checks import shown
 from rastercov.base.errors import CameraError, PoseError
+from rastercov.base.format import plural
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import Border
 from rastercov.camera.formats.source import Entries
@@ -36,79 +38,66 @@ def is_mine(content: Any) -> bool:
     )
 
 
-def of_matrices(matrices: NDArray[Any], border: Border, names: Any = None) -> Views:
-    """Views of bare poses, maybe with the name of the camera of each."""
-    found = as_matrices(matrices[None] if matrices.shape == (4, 4) else matrices)
-    known: list[str] = []
-    if names is not None:
-        if not isinstance(names, list) or len(names) != len(found) or not _are_names(names):
-            raise PoseError(f"camera must be {len(found)} names of cameras, got {shown(names)}")
-        known = list(dict.fromkeys(names))
-        row_of = {name: row for row, name in enumerate(known)}
-    return border.views(
-        None,
-        world_from_camera=border.of_convention(found),
-        camera=None if names is None else [row_of[name] for name in names],
-        camera_names=known,
-        metres=border.metres(1.0),
-        drift=DRIFT_TOLERANCE,
-    )
+def of_matrices(matrices: NDArray[Any], border: Border) -> Views:
+    """Views of bare poses."""
+    return _views(matrices, border, Entries({}, "the file"), None, [])
 
 
 def read(content: Any, border: Border) -> Views:
     """Views of a JSON or TOML table."""
     entries = Entries(content, "the file")
-    if entries.any_of("cameras", "world_from_camera"):  # a camera by itself has its own check
-        border.unknown.look("the file", entries.names(), KNOWN, frozenset({"images"}))
-    if "cameras" not in entries:
-        if "world_from_camera" not in entries:
-            return border.views([Camera.from_dict(content)], metres=1.0)
-        return of_matrices(_matrices(entries), border, entries.get("camera"))
+    if not entries.any_of("cameras", "world_from_camera"):  # a camera by itself has its own check
+        return border.views([Camera.from_dict(content)], metres=1.0)
+    border.unknown.look("the file", entries.names(), KNOWN, frozenset({"images"}))
+    poses: NDArray[Any] = np.zeros((0, 4, 4))
+    if "world_from_camera" in entries:
+        poses = real_numbers("poses", entries.need("world_from_camera"), "(P, 4, 4)")
+    if "cameras" in entries:
+        return _views(poses, border, entries, *_cameras(entries))
+    given = entries.get("camera")
+    known = [each for each in given if isinstance(each, str) and each] if given else []
+    return _views(poses, border, entries, None, list(dict.fromkeys(known)))
+
+
+def _cameras(entries: Entries) -> tuple[list[Camera], list[str]]:
+    """Cameras and their names, which are different."""
+    if not isinstance(given := entries.get("cameras"), list):
+        raise entries.wrong("cameras", "a list of tables, each with its name", given)
     cameras: list[Camera] = []
     names: list[str] = []
-    given = entries.get("cameras")
-    if not isinstance(given, list):
-        raise CameraError(
-            f"cameras must be a list of tables, each with its name, got {shown(given)}"
-        )
-    for number, each in entries.tables("cameras"):
+    for (number, each), table in zip(entries.tables("cameras"), given, strict=True):
         names.append(each.text("name", f"camera {number}"))
-        fields = {k: v for k, v in given[len(cameras)].items() if k != "name"}
         try:
-            cameras.append(Camera.from_dict(fields))
+            cameras.append(Camera.from_dict({k: v for k, v in table.items() if k != "name"}))
         except CameraError as error:
             raise CameraError(f"camera {shown(names[-1])}: {error}") from None
     if not cameras:
         raise CameraError("at least one camera wanted, got none")
-    row_of = {name: row for row, name in enumerate(names)}
-    if len(row_of) < len(names):
-        [(twice, _)] = Counter(names).most_common(1)
-        raise CameraError(f"two cameras are named {shown(twice)}; give each a name of its own")
-    poses: NDArray[Any] = np.zeros((0, 4, 4))
-    if "world_from_camera" in entries:
-        poses = border.of_convention(as_matrices(_matrices(entries)))
-    index = entries.get("camera")
-    if index is not None:
-        wanted = f"{len(poses)} indices or names of {len(cameras)} cameras"
-        is_list = isinstance(index, list) and len(index) == len(poses)
-        if is_list and index and _are_names(index) and row_of.keys() >= set(index):
-            index = [row_of[name] for name in index]
-        if not is_list or not all(type(i) is int and 0 <= i < len(cameras) for i in index):
-            raise PoseError(f"camera must be {wanted}, got {shown(index)}")
-    elif len(poses) and len(cameras) > 1:
-        raise PoseError(
-            f"the poses do not say which of {len(cameras)} cameras each is of; add camera, a list "
-            f"of {len(poses)} indices or names"
-        )
-    images, frames = (_texts(entries, name, len(poses)) for name in ("images", "frame"))
+    [(name, count)] = Counter(names).most_common(1)
+    if count > 1:
+        raise CameraError(f"two cameras are named {shown(name)}; give each a name of its own")
+    return cameras, names
+
+
+def _views(
+    matrices: NDArray[Any],
+    border: Border,
+    entries: Entries,
+    cameras: list[Camera] | None,
+    names: list[str],
+) -> Views:
+    """Views of poses with these cameras; None for those of another file, which have names."""
+    poses = as_matrices(matrices[None] if matrices.shape == (4, 4) else matrices)
     places = None
-    if "rig_from_camera" in entries:
+    if cameras is not None and "rig_from_camera" in entries:
         places = entries.array("rig_from_camera", (len(cameras), 4, 4))
+    images, frames = (_texts(entries, name, len(poses)) for name in ("images", "frame"))
     return border.views(
         cameras,
         names,
-        world_from_camera=poses,
-        camera=index,
+        world_from_camera=border.of_convention(poses),
+        camera=_indices(entries, len(poses), names, has_cameras=cameras is not None),
+        camera_names=names,
         images=images,
         frames=frames or (),
         rig_from_camera=places,
@@ -117,24 +106,35 @@ def read(content: Any, border: Border) -> Views:
     )
 
 
+def _indices(
+    entries: Entries, count: int, names: list[str], *, has_cameras: bool
+) -> list[int] | None:
+    """Index of the camera of each pose, which a file has by index or by name."""
+    given = entries.get("camera")
+    if given is None:
+        if has_cameras and count and len(names) > 1:
+            raise PoseError(
+                f"the poses do not say which of {len(names)} cameras each is of; add camera, a "
+                f"list of {count} indices or names"
+            )
+        return None
+    row_of = {name: row for row, name in enumerate(names)}
+    given = given if isinstance(given, list) and len(given) == count else [given]
+    found = [row_of.get(each) if isinstance(each, str) else each for each in given]
+    rows = range(len(names) if has_cameras or all(type(each) is str for each in given) else 0)
+    if not all(type(each) is int and each in rows for each in found):
+        wanted = f"indices or names of {len(names)} cameras" if has_cameras else "names of cameras"
+        raise PoseError(f"camera must be {count} {wanted}, got {shown(given)}")
+    return found  # type: ignore[return-value] # all whole
+
+
 def _texts(entries: Entries, name: str, count: int) -> list[str] | None:
     """A text for each pose, or None where the file has no such entry."""
     texts = entries.get(name)
-    if texts is not None and not (
-        isinstance(texts, list)
-        and len(texts) == count
-        and all(isinstance(text, str) for text in texts)
-    ):
+    is_row = isinstance(texts, list) and len(texts) == count
+    if texts is not None and not (is_row and all(isinstance(text, str) for text in texts)):
         raise PoseError(f"{name} must be {count} texts, got {shown(texts)}")
-    return texts
-
-
-def _are_names(values: list[Any]) -> bool:
-    return all(isinstance(value, str) and value for value in values)
-
-
-def _matrices(entries: Entries) -> NDArray[Any]:
-    return real_numbers("poses", entries.need("world_from_camera"), "(P, 4, 4)")
+    return texts  # type: ignore[no-any-return] # all texts
 
 
 def toml_of(camera: Camera) -> str:
@@ -149,6 +149,22 @@ def toml_of(camera: Camera) -> str:
     return "".join(f"{name} = {value(each)}\n" for name, each in camera.to_json().items())
 
 
+def bytes_of(views: Views, suffix: str, notes: list[str]) -> bytes:
+    """A file for these views; what is lost, unless it is .json, is added to `notes`."""
+    if suffix == ".npy":
+        if views.rig is not None or views.camera_names:
+            notes.append(".npy holds poses alone: cameras and names of images are left out")
+        buffer = io.BytesIO()
+        np.save(buffer, views.poses.world_from_camera)
+        return buffer.getvalue()
+    if suffix == ".toml":
+        if n_poses := len(views.poses):
+            notes.append(f"left out: {plural(n_poses, 'pose')}: a .toml file holds one camera")
+        return toml_of(views.camera()).encode()
+    # Not `json_bytes`, which has no infinity: a camera may be in focus as far as that.
+    return (json.dumps(content_of(views), indent=1) + "\n").encode()
+
+
 def content_of(views: Views) -> dict[str, Any]:
     """The table for these views; nothing is lost."""
     content: dict[str, Any] = {}
@@ -157,9 +173,7 @@ def content_of(views: Views) -> dict[str, Any]:
             {"name": name, **camera.to_json()}
             for name, camera in zip(views.rig.names, views.rig.cameras, strict=True)
         ]
-        if not np.array_equal(
-            views.rig.rig_from_camera, np.tile(np.eye(4), (len(views.rig), 1, 1))
-        ):
+        if (views.rig.rig_from_camera != np.eye(4)).any():
             content["rig_from_camera"] = views.rig.rig_from_camera.tolist()
     if len(views.poses):
         content["world_from_camera"] = views.poses.world_from_camera.tolist()

@@ -13,7 +13,7 @@ import numpy as np
 
 from rastercov.base.errors import CameraError
 from rastercov.camera.camera import Camera
-from rastercov.camera.formats.conventions import Border, opencv_terms
+from rastercov.camera.formats.conventions import Border, opencv_terms, yaml_matrix
 from rastercov.camera.formats.source import Entries, checked
 from rastercov.camera.rig import Views
 
@@ -57,11 +57,7 @@ def read(content: Any, border: Border) -> Views:
     width, height = ("image_width", "image_height") if is_file else ("width", "height")
     matrix = _numbers(info, info.any_of("camera_matrix", "K", "k") or "K", 9).reshape(3, 3)
     key = info.any_of("distortion_coefficients", "D", "d")
-    model = info.text("distortion_model", "")
-    if model not in COUNTS:
-        raise CameraError(
-            f"distortion_model must be one of {', '.join(filter(None, COUNTS))}, got {model[:40]!r}"
-        )
+    model = info.choice("distortion_model", COUNTS, "")
     coefficients = _numbers(info, key, *COUNTS[model]) if key else np.zeros(0)
     is_fisheye = model in ("equidistant", "fisheye")
     camera = Camera.from_opencv(
@@ -71,11 +67,10 @@ def read(content: Any, border: Border) -> Views:
         coefficients.tolist() if is_fisheye or coefficients.any() else (),
         fisheye=is_fisheye,
     )
-    for name in ("binning_x", "binning_y"):
-        if info.number(name, 0.0) > 1:
-            border.note(f"{name} is not applied: the camera is that of the full image")
-    if "roi" in info and info.table("roi").number("width", 0.0):
-        border.note("roi is not applied: the camera is that of the full image")
+    applied = [name for name in ("binning_x", "binning_y") if info.number(name, 0.0) > 1]
+    applied += ["roi"] if "roi" in info and info.table("roi").number("width", 0.0) else []
+    for name in applied:
+        border.note(f"{name} is not applied: the camera is that of the full image")
     if "projection_matrix" in info or info.any_of("P", "p"):
         border.note("the camera is that of raw images; rectified ones have projection_matrix")
     return border.views([camera], [info.text("camera_name", "camera") or "camera"])
@@ -106,16 +101,13 @@ def text_of(views: Views) -> str:
     k = camera.opencv_K
     k[0, 1] = camera.skew
     name = "".join(c if c.isalnum() else "_" for c in views.rig.names[0])
-    blocks = (
+    lines = [f"image_width: {camera.width}", f"image_height: {camera.height}"]
+    lines += [f'camera_name: "{name}"', f"distortion_model: {model}"]
+    for key, array in (
         ("camera_matrix", k),
         ("distortion_coefficients", np.array([coefficients])),
         ("rectification_matrix", np.eye(3)),
         ("projection_matrix", np.hstack([k, np.zeros((3, 1))])),
-    )
-    lines = [f"image_width: {camera.width}", f"image_height: {camera.height}"]
-    lines += [f'camera_name: "{name}"', f"distortion_model: {model}"]
-    for key, array in blocks:
-        words = ", ".join(repr(float(each)) for each in array.ravel())
-        rows, cols = array.shape
-        lines += [f"{key}:", f"  rows: {rows}", f"  cols: {cols}", f"  data: [{words}]"]
+    ):
+        lines += yaml_matrix(key, array)
     return "\n".join([*lines, ""])

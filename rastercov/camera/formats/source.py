@@ -1,13 +1,13 @@
 """Content of a file to be recognised and read: its bytes once, what they parse to, and look-ups."""
 
-from collections.abc import Iterator, Mapping
+import math
+from collections.abc import Collection, Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import Element
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.base.checks import finite_number, image_side, shown
 from rastercov.base.errors import CameraError, MeshError
@@ -19,14 +19,15 @@ from rastercov.base.files import (
     parsed_json,
     read_toml,
 )
-from rastercov.mesh.formats.xml_tree import parsed
-
-FloatArray = NDArray[np.float64]
+from rastercov.camera import FloatArray
+from rastercov.mesh.formats.xml_tree import local_name, parsed
 
 XML_BUDGET = 8 << 30
 """Bytes of memory that a tree of XML may need."""
 LARGEST_YAML = 16 << 20
 """Bytes: 20 s of parsing where PyYAML has no compiled parser."""
+MOST_CHOICES = 20
+"""Words that an error lists."""
 
 
 class Source:
@@ -116,14 +117,30 @@ class Entries:
             raise CameraError(f"{self.where}: {name} is missing; export the file again")
         return self._table[name]
 
+    def wrong(self, name: str, wanted: str, got: Any) -> CameraError:
+        """Error of an entry that is not what was wanted."""
+        return CameraError(f"{self.where}: {name} must be {wanted}, got {shown(got)}; correct it")
+
     def number(self, name: str, default: float | None = None) -> float:
         """A finite number."""
         value = self.need(name) if default is None else self.get(name, default)
         found = finite_number(value)
         if np.isnan(found):
-            raise CameraError(
-                f"{self.where}: {name} must be a finite number, got {shown(value)}; correct it"
-            )
+            raise self.wrong(name, "a finite number", value)
+        return found
+
+    def positive(self, name: str, default: float | None = None) -> float:
+        """A finite number above 0."""
+        found = self.number(name, default)
+        if found <= 0:
+            raise self.wrong(name, "positive", found)
+        return found
+
+    def angle(self, name: str, unit: float = 1.0) -> float:
+        """An angle of view in radians, from one in a unit of some radians."""
+        found = self.number(name) * unit
+        if not 0 < found < math.pi:
+            raise self.wrong(name, "above 0 and below half a turn", self.number(name))
         return found
 
     def side(self, name: str) -> int:
@@ -134,14 +151,22 @@ class Entries:
         """A text."""
         value = self.need(name) if default is None else self.get(name, default)
         if not isinstance(value, str):
-            raise CameraError(f"{self.where}: {name} must be a text, got {shown(value)}")
+            raise self.wrong(name, "a text", value)
+        return value
+
+    def choice(self, name: str, choices: Collection[str], default: str | None = None) -> str:
+        """One of some words."""
+        value = self.text(name, default)
+        if value not in choices:
+            words = [word for word in choices if word][:MOST_CHOICES]
+            raise self.wrong(name, f"one of {', '.join(words)}", value)
         return value
 
     def flag(self, name: str) -> bool:
         """A truth value, False where it is missing; 0 and 1 count."""
         value = self.get(name, False)
         if value not in (0, 1):
-            raise CameraError(f"{self.where}: {name} must be true or false, got {shown(value)}")
+            raise self.wrong(name, "true or false", value)
         return bool(value)
 
     def table(self, name: str) -> "Entries":
@@ -151,14 +176,10 @@ class Entries:
     def tables(self, name: str) -> Iterator[tuple[str, "Entries"]]:
         """Tables of a list or a table within, with their names or numbers."""
         value = self.need(name)
-        if isinstance(value, Mapping):
-            pairs = [(str(key), each) for key, each in value.items()]
-        elif isinstance(value, list):
-            pairs = [(str(row), each) for row, each in enumerate(value)]
-        else:
-            raise CameraError(f"{self.where}: {name} must be a list or table, got {shown(value)}")
-        for key, each in pairs:
-            yield key, Entries(each, f"{self.where}, {name} {key[:60]}")
+        if not isinstance(value, Mapping | list):
+            raise self.wrong(name, "a list or table", value)
+        for key, each in value.items() if isinstance(value, Mapping) else enumerate(value):
+            yield str(key), Entries(each, f"{self.where}, {name} {str(key)[:60]}")
 
     def array(self, name: str, *shapes: tuple[int, ...]) -> FloatArray:
         """Finite numbers of one of these shapes, as a list or a list of rows."""
@@ -168,39 +189,46 @@ class Entries:
         """A list of at most `most` finite numbers."""
         value = self.need(name)
         if not isinstance(value, list) or len(value) > most:
-            raise CameraError(
-                f"{self.where}: {name} must be up to {most} numbers, got {shown(value)}"
-            )
+            raise self.wrong(name, f"up to {most} numbers", value)
         found: list[float] = checked(value, f"{self.where}: {name}", (len(value),)).tolist()
         return found
 
 
+class Words(Entries):
+    """A table of texts, of which numbers are read: an element of XML."""
+
+    def __init__(self, element: Element, where: str) -> None:
+        texts = {local_name(each): (each.text or "").strip() for each in reversed(element)}
+        table = {name: text for name, text in texts.items() if text} | element.attrib
+        super().__init__(table, where)
+
+    def number(self, name: str, default: float | None = None) -> float:
+        """A finite number."""
+        if default is not None and name not in self:
+            return default
+        return float(self.array(name, (1,))[0])
+
+    def array(self, name: str, *shapes: tuple[int, ...]) -> FloatArray:
+        """Finite numbers, as many as one of these lengths."""
+        words = self.text(name).split()[:100]
+        return checked([*map(number_of, words)], f"{self.where}: {name}", *shapes)
+
+
 def checked(value: Any, what: str, *shapes: tuple[int, ...]) -> FloatArray:
     """Finite numbers of one of these shapes; `what` names them in errors."""
-    most = max(int(np.prod(shape)) for shape in shapes)
-    found: list[float] = []
-    shape = _collect(value, found, most, depth=3)
-    if shape not in shapes or len(found) != np.prod(shape) or not np.isfinite(found).all():
+    shape = next((each for each in shapes if _fits(value, each)), None)
+    if shape is None:
         words = " or ".join(" x ".join(map(str, each)) for each in shapes)
         raise CameraError(f"{what} must be {words} finite numbers, got {shown(value)}; correct it")
-    return np.array(found, dtype=np.float64).reshape(shape)
+    return np.array(value, dtype=np.float64).reshape(shape)
 
 
-def _collect(value: Any, found: list[float], most: int, depth: int) -> tuple[int, ...] | None:
-    """Shape of a nested list, whose numbers are appended to `found`; None where it has no shape."""
-    if not isinstance(value, list):
-        found.append(finite_number(value))
-        return ()
-    if depth == 0 or len(value) > most:
-        return None
-    inner: set[tuple[int, ...] | None] = set()
-    for each in value:
-        if len(found) > most:
-            return None
-        inner.add(_collect(each, found, most, depth - 1))
-    if len(inner) > 1 or None in inner:
-        return None
-    return (len(value), *(inner.pop() if inner else ()))  # type: ignore[misc] # None is ruled out
+def _fits(value: Any, shape: tuple[int, ...]) -> bool:
+    """True for lists in lists with finite numbers in that shape."""
+    if not shape:
+        return not math.isnan(finite_number(value))
+    is_row = isinstance(value, list) and len(value) == shape[0]
+    return is_row and all(_fits(each, shape[1:]) for each in value)
 
 
 def number_of(word: str) -> float | str:

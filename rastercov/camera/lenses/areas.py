@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.memory import read_only
+from rastercov.camera import FloatArray
 from rastercov.camera.lenses.planes import IdealPlane, keep
 from rastercov.camera.lenses.quadrature import EdgeTable
 from rastercov.camera.lenses.slopes import slopes_in
@@ -23,7 +24,6 @@ from rastercov.kernels import lens_formulas
 from rastercov.kernels.lens import unproject_many
 from rastercov.kernels.lens_planes import PlaneRecord
 
-FloatArray = NDArray[np.float64]
 Misses = Callable[[FloatArray, FloatArray], NDArray[np.bool_]]
 
 PARTS = 64

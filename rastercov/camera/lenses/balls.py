@@ -17,11 +17,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from rastercov.camera import FloatArray
 from rastercov.kernels import lens_formulas
-
-FloatArray = NDArray[np.float64]
 
 ROUNDING = 1 + 1e-9
 """Factor on a bound, for the rounding of the operations on centres and radii."""

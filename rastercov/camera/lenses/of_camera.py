@@ -7,30 +7,28 @@ a camera, so that loops over surfaces cut by straight lines only (`kernels.lens_
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, lru_cache
-from typing import Any
+from functools import cached_property, lru_cache, wraps
+from typing import Any, Concatenate, ParamSpec, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rastercov.base.arguments import checked_array
 from rastercov.base.errors import CameraError
 from rastercov.base.memory import read_only
+from rastercov.camera import FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.lenses.areas import record_of
-from rastercov.camera.lenses.planes import IdealPlane, ideal_planes, keep, with_region
+from rastercov.camera.lenses.planes import IdealPlane, ideal_planes, with_region
 from rastercov.camera.lenses.quadrature import EdgeTable, edge_table
 from rastercov.camera.lenses.slopes import slopes_in
 from rastercov.camera.models import MODELS, coefficients_by_name
 from rastercov.kernels import lens, lens_formulas
 from rastercov.kernels import lens_field as kernels
 from rastercov.kernels.cameras import MOST_SIDES, CurvedLens
-from rastercov.kernels.lens import project_many
-from rastercov.kernels.lens_field import Slopes, side_of_image
+from rastercov.kernels.lens_field import Slopes
 from rastercov.kernels.lens_planes import PlaneRecord
 from rastercov.kernels.lens_polygons import edge_scratch, measure_polygons
-
-FloatArray = NDArray[np.float64]
 
 BASES = (
     *("pinhole", "equidistant", "equisolid", "fov", "unified", "double_sphere", "division"),
@@ -186,32 +184,33 @@ MOST_LENSES = 1024
 FIELD_TOLERANCE = 5e-6
 """Mean width of the undecided cells along a border of the image, in units of the plane."""
 FIRST_NODES = 4096
-SAMPLES = 64
-"""Points along a side of a plane's box at which the field of view is looked for."""
-GUARDS, GUARD_STEPS = 16, 2.0
-"""Directions of the lines around it, and their distance from it, in steps between points."""
-
-
-def optics_of(camera: Camera) -> Camera:
-    """A camera with the same lens that is in focus everywhere and has no near plane.
-
-    Cameras that differ in those alone share what is found of their lens, which takes seconds.
-    """
-    return Camera(
-        width=camera.width,
-        height=camera.height,
-        fx=camera.fx,
-        fy=camera.fy,
-        cx=camera.cx,
-        cy=camera.cy,
-        skew=camera.skew,
-        model=camera.model,
-        distortion=camera.distortion,
-        max_angle_deg=camera.max_angle_deg,
-    )
+OPTICS = (
+    *("width", "height", "fx", "fy", "cx", "cy", "skew", "model", "distortion", "max_angle_deg"),
+)
+"""Fields of a camera that make its lens."""
+Given = ParamSpec("Given")
+Found = TypeVar("Found")
+Of = Callable[Concatenate[Camera, Given], Found]
 
 
 @lru_cache(maxsize=MOST_LENSES)
+def optics_of(camera: Camera) -> Camera:
+    """A camera with the same lens that is in focus everywhere and has no near plane."""
+    return Camera(**{name: getattr(camera, name) for name in OPTICS})
+
+
+def _kept(function: Callable[Concatenate[Camera, Given], Found]) -> "Of[Given, Found]":
+    """Keep the result of a function of a lens, which takes seconds, for all that have the lens."""
+    found = lru_cache(maxsize=MOST_LENSES)(function)
+
+    @wraps(function)
+    def of_camera(camera: Camera, /, *arguments: Given.args, **named: Given.kwargs) -> Found:
+        return found(optics_of(camera), *arguments, **named)  # type: ignore[arg-type] # hashable
+
+    return of_camera
+
+
+@_kept
 def lens_of(camera: Camera) -> Lens:
     """Lens of a camera, the pinhole's own for one without distortion.
 
@@ -220,20 +219,16 @@ def lens_of(camera: Camera) -> Lens:
     CameraError
         For a lens that folds at its axis.
     """
-    if (optics := optics_of(camera)) != camera:
-        return lens_of(optics)
     return Lens(camera.width, camera.height, *terms_of(camera), camera.max_angle_deg)
 
 
-@lru_cache(maxsize=MOST_LENSES)
+@_kept
 def planes_of(camera: Camera) -> tuple[tuple[IdealPlane, PlaneRecord], ...]:
     """Ideal planes of the lens of a camera, and the same for the loops.
 
     Their pinholes end where the image of the lens does: those of one frame together, because they
     are solved once.
     """
-    if (optics := optics_of(camera)) != camera:
-        return planes_of(optics)
     planes = lens_of(camera).planes
     records = [
         record_of(plane, camera.width, camera.height, edge_table(plane, TOLERANCE))
@@ -261,11 +256,9 @@ def cropped(pinhole: Camera, points: FloatArray) -> Camera:
     return replace(pinhole, width=width, height=height, cx=pinhole.cx - left, cy=pinhole.cy - top)
 
 
-@lru_cache(maxsize=MOST_LENSES)
+@_kept
 def slopes_of(camera: Camera) -> tuple[Slopes, ...]:
     """Bounds of derivatives in each plane of a camera, in the order of `planes_of`."""
-    if (optics := optics_of(camera)) != camera:
-        return slopes_of(optics)
     # Those planes that `planes_of` has asked for its records, whose slopes are kept.
     return tuple(slopes_in(plane) for plane in lens_of(camera).planes)
 
@@ -302,13 +295,9 @@ def curved_lens(camera: Camera) -> CurvedLens:
     )
 
 
+@_kept
 def fields_of(camera: Camera, tolerance: float = FIELD_TOLERANCE) -> tuple[kernels.Tree, ...]:
     """Field of view of a camera in each of its ideal planes, in the order of `planes_of`."""
-    return _fields_of(optics_of(camera), tolerance)
-
-
-@lru_cache(maxsize=MOST_LENSES)
-def _fields_of(camera: Camera, tolerance: float) -> tuple[kernels.Tree, ...]:
     return tuple(field_of(plane, record, tolerance) for plane, record in planes_of(camera))
 
 
@@ -326,12 +315,10 @@ def field_of(plane: IdealPlane, record: PlaneRecord, tolerance: float) -> kernel
     left, top = -pinhole.cx / pinhole.fx, -pinhole.cy / pinhole.fy
     right, bottom = left + pinhole.width / pinhole.fx, top + pinhole.height / pinhole.fy
     box = np.array([(left, top), (right, top), (right, bottom), (left, bottom)])
-    region, hole = _lines(record.region), _lines(record.hole)
-    guards = _guards(plane, record, box)
-    inner = box
-    for line in guards:
-        inner = keep(inner, *line)
-    region = np.concatenate((guards, _cutting(region, inner)))
+    # The window has few sides; a region has up to 128, by which all surfaces would be cut.
+    region = _lines(record.window if len(record.window) else record.region)
+    region = region[(box @ region[:, :2].T + region[:, 2] < -kernels.ON_LINE).any(axis=0)]
+    hole = _lines(record.hole)
     work, n = kernels.tree_scratch(len(region), len(hole)), FIRST_NODES
     while True:
         tree = kernels.room_for_tree(n)
@@ -340,64 +327,10 @@ def field_of(plane: IdealPlane, record: PlaneRecord, tolerance: float) -> kernel
         if n_nodes <= n:
             break
         n = n_nodes
-    grown = kernels.Tree(
-        tree.lines[:n_nodes].copy(),
-        tree.children[:n_nodes].copy(),
-        tree.kinds[:n_nodes].copy(),
-        root,
+    lines, children, kinds = (
+        read_only(array[:n_nodes].copy()) for array in (tree.lines, tree.children, tree.kinds)
     )
-    for array in (grown.lines, grown.children, grown.kinds):
-        array.flags.writeable = False
-    return grown
-
-
-def _guards(plane: IdealPlane, record: PlaneRecord, box: FloatArray) -> FloatArray:
-    """Lines (K, 3) around the field of view that cut off corners of a box, far from the image.
-
-    The region may have a hundred sides there, by which all surfaces would be cut.
-    """
-    t = (np.arange(SAMPLES) + 0.5) / SAMPLES
-    low, high = box.min(axis=0), box.max(axis=0)
-    points = np.stack(np.meshgrid(*(low + (high - low) * t[:, None]).T), axis=-1).reshape(-1, 2)
-    is_valid = (points @ (lines := _lines(record.region))[:, :2].T + lines[:, 2] > 0).all(axis=1)
-    if len(record.hole):
-        lines = _lines(record.hole)
-        is_valid &= (points @ lines[:, :2].T + lines[:, 2] < 0).any(axis=1)
-    points = points[is_valid]
-    pixels = np.empty((len(points), 2))
-    rays = np.column_stack((points, np.ones(len(points)))) @ plane.frame.T
-    project_many(record.code, record.params, np.ascontiguousarray(rays), pixels)
-    seen = points[((pixels >= 0) & (pixels <= (record.width, record.height))).all(axis=1)]
-    if not len(seen):
-        return np.empty((0, 3))
-    angle = 2 * np.pi * np.arange(GUARDS) / GUARDS
-    normals = np.column_stack((np.cos(angle), np.sin(angle)))
-    offsets = (seen @ normals.T).max(axis=0) + GUARD_STEPS * np.max(high - low) / SAMPLES
-    guards = _cutting(np.column_stack((-normals, offsets)), box)
-    return guards[[_is_outside(record, box, line) for line in guards]]
-
-
-def _is_outside(record: PlaneRecord, box: FloatArray, line: FloatArray) -> bool:
-    """True where the image shows nothing of what is beyond a line."""
-    beyond = keep(box, *-line)
-    for side in _lines(record.region):
-        beyond = keep(beyond, *side)
-    if len(beyond) < 3:
-        return True
-    inner = beyond
-    for side in _lines(record.hole):
-        inner = keep(inner, *side)
-    if len(record.hole) and len(inner) >= 3:
-        return False
-    edges = edge_scratch()
-    found: int = side_of_image(record, beyond, len(beyond), record.fx, edges)
-    return found == -1
-
-
-def _cutting(lines: FloatArray, polygon: FloatArray) -> FloatArray:
-    """The lines that have a corner of a polygon outside."""
-    values = polygon @ lines[:, :2].T + lines[:, 2]
-    return lines[(values < -kernels.ON_LINE).any(axis=0)]
+    return kernels.Tree(lines, children, kinds, root)
 
 
 def _lines(polygon: FloatArray) -> FloatArray:

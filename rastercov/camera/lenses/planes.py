@@ -26,20 +26,19 @@ a wider one the sides of a cube that it reaches.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.checks import LONGEST, MAX_IMAGE_SIDE
 from rastercov.base.errors import CameraError
-from rastercov.camera.camera import Camera
+from rastercov.camera import FloatArray
+from rastercov.camera.camera import Camera, border_of
 from rastercov.camera.lenses import balls
 from rastercov.camera.lenses.balls import Interval, Jet
 from rastercov.kernels import lens_formulas as lens
 from rastercov.kernels.lens import SECTORS, base_points, jacobian_many, rays_of, unproject_many
-
-FloatArray = NDArray[np.float64]
 
 WIDEST_DEG = 175.0
 """Largest angle from the axis: the opposite ray has a circle of pixels, and next to it edges bend
@@ -164,10 +163,8 @@ def forward_radius(params: FloatArray, radius: float) -> float:
 
 def border_pixels(width: int, height: int) -> FloatArray:
     """Pixels along the border of the image, (N, 2), around it from the top-left corner."""
-    t = np.arange(BORDER) / BORDER
-    zero, one = np.zeros(BORDER), np.ones(BORDER)
-    sides = ((t, zero), (one, t), (1 - t, one), (zero, 1 - t))
-    return np.concatenate([np.column_stack(side) for side in sides]) * (width, height)
+    pixels: FloatArray = border_of(width, height, BORDER + 1)[:, :-1].reshape(-1, 2)
+    return pixels
 
 
 def with_region(
@@ -200,12 +197,9 @@ def with_region(
     params = given.copy()
     if code == lens.EQUIRECT:
         params[lens.LIMIT], params[lens.SLOPE] = math.inf, 0.0
-        rays = np.empty((4 * BORDER, 3))
-        unproject_many(code, params, border_pixels(width, height), rays)
-        return params, math.pi, bool(np.isfinite(rays).all())
+        return params, math.pi, bool(np.isfinite(_border_rays(code, params, width, height)).all())
     top = min(base_limit(code, params), math.pi if max_angle is None else max_angle)
     edge = base_radius(code, params, top)
-    points = np.empty((4 * BORDER, 2))
     reached = _sensor_radius(params, width, height)
     limit = params[lens.LIMIT] = certified_radius(params, edge, reached)
     if not limit > 0.0:
@@ -213,8 +207,7 @@ def with_region(
             "the distortion must keep rays next to the axis apart, and this one folds there: "
             "check the order and the size of its coefficients"
         )
-    base_points(params, border_pixels(width, height), points)
-    need = float(np.hypot(points[:, 0], points[:, 1]).max())  # NaN where one has no point
+    need = _farthest(params, width, height)  # NaN where one has no point
     radius = min(limit, MARGIN * need) if need < math.inf else limit
     angle = base_angle(code, params, radius)
     if not angle >= NARROWEST:
@@ -224,9 +217,7 @@ def with_region(
         )
     slope = math.tan(angle)
     params[lens.SLOPE] = slope * math.cos(math.pi / SECTORS) if angle < math.pi / 2 else slope
-    rays = np.empty((4 * BORDER, 3))
-    unproject_many(code, params, border_pixels(width, height), rays)
-    return params, angle, bool(np.isfinite(rays).all())
+    return params, angle, bool(np.isfinite(_border_rays(code, params, width, height)).all())
 
 
 def _sensor_radius(params: FloatArray, width: int, height: int) -> float:
@@ -234,10 +225,22 @@ def _sensor_radius(params: FloatArray, width: int, height: int) -> float:
     undistorted = params.copy()
     undistorted[lens.K1 : lens.T00] = 0.0
     undistorted[lens.LIMIT] = FAR
-    points = np.empty((4 * BORDER, 2))
-    base_points(undistorted, border_pixels(width, height), points)
-    farthest = float(np.hypot(points[:, 0], points[:, 1]).max())
+    farthest = _farthest(undistorted, width, height)
     return farthest if farthest < math.inf else math.inf
+
+
+def _farthest(params: FloatArray, width: int, height: int) -> float:
+    """Greatest distance from the axis of the border of the image, in the plane of the base."""
+    points = np.empty((4 * BORDER, 2))
+    base_points(params, border_pixels(width, height), points)
+    return float(np.hypot(points[:, 0], points[:, 1]).max())
+
+
+def _border_rays(code: int, params: FloatArray, width: int, height: int) -> FloatArray:
+    """Rays (N, 3) of `border_pixels`, NaN where there is none."""
+    rays = np.empty((4 * BORDER, 3))
+    unproject_many(code, params, border_pixels(width, height), rays)
+    return rays
 
 
 ONE_PLANE_DEG = 72.0
@@ -325,6 +328,7 @@ class IdealPlane:
             Infinite where the lens has a pole or a branch that near.
         """
         x, y, half = self._cells
+        reach_at = partial(balls.reach, self.code, self.params, self.frame)
         if self.has_pole:
             # Longitude does not change with the distance from the pole, and latitude changes less
             # and less: the ring from 1/2 outwards bounds all smaller ones, and a few are tried.
@@ -334,11 +338,11 @@ class IdealPlane:
             x, y, near = (
                 np.concatenate([z, z / 2, z / 4, z / 8]) for z in (x, y, radius * size + max(half))
             )
-            across, down = balls.reach(self.code, self.params, self.frame, x, y, near)
+            across, down = reach_at(x, y, near)
             return float(across.max(initial=0.0)), float(down.max(initial=0.0))
         most_u = most_v = 0.0
         for depth in range(DEEPEST_CELL + 1):
-            across, down = self._reach_at(x, y, radius + max(half))
+            across, down = reach_at(x, y, radius + max(half))
             is_good = np.maximum(across, down) < math.inf
             most_u = max(most_u, float(across[is_good].max(initial=0.0)))
             most_v = max(most_v, float(down[is_good].max(initial=0.0)))
@@ -347,7 +351,7 @@ class IdealPlane:
             x, y = x[~is_good], y[~is_good]
             # No size of cells helps where the point itself has no bound.
             is_own = self.meets(x, y, (0.0, 0.0))
-            is_bound = np.isfinite(self._reach_at(x[is_own], y[is_own], radius)).all()
+            is_bound = np.isfinite(reach_at(x[is_own], y[is_own], radius)).all()
             if depth == DEEPEST_CELL or not is_bound or len(x) > MOST_CELLS:
                 break
             # A cell that meets a pole only for its size is divided into four.
@@ -357,11 +361,6 @@ class IdealPlane:
             is_near = self.meets(x, y, half)
             x, y = x[is_near], y[is_near]
         return math.inf, math.inf
-
-    def _reach_at(
-        self, x: FloatArray, y: FloatArray, radius: float
-    ) -> tuple[FloatArray, FloatArray]:
-        return balls.reach(self.code, self.params, self.frame, x, y, radius)
 
     def bend(self) -> float:
         """Bound of the second derivative of pixels along lines of the plane, px / (plane px)^2.
@@ -385,13 +384,9 @@ class IdealPlane:
     @cached_property
     def _cells(self) -> tuple[FloatArray, FloatArray, tuple[float, float]]:
         """Centres of cells that cover the region, and half their sides."""
-        low, high = self.region.min(axis=0), self.region.max(axis=0)
-        half = (high - low) / (2 * CELLS)
-        centre = low[:, None] + half[:, None] * (2 * np.arange(CELLS) + 1)
-        x, y = (grid.ravel() for grid in np.meshgrid(*centre))
-        own = (float(half[0]), float(half[1]))
-        is_near = self.meets(x, y, own)
-        return x[is_near], y[is_near], own
+        x, y, half = cells_of(self.region, CELLS)
+        is_near = self.meets(x, y, half)
+        return x[is_near], y[is_near], half
 
     def meets(self, x: FloatArray, y: FloatArray, half: tuple[float, float]) -> NDArray[np.bool_]:
         """True for cells that may have a point of the region, by their centres."""
@@ -411,6 +406,20 @@ def _distance(polygon: FloatArray, x: FloatArray, y: FloatArray) -> FloatArray:
     across = (x[:, None] - start[:, 0]) * side[:, 1] - (y[:, None] - start[:, 1]) * side[:, 0]
     result: FloatArray = across.max(axis=1)
     return result
+
+
+def cells_of(
+    region: FloatArray, counts: "int | FloatArray"
+) -> tuple[FloatArray, FloatArray, tuple[float, float]]:
+    """Centres of cells of the bounding box of a region, row by row, and half their sides."""
+    low, high = region.min(axis=0), region.max(axis=0)
+    half = (high - low) / (2 * np.asarray(counts))
+    across, down = (
+        first + side * (2 * np.arange(n) + 1)
+        for first, side, n in zip(low, half, np.broadcast_to(counts, 2), strict=True)
+    )
+    x, y = (grid.ravel() for grid in np.meshgrid(across, down))
+    return x, y, (float(half[0]), float(half[1]))
 
 
 def keep(polygon: FloatArray, a: float, b: float, c: float) -> FloatArray:
@@ -497,11 +506,7 @@ def _parts(code: int, params: FloatArray, frame: FloatArray) -> list[tuple[Float
 def _turned(params: FloatArray, sign: float) -> FloatArray:
     """Parameters of an equirectangular lens with longitudes around a quarter turn."""
     own = params.copy()
-    own[lens.B0], own[lens.B1], own[lens.B2] = (
-        sign * math.pi / 2,
-        0.0,
-        sign,
-    )
+    own[lens.B0 : lens.B2 + 1] = sign * math.pi / 2, 0.0, sign
     return own
 
 
@@ -523,8 +528,7 @@ def _one_plane(code: int, params: FloatArray, width: int, height: int, angle: fl
     # Corners of the cone: its sides are at the distance `slope` from the axis.
     turn = 2 * np.pi * np.arange(SECTORS) / SECTORS
     region = slope / math.cos(math.pi / SECTORS) * np.column_stack((np.cos(turn), np.sin(turn)))
-    rays = np.empty((len(border_pixels(width, height)), 3))
-    unproject_many(code, params, border_pixels(width, height), rays)
+    rays = _border_rays(code, params, width, height)
     seen = rays[:, :2] / rays[:, 2:]
     low, high = region.min(axis=0), region.max(axis=0)
     if np.isfinite(seen).all():

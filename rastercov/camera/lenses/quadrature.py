@@ -25,16 +25,14 @@ from typing import Any
 
 import numpy as np
 from numpy.polynomial import legendre
-from numpy.typing import NDArray
 
 from rastercov.base.errors import CameraError
+from rastercov.camera import FloatArray
 from rastercov.camera.lenses.balls import Arithmetic
-from rastercov.camera.lenses.planes import IdealPlane
+from rastercov.camera.lenses.planes import IdealPlane, cells_of
 from rastercov.kernels import lens_expansions as kernels
 from rastercov.kernels import lens_formulas
 from rastercov.kernels.lens_edges import FEWEST, MOST, NODES, RULE
-
-FloatArray = NDArray[np.float64]
 
 ORDER = 18
 DIRECTIONS = 20
@@ -191,17 +189,12 @@ def coefficient_bounds(plane: IdealPlane) -> FloatArray:
 
 def _cells(plane: IdealPlane) -> tuple[FloatArray, FloatArray, tuple[float, float]]:
     """Middles of cells that cover the region of a plane, and half their sides."""
-    low, high = plane.region.min(axis=0), plane.region.max(axis=0)
-    counts = np.ceil((high - low) / (math.sqrt(float(np.prod(high - low))) / CELLS))
-    half = (high - low) / (2 * counts)
-    own = (float(half[0]), float(half[1]))
-    across, down = (
-        first + side * (2 * np.arange(int(n)) + 1)
-        for first, side, n in zip(low, half, counts, strict=True)
+    extent = np.ptp(plane.region, axis=0)
+    x, y, half = cells_of(
+        plane.region, np.ceil(extent / (math.sqrt(float(np.prod(extent))) / CELLS))
     )
-    x, y = (grid.ravel() for grid in np.meshgrid(across, down))
-    is_near = plane.meets(x, y, own)
-    return x[is_near], y[is_near], own
+    is_near = plane.meets(x, y, half)
+    return x[is_near], y[is_near], half
 
 
 def _in_cells(

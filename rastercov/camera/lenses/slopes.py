@@ -13,17 +13,16 @@ import math
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rastercov.base.memory import read_only
+from rastercov.camera import FloatArray
 from rastercov.camera.lenses import balls
 from rastercov.camera.lenses.balls import ROUNDING, Ball
-from rastercov.camera.lenses.planes import IdealPlane
+from rastercov.camera.lenses.planes import IdealPlane, cells_of
 from rastercov.camera.lenses.quadrature import DIRECTIONS, ROUNDING_REL, pixels_along_lines
 from rastercov.kernels import lens_formulas
 from rastercov.kernels.lens import jacobian_many
 from rastercov.kernels.lens_field import CELLS, PARTS, Slopes
-
-FloatArray = NDArray[np.float64]
 
 STEP = 1e-3
 """Step of the differences, in units of the plane: far less than the least of the radii."""
@@ -96,41 +95,34 @@ def is_affine(plane: IdealPlane) -> bool:
 @lru_cache(maxsize=MOST_PLANES)
 def slopes_in(plane: IdealPlane) -> Slopes:
     """Bounds in the region of a plane."""
-    low, high = plane.region.min(axis=0), plane.region.max(axis=0)
-    half = (high - low) / (2 * CELLS)
-    middle = low[:, None] + half[:, None] * (2 * np.arange(CELLS) + 1)
-    x, y = (grid.ravel() for grid in np.meshgrid(*middle))
+    x, y, half = cells_of(plane.region, CELLS)
     bounds, sizes = np.zeros((len(ORDERS), CELLS * CELLS)), np.zeros((2, CELLS * CELLS))
     sizes[1] = np.inf
     pole = 0.0, 0.0
     if plane.has_pole:
         pole = _near_pole(plane)
     elif not is_affine(plane):
-        rows = np.flatnonzero(plane.meets(x, y, (float(half[0]), float(half[1]))))
+        rows = np.flatnonzero(plane.meets(x, y, half))
         sizes[0], sizes[1] = np.inf, 0.0  # which is no limit beyond the region
-        bounds[:, rows], sizes[:, rows] = derivatives_in_cells(
-            plane, x[rows], y[rows], (float(half[0]), float(half[1]))
-        )
+        bounds[:, rows], sizes[:, rows] = derivatives_in_cells(plane, x[rows], y[rows], half)
     # Of each part of a cell.
     coarse = bounds.reshape(-1, CELLS, CELLS).repeat(PARTS, axis=1).repeat(PARTS, axis=2)
     second, third = coarse[:2]
+    low = plane.region.min(axis=0)
     if bounds.any():
-        second, third = _sharpened(plane, coarse, low, half / PARTS)
-    found = Slopes(
+        second, third = _sharpened(plane, coarse, low, np.array(half) / PARTS)
+    return Slopes(
         low_x=float(low[0]),
         low_y=float(low[1]),
-        per_x=PARTS / (2 * float(half[0])),
-        per_y=PARTS / (2 * float(half[1])),
-        second=np.ascontiguousarray(second),
-        third=np.ascontiguousarray(third),
-        sizes=np.ascontiguousarray(sizes.reshape(2, CELLS, CELLS)),
+        per_x=PARTS / (2 * half[0]),
+        per_y=PARTS / (2 * half[1]),
+        second=read_only(second),
+        third=read_only(third),
+        sizes=read_only(sizes.reshape(2, CELLS, CELLS)),
         is_graded=plane.has_pole,
         near_pole_2=pole[0],
         near_pole_3=pole[1],
     )
-    for grid in (found.second, found.third, found.sizes):
-        grid.flags.writeable = False
-    return found
 
 
 def _sharpened(

@@ -328,15 +328,15 @@ class _Finder(PoseSolver):
         if self.cameras[self._camera].is_pinhole:
             found = self._run(self.kernels.cut_regions, criteria, seen)
         else:
-            rules, by_distance = criteria.rules, criteria.by_distance
+            rules, by_distance, cut = criteria.rules, criteria.by_distance, self.kernels.cut_pieces
             found = self._run(self.kernels.cut_regions, criteria.pinhole, seen)
             if by_distance and rules.z_f < np.inf:
-                found = self._run(self.kernels.cut_to_discs, criteria, seen, found)
-            found = self._run(self.kernels.cut_to_view, criteria, seen, found)
+                found = self._run(cut, criteria, seen, found, self.kernels.TO_DISCS)
+            found = self._run(cut, criteria, seen, found, self.kernels.TO_VIEW)
             if max(
                 rules.min_pixels_per_m2, rules.min_pixel_density, rules.min_facing_density
             ) > 0 or (by_distance and rules.z_n > 0):
-                found = self._run(self.kernels.cut_to_densities, criteria, seen, found)
+                found = self._run(cut, criteria, seen, found, self.kernels.TO_DENSITIES)
         n, corners = found.used.tolist()
         listed = np.flatnonzero((found.area > 0) | (found.bound > 0)).astype(np.int32)
         return (
