@@ -50,8 +50,7 @@ def test_an_occluder_is_marked_where_it_hides_the_task_and_a_target_where_it_is(
 def test_the_back_of_a_face_is_never_covered():
     mesh = Mesh([(-1, 0, -1), (1, 0, -1), (1, 0, 1), (-1, 0, 1)], [(0, 2, 1), (0, 3, 2)])
     camera = rc.Camera(width=160, height=120, fx=100, fy=100)
-    pose = rc.look_at((0, -3, 0), (0, 0, 0))[0]
-    image = camera_image(mesh, camera, pose, rc.Task())
+    image = camera_image(mesh, camera, rc.look_at((0, -3, 0), (0, 0, 0))[0], rc.Task())
     colours = camera_pixels(image, COLOUR)[image.face >= 0]
     assert not (colours == COLOUR).all(axis=1).any()
     assert theme.BEHIND[0] >= colours.max() - 60

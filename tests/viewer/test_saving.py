@@ -7,6 +7,7 @@ import math
 import re
 import time
 import tomllib
+from contextlib import closing
 from importlib.resources import files
 from unittest.mock import Mock
 
@@ -99,13 +100,10 @@ def results(tmp_path_factory):
 def test_a_result_is_opened_with_its_rig_and_thresholds(results):
     mesh = rc.Mesh.load(results / "part.stl")
     scene = open_result(results / "evaluated", lambda names: mesh)
-    session = Session(scene)
-    head, _ = acted(session)
     summary = json.loads((results / "evaluated" / "summary.json").read_text())
-    assert head["summary"]["covered"] == summary["covered"]
-    assert scene.start.task.min_pixels == 2
-    assert scene.result["kind"] == "evaluate"
-    session.close()
+    with closing(Session(scene)) as session:
+        assert acted(session)[0]["summary"]["covered"] == summary["covered"]
+    assert (scene.start.task.min_pixels, scene.result["kind"]) == (2, "evaluate")
 
 
 def test_another_mesh_is_told_by_its_hash(results):
