@@ -9,100 +9,60 @@ from typing import TYPE_CHECKING as _TYPE_CHECKING
 from typing import Any as _Any
 
 if _TYPE_CHECKING:
-    from rastercov.base.errors import (
-        CameraError,
-        ConfigError,
-        DeviceError,
-        MeshError,
-        PoseError,
-        RastercovError,
-        ResourceError,
-    )
-    from rastercov.camera.camera import Camera
-    from rastercov.camera.formats import read_views, write_views
-    from rastercov.camera.formats.conventions import Conventions
-    from rastercov.camera.pose import Poses
-    from rastercov.camera.pose_file import read_poses, write_poses
-    from rastercov.camera.rig import Rig, Views
-    from rastercov.camera.viewpoints import look_at, sphere_of_poses
-    from rastercov.cluster import Workers
-    from rastercov.coverage.area.cells import Cells, CellShares, cells
-    from rastercov.coverage.area.regions import Regions, regions
-    from rastercov.coverage.area.union import Covered, RegionUnion, unite
-    from rastercov.coverage.area.zones import DeadZones, dead_zones
-    from rastercov.coverage.coverage import Coverage, evaluate_batches
-    from rastercov.coverage.engine import Engine
-    from rastercov.coverage.evaluation import Evaluation
-    from rastercov.coverage.job import evaluate
-    from rastercov.coverage.network import Network
-    from rastercov.coverage.observer import Observer, open_observer, visibility
-    from rastercov.coverage.task import Reason, Task
-    from rastercov.mesh import Group, Mesh
-    from rastercov.raster import (
-        FaceCounts,
-        Rasterizer,
-        RasterizerInfo,
-        VisibilityBuffer,
-        open_rasterizer,
-    )
-    from rastercov.raster.observation import BoundKind, Observation, Visibility
-    from rastercov.report.jobs import audit, check, place
+    from rastercov.base.errors import CameraError as CameraError
+    from rastercov.base.errors import ConfigError as ConfigError
+    from rastercov.base.errors import DeviceError as DeviceError
+    from rastercov.base.errors import MeshError as MeshError
+    from rastercov.base.errors import PoseError as PoseError
+    from rastercov.base.errors import RastercovError as RastercovError
+    from rastercov.base.errors import ResourceError as ResourceError
+    from rastercov.camera.camera import Camera as Camera
+    from rastercov.camera.formats import read_views as read_views
+    from rastercov.camera.formats import write_views as write_views
+    from rastercov.camera.formats.conventions import Conventions as Conventions
+    from rastercov.camera.pose import Poses as Poses
+    from rastercov.camera.pose_file import read_poses as read_poses
+    from rastercov.camera.pose_file import write_poses as write_poses
+    from rastercov.camera.rig import Rig as Rig
+    from rastercov.camera.rig import Views as Views
+    from rastercov.camera.viewpoints import look_at as look_at
+    from rastercov.camera.viewpoints import sphere_of_poses as sphere_of_poses
+    from rastercov.cluster import Workers as Workers
+    from rastercov.coverage.area.cells import Cells as Cells
+    from rastercov.coverage.area.cells import CellShares as CellShares
+    from rastercov.coverage.area.cells import cells as cells
+    from rastercov.coverage.area.regions import Regions as Regions
+    from rastercov.coverage.area.regions import regions as regions
+    from rastercov.coverage.area.union import Covered as Covered
+    from rastercov.coverage.area.union import RegionUnion as RegionUnion
+    from rastercov.coverage.area.union import unite as unite
+    from rastercov.coverage.area.zones import DeadZones as DeadZones
+    from rastercov.coverage.area.zones import dead_zones as dead_zones
+    from rastercov.coverage.coverage import Coverage as Coverage
+    from rastercov.coverage.coverage import evaluate_batches as evaluate_batches
+    from rastercov.coverage.engine import Engine as Engine
+    from rastercov.coverage.evaluation import Evaluation as Evaluation
+    from rastercov.coverage.job import evaluate as evaluate
+    from rastercov.coverage.network import Network as Network
+    from rastercov.coverage.observer import Observer as Observer
+    from rastercov.coverage.observer import open_observer as open_observer
+    from rastercov.coverage.observer import visibility as visibility
+    from rastercov.coverage.task import Reason as Reason
+    from rastercov.coverage.task import Task as Task
+    from rastercov.mesh import Group as Group
+    from rastercov.mesh import Mesh as Mesh
+    from rastercov.raster import FaceCounts as FaceCounts
+    from rastercov.raster import Rasterizer as Rasterizer
+    from rastercov.raster import RasterizerInfo as RasterizerInfo
+    from rastercov.raster import VisibilityBuffer as VisibilityBuffer
+    from rastercov.raster import open_rasterizer as open_rasterizer
+    from rastercov.raster.observation import BoundKind as BoundKind
+    from rastercov.raster.observation import Observation as Observation
+    from rastercov.raster.observation import Visibility as Visibility
+    from rastercov.report.jobs import audit as audit
+    from rastercov.report.jobs import check as check
+    from rastercov.report.jobs import place as place
 
-__all__ = [
-    "BoundKind",
-    "Camera",
-    "CameraError",
-    "CellShares",
-    "Cells",
-    "ConfigError",
-    "Conventions",
-    "Coverage",
-    "Covered",
-    "DeadZones",
-    "DeviceError",
-    "Engine",
-    "Evaluation",
-    "FaceCounts",
-    "Group",
-    "Mesh",
-    "MeshError",
-    "Network",
-    "Observation",
-    "Observer",
-    "PoseError",
-    "Poses",
-    "RastercovError",
-    "Rasterizer",
-    "RasterizerInfo",
-    "Reason",
-    "RegionUnion",
-    "Regions",
-    "ResourceError",
-    "Rig",
-    "Task",
-    "Views",
-    "Visibility",
-    "VisibilityBuffer",
-    "Workers",
-    "audit",
-    "cells",
-    "check",
-    "dead_zones",
-    "evaluate",
-    "evaluate_batches",
-    "look_at",
-    "open_observer",
-    "open_rasterizer",
-    "place",
-    "read_poses",
-    "read_views",
-    "regions",
-    "sphere_of_poses",
-    "unite",
-    "visibility",
-    "write_poses",
-    "write_views",
-]
 __version__ = "0.1.0"
 
 _NAMES = {
@@ -134,6 +94,7 @@ _NAMES = {
 }
 """Modules and their public names."""
 _HOME = {name: module for module, names in _NAMES.items() for name in names.split()}
+__all__ = sorted(_HOME)
 
 
 def __getattr__(name: str) -> _Any:

@@ -6,8 +6,6 @@ pose.
 
 import json
 import re
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
@@ -97,23 +95,16 @@ def evaluate(
     from rastercov.report.coverage import Options  # loads pyarrow
 
     workers, mesh = processes.open(), scene.read(meshes)
-    with _remedy():
+    try:
         eyes = read_eyes(mesh, camera, poses, conventions, camera_name, several=True)
+    except PoseError as error:
+        remedy = "; correct it or pass --skip-bad-poses" if error.pose_ids else ""
+        raise PoseError(f"{error}{remedy}", error.pose_ids) from None
     warn(eyes.notes)
     kept = scene.entries(out, meshes)
     settings = Options(**report._asdict(), skip_bad_poses=skip_bad_poses, scene=kept)
     assert eyes.rig is not None
     run_and_print(mesh, eyes.rig, eyes.poses, task, out, settings, as_json, workers)
-
-
-@contextmanager
-def _remedy() -> Iterator[None]:
-    """Name the option that leaves out poses which are none."""
-    try:
-        yield
-    except PoseError as error:
-        remedy = "; correct it or pass --skip-bad-poses" if error.pose_ids else ""
-        raise PoseError(f"{error}{remedy}", error.pose_ids) from None
 
 
 def run_and_print(

@@ -2,7 +2,7 @@
 
 import json
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -85,7 +85,7 @@ def place(
     doubts = _doubts(asked, placed.cameras)
     if not len(placed.cameras.placed):  # nothing is covered from any candidate
         pool = prepared.pool.candidates.placed
-        doubts = _of_plan(unit_doubts(prepared.mesh, prepared.plan.rig, pool))
+        doubts = report.of_plan(unit_doubts(prepared.mesh, prepared.plan.rig, pool))
     warn(doubts)
     if as_json:
         print(json_text(report.summary(placed)))
@@ -182,13 +182,9 @@ def check(
 def _doubts(plan: "Plan", cameras: "Measured") -> list[str]:
     """Lines about the unit of the meshes, and the side that their faces show."""
     from rastercov.coverage.doubts import doubts
+    from rastercov.report.plan import of_plan
 
-    return _of_plan(doubts(cameras.network, plan.rig, cameras.placed))
-
-
-def _of_plan(lines: Iterable[str]) -> list[str]:
-    """Lines that name the entry of a plan for the option of a command."""
-    return [line.replace("--unit", "unit of [[meshes]]") for line in lines]
+    return of_plan(doubts(cameras.network, plan.rig, cameras.placed))
 
 
 @contextmanager

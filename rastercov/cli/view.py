@@ -7,12 +7,12 @@ from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from threading import Thread
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import typer
 
-from rastercov.base.errors import CameraError, ConfigError, MeshError
+from rastercov.base.errors import CameraError, ConfigError
 from rastercov.base.format import plural
 from rastercov.camera.formats.conventions import Border, Conventions
 from rastercov.camera.formats.doubts import unit_doubts
@@ -169,20 +169,12 @@ def _of_result(folder: Path, meshes: list[Path], given: SceneOptions, rig: Views
 
     def found(names: list[str]) -> Mesh:
         options = run_of(folder).get("options")
-        arguments = options.get("scene") if isinstance(options, Mapping) else None
-        if arguments is not None and are_arguments(arguments) and given == SceneOptions():
+        arguments: Any = options.get("scene") if isinstance(options, Mapping) else None
+        if are_arguments(arguments) and given == SceneOptions():
             return read_again(folder, arguments, names, meshes)
         if meshes:
             return given.read(meshes)
-        paths = []
-        for name in names:
-            places = [Path(name), folder / name, folder.parent / name]
-            near = next((each for each in places if each.is_file()), None)
-            if near is None and name not in shapes.NAMES:
-                what = "the built-in mesh" if name == "arrays" else name
-                raise MeshError(f"{what} of {folder} is not found by itself; name it after it")
-            paths.append(near or Path(name))
-        return given.read(paths)
+        return read_again(folder, given.entries(folder, [Path(name) for name in names]), names, [])
 
     scene = open_result(folder, found)
     if rig is None:

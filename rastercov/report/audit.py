@@ -91,11 +91,11 @@ def write(
             "not_covered_because": {},
             "covered_area": summary.get("covered_area", {}),
         }
-        faces = np.diff(found.problem.bits.pairs()[0]).tolist()
         view = view_page(
             folder.path.resolve().name, surface, found.camera, found.poses, found.names, values,
             figures_of(
-                figures, faces, found.seen_m2, found.alone_m2, float(found.problem.weights.sum())
+                figures, np.diff(found.problem.bits.pairs()[0]), found.seen_m2, found.alone_m2,
+                float(found.problem.weights.sum()),
             ),
         )  # fmt: skip
         html = page(summary, cameras, pictures, has_view=view is not None)

@@ -23,10 +23,9 @@ from rastercov.report.images import (
     draw_lines,
     facing,
     hatch_over,
-    part_drawn,
+    layers,
     stripes,
     target_key,
-    targets_in_view,
 )
 from rastercov.report.panorama import LEAST_LIGHT, FaceImage, values_at_pixels
 from rastercov.report.theme import Colour, Pixels
@@ -72,16 +71,11 @@ def camera_image(
     small = camera.resized(min(1.0, side / max(camera.width, camera.height)))
     with open_rasterizer(mesh, small, "cpu") as rasterizer:
         buffer = rasterizer.render(pose)
-    in_view = targets_in_view(mesh, small, pose, buffer.depth)
-    targets = np.full_like(buffer.face, -1) if in_view is None else in_view
-    beneath = np.zeros(buffer.face.shape, np.bool_)
     scored = np.flatnonzero(mesh.task_mask & ~mesh.target_mask & facing(mesh, pose)[0])
-    if not mesh.task_mask.all() and len(scored):
-        behind = part_drawn(mesh, small, pose, scored).face >= 0
-        beneath = behind & np.append(~mesh.task_mask, False)[buffer.face]
+    targets, behind = layers(mesh, small, pose, buffer, scored)
     reasons = evaluate(mesh, camera, pose[None], task, fields=("coverage", "reason")).reason[0]
     n_covered = int((mesh.task_mask & (reasons == Reason.COVERED)).sum())
-    return CameraImage(mesh, small, pose, buffer.face, targets, beneath, reasons, n_covered)
+    return CameraImage(mesh, small, pose, buffer.face, targets, behind >= 0, reasons, n_covered)
 
 
 def covered_pixels(

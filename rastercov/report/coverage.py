@@ -21,7 +21,6 @@ import re
 from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -259,35 +258,31 @@ def _draw_poses(
     try:
         for index, rows in some.by_camera():
             eye = cameras[index]
-            sizes = [TILE / eye.width]
-            if full != "none":
-                sizes.append(PICTURE_SIDE / max(eye.width, eye.height))
+            size = TILE / eye.width
+            if full != "none":  # the sheet has these in small
+                size = PICTURE_SIDE / max(eye.width, eye.height)
             of_camera = f", {names_of(found.camera)[index]}" if len(cameras) > 1 else ""
-            with ExitStack() as stack:
-                rasterizer = partial(open_rasterizer, mesh, **found.engine.rasterizer_options)
-                small = [eye.resized(min(1.0, size)) for size in sizes]
-                views = [stack.enter_context(rasterizer(camera=each)) for each in small]
+            camera = eye.resized(min(1.0, size))
+            with open_rasterizer(mesh, camera, **found.engine.rasterizer_options) as view:
                 for pose in some[rows].ids.tolist():
-                    is_own = poses.ids == pose
-                    own = replace(poses[is_own], camera=np.zeros(1, np.int32))
+                    is_own, matrix = poses.ids == pose, poses.given[pose]
+                    buffer = view.render(replace(poses[is_own], camera=np.zeros(1, np.int32)))
                     regions = None if every is None else every.of_poses(is_own)
                     if finder is not None and regions is None:
                         regions = finder.find(poses[is_own])
                     title = f"pose {pose}{of_camera}: covers {_covers(found, pose, regions)}"
-                    tile = _pixels(found, pose, views[0].camera, views[0].render(own), regions)
-                    tiles[pose] = Image.fromarray(tile), title
-                    for view in views[1:]:
-                        buffer, camera = view.render(own), view.camera
-                        name = f"_{pose:0{digits}d}.png"
-                        if full in ("poses", "all"):
-                            pixels = _pixels(found, pose, camera, buffer, regions)
-                            values, matrix = found.kept[pose], poses.given[pose]
-                            picture = coverage_picture(
-                                buffer, values, mesh, camera, matrix, title, pixels, named=named
-                            )
-                            save_picture(picture, folder.file("pose" + name))
-                        if full in ("faces", "all"):
-                            save_picture(face_index_picture(buffer), folder.file("faces" + name))
+                    pixels = _pixels(found, pose, camera, buffer, regions)
+                    tiles[pose] = Image.fromarray(pixels), title
+                    tiles[pose][0].thumbnail((TILE, PICTURE_SIDE))
+                    name = f"_{pose:0{digits}d}.png"
+                    if full in ("poses", "all"):
+                        picture = coverage_picture(
+                            buffer, found.kept[pose], mesh, camera, matrix, title, pixels,
+                            named=named,
+                        )  # fmt: skip
+                        save_picture(picture, folder.file("pose" + name))
+                    if full in ("faces", "all"):
+                        save_picture(face_index_picture(buffer), folder.file("faces" + name))
     finally:
         with interrupts_held():
             if tiles:

@@ -500,6 +500,20 @@ def targets_in_view(
     return np.where(is_hidden, np.int32(-1), image.face)
 
 
+def layers(
+    mesh: Mesh, camera: Camera, pose: ArrayLike, buffer: VisibilityBuffer, task: IntArray
+) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """Targets over an image, (H, W), and those of some task faces behind occluders; -1 for none."""
+    found = targets_in_view(mesh, camera, pose, buffer.depth)
+    nothing = np.full_like(buffer.face, -1)
+    targets = nothing if found is None else found
+    if not len(task) or mesh.task_mask.all():
+        return targets, nothing
+    is_occluder = np.append(~mesh.task_mask, False)[buffer.face]
+    behind = part_drawn(mesh, camera, pose, task).face
+    return targets, np.where(is_occluder, behind, np.int32(-1))
+
+
 def lay_over(pixels: Pixels, targets: NDArray[np.int32], colours: Pixels) -> None:
     """Lay targets (H, W) over an image, in place, each face in its colour of (F, 3).
 

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
 import rastercov
@@ -201,10 +201,11 @@ def values_of(
 
 def figures_of(
     summary: Mapping[str, Any],
-    faces: Sequence[int],
+    faces: ArrayLike,
     seen_m2: NDArray[np.float64] | None = None,
     alone_m2: NDArray[np.float64] | None = None,
     total_m2: float = 0.0,
+    stations: Sequence[int] = (),
 ) -> dict[str, Any]:
     """Figures of a network for its page, from those of `Network.summary` and of each camera.
 
@@ -212,22 +213,25 @@ def figures_of(
     ----------
     summary : mapping
         Of the network, with its exact area where it has one.
-    faces : (P,) sequence of int
-        Faces that each camera covers.
+    faces : (P,) array_like
+        Number of faces that each camera covers.
     seen_m2, alone_m2 : (P,) float64, optional
         Area that it covers, and that no other does.
     total_m2 : float
         Area of the task.
+    stations : (P,) sequence of int
+        Ids of the cameras; their rows unless given.
     """
+    counts = np.asarray(faces, np.int64).tolist()
 
     def share(part: NDArray[np.float64] | None, row: int) -> float | None:
         return None if part is None or not total_m2 else 100 * float(part[row]) / total_m2
 
     return {name: summary[name] for name in ("covered", "task_faces", "not_covered_because")} | {
         "by_camera": [
-            {"station": row, "faces": int(count), "area_percent": share(seen_m2, row),
+            {"station": station, "faces": counts[row], "area_percent": share(seen_m2, row),
              "alone_percent": share(alone_m2, row)}
-            for row, count in enumerate(faces)
+            for row, station in enumerate(stations or range(len(counts)))
         ],
         "exact_area_percent": summary.get("covered_area", {}).get("percent"),
     }  # fmt: skip
@@ -281,33 +285,23 @@ def described_camera(camera: Camera) -> dict[str, Any]:
     f_number = None
     if camera.aperture is not None and camera.focal_length is not None:
         f_number = camera.focal_length / camera.aperture
-    is_pinhole = camera.is_pinhole
+    sides = math.atan(camera.cx / camera.fx), math.atan((camera.width - camera.cx) / camera.fx)
     return {
         "model": camera.model,
-        "width": camera.width, "height": camera.height,
-        "fx": camera.fx, "fy": camera.fy, "cx": camera.cx, "cy": camera.cy,
-        "hfov_deg": angle_deg(camera.cx, camera.width, camera.fx) if is_pinhole else None,
-        "vfov_deg": angle_deg(camera.cy, camera.height, camera.fy) if is_pinhole else None,
+        "width": camera.width, "height": camera.height, "fx": camera.fx,
+        "hfov_deg": math.degrees(sum(sides)) if camera.is_pinhole else None,
         "focal_length": camera.focal_length,
         "f_number": f_number,
         "focus_distance": camera.focus_distance,
         "focus_near": near,
         "focus_far": None if far is None or math.isinf(far) else far,
         "near": camera.near,
-        "max_blur": camera.max_blur,
-        "aperture": camera.aperture,
-        "pixel_size": camera.pixel_size,
         "depth_of_field": [z_n, z_f if math.isfinite(z_f) else None] if is_focused else None,
         "can_focus": camera.focal_length is not None and camera.pixel_size is not None
         and MODELS[camera.model].is_planar,
         "plain": camera.to_json(),
         "border": view_border(camera, PARTS_OF_BORDER).tolist(),
     }  # fmt: skip
-
-
-def angle_deg(centre: float, side: int, focal: float) -> float:
-    """Angle between opposite sides of the image of a pinhole, degrees."""
-    return math.degrees(math.atan(centre / focal) + math.atan((side - centre) / focal))
 
 
 def zone_entries(mesh: Mesh, zones: DeadZones, said: Mapping[str, Any]) -> list[dict[str, Any]]:

@@ -26,10 +26,10 @@ from rastercov.report.images import (
     facing,
     framed,
     hatch_over,
+    layers,
     part_drawn,
     stripes,
     target_key,
-    targets_in_view,
 )
 from rastercov.report.theme import (
     BACK,
@@ -98,10 +98,8 @@ class Scene:
         Nearest face that is no target; -1 for none.
     depth : (H, W) float32
         Its depth, metres.
-    targets : (H, W) int32 or None
-        Target that nothing is in front of.
-    beneath : (H, W) int32 or None
-        Task face behind an occluder.
+    targets, beneath : (H, W) int32
+        Target that nothing is in front of, and task face behind an occluder; -1 for none.
     light : (F,) float64
         Brightness of each face in [0, 1].
     backs : (F,) bool
@@ -113,16 +111,16 @@ class Scene:
     pose: FloatArray
     face: FaceImage
     depth: NDArray[np.float32]
-    targets: FaceImage | None
-    beneath: FaceImage | None
+    targets: FaceImage
+    beneath: FaceImage
     light: FloatArray
     backs: BoolArray
 
     @property
     def faces(self) -> FaceImage:
         """Face of each pixel of a surface, of each of a target, and behind occluders."""
-        layers = [each for each in (self.face, self.beneath, self.targets) if each is not None]
-        faces: FaceImage = np.concatenate([layer[layer >= 0] for layer in layers])
+        images = self.face, self.beneath, self.targets
+        faces: FaceImage = np.concatenate([image[image >= 0] for image in images])
         return faces
 
     def shows_backs(self) -> bool:
@@ -175,13 +173,7 @@ def look(
     if is_interior and 0 < len(kept) < len(rows):
         rows = kept
         buffer = part_drawn(mesh, camera, pose, rows)
-    targets = targets_in_view(mesh, camera, pose, buffer.depth)
-    beneath = None
-    of_task = rows[mesh.task_mask[rows]]
-    if len(of_task) and not mesh.task_mask.all():
-        is_occluder = np.append(~mesh.task_mask, False)[buffer.face]
-        task = part_drawn(mesh, camera, pose, of_task).face
-        beneath = np.where(is_occluder, task, -1).astype(np.int32)
+    targets, beneath = layers(mesh, camera, pose, buffer, rows[mesh.task_mask[rows]])
     is_front, cosine = facing(mesh, pose)
     return Scene(
         mesh=mesh, face=buffer.face, targets=targets, beneath=beneath,
@@ -231,10 +223,10 @@ def paint(scene: Scene, colours: Pixels, own: OwnColours | None = None) -> Pixel
     """
     face = scene.face
     pixels = _painted(scene, face, colours, own)
-    if scene.beneath is not None and (scene.beneath >= 0).any():
+    if (scene.beneath >= 0).any():
         shown = (scene.beneath >= 0) & ~stripes(face.shape, 2 * FINE, 3)
         pixels[shown] = _painted(scene, scene.beneath, colours, own)[shown]
-    if scene.targets is not None:
+    if (scene.targets >= 0).any():
         of_targets = colours if own is None else own(scene.targets)
         hatch_over(pixels, scene.targets, of_targets, 3 * FINE)
     return pixels
@@ -351,11 +343,11 @@ def scene_keys(scenes: Sequence[Scene]) -> list[Key]:
     keys = []
     if not scenes[0].mesh.task_mask.all():
         keys.append(Key.of("occluder", OCCLUDER_PALE))
-    if any(scene.beneath is not None and (scene.beneath >= 0).any() for scene in scenes):
+    if any((scene.beneath >= 0).any() for scene in scenes):
         keys.append(Key.of("occluder in front of the task", OCCLUDER_PALE, COVERED))
     if any(scene.shows_backs() for scene in scenes):
         keys.append(Key.of("back of the task, from here", BACK, BACK_STRIPE))
-    if any(scene.targets is not None and (scene.targets >= 0).any() for scene in scenes):
+    if any((scene.targets >= 0).any() for scene in scenes):
         keys.append(target_key())
     return keys
 

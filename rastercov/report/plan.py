@@ -13,7 +13,7 @@ under "interrupted", which is still correct when the run is killed in it.
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -313,11 +313,18 @@ def _what(prepared: Prepared) -> str:
 
 
 def half_covered_lines(plan: Plan, cameras: Measured) -> list[str]:
-    """`half_covered` of the network of a plan, in the words of plan files; none by area."""
+    """`half_covered` of the network of a plan; none by area."""
     if cameras.areas is not None:
         return []
-    lines = half_covered(cameras.network, plan.rig, cameras.placed, plan.task.method)
-    return [line.replace("--by area", 'by = "area" in [task]') for line in lines]
+    return of_plan(half_covered(cameras.network, plan.rig, cameras.placed, plan.task.method))
+
+
+def of_plan(lines: Iterable[str]) -> list[str]:
+    """Lines that name entries of a plan file for the options of a command."""
+    return [
+        line.replace("--by area", 'by = "area" in [task]').replace("--unit", "unit of [[meshes]]")
+        for line in lines
+    ]
 
 
 def _interrupted(placement: Placement) -> str:

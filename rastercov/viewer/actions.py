@@ -1,25 +1,22 @@
 """Edits that a page asks for: their form, and what each does to a state or to a lens."""
 
 import math
-from abc import abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, replace
 from types import MappingProxyType
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Union, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model
 
 from rastercov.base.checks import image_side, number, positive, shown
 from rastercov.base.errors import CameraError, ConfigError
 from rastercov.base.files import printable
 from rastercov.camera.camera import PRESETS, Camera
-from rastercov.camera.pose import valid_poses
 from rastercov.camera.viewpoints import look_at
 from rastercov.coverage.task import Task
-from rastercov.mesh.arrays import frozen
-from rastercov.viewer.rig_state import LONGEST_NAME, MOST_STATIONS, RigState, Station, camera_in
+from rastercov.viewer.rig_state import LONGEST_NAME, MOST_STATIONS, RigState, Station, checked_pose
 
 FloatArray = NDArray[np.float64]
 Settle = Callable[[FloatArray, FloatArray], FloatArray]
@@ -29,6 +26,7 @@ Number = Annotated[float, Field(allow_inf_nan=False)]
 Matrix = Annotated[list[Number], Field(min_length=16, max_length=16)]
 Point = Annotated[list[Number], Field(min_length=3, max_length=3)]
 Name = Annotated[str, Field(min_length=1, max_length=LONGEST_NAME)]
+Thresholds = dict[str, Number | int | bool | str | None]
 ROUNDING = 1e-14
 """Drift of a rotation that was made orthonormal."""
 SLACK = 1e-3
@@ -41,174 +39,120 @@ class Action(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
 
-class StateEdit(Action):
-    """An edit of a state."""
-
-    @abstractmethod
-    def apply(self, state: RigState, settle: Settle) -> tuple[RigState, str]:
-        """The state after it, and words for the history."""
+Edited = tuple[RigState, str]
+"""The state after an edit, and words for the history."""
+_EDITS: dict[str, Callable[..., Edited]] = {}
+_FORMS: list[type[Action]] = []
 
 
-class Nothing(StateEdit):
-    """No edit: the faces as they are."""
+def _edit(name: str) -> Callable[[Callable[..., Edited]], Callable[..., Edited]]:
+    """Make a function an edit: its arguments after state and `settle` are those of the request."""
 
-    do: Literal["none"]
+    def added(apply: Callable[..., Edited]) -> Callable[..., Edited]:
+        hints = get_type_hints(apply, include_extras=True)
+        own = {
+            n: (hint, ...) for n, hint in hints.items() if n not in ("state", "settle", "return")
+        }
+        form: Any = create_model(name, __base__=Action, do=(Literal[name], ...), **own)  # type: ignore[call-overload] # fields by name
+        _EDITS[name] = apply
+        _FORMS.append(form)
+        return apply
 
-    def apply(self, state: RigState, settle: Settle) -> tuple[RigState, str]:
-        """The same state."""
-        return state, ""
-
-
-class SetPose(StateEdit):
-    """Another pose of a station."""
-
-    do: Literal["pose"]
-    station: int
-    pose: Matrix
-
-    def apply(self, state: RigState, settle: Settle) -> tuple[RigState, str]:
-        """With the pose, or the nearest one that is allowed."""
-        own = state.station(self.station)
-        wanted = straightened(np.reshape(self.pose, (4, 4)))
-        return state.with_pose(own.id, settle(wanted, own.pose)), f"move {own.name}"
+    return added
 
 
-class Aim(StateEdit):
-    """A station turned so that a point is in the middle of its image."""
-
-    do: Literal["aim"]
-    station: int
-    point: Point
-
-    def apply(self, state: RigState, settle: Settle) -> tuple[RigState, str]:
-        """With the station aimed; its own up stays as near as it can."""
-        own = state.station(self.station)
-        eye = own.pose[:3, 3]
-        if np.linalg.norm(np.array(self.point) - eye) < 1e-9:
-            raise ConfigError("the point must be apart from the camera; take another point")
-        aimed = look_at(eye[None], np.array([self.point]), tuple(-own.pose[:3, 1]))[0]
-        return state.with_pose(own.id, aimed), f"aim {own.name}"
+def applied(action: Any, state: RigState, settle: Settle) -> Edited:
+    """The state after an edit, and words for the history; none for the faces as they are."""
+    own = {name: getattr(action, name) for name in type(action).model_fields if name != "do"}
+    return _EDITS[action.do](state, settle, **own)
 
 
-class Add(StateEdit):
-    """A further station."""
-
-    do: Literal["add"]
-    camera: Name
-    pose: Matrix
-
-    def apply(self, state: RigState, settle: Settle) -> tuple[RigState, str]:
-        """With a station of that camera."""
-        wanted = straightened(np.reshape(self.pose, (4, 4)))
-        return state.with_new(self.camera, settle(wanted, wanted)), "add a camera"
+@_edit("none")
+def _nothing(state: RigState, settle: Settle) -> Edited:
+    return state, ""
 
 
-class Duplicate(StateEdit):
-    """A further station like another."""
-
-    do: Literal["duplicate"]
-    station: int
-
-    def apply(self, state: RigState, settle: Settle) -> tuple[RigState, str]:
-        """With a copy of the station."""
-        return state.with_copy(self.station), f"duplicate {state.station(self.station).name}"
+@_edit("pose")
+def _move(state: RigState, settle: Settle, station: int, pose: Matrix) -> Edited:
+    """With the pose of a station, or the nearest one that is allowed."""
+    own = state.station(station)
+    wanted = straightened(np.reshape(pose, (4, 4)))
+    return state.with_pose(own.id, settle(wanted, own.pose)), f"move {own.name}"
 
 
-class Delete(StateEdit):
-    """A station less."""
-
-    do: Literal["delete"]
-    station: int
-
-    def apply(self, state: RigState, settle: Settle) -> tuple[RigState, str]:
-        """Without the station."""
-        return state.without(self.station), f"delete {state.station(self.station).name}"
-
-
-class Rename(StateEdit):
-    """Another name of a station."""
-
-    do: Literal["rename"]
-    station: int
-    name: str
-
-    def apply(self, state: RigState, settle: Settle) -> tuple[RigState, str]:
-        """With the name."""
-        before = state.station(self.station).name
-        return state.renamed(self.station, self.name), f"rename {before}"
+@_edit("aim")
+def _aim(state: RigState, settle: Settle, station: int, point: Point) -> Edited:
+    """With a point in the middle of a station's image; its up stays as near as it can."""
+    own = state.station(station)
+    eye = own.pose[:3, 3]
+    if np.linalg.norm(np.array(point) - eye) < 1e-9:
+        raise ConfigError("the point must be apart from the camera; take another point")
+    aimed = look_at(eye[None], np.array([point]), tuple(-own.pose[:3, 1]))[0]
+    return state.with_pose(own.id, aimed), f"aim {own.name}"
 
 
-class Switch(StateEdit):
-    """A station that takes part in the network, or does not."""
-
-    do: Literal["switch"]
-    station: int
-    is_on: bool
-
-    def apply(self, state: RigState, settle: Settle) -> tuple[RigState, str]:
-        """With the station on or off."""
-        own = state.station(self.station)
-        words = f"switch {own.name} {'on' if self.is_on else 'off'}"
-        return state.with_station(replace(own, is_on=self.is_on)), words
+@_edit("add")
+def _add(state: RigState, settle: Settle, camera: Name, pose: Matrix) -> Edited:
+    wanted = straightened(np.reshape(pose, (4, 4)))
+    return state.with_new(camera, settle(wanted, wanted)), "add a camera"
 
 
-class Use(StateEdit):
-    """Another camera at a station."""
-
-    do: Literal["use"]
-    station: int
-    camera: Name
-
-    def apply(self, state: RigState, settle: Settle) -> tuple[RigState, str]:
-        """With that camera."""
-        own = state.station(self.station)
-        return state.using(own.id, self.camera), f"use {self.camera} at {own.name}"
+@_edit("duplicate")
+def _duplicate(state: RigState, settle: Settle, station: int) -> Edited:
+    return state.with_copy(station), f"duplicate {state.station(station).name}"
 
 
-class ChangeCamera(StateEdit):
-    """Other values of a camera, at all stations that have it."""
-
-    do: Literal["camera"]
-    camera: Name
-    changes: dict[str, Number]
-
-    def apply(self, state: RigState, settle: Settle) -> tuple[RigState, str]:
-        """With the camera changed."""
-        made = changed(state.camera(self.camera), self.changes)
-        return state.with_camera(self.camera, made), f"change the lens of {self.camera}"
+@_edit("delete")
+def _delete(state: RigState, settle: Settle, station: int) -> Edited:
+    return state.without(station), f"delete {state.station(station).name}"
 
 
-class NewCamera(StateEdit):
-    """A further camera, like a preset or another one."""
-
-    do: Literal["new_camera"]
-    name: Name
-    source: Name
-
-    def apply(self, state: RigState, settle: Settle) -> tuple[RigState, str]:
-        """With the camera."""
-        if self.name in state.cameras:
-            raise ConfigError(f"there is a camera {shown(self.name)} already; take another name")
-        if self.source in state.cameras:
-            made = state.cameras[self.source]
-        elif self.source in PRESETS:
-            made = Camera.preset(self.source)
-        else:
-            known = ", ".join([*state.cameras, *PRESETS])
-            raise ConfigError(f"source must be one of {known}, got {shown(self.source)}")
-        return state.with_camera(self.name, made), f"new camera {self.name}"
+@_edit("rename")
+def _rename(state: RigState, settle: Settle, station: int, name: str) -> Edited:
+    before = state.station(station).name
+    return state.renamed(station, name), f"rename {before}"
 
 
-class ChangeTask(StateEdit):
-    """Other thresholds."""
+@_edit("switch")
+def _switch(state: RigState, settle: Settle, station: int, is_on: bool) -> Edited:
+    """With a station that takes part in the network, or does not."""
+    own = state.station(station)
+    words = f"switch {own.name} {'on' if is_on else 'off'}"
+    return state.with_station(replace(own, is_on=is_on)), words
 
-    do: Literal["task"]
-    changes: dict[str, Number | int | bool | str | None]
 
-    def apply(self, state: RigState, settle: Settle) -> tuple[RigState, str]:
-        """With the thresholds."""
-        made = _task(state.task, self.changes)
-        return state.with_task(made), f"change {', '.join(self.changes)}"
+@_edit("use")
+def _use(state: RigState, settle: Settle, station: int, camera: Name) -> Edited:
+    """With another camera at a station."""
+    own = state.station(station)
+    return state.using(own.id, camera), f"use {camera} at {own.name}"
+
+
+@_edit("camera")
+def _camera(state: RigState, settle: Settle, camera: Name, changes: dict[str, Number]) -> Edited:
+    """With other values of a camera, at all stations that have it."""
+    made = changed(state.camera(camera), changes)
+    return state.with_camera(camera, made), f"change the lens of {camera}"
+
+
+@_edit("new_camera")
+def _new_camera(state: RigState, settle: Settle, name: Name, source: Name) -> Edited:
+    """With a further camera, like a preset or another one."""
+    if name in state.cameras:
+        raise ConfigError(f"there is a camera {shown(name)} already; take another name")
+    if source in state.cameras:
+        made = state.cameras[source]
+    elif source in PRESETS:
+        made = Camera.preset(source)
+    else:
+        known = ", ".join([*state.cameras, *PRESETS])
+        raise ConfigError(f"source must be one of {known}, got {shown(source)}")
+    return state.with_camera(name, made), f"new camera {name}"
+
+
+@_edit("task")
+def _thresholds(state: RigState, settle: Settle, changes: Thresholds) -> Edited:
+    return state.with_task(_task(state.task, changes)), f"change {', '.join(changes)}"
 
 
 def _task(task: Task, changes: Mapping[str, Any]) -> Task:
@@ -240,42 +184,29 @@ class KeptRig(BaseModel):
 
     stations: Annotated[list[KeptStation], Field(max_length=MOST_STATIONS)]
     cameras: dict[Name, KeptCamera]
-    task: dict[str, Number | int | bool | str | None]
+    task: Thresholds
 
 
-class Restore(StateEdit):
+@_edit("restore")
+def _restore(state: RigState, settle: Settle, rig: KeptRig) -> Edited:
     """The rig that a page kept, in place of the present one."""
-
-    do: Literal["restore"]
-    rig: KeptRig
-
-    def apply(self, state: RigState, settle: Settle) -> tuple[RigState, str]:
-        """The rig as it was in the page."""
-        rig = self.rig
-        if len({each.id for each in rig.stations}) != len(rig.stations):
-            raise ConfigError("the ids of stations must differ")
-        cameras = {name: Camera.from_dict(each.plain) for name, each in rig.cameras.items()}
-        stations = []
-        for each in rig.stations:
-            camera_in(cameras, each.camera)
-            pose = valid_poses(straightened(np.reshape(each.pose, (4, 4))))[0].copy()
-            stations.append(Station(each.id, each.name, each.camera, frozen(pose), each.is_on))
-        task = _task(Task(), rig.task)
-        needed = state.needed if task.views == state.task.views else None
-        made = RigState(tuple(stations), MappingProxyType(cameras), task, needed)
-        return made, "restore the rig"
+    if len({each.id for each in rig.stations}) != len(rig.stations):
+        raise ConfigError("the ids of stations must differ")
+    cameras = {name: Camera.from_dict(each.plain) for name, each in rig.cameras.items()}
+    made = replace(state, stations=(), cameras=MappingProxyType(cameras))
+    stations = []
+    for each in rig.stations:
+        made.camera(each.camera)
+        pose = checked_pose(straightened(np.reshape(each.pose, (4, 4))))
+        stations.append(Station(each.id, each.name, each.camera, pose, each.is_on))
+    made = replace(made, stations=tuple(stations)).with_task(_task(Task(), rig.task))
+    return made, "restore the rig"
 
 
-class Undo(Action):
-    """Take back the last edit."""
+class Step(Action):
+    """Take back the last edit, or make the one again that was undone last."""
 
-    do: Literal["undo"]
-
-
-class Redo(Action):
-    """Make the edit again that was undone last."""
-
-    do: Literal["redo"]
+    do: Literal["undo", "redo"]
 
 
 class Constrain(Action):
@@ -285,33 +216,21 @@ class Constrain(Action):
     is_kept: bool
 
 
-Edit = Annotated[
-    Nothing | SetPose | Aim | Add | Duplicate | Delete | Rename | Switch | Use | ChangeCamera
-    | NewCamera | ChangeTask | Restore | Undo | Redo | Constrain,
-    Field(discriminator="do"),
-]  # fmt: skip
-
-
-class Request(BaseModel):
+class Request(Action):
     """An edit, and the faces to give back after it."""
-
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
     revision: int
     mode: str
     options: dict[str, Number | int | bool | str] = {}
     station: int | None = None
     is_drag: bool = False
-    action: Edit
-
-
-_REQUEST: TypeAdapter[Request] = TypeAdapter(Request)
+    action: Annotated[Union[(*_FORMS, Step, Constrain)], Field(discriminator="do")]  # type: ignore[valid-type]
 
 
 def request_of(entries: Mapping[str, Any]) -> Request:
     """Request of a page; ConfigError in one line for what is none."""
     try:
-        return _REQUEST.validate_python(entries)
+        return Request.model_validate(entries)
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         place = ".".join(printable(str(each), 40) for each in first["loc"])
@@ -367,18 +286,10 @@ def _with_angle(camera: Camera, value: Any) -> Camera:
     return _scaled(camera, (half + math.sqrt(max(0.0, half**2 + apart))) / camera.fx)
 
 
-def _with_focal(camera: Camera, value: Any) -> Camera:
-    return _scaled(camera, positive("fx", value) / camera.fx)
-
-
 def _scaled(camera: Camera, factor: float) -> Camera:
     """With focal lengths times a factor; the aperture keeps its diameter."""
     f = None if camera.focal_length is None else camera.focal_length * factor
     return replace(camera, fx=camera.fx * factor, fy=camera.fy * factor, focal_length=f)
-
-
-def _with_width(camera: Camera, value: Any) -> Camera:
-    return camera.resized(image_side("width", value) / camera.width)
 
 
 def _with_focus(camera: Camera, value: Any) -> Camera:
@@ -413,8 +324,10 @@ def _with_range(camera: Camera, low: Any, high: Any) -> Camera:
 
 _FIELDS: tuple[tuple[str, float, float, str, str, Change], ...] = (
     ("hfov_deg", 1.0, 175.0, "deg", "Angle between left and right.", _with_angle),
-    ("fx", 10.0, 20_000.0, "px", "Focal length over pixel width.", _with_focal),
-    ("width", 64, 8192, "px", "Pixels across, at the same field of view.", _with_width),
+    ("fx", 10.0, 20_000.0, "px", "Focal length over pixel width.",
+     lambda camera, value: _scaled(camera, positive("fx", value) / camera.fx)),
+    ("width", 64, 8192, "px", "Pixels across, at the same field of view.",
+     lambda camera, value: camera.resized(image_side("width", value) / camera.width)),
     ("focus_distance", 0.02, 100.0, "m", "Depth of the plane in focus.", _with_focus),
     ("f_number", 0.7, 45.0, "", "Focal length over diameter of the aperture.", _with_f_number),
     ("focus_near", 0.0, 100.0, "m", "Least depth in focus.",

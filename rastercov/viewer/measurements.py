@@ -22,9 +22,8 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.area.regions import RegionPass
-from rastercov.coverage.coverage import Coverage, evaluate_batches
+from rastercov.coverage.coverage import evaluate_batches
 from rastercov.coverage.engine import Engine
-from rastercov.coverage.job import evaluate
 from rastercov.coverage.network import ViewSpread, share_of_faces
 from rastercov.coverage.observer import Observer, open_observer
 from rastercov.coverage.reasons import NAMES, REASONS, reason_rows
@@ -32,6 +31,7 @@ from rastercov.coverage.task import Reason, Task
 from rastercov.mesh import Mesh
 from rastercov.placement.uncovered import in_front
 from rastercov.report.modes import OfCameras
+from rastercov.report.pages import figures_of
 from rastercov.report.theme import camera_colours
 from rastercov.viewer.rig_state import RigState, Station
 
@@ -40,6 +40,8 @@ BoolArray = NDArray[np.bool_]
 
 MOST_BYTES = 1 << 30
 """Memory for rows that the present state does not need."""
+BYTES_A_FACE = 10
+"""Of a row."""
 MOST_OBSERVERS = 8
 """Cameras that are kept ready to measure."""
 FIELDS = ("coverage", "reason", "pixel_density")
@@ -71,11 +73,6 @@ class Row:
         covers: BoolArray = self.reason == Reason.COVERED
         return covers
 
-    @property
-    def n_bytes(self) -> int:
-        """Bytes that it takes."""
-        return 10 * len(self.reason)
-
 
 class Measurements:
     """Rows of cameras at their poses, measured on demand; one thread at a time may use it.
@@ -88,7 +85,6 @@ class Measurements:
         Engine.of(method)  # refuses what is no method before anything is served
         self._observers: OrderedDict[Camera, Observer] = OrderedDict()
         self._rows: OrderedDict[Key, Row] = OrderedDict()
-        self._bytes = 0
 
     def rows(self, state: RigState, stations: Sequence[Station]) -> list[Row]:
         """Row of each of some stations of a state."""
@@ -103,7 +99,9 @@ class Measurements:
         found = [self._rows[key] for key in keys]
         for key in keys:
             self._rows.move_to_end(key)
-        self._forget(len(set(keys)))
+        kept = max(MOST_BYTES // (BYTES_A_FACE * self.mesh.n_faces), len(set(keys)))
+        while len(self._rows) > kept:  # those that were used longest ago go
+            self._rows.popitem(last=False)
         return found
 
     def observer(self, camera: Camera) -> Observer:
@@ -130,12 +128,6 @@ class Measurements:
                 coverage, reason, density = figures
                 row = Row(coverage.astype(np.float32), reason.copy(), density.astype(np.float32))
                 self._rows[next(keys)] = row
-                self._bytes += row.n_bytes
-
-    def _forget(self, needed: int) -> None:
-        """Drop the rows that were used longest ago."""
-        while self._bytes > MOST_BYTES and len(self._rows) > needed:
-            self._bytes -= self._rows.popitem(last=False)[1].n_bytes
 
 
 class NetworkFigures:
@@ -230,37 +222,24 @@ class NetworkFigures:
         return np.where(self.views > 1, np.degrees(widest), 0.0)
 
     def summary(self) -> dict[str, Any]:
-        """Figures of the network, ready for JSON, as `coverage.network.Network.summary`."""
-        mesh, task_faces = self.mesh, self.mesh.task_mask
+        """Figures of the network and of its stations, ready for JSON; see `pages.figures_of`."""
+        mesh, task_faces, areas = self.mesh, self.mesh.task_mask, np.asarray(self.mesh.areas)
         unseen = task_faces & ~self.covered
         reasons = {
             NAMES[row]: share_of_faces(mesh, unseen & (self.reasons == row), task_faces)
             for row in np.unique(self.reasons[unseen]).tolist()
         }
-        return {
+        network = {
             "covered": share_of_faces(mesh, task_faces & self.covered, task_faces),
             "task_faces": int(task_faces.sum()),
-            "by_camera": self._by_camera(),
             "not_covered_because": reasons,
         }
-
-    def _by_camera(self) -> list[dict[str, Any]]:
-        """Faces that each station covers, and the area that no other one does."""
-        task_faces, areas = self.mesh.task_mask, np.asarray(self.mesh.areas)
         total = max(float(areas[task_faces].sum()), np.finfo(float).tiny)
-        single = task_faces & (self.views == 1)
-        found = []
-        for station, row in zip(self.state.on, self.rows, strict=True):
-            covers = row.covers & task_faces
-            found.append(
-                {
-                    "station": station.id,
-                    "faces": int(covers.sum()),
-                    "area_percent": 100 * float(areas[covers].sum()) / total,
-                    "alone_percent": 100 * float(areas[covers & single].sum()) / total,
-                }
-            )
-        return found
+        single = self.views == 1
+        covers = (row.covers & task_faces for row in self.rows)
+        own = [(each.sum(), areas[each].sum(), areas[each & single].sum()) for each in covers]
+        faces, seen, alone = np.array(own).reshape(-1, 3).T
+        return figures_of(network, faces, seen, alone, total, [each.id for each in self.state.on])
 
 
 def of_one_camera(task: Task) -> Task:
@@ -292,8 +271,11 @@ def exact_area(
     return found
 
 
-OF_THE_SCENE = ("coverage", "reason", "visibility", "visibility_bound")
-"""Figures that depend on what hides the face."""
+OF_A_FACE = (
+    "coverage", "reason", "visibility", "visibility_bound", "drawn_pixels", "incidence",
+    "pixel_density", "facing_density", "in_view_fraction",
+)  # fmt: skip
+"""Figures that say why a camera does not cover a face."""
 
 
 def why(measurements: Measurements, figures: NetworkFigures, face: int) -> dict[str, Any]:
@@ -322,15 +304,8 @@ def why(measurements: Measurements, figures: NetworkFigures, face: int) -> dict[
     }
     if group.is_occluder:
         return found
-    alone = _alone(mesh, face)
-    found["cameras"] = [_of_station(measurements, alone, state, each, face) for each in state.on]
+    found["cameras"] = [_of_station(measurements, state, each, face) for each in state.on]
     return found
-
-
-def _alone(mesh: Mesh, face: int) -> Mesh:
-    """The face as a mesh of its own, for figures that do not depend on what hides it."""
-    made = Mesh(vertices=mesh.vertices[mesh.faces[face]], faces=[[0, 1, 2]])
-    return made.with_groups(two_sided="all" if mesh.two_sided_mask[face] else ())
 
 
 def _words(mesh: Mesh, figures: NetworkFigures, face: int) -> str:
@@ -352,14 +327,14 @@ def _words(mesh: Mesh, figures: NetworkFigures, face: int) -> str:
 
 
 def _of_station(
-    measurements: Measurements, alone: Mesh, state: RigState, station: Station, face: int
+    measurements: Measurements, state: RigState, station: Station, face: int
 ) -> dict[str, Any]:
     """Figures of the face in one camera."""
     mesh, camera, task = measurements.mesh, state.camera_of(station), of_one_camera(state.task)
-    single = evaluate(alone, camera, station.pose[None], task)
     observer = measurements.observer(camera)
-    whole = next(evaluate_batches(observer, station.pose[None], task, fields=OF_THE_SCENE))
-    reason = Reason(int(whole.reason[0, face]))
+    batch = next(evaluate_batches(observer, station.pose[None], task, fields=OF_A_FACE))
+    found = {name: float(getattr(batch, name)[0, face]) for name in OF_A_FACE}
+    reason = Reason(int(found["reason"]))
     depth = (mesh.vertices[mesh.faces[face]] - station.pose[:3, 3]) @ station.pose[:3, 2]
     words = REASONS[reason.name.lower()].label
     occluder = _occluder(mesh, station, face) if reason == Reason.OCCLUDED else None
@@ -367,41 +342,25 @@ def _of_station(
         own = occluder["group"] == mesh.face_group[face]
         by = "its own group" if own else occluder["name"]
         words = f"hidden by {by}: {percent(occluder['share'])} of its image"
-    visible, bound = float(whole.visibility[0, face]), float(whole.visibility_bound[0, face])
+    visible, bound = found["visibility"], found["visibility_bound"]
     entries = {
         "visible part": f"{percent(visible)} ± {100 * bound:.1g} %",
-        "coverage": f"{float(whole.coverage[0, face]):.3g}",
-        "pixels if nothing hides it": f"{float(single.drawn_pixels[0, 0]):.3g} px",
-        "angle of incidence": f"{math.degrees(float(single.incidence[0, 0])):.3g} deg",
-        "pixel density": f"{float(single.pixel_density[0, 0]):.4g} px/m",
+        "coverage": f"{found['coverage']:.3g}",
+        "pixels if nothing hides it": f"{found['drawn_pixels']:.3g} px",
+        "angle of incidence": f"{math.degrees(found['incidence']):.3g} deg",
+        "pixel density": f"{found['pixel_density']:.4g} px/m",
         "depth": f"{length(float(depth.min()))} to {length(float(depth.max()))} m",
-        "in the image": percent(float(single.in_view_fraction[0, 0])),
+        "in the image": percent(found["in_view_fraction"]),
     }
     return {
         "station": station.id,
         "name": station.name,
         "reason": reason.name.lower(),
         "words": words,
-        "help": _help(reason, single, task, depth, occluder, camera),
+        "help": _help(reason, found, entries["depth"], depth, task, occluder, camera),
         "figures": [{"label": label, "value": value} for label, value in entries.items()],
         "occluder": occluder,
     }
-
-
-def _finer(single: Coverage, task: Task) -> tuple[str, str]:
-    """Figure of a face by the threshold that is farthest off, and the factor that is missing."""
-    # Lengths in the image grow with the focal length and with nearness, areas with their squares.
-    wanted = [
-        ((least / float(found[0, 0])) ** power, f"{found[0, 0]:.3g} of {least:g} {unit}")
-        for found, least, power, unit in (
-            (single.drawn_pixels, task.min_pixels, 0.5, "px"),
-            (single.pixel_density, task.min_pixel_density, 1.0, "px/m"),
-            (single.facing_density, task.min_facing_density, 1.0, "px/m"),
-        )
-        if 0 < found[0, 0] < least
-    ]
-    factor, words = max(wanted, default=(0.0, ""))
-    return words, f"{factor:.2g} times"
 
 
 def _occluder(mesh: Mesh, station: Station, face: int) -> dict[str, Any] | None:
@@ -415,25 +374,36 @@ def _occluder(mesh: Mesh, station: Station, face: int) -> dict[str, Any] | None:
 
 def _help(
     reason: Reason,
-    single: Coverage,
+    found: dict[str, float],
+    depths: str,
+    depth: FloatArray,
     task: Task,
-    depth: np.ndarray[Any, Any],
     occluder: dict[str, Any] | None,
     camera: Camera,
 ) -> str:
     """Advice for a camera to cover the face: that of `REASONS` with the figures of the face."""
-    z_n, z_f = camera.depth_of_field(task.max_blur)
-    finer, times = _finer(single, task)
+    # Lengths in the image grow with the focal length and with nearness, areas with their squares.
+    wanted = [
+        ((least / found[name]) ** power, f"{found[name]:.3g} of {least:g} {unit}")
+        for name, least, power, unit in (
+            ("drawn_pixels", task.min_pixels, 0.5, "px"),
+            ("pixel_density", task.min_pixel_density, 1.0, "px/m"),
+            ("facing_density", task.min_facing_density, 1.0, "px/m"),
+        )
+        if 0 < found[name] < least
+    ]
+    factor, finer = max(wanted, default=(0.0, ""))
     if reason == Reason.TOO_COARSE and not finer:
         return "come nearer, or take a longer lens"
+    z_n, z_f = map(float, camera.depth_of_field(task.max_blur))
+    furthest = "any depth" if math.isinf(z_f) else f"{length(z_f)} m"
     return REASONS[reason.name.lower()].advice.format(
         wider=", or take a wider lens" if (depth > 0).all() else "",
-        depth=f"{length(float(depth.min()))} to {length(float(depth.max()))} m",
-        in_focus=f"{length(float(z_n))} m to "
-        + ("any depth" if math.isinf(z_f) else f"{length(float(z_f))} m"),
+        depth=depths,
+        in_focus=f"{length(z_n)} m to {furthest}",
         finer=finer,
-        times=times,
+        times=f"{factor:.2g} times",
         hider="what is before it" if occluder is None else occluder["name"],
-        angle=f"{math.degrees(float(single.incidence[0, 0])):.3g}",
+        angle=f"{math.degrees(found['incidence']):.3g}",
         max_angle=f"{task.max_incidence_deg:g}",
     )

@@ -55,6 +55,11 @@ class Station:
     is_on: bool = True
 
 
+def checked_pose(pose: FloatArray) -> FloatArray:
+    """The pose, read-only; PoseError for what is no rigid motion."""
+    return frozen(valid_poses(pose)[0].copy())
+
+
 @dataclass(frozen=True, eq=False)
 class RigState:
     """Stations, cameras by name, and thresholds; edits return another state.
@@ -133,8 +138,7 @@ class RigState:
 
     def with_pose(self, station: int, pose: FloatArray) -> "RigState":
         """With another pose of a station; PoseError for what is no rigid motion."""
-        checked = frozen(valid_poses(pose)[0].copy())
-        return self.with_station(replace(self.station(station), pose=checked))
+        return self.with_station(replace(self.station(station), pose=checked_pose(pose)))
 
     def with_new(self, camera: str, pose: FloatArray, name: str = "") -> "RigState":
         """With a further station, whose id is the greatest.
@@ -149,10 +153,9 @@ class RigState:
         self.camera(camera)
         if len(self.stations) >= MOST_STATIONS:
             raise ConfigError(f"the viewer takes up to {MOST_STATIONS:,} cameras; delete some")
-        checked = frozen(valid_poses(pose)[0].copy())
         new = max((each.id for each in self.stations), default=-1) + 1
-        free = self._free(name or f"camera {new}")
-        return replace(self, stations=(*self.stations, Station(new, free, camera, checked)))
+        station = Station(new, self._free(name or f"camera {new}"), camera, checked_pose(pose))
+        return replace(self, stations=(*self.stations, station))
 
     def with_copy(self, station: int) -> "RigState":
         """With a further station like one of them."""
@@ -220,7 +223,10 @@ class RigState:
 
     def camera(self, name: str) -> Camera:
         """A camera by its name; ConfigError where there is none."""
-        return camera_in(self.cameras, name)
+        if name not in self.cameras:
+            known = ", ".join(self.cameras)
+            raise ConfigError(f"there is no camera {shown(name)}; cameras are {known}")
+        return self.cameras[name]
 
     def _free(self, name: str) -> str:
         """The name, or the first of "name 2", "name 3", ... that is not taken."""
@@ -228,13 +234,6 @@ class RigState:
         while free in taken:
             free, number = f"{name} {number}", number + 1
         return free
-
-
-def camera_in(cameras: Mapping[str, Camera], name: str) -> Camera:
-    """The camera of a name; ConfigError where there is none."""
-    if name not in cameras:
-        raise ConfigError(f"there is no camera {shown(name)}; cameras are {', '.join(cameras)}")
-    return cameras[name]
 
 
 class History:

@@ -6,6 +6,7 @@ Opened from a plan, a mesh with cameras, or the folder of a result.
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal, get_args, get_origin
 
 import numpy as np
@@ -51,13 +52,11 @@ SEGMENT_OPTIONS: tuple[dict[str, Any], ...] = (
      "is_optional": False, "unit": "deg"},
 )  # fmt: skip
 RESULTS = {
-    "summary.json": ("evaluate", "Result of rastercov evaluate"),
-    "plan.json": ("place", "Result of rastercov place"),
-    "audit.json": ("audit", "Result of rastercov audit"),
+    "summary.json": ("evaluate", "rig.json"),
+    "plan.json": ("place", "poses.json"),
+    "audit.json": ("audit", "rig.json"),
 }
-"""File that marks the folder of each command's result; its kind, and words for it."""
-RIGS = {"evaluate": "rig.json", "place": "poses.json", "audit": "rig.json"}
-"""File of the cameras in each of them."""
+"""File that marks the folder of a result; its command, and the file of its cameras."""
 
 Model = Callable[[Mesh, Camera, NDArray[np.float64], Task], NDArray[np.float64]]
 """Coverage (P, F) of each face in each pose."""
@@ -245,17 +244,14 @@ def open_plan(path: Path, rig: Views | None = None) -> Scene:
     pool = candidate_pool(plan, mesh) if plan.has_cameras else None
     cameras = plan.rig if plan.has_cameras else None
     if rig is not None:
-        views = rig
-        if rig.rig is None:
-            if cameras is None:
-                raise ConfigError(f"{plan.name} has no camera, nor has the rig; give one")
-            named = bool(rig.camera_names)
-            views = rig.with_cameras(cameras) if named else replace(rig, rig=cameras)
-        start = _state(views, plan.build_task())
-        # Cameras of the plan that the rig does not use may be added.
-        for name, camera in zip(*_named(cameras), strict=True):
-            if name not in start.cameras:
-                start = start.with_camera(name, camera)
+        if rig.rig is None and cameras is None:
+            raise ConfigError(f"{plan.name} has no camera, nor has the rig; give one")
+        start = _state(rig, plan.build_task(), cameras)
+        if cameras is not None:  # those that the rig does not use may be added
+            of_plan = dict(zip(cameras.names, cameras.cameras, strict=True))
+            start = replace(
+                start, cameras=MappingProxyType({**start.cameras, **of_plan, **start.cameras})
+            )
     elif cameras is None:
         raise ConfigError(f"{plan.name} has no camera; add one, or give --poses with cameras")
     else:
@@ -302,7 +298,8 @@ def open_result(folder: Path, load: Callable[[list[str]], Mesh]) -> Scene:
         For another folder, one without its cameras, and a mesh that is not that of the result.
     """
     run = run_of(folder)
-    kind, title = next(each for name, each in RESULTS.items() if (folder / name).is_file())
+    kind, rig_name = next(each for name, each in RESULTS.items() if (folder / name).is_file())
+    rig_file = folder / rig_name
     files = [str(each["name"]) for each in run.get("mesh", ())]
     mesh = _with_roles(load(files), run["scene"])
     before = {(each["name"], each.get("sha256")) for each in run.get("mesh", ())}
@@ -313,24 +310,17 @@ def open_result(folder: Path, load: Callable[[list[str]], Mesh]) -> Scene:
                 "that file after the folder"
             )
     if sha256(mesh.vertices, mesh.faces, mesh.face_group) != run["scene"]["sha256"]:
-        other = f"; or give the plan, with --poses {folder / RIGS[kind]}" if kind == "place" else ""
+        other = f"; or give the plan, with --poses {rig_file}" if kind == "place" else ""
         raise ConfigError(
             f"the mesh is not that of {folder}: {', '.join(files)}, with its --unit and "
             f"--transform, is wanted{other}"
         )
-    rig_file = folder / RIGS[kind]
     if not rig_file.is_file():
         raise ConfigError(f"{rig_file} is missing: a result of many poses has none; give --poses")
-    views = read_views(rig_file)
-    if views.rig is None:
-        rig = _cameras(run)
-        named = bool(views.camera_names)
-        views = views.with_cameras(rig) if named else replace(views, rig=rig)
     task = Task(**{k: v for k, v in run.get("task", {}).items() if k in Task.__dataclass_fields__})
-    words = f"{title} in {folder}"
-    return Scene(
-        folder.resolve().name, mesh, _state(views, task), result={"kind": kind, "words": words}
-    )
+    start = _state(read_views(rig_file), task, _cameras(run))
+    result = {"kind": kind, "words": f"Result of rastercov {kind} in {folder}"}
+    return Scene(folder.resolve().name, mesh, start, result=result)
 
 
 def _read(path: Path) -> Mapping[str, Any]:
@@ -364,12 +354,14 @@ def _cameras(run: Mapping[str, Any]) -> Rig:
     return Rig([Camera.from_dict(each) for each in entries], names)
 
 
-def _named(rig: Rig | None) -> tuple[tuple[str, ...], tuple[Camera, ...]]:
-    return ((), ()) if rig is None else (rig.names, rig.cameras)
+def _state(views: Views, task: Task, cameras: Rig | None = None) -> RigState:
+    """State of views, with some cameras if they have none.
 
-
-def _state(views: Views, task: Task) -> RigState:
-    """State of views; names of images are those of the stations where all differ."""
+    Names of images are those of the stations where all differ.
+    """
+    if views.rig is None and cameras is not None:
+        named = bool(views.camera_names)
+        views = views.with_cameras(cameras) if named else replace(views, rig=cameras)
     if views.rig is None:
         raise PoseError("there are poses and no camera; give a camera as well")
     names = views.images if len(set(views.images)) == len(views.poses) and all(views.images) else ()

@@ -48,8 +48,8 @@ if TYPE_CHECKING:
     from starlette.responses import Response
 
 LOG = logging.getLogger("rastercov")
-Answer = Callable[[Any, Any], "Response"]
-"""Answer to a query and a body."""
+Answer = Callable[[Any, Any], Any]
+"""Answer to a query and a body; see `_response`."""
 MOST_BYTES = 1 << 20
 """Longest request: poses and thresholds have some hundred bytes."""
 LONGEST_ERROR = 300
@@ -281,49 +281,44 @@ async def _static(request: "Request") -> "Response":
 def _answers(session: Session, work: Work, saving: Saving) -> list[tuple[str, str, Answer]]:
     """Path, method and function of each answer."""
 
-    def soup(query: Any, body: Any) -> "Response":
+    def soup(query: Any, body: Any) -> tuple[bytes, dict[str, str]]:
         origin, data = soup_of(session.scene.mesh)
-        return _octets(data, {"x-rastercov-origin": ",".join(map(repr, origin.tolist()))})
+        return data, {"x-rastercov-origin": ",".join(map(repr, origin.tolist()))}
 
-    def image(query: Any, body: Any) -> "Response":
+    def image(query: Any, body: Any) -> bytes:
         side = _whole(query, "side") if "side" in query else 720
-        return _octets(session.image(_whole(query, "station"), side))
+        return session.image(_whole(query, "station"), side)
 
-    def download(query: Any, body: Any) -> "Response":
+    def download(query: Any, body: Any) -> tuple[bytes, dict[str, str]]:
         name, data = saving.content(str(query.get("what", "")))
-        return _octets(data, {"content-disposition": f'attachment; filename="{name}"'})
+        return data, {"content-disposition": f'attachment; filename="{name}"'}
 
     return [
-        ("scene", "GET", _json(lambda query, body: session.described())),
+        ("scene", "GET", lambda query, body: session.described()),
         ("soup", "GET", soup),
-        ("groups", "GET", lambda query, body: _octets(groups_of(session.scene.mesh))),
-        ("state", "GET", _json(lambda query, body: session.described_state())),
-        ("ping", "GET", _json(lambda query, body: {"revision": session.history.revision})),
-        ("act", "POST", lambda query, body: _octets(session.act(body))),
+        ("groups", "GET", lambda query, body: groups_of(session.scene.mesh)),
+        ("state", "GET", lambda query, body: session.described_state()),
+        ("ping", "GET", lambda query, body: {"revision": session.history.revision}),
+        ("act", "POST", lambda query, body: session.act(body)),
         ("image", "GET", image),
-        ("why", "GET", _json(lambda query, body: session.why(_whole(query, "face")))),
-        ("zones", "GET", _json(lambda query, body: session.zones())),
-        ("job", "POST", _json(lambda query, body: {"id": work.start(body)})),
-        ("job", "GET", _json(lambda query, body: work.described())),
-        ("job/cancel", "POST", _json(lambda query, body: work.cancel())),
-        ("save", "POST", _json(lambda query, body: saving.save(body))),
+        ("why", "GET", lambda query, body: session.why(_whole(query, "face"))),
+        ("zones", "GET", lambda query, body: session.zones()),
+        ("job", "POST", lambda query, body: {"id": work.start(body)}),
+        ("job", "GET", lambda query, body: work.described()),
+        ("job/cancel", "POST", lambda query, body: work.cancel()),
+        ("save", "POST", lambda query, body: saving.save(body)),
         ("download", "GET", download),
     ]
 
 
-def _json(answer: Callable[[Any, Any], Any]) -> Answer:
-    def text(query: Any, body: Any) -> "Response":
-        from starlette.responses import Response
-
-        return Response(json.dumps(answer(query, body)), media_type="application/json")
-
-    return text
-
-
-def _octets(data: bytes, headers: dict[str, str] | None = None) -> "Response":
+def _response(answer: Any) -> "Response":
+    """Response with bytes, with headers where these come with some, or with JSON."""
     from starlette.responses import Response
 
-    return Response(data, media_type="application/octet-stream", headers=headers)
+    data, headers = answer if isinstance(answer, tuple) else (answer, None)
+    if isinstance(data, bytes):
+        return Response(data, media_type="application/octet-stream", headers=headers)
+    return Response(json.dumps(data), media_type="application/json")
 
 
 def _endpoint(threads: ThreadPoolExecutor, answer: Answer) -> Any:
@@ -341,7 +336,9 @@ def _endpoint(threads: ThreadPoolExecutor, answer: Answer) -> Any:
         loop = asyncio.get_running_loop()
         try:
             body = await _body(request) if request.method == "POST" else None
-            return await loop.run_in_executor(threads, answer, request.query_params, body)
+            return await loop.run_in_executor(
+                threads, lambda: _response(answer(request.query_params, body))
+            )
         except ClientDisconnect:
             return Response()  # to no one
         except _TooLong:

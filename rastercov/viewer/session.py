@@ -27,7 +27,7 @@ from rastercov.report import theme
 from rastercov.report.camera_pictures import camera_image, camera_keys, camera_pixels
 from rastercov.report.modes import mode_of
 from rastercov.report.pages import described_frame, zone_entries
-from rastercov.viewer.actions import Constrain, Redo, Request, Undo, request_of
+from rastercov.viewer.actions import Constrain, Request, Step, applied, request_of
 from rastercov.viewer.measurements import (
     Measurements,
     NetworkFigures,
@@ -186,16 +186,14 @@ class Session:
         action, history = request.action, self.history
         if action.do != "none":
             self._check_revision(request.revision)
-        if isinstance(action, Undo):
-            history.undo()
-        elif isinstance(action, Redo):
-            history.redo()
+        if isinstance(action, Step):
+            (history.undo if action.do == "undo" else history.redo)()
         elif isinstance(action, Constrain):
             if action.is_kept and not self.scene.has_constraints:
                 raise ConfigError("there are no constraints to keep; open a plan that has some")
             self.is_kept = action.is_kept
         else:
-            state, words = action.apply(self.state, self._settled)
+            state, words = applied(action, self.state, self._settled)
             if words:
                 history.take(state, words, is_drag=request.is_drag)
 

@@ -19,12 +19,10 @@ from rastercov.base.errors import ConfigError, RastercovError
 from rastercov.base.format import area
 from rastercov.base.interrupts import ABANDONED
 from rastercov.camera.camera import Camera
-from rastercov.camera.viewpoints import look_at
 from rastercov.coverage.coverage import evaluate_batches
 from rastercov.coverage.network import least_cosine
 from rastercov.coverage.task import Reason
 from rastercov.mesh import Mesh
-from rastercov.placement.candidates.pool import turns_about_z
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.improve.pose_space import PoseSpace
 from rastercov.placement.improve.refine import refine
@@ -185,10 +183,8 @@ def tries(
     is_allowed &= np.linalg.norm(eyes - targets, axis=1) > 1e-9
     if not is_allowed.any():
         raise ConfigError("no place for a further camera is allowed; allow more")
-    poses = look_at(eyes[is_allowed], targets[is_allowed], space.up)
-    if space.is_roll_free:
-        poses[:, :3, :3] = poses[:, :3, :3] @ turns_about_z(rng.uniform(0, np.pi, len(poses)))
-    return poses
+    rolls = rng.uniform(0, np.pi, int(is_allowed.sum())) * space.is_roll_free
+    return space.composed(eyes[is_allowed], (targets - eyes)[is_allowed], rolls)
 
 
 def _distances(mesh: Mesh, camera: Camera) -> tuple[float, float]:

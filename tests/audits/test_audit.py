@@ -1,26 +1,22 @@
-"""Audits: every figure against its definition, computed again the slow way."""
+"""Audits: every figure of a camera and of a frame against its definition, the slow way."""
 
 import math
+from itertools import combinations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from nightly import examples
 
-from rastercov.camera.camera import Camera
-from rastercov.camera.pose import Poses
+import rastercov as rc
 from rastercov.camera.projection import to_camera, to_image
-from rastercov.camera.viewpoints import look_at
-from rastercov.coverage.area.regions import regions
-from rastercov.coverage.area.union import unite
-from rastercov.coverage.task import Task
 from rastercov.mesh import Group, Mesh, shapes
-from rastercov.placement.audit import audit
+from rastercov.placement.audit import audit, groups_of
 
 MESH = shapes.torus(20, 10)
-WIDE = Camera(width=320, height=240, fx=220, fy=230)
-LONG = Camera(width=200, height=200, fx=300, fy=300, cx=90)
+WIDE = rc.Camera(width=320, height=240, fx=220, fy=230)
+LONG = rc.Camera(width=200, height=200, fx=300, fy=300, cx=90)
 CAMERAS = (WIDE, LONG)
 
 
@@ -28,7 +24,8 @@ def looking_in(seed, count):
     rng = np.random.default_rng(seed)
     eyes = rng.normal(size=(count, 3))
     eyes *= rng.uniform(2.5, 4.5, count)[:, None] / np.linalg.norm(eyes, axis=1)[:, None]
-    return Poses.of(look_at(eyes, rng.normal(0, 0.2, (count, 3))), camera=rng.integers(0, 2, count))
+    poses = rc.look_at(eyes, rng.normal(0, 0.2, (count, 3)))
+    return rc.Poses.of(poses, camera=rng.integers(0, 2, count))
 
 
 def pairs_of(found):
@@ -54,8 +51,22 @@ def angle(a, b):
     return 2 * math.asin(min(1.0, np.linalg.norm(a - b) / 2))
 
 
+def areas_are_defined(figures, owner, covers, covered, weights):
+    """Assert the areas of each camera, or of each frame, with the rows of `owner`."""
+    for row in range(len(figures.seen_m2)):
+        own = owner == row
+        seen = covers[own].any(axis=0)
+        areas = {
+            "seen_m2": seen,
+            "alone_m2": seen & ~covers[~own].any(axis=0),
+            "lost_m2": covered(own | ~own) & ~covered(~own),
+        }
+        for name, mask in areas.items():
+            assert getattr(figures, name)[row] == pytest.approx(weights[mask].sum(), abs=1e-12)
+
+
 @pytest.mark.slow
-@settings(max_examples=8)
+@examples(8, at_night=8)
 @given(
     seed=st.integers(0, 10_000),
     count=st.integers(1, 12),
@@ -63,55 +74,64 @@ def angle(a, b):
     by=st.sampled_from(["area", "face"]),
 )
 def test_every_figure_is_its_definition(seed, count, views, by):
-    poses, task = looking_in(seed, count), Task(views=views)
+    poses, task = looking_in(seed, count), rc.Task(views=views)
     found = audit(MESH, CAMERAS, poses, task, by=by, resolution_of_result=0.4)
     covers, on = pairs_of(found), MESH if by == "face" else found.cells.elements
     weights = np.where(on.task_mask, on.areas, 0)
     np.testing.assert_array_equal(found.views, covers.sum(axis=0))
     np.testing.assert_array_equal(found.covered, (covers.sum(axis=0) >= views) & (weights > 0))
-    rng = np.random.default_rng(seed)
-    for e in rng.choice(on.n_faces, 12):
+    for e in np.random.default_rng(seed).choice(on.n_faces, 12):
         cameras = np.flatnonzero(covers[:, e])
         point, normal = on.centroids[e], on.normals[e]
         rays = poses.world_from_camera[cameras, :3, 3] - point
         widest = max((angle(a, b) for a in rays for b in rays), default=0.0)
         assert found.widest_angle[e] == pytest.approx(widest, abs=1e-7)
-        best = [
-            density(point, normal, poses.world_from_camera[c], CAMERAS[poses.camera[c]])
+        best = {
+            c: density(point, normal, poses.world_from_camera[c], CAMERAS[poses.camera[c]])
             for c in cameras
-        ]
-        assert found.best_density[e] == pytest.approx(max(best, default=0), rel=1e-6)
-        if best:
-            assert best[list(cameras).index(found.best_camera[e])] == pytest.approx(
-                max(best), rel=1e-6
-            )
-        else:
-            assert found.best_camera[e] == -1
-    enough = covers.sum(axis=0) >= views
-    for row in range(count):
-        without = np.delete(covers, row, axis=0).sum(axis=0) >= views
-        assert found.lost_m2[row] == pytest.approx(weights[enough & ~without].sum(), abs=1e-12)
-        only = covers[row] & (covers.sum(axis=0) == 1)
-        assert found.alone_m2[row] == pytest.approx(weights[only].sum(), abs=1e-12)
-        assert found.seen_m2[row] == pytest.approx(weights[covers[row]].sum(), abs=1e-12)
+        }
+        most = pytest.approx(max(best.values(), default=0), rel=1e-6)
+        assert found.best_density[e] == most
+        assert found.best_camera[e] == -1 if not best else best[found.best_camera[e]] == most
+    areas_are_defined(
+        found, np.arange(count), covers, lambda rows: covers[rows].sum(axis=0) >= views, weights
+    )
 
 
 @pytest.mark.slow
-@examples(4, at_night=8)
-@given(seed=st.integers(0, 10_000), views=st.integers(1, 2), least=st.sampled_from([0, 20, 60]))
-def test_the_subset_covers_what_all_cameras_cover(seed, views, least):
-    task = Task(views=views, min_angle_deg=least)
-    found = audit(MESH, CAMERAS, looking_in(seed, 14), task, by="face")
-    _, covered = found.problem.covered_by(found.subset.chosen)
-    weighted = found.problem.weights > 0
-    np.testing.assert_array_equal(covered & weighted, found.covered)
-    assert found.subset.bound <= len(found.subset.chosen) <= 14
-    every = np.arange(14)
-    for row in every:
-        _, rest = found.problem.covered_by(np.delete(every, row))
-        lost = found.problem.weights[found.covered & ~rest].sum()
-        assert found.lost_m2[row] == pytest.approx(lost, abs=1e-12)
+@examples(4, at_night=10)
+@given(
+    seed=st.integers(0, 10_000),
+    views=st.integers(1, 3),
+    least=st.sampled_from([0, 20, 60]),
+    n_frames=st.integers(1, 5),
+)
+def test_a_subset_of_cameras_and_of_frames_covers_what_all_cover(seed, views, least, n_frames):
+    numbers = np.random.default_rng(seed).integers(0, n_frames, 14)
+    frames = [f"t{number}" for number in numbers]
+    task = rc.Task(views=views, min_angle_deg=least)
+    found = audit(MESH, CAMERAS, looking_in(seed, 14), task, by="face", frames=frames)
+    covers, weights = pairs_of(found), np.where(MESH.task_mask, MESH.areas, 0)
+
+    def covered(rows):
+        return found.problem.covered_by(np.flatnonzero(rows))[1] & (weights > 0)
+
+    names = list(dict.fromkeys(frames))
+    owner = np.array([names.index(frame) for frame in frames])
+    assert list(found.frames.names) == names
+    areas_are_defined(found.frames, owner, covers, covered, weights)
+    areas_are_defined(found, np.arange(14), covers, covered, weights)
     assert not np.any(found.redundant & (found.lost_m2 > 0))
+    for subset, owners in ((found.subset, np.arange(14)), (found.frames.subset, owner)):
+        np.testing.assert_array_equal(covered(np.isin(owners, subset.chosen)), found.covered)
+        assert subset.bound <= len(subset.chosen)
+    enough = [
+        len(chosen)
+        for n in range(len(names) + 1)
+        for chosen in combinations(range(len(names)), n)
+        if (covered(np.isin(owner, chosen)) == found.covered).all()
+    ]
+    assert found.frames.subset.bound <= min(enough)
 
 
 def test_a_camera_twice_is_redundant_and_left_out_of_the_subset():
@@ -125,9 +145,8 @@ def test_a_camera_twice_is_redundant_and_left_out_of_the_subset():
 
 def test_covered_area_is_that_of_exact_regions():
     poses = looking_in(7, 6)
-    found = audit(MESH, CAMERAS, poses)
-    exact = unite(regions(MESH, CAMERAS, poses))
-    summary = found.summary()
+    summary = audit(MESH, CAMERAS, poses).summary()
+    exact = rc.unite(rc.regions(MESH, CAMERAS, poses))
     assert summary["covered_area"]["m2"] == pytest.approx(exact.area[0].sum(), abs=1e-9)
     # The elements are half covered or not at all: near to it.
     assert summary["covered_percent"] == pytest.approx(summary["covered_area"]["percent"], abs=2)
@@ -143,11 +162,23 @@ def test_occluders_and_bad_poses_are_left_out():
     )
     matrices = looking_in(1, 6).world_from_camera.copy()
     matrices[2, 0, 0] = 9
-    names = list("abcdef")
-    found = audit(both, WIDE, matrices, names=names, by="face", skip_bad_poses=True)
+    found = audit(both, WIDE, matrices, names=list("abcdef"), by="face", skip_bad_poses=True)
     assert found.names == ("a", "b", "d", "e", "f")
     assert not found.views[MESH.n_faces :].any()
     assert found.summary()["subset"]["names"] == [found.names[row] for row in found.subset.chosen]
+
+
+def test_cameras_of_a_rig_have_figures_by_name():
+    poses = looking_in(4, 8)
+    found = audit(MESH, rc.Rig(CAMERAS, ["wide", "long"]), poses, by="face")
+    entries, covers = found.summary()["by_camera"], pairs_of(found)
+    assert [entry["camera"] for entry in entries] == ["wide", "long"]
+    for row, entry in enumerate(entries):
+        own = poses.camera == row
+        assert entry["poses"] == own.sum()
+        assert entry["seen_m2"] == pytest.approx(MESH.areas[covers[own].any(axis=0)].sum())
+    assert "frames" not in found.summary()
+    assert "by_camera" not in audit(MESH, WIDE, poses.world_from_camera).summary()
 
 
 def test_no_camera_covers_nothing():
@@ -155,3 +186,4 @@ def test_no_camera_covers_nothing():
     assert not found.views.any()
     assert found.summary()["covered_percent"] == 0
     assert len(found.subset.chosen) == 0
+    assert groups_of(found.problem, found.covered, []).names == ()

@@ -6,7 +6,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from nightly import examples
 
-from rastercov.kernels import placement_bits
 from rastercov.placement import bits
 from rastercov.placement.bits import CoveredBits, packed, spread_out, unpacked
 
@@ -51,45 +50,10 @@ def test_bits_are_the_pairs_of_the_dense_array(case):
     assert not totals[:, m:].any()
 
 
-@examples(25)
-@given(dense_and_bits())
-def test_lists_of_some_candidates_have_their_faces_within_a_mask(case):
-    dense, found, rng = case
-    n, m = dense.shape
-    rows = np.flatnonzero(rng.random(n) < 0.5)
-    mask, column = rng.random(m) < 0.7, rng.permutation(m).astype(np.int32)
-    np.testing.assert_array_equal(found.counts(packed(mask), rows), (dense & mask)[rows].sum(1))
-    indptr, face = found.listed(rows, packed(mask), spread_out(column, np.int32))
-    assert len(indptr) == len(rows) + 1
-    for k, row in enumerate(rows):
-        wanted = column[np.flatnonzero(dense[row] & mask)]
-        assert face[indptr[k] : indptr[k + 1]].tolist() == wanted.tolist()
-
-
-@examples(25)
-@given(dense_and_bits(), st.integers(1, 3))
-def test_a_cover_is_completed_in_the_order_of_the_rows(case, most_views):
-    dense, found, rng = case
-    n, m = dense.shape
-    views = np.minimum(rng.integers(1, most_views + 1, m), dense.sum(axis=0)).astype(np.int32)
-    order, count = rng.permutation(n), np.zeros(m, np.int32)
-    wanted = np.zeros(n, bool)
-    for place, row in enumerate(order):
-        wanted[place] = (dense[row] & (count < views)).any()
-        count += dense[row] & (count < views)
-    is_needed, lacking = np.zeros(n, np.bool_), packed(views > 0)
-    counts, needed_views = spread_out(np.zeros(m, np.int32), np.int32), spread_out(views, np.int32)
-    for words, rows, at in found.runs(order):
-        placement_bits.complete_cover(words, rows, lacking, counts, needed_views, is_needed[at])
-    np.testing.assert_array_equal(is_needed, wanted)
-    assert not lacking.any()
-
-
 @pytest.mark.parametrize("threads", [1, 3])
 def test_sums_do_not_depend_on_threads(monkeypatch, threads):
     rng = np.random.default_rng(1)
-    dense = rng.random((300, 1000)) < 0.2
-    values = rng.integers(0, 2**40, (2, 1000))
+    dense, values = rng.random((300, 1000)) < 0.2, rng.integers(0, 2**40, (2, 1000))
     monkeypatch.setattr(bits, "WORDS_A_TURN", 64)
     monkeypatch.setattr(bits, "thread_count", lambda asked: threads)
     found = CoveredBits.from_dense(dense)

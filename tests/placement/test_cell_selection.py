@@ -98,33 +98,38 @@ def test_bounds_of_faces_come_with_a_matrix_of_cells():
 
 
 def test_matrices_of_faces_and_of_cells_are_not_mistaken_for_each_other(tmp_path):
-    view, poses, cells = (MESH, CAMERA), POSES[:2], rc.cells(MESH, SIZE)
-    of_cells = build_matrix(view, poses, TASK, tmp_path / "cells", cells=cells)
-    of_faces = build_matrix(view, poses, TASK, tmp_path / "faces")
-    words = "was made for faces, or for cells of another size"
-    for folder, other in (("cells", None), ("faces", cells), ("cells", rc.cells(MESH, 2 * SIZE))):
-        with pytest.raises(ConfigError, match=words):
-            build_matrix(view, poses, TASK, tmp_path / folder, cells=other)
-    goal = BestCoverage(cameras=1)
-    with pytest.raises(ConfigError, match="the matrix is of cells, got a mesh"):
-        problem_of(of_cells, MESH, goal)
-    with pytest.raises(ConfigError, match="the matrix is of faces, got cells"):
-        problem_of(of_faces, cells, goal)
-    with pytest.raises(ConfigError, match="faces, got one of"):
-        problem_of(of_cells, rc.cells(MESH, 2 * SIZE), goal)
-
-
-def test_cells_need_exact_visibility_of_their_own_mesh():
-    cells, other = rc.cells(MESH, SIZE), room()[0]
-    with pytest.raises(ConfigError, match="compute all of them with the same Mesh"):
-        build_matrix((other, CAMERA), POSES[:1], TASK, cells=cells)
-    with (
-        rc.open_observer(MESH, CAMERA, "sampled", backend="cpu") as observer,
-        pytest.raises(ConfigError, match="got sampled"),
+    poses, goal = POSES[:2], BestCoverage(cameras=1)
+    cells, larger = (rc.cells(MESH, size) for size in (SIZE, 2 * SIZE))
+    made = {}
+    for name, own, others in (("cells", cells, (None, larger)), ("faces", None, (cells,))):
+        made[name] = build_matrix((MESH, CAMERA), poses, TASK, tmp_path / name, cells=own)
+        for other in others:
+            with pytest.raises(ConfigError, match="for faces, or for cells of another size"):
+                build_matrix((MESH, CAMERA), poses, TASK, tmp_path / name, cells=other)
+    for name, elements, words in (
+        ("cells", MESH, "the matrix is of cells, got a mesh"),
+        ("faces", cells, "the matrix is of faces, got cells"),
+        ("cells", larger, "faces, got one of"),
     ):
-        build_matrix(observer, POSES[:1], TASK, cells=cells)
-    with pytest.raises(ConfigError, match="min_pixels is of a face"):
-        build_matrix((MESH, CAMERA), POSES[:1], rc.Task(min_pixels=3), cells=cells)
+        with pytest.raises(ConfigError, match=words):
+            problem_of(made[name], elements, goal)
+
+
+@pytest.mark.parametrize(
+    ("mesh", "method", "task", "words"),
+    [
+        (room()[0], "certified", None, "compute all of them with the same Mesh"),
+        (MESH, "sampled:cpu", None, "got sampled"),
+        (MESH, "certified", rc.Task(min_pixels=3), "min_pixels is of a face"),
+    ],
+)
+def test_cells_need_exact_visibility_of_their_own_mesh(mesh, method, task, words):
+    cells = rc.cells(MESH, SIZE)
+    with (
+        rc.open_observer(mesh, CAMERA, method) as observer,
+        pytest.raises(ConfigError, match=words),
+    ):
+        build_matrix(observer, POSES[:1], task, cells=cells)
 
 
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])

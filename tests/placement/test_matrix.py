@@ -1,3 +1,5 @@
+"""Visibility matrices as lists and as bits: their pairs, and the folders that keep them."""
+
 import errno
 import hashlib
 import json
@@ -6,6 +8,7 @@ import shutil
 import subprocess
 import sys
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -13,16 +16,16 @@ import pyarrow.parquet as pq
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from matrix_damage import campaign, contents_of, files_of, flip
+from matrix_damage import ARRAYS, contents_of, files_of, flip
 from nightly import IS_NIGHTLY
 
 import rastercov as rc
-from rastercov.base.errors import ConfigError, PoseError
-from rastercov.cluster.store import store
+from rastercov.base.errors import ConfigError, PoseError, ResourceError
+from rastercov.cluster.store import locked, store
 from rastercov.coverage import shards as evaluation_shards
 from rastercov.mesh import shapes
-from rastercov.placement.matrix import VisibilityMatrix, build_matrix
-from rastercov.placement.matrix_folder import shortened
+from rastercov.placement.matrix import BitMatrix, VisibilityMatrix, build_matrix, measure_matrix
+from rastercov.placement.matrix_folder import MatrixFolder, shortened
 from rastercov.placement.select.problem import BestCoverage, FewestCameras, problem_of
 
 CAMERA = rc.Camera(width=64, height=64, fx=70, fy=70)
@@ -30,10 +33,19 @@ TASK = rc.Task(min_coverage=0.3, max_incidence_deg=80)
 N_POSES = 11
 MESH = shapes.torus(12, 8)
 POSES = rc.sphere_of_poses((0, 0, 0), 4.2, N_POSES)
+AWAY = rc.look_at([[0, 0, 5.0]], [[0, 0, 9.0]])
+SHARD = Path("pairs") / "pairs-00001.parquet"
+WORDS = Path("bits") / "covered-0.3.words"
+RECORD = Path("bits") / "covered-0.3.npz"
+SUM_OF_RECORD = Path("sha256") / "covered-0.3.npz.sha256"
 
 
-def build(folder=None, **options):
-    return build_matrix((MESH, CAMERA), POSES, TASK, folder, **options)
+def build(folder=None, poses=POSES, **options):
+    return build_matrix((MESH, CAMERA), poses, TASK, folder, **options)
+
+
+def bits_of(folder, poses=POSES):
+    return BitMatrix.of(measure_matrix((MESH, CAMERA), poses, TASK, folder, poses_a_shard=4))
 
 
 def dense(matrix):
@@ -43,8 +55,15 @@ def dense(matrix):
     return values
 
 
+def covered(bits):
+    found = np.zeros((bits.n_rows, bits.n_faces), bool)
+    for row in range(bits.n_rows):
+        found[row, bits.faces_of(row)] = True
+    return found
+
+
 def same(one, other):
-    for name in ("poses", "indptr", "face", "coverage"):
+    for name in ARRAYS:
         first, second = getattr(one, name), getattr(other, name)
         np.testing.assert_array_equal(first, second, err_msg=name)
         assert first.dtype == second.dtype
@@ -58,32 +77,129 @@ def watched(folder, **options):
     return build(folder, **options), seen, notes
 
 
-def test_the_matrix_is_the_coverage_of_every_pair():
-    matrix = build()
-    coverage = rc.evaluate(MESH, CAMERA, POSES, TASK)
-    np.testing.assert_allclose(dense(matrix), coverage.coverage, rtol=1e-6)
-    assert (dense(matrix) > 0).tolist() == (coverage.coverage > 0).tolist()
-    covered = np.zeros(matrix.n_poses * matrix.n_faces, bool)
-    pose = np.repeat(np.arange(matrix.n_poses), np.diff(matrix.indptr))
-    covered[(pose * matrix.n_faces + matrix.face)[matrix.covered]] = True
-    np.testing.assert_array_equal(
-        covered.reshape(coverage.reason.shape), coverage.reason == rc.Reason.COVERED
-    )
-    assert matrix.mean_coverage == pytest.approx(coverage.coverage.mean(axis=1))
+@pytest.fixture(scope="module")
+def lists():
+    return build()
 
 
-def test_occluders_are_left_out():
-    labels = np.arange(MESH.n_faces) % 2
-    groups = (rc.Group("part"), rc.Group("fixture", is_occluder=True))
+# --- pairs ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("step", [1, 2])
+def test_the_matrix_is_the_coverage_of_every_pair_without_occluders(step):
+    labels = np.arange(MESH.n_faces) % step
+    groups = (rc.Group("part"), rc.Group("fixture", is_occluder=True))[:step]
     scene = rc.Mesh(MESH.vertices, MESH.faces, groups, labels)
     matrix = build_matrix((scene, CAMERA), POSES, TASK)
-    assert len(matrix.face)
-    assert (labels[matrix.face] == 0).all()
+    coverage = rc.evaluate(scene, CAMERA, POSES, TASK)
+    wanted = np.where(labels == 0, coverage.coverage, 0)
+    np.testing.assert_allclose(dense(matrix), wanted, rtol=1e-6)
+    assert (dense(matrix) > 0).tolist() == (wanted > 0).tolist()
+    is_covered = coverage.reason[:, labels == 0] == rc.Reason.COVERED
+    assert is_covered.sum() == matrix.covered.sum()
+    assert (dense(matrix)[:, labels == 0][is_covered] >= 0.3).all()
     assert matrix.n_task_faces == (labels == 0).sum()
+    assert matrix.mean_coverage == pytest.approx(wanted[:, labels == 0].mean(axis=1))
+
+
+def test_bits_are_the_covered_pairs_of_the_matrix_and_its_shards_those_of_a_plain_run(
+    tmp_path, lists
+):
+    matrix = bits_of(tmp_path / "bits")
+    np.testing.assert_array_equal(matrix.poses, lists.poses)
+    np.testing.assert_array_equal(matrix.mean_coverage, lists.mean_coverage)
+    assert (matrix.n_pairs, matrix.n_faces, matrix.task) == (len(lists.face), MESH.n_faces, TASK)
+    again = BitMatrix.load(tmp_path / "bits")
+    np.testing.assert_array_equal(covered(again.bits), covered(matrix.bits))
+    same(build(tmp_path / "plain", poses_a_shard=4), VisibilityMatrix.load(tmp_path / "bits"))
+    found, plain = contents_of(tmp_path / "bits"), contents_of(tmp_path / "plain")
+    assert set(found) == set(plain) | {str(WORDS), str(RECORD), str(SUM_OF_RECORD)}
+    assert {name: found[name] for name in plain} == plain
+    for least in (0.0, 0.3, 0.9):
+        wanted = (dense(lists) >= np.float64(least)) & (dense(lists) > 0)
+        np.testing.assert_array_equal(covered(matrix.covered_at(least)), wanted)
+
+
+def test_matrices_that_are_joined_are_that_of_all_poses(tmp_path, lists):
+    halves = (POSES[:6], POSES[6:])
+    one, two = (replace(build(poses=some), quarantined={1: "was killed"}) for some in halves)
+    np.testing.assert_array_equal(dense(one.joined(two)), dense(lists))
+    np.testing.assert_array_equal(one.joined(two).poses, POSES)
+    assert one.joined(two).quarantined.keys() == {1, 7}
+    one, two = (bits_of(tmp_path / str(len(some)), some) for some in halves)
+    matrix = one.joined(two)
+    np.testing.assert_array_equal(covered(matrix.covered_at(0.9)), dense(lists) >= 0.9)
+    np.testing.assert_array_equal(covered(matrix.bits), dense(lists) >= 0.3)
+    np.testing.assert_array_equal(matrix.mean_coverage, lists.mean_coverage)
+    assert matrix.n_pairs == len(lists.face)
+    other = measure_matrix((MESH, CAMERA), POSES, rc.Task(), tmp_path / "other")
+    with pytest.raises(ConfigError, match="another task"):
+        matrix.joined(BitMatrix.of(other))
+
+
+@pytest.mark.parametrize("poses", [POSES[:0], AWAY], ids=["none", "away"])
+def test_no_pose_and_nothing_in_view_give_an_empty_matrix(tmp_path, poses):
+    for matrix in (build(poses=poses), build(tmp_path / "lists", poses)):
+        assert matrix.indptr.tolist() == [0] * (len(poses) + 1)
+        assert matrix.mean_coverage.tolist() == [0.0] * len(poses)
+    matrix = bits_of(tmp_path / "bits", poses)
+    assert covered(matrix.bits).shape == (len(poses), MESH.n_faces)
+    assert not covered(matrix.bits).any()
+    assert matrix.mean_coverage.tolist() == [0.0] * len(poses)
+
+
+@pytest.mark.slow
+@given(
+    st.just(0.0) | st.floats(1e-30, 1),
+    st.lists(st.floats(0, 1), min_size=1, max_size=20),
+    st.integers(-3, 3),
+)
+def test_rounding_carries_no_pair_across_the_threshold(least, values, ulps):
+    near = least * (1 + ulps * 2.0**-52)
+    exact = np.array([*values, near, least, 5e-324, 1e-46, 1.0])
+    wanted = exact[exact > 0]
+    short, is_covered = shortened(wanted, least)
+    np.testing.assert_array_equal(short >= np.float64(least), wanted >= least)
+    np.testing.assert_array_equal(is_covered, wanted >= least)
+    assert (short > 0).all()
+    np.testing.assert_allclose(short, wanted, rtol=2.4e-7, atol=3e-45)
+
+
+def test_a_problem_has_the_pairs_views_and_weights_that_count(lists):
+    coverage = rc.evaluate(MESH, CAMERA, POSES, TASK)
+    goal = BestCoverage(3)
+    for least, wanted in (
+        (None, coverage.reason == rc.Reason.COVERED),
+        (0.0, coverage.coverage > 0),
+        (0.9, coverage.coverage >= 0.9),
+    ):
+        problem = problem_of(lists, MESH, goal, min_coverage=least, weight_by="count")
+        np.testing.assert_array_equal(covered(problem.bits), wanted)
+    area = problem_of(lists, MESH, goal)
+    some = np.arange(MESH.n_faces) < 5
+    assert area.share(some) == pytest.approx(MESH.areas[some].sum() / MESH.areas.sum())
+    np.testing.assert_array_equal(area.eyes, POSES[:, :3, 3])
+    labels = np.arange(MESH.n_faces) % 3
+    groups = (rc.Group("a"), rc.Group("b"), rc.Group("jig", is_occluder=True))
+    scene = rc.Mesh(MESH.vertices, MESH.faces, groups, labels)
+    matrix = build_matrix((scene, CAMERA), POSES, replace(TASK, views=2))
+    of = partial(problem_of, matrix, scene, FewestCameras(0.0, {"b": 0.5}, of_reachable=True))
+    problem = of(views={"b": 3}, weight_by="count")
+    assert problem.weights.tolist() == [float(label != 2) for label in labels]
+    assert problem.views.tolist() == [3 if label == 1 else 1 for label in labels]
+    assert of().views.tolist() == [2] * scene.n_faces
+    for options, words in (({"views": {"c": 2}}, "no group 'c'"), ({"weight_by": "m"}, "area or")):
+        with pytest.raises(ConfigError, match=words):
+            of(**options)
+
+
+# --- folders --------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("poses_a_shard", [1, 4, 100])
-def test_on_disk_and_in_memory_are_the_same(tmp_path, poses_a_shard, monkeypatch):
+def test_on_disk_and_in_memory_are_the_same_and_the_shards_a_plain_table(
+    tmp_path, poses_a_shard, monkeypatch
+):
     monkeypatch.setattr("rastercov.coverage.coverage.POSES_A_BATCH", 3)
     with rc.open_observer(MESH, CAMERA) as observer:
         seen = []
@@ -93,180 +209,164 @@ def test_on_disk_and_in_memory_are_the_same(tmp_path, poses_a_shard, monkeypatch
         )  # fmt: skip
     same(matrix, build(poses_a_shard=poses_a_shard))
     same(matrix, VisibilityMatrix.load(tmp_path))
-    assert seen[0] == (0, N_POSES)
-    assert seen[-1] == (N_POSES, N_POSES)
+    assert (seen[0], seen[-1]) == ((0, N_POSES), (N_POSES, N_POSES))
     assert len(list((tmp_path / "pairs").iterdir())) == -(-N_POSES // poses_a_shard)
-
-
-def test_the_shards_are_a_plain_table(tmp_path):
-    matrix = build(tmp_path, poses_a_shard=4)
     table = pq.read_table(tmp_path / "pairs")
     assert table.column_names == ["pose", "face", "coverage", "covered"]
     pose = np.repeat(np.arange(N_POSES), np.diff(matrix.indptr))
-    np.testing.assert_array_equal(table["pose"].to_numpy(), pose)
-    np.testing.assert_array_equal(table["face"].to_numpy(), matrix.face)
-    np.testing.assert_array_equal(table["coverage"].to_numpy(), matrix.coverage)
-    np.testing.assert_array_equal(table["covered"].to_numpy(), matrix.covered)
-
-
-def test_no_pose_and_nothing_in_view_give_an_empty_matrix(tmp_path):
-    away = rc.look_at([[0, 0, 5.0]], [[0, 0, 9.0]])
-    for name, poses in (("none", np.empty((0, 4, 4))), ("away", away)):
-        for matrix in (
-            build_matrix((MESH, CAMERA), poses, TASK),
-            build_matrix((MESH, CAMERA), poses, TASK, tmp_path / name),
-        ):
-            assert matrix.indptr.tolist() == [0] * (len(poses) + 1)
-            assert matrix.mean_coverage.tolist() == [0.0] * len(poses)
-
-
-def test_a_run_goes_on_where_it_was_stopped(tmp_path):
-    def stop(done, total):
-        if done >= 6:
-            raise InterruptedError(errno.EINTR, "interrupted")
-
-    with pytest.raises(InterruptedError):
-        build(tmp_path, poses_a_shard=4, progress=stop)
-    assert [path.name for path in (tmp_path / "pairs").iterdir()] == ["pairs-00000.parquet"]
-    with pytest.raises(ConfigError, match="2 of 3 shards are missing"):
-        VisibilityMatrix.load(tmp_path)
-    matrix, seen, _ = watched(tmp_path)
-    assert seen[0] == 4
-    same(matrix, build(poses_a_shard=4))
-    assert watched(tmp_path)[1] == [N_POSES]
+    for name, values in {"pose": pose, **vars(matrix)}.items():
+        if name in table.column_names:
+            np.testing.assert_array_equal(table[name].to_numpy(), values)
 
 
 def moved(mesh):
     return rc.Mesh(mesh.vertices + np.array([1e-9, 0, 0]), mesh.faces)
 
 
+SAMPLED = rc.Engine("sampled", "cpu", 1)
+INPUTS = {"mesh": MESH, "camera": CAMERA, "method": "certified"}
+INPUTS |= {"poses": POSES, "task": TASK, "poses_a_shard": 4}
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (lambda a: a | {"view": (moved(a["view"][0]), CAMERA)}, "from another mesh"),
-        (lambda a: a | {"view": (a["view"][0].with_groups(two_sided="all"), CAMERA)}, "mesh"),
-        (lambda a: a | {"view": (a["view"][0], replace(CAMERA, fx=71.0))}, "for another camera"),
-        (lambda a: a | {"poses": a["poses"][:-1]}, "from other poses"),
-        (lambda a: a | {"task": replace(TASK, min_coverage=0.31)}, "for another task"),
-        (lambda a: a | {"poses_a_shard": 5}, "with another poses_a_shard"),
+        ({"mesh": moved(MESH)}, "from another mesh"),
+        ({"mesh": MESH.with_groups(two_sided="all")}, "mesh"),
+        ({"camera": replace(CAMERA, fx=71.0)}, "for another camera"),
+        ({"poses": POSES[:-1]}, "from other poses"),
+        ({"task": replace(TASK, min_coverage=0.31)}, "for another task"),
+        ({"poses_a_shard": 5}, "with another poses_a_shard"),
+        ({"method": "exact"}, "by another method"),
+        ({"method": replace(SAMPLED, supersample=2)}, "another supersample"),
+        ({}, "another version"),
     ],
 )
-def test_a_folder_of_other_inputs_is_refused(tmp_path, change, words):
-    inputs = {"view": (MESH, CAMERA), "poses": POSES, "task": TASK, "folder": tmp_path}
-    build_matrix(**inputs)
+def test_a_folder_of_other_inputs_is_refused(tmp_path, monkeypatch, change, words):
+    def made(mesh, camera, method, **inputs):
+        with rc.open_observer(mesh, camera, method) as observer:
+            return build_matrix(observer, folder=tmp_path, **inputs)
+
+    made(**INPUTS | {"method": SAMPLED if "supersample" in words else "certified"})
+    if not change:
+        monkeypatch.setattr(evaluation_shards, "version", lambda name: "0.0.0")
     with pytest.raises(ConfigError, match=words) as error:
-        build_matrix(**change(inputs))
+        made(**INPUTS | change)
     assert "\n" not in str(error.value)
-
-
-def test_another_method_and_another_version_are_refused(tmp_path, monkeypatch):
-    build(tmp_path)
-    with (
-        rc.open_observer(MESH, CAMERA, method="exact") as observer,
-        pytest.raises(ConfigError, match="by another method"),
-    ):
-        build_matrix(observer, POSES, TASK, tmp_path)
-    for supersample in (1, 2):
-        with rc.open_observer(
-            MESH, CAMERA, method="sampled", backend="cpu", supersample=supersample
-        ) as observer:
-            if supersample == 1:
-                build_matrix(observer, POSES, TASK, tmp_path / "sampled")
-                continue
-            with pytest.raises(ConfigError, match="another supersample"):
-                build_matrix(observer, POSES, TASK, tmp_path / "sampled")
-    monkeypatch.setattr(evaluation_shards, "version", lambda name: "0.0.0")
-    with pytest.raises(ConfigError, match="another version"):
-        build(tmp_path)
 
 
 def test_a_matrix_of_an_earlier_format_and_a_strange_header_are_refused(tmp_path):
     build(tmp_path)
     path = tmp_path / "header.json"
-    reads = (lambda: build(tmp_path), lambda: VisibilityMatrix.load(tmp_path))
-    header = json.loads(path.read_text()) | {"format": 1}
-    store(tmp_path, path.name, json.dumps(header).encode())
-    before = contents_of(tmp_path)
-    for read in reads:
-        with pytest.raises(ConfigError, match="in another file format; name another folder"):
-            read()
-    assert contents_of(tmp_path) == before
+    whole = path.read_bytes()
+
+    def assert_refused(words):
+        before = contents_of(tmp_path)
+        for read in (build, VisibilityMatrix.load):
+            with pytest.raises(ConfigError, match=words) as error:
+                read(tmp_path)
+            assert "\n" not in str(error.value)
+        assert contents_of(tmp_path) == before
+
+    store(tmp_path, path.name, json.dumps(json.loads(whole) | {"format": 1}).encode())
+    assert_refused("in another file format; name another folder")
     shutil.rmtree(tmp_path / "sha256")  # the first format had no checksums
-    before = contents_of(tmp_path)
     for text in ("{", "[]", "{}", '{"format": 1}', "[" * 100_000, '"of something else"'):
         path.write_text(text)
-        for read in reads:
-            with pytest.raises(ConfigError, match="no header") as error:
-                read()
-            assert "\n" not in str(error.value)
-    path.write_bytes(before["header.json"])
-    assert contents_of(tmp_path) == before
-
-
-@pytest.mark.slow
-def test_no_damage_to_a_matrix_is_believed_and_all_of_it_is_mended(tmp_path):
-    with rc.open_observer(MESH, CAMERA) as observer:
-        inputs = {"view": observer, "poses": POSES, "task": TASK, "poses_a_shard": 4}
-        assert campaign(tmp_path, inputs, POSES[::-1], 88 if IS_NIGHTLY else 22) == {}
+        assert_refused("no header")
 
 
 @pytest.mark.parametrize("name", ["header.json", "poses.npy"])
-def test_a_damaged_header_or_pose_loses_no_shard_and_opens_the_folder_to_no_other(tmp_path, name):
-    matrix = build(tmp_path, poses_a_shard=4)
+def test_a_damaged_header_or_pose_loses_no_shard_and_opens_the_folder_to_no_other(
+    tmp_path, lists, name
+):
+    build(tmp_path, poses_a_shard=4)
     whole = contents_of(tmp_path)
-    for harm in (lambda path: flip(path, [1000]), lambda path: path.unlink()):
+    for harm in (lambda path: flip(path, [1000]), Path.unlink):
         harm(tmp_path / name)
         with pytest.raises(ConfigError, match=rf"{name}|no matrix in this folder"):
             VisibilityMatrix.load(tmp_path)
         with pytest.raises(ConfigError, match="from other poses"):
-            build_matrix((MESH, CAMERA), POSES[::-1], TASK, tmp_path)
+            build(tmp_path, POSES[::-1])
         again, seen, notes = watched(tmp_path)
-        same(again, matrix)
+        np.testing.assert_array_equal(dense(again), dense(lists))
         assert seen == [N_POSES]
         assert contents_of(tmp_path) == whole
         assert all(name in line for line in notes)
 
 
 def test_only_the_damaged_shard_is_measured_again_and_somebody_is_told(tmp_path, caplog):
-    matrix = build(tmp_path, poses_a_shard=4)
+    build(tmp_path, poses_a_shard=4)
     whole = contents_of(tmp_path)
-    shard = tmp_path / "pairs" / "pairs-00001.parquet"
-    flip(shard, [8 * 200])
-    with pytest.raises(ConfigError, match=r"pairs-00001\.parquet: damaged.*call build_matrix"):
-        VisibilityMatrix.load(tmp_path)
+    flip(tmp_path / SHARD, [8 * 200])
+    for read in (VisibilityMatrix.load, BitMatrix.load):
+        with pytest.raises(ConfigError, match=r"pairs-00001\.parquet: damaged.*call build_matrix"):
+            read(tmp_path)
     seen = []
-    again = build(tmp_path, progress=lambda done, total: seen.append(done))
+    build(tmp_path, progress=lambda done, total: seen.append(done))
     assert seen[0] == N_POSES - 4
-    same(again, matrix)
     assert contents_of(tmp_path) == whole
     assert [record.getMessage() for record in caplog.records] == [
-        f"warning: {shard}: damaged, its checksum is not the one recorded; "
+        f"warning: {tmp_path / SHARD}: damaged, its checksum is not the one recorded; "
         "its poses are measured again"
     ]
-    caplog.clear()
-    build(tmp_path)
-    assert not caplog.records
-    flip(shard, [8 * 200])
+    flip(tmp_path / SHARD, [8 * 200])
     (tmp_path / "header.json").unlink()  # it is restored from another shard
-    again, seen, notes = watched(tmp_path)
+    _, seen, notes = watched(tmp_path)
     assert (seen[0], len(notes)) == (N_POSES - 4, 2)
     assert contents_of(tmp_path) == whole
+    assert watched(tmp_path)[1:] == ([N_POSES], [])
 
 
-def test_every_file_has_the_checksum_that_sha256sum_gives(tmp_path):
-    build(tmp_path, poses_a_shard=4)
+def test_damaged_or_exchanged_bits_are_made_again(tmp_path, lists, monkeypatch):
+    names, pairs_of = [], MatrixFolder.pairs_of
+
+    def watched_pairs(folder, number):
+        names.append(number)
+        return pairs_of(folder, number)
+
+    monkeypatch.setattr(MatrixFolder, "pairs_of", watched_pairs)
+    one, two = tmp_path / "one", tmp_path / "two"
+    bits_of(one)
+    bits_of(two, POSES[::-1])
+    whole = (one / WORDS).read_bytes()
+
+    def n_made():
+        """Shards whose rows are made, by a reading of bits that are right again."""
+        names.clear()
+        matrix = bits_of(one)
+        np.testing.assert_array_equal(covered(matrix.bits), dense(lists) >= 0.3)
+        np.testing.assert_array_equal(matrix.mean_coverage, lists.mean_coverage)
+        assert (one / WORDS).read_bytes() == whole
+        return len(names)
+
+    assert n_made() == 0
+    flip(one / WORDS, [8 * 8 * 3 * 5 + 1])
+    assert n_made() == 3
+    for content in (whole[:-8], whole + b"more"):
+        (one / WORDS).write_bytes(content)
+        assert n_made() == 3
+    for name in (WORDS, RECORD, SUM_OF_RECORD):
+        (one / name).unlink()
+        assert (n_made(), n_made()) == (3, 0)
+    for name in (RECORD, SUM_OF_RECORD):
+        flip(one / name, [500])
+        assert (n_made(), n_made()) == (3, 0)
+    for name in (WORDS, RECORD, SUM_OF_RECORD):
+        (one / name).write_bytes((two / name).read_bytes())
+    assert n_made() == 3
+
+
+def test_every_file_has_the_checksum_that_sha256sum_and_other_readers_can_check(tmp_path):
+    bits_of(tmp_path)
     files = {path for path in files_of(tmp_path) if path.parent.name != "sha256"}
-    assert len(files) == 5
+    assert len(files) == 7
     for line in (tmp_path / "sha256").glob("*.sha256"):
         digest, name = line.read_text().removesuffix("\n").split("  ")
         files.remove(tmp_path / name)
         assert hashlib.sha256((tmp_path / name).read_bytes()).hexdigest() == digest
-    assert files == set()
-
-
-def test_other_readers_can_check_the_pages_of_a_shard(tmp_path):
-    build(tmp_path)
-    shard = tmp_path / "pairs" / "pairs-00000.parquet"
+    assert files == {tmp_path / WORDS}  # its hash is in the record
+    shard = tmp_path / SHARD
     assert pq.read_table(shard, page_checksum_verification=True).num_rows
     column = pq.ParquetFile(shard).metadata.row_group(0).column(1)
     flip(shard, [8 * (column.data_page_offset + column.total_compressed_size // 2)])
@@ -291,6 +391,8 @@ def test_a_run_that_ends_between_any_two_files_goes_on(tmp_path, monkeypatch):
         folder, left, notes = tmp_path / str(steps), steps, []
         with pytest.raises(InterruptedError):
             build(folder, poses_a_shard=4, note=notes.append)
+        with pytest.raises(ConfigError, match=r"no matrix|are missing"):
+            VisibilityMatrix.load(folder)
         left = 100
         again, seen, further = watched(folder, poses_a_shard=4)
         same(again, matrix)
@@ -299,82 +401,31 @@ def test_a_run_that_ends_between_any_two_files_goes_on(tmp_path, monkeypatch):
         assert contents_of(folder) == contents_of(tmp_path / "quiet")
 
 
-def test_what_is_no_folder_of_ours_is_refused(tmp_path):
+def test_what_is_no_folder_of_ours_is_refused(tmp_path, monkeypatch):
     (tmp_path / "file").write_text("")
-    with pytest.raises(ConfigError, match="cannot be made"):
-        build(tmp_path / "file")
-    with pytest.raises(ConfigError, match="there is no matrix"):
-        VisibilityMatrix.load(tmp_path)
-    (tmp_path / "pairs").mkdir()
-    (tmp_path / "pairs" / "pairs-00000.parquet").write_bytes(b"")
-    with pytest.raises(ConfigError, match="without a header"):
-        build(tmp_path)
-    with pytest.raises(PoseError):
-        build_matrix((MESH, CAMERA), np.zeros((1, 4, 4)), TASK)
-
-
-@pytest.mark.slow
-@given(
-    st.just(0.0) | st.floats(1e-30, 1),
-    st.lists(st.floats(0, 1), min_size=1, max_size=20),
-    st.integers(-3, 3),
-)
-def test_rounding_carries_no_pair_across_the_threshold(least, values, ulps):
-    near = least * (1 + ulps * 2.0**-52)
-    exact = np.array([*values, near, least, 5e-324, 1e-46, 1.0])
-    short, covered = shortened(exact[exact > 0], least)
-    wanted = exact[exact > 0]
-    np.testing.assert_array_equal(short >= np.float64(least), wanted >= least)
-    np.testing.assert_array_equal(covered, wanted >= least)
-    assert (short > 0).all()
-    np.testing.assert_allclose(short, wanted, rtol=2.4e-7, atol=3e-45)
-
-
-def test_matrices_that_are_joined_are_that_of_all_poses():
-    parts = [
-        replace(build_matrix((MESH, CAMERA), some, TASK), quarantined={1: "was killed"})
-        for some in (POSES[:6], POSES[6:])
-    ]
-    joined = parts[0].joined(parts[1])
-    np.testing.assert_array_equal(dense(joined), dense(build()))
-    np.testing.assert_array_equal(joined.poses, POSES)
-    assert joined.quarantined.keys() == {1, 7}
-
-
-def test_a_problem_has_the_pairs_that_count():
-    matrix = build()
-    coverage = rc.evaluate(MESH, CAMERA, POSES, TASK)
-    goal = BestCoverage(3)
-    for least, wanted in (
-        (None, coverage.reason == rc.Reason.COVERED),
-        (0.0, coverage.coverage > 0),
-        (0.9, coverage.coverage >= 0.9),
+    (tmp_path / "mine" / "pairs").mkdir(parents=True)
+    (tmp_path / "mine" / "pairs" / "pairs-00000.parquet").write_bytes(b"")
+    for call, words in (
+        (lambda: build(tmp_path / "file"), "cannot be made"),
+        (lambda: build(tmp_path / "mine"), "without a header"),
+        (lambda: VisibilityMatrix.load(tmp_path), "there is no matrix"),
+        (lambda: BitMatrix.load(tmp_path / "nowhere"), "there is no matrix"),
     ):
-        problem = problem_of(matrix, MESH, goal, min_coverage=least, weight_by="count")
-        pairs = [problem.faces_of(c).tolist() for c in range(N_POSES)]
-        assert pairs == [np.flatnonzero(row).tolist() for row in wanted]
-    area = problem_of(matrix, MESH, goal)
-    assert area.share(np.arange(MESH.n_faces) < 5) == pytest.approx(
-        MESH.areas[:5].sum() / MESH.areas.sum()
-    )
-    np.testing.assert_array_equal(area.eyes, POSES[:, :3, 3])
-    assert area.views.tolist() == [1] * MESH.n_faces
+        with pytest.raises(ConfigError, match=words):
+            call()
+    with pytest.raises(PoseError):
+        build(poses=np.zeros((1, 4, 4)))
+    folder = measure_matrix((MESH, CAMERA), POSES, TASK, tmp_path / "bits")
+    with locked(tmp_path / "bits"), pytest.raises(ConfigError, match="another process is writing"):
+        BitMatrix.of(folder)
 
+    def full(*arguments):
+        raise OSError(errno.ENOSPC, "No space left on device")
 
-def test_views_and_weights_go_by_group():
-    labels = np.arange(MESH.n_faces) % 3
-    groups = (rc.Group("a"), rc.Group("b"), rc.Group("jig", is_occluder=True))
-    scene = rc.Mesh(MESH.vertices, MESH.faces, groups, labels)
-    matrix = build_matrix((scene, CAMERA), POSES, replace(TASK, views=2))
-    goal = FewestCameras(0.0, {"b": 0.5}, of_reachable=True)
-    problem = problem_of(matrix, scene, goal, views={"b": 3}, weight_by="count")
-    assert problem.weights.tolist() == [float(label != 2) for label in labels]
-    assert problem.views.tolist() == [3 if label == 1 else 1 for label in labels]
-    assert problem_of(matrix, scene, goal).views.tolist() == [2] * scene.n_faces
-    with pytest.raises(ConfigError, match="no group 'c'"):
-        problem_of(matrix, scene, goal, views={"c": 2})
-    with pytest.raises(ConfigError, match="area or count"):
-        problem_of(matrix, scene, goal, weight_by="volume")
+    monkeypatch.setattr(os, "posix_fallocate", full)
+    with pytest.raises(ResourceError, match="264 bytes cannot be reserved") as error:
+        BitMatrix.of(folder)
+    assert "\n" not in str(error.value)
 
 
 @pytest.mark.slow

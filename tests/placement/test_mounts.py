@@ -54,19 +54,14 @@ def mounts_of(seed):
     return Mounts.of({"eye": WIDE, "pair": rigs[0], "three": rigs[1]})
 
 
-def dense(matrix, n_faces):
-    found = np.zeros((matrix.n_poses, n_faces), np.float32)
+def by_camera(matrix, n_faces, first=None):
+    """(K, F) coverage by each row of the matrix, or by each camera of mounts that begin at some."""
     row = np.repeat(np.arange(matrix.n_poses), np.diff(matrix.indptr))
+    n = matrix.n_poses
+    if first is not None:
+        row, n = first[row] + matrix.on_rig, first[-1]
+    found = np.zeros((n, n_faces), np.float32)
     np.maximum.at(found, (row, matrix.face), matrix.coverage)
-    return found
-
-
-def by_camera(matrix, owner, n_faces):
-    """(K, F) coverage by each camera of the mounts."""
-    row = np.repeat(np.arange(matrix.n_poses), np.diff(matrix.indptr))
-    first = np.searchsorted(owner, np.arange(matrix.n_poses))
-    found = np.zeros((len(owner), n_faces), np.float32)
-    found[first[row] + matrix.on_rig, matrix.face] = matrix.coverage
     return found
 
 
@@ -75,32 +70,31 @@ def by_camera(matrix, owner, n_faces):
 @settings(max_examples=12, deadline=None)
 @given(seed=st.integers(0, 1000), index=st.lists(st.integers(0, 2), min_size=8, max_size=8))
 def test_a_rig_covers_what_any_of_its_cameras_covers(kind, seed, index):
-    mounts = mounts_of(seed)
+    mounts, placed = mounts_of(seed), rc.Poses.of(POSES, camera=index)
     cells = rc.cells(MESH, 0.4) if kind == "cells" else None
     task = rc.Task() if kind == "cells" else TASK
-    placed = rc.Poses.of(POSES, camera=index)
     cameras, owner = mounts.cameras(placed)
+    first = np.searchsorted(owner, np.arange(9))
+    assert np.diff(first).tolist() == np.array([1, 2, 3])[index].tolist()
     n = MESH.n_faces if cells is None else len(cells)
     with rc.open_observer(MESH, mounts.rig) as observer:
-        own = {"cells": cells, "mounts": mounts}
-        matrix = build_matrix(observer, placed, task, **own)
-        found, united = dense(matrix, n), matrix.united()
-        alone = dense(build_matrix(observer, cameras, task, cells=cells), n)
+        matrix = build_matrix(observer, placed, task, cells=cells, mounts=mounts)
+        alone = by_camera(build_matrix(observer, cameras, task, cells=cells), n)
         if cells is None:
             objective = Objective.of(observer, task, mounts=mounts)
         else:
             finder = RegionPass(MESH, mounts.rig, task)
             objective = CellObjective.of_cells(observer, finder, cells, mounts=mounts)
         covers = objective.covers(placed)
-    wanted = np.array([alone[owner == row].max(axis=0) for row in range(8)])
-    np.testing.assert_array_equal(found, wanted)
-    np.testing.assert_array_equal(by_camera(matrix, owner, n), alone)
-    np.testing.assert_array_equal(dense(united, n), wanted)
-    assert united.n_pairs == np.count_nonzero(wanted)
+    wanted = np.maximum.reduceat(alone, first[:-1])
+    np.testing.assert_array_equal(by_camera(matrix, n), wanted)
+    np.testing.assert_array_equal(by_camera(matrix, n, first), alone)
+    np.testing.assert_array_equal(by_camera(matrix.united(), n), wanted)
+    assert matrix.united().n_pairs == np.count_nonzero(wanted)
     mean = wanted.sum(axis=1, dtype=np.float64) / matrix.n_task_faces
     np.testing.assert_allclose(matrix.mean_coverage, mean, rtol=1e-6)
-    np.testing.assert_array_equal(covers & (found > 0), found >= np.float32(task.min_coverage))
-    assert np.array_equal(np.bincount(owner), np.array([1, 2, 3])[index])
+    is_covered = wanted >= np.float32(task.min_coverage)
+    np.testing.assert_array_equal(covers & (wanted > 0), is_covered)
 
 
 def test_cameras_of_a_rig_are_at_their_places():
@@ -135,51 +129,55 @@ def test_a_rig_of_one_camera_is_that_camera():
         moved = build_matrix(observer, POSES, TASK, mounts=turned)
         wanted = build_matrix(observer, POSES @ place_of(5), TASK)
     assert turned.has_rigs
-    np.testing.assert_array_equal(dense(moved, MESH.n_faces), dense(wanted, MESH.n_faces))
+    for name in ("indptr", "face", "coverage"):
+        np.testing.assert_array_equal(getattr(moved, name), getattr(wanted, name))
 
 
-def test_shards_of_rigs_resume_and_are_told_from_others(tmp_path):
+@pytest.fixture
+def of_rigs(tmp_path):
+    """Mounts, poses of each, and how their matrix is made in the folder of the test."""
     mounts = mounts_of(1)
     placed = rc.Poses.of(POSES, camera=[0, 1, 2, 2, 1, 0, 1, 2])
-    with rc.open_observer(MESH, mounts.rig) as observer:
-        whole = build_matrix(observer, placed, TASK, mounts=mounts)
-        build_matrix(observer, placed, TASK, tmp_path, mounts=mounts, poses_a_shard=3)
-        (tmp_path / "pairs" / "pairs-00001.parquet").unlink()
-        again = build_matrix(observer, placed, TASK, tmp_path, mounts=mounts, poses_a_shard=3)
+
+    def build(poses=placed, folder=tmp_path, mounts=mounts):
+        with rc.open_observer(MESH, mounts.rig) as observer:
+            return build_matrix(observer, poses, TASK, folder, mounts=mounts, poses_a_shard=3)
+
+    return mounts, placed, build
+
+
+def test_shards_of_rigs_resume_and_are_told_from_others(tmp_path, of_rigs):
+    _, placed, build = of_rigs
+    whole = build(folder=None)
+    build()
+    (tmp_path / "pairs" / "pairs-00001.parquet").unlink()
+    for again in (build(), VisibilityMatrix.load(tmp_path)):
         for name in ("indptr", "face", "coverage", "on_rig"):
             np.testing.assert_array_equal(getattr(again, name), getattr(whole, name))
         assert again.camera.tolist() == placed.camera.tolist()
-        with pytest.raises(rc.ConfigError, match="for other rigs"):
-            build_matrix(observer, placed, TASK, tmp_path, mounts=mounts_of(2), poses_a_shard=3)
-        other = rc.Poses.of(placed, camera=0)
-        with pytest.raises(rc.ConfigError, match="for other cameras of the poses"):
-            build_matrix(observer, other, TASK, tmp_path, mounts=mounts, poses_a_shard=3)
+    with pytest.raises(rc.ConfigError, match="for other rigs"):
+        build(mounts=mounts_of(2))
+    with pytest.raises(rc.ConfigError, match="for other cameras of the poses"):
+        build(rc.Poses.of(placed, camera=0))
 
 
-def test_bits_of_rigs_are_those_of_the_united_matrix(tmp_path):
-    mounts = mounts_of(1)
-    placed = rc.Poses.of(POSES, camera=[0, 1, 2, 2, 1, 0, 1, 2])
-    with rc.open_observer(MESH, mounts.rig) as observer:
-        lists = build_matrix(observer, placed, TASK, tmp_path, mounts=mounts, poses_a_shard=3)
-    again = VisibilityMatrix.load(tmp_path)
-    np.testing.assert_array_equal(again.on_rig, lists.on_rig)
-    bits, united = BitMatrix.load(tmp_path), lists.united()
+def test_bits_of_rigs_are_those_of_the_united_matrix(tmp_path, of_rigs):
+    mounts, placed, build = of_rigs
+    lists = build()
+    bits, united, goal = BitMatrix.load(tmp_path), lists.united(), BestCoverage(2)
     for row in range(len(placed)):
         pairs = slice(united.indptr[row], united.indptr[row + 1])
         wanted = united.face[pairs][united.covered[pairs]]
         np.testing.assert_array_equal(bits.bits.faces_of(row), wanted)
     np.testing.assert_allclose(bits.mean_coverage, lists.mean_coverage, rtol=1e-12)
-    one = problem_of(lists, MESH, BestCoverage(2))
-    assert select_greedy(problem_of(bits, MESH, BestCoverage(2))).share == pytest.approx(
-        select_greedy(one).share
-    )
+    one, other = (select_greedy(problem_of(each, MESH, goal)) for each in (lists, bits))
+    assert one.share == pytest.approx(other.share)
     with pytest.raises(rc.ConfigError, match="bits do not count the cameras of a rig, and views"):
-        problem_of(bits, MESH, BestCoverage(2), views=2)
+        problem_of(bits, MESH, goal, views=2)
     with pytest.raises(rc.ConfigError, match="the matrix is of rigs; give their mounts"):
-        problem_of(lists, MESH, BestCoverage(2), views=2)
-    two = problem_of(lists, MESH, BestCoverage(2), views=2, mounts=mounts)
-    assert two.has_rigs
-    assert not one.has_rigs
+        problem_of(lists, MESH, goal, views=2)
+    assert problem_of(lists, MESH, goal, views=2, mounts=mounts).has_rigs
+    assert not problem_of(lists, MESH, goal).has_rigs
 
 
 def seen_by(mesh, coverage, cameras, need, least):
@@ -199,36 +197,34 @@ def seen_by(mesh, coverage, cameras, need, least):
 @settings(max_examples=6, deadline=None)
 @given(seed=st.integers(0, 1000), index=st.lists(st.integers(0, 2), min_size=2, max_size=5))
 def test_cameras_of_rigs_are_views_of_an_objective(need, least, seed, index):
-    mounts, k = mounts_of(seed), len(index)
+    mounts = mounts_of(seed)
     task = rc.Task(min_pixels=2, views=need, min_angle_deg=least)
-    placed = rc.Poses.of(POSES[:k], camera=index)
+    placed = rc.Poses.of(POSES[: len(index)], camera=index)
     trials = rc.Poses.of(rc.sphere_of_poses((0, 0, 0), 3.5, 4), camera=index[0])
     with rc.open_observer(MESH, mounts.rig) as observer:
         objective = Objective.of(observer, task, mounts=mounts)
         weights = objective.integer_weights
 
-        def definition(poses):
+        def definition(*parts):
+            poses = rc.Poses.of(
+                np.concatenate([part.world_from_camera for part in parts]),
+                camera=np.concatenate([part.camera for part in parts]),
+            )
             cameras = mounts.cameras(poses)[0]
             found = rc.evaluate(MESH, mounts.rig, cameras, task)
             return seen_by(MESH, found, cameras, need, least)
 
         covers, eyes, width = objective.covers(placed), objective.eyes(placed), objective.width
-        covered = definition(placed)
+        covered, others = definition(placed), placed[1:]
         np.testing.assert_array_equal(objective.covered(covers, eyes) & MESH.task_mask, covered)
         assert objective.share_of(placed) == weights[covered].sum() / weights.sum()
-        others = placed[1:]
-        rest, rest_eyes = covers[width:], eyes[width:]
         added = objective.worth_added(
-            rest, rest_eyes, objective.listed(trials), objective.eyes(trials)
+            covers[width:], eyes[width:], objective.listed(trials), objective.eyes(trials)
         )
-        before = definition(others) if k > 1 else np.zeros(MESH.n_faces, bool)
+        before = weights[definition(others)].sum() if len(others) else 0
         for row in range(len(trials)):
-            every = rc.Poses.of(
-                np.concatenate([others.world_from_camera, trials.world_from_camera[row : row + 1]]),
-                camera=[*others.camera, index[0]],
-            )
-            after = definition(every)
-            assert added[row] == weights[after].sum() - weights[before].sum()
+            after = weights[definition(others, trials[row : row + 1])].sum()
+            assert added[row] == after - before
 
 
 @pytest.mark.slow

@@ -1,15 +1,9 @@
 """The names of `rastercov.placement`."""
 
-import subprocess
-import sys
-
 import pytest
+from processes import python
 
 from rastercov import placement
-
-
-def run(code):
-    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
 
 
 def test_all_is_sorted_and_every_name_is_there():
@@ -20,5 +14,5 @@ def test_all_is_sorted_and_every_name_is_there():
 @pytest.mark.slow
 def test_importing_placement_loads_no_file_format_and_no_solver():
     slow = "{'pyarrow', 'highspy', 'pymoo', 'pydantic', 'typer', 'rich', 'moderngl'}"
-    found = run(f"import sys, rastercov.placement; print({slow} & set(sys.modules))")
+    found = python("-c", f"import sys, rastercov.placement; print({slow} & set(sys.modules))")
     assert found.stdout.strip() == "set()"

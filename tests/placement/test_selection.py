@@ -10,10 +10,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from nightly import IS_NIGHTLY, examples, nightly
 from selection_cases import (
+    QUICK,
+    SELECTORS,
     best_by_trying_all,
     changed,
     dense_of,
     problems,
+    sign_of,
 )
 from set_cover_cases import (
     COVERS,
@@ -25,9 +28,8 @@ from set_cover_cases import (
 )
 
 from rastercov.base.errors import ConfigError, ResourceError
-from rastercov.placement.select import bounds
 from rastercov.placement.select import integer as integer_module
-from rastercov.placement.select.bounds import NEVER, Deadline, TimeUpError, bound_of
+from rastercov.placement.select.bounds import Deadline, TimeUpError, bound_of
 from rastercov.placement.select.cover import CoverState
 from rastercov.placement.select.greedy import (
     EFFORT,
@@ -44,15 +46,6 @@ from rastercov.placement.select.problem import (
 )
 from rastercov.reference.thesis import select_thesis
 
-QUICK = 200_000
-"""Effort of the greedy search in tests."""
-SELECTORS = {
-    "plain": lambda problem: select_greedy(problem, effort=0),
-    "greedy": lambda problem: select_greedy(problem, effort=QUICK),
-    "integer": select_integer,
-    "thesis": select_thesis,
-}
-
 
 @pytest.fixture(scope="module", autouse=True)
 def quick_start():
@@ -60,11 +53,6 @@ def quick_start():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(integer_module, "EFFORT", QUICK)
         yield
-
-
-@pytest.fixture
-def full_start(monkeypatch):
-    monkeypatch.setattr(integer_module, "EFFORT", EFFORT)
 
 
 @examples(20)
@@ -79,19 +67,17 @@ def test_the_greedy_rule_reaches_its_guarantee(problem):
 def test_lagrange_bounds_hold_before_they_are_trimmed(problem):
     reduced = presolve(problem).listed()
     best = best_by_trying_all(problem)
-    sign = 1 if isinstance(problem.goal, FewestCameras) else -1
-    assert sign * bound_of(reduced, construct(reduced)) <= sign * best + 1e-6
+    sign = sign_of(problem)
+    assert sign * bound_of(reduced, construct(reduced)) >= sign * best - 1e-6
 
 
 @pytest.mark.slow
 @examples(20)
 @given(problems())
 def test_improvement_never_loses(problem):
-    plain, better = (select_greedy(problem, effort=effort) for effort in (0, QUICK))
-    if isinstance(problem.goal, FewestCameras):
-        assert better.objective <= plain.objective + 1e-9
-    else:
-        assert better.objective >= plain.objective - 1e-9
+    sign = sign_of(problem)
+    plain, better = (sign * select_greedy(problem, effort=n).objective for n in (0, QUICK))
+    assert better >= plain - 1e-9
 
 
 @pytest.mark.slow
@@ -131,13 +117,9 @@ def test_merging_equal_candidates_and_faces_changes_nothing(problem, times):
     tiled["centroids"] = np.tile(problem.centroids, (times, 1))
     repeated = changed(problem, np.tile(dense, (1, times)), **tiled)
     assert len(presolve(repeated).kept) == len(presolve(problem).kept)
-    one, other = select_integer(problem), select_integer(repeated)
-    assert one.objective == pytest.approx(other.objective)
-    most = int(problem.views.max())
-    rows = np.repeat(np.arange(problem.n_candidates), most + 1)
+    assert select_integer(repeated).objective == pytest.approx(select_integer(problem).objective)
+    rows = np.repeat(np.arange(problem.n_candidates), int(problem.views.max()) + 1)
     copied = changed(problem, dense[rows], costs=problem.costs[rows], eyes=problem.eyes[rows])
-    reduced = presolve(copied).listed()
-    assert reduced.n_candidates <= most * len(np.unique(dense, axis=0))
     if copied.n_candidates <= 12:
         best = best_by_trying_all(copied)
         assert select_integer(copied).objective == pytest.approx(best, abs=1e-6)
@@ -217,14 +199,6 @@ def test_published_set_covers_cost_the_published_optimum(name):
     assert selection.objective == selection.bound == OPTIMA[name]
 
 
-@pytest.mark.slow
-def test_the_time_limit_gives_what_was_found_and_a_bound():
-    selection = select_integer(problem_of_matrix(steiner(45)), time_limit=0.5)
-    assert selection.status == "time_limit"
-    assert selection.bound < COVERS[45] <= selection.objective
-    assert selection.gap > 0
-
-
 @pytest.fixture(scope="module")
 def loaded():
     """Every loop loaded, so that no limit counts compilation."""
@@ -233,50 +207,30 @@ def loaded():
     select_integer(problem_of_matrix(steiner(9)))
 
 
+HARD = HARD_FOR_THE_CLOCK | {
+    "Steiner, cover": lambda: problem_of_matrix(steiner(45)),
+    "Steiner, best": lambda: problem_of_matrix(steiner(45), BestCoverage(20)),
+}
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("name", HARD_FOR_THE_CLOCK)
-def test_the_time_limit_is_wall_time_from_the_call(loaded, full_start, name):
-    problem = HARD_FOR_THE_CLOCK[name]()
-    for limit in (0.5, 1.5) if IS_NIGHTLY else (0.5,):
+@pytest.mark.parametrize("name", HARD)
+def test_the_time_limit_is_wall_time_from_the_call(loaded, monkeypatch, name):
+    monkeypatch.setattr(integer_module, "EFFORT", EFFORT)
+    problem = HARD[name]()
+    plain = select_greedy(problem, effort=0)
+    sign = sign_of(problem)
+    for limit in (1e-3, 0.5, 1.5) if IS_NIGHTLY else (1e-3, 0.5):
         started = time.perf_counter()
         selection = select_integer(problem, time_limit=limit)
         # Without a limit these run for minutes. benchmarks/attack_matrix.py holds it to a tenth and
         # 0.2 s; here others may have the cores.
-        assert time.perf_counter() - started <= 10 * limit
-        plain = select_greedy(problem, effort=0)
-        if isinstance(problem.goal, BestCoverage):
-            assert plain.objective <= selection.objective <= selection.bound
-        else:
-            assert selection.bound <= selection.objective <= plain.objective
-            assert selection.covered[problem.reachable].all()
-
-
-@pytest.mark.slow
-def test_a_solver_that_is_left_behind_is_not_in_the_way_of_the_next(loaded):
-    problem = HARD_FOR_THE_CLOCK["a presolve that does not listen"]()
-    assert select_integer(problem, time_limit=0.5).status == "time_limit"
+        assert time.perf_counter() - started <= max(10 * limit, 5.0)
+        assert selection.status in ("time_limit", "optimal")
+        assert sign * plain.objective <= sign * selection.objective <= sign * selection.bound
+        assert sign == 1 or selection.covered[problem.reachable].all()
+    # A solver that is left behind is not in the way of the next.
     assert select_integer(problem_of_matrix(steiner(15))).objective == COVERS[15]
-
-
-@pytest.mark.slow
-def test_what_the_solver_proves_in_time_is_proved_in_time(loaded, full_start):
-    for name in ("scp41", "scp42"):  # HiGHS takes 0.02 s, the whole greedy start some seconds
-        selection = select_integer(read_set_cover(FOLDER / f"{name}.txt.xz"), time_limit=2)
-        assert selection.objective == selection.bound == OPTIMA[name]
-
-
-@pytest.mark.parametrize("goal", [FewestCameras(), BestCoverage(20), BestCoverage(budget=12.5)])
-def test_a_bound_is_the_same_however_often_the_clock_is_looked_at(monkeypatch, goal):
-    reduced = presolve(problem_of_matrix(steiner(45), goal)).listed()
-    state = construct(reduced)
-    whole = bound_of(reduced, state)
-    monkeypatch.setattr(bounds, "PAIRS_A_LOOK", 1)
-    assert bound_of(reduced, state) == whole
-    early = bound_of(reduced, state, Deadline(0.0))
-    if isinstance(goal, BestCoverage):
-        assert whole <= early <= 1.0
-    else:
-        assert 0.0 <= early <= whole
 
 
 class Looks(Deadline):
@@ -296,37 +250,21 @@ class Looks(Deadline):
 def test_improvement_ended_at_any_moment_leaves_a_whole_selection(goal):
     reduced = presolve(problem_of_matrix(steiner(27), goal)).listed()
     is_best = isinstance(goal, BestCoverage)
-    plain, previous = construct(reduced), -math.inf
+
+    def value(state):
+        return state.covered if is_best else -state.cost
+
+    least = value(construct(reduced))
     for looks in range(0, 400, 7):
-        after = improve(
-            reduced, construct(reduced), 1.0 if is_best else 0.0, EFFORT, 0, Looks(looks)
-        )
-        value = after.covered if is_best else -after.cost
-        assert value >= max(previous, plain.covered if is_best else -plain.cost)
+        start = construct(reduced)
+        after = improve(reduced, start, 1.0 if is_best else 0.0, EFFORT, 0, Looks(looks))
+        assert value(after) >= least
         assert is_best or after.is_met
-        previous = value
+        least = value(after)
         fresh = CoverState(reduced, finish=is_best)
         fresh.become(after.chosen)
         for name in ("count", "gain", "done", "barred"):
             np.testing.assert_array_equal(getattr(after, name), getattr(fresh, name))
-
-
-def test_a_part_of_no_end_is_no_end():
-    assert NEVER.sooner(0.5) == NEVER
-    NEVER.check()
-    soon = Deadline.after(100.0)
-    assert 49 < soon.sooner(0.5).left < 51
-    assert Deadline(0.0).sooner(0.5) == Deadline(0.0)
-    with pytest.raises(TimeUpError):
-        Deadline(0.0).check()
-
-
-def test_no_time_at_all_gives_the_greedy_start():
-    for goal in (None, BestCoverage(20)):
-        problem = problem_of_matrix(steiner(45), goal)
-        selection = select_integer(problem, time_limit=1e-3)
-        assert selection.status in ("time_limit", "optimal")
-        assert selection.gap < 1
 
 
 @pytest.mark.slow
@@ -347,13 +285,12 @@ def test_an_interrupt_gives_what_was_found(monkeypatch):
 
 
 @pytest.mark.slow
-def test_a_missing_solver_is_said_in_one_line(monkeypatch):
-    monkeypatch.setitem(sys.modules, "highspy", None)
-    with pytest.raises(ConfigError, match="needs highspy; pip install"):
-        select_integer(problem_of_matrix(steiner(9)))
-
-
-def test_a_program_too_large_for_memory_is_refused(monkeypatch):
+def test_a_missing_solver_and_a_program_too_large_are_refused(monkeypatch):
+    problem = problem_of_matrix(steiner(9))
+    with monkeypatch.context() as patch:
+        patch.setitem(sys.modules, "highspy", None)
+        with pytest.raises(ConfigError, match="needs highspy; pip install"):
+            select_integer(problem)
     monkeypatch.setattr(integer_module, "MOST_PAIRS", 10)
     with pytest.raises(ResourceError, match="use select_greedy"):
-        select_integer(problem_of_matrix(steiner(9)))
+        select_integer(problem)

@@ -34,38 +34,36 @@ def test_without_errors_the_nominal_coverage_is_left(objective):
         assert (spread.shares == result.nominal).all()
         assert set(spread.quantiles) == {result.nominal}
         assert spread.mean == pytest.approx(result.nominal)
-    covered = objective.covered(objective.covers(POSES), POSES[:, :3, 3])
-    np.testing.assert_array_equal(result.face_chance, covered.astype(float))
+    np.testing.assert_array_equal(result.face_chance, covered_by(objective, POSES))
+
+
+def covered_by(objective, poses):
+    return objective.covered(objective.covers(poses), poses[:, :3, 3])
 
 
 def test_leaving_a_camera_out_is_what_the_others_cover(objective):
     result = tolerance(objective, POSES, SOME, draws=3)
-    shares = [objective.share_of(np.delete(POSES, row, axis=0)) for row in range(4)]
-    assert [camera.without for camera in result.cameras] == shares
-    assert result.critical == int(np.argmin(shares))
-    covers, eyes = objective.covers(POSES), POSES[:, :3, 3]
-    whole = objective.covered(covers, eyes)
+    whole = covered_by(objective, POSES)
     for row, camera in enumerate(result.cameras):
-        rest = np.arange(4) != row
-        left = objective.covered(covers[rest], eyes[rest])
-        assert camera.own_faces == (whole & ~left).sum()
+        others = np.delete(POSES, row, axis=0)
+        assert camera.without == objective.share_of(others)
+        assert camera.own_faces == (whole & ~covered_by(objective, others)).sum()
+    assert result.critical == np.argmin([camera.without for camera in result.cameras])
 
 
 @pytest.mark.slow
 def test_every_draw_is_what_its_disturbed_poses_cover(objective):
     result = tolerance(objective, POSES, SOME, draws=6, seed=8)
     disturbed = disturbed_poses(POSES, SOME, 6, np.random.default_rng(8))
-    counts = np.zeros(MESH.n_faces)
     for number, poses in enumerate(disturbed):
         assert result.together.shares[number] == objective.share_of(poses)
-        counts += objective.covered(objective.covers(poses), poses[:, :3, 3])
         for row, camera in enumerate(result.cameras):
             one = POSES.copy()
             one[row] = poses[row]
             assert camera.alone.shares[number] == objective.share_of(one)
+    counts = sum(covered_by(objective, poses).astype(int) for poses in disturbed)
     np.testing.assert_array_equal(result.face_chance, counts / 6)
-    means = [camera.alone.mean for camera in result.cameras]
-    assert result.most_sensitive == int(np.argmin(means))
+    assert result.most_sensitive == np.argmin([camera.alone.mean for camera in result.cameras])
     assert result.evaluations == 4 * 7
 
 

@@ -11,7 +11,6 @@ from nightly import examples
 from scenes import joined, sheet
 
 import rastercov as rc
-from rastercov.coverage.coverage import evaluate_batches
 from rastercov.coverage.network import Network
 from rastercov.coverage.reasons import REASONS
 from rastercov.coverage.task import Reason, Task
@@ -66,42 +65,39 @@ def test_the_reason_is_that_of_the_nearest_camera_and_no_camera_gets_further(see
 
 
 def test_of_cameras_before_which_a_face_is_hidden_that_which_sees_more_is_nearest():
-    mesh = grouped(("part", sheet((-1, -1), (1, 1), 5.0), False),
-                   ("wall", sheet((-2, -2), (0.2, 2), 4.0), True))  # fmt: skip
+    part, wall = sheet((-1, -1), (1, 1), 5.0), sheet((-2, -2), (0.2, 2), 4.0)
+    mesh = grouped(("part", part, False), ("wall", wall, True))
     poses = straight((0.0, 0, 0), (0.3, 0, 0), (-0.3, 0, 0))
-    task = Task(min_visibility=0.9)
-    found = what_is_left((mesh, CAMERA), poses, task)
+    found = what_is_left((mesh, CAMERA), poses, Task(min_visibility=0.9))
     seen = rc.visibility(mesh, CAMERA, poses).value
-    hidden = found.left & (found.reason == Reason.OCCLUDED)
-    assert hidden[:2].all()
+    assert (found.left & (found.reason == Reason.OCCLUDED))[:2].all()
     assert (found.nearest_camera[:2] == seen[:, :2].argmax(axis=0)).all()
     assert len(np.unique(seen[:, 0])) == 3  # they differ, so that the choice means something
 
 
 def test_the_group_that_hides_most_is_named_and_shares_add_up():
-    part = sheet((-1, -1), (1, 1), 8.0)
-    near = sheet((-2, -2), (-0.1, 2), 4.0)  # hides x < -0.2 at depth 8: 0.4 of the part
-    far = sheet((0.15, -2), (2, 2), 6.0)  # hides x > 0.2 at depth 8
-    mesh = grouped(("part", part, False), ("left", near, True), ("right", far, True))
-    found = what_is_left((mesh, CAMERA), straight((0, 0, 0)), Task(min_visibility=0.5))
-    areas = mesh.areas[:2]
+    part, pose = sheet((-1, -1), (1, 1), 8.0), straight((0, 0, 0))
+    walls = {
+        "left": sheet((-2, -2), (-0.1, 2), 4.0),  # hides x < -0.2 at depth 8: 0.4 of the part
+        "right": sheet((0.15, -2), (2, 2), 6.0),  # hides x > 0.2 at depth 8
+    }
+    mesh = grouped(("part", part, False), *((name, wall, True) for name, wall in walls.items()))
+    found = what_is_left((mesh, CAMERA), pose, Task(min_visibility=0.5))
     assert found.left[:2].all()
-    assert found.hidden_area[0, 1:] @ [1, 1] == pytest.approx(0.8 * areas.sum(), rel=0.03)
-    assert found.hidden_area[0, 0] == 0
-    for face in range(2):
-        alone = [
-            1 - rc.visibility(grouped(("part", part, False), other), CAMERA,
-                              straight((0, 0, 0))).value[0, face]
-            for other in (("left", near, True), ("right", far, True))
-        ]  # fmt: skip
-        assert found.occluder[face] == 1 + int(np.argmax(alone))
-        assert found.occluder_share[face] == pytest.approx(max(alone), abs=0.03)
-    assert list(found.summary()["groups"][0]["hidden_by"]) in (["left", "right"], ["right", "left"])
+    wanted = mesh.areas[:2].sum() * np.array([0, 0.4, 0.4])
+    assert found.hidden_area[0] == pytest.approx(wanted, rel=0.03)
+    hidden = []
+    for name, wall in walls.items():
+        alone = grouped(("part", part, False), (name, wall, True))
+        hidden.append(1 - rc.visibility(alone, CAMERA, pose).value[0, :2])
+    assert (found.occluder[:2] == 1 + np.argmax(hidden, axis=0)).all()
+    assert found.occluder_share[:2] == pytest.approx(np.max(hidden, axis=0), abs=0.03)
+    assert found.summary()["groups"][0]["hidden_by"].keys() == {"left", "right"}
 
 
 def test_a_duplicate_sheet_hides_the_second():
-    mesh = grouped(("first", sheet((-1, -1), (1, 1), 5.0), False),
-                   ("second", sheet((-1, -1), (1, 1), 5.0), False))  # fmt: skip
+    part = sheet((-1, -1), (1, 1), 5.0)
+    mesh = grouped(("first", part, False), ("second", part, False))
     found = what_is_left((mesh, CAMERA), straight((0, 0, 0)))
     assert found.left.tolist() == [False, False, True, True]
     assert (found.occluder[2:] == 0).all()
@@ -134,26 +130,22 @@ def shut_box():
 
 
 def test_no_candidate_sees_a_shut_face_is_proved_by_bounds_and_never_by_samples():
-    mesh, poses = shut_box(), around(40, 1)
-    network = rc.look_at([0.1, 0.2, -3.0], [0, 0, 0])
+    inside = sheet((-0.2, -0.2), (0.2, 0.2), 0.0)
+    mesh = grouped(("inside", inside, False), ("box", shapes.box(), True))
+    poses, network = around(40, 1), rc.look_at([0.1, 0.2, -3.0], [0, 0, 0])
     proved = what_is_left((mesh, CAMERA), network, candidates=poses)
     assert (proved.sight[:2] == Sight.NONE).all()
     assert (proved.seen_at_most[:2] <= 1e-6).all()
-    with rc.open_observer(mesh, CAMERA, "sampled", backend="cpu") as observer:
-        counted = what_is_left(observer, network, candidates=poses)
-    assert (counted.sight[:2] == Sight.UNKNOWN).all()
-    assert (counted.seen_at_most[:2] > 1e-6).all()
     told = proved.summary()
     assert told["seen_by_no_candidate"]["faces"] == 2
     assert told["groups"][0]["hidden_by"].keys() == {"box"}
-
-
-def test_without_candidates_nothing_is_claimed():
-    mesh = shut_box()
-    found = what_is_left((mesh, CAMERA), around(1, 1))
-    assert (found.sight[:2] == Sight.UNKNOWN).all()
-    assert (found.seen_at_most[:2] == 1).all()
-    assert found.summary()["unknown"]["faces"] == 2
+    without = what_is_left((mesh, CAMERA), network)
+    with rc.open_observer(mesh, CAMERA, "sampled", backend="cpu") as observer:
+        counted = what_is_left(observer, network, candidates=poses)
+    for found in (without, counted):
+        assert (found.sight[:2] == Sight.UNKNOWN).all()
+        assert (found.seen_at_most[:2] > 1e-6).all()
+    assert without.summary()["unknown"]["faces"] == 2
 
 
 def test_a_candidate_in_the_plane_of_a_face_does_not_see_it():
@@ -173,23 +165,20 @@ def test_a_candidate_in_the_plane_of_a_face_does_not_see_it():
 def test_the_bounds_hold_what_candidates_see_and_those_left_out_see_nothing(seed):
     mesh = joined(shapes.torus(10, 7), shapes.box((0.3, 0.3, 0.3), centre=(0, 0, 0)))
     task, poses = Task(min_visibility=0.6, max_incidence_deg=60), around(30, seed, 4.0)
-    network = poses[:2]
-    found = what_is_left((mesh, CAMERA), network, task, candidates=poses)
-    every = rc.evaluate(mesh, CAMERA, poses, task)
-    exact = rc.visibility(mesh, CAMERA, poses, "exact").value.max(axis=0)
-    left = found.left
-    assert (found.seen_at_least[left] <= exact[left] + 1e-8).all()
-    assert (found.seen_at_most[left] >= exact[left] - 1e-8).all()
-    assert (found.n_covering[left] == (every.reason == Reason.COVERED).sum(axis=0)[left]).all()
-    assert (found.sight[left][exact[left] > 1e-3] == Sight.SOME).all()
-    assert (exact[left][found.sight[left] == Sight.NONE] <= 1e-6).all()
+    found = what_is_left((mesh, CAMERA), poses[:2], task, candidates=poses)
+    left, sight = found.left, found.sight[found.left]
+    is_covered = rc.evaluate(mesh, CAMERA, poses, task).reason == Reason.COVERED
+    exact = rc.visibility(mesh, CAMERA, poses, "exact").value.max(axis=0)[left]
+    assert (found.seen_at_least[left] <= exact + 1e-8).all()
+    assert (found.seen_at_most[left] >= exact - 1e-8).all()
+    assert (found.n_covering[left] == is_covered.sum(axis=0)[left]).all()
+    assert (sight[exact > 1e-3] == Sight.SOME).all()
+    assert (exact[sight == Sight.NONE] <= 1e-6).all()
 
 
 @pytest.mark.slow
 def test_no_more_than_two_batches_of_candidates_are_held_at_a_time(monkeypatch):
-    mesh, poses = shapes.torus(10, 8), around(300, 5, 4.0)
-    batches, alive = [], []
-    add = uncovered.CandidateBounds.add
+    batches, alive, add = [], [], uncovered.CandidateBounds.add
 
     def watched(self, batch):
         batches.append(weakref.ref(batch))
@@ -198,51 +187,42 @@ def test_no_more_than_two_batches_of_candidates_are_held_at_a_time(monkeypatch):
 
     monkeypatch.setattr(uncovered, "POSES_A_STEP", 20)
     monkeypatch.setattr(uncovered.CandidateBounds, "add", watched)
-    found = what_is_left((mesh, CAMERA), poses[:1], candidates=poses)
+    poses = around(300, 5, 4.0)
+    found = what_is_left((shapes.torus(10, 8), CAMERA), poses[:1], candidates=poses)
     assert found.left.any()
     assert len(batches) == 15
     assert max(alive) <= 2
 
 
 def test_a_face_with_too_few_views_says_so_and_so_do_views_that_are_too_much_alike():
-    mesh, poses = sheet((-1, -1), (1, 1), 5.0), straight((0, 0, 0))
-    found = what_is_left((mesh, CAMERA), poses, Task(views=2))
-    assert found.left.all()
-    assert found.summary()["reasons"].keys() == {"too_few_views"}
-    assert (found.views == 1).all()
-    alike = what_is_left((mesh, CAMERA), poses, covered=np.zeros(2, bool))
-    assert alike.summary()["reasons"].keys() == {"too_few_views"}
-    none = what_is_left((mesh, CAMERA), poses[:0])
-    assert none.summary()["reasons"].keys() == {"no_cameras"}
-    assert (none.nearest_camera == -1).all()
-    assert len(what_is_left((mesh, CAMERA), poses).lines()) == 1  # all is covered
+    view, poses = (sheet((-1, -1), (1, 1), 5.0), CAMERA), straight((0, 0, 0))
+    for found, reason in (
+        (what_is_left(view, poses, Task(views=2)), "too_few_views"),
+        (what_is_left(view, poses, covered=np.zeros(2, bool)), "too_few_views"),
+        (what_is_left(view, poses[:0]), "no_cameras"),
+    ):
+        assert found.left.all()
+        assert found.summary()["reasons"].keys() == {reason}
+        has_camera = reason == "too_few_views"
+        assert (found.views == has_camera).all()
+        assert (found.nearest_camera == has_camera - 1).all()
+    assert len(what_is_left(view, poses).lines()) == 1  # all is covered
 
 
 def test_the_parts_of_what_is_left_add_up_and_agree_with_the_network():
-    mesh = shapes.room(4)
-    task, poses = Task(min_pixels=5), rc.look_at([[2.5, 2, 2.5], [-2, -2, 2.2]], [0, 0, 0.5])
+    mesh, task = shapes.room(4), Task(min_pixels=5)
+    poses = rc.look_at([[2.5, 2, 2.5], [-2, -2, 2.2]], [0, 0, 0.5])
     found = what_is_left((mesh, CAMERA), poses, task, candidates=poses)
     network = Network(mesh, task)
-    for batch in evaluate_batches(rc.open_observer(mesh, CAMERA), poses, task):
-        network.add(batch)
+    network.add(rc.evaluate(mesh, CAMERA, poses, task))
     told, known = found.summary(), network.summary()
     assert told["left"] == known["not_covered"]
     assert told["reasons"] == known["not_covered_because"]
     parts = ("could_be_covered", "seen_never_covered", "seen_by_no_candidate", "unknown")
-    assert sum(told[part]["faces"] for part in parts) == told["left"]["faces"]
-    assert sum(group["left"]["faces"] for group in told["groups"]) == told["left"]["faces"]
+    for entries in ([told[part] for part in parts], [each["left"] for each in told["groups"]]):
+        assert sum(entry["faces"] for entry in entries) == told["left"]["faces"]
     assert told["could_be_covered"]["faces"] == 0  # the network is all the candidates
-    lines = "\n".join(found.lines())
-    assert all(REASONS[name].sentence in lines for name in told["reasons"])
-
-
-def test_progress_ends_at_the_end():
-    mesh, poses, seen = shapes.torus(10, 7), around(30, 3, 4.0), []
-    what_is_left((mesh, CAMERA), poses[:2], candidates=poses,
-                 progress=lambda done, total: seen.append((done, total)))  # fmt: skip
-    assert seen[-1][0] == seen[-1][1] >= 32
-    assert all(done <= total for done, total in seen)
-    assert [done for done, _ in seen] == sorted(done for done, _ in seen)
+    assert all(REASONS[name].sentence in "\n".join(found.lines()) for name in told["reasons"])
 
 
 @given(seed=st.integers(0, 2**32 - 1), n_poses=st.integers(0, 5))

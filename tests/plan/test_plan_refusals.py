@@ -3,15 +3,18 @@
 from pathlib import Path
 
 import pytest
-from test_camera_types import LONG, WIDE, types
 from test_plan import BASE, CAMERA, ENTRY, errors, plan_of
-from test_rigs import EYE, PAIR
 
 from rastercov.placement.plan.file import PlanError
 from rastercov.placement.plan.prepare import cells_of
 from rastercov.placement.plan.run import place
 from rastercov.placement.plan.scene import candidate_pool, scene
 
+WIDE = "width = 160\nheight = 120\nhfov_deg = 80\n"
+EYE = "[cameras.eye]\n" + WIDE
+PAIR = """[rigs.pair]
+cameras = [{ camera = "eye", name = "left" }, { camera = "eye", name = "right" }]
+"""
 BOX = "[[meshes]]\nbuilt_in = 'box'\n"
 TASK = BASE + "[task]\n"
 SPACE = BASE + "[[constraints.spaces]]\n"
@@ -35,8 +38,6 @@ ONE_CAMERA = BOX + "[camera]\n" + WIDE
         ("[[meshes]]\nbuilt_in='box'\nunit='mm'\n" + CAMERA, "meshes[0]: built-in parts are in m"),
         (TURN("scale = 0"), "meshes[0].transform.scale: wanted a number above 0, got 0"),
         (TURN("axis = [0, 0, 0]"), "meshes[0].transform.axis: wanted a direction, got [0, 0, 0]"),
-        (TURN("angle_deg = inf"), "meshes[0].transform.angle_deg: wanted a finite number, got inf"),
-        (TURN("shift = 1"), "meshes[0].transform.shift: there is no such entry"),
         # targets
         (TARGET, "targets[0]: wanted one of above, box, file, got none"),
         (SHEET, "targets[0]: above and height come together"),
@@ -44,10 +45,7 @@ ONE_CAMERA = BOX + "[camera]\n" + WIDE
         (SHEET + "height = 1\nspacing = 0.5", "targets[0]: spacing is of a box"),
         (SHEET + "height = -1", "targets[0].height: wanted a number of 0 or more"),
         (SHEET + 'height = 1\nunit = "mm"', "targets[0]: unit is of a file"),
-        (SHEET + 'height = 1\ncolour = "red"', "targets[0].colour: there is no such entry"),
-        (GRID + "height = 1", "targets[0]: above and height come together"),
         (GRID + "count = [1, 1]", "targets[0].count: wanted 3 or more of them"),
-        (GRID + "count = [1, 1, 0]", "targets[0].count[2]: wanted a number of 1 or more"),
         (GRID + "count = [1, 1, 1]\nspacing = 0.1", "targets[0]: count and spacing exclude each"),
         (GRID.replace("1.0]]", "0.0]]"), "targets[0]: wanted low < high on every axis"),
         (TARGET + "box = [[0, 0, 0]]", "targets[0].box: wanted 2 or more of them"),
@@ -59,15 +57,14 @@ ONE_CAMERA = BOX + "[camera]\n" + WIDE
         (BOX + "[camera]\nfile = 'x.toml'", "camera.file: wanted a file"),
         (BOX + "[camera]\nwidth = 3", "camera: missing height"),
         (ONE_CAMERA + "cost = 1", "camera.cost: there is no such entry"),
-        (ONE_CAMERA + types(long=LONG), "camera and cameras exclude each other"),
-        (BOX + types(wide=WIDE + "cost = -1"), "cameras.wide.cost: wanted a number of 0 or more"),
-        (BOX + types(wide="width = 3"), "cameras.wide: missing height"),
-        (BOX + types(wide=WIDE + "price = 3"), "cameras.wide.price: there is no such entry"),
+        (ONE_CAMERA + EYE, "camera and cameras exclude each other"),
+        (BOX + EYE + "cost = -1", "cameras.eye.cost: wanted a number of 0 or more"),
+        (BOX + "[cameras.eye]\nwidth = 3", "cameras.eye: missing height"),
+        (BOX + EYE + "price = 3", "cameras.eye.price: there is no such entry"),
         (BOX + EYE + PAIR.replace('"eye"', '"ear"'), "rigs.pair.cameras: there is no camera 'ear'"),
         (BOX + EYE + PAIR.replace("pair", "eye"), "rigs.eye: there is a camera of that name"),
         (BOX + EYE + "[rigs.none]\ncost = 1", "rigs.none: wanted one of cameras, file, got none"),
-        (BOX + EYE + PAIR + "[rigs.pair]\ncost = -1", "rigs.pair.cost: wanted a number of 0"),
-        (BOX + EYE + PAIR.replace("name =", "label ="), "rigs.pair.cameras[0].label: there is no"),
+        (BOX + EYE + PAIR + "cost = -1", "rigs.pair.cost: wanted a number of 0"),
         (BOX + '[rigs.pair]\nfile = "gone.json"', "rigs.pair.file: wanted a file"),
         (BOX + '[rigs.pair]\nfile = "room.obj"', "rigs.pair: room.obj"),
         # task, selection, constraints
@@ -79,9 +76,6 @@ ONE_CAMERA = BOX + "[camera]\n" + WIDE
         (TASK + "supersample = 2", "task: supersample is for method sampled"),
         (TASK + "method = 'ray'", "task.method: wanted 'certified', 'exact' or 'sampled'"),
         (TASK + "resolution_of_result = 0", "task.resolution_of_result: wanted a number above 0"),
-        (TASK + "resolution_of_result = nan", "task.resolution_of_result: wanted a"),
-        (TASK + "resolution_of_result = inf", "task.resolution_of_result: wanted a"),
-        (TASK + "resolution_of_result = 'fine'", "task.resolution_of_result: wanted a number"),
         (TASK + "resolution_of_result = 1\nby = 'face'", "task: resolution_of_result is of cells"),
         (TASK + "weight_by = 'count'\nby = 'area'", 'task: weight_by = "count" is of faces'),
         (SELECTION + "coverage = 1", "selection.goal: missing"),
@@ -91,7 +85,6 @@ ONE_CAMERA = BOX + "[camera]\n" + WIDE
         (SPACE + "low = [0, 0, 1]\nhigh = [1, 1, 0]", "constraints.spaces[0]: wanted low <= high"),
         (KEEP_OUT + "low = [0, 0, 0]", "constraints.keep_out[0]: low and high come together"),
         (KEEP_OUT + "centre = [0, 0]", "constraints.keep_out[0].centre: wanted 3 or more of them"),
-        (KEEP_OUT + "radius = 0", "constraints.keep_out[0].radius: wanted a number above 0"),
         # candidates
         (ENTRY + "'on_sphere'\ncount = 0", "candidates[0].count: wanted a number of 1 or more"),
         (ENTRY + "'per_face'\nup = [0, 0, 0]", "candidates[0].up: wanted a direction"),

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from commands import write_part
 from test_plan import BASE, plan_of
 
 from rastercov.placement.plan.scene import scene
@@ -33,27 +32,6 @@ def test_a_grid_of_boxes_by_count_or_by_spacing():
     mesh = scene(plan_of(target(box + "count = [2, 4, 2]\nsize = 0.25\ntwo_sided = false")))
     assert not mesh.groups[-1].is_two_sided
     assert mesh.areas[mesh.target_mask].sum() == pytest.approx(16 * 6 * 0.25**2)
-
-
-def test_a_file_and_names_that_are_taken():
-    write_part("lid.obj", side=1000.0)
-    text = (
-        target('file = "lid.obj"\nunit = "mm"\nname = "crates"') + '[[targets]]\nfile = "lid.obj"'
-    )
-    mesh = scene(plan_of(text))
-    assert [group.name for group in mesh.groups] == ["room", "crates", "crates #2", "lid"]
-    assert [group.role for group in mesh.groups] == ["task", "task", "target", "target"]
-    assert mesh.target_mask.sum() == 24  # all groups of a file are one target
-    assert mesh.sources[-1].name == "lid.obj"
-
-
-def test_a_mesh_with_the_role_of_a_target():
-    write_part("part.obj")
-    text = BASE + '[[meshes]]\npath = "part.obj"\nunit = 2\nrole = "target"\n'
-    mesh = scene(plan_of(text))
-    assert [group.role for group in mesh.groups] == ["task", "target", "target"]
-    mesh = scene(plan_of(text + 'groups = ["lid"]\n'))
-    assert [group.role for group in mesh.groups] == ["task", "target", "task"]
 
 
 def test_views_and_requirements_may_name_a_target():

@@ -2,109 +2,88 @@
 
 from collections import defaultdict
 from contextlib import contextmanager
+from pathlib import Path
 
 import cavity_scenes
 import numpy as np
 import pytest
+from plans import write_obj
 
-from rastercov.camera.pose_file import write_poses
+from rastercov.camera.pose import Poses
 from rastercov.camera.viewpoints import sphere_of_poses
 from rastercov.placement.improve import objective as objective_module
-from rastercov.placement.plan import check as plan_check
-from rastercov.placement.plan.file import read_plan
+from rastercov.placement.plan.check import check
+from rastercov.placement.plan.file import plan_of
 from rastercov.placement.plan.run import place
 
-PLAN = """
-[[meshes]]
-path = "part.obj"
-[camera]
-width = 64
-height = 48
-fx = 64
-fy = 64
-[task]
-views = 2
-min_angle_deg = 10
-[[candidates]]
-generator = "on_sphere"
-count = 12
-distances = [9]
-[[candidates]]
-generator = "per_cavity"
-[selection]
-goal = "best_coverage"
-cameras = 3
-refine = true
-[selection.optimise]
-method = "random"
-budget = 60
-population = 4
-[selection.tolerance]
-position_mm = 1
-draws = 3
-"""
+PLAN = {
+    "meshes": [{"path": "part.obj"}],
+    "camera": {"width": 64, "height": 48, "fx": 64, "fy": 64},
+    "task": {"views": 2, "min_angle_deg": 10},
+    "candidates": [
+        {"generator": "on_sphere", "count": 12, "distances": [9]},
+        {"generator": "per_cavity"},
+    ],
+    "selection": {
+        "goal": "best_coverage",
+        "cameras": 3,
+        "refine": True,
+        "optimise": {"method": "random", "budget": 60, "population": 4},
+        "tolerance": {"position_mm": 1, "draws": 3},
+    },
+}
 
 
 @pytest.fixture
-def plan(tmp_path):
+def plan(folder):
     """Plan with every step, for a part with a blind hole."""
-    mesh = cavity_scenes.blind_hole()
-    lines = ["v {!r} {!r} {!r}".format(*point) for point in mesh.vertices.tolist()]
-    lines += ["f {} {} {}".format(*face) for face in (mesh.faces + 1).tolist()]
-    (tmp_path / "part.obj").write_text("\n".join(lines))
-    (tmp_path / "plan.toml").write_text(PLAN)
-    return read_plan(tmp_path / "plan.toml")
+    write_obj("part.obj", cavity_scenes.blind_hole())
+    return plan_of(PLAN)
 
 
 class Watcher:
-    """Progress of each step: (done, total) of each call."""
+    """Progress of each step: (done, total) of each call; and the name of the step that runs."""
 
     def __init__(self):
-        self.calls = defaultdict(list)
+        self.calls, self.running = defaultdict(list), ""
 
     @contextmanager
     def __call__(self, name):
+        self.running = name
         yield lambda done, total: self.calls[name].append((done, total))
+        self.running = ""
 
-
-def is_steady(calls):
-    """True if the work done grows, to a total that is there from the first call on."""
-    done = [done for done, _ in calls]
-    return done == sorted(done) and all(total > 0 and n <= total for n, total in calls)
+    def is_steady(self, name, ends=True):
+        """True if the work done grows, to a total that is there from the first call on."""
+        done = [done for done, _ in self.calls[name]]
+        return (
+            done == sorted(done)
+            and all(total > 0 and n <= total for n, total in self.calls[name])
+            and (not ends or done[-1] == self.calls[name][-1][1])
+        )
 
 
 @pytest.mark.slow
-def test_every_long_step_of_place_has_a_total(plan, tmp_path):
+def test_every_long_step_of_place_and_check_has_a_total(plan):
     steps = Watcher()
-    placed = place(plan, tmp_path, steps)
-    long = ("visibility matrix", "cavities", "search", "refinement", "tolerance", "what is left")
-    for name in long:
-        assert is_steady(steps.calls[name]), (name, steps.calls[name])
+    placed = place(plan, Path("out"), steps)
     for name in ("visibility matrix", "cavities", "search", "tolerance", "what is left"):
-        done, total = steps.calls[name][-1]
-        assert done == total, name
+        assert steps.is_steady(name), (name, steps.calls[name])
+    assert steps.is_steady("refinement", ends=False)
     assert steps.calls["refinement"][-1][0] <= placed.refined.evaluations
-
-
-def test_both_steps_of_check_have_a_total(plan, tmp_path):
-    poses = sphere_of_poses(np.zeros(3), 9.0, 4)
-    write_poses(tmp_path / "rig.json", poses)
     steps = Watcher()
-    found = plan_check.check(plan, tmp_path / "rig.json", {None: 0.9}, step=steps)
-    assert len(found.cameras.poses) == len(poses)
-    for name in ("coverage", "what is left"):
-        assert is_steady(steps.calls[name])
-        assert steps.calls[name][-1][0] == steps.calls[name][-1][1] > 0
+    poses = Poses.of(sphere_of_poses(np.zeros(3), 9.0, 4))
+    check(plan, Path("rig.json"), {None: 0.9}, poses=poses, step=steps)
+    assert steps.is_steady("coverage")
+    assert steps.is_steady("what is left")
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("step", "poses"), [("search", 0), ("search", 13), ("refinement", 200), ("tolerance", 4)]
 )
-def test_an_interrupt_in_a_step_ends_it_with_the_best_until_then(
-    plan, tmp_path, monkeypatch, step, poses
-):
-    plain, measured = objective_module.evaluate_batches, []
+def test_an_interrupt_in_a_step_ends_it_with_the_best_until_then(plan, monkeypatch, step, poses):
+    plain, measured, steps = objective_module.evaluate_batches, [], Watcher()
 
     def limited(observer, given, task, **options):
         if steps.running == step:
@@ -113,31 +92,16 @@ def test_an_interrupt_in_a_step_ends_it_with_the_best_until_then(
                 raise KeyboardInterrupt
         return plain(observer, given, task, **options)
 
-    class Running(Watcher):
-        running = ""
-
-        @contextmanager
-        def __call__(self, name):
-            self.running = name
-            with super().__call__(name) as progress:
-                yield progress
-            self.running = ""
-
-    steps = Running()
     monkeypatch.setattr(objective_module, "evaluate_batches", limited)
-    placed = place(plan, tmp_path, steps)
-    assert placed.interrupted == step
-    assert placed.leftover is None
-    if step == "search" and not poses:
-        assert placed.optimised is None
-    elif step == "search":
-        assert placed.optimised.is_interrupted
-        assert placed.optimised.evaluations == len(placed.optimised.trace) * 3 == 12
-        assert placed.cameras.share == placed.optimised.share >= placed.selection.share
+    placed = place(plan, Path("out"), steps)
+    assert (placed.interrupted, placed.leftover, placed.tolerance) == (step, None, None)
+    share, searched, refined = placed.cameras.share, placed.optimised, placed.refined
+    assert (searched is None) == (step == "search" and not poses)
+    if step == "search" and poses:
+        assert searched.is_interrupted
+        assert searched.evaluations == len(searched.trace) * 3 == 12
+        assert share == searched.share >= placed.selection.share
     if step == "refinement":
-        assert placed.refined.status == "interrupted"
-        assert not placed.refined.is_local_optimum
-        assert placed.cameras.share == placed.refined.share >= placed.refined.start_share
-    if step == "tolerance":
-        assert placed.tolerance is None
-        assert placed.refined is not None
+        assert (refined.status, refined.is_local_optimum) == ("interrupted", False)
+        assert share == refined.share >= refined.start_share
+    assert step != "tolerance" or refined is not None

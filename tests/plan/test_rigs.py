@@ -1,88 +1,172 @@
-"""Plans with rigs: cameras that move together are one choice."""
+"""Plans with several cameras and with rigs: each pose takes any of them, at its cost."""
 
-import json
+from functools import partial
 from pathlib import Path
 
 import numpy as np
+import plans
 import pytest
 from coarse_pictures import coarse_pictures  # noqa: F401 # a fixture for every test
+from plans import told
 from surface_cases import room
 
 import rastercov as rc
 from rastercov.camera.formats import write_views
+from rastercov.camera.pose_file import write_poses
 from rastercov.placement import Objective
 from rastercov.placement.plan import run as plan_run
-from rastercov.placement.plan.check import check, limits
-from rastercov.placement.plan.file import read_plan
-from rastercov.placement.plan.network import observer_of
-from rastercov.placement.plan.prepare import counting
-from rastercov.placement.plan.run import place
-from rastercov.report import plan as report
+from rastercov.placement.plan.file import plan_of
+from rastercov.placement.plan.scene import candidate_pool, scene
 
 MESH, _, _ = room()
-EYE = "[cameras.eye]\nwidth = 160\nheight = 120\nhfov_deg = 60\n"
-PAIR = """
-[[rigs.pair.cameras]]
-camera = "eye"
-name = "left"
-angle_deg = -30
-translation = [-0.1, 0, 0]
-[[rigs.pair.cameras]]
-camera = "eye"
-name = "right"
-angle_deg = 30
-translation = [0.1, 0, 0]
-"""
-PLAN = """
-[[meshes]]
-path = "room.obj"
-{cameras}
-[task]
-{task}
-[[candidates]]
-generator = "on_walls"
-spacing = 3.0
-heights = [2.4, 2.6]
-{entry}
-[selection]
-{goal}
-[outputs]
-page = {page}
-"""
-BY_AREA = "min_pixels_per_m2 = 300\nresolution_of_result = 0.8"
-TWO = 'goal = "best_coverage"\ncameras = 2'
+WIDE = {"width": 160, "height": 120, "hfov_deg": 80}
+LONG = WIDE | {"hfov_deg": 30}
+EYE = WIDE | {"hfov_deg": 60}
+WALLS = {"generator": "on_walls", "spacing": 3.0, "heights": [2.4, 2.6]}
+BY_AREA = {"min_pixels_per_m2": 300, "resolution_of_result": 0.8}
+BY_FACE = {"by": "face", "min_pixels": 4}
+TWO = {"goal": "best_coverage", "cameras": 2}
+FEWEST = {"goal": "fewest_cameras", "coverage": 0.3}
+TOLERANCE = {"tolerance": {"draws": 2, "position_mm": 1}}
+PLAN = {
+    "meshes": [{"path": "room.obj"}],
+    "task": BY_AREA,
+    "candidates": [WALLS],
+    "selection": TWO,
+    "outputs": {"page": False},
+}
+placed = partial(plans.placed, PLAN)
 
 
-def plan_of(cameras, goal=TWO, task=BY_AREA, entry="", page="false"):
-    Path("plan.toml").write_text(
-        PLAN.format(cameras=cameras, goal=goal, task=task, entry=entry, page=page)
-    )
-    return read_plan("plan.toml")
+def eye(name, angle_deg, x):
+    return {"camera": "eye", "name": name, "angle_deg": angle_deg, "translation": [x, 0, 0]}
 
 
-def placed(*arguments, **named):
-    return place(plan_of(*arguments, **named), None)
+def pair(angle_deg, distance):
+    """A rig of two cameras, turned away from each other."""
+    return {"cameras": [eye("left", -angle_deg, -distance), eye("right", angle_deg, distance)]}
 
 
-def figures(found):
-    summary = report.summary(found)
-    return json.loads(json.dumps(summary, default=lambda value: np.asarray(value).tolist()))
+PAIR = {"cameras": {"eye": EYE}, "rigs": {"pair": pair(30, 0.1)}}
+TWIN = {
+    "cameras": {"eye": EYE},
+    "rigs": {"twin": pair(2, 0.3)},
+    "candidates": [WALLS | {"cameras": ["twin"]}],
+}
+"""Two cameras side by side, which see nearly the same."""
+
+
+def costing(wide, long):
+    return {"wide": WIDE | {"cost": wide}, "long": LONG | {"cost": long}}
+
+
+def budget(cost):
+    return {"goal": "best_coverage", "budget": cost}
+
+
+def names_of(found):
+    """Names of the chosen cameras and rigs."""
+    return [found.prepared.mounts.names[row] for row in found.cameras.mounted.camera]
+
+
+def exact_share(found):
+    prepared = found.prepared
+    return rc.unite(
+        rc.regions(MESH, prepared.mounts.rig, found.cameras.placed, prepared.task)
+    ).share()
+
+
+def checked(**sections):
+    """The network that was written, as `check` sees it with the cameras of the plan."""
+    return rc.check(PLAN | sections, "out/poses.json", min_coverage=0.001).cameras
 
 
 @pytest.mark.slow
-def test_a_rig_of_one_camera_is_placed_as_that_camera():
-    goal = TWO + "\nrefine = true\nrefine_budget = 300"
-    alone = placed(EYE, goal)
-    rig = placed(EYE + '[[rigs.one.cameras]]\ncamera = "eye"\n', goal)
-    np.testing.assert_array_equal(alone.cameras.poses, rig.cameras.poses)
-    assert alone.cameras.share == rig.cameras.share
-    assert alone.selection.chosen.tolist() == rig.selection.chosen.tolist()
-    assert rig.prepared.mounts.names == ("eye", "one")
-    assert set(rig.cameras.placed.camera) == {1}  # a camera on a rig is no candidate of its own
+def test_one_camera_is_placed_the_same_by_any_name_and_on_a_rig_of_its_own():
+    goal = FEWEST | TOLERANCE | {"refine": True, "refine_budget": 300}
+    alone = placed(camera=EYE, selection=goal)
+    expected = told() | {"seconds": {}, "plan": ""}
+    rig = {"one": {"cameras": [{"camera": "eye"}]}}
+    for rigs in ({}, rig):
+        found = placed(cameras={"eye": EYE}, rigs=rigs, selection=goal)
+        np.testing.assert_array_equal(alone.cameras.poses, found.cameras.poses)
+        assert alone.cameras.share == found.cameras.share
+        assert alone.selection.chosen.tolist() == found.selection.chosen.tolist()
+        assert rigs or told() | {"seconds": {}, "plan": ""} == expected
+    assert found.prepared.mounts.names == ("eye", "one")
+    assert set(names_of(found)) == {"one"}  # a camera on a rig is no candidate of its own
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("task", [BY_AREA, 'by = "face"\nmin_pixels = 4'])
+@pytest.mark.parametrize("goal", [FEWEST, budget(3)])
+def test_of_two_equal_cameras_the_cheap_one_is_chosen(goal):
+    cameras = {"dear": WIDE | {"cost": 2}, "cheap": WIDE | {"cost": 1}}
+    found = placed(cameras=cameras, selection=goal)
+    assert set(names_of(found)) == {"cheap"}
+    assert found.selection.cost == len(found.origin)
+    assert found.cameras.share == placed(camera=WIDE, selection=goal).cameras.share
+
+
+@pytest.mark.slow
+def test_cameras_and_rigs_are_chosen_by_what_they_give_for_their_cost():
+    assert set(names_of(placed(cameras=costing(1, 4), selection=budget(4)))) == {"wide"}
+    dense = BY_AREA | {"min_pixels_per_m2": 3000}  # only a long lens has so many pixels
+    far = placed(cameras=costing(1, 2), selection=budget(4), task=dense)
+    assert "long" in names_of(far)
+    costs = {"wide": 1, "long": 2}
+    assert far.selection.cost == sum(costs[name] for name in names_of(far)) <= 4
+    own = PAIR | {"candidates": [WALLS | {"cameras": ["eye", "pair"]}], "selection": budget(2)}
+    # Two cameras anywhere do better than two in one place.
+    assert names_of(placed(**own | {"rigs": {"pair": pair(30, 0.1) | {"cost": 2.0}}})) != ["pair"]
+    cheap = placed(**own | {"rigs": {"pair": pair(30, 0.1) | {"cost": 1.0}}})
+    assert names_of(cheap) == ["pair", "pair"]
+
+
+def test_a_candidate_has_a_pose_for_each_camera_of_its_entry():
+    def pool_of(cameras, entry):
+        plan = plan_of(PLAN | {"cameras": cameras, "candidates": [entry]})
+        return candidate_pool(plan, scene(plan))
+
+    types = {"wide": WIDE, "long": LONG | {"cost": 3}}
+    every = pool_of(types, WALLS | {"cost": 0.5})
+    n = len(every.candidates) // 2
+    assert every.candidates.camera.tolist() == [0] * n + [1] * n
+    assert every.costs.tolist() == [0.5] * n + [3.5] * n
+    np.testing.assert_array_equal(every.candidates.poses[:n], every.candidates.poses[n:])
+    some = pool_of(types, WALLS | {"cameras": ["long"]})
+    assert some.candidates.camera.tolist() == [1] * n
+    assert some.costs.tolist() == [3.0] * n
+    assert set(pool_of({"wide": WIDE}, WALLS).costs) == {1.0}
+    poses = rc.look_at([[1, 1, 2], [2, 1, 2], [3, 1, 2]], [[4, 3, 1]] * 3)
+    write_poses("named.json", poses, ["long", "wide", "long"])
+    named = pool_of(types, {"generator": "poses", "file": "named.json"}).candidates
+    assert sorted(zip(named.index, named.camera, strict=True)) == [(0, 1), (1, 0), (2, 1)]
+
+
+@pytest.mark.slow
+def test_cameras_keep_their_kinds_when_moved_and_when_read_back():
+    cameras, dense = costing(1, 2), BY_AREA | {"min_pixels_per_m2": 1500}
+    moves = {"refine": True, "refine_budget": 500} | TOLERANCE
+    moves |= {"optimise": {"method": "random", "budget": 50}}
+    still = placed(cameras=cameras, selection=budget(5), task=dense)
+    names = names_of(still)
+    assert len(set(names)) == 2
+    assert told("poses.json")["camera"] == names
+    assert [each["camera"] for each in told()["cameras"]] == names
+    apart = told()["network"]["by_camera"]
+    assert [each["poses"] for each in apart] == [names.count(n) for n in cameras]
+    views = rc.read_views("out/poses.json")
+    assert views.cameras() == still.prepared.mounts.rig.cameras
+    again = checked(cameras=cameras, task=dense)
+    assert again.areas.summary()["percent"] == pytest.approx(100 * still.cameras.share, abs=1e-9)
+    moved = placed(cameras=cameras, selection=budget(5) | moves, task=dense)
+    assert names_of(moved) == names
+    assert moved.refined.share >= moved.refined.start_share
+    assert exact_share(moved) == pytest.approx(moved.cameras.share, abs=1e-9)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("task", [BY_AREA, BY_FACE])
 def test_a_rig_that_adds_nothing_after_refinement_is_left_out_with_all_its_cameras(
     task, monkeypatch
 ):
@@ -91,55 +175,36 @@ def test_a_rig_that_adds_nothing_after_refinement_is_left_out_with_all_its_camer
         return plan_run._of_rows(placement, objectives, [0, 0])
 
     monkeypatch.setattr(plan_run, "_moved", onto_the_first)
-    found = placed(EYE + PAIR, TWO + "\nrefine = true\nrefine_budget = 3", task=task)
+    found = placed(**PAIR, task=task, selection=TWO | {"refine": True, "refine_budget": 3})
     assert found.left_out == (1,)
-    assert (len(found.cameras.mounted), len(found.cameras.placed)) == (1, 2)
-    names = found.prepared.mounts.rig.names
-    assert [names[row] for row in found.cameras.placed.camera] == ["pair/left", "pair/right"]
-    summary = report.summary(found)
-    assert summary["improvement"]["refinement"]["left_out"] == [1]
-    assert len(report.poses_of(found)["world_from_camera"]) == 2
-    assert any("added nothing after refinement" in line for line in report.lines(found))
+    assert (names_of(found), len(found.cameras.placed)) == (["pair"], 2)
+    assert [each["camera"] for each in told()["cameras"]] == ["pair/left", "pair/right"]
+    assert told()["improvement"]["refinement"]["left_out"] == [1]
+    assert len(told("poses.json")["world_from_camera"]) == 2
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("task", [BY_AREA, 'by = "face"\nmin_pixels = 4'])
+@pytest.mark.parametrize("task", [BY_AREA, BY_FACE])
 def test_two_rigs_are_four_cameras(task):
-    goal = TWO + "\nrefine = true\nrefine_budget = 300\n[selection.tolerance]\ndraws = 2"
-    found = placed(EYE + PAIR, goal, task=task)
-    cameras = found.cameras
-    assert (len(cameras.mounted), len(cameras.placed)) == (2, 4)
+    goal = TWO | TOLERANCE | {"refine": True, "refine_budget": 300}
+    found = placed(**PAIR, task=task, selection=goal, outputs={"page": task is BY_AREA})
+    cameras, rig = found.cameras, found.prepared.mounts.rig
+    assert names_of(found) == ["pair", "pair"]
     assert cameras.owner.tolist() == [0, 0, 1, 1]
-    rig = found.prepared.mounts.rig
-    assert [rig.names[row] for row in cameras.placed.camera] == ["pair/left", "pair/right"] * 2
-    for row in (0, 2):
-        left, right = cameras.poses[row : row + 2]
-        own = np.linalg.inv(left) @ right
-        place = rig.rig_from_camera
+    for left, right in (cameras.poses[:2], cameras.poses[2:]):
+        own, place = np.linalg.inv(left) @ right, rig.rig_from_camera
         np.testing.assert_allclose(own, np.linalg.inv(place[1]) @ place[2], atol=1e-9)
     assert found.selection.cost == 4  # of two cameras each
-    if cameras.areas is not None:
-        exact = rc.unite(rc.regions(found.prepared.mesh, rig, cameras.placed, found.prepared.task))
-        assert cameras.share == pytest.approx(exact.share(), abs=1e-9)
-    summary = figures(found)
-    assert [each["mount"] for each in summary["cameras"]] == [0, 0, 1, 1]
-    assert len(summary["tolerance"]["cameras"]) == 2
-    assert summary["selection"]["cameras"] == 2
-    assert {each["camera"] for each in summary["network"]["by_camera"]} == {
-        "pair/left", "pair/right",
-    }  # fmt: skip
-
-
-@pytest.mark.slow
-def test_rigs_compete_with_lone_cameras_by_cost():
-    def names(cost):
-        rigs = PAIR + f"[rigs.pair]\ncost = {cost}\n"
-        goal = 'goal = "best_coverage"\nbudget = 2'
-        found = placed(EYE + rigs, goal, entry='cameras = ["eye", "pair"]')
-        return [found.prepared.mounts.names[row] for row in found.cameras.mounted.camera]
-
-    assert names(2.0) != ["pair"]  # two cameras anywhere do better than two in one place
-    assert names(1.0) == ["pair", "pair"]
+    assert len(told()["tolerance"]["cameras"]) == told()["selection"]["cameras"] == 2
+    sides = ["pair/left", "pair/right"]
+    assert [each["mount"] for each in told()["cameras"]] == [0, 0, 1, 1]
+    assert [each["camera"] for each in told()["cameras"]] == sides * 2
+    assert {each["camera"] for each in told()["network"]["by_camera"]} == set(sides)
+    if task is BY_AREA:
+        assert cameras.share == pytest.approx(exact_share(found), abs=1e-9)
+        text = Path("out/page.html").read_text()
+        assert all(name in text for name in sides)
+        assert "without camera 0, 1" in text or "without camera 2, 3" in text
 
 
 def test_a_rig_may_be_a_file():
@@ -147,70 +212,41 @@ def test_a_rig_may_be_a_file():
     places = [rc.look_at((x, 0, 0), (8 * x, 0, 2), (0, -1, 0))[0] for x in (-0.1, 0.1)]
     rig = rc.Rig([camera, camera], ["l", "r"], places)
     write_views("rig.json", rc.Views(rig=rig, poses=rc.Poses.of(np.zeros((0, 4, 4)))))
-    plan = plan_of('[rigs.pair]\nfile = "rig.json"')
-    assert plan.mounts.names == ("pair",)
-    assert plan.rig.names == ("pair/l", "pair/r")
-    np.testing.assert_allclose(plan.rig.rig_from_camera, places, atol=1e-12)
-    assert plan.cost_of("pair", None) == 2
-    assert len(place(plan, None).cameras.placed) == 4
+    found = placed(rigs={"pair": {"file": "rig.json"}})
+    mounts = found.prepared.mounts
+    assert (mounts.names, mounts.rig.names) == (("pair",), ("pair/l", "pair/r"))
+    np.testing.assert_allclose(mounts.rig.rig_from_camera, places, atol=1e-12)
+    assert found.selection.cost == len(found.cameras.placed) == 4
 
 
 @pytest.mark.slow
-def test_the_page_has_the_cameras_of_rigs(tmp_path):
-    goal = TWO + "\n[selection.tolerance]\ndraws = 2"
-    plan = plan_of(EYE + PAIR, goal, page="true")
-    report.run_into(plan, tmp_path / "out")
-    text = (tmp_path / "out" / "page.html").read_text()
-    assert "pair/left" in text
-    assert "pair/right" in text
-    assert "without camera 0, 1" in text or "without camera 2, 3" in text
-
-
-TWIN = PAIR.replace("pair", "twin").replace("30", "2").replace("0.1", "0.3")
-"""Two cameras side by side, which see nearly the same."""
-ONE = 'goal = "best_coverage"\ncameras = 1\n'
-
-
-def seen_again(found):
-    """The network of a placement as `check` sees it."""
-    content = report.poses_of(found)
-    assert [each["name"] for each in content["mounts"]] == ["twin"] * len(found.cameras.mounted)
-    assert list(content["mount"]) == found.cameras.owner.tolist()
-    text = json.dumps(content, default=lambda value: np.asarray(value).tolist())
-    Path("poses.json").write_text(text)
-    plan = read_plan("plan.toml")
-    return check(plan, Path("poses.json"), limits(plan, 0.001, [])).cameras
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("task", ["views = 2", "min_angle_deg = 4", "views = 2\nmin_angle_deg = 6"])
+@pytest.mark.parametrize(
+    "task", [{"views": 2}, {"min_angle_deg": 4}, {"views": 2, "min_angle_deg": 6}]
+)
 @pytest.mark.parametrize("method", ["greedy", "integer"])
 def test_two_cameras_of_a_rig_are_two_views_of_a_face(task, method):
-    entry = 'cameras = ["twin"]'
-    task = f'{task}\nby = "face"\nmin_pixels = 20'
-    found = placed(EYE + TWIN, f'{ONE}method = "{method}"', task=task, entry=entry)
-    candidates = found.prepared.pool.candidates.placed
-    plan = found.prepared.plan
-    with observer_of(plan, MESH) as observer:
-        objective = Objective.of(
-            observer, found.prepared.task, mounts=plan.mounts, **counting(plan.task)
-        )
+    task = task | {"by": "face", "min_pixels": 20}
+    goal = {"goal": "best_coverage", "cameras": 1, "method": method}
+    found = placed(**TWIN, selection=goal, task=task)
+    prepared = found.prepared
+    candidates = prepared.pool.candidates.placed
+    with rc.open_observer(MESH, prepared.mounts.rig) as observer:
+        objective = Objective.of(observer, prepared.task, mounts=prepared.mounts)
         shares = [objective.share_of(candidates[row : row + 1]) for row in range(len(candidates))]
-    assert found.selection.share == max(shares) > 0
-    assert found.cameras.share == max(shares)
-    np.testing.assert_array_equal(seen_again(found).covered, found.cameras.covered)
+    assert found.selection.share == found.cameras.share == max(shares) > 0
+    np.testing.assert_array_equal(checked(**TWIN, task=task).covered, found.cameras.covered)
 
 
 @pytest.mark.slow
 def test_views_by_area_are_those_of_the_cameras():
-    task = BY_AREA + "\nviews = 2"
-    one = placed(EYE + TWIN, ONE, task=task, entry='cameras = ["twin"]')
-    assert one.cameras.share > 0
+    task = BY_AREA | {"views": 2}
+    one = placed(**TWIN, selection=TWO | {"cameras": 1}, task=task)
     by_views = one.cameras.areas.summary()["by_views"]
     assert by_views[1]["m2"] > 0.5 * by_views[0]["m2"]
-    found = placed(EYE + TWIN, TWO + "\nrefine = true\nrefine_budget = 400", task=task)
-    assert len(found.cameras.mounted) == 2
-    assert found.cameras.share > one.cameras.share
-    assert seen_again(found).areas.summary()["percent"] == pytest.approx(
-        100 * found.cameras.share, abs=1e-9
-    )
+    two = placed(**TWIN, selection=TWO | {"refine": True, "refine_budget": 400}, task=task)
+    assert two.cameras.share > one.cameras.share > 0
+    content = told("poses.json")
+    assert [each["name"] for each in content["mounts"]] == ["twin", "twin"]
+    assert content["mount"] == two.cameras.owner.tolist()
+    percent = checked(**TWIN, task=task).areas.summary()["percent"]
+    assert percent == pytest.approx(100 * two.cameras.share, abs=1e-9)

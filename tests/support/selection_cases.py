@@ -6,7 +6,24 @@ from itertools import combinations
 import numpy as np
 from hypothesis import strategies as st
 
+from rastercov.placement.select.greedy import select_greedy
+from rastercov.placement.select.integer import select_integer
 from rastercov.placement.select.problem import BestCoverage, FewestCameras, problem_of_matrix
+from rastercov.reference.thesis import select_thesis
+
+QUICK = 200_000
+"""Effort of the greedy search in tests."""
+SELECTORS = {
+    "plain": lambda problem: select_greedy(problem, effort=0),
+    "greedy": lambda problem: select_greedy(problem, effort=QUICK),
+    "integer": select_integer,
+    "thesis": select_thesis,
+}
+
+
+def sign_of(problem):
+    """1 where more is better, -1 where less is."""
+    return 1 if isinstance(problem.goal, BestCoverage) else -1
 
 
 def covers_faces(problem, chosen):
