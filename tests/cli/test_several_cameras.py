@@ -3,12 +3,13 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 from commands import answer, done, refusal, write_part
 
 import rastercov as rc
-from rastercov.camera.formats import write_views
-from rastercov.camera.pose_file import write_poses
+from rastercov.camera.formats import read_views, write_views
+from rastercov.camera.pose_file import read_poses, write_poses
 
 WIDE = rc.Camera(width=64, height=48, fx=50, fy=50)
 LONG = rc.Camera(width=96, height=72, fx=120, fy=120)
@@ -43,6 +44,15 @@ def files():
 def figures(summary):
     """What a summary says of coverage."""
     return {name: summary[name] for name in ("by_camera", "covered_area", "covered", "per_pose")}
+
+
+def test_poses_may_name_their_cameras():
+    views = read_views("named.json")
+    write_views("again.json", views)
+    for each in (views, read_views("again.json")):
+        assert each.rig is None
+        assert (each.camera_names, each.poses.camera.tolist()) == (("wide", "long"), INDICES)
+    np.testing.assert_array_equal(read_poses("named.json"), MATRICES)
 
 
 @pytest.mark.slow
