@@ -15,8 +15,8 @@ from rastercov.camera.near_plane import near_limit
 from rastercov.camera.projection import clip_near, to_image
 from rastercov.coverage.coverage import FIGURES, Coverage
 from rastercov.coverage.task import Reason, Task
-from rastercov.kernels.coverage import BORDER_ROUNDING
 from rastercov.kernels.criteria import MOST_DOUBTFUL, SIDE_ROUNDING
+from rastercov.kernels.face_bounds import BORDER_ROUNDING
 from rastercov.kernels.network import ROW_TYPES, PairRows
 from rastercov.mesh import Mesh
 from rastercov.raster.observation import BoundKind, Observation

@@ -1,14 +1,11 @@
 """Coverage: the product recomputed, every reason by a scene made for it, runs of any size."""
 
 import copy
-import json
 import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 from lens_cameras import CAMERAS
 from scenes import joined, sheet, square
 
@@ -24,28 +21,12 @@ from rastercov.coverage.job import evaluate
 from rastercov.coverage.observer import open_observer
 from rastercov.coverage.task import Reason, Task
 from rastercov.mesh import Mesh, shapes
-from rastercov.reference.criteria import face_geometry, in_focus
 
 CAMERA = Camera(width=200, height=200, fx=100, fy=100)
 SMALL = Camera(width=48, height=40, fx=45, fy=42, focus_range=(0.38, 0.48))
 AHEAD = np.eye(4)  # at the origin, looking along +z
 TEAPOT = shapes.teapot(3)
 POSES = sphere_of_poses((0, 0, 0.08), 0.43, 6)
-
-tasks = st.builds(
-    Task,
-    min_pixels=st.floats(0.1, 30),
-    min_visibility=st.floats(0, 1),
-    max_incidence_deg=st.floats(5, 90),
-    min_pixel_density=st.floats(0, 120),
-    min_facing_density=st.floats(0, 150),
-    min_coverage=st.floats(0, 1),
-    focus_rule=st.sampled_from(["vertices", "centroid"]),
-    cap_resolution=st.booleans(),
-)
-shared_device = settings(
-    max_examples=20, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None
-)
 
 
 @pytest.fixture(params=["certified", "sampled"])
@@ -62,75 +43,6 @@ def assert_same(one, other):
 
 
 # --- the product ----------------------------------------------------------------------------------
-
-
-def factors(found, task):
-    """The criteria in the documented order, from the figures of a Coverage and the geometry."""
-    views = [face_geometry(found.mesh, found.camera, pose) for pose in POSES[found.pose_ids]]
-    front = np.array([view.is_front for view in views])
-    focus = np.array(
-        [in_focus(v.depth, found.camera.depth_of_field(), task.focus_rule) for v in views]
-    )
-    resolution = found.drawn_pixels / task.min_pixels
-    enough = np.minimum(1, resolution) if task.cap_resolution else resolution
-    oblique = np.degrees(found.incidence) > task.max_incidence_deg
-    return {
-        Reason.DEGENERATE: np.broadcast_to(~found.mesh.degenerate_mask, front.shape),
-        Reason.BACK_FACING: front,
-        Reason.OUTSIDE: found.in_view,
-        Reason.OUT_OF_FOCUS: focus,
-        Reason.UNSAMPLED: found.drawn_pixels > 0,
-        Reason.TOO_COARSE: enough
-        * (found.pixel_density >= task.min_pixel_density)
-        * (found.facing_density >= task.min_facing_density),
-        Reason.OCCLUDED: found.visibility * (found.visibility >= task.min_visibility),
-        Reason.TOO_OBLIQUE: ~oblique,
-    }
-
-
-@pytest.mark.slow
-@shared_device
-@given(task=tasks)
-def test_coverage_is_the_product_of_the_criteria_and_the_reason_the_first_below_the_threshold(
-    how, task
-):
-    found = evaluate(TEAPOT, SMALL, POSES, task, **how)
-    expected = np.full(found.reason.shape, Reason.COVERED)
-    product = np.ones(found.reason.shape)
-    for name, factor in factors(found, task).items():
-        product = product * factor
-        fails = (product == 0) | (product < task.min_coverage)
-        expected[(expected == Reason.COVERED) & fails] = name
-    assert found.coverage == pytest.approx(product, rel=1e-12)
-    assert (found.coverage >= 0).all()
-    assert np.array_equal(found.reason, expected)
-    if task.cap_resolution:
-        assert (found.coverage <= 1).all()
-        covered = (found.coverage >= task.min_coverage) & (found.coverage > 0)
-        assert np.array_equal(found.reason == Reason.COVERED, covered)
-
-
-def test_these_scenes_have_every_common_reason(how):
-    task = Task(min_pixels=3, min_visibility=0.5, max_incidence_deg=60)
-    found = evaluate(TEAPOT, SMALL, POSES, task, **how)
-    rare = {Reason.DEGENERATE, Reason.OUTSIDE}
-    rare |= {Reason.UNSAMPLED} if how["method"] == "certified" else set()
-    assert set(Reason) - set(found.reason.ravel()) <= rare
-
-
-def test_the_thesis_task_is_its_product_to_the_letter(how):
-    task = Task.thesis(min_pixels=3)
-    found = evaluate(TEAPOT, SMALL, POSES, task, **how)
-    z_n, z_f = SMALL.depth_of_field()
-    for row, pose in enumerate(POSES):
-        depth = (TEAPOT.centroids - pose[:3, 3]) @ pose[:3, 2]
-        in_focus_3_12 = (z_n <= depth) & (depth <= z_f)
-        c_r = found.drawn_pixels[row] / 3
-        product = found.in_view[row] * c_r * in_focus_3_12 * found.visibility[row]
-        assert found.coverage[row] == pytest.approx(product)
-    assert found.coverage.max() > 1  # C_R is not capped
-    assert np.array_equal(found.reason == Reason.COVERED, found.coverage > 0)
-    assert Task.thesis(min_coverage=0.3).min_coverage == 0.3
 
 
 # --- reasons, each by a scene made for it ---------------------------------------------------------
@@ -184,25 +96,6 @@ def test_a_threshold_that_is_just_met_is_met(how):
     for more in ({"min_pixels": drawn + 1}, {"min_pixel_density": np.nextafter(density, 99)}):
         missed = evaluate(mesh, CAMERA, AHEAD, Task(**just | more), **how)
         assert missed.reason[0, 0] == Reason.TOO_COARSE
-
-
-def test_reasons_stand_in_the_documented_order():
-    assert [reason.name for reason in Reason] == [
-        *("DEGENERATE", "BACK_FACING", "OUTSIDE", "OUT_OF_FOCUS", "UNSAMPLED"),
-        *("TOO_COARSE", "OCCLUDED", "TOO_OBLIQUE", "COVERED"),
-    ]
-
-
-@pytest.mark.parametrize("points", [TEAPOT.vertices, [(0.0, 0, 0)] * 3, [(0.0, 0, 1)] * 3])
-def test_degenerate_faces_score_0_and_make_no_nan(how, points):
-    faces = np.array([(0, 1, 2)]) if len(points) == 3 else TEAPOT.faces
-    whole = faces[: 0 if len(points) == 3 else None]
-    mesh = Mesh(vertices=points, faces=np.concatenate((whole, faces * 0)))
-    found = evaluate(mesh, SMALL, POSES, Task.thesis(), **how)
-    assert (found.reason[:, len(whole) :] == Reason.DEGENERATE).all()
-    assert not found.coverage[:, len(whole) :].any()
-    for name in FIGURES:
-        assert np.isfinite(getattr(found, name)).all(), name
 
 
 def test_near_clipped_poses_are_marked(how):
@@ -292,58 +185,31 @@ def test_only_a_run_within_the_budget_is_returned(how, monkeypatch):
 
 # --- Task -----------------------------------------------------------------------------------------
 
-NOT_NUMBERS = ["1", b"1", True, False, np.True_, [], (1,), np.array([1.0]), 1j, np.complex128(1)]
-NOT_FINITE = [math.nan, math.inf, -math.inf, np.float32(np.nan), 10**400]
-DENSITIES = ("min_pixel_density", "min_facing_density")
-RANGES = {
-    "min_pixels": [0, -1, 0.0],
-    "min_visibility": [-0.1, 1.1],
-    "max_blur": [0, -2],
-    "max_incidence_deg": [0, -10, 90.1],
-    "min_pixel_density": [-1, "-1 px/m"],
-    "min_facing_density": [-1, "-1 px/m"],
-    "min_pixels_per_m2": [-1],
-    "min_coverage": [-0.1, 1.1],
-    "views": [0, -1, 1.5],
-    "min_angle_deg": [-1, 181],
+LIMITS = {
+    "min_pixels": ([0, -1, math.nan, True], [1e-3, 1e9]),
+    "min_visibility": ([-0.1, 1.1, None], [0, 1]),
+    "max_blur": ([0, -2, "1"], [1e-9, 1e9, None]),
+    "max_incidence_deg": ([0, -10, 90.1], [1e-3, 90]),
+    "min_pixel_density": ([-1, "-1 px/m", math.inf], [0, 1e9]),
+    "min_facing_density": ([-1, "-1 px/m", 1j], [0, 1e9]),
+    "min_pixels_per_m2": ([-1, 10**400], [0, 1e9]),
+    "min_coverage": ([-0.1, 1.1, [0.5]], [0, 1]),
+    "views": ([0, -1, 1.5], [1, 10**6]),
+    "min_angle_deg": ([-1, 181], [0, 180]),
+    "focus_rule": (["centre", "", None, ["vertices"]], ["vertices", "centroid"]),
+    "cap_resolution": (["no", 0, 1, None], [False, True]),
 }
-WORDS = {
-    "focus_rule": ["centre", "", None, 1, True, ["vertices"], np.array(["centroid"])],
-    "cap_resolution": ["no", 0, 1, None, math.nan, []],
-}
-ENDS = {
-    **{"min_visibility": (0, 1), "min_coverage": (0, 1), "min_pixel_density": (0, 1e9)},
-    **{"min_pixels": (1e-3, 1e9), "max_incidence_deg": (1e-3, 90), "views": (1, 10**6)},
-    **{"min_facing_density": (0, 1e9), "min_pixels_per_m2": (0, 1e9), "max_blur": (1e-9, 1e9)},
-    **{"min_angle_deg": (0, 180), "cap_resolution": (False, True)},
-    "focus_rule": ("vertices", "centroid"),
-}
+"""Values of a threshold that are refused, and its ends."""
 
 
-@pytest.mark.parametrize("name", ENDS)
+@pytest.mark.parametrize("name", LIMITS)
 def test_a_threshold_outside_its_range_is_refused_and_its_ends_are_not(name):
-    refused = WORDS.get(name, [])
-    if name in RANGES:
-        nothing = [] if name == "max_blur" else [None]
-        not_numbers = NOT_NUMBERS[1:] if name in DENSITIES else NOT_NUMBERS  # these may be text
-        refused = [*RANGES[name], *not_numbers, *NOT_FINITE, *nothing]
+    refused, ends = LIMITS[name]
     for value in refused:
-        with pytest.raises(ConfigError, match=f"^{name} must be ") as caught:
+        with pytest.raises(ConfigError, match=f"^{name} must be .{{,140}}$"):
             Task(**{name: value})
-        assert "\n" not in str(caught.value)
-        assert len(str(caught.value)) < 150
-    for value in ENDS[name]:
+    for value in ends:
         assert getattr(Task(**{name: value}), name) == value
-
-
-def test_numbers_of_any_kind_become_plain_ones():
-    plain = Task(min_pixels=2, views=3, min_coverage=0.5, max_blur=4)
-    kinds = {"min_pixels": np.float32(2), "views": np.int64(3), "min_coverage": np.float16(0.5)}
-    mixed = Task(**kinds, max_blur=np.uint8(4))
-    assert mixed == plain
-    assert hash(mixed) == hash(plain)
-    assert json.dumps(vars(mixed)) == json.dumps(vars(plain))
-    assert type(Task(views=2.0).views) is int
 
 
 def test_a_task_sets_the_blur_limit(how):

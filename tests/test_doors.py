@@ -3,12 +3,11 @@
 import os
 import subprocess
 import sys
-import time
 
 import cluster_job
 import pytest
 from hostile_folder import COMMANDS, command, executed, fill
-from open_doors import family, listening, opened_by_others
+from open_doors import listening
 
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats import write_views
@@ -18,31 +17,6 @@ from rastercov.camera.viewpoints import sphere_of_poses
 from rastercov.cluster.process import Process
 from rastercov.kernels.jit import compiled_aside
 from rastercov.kernels.lens import unproject_many
-
-
-@pytest.fixture
-def head(tmp_path):
-    """A run by two workers, after its first shards; it kills one of them now and then."""
-    store = cluster_job.prepared(tmp_path / "job", 40, seconds=0.3, kill=[100])
-    environment = os.environ | cluster_job.ENVIRONMENT
-    with subprocess.Popen(cluster_job.head(tmp_path / "job", 40), env=environment) as head:
-        try:
-            while len(store.missing()) > 36:
-                assert head.poll() is None
-                time.sleep(0.05)
-            yield head
-        finally:
-            head.kill()
-
-
-@pytest.mark.slow
-def test_no_process_of_a_run_listens_and_no_other_user_can_call_one(head):
-    found = family(head.pid)
-    assert len(found) >= 3  # the workers
-    assert listening(found) == []
-    if os.geteuid() != 0:
-        pytest.skip("only root can act as another user")
-    assert opened_by_others(found) == []
 
 
 def test_an_open_door_is_found():

@@ -64,14 +64,6 @@ def test_two_sided_faces_and_one_camera_that_sees_a_side_have_no_line():
         assert lines(mesh, around(mesh, distance=distance)[:1]) == []
 
 
-def test_a_sheet_seen_from_behind_has_a_line():
-    #  3---2   seen from below, its normal points up
-    #  0---1
-    mesh = Mesh([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]])
-    (line,) = lines(mesh, rc.look_at((0.5, 0.5, -3), (0.5, 0.5, 0)))
-    assert line.startswith("100% of what the cameras look at is seen from behind: normals")
-
-
 @pytest.mark.parametrize(
     ("factor", "text"),
     [(1000, ": --unit mm?"), (1, None), (1e-3, "check --unit")],

@@ -48,19 +48,14 @@ def test_the_share_is_that_of_the_exact_area_through_a_lens():
     assert "--by area" in line
 
 
-def test_nothing_is_said_where_whole_faces_tell_it_all():
+@pytest.mark.parametrize(("min_pixels", "n"), [(3, 12), (1e5, 12), (3, 0)])
+def test_nothing_is_said_where_whole_faces_or_too_few_pixels_or_no_cameras_tell_it_all(
+    min_pixels, n
+):
     mesh, camera = shapes.by_name("torus"), rc.Camera(width=640, height=480, fx=600, fy=600)
     poses = sphere_of_poses(mesh.bounds.mean(axis=0), 8.0, 12)
-    task = rc.Task(min_pixels=3)
-    assert half_covered(network_of(mesh, camera, poses, task), camera, poses) == []
-
-
-def test_faces_with_too_few_pixels_are_no_parts():
-    mesh, camera = shapes.by_name("torus"), rc.Camera(width=640, height=480, fx=600, fy=600)
-    poses = sphere_of_poses(mesh.bounds.mean(axis=0), 8.0, 12)
-    network = network_of(mesh, camera, poses, rc.Task(min_pixels=1e5))
-    assert (network.views == 0).all()
-    assert half_covered(network, camera, poses) == []
+    network = network_of(mesh, camera, poses[:n], rc.Task(min_pixels=min_pixels))
+    assert half_covered(network, camera, poses[:n]) == []
 
 
 def test_what_prevents_a_result_by_area_is_named():
@@ -69,8 +64,3 @@ def test_what_prevents_a_result_by_area_is_named():
     assert "use --by area (min_pixels is of a face; give min_pixels_per_m2" in line
     network = network_of(MESH, CAMERA, POSES, rc.Task())
     assert "method sampled counts whole" in half_covered(network, CAMERA, POSES, "sampled")[0]
-
-
-def test_without_poses_there_is_no_line():
-    network = rc.Network(MESH, rc.Task())
-    assert half_covered(network, CAMERA, POSES[:0]) == []

@@ -105,17 +105,6 @@ def test_a_pose_too_far_away_is_named_among_others():
     assert rc.evaluate(MESH, CAMERA, poses, skip_bad_poses=True).pose_ids.tolist() == [0, 2]
 
 
-def test_numbers_of_numpy_are_numbers():
-    assert rc.Task(views=np.int8(2), min_pixels=np.float32(3), cap_resolution=np.bool_(False)) == (
-        rc.Task(views=2, min_pixels=3.0, cap_resolution=False)
-    )
-    assert isinstance(rc.Task(cap_resolution=np.bool_(True)).cap_resolution, bool)
-    poses = rc.sphere_of_poses(np.zeros(3), np.float64(2), np.int64(4))
-    assert np.array_equal(poses, rc.sphere_of_poses((0, 0, 0), 2, 4))
-    with rc.open_rasterizer(MESH, CAMERA, "cpu", threads=np.int64(1), supersample=np.int8(2)) as r:
-        assert r.supersample == 2
-
-
 @pytest.mark.parametrize("order", ["C", "F"])
 @pytest.mark.parametrize("kind", [">f8", "<f4", ">f4"])
 def test_any_layout_of_numbers_gives_the_same_answer(kind, order):

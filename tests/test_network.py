@@ -1,21 +1,17 @@
 """Networks of cameras: made-up coverage added up by hand, and one real scene from end to end."""
 
-import json
 from contextlib import closing
 from dataclasses import fields
-from itertools import pairwise
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from rastercov.base.errors import ConfigError
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Rig
-from rastercov.camera.viewpoints import look_at, sphere_of_poses
+from rastercov.camera.viewpoints import sphere_of_poses
 from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.area.union import unite
 from rastercov.coverage.coverage import FIGURES, Coverage
@@ -151,19 +147,6 @@ def test_covered_and_the_reasons_make_up_the_task():
         assert summary["covered"][unit] + uncovered == pytest.approx(whole)
 
 
-@pytest.mark.parametrize(
-    ("n_zero", "printed"), [(5, "0.25"), (14, "0.71"), (59, "2.99"), (111, "5.63")]
-)
-def test_thesis_table_6_1_not_covered_is_zero_in_every_camera(n_zero, printed):
-    mesh, task = shapes.aeroplane(1970), Task.thesis()
-    coverage = np.full((2, 1970), 0.01)
-    coverage[:, :n_zero] = 0
-    coverage[1, n_zero:] = 0  # one camera is enough
-    summary = network_of(judged(coverage, task, mesh=mesh), mesh=mesh, task=task).summary()
-    assert f"{summary['zero_in_every_camera']['percent']:.2f}" == printed
-    assert summary["zero_in_every_camera"] == summary["not_covered"]
-
-
 def test_clipped_poses_and_the_largest_bound_are_kept():
     one = judged(np.ones((2, 5)), clipped=[True, False], visibility_bound=np.full((2, 5), 0.25))
     two = judged(np.ones((1, 5)), clipped=[True], visibility_bound=[[0.5] * 5], pose_ids=[7])
@@ -190,26 +173,6 @@ def test_figures_of_faces_in_view_are_counted_by_kind():
 
 
 # --- batches, nothing, JSON -----------------------------------------------------------------------
-
-
-@pytest.mark.slow
-@given(st.integers(0, 2**32 - 1), st.lists(st.integers(0, 12), max_size=6))
-def test_poses_in_any_batches_make_the_same_network(seed, cuts):
-    rng = np.random.default_rng(seed)
-    coverage = rng.choice([0, 0.25, 0.5, 0.7, 1 / 3, 1], size=(12, 5))
-    reason = np.where(coverage >= 0.5, Reason.COVERED, rng.integers(0, 8, size=(12, 5)))
-    bound, clipped = rng.random((12, 5)), rng.random(12) < 0.5
-    edges = [0, *sorted(cuts), 12]
-
-    def batch(start, end):
-        rows, figures = slice(start, end), {"reason": reason, "visibility_bound": bound}
-        figures |= {"clipped": clipped, "pose_ids": np.arange(12)}
-        return judged(coverage[rows], **{name: each[rows] for name, each in figures.items()})
-
-    split = network_of(*(batch(a, b) for a, b in pairwise(edges)))
-    whole = network_of(batch(0, 12))
-    assert state(split) == state(whole)
-    assert split.summary() == whole.summary()
 
 
 def test_a_network_of_no_cameras_covers_nothing_and_says_why():
@@ -239,29 +202,6 @@ def test_faces_without_area_have_no_share_of_it():
     reason = [[Reason.DEGENERATE] * 2]
     summary = network_of(judged([[0, 0]], mesh=mesh, reason=reason), mesh=mesh).summary()
     assert summary["not_covered_because"] == {"degenerate": share(2, 100, 0)}
-
-
-@pytest.mark.parametrize("task", [Task(), Task(views=np.int64(2), min_pixels=np.float32(3))])
-def test_the_summary_is_json(task):
-    found = evaluate(PART, CAMERA, look_at((3, 1, 9), (3, 1, 0)), task)
-    for network in (network_of(task=task), network_of(found, task=task)):
-        summary = network.summary()
-        assert json.loads(json.dumps(summary, allow_nan=False)) == summary
-
-
-def test_occluders_hide_though_nobody_scores_them():
-    #  camera -> crate -> part: the crate hides the part and is in no total.
-    corners = [(-1, -1), (-1, 1), (1, 1), (1, -1)]
-    points = [(x, y, z) for z in (4, 2) for x, y in corners]
-    faces = [(0, 1, 2), (0, 2, 3), (4, 5, 6), (4, 6, 7)]
-    scene = Mesh(points, faces, [Group("part"), Group("crate")], [0, 0, 1, 1])
-    for occluders, covered in (([], 2), (["crate"], 0)):
-        mesh = scene.with_groups(occluders=occluders)
-        found = evaluate(mesh, CAMERA, np.eye(4))
-        summary = network_of(found, mesh=mesh).summary()
-        assert summary["covered"]["faces"] == covered
-        assert summary["not_covered_because"]["occluded"]["faces"] == 2
-        assert summary["groups"][0]["covered"]["faces"] == 0
 
 
 # --- measured and added up in threads -------------------------------------------------------------
@@ -294,7 +234,7 @@ def test_poses_added_in_threads_or_by_shards_make_the_network_of_their_coverage(
             kept |= batch.kept
         stored = Network(mesh, task)  # one shard of several batches
         shards = EvaluationShards(tmp_path, observer, accepted, task, wanted)
-        for batch, _ in judged_parts(stored, observer, accepted, wanted, shards, ALONE):
+        for batch in judged_parts(stored, observer, accepted, wanted, shards, ALONE):
             stored.add(batch)
     for pose in (1, 9):
         np.testing.assert_array_equal(kept[pose], whole.coverage[whole.pose_ids == pose][0])

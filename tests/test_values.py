@@ -20,8 +20,7 @@ from rastercov.camera import pose as pose_module
 from rastercov.camera.pose import Poses
 from rastercov.camera.viewpoints import sphere_of_poses
 from rastercov.cli import options
-from rastercov.coverage.coverage import FIGURES
-from rastercov.coverage.engine import METHODS, Engine
+from rastercov.coverage.engine import Engine
 from rastercov.coverage.provenance import Provenance
 from rastercov.mesh import shapes
 
@@ -53,18 +52,6 @@ def test_some_of_the_poses_keep_their_ids():
     accepted = Poses.of(bad_row(), skip_bad=True)[1:]
     assert accepted.ids.tolist() == [1, 3]
     assert np.array_equal(np.asarray(accepted), bad_row()[[1, 3]])
-
-
-@pytest.mark.parametrize("method", METHODS)
-def test_poses_give_the_answers_of_their_arrays(method):
-    poses = sphere_of_poses((0, 0, 0), 3, 3)
-    accepted = Poses.of(poses)
-    by_array, by_value = (rc.evaluate(MESH, CAMERA, p, method=method) for p in (poses, accepted))
-    for name in FIGURES:
-        assert np.array_equal(getattr(by_array, name), getattr(by_value, name))
-    with rc.open_observer(MESH, CAMERA, method) as observer:
-        found = observer.visibility(accepted)
-    assert np.array_equal(found.value, rc.visibility(MESH, CAMERA, poses, method).value)
 
 
 # --- Engine ---------------------------------------------------------------------------------------

@@ -11,7 +11,8 @@ command line (`Doc` is the help of the option) and plan files (pydantic reads th
 import dataclasses
 import functools
 import math
-from collections.abc import Callable, Sequence
+import operator
+from collections.abc import Callable, Mapping, Sequence
 from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -221,29 +222,30 @@ def _checked(name: str, value: Any, hint: Any) -> Any:
             value = reader.read(value)
         except ValueError as error:
             raise ConfigError(f"{name} must be {error}") from None
-    number, limits = finite_number(value), metadata_of(hint)
+    number, limits = finite_number(value), _limits(hint)
     is_whole = kind is not int or number.is_integer()
-    above, least, most = (_limit(limits, name) for name in ("gt", "ge", "le"))
-    is_within = above is None or number > above
-    is_within &= (least is None or number >= least) and (most is None or number <= most)
+    is_within = all(IS_WITHIN[name](number, limit) for name, limit in limits.items())
     if math.isnan(number) or not is_whole or not is_within:
-        meant = share_meant(number) if most == 1 else ""
+        meant = share_meant(number) if limits.get("le") == 1 else ""
         raise ConfigError(f"{name} must be {_words(kind, limits)}, got {shown(given)}{meant}")
     return kind(number)
 
 
-def _limit(limits: tuple[Any, ...], name: str) -> float | None:
-    """Limit of that name, "gt", "ge" or "le", of annotated types."""
-    return next((getattr(each, name) for each in limits if hasattr(each, name)), None)
+IS_WITHIN = {"gt": operator.gt, "ge": operator.ge, "le": operator.le}
+"""Comparisons with limits, by their names in `annotated_types`."""
 
 
-def _words(kind: type, limits: tuple[Any, ...]) -> str:
+def _limits(hint: Any) -> dict[str, float]:
+    """Limits of an annotation by their names."""
+    metadata = metadata_of(hint)
+    return {name: getattr(m, name) for name in IS_WITHIN for m in metadata if hasattr(m, name)}
+
+
+def _words(kind: type, limits: Mapping[str, float]) -> str:
     """Words for a type and its limits: "0 to 1", "more than 0, up to 90", "0 or more"."""
-    above, least, most = (_limit(limits, name) for name in ("gt", "ge", "le"))
     words = ["a whole number"] if kind is int else []
-    if least is not None and most is not None:
-        return ", ".join([*words, f"{least:g} to {most:g}"])
-    words += [f"more than {above:g}"] if above is not None else []
-    words += [f"{least:g} or more"] if least is not None else []
-    words += [f"up to {most:g}"] if most is not None else []
+    if {"ge", "le"} <= limits.keys():
+        return ", ".join([*words, f"{limits['ge']:g} to {limits['le']:g}"])
+    forms = {"gt": "more than {:g}", "ge": "{:g} or more", "le": "up to {:g}"}
+    words += [forms[name].format(limit) for name, limit in limits.items()]
     return ", ".join(words) or "a number"

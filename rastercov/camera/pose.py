@@ -24,22 +24,8 @@ DRIFT_TOLERANCE = 1e-6
 def check_poses(poses: ArrayLike) -> tuple[FloatArray, dict[int, str]]:
     """Poses with their small rotation drift removed, and what is wrong with the others.
 
-    Parameters
-    ----------
-    poses : (P, 4, 4) or (4, 4) array_like
-        world_from_camera.
-
-    Returns
-    -------
-    poses : (P, 4, 4) float64
-        A copy; rows that are at fault are left as they came.
-    faults : dict of int to str
-        Row -> what is wrong with it.
-
-    Raises
-    ------
-    PoseError
-        When the array as a whole has the wrong shape or type.
+    Of (P, 4, 4) or (4, 4) world_from_camera: a copy, in which rows at fault are left as they came,
+    and the fault of each of these by its row. PoseError for an array of the wrong shape or type.
     """
     array = real_numbers("poses", poses, "(P, 4, 4)")
     out = as_matrices(array[None] if array.ndim == 2 else array)
@@ -123,12 +109,11 @@ class Poses(InOneLine):
         camera: ArrayLike | None = None,
         skip_bad: bool = False,
     ) -> "Poses":
-        """Check poses.
+        """Check poses, world_from_camera; `Poses` are returned as they are.
 
         Parameters
         ----------
         poses : (P, 4, 4) or (4, 4) array_like, or Poses
-            world_from_camera; `Poses` are returned as they are.
         camera : (P,) int array_like, optional
             Index of the camera of each pose, among those that an observer has.
         skip_bad : bool

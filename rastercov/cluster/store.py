@@ -11,7 +11,6 @@ import fcntl
 import hashlib
 import json
 import os
-import secrets
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -19,7 +18,7 @@ from importlib.metadata import version as version_of
 from pathlib import Path
 
 from rastercov.base.errors import ConfigError
-from rastercov.base.output import named
+from rastercov.base.output import named, replacing
 
 SUMS, QUARANTINE = "sha256", "quarantine"
 """Folders of the checksums of all files, and of the notes on poses that were left out."""
@@ -90,17 +89,12 @@ def _sum_line(name: str, data: bytes | memoryview) -> bytes:
 
 def _write(path: Path, data: bytes | memoryview) -> None:
     """Write a file atomically: it appears under its name when it is complete and on the disk."""
-    part = path.with_name(f".{secrets.token_hex(6)}.part")
     with named(path):
         path.parent.mkdir(exist_ok=True)
-        try:
-            with part.open("wb") as file:
-                file.write(data)
-                file.flush()
-                os.fsync(file.fileno())
-            os.replace(part, path)  # noqa: PTH105 - the atomic one by name
-        finally:
-            part.unlink(missing_ok=True)
+        with replacing(path) as part, part.open("wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
         folder = os.open(path.parent, os.O_RDONLY)
         try:
             os.fsync(folder)  # makes the new name durable

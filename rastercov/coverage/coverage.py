@@ -147,19 +147,9 @@ def evaluate_batches(
 ) -> Iterator[Coverage]:
     """Coverage a few poses at a time, for runs of any length; at least one batch, maybe empty.
 
-    Parameters
-    ----------
-    observer : Observer
-        Open, for the mesh and camera to evaluate.
-    poses, task, skip_bad_poses, fields
-        As for `rastercov.evaluate`.
-
-    Returns
-    -------
-    Iterator of Coverage
-        Of consecutive poses, as many each as `batch_size` says. The arguments are checked at once;
-        each batch is measured when it is asked for. Any number of threads may have an iterator each
-        over one observer, but not share an iterator.
+    The observer is open; the other arguments are those of `rastercov.evaluate`, and checked at
+    once. Each batch, of `batch_size` consecutive poses, is measured when it is asked for. Any
+    number of threads may have an iterator each over one observer, but not share an iterator.
     """
     accepted, names = Poses.of(poses, skip_bad=skip_bad_poses), checked_fields(fields)
     check_observer(observer)
@@ -179,10 +169,15 @@ def check_observer(observer: object) -> None:
 
 def measurements(observer: Observer, poses: Poses) -> Iterator[tuple[Poses, Measured]]:
     """Poses and what is measured of them, a few at a time; at least once, maybe of none."""
-    step = batch_size(observer.mesh.n_faces, observer.threads)
-    for at in range(0, max(1, len(poses)), step):
-        part = poses[at : at + step]
+    for part in in_batches(poses, observer.mesh.n_faces, observer.threads):
         yield part, observer.measure(part)
+
+
+def in_batches(poses: Poses, n_faces: int, threads: int) -> Iterator[Poses]:
+    """Poses a few at a time, see `batch_size`; at least once, maybe none."""
+    step = batch_size(n_faces, threads)
+    for at in range(0, max(1, len(poses)), step):
+        yield poses[at : at + step]
 
 
 def batch_size(n_faces: int, threads: int) -> int:

@@ -10,7 +10,7 @@ sample of points on the faces that are not covered as a whole is judged point by
 
 import math
 from collections.abc import Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -27,10 +27,6 @@ from rastercov.coverage.area.regions import OF_A_FACE
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.network import Network
 from rastercov.coverage.task import Reason, Task
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-
 
 LEAST_UNSEEN_SHARE = 0.5
 """Share of the area with coverage 0 in every camera above which its sides are looked at."""
@@ -209,6 +205,4 @@ def share_in_parts(network: Network, camera: Cameras, poses: ArrayLike | Poses) 
 
 def _pointwise(task: Task) -> Task:
     """The task without its thresholds of a face."""
-    default = Task()
-    of_a_face = {each.name for each in fields(Task)} & set(OF_A_FACE)
-    return replace(task, **{name: getattr(default, name) for name in of_a_face})
+    return replace(task, **{name: getattr(Task(), name) for name in OF_A_FACE})

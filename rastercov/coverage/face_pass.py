@@ -32,16 +32,9 @@ Worker = Callable[[slice, int, Scope], None]
 
 
 class FacePass:
-    """Figures of faces by a task, through cameras; any number of threads may use it.
+    """Figures of faces by a task, through the cameras of an observer; for any number of threads.
 
-    Parameters
-    ----------
-    mesh, camera
-        Of the observer.
-    threads : int
-        Threads that share the poses of a call.
-    task : Task
-        Thresholds.
+    The poses of a call are shared among `threads`.
     """
 
     def __init__(self, mesh: Mesh, camera: Cameras, threads: int, task: Task = TASK) -> None:

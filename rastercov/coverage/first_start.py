@@ -25,10 +25,10 @@ def compile_half() -> None:
         network, areas = Network(MESH, task), AreaNetwork(MESH, task)
         wanted = Wanted(engine, engine.method == "exact", "seen", (), False)
         with open_for(MESH, CAMERA, task, wanted) as observer:
-            for batch, found in judged_parts(network, observer, poses, wanted, None, ALONE):
+            for batch in judged_parts(network, observer, poses, wanted, None, ALONE):
                 network.add(batch)
-                if found is not None:
-                    areas.add(found)
+                if batch.regions is not None:
+                    areas.add(batch.regions)
         if wanted.by_area:
             areas.add_to(network.summary())
             areas.dead_zones(CAMERA, poses)

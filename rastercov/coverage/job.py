@@ -20,7 +20,6 @@ from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, check_scene
 from rastercov.cluster import Made
 from rastercov.coverage.area.network import AreaNetwork, ByCamera, unit_of_result
-from rastercov.coverage.area.regions import Regions
 from rastercov.coverage.coverage import (
     FIGURES,
     arrays_for,
@@ -43,14 +42,12 @@ from rastercov.coverage.shards import (
     is_long,
     judged_parts,
     open_for,
-    regions_in,
 )
 from rastercov.coverage.task import Task
 from rastercov.kernels.stopwatch import Stopwatch
 from rastercov.mesh import Mesh
 
 FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 EVALUATE_BUDGET = 4 << 30
 """Bytes of figures that `evaluate` may return; longer runs go through `evaluate_batches`."""
 
@@ -77,10 +74,8 @@ def evaluate(
         What is looked at.
     camera : Camera, Rig or sequence of Camera
         What looks; where there are several, `Poses.camera` says which of them is in each pose.
-    poses : (P, 4, 4) array_like, or Poses
-        world_from_camera.
-    task : Task, optional
-        Thresholds; `Task()` unless given.
+    poses, task : (P, 4, 4) array_like, or Poses; Task, optional
+        world_from_camera, and thresholds, `Task()` unless given.
     by : {"face", "area"}, optional
         Unit of the result: whole faces as in the thesis, or exact area, with the unions and dead
         zones of docs/area.md. None is the choice of the command: area, unless a threshold is of a
@@ -150,10 +145,8 @@ def measure(
 
     Parameters
     ----------
-    observer : Observer
-        Open, of `open_for`.
-    poses, task, wanted
-        The engine is that of the observer; `wanted.apart` is decided here.
+    observer, poses, task, wanted
+        The observer is open, of `open_for` by the same engine; `wanted.apart` is decided here.
     fields : sequence of str
         Figures to keep of all pairs of pose and face, of `FIGURES`.
     reason : str
@@ -198,30 +191,30 @@ def measure(
         else:
             nothing: Any = ()  # no rows
             parts = (
-                (JudgedPoses(part, seen.clipped, nothing, {}, seen, {}), regions_in(seen))
+                JudgedPoses.of(part, seen, nothing, {}, {})
                 for part, seen in measurements(observer, poses)
             )
         try:
-            for batch, found in parts:
+            for batch in parts:
                 with interrupts_held():
                     if judge is not None and batch.measured is not None:
                         rows = slice(done, done + len(batch.poses))
                         figures = {name: array[rows] for name, array in whole.items()}
                         judge.fill(batch.measured, batch.poses, figures)
                     if table is not None:
-                        table.add(batch.rows, None if found is None else _of_rows(batch, found))
+                        table.add(batch.rows, _of_rows(batch))
                         n_rows += len(batch.rows.pose)
                     if is_summed:
                         network.add(batch)
-                    apart.add_batch(batch, found)
-                    if areas is not None and found is not None:
-                        areas.add(found)
+                    apart.add_batch(batch)
+                    if areas is not None and batch.regions is not None:
+                        areas.add(batch.regions)
                         # The table has the area of every pair, also of faces that need no more.
                         # Shards do not depend on one another.
                         if table is None and shards is None:
                             observer.closed = apart.closed(areas.closed)
                     kept |= batch.kept
-                    ids.append(batch.pose_ids)
+                    ids.append(batch.poses.ids)
                     clipped.append(batch.clipped)
                     done += len(batch.poses)
         except KeyboardInterrupt:
@@ -250,8 +243,11 @@ def measure(
     return evaluation
 
 
-def _of_rows(batch: JudgedPoses, found: Regions) -> NDArray[np.float32]:
-    """(R,) covered area of the pairs of a batch, m^2."""
+def _of_rows(batch: JudgedPoses) -> NDArray[np.float32] | None:
+    """(R,) covered area of the pairs of a batch, m^2, where the result is by area."""
+    found = batch.regions
+    if found is None:
+        return None
     row = np.searchsorted(found.pose_ids, batch.rows.pose)
     areas: NDArray[np.float32] = found.areas()[row, batch.rows.face].astype(np.float32)
     return areas

@@ -5,6 +5,7 @@ not covered when its coverage is 0 in every camera.
 """
 
 import math
+from collections import defaultdict
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -26,6 +27,7 @@ from rastercov.mesh import Mesh
 from rastercov.raster.observation import BoundKind
 
 if TYPE_CHECKING:
+    from rastercov.coverage.area.regions import Regions
     from rastercov.kernels.network import PairRows, Sink, Sums
 
 FloatArray = NDArray[np.float64]
@@ -66,6 +68,8 @@ class JudgedPoses:
         Measurement of the poses, of those that this process has measured.
     sums : dict of int to Sums
         Sums of the poses of each camera where these are kept apart, otherwise of all as camera -1.
+    regions : Regions or None
+        Regions of the poses, where the observer finds any.
     """
 
     poses: Poses
@@ -74,11 +78,15 @@ class JudgedPoses:
     kept: dict[int, FloatArray]
     measured: Measured | None
     sums: "dict[int, Sums]"
+    regions: "Regions | None"
 
-    @property
-    def pose_ids(self) -> IntArray:
-        """(P,) row of each pose in the input."""
-        return self.poses.ids
+    @classmethod
+    def of(
+        cls, poses: Poses, measured: Measured, rows: "PairRows", kept: Any, sums: Any
+    ) -> "JudgedPoses":
+        """Poses that this process has measured."""
+        found = getattr(measured, "regions", None)
+        return cls(poses, measured.clipped, rows, kept, measured, sums, found)
 
 
 def no_sums(n_faces: int, n_poses: int) -> "Sums":
@@ -150,8 +158,10 @@ def sums_of(coverage: Coverage) -> "Sums":
     return sums
 
 
-class _Adder:
-    """One thread that judges poses of a batch and adds them up.
+def _adder(
+    judge: FacePass, sink: "Sink", kept: dict[int, FloatArray], *, apart: bool
+) -> "tuple[dict[int, Sums], Worker]":
+    """Sums of one thread, and the worker that judges poses of a batch and adds them to these.
 
     Parameters
     ----------
@@ -163,37 +173,29 @@ class _Adder:
     apart : bool
         Keep the sums of each camera apart.
     """
+    from rastercov.kernels.network import add_pose
 
-    def __init__(
-        self, judge: FacePass, sink: "Sink", kept: dict[int, FloatArray], *, apart: bool
-    ) -> None:
-        from rastercov.kernels import network
+    mesh, of_camera = judge.mesh, dict[int, "Sums"]()
+    is_scored, scored = read_only(mesh.task_mask, np.bool_), _scored(mesh)
+    coverage, areas = np.empty((2, mesh.n_faces))
+    calls: defaultdict[int, DirectCalls] = defaultdict(DirectCalls)
 
-        self._add_pose, self._judge, self._sink, self._kept = network.add_pose, judge, sink, kept
-        self._apart, self.sums, mesh = apart, dict[int, "Sums"](), judge.mesh
-        self._is_scored, self._scored = read_only(mesh.task_mask, np.bool_), _scored(mesh)
-        self._coverage, self._drawn = np.empty((2, mesh.n_faces))
-        self._calls: dict[int, DirectCalls] = {}
-
-    def add(self, rows: slice, index: int, scope: Scope) -> None:
-        """Judge some poses of one camera and add them, as a `Worker`."""
-        camera, coverage, seen = index if self._apart else -1, self._coverage, scope[2]
-        if camera not in self.sums:
-            self.sums[camera] = no_sums(len(coverage), len(self._sink.pose_ids))
-        sums, call = self.sums[camera], self._calls.setdefault(index, DirectCalls())
-        rules = self._judge.rules[index]
+    def add(rows: slice, index: int, scope: Scope) -> None:
+        camera, seen, rules = index if apart else -1, scope[2], judge.rules[index]
+        if camera not in of_camera:
+            of_camera[camera] = no_sums(mesh.n_faces, len(sink.pose_ids))
+        sums, call = of_camera[camera], calls[index]
         for row in range(rows.start, rows.stop):
-            call(
-                self._add_pose, row, rows.start, *scope, rules, self._is_scored, sums, coverage,
-                self._sink,
-            )  # fmt: skip
+            call(add_pose, row, rows.start, *scope, rules, is_scored, sums, coverage, sink)
             drawn = seen.drawn[row]
             if seen.scale != 1 or drawn.dtype != np.float64:
-                drawn = np.divide(drawn, seen.scale, out=self._drawn)
-            _add_totals(sums, row, self._scored, coverage, drawn)
-            pose_id = int(self._sink.pose_ids[row])
-            if pose_id in self._kept:
-                self._kept[pose_id][:] = coverage
+                drawn = np.divide(drawn, seen.scale, out=areas)
+            _add_totals(sums, row, scored, coverage, drawn)
+            pose_id = int(sink.pose_ids[row])
+            if pose_id in kept:
+                kept[pose_id][:] = coverage
+
+    return of_camera, add
 
 
 def least_cosine(min_angle: float) -> float:
@@ -254,9 +256,7 @@ def _with_room(array: NDArray[Any], n: int) -> NDArray[Any]:
     """The array with room for n rows or more; twice as much as it had where it grows."""
     if len(array) >= n:
         return array
-    grown = np.empty((max(n, 2 * len(array)), *array.shape[1:]), array.dtype)
-    grown[: len(array)] = array
-    return grown
+    return np.resize(array, (max(n, 2 * len(array)), *array.shape[1:]))
 
 
 class Network:
@@ -400,16 +400,17 @@ class Network:
         def judged(batch: Poses, seen: Measured) -> JudgedPoses:
             sink = Sink(choice, batch.ids, np.zeros(len(batch), np.int64), memory)
             kept = {pose: np.empty(n_faces) for pose in batch.ids.tolist() if pose in keep}
-            adders: list[_Adder] = []
+            of_threads: list[dict[int, Sums]] = []
 
             def worker() -> Worker:
-                adders.append(_Adder(judge, sink, kept, apart=apart))
-                return adders[-1].add
+                sums, add = _adder(judge, sink, kept, apart=apart)
+                of_threads.append(sums)
+                return add
 
             if len(batch):
                 judge.share(seen, batch, worker)
             parts: dict[int, list[Sums]] = {}
-            for camera, sums in (entry for adder in adders for entry in adder.sums.items()):
+            for camera, sums in (entry for part in of_threads for entry in part.items()):
                 parts.setdefault(camera, []).append(sums)
             turns = np.flatnonzero(sink.counts)
             spans = np.stack([turns * n_faces, turns * n_faces + sink.counts[turns]], axis=1)
@@ -418,7 +419,7 @@ class Network:
                 for part in memory
             )
             whole = {camera: _merged(some) for camera, some in parts.items()}
-            return JudgedPoses(batch, seen.clipped, PairRows(*columns), kept, seen, whole)
+            return JudgedPoses.of(batch, seen, PairRows(*columns), kept, whole)
 
         return (judged(batch, seen) for batch, seen in measurements(observer, poses))
 
@@ -428,7 +429,7 @@ class Network:
         if not parts:
             return
         own = slice(None) if camera is None else batch.poses.camera == camera
-        self._take(batch.pose_ids, batch.clipped, _merged(parts), own)
+        self._take(batch.poses.ids, batch.clipped, _merged(parts), own)
         if self.task.min_angle_deg > 0:
             placed, rows = batch.poses[own], batch.rows
             is_covered = rows.reason == Reason.COVERED

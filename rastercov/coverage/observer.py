@@ -15,8 +15,7 @@ from collections.abc import Mapping
 from importlib.metadata import version
 from typing import Any
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from rastercov.base.errors import DeviceError
 from rastercov.base.memory import check_memory
@@ -31,9 +30,6 @@ from rastercov.raster import backend_of
 from rastercov.raster.contract import FaceCounts, RasterizerInfo
 from rastercov.raster.observation import Observation, Visibility
 from rastercov.raster.several import Rasterizers
-
-FloatArray = NDArray[np.float64]
-
 
 ROLL = 0.4
 """Radians by which the grid of samples is turned against the image: 23 degrees, far from every
@@ -56,12 +52,7 @@ class Observer(Closing, ABC):
 
     @abstractmethod
     def observe(self, poses: ArrayLike | Poses) -> Observation:
-        """Measure every face in each pose.
-
-        Parameters
-        ----------
-        poses : (P, 4, 4) or (4, 4) array_like, or Poses
-            world_from_camera.
+        """Measure every face in each pose, (P, 4, 4) or (4, 4) world_from_camera.
 
         Raises
         ------
@@ -208,21 +199,9 @@ def visibility(
     supersample: int = 1,
     **options: Any,
 ) -> Visibility:
-    """Visible fraction of each face in each pose, with a bound.
+    """Visible fraction of each face in each pose, (P, 4, 4) world_from_camera, with a bound.
 
-    Parameters
-    ----------
-    mesh, camera
-        Scene and camera, or cameras.
-    poses : (P, 4, 4) array_like, or Poses
-        world_from_camera.
-    method, backend, supersample, **options
-        As for `open_observer`.
-
-    Raises
-    ------
-    ResourceError
-        Where the arrays take more memory than is free, before any is taken.
+    The other arguments are those of `open_observer`; errors as for `Observer.observe`.
     """
     check_scene(mesh, camera)
     accepted = Poses.of(poses)

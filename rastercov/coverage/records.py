@@ -30,9 +30,7 @@ def scene_of(mesh: Mesh) -> Scene:
 
 def lens_of(camera: Camera) -> Lens | CurvedLens:
     """Numbers of a `Camera`; the loops are compiled for either kind."""
-    if not camera.is_pinhole:
-        return curved_lens(camera)
-    return pinhole_of(camera)
+    return pinhole_of(camera) if camera.is_pinhole else curved_lens(camera)
 
 
 def pinhole_of(camera: Camera) -> Lens:

@@ -12,7 +12,7 @@ import hashlib
 import io
 import json
 import logging
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from importlib.metadata import version
@@ -108,10 +108,6 @@ class Wanted:
     apart: bool = False
 
 
-Part = tuple[JudgedPoses, Regions | None]
-"""Judged poses of a shard, and their regions where the result is by area."""
-
-
 class EvaluationShards:
     """Shards of one evaluation in a folder of its own, which is made.
 
@@ -149,7 +145,7 @@ class EvaluationShards:
         """Poses, by their ids, that were left out because they kill their process."""
         return {int(self.poses.ids[row]): end for row, end in self.store.quarantined().items()}
 
-    def parts(self, staff: Staff) -> Iterator[Part]:
+    def parts(self, staff: Staff) -> Iterator[JudgedPoses]:
         """Every shard in turn, as of `judged_parts`."""
         store = self.store
 
@@ -161,29 +157,26 @@ class EvaluationShards:
         for number in fill(store, make, staff.workers, staff.progress, staff.watch, staff.note):
             yield self._part(store.read(number) or b"", self.poses[store.rows(number)])
 
-    def _part(self, data: bytes, poses: Poses) -> Part:
+    def _part(self, data: bytes, poses: Poses) -> JudgedPoses:
         from rastercov.kernels.network import PairRows, Sums
 
-        mesh = self.observer.mesh
         with np.load(io.BytesIO(data), allow_pickle=False) as file:
-            tree = _tree({name: file[name] for name in file.files})
-        left, found = poses[np.isin(poses.ids, tree["ids"])], None
+            arrays = {name: file[name] for name in file.files}
+        left, found = poses[np.isin(poses.ids, arrays["ids"])], None
         if self.wanted.by_area:
-            scene: dict[str, Any] = {
-                "mesh": mesh,
-                "camera": self.observer.camera,
-                "task": self.task,
-            }
-            found = Regions(**scene, pose_ids=left.ids, **tree["regions"])
-        batch = JudgedPoses(
+            own: Any = _under("regions", arrays)
+            own |= {"mesh": self.observer.mesh, "camera": self.observer.camera, "task": self.task}
+            found = Regions(pose_ids=left.ids, **own)
+        cameras = {path.split(".")[1] for path in arrays if path.startswith("sums.")}
+        return JudgedPoses(
             poses=left,
-            clipped=tree["clipped"],
-            rows=PairRows(**tree["rows"]),
-            kept={int(pose): values for pose, values in tree.get("kept", {}).items()},
+            clipped=arrays["clipped"],
+            rows=PairRows(**_under("rows", arrays)),
+            kept={int(pose): values for pose, values in _under("kept", arrays).items()},
             measured=None,
-            sums={int(camera): Sums(**sums) for camera, sums in tree.get("sums", {}).items()},
+            sums={int(each): Sums(**_under(f"sums.{each}", arrays)) for each in sorted(cameras)},
+            regions=found,
         )
-        return batch, found
 
 
 def remove(above: Path) -> None:
@@ -194,12 +187,6 @@ def remove(above: Path) -> None:
         above.rmdir()
 
 
-def regions_in(measured: Any) -> Regions | None:
-    """Regions of a measurement, where the observer finds any."""
-    found: Regions | None = getattr(measured, "regions", None)
-    return found
-
-
 def judged_parts(
     network: Network,
     observer: Any,
@@ -207,8 +194,8 @@ def judged_parts(
     wanted: Wanted,
     shards: EvaluationShards | None,
     staff: Staff,
-) -> Iterator[Part]:
-    """Judged poses of an evaluation and their regions, in the order of the poses.
+) -> Iterator[JudgedPoses]:
+    """Judged poses of an evaluation, in the order of the poses.
 
     By way of shards where the run is kept in some, else the network judges what the observer, of
     `open_for`, measures. An interrupt while workers are busy is raised after the shards that are
@@ -221,7 +208,7 @@ def judged_parts(
     for batch in network.judge(
         observer, poses, pairs=wanted.pairs, keep=wanted.keep, apart=wanted.apart
     ):
-        yield batch, regions_in(batch.measured)
+        yield batch
         did(len(batch.poses))
 
 
@@ -300,15 +287,15 @@ def _measured(
     ):
         batches.append(batch)
         did(len(batch.poses))
-    tree = {"ids": poses.ids} | _joined(poses, batches)
+    arrays = {"ids": poses.ids} | _joined(poses, batches)
     if wanted.by_area:
-        tree["regions"] = _joined_regions([batch.measured.regions for batch in batches])  # type: ignore[union-attr] # of a RegionObserver
+        arrays |= _below("regions", _joined_regions([batch.regions for batch in batches]))
     file = io.BytesIO()
-    np.savez(file, **dict(_leaves(tree)))  # type: ignore[arg-type] # its stub has `allow_pickle` first
+    np.savez(file, **arrays)
     return file.getvalue()
 
 
-def _joined(poses: Poses, batches: Sequence[JudgedPoses]) -> dict[str, Any]:
+def _joined(poses: Poses, batches: Sequence[JudgedPoses]) -> dict[str, NDArray[Any]]:
     """Arrays of all batches of some poses, whatever their sizes and the number of threads."""
     rows = [batch.rows for batch in batches]
     ends = np.cumsum([0] + [len(batch.poses) for batch in batches])
@@ -316,38 +303,28 @@ def _joined(poses: Poses, batches: Sequence[JudgedPoses]) -> dict[str, Any]:
     for first, batch in zip(ends, batches, strict=False):
         for camera, part in batch.sums.items():
             merge(sums.setdefault(camera, no_sums(len(part.views), len(poses))), part, int(first))
-    return {
-        "clipped": np.concatenate([batch.clipped for batch in batches]),
-        "rows": dict(
-            zip(rows[0]._fields, map(np.concatenate, zip(*rows, strict=True)), strict=True)
-        ),
-        "kept": {pose: values for batch in batches for pose, values in batch.kept.items()},
-        "sums": {camera: part._asdict() for camera, part in sorted(sums.items())},
-    }
+    columns = map(np.concatenate, zip(*rows, strict=True))
+    arrays = {"clipped": np.concatenate([batch.clipped for batch in batches])}
+    arrays |= _below("rows", dict(zip(rows[0]._fields, columns, strict=True)))
+    for batch in batches:
+        arrays |= _below("kept", batch.kept)
+    for camera, part in sorted(sums.items()):
+        arrays |= _below(f"sums.{camera}", part._asdict())
+    return arrays
 
 
-def _leaves(tree: dict[str, Any], path: str = "") -> Iterator[tuple[str, NDArray[Any]]]:
-    """Arrays of a tree of dictionaries by their paths, such as "sums.0.views"."""
-    for name, value in tree.items():
-        if isinstance(value, dict):
-            yield from _leaves(value, f"{path}{name}.")
-        else:
-            yield f"{path}{name}", value
+def _below(path: str, arrays: Mapping[Any, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+    """Arrays by their paths in a file, such as "sums.0.views"."""
+    return {f"{path}.{name}": array for name, array in arrays.items()}
 
 
-def _tree(leaves: dict[str, NDArray[Any]]) -> dict[str, Any]:
-    """Tree of arrays by their paths; see `_leaves`."""
-    tree: dict[str, Any] = {}
-    for path, array in leaves.items():
-        *above, name = path.split(".")
-        branch = tree
-        for each in above:
-            branch = branch.setdefault(each, {})
-        branch[name] = array
-    return tree
+def _under(path: str, arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+    """Arrays of a file below a path, by their names; see `_below`."""
+    own = f"{path}."
+    return {name[len(own) :]: array for name, array in arrays.items() if name.startswith(own)}
 
 
-def _joined_regions(found: Sequence[Regions]) -> dict[str, NDArray[Any]]:
+def _joined_regions(found: Sequence[Any]) -> dict[str, NDArray[Any]]:
     """Arrays of the regions of several batches, as those of one."""
     corners = np.cumsum([0] + [len(each.xy) for each in found])
     poses = np.cumsum([0] + [len(each.pose_ids) for each in found]).astype(np.int32)

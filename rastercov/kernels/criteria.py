@@ -220,18 +220,6 @@ def cut_to_image(polygon, n, lens, margin, spare):
     return keep_inside(spare, n, (0.0, lens.height + margin, -1.0, 0.0, 0.0), polygon)
 
 
-@part_with_arrays
-def perimeter(points, i, j, k):
-    """Length of the outline of a face beyond the near plane, px."""
-    total = 0.0
-    for s in range(3):
-        p = i if s == 0 else j if s == 1 else k
-        q = j if s == 0 else k if s == 1 else i
-        u, v = points[q, U] - points[p, U], points[q, V] - points[p, V]
-        total += math.sqrt(u * u + v * v)  # hypot is a call, 5 times as slow
-    return total
-
-
 @by_lens(lens_faces.slopes_at)
 def slopes_at(points, p, lens):
     """Derivative of the image at a vertex beyond the near plane."""

@@ -308,7 +308,7 @@ def _areas(at, visible, drawn, scale):
 
 
 def _bound_of_areas(at, drawn, area_error, has_error, kind):
-    """See `coverage.bound_of_fraction`, for areas."""
+    """See `face_bounds.bound_of_fraction`, for areas."""
     exact = Variable(drawn.like(ROUNDING))
     with when(has_error > 0):
         error = load(at.builder, area_error.at(at).pointer, AT_A_TIME)
@@ -319,7 +319,7 @@ def _bound_of_areas(at, drawn, area_error, has_error, kind):
 
 
 def _bound_of_counts(length, drawn, samples):
-    """See `coverage.bound_of_fraction`, for counts in faces of a perimeter, px."""
+    """See `face_bounds.bound_of_fraction`, for counts in faces of a perimeter, px."""
     root = length.like(samples).sqrt()
     length = length * root
     deviation = (length * 1.25 + 1.0).sqrt() * (3 * 0.27) + length / 20.0

@@ -19,7 +19,6 @@ from rastercov.kernels.coverage import (
     cosine_of,
     exceeds_incidence,
     measure_face,
-    put_bound,
 )
 from rastercov.kernels.criteria import (
     incidence_angle,
@@ -27,6 +26,7 @@ from rastercov.kernels.criteria import (
 )
 from rastercov.kernels.decision import AT_A_TIME, decide_block
 from rastercov.kernels.face_blocks import add_backs, add_lanes, are_behind, judge_eight
+from rastercov.kernels.face_bounds import put_bound
 from rastercov.kernels.jit import allocation_free, part_with_arrays
 from rastercov.kernels.simd_kernel import pointer, pointers, simd
 

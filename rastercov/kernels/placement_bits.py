@@ -117,19 +117,6 @@ def count_up(words, planes):
 
 
 @compiled
-def pair_counts(words, rows, mask, out):
-    """Write the number of faces of each row into `out`, (N,) int64."""
-    for n in range(len(rows)):
-        count = 0
-        for i in range(words.shape[1]):
-            bits = words[rows[n], i] & mask[i]
-            while bits:
-                bits &= bits - np.uint64(1)
-                count += 1
-        out[n] = count
-
-
-@compiled
 def list_pairs(words, rows, mask, column, out):
     """Write the columns of the faces of each row into `out`, (pairs,) int32, row after row.
 

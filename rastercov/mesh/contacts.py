@@ -270,14 +270,7 @@ def touching_faces(
     -------
     (F,) bool
         Time grows with F log F and the number of pairs whose boxes overlap.
-
-    Raises
-    ------
-    ValueError
-        `tolerance` is negative or not a number.
     """
-    if not tolerance >= 0:
-        raise ValueError(f"tolerance must be at least 0, got {tolerance}")
     touching = np.zeros(len(faces), dtype=bool)
     if degenerate_mask is None:
         degenerate_mask = ~np.any(normals_and_areas(vertices, faces)[0], axis=1)

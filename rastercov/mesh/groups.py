@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov.base.arguments import check_kind, flag, members
 from rastercov.base.errors import MeshError
 from rastercov.base.files import StrPath
+from rastercov.base.format import shortened
 from rastercov.mesh.arrays import face_labels
 
 Value = TypeVar("Value")
@@ -28,11 +29,7 @@ MOST_LISTED, LONGEST_LISTED = 5, 60
 
 def quoted(name: str) -> str:
     """A name in quotes, shortened."""
-    return repr(_short(name))
-
-
-def _short(name: str) -> str:
-    return name if len(name) <= LONGEST_LISTED else f"{name[: LONGEST_LISTED - 3]}..."
+    return repr(shortened(name, LONGEST_LISTED))
 
 
 def listed(names: Iterable[str], near: str = "") -> str:
@@ -46,7 +43,7 @@ def listed(names: Iterable[str], near: str = "") -> str:
         similar = difflib.get_close_matches(near[:LONGEST_LISTED], every[:10_000], MOST_LISTED, 0.5)
         chosen = similar or every[:MOST_LISTED]
     more = f" and {len(every) - len(chosen):,} more" if len(every) > len(chosen) else ""
-    return ", ".join(map(_short, chosen)) + more
+    return ", ".join(shortened(name, LONGEST_LISTED) for name in chosen) + more
 
 
 def files_named(name: str, paths: Sequence[StrPath]) -> tuple[list[int], bool]:

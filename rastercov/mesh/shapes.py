@@ -112,7 +112,7 @@ def torus(
     Mesh
         Closed, genus 1. Vertices lie on the torus, so the mesh is slightly smaller.
     """
-    _at_least(3, n_major=n_major, n_minor=n_minor)
+    n_major, n_minor = _at_least(3, n_major=n_major, n_minor=n_minor)
     if not 0 < minor_radius < major_radius <= LARGEST_COORDINATE:
         got = f"{minor_radius} and {major_radius}"
         raise MeshError(f"a torus needs 0 < minor_radius < major_radius, got {got}")
@@ -120,8 +120,8 @@ def torus(
     tube = (2 * np.pi / n_minor * np.arange(n_minor))[None]
     r, z = major_radius + minor_radius * np.cos(tube), minor_radius * np.sin(tube)
     points = np.stack(np.broadcast_arrays(r * np.cos(around), r * np.sin(around), z), axis=-1)
-    index = np.arange(n_major * n_minor).reshape(n_major, n_minor)
-    corners = np.pad(index, (0, 1), mode="wrap").T  # along a row: around the axis
+    numbers = np.arange(n_major * n_minor).reshape(n_major, n_minor)
+    corners = np.pad(numbers, (0, 1), mode="wrap").T  # along a row: around the axis
     return Mesh(vertices=points.reshape(-1, 3), faces=_triangulated(corners))
 
 
@@ -200,7 +200,7 @@ def box(
     Mesh
         Closed, outward; sides in the order -x, +x, -y, +y, -z, +z.
     """
-    _at_least(1, n=n)
+    (n,) = _at_least(1, n=n)
     if len(size) != 3 or len(centre) != 3:
         raise MeshError(f"size and centre must be three numbers each, got {size} and {centre}")
     _positive(size=min(size))
@@ -233,6 +233,7 @@ def room(n: int = 8) -> Mesh:
         Groups "room" (12 n^2 faces, facing inward) and "crates" (outward). Closed; the room is a
         cavity, so back faces are never culled and `warnings` reports a component as inside out.
     """
+    (n,) = _at_least(1, n=n)
     shell = box((6.0, 5.0, 2.8), n, (0.0, 0.0, 1.4))
     m = (n + 1) // 2
     parts = [
@@ -274,10 +275,12 @@ def by_name(name: str) -> Mesh:
     return BUILT_IN[name]()
 
 
-def _at_least(least: int, **counts: int) -> None:
+def _at_least(least: int, **counts: int) -> list[int]:
+    """Counts as integers of Python, of which no product overflows."""
     for name, count in counts.items():
         if not least <= count <= MOST_A_SIDE:
             raise MeshError(f"{name} must be {least} to {MOST_A_SIDE}, got {shown(count)}")
+    return list(map(index, counts.values()))
 
 
 def _positive(**lengths: float) -> None:

@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov.base.arguments import check_kind, members
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import InOneLine
+from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, cameras_of, check_scene, names_of
 from rastercov.cluster import Made, Workers
@@ -43,10 +44,6 @@ from rastercov.placement.select.problem import (
     views_of,
     weights_of,
 )
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,23 +123,14 @@ def groups_of(
     def total(is_counted: BoolArray | float) -> FloatArray:
         return np.bincount(group, weights * is_counted, len(names)).astype(np.float64)
 
-    if problem.min_angle > 0:
-        lost = _lost_one_by_one(problem, covered, of_pose, len(names))
+    if problem.is_spread:  # directions matter: as much work as all pairs, for each group
+        others = [np.flatnonzero(of_pose != row) for row in range(len(names))]
+        left = (covered & ~problem.covered_by(poses)[1] for poses in others)
+        lost = np.array([problem.weights[faces].sum() for faces in left], np.float64)
     else:
         lost = total(covered[element] & (views[element] - times < problem.views[element]))
     subset = select_greedy(_choice(problem, of_pose, len(names))) if has_subset else None
     return Groups(names, of_pose, total(1.0), lost, total(times == views[element]), subset)
-
-
-def _lost_one_by_one(
-    problem: Problem, covered: BoolArray, of_pose: IntArray, n_groups: int
-) -> FloatArray:
-    """Weight that is covered no more without each group, where directions matter, (G,)."""
-    lost = np.zeros(n_groups)
-    for group in range(n_groups):  # as much work as all pairs, each
-        without = problem.covered_by(np.flatnonzero(of_pose != group))[1]
-        lost[group] = problem.weights[covered & ~without].sum()
-    return lost
 
 
 def _choice(problem: Problem, of_pose: IntArray, n_groups: int) -> Problem:
@@ -350,15 +338,15 @@ def audit(
         if folder is not None:
             shards = EvaluationShards(Path(folder), observer, accepted, single, wanted)
         staff = Staff(workers, progress, watch, note)
-        for batch, regions in judged_parts(network, observer, accepted, wanted, shards, staff):
+        for batch in judged_parts(network, observer, accepted, wanted, shards, staff):
             network.add(batch)
-            if areas is None or elements is None or regions is None:
+            if areas is None or elements is None or batch.regions is None:
                 is_scored = mesh.task_mask[batch.rows.face]
-                row = np.searchsorted(batch.pose_ids, batch.rows.pose[is_scored])
+                row = np.searchsorted(batch.poses.ids, batch.rows.pose[is_scored])
                 own = batch.rows.face[is_scored]
             else:
-                areas.add(regions)
-                found = elements.share(regions)
+                areas.add(batch.regions)
+                found = elements.share(batch.regions)
                 row = np.repeat(np.arange(len(batch.poses)), np.diff(found.starts))
                 enough = shortened(found.share, task.min_coverage)[1]
                 row, own = row[enough], found.cell[enough]

@@ -58,11 +58,7 @@ class CoveredBits:
     def from_dense(cls, covers: ArrayLike) -> Self:
         """Bits of an array (K, F), 1 where camera c covers face f."""
         dense = np.asarray(covers).astype(bool)
-        n, n_faces = dense.shape
-        padded = np.zeros((n, BITS * n_words(n_faces)), bool)
-        padded[:, :n_faces] = dense
-        packed = np.packbits(padded, axis=1, bitorder="little")
-        return cls.of(packed.view("<u8").astype(np.uint64), n_faces)
+        return cls.of(packed(dense), dense.shape[1])
 
     @classmethod
     def from_pairs(cls, row: IntArray, face: NDArray[np.int32], n_rows: int, n_faces: int) -> Self:
@@ -202,13 +198,7 @@ class CoveredBits:
 
     def counts(self, mask: Words, rows: IntArray | None = None) -> IntArray:
         """(N,) number of faces within a mask, (W,), of each row."""
-        found = np.zeros(self.n_rows if rows is None else len(rows), np.int64)
-
-        def work(words: Words, own: IntArray, at: slice) -> None:
-            kernels.pair_counts(words, own, mask, found[at])
-
-        self._share(rows, lambda: work)
-        return found
+        return self.sums(np.ones((1, BITS * self.n_words), np.int64), mask[None], rows)[:, 0]
 
     def pairs(self) -> tuple[IntArray, NDArray[np.int32]]:
         """Row limits (K + 1,), and faces of all rows."""
@@ -272,10 +262,9 @@ def unpacked(words: Words, n_faces: int) -> BoolArray:
 
 
 def packed(faces: BoolArray) -> Words:
-    """(W,) words of some faces, (F,)."""
-    padded = np.zeros(BITS * n_words(len(faces)), bool)
-    padded[: len(faces)] = faces
-    return np.packbits(padded, bitorder="little").view("<u8").astype(np.uint64)
+    """(..., W) words of some faces, (..., F)."""
+    octets = np.packbits(spread_out(faces, bool), axis=-1, bitorder="little")
+    return octets.view("<u8").astype(np.uint64)
 
 
 def spread_out(values: NDArray[Any], dtype: type = np.int64) -> NDArray[Any]:

@@ -50,13 +50,13 @@ from rastercov.placement.matrix_folder import (
     NOT_ON_RIGS,
     MatrixFolder,
     add_bounds,
-    batches_of,
     claim,
     covered_bits,
     describe,
     gathered,
     greatest,
     log_warning,
+    pairs_of,
     region_observer,
     totals_of,
     write_scene,
@@ -329,8 +329,11 @@ def build_matrix(
     placed, task = renumbered(poses), task or Task()
     with _opened(view, cells, task) as observer:
         header = describe(observer, placed, task, poses_a_shard, cells, mounts)
-        did = counted(len(placed), progress)
-        pairs = gathered(batches_of(observer, placed, task, cells, bounds, mounts, did))
+        did, n_at_once = counted(len(placed), progress), header["poses_a_shard"]
+        pairs = gathered(
+            pairs_of(observer, placed[at : at + n_at_once], task, cells, bounds, mounts, did)
+            for at in range(0, len(placed), n_at_once)
+        )
         return VisibilityMatrix(
             placed=placed,
             header=header,
@@ -373,8 +376,8 @@ def measure_matrix(
 
         def make(number: int, did: Callable[[int], None]) -> memoryview:
             rows = shards.rows(number)
-            batches = batches_of(observer, placed[rows], task, cells, bounds, mounts, did)
-            return matrix.shard_bytes(number, batches, np.arange(rows.start, rows.stop))
+            pairs = pairs_of(observer, placed[rows], task, cells, bounds, mounts, did)
+            return matrix.shard_bytes(number, pairs, np.arange(rows.start, rows.stop))
 
         shards.mend(note, check)
         is_by_workers = workers is not None and bool(shards.missing())

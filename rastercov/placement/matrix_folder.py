@@ -65,7 +65,7 @@ from rastercov.coverage.shards import inputs_of
 from rastercov.coverage.task import Task
 from rastercov.kernels import placement_bits as kernels
 from rastercov.placement.bits import CoveredBits, n_words
-from rastercov.placement.mounts import Mounts
+from rastercov.placement.mounts import Mounts, places_on_rigs
 from rastercov.placement.uncovered import FIGURES, CandidateBounds
 
 if TYPE_CHECKING:
@@ -137,7 +137,7 @@ def gathered(batches: Iterable[Pairs]) -> Pairs:
     return Pairs(*map(np.concatenate, zip(NO_PAIRS, *batches, strict=True)))
 
 
-def batches_of(
+def pairs_of(
     observer: Observer,
     poses: Poses,
     task: Task,
@@ -145,23 +145,34 @@ def batches_of(
     bounds: CandidateBounds | None = None,
     mounts: Mounts | None = None,
     did: Callable[[int], None] = lambda count: None,
-) -> Iterator[Pairs]:
-    """Pairs of some poses and faces, or cells, batch by batch; poses are those of mounts.
+) -> Pairs:
+    """Pairs of some poses and faces, or cells; poses are those of mounts.
 
-    `did` is called with the number of poses of each batch, once it was taken.
+    A mount has a pair with a face for each of its cameras that has one, one after the other. `did`
+    is called with the number of poses that each batch ends.
     """
-    part, owner = poses, None
-    if mounts is not None and mounts.has_rigs:
-        part, owner = mounts.cameras(poses)
-    found = (
-        _of_faces(observer, part, task, bounds)
+    cameras, owner = (poses, np.arange(len(poses))) if mounts is None else mounts.cameras(poses)
+    found, n_cameras, n_done = [], 0, 0
+    for batch in (
+        _of_faces(observer, cameras, task, bounds)
         if cells is None
-        else _of_cells(observer, cells, part, task, bounds)
-    )
-    for batch in found if owner is None else _of_mounts(found, owner, len(poses)):
-        if n_poses := len(batch.counts):
-            yield batch
-            did(n_poses)
+        else _of_cells(observer, cells, cameras, task, bounds)
+    ):
+        found.append(batch)
+        n_cameras += len(batch.counts)
+        n_whole = int(owner[n_cameras]) if n_cameras < len(owner) else len(poses)
+        if n_whole > n_done:
+            did(n_whole - n_done)
+        n_done = n_whole
+    pairs = gathered(found)
+    if mounts is None or not mounts.has_rigs:
+        return pairs
+    camera = np.repeat(np.arange(len(owner)), pairs.counts)
+    on_rig = places_on_rigs(owner)[camera].astype(np.uint16)
+    order = np.lexsort((pairs.face, owner[camera]))
+    counts = np.bincount(owner[camera], minlength=len(poses))
+    of_pairs: tuple[Any, ...] = (pairs.face, pairs.coverage, pairs.covered, on_rig)
+    return Pairs(counts, *(column[order] for column in of_pairs))
 
 
 def _of_faces(
@@ -189,32 +200,6 @@ def _of_cells(
         yield Pairs(np.diff(found.starts), found.cell, *covered, NOT_ON_RIGS)
         if bounds is not None and len(part):
             bounds.add(judged(observer, judge, task, part, seen, FIGURES))
-
-
-def _of_mounts(batches: Iterable[Pairs], owner: IntArray, n: int) -> Iterator[Pairs]:
-    """Batches of n mounts from those of their cameras, (K,) of which `owner` is the mount.
-
-    A mount has a pair with a face for each of its cameras that has one, one after the other.
-    """
-    on_rig = (np.arange(len(owner)) - np.searchsorted(owner, owner)).astype(np.uint16)
-    waiting: list[tuple[NDArray[Any], ...]] = []
-    at = done = 0
-    for batch in batches:
-        camera = np.repeat(np.arange(at, at + len(batch.counts)), batch.counts)
-        pairs = batch.face, batch.coverage, batch.covered
-        waiting.append((owner[camera], *pairs, on_rig[camera]))
-        at += len(batch.counts)
-        whole = int(owner[at]) if at < len(owner) else n  # mounts before this one are complete
-        if whole == done:
-            continue
-        columns = [np.concatenate(column) for column in zip(*waiting, strict=True)]
-        is_whole = columns[0] < whole
-        waiting = [tuple(column[~is_whole] for column in columns)]
-        mount, *columns = (column[is_whole] for column in columns)
-        order = np.lexsort((columns[-1], columns[0], mount))
-        counts = np.bincount(mount - done, minlength=whole - done)
-        yield Pairs(counts, *(column[order] for column in columns))
-        done = whole
 
 
 def region_observer(observer: Observer, cells: Cells, task: Task) -> RegionObserver:
@@ -399,9 +384,7 @@ class MatrixFolder:
             )
         return found
 
-    def shard_bytes(
-        self, number: int | None, batches: Iterable[Pairs], numbers: IntArray
-    ) -> memoryview:
+    def shard_bytes(self, number: int | None, pairs: Pairs, numbers: IntArray) -> memoryview:
         """File of a shard of the poses of these numbers; without a number it is of no use."""
         import pyarrow as pa
         import pyarrow.parquet as pq
@@ -409,7 +392,7 @@ class MatrixFolder:
         # Metadata name the shard and hold the header of its matrix.
         own = {**self.header, "shard": "" if number is None else self.store.name(number)}
         schema = pair_schema(self.is_of_rigs).with_metadata({"rastercov": json.dumps(own)})
-        counts, *columns = gathered(batches)
+        counts, *columns = pairs
         columns = [np.repeat(numbers, counts).astype(np.int32), *columns][: len(schema)]
         sink = pa.BufferOutputStream()
         # In one piece: the bytes depend on neither batches nor threads.
@@ -729,16 +712,6 @@ def add_bounds(folder: MatrixFolder, bounds: CandidateBounds) -> None:
         bounds.n_poses += int(part["n_poses"])
 
 
-class _Open(NamedTuple):
-    """Matrix that this process makes shards of, and the bounds that it has found."""
-
-    matrix: MatrixFolder
-    batches: Callable[[IntArray, CandidateBounds | None], Iterator[Pairs]]
-    bounds: CandidateBounds
-    bounded: list[int]
-    file: str
-
-
 def make(folder: Path, number: int | None, chosen: IntArray) -> memoryview:
     """Content of a shard, as `rastercov.cluster.ShardStore` wants it.
 
@@ -755,21 +728,12 @@ def make(folder: Path, number: int | None, chosen: IntArray) -> memoryview:
         modified = (folder / SCENE).stat().st_mtime_ns
     except OSError:
         raise FolderLostError(f"{folder}: {SCENE} is missing") from None
-    matrix, batches, bounds, bounded, file = _opened_once(folder, modified)
-    if number is None:
-        return matrix.shard_bytes(None, batches(chosen, None), chosen)
-    data = matrix.shard_bytes(number, batches(chosen, bounds), chosen)
-    bounded.append(number)
-    arrays = {name: getattr(bounds, name) for name in ("low", "high", "covering", "n_poses")}
-    content = io.BytesIO()
-    np.savez(content, shards=np.array(bounded, np.int64), **arrays)
-    store(folder, f"{BOUNDS}/{file}.npz", content.getvalue())
-    return data
+    return _opened_once(folder, modified)(number, chosen)
 
 
 @lru_cache(OPEN)
-def _opened_once(folder: Path, modified: int) -> _Open:
-    """Matrix of a folder; its observer lives as long as this process, or until two others."""
+def _opened_once(folder: Path, modified: int) -> Callable[[int | None, IntArray], memoryview]:
+    """Function `make` of a folder; its observer lives as long as this process, or two others."""
     header, data = read_header(folder), contents(folder, SCENE)
     if header is None or data is None:
         raise FolderLostError(f"{folder}: files of the matrix are missing")
@@ -793,12 +757,23 @@ def _opened_once(folder: Path, modified: int) -> _Open:
         names = tuple(f"mount {index}" for index in range(len(starts) - 1))
         mounts = Mounts(names, Rig(scene.cameras, None, places), starts)
 
-    def batches(chosen: IntArray, bounds: CandidateBounds | None) -> Iterator[Pairs]:
-        return batches_of(observer, renumbered(poses[chosen]), task, made_on, bounds, mounts)
-
+    matrix = MatrixFolder(folder, header)
     bounds = CandidateBounds(scene.mesh.n_faces, scene.mesh.task_mask)
     file = f"{os.uname().nodename}-{os.getpid()}-{secrets.token_hex(4)}"
-    return _Open(MatrixFolder(folder, header), batches, bounds, [], file)
+    bounded: list[int] = []
+
+    def make_shard(number: int | None, chosen: IntArray) -> memoryview:
+        placed, added = renumbered(poses[chosen]), None if number is None else bounds
+        pairs = pairs_of(observer, placed, task, made_on, added, mounts)
+        data = matrix.shard_bytes(number, pairs, chosen)
+        if number is not None:
+            bounded.append(number)
+            content = io.BytesIO()
+            np.savez(content, shards=np.array(bounded, np.int64), **vars(bounds))
+            store(folder, f"{BOUNDS}/{file}.npz", content.getvalue())
+        return data
+
+    return make_shard
 
 
 def _engine_of(header: dict[str, Any]) -> Engine:

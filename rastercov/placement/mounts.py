@@ -10,15 +10,16 @@ from itertools import pairwise
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rastercov.base.memory import Lists
+from rastercov.base.memory import FloatArray, IntArray, Lists
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Rig
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+
+def places_on_rigs(owner: IntArray) -> IntArray:
+    """(K,) number of each camera on its rig, from the ascending rows of their rigs."""
+    return np.arange(len(owner)) - np.searchsorted(owner, owner)
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,8 +84,7 @@ class Mounts:
         placed.check_cameras(len(self))
         counts = np.diff(self.starts)[placed.camera]
         owner = np.repeat(np.arange(len(placed)), counts)
-        firsts = np.repeat(np.cumsum(counts) - counts, counts)
-        camera = self.starts[placed.camera[owner]] + np.arange(len(owner)) - firsts
+        camera = self.starts[placed.camera[owner]] + places_on_rigs(owner)
         places = self.rig.rig_from_camera[camera]
         return Poses.of(placed.world_from_camera[owner] @ places, camera=camera), owner
 

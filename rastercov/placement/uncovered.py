@@ -221,19 +221,16 @@ def _depths(corners: FloatArray, scale: float) -> FloatArray:
 def _samples_within(corners: FloatArray) -> BoolArray:
     """(N, SIDE, SIDE) the pixel centres inside triangles, (N, 3, 2) px."""
     centre = np.arange(SIDE) + 0.5
-    inside = np.ones((len(corners), SIDE, SIDE), np.bool_)
-    following = np.roll(corners, -1, axis=1)
     (ax, ay), (bx, by), (cx, cy) = np.moveaxis(corners, 0, -1)
     turn = np.copysign(1.0, (bx - ax) * (cy - ay) - (by - ay) * (cx - ax))
-    for corner in range(3):
-        px, py = corners[:, corner].T
-        dx, dy = (following - corners)[:, corner].T
-        # Along x it varies with the column alone, along y with the row alone.
-        rows = turn[:, None] * dx[:, None] * (centre - py[:, None])
-        columns = turn[:, None] * dy[:, None] * (centre - px[:, None])
-        least = EDGE_MARGIN_REL * np.hypot(dx, dy)
-        inside &= rows[:, :, None] - columns[:, None] > least[:, None, None]
-    return inside
+    dx, dy = np.moveaxis(np.roll(corners, -1, axis=1) - corners, -1, 0)
+    # Along x it varies with the column alone, along y with the row alone.
+    rows = (turn[:, None] * dx)[..., None] * (centre - corners[..., 1:])
+    columns = (turn[:, None] * dy)[..., None] * (centre - corners[..., :1])
+    least = EDGE_MARGIN_REL * np.hypot(dx, dy)
+    is_left = rows[..., None] - columns[..., None, :] > least[..., None, None]
+    within: BoolArray = is_left.all(axis=1)
+    return within
 
 
 COULD = {
@@ -424,15 +421,12 @@ def what_is_left(
             network.add(batch)
             nearest.add(batch)
             progress(len(network.pose_ids), n_poses + len(others))
-        return left_by(
-            observer,
-            network_poses,
-            network,
-            nearest.camera,
-            candidates=others,
-            covered=network.covered if covered is None else np.asarray(covered),
-            progress=lambda done, total: progress(n_poses + done, n_poses + total),
-        )
+        mask = network.covered if covered is None else np.asarray(covered)
+
+        def further(done: int, total: int) -> None:
+            progress(n_poses + done, n_poses + total)
+
+        return left_by(observer, network_poses, network, nearest.camera, mask, others, further)
 
 
 def left_by(
@@ -440,9 +434,8 @@ def left_by(
     poses: Poses,
     network: Network,
     nearest: IntArray,
-    *,
-    candidates: Poses,
     covered: NDArray[Any],
+    candidates: Poses,
     progress: Callable[[int, int], None],
     bounds: CandidateBounds | None = None,
 ) -> Leftover:
@@ -474,6 +467,11 @@ def left_by(
         hidden,
         lambda done, _: progress(len(candidates) + done, total),
     )
+    occluder, share = np.full(mesh.n_faces, -1, np.int32), np.zeros(mesh.n_faces)
+    share[hidden] = shares.max(axis=1)
+    occluder[hidden] = np.where(share[hidden] > 0, shares.argmax(axis=1), -1)
+    area = np.zeros((len(mesh.groups), len(mesh.groups)))
+    np.add.at(area, mesh.face_group[hidden], mesh.areas[hidden, None] * shares)
     return Leftover(
         mesh=mesh,
         task=task,
@@ -487,26 +485,10 @@ def left_by(
         sight=frozen(sight.claims(len(candidates))),
         seen_at_least=frozen(sight.low),
         seen_at_most=frozen(sight.high if len(candidates) else np.where(left, 1.0, 0.0)),
-        **_occluders(mesh, hidden, shares),
+        occluder=frozen(occluder),
+        occluder_share=frozen(share),
+        hidden_area=frozen(area),
     )
-
-
-def _occluders(mesh: Mesh, hidden: IntArray, shares: FloatArray) -> dict[str, Any]:
-    """Fields of `Leftover` from the shares of each hidden face that groups hide, (N, G)."""
-    occluder = np.full(mesh.n_faces, -1, np.int32)
-    share = np.zeros(mesh.n_faces)
-    area = np.zeros((len(mesh.groups), len(mesh.groups)))
-    if len(hidden):
-        most = shares.argmax(axis=1)
-        greatest = shares[np.arange(len(hidden)), most]
-        occluder[hidden] = np.where(greatest > 0, most, -1)
-        share[hidden] = greatest
-        np.add.at(area, mesh.face_group[hidden], mesh.areas[hidden, None] * shares)
-    return {
-        "occluder": frozen(occluder),
-        "occluder_share": frozen(share),
-        "hidden_area": frozen(area),
-    }
 
 
 class NearestCameras:

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov.camera.camera import Camera
-from rastercov.coverage.area.points import covering_poses
-from rastercov.coverage.area.regions import Regions
+from rastercov.coverage.area.regions import Regions, covering_poses
 from rastercov.coverage.job import evaluate
 from rastercov.coverage.reasons import REASONS
 from rastercov.coverage.task import Reason, Task

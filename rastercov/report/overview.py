@@ -22,10 +22,9 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.camera.projection import to_camera, view_border
 from rastercov.camera.rig import Cameras, cameras_of
-from rastercov.coverage.area.points import covering_poses, views_at, zones_at
-from rastercov.coverage.area.regions import Regions
-from rastercov.coverage.area.union import Covered
-from rastercov.coverage.area.zones import DeadZones
+from rastercov.coverage.area.regions import Regions, covering_poses
+from rastercov.coverage.area.union import Covered, views_at
+from rastercov.coverage.area.zones import DeadZones, zones_at
 from rastercov.coverage.network import Network
 from rastercov.coverage.reasons import REASONS
 from rastercov.mesh import Mesh

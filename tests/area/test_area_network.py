@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 from exact_views import SEEDS
 from hypothesis import given, settings
+from hypothesis import strategies as st
+from lens_cameras import CAMERAS
 from scenes import joined, square
 from surface_cases import hostile_scene, room
 
@@ -31,16 +33,6 @@ def network_of(mesh, camera, poses, task, step=2, *, closing=True):
 # --- unit of a result -----------------------------------------------------------------------------
 
 
-def test_a_result_is_by_area_unless_a_threshold_or_the_method_is_of_faces():
-    assert unit_of_result(None, rc.Task(), Engine()) == ("area", "")
-    assert unit_of_result("face", rc.Task(), Engine()) == ("face", "")
-    unit, reason = unit_of_result(None, rc.Task(min_pixels=5), Engine())
-    assert unit == "face"
-    assert reason.startswith("min_pixels is of a face; give min_pixels_per_m2")
-    assert unit_of_result(None, rc.Task.thesis(), Engine())[0] == "face"
-    assert unit_of_result(None, rc.Task(), Engine("sampled"))[0] == "face"
-
-
 @pytest.mark.parametrize(
     ("by", "task", "method", "words"),
     [
@@ -52,6 +44,9 @@ def test_a_result_is_by_area_unless_a_threshold_or_the_method_is_of_faces():
 def test_what_cannot_be_by_area_is_refused(by, task, method, words):
     with pytest.raises(ConfigError, match=words):
         unit_of_result(by, task, Engine(method))
+    # Where nothing was chosen, that is the reason of a result by face.
+    unit, reason = unit_of_result(None, task, Engine(method))
+    assert (unit, words in reason) == (("area", False) if by == "faces" else ("face", True))
 
 
 # --- sums -----------------------------------------------------------------------------------------
@@ -105,10 +100,11 @@ def test_groups_may_need_views_of_their_own():
 
 
 @pytest.mark.slow
-@given(seed=SEEDS)
-@settings(max_examples=15)
-def test_an_observer_of_regions_measures_what_an_exact_observer_does(seed):
+@given(seed=SEEDS, lens=st.sampled_from([None, "fisheye"]))
+@settings(max_examples=20)
+def test_an_observer_of_regions_measures_what_an_exact_observer_does(seed, lens):
     mesh, camera, poses = hostile_scene(seed)
+    camera = CAMERAS[lens] if lens else camera
     with rc.open_observer(mesh, camera) as plain:
         expected = plain.observe(poses)
     with RegionObserver(mesh, camera, rc.Task(), Engine()) as observer:

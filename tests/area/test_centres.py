@@ -81,3 +81,11 @@ def test_each_pose_is_judged_by_its_own_camera():
     assert any(len(together.row(row)) != len(other.row(row)) for row in range(4))
     with pytest.raises(rc.PoseError, match="has camera 2, but there are 2"):
         CentrePass(cells, cameras, task).find(rc.Poses.of(poses, camera=2))
+
+
+def test_the_estimate_is_near_the_exact_area():
+    mesh, camera, poses = SCENES["room"]
+    cells = rc.cells(mesh, 0.25)
+    estimate = listed(cells, camera, TASKS[3], poses) @ cells.area
+    exact = rc.regions(mesh, camera, poses, TASKS[3]).areas().sum(axis=1)
+    np.testing.assert_allclose(estimate, exact, atol=0.02 * exact.max())

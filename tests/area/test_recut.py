@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from surface_cases import bisected, building, cut_at_random, room
+from surface_cases import building, cut_at_random, room, turned
 
 import rastercov as rc
 
@@ -31,7 +31,12 @@ def test_another_cut_of_the_same_surface_has_the_same_covered_area(scene, task):
     whole, of_face, bound = shares(mesh, camera, poses, task, 3)
     assert 1 < whole[0] < 99
     size = np.linalg.norm(np.ptp(mesh.bounds, axis=0))
-    cuts = [cut_at_random(mesh, 1, 150), cut_at_random(mesh, 2, 150), bisected(mesh, size / 12)]
+    fine = rc.cells(mesh, size / 12)
+    cuts = [
+        cut_at_random(mesh, 1, 150),
+        cut_at_random(mesh, 2, 150),
+        (fine.elements, fine.source_face),
+    ]
     for other, origin in cuts:
         assert other.n_faces > 2 * mesh.n_faces
         assert np.allclose(np.bincount(origin, other.areas), mesh.areas, rtol=1e-13)
@@ -41,3 +46,16 @@ def test_another_cut_of_the_same_surface_has_the_same_covered_area(scene, task):
         off = 100 * np.abs(together - of_face) / mesh.areas.sum()
         assert off.max() <= POINTS
         assert off.sum() <= 2 * (bound + other_bound) + 1e-9
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [3, 4])
+def test_cuts_rounded_off_the_surface_keep_the_area_within_bounds(seed):
+    mesh, camera, poses = room()
+    there, theirs = turned(mesh, poses)  # points of its edges lie off them by rounding
+    whole, of_face, bound = shares(there, camera, theirs, TASKS[0], 2)
+    other, origin = cut_at_random(there, seed, 150)
+    percent, of_part, other_bound = shares(other, camera, theirs, TASKS[0], 2)
+    assert np.abs(percent - whole).max() <= 1e-3
+    off = np.abs(np.bincount(origin, of_part, minlength=mesh.n_faces) - of_face)
+    assert 100 * off.sum() / mesh.areas.sum() <= 2 * (bound + other_bound) + 1e-6

@@ -9,11 +9,8 @@ from surface_cases import assert_pointwise, room
 from target_scenes import beside, only, sheet_at, some_as_targets
 
 import rastercov as rc
-from rastercov.coverage.area.failures import first_failures
 from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.area.union import with_rest
-from rastercov.coverage.task import Reason
-from rastercov.reference.regions import covers_points, points_on
 
 TASK = rc.Task(max_incidence_deg=80)
 
@@ -31,20 +28,6 @@ def split(seed):
     assume(is_target.any() and not is_target.all())
     mesh = some_as_targets(case.mesh, is_target)
     return mesh, is_target, case.camera, np.asarray(case.pose, float).reshape(-1, 4, 4)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("method", ["certified", "exact"])
-def test_a_sheet_above_a_floor_is_covered_where_the_reference_says(method):
-    assert_pointwise(*room_with_sheet(), TASK, 20_000, method=method)
-
-
-def test_regions_of_the_room_are_those_without_the_sheet():
-    mesh, camera, poses = room_with_sheet()
-    bare = room()[0]
-    found, expected = (rc.regions(each, camera, poses, TASK).areas() for each in (mesh, bare))
-    assert np.array_equal(found[:, : bare.n_faces], expected)
-    assert (found[:, bare.n_faces :] > 0).any()
 
 
 @pytest.mark.slow
@@ -77,16 +60,3 @@ def test_targets_are_scored_by_area_and_have_a_rest():
     assert 50 < found["percent"] < 100
     parts = with_rest(areas.covered)
     assert set(np.flatnonzero(sheet)) <= set(parts.face[parts.views == 0].tolist())
-
-
-def test_a_target_is_no_reason_why_a_point_is_not_covered():
-    """A sheet before a floor hides none of it; without that rule the floor would be occluded."""
-    mesh, camera, poses = room_with_sheet()
-    points, face = points_on(mesh, 3000, 0)
-    truth = covers_points(mesh, camera, poses, TASK, points, face)
-    sheet = np.flatnonzero(mesh.target_mask)
-    for row, (reason, hidden_by) in enumerate(
-        first_failures(mesh, camera, TASK, poses, points, face)
-    ):
-        assert not np.isin(hidden_by, sheet).any()
-        assert np.count_nonzero((reason == Reason.COVERED) != truth[row]) <= 2

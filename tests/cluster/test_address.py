@@ -4,15 +4,16 @@ import pytest
 
 from rastercov.base.errors import ConfigError
 from rastercov.cluster import Workers
-from rastercov.cluster.workers import check_address
+from rastercov.cluster.workers import check_address, risk
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "address", ["tcp://127.0.0.1:8786", "tcp://localhost:1", "tcp://[::1]:8786", "tls://host:8786"]
 )
-def test_loopback_and_tls_are_accepted(address):
+def test_loopback_and_tls_are_accepted_with_a_line_on_the_risk_of_the_first(address):
     check_address(address)
+    assert ("run programs as you" in risk(address)) == address.startswith("tcp:")
 
 
 @pytest.mark.parametrize(

@@ -175,15 +175,6 @@ def files(folder):
     return {path.name: path.read_bytes() for path in shards}
 
 
-def test_an_audit_leaves_out_a_pose_that_kills(tmp_path, a_killer):
-    found = audit(MESH, CAMERA, FEW, by="face", folder=tmp_path, workers=Workers(2))
-    assert dict(found.quarantined) == {POISONED: "was killed by SIGKILL"}
-    others = np.delete(np.arange(len(FEW)), POISONED)
-    alone = audit(MESH, CAMERA, FEW[others], by="face", names=[str(row) for row in others])
-    assert found.names == alone.names
-    np.testing.assert_array_equal(found.lost_m2, alone.lost_m2)
-
-
 def test_a_pose_that_kills_its_worker_is_left_out(tmp_path, a_killer):
     found = evaluated(tmp_path / "m", FEW, by="face", workers=Workers(2))
     assert found["quarantined"] == {str(POISONED): "was killed by SIGKILL"}

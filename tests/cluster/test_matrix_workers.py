@@ -108,9 +108,6 @@ def with_note(tmp_path_factory):
 NOTE, ITS_SUM = "quarantine/shard-1.json", "sha256/shard-1.json.sha256"
 DAMAGE = {
     "cut": lambda folder: (folder / NOTE).write_bytes((folder / NOTE).read_bytes()[:-9]),
-    "empty": lambda folder: (folder / NOTE).write_bytes(b""),
-    "no JSON": lambda folder: (folder / NOTE).write_bytes(b"\xff\x00[["),
-    "other JSON": lambda folder: (folder / NOTE).write_bytes(b"[1, 2]"),
     "another pose": lambda folder: (folder / NOTE).write_bytes(b'{"0": "was killed"}'),
     "missing": lambda folder: (folder / NOTE).unlink(),
     "without a sum": lambda folder: (folder / ITS_SUM).unlink(),

@@ -12,6 +12,7 @@ import time
 from concurrent.futures import CancelledError
 from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from dataclasses import replace
+from types import SimpleNamespace
 
 import cluster_job
 import dask
@@ -145,22 +146,22 @@ def test_tls_without_certificates_is_refused(tmp_path):
         run(job, Watch(), Workers(scheduler="tls://127.0.0.1:9"))
 
 
+SETTINGS = {
+    "DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "0",
+    "DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED": "False",
+}
+
+
 @contextmanager
 def process(*words):
     """A program of Dask that lasts as long as the block, and so do its own processes."""
-    environment = (
-        os.environ
-        | cluster_job.ENVIRONMENT
-        | {
-            "DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "0",
-            "DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED": "False",
-        }
-    )
-    program = [sys.executable, "-m", "dask", *words]
     started = subprocess.Popen(
-        program, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+        [sys.executable, "-m", "dask", *map(str, words), "--host", "127.0.0.1", "--no-dashboard"],
+        env=os.environ | cluster_job.ENVIRONMENT | SETTINGS,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
         start_new_session=True,
-    )  # fmt: skip
+    )
     try:
         yield started
     finally:
@@ -169,15 +170,13 @@ def process(*words):
         started.wait()
 
 
-def scheduler(port, *words):
-    where = "--host", "127.0.0.1", "--port", str(port)
-    return process("scheduler", *words, *where, "--no-dashboard", "--no-show")
+def scheduler(port, protocol="tcp"):
+    return process("scheduler", "--port", port, "--no-show", "--protocol", protocol)
 
 
 def worker(port, folder, protocol="tcp"):
-    address, local = f"{protocol}://127.0.0.1:{port}", str(folder)
-    return process("worker", address, "--host", "127.0.0.1", "--nthreads", "1", "--no-dashboard",
-                   "--memory-limit", "0", "--local-directory", local)  # fmt: skip
+    own = "--nthreads", 1, "--memory-limit", 0, "--local-directory", folder
+    return process("worker", f"{protocol}://127.0.0.1:{port}", *own)
 
 
 @pytest.fixture
@@ -223,40 +222,6 @@ def test_a_full_disk_names_the_file_that_was_written(tmp_path, monkeypatch, call
     assert not [path for path in tmp_path.rglob("*") if path.is_file()]
 
 
-AUTHORITY = "req -x509 -newkey rsa:2048 -nodes -keyout ca.key -out ca.pem -days 2 -subj /CN=own"
-REQUEST = "req -newkey rsa:2048 -nodes -keyout key.pem -out request.pem -subj /CN=cluster"
-SIGN = "x509 -req -in request.pem -CA ca.pem -CAkey ca.key -CAcreateserial -out cert.pem -days 2"
-
-
-@pytest.fixture
-def certificates(tmp_path, monkeypatch):
-    """Dask's configuration of TLS, as docs/scale.md has it, of this process and those it starts."""
-    if shutil.which("openssl") is None:
-        pytest.skip("no openssl")
-    for line in (AUTHORITY, REQUEST, SIGN):
-        subprocess.run(["openssl", *line.split()], cwd=tmp_path, check=True, capture_output=True)
-    pair = {"cert": str(tmp_path / "cert.pem"), "key": str(tmp_path / "key.pem")}
-    tls = {"ca-file": str(tmp_path / "ca.pem"), "scheduler": pair, "worker": pair, "client": pair}
-    comm = {"require-encryption": True, "tls": tls}
-    (tmp_path / "dask").mkdir()
-    (tmp_path / "dask/tls.yaml").write_text(json.dumps({"distributed": {"comm": comm}}))
-    monkeypatch.setenv("DASK_CONFIG", str(tmp_path / "dask"))
-    own = {"ca-file": tls["ca-file"], "client.cert": pair["cert"], "client.key": pair["key"]}
-    with dask.config.set({f"distributed.comm.tls.{name}": path for name, path in own.items()}):
-        yield
-
-
-def test_a_scheduler_with_certificates_is_used_without_a_line_on_its_risk(
-    tmp_path, port, certificates
-):
-    job = cluster_job.prepared(tmp_path / "job", 4)
-    watch = Watch()
-    with scheduler(port, "--protocol", "tls"), worker(port, tmp_path / "w", "tls"):
-        run(job, watch, Workers(scheduler=f"tls://127.0.0.1:{port}"))
-    assert watch.numbers == list(range(4))
-    assert not [line for line in watch.lines if "run programs as you" in line]
-
-
 def test_an_open_scheduler_is_used_with_one_line_on_its_risk(tmp_path, port):
     job = cluster_job.prepared(tmp_path / "job", 4)
     watch = Watch()
@@ -297,38 +262,33 @@ def test_a_shard_whose_report_was_lost_is_counted_once(tmp_path, monkeypatch):
     ]
 
 
+class Client:
+    """Scheduler that makes each shard at once, and loses the first result."""
+
+    status, is_lost = "running", False
+
+    def nthreads(self):
+        return {"own": 1}
+
+    def submit(self, function, *arguments, pure):
+        self.made = function(*arguments)
+        future = SimpleNamespace(status="finished", result=self.result)
+        future.add_done_callback = lambda call: call(future)
+        return future
+
+    def result(self):
+        if not self.is_lost:
+            self.is_lost = True
+            raise CancelledError
+        return self.made
+
+
 def test_a_result_that_a_lost_scheduler_did_not_send_is_asked_for_again(tmp_path, monkeypatch):
-    job = cluster_job.prepared(tmp_path / "job", 3)
-    lost = []
-
-    class Client:
-        status = "running"
-
-        def nthreads(self):
-            return {"own": 1}
-
-        def submit(self, function, *arguments, pure):
-            return Finished(function(*arguments))
-
-    class Finished:
-        status = "finished"
-
-        def __init__(self, made):
-            self.made = made
-
-        def add_done_callback(self, call):
-            call(self)
-
-        def result(self):
-            if not lost:
-                lost.append(self.made)
-                raise CancelledError
-            return self.made
-
-    monkeypatch.setattr(NoWorkers, "pool", lambda self: nullcontext(OfScheduler(Client())))
+    client = Client()
+    monkeypatch.setattr(NoWorkers, "pool", lambda self: nullcontext(OfScheduler(client)))
     watch = Watch()
-    run(job, watch, NoWorkers())
-    assert watch.numbers == list(range(3))
+    run(cluster_job.prepared(tmp_path / "job", 1), watch, NoWorkers())
+    assert watch.numbers == [0]
     assert [line for line in watch.lines if "the scheduler is lost" in line]
 
 
@@ -364,3 +324,37 @@ def test_an_error_of_one_process_is_that_of_the_run(tmp_path):
     with pytest.raises(ConfigError, match="shard 5 is not to be had"):
         run(job, Watch())
     assert job.missing()
+
+
+AUTHORITY = "req -x509 -newkey rsa:2048 -nodes -keyout ca.key -out ca.pem -days 2 -subj /CN=own"
+REQUEST = "req -newkey rsa:2048 -nodes -keyout key.pem -out request.pem -subj /CN=cluster"
+SIGN = "x509 -req -in request.pem -CA ca.pem -CAkey ca.key -CAcreateserial -out cert.pem -days 2"
+
+
+@pytest.fixture
+def certificates(tmp_path, monkeypatch):
+    """Dask's configuration of TLS, as docs/scale.md has it, of this process and those it starts."""
+    if shutil.which("openssl") is None:
+        pytest.skip("no openssl")
+    for line in (AUTHORITY, REQUEST, SIGN):
+        subprocess.run(["openssl", *line.split()], cwd=tmp_path, check=True, capture_output=True)
+    pair = {"cert": str(tmp_path / "cert.pem"), "key": str(tmp_path / "key.pem")}
+    tls = {"ca-file": str(tmp_path / "ca.pem"), "scheduler": pair, "worker": pair, "client": pair}
+    comm = {"require-encryption": True, "tls": tls}
+    (tmp_path / "dask").mkdir()
+    (tmp_path / "dask/tls.yaml").write_text(json.dumps({"distributed": {"comm": comm}}))
+    monkeypatch.setenv("DASK_CONFIG", str(tmp_path / "dask"))
+    own = {"ca-file": tls["ca-file"], "client.cert": pair["cert"], "client.key": pair["key"]}
+    with dask.config.set({f"distributed.comm.tls.{name}": path for name, path in own.items()}):
+        yield
+
+
+def test_a_scheduler_with_certificates_is_used_without_a_line_on_its_risk(
+    tmp_path, port, certificates
+):
+    job = cluster_job.prepared(tmp_path / "job", 4)
+    watch = Watch()
+    with scheduler(port, "tls"), worker(port, tmp_path / "w", "tls"):
+        run(job, watch, Workers(scheduler=f"tls://127.0.0.1:{port}"))
+    assert watch.numbers == list(range(4))
+    assert not [line for line in watch.lines if "run programs as you" in line]

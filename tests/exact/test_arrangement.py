@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from exact_cases import AHEAD, t_junctions, window
+from exact_cases import AHEAD, window
 from exact_views import SEEDS, assert_agree, assert_within_bounds, look, soup
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -24,23 +24,6 @@ def test_edges_behind_a_wall_cross_nothing():
     assert view.n_events > 100
     assert not (marked & ~in_contact).any()
     assert view.visible[wall.n_faces :].max() == 0
-
-
-def test_an_edge_that_a_wall_hides_in_part_crosses_where_it_is_seen():
-    """
-    +------+-----+         one bar before two tiles, a wall before the left half of the bar:
-    |  left|right|         the left tile is hidden, the right one is crossed by the bar
-    | ##===+===  |
-    +------+-----+
-    """
-    left, right = sheet((-4, -2), (-0.1, 2), 4.0), sheet((0.1, -2), (4, 2), 4.0)
-    bar, wall = sheet((-2, -0.2), (2, 0.2), 3.0), sheet((-5, -5), (0, 5), 2.0)
-    view = look(joined(left, right, bar, wall), window(), AHEAD)
-    crossed = view.state & CROSSED != 0
-    assert crossed[:2].tolist() == [False, False]
-    assert crossed[2:4].any()
-    assert view.visible[:2].max() == 0
-    assert (view.visible[2:4] > 0).any()
 
 
 def test_neighbours_that_abut_are_divided_although_they_touch():
@@ -110,23 +93,6 @@ def test_a_sheet_that_passes_through_a_face_by_a_sliver_hides_its_part(width, ti
     hidden = 2500 - view.visible[:2].sum()
     assert hidden == pytest.approx(1250, abs=5e3 * abs(width) + 1e-9)
     assert_within_bounds(mesh, window(), AHEAD)
-
-
-@pytest.mark.slow
-@given(seed=SEEDS)
-@settings(max_examples=15)
-def test_partners_are_the_faces_that_touch(seed):
-    mesh = t_junctions(np.random.default_rng(seed))[0]
-    tolerance = contacts.CONTACT * mesh.contacts.diagonal
-    touching = mesh.contacts.faces_for(0.0)
-    starts, faces = mesh.contacts.partners_for(0.0)
-    counts = np.diff(starts)
-    assert np.array_equal(counts > 0, touching)
-    for f in np.flatnonzero(touching)[:6]:
-        for m in faces[starts[f] : starts[f + 1]]:
-            pair = mesh.faces[[f, m]]
-            assert contacts.touching_faces(mesh.vertices, pair, 1.1 * tolerance).all()
-            assert f in faces[starts[m] : starts[m + 1]]
 
 
 def test_a_face_with_too_many_partners_lists_none(monkeypatch):

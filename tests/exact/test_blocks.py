@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from exact_cases import grid
-from exact_views import SEEDS, assert_agree, look, regions_of, see_again, soup
+from exact_views import SEEDS, look, regions_of, see_again, soup
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from nightly import examples
@@ -13,8 +13,7 @@ from scenes import joined
 
 from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import look_at
-from rastercov.exact import surface as blocks_module
-from rastercov.exact.certificate import THIN_TOLERANCE_REL, CertificateSolver
+from rastercov.exact.certificate import CertificateSolver
 from rastercov.exact.surface import surface_of
 from rastercov.kernels.exact_records import (
     BLOCK,
@@ -27,7 +26,7 @@ from rastercov.kernels.exact_records import (
     V_MAX,
     V_MIN,
 )
-from rastercov.kernels.exact_setup import NARROW_FACTOR, UNIT_ROUNDING, lay_boxes
+from rastercov.kernels.exact_setup import lay_boxes
 from rastercov.mesh import Mesh, shapes
 
 CAMERA = Camera(width=320, height=240, fx=300, fy=300)
@@ -141,30 +140,3 @@ def test_most_blocks_of_a_fine_mesh_are_decided_together():
         state, side = view.projected.block_state, view.projected.block_side
         assert ((state == LIVE) & (side != MIXED)).mean() > 0.3
         assert view.n_regions < 10
-
-
-@pytest.mark.slow
-@given(seed=SEEDS)
-@examples(4, at_night=10)
-def test_the_order_of_the_faces_does_not_matter(seed):
-    rng = np.random.default_rng(seed)
-    mesh = scene(rng)
-    order = rng.permutation(mesh.n_faces)
-    other = Mesh(mesh.vertices, mesh.faces[order])
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(blocks_module, "LEAST_FACES", 1)
-        rows = surface_of(other).place
-    pose = view_of(mesh, rng)
-    view, of_other = look(mesh, CAMERA, pose), assert_agree(other, CAMERA, pose)
-    assert np.array_equal(view.area[order], of_other.area[rows])
-    off = np.abs(view.visible[order] - of_other.visible[rows])
-    assert (off <= view.area_error[order] + of_other.area_error[rows] + 1e-12).all()
-
-
-def test_a_mesh_in_local_order_keeps_it(monkeypatch):
-    monkeypatch.setattr(blocks_module, "LEAST_FACES", 1)
-    assert surface_of(shapes.torus(40, 20)).place is None
-
-
-def test_what_is_too_thin_to_be_certified_is_measured_by_itself():
-    assert NARROW_FACTOR * UNIT_ROUNDING > 2 * THIN_TOLERANCE_REL

@@ -10,41 +10,11 @@ from scenes import joined, square
 
 import rastercov as rc
 from rastercov.camera.viewpoints import look_at
-from rastercov.exact.certificate import CertificateSolver
 from rastercov.exact.half_planes import HalfPlaneSolver
-from rastercov.kernels.exact_records import DOUBTFUL
 from rastercov.mesh import Mesh, shapes
-from rastercov.raster.observation import BoundKind
 from rastercov.reference import rational
 
 CAMERA = rc.Camera(width=640, height=512, fx=400, fy=400)
-
-
-def turned(rng):
-    """Rotation drawn at random."""
-    rotation = np.linalg.qr(rng.normal(size=(3, 3)))[0]
-    return rotation * np.sign(np.linalg.det(rotation))
-
-
-def pose_at(eye, rotation):
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = rotation, eye
-    return pose
-
-
-@pytest.mark.slow
-def test_certified_and_exact_agree_from_the_middle_of_a_face_of_a_torus():
-    mesh, rng = shapes.torus(), np.random.default_rng(0)
-    poses = []
-    for _ in range(33):  # two of them were wrong by 1.0, on 468 and 137 faces
-        face, rotation = rng.integers(mesh.n_faces), turned(rng)
-        poses.append(pose_at(mesh.centroids[face], rotation))
-    certified, exact = (
-        rc.visibility(mesh, CAMERA, np.array(poses), method) for method in ("certified", "exact")
-    )
-    assert (certified.kind == BoundKind.CERTIFIED).sum() > 1000
-    apart = np.abs(certified.value - exact.value)
-    assert (apart <= certified.bound + exact.bound + 1e-9).all()
 
 
 @pytest.mark.slow
@@ -111,15 +81,6 @@ def test_a_camera_on_the_outside_of_a_solid_looks_through_the_face_it_is_on(heig
 # --- faces that rounding decides over -------------------------------------------------------------
 
 
-def test_every_edge_of_a_face_that_holds_the_camera_may_change_visibility():
-    mesh = joined(box((-1, -1, 0), (1, 1, 2)), square(3, 5))
-    for eye in ((0.25, 0.25, 0), (1, 0.5, 0), (1, 1, 0)):  # on a face, an edge, a vertex
-        view = look(mesh, CAMERA, pose_at(eye, np.eye(3)), CertificateSolver)
-        holding = np.flatnonzero(view.state & DOUBTFUL)
-        assert len(holding) >= 1
-        assert view._is_event[view.surface.edges.of_face[holding]].all()
-
-
 def test_a_face_whose_image_rounds_to_nothing_stands_in_the_bounds_of_those_behind_it():
     behind = square(1, 4)
     alone = look(behind, window(), AHEAD, HalfPlaneSolver)
@@ -133,10 +94,15 @@ def test_a_face_whose_image_rounds_to_nothing_stands_in_the_bounds_of_those_behi
 
 
 @on_both_paths
-def test_culled_faces_have_the_area_that_they_would_have_alone(path):
-    mesh = shapes.torus(12, 8)
-    pose = rc.sphere_of_poses((0, 0, 0), 3, 5)[2]
-    whole, culled = (look(mesh, CAMERA, pose, path, front_only=cull) for cull in (False, True))
-    assert np.array_equal(whole.area, culled.area)
-    assert (culled.area_error[(culled.state == 0) & (culled.area > 0)] > 0).all()
-    assert np.array_equal(culled.visible > 0, whole.visible > 0)
+@pytest.mark.parametrize("name", ["aeroplane", "torus", "sphere"])
+def test_culling_of_a_closed_mesh_changes_no_figure(path, name):
+    mesh = shapes.by_name(name)
+    size = float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
+    for pose in rc.sphere_of_poses(mesh.bounds.mean(axis=0), 1.1 * size, 4):
+        whole, culled = (look(mesh, CAMERA, pose, path, front_only=cull) for cull in (False, True))
+        assert np.array_equal(whole.area, culled.area)
+        assert (culled.area_error[(culled.state == 0) & (culled.area > 0)] > 0).all()
+        # Of a back face next to the outline rounding may leave a trace.
+        assert np.abs(culled.visible - whole.visible).max() <= 1e-9
+        sure = whole.is_certified & culled.is_certified
+        assert np.array_equal(culled.visible[sure], whole.visible[sure])

@@ -5,7 +5,7 @@ import re
 
 import numpy as np
 import pytest
-from mesh_files import POINTS, TEXT, VALID, Glb
+from mesh_files import POINTS, TEXT, VALID, Glb, places
 from repeated_parts import (
     HERE,
     TRIANGLES,
@@ -62,15 +62,6 @@ def test_a_wrong_word_of_a_text_is_refused_noted_or_of_no_matter(name, load):
 
 
 WRONG = (..., None, -1, 1.5, True, "x", "1", [], {}, [7], {"x": 1}, [[1]], 10**30, 10**400, 99)
-
-
-def places(value, path=()):
-    """Paths of all values of JSON."""
-    items = enumerate(value) if isinstance(value, list) else value.items()
-    for key, inner in items:
-        yield (*path, key)
-        if isinstance(inner, dict | list):
-            yield from places(inner, (*path, key))
 
 
 def full_scene():

@@ -45,24 +45,17 @@ def add_targets(glb):
 
 
 @pytest.mark.parametrize("owner", ["mesh", "node", "both"])
-def test_morph_weights_move_the_points(owner, glb, load):
+def test_morph_weights_move_the_points_of_each_node(owner, glb, load):
     add_targets(glb)
-    weights = [0.5, 0.0, -2.0]
+    rows = np.array([[0.5, 0, -2], [0, 1, 0]])
     if owner != "node":
-        glb.header["meshes"][0]["weights"] = weights if owner == "mesh" else [1.0, 1.0, 1.0]
-    if owner != "mesh":
-        glb.node["weights"] = weights
-    expected = POINTS + np.einsum("i,ijk->jk", weights, DELTAS)
-    np.testing.assert_allclose(triangles(load(glb)), expected[FACES], rtol=0, atol=1e-12)
-
-
-def test_nodes_of_one_mesh_have_weights_of_their_own(glb, load):
-    add_targets(glb)
-    glb.nodes(*({"mesh": 0, "weights": [0, i, 0]} for i in range(3)))
-    mesh = load(glb)
-    for i in range(3):
-        expected = (POINTS + i * DELTAS[1])[FACES]
-        np.testing.assert_allclose(triangles(mesh)[4 * i : 4 * i + 4], expected, atol=1e-12)
+        rows[1:] = rows[0] if owner == "mesh" else rows[1]
+        glb.header["meshes"][0]["weights"] = rows[1].tolist()
+    own = [{} if owner == "mesh" else {"weights": row} for row in rows.tolist()]
+    glb.nodes(*({"mesh": 0, **weights} for weights in own))
+    moved = POINTS + np.einsum("ni,ijk->njk", rows, DELTAS)
+    expected = moved[:, FACES].reshape(-1, 3, 3)
+    np.testing.assert_allclose(triangles(load(glb)), expected, rtol=0, atol=1e-12)
 
 
 def test_targets_without_weights_or_positions_leave_the_base_shape(glb, load):
@@ -114,13 +107,6 @@ def test_quaternions_near_length_one_rotate_without_scaling(length, glb, load):
     np.testing.assert_allclose(triangles(load(glb)), expected, atol=1e-12)
 
 
-@pytest.mark.parametrize("text", [b"NaN", b"Infinity", b"-Infinity"])
-def test_json_without_numbers_is_refused(text, glb, load):
-    glb.node["translation"] = [0, 0, 123456789]
-    with pytest.raises(MeshError, match="no readable JSON chunk"):
-        load(glb.data().replace(b"123456789", text.rjust(9)))
-
-
 def test_a_matrix_may_have_the_same_transform_beside_it(glb, load):
     glb.node.update(matrix=np.diag([2, 2, 2, 1.0]).ravel().tolist(), scale=[2, 2, 2])
     for scale in ([2, 2, 2], [1, 1, 1]):
@@ -143,13 +129,6 @@ def test_nodes_are_groups_with_the_transforms_of_their_parents(glb, load):
     for faces, points in ((slice(4), moved), (slice(4, 8), stretched)):
         expected = 2 * points @ turn.T + [10, 0, 0]
         np.testing.assert_allclose(triangles(mesh)[faces], expected[FACES], atol=1e-12)
-
-
-def test_mirrored_nodes_still_face_outwards(glb, load):
-    glb.node["scale"] = [-1, 1, 1]
-    mesh = load(glb)
-    assert mesh.can_cull_back_faces
-    np.testing.assert_array_equal(triangles(mesh), (POINTS * [-1, 1, 1])[FACES[:, [0, 2, 1]]])
 
 
 def test_scene_is_the_default_one_and_roots_are_found_without(glb, load):
@@ -211,24 +190,14 @@ def test_instances_with_one_attribute_or_packed_rotations_are_read(glb, load):
 # ---- what is missing or left out
 
 
-def test_extensions_and_versions_that_are_not_read_are_refused(load):
-    for name in ("KHR_draco_mesh_compression", "EXT_meshopt_compression", "X"):
-        with pytest.raises(MeshError, match=r"\['.*'\] are required, not supported"):
-            load(Glb().put(("extensionsRequired",), [name]))
-    for asset in ({"version": "1.0"}, {"version": "3.0"}, {"version": "2.0", "minVersion": "2.1"}):
-        with pytest.raises(MeshError, match=r"glTF 2\.0 wanted"):
-            load(Glb().put(("asset",), asset))
-
-
 PLACES = [
     (("accessors", 0, "count"), 5, "promises 5 elements of 12 bytes"),
-    # Normalised indices were scaled to 0 or 1, and every face lay at the first vertices.
-    (("accessors", 1, "normalized"), True, "accessor 1: 'normalized' is for whole"),
-    (("accessors", 1, "count"), 11, "triangles need 3 corners each, got 11"),
-    (("bufferViews", 0, "byteStride"), 1, "12 bytes every 1"),
-    (("meshes", 0, "primitives", 0, "mode"), 7, "a mode from 0 to 6 wanted"),
     (("nodes", 0, "children"), [0], "node 0 has two parents"),
     (("nodes", 0, "translation"), [1e300, 0, 0], "coordinates must be finite"),
+    *((("extensionsRequired",), [name], r"\['.*'\] are required, not supported")
+      for name in ("KHR_draco_mesh_compression", "EXT_meshopt_compression", "X")),
+    *((("asset",), asset, r"glTF 2\.0 wanted")
+      for asset in ({"version": "1.0"}, {"version": "3.0"}, {"minVersion": "2.1"})),
     *((("nodes", 0, "rotation"), [0, 0, 0.6 * length, 0.8 * length], "a quaternion of length 1")
       for length in (0, 0.98, 1.02, 1e200)),
 ]  # fmt: skip
@@ -261,7 +230,7 @@ def corners(mode, n):
 
 MATRIX = np.diag([2, 2, 2, 1.0]).ravel().tolist()
 CHANGES = [
-    *((weights(w), "") for w in ([1.0], [1, 2, 3, 4], [1, 2, "3"], [1, 2, 1e999], "123", [[1]])),
+    *((weights(w), "") for w in ([1.0], [1, 2, 3, 4], [1, 2, 1e999])),
     (lambda g: (g.primitive.update(targets=[{"POSITION": g.accessor(DELTAS[0][:3])}]),
                 g.node.update(weights=[1.0])), "moves 3 points, the mesh has 4"),
     *((lambda g, case=case: sparse(g, *case), "") for case in (
@@ -297,6 +266,7 @@ CHUNK = b"glTF" + struct.pack("<I", 2)
     [
         (glb_bytes({})[:4] + b"\1" + glb_bytes({})[5:], "version 2 wanted, got 1"),
         (b"glTG" + glb_bytes({})[4:], "begins with 'glTF'"),
+        *((glb_bytes({"a": bad}), "no readable JSON chunk") for bad in (np.nan, np.inf, -np.inf)),
         (CHUNK + struct.pack("<III", 24, 4, 0x4E4F534A) + b"{[}]", "no readable JSON"),
         (CHUNK + struct.pack("<III", 24, 4, 0x4E4F534A) + b"null", "must be an object"),
         (CHUNK + struct.pack("<III", 24, 99, 0x4E4F534A) + b"null", "promises 99 bytes"),
@@ -425,35 +395,35 @@ def test_instances_do_not_multiply_a_short_file_unasked(load):
     assert load(glb, memory_budget=1 << 30).n_faces == 200 * n
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("what", ["nodes", "primitives", "targets", "points"])
-def test_shared_data_is_counted_before_it_is_read(what, load):
-    n = 4000
-    glb = Glb(np.random.default_rng(0).normal(size=(3000, 3)), np.arange(3000))
+N_SHARED = 4000
+
+
+def shared_points(glb):
+    """Accessors of one view, each for a primitive of one triangle."""
+    few, accessors = glb.accessor([0, 1, 2], "<u2"), glb.header["accessors"]
+    at = range(len(accessors), len(accessors) + N_SHARED)
+    accessors.extend([accessors[0]] * N_SHARED)
     primitives = glb.header["meshes"][0]["primitives"]
-    if what == "nodes":
-        glb.nodes(*[{"mesh": 0}] * n)
-    elif what == "primitives":
-        primitives *= n
-    elif what == "targets":
-        glb.primitive["targets"] = [{"POSITION": 0}] * n
-        glb.node["weights"] = [1.0] * n
-    else:
-        few = glb.accessor([0, 1, 2], "<u2")
-        for _ in range(n):
-            glb.header["accessors"].append(dict(glb.header["accessors"][0]))
-            position = {"POSITION": len(glb.header["accessors"]) - 1}
-            primitives.append({"attributes": position, "indices": few})
+    primitives.extend({"attributes": {"POSITION": index}, "indices": few} for index in at)
+
+
+def shared_targets(glb):
+    glb.primitive["targets"] = [{"POSITION": 0}] * N_SHARED
+    glb.node["weights"] = [1.0] * N_SHARED
+
+
+SHARED = [
+    lambda glb: glb.nodes(*[{"mesh": 0}] * N_SHARED),
+    lambda glb: glb.header["meshes"][0].update(primitives=[glb.primitive] * N_SHARED),
+    shared_targets,
+    shared_points,
+]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("change", SHARED)
+def test_shared_data_is_counted_before_it_is_read(change, load):
+    glb = Glb(np.random.default_rng(0).normal(size=(3000, 3)), np.arange(3000))
+    change(glb)
     with pytest.raises(ResourceError, match="need about"):
         load(glb)
-
-
-@pytest.mark.slow
-def test_meshes_without_triangles_cost_nothing_a_node(glb, load):
-    """Nodes times primitives would be 10^8 steps: minutes."""
-    n = 10_000
-    glb.header["meshes"].append({"primitives": [{**glb.primitive, "mode": 0}] * n})
-    glb.nodes({"mesh": 0}, *[{"mesh": 1}] * n)
-    mesh = load(glb)
-    assert mesh.n_faces == 4
-    assert "10000 primitives of points or lines were not read" in mesh.notes[0]

@@ -107,16 +107,9 @@ def test_every_cad_face_is_a_group(load):
 @pytest.mark.slow
 @pytest.mark.usefixtures("_cascadio")
 @pytest.mark.parametrize("data", [b"hello", b"ISO-10303-21;\n", crate()[:1500], HEADER.encode()])
-def test_what_is_no_step_file_is_refused_in_one_line(data, load):
+def test_what_is_no_step_file_is_refused_in_one_line_and_no_other_is_printed(data, load, capfd):
     with pytest.raises(MeshError, match=r"^[^\n]*a\.step: [^\n]*$"):
         load("a.step", data)
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("_cascadio")
-def test_no_line_of_the_converter_reaches_the_terminal(load, capfd):
-    with pytest.raises(MeshError, match=r"cannot read the STEP file \(.*ERR"):
-        load("a.step", b"hello")
     assert capfd.readouterr() == ("", "")
 
 

@@ -11,15 +11,6 @@ BOX, SHEET = shapes.box(), sheet_at((-2, -2), (2, 2), 1.5)
 SCENE = beside(BOX, SHEET)
 
 
-def test_a_target_is_scored_and_has_its_role():
-    assert [group.role for group in SCENE.groups] == ["task", "target"]
-    assert Group("jig", is_occluder=True).role == "occluder"
-    assert SCENE.task_mask.all()
-    assert SCENE.target_mask.tolist() == 12 * [False] + 2 * [True]
-    assert SCENE.has_targets
-    assert not BOX.has_targets
-
-
 def test_no_group_is_both_occluder_and_target():
     with pytest.raises(MeshError, match="'jig' must have one role"):
         Group("jig", is_occluder=True, is_target=True)

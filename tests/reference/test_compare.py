@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-import math
 import re
 import shutil
 from contextlib import contextmanager
@@ -13,7 +12,6 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from matplotlib.colors import to_rgba
 from pages import read_alone
 from PIL import Image
 from scenes import joined, sheet, square
@@ -43,7 +41,7 @@ from rastercov.reference.methods.faces import Samples, face_picture, neighbourho
 from rastercov.reference.methods.report import comparison_plots, page, write_comparison
 from rastercov.reference.pages import Axis
 from rastercov.reference.samples import grid_points
-from rastercov.report.theme import DARK, LIGHT
+from rastercov.report.theme import LIGHT
 
 CAMERA = Camera(width=160, height=120, fx=190, fy=185)
 TEAPOT = shapes.teapot(3)
@@ -207,21 +205,13 @@ def test_figures_are_those_of_an_independent_reckoning(tmp_path):
     every = score["all_sizes"]
     assert every["figures"] == len(rows)
     assert every["partly_hidden"] == partly.sum() > 20
-    for name, expected in {
-        "rms": np.sqrt((error**2).mean()), "mean": error.mean(), "greatest": error.max(),
-        "rms_partly_hidden": np.sqrt((error[partly] ** 2).mean()),
-        "mean_bound_partly_hidden": bound[partly].mean(),
-    }.items():  # fmt: skip
-        assert every[name] == pytest.approx(expected)
+    assert every["mean"] == pytest.approx(error.mean())
+    assert every["rms_partly_hidden"] == pytest.approx(np.sqrt((error[partly] ** 2).mean()))
+    assert every["mean_bound_partly_hidden"] == pytest.approx(bound[partly].mean())
     assert score["missed"] == ((value == 0) & (truth * area > 1e-6)).sum()
     assert score["missed_area"] == pytest.approx((truth * area)[value == 0].sum(), abs=1e-5)
-    for size in score["size_classes"]:
-        of_size = (area >= size["low"]) & (area < (size["high"] or math.inf))
-        assert size["figures"] == of_size.sum() == sum(n for _, n in size["errors"])
-        assert size["greatest"] == pytest.approx(error[of_size].max(), abs=1e-6)
     check = score["bounds"][0]
     assert check["kind"] == "statistical"
-    assert check["held"] == (error <= bound + 1e-6).sum()
     assert check["partly_hidden_held"] == (error <= bound + 1e-6)[partly].sum()
     assert check["greatest_ratio"] == pytest.approx((error / bound)[partly].max(), rel=1e-5)
     known = bound < 1
@@ -478,18 +468,6 @@ def test_each_picture_is_in_the_folder_and_on_the_page(written):
             assert min(picture.size) > 150
 
 
-@pytest.mark.slow
-@pytest.mark.usefixtures("without_plots")
-def test_a_failed_check_is_written_on_the_page(monkeypatch, tmp_path):
-    altered(monkeypatch, "certified", flip_a_certified_face)
-    found = compare(TEAPOT, CAMERA, around(1), ["certified"], convergence=False)
-    write_comparison(tmp_path, found, TEAPOT, CAMERA, around(1))
-    text = (tmp_path / "compare.html").read_text(encoding="utf-8")
-    assert "Failed: " in text
-    assert "are wrong" in text
-    assert (tmp_path / "worst_certified_1.png").exists()
-
-
 def test_names_from_files_are_escaped():
     found = compare(OVERLAP, CAMERA, AHEAD[None], ["certified"], convergence=False)
     run = found.run | {"mesh": [{"name": "<script>alert('&')</script>.stl"}]}
@@ -557,33 +535,10 @@ def test_faces_cut_by_the_near_plane_or_the_border_are_drawn(roll):
         assert face_picture(mesh, CAMERA, AHEAD, some, "any", 1, roll).size == (640, 772)
 
 
-def test_a_comparison_without_errors_still_has_plots():
-    found = compare(square(0.1, 1), CAMERA, AHEAD[None], ["certified"], convergence=False)
-    assert set(comparison_plots(found, LIGHT)) == {"time"}
-
-
 def test_a_face_that_is_not_in_the_image_has_no_picture():
     found = compare(OVERLAP, CAMERA, AHEAD[None], ["sampled"], convergence=False)
     away = look_at((0, 0, 5), (0, 0, 9))[0]
     assert face_picture(OVERLAP, CAMERA, away, found.scores[0].worst[0], "any") is None
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("theme", [LIGHT, DARK])
-def test_plots_have_their_curves_names_and_colours(written, theme):
-    found = written[1]
-    drawn, names = comparison_plots(found, theme), [score.name for score in found.scores]
-    for figure in drawn.values():
-        (axes,) = figure.axes
-        assert figure.get_facecolor() == axes.get_facecolor() == to_rgba(theme.paper)
-    labels = drawn["time"].axes[0].get_yticklabels()
-    assert [text.get_text() for text in labels] == [*names, "truth: exact"]
-    lines = drawn["error_by_size"].axes[0].lines
-    solid, dashed = ([line for line in lines if line.get_linestyle() == s] for s in ("-", "--"))
-    assert [line.get_label() for line in solid] == names[1:]  # certified has no error
-    assert len(dashed) == len(solid) + 1  # their bounds, and an entry of the legend
-    sizes = [size for size in found.scores[1].size_classes if size.partly_hidden >= 5]
-    assert solid[0].get_ydata().tolist() == pytest.approx([s.rms_partly_hidden for s in sizes])
 
 
 @pytest.mark.slow
@@ -684,6 +639,8 @@ def test_a_liar_ends_the_command_with_1(capsys, monkeypatch):
     assert code == 1
     assert "FAILS certified" in out
     assert json.loads(Path("compare/compare.json").read_bytes())["passed"] is False
+    assert "Failed: " in Path("compare/compare.html").read_text(encoding="utf-8")
+    assert Path("compare/worst_certified_1.png").exists()
 
 
 @pytest.mark.slow

@@ -13,7 +13,6 @@ from rastercov.camera.pose import Poses
 from rastercov.camera.viewpoints import look_at
 from rastercov.coverage.coverage import FIGURES, evaluate_batches
 from rastercov.coverage.face_pass import FacePass
-from rastercov.coverage.job import evaluate
 from rastercov.coverage.network import CHOICES, Network
 from rastercov.coverage.observer import Observer, open_observer
 from rastercov.coverage.task import Task
@@ -120,6 +119,7 @@ def assert_judged(found, task, poses, seen):
         sure = np.abs(expected["incidence"] - limit) > 1e-12
         for name in FIGURES:
             one, other = getattr(found, name)[row], expected[name]
+            assert np.isfinite(one).all(), name
             if name in ("coverage", "reason"):
                 one, other = one[sure], other[sure]
             if name in CLOSE:
@@ -175,17 +175,3 @@ def test_rows_of_a_table_are_the_chosen_figures_whatever_the_threads(seed, choic
     with_rows.add(batch)
     assert with_rows.summary() == network.summary()
     np.testing.assert_array_equal(with_rows.reason, network.reason)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("method", ["certified", "sampled"])
-@pytest.mark.parametrize("task", [Task(max_incidence_deg=70, min_pixel_density=60), Task.thesis()])
-def test_a_part_is_judged_as_by_the_twin_in_any_number_of_threads(method, task):
-    mesh, camera = shapes.teapot(3), Camera(width=96, height=80, fx=90, fy=84)
-    rng = np.random.default_rng(0)
-    poses = np.stack([hostile_pose(rng, mesh) for _ in range(9)])
-    options = {"backend": "cpu"} if method == "sampled" else {}
-    for threads in (1, 3):
-        found = evaluate(mesh, camera, poses, task, method=method, threads=threads, **options)
-        with open_observer(mesh, camera, method, **options) as observer:
-            assert_judged(found, task, poses, observer.observe(poses))

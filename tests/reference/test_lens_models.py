@@ -31,10 +31,6 @@ def rng():
     return np.random.default_rng(11)
 
 
-def test_three_models_take_any_lens():
-    assert sorted(ANY_LENS) == ["image_space", "mavrinac", "scott"]
-
-
 @pytest.mark.parametrize("name", sorted(set(MODELS) - set(ANY_LENS)))
 def test_the_others_refuse_in_one_line_with_the_reason(name):
     mesh, because = shapes.torus(8, 6), MODELS[name].pinhole_because

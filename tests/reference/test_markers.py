@@ -23,10 +23,8 @@ from rastercov.reference.markers.random_scenes import (
     OURS,
     best_threshold,
     cut_out,
-    models,
     photograph,
     random_scene,
-    run_random,
     score,
 )
 from rastercov.reference.markers.render import (
@@ -35,7 +33,6 @@ from rastercov.reference.markers.render import (
     WHITE,
     MarkerRenderer,
     lens_uniform,
-    ray_bundles,
     sensor,
 )
 from rastercov.reference.markers.requirement import (
@@ -43,7 +40,6 @@ from rastercov.reference.markers.requirement import (
     THESIS,
     Requirement,
     blur_of,
-    contour_length,
     plate_figures,
 )
 from rastercov.reference.markers.scene import CELLS, FACES_A_PLATE, Plate, PlateScene, plate_pose
@@ -268,17 +264,6 @@ def test_a_wide_lens_sees_behind_an_edge_that_hides_from_its_middle(renderer):
     assert (alone - seen).max() > 0.05
 
 
-def test_points_of_the_lens_fill_its_disc_evenly():
-    points = ray_bundles(256)
-    radius = np.hypot(points[:, 0], points[:, 1])
-    assert radius.max() <= 0.5
-    np.testing.assert_allclose(points.mean(axis=0), 0, atol=0.01)
-    # Of a uniform disc of diameter 1 and a uniform pixel.
-    np.testing.assert_allclose(
-        (points**2).mean(axis=0), (1 / 16, 1 / 16, 1 / 12, 1 / 12), rtol=0.03
-    )
-
-
 def test_noise_is_seeded_and_as_large_as_said():
     light, level = np.full((200, 200), 0.5), FULL_SCALE * 0.5
     first, again, other = (sensor(light, np.random.default_rng(seed)) for seed in (1, 1, 2))
@@ -305,10 +290,6 @@ def test_numbers_of_either_opencv_are_understood(monkeypatch, shape):
     found = detection.detect(np.zeros((10, 10), np.uint8))
     assert list(found) == [5, 9]
     assert (found[9] == 1.5).all()
-
-
-def test_an_empty_picture_has_no_markers():
-    assert detection.detect(np.full((64, 64), 200, np.uint8)) == {}
 
 
 def test_missing_opencv_says_what_to_install(monkeypatch, tmp_path, capsys):
@@ -360,13 +341,6 @@ def test_blur_matters_against_the_side_of_a_cell(renderer, cells, is_found):
 # --- model ----------------------------------------------------------------------------------------
 
 
-def test_a_square_on_its_tip_has_fewer_contour_steps():
-    square = np.array([(0, 0), (40, 0), (40, 40), (0, 40)], float)
-    tip = np.array([(0, 40), (40, 0), (80, 40), (40, 80)], float) / np.sqrt(2)
-    assert contour_length(square) == 160
-    assert contour_length(tip) == pytest.approx(160 / np.sqrt(2))
-
-
 def test_figures_of_a_plate_are_those_of_its_faces():
     case, _ = random_scene(1, 23)
     figures = plate_figures(case.scene, case.camera)[0]
@@ -412,19 +386,6 @@ def test_random_scenes_come_back_the_same(renderer):
     assert np.array_equal(*images)
     other, _ = random_scene(7, 4)
     assert not np.array_equal(first.scene.mesh.vertices, other.scene.mesh.vertices)
-
-
-@pytest.mark.slow
-def test_every_model_judges_every_scene(renderer):
-    study = run_random(renderer, 6, 5, models())
-    names = {OURS, "tarabanis", "scott", "mavrinac", "alarcon", "zhang", "image_space"}
-    assert {s.model for s in study.scores} == names
-    assert len(study.scores) == 2 * len(names)
-    for s in study.scores:
-        assert s.hits + s.false_alarms + s.misses + s.rejections == 6
-        assert s.best_accuracy >= s.accuracy
-    by_face = {(o.coverage["thesis", "image_space"]) for o in study.outcomes}
-    assert len(by_face) > 1
 
 
 # --- experiments and command ----------------------------------------------------------------------

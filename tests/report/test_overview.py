@@ -15,7 +15,8 @@ from target_scenes import beside, sheet_at, some_as_targets
 import rastercov as rc
 from rastercov.camera.projection import to_camera, to_image
 from rastercov.coverage.area.network import AreaNetwork
-from rastercov.coverage.area.points import views_at, zones_at
+from rastercov.coverage.area.union import views_at
+from rastercov.coverage.area.zones import zones_at
 from rastercov.coverage.network import Network
 from rastercov.coverage.reasons import REASONS
 from rastercov.mesh import Group, Mesh, shapes

@@ -56,7 +56,7 @@ make_shards(Workers(2), store, lambda made: None, print)
 """
 SUPPORT = Path(__file__).parent
 ENVIRONMENT = {"PYTHONPATH": os.pathsep.join([str(SUPPORT.parents[1]), str(SUPPORT)])}
-"""Where a process finds the package and this module."""
+"""Path on which a process finds the package and this module."""
 
 
 def head(folder, n_shards):

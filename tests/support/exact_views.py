@@ -1,5 +1,7 @@
 """Driving the exact paths one pose at a time."""
 
+from fractions import Fraction
+
 import numpy as np
 import pytest
 from exact_cases import triangles
@@ -54,6 +56,7 @@ def assert_agree(mesh, camera, pose, *, front_only=False):
     other = look(mesh, camera, pose, HalfPlaneSolver, front_only=front_only)
     bound = np.where(view.is_certified, 0.0, view.area_error) + other.area_error
     assert (np.abs(view.visible - other.visible) <= bound + 1e-12).all()
+    assert ((view.visible == 0) | (view.visible == view.area))[view.is_certified].all()
     return view
 
 
@@ -62,6 +65,16 @@ def fractions(mesh, camera, pose, faces=None):
     area = rational.image_area(mesh, camera, pose, faces)
     visible = rational.visible_area(mesh, camera, pose, faces)
     return np.divide(visible, area, out=np.zeros(len(area)), where=area > 0), area
+
+
+def exact_sides(mesh, pose):
+    """Side of each face that the camera sees, in exact arithmetic: 1 front, 0 edge-on, -1 back."""
+    eye, found = [Fraction(x) for x in pose[:3, 3].tolist()], []
+    for corners in mesh.vertices[mesh.faces].tolist():
+        a, b, c = ([Fraction(x) - e for x, e in zip(p, eye, strict=True)] for p in corners)
+        volume = sum(a[k] * (b[k - 2] * c[k - 1] - b[k - 1] * c[k - 2]) for k in range(3))
+        found.append((volume < 0) - (volume > 0))
+    return np.array(found)
 
 
 def assert_within_bounds(mesh, camera, pose, faces=None, paths=PATHS):

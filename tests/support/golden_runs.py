@@ -19,6 +19,7 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow.parquet
+import trimesh
 
 import rastercov as rc
 from rastercov import cli
@@ -31,27 +32,13 @@ VOLATILE = {"poses_per_second", "versions", "machine", "renderer", "driver", "sh
 """And every key with "seconds" in it."""
 CAMERA = "width = 120\nheight = 90\nfx = 110\nfy = 110\n"
 PLAN = """
-[[meshes]]
-path = "part.obj"
-unit = "mm"
-[camera]
-width = 96
-height = 72
-fx = 90
-fy = 90
-[task]
-min_pixels = 2
-[[candidates]]
-generator = "on_sphere"
-count = 20
-distances = [0.0035]
-[constraints]
-clearance = 1e-4
-[selection]
-goal = "fewest_cameras"
-coverage = 0.9
-[outputs]
-page = false
+meshes = [{path = "part.obj", unit = "mm"}]
+camera = {width = 96, height = 72, fx = 90, fy = 90}
+task = {min_pixels = 2}
+candidates = [{generator = "on_sphere", count = 20, distances = [0.0035]}]
+constraints = {clearance = 1e-4}
+selection = {goal = "fewest_cameras", coverage = 0.9}
+outputs = {page = false}
 """
 BOW_TIE = ((-3, -3), (1, 1), (1, -1), (-3, 3))
 _SCENES = {
@@ -121,7 +108,16 @@ def write_inputs() -> None:
         lines += ["g lid"] if index == 0 else ["g rest"] if index == 2 else []
         lines.append("f " + " ".join(map(str, face)))
     Path("part.obj").write_text("\n".join(lines) + "\n")
-    Path("bow_tie.stl").write_text(bow_tie())
+    # A closed prism that crosses itself.
+    ring, turn = np.array(BOW_TIE, float), np.arange(4)
+    points = np.concatenate([np.column_stack((ring, np.full(4, z))) for z in (-1, 1)])
+    after = np.roll(turn, -1)
+    sides = [
+        *zip(turn, after, turn + 4, strict=True),
+        *zip(after, after + 4, turn + 4, strict=True),
+    ]
+    faces = [*sides, (4, 5, 6), (4, 6, 7), (0, 2, 1), (0, 3, 2)]
+    trimesh.Trimesh(points, faces, process=False).export("bow_tie.stl", file_type="stl_ascii")
     Path("camera.toml").write_text(CAMERA)
     Path("lens.toml").write_text(
         CAMERA + "pixel_size = [1e-5, 1e-5]\nfocal_length = 1.1e-3\naperture = 5e-4\n"
@@ -139,24 +135,6 @@ def write_inputs() -> None:
     bad = rc.look_at(1000 * ends, np.zeros(3))
     bad[3, 0, 0] += 0.5
     np.save("bad.npy", bad)
-
-
-def bow_tie() -> str:
-    """A closed prism that crosses itself, as text of an STL file."""
-    ring, n = BOW_TIE, len(BOW_TIE)
-    triangles = [[(*ring[i], -1), (*ring[(i + 1) % n], -1), (*ring[i], 1)] for i in range(n)]
-    triangles += [
-        [(*ring[(i + 1) % n], -1), (*ring[(i + 1) % n], 1), (*ring[i], 1)] for i in range(n)
-    ]
-    for z, order in ((1, (0, 1, 2)), (1, (0, 2, 3)), (-1, (0, 2, 1)), (-1, (0, 3, 2))):
-        triangles.append([(*ring[i], z) for i in order])
-    rows = "".join(
-        "facet normal 0 0 0\nouter loop\n"
-        + "".join("vertex {} {} {}\n".format(*corner) for corner in triangle)
-        + "endloop\nendfacet\n"
-        for triangle in triangles
-    )
-    return f"solid bow_tie\n{rows}endsolid bow_tie\n"
 
 
 def of_file(path: Path) -> object:

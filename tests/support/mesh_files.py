@@ -89,6 +89,15 @@ def strips(lists, order="", index="int"):
     return ply(POINTS, lists, order, index).replace(b"element face", b"element tristrips")
 
 
+def places(value, path=()):
+    """Paths of all values of JSON."""
+    items = enumerate(value) if isinstance(value, list) else value.items()
+    for key, inner in items:
+        yield (*path, key)
+        if isinstance(inner, dict | list):
+            yield from places(inner, (*path, key))
+
+
 GLB_TYPES = {"<f4": 5126, "<u2": 5123, "<u1": 5121, "<i1": 5120, "<i2": 5122, "<u4": 5125}
 
 

@@ -51,15 +51,10 @@ OWN: dict[str, dict[str, Any]] = {
     "Camera.save": {"path": FOLDER / "saved.json"},
     "Camera.from_dict": {"entries": LENS},
     "Camera.resized": {"scale": 0.5},
-    "Conventions": {"pixel_centre": 0.5, "lens_model": "brown", "pose_unit": "mm"}
-    | {"image_size": (32, 24), "pose_convention": "opencv"},
     "Task.thesis": {"min_pixels": 1, "max_incidence_deg": 80, "min_coverage": 0.5, "views": 1},
-    "Group": {"name": "a", "is_two_sided": True},
     "Mesh, in groups": {"groups": [rc.Group("a"), rc.Group("b")], "face_group": np.arange(12) % 2},
     "Mesh.load": {"path": FOLDER / "triangle.off", "max_bytes": 1000, "memory_budget": 1 << 20},
     "Mesh.load, built in": {"path": "box", "two_sided": ()},
-    "Mesh.moved": {"scale": 2.0, "angle_deg": 30.0, "translation": (1, 0, 0)},
-    "Mesh.with_groups": {"occluders": (), "two_sided": "all", "targets": ()},
     "audit": {"names": ["a", "b"], "by": "face"},
     "check": {"min_coverage": 0.5, "groups": {"mesh": 0.2}},
     "look_at": {"eyes": (0, 0, 3), "targets": (0, 0, 0)},
@@ -79,34 +74,22 @@ OWN: dict[str, dict[str, Any]] = {
     "open_rasterizer": {"backend": "cpu", "roll": 0.1, "threads": 1},
     "open_rasterizer, OpenGL": {"device": "auto", "plan": "auto", "require_hardware": False}
     | {"max_tile": 64, "max_faces_a_draw": 100, "image_budget": 1 << 20, "backend": "gl"},
-    "Engine": {"method": "sampled", "device": "cpu", "threads": 1},
     "Engine.of": {"method": "certified"},
     "Engine.parse": {"text": "sampled:cpu@2"},
     "Workers, elsewhere": {"number": None, "scheduler": "tls://host:1"},
     "Poses.of": {"camera": [0, 1]},
     "Poses.check_cameras": {"n_cameras": 1},
-    "Views.through": {
-        "cameras": VIEWS,
-        "name": "a",
-    },
+    "Views.through": {"cameras": VIEWS},
     "Rasterizer.render": {"pose": POSES[0]},
-    "Network.add": {"camera": 0},
     "Network.judge": {"poses": rc.Poses.of(POSES)},
     "box": {"size": (1, 1, 1)},
     "DeadZones.places": {"n": 2},
-    "teapot": {"n": 2},
-    "torus": {"n_major": 6, "n_minor": 5},
-    "sphere": {"subdivisions": 1},
-    "icosahedron": {"noise": 0.1, "subdivisions": 1},
-    "room": {"n": 2},
     "by_name": {"name": "box"},
     "sheet_above": {"group": "mesh", "height": 1.6},
     "box_grid": {"count": (1, 2, 1), "size": 0.1},
     "count_for": {"spacing": 0.5},
     "with_target": {"name": "sheet", "two_sided": True},
     "Framing": {"stand_off": (0.1, 9.0), "fit": "vertices", "margin": 1.1},
-    "on_sphere": {"centre": (0, 0, 0), "distances": 3.0},
-    "on_hemisphere": {"centre": None, "distances": (2.0, 3.0)},
     "on_box": {"spacing": 0.7, "bounds": [(-2, -2, -2), (2, 2, 2)]},
     "on_walls": SHEETS | {"heights": (0.1, 0.9)},
     "on_ceiling": SHEETS,
@@ -115,8 +98,6 @@ OWN: dict[str, dict[str, Any]] = {
     "problem_of": {"costs": [1.0, 2.0], "min_coverage": 0.5},
     "FewestCameras": {"coverage": 0.9, "of_reachable": True},
     "BestCoverage": {"cameras": 1, "budget": 2.0},
-    "select_greedy": {"effort": 10, "core_pairs": 1000},
-    "select_integer": {"time_limit": 5.0},
     "select_thesis": {},
     "optimise": {"cameras": 1, "method": "random", "budget": 8, "population": 4, "camera": 0}
     | {"candidates": None},
@@ -149,7 +130,7 @@ UNTRIED = {
     "on_box source": "a label",
     **{f"openings {each}": "options of per_cavity" for each in ("side", "finest")},
 }
-"""What is not tried, and why."""
+"""Arguments that are not tried, and why."""
 
 
 def opened_and_closed(function):
@@ -164,7 +145,7 @@ def listed(function):
 
 MADE = {"open_observer": opened_and_closed, "open_rasterizer": opened_and_closed}
 MADE |= {"evaluate_batches": listed, "Network.judge": listed}
-"""What has to be done with results of functions."""
+"""Functions whose results have to be closed or taken."""
 
 
 @dataclass(frozen=True)
@@ -309,6 +290,7 @@ def right_objects():
     goal = placement.BestCoverage(cameras=1)
     usual = {
         "mesh": MESH, "camera": CAMERA, "poses": POSES, "task": TASK, "threads": 1, "plan": PLAN,
+        "name": "a",
         "observer": observer, "regions": regions, "covered": covered, "coverage": made[-1],
         "counts": counts, "views": 1, "size": 0.5, "world_from_rig": POSES, "rig": objects["Rig"],
         "chosen": np.ones(2, np.bool_), "tri": MESH.to_trimesh(), "max_blur": 1.0, "count": 3,
@@ -325,18 +307,12 @@ def right_objects():
 
 
 SLOW = {
-    ("optimise", "budget"),
-    ("optimise", "population"),
-    ("optimise", "cameras"),
-    ("refine", "budget"),
-    ("refine", "halvings"),
-    ("on_sphere", "count"),
-    ("on_hemisphere", "count"),
-    ("on_box", "spacing"),
-    ("on_walls", "spacing"),
-    ("on_ceiling", "spacing"),
-    ("select_greedy", "effort"),
-    ("tolerance", "draws"),
+    "optimise": ("budget", "population", "cameras"),
+    "refine": ("budget", "halvings"),
+    **dict.fromkeys(("on_sphere", "on_hemisphere"), ("count",)),
+    **dict.fromkeys(("on_box", "on_walls", "on_ceiling"), ("spacing",)),
+    "select_greedy": ("effort",),
+    "tolerance": ("draws",),
 }
 """Arguments that ask for work: a large number is an honest wish for much of it."""
 
@@ -345,5 +321,5 @@ def is_wish_for_much_work(name, argument, value):
     is_number = isinstance(value, int | float | np.integer | np.floating)
     if argument in ("progress", "aim") and callable(value):
         return True  # a function of the caller's own, which fails as it likes
-    is_asked = (name, argument) in SLOW and is_number and not isinstance(value, bool)
+    is_asked = argument in SLOW.get(name, ()) and is_number and not isinstance(value, bool)
     return bool(is_asked and (abs(value) > 1e3 or 0 < value < 1e-3))

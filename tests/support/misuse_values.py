@@ -1,6 +1,7 @@
 """Values that hardly any argument is meant for, and the scene of calls that are right."""
 
 import tempfile
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -43,74 +44,30 @@ def endless():
     return values
 
 
+EYE = np.eye(4)
+TRUTHS = (None, True, False, np.bool_(True))
+WHOLE = (0, 1, -1, 2**31, 2**70, 10**400)
+REAL = (0.5, 1.5, 1e-9, 1e160, 1e308, 5e-324, float("nan"), float("inf"), -float("inf"))
+OF_NUMPY = (np.float32(2), np.int8(3), np.float64("nan"), np.longdouble("1e4000"))
+OTHERS = (1j, np.datetime64("2020-01-01"), object(), Hostile(), len, int, rc.Mesh)
+TEXTS = ("", "2", "a\nb", "/dev/zero", "part.stl", b"x", memoryview(b"abc"))
+ROWS = ([], (), {}, {"a": 1}, {1}, ["a"], endless(), [[1, 2], [3]], range(3), iter(()))
+OBJECTS = (MESH, CAMERA, TASK, [rc.Group("a")])
+ARRAYS = (np.array(3), np.array([]), np.array([1.0, 2.0, 3.0]), np.array(["a", "b"]))
+EYES = (EYE, EYE * 1j, *(EYE.astype(kind) for kind in (str, object, bool, ">f8")))
+OTHER_EYES = (
+    np.ma.masked_array(EYE, EYE > 0),
+    np.full((4, 4), np.nan),
+    EYE + np.array([[0, 0, 0, 1e160]] + [[0] * 4] * 3),
+)
+NOTHING = (np.zeros((0, 3)), np.zeros((0, 4, 4)), np.zeros((3, 0)))
+TOO_MANY = (
+    np.broadcast_to(np.int8(0), (2**31, 3)),
+    np.broadcast_to(np.eye(4, dtype=np.int8), (2**31, 4, 4)),
+)
+GROUPS = (TRUTHS, WHOLE, REAL, OF_NUMPY, OTHERS, TEXTS, ROWS, OBJECTS, ARRAYS, EYES, OTHER_EYES)
 VALUES = {
-    "nothing": None,
-    "true": True,
-    "false": False,
-    "numpy true": np.bool_(True),
-    "zero": 0,
-    "one": 1,
-    "minus one": -1,
-    "half": 0.5,
-    "one and a half": 1.5,
-    "2^31": 2**31,
-    "2^70": 2**70,
-    "10^400": 10**400,
-    "nan": float("nan"),
-    "inf": float("inf"),
-    "-inf": -float("inf"),
-    "1e-9": 1e-9,
-    "1e160": 1e160,
-    "1e308": 1e308,
-    "least": 5e-324,
-    "float32": np.float32(2),
-    "int8": np.int8(3),
-    "numpy nan": np.float64("nan"),
-    "long": np.longdouble("1e4000"),
-    "complex": 1j,
-    "date": np.datetime64("2020-01-01"),
-    "empty text": "",
-    "digit": "2",
-    "two lines": "a\nb",
-    "device": "/dev/zero",
-    "mesh file": "part.stl",
-    "bytes": b"x",
-    "empty list": [],
-    "empty tuple": (),
-    "empty table": {},
-    "table": {"a": 1},
-    "set": {1},
-    "object": object(),
-    "hostile": Hostile(),
-    "list in itself": endless(),
-    "ragged": [[1, 2], [3]],
-    "texts": ["a"],
-    "range": range(3),
-    "iterator": iter(()),
-    "function": len,
-    "type": int,
-    "class": rc.Mesh,
-    "mesh": MESH,
-    "camera": CAMERA,
-    "task": TASK,
-    "groups": [rc.Group("a")],
-    "0-d array": np.array(3),
-    "no numbers": np.array([]),
-    "three": np.array([1.0, 2.0, 3.0]),
-    "eye": np.eye(4),
-    "complex eye": np.eye(4) * 1j,
-    "text eye": np.eye(4).astype(str),
-    "object eye": np.eye(4).astype(object),
-    "bool eye": np.eye(4, dtype=bool),
-    "swapped eye": np.eye(4, dtype=">f8"),
-    "masked eye": np.ma.masked_array(np.eye(4), np.eye(4) > 0),
-    "nan eye": np.full((4, 4), np.nan),
-    "far eye": np.eye(4) + np.array([[0, 0, 0, 1e160]] + [[0] * 4] * 3),
-    "no rows": np.zeros((0, 3)),
-    "no poses": np.zeros((0, 4, 4)),
-    "no columns": np.zeros((3, 0)),
-    "2^31 faces": np.broadcast_to(np.int8(0), (2**31, 3)),
-    "2^31 poses": np.broadcast_to(np.eye(4, dtype=np.int8), (2**31, 4, 4)),
-    "words": np.array(["a", "b"]),
-    "memory": memoryview(b"abc"),
+    f"{number}: {type(value).__name__}": value
+    for number, value in enumerate(chain(*GROUPS, NOTHING, TOO_MANY))
 }
+"""By their number and their type."""

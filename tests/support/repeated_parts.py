@@ -6,11 +6,11 @@ faster, so that neither time nor memory of reading it may.
 
 import io
 import json
-import struct
 import zipfile
+from functools import partial
 
 import numpy as np
-from mesh_files import FACES, POINTS, Glb, obj, off, ply
+from mesh_files import FACES, POINTS, Glb, ascii_stl, obj, off, ply
 
 # ---- 3MF
 
@@ -56,40 +56,44 @@ def object_of(number, inside):
     return f'<object id="{number}">{inside}</object>'
 
 
-def threemf_levels(k, below, inside=MESH):
-    """2^k instances of object 1, which holds `below` beside its mesh."""
-    levels = [object_of(i + 2, components(i + 1, i + 1)) for i in range(k)]
-    return threemf("".join(levels), f'<item objectid="{k + 1}"/>', below + inside)
-
-
 ITEM = '<item objectid="1"/>'
-THREEMF = {
-    "unknown elements": lambda n: threemf(inside="<a/>" * n + MESH, build=ITEM * n),
-    "attributes": lambda n: threemf(
-        build=ITEM * n, inside=MESH.replace("<mesh", f"<mesh {attributes(n)}")
-    ),
-    "build items": lambda n: threemf(build=ITEM * n),
-    "items of nothing": lambda n: threemf(
-        object_of(2, components(*[3] * n)) + object_of(3, ""), ITEM + '<item objectid="2"/>' * n
-    ),
-    "components": lambda n: threemf(object_of(2, components(*[1] * n)), '<item objectid="2"/>'),
-    "2^n components of nothing": lambda n: threemf(
-        "".join(object_of(i, components(i + 1, i + 1)) for i in range(2, n)) + object_of(n, ""),
-        ITEM + '<item objectid="2"/>',
-    ),
-    "a chain, and items of it": lambda n: threemf(
-        "".join(object_of(i, components(i - 1)) for i in range(2, n // 2)),
-        f'<item objectid="{n // 2 - 1}"/>' * n,
-    ),
-    "a long name": lambda n: threemf(
-        f'<object id="2" name="{"n" * 100 * n}">{MESH}</object>', '<item objectid="2"/>' * n
-    ),
-    "unused objects": lambda n: threemf("".join(object_of(i + 2, MESH) for i in range(n))),
-}  # fmt: skip
+SECOND = '<item objectid="2"/>'
+
+
+def pairs(n, element):
+    """n elements that hold the next one twice each, and so ask for 2^n of the last one."""
+    return "".join(element(i, i + 1, i + 1) for i in range(2, n + 2))
+
+
+def holding(number, *ids):
+    return object_of(number, components(*ids))
 
 
 def attributes(n):
     return " ".join(f'a{i}="0"' for i in range(n))
+
+
+THREEMF = {
+    "unknown elements": lambda n: threemf(inside="<a/>" * n + MESH, build=ITEM * n),
+    "attributes": lambda n: threemf(
+        inside=MESH.replace("<mesh", f"<mesh {attributes(n)}"), build=ITEM * n
+    ),
+    "build items": lambda n: threemf(build=ITEM * n),
+    "items of nothing": lambda n: threemf(
+        holding(2, *[3] * n) + object_of(3, ""), ITEM + SECOND * n
+    ),
+    "components": lambda n: threemf(holding(2, *[1] * n), SECOND),
+    "2^n components of nothing": lambda n: threemf(
+        pairs(n, holding) + object_of(n + 2, ""), ITEM + SECOND
+    ),
+    "a chain, and items of it": lambda n: threemf(
+        "".join(holding(i, i - 1) for i in range(2, n // 2)), f'<item objectid="{n // 2 - 1}"/>' * n
+    ),
+    "a long name": lambda n: threemf(
+        f'<object id="2" name="{"n" * 100 * n}">{MESH}</object>', SECOND * n
+    ),
+    "unused objects": lambda n: threemf("".join(object_of(i + 2, MESH) for i in range(n))),
+}
 
 
 # ---- COLLADA
@@ -140,182 +144,162 @@ def dae(
     ).encode()
 
 
-def shared(n, inside, nodes=""):
+def shared(n, inside, nodes="", library=""):
     """A node of a library with these contents, and n instances of it."""
     there = '<node><instance_node url="#n"/></node>' * n
-    return dae(there + nodes, library=f'<node id="n">{inside}</node>')
+    return dae(there + nodes, library=f'<node id="n">{inside}</node>{library}')
 
 
 MOVE = "<translate>0 0 0</translate>"
 EMPTY = f"<node>{HERE}</node>"
+INNER = '<instance_node url="#m2"/>'
+
+
+def node_of(number, *ids):
+    return (
+        f'<node id="m{number}">' + "".join(f'<instance_node url="#m{i}"/>' for i in ids) + "</node>"
+    )
+
+
+def vertices(number):
+    return f'<vertices id="v{number}"><input semantic="POSITION" source="#s"/></vertices>'
+
+
+def skin(number, url):
+    return f'<controller id="c{number}"><skin source="#{url}"/></controller>'
+
+
+FACE, NO_FACE = primitive("triangles", "<p>0 1 2</p>", 1), primitive("triangles", "<p/>", 0)
+INSIDE = {
+    "transforms": lambda n: MOVE * n + HERE,
+    "unknown elements": lambda n: "<a/>" * n + HERE,
+    "unknown names": lambda n: "".join(f"<a{i}/>" for i in range(n)) + HERE,
+    "empty nodes": lambda n: "<node/>" * n + HERE,
+    "nested nodes": lambda n: "<node>" * (n // 2) + HERE + "</node>" * (n // 2),
+}
+"""Content of a node that has n instances."""
+IN_MESH = {
+    "empty primitives": lambda n: TRIANGLES + NO_FACE * n,
+    "lines": lambda n: TRIANGLES + "<lines/>" * n,
+}
+"""Content of a geometry that n nodes show."""
 DAE = {
-    "nodes": lambda n: dae(f"<node>{HERE}</node>" * n),
-    "transforms": lambda n: shared(n, MOVE * n + HERE),
-    "unknown elements": lambda n: shared(n, "<a/>" * n + HERE),
-    "unknown names": lambda n: shared(n, "".join(f"<a{i}/>" for i in range(n)) + HERE),
-    "empty nodes": lambda n: shared(n, "<node/>" * n, EMPTY),
-    "nodes of nothing": lambda n: shared(n, '<instance_node url="#m"/>' * n, EMPTY).replace(
-        b"<library_nodes>", b'<library_nodes><node id="m"/>'
-    ),
+    **{part: lambda n, inside=inside: shared(n, inside(n)) for part, inside in INSIDE.items()},
+    **{part: lambda n, mesh=mesh: dae(EMPTY * n, mesh(n)) for part, mesh in IN_MESH.items()},
+    "nodes": lambda n: dae(EMPTY * n),
+    "nodes of nothing": lambda n: shared(n, INNER * n, EMPTY, node_of(2)),
     "2^n nodes of nothing": lambda n: dae(
-        EMPTY + '<node><instance_node url="#m0"/></node>',
-        library="".join(
-            f'<node id="m{i}">' + f'<instance_node url="#m{i + 1}"/>' * 2 + "</node>"
-            for i in range(n // 2)
-        )
-        + f'<node id="m{n // 2}"/>',
+        EMPTY + f"<node>{INNER}</node>", library=pairs(n // 2, node_of) + node_of(n // 2 + 2)
     ),
-    "geometries of nothing": lambda n: shared(n, HERE.replace("g\"", "h\"") * n, EMPTY).replace(
+    "geometries of nothing": lambda n: shared(n, HERE.replace("#g", "#h") * n, EMPTY).replace(
         b"</library_g", b'<geometry id="h"><mesh/></geometry></library_g'
     ),
-    "nested nodes": lambda n: shared(n, "<node>" * (n // 2) + HERE + "</node>" * (n // 2)),
-    "primitives": lambda n: dae(mesh=f'<triangles count="1">{INPUT}<p>0 1 2</p></triangles>' * n),
-    "empty primitives": lambda n: dae(
-        f"<node>{HERE}</node>" * n,
-        TRIANGLES + f'<triangles count="0">{INPUT}<p/></triangles>' * n,
-    ),
-    "lines": lambda n: dae(f"<node>{HERE}</node>" * n, TRIANGLES + "<lines/>" * n),
+    "primitives": lambda n: dae(mesh=FACE * n),
     "inputs": lambda n: dae(
-        mesh=f'<triangles count="4">{INPUT}{INPUT.replace("VERTEX", "N") * n}<p>{INDICES}</p>'
-        "</triangles>"
+        mesh=TRIANGLES.replace(INPUT, INPUT + INPUT.replace("VERTEX", "N") * n)
     ),
     "vertices of one source": lambda n: dae(
-        mesh="".join(
-            f'<triangles count="1">{INPUT.replace("#v", f"#v{i}")}<p>0 1 2</p></triangles>'
-            for i in range(n)
-        ),
-        before=SOURCE.replace("</float_array>", " 0 0 0" * n + "</float_array>").replace(
-            'count="12"', f'count="{12 + 3 * n}"'
-        )
-        + "".join(
-            f'<vertices id="v{i}"><input semantic="POSITION" source="#s"/></vertices>'
-            for i in range(n)
-        ),
+        mesh="".join(FACE.replace("#v", f"#v{i}") for i in range(n)),
+        before=source(np.zeros((n + 4, 3))) + "".join(vertices(i) for i in range(n)),
     ),
     "controllers": lambda n: dae(
         '<node><instance_controller url="#c0"/></node>' * n,
         more="<library_controllers>"
-        + "".join(
-            f'<controller id="c{i}"><skin source="#{f"c{i + 1}" if i + 1 < n // 2 else "g"}"/>'
-            "</controller>"
-            for i in range(n // 2)
-        )
+        + "".join(skin(i, f"c{i + 1}") for i in range(n // 2))
+        + skin(n // 2, "g")
         + "</library_controllers>",
     ),
-    "strips": lambda n: dae(
-        mesh=f'<tristrips count="{n}">{INPUT}{"<p>0 1 2 3</p>" * n}</tristrips>'
-    ),
-    "polygons": lambda n: dae(mesh=f'<polygons count="{n}">{INPUT}{"<p>0 1 2</p>" * n}</polygons>'),
+    "strips": lambda n: dae(mesh=primitive("tristrips", "<p>0 1 2 3</p>" * n, n)),
+    "polygons": lambda n: dae(mesh=primitive("polygons", "<p>0 1 2</p>" * n, n)),
     "a long name": lambda n: shared(n, HERE).replace(
         b'id="n"', b'id="n" name="%s"' % (b"n" * 100 * n)
     ),
-}  # fmt: skip
+}
 
 
-# ---- glTF
+# ---- JSON
 
 
-def glb(n_nodes=1, change=lambda glb: None):
+def repeated(content, place, n, item=None):
+    """Put n copies of an item into the list or the object at a place, by default of its first."""
+    for key in filter(None, place.split("/")):
+        new = {} if key == "extensions" else []
+        content = content[int(key)] if key.isdecimal() else content.setdefault(key, new)
+    if isinstance(content, list):
+        content += [content[0] if item is None else item] * n
+    else:
+        content |= {f"_{i}": 0 if item is None else item for i in range(n)}
+
+
+PRIMITIVE = {"attributes": {"POSITION": 0}}
+PRIMITIVES, TARGETS = "meshes/0/primitives", "meshes/0/primitives/0/targets"
+OF_SCENE = {
+    "primitives": [(PRIMITIVES, {**PRIMITIVE, "indices": 1})],
+    "unused meshes": [("meshes", None)],
+}
+"""Parts of a scene that are repeated."""
+OF_MESH = {
+    "nodes": [],
+    "weights of the mesh": [(TARGETS, {"POSITION": 0}), ("meshes/0/weights", 0.0)],
+    "points": [(PRIMITIVES, {**PRIMITIVE, "mode": 0})],
+    "extensions of a mesh": [("meshes/0/extensions", {})],
+    "unknown names of a mesh": [("meshes/0", 0)],
+    "animations": [("animations", {})],
+    "unused accessors": [("accessors", None)],
+    "views": [("bufferViews", None)],
+    "attributes": [("meshes/0/primitives/0/attributes", 0)],
+}
+"""The same, with n nodes of the mesh."""
+
+
+def own_weights(file, n):
+    """n nodes with weights of their own, and n primitives without triangles."""
+    file.primitive["targets"] = [{"POSITION": 0}]
+    repeated(file.header, PRIMITIVES, n, {**PRIMITIVE, "mode": 0})
+    file.nodes(*[{"mesh": 0, "weights": [i / n]} for i in range(n)])
+
+
+def chain_of_nodes(file, n):
+    file.header["nodes"] = [{"children": [i + 1]} for i in range(n)] + [{"mesh": 0}]
+
+
+def instances_of_nothing(file, n):
+    move = file.accessor(np.zeros((n, 3)))
+    file.header["meshes"].append({"primitives": [{**PRIMITIVE, "mode": 0}]})
+    own = {"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": move}}}
+    file.nodes({"mesh": 0}, *[{"mesh": 1, "extensions": own} for _ in range(n)])
+
+
+def one_large_position(file, n):
+    """n primitives of one triangle each that share n points."""
+    large = {"POSITION": file.accessor(np.zeros((n, 3)))}
+    few = file.accessor(np.array([0, 1, 2]), "<u2")
+    repeated(file.header, PRIMITIVES, n, {"attributes": large, "indices": few})
+
+
+def a_long_name(file, n):
+    file.header["meshes"][0]["name"] = "n" * 100 * n
+    file.nodes(*[{"mesh": 0}] * n)
+
+
+SCENES = (own_weights, chain_of_nodes, instances_of_nothing, one_large_position, a_long_name)
+
+
+def glb(n, part):
+    """Scene whose part, a function or one of the tables above, is repeated n times."""
     file = Glb()
-    file.nodes(*[{"mesh": 0} for _ in range(n_nodes)])
-    change(file)
+    if callable(part):
+        part(file, n)
+        return file.data()
+    for place, item in (OF_SCENE | OF_MESH)[part]:
+        repeated(file.header, place, n, item)
+    if part in OF_MESH:
+        file.nodes(*[{"mesh": 0}] * n)
     return file.data()
 
 
-def with_primitives(n, **more):
-    def change(file):
-        extra = [{"attributes": {"POSITION": 0}, **more}] * n
-        file.header["meshes"][0]["primitives"] += extra
-
-    return change
-
-
-def with_weights(n, weight=0.0):
-    def change(file):
-        file.primitive["targets"] = [{"POSITION": 0}] * n
-        file.header["meshes"][0]["weights"] = [weight] * n
-
-    return change
-
-
-def own_weights(n):
-    """n nodes with weights of their own, and n primitives without triangles."""
-
-    def change(file):
-        file.primitive["targets"] = [{"POSITION": 0}]
-        with_primitives(n, mode=0)(file)
-        for i, node in enumerate(file.header["nodes"]):
-            node["weights"] = [i / n]
-
-    return change
-
-
-def with_header(key, items):
-    return lambda file: file.header.__setitem__(key, items)
-
-
-def put(**more):
-    return lambda file: file.header["meshes"][0].update(more)
-
-
-def chain_of_nodes(n):
-    def change(file):
-        file.header["nodes"] = [{"children": [i + 1]} for i in range(n)] + [{"mesh": 0}]
-        file.header["scenes"] = [{"nodes": [0]}]
-
-    return change
-
-
-def instances_of_nothing(n):
-    def change(file):
-        move = file.accessor(np.zeros((n, 3)))
-        file.header["meshes"].append({"primitives": [{"attributes": {"POSITION": 0}, "mode": 0}]})
-        own = {"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": move}}}
-        file.header["nodes"] += [{"mesh": 1, "extensions": own} for _ in range(n)]
-        file.header["scenes"] = [{"nodes": list(range(n + 1))}]
-
-    return change
-
-
-def one_large_position(n):
-    """n primitives of one triangle each that share n points."""
-
-    def change(file):
-        large = file.accessor(np.zeros((n, 3)))
-        few = file.accessor(np.array([0, 1, 2]), "<u2")
-        file.header["meshes"][0]["primitives"] += [
-            {"attributes": {"POSITION": large}, "indices": few}
-        ] * n
-
-    return change
-
-
-GLB = {
-    "nodes": lambda n: glb(n),
-    "primitives": lambda n: glb(1, with_primitives(n, indices=1)),
-    "weights of the mesh": lambda n: glb(n, with_weights(n)),
-    "own weights": lambda n: glb(n, own_weights(n)),
-    "points": lambda n: glb(n, with_primitives(n, mode=0)),
-    "extensions of a mesh": lambda n: glb(n, put(extensions={f"A{i}": {} for i in range(n)})),
-    "unknown names of a mesh": lambda n: glb(n, put(**{f"name{i}": 0 for i in range(n)})),
-    "a long name": lambda n: glb(n, put(name="n" * 100 * n)),
-    "animations": lambda n: glb(n, with_header("animations", [{}] * n)),
-    "unused accessors": lambda n: glb(
-        n, lambda f: f.header["accessors"].extend([f.header["accessors"][0]] * n)
-    ),
-    "views": lambda n: glb(
-        n, lambda f: f.header["bufferViews"].extend([f.header["bufferViews"][0]] * n)
-    ),
-    "a chain of nodes": lambda n: glb(1, chain_of_nodes(n)),
-    "instances of nothing": lambda n: glb(1, instances_of_nothing(n)),
-    "one large position": lambda n: glb(1, one_large_position(n)),
-    "unused meshes": lambda n: glb(
-        1, lambda f: f.header["meshes"].extend([f.header["meshes"][0]] * n)
-    ),
-    "attributes": lambda n: glb(
-        n, lambda f: f.primitive["attributes"].update({f"_{i}": 0 for i in range(n)})
-    ),
-}
+GLB = {part: partial(glb, part=part) for part in (*OF_SCENE, *OF_MESH)}
+GLB |= {part.__name__: partial(glb, part=part) for part in SCENES}
 
 # ---- text
 
@@ -327,18 +311,9 @@ def ply_with(head, n, order=""):
 
 
 def ply_properties(n, order=""):
-    rows = "".join(f"property list uchar int p{i}\n" for i in range(n))
-    head = (
-        f"ply\nformat {'binary_little_endian' if order else 'ascii'} 1.0\nelement vertex 3\n"
-        f"property float x\nproperty float y\nproperty float z\nelement face {n}\n"
-        f"property list uchar int vertex_indices\nend_header\n"
-    ).replace("element face", f"element other 2\n{rows}element face")
-    if order:
-        body = struct.pack("<9f", *range(9)) + bytes(2 * n)
-        return head.encode() + body + struct.pack("<B3i", 3, 0, 1, 2) * n
-    return (
-        head + "0 0 0\n1 0 0\n0 1 0\n" + "0 " * n + "\n" + "0 " * n + "\n" + "3 0 1 2\n" * n
-    ).encode()
+    rows = b"".join(b"property list uchar int p%d\n" % i for i in range(n))
+    data = ply(POINTS, [*FACES] * n, order).replace(b"end_header", rows + b"end_header")
+    return data + bytes(n) if order else data.rstrip() + b" 0" * n + b"\n"
 
 
 SHAPE = obj(POINTS, FACES)
@@ -366,17 +341,8 @@ TEXT = {
         "faces": lambda n: off(POINTS, [*FACES] * n),
     },
     "a.stl": {
-        "solids": lambda n: b"".join(
-            b"solid a%d\nfacet normal 0 0 0\nouter loop\nvertex 0 0 0\nvertex 1 0 0\n"
-            b"vertex 0 1 %d\nendloop\nendfacet\nendsolid\n" % (i, i)
-            for i in range(n)
-        ),
-        "solids of nothing": lambda n: (
-            b"solid a\nendsolid a\n"
-            * n
-            + b"solid\nfacet normal 0 0 0\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\n"
-            b"endloop\nendfacet\nendsolid\n"
-        ),
+        "solids": lambda n: ascii_stl(POINTS, FACES) * n,
+        "solids of nothing": lambda n: b"solid a\nendsolid a\n" * n + ascii_stl(POINTS, FACES),
     },
 }
 
@@ -391,14 +357,11 @@ MESHES = {
 
 def exploding(k):
     """Mesh files of k lines or so that ask for 2^k instances of a shape, by their names."""
-    library = "".join(
-        f'<node id="m{i}">' + f'<instance_node url="#m{i + 1}"/>' * 2 + "</node>" for i in range(k)
-    )
     return {
-        "a.3mf": threemf_levels(k, "<metadata/>" * 100),
+        "a.3mf": threemf(pairs(k, holding) + object_of(k + 2, "<metadata/>" * 100 + MESH), SECOND),
         "a.dae": dae(
-            '<node><instance_node url="#m0"/></node>',
-            library=f'{library}<node id="m{k}">{MOVE * 100}{HERE}</node>',
+            f"<node>{INNER}</node>",
+            library=f'{pairs(k, node_of)}<node id="m{k + 2}">{MOVE * 100}{HERE}</node>',
         ),
     }
 

@@ -2,7 +2,8 @@
 
 import clipper2
 import numpy as np
-from exact_cases import hostile
+from exact_cases import box, hostile
+from scenes import joined
 
 import rastercov as rc
 from rastercov.coverage.area.frames import frames_of, to_plane
@@ -10,26 +11,11 @@ from rastercov.mesh import Mesh
 from rastercov.reference.regions import covers_points, points_on
 
 
-def box(low, high, *, inward=False):
-    """Vertices and faces of a box."""
-    low, high = np.array(low, float), np.array(high, float)
-    unit = np.array([[(i >> k) & 1 for k in range(3)] for i in range(8)])
-    quads = [(0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5)]
-    faces = np.array([face for a, b, c, d in quads for face in ((a, b, c), (a, c, d))])
-    return low + (high - low) * unit, faces[:, ::-1] if inward else faces
-
-
-def mesh_of(*parts):
-    """Mesh of vertices and faces."""
-    starts = np.cumsum([0] + [len(vertices) for vertices, _ in parts[:-1]])
-    faces = [faces + start for (_, faces), start in zip(parts, starts, strict=True)]
-    return Mesh(np.concatenate([vertices for vertices, _ in parts]), np.concatenate(faces))
-
-
 def room():
     """Room of 12 + 36 faces with dyadic coordinates, and six cameras under its ceiling."""
-    mesh = mesh_of(
-        box((0, 0, 0), (8, 5, 3), inward=True),
+    walls = box((0, 0, 0), (8, 5, 3))
+    mesh = joined(
+        Mesh(walls.vertices, walls.faces[:, ::-1]),
         box((2, 1.5, 2**-10), (3, 2.5, 1.25)),
         box((5, 3, 2**-10), (6.5, 4, 0.75)),
         box((5.25, 0.75, 1.5), (6.25, 1.25, 2.25)),
@@ -54,7 +40,7 @@ def building():
     top = [(0, 1, 2), (0, 2, 3), (0, 3, 5), (3, 4, 5)]
     faces = np.array(walls + [tuple(i + 6 for i in face) for face in top] + [f[::-1] for f in top])
     ground = box((-60, -60, -0.25), (80, 80, -(2**-7)))
-    mesh = mesh_of((vertices, faces), box((12, 11, 0), (15, 13, 2.5)), ground)
+    mesh = joined(Mesh(vertices, faces), box((12, 11, 0), (15, 13, 2.5)), ground)
     camera = rc.Camera(width=1920, height=1080, fx=1400, fy=1400, focus_range=(1.0, 60.0))
     eyes = [(30, 22, 6), (12, 28, 7), (-14, 10, 5), (10, -16, 6)]
     eyes += [(32, -8, 8), (-10, 30, 6), (17, 16, 5), (14.5, 9.5, 9)]
@@ -91,23 +77,6 @@ def cut_at_random(mesh, seed, n):
     return Mesh(vertices, faces), np.array(origin)
 
 
-def bisected(mesh, size):
-    """The same surface with every edge halved until none is longer than `size`; see above."""
-    vertices, faces = mesh.vertices.tolist(), mesh.faces.tolist()
-    origin = list(range(mesh.n_faces))
-    while True:
-        ends = np.array(faces)
-        edges = np.unique(np.sort(ends[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)), axis=0)
-        points = np.array(vertices)
-        lengths = np.linalg.norm(points[edges[:, 0]] - points[edges[:, 1]], axis=1)
-        order = np.argsort(-lengths, kind="stable")
-        if lengths[order[0]] <= size:
-            return Mesh(vertices, faces), np.array(origin)
-        for a, b in edges[order[lengths[order] > size]].tolist():
-            vertices.append(((points[a] + points[b]) / 2).tolist())
-            _cut_edge(faces, origin, a, b, len(vertices) - 1)
-
-
 def _cut_edge(faces, origin, a, b, new):
     """Put a vertex on an edge of all faces that have it."""
     for f in range(len(faces)):
@@ -142,6 +111,9 @@ def assert_pointwise(mesh, camera, poses, task, n, seed=0, **options):
     The number of points in an area that is known to no better than its bound is about Poisson.
     """
     regions = rc.regions(mesh, camera, poses, task, threads=1, **options)
+    areas = frames_of(mesh).areas[regions.pair_face]
+    assert (regions.bound <= areas * (1 + 1e-12)).all()
+    assert (regions.area <= areas * (1 + 1e-9)).all()
     points, face = points_on(mesh, n, seed)
     truth = covers_points(mesh, camera, poses, task, points, face)
     for row in range(len(poses)):

@@ -27,9 +27,6 @@ from rastercov.coverage.network import SUMMED, JudgedPoses, Network
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 
-FloatArray = NDArray[np.float64]
-
-
 UNITS = ("area", "face")
 """Units of a result: exact area, or whole faces as in the thesis."""
 
@@ -200,20 +197,35 @@ def cameras_apart(camera: Cameras, poses: Poses) -> list[int]:
     return used if len(used) <= MOST_CAMERAS else []
 
 
-class AreasByCamera:
-    """Areas that the poses of each camera cover, added up batch by batch.
+class ByCamera:
+    """Figures of each camera alone; of no camera where there is one, or too many.
+
+    A point, or a face, counts for a camera where any of its poses covers it, whatever number of
+    views the task wants of all cameras together.
 
     Parameters
     ----------
-    mesh, task
+    mesh, task, camera
         As of the network of all cameras.
-    indices : list of int
-        Cameras, of `cameras_apart`.
+    poses : Poses
+        All of the run.
+    by_area, by_face : bool
+        Whether there are figures of areas, and of faces.
     """
 
-    def __init__(self, mesh: Mesh, task: Task, indices: list[int]) -> None:
-        one = replace(task, views=1)
-        self._areas = {index: AreaNetwork(mesh, one) for index in indices}
+    def __init__(
+        self, mesh: Mesh, task: Task, camera: Cameras, poses: Poses, *,
+        by_area: bool, by_face: bool = True,
+    ) -> None:  # fmt: skip
+        self.names, indices = names_of(camera), cameras_apart(camera, poses)
+        one = replace(task, views=1, min_angle_deg=0.0)
+        self._areas = {index: AreaNetwork(mesh, one) for index in indices if by_area}
+        self._networks = {index: Network(mesh, one) for index in indices if by_face}
+
+    @property
+    def is_asked(self) -> bool:
+        """True where there are figures of faces by camera."""
+        return bool(self._networks)
 
     def closed(self, closed: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Those of some faces, (F,) bool, that no camera needs regions of any more."""
@@ -227,38 +239,12 @@ class AreasByCamera:
             if (own := camera == index).any():
                 areas.add(regions.of_poses(own))
 
-    def entry(self, index: int) -> dict[str, Any]:
-        """Entry `covered_area` of a camera, ready for JSON; none where it has no areas."""
-        return {"covered_area": self._areas[index].summary()} if index in self._areas else {}
-
-
-class ByCamera(AreasByCamera):
-    """Figures of each camera alone; of no camera where there is one, or too many.
-
-    A point, or a face, counts for a camera where any of its poses covers it, whatever number of
-    views the task wants of all cameras together. Parameters are those of the network of all
-    cameras, and all poses of the run.
-    """
-
-    def __init__(
-        self, mesh: Mesh, task: Task, camera: Cameras, poses: Poses, *, by_area: bool
-    ) -> None:
-        self.names, indices = names_of(camera), cameras_apart(camera, poses)
-        super().__init__(mesh, task, indices if by_area else [])
-        one = replace(task, views=1, min_angle_deg=0.0)
-        self._networks = {index: Network(mesh, one) for index in indices}
-
-    @property
-    def is_asked(self) -> bool:
-        """True where there are figures by camera."""
-        return bool(self._networks)
-
-    def add_batch(self, batch: JudgedPoses, regions: Regions | None) -> None:
+    def add_batch(self, batch: JudgedPoses) -> None:
         """Take in a batch of poses, and their regions where the result is by area."""
         for index, network in self._networks.items():
             network.add(batch, index)
-        if regions is not None:
-            self.add(regions, batch.poses.camera)
+        if batch.regions is not None:
+            self.add(batch.regions, batch.poses.camera)
 
     def add_figures(self, coverage: Coverage, poses: Poses) -> None:
         """Take in the figures of all poses, where these were not judged."""
@@ -282,3 +268,7 @@ class ByCamera(AreasByCamera):
             entry = {"camera": self.names[index], "poses": own["poses"], "covered": own["covered"]}
             found.append(entry | self.entry(index))
         return found
+
+    def entry(self, index: int) -> dict[str, Any]:
+        """Entry `covered_area` of a camera, ready for JSON; none where it has no areas."""
+        return {"covered_area": self._areas[index].summary()} if index in self._areas else {}

@@ -17,14 +17,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.arguments import checked_array
 from rastercov.base.errors import ConfigError
-from rastercov.base.memory import read_only
+from rastercov.base.memory import check_memory, read_only
 from rastercov.camera.camera import Camera
 from rastercov.camera.models import MODELS
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, check_scene
 from rastercov.coverage.area import polygons
 from rastercov.coverage.area.frames import FacePolygons, frames_of
-from rastercov.coverage.coverage import batch_size, checked_task
+from rastercov.coverage.coverage import checked_task, in_batches
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.exact_pass import ExactPass, PoseSolver, room_for
 from rastercov.coverage.observer import OBSERVED, ExactObserver
@@ -175,6 +175,32 @@ def regions(
     return finder.find(Poses.of(poses))
 
 
+def covering_poses(regions: Regions, face: ArrayLike, points: ArrayLike) -> NDArray[np.bool_]:
+    """Poses that cover points of the surface.
+
+    Parameters
+    ----------
+    regions : Regions
+        Of P poses.
+    face : (N,) int array_like
+        Face of each point.
+    points : (N, 3) array_like
+        Points on the faces, metres.
+
+    Returns
+    -------
+    (N, P) bool
+        Row i, column j: the pose `regions.pose_ids[j]` covers point i.
+    """
+    n_points, n_poses = len(np.asarray(face)), len(regions.pose_ids)
+    check_memory(
+        f"coverage of {n_points:,} points by {n_poses:,} poses",
+        n_points * n_poses,
+        "ask for fewer points at a time",
+    )
+    return regions.rows_at(regions.pose, n_poses, face, points)
+
+
 class RegionPass(ExactPass):
     """Regions of one mesh through its cameras by one task; any number of threads may use it.
 
@@ -226,9 +252,7 @@ class RegionPass(ExactPass):
 
     def batches(self, poses: Poses) -> Iterator[Regions]:
         """Regions a few poses at a time, for streams of any length; at least one batch."""
-        step = batch_size(self.mesh.n_faces, self.threads)
-        for at in range(0, max(1, len(poses)), step):
-            yield self.find(poses[at : at + step])
+        return map(self.find, in_batches(poses, self.mesh.n_faces, self.threads))
 
     def _joined(self, poses: Poses, found: Sequence[Any]) -> Regions:
         """Regions of all poses in one table."""

@@ -6,7 +6,7 @@ from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.arguments import check_kind
 from rastercov.base.checks import finite_number, shown
@@ -294,3 +294,13 @@ def _with_rest(covered: Covered) -> Covered:
     return replace(
         covered, xy=whole.xy, starts=whole.starts, face=whole.face, views=whole.views - 1
     )
+
+
+def views_at(covered: Covered, face: ArrayLike, points: ArrayLike) -> NDArray[np.int64]:
+    """(N,) cameras that cover each point of faces (N,), k of `covered` for k or more."""
+    whole = with_rest(covered)
+    found = whole.rows_at(whole.views, len(covered.area) + 1, face, points)
+    # On an outline a point is in several pieces.
+    found[:, 0] |= ~found.any(axis=1)
+    most: NDArray[np.int64] = len(covered.area) - found[:, ::-1].argmax(axis=1)
+    return most

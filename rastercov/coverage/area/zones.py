@@ -166,6 +166,23 @@ def dead_zones(covered: Covered, views: ArrayLike | None = None) -> DeadZones:
     return DeadZones(mesh, xy, starts, face, number, rank[zone], sums[order], areas)
 
 
+def zones_at(zones: DeadZones, face: ArrayLike, points: ArrayLike, n: int) -> NDArray[np.int64]:
+    """(N,) dead zone of each point of faces (N,): its row, n for the n-th or later, -1 for none.
+
+    Parameters
+    ----------
+    zones : DeadZones
+        Zones, the largest first.
+    face, points
+        As for `rastercov.coverage.area.regions.covering_poses`.
+    n : int
+        Zones that are distinguished.
+    """
+    row = np.minimum(zones.zone, n).astype(np.int32)
+    found = zones.rows_at(row, n + 1, face, points)
+    return np.where(found.any(axis=1), found.argmax(axis=1), -1)
+
+
 def _link(mesh: Mesh, xy: FloatArray, starts: IntArray, face: Any, parent: IntArray) -> None:
     """Link the pieces that are connected, by their parents."""
     from rastercov.kernels import area_zone as kernels

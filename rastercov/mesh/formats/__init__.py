@@ -197,8 +197,6 @@ class _Beside:
 
 def _reader_and_bytes(path: StrPath, max_bytes: int) -> tuple[Reader, bytes]:
     """Reader of the file's format, and the bytes of the file, read once."""
-    kind = type(path).__name__
-    check(isinstance(path, str | os.PathLike), f"a path wanted, got {kind}", "pass a Path")
     is_url = re.match(r"[A-Za-z][A-Za-z0-9+.-]+:/", str(path))
     check(not is_url, "a file on this machine wanted, got a URL", "download it first")
     extension = Path(path).suffix.lower()

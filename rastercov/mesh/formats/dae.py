@@ -22,7 +22,6 @@ from rastercov.mesh.formats.polygons import (
     Part,
     Polygons,
     Shape,
-    broken,
     check,
     check_affine,
     check_budget,
@@ -46,7 +45,6 @@ STRIPS = ("trifans", "tristrips")
 LINES = ("lines", "linestrips")
 TRANSFORMS = ("matrix", "translate", "rotate", "scale", "lookat", "skew")
 _INSTANCES = "instance_node instance_geometry instance_controller"
-_NO_PART = "asset extra instance_camera instance_light"
 _LIBRARIES = (
     "library_animations library_animation_clips library_cameras library_controllers "
     "library_geometries library_effects library_force_fields library_images library_lights "
@@ -54,46 +52,37 @@ _LIBRARIES = (
     "library_physics_scenes library_visual_scenes library_articulated_systems library_formulas "
     "library_joints library_kinematics_models library_kinematics_scenes"
 )
-_ARRAYS = "Name_array IDREF_array SIDREF_array token_array int_array bool_array technique"
 SCHEMA = schema_of(
-    f"name sid id type layer proxy version base schemaLocation set material {_NO_PART} {_ARRAYS} "
-    f"{_LIBRARIES} evaluate_scene instance_physics_scene instance_kinematics_scene contributor "
-    "created coverage keywords modified revision subject title up_axis digits magnitude",
+    f"name sid id type layer proxy version base schemaLocation set material {_LIBRARIES} "
+    "asset extra instance_camera instance_light evaluate_scene instance_physics_scene "
+    "instance_kinematics_scene contributor created coverage keywords modified revision subject "
+    "title up_axis digits magnitude Name_array IDREF_array SIDREF_array token_array int_array "
+    "bool_array technique",
     {
-        "COLLADA": (f"asset scene extra {_LIBRARIES}", "version base schemaLocation"),
-        "asset": (
-            "unit contributor created coverage extra keywords modified revision subject title "
-            "up_axis",
-            "",
-        ),
-        "unit": (None, "meter name"),
-        "scene": (
-            "instance_visual_scene instance_physics_scene instance_kinematics_scene extra",
-            "",
-        ),
-        "instance_visual_scene": (None, "url name sid"),
-        "library_visual_scenes": ("visual_scene asset extra", "id name"),
-        "visual_scene": ("node asset extra evaluate_scene", "id name"),
-        "library_nodes": ("node asset extra", "id name"),
-        "node": (
-            f"node {' '.join(TRANSFORMS)} {_INSTANCES} {_NO_PART}",
-            "id name sid type layer",
-        ),
-        **dict.fromkeys(_INSTANCES.split(), (None, "url name sid proxy")),
-        "library_geometries": ("geometry asset extra", "id name"),
-        "geometry": ("mesh asset extra", "id name"),
-        "mesh": (f"source vertices extra {' '.join((*POLYGONS, *STRIPS, *LINES))}", ""),
-        **dict.fromkeys(POLYGONS, ("input p vcount ph extra", "count name material")),
-        **dict.fromkeys(STRIPS, ("input p extra", "count name material")),
-        "input": (None, "offset semantic source set"),
-        "vertices": ("input extra", "id name"),
-        "source": (f"float_array technique_common asset {_ARRAYS}", "id name"),
-        "float_array": (None, "id name count digits magnitude"),
+        "COLLADA": ("scene", ""),
+        "asset": ("unit", ""),
+        "unit": (None, "meter"),
+        "scene": ("instance_visual_scene", ""),
+        "instance_visual_scene": (None, "url"),
+        "library_visual_scenes": ("visual_scene", ""),
+        "visual_scene": ("node", ""),
+        "library_nodes": ("node", ""),
+        "node": (f"node {' '.join(TRANSFORMS)} {_INSTANCES}", ""),
+        **dict.fromkeys(_INSTANCES.split(), (None, "url")),
+        "library_geometries": ("geometry", ""),
+        "geometry": ("mesh", ""),
+        "mesh": (f"source vertices {' '.join((*POLYGONS, *STRIPS, *LINES))}", ""),
+        **dict.fromkeys(POLYGONS, ("input p vcount ph", "count")),
+        **dict.fromkeys(STRIPS, ("input p", "count")),
+        "input": (None, "offset semantic source"),
+        "vertices": ("input", ""),
+        "source": ("float_array technique_common", ""),
+        "float_array": (None, "count"),
         "accessor": ("param", "source count offset stride"),
-        "library_controllers": ("controller asset extra", "id name"),
-        "controller": ("skin morph asset extra", "id name"),
-        "skin": ("bind_shape_matrix source joints vertex_weights extra", "source"),
-        "morph": ("source targets extra", "source method"),
+        "library_controllers": ("controller", ""),
+        "controller": ("skin morph", ""),
+        "skin": ("bind_shape_matrix source joints vertex_weights", "source"),
+        "morph": ("source targets", "source method"),
     },
 )
 """Names of the elements that are read: those of their children and attributes."""
@@ -118,7 +107,7 @@ class _Scene:
             if (key := element.get("id")) is not None:
                 self._by_id.setdefault(key, []).append(element)
         self._shapes: dict[str, Shape] = {}
-        self._controlled: dict[Element, tuple[Element, NDArray[np.float64]] | None] = {}
+        self._controlled: dict[Element, tuple[Element, NDArray[np.float64]]] = {}
         self._points: dict[str, NDArray[np.float64]] = {}
         self._sources: dict[str, NDArray[np.float64]] = {}
         self._numbers: dict[Element, NDArray[np.float64]] = {}
@@ -187,12 +176,12 @@ class _Scene:
         return Part(name, f"node {name!r}", pieces, why)
 
     def _of_controller(self, controller: Element) -> tuple[Element, NDArray[np.float64]]:
-        """Geometry of a controller, such as a skin of a morph, and its place; found once."""
+        """Geometry of a controller, such as a skin of a morph, and its place; found once.
+
+        One that is a part of itself is nested too deeply.
+        """
         if controller in self._controlled:
-            if (known := self._controlled[controller]) is None:
-                raise broken(f"controller {_name(controller)!r} is a part of itself")
-            return known
-        self._controlled[controller] = None
+            return self._controlled[controller]
         self._skinned[_name(controller)] = None
         (changed,) = children(controller, "skin", "morph")
         target = self._target(changed.attrib["source"], "geometry", "controller")

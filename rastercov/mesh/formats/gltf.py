@@ -159,7 +159,7 @@ def read_step(data: bytes, budget: int) -> Polygons:
 
 
 def _length_notes(index: int, promised: int, n_bytes: int, name: str) -> list[str]:
-    """A note where a buffer has not the promised length, but for padding."""
+    """A note where a buffer has another length than promised, beyond padding."""
     if 0 <= n_bytes - promised <= PADDING:
         return []
     return [f"buffer {index} promises {promised} bytes, {name} holds {n_bytes}"]

@@ -227,34 +227,33 @@ class Accessors:
 
 
 INSTANCING = "EXT_mesh_gpu_instancing"
-KNOWN = {
-    kind: frozenset(f"{names} extensions extras".split())
-    for kind, names in {
-        "": "accessors animations asset buffers bufferViews cameras extensionsRequired "
-        "extensionsUsed images materials meshes nodes samplers scene scenes skins textures",
-        "asset": "copyright generator minVersion version",
-        "scenes": "nodes name",
-        "nodes": "camera children matrix mesh name rotation scale skin translation weights",
-        "meshes": "primitives weights name",
-        "primitives": "attributes indices material mode targets",
-        "accessors": "bufferView byteOffset componentType count max min name normalized sparse "
-        "type",
-        "sparse": "count indices values",
-        "indices": "bufferView byteOffset componentType",
-        "values": "bufferView byteOffset",
-        "bufferViews": "buffer byteLength byteOffset byteStride name target",
-        "buffers": "byteLength name uri",
-        "cameras": "orthographic perspective type name",
-        "perspective": "aspectRatio yfov zfar znear",
-        INSTANCING: "attributes",
-    }.items()
-}
-"""Names within the objects that an entry of a name holds, one or a list; "" is the file."""
 HARMLESS = frozenset(
     {"copyright", "generator", "name", "extras", "material", "materials", "max", "min", "target"}
     | {"images", "samplers", "textures", "animations", "skin", "skins", "zfar", "znear"}
 )
-"""Names that no triangle and no camera depends on."""
+"""Names that no triangle and no camera depends on, known everywhere."""
+KNOWN = {
+    kind: HARMLESS.union(names.split(), ["extensions"])
+    for kind, names in {
+        "": "accessors asset buffers bufferViews cameras extensionsRequired extensionsUsed meshes "
+        "nodes scene scenes",
+        "asset": "minVersion version",
+        "scenes": "nodes",
+        "nodes": "camera children matrix mesh rotation scale translation weights",
+        "meshes": "primitives weights",
+        "primitives": "attributes indices mode targets",
+        "accessors": "bufferView byteOffset componentType count normalized sparse type",
+        "sparse": "count indices values",
+        "indices": "bufferView byteOffset componentType",
+        "values": "bufferView byteOffset",
+        "bufferViews": "buffer byteLength byteOffset byteStride",
+        "buffers": "byteLength uri",
+        "cameras": "orthographic perspective type",
+        "perspective": "aspectRatio yfov",
+        INSTANCING: "attributes",
+    }.items()
+}
+"""Names within the objects that an entry of a name holds, one or a list; "" is the file."""
 ATTRIBUTES = ("attributes", "targets")
 """Entries of objects whose names are those of attributes."""
 ATTRIBUTE = re.compile(

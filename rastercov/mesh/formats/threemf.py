@@ -67,29 +67,22 @@ DAMAGED = (
     struct.error,
 )
 """Errors of the standard library about a damaged or encrypted archive."""
-_MATERIALS = "basematerials texture2d texture2dgroup colorgroup compositematerials multiproperties"
-_SLICES = "slicestackid slicepath meshresolution"
 SCHEMA = schema_of(
-    f"metadata metadatagroup pid pindex name partnumber thumbnail UUID type lang printable "
-    f"recommendedextensions slicestack {_MATERIALS} {_SLICES}",
+    "metadata metadatagroup pid pindex name partnumber thumbnail UUID type lang printable "
+    "recommendedextensions slicestack basematerials texture2d texture2dgroup colorgroup "
+    "compositematerials multiproperties slicestackid slicepath meshresolution",
     {
-        "model": (
-            "metadata metadatagroup resources build",
-            "unit lang requiredextensions recommendedextensions",
-        ),
-        "resources": (f"object slicestack {_MATERIALS}", ""),
-        "object": (
-            "mesh components metadata metadatagroup",
-            f"id type pid pindex name partnumber thumbnail UUID {_SLICES}",
-        ),
+        "model": ("resources build", "unit requiredextensions"),
+        "resources": ("object", ""),
+        "object": ("mesh components", "id"),
         "mesh": ("vertices triangles trianglesets", ""),
         "vertices": ("vertex", ""),
         "triangles": ("triangle", ""),
         "trianglesets": ("triangleset", ""),
         "components": ("component", ""),
-        "component": ("", "objectid transform path UUID"),
-        "build": ("item", "UUID"),
-        "item": ("metadatagroup", "objectid transform path UUID partnumber printable"),
+        "component": ("", "objectid transform path"),
+        "build": ("item", ""),
+        "item": ("", "objectid transform path"),
     },
 )
 """Names of the elements that are read: those of their children and attributes."""

@@ -100,12 +100,16 @@ those among both that no triangle depends on."""
 
 
 def schema_of(harmless: str, elements: Mapping[str, tuple[str | None, str]]) -> Schema:
-    """Schema of names in words: of children, or None for any, and of attributes."""
+    """Schema of names in words: of children, or None for any, and of attributes.
+
+    Harmless names are known everywhere.
+    """
     apart = frozenset(harmless.split())
-    return {
-        kind: (None if names is None else frozenset(names.split()), frozenset(own.split()), apart)
-        for kind, (names, own) in elements.items()
-    }
+    found = {}
+    for kind, (names, own) in elements.items():
+        inner = None if names is None else apart.union(names.split())
+        found[kind] = inner, apart.union(own.split()), apart
+    return found
 
 
 def look_at_names(root: Element, schema: Schema, found: UnknownNames) -> None:

@@ -438,8 +438,6 @@ DIRECTIONS_AT_ONCE = 1 << 21
 """Free distances in memory: 32 MB with the pictures that they are from."""
 
 Vector = tuple[float, float, float]
-Block = list[tuple[OpenDirections, FloatArray, IntArray]]
-"""Sites with the positions to try, (N, 3), and the ray of each."""
 Allowed = Callable[[FloatArray], BoolArray]
 """Mask of the poses at positions where a camera can be mounted."""
 
@@ -582,7 +580,7 @@ def openings(
     """
     rows = face_rows(mesh, faces)
     rows = rows[~mesh.degenerate_mask[rows]]
-    if isinstance(views, bool) or views < 1 or side < 2 or side % 2 or finest % 2:
+    if views < 1 or side < 2 or side % 2 or finest % 2:
         raise ConfigError(
             f"views must be 1 or more, side and finest even, got {views}, {side} and {finest}"
         )
@@ -645,35 +643,29 @@ def _searched(
 
 def _place(sites: Sequence[OpenDirections], allowed: Allowed, up: Vector, views: int) -> None:
     """Find allowed poses for each site, on the first rays before the others."""
-    for first in (True, False):
-        block: Block = []
-        size = 0
-        for site in (s for s in sites if not s.poses):
-            part = slice(0, site.n_first) if first else slice(site.n_first, None)
-            eyes, ray = site.eyes(part)
-            site.n_places += len(eyes)
-            block.append((site, eyes, ray))
-            size += len(eyes)
-            if size >= PLACES_AT_ONCE:
-                _judge(block, allowed, up, views)
-                block, size = [], 0
-        _judge(block, allowed, up, views)
+    for is_first, n_rays in ((True, FIRST_RAYS), (False, MORE_RAYS)):
+        left, at_once = [s for s in sites if not s.poses], PLACES_AT_ONCE // (n_rays * STEPS)
+        for start in range(0, len(left), at_once):
+            _judge(left[start : start + at_once], is_first, allowed, up, views)
 
 
-def _judge(block: Block, allowed: Allowed, up: Vector, views: int) -> None:
-    """Keep the nearest allowed position on each ray, for the sites of one block."""
-    eyes = np.concatenate([eyes for _, eyes, _ in block]) if block else np.zeros((0, 3))
-    if not len(eyes):
+def _judge(
+    sites: Sequence[OpenDirections], is_first: bool, allowed: Allowed, up: Vector, views: int
+) -> None:
+    """Keep the nearest allowed position on each of the first rays of some sites, or the others."""
+    rays = [slice(s.n_first) if is_first else slice(s.n_first, None) for s in sites]
+    found = [site.eyes(part) for site, part in zip(sites, rays, strict=True)]
+    ends = np.cumsum([len(eyes) for eyes, _ in found])
+    if not ends[-1]:
         return
-    targets = np.concatenate([np.broadcast_to(s.target, e.shape) for s, e, _ in block])
-    poses = look_at(eyes, targets, up)
+    targets = np.repeat([site.target for site in sites], np.diff(ends, prepend=0), axis=0)
+    poses = look_at(np.concatenate([eyes for eyes, _ in found]), targets, up)
     is_allowed = allowed(poses)
-    start = 0
-    for site, of_site, ray in block:
-        rows = np.flatnonzero(is_allowed[start : start + len(of_site)])
+    for site, (eyes, ray), end in zip(sites, found, ends.tolist(), strict=True):
+        site.n_places += len(eyes)
+        rows = np.flatnonzero(is_allowed[end - len(eyes) : end])
         _, nearest = np.unique(ray[rows], return_index=True)
-        good = poses[start + rows[nearest]]
-        start += len(of_site)
+        good = poses[end - len(eyes) + rows[nearest]]
         chosen = far_apart(-good[:, :3, 2], np.arange(len(good)), math.radians(APART_DEG), views)
         site.poses = list(good[chosen])
 
@@ -682,25 +674,26 @@ def _gathered(
     rows: IntArray, owner: IntArray, sites: Sequence[OpenDirections], framing: Framing, least: float
 ) -> Openings:
     """Openings of the faces, each with its better side."""
-    best: list[OpenDirections | None] = [None] * len(rows)
-    poses: list[list[FloatArray]] = [[] for _ in rows]
+    of_face: list[list[OpenDirections]] = [[] for _ in rows]
     for row, site in zip(owner.tolist(), sites, strict=True):
-        other = best[row]
-        poses[row] += site.poses
-        if other is None or _access(site) > _access(other):
-            best[row] = site
-    chosen = [site for site in best if site is not None]
-    upright = np.array([pose for of_face in poses for pose in of_face]).reshape(-1, 4, 4)
-    index = np.repeat(rows, [len(of_face) for of_face in poses])
+        of_face[row].append(site)
+    chosen = [max(both, key=_access) for both in of_face]
+    poses = [[pose for site in both for pose in site.poses] for both in of_face]
+    upright = np.array([pose for own in poses for pose in own]).reshape(-1, 4, 4)
+    index = np.repeat(rows, [len(own) for own in poses])
+
+    def column(name: str, kind: type) -> NDArray[Any]:
+        return frozen(np.array([getattr(site, name) for site in chosen], kind))
+
     return Openings(
         face=frozen(rows),
         access=frozen(np.array([_access(site) for site in chosen], np.uint8)),
-        points=frozen(np.array([site.n_points for site in chosen], np.int64)),
-        directions=frozen(np.array([site.n_directions for site in chosen], np.int64)),
-        open_share=frozen(np.array([site.open_share for site in chosen], np.float64)),
-        missed_deg=frozen(np.array([site.missed_deg for site in chosen], np.float64)),
+        points=column("n_points", np.int64),
+        directions=column("n_directions", np.int64),
+        open_share=column("open_share", np.float64),
+        missed_deg=column("missed_deg", np.float64),
         least=least,
-        places=frozen(np.array([site.n_places for site in chosen], np.int64)),
+        places=column("n_places", np.int64),
         proof=tuple(site.proof for site in chosen),
         candidates=rolled_candidates(upright, "cavity", index, framing),
     )

@@ -5,6 +5,7 @@ time for each candidate. A tree of boxes finds nearest surfaces and counts the c
 which give winding numbers.
 """
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
@@ -137,14 +138,12 @@ class Dropped:
     def summary(self) -> dict[str, Any]:
         """Counts, ready for JSON."""
         out = self.volume[self.rejection == Rejection.KEPT_OUT]
-        counts = dict.fromkeys(self.volumes, 0)
-        for row in out.tolist():
-            counts[self.volumes[row]] += 1
+        counts = Counter(self.volumes[row] for row in out.tolist())
         return {
             "candidates": len(self.rejection),
             "kept": int(self.kept_mask.sum()),
             "in_solid": int((self.rejection == Rejection.IN_SOLID).sum()),
-            "kept_out": counts,
+            "kept_out": {name: counts[name] for name in self.volumes},
             "too_near": int((self.rejection == Rejection.TOO_NEAR).sum()),
             "clearance": self.clearance,
         }

@@ -13,6 +13,7 @@ Inspection. 2014 (averages over convex regions).
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -27,9 +28,9 @@ from rastercov.camera.pose import Poses, valid_poses
 from rastercov.camera.viewpoints import half_angles, look_at
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import frozen
+from rastercov.mesh.topology import edge_table
 from rastercov.placement.candidates.segments import Segmentation
 
-FITS = ("extent", "vertices")
 FRAMING_MARGIN_REL = 1e-9
 """Relative margin that keeps targets inside the image and the depth of field after rounding."""
 
@@ -71,7 +72,7 @@ class Framing:
     """
 
     stand_off: tuple[float, float] = (0.0, np.inf)
-    fit: str = "extent"
+    fit: Literal["extent", "vertices"] = "extent"
     margin: float = 1.0
     rolls_deg: tuple[float, ...] = (0.0,)
     up: tuple[float, float, float] = (0.0, 0.0, 1.0)
@@ -80,8 +81,6 @@ class Framing:
     def __post_init__(self) -> None:
         check_fields(self)
         check_stand_off(self.stand_off)
-        if self.fit not in FITS:
-            raise ConfigError(f"fit must be {' or '.join(FITS)}, got {self.fit!r}")
         if not 0 < self.margin < np.inf:
             raise ConfigError(f"margin must be positive and finite, got {self.margin}")
         if not len(self.rolls_deg) or not np.isfinite(self.rolls_deg).all():
@@ -445,24 +444,21 @@ def face_rows(mesh: Mesh, faces: ArrayLike) -> IntArray:
 
 def convex_corners(mesh: Mesh, least_bend_deg: float) -> IntArray:
     """Vertices at which the surface is closed, consistently wound, convex and bent at an edge."""
-    start, end = mesh.welded_faces, np.roll(mesh.welded_faces, -1, axis=1)
-    face = np.repeat(np.flatnonzero(~mesh.degenerate_mask), 3)
-    start, end = (side[~mesh.degenerate_mask].reshape(-1) for side in (start, end))
-    apex = np.roll(mesh.welded_faces, 1, axis=1)[~mesh.degenerate_mask].reshape(-1)
-    key = np.minimum(start, end) * mesh.n_vertices + np.maximum(start, end)
-    order = np.lexsort((start > end, key))
-    _, first, uses = np.unique(key[order], return_index=True, return_counts=True)
-    one, other = order[first], order[first + uses - 1]
-    is_good = (uses == 2) & (start[one] == end[other])
-    normal = mesh.normals[face]
-    across = mesh.vertices[apex[other]] - mesh.vertices[start[one]]
+    rows = np.flatnonzero(~mesh.degenerate_mask)
+    faces, normals = mesh.welded_faces[rows], mesh.normals[rows]
+    table = edge_table(faces, mesh.n_vertices)
+    uses = table.uses.astype(np.int64)
+    one, other = uses[table.first], uses[table.first + table.n_uses - 1]
+    start, apex = faces[one // 3, one % 3], faces[other // 3, (other + 2) % 3]
+    is_good = (table.n_uses == 2) & (start == faces[other // 3, (other + 1) % 3])
+    across = mesh.vertices[apex] - mesh.vertices[start]
     across /= np.linalg.norm(across, axis=1, keepdims=True)
-    is_good &= np.einsum("ni,ni->n", normal[one], across) <= CONVEX_SINE_TOLERANCE
-    bend = np.einsum("ni,ni->n", normal[one], normal[other])
+    is_good &= np.einsum("ni,ni->n", normals[one // 3], across) <= CONVEX_SINE_TOLERANCE
+    bend = np.einsum("ni,ni->n", normals[one // 3], normals[other // 3])
     is_good &= bend > FOLDED_COSINE
     is_bent = bend <= np.cos(np.radians(least_bend_deg))
     is_corner, is_bad = np.zeros((2, mesh.n_vertices), dtype=bool)
-    for ends in (start[one], end[one]):
+    for ends in table.vertices.astype(np.int64).T:
         is_corner[ends[is_bent]] = True
         is_bad[ends[~is_good]] = True
     return np.flatnonzero(is_corner & ~is_bad)

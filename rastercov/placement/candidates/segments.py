@@ -8,7 +8,6 @@ E. S. Eissa. Image Space Coverage Model for Deployment of Multi-Camera Networks.
 6.3.1; the order of the steps, which it does not define, is that of his program (Khepra, 2020).
 """
 
-import heapq
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -207,41 +206,28 @@ def _connected(start: int, allowed: set[int], links: list[set[int]]) -> list[int
 def _by_closest(sums: FloatArray, least_cosine: float, links: Links) -> IntArray:
     """Lowest segment of the set of each segment; three steps of 10 to 100 us a segment.
 
-    A heap holds the closest partner of each segment at the time of its last query. Of the two
-    closest segments, the one queried later had the other as its partner, so they come first.
+    Each segment has the partner that was the closest when it was looked up last. Of the two closest
+    segments, the one looked up later has the other as its partner, so they come first.
     """
     sums, units = sums.copy(), _units(sums)
-    owner = np.arange(len(units))
-    version = [0] * len(units)
-    heap: list[tuple[float, int, int, int, int]] = []
+    every, closest = np.arange(len(units)), np.full(len(units), -1.0)
+    owner, partner = every.copy(), every.copy()
 
     def look_up(one: int) -> None:
-        others = np.fromiter(sorted(links[one]), np.int64) if links else np.arange(len(units))
-        if not len(others):
-            return
+        others = np.array(sorted(links[one]), np.int64) if links else every
         cosines = units[others] @ units[one] if links else units @ units[one]
         cosines[others == one] = -1.0
-        at = int(cosines.argmax())
-        if cosines[at] >= least_cosine:
-            other = int(others[at])
-            heapq.heappush(heap, (-float(cosines[at]), one, other, version[one], version[other]))
+        closest[one] = cosines.max(initial=-1.0)
+        partner[one] = others[cosines.argmax()] if len(others) else one
 
     for one in range(len(units)):
         look_up(one)
-    while heap:
-        _, one, other, was, other_was = heapq.heappop(heap)
-        if version[one] != was:  # merged since
-            continue
-        if version[other] != other_was:
-            look_up(one)
-            continue
-        kept, gone = min(one, other), max(one, other)
+    while len(units) and closest[one := int(closest.argmax())] >= least_cosine:
+        kept, gone = sorted((one, int(partner[one])))
         owner[owner == gone] = kept
         sums[kept] += sums[gone]
         units[kept] = sums[kept] / np.linalg.norm(sums[kept])
-        units[gone] = 0.0  # a right angle to all: never merged again
-        version[kept] += 1
-        version[gone] += 1
+        units[gone], closest[gone] = 0.0, -1.0  # a right angle to all: never merged again
         if links:
             for neighbour in links[gone]:
                 links[neighbour].discard(gone)
@@ -249,7 +235,10 @@ def _by_closest(sums: FloatArray, least_cosine: float, links: Links) -> IntArray
                     links[neighbour].add(kept)
                     links[kept].add(neighbour)
             links[gone] = set()
-        look_up(kept)
+        is_changed = ((partner == kept) | (partner == gone)) & (closest >= least_cosine)
+        is_changed[kept] = True
+        for other in np.flatnonzero(is_changed):
+            look_up(int(other))
     return owner
 
 

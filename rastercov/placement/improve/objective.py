@@ -24,7 +24,7 @@ from rastercov.coverage.network import least_cosine
 from rastercov.coverage.observer import Observer
 from rastercov.coverage.task import Reason, Task
 from rastercov.mesh import Mesh
-from rastercov.placement.mounts import Mounts
+from rastercov.placement.mounts import Mounts, places_on_rigs
 from rastercov.placement.select.problem import (
     in_whole_numbers,
     views_of,
@@ -129,7 +129,7 @@ class Objective:
             return centres
         found = np.repeat(centres, width, axis=0)
         cameras, owner = self.cameras(placed)
-        found[_rows(owner, width)] = cameras.world_from_camera[:, :3, 3]
+        found[owner * width + places_on_rigs(owner)] = cameras.world_from_camera[:, :3, 3]
         return found
 
     def listed(self, poses: FloatArray | Poses) -> Lists:
@@ -146,7 +146,7 @@ class Objective:
         found = find(placed)
         if (width := self.width) > 1:
             counts = np.zeros(len(poses) * width, np.int64)
-            counts[_rows(owner, width)] = np.diff(found.starts)
+            counts[owner * width + places_on_rigs(owner)] = np.diff(found.starts)
             return Lists(np.concatenate(([0], np.cumsum(counts))), found.items)
         return found if self.mounts is None else self.mounts.united(found, owner, len(poses))
 
@@ -251,12 +251,6 @@ def _read_only(*arrays: NDArray[Any]) -> list[NDArray[Any]]:
     from rastercov.base.memory import read_only
 
     return [read_only(array, array.dtype.type) for array in arrays]
-
-
-def _rows(owner: IntArray, width: int) -> IntArray:
-    """Row of each camera where each pose has `width` rows; `owner` is ascending."""
-    place: IntArray = np.arange(len(owner)) - np.searchsorted(owner, owner)
-    return owner * width + place
 
 
 @dataclass(frozen=True, eq=False)

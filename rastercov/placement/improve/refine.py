@@ -46,6 +46,13 @@ LEAST_TURN_DEG = 1e-9
 HALVINGS = 5
 RANDOM_MOVES = 24
 """Random moves of a camera at each step that combine all axes, besides the 18 or 20 along them."""
+ALONG = np.concatenate((np.eye(6)[:3], -np.eye(6)[:3]))
+SIDEWAYS = ALONG[ALONG[:, 2] == 0]
+AROUND = np.array(
+    [(0, 0, 0, *each, 0) for each in product((-1.0, 0.0, 1.0), repeat=2) if any(each)]
+)
+ROLLED = np.outer((-1.0, 1.0), np.eye(6)[5])
+"""Moves of a camera: steps along its axes, and turns across, along and about its view."""
 
 
 EXCHANGE = -1
@@ -158,7 +165,7 @@ def refine(
     if not LEAST_TURN_DEG <= turn_deg <= 90:
         raise ConfigError(f"turn_deg must be {LEAST_TURN_DEG:g} to 90, got {turn_deg}")
     for name, value, low in (("halvings", halvings, 0), ("budget", budget, len(start))):
-        if isinstance(value, bool) or value != int(value) or value < low:
+        if value < low:
             raise ConfigError(f"{name} must be a whole number, {low} or more, got {value}")
     space.require(start, "camera")
 
@@ -330,7 +337,8 @@ class _Search:
         gains -= added(self._own[row] or exact, self.eyes[row])
         if trials.measured:
             rows = list(trials.measured)
-            gains[rows] = added(_joined(list(trials.measured.values())), trials.eyes[rows])
+            known = [part.row(at) for part in trials.measured.values() for at in range(part.n)]
+            gains[rows] = added(Lists.of(known), trials.eyes[rows])
             gains[rows] -= added(exact, self.eyes[row])
         best = int(gains.argmax())
         return int(gains[best]), best
@@ -379,50 +387,28 @@ class _Search:
             self.trace_evaluations.append(self.evaluations)
 
 
-def _joined(parts: Sequence[Lists]) -> Lists:
-    """Lists of all parts, one after the other."""
-    return Lists.of([part.row(row) for part in parts for row in range(part.n)])
-
-
 def _moves(
     space: PoseSpace, pose: FloatArray, step: float, turn: float, rng: np.random.Generator
 ) -> FloatArray:
     """(M, 4, 4) poses one move away from a pose, at allowed positions."""
     eyes, forwards, rolls = space.decomposed(pose)
-    eye, forward, roll = eyes[0], forwards[0], float(rolls[0])
-    right, down = pose[:3, 0], pose[:3, 1]
-    tangent = np.tan(turn)
-    reach = step / tangent  # depth at which a turn compensates a sideways step
-    to: list[FloatArray] = []
-    looks: list[FloatArray] = []
-    for sign, axis in product((1.0, -1.0), (right, down, forward)):
-        to.append(eye + sign * step * axis)
-        looks.append(forward)
-    for sign, axis in product((1.0, -1.0), (right, down)):
-        to.append(eye + sign * step * axis)
-        looks.append(reach * forward - sign * step * axis)
-    for across, along in product((-1.0, 0.0, 1.0), repeat=2):
-        if across or along:
-            to.append(eye)
-            looks.append(forward + tangent * (across * right + along * down))
-    turns = [roll] * len(to)
-    if space.is_roll_free:
-        to += [eye, eye]
-        looks += [forward, forward]
-        turns += [roll - turn, roll + turn]
-    for number in range(RANDOM_MOVES):
-        shift = step / np.sqrt(3) * (pose[:3, :3] @ rng.normal(size=3))
-        across, along, rolled = rng.normal(size=3) / np.sqrt(2)
-        look = forward + tangent * (across * right + along * down)
-        to.append(eye + shift)
-        looks.append(look if number % 2 else reach * look - shift)
-        turns.append(roll + rolled * turn if space.is_roll_free else roll)
-    places, directions = np.array(to), np.array(looks)
+    eye, forward, tangent = eyes[0], forwards[0], np.tan(turn)
+    drawn = rng.normal(size=(RANDOM_MOVES, 6)) / np.sqrt([3, 3, 3, 2, 2, 2])
+    moves = np.concatenate((ALONG, SIDEWAYS, AROUND, ROLLED[: 2 * space.is_roll_free], drawn))
+    shifts = step * moves[:, :3] @ pose[:3, :3].T
+    directions = forward + tangent * moves[:, 3:5] @ pose[:3, :2].T
+    # Some shifts are compensated by a turn: at this depth the image stays.
+    is_held = np.zeros(len(moves), np.bool_)
+    is_held[len(ALONG) : len(ALONG) + len(SIDEWAYS)] = True
+    is_held[len(moves) - RANDOM_MOVES :: 2] = True
+    directions[is_held] = step / tangent * directions[is_held] - shifts[is_held]
+    turns = rolls[0] + turn * moves[:, 5] * space.is_roll_free
+    places = eye + shifts
     shifted = (places != eye).any(axis=1)
     places[shifted] = space.nearest_in_boxes(places[shifted])
     allowed = (directions != 0).any(axis=1)
     allowed[shifted] &= space.allows(places[shifted])  # its present position is allowed
-    return space.composed(places[allowed], directions[allowed], np.array(turns)[allowed])
+    return space.composed(places[allowed], directions[allowed], turns[allowed])
 
 
 def _steps(space: PoseSpace, start: FloatArray, step: float | Sequence[float] | None) -> FloatArray:

@@ -303,6 +303,6 @@ def _checked(cameras: int, method: str, budget: int, population: int) -> int:
         raise ConfigError(f"method must be {', '.join(METHODS)}, got {method!r}")
     least = {"cameras": (cameras, 1), "population": (population, 4), "budget": (budget, cameras)}
     for name, (value, low) in least.items():
-        if isinstance(value, bool) or value != int(value) or value < low:
+        if value < low:
             raise ConfigError(f"{name} must be a whole number, {low} or more, got {value}")
     return budget // cameras

@@ -10,9 +10,8 @@ import difflib
 import json
 import re
 from collections.abc import Mapping, Sequence
-from functools import cache
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Self, get_args
 
 import numpy as np
 from pydantic import BaseModel, PrivateAttr, ValidationError
@@ -119,15 +118,10 @@ def _joined(path: str, part: str) -> str:
 
 def _meant(location: tuple[int | str, ...], model: type[BaseModel]) -> str:
     """Known entries beside an unknown one, and the most similar name."""
-    names = sorted(_entries(location[:-1], _schema_of(model)))
+    names = _entries(location[:-1], model)
     if not names:
         return ""
     return f"; there are {', '.join(names)}{_near(str(location[-1]), names)}"
-
-
-@cache
-def _schema_of(model: type[BaseModel]) -> dict[str, Any]:
-    return model.model_json_schema()  # 0.1 s
 
 
 def _near(name: str, names: Sequence[str]) -> str:
@@ -135,28 +129,29 @@ def _near(name: str, names: Sequence[str]) -> str:
     return f"; did you mean {found[0]}?" if found else ""
 
 
-def _entries(location: tuple[int | str, ...], schema: dict[str, Any]) -> set[str]:
-    """Names of the entries of the table at a location, from the schema of the model."""
-    here: dict[str, Any] = schema
+def _entries(location: tuple[int | str, ...], model: type[BaseModel]) -> list[str]:
+    """Names of the entries of the table at a location, sorted."""
+    models = [model]
     for part in location:
-        here = _resolved(here, schema)
-        if isinstance(part, int):
-            here = here.get("items", {})
-        elif part in here.get("properties", {}):
-            here = here["properties"][part]
-        elif part in (mapping := here.get("discriminator", {}).get("mapping", {})):
-            here = {"$ref": mapping[part]}
-    return set(_resolved(here, schema).get("properties", {}))
+        fields = [each.model_fields for each in models]
+        if hints := [of[part].annotation for of in fields if part in of]:
+            models = [each for hint in hints for each in _models_in(hint)]
+        elif tagged := [each for each in models if part in _tags_of(each)]:
+            models = tagged
+    return sorted({name for each in models for name in each.model_fields})
 
 
-def _resolved(here: dict[str, Any], schema: dict[str, Any]) -> dict[str, Any]:
-    """Definition to which a part of a schema refers."""
-    members = [m for m in here.get("anyOf", []) if m.get("type") != "null"]
-    if len(members) == 1:
-        here = members[0]
-    while "$ref" in here:
-        here = schema["$defs"][here["$ref"].rsplit("/", 1)[-1]]
-    return here
+def _models_in(hint: Any) -> list[type[BaseModel]]:
+    """Models that an annotation names."""
+    if isinstance(hint, type) and issubclass(hint, BaseModel):
+        return [hint]
+    return [model for each in get_args(hint) for model in _models_in(each)]
+
+
+def _tags_of(model: type[BaseModel]) -> list[str]:
+    """Names by which a member of a union is chosen."""
+    fields = (model.model_fields.get(name) for name in ("generator", "goal"))
+    return [tag for field in fields if field for tag in get_args(field.annotation)]
 
 
 NO_CAMERA = "camera: missing; add it, or cameras by name as [cameras.NAME]"

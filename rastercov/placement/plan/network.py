@@ -18,9 +18,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.format import percent, plural
+from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.camera.rig import Rig
-from rastercov.coverage.area.network import AreaNetwork, AreasByCamera, cameras_apart, in_words
+from rastercov.coverage.area.network import AreaNetwork, ByCamera, cameras_apart, in_words
 from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.area.zones import zone_lines
 from rastercov.coverage.coverage import Coverage, batch_size, evaluate_batches
@@ -50,10 +51,6 @@ from rastercov.placement.uncovered import (
     NearestCameras,
     left_by,
 )
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
-IntArray = NDArray[np.int64]
 
 HOLDS, FAILS, UNDECIDED = "holds", "fails", "undecided"
 
@@ -311,7 +308,7 @@ class Measured:
         Share covered by all cameras; with `areas`, of the exact area.
     areas : AreaNetwork or None
         Exact covered area; None where the plan counts faces.
-    apart : AreasByCamera or None
+    apart : ByCamera or None
         That of each camera, where there are several.
     """
 
@@ -327,7 +324,7 @@ class Measured:
     curve: FloatArray
     share: float
     areas: AreaNetwork | None = None
-    apart: AreasByCamera | None = None
+    apart: ByCamera | None = None
 
     @property
     def poses(self) -> FloatArray:
@@ -357,7 +354,7 @@ def with_areas(
     """
     mesh, poses, curve = finder.mesh, cameras.placed, []
     areas = AreaNetwork(mesh, plan.build_task(most_views(plan, views)))
-    apart = AreasByCamera(mesh, areas.task, cameras_apart(plan.rig, poses))
+    apart = ByCamera(mesh, areas.task, plan.rig, poses, by_area=True, by_face=False)
     step = 1 if has_curve else batch_size(mesh.n_faces, finder.threads)
     for at in range(0, len(poses), step):
         some = poses[at : at + step]
@@ -479,21 +476,14 @@ def left_over(
 ) -> Leftover:
     """Faces that a measured network does not cover, with reasons; arguments as for `left_by`.
 
-    By area, those that it does not cover as a whole; `views` are needed there.
+    By area, those that it does not cover as a whole.
     """
     covered = cameras.covered
     if cameras.areas is not None:
         covered = covered | whole_faces(cameras.areas, views)
-    return left_by(
-        observer,
-        cameras.placed,
-        cameras.network,
-        cameras.nearest,
-        candidates=renumbered(np.zeros((0, 4, 4)) if candidates is None else candidates),
-        covered=covered,
-        progress=progress,
-        bounds=bounds,
-    )
+    others = renumbered(np.zeros((0, 4, 4)) if candidates is None else candidates)
+    found = cameras.placed, cameras.network, cameras.nearest, covered
+    return left_by(observer, *found, others, progress, bounds)
 
 
 def certain_and_possible(batch: Coverage) -> BoolArray:

@@ -15,11 +15,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.base.errors import ConfigError, ResourceError
 from rastercov.base.format import percent
-from rastercov.base.memory import check_memory
+from rastercov.base.memory import BoolArray, check_memory
 from rastercov.base.output import named
 from rastercov.camera.formats.doubts import unit_doubts
 from rastercov.camera.pose import Poses, renumbered
@@ -44,7 +43,7 @@ from rastercov.placement.plan.network import OF, counting, goal_of, most_views
 from rastercov.placement.plan.scene import (
     CandidatePool,
     candidate_pool,
-    extended_pool,
+    filtered_pool,
     framing_of,
     keep_outs,
     mounts_of_entry,
@@ -60,7 +59,6 @@ from rastercov.placement.select.problem import (
 )
 from rastercov.placement.uncovered import CandidateBounds
 
-BoolArray = NDArray[np.bool_]
 N_DIAGNOSED = 32
 """Number of candidates examined for the reason why none covers a face."""
 OF_A_MATRIX = (
@@ -271,7 +269,7 @@ def prepare(
     if cavities and unseen.any():
         entry = cavities[0]
         with clock("cavities") as progress:
-            into = []
+            into = list(found.parts)
             for index, cost in mounts_of_entry(plan, entry):
                 opened = openings(
                     mesh,
@@ -285,7 +283,7 @@ def prepare(
                 )
                 into.append((opened.candidates.of_camera(index), cost))
             before = len(found.candidates)
-            found = extended_pool(plan, mesh, found, into)
+            found = filtered_pool(plan, mesh, into)
             further = renumbered(found.candidates.placed[before:])
         del matrix
         matrix = matrix_of("visibility matrix of cavities", further)
@@ -308,7 +306,12 @@ def prepare(
         )
     if folder is not None:
         _forget(folder, used)
-    notes += words_on(matrix)
+    if isinstance(matrix, BitMatrix):
+        size = matrix.bits.n_rows * matrix.bits.n_words * 8
+        notes.append(
+            f"the matrix has {matrix.n_pairs:,} pairs and is held as {size / 1e6:,.0f} MB of bits "
+            "on the disk: exchanges of cameras are tried among the best candidates only"
+        )
     notes += [
         f"candidate {pose} is left out: the process that measured it {end}"
         for pose, end in matrix.quarantined.items()
@@ -386,17 +389,6 @@ def held(
         remedy = "leave them out, or use fewer candidates"
         check_memory(what, BYTES_A_PAIR * n_pairs, remedy)
     return reduce(VisibilityMatrix.joined, lists or map(VisibilityMatrix.of, folders))
-
-
-def words_on(matrix: Matrix) -> list[str]:
-    """Line on a matrix of bits; none for lists."""
-    if not isinstance(matrix, BitMatrix):
-        return []
-    size = matrix.bits.n_rows * matrix.bits.n_words * 8
-    return [
-        f"the matrix has {matrix.n_pairs:,} pairs and is held as {size / 1e6:,.0f} MB of bits on "
-        "the disk: exchanges of cameras are tried among the best candidates only"
-    ]
 
 
 def _faces_with(elements: BoolArray, cells: Cells | None) -> BoolArray:

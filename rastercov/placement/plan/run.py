@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import InOneLine
+from rastercov.base.memory import FloatArray
 from rastercov.camera.pose import Poses
 from rastercov.cluster import Workers
 from rastercov.coverage.area.network import AreaNetwork
@@ -58,8 +59,6 @@ from rastercov.placement.select.greedy import select_greedy
 from rastercov.placement.select.integer import select_integer
 from rastercov.placement.select.problem import FewestCameras, Problem, Selection
 from rastercov.placement.uncovered import Leftover
-
-FloatArray = NDArray[np.float64]
 
 RAISES = 3
 """Times that the share to cover on half cells is raised where the exact area falls short of it."""
@@ -465,16 +464,9 @@ def _tolerate(placement: Placement, objectives: Objectives, progress: Progress) 
 def _explain_uncovered(
     placement: Placement, objectives: Objectives, progress: Progress
 ) -> Placement:
-    prepared = placement.prepared
-    leftover = left_over(
-        objectives.faces.observer,
-        placement.cameras,
-        progress,
-        prepared.measured,
-        prepared.bounds,
-        prepared.plan.task.views,
-    )
-    return replace(placement, leftover=leftover)
+    prepared, observer = placement.prepared, objectives.faces.observer
+    wanted = progress, prepared.measured, prepared.bounds, prepared.plan.task.views
+    return replace(placement, leftover=left_over(observer, placement.cameras, *wanted))
 
 
 def _moved(placement: Placement, objectives: Objectives, poses: FloatArray, how: str) -> Placement:

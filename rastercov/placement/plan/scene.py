@@ -6,15 +6,15 @@ and `PoseSpace` drop candidates, with reasons.
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import islice
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.base.errors import MeshError, RastercovError
 from rastercov.base.format import plural
+from rastercov.base.memory import FloatArray
 from rastercov.camera.formats import read_views
 from rastercov.camera.formats.conventions import unique_names
 from rastercov.camera.rig import Rig
@@ -227,7 +227,7 @@ def _with_names(entry: AnyEntry, path: str, names: Names, lines: list[str]) -> A
     return entry.model_copy(update=changes)
 
 
-FloatArray = NDArray[np.float64]
+Part = tuple[Candidates, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -249,8 +249,8 @@ class CandidatePool:
         Counts of the others that violate limits of the plan, by the name of `Place`.
     space : PoseSpace
         Constraints for optimisation and refinement.
-    boxes : tuple of (2, 3) float64
-        Its boxes.
+    parts : tuple of (Candidates, float)
+        Candidates of each entry before the filter, with the cost of one of them.
     """
 
     candidates: Candidates
@@ -260,7 +260,7 @@ class CandidatePool:
     dropped: Dropped
     misplaced: dict[str, int]
     space: PoseSpace
-    boxes: tuple[FloatArray, ...]
+    parts: tuple[Part, ...]
 
     def lines(self) -> list[str]:
         """Counts of candidates made and dropped, for people."""
@@ -302,7 +302,7 @@ def candidate_pool(plan: Plan, mesh: Mesh) -> CandidatePool:
     PlanError
         With a line for every entry that fails.
     """
-    parts: list[tuple[Candidates, float]] = []
+    parts: list[Part] = []
     lines: list[str] = []
     for row, entry in enumerate(plan.candidates):
         if isinstance(entry, entries.PerCavity):
@@ -315,7 +315,7 @@ def candidate_pool(plan: Plan, mesh: Mesh) -> CandidatePool:
             lines.append(f"candidates[{row}]: {error}")
     if lines:
         raise PlanError(plan.name, lines)
-    return _filtered(plan, mesh, parts, [])
+    return filtered_pool(plan, mesh, parts)
 
 
 def mounts_of_entry(plan: Plan, entry: entries.Generator) -> list[tuple[int, float]]:
@@ -326,43 +326,20 @@ def mounts_of_entry(plan: Plan, entry: entries.Generator) -> list[tuple[int, flo
     ]
 
 
-def extended_pool(
-    plan: Plan, mesh: Mesh, before: CandidatePool, parts: Sequence[tuple[Candidates, float]]
-) -> CandidatePool:
-    """The pool with further candidates, each part with the cost of one of them."""
-    fresh = _filtered(plan, mesh, parts, before.boxes)
-    return replace(
-        fresh,
-        candidates=before.candidates + fresh.candidates,
-        costs=np.concatenate((before.costs, fresh.costs)),
-        made=before.made | fresh.made,
-        proposed=before.proposed + fresh.proposed,
-        dropped=before.dropped,
-        misplaced={
-            name: before.misplaced.get(name, 0) + fresh.misplaced.get(name, 0)
-            for name in before.misplaced | fresh.misplaced
-        },
-    )
-
-
-def _filtered(
-    plan: Plan, mesh: Mesh, parts: Sequence[tuple[Candidates, float]], known: Sequence[FloatArray]
-) -> CandidatePool:
+def filtered_pool(plan: Plan, mesh: Mesh, parts: Sequence[Part]) -> CandidatePool:
     """Pool of the candidates that satisfy the constraints of the plan.
 
-    Without spaces of its own, a plan allows `known` boxes and those around its candidates.
+    Without spaces of its own, a plan allows boxes around its candidates.
     """
     limits = plan.constraints
     found = Candidates(np.zeros((0, 4, 4)), np.zeros(0, np.int16), np.zeros(0, np.int64), ())
-    costs: list[FloatArray] = [np.zeros(0)]
-    for part, cost in parts:
-        found += part
-        costs.append(np.full(len(part), cost))
+    found = sum((part for part, _ in parts), found)
+    costs = np.concatenate([np.zeros(0), *(np.full(len(part), cost) for part, cost in parts)])
     left, dropped = filter_candidates(found, mesh, limits.clearance, keep_outs(plan))
     if limits.spaces:
         boxes = [np.array([space.low, space.high]) for space in limits.spaces]
     else:
-        boxes = [*known, *(box for part, _ in parts for box in _boxes(part))]
+        boxes = [box for part, _ in parts for box in _boxes(part)]
     space = PoseSpace(
         mesh=mesh,
         boxes=np.array(boxes) if boxes else mesh.bounds,
@@ -371,21 +348,17 @@ def _filtered(
         keep_out=keep_outs(plan),
     )
     place = space.judge(left.poses[:, :3, 3])
-    misplaced = {
-        each.name.lower(): int((place == each).sum())
-        for each in Place
-        if each != Place.ALLOWED and (place == each).any()
-    }
-    allowed = place == Place.ALLOWED
+    allowed, counts = place == Place.ALLOWED, np.bincount(place, minlength=len(Place))
+    misplaced = {each.name.lower(): int(counts[each]) for each in Place if each and counts[each]}
     return CandidatePool(
         candidates=left.take(allowed),
-        costs=np.concatenate(costs)[dropped.kept_mask][allowed],
+        costs=costs[dropped.kept_mask][allowed],
         made=found.counts(),
         proposed=found,
         dropped=dropped,
         misplaced=misplaced,
         space=space,
-        boxes=tuple(boxes),
+        parts=tuple(parts),
     )
 
 

@@ -374,15 +374,12 @@ class _Program:
                 add_row(cameras, reduced.costs, -inf, goal.budget)
         else:
             scale = reduced.n_faces / max(1, int(reduced.integer_weights.sum()))
-            for kind in (None, *range(1, len(reduced.least))):
-                of_kind = optional if kind is None else optional[reduced.kind[optional] == kind]
-                certain = column_of < 0
-                if kind is not None:
-                    certain &= reduced.kind == kind
-                least = reduced.least_total if kind is None else int(reduced.least[kind])
-                missing = least - int(reduced.integer_weights[certain].sum())
+            for kind, least in enumerate((reduced.least_total, *reduced.least[1:].tolist())):
+                is_own = (reduced.kind == kind) | (kind == 0)  # in total: those of all kinds
+                missing = least - int(reduced.integer_weights[is_own & (column_of < 0)].sum())
+                rows = optional[is_own[optional]]
                 if missing > 0:
-                    add_row(column_of[of_kind], self.weights[of_kind], missing * scale, inf)
+                    add_row(column_of[rows], self.weights[rows], missing * scale, inf)
 
 
 def _merged_pairs(reduced: ReducedProblem) -> tuple[IntArray, NDArray[np.int32], FloatArray]:

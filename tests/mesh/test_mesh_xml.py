@@ -1,11 +1,27 @@
-"""COLLADA files: nodes, transforms, primitives, units, and files that are broken."""
+"""COLLADA and 3MF files: instances, transforms, primitives, units, and files that are broken."""
 
-import io
+import zipfile
 
 import numpy as np
 import pytest
 from mesh_files import FACES, POINTS, triangles
-from repeated_parts import HERE, TRIANGLES, dae, primitive, shared, source, words
+from repeated_parts import (
+    HERE,
+    ITEM,
+    MESH,
+    RELATIONSHIPS,
+    TRIANGLES,
+    archive,
+    components,
+    dae,
+    model,
+    object_of,
+    primitive,
+    shared,
+    source,
+    threemf,
+    words,
+)
 
 from rastercov.base.errors import MeshError, RastercovError
 
@@ -28,18 +44,23 @@ def test_a_declared_encoding_or_a_mark_is_read_and_a_node_is_a_group(encoding, l
         assert mesh.warnings == ()
 
 
-@pytest.mark.parametrize(
-    ("unit", "given_unit", "metres", "is_noted"),
-    [
-        ('<unit name="inch" meter="0.0254"/>', "mm", 0.0254, True),
-        ('<unit meter="0.01"/>', "m", 0.01, False),
-        ("", "mm", 1e-3, False),
-    ],
-)
-def test_the_unit_is_that_of_the_file_where_it_states_one(unit, given_unit, metres, is_noted, load):
-    mesh = load("a.dae", dae(unit=unit), unit=given_unit)
-    np.testing.assert_allclose(mesh.bounds[1], metres)
-    assert any("the unit given was not applied" in note for note in mesh.notes) == is_noted
+UNITS = [
+    ("a.dae", dae(unit='<unit name="inch" meter="0.0254"/>'), 0.0254),
+    ("a.dae", dae(unit='<unit meter="0.01"/>'), 0.01),
+    ("a.3mf", threemf(own=""), 1e-3),
+    ("a.3mf", threemf(own='unit="inch"'), 0.0254),
+    ("a.3mf", threemf(own='unit="micron"'), 1e-6),
+]
+
+
+@pytest.mark.parametrize(("name", "data", "metres"), UNITS)
+def test_the_unit_is_that_of_the_file_where_it_states_one(name, data, metres, load):
+    for unit in ("m", "mm"):
+        mesh = load(name, data, unit=unit)
+        np.testing.assert_allclose(triangles(mesh), POINTS[FACES] * metres)
+        is_noted = any("the unit given was not applied" in note for note in mesh.notes)
+        assert is_noted == (unit == "mm")
+    np.testing.assert_allclose(load("a.dae", dae(), unit="mm").bounds[1], 1e-3)
 
 
 def test_nodes_are_placed_by_their_transforms_in_order(load):
@@ -63,20 +84,15 @@ def test_every_instance_of_a_node_is_a_group(load):
     np.testing.assert_array_equal(triangles(mesh), np.tile(POINTS[FACES], (2, 1, 1)))
 
 
-@pytest.mark.parametrize("kind", ["triangles", "polylist"])
-def test_a_mirrored_node_still_faces_outwards(kind, load):
-    #  3---2   a box, of quadrilaterals where the kind has them
+@pytest.mark.parametrize("scale", ["1 1 1", "-1 1 1"])
+def test_a_mirrored_node_still_faces_outwards(scale, load):
     quads = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]]
     corners = [[i & 1, i >> 1 & 1, i >> 2] for i in range(8)]
-    content, n = f"<vcount>{words([4] * 6)}</vcount><p>{words(quads)}</p>", 6
-    if kind == "triangles":
-        content, n = f"<p>{words([[q[:3], [q[0], q[2], q[3]]] for q in quads])}</p>", 12
-    for scale in ("1 1 1", "-1 1 1"):
-        nodes = f"<node><scale>{scale}</scale>{HERE}</node>"
-        mesh = load("a.dae", dae(nodes, primitive(kind, content, n), source(corners)))
-        assert mesh.n_faces == 12
-        assert mesh.is_closed_outward
-        assert len(np.unique(mesh.source_face)) == n
+    box = primitive("polylist", f"<vcount>{words([4] * 6)}</vcount><p>{words(quads)}</p>", 6)
+    mesh = load("a.dae", dae(f"<node><scale>{scale}</scale>{HERE}</node>", box, source(corners)))
+    assert mesh.n_faces == 12
+    assert mesh.is_closed_outward
+    assert len(np.unique(mesh.source_face)) == 6
 
 
 POLYGONS = [[0, 1, 3], [0, 3, 2], [0, 2, 1]]
@@ -185,13 +201,6 @@ BROKEN = [
 ]  # fmt: skip
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("data", "text"), BROKEN, ids=range(len(BROKEN)))
-def test_a_broken_file_is_refused_in_one_line(data, text, load):
-    with pytest.raises(MeshError, match=rf"^[^\n]*a\.dae: [^\n]*({text})[^\n]*$"):
-        load("a.dae", data)
-
-
 def test_deep_elements_are_passed_over_and_small_ones_count_against_the_budget(load):
     assert load("a.dae", dae(more="<a>" * 100_000 + "</a>" * 100_000)).n_faces == 4
     data = dae(more="<a b=''/>" * 10_000)
@@ -200,14 +209,71 @@ def test_deep_elements_are_passed_over_and_small_ones_count_against_the_budget(l
             load("a.dae", content, memory_budget=budget)
 
 
-def test_the_reader_of_trimesh_finds_the_same_triangles(load):
-    pytest.importorskip("collada", reason="pycollada is not installed", exc_type=ImportError)
-    import trimesh
+# ---- 3MF
 
-    quads = primitive("polylist", "<vcount>4 3</vcount><p>0 1 3 2 0 2 1</p>", 2)
-    # Theirs keeps matrices in float32 and takes an axis as it is, so it gets one of length 1.
-    moved = "<translate>1 2 3</translate><rotate>0.6 0 0.8 40</rotate><scale>1 2 3</scale>"
-    data = dae(f'<node>{moved}<node name="a">{HERE}</node></node>{NODE}', TRIANGLES + quads)
-    theirs = trimesh.load(io.BytesIO(data), file_type="dae", process=False).to_mesh()
-    ours = load("a.dae", data)
-    np.testing.assert_allclose(triangles(ours), theirs.vertices[theirs.faces], atol=1e-6)
+
+def test_every_instance_of_an_object_is_counted_and_placed(load):
+    #  x' = 2 y + 10 and so on: rows of the stored matrix are images of the axes
+    turned = 'objectid="1" transform="0 2 0  -2 0 0  0 0 2  10 0 0"'
+    pair = components(1).replace("</c", f"<component {turned}/></c")
+    build = '<item objectid="2"/><item objectid="1" transform="1 0 0 0 1 0 0 0 1 0 0 5"/>'
+    mesh = load("a.3mf", threemf(object_of(2, pair), build))
+    assert [group.name for group in mesh.groups] == ["part", "part #2", "part #3"]
+    x, y, z = POINTS.T
+    corners = [POINTS, np.stack([10 - 2 * y, 2 * x, 2 * z], axis=1), POINTS + np.array([0, 0, 5])]
+    np.testing.assert_array_equal(triangles(mesh), np.concatenate([c[FACES] for c in corners]))
+
+
+def test_an_object_of_another_part_is_read(load):
+    away = components(1).replace("<component o", '<component path="/3D/b.model" o')
+    own = 'unit="meter" requiredextensions="p"'
+    data = {"3D/a.model": model(object_of(2, away), '<item objectid="2"/>', own=own)}
+    assert load("a.3mf", archive(**data, **{"3D/b.model": model(build="")})).n_faces == 4
+
+
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        ({"inside": MESH.replace("</mesh>", "<beamlattice/></mesh>")}, "not read: beamlattice"),
+        ({"inside": MESH.replace("<triangle v1", "<triangel v1", 1)}, "not read: triangel"),
+        ({"build": f"{ITEM}item"}, "not read: text"),
+        ({"objects": object_of(2, MESH)}, "1 objects are not in the build"),
+    ],
+)
+def test_elements_of_3mf_that_are_not_read_are_noted(changes, text, load):
+    assert text in "\n".join(load("a.3mf", threemf(**changes)).notes)
+
+
+DEEP = "".join(object_of(i, components(i + 1)) for i in range(2, 3000))
+DOCTYPE = '<!DOCTYPE a [<!ENTITY b "c">]>'
+DECLARED_XML = f'<?xml version="1.0" encoding="utf-16"?>{DOCTYPE}'
+BROKEN_3MF = [
+    (b"PK\3\4", "the ZIP archive cannot be read"),
+    (archive(**{"3D/a.model": "<model"}), "its part '3D/a.model' is no XML"),
+    (threemf(build=""), "the file has no faces"),
+    (threemf(inside=components(1)), "object '1' is a part of itself"),
+    (threemf(DEEP, '<item objectid="2"/>'), "nested too deeply"),
+    (threemf(object_of(1, MESH)), "object '1' comes twice"),
+    (threemf(own='unit="furlong"'), "got 'furlong'"),
+    (threemf(own='requiredextensions="b"'), r"extensions \['b'\] are required"),
+    (archive(**{"3D/a.model": DOCTYPE + model()}), "declares a document type"),
+    (archive(**{"3D/a.model": (DECLARED_XML + model()).encode("utf-16")}), "a document type"),
+    (archive(**{"_rels/.rels": "<Relationships/>"}), "names no 3D model"),
+    (archive(**{"_rels/.rels": RELATIONSHIPS.replace("/3D/", "/4D/")}), "has no part"),
+    (archive(zipfile.ZIP_BZIP2), "must be deflated or stored"),
+]  # fmt: skip
+
+
+@pytest.mark.slow
+def test_a_bomb_is_not_unpacked(load):
+    with pytest.raises(RastercovError, match="the budget is"):
+        load("a.3mf", archive(**{"3D/a.model": " " * 40_000_000}))
+
+
+REFUSED = [("a.dae", *each) for each in BROKEN] + [("a.3mf", *each) for each in BROKEN_3MF]
+
+
+@pytest.mark.parametrize(("name", "data", "text"), REFUSED, ids=range(len(REFUSED)))
+def test_a_broken_file_is_refused_in_one_line(name, data, text, load):
+    with pytest.raises(MeshError, match=rf"^[^\n]*{name}: [^\n]*({text})[^\n]*$"):
+        load(name, data)
