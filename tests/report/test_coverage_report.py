@@ -174,12 +174,17 @@ def test_pictures_are_spread_evenly_and_full_ones_drawn_on_request(
 
 def test_a_sheet_is_drawn_at_its_size(tmp_path, monkeypatch):
     """Not at that of the camera: of 12 poses that was most of the time of a run."""
-    opened = Mock(side_effect=open_rasterizer)
+    cameras = []
+
+    def opened(mesh, camera, *arguments, **options):
+        cameras.append(camera)
+        return open_rasterizer(mesh, camera, *arguments, **options)
+
     monkeypatch.setattr("rastercov.report.coverage.open_rasterizer", opened)
     large = Camera(width=2560, height=1600, fx=2560, fy=2560)
     for camera in (large, CAMERAS["brown"]):  # as its lens shows it
         run(MESH, camera, around(2), TASK, tmp_path, Options(pictures=2, by="face"))
-        assert opened.call_args.kwargs["camera"] == camera.resized(320 / camera.width)
+        assert cameras.pop() == camera.resized(320 / camera.width)
         with Image.open(tmp_path / "contact_sheet.png") as sheet:
             assert sheet.width == 2 * 320 + 3 * 8
 
