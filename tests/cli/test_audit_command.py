@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from commands import call, enter
+from commands import answer, done, refusal
 from mesh_files import obj
 
 from rastercov.camera.camera import Camera
@@ -26,41 +26,32 @@ POSES = Poses.of(sphere_of_poses(MESH.bounds.mean(axis=0), 4.0, 8), camera=[0, 1
 IMAGES = tuple(f"image {row}.jpg" for row in range(8))
 
 
-@pytest.fixture
-def here(tmp_path, monkeypatch):
-    enter(tmp_path, monkeypatch)
-    (tmp_path / "torus.obj").write_bytes(obj(MESH.vertices, MESH.faces))
+@pytest.fixture(autouse=True)
+def files(here):
+    (here / "torus.obj").write_bytes(obj(MESH.vertices, MESH.faces))
     write_views("sparse", Views(Rig(CAMERAS, ["wide", "long"]), POSES, IMAGES))
-    return tmp_path
 
 
 @pytest.mark.slow
-def test_an_audit_of_a_reconstruction_is_that_of_the_function(here, capsys):
-    line = "audit sparse torus.obj --pose-unit 1 --min-pixels 4 -o out --json"
-    code, printed, error = call(capsys, line)
-    assert code == 0, error
+def test_files_of_an_audit_of_a_reconstruction_are_those_of_the_function(here, capsys):
+    line = "audit sparse torus.obj --pose-unit 1 --min-pixels 4 -o out"
+    summary, out = answer(capsys, line), here / "out"
     found = audit(MESH, CAMERAS, POSES, Task(min_pixels=4), names=IMAGES)
-    summary = json.loads(printed)
     assert summary["by"] == "face"
-    assert summary["covered_percent"] == pytest.approx(found.summary()["covered_percent"])
-    assert summary["subset"]["cameras"] == len(found.subset.chosen)
-    assert json.loads((here / "out/audit.json").read_text())["per_camera"] == summary["per_camera"]
-    elements = pq.read_table(here / "out/elements.parquet")
+    assert json.loads((out / "audit.json").read_text())["per_camera"] == summary["per_camera"]
+    elements = pq.read_table(out / "elements.parquet")
     np.testing.assert_array_equal(elements["views"].to_numpy(), found.views)
     np.testing.assert_allclose(elements["best_density_px_per_m"].to_numpy(), found.best_density)
-    with np.load(here / "out/elements.npz") as arrays:
+    with np.load(out / "elements.npz") as arrays:
         np.testing.assert_array_equal(arrays["covered"], found.covered)
-    cameras = pq.read_table(here / "out/cameras.parquet").to_pydict()
-    assert cameras["name"] == list(IMAGES)
-    assert len(set(cameras["camera"])) == 2
+    cameras = pq.read_table(out / "cameras.parquet").to_pydict()
+    assert (cameras["name"], len(set(cameras["camera"]))) == (list(IMAGES), 2)
     assert sum(cameras["in_subset"]) == len(found.subset.chosen)
-    assert (here / "out/audit.glb").stat().st_size > 1000
-    page = (here / "out/audit.html").read_text(encoding="utf-8")
+    assert (out / "audit.glb").stat().st_size > 1000
+    page = (out / "audit.html").read_text(encoding="utf-8")
     assert all(f"<td>{name}</td>" in page for name in IMAGES)
-    assert f"{len(IMAGES)} images cover" in page
-    pictures = {path.name for path in (here / "out").glob("audit_*.png")}
+    pictures = {path.name for path in out.glob("audit_*.png")}
     assert pictures == {"audit_views.png", "audit_density.png", "audit_angle.png"}
-    assert page.count("data:image/png") == 3
 
 
 @pytest.mark.slow
@@ -70,23 +61,17 @@ def test_pinholes_are_audited_by_area(here, capsys):
     content["frames"][3]["transform_matrix"][0][0] = 9  # no rotation
     (here / "transforms.json").write_text(json.dumps(content))
     line = "audit transforms.json torus.obj --pose-unit 1 -o out --skip-bad-poses"
-    code, printed, error = call(capsys, line)
-    assert code == 0, error
-    assert "7 images cover" in printed
-    assert "cells" in printed
-    summary = json.loads((here / "out/audit.json").read_text())
+    printed, error = done(capsys, line)
+    summary, left_out = json.loads((here / "out/audit.json").read_text()), "pose 3 left out"
     assert summary["covered_area"]["m2"] > 0
     assert [entry["name"] for entry in summary["per_camera"]] == [*IMAGES[:3], *IMAGES[4:]]
-    assert "pose 3 left out: it is not a rotation" in error
-    assert any("pose 3 left out" in note for note in summary["notes"])
+    for text, words in ((printed, "7 images cover"), (printed, "cells"), (error, left_out),
+                        ("".join(summary["notes"]), left_out)):  # fmt: skip
+        assert words in text
 
 
 def test_what_cannot_be_audited_is_refused_in_one_line(here, capsys):
-    code, _, error = call(capsys, "audit sparse torus.obj -o out")
-    assert code == 2
-    assert "give --pose-unit" in error
-    assert not (here / "out").exists()
     np.save("poses.npy", np.array(POSES))
-    code, _, error = call(capsys, "audit poses.npy torus.obj --pose-unit 1 -o out")
-    assert code == 2
-    assert "no cameras" in error
+    assert "give --pose-unit" in refusal(capsys, "audit sparse torus.obj -o out")
+    assert "no cameras" in refusal(capsys, "audit poses.npy torus.obj --pose-unit 1 -o out")
+    assert not (here / "out").exists()

@@ -6,11 +6,12 @@ import re
 import subprocess
 from contextlib import suppress
 from pathlib import Path
+from unittest.mock import Mock
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from commands import call, content, enter, refusal, write_part
+from commands import answer, call, content, done, refusal, write_part
 
 import rastercov as rc
 from rastercov.camera.pose_file import read_poses, write_poses
@@ -19,41 +20,27 @@ from rastercov.cluster.store import locked
 from rastercov.placement.candidates.cavities import openings
 from rastercov.placement.improve.refine import refine
 from rastercov.placement.plan import run as plan_run
+from rastercov.placement.plan.file import schema
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "plans"
 SCENE = """
-[[meshes]]
-path = "part.obj"
-[camera]
-width = 96
-height = 72
-fx = 90
-fy = 90
+meshes = [{ path = "part.obj" }]
+camera = { width = 96, height = 72, fx = 90, fy = 90 }
 [task]
 min_pixels = 2
 """
-CANDIDATES = """
-[[candidates]]
-generator = "on_sphere"
-count = 20
-distances = [3.5]
-"""
-SELECTION = """
-[selection]
-goal = "fewest_cameras"
-coverage = 1.0
-"""
+CANDIDATES = '[[candidates]]\ngenerator = "on_sphere"\ncount = 20\ndistances = [3.5]\n'
+SELECTION = '[selection]\ngoal = "fewest_cameras"\ncoverage = 1.0\n'
 QUICK = SCENE + CANDIDATES + SELECTION + "[outputs]\npage = false\n"
+CHECK = "check plan.toml -p rig.json"
 
 
 @pytest.fixture(autouse=True)
-def folder(tmp_path, monkeypatch):
+def files():
     """A folder of its own with a part of two groups and a rig of six around it."""
-    enter(tmp_path, monkeypatch)
     write_part("part.obj")
     write_poses("rig.json", axis_poses())
     Path("plan.toml").write_text(QUICK)
-    return tmp_path
 
 
 def axis_poses():
@@ -85,28 +72,27 @@ def test_a_plan_gives_poses_that_evaluate_reads_and_figures(capsys):
     told = figures()
     assert told["met"]
     assert told["share"] == 1
-    for each in told["cameras"]:
-        x, y, z = each["direction"]
-        assert each["heading_deg"] == pytest.approx(np.degrees(np.arctan2(y, x)))
-        assert each["down_deg"] == pytest.approx(np.degrees(np.arcsin(-z)))
+    x, y, z = np.transpose([each["direction"] for each in told["cameras"]])
+    headings, downs = (
+        [each[key] for each in told["cameras"]] for key in ("heading_deg", "down_deg")
+    )
+    np.testing.assert_allclose(headings, np.degrees(np.arctan2(y, x)))
+    np.testing.assert_allclose(downs, np.degrees(np.arcsin(-z)))
     poses = read_poses("plan/poses.json")
     assert len(poses) == len(told["cameras"]) == told["selection"]["cameras"]
     sphere = sphere_of_poses((0, 0, 0), 3.5, 20)
     assert np.abs(poses - sphere[told["selection"]["chosen"]]).max() < 1e-12
-    Path("camera.toml").write_text("width = 96\nheight = 72\nfx = 90\nfy = 90\n")
-    line = "evaluate part.obj -c camera.toml -p plan/poses.json --min-pixels 2 --pictures 0 --json"
-    code, out, _ = call(capsys, line)
-    assert code == 0
-    assert json.loads(out)["covered"]["faces"] == 12
+    camera = "-c 'width = 96, height = 72, fx = 90, fy = 90'"
+    line = f"evaluate part.obj {camera} -p plan/poses.json --min-pixels 2 --pictures 0"
+    assert answer(capsys, line)["covered"]["faces"] == 12
     assert call(capsys, "check plan.toml -p plan/poses.json")[0] == 0
 
 
 def test_figures_hold_everything_that_made_them(capsys):
     table = 'name = "table"\nlow = [-9, -9, -9]\nhigh = [9, 9, -3]\n'
     Path("plan.toml").write_text(f"{QUICK}[[constraints.keep_out]]\n{table}")
-    code, out, _ = call(capsys, "place plan.toml --json")
-    told = json.loads(out)
-    assert (code, told) == (0, figures())
+    told = answer(capsys, "place plan.toml")
+    assert told == figures()
     dropped, selection = told["candidates"]["dropped"], told["selection"]
     assert dropped["kept"] + dropped["kept_out"]["table"] == 20 > dropped["kept"]
     assert selection["gap"] == pytest.approx(1 - selection["bound"] / selection["objective"])
@@ -146,19 +132,10 @@ def test_a_goal_that_is_out_of_reach_gives_what_can_be_had_and_code_1(capsys):
     assert placed(capsys, text)[0] == 0
 
 
-def test_requirements_of_groups_are_told_one_by_one(capsys):
-    text = QUICK.replace("coverage = 1.0", "coverage = 0.2\ngroups = { lid = 1.0 }")
-    code, out, told = placed(capsys, text)
-    assert code == 0
-    assert [each["group"] for each in told["requirements"]] == [None, "lid"]
-    assert "holds: group lid: 100.0 % covered, 100.0 % wanted" in out
-
-
 def test_cavity_candidates_are_added_where_the_others_see_nothing(capsys):
     above = '[[candidates]]\ngenerator = "on_box"\nspacing = 9\noutward = 2.5\nsides = ["+z"]\n'
-    assert placed(capsys, QUICK.replace(CANDIDATES, above))[0] == 1
-    alone = figures()
-    assert alone["cavities"] is None
+    code, _, alone = placed(capsys, QUICK.replace(CANDIDATES, above))
+    assert (code, alone["cavities"]) == (1, None)
     more = above + '[[candidates]]\ngenerator = "per_cavity"\nstand_off = [3.0, 4.0]\n'
     code, out, told = placed(capsys, QUICK.replace(CANDIDATES, more))
     assert code == 0
@@ -167,43 +144,30 @@ def test_cavity_candidates_are_added_where_the_others_see_nothing(capsys):
     assert told["cavities"]["faces"] == told["cavities"]["reached"] == 2  # the underside
     assert "into cavities cover" in told["notes"][0]
     assert told["notes"][0] in out
-    assert any(camera["origin"].startswith("cavity") for camera in told["cameras"])
 
 
 def test_a_part_in_the_wrong_unit_is_told_by_its_size_and_by_why_nothing_covers_it(capsys):
-    code, out, _ = placed(capsys, QUICK.replace('"part.obj"', '"part.obj"\nunit = "um"'))
+    code, out, _ = placed(capsys, QUICK.replace('"part.obj"', '"part.obj", unit = "um"'))
     assert code == 1
     assert "100.0 % too coarse; the scene measures 1 x 1 x 1 µm, see meshes.unit" in out
     assert "no candidate covers any of it; see what the candidates fail, below" in out
 
 
-def test_check_doubts_normals_that_point_inwards(capsys):
-    text = Path("part.obj").read_text()
-    turned = re.sub(r"f (\d+) (\d+) (\d+)", r"f \1 \3 \2", text)
-    Path("part.obj").write_text(turned)
-    _, _, err = call(capsys, "check plan.toml -p rig.json")
-    assert "seen from behind: normals point inwards, or the surface is open: use two_sided" in err
-
-
 @pytest.mark.slow
 def test_the_page_is_written_and_a_stale_one_removed(capsys):
+    pages = [Path("plan/page.html"), Path("plan/view.html")]
     code, out, _ = placed(capsys, QUICK.replace("page = false", ""))
     assert code == 0
-    assert out.endswith("plan/page.html\n")
-    page = Path("plan/page.html").read_text(encoding="utf-8")
-    assert page.lower().startswith("<!doctype html>")
-    assert "plan.toml" in page
-    assert "plan.toml" in Path("plan/view.html").read_text(encoding="utf-8")
+    assert out.endswith(f"{pages[0]}\n")
+    texts = [page.read_text(encoding="utf-8") for page in pages]
+    assert texts[0].lower().startswith("<!doctype html>")
+    assert all("plan.toml" in text for text in texts)
     placed(capsys, QUICK)
-    assert not Path("plan/page.html").exists()
-    assert not Path("plan/view.html").exists()
+    assert not any(page.exists() for page in pages)
 
 
 def test_the_schema_can_be_had_without_a_plan(capsys):
-    code, out, err = call(capsys, "place --schema")
-    assert (code, err) == (0, "")
-    docs = EXAMPLES.parents[1] / "docs" / "plan.schema.json"
-    assert json.loads(out) == json.loads(docs.read_text(encoding="utf-8"))
+    assert json.loads(done(capsys, "place --schema")[0]) == schema()
 
 
 @pytest.mark.slow
@@ -212,49 +176,22 @@ def test_the_schema_can_be_had_without_a_plan(capsys):
     [
         (None, ["no.toml: cannot be read (No such file or directory)"]),
         (SCENE, ["plan.toml: candidates: missing", "plan.toml: selection: missing"]),
-        (QUICK.replace("part", "prt"), ["plan.toml: meshes[0].path: wanted a file, got 'prt.obj'"]),
-        (
-            QUICK.replace("min_pixels = 2", "min_pixels = 0\nmin_pixel = 3"),
-            ["plan.toml: task.min_pixels: wanted", "plan.toml: task.min_pixel: there is no such"],
-        ),
-        (
-            QUICK.replace("[outputs]", "groups = { lit = 1.0 }\n[outputs]"),
-            ["plan.toml: selection.groups: there is no group 'lit', nor a mesh file"],
-        ),
-        (
-            QUICK.replace("[3.5]", "[0.2]"),
-            ["plan.toml: no candidate is left (20 candidates: 20 sp"],
-        ),
-        (QUICK + "folder = 3\n", ["plan.toml: outputs.folder: wanted a text in quotes, got 3"]),
+        (QUICK.replace("[3.5]", "[0.2]"),
+         ["plan.toml: no candidate is left (20 candidates: 20 sp"]),
         (QUICK + 'folder = "part.obj"\n', ["part.obj: a folder is wanted, but a file is in"]),
     ],
-)
+)  # fmt: skip
 def test_each_error_of_a_plan_is_a_line_and_nothing_is_written(capsys, text, lines):
     if text is not None:
         Path("plan.toml").write_text(text)
     code, out, err = call(capsys, "place " + ("no.toml" if text is None else "plan.toml"))
     assert (code, out) == (2, "")
-    found = err.splitlines()
-    assert len(found) == len(lines)
-    for one, line in zip(found, lines, strict=True):
+    for one, line in zip(err.splitlines(), lines, strict=True):
         assert one.startswith(f"error: {line}")
-    assert not list(Path().rglob("plan.json"))
-    assert not list(Path().rglob("poses.json"))
+    assert not [*Path().rglob("plan.json"), *Path().rglob("poses.json")]
 
 
 # --- ended runs -----------------------------------------------------------------------------------
-
-
-@pytest.mark.slow
-def test_a_second_run_measures_nothing_again(capsys):
-    def shards():
-        return {path: path.stat().st_mtime_ns for path in Path("plan/matrix").rglob("*.parquet")}
-
-    call(capsys, "place plan.toml")
-    before = shards()
-    assert before
-    placed(capsys, QUICK.replace("coverage = 1.0", "coverage = 0.6"))
-    assert shards() == before
 
 
 EACH_STEP = QUICK.replace(
@@ -277,20 +214,11 @@ def no_pages(monkeypatch):
     monkeypatch.setattr("rastercov.report.placement.pages_of", lambda *_: {"page.html": "a page"})
 
 
-def interrupt(*_, **__):
-    raise KeyboardInterrupt
-
-
 def stopped(capsys, monkeypatch, step, error, line="place plan.toml"):
     """A command when a step of it raises something; what nothing catches is as a kill."""
-
-    def stop(*_, **__):
-        raise error
-
-    with monkeypatch.context() as patch:
-        patch.setattr(step, stop)
-        with suppress(SystemExit):
-            return call(capsys, line)
+    with monkeypatch.context() as patch, suppress(SystemExit):
+        patch.setattr(step, Mock(side_effect=error))
+        return call(capsys, line)
     return None
 
 
@@ -322,31 +250,31 @@ def test_a_kill_or_an_error_in_a_step_leaves_an_earlier_report_as_it_was(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("step", "has_page"),
-    [("rastercov.placement.plan.run.refine", True), ("rastercov.report.placement.pages_of", False)],
-)
+@pytest.mark.parametrize("step", STEPS)
 def test_an_interrupt_in_a_step_replaces_an_earlier_report_and_names_the_step(
-    capsys, monkeypatch, no_pages, step, has_page
+    capsys, monkeypatch, step
 ):
     assert placed(capsys, EACH_STEP)[0] == 0
-    assert Path("plan/page.html").exists()
     code, out, err = stopped(capsys, monkeypatch, step, KeyboardInterrupt())
     assert (code, err) == (130, "interrupted\n")
-    assert f"interrupted: this is what there was before {STEPS[step]}" in out
-    assert out.endswith(f"plan/{'page.html' if has_page else 'plan.json'}\n")
+    words, page = (
+        f"interrupted: this is what there was before {STEPS[step]}",
+        Path("plan/page.html"),
+    )
+    assert words in out
     told = figures()
     assert told["interrupted"] == STEPS[step]
     assert len(read_poses("plan/poses.json")) == len(told["cameras"]) > 0
-    assert Path("plan/page.html").exists() == has_page
+    assert page.exists() == (STEPS[step] != "page")
+    assert not page.exists() or words in page.read_text()
+    assert out.endswith(f"plan/{'page.html' if page.exists() else 'plan.json'}\n")
 
 
 def test_an_interrupt_in_the_cavities_keeps_the_matrix(capsys, monkeypatch):
     text = EACH_STEP.replace("count = 20", "count = 2")  # leaves faces to the cavities
     Path("plan.toml").write_text(text + '[[candidates]]\ngenerator = "per_cavity"\n')
-    stop = stopped(
-        capsys, monkeypatch, "rastercov.placement.plan.prepare.openings", KeyboardInterrupt()
-    )
+    step = "rastercov.placement.plan.prepare.openings"
+    stop = stopped(capsys, monkeypatch, step, KeyboardInterrupt())
     assert stop == (130, "", "interrupted\n")
     assert len(list(Path("plan/matrix").glob("*/pairs/pairs-*.parquet"))) == 1
     assert not Path("plan/plan.json").exists()
@@ -354,32 +282,17 @@ def test_an_interrupt_in_the_cavities_keeps_the_matrix(capsys, monkeypatch):
 
 @pytest.mark.parametrize("step", ["measured", "left_over"])
 def test_an_interrupt_of_check_writes_nothing(capsys, monkeypatch, step):
-    line, step = (
-        "check plan.toml -p rig.json --junit out.xml",
-        f"rastercov.placement.plan.check.{step}",
-    )
+    line, step = f"{CHECK} --junit out.xml", f"rastercov.placement.plan.check.{step}"
     stop = stopped(capsys, monkeypatch, step, KeyboardInterrupt(), line)
     assert stop == (130, "", "interrupted\n")
     assert not Path("out.xml").exists()
 
 
-@pytest.mark.slow
-def test_the_page_after_an_interrupt_names_the_step(capsys, monkeypatch):
-    Path("plan.toml").write_text(EACH_STEP)
-    code, *_ = stopped(
-        capsys, monkeypatch, "rastercov.placement.plan.run.tolerance", KeyboardInterrupt()
-    )
-    assert code == 130
-    words = "interrupted: this is what there was before tolerance"
-    assert words in Path("plan/page.html").read_text()
-
-
 def test_a_second_interrupt_leaves_out_the_page(capsys, monkeypatch):
     Path("plan.toml").write_text(EACH_STEP)
     refining, *_, drawing = STEPS
-    with monkeypatch.context() as patch:
-        patch.setattr(drawing, interrupt)
-        code, out, _ = stopped(capsys, monkeypatch, refining, KeyboardInterrupt())
+    monkeypatch.setattr(drawing, Mock(side_effect=KeyboardInterrupt))
+    code, out, _ = stopped(capsys, monkeypatch, refining, KeyboardInterrupt())
     assert (code, figures()["interrupted"]) == (130, "refinement")
     assert out.endswith("plan/plan.json\n")
     assert not Path("plan/page.html").exists()
@@ -401,38 +314,32 @@ def test_what_is_no_matrix_of_an_earlier_plan_stays(capsys):
     for count in (20, 21):
         Path("plan.toml").write_text(QUICK.replace("count = 20", f"count = {count}"))
         call(capsys, f"place plan.toml --out out{count}")
-    Path("out20/matrix/0123456789abcdef").mkdir()
-    Path("out20/matrix/0123456789abcdef/poses.npy").write_text("mine")
-    Path("out20/matrix/fedcba9876543210").write_text("mine")
-    (old,) = Path("out20/matrix").glob("*/header.json")
-    (used,) = Path("out21/matrix").glob("*")
-    used.rename(Path("out20/matrix", used.name))
-    before = content("out20/matrix")
-    (old.parent / "pairs" / "notes.txt").write_text("mine")
+    matrix = Path("out20/matrix")
+    (matrix / "0123456789abcdef").mkdir()
+    for name in ("0123456789abcdef/poses.npy", "fedcba9876543210"):
+        (matrix / name).write_text("mine")
+    (old,), (used,) = matrix.glob("*/header.json"), Path("out21/matrix").glob("*")
+    old, used = old.parent, used.rename(matrix / used.name)
+    (old / "pairs" / "notes.txt").write_text("mine")
+    before = content(matrix)
     Path("plan.toml").write_text(QUICK.replace("count = 20", "count = 22"))
-    with locked(Path("out20/matrix", used.name)):
+    with locked(used):
         assert call(capsys, "place plan.toml --out out20")[0] == 0
-    after = content("out20/matrix")
-    gone = {path.relative_to(old.parent).as_posix() for path in before.keys() - after.keys()}
-    assert gone >= {"header.json", "poses.npy", "pairs/pairs-00000.parquet"}
-    assert all(path.is_relative_to(old.parent) for path in before.keys() - after.keys())
-    assert (old.parent / "pairs" / "notes.txt").read_text() == "mine"
+    gone = before.keys() - content(matrix).keys()
+    assert gone == {path for path in before if path.is_relative_to(old)} - {old / "pairs/notes.txt"}
     assert call(capsys, "place plan.toml --out out20")[0] == 0
-    assert not Path("out20/matrix", used.name).exists()
-    assert Path("out20/matrix/0123456789abcdef/poses.npy").read_text() == "mine"
-    assert Path("out20/matrix/fedcba9876543210").read_text() == "mine"
+    assert not used.exists()
+    assert list(content(matrix).values()).count(b"mine") == 3
 
 
 # --- check ----------------------------------------------------------------------------------------
 
 
 def test_a_rig_that_covers_enough_passes(capsys):
-    code, out, err = call(capsys, "check plan.toml -p rig.json")
+    code, out, err = call(capsys, CHECK)
     assert (code, err) == (0, "")
-    assert out == (
-        "holds: all: 100.0 % covered, 100.0 % wanted\n"
-        "by face, because min_pixels is of a face; give min_pixels_per_m2, got min_pixels 2.0\n"
-        "12 faces, 1 x 1 x 1 m\n"
+    assert out.startswith(
+        "holds: all: 100.0 % covered, 100.0 % wanted\nby face, because min_pixels"
     )
 
 
@@ -440,38 +347,31 @@ def test_a_rig_that_covers_enough_passes(capsys):
 @pytest.mark.parametrize("n_gone", [1, 6])
 def test_a_rig_that_lost_cameras_fails_by_as_much_as_they_covered(capsys, n_gone):
     write_poses("rig.json", axis_poses()[n_gone:])
-    code, out, _ = call(capsys, "check plan.toml -p rig.json --min-coverage 0.95 --json")
-    told = json.loads(out)
-    assert code == 1
-    (found,) = told["requirements"]
-    assert found["status"] == "fails"
-    assert found["share"] == pytest.approx(1 - n_gone / 6)
-    assert found["short_by"] == pytest.approx(0.95 - 1 + n_gone / 6)
-    assert found["uncovered"] == 2 * n_gone
-    assert found["reasons"]
-    text = call(capsys, "check plan.toml -p rig.json --min-coverage 0.95")[1]
+    share = 1 - n_gone / 6
+    (found,) = answer(capsys, f"{CHECK} --min-coverage 0.95", code=1)["requirements"]
+    assert (found["status"], found["uncovered"]) == ("fails", 2 * n_gone)
+    assert (found["share"], found["short_by"]) == pytest.approx((share, 0.95 - share))
+    text = call(capsys, f"{CHECK} --min-coverage 0.95")[1]
     assert f"{2 * n_gone} faces uncovered" in text
     assert ("back facing" if n_gone < 6 else "no cameras") in text
-    share = 1 - n_gone / 6
-    assert call(capsys, f"check plan.toml -p rig.json --min-coverage {share}")[0] == 0
+    assert call(capsys, f"{CHECK} --min-coverage {share}")[0] == 0
 
 
 @pytest.mark.slow
 def test_views_and_groups_of_the_command_take_the_place_of_those_of_the_plan(capsys):
-    line = "check plan.toml -p rig.json --min-coverage 0"
-    assert call(capsys, line + " --views 2")[0] == 0
-    code, out, _ = call(capsys, line + " --views 2 --group lid=0.5 --group rest=0.0")
-    assert code == 1
-    assert "holds: all: 0.0 % covered, 0.0 % wanted" in out
-    assert "fails: group lid: 0.0 % covered, 50.0 % wanted: 50.0 points short, 2 faces" in out
-    assert "holds: group rest" in out
-    assert "group lid: 2 faces uncovered: 2 too few views" in out
-    told = json.loads(call(capsys, line + " --views 2 --json")[1])
+    line = f"{CHECK} --min-coverage 0 --views 2"
+    told = answer(capsys, line)
     assert told["views"] == told["network"]["required_views"] == 2
+    code, out, _ = call(capsys, line + " --group lid=0.5 --group rest=0.0")
+    assert code == 1
+    for words in ("holds: all: 0.0 % covered, 0.0 % wanted", "holds: group rest",
+                  "fails: group lid: 0.0 % covered, 50.0 % wanted: 50.0 points short, 2 faces",
+                  "group lid: 2 faces uncovered: 2 too few views"):  # fmt: skip
+        assert words in out
     write_poses("rig.json", np.concatenate((axis_poses(), axis_poses())))
-    assert call(capsys, line + " --views 2 --group lid=1")[0] == 0
+    assert call(capsys, line + " --group lid=1")[0] == 0
     Path("plan.toml").write_text(QUICK.replace("[[cand", "views = { lid = 3 }\n[[cand", 1))
-    code, out, _ = call(capsys, line + " --group lid=1 --group rest=1")
+    code, out, _ = call(capsys, line.replace(" --views 2", "") + " --group lid=1 --group rest=1")
     assert code == 1
     assert "fails: group lid" in out
     assert "holds: group rest" in out
@@ -479,70 +379,62 @@ def test_views_and_groups_of_the_command_take_the_place_of_those_of_the_plan(cap
 
 def test_a_limit_within_the_bound_is_said_to_be_undecided(capsys):
     text = QUICK.replace("min_pixels = 2", 'min_pixels = 2\nmethod = "sampled"')
+    line = f"{CHECK} --min-coverage 0.9"
     Path("plan.toml").write_text(text)
-    code, out, _ = call(capsys, "check plan.toml -p rig.json --min-coverage 0.9")
-    assert code == 0
+    assert call(capsys, line)[0] == 0
     # At 96 x 72 a sixth of the samples of a face may be wrong, and so may a limit of 0.99.
     Path("plan.toml").write_text(text.replace("[[cand", "min_coverage = 0.99\n[[cand", 1))
-    code, out, _ = call(capsys, "check plan.toml -p rig.json --min-coverage 0.9 --junit j.xml")
+    code, out, _ = call(capsys, f"{line} --junit j.xml")
     assert code == 1
     assert out.startswith("undecided: all: 100.0 % covered, 90.0 % wanted: not decided, the bound")
-    assert "0.0 % to 100.0 %" in out
-    told = json.loads(call(capsys, "check plan.toml -p rig.json --min-coverage 0.9 --json")[1])
+    told = answer(capsys, line, code=1)
     assert {(group["low"], group["high"]) for group in told["groups"]} == {(0, 1)}
     (failure,) = ElementTree.parse("j.xml").iter("failure")
     assert failure.get("type") == "undecided"
 
 
 def test_junit_has_a_test_case_for_each_requirement(capsys):
+    """A group may have a name that XML has no way to write."""
     write_poses("rig.json", axis_poses()[:5])
-    line = "check plan.toml -p rig.json --min-coverage 0.9 --group lid=0.0 --group rest=0.5"
+    part = Path("part.obj")
+    part.write_text(part.read_text().replace("g lid", "g <\x01lid>&\"'"))
+    line = f"{CHECK} --min-coverage 0.9 --group rest=0.5 --group '<*=0.0'"
     assert call(capsys, line + " --junit out.xml")[0] == 1
     suites = ElementTree.parse("out.xml").getroot()
     (suite,) = suites
     assert (suites.tag, suite.tag) == ("testsuites", "testsuite")
     for element in (suites, suite):
-        counts = [element.get(name) for name in ("tests", "failures", "errors")]
-        assert counts == ["3", "1", "0"]
-    cases = {case.get("name"): case for case in suite}
-    assert list(cases) == ["coverage of all", "coverage of lid", "coverage of rest"]
-    assert [case.find("failure") is not None for case in cases.values()] == [True, False, False]
-    failure = cases["coverage of all"].find("failure")
+        assert [element.get(n) for n in ("tests", "failures", "errors")] == ["3", "1", "0"]
+    assert [case.find("failure") is not None for case in suite] == [True, False, False]
+    assert {case.get("classname") for case in suite} == {"rastercov.plan"}
+    assert [case.get("name") for case in suite][:2] == ["coverage of all", "coverage of rest"]
+    failure = suite[0].find("failure")
     assert "6.7 points short" in failure.get("message")
     assert "faces uncovered: 2 back facing" in failure.text
-    assert all(case.get("classname") == "rastercov.plan" for case in cases.values())
-
-
-def test_junit_holds_names_that_xml_has_no_way_to_write(capsys):
-    text = Path("part.obj").read_text().replace("g lid", "g <\x01lid>&\"'")
-    Path("part.obj").write_text(text)
-    code, _, err = call(capsys, "check plan.toml -p rig.json --min-coverage 1 --junit out.xml")
-    assert (code, err) == (0, "")
-    assert ElementTree.parse("out.xml").getroot().get("failures") == "0"
 
 
 @pytest.mark.slow
 def test_junit_replaces_an_outcome_and_nothing_else(capsys):
-    line = "check plan.toml -p rig.json --junit "
     Path("empty.xml").write_text("")
     for name in ("out.xml", "out.xml", "empty.xml"):
-        assert call(capsys, line + name)[0] == 0
+        done(capsys, f"{CHECK} --junit {name}")
         assert ElementTree.parse(name).getroot().get("name") == "rastercov"
     Path("of_others.xml").write_text("<?xml version='1.0'?><testsuites name='pytest'/>")
+    before = content(".")
     for name in ("plan.toml", "rig.json", "part.obj", "of_others.xml"):
-        before = Path(name).read_bytes()
-        assert refusal(capsys, line + name).startswith(f"error: {name}: not of an earlier check")
-        assert Path(name).read_bytes() == before
+        said = refusal(capsys, f"{CHECK} --junit {name}")
+        assert said.startswith(f"error: {name}: not of an earlier check")
+    assert content(".") == before
 
 
 def test_junit_goes_through_links_and_pipes(capsys):
     Path("link.xml").symlink_to("out.xml")
-    assert call(capsys, "check plan.toml -p rig.json --junit link.xml")[0] == 0
+    assert call(capsys, f"{CHECK} --junit link.xml")[0] == 0
     assert Path("link.xml").is_symlink()
     assert ElementTree.parse("out.xml").getroot().get("name") == "rastercov"
     os.mkfifo("pipe")
     with subprocess.Popen(["timeout", "30", "cat", "pipe"], stdout=subprocess.PIPE) as reader:
-        assert call(capsys, "check plan.toml -p rig.json --junit pipe")[0] == 0
+        assert call(capsys, f"{CHECK} --junit pipe")[0] == 0
         assert ElementTree.fromstring(reader.communicate()[0]).get("name") == "rastercov"
     assert Path("pipe").is_fifo()
 
@@ -554,10 +446,7 @@ def test_junit_goes_through_links_and_pipes(capsys):
         ("check no.toml -p rig.json", "no.toml: cannot be read"),
         ("check plan.toml -p no.json", "no.json: cannot be read"),
         ("check plan.toml", "Missing option"),
-        ("check plan.toml -p rig.json --min-coverage 2", "--min-coverage"),
-        ("check plan.toml -p rig.json --views 0", "--views"),
         ("check plan.toml -p rig.json --group lid", "--group wants NAME=SHARE"),
-        ("check plan.toml -p rig.json --group lid=2", "--group wants NAME=SHARE"),
         ("check plan.toml -p rig.json --group lid=nan", "--group wants NAME=SHARE"),
         ("check plan.toml -p rig.json --group led=1", "there is no group 'led'"),
         ("check plan.toml -p rig.json --junit no/j.xml", "its folder does not exist"),
@@ -570,7 +459,7 @@ def test_each_bad_check_gets_one_line(capsys, line, words):
 def test_a_plan_that_asks_for_nothing_needs_a_limit(capsys):
     Path("plan.toml").write_text(SCENE)
     assert "give --min-coverage" in refusal(capsys, "check plan.toml -p rig.json")
-    assert call(capsys, "check plan.toml -p rig.json --min-coverage 1")[0] == 0
+    assert call(capsys, f"{CHECK} --min-coverage 1")[0] == 0
 
 
 # --- the examples ---------------------------------------------------------------------------------
@@ -590,59 +479,49 @@ def short_search(monkeypatch):
     monkeypatch.setattr("rastercov.placement.plan.prepare.openings", few)
 
 
-def the_part_is_seen_from_all_sides(told, eyes):
-    assert told["requirements"][0]["share"] >= 0.98
-    assert told["candidates"]["dropped"]["kept_out"]["table"] > 0
-    assert told["tolerance"]["together"]["worst"] <= told["share"] + 1e-9
-    assert (eyes[:, 2] > -0.02).all()
-
-
-def the_room_is_watched_from_its_walls_and_ceiling(told, eyes):
-    assert len(eyes) <= 6
-    assert told["selection"]["cost"] <= 7
-    assert told["share"] > told["selection"]["share"] - 0.01  # one is exact, the other on cells
-    x, y, _ = eyes.T
-    walls = np.abs(np.abs(eyes) - (2.9, 2.4, 2.7)) < 1e-9
-    assert walls.any(axis=1).all()
-    assert not ((x >= 2) & (np.abs(y) <= 0.6)).any()  # over the door
-
-
-def a_room_is_watched_by_cameras_of_several_kinds(told, eyes):
-    assert told["selection"]["cost"] <= 3000
-    assert {each["camera"] for each in told["cameras"]} == {"long", "pair/left", "pair/right"}
-
-
-def faces_at_eye_height_are_watched_from_the_ceiling(told, eyes):
-    groups = {(group["role"], group["name"]) for group in told["network"]["groups"]}
-    assert groups == {*(("occluder", name) for name in ("room", "crates")),
-                      *(("target", name) for name in ("eyes", "capture"))}  # fmt: skip
-    assert told["share"] > 0.5
-    assert len(eyes) == 4
+def is_on_a_wall(eyes):
+    """True where an eye is on a wall or the ceiling of the room, and not over its door."""
+    is_over_door = (eyes[:, 0] >= 2) & (np.abs(eyes[:, 1]) <= 0.6)
+    return (np.abs(np.abs(eyes) - (2.9, 2.4, 2.7)) < 1e-9).any(axis=1) & ~is_over_door
 
 
 LAWS = {
-    "inspect_part": (the_part_is_seen_from_all_sides, "all"),
-    "watch_room": (the_room_is_watched_from_its_walls_and_ceiling, "all"),
-    "mixed_cameras": (a_room_is_watched_by_cameras_of_several_kinds, "Covered by each camera"),
-    "eye_height": (faces_at_eye_height_are_watched_from_the_ceiling, "capture (target)"),
+    "inspect_part": lambda told, eyes: (
+        told["requirements"][0]["share"] >= 0.98
+        and told["candidates"]["dropped"]["kept_out"]["table"] > 0
+        and told["tolerance"]["together"]["worst"] <= told["share"] + 1e-9
+        and (eyes[:, 2] > -0.02).all()
+    ),
+    "watch_room": lambda told, eyes: (
+        len(eyes) <= 6
+        and told["selection"]["cost"] <= 7
+        and told["share"] > told["selection"]["share"] - 0.01  # one is exact, the other on cells
+        and is_on_a_wall(eyes).all()
+    ),
+    "mixed_cameras": lambda told, eyes: (
+        told["selection"]["cost"] <= 3000
+        and {each["camera"] for each in told["cameras"]} == {"long", "pair/left", "pair/right"}
+    ),
+    "eye_height": lambda told, eyes: (
+        {group["role"] for group in told["network"]["groups"]} == {"occluder", "target"}
+        and told["share"] > 0.5
+        and len(eyes) == 4
+    ),
 }
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", LAWS)
 def test_an_example_plan_does_what_it_is_for(capsys, no_pages, short_search, name):
-    law, words = LAWS[name]
     code, out, _ = call(capsys, f"place {EXAMPLES / name}.toml --out placed")
     told = figures("placed")
     assert (code, told["met"]) == (0, True)
-    law(told, read_poses("placed/poses.json")[:, :3, 3])
-    assert words in out
+    assert LAWS[name](told, read_poses("placed/poses.json")[:, :3, 3])
     assert "nan" not in out.lower()
     assert {path.stem for path in EXAMPLES.glob("*.toml")} == {*LAWS, "audit_rig"}
     if name == "mixed_cameras":
-        line = f"check {EXAMPLES / name}.toml -p placed/poses.json --min-coverage 0.4 --json"
-        covered = json.loads(call(capsys, line)[1])["covered_area"]["percent"]
-        assert covered == pytest.approx(100 * told["share"])
+        line = f"check {EXAMPLES / name}.toml -p placed/poses.json --min-coverage 0.4"
+        assert answer(capsys, line)["covered_area"]["percent"] == pytest.approx(100 * told["share"])
 
 
 @pytest.mark.slow
@@ -650,12 +529,7 @@ def test_the_rig_is_audited(capsys, no_pages, short_search):
     plan, rig = EXAMPLES / "audit_rig.toml", EXAMPLES / "rig.json"
     assert call(capsys, f"check {plan} -p {rig}")[0] == 0
     code, out, _ = call(capsys, f"check {plan} -p {rig} --views 2")
-    assert code == 1
-    # What docs/plan.md shows.
     page = (EXAMPLES.parents[1] / "docs" / "plan.md").read_text(encoding="utf-8")
-    shown = re.search(r"--views 2\n(fails.*?)\$ echo", page, re.DOTALL)
-    assert out == shown.group(1)
-    code, _, _ = call(capsys, f"place {plan} --out audit")
-    told = figures("audit")
-    assert code == 0
-    assert len(told["cameras"]) < len(read_poses(rig))
+    assert (code, [out]) == (1, re.findall(r"--views 2\n(fails.*?)\$ echo", page, re.DOTALL))
+    assert call(capsys, f"place {plan} --out audit")[0] == 0
+    assert len(figures("audit")["cameras"]) < len(read_poses(rig))

@@ -1,13 +1,12 @@
 """A second run of a command compiles nothing, and says nothing of it."""
 
 import shlex
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 from commands import ENTRY
 from notices import NOTICE
+from processes import python
 
 ROOT = Path(__file__).parents[2]
 PLANS = ROOT / "examples" / "plans"
@@ -35,13 +34,6 @@ COMMANDS = {
 @pytest.mark.parametrize("name", COMMANDS)
 def test_no_second_run_says_that_it_compiles(name, tmp_path):
     for out in ("first", "second"):
-        done = subprocess.run(
-            [sys.executable, "-c", ENTRY, *shlex.split(COMMANDS[name]), out],
-            cwd=tmp_path,
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            text=True,
-            check=False,
-        )
+        done = python("-c", ENTRY, *shlex.split(COMMANDS[name]), out, cwd=tmp_path, timeout=None)
         assert done.returncode in (0, 1), done.stderr
     assert NOTICE not in done.stderr

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from commands import call, enter, refusal, write_part
+from commands import answer, done, refusal, write_part
 
 import rastercov as rc
 from rastercov.camera.formats import read_views, write_views
@@ -16,16 +16,12 @@ LONG = rc.Camera(width=96, height=72, fx=120, fy=120)
 NAMES = ["wide", "long", "long", "wide", "long"]
 MATRICES = rc.sphere_of_poses((0, 0, 0), 3.5, 5)
 INDICES = [0, 1, 1, 0, 1]
-EVALUATE = "evaluate box --min-pixels-per-m2 250 --pictures 0 --table none --json -o out "
+EVALUATE = "evaluate box --min-pixels-per-m2 250 --pictures 0 --table none -o out "
 PLAN = """
-[[meshes]]
-built_in = "box"
+meshes = [{{ built_in = "box" }}]
+task = {{ min_pixels_per_m2 = 250 }}
+selection = {{ goal = "fewest_cameras", coverage = 0.5 }}
 {cameras}
-[task]
-min_pixels_per_m2 = 250
-[selection]
-goal = "fewest_cameras"
-coverage = 0.5
 """
 WIDE_ENTRIES = "width = 64\nheight = 48\nfx = 50\nfy = 50\n"
 LONG_ENTRIES = "width = 96\nheight = 72\nfx = 120\nfy = 120\n"
@@ -33,9 +29,8 @@ TYPES = f"[cameras.long]\n{LONG_ENTRIES}[cameras.wide]\n{WIDE_ENTRIES}"
 
 
 @pytest.fixture(autouse=True)
-def folder(tmp_path, monkeypatch):
+def files():
     """Two cameras, poses that name them, and the same in one file."""
-    enter(tmp_path, monkeypatch)
     write_part("part.obj")
     WIDE.save("wide.json")
     LONG.save("long.json")
@@ -44,13 +39,6 @@ def folder(tmp_path, monkeypatch):
     rig = rc.Rig([WIDE, LONG], ["wide", "long"])
     poses = rc.Poses.of(MATRICES, camera=INDICES)
     write_views("rig.json", rc.Views(rig=rig, poses=poses, images=tuple("abcde")))
-    return tmp_path
-
-
-def result(capsys, line):
-    code, out, err = call(capsys, line)
-    assert code in (0, 1), err
-    return json.loads(out)
 
 
 def figures(summary):
@@ -60,40 +48,37 @@ def figures(summary):
 
 def test_poses_may_name_their_cameras():
     views = read_views("named.json")
-    assert views.rig is None
-    assert views.camera_names == ("wide", "long")
-    assert views.poses.camera.tolist() == INDICES
-    np.testing.assert_array_equal(read_poses("named.json"), MATRICES)
     write_views("again.json", views)
-    again = read_views("again.json")
-    assert (again.camera_names, again.poses.camera.tolist()) == (("wide", "long"), INDICES)
+    for each in (views, read_views("again.json")):
+        assert each.rig is None
+        assert (each.camera_names, each.poses.camera.tolist()) == (("wide", "long"), INDICES)
+    np.testing.assert_array_equal(read_poses("named.json"), MATRICES)
 
 
 @pytest.mark.slow
 def test_named_cameras_are_those_of_one_file(capsys):
-    by_name = result(capsys, EVALUATE + "-c long=long.json -c wide=wide.json -p named.json")
-    of_file = result(capsys, EVALUATE + "-p rig.json")
+    by_name = answer(capsys, EVALUATE + "-c long=long.json -c wide=wide.json -p named.json")
+    of_file = answer(capsys, EVALUATE + "-p rig.json")
     assert [each["camera"] for each in by_name["by_camera"]] == ["long", "wide"]
     by_name["by_camera"].reverse()
     assert figures(by_name) == figures(of_file)
-    other = result(capsys, EVALUATE + "-c rig.json -p named.json")
+    other = answer(capsys, EVALUATE + "-c rig.json -p named.json")
     assert figures(other) == figures(of_file)
 
 
 @pytest.mark.slow
 def test_one_camera_may_be_chosen_of_several(capsys):
-    chosen = result(capsys, EVALUATE + "-p rig.json --camera-name long")
+    chosen = answer(capsys, EVALUATE + "-p rig.json --camera-name long")
     assert "by_camera" not in chosen
     assert chosen["poses"] == 3
-    entry = result(capsys, EVALUATE + "-p rig.json")["by_camera"][1]
+    entry = answer(capsys, EVALUATE + "-p rig.json")["by_camera"][1]
     assert entry["covered"] == chosen["covered"]
-    again = result(capsys, EVALUATE + "-c rig.json -p named.json --camera-name long")
+    again = answer(capsys, EVALUATE + "-c rig.json -p named.json --camera-name long")
     assert again["per_pose"] == chosen["per_pose"]
 
 
 def test_a_terminal_has_a_line_for_each_camera(capsys):
-    code, out, _ = call(capsys, "evaluate box --pictures 0 -o out -p rig.json")
-    assert code == 0
+    out, _ = done(capsys, "evaluate box --pictures 0 -o out -p rig.json")
     assert "Covered by each camera alone" in out
     assert all(name in out for name in ("wide", "long"))
 
@@ -122,36 +107,30 @@ def test_names_in_a_pose_file_that_are_none_are_refused(capsys, names):
     Path("bad.json").write_text(json.dumps(table))
     line = EVALUATE + "-c wide.json -p bad.json"
     assert "camera must be 5 names of cameras" in refusal(capsys, line)
-    if isinstance(names, list):
-        with pytest.raises(rc.PoseError, match="a name for each of 5"):
-            write_poses("other.json", MATRICES, names)
-    with pytest.raises(rc.PoseError, match=r"\.npy holds matrices alone"):
-        write_poses("poses.npy", MATRICES, NAMES)
+    for path, wrong in (("other.json", list(names)), ("poses.npy", NAMES)):
+        with pytest.raises(rc.PoseError, match=r"a name for each of 5|\.npy holds matrices alone"):
+            write_poses(path, MATRICES, wrong)
 
 
 def checked(capsys, cameras, line):
     Path("plan.toml").write_text(PLAN.format(cameras=cameras))
-    return result(capsys, "check plan.toml --json " + line)
+    return answer(capsys, "check plan.toml " + line)
 
 
 @pytest.mark.slow
-def test_check_takes_cameras_of_the_plan_of_the_file_or_of_options(capsys):
-    wanted = result(capsys, EVALUATE + "-p rig.json")["covered_area"]
-    several = (
-        checked(capsys, TYPES, "-p named.json"),
-        checked(capsys, TYPES, "-p rig.json"),
-        checked(capsys, "", "-p rig.json"),
-        checked(capsys, "", "-p named.json -c wide=wide.json -c long=long.json"),
-        # --camera replaces that of the plan.
-        checked(capsys, "[camera]\n" + LONG_ENTRIES, "-p named.json -c rig.json"),
-    )
-    for found in several:
-        assert found["covered_area"]["percent"] == pytest.approx(wanted["percent"], abs=1e-9)
-        assert {each["camera"] for each in found["network"]["by_camera"]} == {"wide", "long"}
-    one = checked(capsys, "[camera]\n" + LONG_ENTRIES, "-p bare.json")
-    assert one["covered_area"]["percent"] != pytest.approx(wanted["percent"], abs=1e-3)
-    chosen = checked(capsys, "[camera]\n" + LONG_ENTRIES, "-p rig.json --camera-name long")
-    assert chosen["cameras"] == 3
+@pytest.mark.parametrize(
+    ("cameras", "line"),
+    [(TYPES, "-p named.json"), (TYPES, "-p rig.json"), ("", "-p rig.json"),
+     ("", "-p named.json -c wide=wide.json -c long=long.json"),
+     (f"[camera]\n{LONG_ENTRIES}", "-p named.json -c rig.json")],  # --camera replaces the plan's
+)  # fmt: skip
+def test_check_takes_cameras_of_the_plan_of_the_file_or_of_options(capsys, cameras, line):
+    found, wanted = checked(capsys, cameras, line), answer(capsys, EVALUATE + "-p rig.json")
+    percents = [each["covered_area"]["percent"] for each in (found, wanted)]
+    assert percents[0] == pytest.approx(percents[1], abs=1e-9)
+    assert {each["camera"] for each in found["network"]["by_camera"]} == {"wide", "long"}
+    one = "[camera]\n" + LONG_ENTRIES
+    assert checked(capsys, one, "-p rig.json --camera-name long")["cameras"] == 3
 
 
 @pytest.mark.slow
@@ -161,7 +140,6 @@ def test_check_takes_cameras_of_the_plan_of_the_file_or_of_options(capsys):
         ("", "-p bare.json", "camera: missing; add it, or cameras by name"),
         ("[camera]\n" + WIDE_ENTRIES, "-p rig.json", "the poses are of 2 cameras, wide, long"),
         ("[camera]\n" + WIDE_ENTRIES, "-p named.json", "and plan.toml has one: name them as"),
-        (TYPES, "-p bare.json", "the poses do not say which camera each is of"),
         (TYPES.replace("wide", "fish"), "-p named.json", "the poses are of a camera 'wide'"),
         ("[camera]\n" + WIDE_ENTRIES + TYPES, "-p named.json", "camera and cameras exclude"),
     ],

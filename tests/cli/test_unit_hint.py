@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from commands import call, enter, write_part
+from commands import call, write_part
 
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.doubts import unit_doubts
@@ -14,7 +14,6 @@ from rastercov.mesh import shapes
 
 CAMERA = "width = 64\nheight = 48\nfx = 80\nfy = 80\n"
 EYE = Camera(width=64, height=48, fx=80, fy=80)
-FOCUS = CAMERA + "focus_range = [0.2, 0.5]\n"
 PLAN = (
     '[[meshes]]\npath = "part.obj"\n[camera]\nfile = "camera.toml"\n[[candidates]]\n'
     'generator = "poses"\nfile = "rig.json"\n[selection]\ngoal = "fewest_cameras"\n'
@@ -29,8 +28,7 @@ RUNS = [
 
 
 @pytest.fixture(autouse=True)
-def folder(tmp_path, monkeypatch):
-    enter(tmp_path, monkeypatch)
+def files():
     write_part("part.obj", side=85.0)
     Path("camera.toml").write_text(CAMERA)
     Path("plan.toml").write_text(PLAN)
@@ -42,10 +40,6 @@ def test_millimetres_read_as_metres_are_asked_for_in_every_command(line, capsys)
     _, _, err = call(capsys, line)
     assert err.count("the mesh measures 85 x 85 x 85 m") == 1
     assert "mm?" in err
-
-
-@pytest.mark.parametrize("line", RUNS)
-def test_the_right_unit_is_not_asked_for(line, capsys):
     Path("plan.toml").write_text(PLAN.replace("[camera]", 'unit = "mm"\n[camera]'))
     unit = "" if "plan" in line else " --unit mm"
     assert "the mesh measures" not in call(capsys, line + unit)[2]
@@ -80,9 +74,3 @@ def test_cameras_in_and_around_large_scenes_are_no_doubt(name):
     for distance in (0.2, 0.6, 2.0):
         poses = Poses.of(sphere_of_poses(mesh.bounds.mean(axis=0), distance * size, 8))
         assert not unit_doubts(mesh, EYE, poses)
-
-
-def test_poses_around_a_part_out_of_focus_ask(capsys):
-    Path("camera.toml").write_text(FOCUS)
-    _, _, err = call(capsys, "render part.obj -c camera.toml -p sphere:2")
-    assert "in focus to 500 mm: --unit mm?" in err

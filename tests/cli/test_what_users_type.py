@@ -5,7 +5,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
-from commands import call, enter, refusal, write_part
+from commands import call, refusal, write_part
 
 import rastercov as rc
 from rastercov.camera.formats import read_views
@@ -24,8 +24,7 @@ OPTICS = {"pixel_size": 5e-6, "f_number": 4.0, "focus_distance": 0.5}
 
 
 @pytest.fixture(autouse=True)
-def folder(tmp_path, monkeypatch):
-    enter(tmp_path, monkeypatch)
+def files():
     write_part("part.obj")
     Path("cal.yaml").write_text("%YAML:1.0\n---\n" + YAML)
     Path("plan.toml").write_text(PLAN)
@@ -44,41 +43,33 @@ def test_convert_writes_our_own_camera_file(suffix, capsys):
 
 
 def test_optics_stand_beside_the_file_of_a_calibration():
+    """In an entry of a plan, and in a camera file."""
     entries = {"file": "cal.yaml", "pixel_centre": 0.5, **OPTICS}
-    camera = plan_of({"meshes": [{"path": "part.obj"}], "camera": entries}).rig.cameras[0]
-    assert (camera.focus_distance, camera.aperture) == (0.5, pytest.approx(80.5 * 5e-6 / 4))
-    assert camera.model != "pinhole"
-
-
-def test_optics_stand_beside_the_file_of_a_camera_file():
+    plan = plan_of({"meshes": [{"path": "part.obj"}], "camera": entries})
     lines = [f"{name} = {value}" for name, value in OPTICS.items()]
     Path("camera.toml").write_text("\n".join(['file = "cal.yaml"', *lines]))
-    camera = read_views("camera.toml", conventions=rc.Conventions(pixel_centre=0.5)).camera()
-    assert (camera.focus_distance, camera.aperture) == (0.5, pytest.approx(80.5 * 5e-6 / 4))
+    views = read_views("camera.toml", conventions=rc.Conventions(pixel_centre=0.5))
+    for camera in (plan.rig.cameras[0], views.camera()):
+        assert (camera.focus_distance, camera.aperture) == (0.5, pytest.approx(80.5 * 5e-6 / 4))
+        assert camera.model != "pinhole"
 
 
-@pytest.mark.parametrize("heights", [2.2, [2.2], 2])
+@pytest.mark.parametrize("heights", [2.2, [2.2]])
 def test_a_single_height_is_the_lowest_and_the_highest(heights):
-    entry = {
-        "generator": "on_walls", "spacing": 1.0, "heights": heights, "aim": [{"point": [0, 0, 0]}]
-    }  # fmt: skip
-    if isinstance(heights, int):
-        entry["heights"] = float(heights)
-    plan = plan_of({"meshes": [{"path": "part.obj"}], "candidates": [entry]})
-    low, high = plan.candidates[0].heights
-    assert low == high == (heights[0] if isinstance(heights, list) else heights)
+    entry = {"generator": "on_walls", "spacing": 1.0, "aim": [{"point": [0, 0, 0]}]}
+    entries = [entry | {"heights": heights}]
+    plan = plan_of({"meshes": [{"path": "part.obj"}], "candidates": entries})
+    assert tuple(plan.candidates[0].heights) == (2.2, 2.2)
+
+
+CHECK, EVALUATE = "check plan.toml -p rig.json", "evaluate part.obj -c khepra -p rig.json"
 
 
 @pytest.mark.parametrize(
     "line",
-    [
-        "check plan.toml -p rig.json --min-coverage 98",
-        "check plan.toml -p rig.json --group lid=98",
-        "evaluate part.obj -c khepra -p rig.json --min-coverage 98",
-        "evaluate part.obj -c khepra -p rig.json --min-visibility 98",
-        "place share.toml",
-    ],
-)
+    [f"{CHECK} --min-coverage 98", f"{CHECK} --group lid=98", f"{EVALUATE} --min-coverage 98",
+     f"{EVALUATE} --min-visibility 98", "place share.toml"],
+)  # fmt: skip
 def test_a_share_in_percent_is_asked_for(line, capsys):
     goal = '[selection]\ngoal = "fewest_cameras"\ncoverage = 98.0\n'
     Path("share.toml").write_text(PLAN + goal)
@@ -86,28 +77,17 @@ def test_a_share_in_percent_is_asked_for(line, capsys):
 
 
 @pytest.mark.parametrize(
-    ("change", "line"),
-    [
-        (lambda: Path("part.obj").unlink(), "plan.toml -p rig.json --min-coverage 0.5"),
-        (lambda: Path("part.obj").write_text("x"), "plan.toml -p rig.json --min-coverage 0.5"),
-        (lambda: Path("rig.json").unlink(), "plan.toml -p rig.json --min-coverage 0.5"),
-        (lambda: Path("plan.toml").write_text("x"), "plan.toml -p rig.json --min-coverage 0.5"),
-        (lambda: None, "none.toml -p rig.json --min-coverage 0.5"),
-        (lambda: None, "plan.toml -p rig.json --min-coverage 98"),
-        (lambda: None, "plan.toml -p rig.json --group led=0.5"),
-    ],
-)
-def test_junit_is_written_for_bad_input(change, line, capsys):
-    change()
+    ("name", "line"),
+    [*((name, "plan.toml -p rig.json --min-coverage 0.5") for name in ("part.obj", "plan.toml")),
+     ("", "plan.toml -p none.json --min-coverage 0.5"),
+     ("", "none.toml -p rig.json --min-coverage 0.5"),
+     ("", "plan.toml -p rig.json --min-coverage 98"),
+     ("", "plan.toml -p rig.json --group led=0.5")],
+)  # fmt: skip
+def test_junit_is_written_for_bad_input(name, line, capsys):
+    if name:
+        Path(name).write_text("x")
     said = refusal(capsys, f"check {line} --junit check.xml")
     suites = ElementTree.parse("check.xml").getroot()
     assert (suites.get("tests"), suites.get("errors"), suites.get("failures")) == ("1", "1", "0")
     assert suites.find("testsuite/testcase/error").get("message") in said
-
-
-@pytest.mark.parametrize("line", ["evaluate part.obj --full", "place plan.toml --out"])
-def test_an_option_without_its_value_points_to_the_help_of_its_command(line, capsys):
-    command, option = line.split()[0], line.split()[-1]
-    code, _, err = call(capsys, line)
-    assert code == 2
-    assert err == f"error: Option '{option}' requires an argument; see rastercov {command} --help\n"

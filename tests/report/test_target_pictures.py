@@ -5,22 +5,14 @@ import pytest
 import trimesh
 from exact_cases import AHEAD
 from scenes import square
-from target_scenes import beside, some_as_targets
+from target_scenes import beside
 
 from rastercov.camera.camera import Camera
-from rastercov.mesh import shapes
 from rastercov.raster import open_rasterizer
 from rastercov.reference.methods.faces import neighbourhood
 from rastercov.reference.models.report import difference_picture, look_at_part
 from rastercov.report.coverage_files import write_coloured_mesh
-from rastercov.report.images import (
-    coverage_pixels,
-    hatch_over,
-    lay_over,
-    targets_in_view,
-)
-from rastercov.report.modes import mode_picture
-from rastercov.report.panorama import look
+from rastercov.report.images import coverage_pixels, hatch_over, lay_over, targets_in_view
 
 CAMERA = Camera(width=80, height=80, fx=80, fy=80)
 WALL = square(2, 4)
@@ -39,17 +31,17 @@ def test_targets_in_view_are_those_before_the_surface():
     assert targets_in_view(WALL, CAMERA, AHEAD, buffer_of(WALL).depth) is None
 
 
-def test_a_picture_shows_what_is_behind_a_target():
+@pytest.mark.parametrize("value", [0.0, 1.0])
+def test_a_picture_shows_what_is_behind_a_target(value):
     buffer, bare = buffer_of(SCENE), beside(WALL)
     without = coverage_pixels(buffer_of(bare), np.ones(2), bare, AHEAD, CAMERA).astype(int)
-    for values in (np.zeros(6), np.ones(6)):
-        values[:2] = 1.0
-        pixels = coverage_pixels(buffer, values, SCENE, AHEAD, CAMERA).astype(int)
-        changed = (pixels != without).any(axis=2)
-        assert changed.sum() == 20 * 20
-        assert np.array_equal(changed, targets_in_view(SCENE, CAMERA, AHEAD, buffer.depth) >= 0)
-        inner = pixels[35:45, 46:49]  # away from outlines
-        assert (inner > 0.55 * without[35:45, 46:49]).all()
+    values = np.array([1, 1, *[value] * 4])
+    pixels = coverage_pixels(buffer, values, SCENE, AHEAD, CAMERA).astype(int)
+    changed = (pixels != without).any(axis=2)
+    assert changed.sum() == 20 * 20
+    assert np.array_equal(changed, targets_in_view(SCENE, CAMERA, AHEAD, buffer.depth) >= 0)
+    inside = np.s_[35:45, 46:49]  # away from outlines
+    assert (pixels[inside] > 0.55 * without[inside]).all()
 
 
 def test_outlines_are_stronger_than_the_inside():
@@ -62,29 +54,14 @@ def test_outlines_are_stronger_than_the_inside():
     assert (pixels[:, [1, 4]] == 20).all()
 
 
-@pytest.mark.slow
-def test_pictures_of_a_placement_draw_targets_over_the_part():
-    room = shapes.room(4)
-    mesh = beside(room, shapes.box((1, 1, 1)))
-    scene = look(mesh, (1, -1.5, 1), scale=0.3)
-    assert scene.targets is not None
-    assert (scene.targets >= room.n_faces).any()
-    assert scene.face.max() < room.n_faces
-    best = np.ones(mesh.n_faces)
-    best[room.n_faces :] = 0
-    assert mode_picture("coverage", mesh, best).size > (0, 0)
-    alone = some_as_targets(square(1, 2), np.ones(2, bool))
-    assert (look(alone, (0, 0, -1), scale=0.3).targets >= 0).any()
-
-
 def test_coloured_meshes_have_translucent_targets(tmp_path):
     write_coloured_mesh(tmp_path / "mesh.glb", SCENE, np.ones(6))
-    glb = trimesh.load_scene(tmp_path / "mesh.glb")
-    modes = {name: part.visual.material.alphaMode for name, part in glb.geometry.items()}
+    parts = trimesh.load_scene(tmp_path / "mesh.glb").geometry
+    found = {name: part.visual.material for name, part in parts.items()}
+    modes = {name: each.alphaMode for name, each in found.items()}
     assert modes == {"mesh": None, "target 0": "BLEND", "target 1": "BLEND"}
-    opacity = {name: part.visual.material.baseColorFactor for name, part in glb.geometry.items()}
-    assert opacity["mesh"] is None
-    assert opacity["target 0"][3] == opacity["target 1"][3] == 102
+    assert found["mesh"].baseColorFactor is None
+    assert {found[f"target {row}"].baseColorFactor[3] for row in (0, 1)} == {102}
 
 
 def test_a_face_beside_a_target_is_seen_whole_in_its_close_up():

@@ -121,6 +121,17 @@ class Tab:
         self.idle()
         return box
 
+    def keys(self, *keys):
+        """Keys to what has the focus."""
+        for key in keys:
+            self.page.keyboard.press(key)
+        self.idle()
+
+    def button(self, name):
+        """Click a button."""
+        self.page.get_by_role("button", name=name).click()
+        self.idle()
+
     def press(self, key):
         """A key over the picture."""
         self.page.locator("canvas.scene").focus()

@@ -1,5 +1,6 @@
 """Commands as tests call them, in this process or in one of their own, and a part for them."""
 
+import json
 import os
 import shlex
 import subprocess
@@ -11,7 +12,11 @@ from notices import without_notices
 from rastercov import cli
 from rastercov.mesh import shapes
 
-ENTRY = "import sys; from rastercov.cli import main; sys.argv[0] = 'rastercov'; main()"
+INTERRUPTIBLE = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+"""The background of a shell ignores SIGINT, and so would a process that tests start from there."""
+ENTRY = (
+    INTERRUPTIBLE + "import sys; from rastercov.cli import main; sys.argv[0] = 'rastercov'; main()"
+)
 LID_AND_REST = {0: "lid", 2: "rest"}
 
 
@@ -37,6 +42,20 @@ def call(capsys, line):
     """Exit code, standard output and standard error of a command line, in this process."""
     code = cli.command(line if isinstance(line, list) else shlex.split(line))
     return code, *capsys.readouterr()
+
+
+def done(capsys, line):
+    """Standard output and standard error of a command line that ends with 0."""
+    code, out, err = call(capsys, line)
+    assert code == 0, err
+    return out, err
+
+
+def answer(capsys, line, code=0):
+    """What a command line prints with --json."""
+    found, out, err = call(capsys, f"{line} --json")
+    assert found == code, err
+    return json.loads(out)
 
 
 def refusal(capsys, line):

@@ -65,10 +65,8 @@ def state(folder):
     for name, files in REPORTS.items():
         if found == files:
             return name
-    for files in REPORTS.values():
-        if "last.txt" not in found and found.items() <= files.items():
-            return "incomplete"
-    return "torn"
+    is_part = any(found.items() <= files.items() for files in REPORTS.values())
+    return "incomplete" if "last.txt" not in found and is_part else "torn"
 
 
 def open_and_look(folder, after):

@@ -6,9 +6,11 @@ import signal
 import socket
 import subprocess
 import sys
-import threading
 import time
-from contextlib import contextmanager, suppress
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, contextmanager, suppress
+
+from commands import ENTRY
 
 VIEW = ("view", "teapot-5", "-c", "khepra", "-p", "sphere:3")
 SLOW = """
@@ -22,49 +24,43 @@ def slow(self, entries):
             sum(range(10_000))
     return act(self, entries)
 Session.act = slow
-from rastercov.cli import main
-main()
 """
-"""The command, with answers to edits that take a minute."""
+"""Before the command: answers to edits that take a minute."""
 
 
-def half_opened(kind, port):
-    """A connection that asks for no answer: what it sends is the start of a request, if any."""
+STARTS = {
+    "silent": "",
+    "head": "GET / HTTP/1.1\r\n{host}x-a: ",
+    "body": "POST /api/act HTTP/1.1\r\n{host}content-length: 900000\r\n\r\n{{",
+    "no HTTP": "\x16\x03\x01\x02\x00\x01\x00\x01",
+    "unread": "GET /static/style.css HTTP/1.1\r\n{host}\r\n",
+}
+"""What connections send that ask for no answer: the start of a request, if any."""
+
+
+def half_opened(kind, port, more=""):
+    """A connection that asks for no answer; `more` are further lines of its head."""
+    host = f"Host: 127.0.0.1:{port}\r\ncontent-type: application/json\r\n{more}"
     made = socket.create_connection(("127.0.0.1", port), timeout=20)
-    host = f"Host: 127.0.0.1:{port}\r\n"
-    starts = {
-        "silent": "",
-        "head": f"GET / HTTP/1.1\r\n{host}x-a: ",
-        "body": f"POST /api/act HTTP/1.1\r\n{host}content-length: 900000\r\n\r\n{{",
-        "no HTTP": "\x16\x03\x01\x02\x00\x01\x00\x01",
-        "unread": f"GET /static/style.css HTTP/1.1\r\n{host}\r\n",
-    }
-    made.sendall(starts[kind].encode("latin-1"))
+    made.sendall(STARTS[kind].format(host=host).encode("latin-1"))
     return made
 
 
-KINDS = ("silent", "head", "body", "no HTTP", "unread")
+KINDS = tuple(STARTS)
 
 
 @contextmanager
 def many_half_opened(number, port, kinds=KINDS):
     """Many of them, which stay until the block ends; those that the server closed, too."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    wanted = number + 1000
-    if soft < wanted:
-        resource.setrlimit(resource.RLIMIT_NOFILE, (min(wanted, hard), hard))
-    made = []
-    try:
+    resource.setrlimit(resource.RLIMIT_NOFILE, (max(soft, min(number + 1000, hard)), hard))
+    with ExitStack() as made:
+        made.callback(resource.setrlimit, resource.RLIMIT_NOFILE, (soft, hard))
+        lines = []
         for row in range(number):
-            try:
-                made.append(half_opened(kinds[row % len(kinds)], port))
-            except OSError:  # closed while it sent
-                continue
-        yield made
-    finally:
-        for each in made:
-            each.close()
-        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+            with suppress(OSError):  # closed while it sent
+                lines.append(made.enter_context(half_opened(kinds[row % len(kinds)], port)))
+        yield lines
 
 
 def seconds_to_close(connection, limit, trickle=b""):
@@ -74,29 +70,26 @@ def seconds_to_close(connection, limit, trickle=b""):
     """
     began = time.monotonic()
     connection.settimeout(0.1)
-    while time.monotonic() - began < limit:
+    while (seconds := time.monotonic() - began) < limit:
         try:
-            if trickle:
-                connection.sendall(trickle)
+            connection.sendall(trickle)
             if not connection.recv(65536):
-                return time.monotonic() - began
+                return seconds
         except TimeoutError:
             continue
         except OSError:
-            return time.monotonic() - began
+            return seconds
     return float("inf")
 
 
 class Viewer:
     """The command `view` as a process; `url` and `token` are those that it printed."""
 
-    def __init__(self, *options, code="from rastercov.cli import main; main()", **environment):
+    def __init__(self, *options, code=ENTRY, **environment):
         self.process = subprocess.Popen(
             [sys.executable, "-P", "-c", code, *VIEW, *options],
             stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
             env=os.environ | environment,
-            # The background of a shell ignores SIGINT, and hands that on.
-            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
         )  # fmt: skip
         lines = iter(self.process.stdout.readline, "")
         self.url, self.token = next(x for x in lines if "/#" in x).strip().split("/#")
@@ -116,20 +109,13 @@ def interrupted(after, gaps=(), *, is_slow=True):
     """Exit code and errors of a viewer that gets Ctrl-C `after` an edit was sent, s, and again."""
     import httpx
 
-    viewer = Viewer("--no-browser", **({"code": SLOW} if is_slow else {}))
+    viewer = Viewer("--no-browser", code=SLOW + ENTRY if is_slow else ENTRY)
     body = {"revision": 0, "mode": "reason", "action": {"do": "none"}}
-
-    def ask():
-        with suppress(httpx.HTTPError):  # it is interrupted
-            own = {"x-rastercov-token": viewer.token}
-            httpx.post(f"{viewer.url}/api/act", json=body, headers=own)
-
-    thread = threading.Thread(target=ask)
-    thread.start()
-    for wait in (after, *gaps):
-        time.sleep(wait)
-        if viewer.process.poll() is None:
-            viewer.process.send_signal(signal.SIGINT)
-    ended = viewer.ended()
-    thread.join()
-    return ended
+    headers = {"x-rastercov-token": viewer.token}
+    with ThreadPoolExecutor() as pool:
+        pool.submit(httpx.post, f"{viewer.url}/api/act", json=body, headers=headers)
+        for wait in (after, *gaps):
+            time.sleep(wait)
+            if viewer.process.poll() is None:
+                viewer.process.send_signal(signal.SIGINT)
+        return viewer.ended()

@@ -31,44 +31,48 @@ def test_a_dead_program_is_told_and_nothing_is_lost(tab, program, tmp_path):
     assert tab.area_percent() == pytest.approx(percent_covered(tab.state()), abs=1e-9)
 
 
-def test_a_program_that_was_started_again_gets_the_rig_back(tab, program):
+@pytest.fixture
+def left_alone(tab, program):
+    """A tab with an edit, whose program has ended; starts another on its port."""
+    running = []
+
+    def again(**options):
+        running.append(Program(session_of_room(), port=program.port, **options))
+        running[0].start()  # with the rig as read from the file
+        return running[0]
+
     tab.press("ArrowLeft")
     tab.idle()
     edited = tab.state()["stations"]
     program.stop()
+    yield edited, again
+    for each in running:
+        each.stop()
+        each.session.close()
+
+
+def test_a_program_that_was_started_again_gets_the_rig_back(tab, left_alone):
+    edited, again = left_alone
     tab.page.locator(".banner").wait_for()
-    again = Program(session_of_room(), port=program.port)  # as read from the file
-    again.start()
-    try:
-        tab.page.get_by_text("the rig of this page was put back").wait_for()
-        tab.idle()
-        assert tab.state()["stations"] == edited
-        assert tab.state()["can_undo"]
-    finally:
-        again.stop()
-        again.session.close()
-
-
-def test_another_key_of_the_program_leads_to_its_address(tab, program):
-    tab.press("ArrowLeft")
+    again()
+    tab.page.get_by_text("the rig of this page was put back").wait_for()
     tab.idle()
-    edited = tab.state()["stations"]
-    program.stop()
-    again = Program(session_of_room(), port=program.port, token="another-" + program.token)
-    again.start()
-    try:
-        tab.page.get_by_text("open the address that it printed").wait_for()
-        tab.page.evaluate("url => location.assign(url)", again.url)
-        tab.page.get_by_role("button", name="Put it back").click()
-        tab.page.wait_for_function("rastercov.state().can_undo")
-        assert tab.state()["stations"] == edited
-    finally:
-        again.stop()
-        again.session.close()
+    assert tab.state()["stations"] == edited
+    assert tab.state()["can_undo"]
+
+
+def test_another_key_of_the_program_leads_to_its_address(tab, left_alone, program):
+    edited, again = left_alone
+    other = again(token="another-" + program.token)
+    tab.page.get_by_text("open the address that it printed").wait_for()
+    tab.page.evaluate("url => location.assign(url)", other.url)
+    tab.page.get_by_role("button", name="Put it back").click()
+    tab.page.wait_for_function("rastercov.state().can_undo")
+    assert tab.state()["stations"] == edited
 
 
 def test_two_tabs_do_no_harm(tab, context, program):
-    other = Tab(context, program.url)
+    other, told = Tab(context, program.url), "Another tab changed the rig"
     stale = {"revision": tab.state()["revision"]}
     tab.page.route("**/api/ping", lambda route: route.fulfill(json=stale))
     other.press("ArrowLeft")
@@ -76,14 +80,13 @@ def test_two_tabs_do_no_harm(tab, context, program):
     moved = other.state()["stations"]
     # An act on the older state is refused, and the tab shows the state as it is.
     tab.press("ArrowRight")
-    tab.page.get_by_text("Another tab changed the rig").first.wait_for()
+    tab.page.get_by_text(told).first.wait_for()
     tab.idle()
     assert tab.state()["stations"] == moved
     tab.page.unroute("**/api/ping")
     tab.press("ArrowRight")
     tab.idle()
-    # The other tab learns of it by itself.
-    other.page.get_by_text("Another tab changed the rig").first.wait_for()
+    other.page.get_by_text(told).first.wait_for()  # it learns of it by itself
     other.idle()
     assert other.state()["stations"] == tab.state()["stations"] != moved
     assert other.faults == []
@@ -93,12 +96,9 @@ def test_the_picture_comes_back_after_the_device_was_lost(tab):
     tab.js("rastercov.setOption('isFlat', true)")
     centre = "rastercov.readPixel(rastercov.view.canvas.clientWidth / 2, 300)"
     before = tab.js(centre)
-    tab.js(
-        "() => { window.loser = rastercov.view.gl.getExtension('WEBGL_lose_context');"
-        " window.loser.loseContext(); }"
-    )
-    tab.page.wait_for_function("rastercov.view.isLost")
-    tab.js("window.loser.restoreContext()")
-    tab.page.wait_for_function("rastercov.view.isLost === false")
+    tab.js("() => { window.loser = rastercov.view.gl.getExtension('WEBGL_lose_context'); }")
+    for call, is_lost in (("loseContext", "true"), ("restoreContext", "false")):
+        tab.js(f"window.loser.{call}()")
+        tab.page.wait_for_function(f"rastercov.view.isLost === {is_lost}")
     tab.idle()
     assert tab.js(centre) == before

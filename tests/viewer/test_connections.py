@@ -1,10 +1,13 @@
 """What a user without the token can do to the server: nothing that its owner notices."""
 
+import json
 import shutil
 import socket
 import subprocess
 import time
 from contextlib import contextmanager
+from itertools import product
+from unittest.mock import Mock
 
 import httpx
 import pytest
@@ -81,19 +84,19 @@ def test_a_connection_without_the_token_has_little_time(program, quick, kind, tr
 
 
 def test_a_body_with_the_token_has_a_limit_of_time(program, quick):
-    head = (
-        f"POST /api/act HTTP/1.1\r\nHost: 127.0.0.1:{program.port}\r\nContent-Length: 9000\r\n"
-        f"Content-Type: application/json\r\nX-Rastercov-Token: {TOKEN}\r\n\r\n"
-    )
-    with socket.create_connection(("127.0.0.1", program.port)) as line:
-        line.sendall(head.encode())
+    token = f"X-Rastercov-Token: {TOKEN}\r\n"
+    with half_opened("body", program.port, token) as line:
         assert seconds_to_close(line, 20, b" ") < 10
 
 
-def test_an_answer_may_take_any_time(program, quick, monkeypatch):
-    session = program.session
+def slowly(monkeypatch, session, seconds):
+    """Let each answer of a session take some time."""
     act = session.act
-    monkeypatch.setattr(session, "act", lambda body: time.sleep(4) or act(body))
+    monkeypatch.setattr(session, "act", lambda body: time.sleep(seconds) or act(body))
+
+
+def test_an_answer_may_take_any_time(program, quick, monkeypatch):
+    slowly(monkeypatch, program.session, 4)
     url = f"http://127.0.0.1:{program.port}/api/act"
     assert httpx.post(url, json=EDIT, headers=OWN, timeout=60).status_code == 200
 
@@ -126,32 +129,30 @@ def test_handshakes_that_do_not_end_have_little_time_too(tmp_path, quick):
 
 def test_nothing_is_printed_when_a_page_closes_in_a_request(program, capfd, monkeypatch):
     """In its head, in its body, while its answer is computed, and while that is sent."""
-    session = program.session
-    act = session.act
-    monkeypatch.setattr(session, "act", lambda body: time.sleep(0.5) or act(body))
+    slowly(monkeypatch, program.session, 0.5)
     monkeypatch.setattr("rastercov.viewer.server.groups_of", lambda mesh: bytes(20 << 20))
     head = f"Host: 127.0.0.1:{program.port}\r\nX-Rastercov-Token: {TOKEN}\r\n"
-    text = '{"revision": 0, "mode": "reason", "action": {"do": "none"}}'
+    text = json.dumps(EDIT)
     post = f"POST /api/act HTTP/1.1\r\n{head}Content-Type: application/json\r\n"
-    whole = f"{post}Content-Length: {len(text)}\r\n\r\n{text}"
+    whole, chunked = (
+        f"{post}Content-Length: {len(text)}\r\n\r\n{text}",
+        "Transfer-Encoding: chunked",
+    )
     sent = [
         *(whole[:size] for size in (1, 20, len(whole) - len(text), len(whole) - 3, len(whole))),
-        f"{post}Transfer-Encoding: chunked\r\n\r\n5\r\n{text[:5]}\r\n",
-        f"{post}Transfer-Encoding: chunked\r\n\r\nzz\r\n",
+        *(f"{post}{chunked}\r\n\r\n{chunk}\r\n" for chunk in (f"5\r\n{text[:5]}", "zz")),
         f"GET /api/groups HTTP/1.1\r\n{head}\r\n",
         f"GET / HTTP/1.1\r\n{head}Connection: upgrade\r\nUpgrade: websocket\r\n\r\n",
         "nonsense\r\n\r\n",
     ]
-    for each in sent:
-        for wait in (0, 0.2):
-            with socket.create_connection(("127.0.0.1", program.port)) as line:
-                line.sendall(each.encode())
-                time.sleep(wait)
+    for each, wait in product(sent, (0, 0.2)):
+        with socket.create_connection(("127.0.0.1", program.port)) as line:
+            line.sendall(each.encode())
+            time.sleep(wait)
     time.sleep(1)
     asked(program)
     program.stop()
-    out, err = capfd.readouterr()
-    assert (out, err) == ("", "")
+    assert "".join(capfd.readouterr()) == ""
 
 
 @pytest.mark.parametrize("gaps", [(), (0.05, 0.5, 0.5)])
@@ -164,14 +165,9 @@ def test_ctrl_c_in_a_request_ends_in_one_line(gaps):
     assert lines == ["Ctrl-C ends it", "interrupted"]
 
 
-LONG = "lengthy " * 4000
-
-
 def test_a_defect_is_one_line(program, monkeypatch, capfd):
-    def failing():
-        raise KeyError(LONG)
-
-    monkeypatch.setattr(program.session, "described_state", failing)
+    defect = Mock(side_effect=KeyError("lengthy " * 4000))
+    monkeypatch.setattr(program.session, "described_state", defect)
     answer = httpx.get(f"http://127.0.0.1:{program.port}/api/state", headers=OWN, timeout=30)
     assert answer.status_code == 500
     assert answer.json()["error"].startswith("KeyError: ")

@@ -1,4 +1,5 @@
 import threading
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -7,6 +8,7 @@ from rigs_to_view import CAMERA, acted, around, moved, part, session_of, state_o
 import rastercov as rc
 from rastercov.coverage.task import Reason
 from rastercov.mesh import shapes
+from rastercov.placement.improve.pose_space import PoseSpace
 from rastercov.viewer.measurements import Measurements
 from rastercov.viewer.scene import default_space
 from rastercov.viewer.work import (
@@ -41,38 +43,31 @@ def test_the_next_camera_is_the_best_of_all_tried(measurements, views):
     state = state_of(MESH, 3, task=rc.Task(views=views, min_pixels=4))
     candidates = around(MESH, 40)
     made, gain = with_next(measurements, state, "eye", candidates)
-    covers = rc.evaluate(MESH, CAMERA, candidates, state.task).reason == Reason.COVERED
-    own = rc.evaluate(MESH, CAMERA, state.poses(), state.task).reason == Reason.COVERED
-    own = own.sum(axis=0)
-    gains = covers @ np.where(own < views, MESH.areas, 0.0)
+    covers, own = (
+        rc.evaluate(MESH, CAMERA, poses, state.task).reason == Reason.COVERED
+        for poses in (candidates, state.poses())
+    )
+    gains = covers @ np.where(own.sum(axis=0) < views, MESH.areas, 0.0)
     assert gain == pytest.approx(gains.max())
-    assert np.array_equal(made.stations[-1].pose, candidates[gains.argmax()])
     assert len(made.stations) == 4
-    if views == 1:
-        assert covered_area(made) - covered_area(state) == pytest.approx(gain)
+    assert np.array_equal(made.stations[-1].pose, candidates[gains.argmax()])
+    assert views > 1 or covered_area(made) - covered_area(state) == pytest.approx(gain)
 
 
 @pytest.mark.slow
-def test_a_refined_camera_covers_more_and_the_others_stay(measurements):
-    state = state_of(MESH, 3)
-    aside = state.station(0).pose.copy()
-    aside[:3, :3] = aside[:3, :3] @ [[0.96, 0, 0.28], [0, 1, 0], [-0.28, 0, 0.96]]
-    state = state.with_pose(0, aside)
-    before = covered_area(state)
-    made, gain = refined(measurements, state, 0, default_space(MESH, state), budget=400)
-    assert gain > 0
-    assert covered_area(made) - before == pytest.approx(gain)
-    for row in (1, 2):
-        assert made.stations[row] is state.stations[row]
-
-
-@pytest.mark.slow
-def test_refinement_never_loses(measurements):
-    for views in (1, 2, 3):
-        state = state_of(MESH, 4, task=rc.Task(views=views, min_angle_deg=30.0 * (views > 1)))
-        made, gain = refined(measurements, state, 2, default_space(MESH, state), budget=150)
-        assert covered_area(made) >= covered_area(state)
-        assert (gain > 0) == (made is not state)
+@pytest.mark.parametrize("views", [1, 2, 3])
+def test_refinement_never_loses_and_the_others_stay(measurements, views):
+    state = state_of(MESH, 4, task=rc.Task(views=views, min_angle_deg=30.0 * (views > 1)))
+    if views == 1:  # aside, so that there is something to gain
+        aside = state.station(2).pose.copy()
+        aside[:3, :3] = aside[:3, :3] @ [[0.96, 0, 0.28], [0, 1, 0], [-0.28, 0, 0.96]]
+        state = state.with_pose(2, aside)
+    made, gain = refined(measurements, state, 2, default_space(MESH, state), budget=250)
+    gained = covered_area(made) - covered_area(state)
+    assert gained >= 0
+    assert (gain > 0) == (made is not state)
+    assert views > 1 or 0 < gain == pytest.approx(gained)
+    assert all(made.stations[row] is state.stations[row] for row in (0, 1, 3))
 
 
 @pytest.mark.slow
@@ -87,14 +82,12 @@ def test_places_tried_are_allowed_and_look_at_what_is_not_covered(measurements):
 
 
 def test_nothing_is_left_to_cover(measurements):
-    state = state_of(MESH, 2)
+    state, whole = state_of(MESH, 2), state_of(CUBE, 40)
     with pytest.raises(rc.ConfigError, match="covers more"):
         with_next(measurements, state, "eye", state.poses().world_from_camera)
-    whole = state_of(CUBE, 40)
     cube = Measurements(CUBE)
-    with pytest.raises(rc.ConfigError, match="every face is covered"):
+    with closing(cube), pytest.raises(rc.ConfigError, match="every face is covered"):
         tries(cube, whole, "eye", default_space(CUBE, whole))
-    cube.close()
 
 
 def test_a_cancelled_search_changes_nothing(measurements):
@@ -115,11 +108,16 @@ def finished(work):
     return work.described()
 
 
-@pytest.mark.slow
-def test_work_becomes_one_step_of_the_history():
+@pytest.fixture
+def work():
     session = session_of(MESH, 2)
-    work = Work(session)
-    before = session.state
+    yield Work(session)
+    session.close()
+
+
+@pytest.mark.slow
+def test_work_becomes_one_step_of_the_history(work):
+    session, before = work.session, work.session.state
     assert work.described() == {"id": None}
     work.start({"kind": "add", "camera": "eye"})
     said = finished(work)
@@ -130,22 +128,15 @@ def test_work_becomes_one_step_of_the_history():
     assert session.state is before
     work.start({"kind": "area"})
     assert finished(work)["status"] == "done"
-    head, _ = acted(session)
-    assert head["summary"]["exact_area_percent"] > 0
-    session.close()
+    assert acted(session)[0]["summary"]["exact_area_percent"] > 0
 
 
 @pytest.mark.slow
-def test_work_that_was_overtaken_is_dropped(monkeypatch):
-    session = session_of(MESH, 2)
-    work, goes_on = Work(session), threading.Event()
-    whole = Work._progress
-
-    def slow(self, done, total):
-        whole(self, done, total)
-        goes_on.wait(20)
-
-    monkeypatch.setattr(Work, "_progress", slow)
+def test_work_that_was_overtaken_is_dropped(work, monkeypatch):
+    session, goes_on, progress = work.session, threading.Event(), Work._progress
+    monkeypatch.setattr(
+        Work, "_progress", lambda self, *done: (progress(self, *done), goes_on.wait(20))
+    )
     work.start({"kind": "add", "camera": "eye"})
     with pytest.raises(BusyError):
         work.start({"kind": "area"})
@@ -156,54 +147,42 @@ def test_work_that_was_overtaken_is_dropped(monkeypatch):
     assert said["status"] == "failed"
     assert "edited meanwhile" in said["words"]
     assert len(session.state.stations) == 2
-    session.close()
 
 
-def test_work_can_be_cancelled():
-    session = session_of(MESH, 2)
-    work = Work(session)
+def test_work_can_be_cancelled(work):
     work.start({"kind": "add", "camera": "eye"})
     work.cancel()
     assert finished(work)["status"] == "cancelled"
-    assert len(session.state.stations) == 2
+    assert len(work.session.state.stations) == 2
     work.start({"kind": "area"})
     assert finished(work)["status"] == "done"
-    session.close()
 
 
 @pytest.mark.parametrize(
-    "asked", [{}, {"kind": "fly"}, {"kind": "refine"}, {"kind": "refine", "station": "0"}, []]
-)
-def test_work_that_does_not_exist(asked):
-    session = session_of(MESH, 1)
-    with pytest.raises(rc.ConfigError, match="work must be"):
-        Work(session).start(asked)
-
-
-def test_work_on_what_is_gone_is_said():
-    session = session_of(MESH, 1)
-    work = Work(session)
-    for asked, words in (
-        ({"kind": "refine", "station": 9}, "no station 9"),
-        ({"kind": "add", "camera": "none"}, "no camera 'none'"),
-    ):
-        work.start(asked)
-        said = finished(work)
-        assert said["status"] == "failed"
-        assert words in said["words"]
+    ("asked", "words"),
+    [({"kind": "refine", "station": 9}, "no station 9"),
+     ({"kind": "add", "camera": "none"}, "no camera 'none'"),
+     *((bad, None) for bad in ({}, {"kind": "fly"}, {"kind": "refine"}, [],
+                               {"kind": "refine", "station": "0"}))],
+)  # fmt: skip
+def test_work_that_does_not_exist_or_on_what_is_gone_is_said(work, asked, words):
+    if words is None:
+        with pytest.raises(rc.ConfigError, match="work must be"):
+            work.start(asked)
+        return
+    work.start(asked)
+    said = finished(work)
+    assert said["status"] == "failed"
+    assert words in said["words"]
 
 
 @pytest.mark.slow
 def test_a_camera_at_a_forbidden_place_is_refined_from_the_nearest_allowed_one(measurements):
-    from rastercov.placement.improve.pose_space import PoseSpace
-
     state = state_of(MESH, 3)
     low, high = np.asarray(MESH.bounds)
-    above = np.stack((np.add(low, (-1, -1, 0.5)), np.add(high, (1, 1, 2))))
-    space = PoseSpace(mesh=MESH, boxes=above)
+    space = PoseSpace(mesh=MESH, boxes=np.stack((np.add(low, (-1, -1, 0.5)), high + 1)))
     row = int(np.argmin([each.pose[2, 3] for each in state.stations]))
     assert not space.allows(state.stations[row].pose[None, :3, 3])[0]
     made, gain = refined(measurements, state, row, space, budget=200)
-    if gain > 0:
-        assert space.allows(made.stations[row].pose[None, :3, 3])[0]
+    assert gain <= 0 or space.allows(made.stations[row].pose[None, :3, 3])[0]
     assert covered_area(made) >= covered_area(state)

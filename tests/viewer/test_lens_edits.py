@@ -53,19 +53,12 @@ def test_a_range_of_focus():
 
 @pytest.mark.parametrize(
     ("camera", "changes", "words"),
-    [
-        (PINHOLE, {"focus_distance": 1}, "focal length"),
-        (PINHOLE, {"hfov_deg": 200}, "hfov_deg"),
-        (PINHOLE, {"hfov_deg": math.nan}, "hfov_deg"),
-        (FISHEYE, {"hfov_deg": 90}, "pinhole"),
-        (FISHEYE, {"focus_distance": 1}, "focal length"),
-        (PINHOLE, {"width": 0}, "width"),
-        (PINHOLE, {"near": -1}, "near"),
-        (PINHOLE, {"zoom": 1}, "zoom"),
-        (LENS, {"f_number": 0}, "f_number"),
-        (LENS, {"focus_distance": 0.001}, "focus_distance"),
-    ],
-)
+    [*((PINHOLE, {"hfov_deg": angle}, "hfov_deg") for angle in (200, math.nan)),
+     *((camera, {"focus_distance": 1}, "focal length") for camera in (PINHOLE, FISHEYE)),
+     (FISHEYE, {"hfov_deg": 90}, "pinhole"), (PINHOLE, {"width": 0}, "width"),
+     (PINHOLE, {"near": -1}, "near"), (PINHOLE, {"zoom": 1}, "zoom"),
+     (LENS, {"f_number": 0}, "f_number"), (LENS, {"focus_distance": 0.001}, "focus_distance")],
+)  # fmt: skip
 def test_a_wrong_value_is_one_line(camera, changes, words):
     with pytest.raises(CameraError, match=words) as error:
         changed(camera, changes)

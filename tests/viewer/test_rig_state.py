@@ -1,10 +1,11 @@
-import numpy as np
+from dataclasses import replace
+
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rigs_to_view import CAMERA, around, part, state_of
 
-from rastercov import ConfigError, PoseError, Task
+from rastercov import ConfigError, Task
 from rastercov.viewer.rig_state import History
 
 MESH = part()
@@ -12,14 +13,10 @@ START = state_of(MESH)
 OTHER = around(MESH, 9)
 
 
-def same(one, other):
-    """True where two states are the same to the bit."""
-    return (
-        [(s.id, s.name, s.camera, s.pose.tobytes(), s.is_on) for s in one.stations]
-        == [(s.id, s.name, s.camera, s.pose.tobytes(), s.is_on) for s in other.stations]
-        and dict(one.cameras) == dict(other.cameras)
-        and one.task == other.task
-    )
+def bits(state):
+    """A state, which equals another one where they are the same to the bit."""
+    stations = [(s.id, s.name, s.camera, s.pose.tobytes(), s.is_on) for s in state.stations]
+    return stations, dict(state.cameras), state.task
 
 
 def edited(state, kind, number):
@@ -61,7 +58,7 @@ def test_undo_and_redo_walk_through_the_states_to_the_bit(steps):
             made = edited(history.state, *step)
             history.take(made, f"step {number}")
             states, at = [*states[: at + 1], made], at + 1
-        assert same(history.state, states[at])
+        assert bits(history.state) == bits(states[at])
         assert bool(history.undo_label) == (at > 0)
         assert bool(history.redo_label) == (at + 1 < len(states))
 
@@ -73,42 +70,37 @@ def test_a_gesture_is_one_step_and_does_not_go_on_after_an_undo():
         history.take(made, "move", is_drag=number < 4)
     history.take(START.with_pose(1, OTHER[7]), "turn", is_drag=True)
     history.take(START.with_pose(1, OTHER[8]), "turn")
-    history.undo()
-    assert same(history.state, made)
-    history.undo()
-    assert same(history.state, START)
-    history.take(START.with_pose(0, OTHER[1]), "move", is_drag=True)
-    history.undo()
-    history.take(START.with_pose(0, OTHER[2]), "move")
-    history.undo()
-    assert same(history.state, START)
+    for state in (made, START):
+        history.undo()
+        assert bits(history.state) == bits(state)
+    for number, is_drag in ((1, True), (2, False)):
+        history.take(START.with_pose(0, OTHER[number]), "move", is_drag=is_drag)
+        history.undo()
+    assert bits(history.state) == bits(START)
 
 
 def test_saved_is_a_state_and_not_a_number_of_edits():
-    history = History(START)
-    assert history.is_saved
-    history.take(START.with_copy(0), "duplicate")
-    assert not history.is_saved
-    history.saved()
-    history.undo()
-    assert not history.is_saved
-    history.redo()
-    assert history.is_saved
-    history.undo()
-    history.take(START.without(0), "delete")  # what was saved can be reached no more
-    assert not history.is_saved
-    history.undo()
-    assert not history.is_saved
+    history, found = History(START), []
+    for step in (
+        lambda: None,
+        lambda: history.take(START.with_copy(0), "duplicate"),
+        history.saved,
+        history.undo,
+        history.redo,
+        history.undo,
+        lambda: history.take(START.without(0), "delete"),  # what was saved is reached no more
+        history.undo,
+    ):
+        step()
+        found.append(history.is_saved)
+    assert found == [True, False, True, False, True, False, False, False]
 
 
-def test_stations_keep_their_ids():
+def test_stations_keep_their_ids_and_names_differ():
     made = START.without(1).with_new("eye", OTHER[0])
     assert [each.id for each in made.stations] == [0, 2, 3, 4]
     with pytest.raises(ConfigError, match="no station 1"):
         made.station(1)
-
-
-def test_names_differ():
     made = START.with_copy(0).with_copy(0)
     names = [each.name for each in made.stations]
     assert len(set(names)) == len(names)
@@ -117,23 +109,9 @@ def test_names_differ():
     assert made.renamed(0, names[0]).stations[0].name == names[0]
 
 
-@pytest.mark.parametrize("name", ["", "  ", "a\nb", "x" * 500])
-def test_a_name_is_one_line(name):
-    with pytest.raises(ConfigError, match="a name must be"):
-        START.renamed(0, name)
-
-
-def test_a_pose_is_a_rigid_motion():
-    with pytest.raises(PoseError):
-        START.with_pose(0, np.diag([2.0, 1, 1, 1]))
-
-
 def test_poses_have_their_cameras_and_those_that_are_off_are_left_out():
     made = START.with_camera("wide", CAMERA.resized(2)).using(2, "wide")
     assert made.poses().camera.tolist() == [0, 0, 1, 0]
-    from dataclasses import replace
-
     off = made.with_station(replace(made.station(2), is_on=False))
-    assert len(off.poses()) == 3
-    assert len(off.poses(all_stations=True)) == 4
-    assert len(off.views().images) == 4
+    counts = [len(off.poses()), len(off.poses(all_stations=True)), len(off.views().images)]
+    assert counts == [3, 4, 4]

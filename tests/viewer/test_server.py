@@ -1,7 +1,9 @@
 """The server without a browser: what it refuses, and that its answers are those of the session."""
 
 import json
+import math
 import socket
+from contextlib import suppress
 
 import httpx
 import numpy as np
@@ -11,8 +13,8 @@ from browser import Program
 from rigs_to_view import around, moved, part, session_of
 
 from rastercov import ConfigError
-from rastercov.report.pages import page_text, static_file
-from rastercov.viewer.server import Address, policy, serve
+from rastercov.report.pages import static_file
+from rastercov.viewer.server import Address, serve
 from rastercov.viewer.session import unframed
 
 pytest.importorskip("uvicorn")
@@ -52,16 +54,13 @@ def acted(client, action, revision=None, **others):
 
 def test_the_page_and_its_files_need_no_token(client):
     bare = {"x-rastercov-token": ""}
-    page = client.get("/", headers=bare)
+    page, script = (client.get(path, headers=bare) for path in ("/", "/static/main.js"))
     assert page.status_code == 200
-    assert "default-src 'none'" in page.headers["content-security-policy"]
-    assert page.headers["x-content-type-options"] == "nosniff"
-    assert (
-        client.get("/static/main.js", headers=bare)
-        .headers["content-type"]
-        .startswith("text/javascript")
-    )
     assert SECRET not in page.text
+    assert "default-src 'none'" in page.headers["content-security-policy"]
+    assert "unsafe" not in page.headers["content-security-policy"]
+    assert page.headers["x-content-type-options"] == "nosniff"
+    assert script.headers["content-type"].startswith("text/javascript")
 
 
 API = ("scene", "soup", "groups", "state", "ping", "zones", "job", "image?station=0", "why?face=0",
@@ -74,19 +73,13 @@ EDITS = ("act", "job", "job/cancel", "save")
 @pytest.mark.parametrize(
     "headers",
     [
-        {"x-rastercov-token": ""},
-        {"x-rastercov-token": SECRET[:-1]},
-        {"host": "evil.example"},
-        {"host": "evil.example:PORT"},
-        {"host": "127.0.0.1:1"},
-        {"host": "127.0.0.1"},
-        {"host": "127.0.0.1.evil.example:PORT"},
-        {"origin": "https://evil.example"},
-        {"origin": "null"},
-        {"origin": "http://127.0.0.1:PORT.evil.example"},
-        {"origin": "http://127.0.0.1"},
+        *({"x-rastercov-token": token} for token in ("", SECRET[:-1])),
+        *({"host": host} for host in ("evil.example", "evil.example:PORT", "127.0.0.1:1",
+                                      "127.0.0.1", "127.0.0.1.evil.example:PORT")),
+        *({"origin": origin} for origin in ("https://evil.example", "null", "http://127.0.0.1",
+                                            "http://127.0.0.1:PORT.evil.example")),
     ],
-)
+)  # fmt: skip
 def test_a_foreign_host_origin_or_token_is_refused(client, session, port, path, headers):
     headers = {name: value.replace("PORT", str(port)) for name, value in headers.items()}
     before = session.history.revision
@@ -138,11 +131,14 @@ def test_an_edit_gives_the_frame_of_the_session(client, session):
 
 def test_two_tabs_cannot_overwrite_each_other(client):
     revision = client.get("/api/ping").json()["revision"]
-    assert acted(client, {"do": "duplicate", "station": 0}, revision).status_code == 200
-    answer = acted(client, {"do": "delete", "station": 0}, revision)
-    assert answer.status_code == 409
+    codes = [
+        acted(client, action, revision).status_code
+        for action in (
+            {"do": "duplicate", "station": 0}, {"do": "delete", "station": 0}, {"do": "none"}
+        )
+    ]  # fmt: skip
+    assert codes == [200, 409, 200]  # looking is no edit
     assert len(client.get("/api/state").json()["stations"]) == 5
-    assert acted(client, {"do": "none"}, revision).status_code == 200  # looking is no edit
     acted(client, {"do": "undo"})
 
 
@@ -154,11 +150,21 @@ ENTRIES = (
     {"options": {LONG: [1]}}, {"mode": "segments", "options": {"beta_deg": LONG}},
     {"mode": "model", "options": {"model": LONG}}, {"mode": "single", "station": 99},
 )  # fmt: skip
+POSE = {"do": "pose", "station": 0, "pose": [float(x) for x in POSES[0].ravel()]}
+EYE = {"do": "camera", "camera": "eye"}
 ACTIONS = (
-    {"do": "pose", "station": 0, "pose": "x"}, {"do": LONG}, {"do": "none", LONG: 1},
-    {"do": "rename", "station": 0, "name": LONG}, {"do": "use", "station": 0, "camera": LONG},
-    {"do": "camera", "camera": "eye", "changes": {LONG: 1}}, {"do": "restore", "rig": RIG},
-    {"do": "task", "changes": {LONG: 1}}, {"do": "task", "changes": {"mode": LONG}},
+    {"do": "fly"}, {}, {"do": LONG}, {"do": "none", LONG: 1},
+    {"do": "delete", "station": 0, LONG: 1},
+    *(POSE | {"pose": pose} for pose in ("x", [1, 2], [math.nan] * 16, [2.0] * 16)),
+    POSE | {"station": 77}, POSE | {"station": "0"}, {"do": "use", "station": 0, "camera": LONG},
+    *({"do": "rename", "station": 0, "name": name} for name in (LONG, "", "  ", "a\nb")),
+    *(EYE | {"changes": changes} for changes in ({LONG: 1}, {"fx": -1})),
+    EYE | {"camera": "no", "changes": {}}, {"do": "restore", "rig": RIG},
+    *({"do": "task", "changes": changes}
+      for changes in ({LONG: 1}, {"mode": LONG}, {"min_visibility": 7})),
+    {"do": "new_camera", "name": "eye", "source": "khepra"}, {"do": "constraints", "is_kept": True},
+    {"do": "new_camera", "name": "x", "source": "nope"},
+    {"do": "aim", "station": 0, "point": POSES[0, :3, 3].tolist()},
 )  # fmt: skip
 BODIES = [
     *(b"", b"{", b"[]", b"null", b"\xff\xfe", b"[" * 100_000, b'{"revision": 1e999}'),
@@ -199,12 +205,10 @@ def test_a_gigabyte_is_refused_early(client, port, path, is_said):
     piece = body if is_said else b"10000\r\n" + body + b"\r\n"
     with socket.create_connection(("127.0.0.1", port), timeout=20) as line:
         line.sendall(head.encode())
-        try:
+        with suppress(OSError):
             while sent < 1 << 30:
                 line.sendall(piece)
                 sent += len(body)
-        except OSError:
-            pass
     assert sent < 1 << 27
     assert client.get("/api/ping").status_code == 200
 
@@ -220,19 +224,6 @@ def test_wrong_questions_are_answered_in_one_line(client, path):
     assert answer.json()["error"]
 
 
-def test_the_policy_names_the_import_map_by_its_hash():
-    import base64
-    import hashlib
-    import re
-
-    page = page_text()
-    inline = re.findall(r"<script(?![^>]*src=)[^>]*>(.*?)</script>", page, re.DOTALL)
-    digests = [base64.b64encode(hashlib.sha256(each.encode()).digest()).decode() for each in inline]
-    assert all(f"'sha256-{each}'" in policy(page) for each in digests)
-    assert "unsafe" not in policy(page)
-    assert "http" not in re.sub(r"http://www\.w3\.org/2000/svg", "", page)  # nothing from elsewhere
-
-
 @pytest.mark.parametrize("host", ["0.0.0.0", "::", "192.168.0.1", "example.org", ""])
 def test_another_address_wants_a_token_and_a_certificate(host):
     with pytest.raises(ConfigError, match="reachable from elsewhere"):
@@ -240,13 +231,13 @@ def test_another_address_wants_a_token_and_a_certificate(host):
 
 
 def test_a_token_is_long_enough(tmp_path):
-    (tmp_path / "token").write_text("secret")
-    with pytest.raises(ConfigError, match="22 or more"):
-        Address.of(token_file=tmp_path / "token")
-    (tmp_path / "token").write_text("s" * 40 + "\n")
-    assert Address.of(token_file=tmp_path / "token").token == "s" * 40
-    with pytest.raises(ConfigError, match="cannot be read"):
-        Address.of(token_file=tmp_path / "none")
+    path = tmp_path / "token"
+    path.write_text("secret")
+    for name, words in (("token", "22 or more"), ("none", "cannot be read")):
+        with pytest.raises(ConfigError, match=words):
+            Address.of(token_file=tmp_path / name)
+    path.write_text("s" * 40 + "\n")
+    assert Address.of(token_file=path).token == "s" * 40
     assert Address.of().token != Address.of().token
     assert len(Address.of().token) >= 40
 
