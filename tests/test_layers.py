@@ -91,7 +91,7 @@ BUDGET = {
     "camera": 4_830,
     "cli": 1_520,
     "cluster": 620,
-    "coverage": 2_740,
+    "coverage": 2_750,
     "exact": 740,
     "kernels": 10_260,
     "mesh": 3_370,

@@ -52,7 +52,7 @@ def done(capsys, line):
 
 
 def answer(capsys, line, code=0):
-    """What a command line prints with --json."""
+    """Answer of a command line with --json."""
     found, out, err = call(capsys, f"{line} --json")
     assert found == code, err
     return json.loads(out)

@@ -77,6 +77,23 @@ def cut_at_random(mesh, seed, n):
     return Mesh(vertices, faces), np.array(origin)
 
 
+def bisected(mesh, size):
+    """The same surface with every edge halved until none is longer than `size`; see above."""
+    vertices, faces = mesh.vertices.tolist(), mesh.faces.tolist()
+    origin = list(range(mesh.n_faces))
+    while True:
+        ends = np.array(faces)
+        edges = np.unique(np.sort(ends[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)), axis=0)
+        points = np.array(vertices)
+        lengths = np.linalg.norm(points[edges[:, 0]] - points[edges[:, 1]], axis=1)
+        order = np.argsort(-lengths, kind="stable")
+        if lengths[order[0]] <= size:
+            return Mesh(vertices, faces), np.array(origin)
+        for a, b in edges[order[lengths[order] > size]].tolist():
+            vertices.append(((points[a] + points[b]) / 2).tolist())
+            _cut_edge(faces, origin, a, b, len(vertices) - 1)
+
+
 def _cut_edge(faces, origin, a, b, new):
     """Put a vertex on an edge of all faces that have it."""
     for f in range(len(faces)):

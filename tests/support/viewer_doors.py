@@ -35,7 +35,7 @@ STARTS = {
     "no HTTP": "\x16\x03\x01\x02\x00\x01\x00\x01",
     "unread": "GET /static/style.css HTTP/1.1\r\n{host}\r\n",
 }
-"""What connections send that ask for no answer: the start of a request, if any."""
+"""Starts of requests, if any, of connections that ask for no answer."""
 
 
 def half_opened(kind, port, more=""):

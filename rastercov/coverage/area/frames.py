@@ -115,27 +115,32 @@ class FacePolygons(InOneLine):
         """(C, 3) corners in space, metres."""
         return to_world(self.mesh, np.repeat(self.face, np.diff(self.starts)), self.xy)
 
-    def rows_at(
-        self, row: NDArray[np.int32], n_rows: int, face: ArrayLike, points: ArrayLike
-    ) -> NDArray[np.bool_]:
-        """(N, n_rows) whether points (N, 3) of faces (N,) lie in a polygon of each row.
 
-        `row`, one of each polygon, is below `n_rows`.
-        """
-        from rastercov.kernels import area_point
+def rows_at(
+    polygons: FacePolygons,
+    row: NDArray[np.int32],
+    n_rows: int,
+    face: ArrayLike,
+    points: ArrayLike,
+) -> NDArray[np.bool_]:
+    """(N, n_rows) whether points (N, 3) of faces (N,) lie in a polygon of each row.
 
-        mesh, faces = self.mesh, np.asarray(face, np.int64)
-        found = np.zeros((len(faces), n_rows), np.bool_)
-        order = np.argsort(self.face, kind="stable")
-        of_face = np.searchsorted(self.face[order], np.arange(mesh.n_faces + 1))
-        area_point.find_covering(
-            read_only(to_plane(mesh, faces, points), np.float64), read_only(faces, np.int32),
-            read_only(order, np.int64), read_only(of_face, np.int64),
-            read_only(self.xy, np.float64), read_only(self.starts, np.int64),
-            read_only(boxes(self.xy, self.starts), np.float64), read_only(row, np.int32),
-            SLACK_REL * float(np.linalg.norm(np.ptp(mesh.bounds, axis=0))), found,
-        )  # fmt: skip
-        return found
+    `row`, one of each polygon, is below `n_rows`.
+    """
+    from rastercov.kernels import area_point
+
+    mesh, faces = polygons.mesh, np.asarray(face, np.int64)
+    found = np.zeros((len(faces), n_rows), np.bool_)
+    order = np.argsort(polygons.face, kind="stable")
+    of_face = np.searchsorted(polygons.face[order], np.arange(mesh.n_faces + 1))
+    area_point.find_covering(
+        read_only(to_plane(mesh, faces, points), np.float64), read_only(faces, np.int32),
+        read_only(order, np.int64), read_only(of_face, np.int64),
+        read_only(polygons.xy, np.float64), read_only(polygons.starts, np.int64),
+        read_only(boxes(polygons.xy, polygons.starts), np.float64), read_only(row, np.int32),
+        SLACK_REL * float(np.linalg.norm(np.ptp(mesh.bounds, axis=0))), found,
+    )  # fmt: skip
+    return found
 
 
 def check_same_mesh(first: Mesh, second: Mesh) -> None:

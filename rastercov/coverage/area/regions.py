@@ -23,7 +23,7 @@ from rastercov.camera.models import MODELS
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, check_scene
 from rastercov.coverage.area import polygons
-from rastercov.coverage.area.frames import FacePolygons, frames_of
+from rastercov.coverage.area.frames import FacePolygons, frames_of, rows_at
 from rastercov.coverage.coverage import checked_task, in_batches
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.exact_pass import ExactPass, PoseSolver, room_for
@@ -198,7 +198,7 @@ def covering_poses(regions: Regions, face: ArrayLike, points: ArrayLike) -> NDAr
         n_points * n_poses,
         "ask for fewer points at a time",
     )
-    return regions.rows_at(regions.pose, n_poses, face, points)
+    return rows_at(regions, regions.pose, n_poses, face, points)
 
 
 class RegionPass(ExactPass):

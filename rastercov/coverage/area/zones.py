@@ -26,7 +26,7 @@ from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras
 from rastercov.coverage.area import polygons
 from rastercov.coverage.area.failures import first_failures
-from rastercov.coverage.area.frames import FacePolygons, frames_of, to_world
+from rastercov.coverage.area.frames import FacePolygons, frames_of, rows_at, to_world
 from rastercov.coverage.area.union import Covered, with_rest
 from rastercov.coverage.reasons import REASONS
 from rastercov.coverage.task import Reason, Task
@@ -179,7 +179,7 @@ def zones_at(zones: DeadZones, face: ArrayLike, points: ArrayLike, n: int) -> ND
         Zones that are distinguished.
     """
     row = np.minimum(zones.zone, n).astype(np.int32)
-    found = zones.rows_at(row, n + 1, face, points)
+    found = rows_at(zones, row, n + 1, face, points)
     return np.where(found.any(axis=1), found.argmax(axis=1), -1)
 
 
