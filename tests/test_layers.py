@@ -93,7 +93,7 @@ BUDGET = {
     "cluster": 620,
     "coverage": 2_750,
     "exact": 740,
-    "kernels": 10_260,
+    "kernels": 10_270,
     "mesh": 3_370,
     "placement": 6_890,
     "raster": 2_690,

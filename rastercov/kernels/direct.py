@@ -5,6 +5,7 @@ compiled for it. Of a loop over records with some hundred arrays that takes 20 m
 than its work on a few faces; the call itself takes one or two.
 """
 
+from collections.abc import Hashable
 from typing import Any
 
 import numpy as np
@@ -21,32 +22,50 @@ class DirectCalls:
     """True raises a TypeError for arguments of other types, at the cost of looking; for tests."""
 
     def __init__(self) -> None:
-        self._entries: dict[Any, tuple[Any, Any]] = {}
+        self._entries: dict[Any, Any] = {}
+        self._types: dict[Any, tuple[Any, ...]] = {}
 
     def __call__(self, loop: Any, *args: Any) -> Any:
         """Call a loop."""
-        if loop in self._entries:
-            entry, kinds = self._entries[loop]
-            if self.is_checked and _kind_of(args) != kinds:
-                raise TypeError(f"{loop.__name__} was called with arguments of other types")
-            return entry(*args)
-        result = loop(*args)
-        if hasattr(loop, "get_overload"):  # not where numba is disabled
-            import numba
-
-            entry = loop.get_overload(tuple(map(numba.typeof, args)))
-            self._entries[loop] = entry, _kind_of(args)
-        return result
+        entry = self._entries.get(loop)
+        if entry is None:
+            result = loop(*args)
+            if hasattr(loop, "get_overload"):  # not where numba is disabled
+                types = _types_of(args)
+                self._entries[loop], self._types[loop] = loop.get_overload(types), types
+            return result
+        if self.is_checked and _types_of(args) is not self._types[loop]:
+            raise TypeError(f"{loop.__name__} was called with arguments of other types")
+        return entry(*args)
 
 
-def _kind_of(value: Any) -> Any:
-    """Facts that the type of an argument in compiled loops depends on."""
+_of_kind: dict[Hashable, tuple[Any, ...]] = {}
+_same: dict[tuple[Any, ...], tuple[Any, ...]] = {}
+
+
+def _types_of(args: tuple[Any, ...]) -> tuple[Any, ...]:
+    """Types of arguments in compiled loops; the same object for the same types.
+
+    numba is asked once for each kind of arguments: it takes a hundred times as long.
+    """
+    kind = _kind_of(args)
+    types = _of_kind.get(kind)
+    if types is None:
+        import numba
+
+        types = tuple(map(numba.typeof, args))
+        types = _of_kind[kind] = _same.setdefault(types, types)
+    return types
+
+
+def _kind_of(value: Any) -> Hashable:
+    """Facts that the type of an argument in compiled loops depends on; few for all calls."""
     if isinstance(value, np.ndarray):
-        flags = value.flags
-        layout = "C" if flags.c_contiguous else "F" if flags.f_contiguous else "A"
-        return value.dtype, value.ndim, layout, flags.writeable, flags.aligned
+        return value.dtype, value.ndim, value.flags.num, type(value)
     if isinstance(value, tuple):
         return type(value), *map(_kind_of, value)
-    if isinstance(value, int | float | np.generic):
-        return np.asarray(value).dtype
+    if isinstance(value, int):
+        return type(value), value.bit_length()
+    if isinstance(value, float | np.generic):
+        return (type(value),)
     return type(value), value
