@@ -224,6 +224,7 @@ class Request(Action):
     options: dict[str, Number | int | bool | str] = {}
     station: int | None = None
     is_drag: bool = False
+    # mypy reads no union that is made from a table.
     action: Annotated[Union[(*_FORMS, Step, Constrain)], Field(discriminator="do")]  # type: ignore[valid-type]
 
 

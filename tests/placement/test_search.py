@@ -72,6 +72,7 @@ def test_every_method_spends_its_budget_within_the_constraints_and_by_its_seed(
     def found(seed):
         return optimise(objective, SPACE, 2, method, budget=41, population=8, seed=seed)
 
+    # The state of the old generator is the one that a search must leave alone.
     state = np.random.get_state()[1].copy()  # noqa: NPY002
     with monkeypatch.context() as patch:
         patch.setattr(objective_module, "evaluate_batches", spied)

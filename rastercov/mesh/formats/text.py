@@ -127,7 +127,7 @@ class Lines:
 
     def take(self, n: int, what: str) -> Iterator[list[bytes]]:
         """Words of the next n lines, one `what` a line; MeshError if there are fewer."""
-        i = 0
+        i = 0  # afterwards the number of lines that were there
         for i, words in zip(range(1, n + 1), self._lines, strict=False):  # noqa: B007
             yield words
         if i < n:
