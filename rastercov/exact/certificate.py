@@ -99,7 +99,7 @@ class CertificateSolver(HalfPlaneSolver):
         self._is_at_event = np.empty(len(surface.vertices), np.bool_)
         self._targets = np.empty(n_faces, np.int32)
         n_nodes = len(surface.blocks.lowest) + n_faces
-        self._region, self._number = np.empty((2, n_nodes), np.int32)
+        self._parent, self._region = np.empty((2, n_nodes), np.int32)
         self._scratch, self._decision = np.empty((2, n_faces), np.int32)
         self._make_room_for_crossings(max(1024, n_edges // 16))
         self._segment = Segment(np.empty((2, 4)), np.empty(3, np.int64), np.empty((2, 3)))
@@ -120,10 +120,10 @@ class CertificateSolver(HalfPlaneSolver):
         self.n_events = self._call(
             find_event_edges, surface.edges, projected, self._is_event, self._events
         )
-        events, view = self._events[: self.n_events], self._view(projected)
+        events = self._events[: self.n_events]
         self._call(
             kernels.mark_uncertifiable,
-            events, view, contacts, self._blocks_in(contacts), partners,
+            events, surface.edges, projected, contacts, self._blocks_in(contacts), partners,
             THIN_TOLERANCE_REL * self.coordinate_scale, self._is_at_event,
         )  # fmt: skip
         self._list_around(events)
@@ -142,7 +142,7 @@ class CertificateSolver(HalfPlaneSolver):
             self._make_room_for_crossings(2 * n_crossings)
         self.n_crossed, self.n_regions = self._call(
             find_regions,
-            events, self._is_hidden, self._view(projected), self._region, self._number,
+            events, self._is_hidden, self._view(projected), self._parent, self._region,
             self._targets,
         )  # fmt: skip
         crossed = self._targets[: self.n_crossed]
@@ -170,7 +170,7 @@ class CertificateSolver(HalfPlaneSolver):
         self.solve(left)
         self.n_doubtful = self._call(
             kernels.classify_regions,
-            self._view(projected), self._region, self.largest_of_regions(),
+            projected, self.visible, self._region, self.largest_of_regions(),
             self._decision[: self.n_regions], self.is_certified[:n_faces], self._scratch,
             CERTAIN_AREA_REL,
         )  # fmt: skip

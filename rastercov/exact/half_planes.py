@@ -509,7 +509,9 @@ class HalfPlaneSolver:
         """No area exceeds the image; a face that rounds to a point may be some roundings wide."""
         least = OUTLINE_ERROR_FACTOR * 2 * self.camera.pixel_error**2
         largest = 2 * (self.camera.width * self.camera.height)
-        self.area_error[faces] = np.clip(self.area_error[faces], least, largest)
+        # `np.clip` takes four times as long for few faces.
+        errors = np.maximum(self.area_error[faces], least)
+        self.area_error[faces] = np.minimum(errors, largest)
 
     def _list_faces(self) -> None:
         """List the faces in the cells asked for."""

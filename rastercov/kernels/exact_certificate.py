@@ -97,11 +97,11 @@ def is_joint(e, view):
 def join_along(e, view, parent):
     """Join the regions on both sides of an edge along which visibility does not change."""
     edges, projected = view.edges, view.projected
-    if edges.faces[e, 1] < 0 or not is_joint(e, view):
+    if edges.faces[e, 1] < 0:
         return
     f = node_of(edges.faces[e, 0], parent, projected)
     g = node_of(edges.faces[e, 1], parent, projected)
-    if f >= 0 and g >= 0 and parent[f] != parent[g]:
+    if f >= 0 and g >= 0 and parent[f] != parent[g] and is_joint(e, view):
         join(f, g, parent)
 
 
@@ -175,8 +175,8 @@ def find_largest(projected, region, is_known, largest):
 
 
 @part_with_arrays
-def join_blocks(projected, parent):
-    """Plant the forest of regions, and join the patches of blocks that are whole."""
+def join_blocks(projected, parent, region):
+    """Plant the forest of regions, without numbers; join the patches of blocks that are whole."""
     state, blocks = projected.state, projected.blocks
     joins, n_patches = blocks.joins, blocks.lowest.shape[0]
     for b in range(projected.block_state.shape[0]):
@@ -184,6 +184,7 @@ def join_blocks(projected, parent):
         for node in range(first, stop):
             is_in = node < n_patches or state[node - n_patches] & (LIVE | CROSSED) == LIVE
             parent[node] = node if is_in else -1
+            region[node] = -1
     for k in range(joins.shape[0]):
         is_reversed = joins[k, 1] < 0
         c, d = joins[k, 0], ~joins[k, 1] if is_reversed else joins[k, 1]
@@ -199,35 +200,40 @@ def join_blocks(projected, parent):
 
 
 @part_with_arrays
-def number_regions(projected, region, number):
-    """Number the trees of the forest by their lowest faces; returns how many there are.
+def join_faces(view, parent):
+    """Join the faces of other blocks with those beside them along edges that are no event edges."""
+    projected, edges, n_patches = view.projected, view.edges, view.projected.blocks.lowest.shape[0]
+    for b in range(projected.block_state.shape[0]):
+        first, stop = nodes_of(b, projected)
+        for node in range(max(first, n_patches), stop):
+            f = node - n_patches
+            for s in range(3 if parent[node] >= 0 else 0):
+                e = edges.of_face[f, s]
+                # Once: from the first of its faces, unless the block of that is whole.
+                g = edges.faces[e, 0]
+                if (g == f or is_of_a_region(g // BLOCK, projected)) and not view.is_event[e]:
+                    join_along(e, view, parent)
 
-    `region` is the forest, and has the number of each node afterwards.
-    """
-    n, n_blocks = np.int64(0), projected.block_state.shape[0]
-    for b in range(n_blocks):
-        first, stop = nodes_of(b, projected)
-        for node in range(first, stop):
-            number[node] = -1
+
+@part_with_arrays
+def number_regions(projected, parent, region):
+    """Number the trees of the forest by their lowest faces; returns how many there are."""
+    n = np.int64(0)
     # Nodes come in the order of their lowest faces.
-    for b in range(n_blocks):
+    for b in range(projected.block_state.shape[0]):
         first, stop = nodes_of(b, projected)
         for node in range(first, stop):
-            if region[node] >= 0:
-                root = root_of(region, node)
-                if number[root] < 0:
-                    number[root] = n
+            if parent[node] >= 0:
+                root = root_of(parent, node)
+                if region[root] < 0:
+                    region[root] = n
                     n += 1
-                region[node] = root
-    for b in range(n_blocks):
-        first, stop = nodes_of(b, projected)
-        for node in range(first, stop):
-            region[node] = number[region[node]] if region[node] >= 0 else -1
+                region[node] = region[root]
     return n
 
 
 @allocation_free
-def find_regions(events, is_hidden, view, region, number, out):
+def find_regions(events, is_hidden, view, parent, region, out):
     """Collect the uncrossed faces into regions; number of crossed faces, and of regions.
 
     A forest of faces, whose roots have the lowest index of their region, is joined edge by edge; in
@@ -242,44 +248,37 @@ def find_regions(events, is_hidden, view, region, number, out):
     view : View
         With `CROSSED` in the states of faces and blocks. Faces that the grid lists in all their
         cells are preferred as the largest of a region.
+    parent : (C + F,) int32
+        Scratch.
     region : (C + F,) int32
         Out: number of each patch's region, in blocks `is_of_a_region`; and of each face's region,
         -1 for none, in other blocks with a live face.
-    number : (C + F,) int32
-        Scratch.
     out : (F,) int32
         Out: the crossed faces, and after them the largest face of each region, of those that are
         listed if any is.
     """
-    projected, edges = view.projected, view.edges
-    n_crossed, n_patches = list_crossed(projected, out), projected.blocks.lowest.shape[0]
-    join_blocks(projected, region)
-    for b in range(projected.block_state.shape[0]):
-        first, stop = nodes_of(b, projected)
-        for node in range(max(first, n_patches), stop):
-            f = node - n_patches
-            for s in range(3 if region[node] >= 0 else 0):
-                e = edges.of_face[f, s]
-                # Once: from the first of its faces, unless the block of that is whole.
-                g = edges.faces[e, 0]
-                if (g == f or is_of_a_region(g // BLOCK, projected)) and not view.is_event[e]:
-                    join_along(e, view, region)
+    projected = view.projected
+    n_crossed = list_crossed(projected, out)
+    join_blocks(projected, parent, region)
+    join_faces(view, parent)
     for index in range(events.shape[0]):
         if is_hidden[events[index]]:
-            join_along(events[index], view, region)
-    n = number_regions(projected, region, number)
+            join_along(events[index], view, parent)
+    n = number_regions(projected, parent, region)
     largest = out[n_crossed : n_crossed + n]
     largest[:] = -1
     find_largest_listed(projected, view.grid, region, largest)
     for r in range(n):
         if largest[r] < 0:
-            find_largest(projected, region, number, largest)
+            find_largest(projected, region, parent, largest)
             break
     return n_crossed, n
 
 
 @allocation_free
-def mark_uncertifiable(events, view, in_contact, has_contact, partners, thinnest, is_at_event):
+def mark_uncertifiable(
+    events, edges, projected, in_contact, has_contact, partners, thinnest, is_at_event
+):
     """Mark the live faces that cannot be certified, whether an edge crosses them or not.
 
     These are faces that are clipped in space, in contact with another, or as thin as a line; and
@@ -290,7 +289,7 @@ def mark_uncertifiable(events, view, in_contact, has_contact, partners, thinnest
     ----------
     events : (N,) int32
         Event edges.
-    view : View
+    projected : Projected
         `CROSSED` is added to the states of blocks and, with `UNFIT` or `IN_CONTACT`, of faces.
         The faces in contact get boxes.
     in_contact, has_contact : (F,), (B,) bool
@@ -302,7 +301,6 @@ def mark_uncertifiable(events, view, in_contact, has_contact, partners, thinnest
     is_at_event : (V,) bool
         Scratch.
     """
-    projected, edges = view.projected, view.edges
     faces, state, box, area = projected.faces, projected.state, projected.box, projected.area
     n_faces = projected.blocks.patch.shape[0]
     is_at_event[:] = False
@@ -331,12 +329,14 @@ def mark_uncertifiable(events, view, in_contact, has_contact, partners, thinnest
 
 
 @allocation_free
-def classify_regions(view, region, largest, decision, is_certified, doubtful, certain):
+def classify_regions(
+    projected, visible, region, largest, decision, is_certified, doubtful, certain
+):
     """Classify each face of a region like its largest; number of faces that remain in doubt.
 
     Parameters
     ----------
-    view : View
+    visible : (F,) float64
         In: visible areas of the largest faces, px^2. Out: of all faces of regions that are not in
         doubt, and 0 of those that are not in view.
     region : (C + F,) int32
@@ -352,7 +352,6 @@ def classify_regions(view, region, largest, decision, is_certified, doubtful, ce
     certain : float
         Tolerance of that decision, relative to the area of the largest face.
     """
-    projected, visible = view.projected, view.visible
     n, blocks, area = 0, projected.blocks, projected.area
     n_patches = blocks.lowest.shape[0]
     is_certified[:] = False
