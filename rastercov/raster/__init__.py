@@ -22,10 +22,7 @@ __all__ = ["FaceCounts", "Rasterizer", "RasterizerInfo", "VisibilityBuffer", "op
 BACKENDS = ("auto", "cpu", "gl")
 _OPTIONS = {
     "cpu": ("threads",),
-    "gl": (
-        *("device", "plan", "max_layers", "require_hardware"),
-        *("max_tile", "max_faces_a_draw", "image_budget"),
-    ),
+    "gl": ("device", "plan", "max_layers", "require_hardware"),
 }
 """Options of `open_rasterizer` that each backend takes."""
 

@@ -167,9 +167,6 @@ def test_one_wrong_count_fails_the_self_test(device, monkeypatch, row):
     """Each plan and count, on one of the scenes."""
     plan, name = list(WAYS)[row // 3], ("visible", "drawn", "background")[(row // 3 + row) % 3]
     scene, n_faces = (("box", 48), ("sphere", 80))[row % 2]
-    has = {"layers": device.info.has_batches, "compute": device.info.has_compute_raster}
-    if not has.get(plan, True):
-        pytest.skip(f"this device does not run plan {plan}")
     count = GLRasterizer.count
 
     def miscount(self, poses):

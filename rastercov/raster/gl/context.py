@@ -13,7 +13,6 @@ EGL_EXT_create_context_robustness. Mesa project. OSMesa interface (GL/osmesa.h).
 """
 
 import ctypes
-import itertools
 import os
 import sys
 import threading
@@ -37,7 +36,7 @@ from rastercov.raster.gl.libraries import (
     osmesa_library,
 )
 
-GL_VERSIONS = ((4, 5), (4, 3), (3, 3))  # requested in this order
+TOO_OLD = "no OpenGL 4.5 core context; take a newer driver or backend 'cpu', which counts the same"
 EGL_NONE, EGL_OPENGL_API = 0x3038, 0x30A2
 EGL_PLATFORM_DEVICE_EXT, EGL_PLATFORM_SURFACELESS_MESA = 0x313F, 0x31DD
 EGL_CONTEXT_MAJOR_VERSION, EGL_CONTEXT_MINOR_VERSION = 0x3098, 0x30FB
@@ -172,7 +171,7 @@ class _EglDoor:
             )
 
     def create(self) -> int:
-        """Handle of a new context: highest version first, then most robustness first."""
+        """Handle of a new context: most robustness first."""
         egl = self.egl
         if not egl.eglBindAPI(EGL_OPENGL_API):
             raise DeviceError(f"EGL offers no desktop OpenGL: eglBindAPI gave {egl.error()}")
@@ -186,12 +185,12 @@ class _EglDoor:
             strategies = [(*robust, name, EGL_LOSE_CONTEXT_ON_RESET) for name in RESET_STRATEGIES]
             options = [*strategies, robust, ()]
         profile = (EGL_CONTEXT_OPENGL_PROFILE_MASK, EGL_CONTEXT_OPENGL_CORE_PROFILE_BIT)
-        for (major, minor), option in itertools.product(GL_VERSIONS, options):
-            version = (EGL_CONTEXT_MAJOR_VERSION, major, EGL_CONTEXT_MINOR_VERSION, minor)
+        version = (EGL_CONTEXT_MAJOR_VERSION, 4, EGL_CONTEXT_MINOR_VERSION, 5)
+        for option in options:
             attributes = int_array(*version, *profile, *option, EGL_NONE)
             if handle := egl.eglCreateContext(self.display, None, None, attributes):
                 return int(handle)
-        raise DeviceError(f"no OpenGL 3.3 core context: eglCreateContext gave {egl.error()}")
+        raise DeviceError(f"{TOO_OLD} (eglCreateContext gave {egl.error()})")
 
     def bind(self, handle: int) -> None:
         """Make a context current."""
@@ -217,14 +216,13 @@ class _OSMesaDoor:
         self.buffer = ctypes.create_string_buffer(4 * OSMESA_SIDE**2)
 
     def create(self) -> int:
-        """Handle of a new context, highest version first."""
-        for major, minor in GL_VERSIONS:
-            version = (OSMESA_CONTEXT_MAJOR_VERSION, major, OSMESA_CONTEXT_MINOR_VERSION, minor)
-            layout = (OSMESA_FORMAT, GL_RGBA, OSMESA_PROFILE, OSMESA_CORE_PROFILE)
-            attributes = int_array(*layout, *version, 0)
-            if handle := self.osmesa.OSMesaCreateContextAttribs(attributes, None):
-                return int(handle)
-        raise DeviceError("no OpenGL 3.3 core context: OSMesaCreateContextAttribs refused")
+        """Handle of a new context."""
+        version = (OSMESA_CONTEXT_MAJOR_VERSION, 4, OSMESA_CONTEXT_MINOR_VERSION, 5)
+        layout = (OSMESA_FORMAT, GL_RGBA, OSMESA_PROFILE, OSMESA_CORE_PROFILE)
+        attributes = int_array(*layout, *version, 0)
+        if handle := self.osmesa.OSMesaCreateContextAttribs(attributes, None):
+            return int(handle)
+        raise DeviceError(TOO_OLD)
 
     def address(self, name: str) -> int:
         """Address of an OpenGL function, 0 when it is absent."""

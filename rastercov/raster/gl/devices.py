@@ -130,40 +130,10 @@ class ContextInfo:
     has_robust_access: bool = False
     has_reset_notification: bool = False
 
-    def has(self, core_since: int, *extensions: str) -> bool:
-        """Feature in core since that version, or by any of the extensions."""
-        return self.gl_version >= core_since or not self.extensions.isdisjoint(extensions)
-
-    @property
-    def has_clip_control(self) -> bool:
-        """Depth from 0 to 1, for reversed depth."""
-        return self.has(450, "GL_ARB_clip_control")
-
-    @property
-    def has_compute(self) -> bool:
-        """Compute shaders."""
-        return self.has(430, "GL_ARB_compute_shader")
-
-    @property
-    def has_ssbo(self) -> bool:
-        """Shader storage buffers and their atomics."""
-        return self.has(430, "GL_ARB_shader_storage_buffer_object")
-
-    @property
-    def has_doubles(self) -> bool:
-        """Double precision in all stages, needed for depths of coplanar faces."""
-        has_attributes = self.has(410, "GL_ARB_vertex_attrib_64bit")
-        return has_attributes and self.has(400, "GL_ARB_gpu_shader_fp64")
-
     @property
     def has_batches(self) -> bool:
         """Features of layers: many poses in one draw, counted on the device."""
-        return self.has_compute_raster and not self.extensions.isdisjoint(LAYER_EXTENSIONS)
-
-    @property
-    def has_compute_raster(self) -> bool:
-        """Features of plan "compute"."""
-        return self.has_compute and self.has_ssbo
+        return not self.extensions.isdisjoint(LAYER_EXTENSIONS)
 
     @property
     def has_int64_atomics(self) -> bool:

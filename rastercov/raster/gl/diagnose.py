@@ -227,14 +227,11 @@ def verify_device(label: str) -> Report:
     from rastercov.raster.gl.rasterizer import WAYS, GLRasterizer
 
     with open_context(label) as context:
-        info = context.info
-        has = {"layers": info.has_batches, "compute": info.has_compute_raster}
         for way, options in WAYS.items():
-            if has.get(way, True):
-                try:
-                    _verify(partial(GLRasterizer, device=context, **options))
-                except RastercovError as error:
-                    raise DeviceError(f"plan {way}: {error}") from error
+            try:
+                _verify(partial(GLRasterizer, device=context, **options))
+            except RastercovError as error:
+                raise DeviceError(f"plan {way}: {error}") from error
         with GLRasterizer(self_test.MESH, self_test.CAMERA, device=context) as rasterizer:
             return {"plan": rasterizer.info.plan, "depth": rasterizer.info.depth}
 
