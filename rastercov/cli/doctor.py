@@ -28,9 +28,7 @@ def exit_code(report: Report) -> int:
 
 def print_report(report: Report, console: Console) -> None:
     """Print the result of `examine`; the last sentence names the default device."""
-    from rastercov.raster.gl.diagnose import ENVIRONMENT
-
-    rows, install = _rows(report), report["install"]
+    rows = _rows(report)
     *packages, (_, system) = report["versions"].items()
     versions = ", ".join(f"{name} {number}" for name, number in packages)
     console.print(Text(f"{versions}\n{system}, shaders {report['shaders'][:12]}", "dim"))
@@ -40,15 +38,10 @@ def print_report(report: Report, console: Console) -> None:
     _section(console, "Problems", problems, "red")
     if (default := report["default"]["device"]) != "cpu":
         _section(console, f"Limits of {default}", _limits(rows[default]))
-    _section(console, "Missing libraries, needed only for OpenGL", list(install.items()))
-    # A missing library explains its missing kinds; every other missing kind needs its reason.
-    explained = {row["device"]["kind"] for row in report["reports"]}
-    without = {"EGL": {"egl-device", "egl-surfaceless"}, "OSMesa": {"osmesa"}}
-    explained = explained.union(*(without.get(library, ()) for library in install))
-    absent = [(kind, why) for kind, why in report["kinds"].items() if kind not in explained]
-    _section(console, "Missing devices", absent)
-    settings = [(f"{k}={v}", ENVIRONMENT[k]) for k, v in report["environment"].items()]
-    _section(console, "Environment", settings)
+    listed = {row["device"]["kind"] for row in report["reports"]}
+    absent = [(kind, why) for kind, why in report["kinds"].items() if kind not in listed]
+    _section(console, "Missing devices, needed only for OpenGL", absent)
+    _section(console, "Environment", [(f"{k}={v}",) for k, v in report["environment"].items()])
     _section(console, "Why no hardware", [("-", hint) for hint in report["hardware_hints"]])
     console.print(Text(_verdict(report), "bold" if exit_code(report) == 0 else "bold red"))
 

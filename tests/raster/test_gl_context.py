@@ -91,9 +91,7 @@ def test_functions_are_reached_by_name_once(context):
 def test_a_lost_context_is_reported_and_a_live_one_is_not(context, monkeypatch):
     assert context.reset_status() == 0
     monkeypatch.setattr(context, "function", lambda *_: lambda: 0x8254)
-    for has_query, status in ((True, 0x8254), (False, 0)):
-        context.info = dataclasses.replace(context.info, has_reset_notification=has_query)
-        assert context.reset_status() == status
+    assert context.reset_status() == 0x8254
 
 
 # --- what the driver refuses ----------------------------------------------------------------------
@@ -111,8 +109,7 @@ def test_a_context_opens_without_the_robustness_that_is_refused(egl, monkeypatch
     monkeypatch.setattr(egl, "eglCreateContext", refuse)
     with open_context("surfaceless") as context:
         assert context.info.gl_version == whole.gl_version
-    if whole.has_robust_access:
-        assert asked[0] > asked[-1]
+    assert asked == [True, False]
 
 
 @pytest.mark.parametrize("device", ["surfaceless", "osmesa"])
@@ -147,17 +144,16 @@ def test_what_the_driver_refuses_is_an_error(egl, monkeypatch, function, answer,
         open_context("surfaceless")
 
 
-@pytest.mark.parametrize("function", ["eglQueryDevicesEXT", "eglQueryDeviceStringEXT"])
-def test_devices_are_listed_without_the_entry_point(egl, monkeypatch, function):
-    monkeypatch.setattr(egl, function, None)
-    assert all(isinstance(device, DeviceInfo) for device in list_devices())
+def test_a_library_without_an_entry_point_is_refused_by_its_name():
+    with pytest.raises(DeviceError, match="no OSMesaCreateContextAttribs: wanted a library of"):
+        libraries.Library("OSMesa", lambda name: 0)
 
 
 # --- choosing -------------------------------------------------------------------------------------
 
 
 KNOWN = r"egl:0 \(/dev/dri/card0\), egl:1 \(Mesa software"
-NO_DEVICE = r"NVIDIA_DRIVER_CAPABILITIES=all.*10_nvidia\.json"
+NO_DEVICE = r"EGL announces no hardware device: install the GPU's EGL driver"
 
 
 @pytest.mark.parametrize(
@@ -168,7 +164,7 @@ NO_DEVICE = r"NVIDIA_DRIVER_CAPABILITIES=all.*10_nvidia\.json"
             for device in (99, -1, "a", "egl:x", "egl:99", "egl:-1", "", True, 0.0, None)
         ),
         *(([devices.SURFACELESS], device, NO_DEVICE) for device in ("egl", "egl:0", 0)),
-        ([], "surfaceless", re.escape(libraries.install_line("egl"))),
+        ([], "surfaceless", NO_DEVICE),
     ],
 )
 def test_a_device_that_is_not_there_is_answered_with_what_is(monkeypatch, listed, device, words):
@@ -244,30 +240,10 @@ def test_forced_software_skips_hardware_devices(monkeypatch):
 # --- missing libraries ----------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("ids", "line"),
-    [
-        ("debian", "apt-get install -y libegl1 libgl1 libgl1-mesa-dri"),
-        ("linuxmint ubuntu debian", "apt-get install -y libegl1"),
-        ("fedora", "dnf install -y mesa-libEGL mesa-libGL mesa-dri-drivers"),
-        ("rocky rhel centos fedora", "dnf install -y mesa-libEGL"),
-        ("arch", "pacman -S mesa"),
-        ("alpine", "apk add mesa-egl mesa-gl mesa-dri-gallium"),
-        ("other", "your distribution's Mesa packages"),
-        ("", "libEGL.so.1 and libGL.so.1"),
-    ],
-)
-def test_install_line_of_each_distribution(ids, line):
-    release = dict(zip(("ID", "ID_LIKE"), ids.split(" ", 1), strict=False))
-    assert line in libraries.install_line("egl", release)
-    osmesa = libraries.install_line("osmesa", {"ID": "ubuntu"})
-    assert osmesa == "apt-get install -y libosmesa6"
-
-
 @pytest.mark.parametrize("device", ["auto", "egl", "egl:0", 0, "surfaceless", "osmesa"])
 def test_without_its_library_the_error_says_what_to_install(no_library, device):
-    kind = "osmesa" if device == "osmesa" else "egl"
-    with pytest.raises(DeviceError, match=re.escape(libraries.install_line(kind))):
+    package = "libosmesa6" if device == "osmesa" else "libegl1 libgl1 libgl1-mesa-dri"
+    with pytest.raises(DeviceError, match=f"apt-get install -y {package}"):
         open_context(device)
 
 

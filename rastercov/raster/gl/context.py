@@ -29,9 +29,8 @@ from rastercov.base.threads import Unique
 from rastercov.raster.gl import devices
 from rastercov.raster.gl.devices import DeviceInfo
 from rastercov.raster.gl.libraries import (
-    EGL_EXTENSIONS,
+    INSTALL_EGL,
     egl_library,
-    install_line,
     int_array,
     osmesa_library,
 )
@@ -41,12 +40,10 @@ EGL_NONE, EGL_OPENGL_API = 0x3038, 0x30A2
 EGL_PLATFORM_DEVICE_EXT, EGL_PLATFORM_SURFACELESS_MESA = 0x313F, 0x31DD
 EGL_CONTEXT_MAJOR_VERSION, EGL_CONTEXT_MINOR_VERSION = 0x3098, 0x30FB
 EGL_CONTEXT_OPENGL_PROFILE_MASK, EGL_CONTEXT_OPENGL_CORE_PROFILE_BIT = 0x30FD, 1
-EGL_CONTEXT_OPENGL_ROBUST_ACCESS_EXT = 0x30BF
-RESET_STRATEGIES = (
-    0x31BD,  # EGL_CONTEXT_OPENGL_RESET_NOTIFICATION_STRATEGY: EGL 1.5, EGL_KHR_create_context
-    0x3138,  # the same with _EXT; in Mesa for OpenGL ES only
+ROBUSTNESS = (
+    *(0x30BF, 1),  # EGL_CONTEXT_OPENGL_ROBUST_ACCESS_EXT
+    *(0x31BD, 0x31BF),  # EGL_CONTEXT_OPENGL_RESET_NOTIFICATION_STRATEGY: lose the context
 )
-EGL_LOSE_CONTEXT_ON_RESET = 0x31BF
 OSMESA_FORMAT, OSMESA_PROFILE, OSMESA_CORE_PROFILE = 0x22, 0x33, 0x34
 OSMESA_CONTEXT_MAJOR_VERSION, OSMESA_CONTEXT_MINOR_VERSION = 0x36, 0x37
 GL_RGBA, GL_UNSIGNED_BYTE = 0x1908, 0x1401
@@ -96,7 +93,7 @@ class _NativeContext:
         try:
             self.make_current()
             if not self.address("glGetString"):
-                raise DeviceError(f"no OpenGL library: wanted libGL.so.1; {install_line('egl')}")
+                raise DeviceError(f"no OpenGL library: wanted libGL.so.1; {INSTALL_EGL}")
         except DeviceError:
             self.release()
             raise
@@ -157,8 +154,6 @@ class _EglDoor:
     def __init__(self, device: DeviceInfo) -> None:
         self.egl = egl = egl_library()
         self.address, self.current = egl.address, egl.eglGetCurrentContext
-        if egl.eglGetPlatformDisplayEXT is None:
-            raise DeviceError("EGL lacks EGL_EXT_platform_base; a newer EGL library is needed")
         platform: tuple[int, int | None] = (EGL_PLATFORM_SURFACELESS_MESA, None)
         if device.index is not None:
             platform = (EGL_PLATFORM_DEVICE_EXT, egl.devices()[device.index])
@@ -167,27 +162,18 @@ class _EglDoor:
         if not self.display or not egl.eglInitialize(self.display, None, None):
             raise DeviceError(
                 f"cannot initialise the EGL display: {egl.error()}; is its driver installed? "
-                f"({install_line('egl')})"
+                f"({INSTALL_EGL})"
             )
 
     def create(self) -> int:
-        """Handle of a new context: most robustness first."""
+        """Handle of a new context, robust where the driver can be."""
         egl = self.egl
         if not egl.eglBindAPI(EGL_OPENGL_API):
             raise DeviceError(f"EGL offers no desktop OpenGL: eglBindAPI gave {egl.error()}")
-        extensions = egl.words(egl.eglQueryString(self.display, EGL_EXTENSIONS))
-        for extension in "EGL_KHR_surfaceless_context", "EGL_KHR_no_config_context":
-            if extension not in extensions:
-                raise DeviceError(f"the EGL driver lacks {extension}; a newer driver is needed")
-        options: list[tuple[int, ...]] = [()]
-        if "EGL_EXT_create_context_robustness" in extensions:
-            robust = (EGL_CONTEXT_OPENGL_ROBUST_ACCESS_EXT, 1)
-            strategies = [(*robust, name, EGL_LOSE_CONTEXT_ON_RESET) for name in RESET_STRATEGIES]
-            options = [*strategies, robust, ()]
         profile = (EGL_CONTEXT_OPENGL_PROFILE_MASK, EGL_CONTEXT_OPENGL_CORE_PROFILE_BIT)
         version = (EGL_CONTEXT_MAJOR_VERSION, 4, EGL_CONTEXT_MINOR_VERSION, 5)
-        for option in options:
-            attributes = int_array(*version, *profile, *option, EGL_NONE)
+        for robustness in ROBUSTNESS, ():
+            attributes = int_array(*version, *profile, *robustness, EGL_NONE)
             if handle := egl.eglCreateContext(self.display, None, None, attributes):
                 return int(handle)
         raise DeviceError(f"{TOO_OLD} (eglCreateContext gave {egl.error()})")
@@ -258,10 +244,10 @@ class HeadlessContext(Unique):
         self._functions: dict[tuple[Any, ...], Any] = {}
         self._native = _NativeContext(device)
         try:
-            self.info = devices.describe_context(self.function, device)
             # `standalone`: there is no default framebuffer to inspect.
             native = cast("Any", self._native)
             self._gl = moderngl.create_context(context=native, standalone=True)
+            self.info = devices.describe_context(self._gl, self.function, device)
             self._gl.extensions.clear()  # see `_NativeContext`
             self._gl.extensions.update(self.info.extensions)
             self._gl.gc_mode = "context_gc"
@@ -299,9 +285,9 @@ class HeadlessContext(Unique):
         return cast("Callable[..., Any]", self._functions[key])
 
     def reset_status(self) -> int:
-        """glGetGraphicsResetStatus: 0 for a live context and for a driver without the query."""
-        has_status = self.info.has_reset_notification
-        return self.function("glGetGraphicsResetStatus", ctypes.c_uint)() if has_status else 0
+        """glGetGraphicsResetStatus: 0 for a live context and for one that does not report it."""
+        status: int = self.function("glGetGraphicsResetStatus", ctypes.c_uint)()
+        return status
 
     def release(self) -> None:
         """Destroy both contexts; no effect when released before, or in a forked child."""

@@ -33,25 +33,16 @@ from rastercov.raster.gl.devices import (
     list_devices,
     why_no_hardware,
 )
-from rastercov.raster.gl.libraries import egl_library, install_line, library_names, osmesa_library
+from rastercov.raster.gl.libraries import INSTALL_EGL, egl_library, osmesa_library
 
 Report = dict[str, Any]
 PASSED = "passed"
 PACKAGES = ("moderngl", "numba", "numpy", "trimesh")
-ENVIRONMENT = {  # variable: its effect
-    "LIBGL_ALWAYS_SOFTWARE": "1 forbids hardware",
-    "GALLIUM_DRIVER": "chooses Mesa's driver",
-    "EGL_PLATFORM": "chooses EGL's default display, which is not used here",
-    "LIBGL_DRIVERS_PATH": "where Mesa looks for drivers",
-    "__EGL_VENDOR_LIBRARY_DIRS": "where EGL looks for drivers",
-    "__EGL_VENDOR_LIBRARY_FILENAMES": "the only drivers EGL loads",
-    "MESA_GL_VERSION_OVERRIDE": "makes Mesa claim another OpenGL version",
-    "MESA_EXTENSION_OVERRIDE": "makes Mesa claim other extensions",
-    "NVIDIA_DRIVER_CAPABILITIES": "a container needs all or graphics",
-    "NVIDIA_VISIBLE_DEVICES": "the GPUs a container sees",
-    "CUDA_VISIBLE_DEVICES": "EGL ignores it",
-    "LP_NUM_THREADS": "threads of llvmpipe",
-}
+ENVIRONMENT = (
+    *("LIBGL_", "GALLIUM_", "MESA_", "EGL_", "__EGL_", "LP_", "NVIDIA_"),
+    "CUDA_VISIBLE_DEVICES",
+)
+"""Beginnings of the names of variables that graphics drivers read."""
 # Convex meshes under this camera: no face is so edge-on, below 0.007, that rounding its corners
 # could turn it.
 CAMERA = Camera(width=61, height=48, fx=60, fy=60)
@@ -75,11 +66,9 @@ def examine(timeout_s: float = 30.0) -> Report:
         (reason and remedy, or ""), "context" (fields and features of `ContextInfo`, or None),
         "self_test" (`PASSED`, the line that says what failed, or None), "plan" and "depth" (those
         of `GLRasterizer` under plan "auto").
-        "libraries": the file loaded for "EGL", "OpenGL" and "OSMesa", None for a missing one.
         "environment": the variables of `ENVIRONMENT` that are set.
         "hardware_hints": reasons why no hardware renderer works, empty when one does.
         "default": "device" that backend "auto" opens, and "why".
-        "install": the command that installs each missing library.
         "shaders": SHA-256. "versions": of packages and the system.
         "cpu": "renderer", "threads", "self_test" of the CPU rasteriser.
     """
@@ -87,21 +76,14 @@ def examine(timeout_s: float = 30.0) -> Report:
     # One after the other: processes that open one GPU at the same time can block each other.
     reports = [_examine_device(device, timeout_s) for device in devices]
     has_hardware = any(row["context"] and not row["context"]["is_software"] for row in reports)
-    libraries = library_names()
     versions = {"rastercov": rastercov.__version__, "Python": platform.python_version()}
     versions |= {package: _version(package) for package in PACKAGES}
     return {
         "kinds": {kind: _availability(kind, reports) for kind in get_args(DeviceKind)},
         "reports": reports,
-        "libraries": libraries,
-        "environment": {name: os.environ[name] for name in ENVIRONMENT if name in os.environ},
+        "environment": {k: v for k, v in sorted(os.environ.items()) if k.startswith(ENVIRONMENT)},
         "hardware_hints": [] if has_hardware else why_no_hardware(devices),
         "default": _default(reports),
-        "install": {
-            library: install_line("osmesa" if library == "OSMesa" else "egl")
-            for library, file in libraries.items()
-            if file is None
-        },
         "shaders": shaders.digest(),
         "versions": versions | {"OS": platform.platform()},
         "cpu": {
@@ -115,7 +97,7 @@ def examine(timeout_s: float = 30.0) -> Report:
 def _examine_device(device: DeviceInfo, timeout_s: float) -> Report:
     """Entry of "reports": open a device, then count known scenes on it."""
     row: Report = {
-        "device": asdict(device) | {"extensions": list(device.extensions), "label": device.label},
+        "device": asdict(device) | {"label": device.label},
         "problem": "", "context": None, "self_test": None, "plan": None, "depth": None,
     }  # fmt: skip
     answer = ask(open_device, device.label, timeout_s)
@@ -137,7 +119,7 @@ def _availability(kind: DeviceKind, reports: list[Report]) -> str:
         osmesa_library() if kind == "osmesa" else egl_library()
     except DeviceError as error:
         return str(error)
-    return f"EGL announces none; install the device's driver, or Mesa: {install_line('egl')}"
+    return f"EGL announces none; install the device's driver, or {INSTALL_EGL}"
 
 
 def _default(reports: list[Report]) -> dict[str, str]:
