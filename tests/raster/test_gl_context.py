@@ -32,7 +32,7 @@ def context():
     context = open_or_skip("surfaceless")
     with context:
         yield context
-        if not context._native.released:
+        if not context._is_released:
             assert context.gl.error == "GL_NO_ERROR"
 
 
@@ -312,7 +312,7 @@ def test_two_contexts_take_turns(context, other):
     with open_or_skip(other) as other:
         for turn in (other, context, other):
             turn.make_current()
-            assert turn._native._door.current() == turn._native._handle
+            assert turn._door.current() == turn._handle
             assert draw_red(turn) == b"\xff\x00\x00\xff"
         gl = context.gl
         other.make_current()
@@ -332,13 +332,16 @@ def test_a_context_opens_without_a_home_and_may_be_open_when_python_ends(context
     assert not re.search("exception|warning|error", done.stderr, re.IGNORECASE)
 
 
-def test_a_forgotten_context_warns_and_is_released(context):
+def test_a_forgotten_context_warns_and_is_released(context, monkeypatch):
     forgotten = open_context("surfaceless")
     assert isinstance(forgotten, HeadlessContext)
-    native = forgotten._native
+    destroy, handle, destroyed = forgotten._door.destroy, forgotten._handle, []
+    monkeypatch.setattr(
+        forgotten._door, "destroy", lambda own: destroyed.append(own) or destroy(own)
+    )
     with pytest.warns(ResourceWarning, match="not released"):
         del forgotten
-    assert native.released
+    assert destroyed == [handle]
     context.make_current()
 
 

@@ -54,10 +54,13 @@ OSMESA_SIDE = 16  # pixels a side of the framebuffer that OSMesa requires
 
 
 class _Thread(threading.local):
-    """Native contexts of a thread, the current one last; EGL and OSMesa ignore each other."""
+    """Doors and handles of a thread's contexts, the current last; EGL and OSMesa ignore each other.
+
+    Not the contexts themselves, which would never be forgotten.
+    """
 
     def __init__(self) -> None:
-        self.contexts: list[_NativeContext] = []
+        self.contexts: list[tuple[Any, int]] = []
 
 
 _thread = _Thread()
@@ -76,76 +79,31 @@ def _same_object(number: int) -> int:
     return number
 
 
-class _NativeContext:
-    """OpenGL context of EGL or OSMesa, owned by one thread, with glcontext's interface.
+class _Loader:
+    """Interface of glcontext, by which moderngl finds the functions of a context that is current.
 
     moderngl 5.13 never releases the address of each of 670 functions and the name of each of 220
     extensions, 38 KiB a context. For it equal addresses are therefore one object, and names are
     empty, a single object in Python; `HeadlessContext` sets the names afterwards.
     """
 
-    def __init__(self, device: DeviceInfo) -> None:
-        self.pid = os.getpid()
-        self.thread = threading.current_thread()
-        self.released = False
-        self._door = _OSMesaDoor() if device.kind == "osmesa" else _EglDoor(device)
-        self.address, self._handle = self._door.address, self._door.create()
-        try:
-            self.make_current()
-            if not self.address("glGetString"):
-                raise DeviceError(f"no OpenGL library: wanted libGL.so.1; {INSTALL_EGL}")
-        except DeviceError:
-            self.release()
-            raise
+    def __init__(self, address: Callable[[str], int]) -> None:
+        self._address = address
 
     def load(self, name: str) -> int:
-        """Address of an OpenGL function for moderngl."""
+        """Address of an OpenGL function."""
         if name == "glGetStringi":
             return _same_object(ctypes.cast(_EMPTY_NAME, ctypes.c_void_p).value or 0)
-        return _same_object(self.address(name))
+        return _same_object(self._address(name))
 
     def __enter__(self) -> None:
-        self.make_current()
-
-    def __exit__(self, *_: object) -> None:
         """Leave the context current: the thread owns it."""
 
-    def check_owner(self) -> None:
-        """Raise DeviceError in another process or thread, or after `release`."""
-        if self.released:
-            raise DeviceError("OpenGL context used after its release; open a new one")
-        if os.getpid() != self.pid:
-            raise DeviceError(
-                f"OpenGL context of process {self.pid} used in process {os.getpid()}, a fork of it;"
-                " start processes with multiprocessing's 'spawn' and open a context in each"
-            )
-        owner, thread = self.thread, threading.current_thread()
-        if thread.ident != owner.ident:
-            raise DeviceError(
-                f"OpenGL context of thread {owner.name!r} ({owner.ident}) used in thread "
-                f"{thread.name!r} ({thread.ident}); open one context in each thread"
-            )
-
-    def make_current(self) -> None:
-        """Bind the context to its thread, unless it is already bound."""
-        self.check_owner()
-        if _thread.contexts[-1:] != [self] or self._door.current() != self._handle:
-            self._door.bind(self._handle)
-            _thread.contexts = [*(other for other in _thread.contexts if other is not self), self]
+    def __exit__(self, *_: object) -> None:
+        """Leave the context current."""
 
     def release(self) -> None:
-        """Destroy the context; a forked child, which shares it, only forgets it."""
-        if self.released:
-            return
-        if os.getpid() == self.pid:
-            self.check_owner()
-            self._door.destroy(self._handle)
-            _thread.contexts = [other for other in _thread.contexts if other is not self]
-            if _thread.contexts:
-                last = _thread.contexts[-1]
-                with suppress(DeviceError):  # its next use raises the error again
-                    last._door.bind(last._handle)
-        self.released = True
+        """Leave the context to `HeadlessContext`."""
 
 
 class _EglDoor:
@@ -240,46 +198,72 @@ class HeadlessContext(Unique):
         Framebuffer of one pixel, to bind before the framebuffer in use is released.
     """
 
+    _is_released = True
+
     def __init__(self, device: DeviceInfo) -> None:
+        self._pid, self._thread = os.getpid(), threading.current_thread()
         self._functions: dict[tuple[Any, ...], Any] = {}
-        self._native = _NativeContext(device)
+        self._door = _OSMesaDoor() if device.kind == "osmesa" else _EglDoor(device)
+        self._handle = self._door.create()
+        self._own, self._is_released = (self._door, self._handle), False
         try:
+            self.make_current()
+            if not self._door.address("glGetString"):
+                raise DeviceError(f"no OpenGL library: wanted libGL.so.1; {INSTALL_EGL}")
             # `standalone`: there is no default framebuffer to inspect.
-            native = cast("Any", self._native)
-            self._gl = moderngl.create_context(context=native, standalone=True)
+            loader = cast("Any", _Loader(self._door.address))
+            self._gl = moderngl.create_context(context=loader, standalone=True)
             self.info = devices.describe_context(self._gl, self.function, device)
-            self._gl.extensions.clear()  # see `_NativeContext`
+            self._gl.extensions.clear()  # see `_Loader`
             self._gl.extensions.update(self.info.extensions)
             self._gl.gc_mode = "context_gc"
             self._pixel = self._gl.renderbuffer((1, 1))
             self.parking_frame = self._gl.framebuffer([self._pixel])
         except BaseException:
-            self._native.release()
+            self._destroy()
             raise
 
     @property
     def gl(self) -> moderngl.Context:
         """Current moderngl context (gc_mode "context_gc"); DeviceError in other threads."""
-        self._native.make_current()
+        self.make_current()
         return self._gl
 
     def check_owner(self) -> None:
         """Raise DeviceError in another thread or a forked child, and after `release`."""
-        self._native.check_owner()
+        if self._is_released:
+            raise DeviceError("OpenGL context used after its release; open a new one")
+        if os.getpid() != self._pid:
+            raise DeviceError(
+                f"OpenGL context of process {self._pid} used in process {os.getpid()}, a fork of "
+                "it; start processes with multiprocessing's 'spawn' and open a context in each"
+            )
+        owner, thread = self._thread, threading.current_thread()
+        if thread.ident != owner.ident:
+            raise DeviceError(
+                f"OpenGL context of thread {owner.name!r} ({owner.ident}) used in thread "
+                f"{thread.name!r} ({thread.ident}); open one context in each thread"
+            )
 
     def make_current(self) -> None:
         """Bind the context to its thread; needed when one thread has several contexts."""
-        self._native.make_current()
+        self.check_owner()
+        if _thread.contexts[-1:] != [self._own] or self._door.current() != self._handle:
+            self._door.bind(self._handle)
+            _thread.contexts = [
+                *(each for each in _thread.contexts if each != self._own),
+                self._own,
+            ]
 
     def function(self, name: str, restype: Any, *argtypes: Any) -> Callable[..., Any]:
         """OpenGL function as a ctypes callable, cached; DeviceError when it is absent.
 
         Drivers may return an address for any name that begins with gl, so check `info` first.
         """
-        self._native.check_owner()
+        self.check_owner()
         key = (name, restype, *argtypes)
         if key not in self._functions:
-            if not (address := self._native.address(name)):
+            if not (address := self._door.address(name)):
                 raise DeviceError(f"this OpenGL driver has no function {name}")
             self._functions[key] = ctypes.CFUNCTYPE(restype, *argtypes)(address)
         return cast("Callable[..., Any]", self._functions[key])
@@ -290,10 +274,13 @@ class HeadlessContext(Unique):
         return status
 
     def release(self) -> None:
-        """Destroy both contexts; no effect when released before, or in a forked child."""
-        if self._native.released:
+        """Destroy both contexts; no effect when released before.
+
+        A forked child, which shares them, only forgets them.
+        """
+        if self._is_released:
             return
-        if os.getpid() == self._native.pid:
+        if os.getpid() == self._pid:
             self.check_owner()
             with suppress(DeviceError):  # a lost context may refuse to become current
                 self.make_current()
@@ -301,8 +288,18 @@ class HeadlessContext(Unique):
                 self.parking_frame.release()
                 self._pixel.release()
                 self._gl.release()
+            self._destroy()
         self._functions.clear()
-        self._native.release()
+        self._is_released = True
+
+    def _destroy(self) -> None:
+        """Give the native context back, and the thread to the one before it."""
+        self._is_released = True
+        self._door.destroy(self._handle)
+        _thread.contexts = [each for each in _thread.contexts if each != self._own]
+        for door, handle in _thread.contexts[-1:]:
+            with suppress(DeviceError):  # its next use raises the error again
+                door.bind(handle)
 
     def __enter__(self) -> "HeadlessContext":
         self.make_current()
@@ -312,12 +309,11 @@ class HeadlessContext(Unique):
         self.release()
 
     def __del__(self) -> None:
-        native = getattr(self, "_native", None)
-        if native is None or native.released or native.pid != os.getpid() or sys.is_finalizing():
-            return
-        warnings.warn("OpenGL context was not released", ResourceWarning, source=self, stacklevel=2)
-        if threading.get_ident() == native.thread.ident:
-            self.release()
+        if not (self._is_released or self._pid != os.getpid() or sys.is_finalizing()):
+            message = "OpenGL context was not released"
+            warnings.warn(message, ResourceWarning, source=self, stacklevel=2)
+            if threading.get_ident() == self._thread.ident:
+                self.release()
 
 
 # --- choosing a device ----------------------------------------------------------------------------
