@@ -85,7 +85,7 @@ def bad_driver(tmp_path, monkeypatch, examined):
 def gpu_report(report):
     """A machine with a graphics card, made up from the software renderer of this one."""
     row = next(r for r in report["reports"] if r["device"]["label"] == "surfaceless")
-    card = copy.deepcopy(row) | {"plan": "pipeline"}
+    card = copy.deepcopy(row)
     card["device"] = dataclasses.asdict(GPU) | {"label": "egl:0"}
     card["context"] |= {
         "renderer": "NVIDIA H200/PCIe/SSE2 [x]", "version": "4.6.0 NVIDIA 580.105.08",
@@ -109,12 +109,11 @@ def test_a_process_for_each_device_answers_as_this_one(examined):
 def test_every_device_passes_its_self_test_and_its_row_tells_what_it_runs(report):
     assert report["reports"]
     for row in report["reports"]:
-        assert (row["problem"], row["self_test"], row["plan"]) == ("", "passed", "pipeline")
+        assert (row["problem"], row["self_test"]) == ("", "passed")
         label = row["device"]["label"]
         with GLRasterizer(self_test.MESH, self_test.CAMERA, device=label) as rasterizer:
             assert rasterizer.info.device.startswith(label)
             assert rasterizer.info.renderer == row["context"]["renderer"]
-            assert (rasterizer.info.plan, rasterizer.info.depth) == (row["plan"], row["depth"])
     assert doctor.exit_code(report) == 0
 
 
@@ -145,7 +144,7 @@ def test_every_kind_of_context_and_what_made_the_report_is_in_it(report, gl_cont
 def test_printed_report_has_every_device_and_ends_with_the_default(report, width):
     report["environment"] = {"LIBGL_ALWAYS_SOFTWARE": "1", "CUDA_VISIBLE_DEVICES": "[2]"}
     text = printed(report, width)
-    rows = [r"cpu +numba [\d.]+ +- +- +software +threads +passed *$"]
+    rows = [r"cpu +numba [\d.]+ +- +- +software +passed *$"]
     rows += [rf"{row['device']['label']} .*passed" for row in report["reports"]]
     places = [re.search(f"^ ?{row}", text, re.MULTILINE).start() for row in rows]
     assert places[0] == min(places)
@@ -274,14 +273,14 @@ def test_a_graphics_card_is_shown_with_its_driver_and_limits_and_named_at_the_en
     gpu_report, width
 ):
     text, card = printed(gpu_report, width), "NVIDIA H200/PCIe/SSE2 [x]"
-    cells = rf"egl:0 +{re.escape(card)} +NVIDIA 580\.105\.08 +4\.6 +hardware +pipeline +passed"
+    cells = rf"egl:0 +{re.escape(card)} +NVIDIA 580\.105\.08 +4\.6 +hardware +passed"
     assert width < 120 or re.search(cells, text)
     assert re.search("^ ?CUDA 3 ", text, re.MULTILINE)
     assert "Why no hardware" not in text
     for words in ("Limits of egl:0", "image side", "sub-pixel bits", "64-bit atomics  no"):
         assert words in text
     why = "because it is the first that draws in hardware."
-    end = f"By default rastercov draws on egl:0, {card}, plan pipeline, {why}"
+    end = f"By default rastercov draws on egl:0, {card}, {why}"
     assert flat(text).endswith(end)
 
 

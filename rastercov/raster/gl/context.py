@@ -321,17 +321,16 @@ class HeadlessContext(Unique):
 _opened_in: int | None = None  # id of the process that first opened a context
 
 
-def open_context(device: str | int = "auto", *, require_hardware: bool = False) -> HeadlessContext:
+def open_context(device: str | int = "auto") -> HeadlessContext:
     """Open a headless OpenGL core context, current in the calling thread.
 
     Parameters
     ----------
     device : str or int
-        "auto": the first EGL device with a hardware renderer, else surfaceless EGL, else OSMesa.
+        "hardware": the first EGL device with a hardware renderer. "auto": the same, else
+        surfaceless EGL, else OSMesa.
         "egl": the first EGL device, hardware first. "egl:0" or 0: that EGL device.
         "surfaceless": EGL on the CPU. "osmesa": OSMesa.
-    require_hardware : bool
-        Refuse a renderer that runs on the CPU.
 
     Raises
     ------
@@ -353,15 +352,11 @@ def open_context(device: str | int = "auto", *, require_hardware: bool = False) 
         except DeviceError as error:
             failures.append(f"{candidate}: {error}")
             continue
-        is_software = context.info.is_software
-        if is_software == candidate.is_software and not (require_hardware and is_software):
+        if context.info.is_software == candidate.is_software:
             return context
         context.release()
         promise = "software" if candidate.is_software else "hardware"
         failures.append(f"{candidate}: promised {promise} and gave {context.info.renderer}")
-        if require_hardware and candidate.is_software:
-            break  # hardware comes first in the list
-    if require_hardware:
-        failures += devices.why_no_hardware(devices.list_devices())
-    wanted = "hardware OpenGL" if require_hardware else "OpenGL"
-    raise DeviceError(f"no {wanted} context for device {device!r}: {'; '.join(failures)}")
+    if device == "hardware":
+        failures += devices.why_no_hardware(found)
+    raise DeviceError(f"no OpenGL context for device {device!r}: {'; '.join(failures)}")

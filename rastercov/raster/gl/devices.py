@@ -206,6 +206,7 @@ def candidates(device: str | int) -> tuple[list[DeviceInfo], list[str]]:
     surfaceless = [each for each in egl if each == SURFACELESS]
     usable = [] if is_software_wanted() else hardware
     named = {
+        "hardware": usable,
         "auto": [*usable, *surfaceless, *software, OSMESA],
         "surfaceless": surfaceless + software,  # same renderer, if surfaceless EGL wants hardware
         "egl": usable + software,
@@ -213,7 +214,7 @@ def candidates(device: str | int) -> tuple[list[DeviceInfo], list[str]]:
     if found := named.get(wanted):
         return found, missing
     known = ", ".join(map(str, list_devices())) or f"none; {INSTALL_EGL}"
-    reasons = "" if hardware else f"; {'; '.join(why_no_hardware(egl))}"
+    reasons = "" if usable else f"; {'; '.join(why_no_hardware(egl))}"
     raise DeviceError(f"no device {shown(device)}; there are: {known}{reasons}")
 
 

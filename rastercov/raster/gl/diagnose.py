@@ -24,7 +24,6 @@ from rastercov.base.threads import Closing, child_environment
 from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import sphere_of_poses
 from rastercov.mesh import Mesh, shapes
-from rastercov.raster import self_test
 from rastercov.raster.gl.devices import (
     DeviceInfo,
     DeviceKind,
@@ -64,8 +63,7 @@ def examine(timeout_s: float = 30.0) -> Report:
         "kinds": for each kind of context "available", or the reason why not and what to install.
         "reports": for each of `list_devices` "device" (fields of `DeviceInfo`, "label"), "problem"
         (reason and remedy, or ""), "context" (fields and features of `ContextInfo`, or None),
-        "self_test" (`PASSED`, the line that says what failed, or None), "plan" and "depth" (those
-        of `GLRasterizer` under plan "auto").
+        "self_test" (`PASSED`, the line that says what failed, or None).
         "environment": the variables of `ENVIRONMENT` that are set.
         "hardware_hints": reasons why no hardware renderer works, empty when one does.
         "default": "device" that backend "auto" opens, and "why".
@@ -98,14 +96,14 @@ def _examine_device(device: DeviceInfo, timeout_s: float) -> Report:
     """Entry of "reports": open a device, then count known scenes on it."""
     row: Report = {
         "device": asdict(device) | {"label": device.label},
-        "problem": "", "context": None, "self_test": None, "plan": None, "depth": None,
+        "problem": "", "context": None, "self_test": None,
     }  # fmt: skip
     answer = ask(open_device, device.label, timeout_s)
     if "problem" in answer:
         return row | {"problem": f"{device}: {answer['problem']}"}
     row["context"] = answer["context"]
     answer = ask(verify_device, device.label, timeout_s)
-    return row | {"self_test": answer.pop("problem", PASSED)} | answer
+    return row | {"self_test": answer.get("problem", PASSED)}
 
 
 def _availability(kind: DeviceKind, reports: list[Report]) -> str:
@@ -197,7 +195,7 @@ def open_device(label: str) -> Report:
 
 
 def verify_device(label: str) -> Report:
-    """Plan and depth under "auto", after counting known and convex scenes in every way; for `ask`.
+    """Count known and convex scenes in every way; for `ask`.
 
     Raises
     ------
@@ -214,8 +212,7 @@ def verify_device(label: str) -> Report:
                 _verify(partial(GLRasterizer, device=context, **options))
             except RastercovError as error:
                 raise DeviceError(f"plan {way}: {error}") from error
-        with GLRasterizer(self_test.MESH, self_test.CAMERA, device=context) as rasterizer:
-            return {"plan": rasterizer.info.plan, "depth": rasterizer.info.depth}
+    return {}
 
 
 # --- child processes ------------------------------------------------------------------------------

@@ -19,9 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov import shaders
-from rastercov.base.arguments import check_choice, flag
+from rastercov.base.arguments import check_choice
 from rastercov.base.checks import finite_number, shown
-from rastercov.base.errors import ConfigError, DeviceError
+from rastercov.base.errors import ConfigError
 from rastercov.camera.camera import Camera
 from rastercov.mesh import Mesh
 from rastercov.raster import self_test
@@ -63,16 +63,14 @@ class GLRasterizer(Rasterizer):
     mesh, camera, supersample, roll
         As for `open_rasterizer`.
     device : str, int or HeadlessContext
-        "auto", "egl:0", "surfaceless" or "osmesa" as for `open_context`; a context that is
-        already open is used and left open.
+        "auto", "hardware", "egl:0", "surfaceless" or "osmesa" as for `open_context`; a context
+        that is already open is used and left open.
     plan : {"auto", "pipeline", "compute"}
         Way to draw and count.
     max_layers : int, optional
         Most poses of a draw of plan "pipeline", up to 128, each an image of its own; above 1 they
         are counted on the device. By default 128 on a GPU, else 1; always 1 where the device
         cannot draw in layers.
-    require_hardware : bool
-        Refuse a software renderer.
 
     Raises
     ------
@@ -91,25 +89,18 @@ class GLRasterizer(Rasterizer):
         device: str | int | HeadlessContext = "auto",
         plan: str = "auto",
         max_layers: int | None = None,
-        require_hardware: bool = False,
     ) -> None:
         camera.check_pinhole(
             "GLRasterizer draws pinholes only", "take open_rasterizer, which draws any lens"
         )
         check_choice("plan", plan, ("auto", *PLANS))
-        require_hardware = flag("require_hardware", require_hardware)
         if max_layers is not None and finite_number(max_layers) not in range(1, MAX_POSES + 1):
             raise ConfigError(
                 f"max_layers must be a whole number 1 to {MAX_POSES}, got {shown(max_layers)}"
             )
         super().__init__(mesh, camera, supersample, roll)
         self._owns_context = not isinstance(device, HeadlessContext)
-        if isinstance(device, HeadlessContext):
-            if require_hardware and device.info.is_software:
-                raise DeviceError(f"wanted hardware OpenGL, got {device.info.renderer}")
-            self._context = device
-        else:
-            self._context = open_context(device, require_hardware=require_hardware)
+        self._context = device if isinstance(device, HeadlessContext) else open_context(device)
         self._resources = Resources(self._context)
         try:
             known = self._context.info
