@@ -105,10 +105,10 @@ class Pipeline(Strategy):
     def begin(self, prepared: PreparedPoses, rows: IntArray) -> None:
         """Upload the poses of a batch."""
         self._poses.bind_to_uniform_block(POSES_BINDING)
-        self._poses.write(prepared.records(rows))
-        if (rays := prepared.rays(rows)) is not None:
+        self._poses.write(prepared.records[rows])
+        if prepared.rays is not None:
             self._rays.bind_to_uniform_block(RAYS_BINDING)
-            self._rays.write(rays)
+            self._rays.write(prepared.rays[rows])
 
     def count(
         self, scene: Scene, prepared: PreparedPoses, rows: IntArray, tile: Box, *, drawn: bool

@@ -268,7 +268,7 @@ class _Drawer:
         """Face, -1 for none, and depth (H, W) at each sample of a look."""
         rasterizer = self._rasterizer
         with rasterizer._current():
-            found = rasterizer._picture(self._scene, self._scene.grid, look[0][None])
+            found = rasterizer._picture(self._scene, self._scene.grid, look[0])
         rasterizer._note(1)
         return found
 

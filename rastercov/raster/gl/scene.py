@@ -164,6 +164,10 @@ class PreparedPoses:
         Samples the mesh can reach in each pose.
     eyes : (P, 3) float64
         Camera centres.
+    records : (P, 6, 4) float32
+        Entries of the uniform block, structs `Pose`.
+    rays : (P, 4, 4) float64 or None
+        Entries of the uniform block of rays; None without overlaps.
     """
 
     def __init__(self, scene: Scene, poses: FloatArray, grid: SampleGrid) -> None:
@@ -181,12 +185,12 @@ class PreparedPoses:
             # surface is cut: it must be cut at the near plane, and a power of 2 is nearer.
             power = 2.0 ** np.floor(np.log2(self.near))
             self.near = np.where(self.clipped, self.near, power)
-        self._records = np.zeros((len(poses), RECORD_ROWS, 4), np.float32)
-        self._records[:, : FORWARD + 1, :3] = grid.axes(poses)[:, :3, :3].transpose(0, 2, 1)
+        self.records = np.zeros((len(poses), RECORD_ROWS, 4), np.float32)
+        self.records[:, : FORWARD + 1, :3] = grid.axes(poses)[:, :3, :3].transpose(0, 2, 1)
         high, low = split_floats(eyes - scene.centre)
-        self._records[:, EYE_HIGH, :3], self._records[:, EYE_LOW, :3] = high, low
-        self._records[:, NEAR, 0] = self.near  # clip z = near, so depth = near / z in [0, 1]
-        self._rays = self._find_rays(poses, eyes - scene.centre) if scene.has_overlaps else None
+        self.records[:, EYE_HIGH, :3], self.records[:, EYE_LOW, :3] = high, low
+        self.records[:, NEAR, 0] = self.near  # clip z = near, so depth = near / z in [0, 1]
+        self.rays = self._find_rays(poses, eyes - scene.centre) if scene.has_overlaps else None
 
     def _find_rays(self, poses: FloatArray, eyes: FloatArray) -> FloatArray:
         """Entries of the uniform block of rays, (P, 4, 4)."""
@@ -199,14 +203,6 @@ class PreparedPoses:
         rays[:, FORWARD, :3], rays[:, EYE, :3] = poses[:, :3, 2], eyes
         rays[:, RIGHT, 3] = self.near
         return rays
-
-    def records(self, rows: IntArray) -> NDArray[np.float32]:
-        """Entries of the uniform block for these poses."""
-        return self._records[rows]
-
-    def rays(self, rows: IntArray) -> FloatArray | None:
-        """Entries of the uniform block of rays for these poses; None without overlaps."""
-        return None if self._rays is None else self._rays[rows]
 
     def depth(self, row: int, values: NDArray[np.float32]) -> NDArray[np.float32]:
         """Camera z of depth buffer values of a pose, in metres; inf for the farthest value."""
