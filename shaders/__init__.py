@@ -8,15 +8,13 @@ from rastercov.base.errors import DeviceError
 
 
 @cache
-def source(name: str, version: int = 330, **defines: int) -> str:
-    """GLSL text of one stage, with its `#version` line and its defines.
+def source(name: str, **defines: int) -> str:
+    """GLSL text of one stage for the core profile of OpenGL 4.5, with its defines.
 
     Parameters
     ----------
     name : str
         File name without `.glsl`, such as `"face.vert"`.
-    version : int
-        GLSL version, such as 330 or 430; always the core profile.
     **defines : int
         Written as `#define NAME value`.
 
@@ -31,7 +29,7 @@ def source(name: str, version: int = 330, **defines: int) -> str:
         raise DeviceError(
             f"shader {name}.glsl is missing from the installation; reinstall rastercov"
         ) from None
-    head = [f"#version {version} core"]
+    head = ["#version 450 core"]
     head += [f"#define {key} {value}" for key, value in defines.items()]
     return "\n".join(head) + "\n#line 1\n" + text
 

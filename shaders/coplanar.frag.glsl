@@ -1,7 +1,5 @@
 // Triangle-ID buffer of overlapping coplanar faces, with the depth of their plane.
 
-#extension GL_ARB_gpu_shader_fp64 : require
-
 flat in uint id;
 flat in dvec3 plane;
 flat in vec2 reach;
@@ -10,11 +8,7 @@ layout(location = 0) out uint face;
 
 // Depth range between the cleared value, excluded because it must lose the depth test, and the near
 // plane.
-#ifdef REVERSED
 const float LEAST = 1.17549435e-38, GREATEST = 1.0;
-#else
-const float LEAST = 0.0, GREATEST = 0.99999994;
-#endif
 
 void main() {
     face = id;

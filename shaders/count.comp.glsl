@@ -16,7 +16,6 @@ uniform usampler2DArray faces;
 #endif
 uniform uvec2 size;      // samples in use; the rest of the image is ignored
 uniform uint stride;     // counters a layer: slot 0 is background, then one a face
-uniform uint first_face; // first face of the window that this dispatch counts
 
 #ifdef ROLLED
 layout(std430, binding = 1) readonly buffer Runs { ivec2 runs[]; };  // first, one after the last
@@ -35,8 +34,7 @@ uint face_at(uint x, uint y, uint layer) {
 }
 
 void add(uint layer, uint face, uint n) {
-    uint slot = face == 0u ? 0u : face - first_face;
-    if (slot < stride && (face == 0u || face > first_face)) atomicAdd(counts[layer * stride + slot], n);
+    if (face < stride) atomicAdd(counts[layer * stride + face], n);
 }
 
 void main() {

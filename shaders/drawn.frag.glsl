@@ -3,7 +3,6 @@
 
 layout(std430, binding = 0) buffer Counts { uint counts[]; };
 
-uniform uint first_face;  // first face of the window that this draw counts
 uniform uint stride;      // counters a layer: slot 0 is background, then one a face
 
 flat in uint id;
@@ -25,5 +24,5 @@ void main() {
     ivec2 inside = runs[at.y];
     if (at.x < inside.x || at.x >= inside.y) return;
 #endif
-    atomicAdd(counts[uint(layer) * stride + id - first_face], 1u);
+    atomicAdd(counts[uint(layer) * stride + id], 1u);
 }

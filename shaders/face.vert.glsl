@@ -7,10 +7,6 @@
 // CPU, instead of interpolated. In double precision 1/z is affine in the image, and on two faces of
 // one plane it rounds to the same float.
 
-#ifdef COPLANAR
-#extension GL_ARB_gpu_shader_fp64 : require
-#extension GL_ARB_vertex_attrib_64bit : require
-#endif
 #ifdef LAYERED
 #extension GL_ARB_shader_viewport_layer_array : enable
 #extension GL_AMD_vertex_shader_layer : enable
@@ -19,7 +15,7 @@
 struct Pose {
     vec4 right, down, forward;  // camera axes; right and down mixed to rotate the grid
     vec4 eye_high, eye_low;
-    vec4 depth;                 // clip z = depth.x * z + depth.y
+    vec4 near;                  // x is clip z
 };
 
 layout(std140) uniform Poses { Pose poses[MAX_POSES]; };
@@ -36,7 +32,7 @@ invariant gl_Position;
 #ifdef COPLANAR
 // The ray through the point (x, y) of the canvas is x right + y down + ahead at depth 1.
 struct Rays {
-    dvec4 right, down, forward;  // depth in the buffer is right.w / z + down.w
+    dvec4 right, down, forward;  // depth in the buffer is right.w / z
     dvec4 eye;                   // relative to the centre of the mesh
 };
 
@@ -53,12 +49,6 @@ in dvec3 normal;        // and its normal, of any length
 
 flat out dvec3 plane;   // depth in the buffer = plane.x x + plane.y y + plane.z
 flat out vec2 reach;    // least and greatest depth in the buffer of its corners
-
-#ifdef REVERSED
-const float NEAREST = 1.0;
-#else
-const float NEAREST = 0.0;
-#endif
 #endif
 
 // Face index + 1, taken from the last corner of a face: vertex f is the last corner of face f alone.
@@ -76,8 +66,8 @@ void find_plane() {
     dvec3 z = dvec3(dot(ray.forward.xyz, a), dot(ray.forward.xyz, b), dot(ray.forward.xyz, c));
     double nearest = min(z.x, min(z.y, z.z)), farthest = max(z.x, max(z.y, z.z));
     // A face that reaches behind the eye has no nearest corner; it is cut at the near plane.
-    float first = nearest > 0.0lf ? float(ray.right.w / nearest + ray.down.w) : NEAREST;
-    float last = float(ray.right.w / max(farthest, nearest) + ray.down.w);
+    float first = nearest > 0.0lf ? float(ray.right.w / nearest) : 1.0;
+    float last = float(ray.right.w / max(farthest, nearest));
     reach = vec2(min(first, last), max(first, last));
 
     precise double height = dot(normal, a);  // offset of the plane from the eye
@@ -87,7 +77,6 @@ void find_plane() {
     // it the farthest depth, clamped to that of its corners.
     double scale = height == 0.0lf ? 0.0lf : ray.right.w / height;
     plane = scale * dvec3(x, y, ahead + double(corner.x) * x + double(corner.y) * y);
-    plane.z += ray.down.w;
 }
 #endif
 
@@ -100,7 +89,7 @@ void main() {
     // Rows of images and of our framebuffers both run down, so nothing is flipped.
     gl_Position = vec4(image.x * x + image.z * z,
                        image.y * y + image.w * z,
-                       pose.depth.x * z + pose.depth.y,
+                       pose.near.x,
                        z);
 #ifdef COPLANAR
     id = number;

@@ -65,7 +65,6 @@ layout(std430, binding = 6) readonly buffer Faces { uint faces[]; };
 uniform ivec2 size;           // samples of the tile
 uniform ivec2 corner;         // top-left of the tile on the canvas
 uniform bool with_drawn;      // count the samples that each face covers alone
-uniform uint first_face;      // first face of the window that `counts` holds
 uniform uint capacity;        // pieces that the queue holds
 uniform uint stride;          // counters a pose: slot 0 is background, then one a face
 uniform uvec2 faces_to_draw;  // first, and one after the last
@@ -170,7 +169,7 @@ uint fill(Piece p, ivec2 first, ivec2 stride_) {
 
 void count(Piece p, uint covered) {
     if (with_drawn && covered > 0u) {
-        atomicAdd(counts[p.pose * stride + p.face - first_face], covered);
+        atomicAdd(counts[p.pose * stride + p.face], covered);
     }
 }
 

@@ -28,9 +28,7 @@ def exit_code(report: Report) -> int:
 
 def print_report(report: Report, console: Console) -> None:
     """Print the result of `examine`; the last sentence names the default device."""
-    from rastercov.raster.gl.diagnose import ENVIRONMENT
-
-    rows, install = _rows(report), report["install"]
+    rows = _rows(report)
     *packages, (_, system) = report["versions"].items()
     versions = ", ".join(f"{name} {number}" for name, number in packages)
     console.print(Text(f"{versions}\n{system}, shaders {report['shaders'][:12]}", "dim"))
@@ -40,15 +38,10 @@ def print_report(report: Report, console: Console) -> None:
     _section(console, "Problems", problems, "red")
     if (default := report["default"]["device"]) != "cpu":
         _section(console, f"Limits of {default}", _limits(rows[default]))
-    _section(console, "Missing libraries, needed only for OpenGL", list(install.items()))
-    # A missing library explains its missing kinds; every other missing kind needs its reason.
-    explained = {row["device"]["kind"] for row in report["reports"]}
-    without = {"EGL": {"egl-device", "egl-surfaceless"}, "OSMesa": {"osmesa"}}
-    explained = explained.union(*(without.get(library, ()) for library in install))
-    absent = [(kind, why) for kind, why in report["kinds"].items() if kind not in explained]
-    _section(console, "Missing devices", absent)
-    settings = [(f"{k}={v}", ENVIRONMENT[k]) for k, v in report["environment"].items()]
-    _section(console, "Environment", settings)
+    listed = {row["device"]["kind"] for row in report["reports"]}
+    absent = [(kind, why) for kind, why in report["kinds"].items() if kind not in listed]
+    _section(console, "Missing devices, needed only for OpenGL", absent)
+    _section(console, "Environment", [(f"{k}={v}",) for k, v in report["environment"].items()])
     _section(console, "Why no hardware", [("-", hint) for hint in report["hardware_hints"]])
     console.print(Text(_verdict(report), "bold" if exit_code(report) == 0 else "bold red"))
 
@@ -61,7 +54,7 @@ def _verdict(report: Report) -> str:
         passing = [f"pass `--device {other}`" for other in rows if _passes(rows[other])]
         use = (passing or ["nothing else passes"])[0]
         return f"By default rastercov tries {label}, which fails its self-test; {use}"
-    how = f"draws on {label}, {row['context']['renderer']}, plan {row['plan']}"
+    how = f"draws on {label}, {row['context']['renderer']}"
     if label == "cpu":
         renderer, threads = (report["cpu"][key] for key in ("renderer", "threads"))
         how = f"counts on the CPU, {renderer}, {threads} thread{'s' * (threads > 1)}"
@@ -71,7 +64,7 @@ def _verdict(report: Report) -> str:
 def _rows(report: Report) -> dict[str, Report]:
     """Values of `--device`, by label: the CPU in the form of a device, then the devices."""
     device = {"is_software": True, "cuda_index": None}
-    about = {"device": device, "context": report["cpu"], "problem": "", "plan": "threads"}
+    about = {"device": device, "context": report["cpu"], "problem": ""}
     rows = {row["device"]["label"]: row for row in report["reports"]}
     return {"cpu": report["cpu"] | about} | rows
 
@@ -83,7 +76,7 @@ def _passes(row: Report) -> bool:
 
 
 def _devices(rows: dict[str, Report]) -> Table:
-    names = "device", "renderer", "driver", "OpenGL", "draws in", "plan", "self-test"
+    names = "device", "renderer", "driver", "OpenGL", "draws in", "self-test"
     table = Table(*names, box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
     for label, row in rows.items():
         device, context = row["device"], row["context"] or {}
@@ -97,7 +90,7 @@ def _devices(rows: dict[str, Report]) -> Table:
             row["self_test"] if _passes(row) else "failed" if row["self_test"] else "does not open"
         )
         cells = [label + cuda, context.get("renderer") or device["name"], driver, opengl]
-        cells += ["software" if is_software else "hardware", row["plan"] or ""]
+        cells += ["software" if is_software else "hardware"]
         style = "green" if _passes(row) else "red"
         table.add_row(*(Text(cell, overflow="fold") for cell in cells), Text(result, style))
     return table
@@ -116,7 +109,6 @@ def _limits(row: Report) -> Rows:
             "plan compute fills faces once with them, twice without",
         ),
         ("sub-pixel bits", str(limits["subpixel_bits"]), "8 or more are wanted"),
-        ("depth", row["depth"] or "unknown", "reversed float32 separates surfaces best"),
     ]
 
 

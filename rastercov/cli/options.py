@@ -91,7 +91,7 @@ TwoSided = Annotated[
     list[str], typer.Option(help="Mesh file or group that counts from either side; 'all' for all.")
 ]
 DropInvalid = Annotated[bool, typer.Option(help="Drop faces that are not finite, with a warning.")]
-Device = Annotated[str, typer.Option(help="auto, cpu, or OpenGL: egl:0, surfaceless, osmesa.")]
+Device = Annotated[str, typer.Option(help="auto, cpu, hardware, egl:0, surfaceless, osmesa.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON for machines.")]
 Thesis = Annotated[bool, typer.Option("--thesis", help="(3.6) to the letter; any coverage counts.")]
 

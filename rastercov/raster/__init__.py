@@ -22,10 +22,7 @@ __all__ = ["FaceCounts", "Rasterizer", "RasterizerInfo", "VisibilityBuffer", "op
 BACKENDS = ("auto", "cpu", "gl")
 _OPTIONS = {
     "cpu": ("threads",),
-    "gl": (
-        *("device", "plan", "max_layers", "require_hardware"),
-        *("max_tile", "max_faces_a_draw", "image_budget"),
-    ),
+    "gl": ("device", "plan", "max_layers"),
 }
 """Options of `open_rasterizer` that each backend takes."""
 
@@ -146,13 +143,12 @@ def backend_of(backend: Any, options: Mapping[str, Any]) -> tuple[str, dict[str,
 
 def _open_hardware(mesh: Mesh, camera: Camera, common: dict[str, Any]) -> Rasterizer | None:
     """Rasteriser on a hardware device, None when none is announced or none works."""
-    from rastercov.raster.gl.devices import list_devices
-
-    if all(device.is_software for device in list_devices()):
-        return None
-    from rastercov.raster.gl import GLRasterizer
+    from rastercov.raster.gl.devices import candidates
 
     try:
-        return _opened(GLRasterizer, mesh, camera, common, {"require_hardware": True})
+        candidates("hardware")  # OpenGL is imported where there are some
+        from rastercov.raster.gl import GLRasterizer
+
+        return _opened(GLRasterizer, mesh, camera, common, {"device": "hardware"})
     except DeviceError:
         return None

@@ -40,8 +40,8 @@ from rastercov.raster.sample_grid import SampleGrid
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 WordArray = NDArray[np.int32]
-Look = tuple[FloatArray, float, bool]
-"""Pose (4, 4) of a view, depth of its near plane, and whether back faces are hidden."""
+Look = tuple[FloatArray, FloatArray, NDArray[np.bool_]]
+"""Pose (1, 4, 4) of a view, depth of its near plane, and whether back faces are hidden, (1,)."""
 
 RESOLUTION, OF_PICTURES = 1.0, 2.0
 """Samples of a view to one of the lens, a side, where the lens is as dense as `DENSEST`."""
@@ -134,7 +134,7 @@ class View:
 
         The corners are from `centre`. `visible` is not written where there is no depth (H, W).
         """
-        (pose, near, _), grid = look, self.grid
+        ((pose,), (near,), _), grid = look, self.grid
         count_targets(
             corners, np.ascontiguousarray(pose[:3, :3]), pose[:3, 3] - centre, grid.lens, near,
             np.empty((0, 2), np.int64), (0, 0, grid.width, grid.height), tuple(grid.runs),
@@ -320,7 +320,8 @@ class LensRasterizer(Rasterizer):
             for view in views:
                 drawer = self._drawer(drawers, view)
                 for row in range(turn.start, turn.stop):
-                    look = poses[row] @ view.turn, float(limit[row]), bool(cull[row])
+                    one = slice(row, row + 1)
+                    look = poses[one] @ view.turn, limit[one], cull[one]
                     own = None if covered is None else covered[row]
                     drawer.add_counts(look, view, visible[row], own)
                     if targets:
@@ -335,21 +336,21 @@ class LensRasterizer(Rasterizer):
         return self._with_targets(counts, *of_targets) if targets else counts
 
     def _drawn(self, poses: FloatArray) -> tuple[WordArray, NDArray[np.float32]]:
-        (near,), (cull,) = picture_limits(self.mesh, self.camera, poses)
+        near, cull = picture_limits(self.mesh, self.camera, poses)
         shape = self.camera.height, self.camera.width
         face, depth = np.full(shape, -1, np.int32), np.full(shape, np.inf, np.float32)
         pictures = views_of(self.camera, 1, 0.0, keeps_places=True)
         for views in pictures.bands(self._threads):
             for view in views:
-                pose = poses[0] @ view.turn
+                look = poses @ view.turn, near, cull
                 drawer = self._pinholes.drawer(view.camera)
-                drawn_face, drawn_depth = drawer.picture((pose, float(near), bool(cull)))
+                drawn_face, drawn_depth = drawer.picture(look)
                 found = drawn_face.ravel()[view.index]
                 is_seen = found >= 0
                 at, places = view.samples[is_seen], view.places[is_seen].astype(np.float64)
                 face.ravel()[at] = found[is_seen]
                 drawn = drawn_depth.ravel()[view.index[is_seen]]
-                z = self._depths(pose, float(near), found[is_seen], places, drawn)
+                z = self._depths(look, found[is_seen], places, drawn)
                 if len(pictures.frames) > 1:
                     z *= np.sqrt(1 + (places**2).sum(axis=1))
                 depth.ravel()[at] = z
@@ -371,14 +372,13 @@ class LensRasterizer(Rasterizer):
 
     def _depths(
         self,
-        pose: FloatArray,
-        near: float,
+        look: Look,
         face: WordArray,
         places: FloatArray,
         drawn: NDArray[np.float32],
     ) -> FloatArray:
         """Camera z at places of a view, by the planes of faces; what was drawn if edge-on."""
-        corners, centre = self._corners
+        (corners, centre), ((pose,), (near,), _) = self._corners, look
         is_used = np.zeros(len(corners), np.bool_)
         is_used[face] = True
         row = np.cumsum(is_used) - 1

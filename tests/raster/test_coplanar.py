@@ -3,7 +3,6 @@
 On all rasterisers; and which faces OpenGL's plans draw with a depth of their own for it.
 """
 
-import dataclasses
 from itertools import product
 
 import numpy as np
@@ -14,11 +13,9 @@ from hypothesis import strategies as st
 from scenes import joined, sheet, square
 from solids import tessellated_plane
 
-from rastercov.camera.camera import Camera
-from rastercov.mesh import Mesh, shapes
-from rastercov.raster.gl import GLRasterizer, coplanar
-from rastercov.raster.gl.context import open_context
+from rastercov.mesh import Mesh, contacts, shapes
 from rastercov.raster.gl.coplanar import coplanar_overlaps
+from rastercov.raster.gl.strategy import Strategy
 
 AHEAD = np.eye(4)
 
@@ -72,10 +69,11 @@ def test_overlaps_are_counted_as_they_are_drawn(open_raster, options):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("limits", [{"max_faces_a_draw": 3}, {"max_tile": 32}])
-def test_draws_and_tiles_change_nothing_where_faces_overlap(open_gl, limits):
+def test_tiles_change_nothing_where_faces_overlap(open_gl, monkeypatch):
     mesh, poses = scene_of("triangulations", 3)
-    with open_gl(mesh, CAMERA) as whole, open_gl(mesh, CAMERA, **limits) as parts:
+    whole = open_gl(mesh, CAMERA)
+    monkeypatch.setattr(Strategy, "max_tile", 32)
+    with whole, open_gl(mesh, CAMERA) as parts:
         for pose in poses:
             face = parts.render(pose).face
             assert not len(wrong_samples(mesh, CAMERA, pose, face))
@@ -98,20 +96,6 @@ def test_an_edge_on_face_does_not_come_before_what_hides_it(open_gl):
             buffer = rasterizer.render(pose)
         assert (buffer.face < 2).all()
         np.testing.assert_allclose(buffer.depth[buffer.face >= 0], 2, rtol=1e-6)
-
-
-def test_device_without_doubles_says_that_overlaps_are_undecided(device, monkeypatch):
-    mesh = joined(square(1, 2), sheet((-0.5, -0.4), (1.2, 1.3), 2.0))
-    camera = Camera(width=40, height=30, fx=30, fy=30)
-    with GLRasterizer(mesh, camera, device=device, plan="pipeline") as rasterizer:
-        assert rasterizer.info.depth == "float32 reversed"
-    with open_context("surfaceless") as context:
-        info = dataclasses.replace(context.info, gl_version=330, extensions=frozenset())
-        monkeypatch.setattr(context, "info", info)
-        for scene, said in ((mesh, True), (square(1, 2), False)):
-            with GLRasterizer(scene, camera, device=context, plan="pipeline") as rasterizer:
-                depth = rasterizer.info.depth
-            assert ("undecided where faces of one plane overlap" in depth) == said
 
 
 # --- which faces overlap --------------------------------------------------------------------------
@@ -179,12 +163,12 @@ def test_overlaps_are_found_in_any_position():
         np.testing.assert_array_equal(coplanar_overlaps(mesh), expected)
 
 
-def test_more_pairs_than_are_looked_at_count_as_overlaps(monkeypatch):
+def test_faces_with_more_contacts_than_are_listed_count_as_overlaps(monkeypatch):
     rng = np.random.default_rng(1)
     corners = rng.uniform(-1, 1, (60, 3, 2))
     points = np.dstack((corners, np.ones((60, 3)))).reshape(-1, 3)
     mesh = Mesh(vertices=points, faces=np.arange(180).reshape(-1, 3))
     expected = coplanar_overlaps(mesh)
-    monkeypatch.setattr(coplanar, "MAX_PAIRS", 20)
+    monkeypatch.setattr(contacts, "MOST_PARTNERS", 2)
     again = coplanar_overlaps(Mesh(vertices=points, faces=mesh.faces))
     assert (again | ~expected).all()

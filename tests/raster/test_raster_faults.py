@@ -6,7 +6,7 @@ import itertools
 import pickle
 import re
 import threading
-from contextlib import ExitStack, suppress
+from contextlib import suppress
 from functools import partial
 
 import moderngl
@@ -20,14 +20,14 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import look_at, sphere_of_poses
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.observer import open_observer
-from rastercov.mesh import Mesh, shapes
+from rastercov.mesh import shapes
 from rastercov.raster import open_rasterizer
 from rastercov.raster.gl import WAYS, GLRasterizer, pipeline
 from rastercov.raster.gl import rasterizer as rasterizer_module
 from rastercov.raster.gl.compute import Compute
-from rastercov.raster.gl.context import open_context
 from rastercov.raster.gl.resources import Resources
 from rastercov.raster.gl.scene import Scene
+from rastercov.raster.gl.strategy import Strategy
 
 CAMERA = Camera(width=80, height=60, fx=75, fy=75)
 MESH = shapes.torus(12, 8)
@@ -48,46 +48,21 @@ def counted(context, plan, mesh=MESH, **options):
         return rasterizer.count(np.concatenate((POSES, CLOSE))), rasterizer.info
 
 
-@pytest.fixture
-def old_context(monkeypatch):
-    """A context that says it is OpenGL 3.3; its own, because it leaves other state behind."""
-
-    with ExitStack() as stack:
-
-        def open_old(*extensions):
-            context = stack.enter_context(open_context("surfaceless"))
-            old = {"gl_version": 330, "extensions": frozenset(extensions)}
-            monkeypatch.setattr(context, "info", dataclasses.replace(context.info, **old))
-            return context
-
-        yield open_old
+@pytest.mark.parametrize("plan", ["pipeline", "layers"])
+def test_a_mesh_with_more_counters_than_a_storage_block_holds_is_refused(device, monkeypatch, plan):
+    limits = device.info.limits | {"max_ssbo_bytes": 4 * MESH.n_faces}
+    monkeypatch.setattr(device, "info", dataclasses.replace(device.info, limits=limits))
+    line = rf"a storage block of {4 * MESH.n_faces + 4} bytes .* use backend 'cpu'"
+    with pytest.raises(ResourceError, match=line):
+        counted(device, plan)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("extensions", [(), ("GL_ARB_clip_control",)])
-@pytest.mark.parametrize(("supersample", "roll"), [(2, 0.0), (1, 0.4)])
-def test_device_without_storage_buffers_gives_the_same_counts(
-    device, old_context, extensions, supersample, roll
-):
-    double = Mesh(vertices=MESH.vertices, faces=np.concatenate((MESH.faces, MESH.faces[::-1])))
-    for mesh, options in ((MESH, {}), (double, {"max_faces_a_draw": 50, "max_tile": 64})):
-        options = {"supersample": supersample, "roll": roll, **options}
-        expected, _ = counted(device, "pipeline", mesh, **options)
-        found, info = counted(old_context(*extensions), "pipeline", mesh, **options)
-        assert info.depth == ("float32 reversed" if extensions else "float32")
-        assert_same_counts(found, expected)
-
-
-@pytest.mark.parametrize(
-    ("plan", "line"),
-    [
-        ("layers", r"max_layers=128 needs .* which .* lacks; leave it out"),
-        ("compute", r"plan 'compute' needs .* which .* lacks; use plan 'pipeline'"),
-    ],
-)
-def test_plan_that_the_device_lacks_is_refused(old_context, plan, line):
-    with pytest.raises(DeviceError, match=line):
-        counted(old_context(), plan)
+def test_a_device_without_layers_draws_one_pose_at_a_time(device, monkeypatch):
+    info = dataclasses.replace(device.info, extensions=frozenset())
+    expected, _ = counted(device, "layers")
+    monkeypatch.setattr(device, "info", info)
+    found, _ = counted(device, "layers")
+    assert_same_counts(found, expected)
 
 
 @pytest.mark.parametrize(("is_software", "most"), [(True, 1), (False, 128)])
@@ -101,11 +76,6 @@ def test_layers_are_used_on_a_gpu_unless_told(device, monkeypatch, is_software, 
     assert counted(device, "compute")[1].plan == "compute"
 
 
-def test_hardware_can_be_required_of_a_context_that_is_open(device):
-    with pytest.raises(DeviceError, match="wanted hardware OpenGL, got llvmpipe"):
-        GLRasterizer(MESH, CAMERA, device=device, require_hardware=True)
-
-
 # --- what a caller gets wrong ---------------------------------------------------------------------
 
 
@@ -117,10 +87,10 @@ def test_hardware_can_be_required_of_a_context_that_is_open(device):
         ("gl", {"threads": 1}, "backend gl takes no option threads"),
         ("auto", {"threads": 1, "plan": "compute"}, "backend gl takes no option threads"),
         ("gl", {"device": "cpu"}, "device must be one of backend gl, got 'cpu'"),
-        ("gl", {"max_tile": "8"}, "must be 1 or more, in whole numbers"),
-        ("gl", {"max_tile": 0}, "must be 1 or more"),
-        ("gl", {"image_budget": -1}, "must be 1 or more"),
-        ("gl", {"require_hardware": "no"}, "require_hardware must be True or False, got 'no'"),
+        *(
+            ("gl", {"max_layers": value}, "max_layers must be a whole number 1 to 128")
+            for value in ("8", 0, 1.5, 129)
+        ),
         ("gl", {"plan": "fast"}, "plan must be .* got 'fast'"),
         ("vulkan", {}, "backend must be .* got 'vulkan'"),
         *(
@@ -409,8 +379,8 @@ def test_fault_that_the_driver_reports_is_raised(
 def test_shader_that_does_not_compile_is_named(device, monkeypatch, plan, name):
     honest = shaders.source
 
-    def broken(asked, version=330, **defines):
-        return honest(asked, version, **defines) + ("\nnonsense;" if asked == name else "")
+    def broken(asked, **defines):
+        return honest(asked, **defines) + ("\nnonsense;" if asked == name else "")
 
     monkeypatch.setattr(shaders, "source", broken)
     words = rf"{name} .*{shaders.digest()[:12]}.*(nonsense|syntax error)"
@@ -458,9 +428,11 @@ def test_refused_allocation_says_how_many_bytes(open_gl, monkeypatch, plan, make
     monkeypatch.undo()
 
 
-def test_batch_that_the_device_has_no_memory_for_is_refused(device):
+def test_batch_that_the_device_has_no_memory_for_is_refused(device, monkeypatch):
     large = Camera(width=4096, height=4096, fx=4096, fy=4096)
+    monkeypatch.setattr(Strategy, "image_budget", 1 << 50)
     with pytest.raises(ResourceError, match=r"128 images of 4096 x 4096 \([\d,.]+ MiB\)"):
-        GLRasterizer(MESH, large, device=device, max_layers=128, image_budget=1 << 50)
+        GLRasterizer(MESH, large, device=device, max_layers=128)
+    monkeypatch.undo()
     with GLRasterizer(MESH, CAMERA, device=device) as rasterizer:
         assert rasterizer.count(look_at((4, 0, 0), (0, 0, 0))).visible.any()

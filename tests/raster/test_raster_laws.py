@@ -29,6 +29,7 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import look_at, sphere_of_poses
 from rastercov.mesh import Mesh, shapes
 from rastercov.raster.gl import rasterizer as rasterizer_module
+from rastercov.raster.gl.strategy import Strategy
 from rastercov.reference import samples
 
 CAMERA = Camera(width=160, height=120, fx=150, fy=140, cx=81.3, cy=58.2)
@@ -246,11 +247,11 @@ COARSE_TORUS = shapes.torus(12, 6)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("options", [{"max_tile": 37}, {"max_faces_a_draw": 50}])
-def test_rolled_counts_are_those_of_tiles_and_draws_together(open_gl, options):
+def test_rolled_counts_are_those_of_tiles_together(open_gl, monkeypatch):
     mesh = COARSE_TORUS
     poses = mixed_poses(mesh)[:3]
-    with open_gl(mesh, SMALL, roll=0.4, **options) as rasterizer:
+    monkeypatch.setattr(Strategy, "max_tile", 37)
+    with open_gl(mesh, SMALL, roll=0.4) as rasterizer:
         for pose in poses:
             assert_rolled_counts(rasterizer.count(pose), mesh, SMALL, pose, 1, 0.4)
 
@@ -469,26 +470,24 @@ def mixed_poses(mesh):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "limits",
-    [
-        *({"image_budget": 8 * CAMERA.width * CAMERA.height * images} for images in (1, 2, 3)),
-        *({"max_faces_a_draw": n} for n in (1, 7, 399)),
-    ],
-)
-def test_poses_a_batch_faces_a_draw_and_checks_between_change_nothing(open_gl, monkeypatch, limits):
+@pytest.mark.parametrize("images", [1, 2, 3])
+def test_poses_a_batch_and_checks_between_change_nothing(open_gl, monkeypatch, images):
     mesh = shapes.torus(20, 10)
     poses = mixed_poses(mesh)
-    whole, parts = open_gl(mesh, CAMERA), open_gl(mesh, CAMERA, **limits)
+    whole = open_gl(mesh, CAMERA)
+    monkeypatch.setattr(Strategy, "image_budget", 8 * CAMERA.width * CAMERA.height * images)
+    parts = open_gl(mesh, CAMERA)
     monkeypatch.setattr(rasterizer_module, "SELF_TEST_INTERVAL", 2)
     assert_same_counts(parts.count(poses), whole.count(poses))
     np.testing.assert_array_equal(parts.render(poses[0]).face, whole.render(poses[0]).face)
 
 
 @pytest.mark.slow
-def test_tiles_make_the_whole_image(open_gl, scene):
+def test_tiles_make_the_whole_image(open_gl, scene, monkeypatch):
     mesh, poses = scene
-    with open_gl(mesh, CAMERA) as whole, open_gl(mesh, CAMERA, max_tile=64) as tiled:
+    whole = open_gl(mesh, CAMERA)
+    monkeypatch.setattr(Strategy, "max_tile", 64)
+    with whole, open_gl(mesh, CAMERA) as tiled:
         for pose in poses:
             found, expected = tiled.render(pose), whole.render(pose)
             assert_same_image(found.face, expected.face, mesh, CAMERA, pose)

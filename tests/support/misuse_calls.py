@@ -72,8 +72,12 @@ OWN: dict[str, dict[str, Any]] = {
     "open_observer": EXACT,
     "open_observer, sampled": SAMPLED,
     "open_rasterizer": {"backend": "cpu", "roll": 0.1, "threads": 1},
-    "open_rasterizer, OpenGL": {"device": "auto", "plan": "auto", "require_hardware": False}
-    | {"max_tile": 64, "max_faces_a_draw": 100, "image_budget": 1 << 20, "backend": "gl"},
+    "open_rasterizer, OpenGL": {
+        "device": "auto",
+        "plan": "auto",
+        "max_layers": 2,
+        "backend": "gl",
+    },
     "Engine.of": {"method": "certified"},
     "Engine.parse": {"text": "sampled:cpu@2"},
     "Workers, elsewhere": {"number": None, "scheduler": "tls://host:1"},

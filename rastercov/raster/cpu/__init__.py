@@ -269,12 +269,6 @@ class _Scene:
         self.clusters = group_faces(vertices, faces, mesh.can_cull_back_faces)
 
 
-def _looks_of(look: "Look") -> Looks:
-    """One look as several."""
-    pose, near, cull = look
-    return pose[None], np.array([near]), np.array([cull])
-
-
 def _total(parts: Any, kind: type) -> Any:
     """Sum over the first axis, which is mostly 1."""
     return parts[0] if len(parts) == 1 else parts.sum(axis=0, dtype=kind)
@@ -388,7 +382,7 @@ class _Worker:
         """Face, -1 for none, and depth (H, W) at each sample of a look."""
         shape = self.grid.height, self.grid.width
         face, depth = np.full(shape, -1, np.int32), np.full(shape, np.inf, np.float32)
-        self.render(_looks_of(look), face, depth)
+        self.render(look, face, depth)
         return face, depth
 
     def add_counts(self, look: "Look", view: "View", visible: Any, drawn: Any) -> None:
@@ -398,7 +392,7 @@ class _Worker:
         n_faces, filled = self.scene.mesh.n_faces, np.empty(1, np.int64)
         found = np.empty((2 - (drawn is None), 1, n_faces), np.int32)
         own = None if drawn is None else found[1]
-        self.count(_looks_of(look), self.all_bands, found[0], own, filled, view.of_drawer)
+        self.count(look, self.all_bands, found[0], own, filled, view.of_drawer)
         if drawn is not None:
             drawn += found[1, 0]
         if filled[0]:

@@ -17,7 +17,6 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.errors import ResourceError
 from rastercov.camera.camera import Camera
 from rastercov.camera.near_plane import limits
 from rastercov.mesh import Mesh
@@ -25,12 +24,9 @@ from rastercov.raster import self_test
 from rastercov.raster.gl.resources import Resources, set_uniforms
 from rastercov.raster.gl.strategy import (
     COUNTER_BYTES,
-    DrawLimits,
     FloatArray,
     Strategy,
     WordArray,
-    face_ranges,
-    without_background,
 )
 from rastercov.raster.sample_grid import Box, SampleGrid
 from rastercov.raster.tie_order import in_one_order
@@ -59,14 +55,11 @@ COUNTS, RUNS, KEYS, QUEUE, POSES, VERTICES, FACES = range(7)  # bindings of stor
 class ComputeScene:
     """Mesh on the device: vertices relative to its centre, corners in the order for ties."""
 
-    def __init__(
-        self, resources: Resources, mesh: Mesh, camera: Camera, grid: SampleGrid, max_faces: int
-    ) -> None:
+    def __init__(self, resources: Resources, mesh: Mesh, camera: Camera, grid: SampleGrid) -> None:
         self.mesh, self.camera, self.grid = mesh, camera, grid
         self.centre: FloatArray = mesh.bounds.mean(axis=0)
         self.vertices = resources.buffer("vertices", mesh.vertices - self.centre)
         self.faces = resources.buffer("faces", in_one_order(mesh).astype(np.uint32))
-        self.parts = face_ranges(mesh.n_faces, max_faces)
 
 
 class ComputePoses:
@@ -94,34 +87,22 @@ class ComputePoses:
 
 
 class Compute(Strategy):
-    """`Strategy` on compute shaders.
-
-    `DrawLimits.image_budget` covers counters, too. ResourceError when the device has no storage
-    block for the mesh.
-    """
+    """`Strategy` on compute shaders; `image_budget` covers counters, too."""
 
     depth = "float32 1/z"
 
     def __init__(
-        self, resources: Resources, mesh: Mesh, camera: Camera, grid: SampleGrid, limits: DrawLimits
+        self, resources: Resources, mesh: Mesh, camera: Camera, grid: SampleGrid, _layers: int
     ) -> None:
-        super().__init__(resources)
-        info = resources.context.info
-        block = int(info.limits["max_ssbo_bytes"])
-        needed = max(VERTEX_BYTES * mesh.n_vertices, CORNERS_BYTES * mesh.n_faces)
-        if needed > block:
-            raise ResourceError(
-                f"plan 'compute' needs the mesh in storage blocks of {needed:,} bytes, "
-                f"{info.renderer} has {block:,}; use another plan or backend 'cpu'"
-            )
+        super().__init__(resources, mesh, CORNERS_BYTES, VERTEX_BYTES * mesh.n_vertices)
+        block = self._block
         wide, high = max(grid.width, camera.width), max(grid.height, camera.height)
-        width = min(limits.max_tile, wide, block // KEY_BYTES)
-        self.tile = (width, min(limits.max_tile, high, block // (KEY_BYTES * width)))
+        width = min(self.max_tile, wide, block // KEY_BYTES)
+        self.tile = (width, min(self.max_tile, high, block // (KEY_BYTES * width)))
         n_samples = max(self.tile[0] * self.tile[1], self_test.WIDTH * self_test.HEIGHT)
-        self._max_faces = min(limits.max_faces, mesh.n_faces, MAX_FACES, block // COUNTER_BYTES - 1)
-        most_faces = max(self._max_faces, self_test.MESH.n_faces)
+        most_faces = max(mesh.n_faces, self_test.MESH.n_faces)
         key_bytes, counter_bytes = KEY_BYTES * n_samples, COUNTER_BYTES * (most_faces + 1)
-        in_budget = limits.image_budget // (key_bytes + counter_bytes)
+        in_budget = self.image_budget // (key_bytes + counter_bytes)
         fitting = min(in_budget, block // max(key_bytes, counter_bytes))
         self._layers = max(1, min(MAX_POSES, fitting))
         pieces = min(2 * self._layers * most_faces, block // PIECE_BYTES)
@@ -130,11 +111,11 @@ class Compute(Strategy):
         self._faces_at_once, self._poses_at_once = MAX_FACES, MAX_POSES
         defines = {"SMALL": SMALL, "ROWS": ROWS, "FAR_OUT": FAR_OUT}
         self._n_passes = 2
-        if info.has_int64_atomics:
+        if resources.context.info.has_int64_atomics:
             defines["ATOMIC64"] = self._n_passes = 1
-        self._small = resources.compute("raster", 430, **defines)
-        self._pieces = resources.compute("raster", 430, QUEUED=1, **defines)
-        self._counting = resources.compute("count", 430, KEYS=1, ROLLED=1)
+        self._small = resources.compute("raster", **defines)
+        self._pieces = resources.compute("raster", QUEUED=1, **defines)
+        self._counting = resources.compute("count", KEYS=1, ROLLED=1)
         self._records = resources.buffer("poses", size=8 * RECORD_VALUES * self._layers)
         self._keys = resources.buffer("depths and faces", size=key_bytes * self._layers)
         self._counters = resources.buffer("face counters", size=counter_bytes * self._layers)
@@ -145,7 +126,7 @@ class Compute(Strategy):
 
     def scene(self, mesh: Mesh, camera: Camera, grid: SampleGrid) -> ComputeScene:
         """Upload a mesh."""
-        return ComputeScene(self._resources, mesh, camera, grid, self._max_faces)
+        return ComputeScene(self._resources, mesh, camera, grid)
 
     def prepare(self, scene: ComputeScene, poses: FloatArray, grid: SampleGrid) -> ComputePoses:
         """Compute the storage buffers of the poses."""
@@ -203,25 +184,23 @@ class Compute(Strategy):
             buffer.bind_to_storage_buffer(binding)
         self._clear(n_poses * tile[2] * tile[3])
         self._resources.zero(self._queue, COUNTER_BYTES * HEAD_WORDS)
-        windows = []
+        n_faces, counts = scene.mesh.n_faces, None
         for which_pass in range(self._n_passes):
             is_counted = drawn and which_pass == 0
-            for first, n in scene.parts:
-                stride = n + 1 if is_counted else 0
-                for program in (self._small, self._pieces):
-                    set_uniforms(
-                        program, size=tile[2:], corner=tile[:2], first_face=first, stride=stride,
-                        capacity=self._capacity, with_drawn=is_counted, which_pass=which_pass,
-                    )  # fmt: skip
-                if is_counted:
-                    self._resources.zero(self._counters, COUNTER_BYTES * n_poses * stride)
-                for face in range(first, first + n, self._faces_at_once):
-                    faces = face, min(face + self._faces_at_once, first + n)
-                    for pose in range(0, n_poses, self._poses_at_once):
-                        self._fill(faces, pose, min(self._poses_at_once, n_poses - pose))
-                if is_counted:
-                    windows.append(self._resources.read_words(self._counters, n_poses, stride))
-        return without_background(windows) if drawn else None
+            for program in (self._small, self._pieces):
+                set_uniforms(
+                    program, size=tile[2:], corner=tile[:2], stride=n_faces + 1,
+                    capacity=self._capacity, with_drawn=is_counted, which_pass=which_pass,
+                )  # fmt: skip
+            if is_counted:
+                self._resources.zero(self._counters, COUNTER_BYTES * n_poses * (n_faces + 1))
+            for face in range(0, n_faces, self._faces_at_once):
+                faces = face, min(face + self._faces_at_once, n_faces)
+                for pose in range(0, n_poses, self._poses_at_once):
+                    self._fill(faces, pose, min(self._poses_at_once, n_poses - pose))
+            if is_counted:
+                counts = self._resources.read_words(self._counters, n_poses, n_faces + 1)[:, 1:]
+        return counts
 
     def _clear(self, n_samples: int) -> None:
         self._resources.zero(self._keys, KEY_BYTES * n_samples)

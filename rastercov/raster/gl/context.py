@@ -13,7 +13,6 @@ EGL_EXT_create_context_robustness. Mesa project. OSMesa interface (GL/osmesa.h).
 """
 
 import ctypes
-import itertools
 import os
 import sys
 import threading
@@ -30,24 +29,21 @@ from rastercov.base.threads import Unique
 from rastercov.raster.gl import devices
 from rastercov.raster.gl.devices import DeviceInfo
 from rastercov.raster.gl.libraries import (
-    EGL_EXTENSIONS,
+    INSTALL_EGL,
     egl_library,
-    install_line,
     int_array,
     osmesa_library,
 )
 
-GL_VERSIONS = ((4, 5), (4, 3), (3, 3))  # requested in this order
+TOO_OLD = "no OpenGL 4.5 core context; take a newer driver or backend 'cpu', which counts the same"
 EGL_NONE, EGL_OPENGL_API = 0x3038, 0x30A2
 EGL_PLATFORM_DEVICE_EXT, EGL_PLATFORM_SURFACELESS_MESA = 0x313F, 0x31DD
 EGL_CONTEXT_MAJOR_VERSION, EGL_CONTEXT_MINOR_VERSION = 0x3098, 0x30FB
 EGL_CONTEXT_OPENGL_PROFILE_MASK, EGL_CONTEXT_OPENGL_CORE_PROFILE_BIT = 0x30FD, 1
-EGL_CONTEXT_OPENGL_ROBUST_ACCESS_EXT = 0x30BF
-RESET_STRATEGIES = (
-    0x31BD,  # EGL_CONTEXT_OPENGL_RESET_NOTIFICATION_STRATEGY: EGL 1.5, EGL_KHR_create_context
-    0x3138,  # the same with _EXT; in Mesa for OpenGL ES only
+ROBUSTNESS = (
+    *(0x30BF, 1),  # EGL_CONTEXT_OPENGL_ROBUST_ACCESS_EXT
+    *(0x31BD, 0x31BF),  # EGL_CONTEXT_OPENGL_RESET_NOTIFICATION_STRATEGY: lose the context
 )
-EGL_LOSE_CONTEXT_ON_RESET = 0x31BF
 OSMESA_FORMAT, OSMESA_PROFILE, OSMESA_CORE_PROFILE = 0x22, 0x33, 0x34
 OSMESA_CONTEXT_MAJOR_VERSION, OSMESA_CONTEXT_MINOR_VERSION = 0x36, 0x37
 GL_RGBA, GL_UNSIGNED_BYTE = 0x1908, 0x1401
@@ -58,10 +54,13 @@ OSMESA_SIDE = 16  # pixels a side of the framebuffer that OSMesa requires
 
 
 class _Thread(threading.local):
-    """Native contexts of a thread, the current one last; EGL and OSMesa ignore each other."""
+    """Doors and handles of a thread's contexts, the current last; EGL and OSMesa ignore each other.
+
+    Not the contexts themselves, which would never be forgotten.
+    """
 
     def __init__(self) -> None:
-        self.contexts: list[_NativeContext] = []
+        self.contexts: list[tuple[Any, int]] = []
 
 
 _thread = _Thread()
@@ -80,76 +79,31 @@ def _same_object(number: int) -> int:
     return number
 
 
-class _NativeContext:
-    """OpenGL context of EGL or OSMesa, owned by one thread, with glcontext's interface.
+class _Loader:
+    """Interface of glcontext, by which moderngl finds the functions of a context that is current.
 
     moderngl 5.13 never releases the address of each of 670 functions and the name of each of 220
     extensions, 38 KiB a context. For it equal addresses are therefore one object, and names are
     empty, a single object in Python; `HeadlessContext` sets the names afterwards.
     """
 
-    def __init__(self, device: DeviceInfo) -> None:
-        self.pid = os.getpid()
-        self.thread = threading.current_thread()
-        self.released = False
-        self._door = _OSMesaDoor() if device.kind == "osmesa" else _EglDoor(device)
-        self.address, self._handle = self._door.address, self._door.create()
-        try:
-            self.make_current()
-            if not self.address("glGetString"):
-                raise DeviceError(f"no OpenGL library: wanted libGL.so.1; {install_line('egl')}")
-        except DeviceError:
-            self.release()
-            raise
+    def __init__(self, address: Callable[[str], int]) -> None:
+        self._address = address
 
     def load(self, name: str) -> int:
-        """Address of an OpenGL function for moderngl."""
+        """Address of an OpenGL function."""
         if name == "glGetStringi":
             return _same_object(ctypes.cast(_EMPTY_NAME, ctypes.c_void_p).value or 0)
-        return _same_object(self.address(name))
+        return _same_object(self._address(name))
 
     def __enter__(self) -> None:
-        self.make_current()
-
-    def __exit__(self, *_: object) -> None:
         """Leave the context current: the thread owns it."""
 
-    def check_owner(self) -> None:
-        """Raise DeviceError in another process or thread, or after `release`."""
-        if self.released:
-            raise DeviceError("OpenGL context used after its release; open a new one")
-        if os.getpid() != self.pid:
-            raise DeviceError(
-                f"OpenGL context of process {self.pid} used in process {os.getpid()}, a fork of it;"
-                " start processes with multiprocessing's 'spawn' and open a context in each"
-            )
-        owner, thread = self.thread, threading.current_thread()
-        if thread.ident != owner.ident:
-            raise DeviceError(
-                f"OpenGL context of thread {owner.name!r} ({owner.ident}) used in thread "
-                f"{thread.name!r} ({thread.ident}); open one context in each thread"
-            )
-
-    def make_current(self) -> None:
-        """Bind the context to its thread, unless it is already bound."""
-        self.check_owner()
-        if _thread.contexts[-1:] != [self] or self._door.current() != self._handle:
-            self._door.bind(self._handle)
-            _thread.contexts = [*(other for other in _thread.contexts if other is not self), self]
+    def __exit__(self, *_: object) -> None:
+        """Leave the context current."""
 
     def release(self) -> None:
-        """Destroy the context; a forked child, which shares it, only forgets it."""
-        if self.released:
-            return
-        if os.getpid() == self.pid:
-            self.check_owner()
-            self._door.destroy(self._handle)
-            _thread.contexts = [other for other in _thread.contexts if other is not self]
-            if _thread.contexts:
-                last = _thread.contexts[-1]
-                with suppress(DeviceError):  # its next use raises the error again
-                    last._door.bind(last._handle)
-        self.released = True
+        """Leave the context to `HeadlessContext`."""
 
 
 class _EglDoor:
@@ -158,8 +112,6 @@ class _EglDoor:
     def __init__(self, device: DeviceInfo) -> None:
         self.egl = egl = egl_library()
         self.address, self.current = egl.address, egl.eglGetCurrentContext
-        if egl.eglGetPlatformDisplayEXT is None:
-            raise DeviceError("EGL lacks EGL_EXT_platform_base; a newer EGL library is needed")
         platform: tuple[int, int | None] = (EGL_PLATFORM_SURFACELESS_MESA, None)
         if device.index is not None:
             platform = (EGL_PLATFORM_DEVICE_EXT, egl.devices()[device.index])
@@ -168,30 +120,21 @@ class _EglDoor:
         if not self.display or not egl.eglInitialize(self.display, None, None):
             raise DeviceError(
                 f"cannot initialise the EGL display: {egl.error()}; is its driver installed? "
-                f"({install_line('egl')})"
+                f"({INSTALL_EGL})"
             )
 
     def create(self) -> int:
-        """Handle of a new context: highest version first, then most robustness first."""
+        """Handle of a new context, robust where the driver can be."""
         egl = self.egl
         if not egl.eglBindAPI(EGL_OPENGL_API):
             raise DeviceError(f"EGL offers no desktop OpenGL: eglBindAPI gave {egl.error()}")
-        extensions = egl.words(egl.eglQueryString(self.display, EGL_EXTENSIONS))
-        for extension in "EGL_KHR_surfaceless_context", "EGL_KHR_no_config_context":
-            if extension not in extensions:
-                raise DeviceError(f"the EGL driver lacks {extension}; a newer driver is needed")
-        options: list[tuple[int, ...]] = [()]
-        if "EGL_EXT_create_context_robustness" in extensions:
-            robust = (EGL_CONTEXT_OPENGL_ROBUST_ACCESS_EXT, 1)
-            strategies = [(*robust, name, EGL_LOSE_CONTEXT_ON_RESET) for name in RESET_STRATEGIES]
-            options = [*strategies, robust, ()]
         profile = (EGL_CONTEXT_OPENGL_PROFILE_MASK, EGL_CONTEXT_OPENGL_CORE_PROFILE_BIT)
-        for (major, minor), option in itertools.product(GL_VERSIONS, options):
-            version = (EGL_CONTEXT_MAJOR_VERSION, major, EGL_CONTEXT_MINOR_VERSION, minor)
-            attributes = int_array(*version, *profile, *option, EGL_NONE)
+        version = (EGL_CONTEXT_MAJOR_VERSION, 4, EGL_CONTEXT_MINOR_VERSION, 5)
+        for robustness in ROBUSTNESS, ():
+            attributes = int_array(*version, *profile, *robustness, EGL_NONE)
             if handle := egl.eglCreateContext(self.display, None, None, attributes):
                 return int(handle)
-        raise DeviceError(f"no OpenGL 3.3 core context: eglCreateContext gave {egl.error()}")
+        raise DeviceError(f"{TOO_OLD} (eglCreateContext gave {egl.error()})")
 
     def bind(self, handle: int) -> None:
         """Make a context current."""
@@ -217,14 +160,13 @@ class _OSMesaDoor:
         self.buffer = ctypes.create_string_buffer(4 * OSMESA_SIDE**2)
 
     def create(self) -> int:
-        """Handle of a new context, highest version first."""
-        for major, minor in GL_VERSIONS:
-            version = (OSMESA_CONTEXT_MAJOR_VERSION, major, OSMESA_CONTEXT_MINOR_VERSION, minor)
-            layout = (OSMESA_FORMAT, GL_RGBA, OSMESA_PROFILE, OSMESA_CORE_PROFILE)
-            attributes = int_array(*layout, *version, 0)
-            if handle := self.osmesa.OSMesaCreateContextAttribs(attributes, None):
-                return int(handle)
-        raise DeviceError("no OpenGL 3.3 core context: OSMesaCreateContextAttribs refused")
+        """Handle of a new context."""
+        version = (OSMESA_CONTEXT_MAJOR_VERSION, 4, OSMESA_CONTEXT_MINOR_VERSION, 5)
+        layout = (OSMESA_FORMAT, GL_RGBA, OSMESA_PROFILE, OSMESA_CORE_PROFILE)
+        attributes = int_array(*layout, *version, 0)
+        if handle := self.osmesa.OSMesaCreateContextAttribs(attributes, None):
+            return int(handle)
+        raise DeviceError(TOO_OLD)
 
     def address(self, name: str) -> int:
         """Address of an OpenGL function, 0 when it is absent."""
@@ -256,60 +198,89 @@ class HeadlessContext(Unique):
         Framebuffer of one pixel, to bind before the framebuffer in use is released.
     """
 
+    _is_released = True
+
     def __init__(self, device: DeviceInfo) -> None:
+        self._pid, self._thread = os.getpid(), threading.current_thread()
         self._functions: dict[tuple[Any, ...], Any] = {}
-        self._native = _NativeContext(device)
+        self._door = _OSMesaDoor() if device.kind == "osmesa" else _EglDoor(device)
+        self._handle = self._door.create()
+        self._own, self._is_released = (self._door, self._handle), False
         try:
-            self.info = devices.describe_context(self.function, device)
+            self.make_current()
+            if not self._door.address("glGetString"):
+                raise DeviceError(f"no OpenGL library: wanted libGL.so.1; {INSTALL_EGL}")
             # `standalone`: there is no default framebuffer to inspect.
-            native = cast("Any", self._native)
-            self._gl = moderngl.create_context(context=native, standalone=True)
-            self._gl.extensions.clear()  # see `_NativeContext`
+            loader = cast("Any", _Loader(self._door.address))
+            self._gl = moderngl.create_context(context=loader, standalone=True)
+            self.info = devices.describe_context(self._gl, self.function, device)
+            self._gl.extensions.clear()  # see `_Loader`
             self._gl.extensions.update(self.info.extensions)
             self._gl.gc_mode = "context_gc"
             self._pixel = self._gl.renderbuffer((1, 1))
             self.parking_frame = self._gl.framebuffer([self._pixel])
         except BaseException:
-            self._native.release()
+            self._destroy()
             raise
 
     @property
     def gl(self) -> moderngl.Context:
         """Current moderngl context (gc_mode "context_gc"); DeviceError in other threads."""
-        self._native.make_current()
+        self.make_current()
         return self._gl
 
     def check_owner(self) -> None:
         """Raise DeviceError in another thread or a forked child, and after `release`."""
-        self._native.check_owner()
+        if self._is_released:
+            raise DeviceError("OpenGL context used after its release; open a new one")
+        if os.getpid() != self._pid:
+            raise DeviceError(
+                f"OpenGL context of process {self._pid} used in process {os.getpid()}, a fork of "
+                "it; start processes with multiprocessing's 'spawn' and open a context in each"
+            )
+        owner, thread = self._thread, threading.current_thread()
+        if thread.ident != owner.ident:
+            raise DeviceError(
+                f"OpenGL context of thread {owner.name!r} ({owner.ident}) used in thread "
+                f"{thread.name!r} ({thread.ident}); open one context in each thread"
+            )
 
     def make_current(self) -> None:
         """Bind the context to its thread; needed when one thread has several contexts."""
-        self._native.make_current()
+        self.check_owner()
+        if _thread.contexts[-1:] != [self._own] or self._door.current() != self._handle:
+            self._door.bind(self._handle)
+            _thread.contexts = [
+                *(each for each in _thread.contexts if each != self._own),
+                self._own,
+            ]
 
     def function(self, name: str, restype: Any, *argtypes: Any) -> Callable[..., Any]:
         """OpenGL function as a ctypes callable, cached; DeviceError when it is absent.
 
         Drivers may return an address for any name that begins with gl, so check `info` first.
         """
-        self._native.check_owner()
+        self.check_owner()
         key = (name, restype, *argtypes)
         if key not in self._functions:
-            if not (address := self._native.address(name)):
+            if not (address := self._door.address(name)):
                 raise DeviceError(f"this OpenGL driver has no function {name}")
             self._functions[key] = ctypes.CFUNCTYPE(restype, *argtypes)(address)
         return cast("Callable[..., Any]", self._functions[key])
 
     def reset_status(self) -> int:
-        """glGetGraphicsResetStatus: 0 for a live context and for a driver without the query."""
-        has_status = self.info.has_reset_notification
-        return self.function("glGetGraphicsResetStatus", ctypes.c_uint)() if has_status else 0
+        """glGetGraphicsResetStatus: 0 for a live context and for one that does not report it."""
+        status: int = self.function("glGetGraphicsResetStatus", ctypes.c_uint)()
+        return status
 
     def release(self) -> None:
-        """Destroy both contexts; no effect when released before, or in a forked child."""
-        if self._native.released:
+        """Destroy both contexts; no effect when released before.
+
+        A forked child, which shares them, only forgets them.
+        """
+        if self._is_released:
             return
-        if os.getpid() == self._native.pid:
+        if os.getpid() == self._pid:
             self.check_owner()
             with suppress(DeviceError):  # a lost context may refuse to become current
                 self.make_current()
@@ -317,8 +288,18 @@ class HeadlessContext(Unique):
                 self.parking_frame.release()
                 self._pixel.release()
                 self._gl.release()
+            self._destroy()
         self._functions.clear()
-        self._native.release()
+        self._is_released = True
+
+    def _destroy(self) -> None:
+        """Give the native context back, and the thread to the one before it."""
+        self._is_released = True
+        self._door.destroy(self._handle)
+        _thread.contexts = [each for each in _thread.contexts if each != self._own]
+        for door, handle in _thread.contexts[-1:]:
+            with suppress(DeviceError):  # its next use raises the error again
+                door.bind(handle)
 
     def __enter__(self) -> "HeadlessContext":
         self.make_current()
@@ -328,12 +309,11 @@ class HeadlessContext(Unique):
         self.release()
 
     def __del__(self) -> None:
-        native = getattr(self, "_native", None)
-        if native is None or native.released or native.pid != os.getpid() or sys.is_finalizing():
-            return
-        warnings.warn("OpenGL context was not released", ResourceWarning, source=self, stacklevel=2)
-        if threading.get_ident() == native.thread.ident:
-            self.release()
+        if not (self._is_released or self._pid != os.getpid() or sys.is_finalizing()):
+            message = "OpenGL context was not released"
+            warnings.warn(message, ResourceWarning, source=self, stacklevel=2)
+            if threading.get_ident() == self._thread.ident:
+                self.release()
 
 
 # --- choosing a device ----------------------------------------------------------------------------
@@ -341,17 +321,16 @@ class HeadlessContext(Unique):
 _opened_in: int | None = None  # id of the process that first opened a context
 
 
-def open_context(device: str | int = "auto", *, require_hardware: bool = False) -> HeadlessContext:
+def open_context(device: str | int = "auto") -> HeadlessContext:
     """Open a headless OpenGL core context, current in the calling thread.
 
     Parameters
     ----------
     device : str or int
-        "auto": the first EGL device with a hardware renderer, else surfaceless EGL, else OSMesa.
+        "hardware": the first EGL device with a hardware renderer. "auto": the same, else
+        surfaceless EGL, else OSMesa.
         "egl": the first EGL device, hardware first. "egl:0" or 0: that EGL device.
         "surfaceless": EGL on the CPU. "osmesa": OSMesa.
-    require_hardware : bool
-        Refuse a renderer that runs on the CPU.
 
     Raises
     ------
@@ -373,15 +352,11 @@ def open_context(device: str | int = "auto", *, require_hardware: bool = False) 
         except DeviceError as error:
             failures.append(f"{candidate}: {error}")
             continue
-        is_software = context.info.is_software
-        if is_software == candidate.is_software and not (require_hardware and is_software):
+        if context.info.is_software == candidate.is_software:
             return context
         context.release()
         promise = "software" if candidate.is_software else "hardware"
         failures.append(f"{candidate}: promised {promise} and gave {context.info.renderer}")
-        if require_hardware and candidate.is_software:
-            break  # hardware comes first in the list
-    if require_hardware:
-        failures += devices.why_no_hardware(devices.list_devices())
-    wanted = "hardware OpenGL" if require_hardware else "OpenGL"
-    raise DeviceError(f"no {wanted} context for device {device!r}: {'; '.join(failures)}")
+    if device == "hardware":
+        failures += devices.why_no_hardware(found)
+    raise DeviceError(f"no OpenGL context for device {device!r}: {'; '.join(failures)}")

@@ -21,28 +21,23 @@ from rastercov.base.checks import shown
 from rastercov.base.errors import DeviceError
 from rastercov.raster.gl.libraries import (
     EGL_EXTENSIONS,
+    INSTALL_EGL,
     Egl,
     egl_library,
-    install_line,
     osmesa_library,
 )
 
 EGL_RENDERER_EXT, EGL_CUDA_DEVICE_NV = 0x335F, 0x323A
 EGL_DRM_DEVICE_FILE_EXT, EGL_DRM_RENDER_NODE_FILE_EXT = 0x3233, 0x3377
 
-GL_VENDOR, GL_RENDERER, GL_VERSION, GL_EXTENSIONS = 0x1F00, 0x1F01, 0x1F02, 0x1F03
-GL_MAJOR_VERSION, GL_MINOR_VERSION, GL_NUM_EXTENSIONS = 0x821B, 0x821C, 0x821D
-GL_CONTEXT_FLAGS, GL_CONTEXT_FLAG_ROBUST_ACCESS_BIT = 0x821E, 4
-GL_RESET_NOTIFICATION_STRATEGY, GL_LOSE_CONTEXT_ON_RESET = 0x8256, 0x8252
-LIMITS = {  # name: (token, number of values)
-    "max_texture_size": (0x0D33, 1),
-    "max_viewport_dims": (0x0D3A, 2),
-    "max_array_layers": (0x88FF, 1),
-    "max_ssbo_bytes": (0x90DE, 1),
-    "subpixel_bits": (0x0D50, 1),
+GL_EXTENSIONS, GL_NUM_EXTENSIONS = 0x1F03, 0x821D
+LIMITS = {  # name: that of moderngl
+    "max_texture_size": "GL_MAX_TEXTURE_SIZE",
+    "max_viewport_dims": "GL_MAX_VIEWPORT_DIMS",
+    "max_array_layers": "GL_MAX_ARRAY_TEXTURE_LAYERS",
+    "max_ssbo_bytes": "GL_MAX_SHADER_STORAGE_BLOCK_SIZE",
+    "subpixel_bits": "GL_SUBPIXEL_BITS",
 }
-MAX_ERRORS = 100
-"""Errors cleared after the queries of `describe_context`."""
 LAYER_EXTENSIONS = (
     "GL_ARB_shader_viewport_layer_array", "GL_AMD_vertex_shader_layer", "GL_NV_viewport_array2",
 )  # fmt: skip
@@ -75,8 +70,6 @@ class DeviceInfo:
         Whether it is announced as a renderer on the CPU.
     cuda_index : int or None
         Index of the device in CUDA, if the driver reports it.
-    extensions : tuple of str
-        EGL device extensions, sorted.
     """
 
     kind: DeviceKind
@@ -84,7 +77,6 @@ class DeviceInfo:
     name: str
     is_software: bool
     cuda_index: int | None = None
-    extensions: tuple[str, ...] = ()
 
     @property
     def label(self) -> str:
@@ -112,11 +104,9 @@ class ContextInfo:
     device : DeviceInfo
         The device that was opened.
     limits : dict
-        Values by the names of `LIMITS`; 0 for a limit the context does not have.
+        Values by the names of `LIMITS`.
     extensions : frozenset of str
         OpenGL extensions.
-    has_robust_access, has_reset_notification : bool
-        Whether out-of-range accesses are defined, and whether resets are reported.
     """
 
     vendor: str
@@ -127,43 +117,11 @@ class ContextInfo:
     device: DeviceInfo
     limits: dict[str, Any]
     extensions: frozenset[str]
-    has_robust_access: bool = False
-    has_reset_notification: bool = False
-
-    def has(self, core_since: int, *extensions: str) -> bool:
-        """Feature in core since that version, or by any of the extensions."""
-        return self.gl_version >= core_since or not self.extensions.isdisjoint(extensions)
-
-    @property
-    def has_clip_control(self) -> bool:
-        """Depth from 0 to 1, for reversed depth."""
-        return self.has(450, "GL_ARB_clip_control")
-
-    @property
-    def has_compute(self) -> bool:
-        """Compute shaders."""
-        return self.has(430, "GL_ARB_compute_shader")
-
-    @property
-    def has_ssbo(self) -> bool:
-        """Shader storage buffers and their atomics."""
-        return self.has(430, "GL_ARB_shader_storage_buffer_object")
-
-    @property
-    def has_doubles(self) -> bool:
-        """Double precision in all stages, needed for depths of coplanar faces."""
-        has_attributes = self.has(410, "GL_ARB_vertex_attrib_64bit")
-        return has_attributes and self.has(400, "GL_ARB_gpu_shader_fp64")
 
     @property
     def has_batches(self) -> bool:
         """Features of layers: many poses in one draw, counted on the device."""
-        return self.has_compute_raster and not self.extensions.isdisjoint(LAYER_EXTENSIONS)
-
-    @property
-    def has_compute_raster(self) -> bool:
-        """Features of plan "compute"."""
-        return self.has_compute and self.has_ssbo
+        return not self.extensions.isdisjoint(LAYER_EXTENSIONS)
 
     @property
     def has_int64_atomics(self) -> bool:
@@ -180,7 +138,7 @@ OSMESA = DeviceInfo("osmesa", None, "OSMesa off-screen renderer", is_software=Tr
 
 def describe_device(egl: Egl, index: int, handle: int) -> DeviceInfo:
     """Description of EGL device `index`, without opening it."""
-    query = egl.eglQueryDeviceStringEXT or (lambda *_: None)
+    query = egl.eglQueryDeviceStringEXT
     extensions = egl.words(query(handle, EGL_EXTENSIONS))
     is_software = "EGL_MESA_device_software" in extensions
     strings = (
@@ -189,17 +147,16 @@ def describe_device(egl: Egl, index: int, handle: int) -> DeviceInfo:
         ("EGL_EXT_device_query_name", EGL_RENDERER_EXT),
     )
     names = [query(handle, token) for extension, token in strings if extension in extensions]
-    cuda, ask = ctypes.c_ssize_t(-1), egl.eglQueryDeviceAttribEXT
-    has_cuda = "EGL_NV_device_cuda" in extensions and ask is not None
-    has_cuda = has_cuda and ask(handle, EGL_CUDA_DEVICE_NV, ctypes.byref(cuda)) and cuda.value >= 0
+    cuda = ctypes.c_ssize_t(-1)
+    if "EGL_NV_device_cuda" in extensions:
+        egl.eglQueryDeviceAttribEXT(handle, EGL_CUDA_DEVICE_NV, ctypes.byref(cuda))
     unnamed = "Mesa software device" if is_software else "no DRM node"
     return DeviceInfo(
         kind="egl-device",
         index=index,
         name=", ".join(name.decode("utf-8", "replace") for name in names if name) or unnamed,
         is_software=is_software,
-        cuda_index=cuda.value if has_cuda else None,
-        extensions=tuple(sorted(extensions)),
+        cuda_index=cuda.value if cuda.value >= 0 else None,
     )
 
 
@@ -249,20 +206,16 @@ def candidates(device: str | int) -> tuple[list[DeviceInfo], list[str]]:
     surfaceless = [each for each in egl if each == SURFACELESS]
     usable = [] if is_software_wanted() else hardware
     named = {
+        "hardware": usable,
         "auto": [*usable, *surfaceless, *software, OSMESA],
         "surfaceless": surfaceless + software,  # same renderer, if surfaceless EGL wants hardware
         "egl": usable + software,
     } | {each.label: [each] for each in hardware + software}
     if found := named.get(wanted):
         return found, missing
-    if re.fullmatch(r"egl(:\d{1,9})?|surfaceless", wanted) and not hardware + software:
-        surface = "; or ask for 'surfaceless'" if surfaceless else ""
-        raise DeviceError(
-            f"no device {shown(device)}: EGL announces no device; {install_line('egl')}; "
-            f"in a container with an NVIDIA GPU {NVIDIA_IN_CONTAINER}{surface}"
-        )
-    known_devices = ", ".join(map(str, list_devices())) or f"none; {install_line('egl')}"
-    raise DeviceError(f"no device {shown(device)}; there are: {known_devices}")
+    known = ", ".join(map(str, list_devices())) or f"none; {INSTALL_EGL}"
+    reasons = "" if usable else f"; {'; '.join(why_no_hardware(egl))}"
+    raise DeviceError(f"no device {shown(device)}; there are: {known}{reasons}")
 
 
 def is_software_wanted() -> bool:
@@ -292,47 +245,24 @@ def why_no_hardware(devices: list[DeviceInfo]) -> list[str]:
 # --- open contexts --------------------------------------------------------------------------------
 
 
-def describe_context(function: Callable[..., Any], device: DeviceInfo) -> ContextInfo:
-    """Description of the current context, which `device` gave.
+def describe_context(gl: Any, function: Callable[..., Any], device: DeviceInfo) -> ContextInfo:
+    """Description of the current context, which `device` gave; `gl` is that of moderngl.
 
     `function(name, restype, *argtypes)` returns an OpenGL function.
     """
-    uint, out = ctypes.c_uint, ctypes.POINTER(ctypes.c_int64)
-    get_error = function("glGetError", uint)
-    get_string = function("glGetString", ctypes.c_char_p, uint)
-    get_string_i = function("glGetStringi", ctypes.c_char_p, uint, uint)
-    get_integers = function("glGetInteger64v", None, uint, out)
-
-    def integers(token: int, count: int = 1) -> tuple[int, ...]:
-        numbers = (ctypes.c_int64 * 4)()  # stays 0 for an unknown token
-        get_integers(token, numbers)
-        return tuple(numbers[:count])
-
-    def text(token: int) -> str:
-        return (get_string(token) or b"").decode("utf-8", "replace")
-
-    vendor, renderer, version = text(GL_VENDOR), text(GL_RENDERER), text(GL_VERSION)
-    if not renderer or not version:
-        raise DeviceError("the OpenGL driver tells neither renderer nor version")
-    n_extensions = integers(GL_NUM_EXTENSIONS)[0]
-    limits = {name: integers(token, count) for name, (token, count) in LIMITS.items()}
-    info = ContextInfo(
-        vendor=vendor,
-        renderer=renderer,
-        version=version,
-        gl_version=100 * integers(GL_MAJOR_VERSION)[0] + 10 * integers(GL_MINOR_VERSION)[0],
-        is_software=SOFTWARE_RENDERERS.search(renderer) is not None,
+    known, uint, n_extensions = gl.info, ctypes.c_uint, ctypes.c_int()
+    name_of = function("glGetStringi", ctypes.c_char_p, uint, uint)
+    out = ctypes.POINTER(ctypes.c_int)
+    function("glGetIntegerv", None, uint, out)(GL_NUM_EXTENSIONS, ctypes.byref(n_extensions))
+    return ContextInfo(
+        vendor=known["GL_VENDOR"],
+        renderer=known["GL_RENDERER"],
+        version=known["GL_VERSION"],
+        gl_version=gl.version_code,
+        is_software=SOFTWARE_RENDERERS.search(known["GL_RENDERER"]) is not None,
         device=device,
-        limits={name: got if len(got) > 1 else got[0] for name, got in limits.items()},
+        limits={name: known[token] for name, token in LIMITS.items()},
         extensions=frozenset(
-            (get_string_i(GL_EXTENSIONS, i) or b"").decode() for i in range(n_extensions)
-        ),
-        has_robust_access=bool(integers(GL_CONTEXT_FLAGS)[0] & GL_CONTEXT_FLAG_ROBUST_ACCESS_BIT),
-        has_reset_notification=(
-            integers(GL_RESET_NOTIFICATION_STRATEGY)[0] == GL_LOSE_CONTEXT_ON_RESET
+            (name_of(GL_EXTENSIONS, i) or b"").decode() for i in range(n_extensions.value)
         ),
     )
-    for _ in range(MAX_ERRORS):  # left by unknown tokens; a lost context reports them forever
-        if not get_error():
-            break
-    return info

@@ -24,7 +24,6 @@ from rastercov.base.threads import Closing, child_environment
 from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import sphere_of_poses
 from rastercov.mesh import Mesh, shapes
-from rastercov.raster import self_test
 from rastercov.raster.gl.devices import (
     DeviceInfo,
     DeviceKind,
@@ -33,25 +32,16 @@ from rastercov.raster.gl.devices import (
     list_devices,
     why_no_hardware,
 )
-from rastercov.raster.gl.libraries import egl_library, install_line, library_names, osmesa_library
+from rastercov.raster.gl.libraries import INSTALL_EGL, egl_library, osmesa_library
 
 Report = dict[str, Any]
 PASSED = "passed"
 PACKAGES = ("moderngl", "numba", "numpy", "trimesh")
-ENVIRONMENT = {  # variable: its effect
-    "LIBGL_ALWAYS_SOFTWARE": "1 forbids hardware",
-    "GALLIUM_DRIVER": "chooses Mesa's driver",
-    "EGL_PLATFORM": "chooses EGL's default display, which is not used here",
-    "LIBGL_DRIVERS_PATH": "where Mesa looks for drivers",
-    "__EGL_VENDOR_LIBRARY_DIRS": "where EGL looks for drivers",
-    "__EGL_VENDOR_LIBRARY_FILENAMES": "the only drivers EGL loads",
-    "MESA_GL_VERSION_OVERRIDE": "makes Mesa claim another OpenGL version",
-    "MESA_EXTENSION_OVERRIDE": "makes Mesa claim other extensions",
-    "NVIDIA_DRIVER_CAPABILITIES": "a container needs all or graphics",
-    "NVIDIA_VISIBLE_DEVICES": "the GPUs a container sees",
-    "CUDA_VISIBLE_DEVICES": "EGL ignores it",
-    "LP_NUM_THREADS": "threads of llvmpipe",
-}
+ENVIRONMENT = (
+    *("LIBGL_", "GALLIUM_", "MESA_", "EGL_", "__EGL_", "LP_", "NVIDIA_"),
+    "CUDA_VISIBLE_DEVICES",
+)
+"""Beginnings of the names of variables that graphics drivers read."""
 # Convex meshes under this camera: no face is so edge-on, below 0.007, that rounding its corners
 # could turn it.
 CAMERA = Camera(width=61, height=48, fx=60, fy=60)
@@ -73,13 +63,10 @@ def examine(timeout_s: float = 30.0) -> Report:
         "kinds": for each kind of context "available", or the reason why not and what to install.
         "reports": for each of `list_devices` "device" (fields of `DeviceInfo`, "label"), "problem"
         (reason and remedy, or ""), "context" (fields and features of `ContextInfo`, or None),
-        "self_test" (`PASSED`, the line that says what failed, or None), "plan" and "depth" (those
-        of `GLRasterizer` under plan "auto").
-        "libraries": the file loaded for "EGL", "OpenGL" and "OSMesa", None for a missing one.
+        "self_test" (`PASSED`, the line that says what failed, or None).
         "environment": the variables of `ENVIRONMENT` that are set.
         "hardware_hints": reasons why no hardware renderer works, empty when one does.
         "default": "device" that backend "auto" opens, and "why".
-        "install": the command that installs each missing library.
         "shaders": SHA-256. "versions": of packages and the system.
         "cpu": "renderer", "threads", "self_test" of the CPU rasteriser.
     """
@@ -87,21 +74,14 @@ def examine(timeout_s: float = 30.0) -> Report:
     # One after the other: processes that open one GPU at the same time can block each other.
     reports = [_examine_device(device, timeout_s) for device in devices]
     has_hardware = any(row["context"] and not row["context"]["is_software"] for row in reports)
-    libraries = library_names()
     versions = {"rastercov": rastercov.__version__, "Python": platform.python_version()}
     versions |= {package: _version(package) for package in PACKAGES}
     return {
         "kinds": {kind: _availability(kind, reports) for kind in get_args(DeviceKind)},
         "reports": reports,
-        "libraries": libraries,
-        "environment": {name: os.environ[name] for name in ENVIRONMENT if name in os.environ},
+        "environment": {k: v for k, v in sorted(os.environ.items()) if k.startswith(ENVIRONMENT)},
         "hardware_hints": [] if has_hardware else why_no_hardware(devices),
         "default": _default(reports),
-        "install": {
-            library: install_line("osmesa" if library == "OSMesa" else "egl")
-            for library, file in libraries.items()
-            if file is None
-        },
         "shaders": shaders.digest(),
         "versions": versions | {"OS": platform.platform()},
         "cpu": {
@@ -115,15 +95,15 @@ def examine(timeout_s: float = 30.0) -> Report:
 def _examine_device(device: DeviceInfo, timeout_s: float) -> Report:
     """Entry of "reports": open a device, then count known scenes on it."""
     row: Report = {
-        "device": asdict(device) | {"extensions": list(device.extensions), "label": device.label},
-        "problem": "", "context": None, "self_test": None, "plan": None, "depth": None,
+        "device": asdict(device) | {"label": device.label},
+        "problem": "", "context": None, "self_test": None,
     }  # fmt: skip
     answer = ask(open_device, device.label, timeout_s)
     if "problem" in answer:
         return row | {"problem": f"{device}: {answer['problem']}"}
     row["context"] = answer["context"]
     answer = ask(verify_device, device.label, timeout_s)
-    return row | {"self_test": answer.pop("problem", PASSED)} | answer
+    return row | {"self_test": answer.get("problem", PASSED)}
 
 
 def _availability(kind: DeviceKind, reports: list[Report]) -> str:
@@ -137,7 +117,7 @@ def _availability(kind: DeviceKind, reports: list[Report]) -> str:
         osmesa_library() if kind == "osmesa" else egl_library()
     except DeviceError as error:
         return str(error)
-    return f"EGL announces none; install the device's driver, or Mesa: {install_line('egl')}"
+    return f"EGL announces none; install the device's driver, or {INSTALL_EGL}"
 
 
 def _default(reports: list[Report]) -> dict[str, str]:
@@ -215,7 +195,7 @@ def open_device(label: str) -> Report:
 
 
 def verify_device(label: str) -> Report:
-    """Plan and depth under "auto", after counting known and convex scenes in every way; for `ask`.
+    """Count known and convex scenes in every way; for `ask`.
 
     Raises
     ------
@@ -227,16 +207,12 @@ def verify_device(label: str) -> Report:
     from rastercov.raster.gl.rasterizer import WAYS, GLRasterizer
 
     with open_context(label) as context:
-        info = context.info
-        has = {"layers": info.has_batches, "compute": info.has_compute_raster}
         for way, options in WAYS.items():
-            if has.get(way, True):
-                try:
-                    _verify(partial(GLRasterizer, device=context, **options))
-                except RastercovError as error:
-                    raise DeviceError(f"plan {way}: {error}") from error
-        with GLRasterizer(self_test.MESH, self_test.CAMERA, device=context) as rasterizer:
-            return {"plan": rasterizer.info.plan, "depth": rasterizer.info.depth}
+            try:
+                _verify(partial(GLRasterizer, device=context, **options))
+            except RastercovError as error:
+                raise DeviceError(f"plan {way}: {error}") from error
+    return {}
 
 
 # --- child processes ------------------------------------------------------------------------------

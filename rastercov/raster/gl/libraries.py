@@ -1,4 +1,4 @@
-"""Graphics libraries of this machine: their entry points, and the commands that install them.
+"""Graphics libraries of this machine, and their entry points.
 
 Bottom of the OpenGL rasteriser: `devices` queries these libraries, `context` opens contexts with
 them.
@@ -8,45 +8,23 @@ EGL_EXT_device_query. Mesa project. OSMesa interface (GL/osmesa.h).
 """
 
 import ctypes
-import platform
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import suppress
 from functools import cache, partial
-from typing import Any, Literal
+from typing import Any
 
 from rastercov.base.errors import DeviceError
 
 EGL_LIBRARIES = ("libEGL.so.1", "libEGL.so")
 GL_LIBRARIES = ("libOpenGL.so.0", "libGL.so.1", "libGL.so")
-OSMESA_LIBRARIES = ("libOSMesa.so.8", "libOSMesa.so.6", "libOSMesa.so")
+OSMESA_LIBRARIES = ("libOSMesa.so.8", "libOSMesa.so")
 
 EGL_EXTENSIONS = 0x3055
 MOST_DEVICES = 64
 """EGL devices that are listed."""
 
-PACKAGES = {  # family: (command, EGL packages, OSMesa packages)
-    "debian": ("apt-get install -y", "libegl1 libgl1 libgl1-mesa-dri", "libosmesa6"),
-    "fedora": ("dnf install -y", "mesa-libEGL mesa-libGL mesa-dri-drivers", "mesa-libOSMesa"),
-    "arch": ("pacman -S", "mesa", "mesa"),
-    "alpine": ("apk add", "mesa-egl mesa-gl mesa-dri-gallium", "mesa-osmesa"),
-}
-FAMILY = {"ubuntu": "debian", "rhel": "fedora", "centos": "fedora"}
-
-
-def install_line(kind: Literal["egl", "osmesa"], release: Mapping[str, str] | None = None) -> str:
-    """Command that installs EGL with OpenGL, or OSMesa, on a distribution.
-
-    `release` has the fields of its os-release file; None reads that of this machine.
-    """
-    if release is None:
-        release = {}
-        with suppress(OSError, ValueError):  # no file, or another encoding
-            release = platform.freedesktop_os_release()
-    for word in f"{release.get('ID', '')} {release.get('ID_LIKE', '')}".lower().split():
-        if family := PACKAGES.get(FAMILY.get(word, word)):
-            return f"{family[0]} {family[1] if kind == 'egl' else family[2]}"
-    library = "libEGL.so.1 and libGL.so.1" if kind == "egl" else "libOSMesa.so.8"
-    return f"install your distribution's Mesa packages that hold {library}"
+INSTALL_EGL = "install Mesa (on Debian apt-get install -y libegl1 libgl1 libgl1-mesa-dri)"
+INSTALL_OSMESA = "install OSMesa (on Debian apt-get install -y libosmesa6)"
 
 
 def find_library(names: tuple[str, ...]) -> ctypes.CDLL | None:
@@ -57,23 +35,15 @@ def find_library(names: tuple[str, ...]) -> ctypes.CDLL | None:
     return None
 
 
-def _required_library(kind: Literal["egl", "osmesa"]) -> ctypes.CDLL:
-    title, names = {"egl": ("EGL", EGL_LIBRARIES), "osmesa": ("OSMesa", OSMESA_LIBRARIES)}[kind]
+def _required_library(names: tuple[str, ...], remedy: str) -> ctypes.CDLL:
     if library := find_library(names):
         return library
-    raise DeviceError(f"no {title}: wanted {names[0]}, found none; {install_line(kind)}")
+    raise DeviceError(f"wanted the library {names[0]}, found none; {remedy}")
 
 
 def int_array(*values: int) -> Any:
     """C array of ints: attribute names and values of EGL and OSMesa, with 0 or EGL_NONE last."""
     return (_INT * len(values))(*values)
-
-
-def library_names() -> dict[str, str | None]:
-    """File name of the library loaded for "EGL", "OpenGL" and "OSMesa"; None for a missing one."""
-    wanted = {"EGL": EGL_LIBRARIES, "OpenGL": GL_LIBRARIES, "OSMesa": OSMESA_LIBRARIES}
-    found = {library: find_library(names) for library, names in wanted.items()}
-    return {library: None if file is None else file._name for library, file in found.items()}
 
 
 def _address(library: ctypes.CDLL | None, name: str) -> int:
@@ -107,13 +77,14 @@ ENTRY_POINTS: dict[str, tuple[Any, ...]] = {  # name: (result, *arguments)
 
 
 class Library:
-    """Entry points named `prefix`... as attributes, None where `address(name)` is 0."""
+    """Entry points named `prefix`... as attributes; DeviceError where `address(name)` is 0."""
 
     def __init__(self, prefix: str, address: Callable[[str], int]) -> None:
         for name, signature in ENTRY_POINTS.items():
             if name.startswith(prefix):
-                pointer = address(name)
-                setattr(self, name, ctypes.CFUNCTYPE(*signature)(pointer) if pointer else None)
+                if not (pointer := address(name)):
+                    raise DeviceError(f"no {name}: wanted a library of the last ten years")
+                setattr(self, name, ctypes.CFUNCTYPE(*signature)(pointer))
 
     def __getattr__(self, name: str) -> Any:  # the entry points, for type checkers
         raise AttributeError(name)
@@ -142,24 +113,20 @@ class Egl(Library):
         return self.eglGetProcAddress(name.encode()) or _address(self.gl_library, name)
 
     def devices(self) -> list[int]:
-        """Handles of the EGL devices, in EGL's order; empty when EGL cannot list them."""
+        """Handles of the EGL devices, in EGL's order."""
         count, handles = _INT(0), (_VOID * MOST_DEVICES)()
-        if self.eglQueryDevicesEXT is not None:
-            self.eglQueryDevicesEXT(MOST_DEVICES, handles, ctypes.byref(count))
+        self.eglQueryDevicesEXT(MOST_DEVICES, handles, ctypes.byref(count))
         return [handle for handle in handles[: max(count.value, 0)] if handle]
 
 
 @cache
 def egl_library() -> Egl:
     """EGL, loaded once; DeviceError with the command that installs it."""
-    return Egl(_required_library("egl"))
+    return Egl(_required_library(EGL_LIBRARIES, INSTALL_EGL))
 
 
 @cache
 def osmesa_library() -> Library:
     """OSMesa, loaded once; DeviceError with the command that installs it."""
-    osmesa = Library("OSMesa", partial(_address, _required_library("osmesa")))
-    for name, function in vars(osmesa).items():
-        if function is None:
-            raise DeviceError(f"OSMesa has no {name}: wanted Mesa 12 or newer")
-    return osmesa
+    library = _required_library(OSMESA_LIBRARIES, INSTALL_OSMESA)
+    return Library("OSMesa", partial(_address, library))

@@ -10,7 +10,7 @@ precision at every distance, with near fitted to each pose. Two ways share shade
   read back.
 
 `drawn` counts come from a second pass without the depth test, where every sample adds one to its
-face's counter; without storage buffers (OpenGL < 4.3) the faces are peeled off layer by layer.
+face's counter.
 
 N. Reed. Depth Precision Visualized. 2015, for the reversed depth buffer.
 """
@@ -27,15 +27,13 @@ from rastercov.mesh import Mesh
 from rastercov.raster import self_test
 from rastercov.raster.gl.coplanar import coplanar_overlaps
 from rastercov.raster.gl.resources import SAMPLE_BYTES, Resources, Target
-from rastercov.raster.gl.scene import RAYS_BYTES, RECORD_BYTES, PreparedPoses, Scene
+from rastercov.raster.gl.scene import NEAREST, RAYS_BYTES, RECORD_BYTES, PreparedPoses, Scene
 from rastercov.raster.gl.strategy import (
     COUNTER_BYTES,
     Counts,
-    DrawLimits,
     FloatArray,
     IntArray,
     Strategy,
-    without_background,
 )
 from rastercov.raster.sample_grid import Box, SampleGrid
 
@@ -44,68 +42,46 @@ MAX_POSES = 128
 that every device grants."""
 POSES_BINDING, RAYS_BINDING = 0, 1  # uniform blocks
 COUNTS_BINDING, RUNS_BINDING = 0, 1  # storage buffers
-NO_LAYER = 0xFFFFFFFF
 
 
 class Pipeline(Strategy):
-    """`Strategy` on the graphics pipeline."""
+    """`Strategy` on the graphics pipeline, with up to `max_layers` poses a draw."""
+
+    depth = "float32 reversed"
 
     def __init__(
-        self,
-        resources: Resources,
-        mesh: Mesh,
-        camera: Camera,
-        grid: SampleGrid,
-        limits: DrawLimits,
+        self, resources: Resources, mesh: Mesh, camera: Camera, grid: SampleGrid, max_layers: int
     ) -> None:
-        super().__init__(resources)
-        is_layered = self._is_layered = limits.max_layers > 1
-        self.depth = "float32 reversed" if resources.is_reversed else "float32"
-        info = resources.context.info
-        device = info.limits
-        side = min(limits.max_tile, device["max_texture_size"], *device["max_viewport_dims"])
+        super().__init__(resources, mesh, COUNTER_BYTES, 0)
+        is_layered = self._is_layered = max_layers > 1
+        device = resources.context.info.limits
+        side = min(self.max_tile, device["max_texture_size"], *device["max_viewport_dims"])
         wide, high = max(grid.width, camera.width), max(grid.height, camera.height)
         self.tile = (min(side, wide), min(side, high))
         layers = 1
         if is_layered:
             image = SAMPLE_BYTES * self.tile[0] * self.tile[1]
-            in_budget = limits.image_budget // image
-            most = min(MAX_POSES, limits.max_layers, device["max_array_layers"])
-            layers = max(1, min(most, in_budget))
-        self._max_faces = min(limits.max_faces, mesh.n_faces)
-        if info.has_ssbo:
-            # A counter a face and one for background must fit one storage block, for each layer.
-            counters = int(device["max_ssbo_bytes"]) // COUNTER_BYTES
-            self._max_faces = min(self._max_faces, counters - 1)
-            layers = min(layers, counters // (self._max_faces + 1))
+            # A counter a face and one for background, for each layer, are in one storage block.
+            blocks = self._block // (COUNTER_BYTES * (mesh.n_faces + 1))
+            most = min(MAX_POSES, max_layers, device["max_array_layers"], blocks)
+            layers = max(1, min(most, self.image_budget // image))
         self._layers = layers
 
         flags = {"LAYERED": is_layered, "ROLLED": grid.is_rolled}
         defines = {"MAX_POSES": MAX_POSES} | {name: 1 for name in flags if flags[name]}
-        version = 430 if info.has_ssbo else 330
-        names = ("face", "drawn" if info.has_ssbo else "peel")
-        self._programs = {name: resources.program(name, version, **defines) for name in names}
+        self._programs = {name: resources.program(name, **defines) for name in ("face", "drawn")}
         self._mesh, self._overlapping = mesh, coplanar_overlaps(mesh)
-        if self._overlapping.any() and not info.has_doubles:
-            self._overlapping = np.zeros(mesh.n_faces, dtype=bool)
-            self.depth += ", undecided where faces of one plane overlap"
         self._poses = resources.buffer("poses", size=RECORD_BYTES * MAX_POSES)
         if self._overlapping.any():
-            reversed_ = {"REVERSED": 1} if resources.is_reversed else {}
-            self._programs["coplanar"] = resources.program(
-                "coplanar", version, COPLANAR=1, **defines, **reversed_
-            )
+            self._programs["coplanar"] = resources.program("coplanar", COPLANAR=1, **defines)
             self._programs["coplanar"]["AllRays"].binding = RAYS_BINDING
             self._rays = resources.buffer("rays", size=RAYS_BYTES * MAX_POSES)
         width, height = max(self.tile[0], self_test.WIDTH), max(self.tile[1], self_test.HEIGHT)
-        self._targets = [Target(resources, width, height, layers)]
-        if info.has_ssbo:
-            stride = max(self._max_faces, self_test.MESH.n_faces) + 1
-            self._counters = resources.buffer("face counters", size=COUNTER_BYTES * layers * stride)
-        else:
-            self._targets.append(Target(resources, width, height, 1))
+        self._target = Target(resources, width, height, layers)
+        stride = max(mesh.n_faces, self_test.MESH.n_faces) + 1
+        self._counters = resources.buffer("face counters", size=COUNTER_BYTES * layers * stride)
         if is_layered:
-            self._counting = resources.compute("count", version, **defines)
+            self._counting = resources.compute("count", **defines)
 
     def scene(self, mesh: Mesh, camera: Camera, grid: SampleGrid) -> Scene:
         """Upload a mesh."""
@@ -113,12 +89,11 @@ class Pipeline(Strategy):
         if mesh is not self._mesh:  # the self-test scene must run every program in use
             rectangle = np.arange(mesh.n_faces) // 2
             overlapping = (rectangle % 2 == 1) & self._overlapping.any()
-        programs, max_faces = self._programs, self._max_faces
-        return Scene(self._resources, programs, mesh, camera, grid, max_faces, overlapping)
+        return Scene(self._resources, self._programs, mesh, camera, grid, overlapping)
 
     def prepare(self, scene: Scene, poses: FloatArray, grid: SampleGrid) -> PreparedPoses:
         """Compute the uniform blocks of the poses."""
-        return PreparedPoses(scene, poses, grid, self._resources.is_reversed)
+        return PreparedPoses(scene, poses, grid)
 
     def batches(self, prepared: PreparedPoses) -> Iterator[IntArray]:
         """Rows of the poses of each batch, all with or all without culling, a state of the draw."""
@@ -130,10 +105,10 @@ class Pipeline(Strategy):
     def begin(self, prepared: PreparedPoses, rows: IntArray) -> None:
         """Upload the poses of a batch."""
         self._poses.bind_to_uniform_block(POSES_BINDING)
-        self._poses.write(prepared.records(rows))
-        if (rays := prepared.rays(rows)) is not None:
+        self._poses.write(prepared.records[rows])
+        if prepared.rays is not None:
             self._rays.bind_to_uniform_block(RAYS_BINDING)
-            self._rays.write(rays)
+            self._rays.write(prepared.rays[rows])
 
     def count(
         self, scene: Scene, prepared: PreparedPoses, rows: IntArray, tile: Box, *, drawn: bool
@@ -142,7 +117,7 @@ class Pipeline(Strategy):
         self._draw_faces(scene, prepared, rows, tile)
         visible: Counts
         if self._is_layered:
-            self._targets[0].faces.use(0)
+            self._target.faces.use(0)
             self._bind_counters(scene)
             visible, background = self._count_on_device(scene, tile, len(rows))
         else:
@@ -154,27 +129,27 @@ class Pipeline(Strategy):
     ) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
         """Draw the first pose into a tile: faces and depths, as in `VisibilityBuffer`."""
         self._draw_faces(scene, prepared, np.array([0]), tile)
-        ids = self._resources.read_faces(self._targets[0], (0, 0, *tile[2:]))
-        values = self._resources.read_depth(self._targets[0], (0, 0, *tile[2:]))
+        ids = self._resources.read_faces(self._target, (0, 0, *tile[2:]))
+        values = self._resources.read_depth(self._target, (0, 0, *tile[2:]))
         return ids.view(np.int32) - 1, prepared.depth(0, values)
 
     def _draw_faces(self, scene: Scene, prepared: PreparedPoses, rows: IntArray, tile: Box) -> None:
         """Draw the nearest faces of a batch into the triangle-ID images."""
         can_cull = bool(prepared.can_cull[rows[0]])
-        self._resources.clear(self._targets[0])
-        self._begin(self._targets[0], tile, cull=can_cull)
+        self._resources.clear(self._target)
+        self._begin(tile, cull=can_cull)
         if can_cull and scene.can_draw_front and not self._is_layered:
             scene.draw_front(tile, prepared.grid, prepared.eyes[rows[0]])
         else:
-            scene.draw_nearest(tile, prepared.grid, len(rows))
+            scene.draw(NEAREST, tile, prepared.grid, len(rows))
 
-    def _begin(self, target: Target, tile: Box, *, cull: bool = False, test: bool = True) -> None:
-        """Bind a target for a tile; with the depth test, nearer wins and the first of equals."""
-        target.frame.viewport = (0, 0, *tile[2:])
-        target.frame.use()
+    def _begin(self, tile: Box, *, cull: bool = False, test: bool = True) -> None:
+        """Bind the target for a tile; with the depth test, nearer wins and the first of equals."""
+        self._target.frame.viewport = (0, 0, *tile[2:])
+        self._target.frame.use()
         flags = (moderngl.DEPTH_TEST if test else 0) | (moderngl.CULL_FACE if cull else 0)
         self._resources.gl.enable_only(flags)
-        self._resources.gl.depth_func = ">" if self._resources.is_reversed else "<"
+        self._resources.gl.depth_func = ">"
 
     def _count_on_host(
         self, scene: Scene, tile: Box, mesh_box: tuple[int, ...]
@@ -188,7 +163,7 @@ class Pipeline(Strategy):
         inside = scene.grid.n_inside((x + left, y + top, *box[2:]))
         if not inside:
             return np.zeros(scene.mesh.n_faces, np.int64), all_inside
-        ids = self._resources.read_faces(self._targets[0], box)
+        ids = self._resources.read_faces(self._target, box)
         ids = scene.grid.inside(ids, (x + left, y + top, *box[2:]))
         counts = self._count_ids(ids, scene)
         return counts[1:], int(counts[0]) + all_inside - inside
@@ -206,41 +181,18 @@ class Pipeline(Strategy):
 
     def _count_drawn(self, scene: Scene, tile: Box, poses: int) -> Counts:
         """Samples of each face alone: without the depth test, every sample adds to a counter."""
-        if "peel" in self._programs:
-            return self._peel(scene, tile)
-        frame = self._targets[0].frame
+        frame = self._target.frame
         frame.color_mask = (False,) * 4  # the shader writes no id
         self._bind_counters(scene)
-        windows = []
         try:
-            self._begin(self._targets[0], tile, test=False)
-            for part in scene.parts:
-                self._counters.clear()
-                scene.draw("drawn", tile, scene.grid, poses, part)
-                windows.append(self._resources.read_words(self._counters, poses, part[1] + 1))
+            self._begin(tile, test=False)
+            self._counters.clear()
+            scene.draw(["drawn"], tile, scene.grid, poses)
+            return self._resources.read_words(self._counters, poses, scene.mesh.n_faces + 1)[:, 1:]
         finally:
             frame.color_mask = (True,) * 4  # after an interrupt, too, or later images stay empty
-        return without_background(windows)
 
     def _bind_counters(self, scene: Scene) -> None:
         self._counters.bind_to_storage_buffer(COUNTS_BINDING)
         if scene.runs is not None:
             scene.runs.bind_to_storage_buffer(RUNS_BINDING)
-
-    def _peel(self, scene: Scene, tile: Box) -> IntArray:
-        """Samples of each face alone, one layer of faces at a time, without storage buffers."""
-        total = np.zeros(scene.mesh.n_faces + 1, np.int64)
-        before, layer = self._targets
-        self._resources.clear(before)
-        while True:
-            self._resources.clear(layer, face=NO_LAYER)
-            self._begin(layer, tile)
-            before.faces.use(0)
-            for part in scene.parts:
-                scene.draw("peel", tile, scene.grid, 1, part)
-            ids = self._resources.read_faces(layer, (0, 0, *tile[2:]))
-            ids = scene.grid.inside(ids, tile)
-            if (ids == NO_LAYER).all():
-                return total[1:]
-            total += self._count_ids(np.where(ids == NO_LAYER, 0, ids), scene)
-            before, layer = layer, before

@@ -19,9 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov import shaders
-from rastercov.base.arguments import check_choice, flag
-from rastercov.base.checks import shown
-from rastercov.base.errors import ConfigError, DeviceError
+from rastercov.base.arguments import check_choice
+from rastercov.base.checks import finite_number, shown
+from rastercov.base.errors import ConfigError
 from rastercov.camera.camera import Camera
 from rastercov.mesh import Mesh
 from rastercov.raster import self_test
@@ -36,12 +36,6 @@ from rastercov.raster.gl.compute import Compute
 from rastercov.raster.gl.context import HeadlessContext, open_context
 from rastercov.raster.gl.pipeline import MAX_POSES, Pipeline
 from rastercov.raster.gl.resources import Resources
-from rastercov.raster.gl.strategy import (
-    IMAGE_BUDGET,
-    MAX_FACES_A_DRAW,
-    MAX_TILE,
-    DrawLimits,
-)
 from rastercov.raster.sample_grid import SampleGrid
 
 if TYPE_CHECKING:
@@ -69,17 +63,14 @@ class GLRasterizer(Rasterizer):
     mesh, camera, supersample, roll
         As for `open_rasterizer`.
     device : str, int or HeadlessContext
-        "auto", "egl:0", "surfaceless" or "osmesa" as for `open_context`; a context that is
-        already open is used and left open.
+        "auto", "hardware", "egl:0", "surfaceless" or "osmesa" as for `open_context`; a context
+        that is already open is used and left open.
     plan : {"auto", "pipeline", "compute"}
         Way to draw and count.
     max_layers : int, optional
         Most poses of a draw of plan "pipeline", up to 128, each an image of its own; above 1 they
-        are counted on the device. By default 128 on a GPU that can do so, else 1.
-    require_hardware : bool
-        Refuse a software renderer.
-    max_tile, max_faces_a_draw, image_budget : int
-        Limits below those of the device: samples a side, faces a draw, bytes of images a batch.
+        are counted on the device. By default 128 on a GPU, else 1; always 1 where the device
+        cannot draw in layers.
 
     Raises
     ------
@@ -98,74 +89,48 @@ class GLRasterizer(Rasterizer):
         device: str | int | HeadlessContext = "auto",
         plan: str = "auto",
         max_layers: int | None = None,
-        require_hardware: bool = False,
-        max_tile: int = MAX_TILE,
-        max_faces_a_draw: int = MAX_FACES_A_DRAW,
-        image_budget: int = IMAGE_BUDGET,
     ) -> None:
         camera.check_pinhole(
             "GLRasterizer draws pinholes only", "take open_rasterizer, which draws any lens"
         )
         check_choice("plan", plan, ("auto", *PLANS))
-        require_hardware = flag("require_hardware", require_hardware)
-        limits = (max_tile, max_faces_a_draw, image_budget)
-        given = limits if max_layers is None else (*limits, max_layers)
-        if not all(isinstance(each, int | np.integer) and each >= 1 for each in given):
+        if max_layers is not None and finite_number(max_layers) not in range(1, MAX_POSES + 1):
             raise ConfigError(
-                "max_tile, max_faces_a_draw, image_budget and max_layers must be 1 or more, in "
-                f"whole numbers, got {shown(list(given))}"
+                f"max_layers must be a whole number 1 to {MAX_POSES}, got {shown(max_layers)}"
             )
         super().__init__(mesh, camera, supersample, roll)
         self._owns_context = not isinstance(device, HeadlessContext)
-        if isinstance(device, HeadlessContext):
-            if require_hardware and device.info.is_software:
-                raise DeviceError(f"wanted hardware OpenGL, got {device.info.renderer}")
-            self._context = device
-        else:
-            self._context = open_context(device, require_hardware=require_hardware)
+        self._context = device if isinstance(device, HeadlessContext) else open_context(device)
         self._resources = Resources(self._context)
         try:
-            plan, layers = self._choose(plan, max_layers)
-            self._prepare(plan, DrawLimits(*map(int, (*limits, layers))))
+            known = self._context.info
+            by_default = 1 if known.is_software else MAX_POSES
+            layers = by_default if max_layers is None else int(max_layers)
+            self._prepare(self._chosen(plan), layers if known.has_batches else 1)
             self._run_self_test()
         except BaseException:
             self.close()
             raise
 
-    def _choose(self, plan: str, max_layers: int | None) -> tuple[str, int]:
-        """Plan and layers to run; ConfigError or DeviceError when they cannot run."""
-        known = self._context.info
+    def _chosen(self, plan: str) -> str:
+        """Plan to run; ConfigError when it cannot run."""
         reach = max(self.camera.fx, self.camera.fy, abs(self.camera.cx), abs(self.camera.cy))
         if plan == "auto":
-            is_long = reach > MAX_FOCAL_LENGTH and known.has_compute_raster
-            plan = "compute" if is_long else "pipeline"
+            plan = "compute" if reach > MAX_FOCAL_LENGTH else "pipeline"
         if plan == "pipeline" and reach > MAX_FOCAL_LENGTH:
             raise ConfigError(
                 f"OpenGL's pipeline takes fx, fy, cx and cy up to {MAX_FOCAL_LENGTH:,} px, "
                 f"got {reach:,g}: float32 would misplace edges; use plan 'compute' or backend 'cpu'"
             )
-        if max_layers is None:
-            max_layers = MAX_POSES if known.has_batches and not known.is_software else 1
-        where = f"{known.renderer} (OpenGL {known.gl_version}) lacks"
-        if plan == "compute" and not known.has_compute_raster:
-            raise DeviceError(
-                "plan 'compute' needs compute shaders and storage buffers, which "
-                f"{where}; use plan 'pipeline'"
-            )
-        if plan == "pipeline" and max_layers > 1 and not known.has_batches:
-            raise DeviceError(
-                f"max_layers={max_layers} needs compute shaders and layered drawing, which "
-                f"{where}; leave it out"
-            )
-        return plan, int(max_layers)
+        return plan
 
-    def _prepare(self, plan: str, limits: DrawLimits) -> None:
+    def _prepare(self, plan: str, max_layers: int) -> None:
         """Compile the programs, allocate the images and upload the mesh."""
         resources, mesh, camera = self._resources, self.mesh.opaque, self.camera
         grid = SampleGrid(camera, self.supersample, self.roll)
         resources.use()
         kind = Compute if plan == "compute" else Pipeline
-        self._strategy: Any = kind(resources, mesh, camera, grid, limits)
+        self._strategy: Any = kind(resources, mesh, camera, grid, max_layers)
         self.info = RasterizerInfo(
             backend="gl",
             plan=plan,
@@ -303,7 +268,7 @@ class _Drawer:
         """Face, -1 for none, and depth (H, W) at each sample of a look."""
         rasterizer = self._rasterizer
         with rasterizer._current():
-            found = rasterizer._picture(self._scene, self._scene.grid, look[0][None])
+            found = rasterizer._picture(self._scene, self._scene.grid, look[0])
         rasterizer._note(1)
         return found
 

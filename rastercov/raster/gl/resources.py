@@ -73,14 +73,12 @@ class Resources:
         left = [thing for thing in self.gl.objects if not isinstance(thing, moderngl.InvalidObject)]
         self.gl.objects.clear()
         self.gl.objects.extend(left)
-        self.is_reversed = context.info.has_clip_control
 
     def use(self) -> None:
         """Make the context current and set the state that all draws share."""
         self.context.check_owner()
         self.context.make_current()
-        if self.is_reversed:
-            self._call("glClipControl", _LOWER_LEFT, _ZERO_TO_ONE)
+        self._call("glClipControl", _LOWER_LEFT, _ZERO_TO_ONE)
         self.gl.memory_barrier()  # shaders of an interrupted call may still write counters
         self.gl.front_face = "cw"  # counter-clockwise in the world, seen with rows running down
         self.gl.cull_face = "back"
@@ -113,17 +111,17 @@ class Resources:
         contents = np.ascontiguousarray(data)
         return self.make(what, contents.nbytes, lambda: self.gl.buffer(contents))
 
-    def program(self, fragment: str, version: int, **defines: int) -> Any:
+    def program(self, fragment: str, **defines: int) -> Any:
         """Program of `face.vert` and the named fragment shader."""
         stages = {
-            "vertex_shader": shaders.source("face.vert", version, **defines),
-            "fragment_shader": shaders.source(f"{fragment}.frag", version, **defines),
+            "vertex_shader": shaders.source("face.vert", **defines),
+            "fragment_shader": shaders.source(f"{fragment}.frag", **defines),
         }
         return self._compile(f"face.vert and {fragment}.frag", self.gl.program, **stages)
 
-    def compute(self, name: str, version: int, **defines: int) -> Any:
+    def compute(self, name: str, **defines: int) -> Any:
         """Compute program of the named shader."""
-        text = shaders.source(f"{name}.comp", version, **defines)
+        text = shaders.source(f"{name}.comp", **defines)
         return self._compile(f"{name}.comp", self.gl.compute_shader, source=text)
 
     def _compile(self, names: str, build: Any, **stages: str) -> Any:
@@ -158,13 +156,12 @@ class Resources:
                 f"{error}, framebuffer status {status:#x}"
             )
 
-    def clear(self, target: Target, face: int = 0) -> None:
-        """Set every sample of every layer to `face` and the farthest depth."""
+    def clear(self, target: Target) -> None:
+        """Set every sample of every layer to no face and the farthest depth."""
         target.frame.use()
-        ids = (_UINT * 4)(face)
-        self._call("glClearBufferuiv", _COLOR, 0, ctypes.addressof(ids))
-        farthest = ctypes.c_float(0.0 if self.is_reversed else 1.0)
-        self._call("glClearBufferfv", _DEPTH, 0, ctypes.addressof(farthest))
+        zeros = (_UINT * 4)()  # as a float, too
+        self._call("glClearBufferuiv", _COLOR, 0, ctypes.addressof(zeros))
+        self._call("glClearBufferfv", _DEPTH, 0, ctypes.addressof(zeros))
 
     def read_faces(self, target: Target, box: tuple[int, int, int, int]) -> NDArray[np.uint32]:
         """Face indices + 1 of layer 0 inside box = (x, y, width, height), (height, width)."""

@@ -18,7 +18,7 @@ from rastercov.camera.near_plane import can_cull, depth_range
 from rastercov.camera.projection import box_corners, image_boxes
 from rastercov.mesh import Mesh
 from rastercov.raster.gl.resources import Resources, set_uniforms
-from rastercov.raster.gl.strategy import FloatArray, IntArray, face_ranges
+from rastercov.raster.gl.strategy import FloatArray, IntArray
 from rastercov.raster.sample_grid import Box, SampleGrid
 from rastercov.raster.tie_order import in_one_order
 
@@ -31,7 +31,7 @@ PLANES = "3f8 3f8 3f8 3f8 1u 4x", "corner_a", "corner_b", "corner_c", "normal", 
 PLANE = np.dtype([("doubles", np.float64, (4, 3)), ("number", np.uint32), ("", np.uint32)])
 """Layout of `PLANES`: three corners, a normal, face index + 1, padding."""
 # Rows of struct Pose (vec4) and of struct Rays (dvec4) of face.vert.
-RIGHT, DOWN, FORWARD, EYE_HIGH, EYE_LOW, DEPTH, RECORD_ROWS = range(7)
+RIGHT, DOWN, FORWARD, EYE_HIGH, EYE_LOW, NEAR, RECORD_ROWS = range(7)
 EYE, RAYS_ROWS = 3, 4
 RECORD_BYTES, RAYS_BYTES = 4 * 4 * RECORD_ROWS, 8 * 4 * RAYS_ROWS
 INDEX_BYTES = 4
@@ -46,7 +46,7 @@ class Scene:
 
     Positions are relative to the centre of the mesh and uploaded as sums of two floats. `programs`
     are those that draw the mesh, by fragment shader; the faces `overlapping`, (F,) bool, are drawn
-    with the program "coplanar", at most `max_faces` in one draw.
+    with the program "coplanar".
     """
 
     def __init__(
@@ -56,7 +56,6 @@ class Scene:
         mesh: Mesh,
         camera: Camera,
         grid: SampleGrid,
-        max_faces: int,
         overlapping: BoolArray,
     ) -> None:
         self.mesh, self.camera, self.grid = mesh, camera, grid
@@ -65,8 +64,7 @@ class Scene:
         # which pays while projecting them costs less than reading the pixels it saves.
         has_few_vertices = mesh.n_vertices < camera.width * camera.height / PIXELS_A_VERTEX
         self.outline: FloatArray = mesh.vertices if has_few_vertices else box_corners(mesh.bounds)
-        self._programs, self._max_faces = programs, max_faces
-        self.parts = face_ranges(mesh.n_faces, max_faces)
+        self._programs = programs
         faces = in_one_order(mesh)
         corners, indices = _numbered_by_last_corner(faces, mesh.n_vertices)
         high, low = split_floats(mesh.vertices - self.centre)
@@ -85,13 +83,12 @@ class Scene:
 
         # Samples of each row inside the image, for shaders that count a rotated grid.
         self.runs = None
-        if "drawn" in programs and "corner" in programs["drawn"]:
+        if "corner" in programs["drawn"]:
             self.runs = resources.buffer("rows of samples", grid.runs.T)
         all_faces = resources.buffer("faces", indices)
-        self._drawables = {name: drawable(name, all_faces) for name in programs.keys() - {*NEAREST}}
+        self._drawables = {"drawn": drawable("drawn", all_faces)}
         self.has_overlaps = bool(overlapping.any())
         plain, coplanar = np.flatnonzero(~overlapping), np.flatnonzero(overlapping)
-        self._counts = {"face": len(plain), "coplanar": len(coplanar)}
         if self.has_overlaps:
             sent, numbered = _numbered_by_last_corner(faces[coplanar], mesh.n_vertices)
             self._drawables["coplanar"] = drawable(
@@ -104,7 +101,7 @@ class Scene:
             all_faces = resources.buffer("other faces", indices) if len(plain) else None
         if len(plain):
             self._drawables["face"] = drawable("face", all_faces)
-        self.can_draw_front = mesh.can_cull_back_faces and 0 < len(plain) <= max_faces
+        self.can_draw_front = mesh.can_cull_back_faces and len(plain) > 0
         if self.can_draw_front:
             self._indices = indices
             self._planes = np.ascontiguousarray(mesh.normals[plain].T)
@@ -124,29 +121,14 @@ class Scene:
         planes["number"][: len(chosen)] = chosen + 1
         return planes
 
-    def draw(
-        self, program: str, tile: Box, grid: SampleGrid, poses: int, part: tuple[int, int]
-    ) -> None:
-        """Draw the faces [first, first + n) of `part` into a tile, one instance a pose.
-
-        The range counts the faces of the program: a part of the mesh for programs of `NEAREST`,
-        else all faces.
-        """
-        set_uniforms(
-            self._programs[program], first_face=part[0], stride=part[1] + 1, corner=tile[:2],
-            middle=tuple(grid.lens[2:]), image=_projection(tile, grid),
-        )  # fmt: skip
-        self._drawables[program].render(
-            moderngl.TRIANGLES, vertices=3 * part[1], first=3 * part[0], instances=poses
-        )
-
-    def draw_nearest(
-        self, tile: Box, grid: SampleGrid, poses: int, programs: Iterable[str] = NEAREST
-    ) -> None:
-        """Draw the faces of some programs into a tile, one instance a pose, by their depths."""
-        for program in programs:
-            for part in face_ranges(self._counts[program], self._max_faces):
-                self.draw(program, tile, grid, poses, part)
+    def draw(self, programs: Iterable[str], tile: Box, grid: SampleGrid, poses: int) -> None:
+        """Draw the faces of some programs into a tile, one instance a pose."""
+        for program in (each for each in programs if each in self._drawables):
+            set_uniforms(
+                self._programs[program], stride=self.mesh.n_faces + 1, corner=tile[:2],
+                middle=tuple(grid.lens[2:]), image=_projection(tile, grid),
+            )  # fmt: skip
+            self._drawables[program].render(moderngl.TRIANGLES, instances=poses)
 
     def draw_front(self, tile: Box, grid: SampleGrid, eye: FloatArray) -> None:
         """Draw the front faces of one pose into a tile.
@@ -162,7 +144,7 @@ class Scene:
         self._front_faces.orphan()
         self._front_faces.write(front)
         self._front_drawable.render(moderngl.TRIANGLES, vertices=3 * len(front))
-        self.draw_nearest(tile, grid, 1, ["coplanar"])
+        self.draw(["coplanar"], tile, grid, 1)
 
 
 class PreparedPoses:
@@ -172,8 +154,8 @@ class PreparedPoses:
     ----------
     grid : SampleGrid
         As given.
-    near, far : (P,) float64
-        Depths of the near and far plane, fitted to the mesh in view.
+    near : (P,) float64
+        Depths of the near plane, fitted to the mesh in view.
     clipped : (P,) bool
         Whether the near plane cuts a surface in view.
     can_cull : (P,) bool
@@ -182,13 +164,15 @@ class PreparedPoses:
         Samples the mesh can reach in each pose.
     eyes : (P, 3) float64
         Camera centres.
+    records : (P, 6, 4) float32
+        Entries of the uniform block, structs `Pose`.
+    rays : (P, 4, 4) float64 or None
+        Entries of the uniform block of rays; None without overlaps.
     """
 
-    def __init__(
-        self, scene: Scene, poses: FloatArray, grid: SampleGrid, is_reversed: bool
-    ) -> None:
+    def __init__(self, scene: Scene, poses: FloatArray, grid: SampleGrid) -> None:
         mesh, camera, self.grid = scene.mesh, scene.camera, grid
-        self.near, self.far, self.clipped = depth_range(
+        self.near, _, self.clipped = depth_range(
             mesh.vertices, mesh.faces, mesh.bounds, camera, poses
         )
         boxes = grid.boxes(image_boxes(scene.outline, camera, poses))
@@ -196,22 +180,17 @@ class PreparedPoses:
         self.eyes = eyes = poses[:, :3, 3]
         self.can_cull = can_cull(mesh, poses, self.clipped)
 
-        if is_reversed and scene.has_overlaps:
+        if scene.has_overlaps:
             # Powers of 2, so depths in the buffer have the mantissa of the CPU's. Not where a
             # surface is cut: it must be cut at the near plane, and a power of 2 is nearer.
             power = 2.0 ** np.floor(np.log2(self.near))
             self.near = np.where(self.clipped, self.near, power)
-        self._records = np.zeros((len(poses), RECORD_ROWS, 4), np.float32)
-        self._records[:, : FORWARD + 1, :3] = grid.axes(poses)[:, :3, :3].transpose(0, 2, 1)
+        self.records = np.zeros((len(poses), RECORD_ROWS, 4), np.float32)
+        self.records[:, : FORWARD + 1, :3] = grid.axes(poses)[:, :3, :3].transpose(0, 2, 1)
         high, low = split_floats(eyes - scene.centre)
-        self._records[:, EYE_HIGH, :3], self._records[:, EYE_LOW, :3] = high, low
-        if is_reversed:
-            self._records[:, DEPTH, 1] = self.near  # clip z = near, so depth = near / z in [0, 1]
-        else:
-            self._records[:, DEPTH, 0] = (self.far + self.near) / (self.far - self.near)
-            self._records[:, DEPTH, 1] = -2 * self.far * self.near / (self.far - self.near)
-        self._is_reversed = is_reversed
-        self._rays = self._find_rays(poses, eyes - scene.centre) if scene.has_overlaps else None
+        self.records[:, EYE_HIGH, :3], self.records[:, EYE_LOW, :3] = high, low
+        self.records[:, NEAR, 0] = self.near  # clip z = near, so depth = near / z in [0, 1]
+        self.rays = self._find_rays(poses, eyes - scene.centre) if scene.has_overlaps else None
 
     def _find_rays(self, poses: FloatArray, eyes: FloatArray) -> FloatArray:
         """Entries of the uniform block of rays, (P, 4, 4)."""
@@ -222,31 +201,13 @@ class PreparedPoses:
         mixed = np.linalg.inv(axes.transpose(0, 2, 1)) if self.grid.is_rolled else axes
         rays[:, : DOWN + 1, :3] = (mixed[:, :, :2] / self.grid.lens[:2]).transpose(0, 2, 1)
         rays[:, FORWARD, :3], rays[:, EYE, :3] = poses[:, :3, 2], eyes
-        if self._is_reversed:
-            rays[:, RIGHT, 3] = self.near
-        else:
-            rays[:, RIGHT, 3] = -self.far * self.near / (self.far - self.near)
-            rays[:, DOWN, 3] = 0.5 + 0.5 * (self.far + self.near) / (self.far - self.near)
+        rays[:, RIGHT, 3] = self.near
         return rays
-
-    def records(self, rows: IntArray) -> NDArray[np.float32]:
-        """Entries of the uniform block for these poses."""
-        return self._records[rows]
-
-    def rays(self, rows: IntArray) -> FloatArray | None:
-        """Entries of the uniform block of rays for these poses; None without overlaps."""
-        return None if self._rays is None else self._rays[rows]
 
     def depth(self, row: int, values: NDArray[np.float32]) -> NDArray[np.float32]:
         """Camera z of depth buffer values of a pose, in metres; inf for the farthest value."""
-        near, far = self.near[row], self.far[row]
         with np.errstate(divide="ignore"):
-            if self._is_reversed:
-                z = near / values.astype(np.float64)
-            else:
-                ndc = 2 * values.astype(np.float64) - 1
-                z = 2 * near * far / ((far + near) - ndc * (far - near))
-                z[values == 1] = np.inf
+            z = self.near[row] / values.astype(np.float64)
         metres: NDArray[np.float32] = z.astype(np.float32)
         return metres
 

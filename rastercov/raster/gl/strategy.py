@@ -5,14 +5,15 @@ images: `pipeline` with the graphics pipeline, `compute` with compute shaders.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.base.errors import ResourceError
 from rastercov.camera.near_plane import near_limit
+from rastercov.mesh import Mesh
 from rastercov.raster.gl.resources import Resources, set_uniforms
 from rastercov.raster.sample_grid import Box
 from rastercov.raster.targets import TargetFaces
@@ -22,28 +23,9 @@ IntArray = NDArray[np.int64]
 WordArray = NDArray[np.uint32]
 Counts = IntArray | WordArray
 
-MAX_TILE = 8192
-"""Largest side of one image on the device, in samples; larger images are drawn in tiles."""
-MAX_FACES_A_DRAW = 1 << 26
-"""Keeps the indices of one draw, and its counters, within 32-bit sizes."""
-IMAGE_BUDGET = 512 << 20
-"""Bytes of face indices and depth in one batch of poses."""
 COUNTER_BYTES = 4
 COUNT_COLUMNS, COUNT_ROWS = 8 * 16, 8
 """Samples of a workgroup of `count.comp`: 8 x 8 invocations, each a run of 16 samples of a row."""
-
-
-@dataclass(frozen=True)
-class DrawLimits:
-    """Limits below those of the device.
-
-    Samples a side, faces a draw, bytes of images a batch, poses a draw of the pipeline.
-    """
-
-    max_tile: int = MAX_TILE
-    max_faces: int = MAX_FACES_A_DRAW
-    image_budget: int = IMAGE_BUDGET
-    max_layers: int = 1
 
 
 class Strategy:
@@ -67,8 +49,14 @@ class Strategy:
         Description of the depth buffer, as in `RasterizerInfo`.
     tile : (width, height)
         Largest part of a canvas that is drawn at once.
+    max_tile : int
+        Largest side of one image on the device, in samples; larger images are drawn in tiles.
+    image_budget : int
+        Bytes of face indices and depth in one batch of poses.
     """
 
+    max_tile: ClassVar = 8192
+    image_budget: ClassVar = 512 << 20
     depth: str
     tile: tuple[int, int]
     prepare: Any
@@ -77,8 +65,17 @@ class Strategy:
     _counting: Any
     _counters: Any
 
-    def __init__(self, resources: Resources) -> None:
+    def __init__(self, resources: Resources, mesh: Mesh, face_bytes: int, least_bytes: int) -> None:
+        """Take resources whose storage blocks hold `face_bytes` a face, and `least_bytes`."""
         self._resources = resources
+        info = resources.context.info
+        needed = max(face_bytes * (mesh.n_faces + 1), least_bytes)
+        self._block = int(info.limits["max_ssbo_bytes"])
+        if needed > self._block:
+            raise ResourceError(
+                f"OpenGL needs a storage block of {needed:,} bytes for this mesh, "
+                f"{info.renderer} has {self._block:,}; use backend 'cpu'"
+            )
 
     def count_targets(
         self, scene: Any, targets: TargetFaces, poses: FloatArray
@@ -105,26 +102,10 @@ class Strategy:
                 yield tile, self.image(scene, prepared, tile)[1]
 
     def _count_on_device(self, scene: Any, tile: Box, n_poses: int) -> tuple[WordArray, WordArray]:
-        """Count the faces of a batch in a compute shader, in windows of faces that fit."""
-        groups = -(-tile[2] // COUNT_COLUMNS), -(-tile[3] // COUNT_ROWS), n_poses
-        windows = []
-        for first, n in scene.parts:
-            set_uniforms(
-                self._counting, size=tile[2:], corner=tile[:2], stride=n + 1, first_face=first
-            )
-            self._resources.zero(self._counters, COUNTER_BYTES * n_poses * (n + 1))
-            self._counting.run(*groups)
-            windows.append(self._resources.read_words(self._counters, n_poses, n + 1))
-        return without_background(windows), windows[0][:, 0]
-
-
-def face_ranges(n_faces: int, max_faces: int) -> list[tuple[int, int]]:
-    """Ranges (first, n) that cover all faces with at most `max_faces` each."""
-    return [(first, min(max_faces, n_faces - first)) for first in range(0, n_faces, max_faces)]
-
-
-def without_background(windows: list[WordArray]) -> WordArray:
-    """Counters (B, F) of all faces, from windows of faces that each start with the background."""
-    if len(windows) == 1:
-        return windows[0][:, 1:]  # a view: copies dominate the host's time
-    return np.concatenate([window[:, 1:] for window in windows], axis=1)
+        """Count the faces of a batch in a compute shader."""
+        stride = scene.mesh.n_faces + 1
+        set_uniforms(self._counting, size=tile[2:], corner=tile[:2], stride=stride)
+        self._resources.zero(self._counters, COUNTER_BYTES * n_poses * stride)
+        self._counting.run(-(-tile[2] // COUNT_COLUMNS), -(-tile[3] // COUNT_ROWS), n_poses)
+        counters = self._resources.read_words(self._counters, n_poses, stride)
+        return counters[:, 1:], counters[:, 0]
