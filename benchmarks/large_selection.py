@@ -157,6 +157,7 @@ def _steps(problem: Problem) -> dict[str, object]:
     step("reachable faces, 1 pass", lambda: problem.reachable)
     large = step("presolve, 2 passes", lambda: presolve(problem))
     state = step("greedy rule", lambda: constructed(lambda: LazyCover(large), problem.goal))
+    n_gains = state.n_gains
     bounds._priced = counted
     core, rows, bound = step("bound", lambda: bounds.core_and_bound(large, state))
     bounds._priced = priced
@@ -169,8 +170,11 @@ def _steps(problem: Problem) -> dict[str, object]:
     is_best = isinstance(problem.goal, BestCoverage)
     return seconds | {
         "cameras": [len(plain.chosen), "cameras"],
-        "passes of the rule": [state.passes, "passes"],
-        "  for a camera": [(state.passes - 1) / max(1, len(plain.chosen)), "passes"],
+        "passes of the rule": [n_gains / large.n_candidates, "passes"],
+        "  for a camera": [
+            (n_gains / large.n_candidates - 1) / max(1, len(plain.chosen)),
+            "passes",
+        ],
         "passes of the bound": [passes, "passes"],
         "core": [len(rows), "candidates"],
         "rule": [plain.objective, "of the weight" if is_best else "cameras"],
@@ -272,7 +276,7 @@ def _passes(folder: Path, held_as: str) -> float:
     matrix = BitMatrix.load(next(folder.iterdir()))
     problem = problem_of(matrix, shapes.by_name("torus"), BestCoverage(8))
     state = constructed(lambda: LazyCover(presolve(problem)), problem.goal)
-    return (state.passes - 1) / max(1, len(state.chosen))
+    return (state.n_gains / state.large.n_candidates - 1) / max(1, len(state.chosen))
 
 
 # --- rates ----------------------------------------------------------------------------------------

@@ -16,7 +16,7 @@ from rastercov.placement.candidates.clearance import (
     KeepOutBox,
     KeepOutSphere,
     NearestSurface,
-    Rejection,
+    Place,
     filter_candidates,
     in_solid,
 )
@@ -41,7 +41,7 @@ from rastercov.placement.candidates.pool import (
 )
 from rastercov.placement.candidates.segments import Segmentation, segment
 from rastercov.placement.improve.objective import CellObjective, Objective
-from rastercov.placement.improve.pose_space import Place, PoseSpace
+from rastercov.placement.improve.pose_space import PoseSpace
 from rastercov.placement.improve.refine import Refined, refine
 from rastercov.placement.improve.search import Optimised, optimise
 from rastercov.placement.improve.tolerance import InstallationError, Tolerance, tolerance
@@ -82,7 +82,6 @@ __all__ = [
     "PoseSpace",
     "Problem",
     "Refined",
-    "Rejection",
     "Segmentation",
     "Selection",
     "Sight",

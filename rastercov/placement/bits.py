@@ -4,7 +4,7 @@ Rows are in memory or memory-mapped files. All loops over them are shared by thr
 integers and do not depend on the number of threads.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -136,35 +136,6 @@ class CoveredBits:
 
         def work(words: Words, own: IntArray, at: slice) -> None:
             kernels.sums(words, own, masks, values, found[at])
-
-        self._share(rows, lambda: work)
-        return found
-
-    def sums_of_words(
-        self,
-        values: IntArray,
-        rows: IntArray,
-        which: IntArray,
-        sets: Sequence[tuple[IntArray, Words]],
-    ) -> IntArray:
-        """(N, G) sums of values over the faces of some rows within some words only.
-
-        Parameters
-        ----------
-        values : (64 W,) int64
-        rows : (N,) int64
-        which : (N,) int64
-            Index of the set of each.
-        sets : sequence of (M,) int64, (M, G) uint64
-            Words, and their faces that count in each sum.
-        """
-        starts = np.concatenate(([0], np.cumsum([len(index) for index, _ in sets])))
-        index = np.concatenate([index for index, _ in sets])
-        masks = np.concatenate([masks for _, masks in sets])
-        found = np.zeros((len(rows), masks.shape[1]), np.int64)
-
-        def work(words: Words, own: IntArray, at: slice) -> None:
-            kernels.sums_of_words(words, own, which[at], starts, index, masks, values, found[at])
 
         self._share(rows, lambda: work)
         return found

@@ -162,7 +162,7 @@ def summary(placement: Placement) -> dict[str, Any]:
         pairs |= {
             "cells": len(prepared.cells),
             "cell_m": prepared.cells.size,
-            "least_share": prepared.least_share,
+            "least_share": prepared.task.min_coverage,
         }
         selection["cells_covered"] = selection["faces_covered"]
     opened = prepared.openings
@@ -363,7 +363,7 @@ def _selected(placement: Placement) -> str:
     text = f"{len(found.chosen)} of {plural(len(prepared.pool.candidates), 'candidate')}"
     text += f" {verb(len(found.chosen), 'cover')} {percent(found.share)} of {of}"
     if prepared.cells is not None:
-        text += f" (one counts where a camera covers {100 * prepared.least_share:g} % of it)"
+        text += f" (one counts where a camera covers {100 * prepared.task.min_coverage:g} % of it)"
     if (prepared.pool.costs != 1).any():
         text += f" at a cost of {found.cost:g}"
     if not found.share > 0:

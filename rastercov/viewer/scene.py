@@ -24,8 +24,8 @@ from rastercov.camera.rig import Rig, Views
 from rastercov.coverage.provenance import sha256
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
-from rastercov.placement.candidates.clearance import KeepOutBox, in_solid
-from rastercov.placement.improve.pose_space import Place, PoseSpace
+from rastercov.placement.candidates.clearance import KeepOutBox, Place, in_solid
+from rastercov.placement.improve.pose_space import PoseSpace
 from rastercov.placement.plan.file import read_plan
 from rastercov.placement.plan.scene import candidate_pool, named_scene
 from rastercov.report.modes import MODES

@@ -93,8 +93,8 @@ def test_figures_hold_everything_that_made_them(capsys):
     Path("plan.toml").write_text(f"{QUICK}[[constraints.keep_out]]\n{table}")
     told = answer(capsys, "place plan.toml")
     assert told == figures()
-    dropped, selection = told["candidates"]["dropped"], told["selection"]
-    assert dropped["kept"] + dropped["kept_out"]["table"] == 20 > dropped["kept"]
+    found, selection = told["candidates"], told["selection"]
+    assert found["left"]["sphere"] + found["dropped"]["kept_out"] == 20 > found["left"]["sphere"]
     assert selection["gap"] == pytest.approx(1 - selection["bound"] / selection["objective"])
     (source,) = told["made_from"]["mesh"]
     assert (source["name"], len(source["sha256"])) == ("part.obj", 64)
@@ -488,7 +488,7 @@ def is_on_a_wall(eyes):
 LAWS = {
     "inspect_part": lambda told, eyes: (
         told["requirements"][0]["share"] >= 0.98
-        and told["candidates"]["dropped"]["kept_out"]["table"] > 0
+        and told["candidates"]["dropped"]["kept_out"] > 0
         and told["tolerance"]["together"]["worst"] <= told["share"] + 1e-9
         and (eyes[:, 2] > -0.02).all()
     ),

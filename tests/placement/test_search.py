@@ -17,11 +17,12 @@ from rastercov.placement.candidates.clearance import (
     KeepOutBox,
     KeepOutSphere,
     NearestSurface,
+    Place,
     in_solid,
 )
 from rastercov.placement.improve import objective as objective_module
 from rastercov.placement.improve.objective import Objective
-from rastercov.placement.improve.pose_space import Place, PoseSpace
+from rastercov.placement.improve.pose_space import PoseSpace
 from rastercov.placement.improve.search import METHODS, optimise
 
 MESH = shapes.torus(10, 6)

@@ -107,17 +107,6 @@ def test_a_goal_that_can_be_reached_is_met_by_exact_area(share, size):
     assert is_raised == ("so that the exact area reaches it" in text_of(found))
 
 
-def test_stricter_cells_promise_no_more_than_half_ones(monkeypatch):
-    monkeypatch.setattr(plan_run, "RAISES", 0)
-    goal = FEWEST | {"coverage": 0.3}
-    half = placed(selection=goal, task=SIZED | {"resolution_of_result": 2.0}).prepared
-    whole = half.stricter(0.999)
-    assert whole.least_share == 0.999
-    assert (whole.problem.reachable <= half.problem.reachable).all()
-    reached = whole.problem.share(whole.problem.reachable)
-    assert reached <= area_of(MESH, CAMERA, POSES, TASK)
-
-
 def test_what_is_out_of_reach_gives_most_of_what_cells_reach():
     found = placed(selection=FEWEST | {"coverage": 1.0})
     (required,) = found.requirements

@@ -64,11 +64,6 @@ def test_bits_choose_the_cameras_of_lists(listed, kind):
     assert len(bits.selection.chosen) > 1
     (said,) = [note for note in bits.prepared.notes if "bits on the disk" in note]
     assert [note for note in bits.prepared.notes if note != said] == [*lists.prepared.notes]
-    if kind == "cells":
-        one, other = (each.prepared.stricter(0.95).problem for each in found)
-        for row in range(len(bits.prepared.pool.candidates)):
-            np.testing.assert_array_equal(one.faces_of(row), other.faces_of(row))
-            assert len(one.faces_of(row)) < len(bits.prepared.problem.faces_of(row))
     if kind == "cavities":
         assert "visibility matrix of cavities" in bits.steps
         listed(lists.prepared.pairs - 1)  # the further matrix makes bits of the first

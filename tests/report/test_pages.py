@@ -79,12 +79,12 @@ def test_every_figure_that_counts_is_told(placement, pages):
     page = read_alone(pages["page.html"])
     assert len(page.loads) == 2  # the cameras, and what is left
     words, told = " ".join(page.words), summary(placement)
-    network, kept_out = told["network"], told["candidates"]["dropped"]["kept_out"]["floor"]
+    network, kept_out = told["network"], told["candidates"]["dropped"]["kept_out"]
     for figure in (
         f"2 cameras cover {percent(network['covered']['area_percent'] / 100)} of the area",
         f"{network['covered']['faces']:,} of {network['task_faces']:,} faces",
         percent(told["selection"]["bound"]), percent(told["tolerance"]["together"]["worst"]),
-        f"{told['left']['left']['faces']:,}", "in keep-out floor", str(kept_out),
+        f"{told['left']['left']['faces']:,}", "dropped: kept out", str(kept_out),
         BALL, "a <note> for the top", f"{network['largest_visibility_bound']:.2g}",
         *(f"{each['heading_deg']:.0f}°" for each in told["cameras"]),
     ):  # fmt: skip

@@ -105,7 +105,7 @@ OWN: dict[str, dict[str, Any]] = {
     "select_thesis": {},
     "optimise": {"cameras": 1, "method": "random", "budget": 8, "population": 4, "camera": 0}
     | {"candidates": None},
-    "refine": {"step": 0.1, "turn_deg": 10.0, "halvings": 0, "budget": 2, "candidates": None},
+    "refine": {"step": 0.1, "turn_deg": 10.0, "halvings": 0, "budget": 2},
     "what_is_left": {"candidates": None, "covered": None},
     "PoseSpace": {"stand_off": (0.5, 3.0), "clearance": 0.1},
     "InstallationError": {"position_mm": 1.0, "angle_deg": 1.0},

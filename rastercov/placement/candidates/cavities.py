@@ -59,6 +59,7 @@ from rastercov.placement.candidates.clearance import (
     KeepOut,
     KeepOutBox,
     KeepOutSphere,
+    Place,
     check_clearance,
     closed_faces,
     filter_candidates,
@@ -618,7 +619,8 @@ def openings(
 
     def allowed(poses: FloatArray) -> BoolArray:
         candidates = Candidates.of(poses, "cavity")
-        return filter_candidates(candidates, mesh, clearance, keep_out)[1].kept_mask
+        place = filter_candidates(candidates, mesh, clearance, keep_out)[1]
+        return np.asarray(place == Place.ALLOWED)
 
     _place([site for site in sites if site.rays is not None], allowed, framing.up, views)
     return _gathered(rows, owner, sites, framing, least)

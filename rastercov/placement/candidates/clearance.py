@@ -5,11 +5,10 @@ time for each candidate. A tree of boxes finds nearest surfaces and counts the c
 which give winding numbers.
 """
 
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Annotated, Any, Protocol
+from typing import Annotated, Protocol
 
 import numpy as np
 from annotated_types import Gt
@@ -18,7 +17,6 @@ from typing_extensions import Doc
 
 from rastercov.base.arguments import finite_points
 from rastercov.base.errors import ConfigError
-from rastercov.base.format import plural
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.base.typed import check_fields, typed
 from rastercov.mesh import Mesh
@@ -96,67 +94,20 @@ class KeepOutSphere:
         return inside
 
 
-class Rejection(IntEnum):
-    """Reason to drop a candidate; the highest of those that apply."""
+class Place(IntEnum):
+    """Constraint that a position violates: of several, the one with the highest number."""
 
-    NONE = 0
-    TOO_NEAR = 1
-    """Nearer than the clearance to a surface."""
-    KEPT_OUT = 2
+    ALLOWED = 0
+    TOO_FAR = 1
+    """Further from the task than the stand-off."""
+    TOO_NEAR = 2
+    """Nearer to the task than the stand-off, or to any surface than the clearance."""
+    KEPT_OUT = 3
     """In a keep-out volume."""
-    IN_SOLID = 3
+    IN_SOLID = 4
     """Inside a closed surface, or beyond the walls of a room."""
-
-
-@dataclass(frozen=True, eq=False)
-class Dropped:
-    """Dropped candidates and the reasons.
-
-    Attributes
-    ----------
-    rejection : (C,) uint8
-        `Rejection` of each candidate before filtering.
-    volume : (C,) int64
-        First keep-out volume that contains the candidate, -1 for none.
-    volumes : tuple of str
-        Names of the keep-out volumes.
-    clearance : float
-        Required clearance, metres.
-    """
-
-    rejection: NDArray[np.uint8]
-    volume: IntArray
-    volumes: tuple[str, ...]
-    clearance: float
-
-    @property
-    def kept_mask(self) -> BoolArray:
-        """(C,) candidates that were kept."""
-        mask: BoolArray = self.rejection == Rejection.NONE
-        return mask
-
-    def summary(self) -> dict[str, Any]:
-        """Counts, ready for JSON."""
-        out = self.volume[self.rejection == Rejection.KEPT_OUT]
-        counts = Counter(self.volumes[row] for row in out.tolist())
-        return {
-            "candidates": len(self.rejection),
-            "kept": int(self.kept_mask.sum()),
-            "in_solid": int((self.rejection == Rejection.IN_SOLID).sum()),
-            "kept_out": {name: counts[name] for name in self.volumes},
-            "too_near": int((self.rejection == Rejection.TOO_NEAR).sum()),
-            "clearance": self.clearance,
-        }
-
-    def __str__(self) -> str:
-        counts = self.summary()
-        reasons = [f"{counts['in_solid']} in a solid"] if counts["in_solid"] else []
-        reasons += [f"{n} in keep-out {name}" for name, n in counts["kept_out"].items() if n]
-        if counts["too_near"]:
-            reasons.append(f"{counts['too_near']} nearer than {self.clearance:g} m to a surface")
-        n_dropped = len(self.rejection) - counts["kept"]
-        why = f": {', '.join(reasons)}" if reasons else ""
-        return f"{n_dropped} of {plural(len(self.rejection), 'candidate')} dropped{why}"
+    OUTSIDE = 5
+    """In none of the boxes of a `PoseSpace`."""
 
 
 @typed
@@ -165,8 +116,8 @@ def filter_candidates(
     mesh: Mesh,
     clearance: float = 0.0,
     keep_out: Sequence[KeepOut] = (),
-) -> tuple[Candidates, Dropped]:
-    """Candidates at positions where a camera can be mounted, in their order, and the dropped ones.
+) -> tuple[Candidates, NDArray[np.uint8]]:
+    """Candidates at positions where a camera can be mounted, in their order; the `Place` of all.
 
     Only the camera centre is tested; occlusion is not.
 
@@ -188,8 +139,8 @@ def filter_candidates(
     -------
     candidates : Candidates
         The kept candidates.
-    dropped : Dropped
-        Reason for each candidate, with a summary.
+    place : (C,) uint8
+        `Place` of each candidate before filtering.
 
     Raises
     ------
@@ -198,18 +149,29 @@ def filter_candidates(
     """
     check_clearance(clearance)
     eyes = np.ascontiguousarray(candidates.poses[:, :3, 3])
-    rejection = np.full(len(eyes), Rejection.NONE, np.uint8)
-    if clearance > 0 and len(eyes):
-        nearest = nearest_obstacle(mesh)
-        if nearest is not None:
-            rejection[nearest.query(eyes).distance < clearance] = Rejection.TOO_NEAR
-    volume = np.full(len(eyes), -1, np.int64)
-    for row in reversed(range(len(keep_out))):
-        volume[keep_out[row].contains(eyes)] = row
-    rejection[volume >= 0] = Rejection.KEPT_OUT
-    rejection[in_solid(mesh, eyes)] = Rejection.IN_SOLID
-    dropped = Dropped(rejection, volume, tuple(each.name for each in keep_out), float(clearance))
-    return candidates.take(dropped.kept_mask), dropped
+    surface = nearest_obstacle(mesh) if clearance > 0 and len(eyes) else None
+    place = place_of(mesh, eyes, surface, clearance, keep_out)
+    return candidates.take(place == Place.ALLOWED), place
+
+
+def place_of(
+    mesh: Mesh,
+    eyes: FloatArray,
+    surface: "NearestSurface | None",
+    clearance: float,
+    keep_out: Sequence[KeepOut],
+) -> NDArray[np.uint8]:
+    """(N,) `Place` of (N, 3) camera centres, without stand-off and boxes; see `filter_candidates`.
+
+    `surface` is that of `nearest_obstacle`, for a clearance.
+    """
+    place = np.full(len(eyes), Place.ALLOWED, np.uint8)
+    if clearance > 0 and surface is not None:
+        place[surface.query(eyes).distance < clearance] = Place.TOO_NEAR
+    for volume in keep_out:
+        place[volume.contains(eyes)] = Place.KEPT_OUT
+    place[in_solid(mesh, eyes)] = Place.IN_SOLID
+    return place
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,6 @@ of candidates. A pose is a camera centre, a direction and a roll relative to `up
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import IntEnum
 from functools import cached_property
 
 import numpy as np
@@ -22,9 +21,10 @@ from rastercov.mesh.arrays import frozen
 from rastercov.placement.candidates.clearance import (
     KeepOut,
     NearestSurface,
+    Place,
     check_clearance,
-    in_solid,
     nearest_obstacle,
+    place_of,
 )
 from rastercov.placement.candidates.pool import check_stand_off, check_up, turns_about_z
 
@@ -32,22 +32,6 @@ POSITION_TOLERANCE_REL = 1e-9
 """Position tolerance relative to the mesh's diagonal, for cameras on the border of a box."""
 TRIES = 4
 """Greatest number of projections of a position onto the allowed space."""
-
-
-class Place(IntEnum):
-    """Constraint that a position violates: of several, the one with the highest number."""
-
-    ALLOWED = 0
-    TOO_FAR = 1
-    """Further from the task than the stand-off."""
-    TOO_NEAR = 2
-    """Nearer to the task than the stand-off, or to any surface than the clearance."""
-    KEPT_OUT = 3
-    """In a keep-out volume."""
-    IN_SOLID = 4
-    """Inside a closed surface, or beyond the walls of a room."""
-    OUTSIDE = 5
-    """In none of the boxes."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -118,18 +102,13 @@ class PoseSpace:
     def judge(self, eyes: ArrayLike) -> NDArray[np.uint8]:
         """`Place` of each of (N, 3) camera centres."""
         points = np.asarray(eyes, np.float64).reshape(-1, 3)
-        place = np.full(len(points), Place.ALLOWED, np.uint8)
         if not len(points):
-            return place
+            return np.zeros(0, np.uint8)
+        surface = self._surface if self.clearance > 0 else None
+        place = place_of(self.mesh, points, surface, self.clearance, self.keep_out)
         distance = self._task.query(points).distance
-        place[distance > self.stand_off[1]] = Place.TOO_FAR
-        too_near = distance < self.stand_off[0]
-        if self.clearance > 0 and self._surface is not None:
-            too_near |= self._surface.query(points).distance < self.clearance
-        place[too_near] = Place.TOO_NEAR
-        for volume in self.keep_out:
-            place[volume.contains(points)] = Place.KEPT_OUT
-        place[in_solid(self.mesh, points)] = Place.IN_SOLID
+        place[(distance > self.stand_off[1]) & (place == Place.ALLOWED)] = Place.TOO_FAR
+        place[(distance < self.stand_off[0]) & (place < Place.TOO_NEAR)] = Place.TOO_NEAR
         slack = POSITION_TOLERANCE_REL * np.linalg.norm(np.ptp(self.mesh.bounds, axis=0))
         missed = np.abs(points - self.nearest_in_boxes(points)).max(axis=1)
         place[~(missed <= slack)] = Place.OUTSIDE

@@ -55,10 +55,6 @@ ROLLED = np.outer((-1.0, 1.0), np.eye(6)[5])
 """Moves of a camera: steps along its axes, and turns across, along and about its view."""
 
 
-EXCHANGE = -1
-"""Level number of the exchange for a candidate."""
-
-
 @dataclass(eq=False)
 class _Trials:
     """Poses one move away from a camera, (M, 4, 4), faces of their rows, (M, width, 3) centres.
@@ -90,8 +86,8 @@ class Refined:
     moved : (k,) bool
         Cameras whose pose changed.
     status : {"local optimum", "everything covered", "budget spent", "interrupted"}
-        No move of one camera gains at any step, nor its exchange for a candidate; all of the weight
-        is covered; or the budget or an interrupt ended the search.
+        No move of one camera gains at any step; all of the weight is covered; or the budget or an
+        interrupt ended the search.
     evaluations : int
         Poses that were measured or estimated.
     seconds : float
@@ -122,7 +118,6 @@ def refine(
     step: float | Sequence[float] | None = None,
     turn_deg: float = TURN_DEG,
     halvings: int = HALVINGS,
-    candidates: ArrayLike | Poses | None = None,
     budget: int = BUDGET,
     seed: int = 0,
 ) -> Refined:
@@ -144,9 +139,6 @@ def refine(
         First turn, degrees, (0, 90].
     halvings : int
         Number of times that steps and turns are halved.
-    candidates : (C, 4, 4) array_like or Poses, optional
-        Poses for which any camera of theirs may be exchanged where no move gains. Those at
-        forbidden positions are left out.
     budget : int
         Greatest number of poses to measure or estimate.
     seed : int
@@ -171,7 +163,7 @@ def refine(
 
     search = _Search(objective, space, placed, budget, seed)
     try:
-        status = _descend(search, steps, np.radians(turn_deg), halvings, candidates)
+        status = _descend(search, steps, np.radians(turn_deg), halvings)
     except KeyboardInterrupt:
         status = INTERRUPTED
     trace = objective.share(np.array(search.trace, np.int64))
@@ -188,31 +180,19 @@ def refine(
     )
 
 
-def _descend(
-    search: "_Search",
-    steps: FloatArray,
-    turn: float,
-    halvings: int,
-    candidates: ArrayLike | Poses | None,
-) -> str:
+def _descend(search: "_Search", steps: FloatArray, turn: float, halvings: int) -> str:
     """Move cameras until no level gains; the status."""
-    last = halvings
-    if candidates is not None and len(search.poses):
-        poses = renumbered(candidates)
-        if not search.exchange(poses[search.space.allows(poses.world_from_camera[:, :3, 3])]):
-            return BUDGET_SPENT
-        last += 1
     level = fails = 0
     # All levels in turn, until every one has failed since the last gain.
-    while search.has_room and fails <= last and len(search.poses):
+    while search.has_room and fails <= halvings and len(search.poses):
         scale = 0.5**level
-        if level <= halvings and not search.sharpen(level, steps * scale, turn * scale):
+        if not search.sharpen(level, steps * scale, turn * scale):
             return BUDGET_SPENT
-        if search.improve(level if level <= halvings else EXCHANGE):
+        if search.improve(level):
             fails = 0
         else:
             fails += 1
-            level = (level + 1) % (last + 1)
+            level = (level + 1) % (halvings + 1)
     return LOCAL_OPTIMUM if search.has_room else EVERYTHING
 
 
@@ -241,8 +221,6 @@ class _Search:
         self._moves_made = np.zeros(len(start), np.int64)
         # Trials of each camera and level, until the camera moves.
         self._trials: list[dict[int, _Trials]] = [{} for _ in start]
-        # Candidates for exchange, by the camera that they are of.
-        self._pools: dict[int, _Trials] = {}
 
     def _rows(self, lists: Lists, row: int, count: int = 1) -> Lists:
         """Faces of all rows of some poses."""
@@ -274,18 +252,6 @@ class _Search:
             self._trials[row][level] = _Trials(poses, own, self._eyes_of(poses, row))
         return True
 
-    def exchange(self, candidates: Poses) -> bool:
-        """Estimate the candidates for exchange; False where the budget does not suffice."""
-        if self.evaluations + len(candidates) > self.budget:
-            return False
-        for index in np.unique(self.camera).tolist():
-            own = renumbered(candidates[candidates.camera == index])
-            found = self.objective.estimated(own)
-            eyes = self.objective.eyes(own).reshape(-1, self.width, 3)
-            self._pools[index] = _Trials(own.world_from_camera, found, eyes)
-        self.evaluations += len(candidates)
-        return True
-
     def improve(self, level: int) -> bool:
         """Move cameras to the trials that gain most, each at most once; True where any moved."""
         waiting = set(range(len(self.poses)))
@@ -313,17 +279,12 @@ class _Search:
         found = self.objective.eyes(Poses.of(poses, camera=int(self.camera[row])))
         return found.reshape(-1, self.width, 3)
 
-    def _of(self, row: int, level: int) -> _Trials:
-        if level == EXCHANGE:
-            return self._pools[int(self.camera[row])]
-        return self._trials[row][level]
-
     def _best(self, row: int, level: int) -> tuple[int, int]:
         """Weight that the best trial of a camera gains, and the index of that trial.
 
         Trials that were measured are judged by that, the others by their estimates.
         """
-        trials = self._of(row, level)
+        trials = self._trials[row][level]
         if not len(trials.poses):
             return -1, -1
         covers, eyes = (np.delete(each, row, axis=0) for each in (self.covers, self.eyes))
@@ -353,24 +314,24 @@ class _Search:
         missing = {
             row: trial
             for row, trial in chosen.items()
-            if trial not in self._of(row, level).measured
+            if trial not in self._trials[row][level].measured
         }
         if not missing:
             return False
         if self.evaluations + len(missing) > self.budget:
             for row, trial in missing.items():
                 nothing = [np.empty(0, np.int32)] * self.width
-                self._of(row, level).measured[trial] = Lists.of(nothing)
+                self._trials[row][level].measured[trial] = Lists.of(nothing)
             return True
-        poses = np.array([self._of(row, level).poses[trial] for row, trial in missing.items()])
+        poses = np.array([self._trials[row][level].poses[trial] for row, trial in missing.items()])
         found = self.objective.listed(Poses.of(poses, camera=self.camera[list(missing)]))
         self.evaluations += len(poses)
         for at, (row, trial) in enumerate(missing.items()):
-            self._of(row, level).measured[trial] = self._rows(found, at)
+            self._trials[row][level].measured[trial] = self._rows(found, at)
         return True
 
     def _move(self, row: int, level: int, trial: int) -> None:
-        trials = self._of(row, level)
+        trials = self._trials[row][level]
         with interrupts_held():
             self.poses[row] = trials.poses[trial]
             found = trials.measured.get(trial, self._rows(trials.covers, trial))

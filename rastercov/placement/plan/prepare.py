@@ -10,7 +10,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from functools import partial, reduce
+from functools import reduce
 from pathlib import Path
 from typing import Any
 
@@ -123,10 +123,6 @@ class Prepared:
         With the goal of the plan, or the nearest one that can be reached.
     cells : Cells or None
         Elements of the problem where the result is by area; None for faces.
-    matrix : callable
-        Gives the visibility matrix once more, from its folder, for a stricter choice.
-    least_share : float
-        Share of a cell that a candidate must cover, in the problem.
     reachable : AreaNetwork or None
         Exact area that all candidates together cover, where the plan asks for a share of it and it
         is affordable.
@@ -151,9 +147,7 @@ class Prepared:
     measured_by: dict[str, Any]
     problem: Problem
     notes: tuple[str, ...]
-    matrix: Callable[[], Matrix]
     cells: Cells | None = None
-    least_share: float = 0.5
     reachable: AreaNetwork | None = None
     quarantined: Mapping[int, str] = field(default_factory=dict)
     is_of_bits: bool = False
@@ -168,26 +162,6 @@ class Prepared:
     def camera(self) -> Rig:
         """All cameras with their names."""
         return self.mounts.rig
-
-    def stricter(self, least_share: float) -> "Prepared":
-        """The same, with candidates that must cover more of a cell.
-
-        Raises
-        ------
-        ConfigError
-            Where all of them together do not reach the goal so.
-        """
-        assert self.cells is not None
-        problem = problem_of(
-            self.matrix(),
-            self.cells,
-            self.problem.goal,
-            costs=self.pool.costs,
-            min_coverage=least_share,
-            mounts=self.mounts,
-            **counting(self.plan.task),
-        )
-        return replace(self, problem=problem, least_share=least_share)
 
 
 def cells_of(plan: Plan, mesh: Mesh) -> Cells | None:
@@ -348,7 +322,6 @@ def prepare(
         problem=problem,
         notes=tuple(notes),
         cells=cells,
-        matrix=partial(held, plan, parts),
         quarantined=matrix.quarantined,
         tally=tally,
     )

@@ -67,9 +67,6 @@ MOST_PAIRS = 50_000_000
 long as their visibility matrix takes."""
 ROUNDING = 1e-9
 """Share of the area by which unions of the same regions in other orders differ at most."""
-STRICTER = (0.75, 0.95, 0.999)
-"""Shares of a cell that a camera must cover, in turn, where that does not help: cells covered as a
-whole never promise too much."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -303,30 +300,19 @@ def _is_short(placement: Placement) -> bool:
 def _selected_anew(placement: Placement, objectives: Objectives, progress: Progress) -> Placement:
     """The placement with cameras selected anew until its exact area meets the goal.
 
-    First a larger share of the cells is wanted, and then a larger part of each cell. Where neither
-    helps, it is the placement that covers most.
+    Each time as much more of the cells is wanted as the area falls short. Where that does not help,
+    it is the placement that covers most.
     """
-    prepared, best = placement.prepared, placement
-    until = time.perf_counter() + prepared.selection.time_limit
-
-    def selected(tighter: Prepared) -> Placement:
-        nonlocal best
-        left = max(until - time.perf_counter(), 1.0)
-        chosen = _select(tighter.problem, tighter.selection, left)
-        found = _by_area(_placed(tighter, chosen, objectives, placement.steps), objectives)
-        best = max(best, found, key=lambda each: each.cameras.share)
-        return found
-
-    found = placement
+    found = best = placement
+    until = time.perf_counter() + placement.prepared.selection.time_limit
     # Ends where all candidates together do not reach that much.
     with suppress(ConfigError):
         for _ in range(RAISES):
-            found = selected(_raised(found))
-            if not _is_short(found):
-                return found
-    with suppress(ConfigError):
-        for least in STRICTER:
-            found = selected(prepared.stricter(least))
+            tighter = _raised(found)
+            left = max(until - time.perf_counter(), 1.0)
+            chosen = _select(tighter.problem, tighter.selection, left)
+            found = _by_area(_placed(tighter, chosen, objectives, placement.steps), objectives)
+            best = max(best, found, key=lambda each: each.cameras.share)
             if not _is_short(found):
                 return found
     return best

@@ -1,8 +1,8 @@
 """Scene of a plan, its meshes and targets joined, and its candidates within the constraints.
 
 Errors that need the meshes, such as an unknown group, are found here and reported like all errors
-of a plan. The entries of a `Plan` call the generators of `pool` and `mounting`; `filter_candidates`
-and `PoseSpace` drop candidates, with reasons.
+of a plan. The entries of a `Plan` call the generators of `pool` and `mounting`; `PoseSpace` judges
+their candidates.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -22,10 +22,10 @@ from rastercov.mesh import Group, Mesh, shapes
 from rastercov.mesh.groups import FileGroups, Names, refuse_twice
 from rastercov.mesh.targets import box_grid, count_for, sheet_above, with_target
 from rastercov.placement.candidates import mounting, pool
-from rastercov.placement.candidates.clearance import Dropped, KeepOut, filter_candidates
+from rastercov.placement.candidates.clearance import KeepOut, Place
 from rastercov.placement.candidates.pool import Candidates, Framing
 from rastercov.placement.candidates.segments import Segmentation, segment
-from rastercov.placement.improve.pose_space import Place, PoseSpace
+from rastercov.placement.improve.pose_space import PoseSpace
 from rastercov.placement.plan import sections as entries
 from rastercov.placement.plan.file import Plan, PlanError
 from rastercov.placement.plan.sections import (
@@ -228,6 +228,14 @@ def _with_names(entry: AnyEntry, path: str, names: Names, lines: list[str]) -> A
 
 
 Part = tuple[Candidates, float]
+DROPPED = {
+    "too_far": "further than the stand-off",
+    "too_near": "nearer than the stand-off or the clearance",
+    "kept_out": "in a keep-out volume",
+    "in_solid": "in a solid",
+    "outside": "outside the spaces",
+}
+"""Words for the constraint that candidates violate, by the name of `Place`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -243,10 +251,8 @@ class CandidatePool:
         Candidates of each source before the filter.
     proposed : Candidates
         Those candidates.
-    dropped : Dropped
-        Reasons of the candidates dropped by clearance and keep-out volumes.
-    misplaced : dict of str to int
-        Counts of the others that violate limits of the plan, by the name of `Place`.
+    dropped : dict of str to int
+        Candidates at forbidden positions, by the name of `Place`.
     space : PoseSpace
         Constraints for optimisation and refinement.
     parts : tuple of (Candidates, float)
@@ -257,8 +263,7 @@ class CandidatePool:
     costs: FloatArray
     made: dict[str, int]
     proposed: Candidates
-    dropped: Dropped
-    misplaced: dict[str, int]
+    dropped: dict[str, int]
     space: PoseSpace
     parts: tuple[Part, ...]
 
@@ -266,22 +271,17 @@ class CandidatePool:
         """Counts of candidates made and dropped, for people."""
         total = sum(self.made.values())
         made = ", ".join(f"{count} {source}" for source, count in self.made.items())
-        words = {"too_far": "further than the stand-off", "too_near": "nearer than the stand-off"}
-        words |= {"outside": "outside the spaces"}
         lines = [f"{plural(total, 'candidate')}: {made}"]
-        if total > self.dropped.kept_mask.sum():
-            lines.append(str(self.dropped))
-        if self.misplaced:
-            why = ", ".join(f"{n} {words.get(name, name)}" for name, n in self.misplaced.items())
-            lines.append(f"{sum(self.misplaced.values())} more dropped: {why}")
+        if self.dropped:
+            why = ", ".join(f"{n} {DROPPED[name]}" for name, n in self.dropped.items())
+            lines.append(f"{sum(self.dropped.values())} dropped: {why}")
         return lines
 
     def summary(self) -> dict[str, Any]:
         """Counts, ready for JSON."""
         return {
             "made": self.made,
-            "dropped": self.dropped.summary(),
-            "misplaced": self.misplaced,
+            "dropped": self.dropped,
             "left": self.candidates.counts(),
         }
 
@@ -335,7 +335,6 @@ def filtered_pool(plan: Plan, mesh: Mesh, parts: Sequence[Part]) -> CandidatePoo
     found = Candidates(np.zeros((0, 4, 4)), np.zeros(0, np.int16), np.zeros(0, np.int64), ())
     found = sum((part for part, _ in parts), found)
     costs = np.concatenate([np.zeros(0), *(np.full(len(part), cost) for part, cost in parts)])
-    left, dropped = filter_candidates(found, mesh, limits.clearance, keep_outs(plan))
     if limits.spaces:
         boxes = [np.array([space.low, space.high]) for space in limits.spaces]
     else:
@@ -347,16 +346,14 @@ def filtered_pool(plan: Plan, mesh: Mesh, parts: Sequence[Part]) -> CandidatePoo
         clearance=limits.clearance,
         keep_out=keep_outs(plan),
     )
-    place = space.judge(left.poses[:, :3, 3])
+    place = space.judge(found.poses[:, :3, 3])
     allowed, counts = place == Place.ALLOWED, np.bincount(place, minlength=len(Place))
-    misplaced = {each.name.lower(): int(counts[each]) for each in Place if each and counts[each]}
     return CandidatePool(
-        candidates=left.take(allowed),
-        costs=costs[dropped.kept_mask][allowed],
+        candidates=found.take(allowed),
+        costs=costs[allowed],
         made=found.counts(),
         proposed=found,
-        dropped=dropped,
-        misplaced=misplaced,
+        dropped={each.name.lower(): int(counts[each]) for each in Place if each and counts[each]},
         space=space,
         parts=tuple(parts),
     )

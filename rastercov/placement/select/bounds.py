@@ -29,10 +29,8 @@ from typing import Any, Self
 
 import numpy as np
 
-from rastercov.base.memory import BoolArray, FloatArray, IntArray
-from rastercov.kernels import placement_bits
+from rastercov.base.memory import FloatArray, IntArray
 from rastercov.kernels import placement_lagrange as kernels
-from rastercov.placement.bits import spread_out
 from rastercov.placement.select.cover import Cover, LazyCover
 from rastercov.placement.select.presolve import Presolved, Reduced, ReducedProblem
 from rastercov.placement.select.problem import BestCoverage, Problem
@@ -233,13 +231,19 @@ def core_and_bound(
     Parameters
     ----------
     state : LazyCover
-        A selection that meets the goal; its cameras are in the core.
+        A selection that meets the goal; its cameras are in the core, and those by which the greedy
+        rule continues until every face is covered.
     most_pairs : int
-        Pairs of the core; those that cover each face are in it beyond that.
+        Pairs of the core; these cameras are in it beyond that.
     """
     earned, best = state.first.sum(axis=1).astype(np.float64), None
+    chosen = set(state.chosen)
+    while (camera := state.next_best()) >= 0:
+        state.add(camera)
+    needed = np.array(sorted(state.chosen), np.int64)
+    state.become(chosen)
     for _ in range(MOST_ROUNDS):
-        rows = core_rows(large, state, earned, most_pairs)
+        rows = core_rows(large, needed, earned, most_pairs)
         core = large.listed(rows)
         if len(rows) == large.n_candidates or not _asks_for_any(core):
             return core, rows, bound_of(core, state)
@@ -255,7 +259,7 @@ def core_and_bound(
                 break
         earned = best.earned
     assert best is not None
-    core = large.listed(rows := core_rows(large, state, best.earned, most_pairs))
+    core = large.listed(rows := core_rows(large, needed, best.earned, most_pairs))
     return core, rows, _proved(large, best.value)
 
 
@@ -265,8 +269,7 @@ def _priced(large: Presolved, price: FloatArray) -> Prices:
     rounded = np.floor(price * unit).astype(np.int64)
     values = np.zeros(large.problem.n_faces, np.int64)
     values[large.kept] = rounded
-    mask = np.bitwise_or.reduce(large.masks, axis=0)
-    earned = large.sums(spread_out(values)[None], mask[None])[:, 0] / unit
+    earned = large.sums(values, large.remains).sum(axis=1) / unit
     return Prices(_value(large, rounded / unit, earned), rounded / unit, earned)
 
 
@@ -320,33 +323,17 @@ def _between(large: Presolved, one: Prices, other: Prices) -> Prices:
     return best
 
 
-def core_rows(large: Presolved, state: LazyCover, earned: FloatArray, most_pairs: int) -> IntArray:
+def core_rows(large: Presolved, needed: IntArray, earned: FloatArray, most_pairs: int) -> IntArray:
     """(N,) rows of the core, ascending.
 
-    These are the chosen cameras, then candidates that together cover each face as often as it
-    needs, then those that earn most, by their cost unless their number is limited; ties by rank.
+    These are some that it needs, (K,), then those that earn most, by their cost unless their number
+    is limited; ties by rank.
     """
     goal = large.problem.goal
     is_by_cost = not isinstance(goal, BestCoverage) or goal.budget is not None
     profit = earned / np.maximum(large.costs, 1e-12) if is_by_cost else earned
     order = np.lexsort((large.rank, -profit))
-    is_chosen = np.zeros(large.n_candidates, np.bool_)
-    is_chosen[list(state.chosen)] = True
-    order = np.concatenate((order[is_chosen[order]], order[~is_chosen[order]]))
-    is_needed = _complete(large, order) | is_chosen[order]
-    left = most_pairs - int(large.sizes[order[is_needed]].sum())
+    is_needed = np.isin(order, needed)
+    left = most_pairs - int(large.sizes[needed].sum())
     fits = np.cumsum(np.where(is_needed, 0, large.sizes[order])) <= left
     return np.sort(order[is_needed | fits])
-
-
-def _complete(large: Presolved, order: IntArray) -> BoolArray:
-    """(N,) candidates in an order that cover a face with fewer before them than it needs."""
-    is_needed = np.zeros(len(order), np.bool_)
-    views = spread_out(large.problem.views, np.int32)
-    lacking = np.bitwise_or.reduce(large.masks, axis=0)
-    count = np.zeros_like(views)
-    for words, rows, at in large.bits.runs(large.candidates[order]):
-        placement_bits.complete_cover(words, rows, lacking, count, views, is_needed[at])
-        if not lacking.any():
-            break
-    return is_needed

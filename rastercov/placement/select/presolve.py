@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.kernels import placement_bits as bit_kernels
 from rastercov.kernels import placement_presolve as kernels
-from rastercov.placement.bits import CoveredBits, Words, packed, spread_out
+from rastercov.placement.bits import CoveredBits, packed, spread_out
 from rastercov.placement.select.problem import FewestCameras, Problem
 
 
@@ -84,20 +84,21 @@ class Presolved(Reduced):
     kept: IntArray
 
     @cached_property
-    def masks(self) -> Words:
-        """(G, W) remaining faces of each kind."""
+    def remains(self) -> BoolArray:
+        """(F,) remaining faces."""
         remains = np.zeros(self.problem.n_faces, np.bool_)
         remains[self.kept] = True
-        kinds = range(len(self.least))
-        return np.stack([packed(remains & (self.kind == kind)) for kind in kinds])
+        return remains
 
-    def sums(self, values: IntArray, masks: Words, rows: IntArray | None = None) -> IntArray:
-        """(N, V) sums over the faces of some candidates, or all, each of one camera.
+    def sums(self, values: IntArray, faces: BoolArray, rows: IntArray | None = None) -> IntArray:
+        """(N, G) sums of values, (F,), over the remaining ones of some faces, (F,), by their kind.
 
-        See `CoveredBits.sums`.
+        Of some candidates, or all, each of one camera.
         """
+        kinds = np.arange(len(self.least))[:, None]
+        masks = packed(faces & self.remains & (self.kind == kinds))
         chosen = self.candidates if rows is None else self.candidates[rows]
-        return self.bits.sums(values, masks, chosen)
+        return self.bits.sums(np.stack([spread_out(values)] * len(masks)), masks, chosen)
 
     def listed(self, rows: IntArray | None = None) -> "ReducedProblem":
         """The problem with all candidates, or some, (N,) ascending, in lists.
@@ -114,8 +115,8 @@ class Presolved(Reduced):
         cameras = np.arange(limits[-1]) + (starts[candidates] - limits[:-1])[owner]
         column = np.full(problem.n_faces, -1, np.int32)
         column[kept] = np.arange(len(kept))
-        mask = np.bitwise_or.reduce(self.masks, axis=0)
-        camera_indptr, face = self.bits.listed(cameras, mask, spread_out(column, np.int32))
+        column = spread_out(column, np.int32)
+        camera_indptr, face = self.bits.listed(cameras, packed(self.remains), column)
         face_starts, covering = kernels.by_face(camera_indptr, face, len(kept))
         views = problem.views[kept].astype(np.int32)
         eyes = centroids = np.empty((0, 3))
