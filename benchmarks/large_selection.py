@@ -293,9 +293,6 @@ def rates(report: Report) -> None:
             started = time.process_time()
             matrix = BitMatrix.of(found)
             derived = time.process_time() - started
-            started = time.process_time()
-            BitMatrix.of(found)
-            verified = time.process_time() - started
     bits = matrix.bits
     values = spread_out(np.random.default_rng(0).integers(0, 1 << 40, (1, mesh.n_faces)))
     rows = np.tile(np.arange(len(poses)), 20)
@@ -311,7 +308,6 @@ def rates(report: Report) -> None:
     report.add(f"{name}: Parquet", n_bytes / found.n_pairs, "B a pair")
     report.add(f"{name}: bits", 8 * bits.n_words, "B a pose")
     report.add(f"{name}: CPU of bits from shards", 1e9 * derived / found.n_pairs, "ns a pair")
-    report.add(f"{name}: CPU of bits that are there", 1e6 * verified / len(poses), "us a pose")
     report.add(f"{name}: CPU of a pass", 1e6 * of_pass / len(rows), "us a pose")
     report.add("threads that derive bits at most", bit_file.MOST_THREADS, "threads")
 

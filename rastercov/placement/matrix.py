@@ -7,11 +7,11 @@ of the task surface, numbered like faces, and coverage is the covered share of t
 On disk a matrix is a folder:
 
 header.json     inputs with hashes: mesh, camera, poses, task, method, version
-poses.npy       (C, 4, 4) the candidates
+scene.npz       mesh, cameras and mounts
+poses.npz       poses, (C, 4, 4), the candidates, and the camera of each
 pairs/*.parquet shards of consecutive poses, columns pose, face, coverage, covered; of rigs also
                 camera_on_rig, a row for each camera of the rig
 sha256/*.sha256 the checksum of each of these files
-bits/           covered pairs as bits, see `matrix_folder`, once a `BitMatrix` was made of it
 
 `pandas.read_parquet(folder / "pairs")` and `polars.read_parquet(folder / "pairs")` read the pairs.
 A shard is written to a temporary file, flushed to the disk and renamed, so a killed run loses at
@@ -51,7 +51,6 @@ from rastercov.placement.matrix_folder import (
     MatrixFolder,
     add_bounds,
     claim,
-    covered_bits,
     describe,
     gathered,
     greatest,
@@ -59,7 +58,6 @@ from rastercov.placement.matrix_folder import (
     pairs_of,
     region_observer,
     totals_of,
-    write_scene,
 )
 from rastercov.placement.mounts import Mounts
 from rastercov.placement.uncovered import CandidateBounds
@@ -368,7 +366,8 @@ def measure_matrix(
     placed, task = renumbered(poses), task or Task()
     with _opened(view, cells, task) as observer, locked(Path(folder)) as place:
         header = describe(observer, placed, task, poses_a_shard, cells, mounts)
-        matrix = claim(place, header, placed, poses_a_shard is not None, note)
+        is_given = poses_a_shard is not None
+        matrix = claim(place, header, observer, placed, mounts, is_given, note)
         shards, sizes = matrix.store, dict[int, int]()
 
         def check(number: int) -> None:
@@ -381,8 +380,6 @@ def measure_matrix(
 
         shards.mend(note, check)
         is_by_workers = workers is not None and bool(shards.missing())
-        if is_by_workers:
-            write_scene(place, observer, mounts)
         for number in fill(shards, make, workers, progress, watch, note):
             if number not in sizes:
                 check(number)
@@ -429,7 +426,7 @@ class BitMatrix(MeasuredPoses):
         folder: MatrixFolder,
         progress: Callable[[int, int], None] = lambda done, total: None,
     ) -> Self:
-        """Matrix of a complete folder, which gets the file of bits.
+        """Matrix of a complete folder.
 
         Parameters
         ----------
@@ -441,12 +438,12 @@ class BitMatrix(MeasuredPoses):
         Raises
         ------
         ConfigError
-            When another process is writing to the folder, or a file of it is damaged.
+            When a file of the folder is damaged.
         ResourceError
             When the disk has no room for the bits.
         """
         header = folder.header
-        bits, total = covered_bits(folder, Task(**header["task"]).min_coverage, progress)
+        bits, total = folder.covered(Task(**header["task"]).min_coverage, progress)
         mean = total / max(1, header["n_task_faces"])
         return cls(
             placed=folder.poses(), header=header, folders=(folder,), bits=bits, mean_coverage=mean
@@ -473,12 +470,8 @@ class BitMatrix(MeasuredPoses):
         return found
 
     def covered_at(self, least: float) -> CoveredBits:
-        """Pairs with coverage of at least `least`, from another file that is made where missing."""
-        if least == self.task.min_coverage:
-            return self.bits
-        return reduce(
-            CoveredBits.joined, (covered_bits(each, float(least))[0] for each in self.folders)
-        )
+        """Pairs with coverage of at least `least`."""
+        return reduce(CoveredBits.joined, (each.covered(least)[0] for each in self.folders))
 
     def joined(self, other: "BitMatrix") -> "BitMatrix":
         """Matrix of the poses of both, of one mesh and one task."""

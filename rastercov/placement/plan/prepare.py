@@ -24,6 +24,7 @@ from rastercov.camera.formats.doubts import unit_doubts
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.camera.rig import Rig
 from rastercov.cluster import Tally, Workers
+from rastercov.cluster.inputs import INPUTS
 from rastercov.cluster.store import locked, remove
 from rastercov.coverage.area.cells import Cells, cells, usual_size
 from rastercov.coverage.area.network import AreaNetwork
@@ -62,9 +63,7 @@ from rastercov.placement.uncovered import CandidateBounds
 N_DIAGNOSED = 32
 """Number of candidates examined for the reason why none covers a face."""
 OF_A_MATRIX = (
-    "bits/covered-*", "pairs/pairs-*.parquet", "bounds/*.npz", "quarantine/shard-*.json",
-    "scene.npz", "poses.npy", "cameras.npy",
-    "header.json", "sha256/*.sha256",
+    "pairs/pairs-*.parquet", "bounds/*.npz", "quarantine/shard-*.json", *INPUTS, "sha256/*.sha256"
 )  # fmt: skip
 """Files of a matrix, see `matrix_folder`, in an order of removal that is safe to interrupt."""
 FALLBACK_SHARE = 0.99
