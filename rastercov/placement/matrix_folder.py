@@ -434,7 +434,7 @@ class MatrixFolder:
                 for number in range(part.start, part.stop):
                     rows = shards.rows(number)
                     words, total[rows] = self._bits_of(number, shape[1], least)
-                    os.pwrite(file.fileno(), words, 8 * shape[1] * rows.start)
+                    os.pwrite(file.fileno(), words.data, 8 * shape[1] * rows.start)
                     with lock:
                         did(len(words))
 
