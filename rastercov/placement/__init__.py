@@ -10,7 +10,7 @@ All names that a program needs; the pages of a plan are in `rastercov.report`.
 
 from rastercov.base.typed import guard as _guard
 from rastercov.placement.bits import CoveredBits
-from rastercov.placement.candidates.cavities import Access, Openings, openings, per_cavity
+from rastercov.placement.candidates.cavities import Access, Openings, openings
 from rastercov.placement.candidates.clearance import (
     KeepOut,
     KeepOutBox,
@@ -104,7 +104,6 @@ __all__ = [
     "on_walls",
     "openings",
     "optimise",
-    "per_cavity",
     "per_convex_region",
     "per_face",
     "per_segment",

@@ -527,19 +527,6 @@ class Openings:
 
 
 @typed
-def per_cavity(
-    mesh: Mesh,
-    camera: Camera,
-    framing: Framing = DEFAULT,
-    *,
-    faces: ArrayLike,
-    **options: Any,
-) -> Candidates:
-    """Views along the directions that are open at each face; options as for `openings`."""
-    return openings(mesh, camera, framing, faces=faces, **options).candidates
-
-
-@typed
 def openings(
     mesh: Mesh,
     camera: Camera,

@@ -432,9 +432,7 @@ def _rule(aim: entries.Aim) -> mounting.Aim:
 def _segmented(mesh: Mesh, entry: entries.PerSegment) -> Segmentation:
     if entry.merge == "none":
         return segment(mesh, entry.alpha_deg, None)
-    return segment(
-        mesh, entry.alpha_deg, entry.beta_deg, adjacent=entry.adjacent, merge=entry.merge
-    )
+    return segment(mesh, entry.alpha_deg, entry.beta_deg, merge=entry.merge)
 
 
 def _boxes(part: Candidates) -> Iterator[FloatArray]:

@@ -396,8 +396,6 @@ class PerSegment(Square):
     """Largest angle between average normals that are merged."""
     merge: Literal["leader", "closest", "none"] = "leader"
     """Way to merge segments."""
-    adjacent: bool = False
-    """Merge neighbours only."""
 
 
 class PerFace(Square):
