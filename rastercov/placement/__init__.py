@@ -3,7 +3,7 @@
     segment -> per_segment, on_walls, ... -> filter_candidates -> build_matrix -> problem_of
     -> select_greedy -> optimise, refine -> tolerance, what_is_left -> openings
 
-From more pairs than the memory holds: measure_matrix -> BitMatrix.of -> problem_of.
+From more pairs than the memory holds: measure_matrix -> problem_of.
 
 All names that a program needs; the pages of a plan are in `rastercov.report`.
 """
@@ -46,7 +46,6 @@ from rastercov.placement.improve.refine import Refined, refine
 from rastercov.placement.improve.search import Optimised, optimise
 from rastercov.placement.improve.tolerance import InstallationError, Tolerance, tolerance
 from rastercov.placement.matrix import BitMatrix, VisibilityMatrix, build_matrix, measure_matrix
-from rastercov.placement.matrix_folder import MatrixFolder
 from rastercov.placement.select.greedy import select_greedy
 from rastercov.placement.select.integer import select_integer
 from rastercov.placement.select.problem import (
@@ -73,7 +72,6 @@ __all__ = [
     "KeepOutBox",
     "KeepOutSphere",
     "Leftover",
-    "MatrixFolder",
     "NearestSurface",
     "Objective",
     "Openings",

@@ -42,7 +42,7 @@ def build(folder=None, poses=POSES, **options):
 
 
 def bits_of(folder, poses=POSES):
-    return BitMatrix.of(measure_matrix((MESH, CAMERA), poses, TASK, folder, poses_a_shard=4))
+    return measure_matrix((MESH, CAMERA), poses, TASK, folder, poses_a_shard=4)
 
 
 def dense(matrix):
@@ -129,7 +129,7 @@ def test_matrices_that_are_joined_are_that_of_all_poses(tmp_path, lists):
     assert matrix.n_pairs == len(lists.face)
     other = measure_matrix((MESH, CAMERA), POSES, rc.Task(), tmp_path / "other")
     with pytest.raises(ConfigError, match="another task"):
-        matrix.joined(BitMatrix.of(other))
+        matrix.joined(other)
 
 
 @pytest.mark.parametrize("poses", [POSES[:0], AWAY], ids=["none", "away"])
@@ -325,10 +325,11 @@ def test_bits_are_derived_once_a_threshold(tmp_path, monkeypatch):
         return pairs_of(folder, number)
 
     monkeypatch.setattr(MatrixFolder, "pairs_of", watched_pairs)
-    folder = measure_matrix((MESH, CAMERA), POSES, TASK, tmp_path, poses_a_shard=4)
-    matrix = BitMatrix.of(folder)
+    matrix = bits_of(tmp_path)
+    assert not names
+    assert matrix.bits is matrix.covered_at(0.3)
+    assert len(matrix.mean_coverage) == N_POSES
     assert sorted(names) == [0, 1, 2]
-    assert BitMatrix.of(folder).bits is matrix.bits is matrix.covered_at(0.3)
     assert len(names) == 3
     matrix.covered_at(0.9)
     assert len(names) == 6
@@ -392,7 +393,7 @@ def test_what_is_no_folder_of_ours_is_refused(tmp_path, monkeypatch):
             call()
     with pytest.raises(PoseError):
         build(poses=np.zeros((1, 4, 4)))
-    folder = measure_matrix((MESH, CAMERA), POSES, TASK, tmp_path / "bits")
+    matrix = measure_matrix((MESH, CAMERA), POSES, TASK, tmp_path / "bits")
     with locked(tmp_path / "bits"), pytest.raises(ConfigError, match="another process is writing"):
         build(tmp_path / "bits")
 
@@ -401,7 +402,7 @@ def test_what_is_no_folder_of_ours_is_refused(tmp_path, monkeypatch):
 
     monkeypatch.setattr(os, "posix_fallocate", full)
     with pytest.raises(ResourceError, match="264 bytes cannot be reserved") as error:
-        BitMatrix.of(folder)
+        matrix.covered_at(0.3)
     assert "\n" not in str(error.value)
 
 
