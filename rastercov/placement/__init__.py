@@ -35,7 +35,6 @@ from rastercov.placement.candidates.pool import (
     Candidates,
     Framing,
     from_poses,
-    per_convex_region,
     per_face,
     per_segment,
 )
@@ -102,7 +101,6 @@ __all__ = [
     "on_walls",
     "openings",
     "optimise",
-    "per_convex_region",
     "per_face",
     "per_segment",
     "problem_of",

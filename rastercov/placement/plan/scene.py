@@ -394,8 +394,6 @@ def _made(
             wanted = [g.name in entry.groups or not entry.groups for g in mesh.groups]
             faces = mesh.task_mask & np.array(wanted)[mesh.face_group]
             yield pool.per_face(*view, faces=faces)
-        case entries.PerConvexRegion():
-            yield pool.per_convex_region(*view, least_bend_deg=entry.least_bend_deg)
         case entries.Around():
             around = getattr(mounting, entry.generator)
             yield around(*view, **_own(entry, entries.Framed))

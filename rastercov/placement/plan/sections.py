@@ -406,14 +406,6 @@ class PerFace(Square):
     """Faces of these groups only; all if empty."""
 
 
-class PerConvexRegion(Square):
-    """The average view of the faces around each convex corner."""
-
-    generator: Literal["per_convex_region"]
-    least_bend_deg: Annotated[float, Field(ge=0, le=180)] = 10.0
-    """Bend of the sharpest edge of a corner, at least."""
-
-
 class PerCavity(Square):
     """Views into what no candidate of the other entries sees, along directions that are open."""
 
@@ -505,7 +497,7 @@ class PoseFile(Generator):
     """Pose file, ours (.json, .npy) or of another program that states its unit."""
 
 
-OfSurface = PerSegment | PerFace | PerConvexRegion | PerCavity
+OfSurface = PerSegment | PerFace | PerCavity
 OfPlaces = Around | OnBox | OnWalls | OnCeiling | PoseFile
 CandidateEntry = Annotated[OfSurface | OfPlaces, Field(discriminator="generator")]
 
