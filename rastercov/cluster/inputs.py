@@ -11,11 +11,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from functools import lru_cache
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.base.output import json_text
 from rastercov.camera.camera import Camera
@@ -27,7 +25,6 @@ from rastercov.mesh import Group, Mesh
 from rastercov.mesh.mesh import MeshSource
 
 T = TypeVar("T")
-EMPTY: Mapping[str, Any] = MappingProxyType({})
 ARRAYS = ("vertices", "faces", "face_group", "source_face")
 HEADER, SCENE, POSES = "header.json", "scene.npz", "poses.npz"
 INPUTS = (SCENE, POSES, HEADER)
@@ -37,13 +34,12 @@ OPEN = 2
 
 
 class Inputs(NamedTuple):
-    """Header of a job, its mesh, cameras and poses, and further arrays by name."""
+    """Header of a job, its mesh, cameras and poses."""
 
     header: dict[str, Any]
     mesh: Mesh
     cameras: tuple[Camera, ...]
     poses: Poses
-    more: dict[str, NDArray[Any]]
 
 
 def header_bytes(header: Mapping[str, Any]) -> bytes:
@@ -58,16 +54,15 @@ def write_inputs(
     cameras: Cameras,
     poses: Poses,
     note: Note,
-    more: Mapping[str, Any] = EMPTY,
 ) -> None:
     """Write all files that are not there with this content; `note` names damaged ones."""
     placed = {"poses": poses.world_from_camera, "ids": poses.ids, "camera": poses.camera}
-    files = (_scene_bytes(mesh, cameras, more), _npz(placed), header_bytes(header))
+    files = (_scene_bytes(mesh, cameras), _npz(placed), header_bytes(header))
     for name, data in zip(INPUTS, files, strict=True):
         renew(folder, name, data, note)
 
 
-def _scene_bytes(mesh: Mesh, cameras: Cameras, more: Mapping[str, Any]) -> bytes:
+def _scene_bytes(mesh: Mesh, cameras: Cameras) -> bytes:
     words = {
         "groups": [group.to_json() for group in mesh.groups],
         "sources": [asdict(source) for source in mesh.sources],
@@ -75,7 +70,6 @@ def _scene_bytes(mesh: Mesh, cameras: Cameras, more: Mapping[str, Any]) -> bytes
         "cameras": [camera.to_json() for camera in cameras_of(cameras)],
     }
     arrays = {name: getattr(mesh, name) for name in ARRAYS}
-    arrays |= {f"more.{name}": array for name, array in more.items()}
     text = np.frombuffer(json.dumps(words, sort_keys=True).encode(), np.uint8)
     return _npz(arrays | {"words": text})
 
@@ -98,8 +92,6 @@ def read_inputs(folder: Path) -> Inputs:
     with np.load(io.BytesIO(whole(folder, SCENE)), allow_pickle=False) as file:
         arrays = {name: file[name] for name in ARRAYS}
         words = json.loads(file["words"].tobytes())
-        named = (name for name in file.files if name.startswith("more."))
-        more = {name.removeprefix("more."): file[name] for name in named}
     mesh = Mesh(
         **arrays,
         groups=[Group(**group) for group in words["groups"]],
@@ -107,7 +99,7 @@ def read_inputs(folder: Path) -> Inputs:
         notes=words["notes"],
     )
     cameras = tuple(Camera(**camera) for camera in words["cameras"])
-    return Inputs(json.loads(whole(folder, HEADER)), mesh, cameras, read_poses(folder), more)
+    return Inputs(json.loads(whole(folder, HEADER)), mesh, cameras, read_poses(folder))
 
 
 def opened_once(open_job: Callable[[Path, Inputs], T]) -> Callable[[Path], T]:

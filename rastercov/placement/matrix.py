@@ -7,7 +7,7 @@ of the task surface, numbered like faces, and coverage is the covered share of t
 On disk a matrix is a folder:
 
 header.json     inputs with hashes: mesh, camera, poses, task, method, version
-scene.npz       mesh, cameras and mounts
+scene.npz       mesh and cameras
 poses.npz       poses, (C, 4, 4), the candidates, and the camera of each
 pairs/*.parquet shards of consecutive poses, columns pose, face, coverage, covered; of rigs also
                 camera_on_rig, a row for each camera of the rig
@@ -42,6 +42,7 @@ from rastercov.cluster.run import counted
 from rastercov.cluster.store import Note, locked
 from rastercov.coverage.area.cells import Cells
 from rastercov.coverage.observer import Observer, open_observer
+from rastercov.coverage.shards import LOG
 from rastercov.coverage.task import Task
 from rastercov.kernels import placement_bits as kernels
 from rastercov.mesh import Mesh
@@ -54,7 +55,6 @@ from rastercov.placement.matrix_folder import (
     describe,
     gathered,
     greatest,
-    log_warning,
     pairs_of,
     region_observer,
     totals_of,
@@ -267,7 +267,7 @@ def build_matrix(
     workers: Workers | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
     watch: Callable[[Made], None] = lambda made: None,
-    note: Note = log_warning,
+    note: Note = LOG.warning,
 ) -> VisibilityMatrix:
     """Visibility matrix of the poses, measured in batches.
 
@@ -356,7 +356,7 @@ def measure_matrix(
     workers: Workers | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
     watch: Callable[[Made], None] = lambda made: None,
-    note: Note = log_warning,
+    note: Note = LOG.warning,
 ) -> "BitMatrix":
     """Visibility matrix of which nothing but the poses is in memory, in a folder.
 
@@ -366,7 +366,7 @@ def measure_matrix(
     with _opened(view, cells, task) as observer, locked(Path(folder)) as place:
         header = describe(observer, placed, task, poses_a_shard, cells, mounts)
         is_given = poses_a_shard is not None
-        matrix = claim(place, header, observer, placed, mounts, is_given, note)
+        matrix = claim(place, header, observer, placed, is_given, note)
         shards, sizes = matrix.store, dict[int, int]()
 
         def check(number: int) -> None:

@@ -12,7 +12,6 @@ thousand open files and mappings, and a matrix has more shards; it ends with the
 
 import io
 import json
-import logging
 import math
 import os
 import secrets
@@ -43,7 +42,6 @@ from rastercov.coverage.coverage import evaluate_batches, judged, measurements
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.face_pass import FacePass
 from rastercov.coverage.observer import ExactObserver, Observer, open_observer
-from rastercov.coverage.provenance import sha256
 from rastercov.coverage.shards import hash_of, inputs_of
 from rastercov.coverage.task import Task
 from rastercov.kernels import placement_bits as kernels
@@ -72,7 +70,6 @@ WORDS = {
     "camera": "for another camera",
     "poses": "from other poses, or for other cameras of them",
     "mounts": "for other rigs",
-    "pairs": "with pairs of rigs, not of their cameras",
     "task": "for another task",
     "measured_by": "by another method or device",
     "samples": "with another supersample",
@@ -81,16 +78,11 @@ WORDS = {
 """Words on a header that differs in an entry."""
 
 
-def log_warning(line: str) -> None:
-    """Log one line on the channel of the library; without logging set up, on standard error."""
-    logging.getLogger("rastercov").warning("warning: %s", line)
-
-
 # --- pairs of poses and faces -----------------------------------------------------------------
 
 
 class Pairs(NamedTuple):
-    """Number of pairs of each pose; face, coverage, covered mask and camera of each pair.
+    """Number of pairs of each pose; face, coverage and camera of each pair.
 
     `on_rig` is the number of the camera on its rig, empty where poses are of single cameras.
     """
@@ -98,11 +90,10 @@ class Pairs(NamedTuple):
     counts: IntArray
     face: NDArray[np.int32]
     coverage: NDArray[np.float32]
-    covered: BoolArray
     on_rig: NDArray[np.uint16]
 
 
-KINDS: tuple[Any, ...] = (np.int64, np.int32, np.float32, np.bool_, np.uint16)
+KINDS: tuple[Any, ...] = (np.int64, np.int32, np.float32, np.uint16)
 NO_PAIRS = Pairs(*(np.zeros(0, kind) for kind in KINDS))
 NOT_ON_RIGS = NO_PAIRS.on_rig
 
@@ -146,8 +137,7 @@ def pairs_of(
     on_rig = places_on_rigs(owner)[camera].astype(np.uint16)
     order = np.lexsort((pairs.face, owner[camera]))
     counts = np.bincount(owner[camera], minlength=len(poses))
-    of_pairs: tuple[Any, ...] = (pairs.face, pairs.coverage, pairs.covered, on_rig)
-    return Pairs(counts, *(column[order] for column in of_pairs))
+    return Pairs(counts, pairs.face[order], pairs.coverage[order], on_rig[order])
 
 
 def _of_faces(
@@ -157,9 +147,9 @@ def _of_faces(
     figures = ("coverage", *(FIGURES if bounds is not None else ()))
     for batch in evaluate_batches(observer, poses, task, fields=figures):
         pose, face = np.nonzero((batch.coverage > 0) & batch.mesh.task_mask)
-        short, covered = shortened(batch.coverage[pose, face], batch.task.min_coverage)
+        short, _ = shortened(batch.coverage[pose, face], batch.task.min_coverage)
         counts = np.bincount(pose, minlength=len(batch.pose_ids))
-        yield Pairs(counts, face.astype(np.int32), short, covered, NOT_ON_RIGS)
+        yield Pairs(counts, face.astype(np.int32), short, NOT_ON_RIGS)
         if bounds is not None and len(batch.pose_ids):
             bounds.add(batch)
 
@@ -171,8 +161,8 @@ def _of_cells(
     judge = FacePass(observer.mesh, observer.camera, observer.threads, task)
     for part, seen in measurements(observer, poses):
         found = cells.share(seen.regions)  # type: ignore[union-attr] # of a RegionObserver
-        covered = shortened(found.share, task.min_coverage)
-        yield Pairs(np.diff(found.starts), found.cell, *covered, NOT_ON_RIGS)
+        short, _ = shortened(found.share, task.min_coverage)
+        yield Pairs(np.diff(found.starts), found.cell, short, NOT_ON_RIGS)
         if bounds is not None and len(part):
             bounds.add(judged(observer, judge, task, part, seen, FIGURES))
 
@@ -257,8 +247,8 @@ def describe(
     if poses_a_shard is not None:
         header["poses_a_shard"] = poses_a_shard
     if mounts is not None and mounts.has_rigs:
-        header["mounts"] = sha256(mounts.starts, mounts.rig.rig_from_camera)
-        header["pairs"] = "of the cameras of rigs"
+        places = mounts.rig.rig_from_camera
+        header["mounts"] = {"starts": mounts.starts.tolist(), "places": places.tolist()}
     return header if cells is None else header | {"cells": cells.size}
 
 
@@ -312,7 +302,7 @@ class MatrixFolder:
     @property
     def is_of_rigs(self) -> bool:
         """True where pairs are of the cameras of rigs."""
-        return "pairs" in self.header
+        return "mounts" in self.header
 
     def poses(self) -> Poses:
         """Candidates; ConfigError where they are damaged, or of another matrix."""
@@ -388,8 +378,9 @@ class MatrixFolder:
         import pyarrow.parquet as pq
 
         schema = self._schema(number)
-        counts, *columns = pairs
-        columns = [np.repeat(numbers, counts).astype(np.int32), *columns][: len(schema)]
+        pose = np.repeat(numbers, pairs.counts).astype(np.int32)
+        covered = pairs.coverage >= np.float64(self.header["task"]["min_coverage"])
+        columns = [pose, pairs.face, pairs.coverage, covered, pairs.on_rig][: len(schema)]
         sink = pa.BufferOutputStream()
         # In one piece: the bytes depend on neither batches nor threads.
         with pq.ParquetWriter(sink, schema, compression="zstd", write_page_checksum=True) as writer:
@@ -474,7 +465,6 @@ def claim(
     header: dict[str, Any],
     observer: Observer,
     poses: Poses,
-    mounts: Mounts | None,
     shard_size_given: bool,
     note: Note,
 ) -> MatrixFolder:
@@ -497,10 +487,7 @@ def claim(
         for name, words in WORDS.items():
             if kept.get(name) != header.get(name):
                 raise ConfigError(_made(folder, words))
-    more = {}
-    if mounts is not None and mounts.has_rigs:
-        more = {"starts": mounts.starts, "places": mounts.rig.rig_from_camera}
-    write_inputs(folder, header, observer.mesh, observer.camera, poses, note, more)
+    write_inputs(folder, header, observer.mesh, observer.camera, poses, note)
     return MatrixFolder(folder, header)
 
 
@@ -587,8 +574,8 @@ def _opened(folder: Path, scene: Inputs) -> Callable[[int | None, IntArray], mem
             )
         opened.pop_all()
     mounts = None
-    if scene.more:
-        starts, places = scene.more["starts"], scene.more["places"]
+    if found := header.get("mounts"):
+        starts, places = np.array(found["starts"]), np.array(found["places"])
         names = tuple(f"mount {index}" for index in range(len(starts) - 1))
         mounts = Mounts(names, Rig(scene.cameras, None, places), starts)
 

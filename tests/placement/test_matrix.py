@@ -311,7 +311,7 @@ def test_only_the_damaged_shard_is_measured_again_and_somebody_is_told(tmp_path,
     assert seen[0] == N_POSES - 4
     assert contents_of(tmp_path) == whole
     assert [record.getMessage() for record in caplog.records] == [
-        f"warning: {tmp_path / SHARD}: damaged, its checksum is not the one recorded; "
+        f"{tmp_path / SHARD}: damaged, its checksum is not the one recorded; "
         "its poses are measured again"
     ]
     assert watched(tmp_path)[1:] == ([N_POSES], [])
