@@ -57,7 +57,7 @@ def write_inputs(
 ) -> None:
     """Write all files that are not there with this content; `note` names damaged ones."""
     placed = {"poses": poses.world_from_camera, "ids": poses.ids, "camera": poses.camera}
-    files = (_scene_bytes(mesh, cameras), _npz(placed), header_bytes(header))
+    files = (_scene_bytes(mesh, cameras), npz_bytes(placed), header_bytes(header))
     for name, data in zip(INPUTS, files, strict=True):
         renew(folder, name, data, note)
 
@@ -71,27 +71,32 @@ def _scene_bytes(mesh: Mesh, cameras: Cameras) -> bytes:
     }
     arrays = {name: getattr(mesh, name) for name in ARRAYS}
     text = np.frombuffer(json.dumps(words, sort_keys=True).encode(), np.uint8)
-    return _npz(arrays | {"words": text})
+    return npz_bytes(arrays | {"words": text})
 
 
-def _npz(arrays: Mapping[str, Any]) -> bytes:
+def npz_bytes(arrays: Mapping[str, Any]) -> bytes:
+    """File of arrays by their names; equal arrays give the same bytes."""
     file = io.BytesIO()
     np.savez(file, **arrays)
     return file.getvalue()
 
 
+def read_npz(data: bytes) -> dict[str, Any]:
+    """Arrays of a file that `npz_bytes` made."""
+    with np.load(io.BytesIO(data), allow_pickle=False) as file:
+        return dict(file)
+
+
 def read_poses(folder: Path) -> Poses:
     """Poses of a job; DamagedError as of `whole`."""
-    with np.load(io.BytesIO(whole(folder, POSES)), allow_pickle=False) as file:
-        poses = file["poses"]
-        return Poses(poses, file["ids"], poses, {}, file["camera"])
+    found = read_npz(whole(folder, POSES))
+    return Poses(found["poses"], found["ids"], found["poses"], {}, found["camera"])
 
 
 def read_inputs(folder: Path) -> Inputs:
     """All inputs of a job; DamagedError as of `whole`."""
-    with np.load(io.BytesIO(whole(folder, SCENE)), allow_pickle=False) as file:
-        arrays = {name: file[name] for name in ARRAYS}
-        words = json.loads(file["words"].tobytes())
+    arrays = read_npz(whole(folder, SCENE))
+    words = json.loads(arrays.pop("words").tobytes())
     mesh = Mesh(
         **arrays,
         groups=[Group(**group) for group in words["groups"]],

@@ -6,7 +6,6 @@ of each, shards/shard-*.npz: sums of a network, rows of the table, pictures' cov
 """
 
 import hashlib
-import io
 import json
 import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -21,7 +20,15 @@ from numpy.typing import NDArray
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, cameras_of
 from rastercov.cluster import Made, ShardStore, Workers, fill
-from rastercov.cluster.inputs import INPUTS, Inputs, header_bytes, opened_once, write_inputs
+from rastercov.cluster.inputs import (
+    INPUTS,
+    Inputs,
+    header_bytes,
+    npz_bytes,
+    opened_once,
+    read_npz,
+    write_inputs,
+)
 from rastercov.cluster.run import counted
 from rastercov.cluster.store import remove as remove_files
 from rastercov.coverage.area.regions import RegionObserver, Regions
@@ -146,8 +153,7 @@ class EvaluationShards:
     def _part(self, data: bytes, poses: Poses) -> JudgedPoses:
         from rastercov.kernels.network import PairRows, Sums
 
-        with np.load(io.BytesIO(data), allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
+        arrays = read_npz(data)
         left, found = poses[np.isin(poses.ids, arrays["ids"])], None
         if self.wanted.by_area:
             own: Any = _under("regions", arrays)
@@ -270,9 +276,7 @@ def _measured(
     arrays = {"ids": poses.ids} | _joined(poses, batches)
     if wanted.by_area:
         arrays |= _below("regions", _joined_regions([batch.regions for batch in batches]))
-    file = io.BytesIO()
-    np.savez(file, **arrays)
-    return file.getvalue()
+    return npz_bytes(arrays)
 
 
 def _joined(poses: Poses, batches: Sequence[JudgedPoses]) -> dict[str, NDArray[Any]]:

@@ -10,7 +10,6 @@ uint64, one row a candidate. They are in one mapped file without a name, because
 thousand open files and mappings, and a matrix has more shards; it ends with the process.
 """
 
-import io
 import json
 import math
 import os
@@ -32,7 +31,16 @@ from rastercov.base.threads import share_poses, thread_count
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.camera.rig import Rig, cameras_of
 from rastercov.cluster import ShardStore
-from rastercov.cluster.inputs import HEADER, POSES, Inputs, opened_once, read_poses, write_inputs
+from rastercov.cluster.inputs import (
+    HEADER,
+    POSES,
+    Inputs,
+    npz_bytes,
+    opened_once,
+    read_npz,
+    read_poses,
+    write_inputs,
+)
 from rastercov.cluster.run import counted
 from rastercov.cluster.store import SUMS, DamagedError, Note, contents, store, whole
 from rastercov.coverage.area.cells import Cells, cells
@@ -529,8 +537,7 @@ def add_bounds(folder: MatrixFolder, bounds: CandidateBounds) -> None:
             data = whole(folder.path, f"{BOUNDS}/{path.name}")
         except DamagedError:
             return
-        with np.load(io.BytesIO(data), allow_pickle=False) as file:
-            found.append(dict(file))
+        found.append(read_npz(data))
     of_file = [np.zeros(0, np.int64), *(part["shards"] for part in found)]
     if sorted(np.concatenate(of_file).tolist()) != list(range(len(folder.store))):
         return  # a shard was made again, by another worker
@@ -590,9 +597,8 @@ def _opened(folder: Path, scene: Inputs) -> Callable[[int | None, IntArray], mem
         data = matrix.shard_bytes(number, pairs, chosen)
         if number is not None:
             bounded.append(number)
-            content = io.BytesIO()
-            np.savez(content, shards=np.array(bounded, np.int64), **vars(bounds))
-            store(folder, f"{BOUNDS}/{file}.npz", content.getvalue())
+            arrays = vars(bounds) | {"shards": np.array(bounded, np.int64)}
+            store(folder, f"{BOUNDS}/{file}.npz", npz_bytes(arrays))
         return data
 
     return make_shard

@@ -91,14 +91,6 @@ class CandidateBounds:
         self.covering[self.chosen] += (why == Reason.COVERED).sum(axis=0)
         self.n_poses += len(batch.pose_ids)
 
-    def of(self, chosen: BoolArray) -> "CandidateBounds":
-        """The same for fewer faces."""
-        part = CandidateBounds(len(chosen), chosen)
-        part.n_poses = self.n_poses
-        for name in ("low", "high", "covering"):
-            getattr(part, name)[chosen] = getattr(self, name)[chosen]
-        return part
-
     def claims(self, n_candidates: int) -> NDArray[np.uint8]:
         """(F,) `Sight` of the faces, for a number of candidates."""
         claim = np.full(len(self.low), Sight.UNKNOWN, np.uint8)
@@ -420,7 +412,7 @@ def left_by(
     hidden = np.flatnonzero(left & (network.reason == Reason.OCCLUDED))
     total = len(candidates) + len(hidden)
     if bounds is not None and bounds.n_poses == len(candidates):
-        sight = bounds.of(left)
+        sight = bounds
     else:
         sight = CandidateBounds(mesh.n_faces, left)
         for batch, through in batches_in_view(observer, candidates, task, left):
@@ -447,10 +439,10 @@ def left_by(
         reason=frozen(network.reason.copy()),
         nearest_camera=frozen(nearest.copy()),
         views=frozen(network.views.copy()),
-        n_covering=frozen(sight.covering),
+        n_covering=frozen(sight.covering.copy()),
         sight=frozen(sight.claims(len(candidates))),
-        seen_at_least=frozen(sight.low),
-        seen_at_most=frozen(sight.high if len(candidates) else np.where(left, 1.0, 0.0)),
+        seen_at_least=frozen(sight.low.copy()),
+        seen_at_most=frozen(sight.high.copy() if len(candidates) else np.ones(mesh.n_faces)),
         occluder=frozen(occluder),
         occluder_share=frozen(share),
         hidden_area=frozen(area),
