@@ -15,9 +15,9 @@ process.py      processes of this machine, called through pipes
 inputs.py       header, mesh, cameras and poses in the folder of a store
 """
 
-from rastercov.cluster.run import fill, make_shards
+from rastercov.cluster.run import ALONE, Staff, fill, make_shards
 from rastercov.cluster.store import ShardStore
 from rastercov.cluster.work import Made, Tally
 from rastercov.cluster.workers import Workers
 
-__all__ = ["Made", "ShardStore", "Tally", "Workers", "fill", "make_shards"]
+__all__ = ["ALONE", "Made", "ShardStore", "Staff", "Tally", "Workers", "fill", "make_shards"]

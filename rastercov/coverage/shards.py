@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, cameras_of
-from rastercov.cluster import Made, ShardStore, Workers, fill
+from rastercov.cluster import ShardStore, Staff, fill
 from rastercov.cluster.inputs import (
     INPUTS,
     Inputs,
@@ -54,32 +54,6 @@ FILES = (
 """Files of a folder, in an order of removal that is safe to interrupt."""
 OF_REGIONS = ("xy", "starts", "face", "pose", "pair_pose", "pair_face", "area", "bound")
 """Arrays of `Regions` in a shard."""
-
-
-@dataclass(frozen=True)
-class Staff:
-    """Processes that measure, and the functions that they report to.
-
-    Attributes
-    ----------
-    workers : Workers, optional
-        Processes that measure; this one unless given.
-    progress : callable
-        Called with the poses done and the poses in all.
-    watch : callable
-        Called with each shard that a worker made.
-    note : callable
-        Called with a line on what went wrong and was mended; logs it as a warning unless given.
-    """
-
-    workers: Workers | None = None
-    progress: Callable[[int, int], None] = lambda done, total: None
-    watch: Callable[[Made], None] = lambda made: None
-    note: Callable[[str], None] = LOG.warning
-
-
-ALONE = Staff()
-"""This process, without reports."""
 
 
 @dataclass(frozen=True)
@@ -146,8 +120,7 @@ class EvaluationShards:
             poses = self.poses[store.rows(number)]
             return _measured(self.observer, poses, self.task, self.wanted, did)
 
-        store.mend(staff.note, store.read)
-        for number in fill(store, make, staff.workers, staff.progress, staff.watch, staff.note):
+        for number in fill(store, make, store.read, staff):
             yield self._part(store.read(number) or b"", self.poses[store.rows(number)])
 
     def _part(self, data: bytes, poses: Poses) -> JudgedPoses:

@@ -37,7 +37,7 @@ from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.base.typed import typed
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.camera.rig import Cameras
-from rastercov.cluster import Made, Workers, fill
+from rastercov.cluster import Made, Staff, Workers, fill
 from rastercov.cluster.run import counted
 from rastercov.cluster.store import Note, locked
 from rastercov.coverage.area.cells import Cells
@@ -377,12 +377,10 @@ def measure_matrix(
             pairs = pairs_of(observer, placed[rows], task, cells, bounds, mounts, did)
             return matrix.shard_bytes(number, pairs, np.arange(rows.start, rows.stop))
 
-        shards.mend(note, check)
-        is_by_workers = workers is not None and bool(shards.missing())
-        for number in fill(shards, make, workers, progress, watch, note):
+        for number in fill(shards, make, check, Staff(workers, progress, watch, note)):
             if number not in sizes:
                 check(number)
-        if is_by_workers and bounds is not None:
+        if workers is not None and bounds is not None:
             add_bounds(matrix, bounds)
         whole = replace(matrix, n_pairs=sum(sizes.values()))
         return BitMatrix(placed=placed, header=matrix.header, folders=(whole,))

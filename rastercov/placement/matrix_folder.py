@@ -42,7 +42,7 @@ from rastercov.cluster.inputs import (
     write_inputs,
 )
 from rastercov.cluster.run import counted
-from rastercov.cluster.store import SUMS, DamagedError, Note, contents, store, whole
+from rastercov.cluster.store import SUMS, DamagedError, Note, contents, remove, store, whole
 from rastercov.coverage.area.cells import Cells, cells
 from rastercov.coverage.area.frames import check_same_mesh
 from rastercov.coverage.area.regions import RegionObserver
@@ -489,7 +489,9 @@ def claim(
         kept = read_header(folder)
     except DamagedError:
         kept = None
-    if kept is not None:
+    if kept is None:
+        remove(folder, [f"{BOUNDS}/*.npz"])  # they may be of other inputs
+    else:
         if not shard_size_given:
             header = header | {"poses_a_shard": kept["poses_a_shard"]}
         for name, words in WORDS.items():

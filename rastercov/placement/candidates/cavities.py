@@ -125,7 +125,7 @@ class Hemicube(Closing):
         free = np.empty((n, len(self.directions)))
         poses = np.tile(np.eye(4), (n, len(self._axes), 1, 1))
         poses[..., :3, 3] = (points + self._lift * frames[:, :, 2])[:, None]
-        poses[..., :3, :3] = frames[:, None] @ np.stack(self._axes)
+        poses[..., :3, :3] = frames[:, None] @ self._axes
         whole = self._whole.render_all(poses[:, 0]).depth.reshape(n, -1)
         upper = self._upper.render_all(poses[:, 1:].reshape(-1, 4, 4)).depth.reshape(n, -1)
         free[:, : whole.shape[1]], free[:, whole.shape[1] :] = whole, upper
@@ -154,14 +154,10 @@ def face_frames(normals: FloatArray) -> FloatArray:
     return look_at(-normals, np.zeros(3))[:, :3, :3]
 
 
-def _five_axes() -> list[FloatArray]:
-    """Camera axes as columns, in those of a face: along the normal, and to four sides, z up."""
-    axes = [np.eye(3)]
-    down = np.array([0.0, 0.0, -1.0])
-    for x, y in ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)):
-        ahead = np.array([x, y, 0.0])
-        axes.append(np.stack((np.cross(down, ahead), down, ahead), axis=1))
-    return axes
+def _five_axes() -> FloatArray:
+    """(5, 3, 3) camera axes as columns, in those of a face: along the normal, and to four sides."""
+    sides = np.array([(1, 0, 0), (0, 1, 0), (-1, 0, 0), (0, -1, 0)])
+    return np.concatenate((np.eye(3)[None], look_at(np.zeros(3), sides)[:, :3, :3]))
 
 
 def _running_mean(image: FloatArray, reach: int, axis: int) -> FloatArray:
