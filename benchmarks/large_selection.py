@@ -247,10 +247,7 @@ def placed(report: Report, count: int, workers: int) -> None:
         report.check("plan: the command succeeds", process.returncode == 0)
         found = json.loads(Path(folder, "plan", "plan.json").read_text(encoding="utf-8"))
         passes = _passes(Path(folder, "plan", "matrix"), found["matrix"]["held_as"])
-        size = {
-            name: sum(path.stat().st_size for path in Path(folder).rglob(pattern))
-            for name, pattern in (("Parquet", "pairs-*.parquet"), ("bits", "covered-*.words"))
-        }
+        n_bytes = sum(path.stat().st_size for path in Path(folder).rglob("pairs-*.parquet"))
     selection, n_pairs = found["selection"], found["matrix"]["pairs"]
     name = f"{count:,} x {found['network']['faces']:,}"
     report.check(f"{name}: coverage lies below its bound", selection["share"] <= selection["bound"])
@@ -258,9 +255,8 @@ def placed(report: Report, count: int, workers: int) -> None:
     report.add(f"{name}: pairs", n_pairs, "pairs")
     for step, took in found["seconds"]["steps"].items():
         report.add(f"{name}: {step}", took, "s")
-    for what, n_bytes in size.items():
-        report.add(f"{name}: {what}", n_bytes / 2**20, "MiB")
-        report.add("  a pair", n_bytes / n_pairs, "B")
+    report.add(f"{name}: Parquet", n_bytes / 2**20, "MiB")
+    report.add("  a pair", n_bytes / n_pairs, "B")
     report.add(f"{name}: {len(selection['chosen'])} cameras cover", 100 * selection["share"], "%")
     report.add(f"{name}: bound", 100 * selection["bound"], "%")
     report.add(f"{name}: all of it", seconds, "s")
@@ -291,16 +287,12 @@ def rates(report: Report) -> None:
             measure_matrix(observer, poses[:4], task, folder)  # compiles
         with tempfile.TemporaryDirectory() as folder:
             cpu = time.process_time()
-            found = measure_matrix(observer, poses, task, folder)
+            matrix = measure_matrix(observer, poses, task, folder)
             cpu = time.process_time() - cpu
             n_bytes = sum(path.stat().st_size for path in Path(folder).rglob("*.parquet"))
             started = time.process_time()
-            matrix = BitMatrix.of(found)
+            bits = matrix.bits
             derived = time.process_time() - started
-            started = time.process_time()
-            BitMatrix.of(found)
-            verified = time.process_time() - started
-    bits = matrix.bits
     values = spread_out(np.random.default_rng(0).integers(0, 1 << 40, (1, mesh.n_faces)))
     rows = np.tile(np.arange(len(poses)), 20)
     bits.sums(values, rows=rows[:10])
@@ -310,12 +302,11 @@ def rates(report: Report) -> None:
     n_covered = int(bits.counts(np.full(bits.n_words, ~np.uint64(0))).sum())
     name = f"{mesh.n_faces:,} faces"
     report.add(f"{name}: CPU of a pose, with its shard", 1000 * cpu / len(poses), "ms")
-    report.add(f"{name}: pairs kept", found.n_pairs / len(poses), "a pose")
+    report.add(f"{name}: pairs kept", matrix.n_pairs / len(poses), "a pose")
     report.add(f"{name}: pairs covered", n_covered / len(poses), "a pose")
-    report.add(f"{name}: Parquet", n_bytes / found.n_pairs, "B a pair")
+    report.add(f"{name}: Parquet", n_bytes / matrix.n_pairs, "B a pair")
     report.add(f"{name}: bits", 8 * bits.n_words, "B a pose")
-    report.add(f"{name}: CPU of bits from shards", 1e9 * derived / found.n_pairs, "ns a pair")
-    report.add(f"{name}: CPU of bits that are there", 1e6 * verified / len(poses), "us a pose")
+    report.add(f"{name}: CPU of bits from shards", 1e9 * derived / matrix.n_pairs, "ns a pair")
     report.add(f"{name}: CPU of a pass", 1e6 * of_pass / len(rows), "us a pose")
     report.add("threads that derive bits at most", bit_file.MOST_THREADS, "threads")
 

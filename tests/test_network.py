@@ -12,6 +12,7 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Rig
 from rastercov.camera.viewpoints import sphere_of_poses
+from rastercov.cluster import ALONE
 from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.area.union import unite
 from rastercov.coverage.coverage import FIGURES, Coverage
@@ -19,7 +20,7 @@ from rastercov.coverage.engine import Engine
 from rastercov.coverage.job import evaluate
 from rastercov.coverage.network import Network
 from rastercov.coverage.observer import open_observer
-from rastercov.coverage.shards import ALONE, EvaluationShards, Wanted, judged_parts
+from rastercov.coverage.shards import EvaluationShards, Wanted, judged_parts
 from rastercov.coverage.task import Reason, Task
 from rastercov.mesh import Group, Mesh, shapes
 from rastercov.placement.plan.network import Measured, with_areas

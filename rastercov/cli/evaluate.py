@@ -119,8 +119,8 @@ def run_and_print(
 ) -> None:
     """Evaluate all poses, leave the report, and print a summary or the JSON."""
     from rastercov.base.output import json_text
+    from rastercov.cluster import Staff
     from rastercov.coverage.area.zones import zone_lines
-    from rastercov.coverage.shards import Staff
     from rastercov.exact.certificate import compile_first
     from rastercov.report.coverage import run
     from rastercov.report.tables import camera_table, run_table, summary_table

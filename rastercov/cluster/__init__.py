@@ -12,12 +12,12 @@ run.py          `fill`: all shards, made here or by workers, with retries
 work.py         work on one shard by a worker; poses that kill their process; `Made`, `Tally`
 workers.py      `Workers`: the choice of processes, and the addresses that are safe to connect to
 process.py      processes of this machine, called through pipes
-scene_file.py   mesh and cameras in the folder of a store
+inputs.py       header, mesh, cameras and poses in the folder of a store
 """
 
-from rastercov.cluster.run import fill, make_shards
+from rastercov.cluster.run import ALONE, Staff, fill, make_shards
 from rastercov.cluster.store import ShardStore
 from rastercov.cluster.work import Made, Tally
 from rastercov.cluster.workers import Workers
 
-__all__ = ["Made", "ShardStore", "Tally", "Workers", "fill", "make_shards"]
+__all__ = ["ALONE", "Made", "ShardStore", "Staff", "Tally", "Workers", "fill", "make_shards"]

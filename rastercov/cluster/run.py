@@ -1,6 +1,7 @@
 """All shards of a store: made here, or by workers with retries when they or a scheduler die."""
 
 import errno
+import logging
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
@@ -28,43 +29,63 @@ STAY = "shards that were made stay: run again"
 FULL = (errno.ENOSPC, errno.EDQUOT)
 
 
+@dataclass(frozen=True)
+class Staff:
+    """Processes that measure, and the functions that they report to.
+
+    Attributes
+    ----------
+    workers : Workers, optional
+        Processes that measure; this one unless given.
+    progress : callable
+        Called with the poses done and the poses in all.
+    watch : callable
+        Called with each shard that a worker made.
+    note : callable
+        Called with a line on what went wrong and was mended; logs it as a warning unless given.
+    """
+
+    workers: Workers | None = None
+    progress: Callable[[int, int], None] = lambda done, total: None
+    watch: Callable[[Made], None] = lambda made: None
+    note: Note = logging.getLogger("rastercov").warning
+
+
+ALONE = Staff()
+"""This process, without reports."""
+
+
 def fill(
     store: ShardStore,
     make: Callable[[int, Callable[[int], None]], bytes | memoryview],
-    workers: Workers | None,
-    progress: Callable[[int, int], None],
-    watch: Callable[[Made], None],
-    note: Note,
+    check: Callable[[int], object],
+    staff: Staff,
 ) -> Iterator[int]:
     """Numbers of all shards in order, each once it is there; missing ones are made.
 
     Parameters
     ----------
     store : ShardStore
-        Its damaged shards are taken for whole ones: see `ShardStore.mend`.
     make : callable
         Gives the content of a shard by its number, and calls its second argument with the poses
         that are done meanwhile.
-    workers : Workers, optional
-        Processes that make the missing shards, before the first number is given; this one unless
-        given. After an interrupt the shards that are there are given before it is raised.
-    progress : callable
-        Called with the poses done and the total.
-    watch : callable
-        Called with each shard that a worker made.
-    note : callable
-        As for `make_shards`.
+    check : callable
+        Reads a shard that is there, as for `ShardStore.mend`.
+    staff : Staff
+        Workers make the missing shards before the first number is given. After an interrupt the
+        shards that are there are given before it is raised.
     """
+    store.mend(staff.note, check)
     missing = store.missing()
-    did = counted(store.n_poses, progress, store.n_poses - sum(missing.values()))
+    did = counted(store.n_poses, staff.progress, store.n_poses - sum(missing.values()))
 
     def made(shard: Made) -> None:
         did(shard.n_poses)
-        watch(shard)
+        staff.watch(shard)
 
-    if workers is not None and missing:
+    if staff.workers is not None and missing:
         try:
-            make_shards(workers, store, made, note)
+            make_shards(staff.workers, store, made, staff.note)
         except KeyboardInterrupt:
             missing = store.missing()
             yield from (number for number in range(len(store)) if number not in missing)

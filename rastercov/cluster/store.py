@@ -55,19 +55,27 @@ def contents(folder: Path, name: str) -> bytes | None:
     return data
 
 
+def whole(folder: Path, name: str) -> bytes:
+    """Bytes of a file; DamagedError as for `contents`, and where it is missing."""
+    data = contents(folder, name)
+    if data is None:
+        raise DamagedError(folder / name, "it is missing")
+    return data
+
+
 def store(folder: Path, name: str, data: bytes | memoryview) -> None:
     """Write a file, and its checksum before it."""
     _write(sum_file(folder, name), _sum_line(name, data))
     _write(folder / name, data)
 
 
-def renew(folder: Path, name: str, data: bytes) -> None:
-    """Write a file unless it is there with this content."""
+def renew(folder: Path, name: str, data: bytes, note: Note) -> None:
+    """Write a file unless it is there with this content; `note` names a damaged one."""
     try:
         if contents(folder, name) == data:
             return
-    except DamagedError:
-        pass
+    except DamagedError as error:
+        note(f"{error}; made again")
     store(folder, name, data)
 
 
@@ -194,11 +202,15 @@ class ShardStore:
         store(self.folder, self.name(number), data)
 
     def mend(self, note: Note, check: Callable[[int], object]) -> None:
-        """Remove damaged shards, and those whose note on poses left out is damaged.
+        """Remove damaged shards, those beyond the last, and where notes on poses are damaged.
 
         `check` reads a shard by its number, such as `read`, or raises `DamagedError`; it is called
         with all that are there. `note` is called with a line on each that is removed.
         """
+        names = {self.folder / self.name(number) for number in range(len(self))}
+        for stray in sorted(set(self.folder.glob(self.pattern.format("*"))) - names):
+            note(f"{stray}: no shard of this job; removed")
+            discard(self.folder, str(stray.relative_to(self.folder)))
         missing = self.missing()
         for number in range(len(self)):
             try:

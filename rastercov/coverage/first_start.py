@@ -4,10 +4,11 @@
 """
 
 from rastercov.camera.pose import Poses
+from rastercov.cluster import ALONE
 from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.network import Network
-from rastercov.coverage.shards import ALONE, Wanted, judged_parts, open_for
+from rastercov.coverage.shards import Wanted, judged_parts, open_for
 from rastercov.coverage.task import Task
 from rastercov.exact import certificate
 from rastercov.raster.self_test import CAMERA, MESH, POSES

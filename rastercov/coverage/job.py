@@ -18,7 +18,7 @@ from rastercov.base.errors import ResourceError
 from rastercov.base.interrupts import interrupts_held
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, check_scene
-from rastercov.cluster import Made
+from rastercov.cluster import ALONE, Made, Staff
 from rastercov.coverage.area.network import AreaNetwork, ByCamera, unit_of_result
 from rastercov.coverage.coverage import (
     FIGURES,
@@ -34,10 +34,8 @@ from rastercov.coverage.network import SUMMED, JudgedPoses, Network
 from rastercov.coverage.observer import open_observer
 from rastercov.coverage.provenance import Provenance
 from rastercov.coverage.shards import (
-    ALONE,
     UNFINISHED,
     EvaluationShards,
-    Staff,
     Wanted,
     is_long,
     judged_parts,

@@ -1,20 +1,15 @@
 """Shards of an evaluation: what a report needs of some poses, kept until the report is whole.
 
 A long run writes a shard every few seconds, so that one which was ended continues where it was; and
-workers can make them. A folder holds, with the checksum of each file:
-
-header.json          all that the shards depend on
-scene.npz, poses.npz mesh and cameras; the poses
-shards/shard-*.npz   sums of a network, rows of the table, pictures' coverage, regions
+workers can make them. A folder holds the inputs (`rastercov.cluster.inputs`) and, with the checksum
+of each, shards/shard-*.npz: sums of a network, rows of the table, pictures' coverage, regions.
 """
 
 import hashlib
-import io
 import json
 import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import lru_cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -22,15 +17,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.output import json_text
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, cameras_of
-from rastercov.cluster import Made, ShardStore, Workers, fill
+from rastercov.cluster import ShardStore, Staff, fill
+from rastercov.cluster.inputs import (
+    INPUTS,
+    Inputs,
+    header_bytes,
+    npz_bytes,
+    opened_once,
+    read_npz,
+    write_inputs,
+)
 from rastercov.cluster.run import counted
-from rastercov.cluster.scene_file import read_scene, scene_bytes
-from rastercov.cluster.store import contents, renew
 from rastercov.cluster.store import remove as remove_files
-from rastercov.cluster.work import FolderLostError
 from rastercov.coverage.area.regions import RegionObserver, Regions
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.network import JudgedPoses, Network, merge, no_sums
@@ -48,40 +48,12 @@ UNFINISHED = "unfinished"
 """Folder in that of a report, for the shards of a run until its report is whole."""
 LONG_RUN = 16
 """Shards from which on a run is kept: shorter ones are done again in a minute or two."""
-HEADER, SCENE, POSES = "header.json", "scene.npz", "poses.npz"
 FILES = (
-    "shards/shard-*.npz", "shards/.*.part", "quarantine/shard-*.json", SCENE, POSES, HEADER,
-    "sha256/*.sha256",
+    "shards/shard-*.npz", "shards/.*.part", "quarantine/shard-*.json", *INPUTS, "sha256/*.sha256"
 )  # fmt: skip
 """Files of a folder, in an order of removal that is safe to interrupt."""
 OF_REGIONS = ("xy", "starts", "face", "pose", "pair_pose", "pair_face", "area", "bound")
 """Arrays of `Regions` in a shard."""
-
-
-@dataclass(frozen=True)
-class Staff:
-    """Processes that measure, and the functions that they report to.
-
-    Attributes
-    ----------
-    workers : Workers, optional
-        Processes that measure; this one unless given.
-    progress : callable
-        Called with the poses done and the poses in all.
-    watch : callable
-        Called with each shard that a worker made.
-    note : callable
-        Called with a line on what went wrong and was mended; logs it as a warning unless given.
-    """
-
-    workers: Workers | None = None
-    progress: Callable[[int, int], None] = lambda done, total: None
-    watch: Callable[[Made], None] = lambda made: None
-    note: Callable[[str], None] = LOG.warning
-
-
-ALONE = Staff()
-"""This process, without reports."""
 
 
 @dataclass(frozen=True)
@@ -129,16 +101,11 @@ class EvaluationShards:
     ) -> None:
         self.observer, self.poses, self.task, self.wanted = observer, poses, task, wanted
         header = _header(observer, poses, task, wanted)
-        text = json_text(header).encode()
-        own = folder / hashlib.sha256(text).hexdigest()[:16]
+        own = folder / hashlib.sha256(header_bytes(header)).hexdigest()[:16]
         own.mkdir(parents=True, exist_ok=True)
         size = header["poses_a_shard"]
         self.store = ShardStore(own, "shards/shard-{}.npz", len(poses), size, FUNCTION)
-        file = io.BytesIO()
-        np.savez(file, poses=poses.world_from_camera, ids=poses.ids, camera=poses.camera)
-        scene = scene_bytes(observer.mesh, observer.camera)
-        for name, data in ((HEADER, text), (SCENE, scene), (POSES, file.getvalue())):
-            renew(own, name, data)
+        write_inputs(own, header, observer.mesh, observer.camera, poses, LOG.warning)
 
     @property
     def quarantined(self) -> dict[int, str]:
@@ -153,15 +120,13 @@ class EvaluationShards:
             poses = self.poses[store.rows(number)]
             return _measured(self.observer, poses, self.task, self.wanted, did)
 
-        store.mend(staff.note, store.read)
-        for number in fill(store, make, staff.workers, staff.progress, staff.watch, staff.note):
+        for number in fill(store, make, store.read, staff):
             yield self._part(store.read(number) or b"", self.poses[store.rows(number)])
 
     def _part(self, data: bytes, poses: Poses) -> JudgedPoses:
         from rastercov.kernels.network import PairRows, Sums
 
-        with np.load(io.BytesIO(data), allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
+        arrays = read_npz(data)
         left, found = poses[np.isin(poses.ids, arrays["ids"])], None
         if self.wanted.by_area:
             own: Any = _under("regions", arrays)
@@ -219,11 +184,7 @@ def is_long(n_poses: int, n_faces: int) -> bool:
 
 def make(folder: Path, number: int | None, chosen: NDArray[np.int64]) -> bytes:
     """Content of a shard, as `rastercov.cluster.ShardStore` wants it."""
-    try:
-        modified = (folder / POSES).stat().st_mtime_ns
-    except OSError:
-        raise FolderLostError(f"{folder}: {POSES} is missing") from None
-    observer, poses, task, wanted = _opened(folder, modified)
+    observer, poses, task, wanted = _opened(folder)
     return _measured(observer, poses[chosen], task, wanted)
 
 
@@ -234,33 +195,24 @@ def open_for(mesh: Mesh, camera: Cameras, task: Task, wanted: Wanted) -> Any:
     return open_observer(mesh, camera, wanted.engine)
 
 
-@lru_cache(2)
-def _opened(folder: Path, modified: int) -> tuple[Any, Poses, Task, Wanted]:
-    """Evaluation of a folder; its observer lives as long as this process, or until two others."""
-    data = [contents(folder, name) for name in (HEADER, SCENE, POSES)]
-    if None in data:
-        raise FolderLostError(f"{folder}: files of the evaluation are missing")
-    header = json.loads(data[0] or b"")
-    scene, task = read_scene(data[1] or b""), Task(**header["task"])
-    entries = header["wanted"]
+@opened_once
+def _opened(folder: Path, inputs: Inputs) -> tuple[Any, Poses, Task, Wanted]:
+    """Observer of a folder, its poses, thresholds and figures."""
+    task, entries = Task(**inputs.header["task"]), inputs.header["wanted"]
     engine = Engine(**entries["engine"] | {"threads": 1})
     wanted = Wanted(**entries | {"engine": engine, "keep": tuple(entries["keep"])})
-    with np.load(io.BytesIO(data[2] or b""), allow_pickle=False) as file:
-        matrices, ids, camera = file["poses"], file["ids"], file["camera"]
-    poses = Poses(matrices, ids, matrices, {}, camera)
-    return open_for(scene.mesh, scene.cameras, task, wanted), poses, task, wanted
+    return open_for(inputs.mesh, inputs.cameras, task, wanted), inputs.poses, task, wanted
 
 
 def _header(observer: Observer, poses: Poses, task: Task, wanted: Wanted) -> dict[str, Any]:
-    return inputs_of(observer, task) | {
-        "poses": sha256(poses.world_from_camera, poses.ids, poses.camera),
-        "wanted": asdict(replace(wanted, engine=replace(wanted.engine, threads=None))),
-        "poses_a_shard": max(1, PAIRS_A_SHARD // max(1, observer.mesh.n_faces)),
+    engine = replace(wanted.engine, threads=None)
+    return inputs_of(observer, poses, task, observer.mesh.n_faces) | {
+        "wanted": asdict(replace(wanted, engine=engine))
     }
 
 
-def inputs_of(observer: Observer, task: Task) -> dict[str, Any]:
-    """Entries of a header on all that shards depend on but the poses, ready for JSON."""
+def inputs_of(observer: Observer, poses: Poses, task: Task, n_elements: int) -> dict[str, Any]:
+    """Entries of a header on scene, poses and method, and the size of shards, ready for JSON."""
     mesh = observer.mesh
     cameras = [json.dumps(each.to_json(), sort_keys=True) for each in cameras_of(observer.camera)]
     groups = json.dumps([group.to_json() for group in mesh.groups])
@@ -268,9 +220,16 @@ def inputs_of(observer: Observer, task: Task) -> dict[str, Any]:
         "rastercov": version("rastercov"),
         "mesh": sha256(mesh.vertices, mesh.faces, mesh.face_group, groups),
         "camera": sha256(*cameras),
+        "poses": hash_of(poses),
         "task": asdict(task),
         "measured_by": asdict(observer.info),
+        "poses_a_shard": max(1, PAIRS_A_SHARD // max(1, n_elements)),
     }
+
+
+def hash_of(poses: Poses) -> str:
+    """SHA-256 of poses, their ids and cameras."""
+    return sha256(poses.world_from_camera, poses.ids, poses.camera)
 
 
 def _measured(
@@ -290,9 +249,7 @@ def _measured(
     arrays = {"ids": poses.ids} | _joined(poses, batches)
     if wanted.by_area:
         arrays |= _below("regions", _joined_regions([batch.regions for batch in batches]))
-    file = io.BytesIO()
-    np.savez(file, **arrays)
-    return file.getvalue()
+    return npz_bytes(arrays)
 
 
 def _joined(poses: Poses, batches: Sequence[JudgedPoses]) -> dict[str, NDArray[Any]]:

@@ -192,19 +192,20 @@ def hit_of(x, y, z, d_x, d_y, d_z, reach, own, is_nearest, corners, nodes, stack
 
 
 @compiled
-def hit_segments(origins, directions, reaches, corners, nodes, hit):
-    """Set `hit` for segments that meet a triangle, in a scene of diagonal 1 about the origin.
+def first_hits(origins, directions, reaches, own, corners, nodes, hit):
+    """Set `hit` to the first triangle of each segment, -1 for none, in a scene of diagonal 1.
 
-    Directions are unit vectors; a segment without a positive reach, its length, meets nothing. The
-    (T, 3, 3) corners of the triangles are in the order of the tree.
+    Directions are unit vectors; a segment without a positive reach, its length, meets nothing.
+    Triangle `own` does not count, -1 for none. The (T, 3, 3) corners of the triangles are in the
+    order of the tree.
     """
     stack = np.empty(STACK_SIZE, np.int64)
     for i in range(origins.shape[0]):
-        hit[i] = reaches[i] > 0.0 and hit_of(
+        hit[i] = hit_of(
             origins[i, 0], origins[i, 1], origins[i, 2],
             directions[i, 0], directions[i, 1], directions[i, 2],
-            reaches[i], -1, False, corners, nodes, stack,
-        ) >= 0  # fmt: skip
+            reaches[i], own[i], True, corners, nodes, stack,
+        ) if reaches[i] > 0.0 else -1  # fmt: skip
 
 
 # --- nearest point --------------------------------------------------------------------------------

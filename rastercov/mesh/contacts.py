@@ -90,16 +90,20 @@ class TriangleTree:
         corners: FloatArray = self.points[self.faces]
         return corners
 
-    def hit_segments(
-        self, origins: FloatArray, directions: FloatArray, reaches: FloatArray
-    ) -> BoolArray:
-        """(N,) segments that meet a triangle: start (N, 3), unit vector (N, 3), length (N,).
+    def first_hits(
+        self, origins: FloatArray, directions: FloatArray, reaches: FloatArray, own: IntArray
+    ) -> IntArray:
+        """(N,) first triangle of segments, other than `own`; rows before sorting, -1 for none.
 
-        The tolerances are those of a scene of diagonal 1 about the origin.
+        Segments have a start (N, 3), a unit vector (N, 3) and a length (N,). The tolerances are
+        those of a scene of diagonal 1 about the origin.
         """
-        hit = np.empty(len(origins), dtype=bool)
-        mesh_tree.hit_segments(origins, directions, reaches, self.corners, self.nodes, hit)
-        return hit
+        place, hit = np.empty(len(self.order) + 1, np.int64), np.empty(len(origins), np.int64)
+        place[self.order], place[-1] = np.arange(len(self.order)), -1
+        mesh_tree.first_hits(
+            origins, directions, reaches, place[own], self.corners, self.nodes, hit
+        )
+        return np.append(self.order, -1)[hit]
 
     def nearest(self, points: FloatArray) -> tuple[FloatArray, IntArray, FloatArray]:
         """Distance (N,), row (N,) before sorting, and (N, 3) nearest point, for (N, 3) points.

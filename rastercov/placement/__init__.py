@@ -3,14 +3,14 @@
     segment -> per_segment, on_walls, ... -> filter_candidates -> build_matrix -> problem_of
     -> select_greedy -> optimise, refine -> tolerance, what_is_left -> openings
 
-From more pairs than the memory holds: measure_matrix -> BitMatrix.of -> problem_of.
+From more pairs than the memory holds: measure_matrix -> problem_of.
 
 All names that a program needs; the pages of a plan are in `rastercov.report`.
 """
 
 from rastercov.base.typed import guard as _guard
 from rastercov.placement.bits import CoveredBits
-from rastercov.placement.candidates.cavities import Access, Openings, openings, per_cavity
+from rastercov.placement.candidates.cavities import Access, Openings, openings
 from rastercov.placement.candidates.clearance import (
     KeepOut,
     KeepOutBox,
@@ -35,7 +35,6 @@ from rastercov.placement.candidates.pool import (
     Candidates,
     Framing,
     from_poses,
-    per_convex_region,
     per_face,
     per_segment,
 )
@@ -46,7 +45,6 @@ from rastercov.placement.improve.refine import Refined, refine
 from rastercov.placement.improve.search import Optimised, optimise
 from rastercov.placement.improve.tolerance import InstallationError, Tolerance, tolerance
 from rastercov.placement.matrix import BitMatrix, VisibilityMatrix, build_matrix, measure_matrix
-from rastercov.placement.matrix_folder import MatrixFolder
 from rastercov.placement.select.greedy import select_greedy
 from rastercov.placement.select.integer import select_integer
 from rastercov.placement.select.problem import (
@@ -73,7 +71,6 @@ __all__ = [
     "KeepOutBox",
     "KeepOutSphere",
     "Leftover",
-    "MatrixFolder",
     "NearestSurface",
     "Objective",
     "Openings",
@@ -103,8 +100,6 @@ __all__ = [
     "on_walls",
     "openings",
     "optimise",
-    "per_cavity",
-    "per_convex_region",
     "per_face",
     "per_segment",
     "problem_of",

@@ -7,11 +7,11 @@ of the task surface, numbered like faces, and coverage is the covered share of t
 On disk a matrix is a folder:
 
 header.json     inputs with hashes: mesh, camera, poses, task, method, version
-poses.npy       (C, 4, 4) the candidates
+scene.npz       mesh and cameras
+poses.npz       poses, (C, 4, 4), the candidates, and the camera of each
 pairs/*.parquet shards of consecutive poses, columns pose, face, coverage, covered; of rigs also
                 camera_on_rig, a row for each camera of the rig
 sha256/*.sha256 the checksum of each of these files
-bits/           covered pairs as bits, see `matrix_folder`, once a `BitMatrix` was made of it
 
 `pandas.read_parquet(folder / "pairs")` and `polars.read_parquet(folder / "pairs")` read the pairs.
 A shard is written to a temporary file, flushed to the disk and renamed, so a killed run loses at
@@ -19,7 +19,7 @@ most its current shard; run again with the same inputs it continues from there. 
 damaged, exchanged or deleted file again, bit for bit; where a folder is only read it is refused.
 
 A `BitMatrix` serves selections from more pairs than the memory holds: `measure_matrix` ->
-`BitMatrix.of` -> `problem_of` -> `select_greedy`. Coverage itself stays on the disk.
+`problem_of` -> `select_greedy`. Coverage itself stays on the disk.
 """
 
 from collections.abc import Callable, Iterator
@@ -37,11 +37,12 @@ from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.base.typed import typed
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.camera.rig import Cameras
-from rastercov.cluster import Made, Workers, fill
+from rastercov.cluster import Made, Staff, Workers, fill
 from rastercov.cluster.run import counted
 from rastercov.cluster.store import Note, locked
 from rastercov.coverage.area.cells import Cells
 from rastercov.coverage.observer import Observer, open_observer
+from rastercov.coverage.shards import LOG
 from rastercov.coverage.task import Task
 from rastercov.kernels import placement_bits as kernels
 from rastercov.mesh import Mesh
@@ -51,15 +52,12 @@ from rastercov.placement.matrix_folder import (
     MatrixFolder,
     add_bounds,
     claim,
-    covered_bits,
     describe,
     gathered,
     greatest,
-    log_warning,
     pairs_of,
     region_observer,
     totals_of,
-    write_scene,
 )
 from rastercov.placement.mounts import Mounts
 from rastercov.placement.uncovered import CandidateBounds
@@ -219,34 +217,34 @@ class VisibilityMatrix(MeasuredPoses):
         ConfigError
             When there is none, when it is incomplete, or when one of its files is damaged.
         """
-        return cls.of(MatrixFolder.open(folder))
+        return cls.of(BitMatrix.load(folder))
 
     @classmethod
-    def of(cls, folder: MatrixFolder) -> Self:
-        """Matrix of a complete folder, in memory; errors as for `load`."""
-        placed, shards = folder.poses(), folder.store
-        face, coverage = np.empty(folder.n_pairs, np.int32), np.empty(folder.n_pairs, np.float32)
-        on_rig = np.empty(folder.n_pairs if folder.is_of_rigs else 0, np.uint16)
-        counts = np.zeros(len(placed), np.int64)
-        done = 0
-        for number in range(len(shards)):
-            counts[shards.rows(number)], faces, values, cameras = folder.pairs_of(number)
+    def of(cls, matrix: "BitMatrix") -> Self:
+        """Matrix of complete folders, in memory; errors as for `load`."""
+        n_pairs, done = matrix.n_pairs, 0
+        face, coverage = np.empty(n_pairs, np.int32), np.empty(n_pairs, np.float32)
+        on_rig = np.empty(n_pairs if matrix.folders[0].is_of_rigs else 0, np.uint16)
+        counts = [np.zeros(0, np.int64)]
+        for folder, number in matrix.shards():
+            of_poses, faces, values, cameras = folder.pairs_of(number)
             part = slice(done, done + len(faces))
-            if part.stop > folder.n_pairs:
+            if part.stop > n_pairs:
                 raise ConfigError(
-                    f"{folder.path / shards.name(number)}: it changed while it was read"
+                    f"{folder.path / folder.store.name(number)}: it changed while it was read"
                 )
             face[part], coverage[part] = faces, values
             on_rig[part] = cameras
+            counts.append(of_poses)
             done = part.stop
         return cls(
-            placed=placed,
-            header=folder.header,
-            indptr=limits_of(counts),
+            placed=matrix.placed,
+            header=matrix.header,
+            indptr=limits_of(np.concatenate(counts)),
             face=face,
             coverage=coverage,
             on_rig=on_rig,
-            quarantined=folder.quarantined(),
+            quarantined=matrix.quarantined,
         )
 
 
@@ -269,7 +267,7 @@ def build_matrix(
     workers: Workers | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
     watch: Callable[[Made], None] = lambda made: None,
-    note: Note = log_warning,
+    note: Note = LOG.warning,
 ) -> VisibilityMatrix:
     """Visibility matrix of the poses, measured in batches.
 
@@ -358,17 +356,17 @@ def measure_matrix(
     workers: Workers | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
     watch: Callable[[Made], None] = lambda made: None,
-    note: Note = log_warning,
-) -> MatrixFolder:
-    """Folder with all shards of a visibility matrix, of which nothing is in memory.
+    note: Note = LOG.warning,
+) -> "BitMatrix":
+    """Visibility matrix of which nothing but the poses is in memory, in a folder.
 
-    For matrices that are larger than the memory: `BitMatrix.of` has their covered pairs. Arguments
-    and errors are those of `build_matrix`.
+    Arguments and errors are those of `build_matrix`.
     """
     placed, task = renumbered(poses), task or Task()
     with _opened(view, cells, task) as observer, locked(Path(folder)) as place:
         header = describe(observer, placed, task, poses_a_shard, cells, mounts)
-        matrix = claim(place, header, placed, poses_a_shard is not None, note)
+        is_given = poses_a_shard is not None
+        matrix = claim(place, header, observer, placed, is_given, note)
         shards, sizes = matrix.store, dict[int, int]()
 
         def check(number: int) -> None:
@@ -379,16 +377,13 @@ def measure_matrix(
             pairs = pairs_of(observer, placed[rows], task, cells, bounds, mounts, did)
             return matrix.shard_bytes(number, pairs, np.arange(rows.start, rows.stop))
 
-        shards.mend(note, check)
-        is_by_workers = workers is not None and bool(shards.missing())
-        if is_by_workers:
-            write_scene(place, observer, mounts)
-        for number in fill(shards, make, workers, progress, watch, note):
+        for number in fill(shards, make, check, Staff(workers, progress, watch, note)):
             if number not in sizes:
                 check(number)
-        if is_by_workers and bounds is not None:
+        if workers is not None and bounds is not None:
             add_bounds(matrix, bounds)
-        return replace(matrix, n_pairs=sum(sizes.values()))
+        whole = replace(matrix, n_pairs=sum(sizes.values()))
+        return BitMatrix(placed=placed, header=matrix.header, folders=(whole,))
 
 
 @contextmanager
@@ -412,50 +407,23 @@ class BitMatrix(MeasuredPoses):
     Attributes
     ----------
     folders : tuple of MatrixFolder
-        Folders of the matrices of consecutive candidates; the header is that of the first.
-    bits : CoveredBits
-        Pairs that count as covered by `task`.
-    mean_coverage : (C,) float64
-        Mean coverage of each pose over the faces that are scored.
+        Folders of the matrices of consecutive candidates; the header is that of the first. Bits are
+        derived from their shards when they are first asked for.
     """
 
     folders: tuple[MatrixFolder, ...]
-    bits: CoveredBits
-    mean_coverage: FloatArray
 
     @classmethod
-    def of(
-        cls,
-        folder: MatrixFolder,
-        progress: Callable[[int, int], None] = lambda done, total: None,
-    ) -> Self:
-        """Matrix of a complete folder, which gets the file of bits.
-
-        Parameters
-        ----------
-        folder : MatrixFolder
-            See `measure_matrix`.
-        progress : callable
-            Called with the poses done and the total.
+    def load(cls, folder: str | Path) -> Self:
+        """Matrix that `measure_matrix` or `build_matrix` left in a folder.
 
         Raises
         ------
         ConfigError
-            When another process is writing to the folder, or a file of it is damaged.
-        ResourceError
-            When the disk has no room for the bits.
+            When there is none, when it is incomplete, or when one of its files is damaged.
         """
-        header = folder.header
-        bits, total = covered_bits(folder, Task(**header["task"]).min_coverage, progress)
-        mean = total / max(1, header["n_task_faces"])
-        return cls(
-            placed=folder.poses(), header=header, folders=(folder,), bits=bits, mean_coverage=mean
-        )
-
-    @classmethod
-    def load(cls, folder: str | Path) -> Self:
-        """Matrix that `measure_matrix` or `build_matrix` left in a folder; errors as for `of`."""
-        return cls.of(MatrixFolder.open(folder))
+        found = MatrixFolder.open(folder)
+        return cls(placed=found.poses(), header=found.header, folders=(found,))
 
     @property
     def n_pairs(self) -> int:
@@ -472,22 +440,39 @@ class BitMatrix(MeasuredPoses):
             first += folder.header["n_poses"]
         return found
 
+    def shards(self) -> Iterator[tuple[MatrixFolder, int]]:
+        """Folder and number of each shard."""
+        for folder in self.folders:
+            for number in range(len(folder.store)):
+                yield folder, number
+
+    @property
+    def bits(self) -> CoveredBits:
+        """Pairs that count as covered by `task`; errors as of `covered_at`."""
+        return self.covered_at(self.task.min_coverage)
+
+    @property
+    def mean_coverage(self) -> FloatArray:
+        """(C,) mean coverage of each pose over the faces that are scored."""
+        least = self.task.min_coverage
+        totals: FloatArray = np.concatenate([each.covered(least)[1] for each in self.folders])
+        return totals / max(1, self.n_task_faces)
+
     def covered_at(self, least: float) -> CoveredBits:
-        """Pairs with coverage of at least `least`, from another file that is made where missing."""
-        if least == self.task.min_coverage:
-            return self.bits
-        return reduce(
-            CoveredBits.joined, (covered_bits(each, float(least))[0] for each in self.folders)
-        )
+        """Pairs with coverage of at least `least`.
+
+        Raises
+        ------
+        ConfigError
+            When a shard is damaged.
+        ResourceError
+            When the disk has no room for the bits.
+        """
+        return reduce(CoveredBits.joined, (each.covered(least)[0] for each in self.folders))
 
     def joined(self, other: "BitMatrix") -> "BitMatrix":
         """Matrix of the poses of both, of one mesh and one task."""
         if self.n_faces != other.n_faces or self.task != other.task:
             raise ConfigError("matrices of other faces or another task cannot be joined")
-        return replace(
-            self,
-            placed=self._placed_with(other),
-            folders=(*self.folders, *other.folders),
-            bits=self.bits.joined(other.bits),
-            mean_coverage=np.concatenate((self.mean_coverage, other.mean_coverage)),
-        )
+        folders = (*self.folders, *other.folders)
+        return replace(self, placed=self._placed_with(other), folders=folders)

@@ -1,34 +1,25 @@
-"""Folder of a visibility matrix: header, poses, Parquet shards, checksums, bits.
+"""Folder of a visibility matrix: inputs, Parquet shards, checksums.
 
 Two checks detect every change: each file has a checksum (`rastercov.cluster.store`), and each shard
 holds the header of its matrix and its own name, so that a shard of another matrix, or of other
 poses of the same matrix, is refused. Pages of shards also have the checksums of Parquet, for other
 readers (`page_checksum_verification` of pyarrow); those exclude headers, statistics and footer.
 
-Shards are made in this process or by workers (`make`). Of the shards, bits are derived:
-
-bits/covered-0.5.words   (C, W) uint64, one row a candidate, of pairs with coverage >= 0.5
-bits/covered-0.5.npz     total coverage of each candidate, and the SHA-256 of these words and of the
-                         checksums of all shards
-
-One file for all shards, because a process has some thousand open files and mappings, and a matrix
-has more shards. It is made again where its hash is another, so a kill at any moment, a damaged disk
-and an exchanged shard lose only time.
+Shards are made in this process or by workers (`make`). Of the shards, bits are derived, (C, W)
+uint64, one row a candidate. They are in one mapped file without a name, because a process has some
+thousand open files and mappings, and a matrix has more shards; it ends with the process.
 """
 
-import hashlib
-import io
 import json
-import logging
 import math
 import os
 import secrets
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import asdict, dataclass, replace
-from functools import cache, lru_cache
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
@@ -40,19 +31,18 @@ from rastercov.base.threads import share_poses, thread_count
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.camera.rig import Rig, cameras_of
 from rastercov.cluster import ShardStore
-from rastercov.cluster.run import counted
-from rastercov.cluster.scene_file import read_scene, scene_bytes
-from rastercov.cluster.store import (
-    SUMS,
-    DamagedError,
-    Note,
-    contents,
-    locked,
-    renew,
-    store,
-    sum_file,
+from rastercov.cluster.inputs import (
+    HEADER,
+    POSES,
+    Inputs,
+    npz_bytes,
+    opened_once,
+    read_npz,
+    read_poses,
+    write_inputs,
 )
-from rastercov.cluster.work import FolderLostError
+from rastercov.cluster.run import counted
+from rastercov.cluster.store import SUMS, DamagedError, Note, contents, remove, store, whole
 from rastercov.coverage.area.cells import Cells, cells
 from rastercov.coverage.area.frames import check_same_mesh
 from rastercov.coverage.area.regions import RegionObserver
@@ -60,8 +50,7 @@ from rastercov.coverage.coverage import evaluate_batches, judged, measurements
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.face_pass import FacePass
 from rastercov.coverage.observer import ExactObserver, Observer, open_observer
-from rastercov.coverage.provenance import sha256
-from rastercov.coverage.shards import inputs_of
+from rastercov.coverage.shards import hash_of, inputs_of
 from rastercov.coverage.task import Task
 from rastercov.kernels import placement_bits as kernels
 from rastercov.placement.bits import CoveredBits, n_words
@@ -74,30 +63,21 @@ if TYPE_CHECKING:
 
 FUNCTION = "rastercov.placement.matrix_folder:make"
 """Function by which workers make a shard."""
-PAIRS_A_SHARD = 1 << 22
-"""Pose-face pairs, seen or not, of one shard: several seconds of work."""
 ROWS_A_GROUP = 1 << 20
 """Rows of a shard that Parquet compresses together."""
 MOST_THREADS = 4
 """Threads that read shards at a time; each takes some ten bytes a pair of one."""
-OPEN = 2
-"""Matrices that a worker keeps open: that of a plan, and that of its cavities."""
-FORMAT = 2
-HEADER, POSES, CAMERAS = "header.json", "poses.npy", "cameras.npy"
-SCENE = "scene.npz"
-"""Mesh and cameras in the folder of a matrix that workers make."""
-PAIRS, BITS, BOUNDS = "pairs", "bits", "bounds"
-"""Folders of the shards, of bits that are derived from them, and of bounds, a file a worker."""
+FORMAT = 3
+PAIRS, BOUNDS = "pairs", "bounds"
+"""Folders of the shards, and of bounds, a file a worker."""
 WORDS = {
     "format": "in another file format",
     "rastercov": "by another version of rastercov",
     "mesh": "from another mesh",
     "cells": "for faces, or for cells of another size",
     "camera": "for another camera",
-    "poses": "from other poses",
-    "pose_camera": "for other cameras of the poses",
+    "poses": "from other poses, or for other cameras of them",
     "mounts": "for other rigs",
-    "pairs": "with pairs of rigs, not of their cameras",
     "task": "for another task",
     "measured_by": "by another method or device",
     "samples": "with another supersample",
@@ -106,16 +86,11 @@ WORDS = {
 """Words on a header that differs in an entry."""
 
 
-def log_warning(line: str) -> None:
-    """Log one line on the channel of the library; without logging set up, on standard error."""
-    logging.getLogger("rastercov").warning("warning: %s", line)
-
-
 # --- pairs of poses and faces -----------------------------------------------------------------
 
 
 class Pairs(NamedTuple):
-    """Number of pairs of each pose; face, coverage, covered mask and camera of each pair.
+    """Number of pairs of each pose; face, coverage and camera of each pair.
 
     `on_rig` is the number of the camera on its rig, empty where poses are of single cameras.
     """
@@ -123,11 +98,10 @@ class Pairs(NamedTuple):
     counts: IntArray
     face: NDArray[np.int32]
     coverage: NDArray[np.float32]
-    covered: BoolArray
     on_rig: NDArray[np.uint16]
 
 
-KINDS: tuple[Any, ...] = (np.int64, np.int32, np.float32, np.bool_, np.uint16)
+KINDS: tuple[Any, ...] = (np.int64, np.int32, np.float32, np.uint16)
 NO_PAIRS = Pairs(*(np.zeros(0, kind) for kind in KINDS))
 NOT_ON_RIGS = NO_PAIRS.on_rig
 
@@ -171,8 +145,7 @@ def pairs_of(
     on_rig = places_on_rigs(owner)[camera].astype(np.uint16)
     order = np.lexsort((pairs.face, owner[camera]))
     counts = np.bincount(owner[camera], minlength=len(poses))
-    of_pairs: tuple[Any, ...] = (pairs.face, pairs.coverage, pairs.covered, on_rig)
-    return Pairs(counts, *(column[order] for column in of_pairs))
+    return Pairs(counts, pairs.face[order], pairs.coverage[order], on_rig[order])
 
 
 def _of_faces(
@@ -182,9 +155,9 @@ def _of_faces(
     figures = ("coverage", *(FIGURES if bounds is not None else ()))
     for batch in evaluate_batches(observer, poses, task, fields=figures):
         pose, face = np.nonzero((batch.coverage > 0) & batch.mesh.task_mask)
-        short, covered = shortened(batch.coverage[pose, face], batch.task.min_coverage)
+        short, _ = shortened(batch.coverage[pose, face], batch.task.min_coverage)
         counts = np.bincount(pose, minlength=len(batch.pose_ids))
-        yield Pairs(counts, face.astype(np.int32), short, covered, NOT_ON_RIGS)
+        yield Pairs(counts, face.astype(np.int32), short, NOT_ON_RIGS)
         if bounds is not None and len(batch.pose_ids):
             bounds.add(batch)
 
@@ -196,8 +169,8 @@ def _of_cells(
     judge = FacePass(observer.mesh, observer.camera, observer.threads, task)
     for part, seen in measurements(observer, poses):
         found = cells.share(seen.regions)  # type: ignore[union-attr] # of a RegionObserver
-        covered = shortened(found.share, task.min_coverage)
-        yield Pairs(np.diff(found.starts), found.cell, *covered, NOT_ON_RIGS)
+        short, _ = shortened(found.share, task.min_coverage)
+        yield Pairs(np.diff(found.starts), found.cell, short, NOT_ON_RIGS)
         if bounds is not None and len(part):
             bounds.add(judged(observer, judge, task, part, seen, FIGURES))
 
@@ -272,20 +245,18 @@ def describe(
     if poses_a_shard is not None and (isinstance(poses_a_shard, bool) or poses_a_shard < 1):
         raise ConfigError(f"poses_a_shard must be 1 or more, got {poses_a_shard!r}")
     n_faces = mesh.n_faces if cells is None else len(cells)
-    header = inputs_of(observer, task) | {
+    header = inputs_of(observer, poses, task, n_faces) | {
         "format": FORMAT,
-        "poses": sha256(poses.world_from_camera),
         "samples": observer.observe(np.empty((0, 4, 4))).samples_per_pixel,
-        "poses_a_shard": poses_a_shard or max(1, PAIRS_A_SHARD // max(1, n_faces)),
         "n_poses": len(poses),
         "n_faces": n_faces,
         "n_task_faces": int(mesh.task_mask.sum()) if cells is None else n_faces,
     }
-    if max(n_mounts, len(cameras)) > 1:
-        header["pose_camera"] = sha256(poses.camera)
+    if poses_a_shard is not None:
+        header["poses_a_shard"] = poses_a_shard
     if mounts is not None and mounts.has_rigs:
-        header["mounts"] = sha256(mounts.starts, mounts.rig.rig_from_camera)
-        header["pairs"] = "of the cameras of rigs"
+        places = mounts.rig.rig_from_camera
+        header["mounts"] = {"starts": mounts.starts.tolist(), "places": places.tolist()}
     return header if cells is None else header | {"cells": cells.size}
 
 
@@ -305,6 +276,7 @@ class MatrixFolder:
     path: Path
     header: dict[str, Any]
     n_pairs: int = 0
+    _derived: dict[float, tuple[CoveredBits, FloatArray]] = field(default_factory=dict)
 
     @classmethod
     def open(cls, folder: str | Path) -> Self:
@@ -338,12 +310,15 @@ class MatrixFolder:
     @property
     def is_of_rigs(self) -> bool:
         """True where pairs are of the cameras of rigs."""
-        return "pairs" in self.header
+        return "mounts" in self.header
 
     def poses(self) -> Poses:
-        """Candidates; ConfigError where they are damaged."""
+        """Candidates; ConfigError where they are damaged, or of another matrix."""
         with _remade_by_build():
-            return read_poses(self.path, self.header)
+            found = read_poses(self.path)
+            if hash_of(found) != self.header["poses"]:
+                raise DamagedError(self.path / POSES, "these are poses of another matrix")
+            return found
 
     def quarantined(self) -> dict[int, str]:
         """Poses without pairs because they kill the process that measures them, with its end."""
@@ -375,30 +350,111 @@ class MatrixFolder:
 
     def _shard(self, number: int) -> "pq.ParquetFile":
         """A verified shard."""
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
         name = self.store.name(number)
-        found, written_with = _opened(self.path, name)
-        if written_with != {**self.header, "shard": name}:
+        try:
+            found = pq.ParquetFile(pa.BufferReader(whole(self.path, name)))
+        except (pa.ArrowException, OSError):
+            raise DamagedError(self.path / name, "this is no Parquet file") from None
+        if not found.schema_arrow.equals(self._schema(number), check_metadata=True):
             raise DamagedError(
                 self.path / name,
                 "this is a shard of another matrix, or of other poses of this one",
             )
         return found
 
+    def _schema(self, number: int | None) -> "pa.Schema":
+        """Columns of a shard, one row a pair of pose and face, or also camera on a rig.
+
+        Its metadata name the shard and hold the header of its matrix.
+        """
+        import pyarrow as pa
+
+        types = {"pose": pa.int32(), "face": pa.int32(), "coverage": pa.float32()}
+        types |= {"covered": pa.bool_()} | (
+            {"camera_on_rig": pa.uint16()} if self.is_of_rigs else {}
+        )
+        own = {**self.header, "shard": "" if number is None else self.store.name(number)}
+        fields = [pa.field(name, kind, False) for name, kind in types.items()]
+        return pa.schema(fields, {"rastercov": json.dumps(own, sort_keys=True)})
+
     def shard_bytes(self, number: int | None, pairs: Pairs, numbers: IntArray) -> memoryview:
         """File of a shard of the poses of these numbers; without a number it is of no use."""
         import pyarrow as pa
         import pyarrow.parquet as pq
 
-        # Metadata name the shard and hold the header of its matrix.
-        own = {**self.header, "shard": "" if number is None else self.store.name(number)}
-        schema = pair_schema(self.is_of_rigs).with_metadata({"rastercov": json.dumps(own)})
-        counts, *columns = pairs
-        columns = [np.repeat(numbers, counts).astype(np.int32), *columns][: len(schema)]
+        schema = self._schema(number)
+        pose = np.repeat(numbers, pairs.counts).astype(np.int32)
+        covered = pairs.coverage >= np.float64(self.header["task"]["min_coverage"])
+        columns = [pose, pairs.face, pairs.coverage, covered, pairs.on_rig][: len(schema)]
         sink = pa.BufferOutputStream()
         # In one piece: the bytes depend on neither batches nor threads.
         with pq.ParquetWriter(sink, schema, compression="zstd", write_page_checksum=True) as writer:
             writer.write_table(pa.table(columns, schema=schema), row_group_size=ROWS_A_GROUP)
         return memoryview(sink.getvalue())
+
+    def covered(
+        self, least: float, progress: Callable[[int, int], None] = lambda done, total: None
+    ) -> tuple[CoveredBits, FloatArray]:
+        """Pairs with coverage of at least `least`, and (C,) total coverage of each pose.
+
+        Derived at the first call, by threads that each take the next shard, into a mapped file.
+
+        Parameters
+        ----------
+        progress : callable
+            Called with the poses done and the total.
+
+        Raises
+        ------
+        ConfigError
+            When a shard is damaged.
+        ResourceError
+            Where the disk has no room.
+        """
+        if least in self._derived:
+            return self._derived[least]
+        shards, n_faces = self.store, self.header["n_faces"]
+        shape = (self.header["n_poses"], n_words(n_faces))
+        total, lock, did = np.zeros(shape[0]), threading.Lock(), counted(shape[0], progress)
+        with TemporaryFile(dir=self.path) as file:
+            size = max(8, 8 * shape[0] * shape[1])  # nothing cannot be mapped
+            try:  # so large that no write to it finds the disk full
+                os.posix_fallocate(file.fileno(), 0, size)
+            except OSError as error:
+                raise ResourceError(
+                    f"{self.path}: {size:,} bytes cannot be reserved ({error.strerror}); "
+                    "make room on the disk, or use fewer candidates"
+                ) from None
+
+            def work(part: slice) -> None:
+                for number in range(part.start, part.stop):
+                    rows = shards.rows(number)
+                    words, total[rows] = self._bits_of(number, shape[1], least)
+                    os.pwrite(file.fileno(), words.data, 8 * shape[1] * rows.start)
+                    with lock:
+                        did(len(words))
+
+            threads = max(1, min(thread_count(None), MOST_THREADS, len(shards)))
+            share_poses(len(shards), [work] * threads)
+            words = np.memmap(file, "<u8", "r", shape=(size // 8,))[: shape[0] * shape[1]]
+        found = CoveredBits.of(words.reshape(shape), n_faces), total
+        self._derived[least] = found
+        return found
+
+    def _bits_of(
+        self, number: int, width: int, least: float
+    ) -> tuple[NDArray[np.uint64], FloatArray]:
+        """Bits and total coverage of the poses of a shard."""
+        counts, face, coverage, on_rig = self.pairs_of(number)
+        if len(on_rig):
+            counts, face, coverage = greatest(counts, face, coverage)
+        words = np.zeros((len(counts), width), np.uint64)
+        enough = coverage >= np.float64(least)
+        kernels.set_pairs(np.repeat(np.arange(len(counts)), counts)[enough], face[enough], words)
+        return words, totals_of(counts, coverage)
 
 
 @contextmanager
@@ -413,57 +469,36 @@ def _remade_by_build() -> Iterator[None]:
 
 
 def claim(
-    folder: Path, header: dict[str, Any], poses: Poses, shard_size_given: bool, note: Note
+    folder: Path,
+    header: dict[str, Any],
+    observer: Observer,
+    poses: Poses,
+    shard_size_given: bool,
+    note: Note,
 ) -> MatrixFolder:
-    """The folder with its present header where it agrees with `header`, or with `header`.
+    """The folder with all inputs of a matrix; its shards keep their size unless one is given.
 
-    A damaged or missing header is restored from an undamaged shard, and the poses from `poses`;
-    `note` is called with a line on each. Shards beyond the last one are removed.
+    Damaged inputs are written again, and `note` is called with a line on each.
+
+    Raises
+    ------
+    ConfigError
+        For a folder of other inputs, and one of other files.
     """
     try:
         kept = read_header(folder)
-    except DamagedError as error:
-        note(f"{error}; made again")
+    except DamagedError:
         kept = None
-    is_missing = kept is None
     if kept is None:
-        found = sorted(folder.glob(f"{PAIRS}/*"))
-        if found and not _has_sums(folder):
-            raise ConfigError(f"{folder}: shards without a header; name another folder")
-        if found and not (folder / HEADER).exists():
-            note(f"{folder / HEADER}: missing; made again")
-        headers = [each for path in found if (each := _header_in(folder, path.name))]
-        same = [each for each in headers if _difference(each, header, shard_size_given) is None]
-        kept = [*same, *headers, header][0]
-    words = _difference(kept, header, shard_size_given)
-    if words is not None:
-        raise ConfigError(_made(folder, words))
-    if is_missing:
-        store(folder, HEADER, json.dumps(kept, indent=2).encode() + b"\n")
-    files = _files_of_poses(kept)
-    try:
-        read_poses(folder, kept)
-    except DamagedError as error:
-        if all((folder / name).exists() for name in files):
-            note(f"{error}; made again")
-        arrays: tuple[NDArray[Any], ...] = (poses.world_from_camera, poses.camera)
-        for name, array in zip(files, arrays, strict=False):
-            file = io.BytesIO()
-            np.save(file, array)
-            store(folder, name, file.getvalue())
-    claimed = MatrixFolder(folder, kept)
-    names = {folder / claimed.store.name(number) for number in range(len(claimed.store))}
-    for stray in sorted(set(folder.glob(f"{PAIRS}/pairs-*.parquet")) - names):
-        note(f"{stray}: no shard of this matrix; removed")
-        stray.unlink()
-    return claimed
-
-
-def _difference(kept: dict[str, Any], header: dict[str, Any], shard_size_given: bool) -> str | None:
-    """Words on the first entry in which two headers differ, None where they agree."""
-    left_out = () if shard_size_given else ("poses_a_shard",)
-    differing = (name for name in WORDS if kept.get(name) != header.get(name))
-    return next((WORDS[name] for name in differing if name not in left_out), None)
+        remove(folder, [f"{BOUNDS}/*.npz"])  # they may be of other inputs
+    else:
+        if not shard_size_given:
+            header = header | {"poses_a_shard": kept["poses_a_shard"]}
+        for name, words in WORDS.items():
+            if kept.get(name) != header.get(name):
+                raise ConfigError(_made(folder, words))
+    write_inputs(folder, header, observer.mesh, observer.camera, poses, note)
+    return MatrixFolder(folder, header)
 
 
 def _made(folder: Path, words: str) -> str:
@@ -481,215 +516,19 @@ def read_header(folder: Path) -> dict[str, Any] | None:
     DamagedError
         As for `contents`.
     ConfigError
-        When it is of another format, or not a header.
+        When it is of another format, and for other files of these names: every file of a matrix has
+        a checksum.
     """
-    try:
-        data = contents(folder, HEADER)
-    except DamagedError:
-        if _has_sums(folder):
-            raise
-        raise ConfigError(
-            f"{folder / HEADER}: this is no header of a matrix; name another folder"
-        ) from None
+    if not (folder / SUMS).is_dir() and ((folder / HEADER).exists() or (folder / PAIRS).exists()):
+        raise ConfigError(f"{folder}: files that are no matrix; name another folder")
+    data = contents(folder, HEADER)
     header: dict[str, Any] | None = None if data is None else json.loads(data)
     if header is not None and header["format"] != FORMAT:
         raise ConfigError(_made(folder, WORDS["format"]))
     return header
 
 
-def _has_sums(folder: Path) -> bool:
-    """True when a file of a folder has a checksum, as every file of a matrix has."""
-    return any((folder / SUMS).glob("*.sha256"))
-
-
-def _whole(folder: Path, name: str) -> bytes:
-    """Bytes of a file; DamagedError as for `contents`, and where it is missing."""
-    data = contents(folder, name)
-    if data is None:
-        raise DamagedError(folder / name, "it is missing")
-    return data
-
-
-def read_poses(folder: Path, header: dict[str, Any]) -> Poses:
-    """Poses of a matrix, each with its camera.
-
-    Raises
-    ------
-    DamagedError
-        As for `contents`, where a file is missing, and for poses of another matrix.
-    """
-    arrays = []
-    for name, key in _files_of_poses(header).items():
-        array = np.load(io.BytesIO(_whole(folder, name)), allow_pickle=False)
-        if sha256(array) != header[key]:
-            what = key.replace("_", " ")
-            raise DamagedError(folder / name, f"these are {what} of another matrix")
-        arrays.append(array)
-    return Poses.of(arrays[0], camera=arrays[1] if arrays[1:] else None)
-
-
-def _files_of_poses(header: dict[str, Any]) -> dict[str, str]:
-    """Entry of the header with the hash of each file of poses, by the name of the file."""
-    files = {POSES: "poses", CAMERAS: "pose_camera"}
-    return {name: key for name, key in files.items() if key in header}
-
-
-@cache
-def pair_schema(of_rigs: bool = False) -> "pa.Schema":
-    """Columns of a shard, one row a pose-face pair; loads pyarrow, which takes 0.15 s.
-
-    Of rigs, a row is of a pose, a face and a camera, by its number on the rig.
-    """
-    import pyarrow as pa
-
-    types = {"pose": pa.int32(), "face": pa.int32(), "coverage": pa.float32()}
-    types |= {"covered": pa.bool_()} | ({"camera_on_rig": pa.uint16()} if of_rigs else {})
-    return pa.schema([pa.field(name, kind, False) for name, kind in types.items()])
-
-
-def _opened(folder: Path, shard: str) -> "tuple[pq.ParquetFile, dict[str, Any]]":
-    """A shard, and the header with its name in it; nothing for a table of other columns."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    try:
-        found = pq.ParquetFile(pa.BufferReader(_whole(folder, shard)))
-    except (pa.ArrowException, OSError):
-        raise DamagedError(folder / shard, "this is no Parquet file") from None
-    schema = found.schema_arrow
-    entries = json.loads((schema.metadata or {}).get(b"rastercov", b"{}"))
-    return found, entries if schema.equals(pair_schema("pairs" in entries)) else {}
-
-
-def _header_in(folder: Path, name: str) -> dict[str, Any] | None:
-    """Header of the matrix from an undamaged shard, None for any other file."""
-    try:
-        _, header = _opened(folder, f"{PAIRS}/{name}")
-    except DamagedError:
-        return None
-    return header if header.pop("shard", None) == f"{PAIRS}/{name}" else None
-
-
-# --- bits -------------------------------------------------------------------------------------
-
-
-def covered_bits(
-    folder: MatrixFolder,
-    least: float,
-    progress: Callable[[int, int], None] = lambda done, total: None,
-) -> tuple[CoveredBits, FloatArray]:
-    """Pairs of a matrix with coverage of at least `least`, and (C,) total coverage of each pose.
-
-    Makes the file of bits where it is missing, damaged, or of other shards.
-
-    Parameters
-    ----------
-    progress : callable
-        Called with the poses done and the total.
-
-    Raises
-    ------
-    ConfigError
-        When another process is writing to the folder, or a shard is damaged.
-    ResourceError
-        Where the disk has no room.
-    """
-    header = folder.header
-    shape = (header["n_poses"], n_words(header["n_faces"]))
-    name = f"{BITS}/covered-{least!r}"
-    path = folder.path / f"{name}.words"
-    if 0 in shape:
-        return CoveredBits.of(np.zeros(shape, np.uint64), header["n_faces"]), np.zeros(shape[0])
-    with locked(folder.path):
-        total = _total_in(folder, path, f"{name}.npz")
-        if total is None:
-            path.parent.mkdir(exist_ok=True)
-            total = _write_bits(folder, path, shape, least, progress)
-            file = io.BytesIO()
-            digest = np.frombuffer(_hash_of_bits(folder, path), np.uint8)
-            np.savez(file, digest=digest, total=total)
-            store(folder.path, f"{name}.npz", file.getvalue())
-    progress(shape[0], shape[0])
-    words = np.memmap(path, "<u8", "r", shape=shape)
-    return CoveredBits.of(words, header["n_faces"]), total
-
-
-def _hash_of_bits(folder: MatrixFolder, path: Path) -> bytes:
-    """SHA-256 of a file of bits and of the checksums of the shards that it is derived from."""
-    with path.open("rb") as file:
-        digest = hashlib.file_digest(file, "sha256")
-    for number in range(len(folder.store)):
-        digest.update(sum_file(folder.path, folder.store.name(number)).read_bytes())
-    return digest.digest()
-
-
-def _total_in(folder: MatrixFolder, path: Path, record: str) -> FloatArray | None:
-    """Total coverage of each pose from the record of a file of bits; None unless both are whole."""
-    try:
-        with np.load(io.BytesIO(contents(folder.path, record) or b"")) as file:
-            digest, total = file["digest"].tobytes(), file["total"]
-        return total if digest == _hash_of_bits(folder, path) else None
-    except (DamagedError, OSError, EOFError, ValueError, KeyError):
-        return None
-
-
-def _write_bits(
-    folder: MatrixFolder,
-    path: Path,
-    shape: tuple[int, int],
-    least: float,
-    progress: Callable[[int, int], None],
-) -> FloatArray:
-    """Write all rows, with threads that each take the next shard; (C,) total coverage."""
-    size = 8 * shape[0] * shape[1]
-    try:
-        with path.open("wb") as file:  # so large that no write to it finds the disk full
-            os.posix_fallocate(file.fileno(), 0, size)
-    except OSError as error:
-        raise ResourceError(
-            f"{path}: {size:,} bytes cannot be reserved ({error.strerror}); "
-            "make room on the disk, or use fewer candidates"
-        ) from None
-    shards, total, lock = folder.store, np.zeros(shape[0]), threading.Lock()
-    did = counted(shape[0], progress)
-
-    def work(part: slice) -> None:
-        for number in range(part.start, part.stop):
-            rows = shards.rows(number)
-            words, total[rows] = _bits_of(folder, number, shape[1], least)
-            if len(words):
-                at = 8 * shape[1] * rows.start
-                np.memmap(path, "<u8", "r+", at, words.shape)[:] = words
-            with lock:
-                did(len(words))
-
-    threads = max(1, min(thread_count(None), MOST_THREADS, len(shards)))
-    share_poses(len(shards), [work] * threads)
-    return total
-
-
-def _bits_of(
-    folder: MatrixFolder, number: int, width: int, least: float
-) -> tuple[NDArray[np.uint64], FloatArray]:
-    """Bits and total coverage of the poses of a shard."""
-    counts, face, coverage, on_rig = folder.pairs_of(number)
-    if len(on_rig):
-        counts, face, coverage = greatest(counts, face, coverage)
-    words = np.zeros((len(counts), width), np.uint64)
-    enough = coverage >= np.float64(least)
-    kernels.set_pairs(np.repeat(np.arange(len(counts)), counts)[enough], face[enough], words)
-    return words, totals_of(counts, coverage)
-
-
 # --- workers ----------------------------------------------------------------------------------
-
-
-def write_scene(folder: Path, observer: Observer, mounts: Mounts | None) -> None:
-    """Write mesh, cameras and mounts into the folder of a matrix, for workers."""
-    arrays = {}
-    if mounts is not None and mounts.has_rigs:
-        arrays = {"starts": mounts.starts, "places": mounts.rig.rig_from_camera}
-    renew(folder, SCENE, scene_bytes(observer.mesh, observer.camera, arrays))
 
 
 def add_bounds(folder: MatrixFolder, bounds: CandidateBounds) -> None:
@@ -697,11 +536,10 @@ def add_bounds(folder: MatrixFolder, bounds: CandidateBounds) -> None:
     found = []
     for path in sorted((folder.path / BOUNDS).glob("*.npz")):
         try:
-            data = _whole(folder.path, f"{BOUNDS}/{path.name}")
+            data = whole(folder.path, f"{BOUNDS}/{path.name}")
         except DamagedError:
             return
-        with np.load(io.BytesIO(data), allow_pickle=False) as file:
-            found.append(dict(file))
+        found.append(read_npz(data))
     of_file = [np.zeros(0, np.int64), *(part["shards"] for part in found)]
     if sorted(np.concatenate(of_file).tolist()) != list(range(len(folder.store))):
         return  # a shard was made again, by another worker
@@ -724,20 +562,13 @@ def make(folder: Path, number: int | None, chosen: IntArray) -> memoryview:
     FolderLostError
         Where the files of the matrix are not there.
     """
-    try:
-        modified = (folder / SCENE).stat().st_mtime_ns
-    except OSError:
-        raise FolderLostError(f"{folder}: {SCENE} is missing") from None
-    return _opened_once(folder, modified)(number, chosen)
+    return _opened(folder)(number, chosen)
 
 
-@lru_cache(OPEN)
-def _opened_once(folder: Path, modified: int) -> Callable[[int | None, IntArray], memoryview]:
-    """Function `make` of a folder; its observer lives as long as this process, or two others."""
-    header, data = read_header(folder), contents(folder, SCENE)
-    if header is None or data is None:
-        raise FolderLostError(f"{folder}: files of the matrix are missing")
-    poses, scene, task = read_poses(folder, header), read_scene(data), Task(**header["task"])
+@opened_once
+def _opened(folder: Path, scene: Inputs) -> Callable[[int | None, IntArray], memoryview]:
+    """Function `make` of a folder."""
+    header, task = scene.header, Task(**scene.header["task"])
     with ExitStack() as opened:
         observer: Any = open_observer(scene.mesh, scene.cameras, _engine_of(header))
         opened.callback(observer.close)
@@ -752,8 +583,8 @@ def _opened_once(folder: Path, modified: int) -> Callable[[int | None, IntArray]
             )
         opened.pop_all()
     mounts = None
-    if scene.more:
-        starts, places = scene.more["starts"], scene.more["places"]
+    if found := header.get("mounts"):
+        starts, places = np.array(found["starts"]), np.array(found["places"])
         names = tuple(f"mount {index}" for index in range(len(starts) - 1))
         mounts = Mounts(names, Rig(scene.cameras, None, places), starts)
 
@@ -763,14 +594,13 @@ def _opened_once(folder: Path, modified: int) -> Callable[[int | None, IntArray]
     bounded: list[int] = []
 
     def make_shard(number: int | None, chosen: IntArray) -> memoryview:
-        placed, added = renumbered(poses[chosen]), None if number is None else bounds
+        placed, added = renumbered(scene.poses[chosen]), None if number is None else bounds
         pairs = pairs_of(observer, placed, task, made_on, added, mounts)
         data = matrix.shard_bytes(number, pairs, chosen)
         if number is not None:
             bounded.append(number)
-            content = io.BytesIO()
-            np.savez(content, shards=np.array(bounded, np.int64), **vars(bounds))
-            store(folder, f"{BOUNDS}/{file}.npz", content.getvalue())
+            arrays = vars(bounds) | {"shards": np.array(bounded, np.int64)}
+            store(folder, f"{BOUNDS}/{file}.npz", npz_bytes(arrays))
         return data
 
     return make_shard

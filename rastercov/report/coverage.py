@@ -35,6 +35,7 @@ from rastercov.base.output import write_json, write_text
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, cameras_of, names_of
+from rastercov.cluster import ALONE, Staff
 from rastercov.coverage.area.network import unit_of_result
 from rastercov.coverage.area.regions import RegionPass, Regions
 from rastercov.coverage.engine import Engine
@@ -42,7 +43,7 @@ from rastercov.coverage.evaluation import Evaluation
 from rastercov.coverage.face_pass import faces_in_view
 from rastercov.coverage.job import measure
 from rastercov.coverage.network import CHOICES
-from rastercov.coverage.shards import ALONE, UNFINISHED, Staff, Wanted, open_for, remove
+from rastercov.coverage.shards import UNFINISHED, Wanted, open_for, remove
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.raster import open_rasterizer

@@ -447,8 +447,9 @@ def is_enclosed(mesh: Mesh, eyes: ArrayLike) -> bool:
     tree = TriangleTree.over((mesh.vertices - middle) / size, mesh.faces[~mesh.target_mask])
     axes = np.concatenate((np.eye(3), -np.eye(3)))
     starts, directions = np.repeat((some - middle) / size, 6, axis=0), np.tile(axes, (len(some), 1))
-    hit = tree.hit_segments(starts, directions, np.ones(len(starts)))
-    around = hit.reshape(-1, 6).sum(axis=1)
+    n_rays = len(starts)
+    hit = tree.first_hits(starts, directions, np.ones(n_rays), np.full(n_rays, -1))
+    around = (hit >= 0).reshape(-1, 6).sum(axis=1)
     return bool(2 * (around >= ENCLOSED).sum() > len(some))
 
 

@@ -58,7 +58,8 @@ class OwnTracer:
 
     def meets(self, origins: FloatArray, directions: FloatArray, reaches: FloatArray) -> BoolArray:
         """See `Tracer.meets`."""
-        return self._tree.hit_segments(origins, directions, reaches)
+        own = np.full(len(origins), -1)
+        return self._tree.first_hits(origins, directions, reaches, own) >= 0
 
 
 TOLERANCE = 1e-6

@@ -316,7 +316,7 @@ def test_what_is_no_matrix_of_an_earlier_plan_stays(capsys):
         call(capsys, f"place plan.toml --out out{count}")
     matrix = Path("out20/matrix")
     (matrix / "0123456789abcdef").mkdir()
-    for name in ("0123456789abcdef/poses.npy", "fedcba9876543210"):
+    for name in ("0123456789abcdef/poses.npz", "fedcba9876543210"):
         (matrix / name).write_text("mine")
     (old,), (used,) = matrix.glob("*/header.json"), Path("out21/matrix").glob("*")
     old, used = old.parent, used.rename(matrix / used.name)

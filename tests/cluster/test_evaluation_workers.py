@@ -11,9 +11,8 @@ import pytest
 
 import rastercov as rc
 from rastercov.base.errors import ConfigError
-from rastercov.cluster import Workers
+from rastercov.cluster import Staff, Workers
 from rastercov.coverage import shards as evaluation_shards
-from rastercov.coverage.job import Staff
 from rastercov.coverage.shards import UNFINISHED
 from rastercov.mesh import shapes
 from rastercov.placement.audit import audit

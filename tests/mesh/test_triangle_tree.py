@@ -43,7 +43,12 @@ def test_a_segment_is_hit_where_a_triangle_alone_is_hit(seed, n):
     rng = np.random.default_rng(seed)
     origins, ends = rng.uniform(-0.6, 0.6, (2, 30, 3))
     reaches = np.linalg.norm(ends - origins, axis=1)
-    segments = (origins, (ends - origins) / reaches[:, None], reaches)
-    alone = [TriangleTree.over(points, face[None]).hit_segments(*segments) for face in faces]
-    both = TriangleTree.over(points, faces).hit_segments(*segments)
-    np.testing.assert_array_equal(both, np.any(alone, axis=0))
+    segments = (origins, (ends - origins) / reaches[:, None], reaches, np.full(30, -1))
+    tree = TriangleTree.over(points, faces)
+    found = tree.first_hits(*segments)
+    alone = [TriangleTree.over(points, face[None]).first_hits(*segments) >= 0 for face in faces]
+    np.testing.assert_array_equal(found >= 0, np.any(alone, axis=0))
+    for row in np.flatnonzero(found >= 0):  # without the first one, another or none
+        others = tree.first_hits(*(part[[row]] for part in (*segments[:3], found)))
+        assert others != found[row]
+        assert (others >= 0) == (np.sum(alone, axis=0)[row] > 1)

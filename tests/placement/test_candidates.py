@@ -24,7 +24,6 @@ from rastercov.placement import (
     filter_candidates,
     from_poses,
     in_solid,
-    per_convex_region,
     per_face,
     per_segment,
     segment,
@@ -40,6 +39,7 @@ from rastercov.placement.candidates.mounting import (
     on_sphere,
     on_walls,
 )
+from rastercov.reference.convex_regions import per_convex_region
 from rastercov.reference.criteria import face_geometry
 
 CAMERA = rc.Camera(width=640, height=400, fx=800, fy=700)

@@ -17,7 +17,6 @@ from rastercov.placement.candidates.cavities import (
     Access,
     Hemicube,
     openings,
-    per_cavity,
 )
 from rastercov.placement.candidates.clearance import KeepOutBox, KeepOutSphere, filter_candidates
 from rastercov.placement.candidates.pool import Framing, per_face
@@ -263,4 +262,4 @@ def test_no_faces_and_faces_without_area_give_nothing():
     mesh = Mesh(vertices=[(0, 0, 0), (1, 0, 0), (0, 1, 0)], faces=[(0, 1, 2), (0, 1, 1)])
     assert len(openings(mesh, CAMERA, FAR, faces=[]).face) == 0
     assert openings(mesh, CAMERA, FAR, faces=[0, 1]).face.tolist() == [0]
-    assert set(per_cavity(mesh, CAMERA, FAR, faces=[0, 1]).source) == {"cavity"}
+    assert set(openings(mesh, CAMERA, FAR, faces=[0, 1]).candidates.source) == {"cavity"}

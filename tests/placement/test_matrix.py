@@ -35,9 +35,6 @@ MESH = shapes.torus(12, 8)
 POSES = rc.sphere_of_poses((0, 0, 0), 4.2, N_POSES)
 AWAY = rc.look_at([[0, 0, 5.0]], [[0, 0, 9.0]])
 SHARD = Path("pairs") / "pairs-00001.parquet"
-WORDS = Path("bits") / "covered-0.3.words"
-RECORD = Path("bits") / "covered-0.3.npz"
-SUM_OF_RECORD = Path("sha256") / "covered-0.3.npz.sha256"
 
 
 def build(folder=None, poses=POSES, **options):
@@ -45,7 +42,7 @@ def build(folder=None, poses=POSES, **options):
 
 
 def bits_of(folder, poses=POSES):
-    return BitMatrix.of(measure_matrix((MESH, CAMERA), poses, TASK, folder, poses_a_shard=4))
+    return measure_matrix((MESH, CAMERA), poses, TASK, folder, poses_a_shard=4)
 
 
 def dense(matrix):
@@ -112,9 +109,7 @@ def test_bits_are_the_covered_pairs_of_the_matrix_and_its_shards_those_of_a_plai
     again = BitMatrix.load(tmp_path / "bits")
     np.testing.assert_array_equal(covered(again.bits), covered(matrix.bits))
     same(build(tmp_path / "plain", poses_a_shard=4), VisibilityMatrix.load(tmp_path / "bits"))
-    found, plain = contents_of(tmp_path / "bits"), contents_of(tmp_path / "plain")
-    assert set(found) == set(plain) | {str(WORDS), str(RECORD), str(SUM_OF_RECORD)}
-    assert {name: found[name] for name in plain} == plain
+    assert contents_of(tmp_path / "bits") == contents_of(tmp_path / "plain")
     for least in (0.0, 0.3, 0.9):
         wanted = (dense(lists) >= np.float64(least)) & (dense(lists) > 0)
         np.testing.assert_array_equal(covered(matrix.covered_at(least)), wanted)
@@ -134,7 +129,7 @@ def test_matrices_that_are_joined_are_that_of_all_poses(tmp_path, lists):
     assert matrix.n_pairs == len(lists.face)
     other = measure_matrix((MESH, CAMERA), POSES, rc.Task(), tmp_path / "other")
     with pytest.raises(ConfigError, match="another task"):
-        matrix.joined(BitMatrix.of(other))
+        matrix.joined(other)
 
 
 @pytest.mark.parametrize("poses", [POSES[:0], AWAY], ids=["none", "away"])
@@ -273,26 +268,35 @@ def test_a_matrix_of_an_earlier_format_and_a_strange_header_are_refused(tmp_path
     shutil.rmtree(tmp_path / "sha256")  # the first format had no checksums
     for text in ("{", "[]", "{}", '{"format": 1}', "[" * 100_000, '"of something else"'):
         path.write_text(text)
-        assert_refused("no header")
+        assert_refused("no matrix")
 
 
-@pytest.mark.parametrize("name", ["header.json", "poses.npy"])
-def test_a_damaged_header_or_pose_loses_no_shard_and_opens_the_folder_to_no_other(
-    tmp_path, lists, name
-):
+@pytest.mark.parametrize("name", ["header.json", "poses.npz", "scene.npz"])
+def test_a_damaged_header_or_pose_loses_no_shard(tmp_path, lists, name):
     build(tmp_path, poses_a_shard=4)
     whole = contents_of(tmp_path)
     for harm in (lambda path: flip(path, [1000]), Path.unlink):
         harm(tmp_path / name)
-        with pytest.raises(ConfigError, match=rf"{name}|no matrix in this folder"):
-            VisibilityMatrix.load(tmp_path)
-        with pytest.raises(ConfigError, match="from other poses"):
-            build(tmp_path, POSES[::-1])
-        again, seen, notes = watched(tmp_path)
+        if name != "scene.npz":  # which readers do without
+            with pytest.raises(ConfigError, match=rf"{name}|no matrix in this folder"):
+                VisibilityMatrix.load(tmp_path)
+        if name != "header.json":
+            with pytest.raises(ConfigError, match="from other poses"):
+                build(tmp_path, POSES[::-1])
+        again, seen, notes = watched(tmp_path, poses_a_shard=4)
         np.testing.assert_array_equal(dense(again), dense(lists))
         assert seen == [N_POSES]
         assert contents_of(tmp_path) == whole
         assert all(name in line for line in notes)
+
+
+def test_a_folder_without_its_header_is_that_of_the_next_inputs(tmp_path):
+    build(tmp_path / "m", poses_a_shard=1)
+    (tmp_path / "m" / "header.json").unlink()
+    _, seen, notes = watched(tmp_path / "m", poses=POSES[::-1], poses_a_shard=4)
+    assert (seen[0], len(notes)) == (0, N_POSES)  # shards that are no longer any, and of others
+    build(tmp_path / "other", POSES[::-1], poses_a_shard=4)
+    assert contents_of(tmp_path / "m") == contents_of(tmp_path / "other")
 
 
 def test_only_the_damaged_shard_is_measured_again_and_somebody_is_told(tmp_path, caplog):
@@ -307,18 +311,13 @@ def test_only_the_damaged_shard_is_measured_again_and_somebody_is_told(tmp_path,
     assert seen[0] == N_POSES - 4
     assert contents_of(tmp_path) == whole
     assert [record.getMessage() for record in caplog.records] == [
-        f"warning: {tmp_path / SHARD}: damaged, its checksum is not the one recorded; "
+        f"{tmp_path / SHARD}: damaged, its checksum is not the one recorded; "
         "its poses are measured again"
     ]
-    flip(tmp_path / SHARD, [8 * 200])
-    (tmp_path / "header.json").unlink()  # it is restored from another shard
-    _, seen, notes = watched(tmp_path)
-    assert (seen[0], len(notes)) == (N_POSES - 4, 2)
-    assert contents_of(tmp_path) == whole
     assert watched(tmp_path)[1:] == ([N_POSES], [])
 
 
-def test_damaged_or_exchanged_bits_are_made_again(tmp_path, lists, monkeypatch):
+def test_bits_are_derived_once_a_threshold(tmp_path, monkeypatch):
     names, pairs_of = [], MatrixFolder.pairs_of
 
     def watched_pairs(folder, number):
@@ -326,46 +325,25 @@ def test_damaged_or_exchanged_bits_are_made_again(tmp_path, lists, monkeypatch):
         return pairs_of(folder, number)
 
     monkeypatch.setattr(MatrixFolder, "pairs_of", watched_pairs)
-    one, two = tmp_path / "one", tmp_path / "two"
-    bits_of(one)
-    bits_of(two, POSES[::-1])
-    whole = (one / WORDS).read_bytes()
-
-    def n_made():
-        """Shards whose rows are made, by a reading of bits that are right again."""
-        names.clear()
-        matrix = bits_of(one)
-        np.testing.assert_array_equal(covered(matrix.bits), dense(lists) >= 0.3)
-        np.testing.assert_array_equal(matrix.mean_coverage, lists.mean_coverage)
-        assert (one / WORDS).read_bytes() == whole
-        return len(names)
-
-    assert n_made() == 0
-    flip(one / WORDS, [8 * 8 * 3 * 5 + 1])
-    assert n_made() == 3
-    for content in (whole[:-8], whole + b"more"):
-        (one / WORDS).write_bytes(content)
-        assert n_made() == 3
-    for name in (WORDS, RECORD, SUM_OF_RECORD):
-        (one / name).unlink()
-        assert (n_made(), n_made()) == (3, 0)
-    for name in (RECORD, SUM_OF_RECORD):
-        flip(one / name, [500])
-        assert (n_made(), n_made()) == (3, 0)
-    for name in (WORDS, RECORD, SUM_OF_RECORD):
-        (one / name).write_bytes((two / name).read_bytes())
-    assert n_made() == 3
+    matrix = bits_of(tmp_path)
+    assert not names
+    assert matrix.bits is matrix.covered_at(0.3)
+    assert len(matrix.mean_coverage) == N_POSES
+    assert sorted(names) == [0, 1, 2]
+    assert len(names) == 3
+    matrix.covered_at(0.9)
+    assert len(names) == 6
 
 
 def test_every_file_has_the_checksum_that_sha256sum_and_other_readers_can_check(tmp_path):
     bits_of(tmp_path)
     files = {path for path in files_of(tmp_path) if path.parent.name != "sha256"}
-    assert len(files) == 7
+    assert len(files) == 6
     for line in (tmp_path / "sha256").glob("*.sha256"):
         digest, name = line.read_text().removesuffix("\n").split("  ")
         files.remove(tmp_path / name)
         assert hashlib.sha256((tmp_path / name).read_bytes()).hexdigest() == digest
-    assert files == {tmp_path / WORDS}  # its hash is in the record
+    assert not files
     shard = tmp_path / SHARD
     assert pq.read_table(shard, page_checksum_verification=True).num_rows
     column = pq.ParquetFile(shard).metadata.row_group(0).column(1)
@@ -387,7 +365,7 @@ def test_a_run_that_ends_between_any_two_files_goes_on(tmp_path, monkeypatch):
         replace_file(*names)
 
     monkeypatch.setattr(os, "replace", end)
-    for steps in range(10):
+    for steps in range(12):
         folder, left, notes = tmp_path / str(steps), steps, []
         with pytest.raises(InterruptedError):
             build(folder, poses_a_shard=4, note=notes.append)
@@ -396,7 +374,7 @@ def test_a_run_that_ends_between_any_two_files_goes_on(tmp_path, monkeypatch):
         left = 100
         again, seen, further = watched(folder, poses_a_shard=4)
         same(again, matrix)
-        assert seen[0] == 4 * max(0, (steps - 4) // 2)
+        assert seen[0] == 4 * max(0, (steps - 6) // 2)
         assert notes + further == []
         assert contents_of(folder) == contents_of(tmp_path / "quiet")
 
@@ -407,7 +385,7 @@ def test_what_is_no_folder_of_ours_is_refused(tmp_path, monkeypatch):
     (tmp_path / "mine" / "pairs" / "pairs-00000.parquet").write_bytes(b"")
     for call, words in (
         (lambda: build(tmp_path / "file"), "cannot be made"),
-        (lambda: build(tmp_path / "mine"), "without a header"),
+        (lambda: build(tmp_path / "mine"), "no matrix"),
         (lambda: VisibilityMatrix.load(tmp_path), "there is no matrix"),
         (lambda: BitMatrix.load(tmp_path / "nowhere"), "there is no matrix"),
     ):
@@ -415,16 +393,16 @@ def test_what_is_no_folder_of_ours_is_refused(tmp_path, monkeypatch):
             call()
     with pytest.raises(PoseError):
         build(poses=np.zeros((1, 4, 4)))
-    folder = measure_matrix((MESH, CAMERA), POSES, TASK, tmp_path / "bits")
+    matrix = measure_matrix((MESH, CAMERA), POSES, TASK, tmp_path / "bits")
     with locked(tmp_path / "bits"), pytest.raises(ConfigError, match="another process is writing"):
-        BitMatrix.of(folder)
+        build(tmp_path / "bits")
 
     def full(*arguments):
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr(os, "posix_fallocate", full)
     with pytest.raises(ResourceError, match="264 bytes cannot be reserved") as error:
-        BitMatrix.of(folder)
+        matrix.covered_at(0.3)
     assert "\n" not in str(error.value)
 
 

@@ -157,7 +157,7 @@ def test_shards_of_rigs_resume_and_are_told_from_others(tmp_path, of_rigs):
         assert again.camera.tolist() == placed.camera.tolist()
     with pytest.raises(rc.ConfigError, match="for other rigs"):
         build(mounts=mounts_of(2))
-    with pytest.raises(rc.ConfigError, match="for other cameras of the poses"):
+    with pytest.raises(rc.ConfigError, match="for other cameras of them"):
         build(rc.Poses.of(placed, camera=0))
 
 

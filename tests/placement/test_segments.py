@@ -120,8 +120,7 @@ def test_growth_passes_through_a_face_without_area():
     """A T-junction: the long edge of one face meets two faces, a face without area fills it."""
     points = [(0, 0, 0), (2, 0, 0), (1, 1, 0), (1, 0, 0), (0.5, -1, 0), (1.5, -1, 0)]
     mesh = Mesh(points, [(0, 1, 2), (0, 3, 1), (0, 4, 3), (3, 5, 1)])
-    for options in ({"beta_deg": None}, {"beta_deg": 10, "adjacent": True}):
-        assert segment(mesh, 10, **options).labels.tolist() == [0, -1, 0, 0]
+    assert segment(mesh, 10, None).labels.tolist() == [0, -1, 0, 0]
 
 
 def test_seams_of_repeated_vertices_do_not_stop_growth():
@@ -136,7 +135,6 @@ def test_occluders_have_no_segment_and_stop_growth():
     mesh = Mesh(strip.vertices, strip.faces, groups, [0, 0, 1, 1, 0, 0])
     assert segment(mesh, 10, None).labels.tolist() == [0, 0, -1, -1, 1, 1]
     assert segment(mesh, 10, 10).labels.tolist() == [0, 0, -1, -1, 0, 0]
-    assert segment(mesh, 10, 10, adjacent=True).labels.tolist() == [0, 0, -1, -1, 1, 1]
     nothing = segment(strip.with_groups(occluders=["mesh"]), 15, 25)
     assert nothing.n_segments == 0
     assert (nothing.labels == -1).all()
@@ -167,32 +165,22 @@ def test_merging_takes_all_within_beta_of_an_average(mesh, alpha, beta):
         labels[labels == other] = one
         labels[labels > other] -= 1
     assert same_parts(segment(mesh, alpha, beta, merge="closest").labels, labels)
-    for merge in ("leader", "closest"):  # neighbours hang together
-        merged = segment(mesh, alpha, beta, adjacent=True, merge=merge)
-        for label in range(merged.n_segments):
-            part = Mesh(mesh.vertices, mesh.faces[merged.labels == label])
-            assert not part.topology.components().any()
-    one, other = merged.labels[mesh.topology.neighbours].T
-    between = degrees_between(merged.normals[one], merged.normals[other])
-    assert (between[one != other] > beta).all()
 
 
 @merges
-def test_patches_that_face_one_way_are_one_segment_unless_neighbours_are_asked_for(merge):
+def test_patches_that_face_one_way_are_one_segment(merge):
     apart = joined(sheet((0, 0), (1, 1), 1.0), sheet((3, 0), (4, 1), 1.0))
     assert segment(apart, 15, 25, merge=merge).labels.tolist() == [0, 0, 0, 0]
-    assert segment(apart, 15, 25, merge=merge, adjacent=True).labels.tolist() == [0, 0, 1, 1]
 
 
 # Laws of the whole.
 
 
 @merges
-@pytest.mark.parametrize("adjacent", [False, True])
-def test_the_same_mesh_gives_the_same_segments_turned_and_scaled(merge, adjacent):
+def test_the_same_mesh_gives_the_same_segments_turned_and_scaled(merge):
     mesh = shapes.icosahedron(0.15, 3)
     turned = Mesh(mesh.vertices[:, [1, 2, 0]] * 2.0**20, mesh.faces)
-    here, there = (segment(m, 20, 30, merge=merge, adjacent=adjacent) for m in (mesh, turned))
+    here, there = (segment(m, 20, 30, merge=merge) for m in (mesh, turned))
     assert np.array_equal(here.labels, there.labels)
     np.testing.assert_allclose(there.normals, here.normals[:, [1, 2, 0]], atol=1e-12)
     np.testing.assert_allclose(there.areas, here.areas * 2.0**40, rtol=1e-12)

@@ -232,7 +232,6 @@ def test_broken_meshes_and_unknown_groups_are_told_at_once(text):
 ENTRIES = {
     "per_segment": ("", "segment", 6),
     "per_face": ("", "face", 12),
-    "per_convex_region": ("", "convex_region", 8),
     "on_sphere": ("count = 7\n", "sphere", 7),
     "on_hemisphere": ("count = 7\n", "hemisphere", 7),
     "on_box": ('spacing = 9\noutward = 1.0\nsides = ["+z", "-z"]\n', "box", 8),

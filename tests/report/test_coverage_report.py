@@ -22,7 +22,8 @@ from rastercov import shaders
 from rastercov.base.errors import ConfigError, DeviceError
 from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import sphere_of_poses
-from rastercov.coverage.job import Staff, evaluate
+from rastercov.cluster import Staff
+from rastercov.coverage.job import evaluate
 from rastercov.coverage.network import CHOICES
 from rastercov.coverage.task import Reason, Task
 from rastercov.mesh import Mesh, shapes

@@ -127,7 +127,7 @@ def stale(folder, other, rng):
 
 def stale_poses(folder, other, rng):
     """The poses of another matrix, with their checksum."""
-    return _stale(folder, other, folder / "poses.npy", with_sum=True)
+    return _stale(folder, other, folder / "poses.npz", with_sum=True)
 
 
 def one_too_many(folder, other, rng):
@@ -184,8 +184,8 @@ def campaign(base, build_arguments, other_poses, trials, seed=0):
         kind = KINDS[trial % len(KINDS)]
         what = kind(folder, other, rng)
         again = dict(build_arguments)
-        if kind is not many_bits and rng.integers(2):
-            del again["poses_a_shard"]  # the folder knows it, whatever is damaged
+        if kind in (exchanged, stale, stale_poses, one_too_many) and rng.integers(2):
+            del again["poses_a_shard"]  # the header knows it
         if found := verdict(folder, whole, matrix, again):
             wrong[f"trial {trial}, {what}"] = found
         shutil.rmtree(folder)

@@ -132,7 +132,7 @@ UNTRIED = {
     },
     "on_box sides": "words of its own",
     "on_box source": "a label",
-    **{f"openings {each}": "options of per_cavity" for each in ("side", "finest")},
+    **{f"openings {each}": "pixels of an image" for each in ("side", "finest")},
 }
 """Arguments that are not tried, and why."""
 

@@ -24,16 +24,11 @@ Open directions of one side of a face: from the face and a hemicube, a few promi
 the interval of distances within which nothing blocks it and the whole face is in view.
 
 Proof that no camera within its limits can see a face: it faces solid or an enclosed space. A closed
-surface divides space into regions of equal winding number
-
-    w(p) = sum over its faces of their solid angle at p / 4 pi,
-
-and a camera that sees a point is in the region of that point, because no surface is between them.
-Where the region in front of a face is solid, or is bounded and within a box that the limits of a
-camera exclude, the face is out of reach; no sampling is involved. The argument requires the same
-winding number all over the face, that is, that no closed surface crosses it; this is tested.
-
-A. Van Oosterom, J. Strackee. The Solid Angle of a Plane Triangle. 1983.
+surface divides space into regions of equal winding number, and a camera that sees a point is in the
+region of that point, because no surface is between them. Where the region in front of a face is
+solid, or is bounded and within a box that the limits of a camera exclude, the face is out of reach;
+no sampling is involved. The argument requires the same winding number all over the face, that is,
+that no closed surface crosses it; this is tested.
 """
 
 import math
@@ -61,9 +56,10 @@ from rastercov.placement.candidates.clearance import (
     KeepOutSphere,
     Place,
     check_clearance,
-    closed_faces,
+    closed_parts,
     filter_candidates,
     in_solid,
+    winding_numbers,
 )
 from rastercov.placement.candidates.pool import (
     DEFAULT,
@@ -130,7 +126,7 @@ class Hemicube(Closing):
         free = np.empty((n, len(self.directions)))
         poses = np.tile(np.eye(4), (n, len(self._axes), 1, 1))
         poses[..., :3, 3] = (points + self._lift * frames[:, :, 2])[:, None]
-        poses[..., :3, :3] = frames[:, None] @ np.stack(self._axes)
+        poses[..., :3, :3] = frames[:, None] @ self._axes
         whole = self._whole.render_all(poses[:, 0]).depth.reshape(n, -1)
         upper = self._upper.render_all(poses[:, 1:].reshape(-1, 4, 4)).depth.reshape(n, -1)
         free[:, : whole.shape[1]], free[:, whole.shape[1] :] = whole, upper
@@ -159,14 +155,10 @@ def face_frames(normals: FloatArray) -> FloatArray:
     return look_at(-normals, np.zeros(3))[:, :3, :3]
 
 
-def _five_axes() -> list[FloatArray]:
-    """Camera axes as columns, in those of a face: along the normal, and to four sides, z up."""
-    axes = [np.eye(3)]
-    down = np.array([0.0, 0.0, -1.0])
-    for x, y in ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)):
-        ahead = np.array([x, y, 0.0])
-        axes.append(np.stack((np.cross(down, ahead), down, ahead), axis=1))
-    return axes
+def _five_axes() -> FloatArray:
+    """(5, 3, 3) camera axes as columns, in those of a face: along the normal, and to four sides."""
+    sides = np.array([(1, 0, 0), (0, 1, 0), (-1, 0, 0), (0, -1, 0)])
+    return np.concatenate((np.eye(3)[None], look_at(np.zeros(3), sides)[:, :3, :3]))
 
 
 def _running_mean(image: FloatArray, reach: int, axis: int) -> FloatArray:
@@ -304,8 +296,6 @@ def far_apart(directions: FloatArray, order: IntArray, angle: float, most: int) 
 
 RIM_WIDTH_REL = 1e-3
 """Relative width of the rim of a face that is left out of the proof, to exclude its neighbours."""
-WINDING_TOLERANCE = 1e-6
-"""Tolerance of an integer winding number."""
 
 
 class Enclosure:
@@ -328,19 +318,11 @@ class Enclosure:
         self.keep_out = [v for v in keep_out if isinstance(v, KeepOutBox | KeepOutSphere)]
         self._middle = mesh.bounds.mean(axis=0)
         self._lift = LIFT_REL * float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
-        mesh = mesh.opaque  # targets enclose nothing
-        rows = np.flatnonzero(closed_faces(mesh))
-        # Sorted by component; those of one are from `_starts` of its number to that of the next.
-        _, part = np.unique(mesh.topology.components()[rows], return_inverse=True)
-        rows = rows[np.argsort(part, kind="stable")]
-        self._starts = np.concatenate(([0], np.cumsum(np.bincount(part))))
-        self._corners = mesh.vertices[mesh.faces[rows]] - self._middle
+        # Targets enclose nothing.
+        self._parts = closed_parts(mesh.opaque)
+        self._boxes = self._parts.boxes - self._middle
+        self._corners = mesh.opaque.vertices[mesh.opaque.faces[self._parts.faces]] - self._middle
         self._low, self._high = self._corners.min(axis=1), self._corners.max(axis=1)
-        ends = [self._low, self._high]
-        if len(rows):
-            first = self._starts[:-1]
-            ends = [np.minimum.reduceat(ends[0], first), np.maximum.reduceat(ends[1], first)]
-        self._boxes = np.stack(ends, axis=1)
 
     def proofs(self, faces: IntArray, normals: FloatArray) -> list[str]:
         """Reason for each face why no camera can see it from the side of its normal, or "".
@@ -356,24 +338,24 @@ class Enclosure:
         raised = centres[:, None] + (1 - RIM_WIDTH_REL) * (corners - centres[:, None])
         raised += self._lift * normals[:, None]
         points = raised.mean(axis=1)
-        is_solid = in_solid(self.mesh, points + self._middle)
-        for row in range(len(faces)):  # tens of microseconds each
-            why = "matter lies on it" if is_solid[row] else ""
-            why = why or self._closed_space(points[row], centres[row])
-            if why and not self._is_crossed(raised[row]):
-                found[row] = why
-        return found
-
-    def _closed_space(self, point: FloatArray, target: FloatArray) -> str:
-        """Reason why no camera can be in a closed space around a point; "" for none."""
-        beyond = np.maximum(self._boxes[:, 0] - point, point - self._boxes[:, 1])
-        for part in np.flatnonzero(beyond.max(axis=1) <= self._lift):
-            if why := self._excluded(self._boxes[part], target):
-                corners = self._corners[self._starts[part] : self._starts[part + 1]]
-                turns = float(_solid_angles(corners - point).sum()) / (4 * np.pi)
-                if round(turns) and abs(turns - round(turns)) <= WINDING_TOLERANCE:
-                    return why
-        return ""
+        for row in np.flatnonzero(in_solid(self.mesh, points + self._middle)):
+            found[row] = "matter lies on it"
+        for part, box in enumerate(self._boxes):
+            beyond = np.maximum(box[0] - points, points - box[1]).max(axis=1)
+            # Tens of microseconds each.
+            rows = [row for row in np.flatnonzero(beyond <= self._lift) if not found[row]]
+            why = {row: self._excluded(box, centres[row]) for row in rows}
+            rows = [row for row in rows if why[row]]
+            if rows:
+                of_part = self._parts.faces[self._parts.starts[part] : self._parts.starts[part + 1]]
+                about = points[rows] + self._middle
+                turns = winding_numbers(self.mesh.opaque, of_part, about)
+                for row in np.array(rows)[turns != 0]:
+                    found[row] = why[row]
+        return [
+            why if why and not self._is_crossed(raised[row]) else ""
+            for row, why in enumerate(found)
+        ]
 
     def _excluded(self, box: FloatArray, target: FloatArray) -> str:
         """Reason why no camera can be in a closed space within a box, (2, 3); "" for none."""
@@ -403,16 +385,6 @@ class Enclosure:
             return False
         one = np.broadcast_to(triangle, others.shape)
         return bool(_edges_pierce(one, others).any() or _edges_pierce(others, one).any())
-
-
-def _solid_angles(corners: FloatArray) -> FloatArray:
-    """(N,) signed solid angles of triangles (N, 3, 3) at the origin, steradians."""
-    a, b, c = np.moveaxis(corners, 1, 0)
-    la, lb, lc = (np.linalg.norm(side, axis=1) for side in (a, b, c))
-    ab, bc, ca = (np.einsum("ni,ni->n", p, q) for p, q in ((a, b), (b, c), (c, a)))
-    volume = np.einsum("ni,ni->n", a, np.cross(b, c))
-    angles: FloatArray = 2 * np.arctan2(volume, la * lb * lc + ab * lc + bc * la + ca * lb)
-    return angles
 
 
 def _edges_pierce(ones: FloatArray, others: FloatArray) -> BoolArray:
@@ -525,19 +497,6 @@ class Openings:
             "missed_deg": float(self.missed_deg[shut].max(initial=0.0)),
             "candidates": len(self.candidates),
         }
-
-
-@typed
-def per_cavity(
-    mesh: Mesh,
-    camera: Camera,
-    framing: Framing = DEFAULT,
-    *,
-    faces: ArrayLike,
-    **options: Any,
-) -> Candidates:
-    """Views along the directions that are open at each face; options as for `openings`."""
-    return openings(mesh, camera, framing, faces=faces, **options).candidates
 
 
 @typed

@@ -8,7 +8,7 @@ which give winding numbers.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Annotated, Protocol
+from typing import Annotated, NamedTuple, Protocol
 
 import numpy as np
 from annotated_types import Gt
@@ -238,41 +238,67 @@ def in_solid(mesh: Mesh, points: ArrayLike) -> BoolArray:
         "points", points, (*np.shape(points)[:-1], 3), "finite and of shape (N, 3)"
     ).reshape(-1, 3)
     mesh = mesh.opaque
-    solid = closed_faces(mesh)
-    if not solid.any() or not len(wanted):
+    solid = closed_parts(mesh)
+    if not len(solid.faces) or not len(wanted):
         return np.zeros(len(wanted), dtype=bool)
-    rows = np.flatnonzero(solid)
-    turns = _winding(mesh, rows, wanted - mesh.bounds.mean(axis=0))
-    inside: BoolArray = turns > (-1 if _is_room(mesh, rows) else 0)
+    turns = winding_numbers(mesh, solid.faces, wanted)
+    inside: BoolArray = turns > (-1 if _is_room(mesh, solid) else 0)
     return inside
 
 
-def _is_room(mesh: Mesh, rows: IntArray) -> bool:
-    """True if a closed component that faces inward, with faces in `rows`, contains the mesh.
+class ClosedParts(NamedTuple):
+    """Closed components of a mesh.
+
+    Attributes
+    ----------
+    faces : (N,) int64
+        Faces of component i are faces[starts[i]] ... faces[starts[i + 1] - 1].
+    starts : (C + 1,) int64
+    boxes : (C, 2, 3) float64
+        Lowest and highest corner.
+    """
+
+    faces: IntArray
+    starts: IntArray
+    boxes: FloatArray
+
+
+def closed_parts(mesh: Mesh) -> ClosedParts:
+    """Components where every edge has two faces that traverse it in opposite senses."""
+    rows = np.flatnonzero(closed_faces(mesh))
+    _, part = np.unique(mesh.topology.components()[rows], return_inverse=True)
+    rows = rows[np.argsort(part, kind="stable")]
+    starts = np.concatenate(([0], np.cumsum(np.bincount(part))))
+    corners = mesh.vertices[mesh.faces[rows]]
+    low = np.minimum.reduceat(corners.min(axis=1), starts[:-1])
+    high = np.maximum.reduceat(corners.max(axis=1), starts[:-1])
+    return ClosedParts(rows, starts, np.stack((low, high), axis=1))
+
+
+def _is_room(mesh: Mesh, solid: ClosedParts) -> bool:
+    """True if a closed component that faces inward contains the mesh.
 
     A component in a two-sided group does not count: its winding is undefined.
     """
-    _, part = np.unique(mesh.topology.components()[rows], return_inverse=True)
-    order = np.argsort(part, kind="stable")
-    starts = np.searchsorted(part[order], np.arange(part.max() + 1))
-    corners = mesh.vertices[mesh.faces[rows[order]]]
-    low = np.minimum.reduceat(corners.min(axis=1), starts)
-    high = np.maximum.reduceat(corners.max(axis=1), starts)
+    low, high = solid.boxes[:, 0], solid.boxes[:, 1]
     slack = ROOM_TOLERANCE_REL * np.linalg.norm(np.ptp(mesh.bounds, axis=0))
     holds = (np.maximum(low - mesh.bounds[0], mesh.bounds[1] - high) <= slack).all(axis=1)
-    inward = encloses_volume(mesh.vertices, mesh.faces[rows, ::-1], part.astype(np.int64))
-    two_sided = np.logical_or.reduceat(mesh.two_sided_mask[rows[order]], starts)
+    part = np.repeat(np.arange(len(low)), np.diff(solid.starts))
+    inward = encloses_volume(mesh.vertices, mesh.faces[solid.faces, ::-1], part)
+    two_sided = np.logical_or.reduceat(mesh.two_sided_mask[solid.faces], solid.starts[:-1])
     return bool((holds & inward & ~two_sided).any())
 
 
-def _winding(mesh: Mesh, rows: IntArray, points: FloatArray) -> IntArray:
-    """Winding numbers of the faces in `rows` about points relative to the centre of the mesh."""
-    vertices = (mesh.vertices - mesh.bounds.mean(axis=0)) @ RAY_FRAME
-    points = points @ RAY_FRAME
-    faces = mesh.welded_faces[rows]
-    turns = np.empty((3, len(points)), np.int64)
+def winding_numbers(mesh: Mesh, faces: IntArray, points: FloatArray) -> IntArray:
+    """(N,) winding numbers of closed surfaces, (M,) faces, about (N, 3) points.
+
+    Each is the median of those along three rays, arbitrary for a point on a surface.
+    """
+    middle = mesh.bounds.mean(axis=0)
+    vertices, points = (mesh.vertices - middle) @ RAY_FRAME, (points - middle) @ RAY_FRAME
+    corners, turns = mesh.welded_faces[faces], np.empty((3, len(points)), np.int64)
     for axis in range(3):  # a ray along each axis of the frame
-        tree = TriangleTree.over(np.roll(vertices, axis, axis=1), faces)
+        tree = TriangleTree.over(np.roll(vertices, axis, axis=1), corners)
         turns[axis] = tree.winding_numbers(np.ascontiguousarray(np.roll(points, axis, axis=1)))
     median: IntArray = np.sort(turns, axis=0)[1]
     return median

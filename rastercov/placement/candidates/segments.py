@@ -22,9 +22,6 @@ from rastercov.kernels import placement_segments as kernels
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import frozen
 
-Links = list[set[int]] | None
-"""Segments that share an edge with each segment; None where any two may be merged."""
-
 ANGLE_TOLERANCE_DEG = 5e-5
 """Tolerance of angle limits: the thesis' program rounds to 4 decimals, and normals of a file in
 single precision are no more accurate."""
@@ -72,7 +69,6 @@ def segment(
     alpha_deg: float,
     beta_deg: float | None,
     *,
-    adjacent: bool = False,
     merge: str = "leader",
 ) -> Segmentation:
     """Segments of the task faces of a mesh, (6.1)-(6.3).
@@ -100,9 +96,6 @@ def segment(
         Groups have no effect, nor whether they are two-sided.
     alpha_deg, beta_deg : float
         Degrees, 0 <= angle < 90. With beta None nothing is merged.
-    adjacent : bool
-        Merge only segments that share an edge, directly or through others that are merged with
-        them. Not in the thesis: one camera may see several separate patches.
     merge : {"leader", "closest"}
         See above.
 
@@ -117,15 +110,13 @@ def segment(
         For an angle outside its range, or another `merge`.
     """
     check_type("mesh", mesh, Mesh)
-    check_type("adjacent", adjacent, bool)
     alpha = _angle("alpha_deg", alpha_deg)
     beta = None if beta_deg is None else _angle("beta_deg", beta_deg)
     check_choice("merge", merge, tuple(MERGES))
-    labels, passed = _grown(mesh, alpha)
+    labels = _grown(mesh, alpha)
     if beta is not None and (n_grown := int(labels.max(initial=-1)) + 1) > 1:
         sums = _sums(labels, mesh.normals, n_grown)
-        links = _links(mesh, passed, n_grown) if adjacent else None
-        owner = MERGES[merge](sums, _least_cosine(beta), links)
+        owner = MERGES[merge](sums, _least_cosine(beta))
         labels = np.where(labels >= 0, np.append(owner, -1)[labels], -1)
     return _described(mesh, _renumbered(labels), alpha, beta)
 
@@ -146,8 +137,8 @@ def _least_cosine(angle_deg: float) -> float:
     return max(float(np.cos(np.radians(angle_deg + ANGLE_TOLERANCE_DEG))), 1e-9)
 
 
-def _grown(mesh: Mesh, alpha_deg: float) -> tuple[IntArray, IntArray]:
-    """Segment of each face, and the same including the faces without area that growth passed."""
+def _grown(mesh: Mesh, alpha_deg: float) -> IntArray:
+    """Segment of each face; growth passes through faces without area, which have none."""
     role = np.full(mesh.n_faces, kernels.TASK, np.uint8)
     role[mesh.degenerate_mask] = kernels.PASSED
     role[~mesh.task_mask] = kernels.BARRIER
@@ -161,21 +152,10 @@ def _grown(mesh: Mesh, alpha_deg: float) -> tuple[IntArray, IntArray]:
         np.ascontiguousarray(mesh.normals), role, starts.astype(np.int64),
         np.ascontiguousarray(rows[:, 1]), least, np.sqrt(1 - least**2) / least, passed,
     )  # fmt: skip
-    return np.where(role == kernels.TASK, passed, -1), passed
+    return np.where(role == kernels.TASK, passed, -1)
 
 
-def _links(mesh: Mesh, passed: IntArray, count: int) -> list[set[int]]:
-    """Segments that share an edge with each segment, or are joined by faces without area."""
-    pairs = passed[mesh.topology.neighbours]
-    pairs = np.unique(pairs[(pairs >= 0).all(axis=1) & (pairs[:, 0] != pairs[:, 1])], axis=0)
-    links: list[set[int]] = [set() for _ in range(count)]
-    for a, b in pairs.tolist():  # a microsecond for each
-        links[a].add(b)
-        links[b].add(a)
-    return links
-
-
-def _by_leader(sums: FloatArray, least_cosine: float, links: Links) -> IntArray:
+def _by_leader(sums: FloatArray, least_cosine: float) -> IntArray:
     """Leader of each segment, itself for a leader; about 20 us a leader."""
     units = _units(sums)
     owner = np.full(len(units), -1, np.int64)
@@ -184,41 +164,26 @@ def _by_leader(sums: FloatArray, least_cosine: float, links: Links) -> IntArray:
         leader = int(free[0])
         near = units[free] @ units[leader] >= least_cosine
         near[0] = True
-        if links is not None:
-            near &= np.isin(free, _connected(leader, set(free[near].tolist()), links))
         owner[free[near]] = leader
         free = free[~near]
     return owner
 
 
-def _connected(start: int, allowed: set[int], links: list[set[int]]) -> list[int]:
-    """Members of `allowed` that are connected to `start` by links within `allowed`."""
-    found, waiting = [start], [start]
-    allowed.discard(start)
-    while waiting:
-        fresh = links[waiting.pop()] & allowed
-        allowed -= fresh
-        found += fresh
-        waiting += fresh
-    return found
-
-
-def _by_closest(sums: FloatArray, least_cosine: float, links: Links) -> IntArray:
+def _by_closest(sums: FloatArray, least_cosine: float) -> IntArray:
     """Lowest segment of the set of each segment; three steps of 10 to 100 us a segment.
 
     Each segment has the partner that was the closest when it was looked up last. Of the two closest
     segments, the one looked up later has the other as its partner, so they come first.
     """
     sums, units = sums.copy(), _units(sums)
-    every, closest = np.arange(len(units)), np.full(len(units), -1.0)
-    owner, partner = every.copy(), every.copy()
+    owner, partner = np.arange(len(units)), np.arange(len(units))
+    closest = np.full(len(units), -1.0)
 
     def look_up(one: int) -> None:
-        others = np.array(sorted(links[one]), np.int64) if links else every
-        cosines = units[others] @ units[one] if links else units @ units[one]
-        cosines[others == one] = -1.0
-        closest[one] = cosines.max(initial=-1.0)
-        partner[one] = others[cosines.argmax()] if len(others) else one
+        cosines = units @ units[one]
+        cosines[one] = -1.0
+        partner[one] = cosines.argmax()
+        closest[one] = cosines[partner[one]]
 
     for one in range(len(units)):
         look_up(one)
@@ -228,13 +193,6 @@ def _by_closest(sums: FloatArray, least_cosine: float, links: Links) -> IntArray
         sums[kept] += sums[gone]
         units[kept] = sums[kept] / np.linalg.norm(sums[kept])
         units[gone], closest[gone] = 0.0, -1.0  # a right angle to all: never merged again
-        if links:
-            for neighbour in links[gone]:
-                links[neighbour].discard(gone)
-                if neighbour != kept:
-                    links[neighbour].add(kept)
-                    links[kept].add(neighbour)
-            links[gone] = set()
         is_changed = ((partner == kept) | (partner == gone)) & (closest >= least_cosine)
         is_changed[kept] = True
         for other in np.flatnonzero(is_changed):
@@ -242,7 +200,7 @@ def _by_closest(sums: FloatArray, least_cosine: float, links: Links) -> IntArray
     return owner
 
 
-MERGES: dict[str, Callable[[FloatArray, float, Links], IntArray]] = {
+MERGES: dict[str, Callable[[FloatArray, float], IntArray]] = {
     "leader": _by_leader,
     "closest": _by_closest,
 }

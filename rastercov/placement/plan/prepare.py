@@ -24,6 +24,7 @@ from rastercov.camera.formats.doubts import unit_doubts
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.camera.rig import Rig
 from rastercov.cluster import Tally, Workers
+from rastercov.cluster.inputs import INPUTS
 from rastercov.cluster.store import locked, remove
 from rastercov.coverage.area.cells import Cells, cells, usual_size
 from rastercov.coverage.area.network import AreaNetwork
@@ -36,7 +37,7 @@ from rastercov.placement.candidates.cavities import Openings, openings
 from rastercov.placement.candidates.pool import Candidates
 from rastercov.placement.candidates.segments import Segmentation
 from rastercov.placement.matrix import BitMatrix, VisibilityMatrix, build_matrix, measure_matrix
-from rastercov.placement.matrix_folder import MatrixFolder, describe, read_header
+from rastercov.placement.matrix_folder import describe, read_header
 from rastercov.placement.mounts import Mounts
 from rastercov.placement.plan.file import Plan, PlanError
 from rastercov.placement.plan.network import OF, counting, goal_of, most_views
@@ -62,9 +63,7 @@ from rastercov.placement.uncovered import CandidateBounds
 N_DIAGNOSED = 32
 """Number of candidates examined for the reason why none covers a face."""
 OF_A_MATRIX = (
-    "bits/covered-*", "pairs/pairs-*.parquet", "bounds/*.npz", "quarantine/shard-*.json",
-    "scene.npz", "poses.npy", "cameras.npy",
-    "header.json", "sha256/*.sha256",
+    "pairs/pairs-*.parquet", "bounds/*.npz", "quarantine/shard-*.json", *INPUTS, "sha256/*.sha256"
 )  # fmt: skip
 """Files of a matrix, see `matrix_folder`, in an order of removal that is safe to interrupt."""
 FALLBACK_SHARE = 0.99
@@ -208,7 +207,7 @@ def prepare(
     bounds = CandidateBounds(mesh.n_faces, mesh.task_mask)
     tally = Tally()
 
-    parts: list[MatrixFolder | VisibilityMatrix] = []
+    parts: list[Matrix] = []
 
     def matrix_of(name: str, poses: Poses) -> Matrix:
         """Matrix of these poses after those of the calls before.
@@ -329,7 +328,7 @@ def prepare(
 
 def held(
     plan: Plan,
-    parts: Sequence[MatrixFolder | VisibilityMatrix],
+    parts: Sequence[Matrix],
     progress: Progress = lambda done, total: None,
 ) -> Matrix:
     """Matrix of all parts, as lists up to `MOST_LISTED_PAIRS` and as bits beyond.
@@ -338,7 +337,7 @@ def held(
 
     Parameters
     ----------
-    parts : sequence of MatrixFolder or of VisibilityMatrix
+    parts : sequence of BitMatrix or of VisibilityMatrix
         Of consecutive candidates.
 
     Raises
@@ -346,9 +345,10 @@ def held(
     ResourceError
         Where lists are needed and the memory has no room, or the disk has none for bits.
     """
-    lists = [part for part in parts if isinstance(part, VisibilityMatrix)]
-    folders = [part for part in parts if isinstance(part, MatrixFolder)]
-    n_pairs = sum(folder.n_pairs for folder in folders)
+    matrix: Matrix = reduce(type(parts[0]).joined, parts)  # type: ignore[arg-type] # of one type
+    if isinstance(matrix, VisibilityMatrix):
+        return matrix
+    n_pairs = matrix.n_pairs
     is_integer = plan.selection is not None and plan.selection.method == "integer"
     reasons = [
         *(["task.min_angle_deg"] if plan.task.min_angle_deg > 0 else []),
@@ -356,12 +356,14 @@ def held(
         *(["several views from rigs"] if plan.mounts.has_rigs and most_views(plan) > 1 else []),
     ]
     if n_pairs > MOST_LISTED_PAIRS and not reasons:
-        return reduce(BitMatrix.joined, (BitMatrix.of(folder, progress) for folder in folders))
+        for folder in matrix.folders:
+            folder.covered(matrix.task.min_coverage, progress)
+        return matrix
     if n_pairs > MOST_LISTED_PAIRS:
         what = f"{n_pairs:,} pairs, which {' and '.join(reasons)} need in the memory,"
         remedy = "leave them out, or use fewer candidates"
         check_memory(what, BYTES_A_PAIR * n_pairs, remedy)
-    return reduce(VisibilityMatrix.joined, lists or map(VisibilityMatrix.of, folders))
+    return VisibilityMatrix.of(matrix)
 
 
 def _faces_with(elements: BoolArray, cells: Cells | None) -> BoolArray:

@@ -391,8 +391,6 @@ def _made(
             wanted = [g.name in entry.groups or not entry.groups for g in mesh.groups]
             faces = mesh.task_mask & np.array(wanted)[mesh.face_group]
             yield pool.per_face(*view, faces=faces)
-        case entries.PerConvexRegion():
-            yield pool.per_convex_region(*view, least_bend_deg=entry.least_bend_deg)
         case entries.Around():
             around = getattr(mounting, entry.generator)
             yield around(*view, **_own(entry, entries.Framed))
@@ -429,9 +427,7 @@ def _rule(aim: entries.Aim) -> mounting.Aim:
 def _segmented(mesh: Mesh, entry: entries.PerSegment) -> Segmentation:
     if entry.merge == "none":
         return segment(mesh, entry.alpha_deg, None)
-    return segment(
-        mesh, entry.alpha_deg, entry.beta_deg, adjacent=entry.adjacent, merge=entry.merge
-    )
+    return segment(mesh, entry.alpha_deg, entry.beta_deg, merge=entry.merge)
 
 
 def _boxes(part: Candidates) -> Iterator[FloatArray]:

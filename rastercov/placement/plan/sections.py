@@ -396,8 +396,6 @@ class PerSegment(Square):
     """Largest angle between average normals that are merged."""
     merge: Literal["leader", "closest", "none"] = "leader"
     """Way to merge segments."""
-    adjacent: bool = False
-    """Merge neighbours only."""
 
 
 class PerFace(Square):
@@ -406,14 +404,6 @@ class PerFace(Square):
     generator: Literal["per_face"]
     groups: list[Name] = []
     """Faces of these groups only; all if empty."""
-
-
-class PerConvexRegion(Square):
-    """The average view of the faces around each convex corner."""
-
-    generator: Literal["per_convex_region"]
-    least_bend_deg: Annotated[float, Field(ge=0, le=180)] = 10.0
-    """Bend of the sharpest edge of a corner, at least."""
 
 
 class PerCavity(Square):
@@ -507,7 +497,7 @@ class PoseFile(Generator):
     """Pose file, ours (.json, .npy) or of another program that states its unit."""
 
 
-OfSurface = PerSegment | PerFace | PerConvexRegion | PerCavity
+OfSurface = PerSegment | PerFace | PerCavity
 OfPlaces = Around | OnBox | OnWalls | OnCeiling | PoseFile
 CandidateEntry = Annotated[OfSurface | OfPlaces, Field(discriminator="generator")]
 

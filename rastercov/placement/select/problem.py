@@ -356,7 +356,7 @@ def problem_of(
     starts, eyes = None, matrix.poses[:, :3, 3].copy()
     least = matrix.task.min_coverage if min_coverage is None else min_coverage
     if isinstance(matrix, BitMatrix):
-        if "pairs" in matrix.header and is_counted:
+        if "mounts" in matrix.header and is_counted:
             raise ConfigError(
                 f"bits do not count the cameras of a rig, and views is {needed.max()}; "
                 "load a VisibilityMatrix"

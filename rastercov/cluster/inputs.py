@@ -1,0 +1,134 @@
+"""Inputs of a job in the folder of its shards, so that each worker reads them once.
+
+header.json   all that the shards depend on, with hashes
+scene.npz     mesh and cameras
+poses.npz     poses, (P, 4, 4) world_from_camera; ids and camera, (P,) each
+"""
+
+import io
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import asdict
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+
+from rastercov.base.output import json_text
+from rastercov.camera.camera import Camera
+from rastercov.camera.pose import Poses
+from rastercov.camera.rig import Cameras, cameras_of
+from rastercov.cluster.store import DamagedError, Note, renew, whole
+from rastercov.cluster.work import FolderLostError
+from rastercov.mesh import Group, Mesh
+from rastercov.mesh.mesh import MeshSource
+
+T = TypeVar("T")
+ARRAYS = ("vertices", "faces", "face_group", "source_face")
+HEADER, SCENE, POSES = "header.json", "scene.npz", "poses.npz"
+INPUTS = (SCENE, POSES, HEADER)
+"""Files in the order in which they are written: where the last one is, all are."""
+OPEN = 2
+"""Jobs that a worker keeps open: those of a plan, and of its cavities."""
+
+
+class Inputs(NamedTuple):
+    """Header of a job, its mesh, cameras and poses."""
+
+    header: dict[str, Any]
+    mesh: Mesh
+    cameras: tuple[Camera, ...]
+    poses: Poses
+
+
+def header_bytes(header: Mapping[str, Any]) -> bytes:
+    """File of a header; equal headers give the same bytes."""
+    return json_text(header).encode() + b"\n"
+
+
+def write_inputs(
+    folder: Path,
+    header: Mapping[str, Any],
+    mesh: Mesh,
+    cameras: Cameras,
+    poses: Poses,
+    note: Note,
+) -> None:
+    """Write all files that are not there with this content; `note` names damaged ones."""
+    placed = {"poses": poses.world_from_camera, "ids": poses.ids, "camera": poses.camera}
+    files = (_scene_bytes(mesh, cameras), npz_bytes(placed), header_bytes(header))
+    for name, data in zip(INPUTS, files, strict=True):
+        renew(folder, name, data, note)
+
+
+def _scene_bytes(mesh: Mesh, cameras: Cameras) -> bytes:
+    words = {
+        "groups": [group.to_json() for group in mesh.groups],
+        "sources": [asdict(source) for source in mesh.sources],
+        "notes": list(mesh.notes),
+        "cameras": [camera.to_json() for camera in cameras_of(cameras)],
+    }
+    arrays = {name: getattr(mesh, name) for name in ARRAYS}
+    text = np.frombuffer(json.dumps(words, sort_keys=True).encode(), np.uint8)
+    return npz_bytes(arrays | {"words": text})
+
+
+def npz_bytes(arrays: Mapping[str, Any]) -> bytes:
+    """File of arrays by their names; equal arrays give the same bytes."""
+    file = io.BytesIO()
+    np.savez(file, **arrays)
+    return file.getvalue()
+
+
+def read_npz(data: bytes) -> dict[str, Any]:
+    """Arrays of a file that `npz_bytes` made."""
+    with np.load(io.BytesIO(data), allow_pickle=False) as file:
+        return dict(file)
+
+
+def read_poses(folder: Path) -> Poses:
+    """Poses of a job; DamagedError as of `whole`."""
+    found = read_npz(whole(folder, POSES))
+    return Poses(found["poses"], found["ids"], found["poses"], {}, found["camera"])
+
+
+def read_inputs(folder: Path) -> Inputs:
+    """All inputs of a job; DamagedError as of `whole`."""
+    arrays = read_npz(whole(folder, SCENE))
+    words = json.loads(arrays.pop("words").tobytes())
+    mesh = Mesh(
+        **arrays,
+        groups=[Group(**group) for group in words["groups"]],
+        sources=[MeshSource(**source) for source in words["sources"]],
+        notes=words["notes"],
+    )
+    cameras = tuple(Camera(**camera) for camera in words["cameras"])
+    return Inputs(json.loads(whole(folder, HEADER)), mesh, cameras, read_poses(folder))
+
+
+def opened_once(open_job: Callable[[Path, Inputs], T]) -> Callable[[Path], T]:
+    """Function of a folder that opens a job; it stays open in this process, until two others are.
+
+    Raises
+    ------
+    FolderLostError
+        By the function, where the inputs are not there.
+    """
+
+    @lru_cache(OPEN)
+    def opened(folder: Path, modified: int) -> T:
+        try:
+            found = read_inputs(folder)
+        except DamagedError as error:
+            raise FolderLostError(str(error)) from None
+        return open_job(folder, found)
+
+    def of(folder: Path) -> T:
+        try:
+            modified = (folder / HEADER).stat().st_mtime_ns
+        except OSError:
+            raise FolderLostError(f"{folder}: {HEADER} is missing") from None
+        return opened(folder, modified)
+
+    return of
