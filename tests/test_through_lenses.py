@@ -13,7 +13,6 @@ from rastercov import Camera, CameraError, ConfigError
 from rastercov.camera.camera import border_of
 from rastercov.camera.lenses.of_camera import lens_of
 from rastercov.camera.models import MODELS
-from rastercov.camera.near_plane import depth_from_near
 from rastercov.camera.projection import (
     image_boxes,
     rays_of,
@@ -24,6 +23,7 @@ from rastercov.camera.projection import (
 from rastercov.camera.viewpoints import WIDEST_DEG, enclosing_distance, half_angles, sphere_of_poses
 from rastercov.mesh import shapes
 from rastercov.reference import polygons, rational, samples
+from rastercov.reference.criteria import depth_from_near
 
 PINHOLE = Camera(width=640, height=480, fx=500, fy=510, cx=300, cy=222.25)
 ZERO = replace(PINHOLE, max_angle_deg=85)
