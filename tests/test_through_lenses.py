@@ -161,5 +161,3 @@ def test_what_wants_a_pinhole_names_itself(camera):
     for function in (polygons.visible_area, rational.visible_area, samples.render):
         with pytest.raises(CameraError, match=r"a reference .* wants a pinhole, got .* undistort"):
             function(mesh, camera, pose)
-    with pytest.raises(CameraError, match="not supported here yet"):
-        camera.check_pinhole()

@@ -44,7 +44,7 @@ SCHEMA = schema_of(
     dict.fromkeys(_READ.split(), (_READ, _READ))
     | {"document": (_READ, ""), "sensor": (None, _READ)},
 )
-"""Names that a file may have, wherever they stand: first those that the reader looks at."""
+"""Names that any element may have: those that the reader looks at, after those it does not."""
 
 
 def is_mine(root: Element) -> bool:
