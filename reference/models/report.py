@@ -378,7 +378,7 @@ def _box_of(mesh: Mesh, camera: Camera, pose: FloatArray) -> Box:
         pixels = to_image(to_camera(mesh.vertices, pose), camera)
         pixels = pixels[np.isfinite(pixels).all(axis=1)].clip(0, (camera.width, camera.height))
         if len(pixels):
-            left, top, right, bottom = *pixels.min(axis=0).tolist(), *pixels.max(axis=0).tolist()
+            (left, top), (right, bottom) = pixels.min(axis=0).tolist(), pixels.max(axis=0).tolist()
     if right <= left or bottom <= top:
         return 0.0, 0.0, float(camera.width), float(camera.height)
     margin = MARGIN * (right - left)

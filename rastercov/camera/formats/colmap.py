@@ -33,10 +33,8 @@ from rastercov.camera.formats.conventions import (
     Border,
     from_quaternions,
     inverse_of,
-    is_whole_panorama,
     lens_camera,
     model_in,
-    no_model,
     to_quaternions,
     unique_names,
 )
@@ -517,12 +515,7 @@ def contents_of(views: Views, *, as_text: bool, notes: list[str]) -> dict[str, b
     assert rig is not None
     cameras: list[Record] = []
     for number, (camera, label) in enumerate(zip(rig.cameras, rig.names, strict=True)):
-        found = model_in("colmap", camera)
-        if is_whole_panorama(camera):
-            found = "EQUIRECTANGULAR", {"w": float(camera.width), "h": float(camera.height)}
-        if found is None or camera.skew:
-            raise no_model("COLMAP", camera, label)
-        name, p = found
+        name, p = model_in("colmap", camera, label)
         model = Word(MODELS.index(name), name)
         values = [number + 1, model, camera.width, camera.height, *p.values()]
         cameras.append((f"IiQQ{len(p)}d", values))

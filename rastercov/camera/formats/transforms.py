@@ -20,10 +20,8 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import (
     OPENGL_AXES,
     Border,
-    is_whole_panorama,
     lens_camera,
     model_in,
-    no_model,
     panorama,
 )
 from rastercov.camera.formats.source import Entries, Source
@@ -201,16 +199,11 @@ def content_of(views: Views) -> dict[str, Any]:
 
 def _table(camera: Camera, name: str) -> dict[str, Any]:
     """Intrinsics of a camera under the names of the format."""
-    found = model_in("nerfstudio", camera)
-    if found is None or camera.skew:
-        raise no_model("transforms.json", camera, name)
-    model, p = found
+    model, p = model_in("nerfstudio", camera, name)
     fx, fy = camera.fx, camera.fy
     terms: dict[str, Any] = dict(zip(TERMS, p.values(), strict=False))
     if model == "EQUIRECTANGULAR":
         fx, fy = fx * math.pi, fy * math.pi
-        if is_whole_panorama(camera):
-            fx, fy = camera.width / 2, float(camera.height)
     elif model == "FISHEYE624":
         terms = {PARAMS: list(p.values())}
     elif model == "OPENCV_FISHEYE":
