@@ -532,16 +532,6 @@ class Camera:
         """Intrinsic matrix as OpenCV wants it, counted from pixel centres."""
         return self.K - [[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]]
 
-    @property
-    def hfov(self) -> float:
-        """Horizontal field of view, radians, without distortion."""
-        return math.atan(self.cx / self.fx) + math.atan((self.width - self.cx) / self.fx)
-
-    @property
-    def vfov(self) -> float:
-        """Vertical field of view, radians, without distortion."""
-        return math.atan(self.cy / self.fy) + math.atan((self.height - self.cy) / self.fy)
-
     def resized(self, scale: float) -> "Camera":
         """Camera with the same view and `scale` times the pixels a side (rounded, at least 1)."""
         factor = positive("scale", scale)

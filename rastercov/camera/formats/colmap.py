@@ -35,7 +35,6 @@ from rastercov.camera.formats.conventions import (
     inverse_of,
     lens_camera,
     model_in,
-    to_quaternions,
     unique_names,
 )
 from rastercov.camera.formats.source import number_of
@@ -544,9 +543,12 @@ def _as_binary(part: str, records: Sequence[Record]) -> bytes:
 
 def _motions(matrices: FloatArray) -> list[list[float]]:
     """Quaternion, scalar first, and translation of motions."""
-    quaternions = to_quaternions(matrices[:, :3, :3])
-    found: list[list[float]] = np.hstack([quaternions, matrices[:, :3, 3]]).tolist()
-    return found
+    from trimesh.transformations import quaternion_from_matrix  # takes 0.3 s
+
+    return [
+        [*quaternion_from_matrix(matrix, isprecise=True).tolist(), *matrix[:3, 3].tolist()]
+        for matrix in matrices  # 20 us each
+    ]
 
 
 def write(folder: Path, contents: Mapping[str, bytes], *, overwrite: bool) -> None:

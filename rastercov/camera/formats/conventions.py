@@ -339,24 +339,6 @@ def from_quaternions(wxyz: ArrayLike, translation: ArrayLike) -> FloatArray:
     return motions(rotations_of_quaternions(np.roll(q, -1, axis=1)), translation)
 
 
-def to_quaternions(rotations: FloatArray) -> FloatArray:
-    """(N, 4) unit quaternions, scalar first and not negative, of rotations (N, 3, 3)."""
-    diagonal = np.einsum("nii->ni", rotations)
-    trace = diagonal.sum(axis=1, keepdims=True)
-    # Four times the products of w, x, y, z; the largest square is divided by: no digit is lost.
-    products = np.empty((len(rotations), 4, 4))
-    products[:, range(4), range(4)] = np.hstack([trace, 2 * diagonal - trace]) + 1
-    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        one, other = rotations[:, k, j], rotations[:, j, k]
-        products[:, 0, i + 1] = products[:, i + 1, 0] = one - other
-        products[:, j + 1, k + 1] = products[:, k + 1, j + 1] = one + other
-    rows = np.arange(len(rotations))
-    q = products[rows, np.einsum("nii->ni", products).argmax(axis=1)]
-    q = q / np.linalg.norm(q, axis=1, keepdims=True)
-    result: FloatArray = np.where(q[:, :1] < 0, -q, q)
-    return result
-
-
 def from_vectors(vectors: ArrayLike, translation: ArrayLike) -> FloatArray:
     """(N, 4, 4) motions of rotation vectors (N, 3), radians about their direction, and (N, 3)."""
     v = np.asarray(vectors, dtype=np.float64).reshape(-1, 3)

@@ -285,11 +285,6 @@ def reach(
     X, Y = Ball(x, radius + zero), Ball(y, radius + zero)
     rays = [float(f[0]) * X + float(f[1]) * Y + float(f[2]) for f in frame]
     with np.errstate(all="ignore"):
-        u, v = _project(code, params, *rays)
-    return _limited(Ball.of(u).radius + zero), _limited(Ball.of(v).radius + zero)
-
-
-def _limited(radius: FloatArray) -> FloatArray:
-    with np.errstate(all="ignore"):
-        result: FloatArray = np.where(radius < np.inf, radius * ROUNDING, np.inf)
-    return result
+        pixels = (Ball.of(each).radius + zero for each in _project(code, params, *rays))
+        across, down = (np.where(r < np.inf, r * ROUNDING, np.inf) for r in pixels)
+    return across, down

@@ -83,11 +83,6 @@ class Lens:
         return params
 
     @property
-    def base(self) -> str:
-        """Name of the base."""
-        return BASES[self.code]
-
-    @property
     def valid_angle(self) -> float:
         """Angle of the valid region from the z axis, radians.
 
