@@ -35,6 +35,7 @@ from rastercov.camera.formats.conventions import (
     inverse_of,
     lens_camera,
     model_in,
+    shared_frames,
     unique_names,
 )
 from rastercov.camera.formats.source import number_of
@@ -117,7 +118,9 @@ def read(path: Path, border: Border) -> Views:
                 f"cameras{suffix}; export the model again"
             )
     places = _places(part("rigs") or [], row_of, border)
-    frame_of = {image: frame for frame, of_it in part("frames") or [] for image in of_it}
+    frames = part("frames") or []
+    frame_of = {image: f"frame {number}" for number, of_it in frames for image in of_it}
+    numbers = [image.image_id for image in images]
     motions = from_quaternions([i.quaternion for i in images], [i.translation for i in images])
     return border.views(
         cameras,
@@ -125,21 +128,9 @@ def read(path: Path, border: Border) -> Views:
         world_from_camera=inverse_of(motions),
         camera=[row_of[image.camera_id] for image in images],
         images=[image.name for image in images],
-        frames=_names_of_frames(images, frame_of),
+        frames=shared_frames([*map(frame_of.get, numbers)], numbers),
         rig_from_camera=places,
     )
-
-
-def _names_of_frames(images: Sequence[Image], frame_of: dict[int, int]) -> list[str]:
-    """Frame of each image; none where every frame has one image, as COLMAP makes them itself."""
-    found = [frame_of.get(image.image_id) for image in images]
-    known = [number for number in found if number is not None]
-    if len(set(known)) == len(known):
-        return []
-    return [
-        f"image {image.image_id}" if number is None else f"frame {number}"
-        for number, image in zip(found, images, strict=True)
-    ]
 
 
 def _names(ids: Iterable[int]) -> list[str]:

@@ -307,6 +307,14 @@ def inverse_of(matrices: FloatArray) -> FloatArray:
     return found
 
 
+def shared_frames(found: Sequence[str | None], images: Sequence[Any]) -> list[str]:
+    """Frame of each image, its own where it has none; no frames where no two images share one."""
+    known = [name for name in found if name is not None]
+    if len(set(known)) == len(known):
+        return []
+    return [name or f"image {image}" for name, image in zip(found, images, strict=True)]
+
+
 def _apart(frames: Sequence[str]) -> list[str]:
     """Printable names, as different from one another as those of the file."""
     names = list(dict.fromkeys(frames))
