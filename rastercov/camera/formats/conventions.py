@@ -87,10 +87,9 @@ class Conventions:
     def __post_init__(self) -> None:
         if self.pixel_centre is not None and finite_number(self.pixel_centre) not in (0, 0.5):
             raise ConfigError(f"pixel centre must be 0 or 0.5, got {shown(self.pixel_centre)}")
-        if self.lens_model is not None:
-            check_choice("lens model", self.lens_model, LENS_MODELS)
-        if self.pose_convention is not None:
-            check_choice("pose convention", self.pose_convention, tuple(POSE_CONVENTIONS))
+        for name, words in (("lens_model", LENS_MODELS), ("pose_convention", POSE_CONVENTIONS)):
+            if (given := getattr(self, name)) is not None:
+                check_choice(name.replace("_", " "), given, tuple(words))
         if self.pose_unit is not None:
             metres_per(self.pose_unit)
         for name in ("original_world", "skip_bad_poses"):

@@ -31,21 +31,15 @@ class Arithmetic:
 
     __array_ufunc__ = None  # numpy leaves the operations to this class
 
-    def __add__(self, other: Any) -> Any:
-        raise NotImplementedError
-
+    __add__: Any
     __neg__: Any
     __mul__: Any
+    constant: Any  # a plain number as one of these
 
     @classmethod
     def of(cls, value: Any) -> Any:
         """The value itself, or a constant."""
         return value if isinstance(value, cls) else cls.constant(value)
-
-    @classmethod
-    def constant(cls, value: Any) -> Any:
-        """A plain number as one of these."""
-        raise NotImplementedError
 
     def __radd__(self, other: Any) -> Any:
         return self + other
