@@ -38,8 +38,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov.camera.camera import Camera
 from rastercov.camera.near_plane import near_limit
-from rastercov.camera.projection import clip_near, to_camera, to_image
+from rastercov.camera.projection import to_camera, to_image
 from rastercov.mesh import Mesh
+from rastercov.reference.criteria import clip_near
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from rastercov.camera.camera import Camera
 from rastercov.camera.near_plane import near_limit
-from rastercov.camera.projection import clip_near, to_image
+from rastercov.camera.projection import to_image
 from rastercov.coverage.coverage import FIGURES, Coverage
 from rastercov.coverage.task import Reason, Task
 from rastercov.kernels.criteria import MOST_DOUBTFUL, SIDE_ROUNDING
@@ -20,7 +20,13 @@ from rastercov.kernels.face_bounds import BORDER_ROUNDING
 from rastercov.kernels.network import ROW_TYPES, PairRows
 from rastercov.mesh import Mesh
 from rastercov.raster.observation import BoundKind, Observation
-from rastercov.reference.criteria import FaceGeometry, clip_to_image, face_geometry, in_focus
+from rastercov.reference.criteria import (
+    FaceGeometry,
+    clip_near,
+    clip_to_image,
+    face_geometry,
+    in_focus,
+)
 
 LARGEST_RESOLUTION = 1e300
 """Of one face; a smaller R_min gives no more."""

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from rastercov.camera.camera import Camera
 from rastercov.camera.models import MODELS
-from rastercov.camera.near_plane import near_limit
+from rastercov.camera.near_plane import near_limit, pinholes
 from rastercov.camera.pose import Poses
-from rastercov.camera.projection import clip_near, clip_polygons, to_camera, to_image
+from rastercov.camera.projection import to_camera, to_image
 from rastercov.coverage.coverage import FIGURES
 from rastercov.coverage.face_pass import FacePass
 from rastercov.coverage.task import Reason
@@ -223,6 +223,56 @@ def polygon_area(corners: FloatArray, counts: IntArray) -> FloatArray:
     return np.where(counts >= 3, twice / 2, 0.0)
 
 
+def clip_polygons(
+    corners: FloatArray, counts: IntArray, distance: FloatArray
+) -> tuple[FloatArray, IntArray]:
+    """Clip each convex polygon to where `distance` is not negative (Sutherland-Hodgman).
+
+    Parameters
+    ----------
+    corners : (N, K, D) float64
+        Corners in order; rows past a polygon's count repeat its last corner.
+    counts : (N,) int
+        Corners in use, 0 for an empty polygon.
+    distance : (N, K) float64
+        Signed distance of each corner from the clipping plane, affine along the edges.
+
+    Returns
+    -------
+    corners : (N, K + 1 or more, D) float64
+        Padded like the input.
+    counts : (N,) int
+    """
+    n, k, d = corners.shape
+    used = np.arange(k) < counts[:, None]
+    following = np.where(np.arange(k) + 1 < counts[:, None], np.arange(k) + 1, 0)
+    next_corner = np.take_along_axis(corners, following[:, :, None], axis=1)
+    next_distance = np.take_along_axis(distance, following, axis=1)
+    kept = used & (distance >= 0)
+    crossed = used & ((distance >= 0) != (next_distance >= 0))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        t = np.where(crossed, distance / (distance - next_distance), 0.0)
+    cut = corners + t[:, :, None] * (next_corner - corners)
+
+    # Each corner is followed by the cut on the edge that leaves it; then close the gaps.
+    both = np.stack((corners, cut), axis=2).reshape(n, 2 * k, d)
+    alive = np.stack((kept, crossed), axis=2).reshape(n, 2 * k)
+    new_counts = alive.sum(axis=1)
+    # A convex polygon gains a corner at most; one that lies in the cut itself, where rounding
+    # decides the signs, can gain more.
+    width = max(k + 1, int(new_counts.max(initial=0)))
+    order = np.argsort(~alive, axis=1, kind="stable")[:, :width]
+    last = np.maximum(new_counts - 1, 0)[:, None]
+    order = np.take_along_axis(order, np.minimum(np.arange(width), last), axis=1)
+    return np.take_along_axis(both, order[:, :, None], axis=1), new_counts
+
+
+def clip_near(corners: FloatArray, near: float) -> tuple[FloatArray, IntArray]:
+    """Faces cut at the near plane: (N, 3, 3) in camera axes -> (N, 4, 3) and their counts."""
+    counts = np.full(len(corners), 3)
+    return clip_polygons(corners, counts, corners[..., 2] - near)
+
+
 def clip_to_image(
     corners: FloatArray, counts: IntArray, camera: Camera
 ) -> tuple[FloatArray, IntArray]:
@@ -231,6 +281,18 @@ def clip_to_image(
         corners, counts = clip_polygons(corners, counts, corners[..., axis])
         corners, counts = clip_polygons(corners, counts, side - corners[..., axis])
     return corners, counts
+
+
+def depth_from_near(points: FloatArray, camera: Camera) -> FloatArray:
+    """(...) depth of points (..., 3) in camera axes that is compared with the near limit, metres.
+
+    z, or the greatest coordinate for a lens of several ideal planes, whose near planes are the
+    sides of a cube.
+    """
+    if len(pinholes(camera, np.eye(4)[None])) > 1:
+        greatest: FloatArray = np.abs(points).max(axis=-1)
+        return greatest
+    return points[..., 2]
 
 
 def in_focus(depth: FloatArray, limits: tuple[float, float], rule: str = "vertices") -> BoolArray:

@@ -11,16 +11,9 @@ from hypothesis.extra import numpy as hnp
 
 from rastercov.camera.camera import Camera
 from rastercov.camera.near_plane import NEAR_TO_FAR, depth_range, near_limit, nearest_depth_in_view
-from rastercov.camera.projection import (
-    box_corners,
-    clip_near,
-    clip_polygons,
-    image_boxes,
-    to_camera,
-    to_image,
-)
+from rastercov.camera.projection import box_corners, image_boxes, to_camera, to_image
 from rastercov.camera.viewpoints import look_at
-from rastercov.reference.criteria import clip_to_image, polygon_area
+from rastercov.reference.criteria import clip_near, clip_polygons, clip_to_image, polygon_area
 
 # The pyramid of this camera has the sides x = z, x = -z, y = z and y = -z.
 CAMERA = Camera(width=200, height=200, fx=100, fy=100)
@@ -166,6 +159,11 @@ def pyramid(camera: Camera, near: float) -> np.ndarray:
     )
 
 
+def nearest_of(faces: np.ndarray, camera: Camera, near: float) -> float:
+    rows = np.arange(3 * len(faces)).reshape(-1, 3)
+    return nearest_depth_in_view(faces.reshape(-1, 3), rows, camera, np.eye(4), near)
+
+
 def least_depth_by_linear_program(face: np.ndarray, camera: Camera, near: float) -> float:
     """Least z over a face in view: the best feasible crossing of any two of its 8 limits."""
     a, edges = face[0], face[1:] - face[0]  # point = a + (s, t) @ edges
@@ -189,7 +187,7 @@ def test_nearest_depth_is_the_least_over_all_faces_in_view(camera, rng, n, size)
     faces = rng.normal(size=(n, 1, 3)) * 2 + rng.normal(size=(n, 3, 3)) * size
     near = 0.25
     least = min(least_depth_by_linear_program(face, camera, near) for face in faces)
-    assert nearest_depth_in_view(faces, camera, near) == pytest.approx(least, rel=1e-7)
+    assert nearest_of(faces, camera, near) == pytest.approx(least, rel=1e-7)
 
 
 def samples(faces: np.ndarray, n: int = 12) -> np.ndarray:
@@ -287,7 +285,7 @@ def test_no_faces_and_no_poses_give_nothing():
     none = np.zeros((0, 3), dtype=np.int64)
     vertices = np.array([[0.0, 0, 0], [1, 1, 1]])
     bounds, poses = bounds_of(vertices), look_at([(0, -5, 0), (0, 5, 0)], (0, 0, 0))
-    assert nearest_depth_in_view(np.zeros((0, 3, 3)), CAMERA, 0.1) == np.inf
+    assert nearest_of(np.zeros((0, 3, 3)), CAMERA, 0.1) == np.inf
     cut, counts = clip_near(np.zeros((0, 3, 3)), 0.1)
     assert (cut.shape, counts.shape) == ((0, 4, 3), (0,))
     cut, counts = clip_to_image(cut[..., :2], counts, CAMERA)
@@ -304,7 +302,7 @@ def test_no_faces_and_no_poses_give_nothing():
 def test_faces_without_area_have_depths_and_no_area():
     point, needle = np.full((3, 3), 2.0), np.array([[0.0, 0, 1], [0, 0, 2], [0, 0, 3]])
     faces = np.stack((point * (0, 0, 1), needle))
-    assert nearest_depth_in_view(faces, CAMERA, 0.1) == 1
+    assert nearest_of(faces, CAMERA, 0.1) == 1
     cut, counts = clip_near(faces, 1.5)
     assert np.array_equal(polygon_area(to_image(cut, CAMERA), counts), (0, 0))
 
@@ -327,4 +325,4 @@ def test_walls_edge_on_at_the_image_border_have_a_depth(rng):
     s = rng.uniform(-2, 5, size=(50, 3))
     local = np.stack((-s, rng.uniform(-5, 5, size=(50, 3)), s), axis=-1)
     walls = to_camera(local @ pose[:3, :3].T + pose[:3, 3], pose)
-    assert nearest_depth_in_view(walls, CAMERA, 0.1) >= 0.1 - 1e-9
+    assert nearest_of(walls, CAMERA, 0.1) >= 0.1 - 1e-9

@@ -366,9 +366,6 @@ class Camera:
         height: int,
         focal_length: float,
         pixel_size: float | tuple[float, float],
-        principal_point: tuple[float, float] | None = None,
-        f_number: float | None = None,
-        aperture: float | None = None,
         **others: Any,
     ) -> "Camera":
         """Camera from a lens and a sensor in metres: fx = f/s_u, fy = f/s_v, as (3.5) intends.
@@ -381,19 +378,12 @@ class Camera:
             f, metres.
         pixel_size : float or (float, float)
             s_u, s_v, metres; one number for square pixels.
-        principal_point : (float, float), optional
-            R_u, R_v in metres from the top-left corner of the sensor; its centre unless given.
-            Excludes `cx` and `cy`.
-        f_number : float, optional
-            N, for an aperture of f/N; excludes `aperture`.
-        aperture : float, optional
-            Diameter A, metres.
         **others
-            All others of `Camera`.
+            All others of `Camera`; `principal_point`, R_u and R_v in metres from the top-left
+            corner of the sensor, instead of `cx` and `cy`; `f_number`, N, for an aperture of f/N.
         """
-        lens = {"focal_length": focal_length, "pixel_size": pixel_size, "f_number": f_number}
-        given = {"principal_point": principal_point, "aperture": aperture} | lens | others
-        return cls.from_dict({"width": width, "height": height} | given)
+        lens = {"focal_length": focal_length, "pixel_size": pixel_size}
+        return cls.from_dict({"width": width, "height": height} | lens | others)
 
     @classmethod
     def from_fov(
@@ -403,38 +393,21 @@ class Camera:
         *,
         hfov_deg: float | None = None,
         vfov_deg: float | None = None,
-        diagonal_deg: float | None = None,
         **others: Any,
     ) -> "Camera":
-        """Pinhole with square pixels from one angle of view.
+        """Pinhole from its angles of view; with square pixels where one is given.
 
         Parameters
         ----------
         width, height : int
             Image size in pixels.
-        hfov_deg, vfov_deg, diagonal_deg : float
-            Angle between left and right, between top and bottom, or between opposite corners,
-            degrees, (0, 180): one of them. That of the corners is of a principal point in the
-            middle.
+        hfov_deg, vfov_deg : float, optional
+            Angles between left and right, and between top and bottom, degrees, (0, 180).
         **others
             All others of `Camera`, such as `near`; `f_number` of a `focal_length`.
         """
-        angles = {"hfov_deg": hfov_deg, "vfov_deg": vfov_deg, "diagonal_deg": diagonal_deg}
-        given = {name: angle for name, angle in angles.items() if angle is not None}
-        if len(given) != 1:
-            raise CameraError(f"give one of {', '.join(angles)}, got {', '.join(given) or 'none'}")
-        if diagonal_deg is not None:
-            if others.get("cx") is not None or others.get("cy") is not None:
-                raise CameraError(
-                    "diagonal_deg is of a principal point in the middle; leave out cx and cy"
-                )
-            sides = image_side("width", width), image_side("height", height)
-            angle = number("diagonal_deg", diagonal_deg)
-            if not 0 < angle < 180:
-                raise CameraError(f"diagonal_deg must be above 0 and below 180, got {angle:g}")
-            across = math.tan(math.radians(angle) / 2) * sides[0] / math.hypot(*sides)
-            given = {"hfov_deg": 2 * math.degrees(math.atan(across))}
-        return cls.from_dict({"width": width, "height": height} | others | given)
+        given = {"width": width, "height": height, "hfov_deg": hfov_deg, "vfov_deg": vfov_deg}
+        return cls.from_dict(given | others)
 
     @classmethod
     def from_opencv(
@@ -535,7 +508,7 @@ class Camera:
         """True where the lens is all in fx, fy, cx and cy."""
         return self.model == "pinhole" and self.skew == 0 and self.max_angle_deg is None
 
-    def check_pinhole(self, what: str = "", instead: str = "") -> None:
+    def check_pinhole(self, what: str, instead: str = "undistort the images") -> None:
         """Raise `CameraError` for a lens that is no pinhole, where only these can be used.
 
         Parameters
@@ -543,14 +516,11 @@ class Camera:
         what : str
             What wants a pinhole, and why, in words.
         instead : str
-            What to do; the images are to be undistorted unless given.
+            What to do.
         """
         if not self.is_pinhole:
             lens = f"a lens of model {self.model}{', with skew' if self.skew else ''}"
-            remedy = instead or "undistort the images, and give the undistorted K"
-            if what:
-                raise CameraError(f"{what}, got {lens}; {remedy}")
-            raise CameraError(f"{lens} is not supported here yet; {remedy}")
+            raise CameraError(f"{what}, got {lens}; {instead}")
 
     @property
     def K(self) -> NDArray[np.float64]:  # noqa: N802 - the field's name for it
@@ -561,16 +531,6 @@ class Camera:
     def opencv_K(self) -> NDArray[np.float64]:  # noqa: N802 - the same
         """Intrinsic matrix as OpenCV wants it, counted from pixel centres."""
         return self.K - [[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]]
-
-    @property
-    def hfov(self) -> float:
-        """Horizontal field of view, radians, without distortion."""
-        return math.atan(self.cx / self.fx) + math.atan((self.width - self.cx) / self.fx)
-
-    @property
-    def vfov(self) -> float:
-        """Vertical field of view, radians, without distortion."""
-        return math.atan(self.cy / self.fy) + math.atan((self.height - self.cy) / self.fy)
 
     def resized(self, scale: float) -> "Camera":
         """Camera with the same view and `scale` times the pixels a side (rounded, at least 1)."""

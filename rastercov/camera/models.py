@@ -114,6 +114,13 @@ PROGRAMS: Mapping[str, Mapping[str, Foreign]] = {
         "ds-none": Foreign("double_sphere", "xi alpha fx fy cx cy"),
         "ds-radtan": Foreign("double_sphere", "xi alpha fx fy cx cy k1 k2 p1 p2"),
     },
+    "opencv": {  # and ROS: by the number of coefficients
+        **{
+            str(n): Foreign("opencv", " ".join(MODELS["opencv"].coefficients.split()[:n]))
+            for n in (5, 8, 12, 14)
+        },
+        "fisheye": Foreign("opencv_fisheye", "k1 k2 k3 k4"),
+    },
     "metashape": {
         "frame": Foreign("metashape", "k1 k2 k3 k4 p1 p2"),
         "fisheye": Foreign("metashape_fisheye", "k1 k2 k3 k4 p1 p2"),
@@ -220,12 +227,7 @@ def lens_of_parameters(ours: str, p: Mapping[str, float]) -> tuple[str, tuple[fl
     names = MODELS[ours].coefficients.split()
     values = tuple(p.get(name, 0.0) for name in names)
     if ours == "opencv":
-        values = values[: opencv_length(values, 4, 5, 8, 12, 14)]
-        return (ours, values) if any(values) else ("pinhole", ())
+        n = next((n for n in MODELS[ours].counts if not any(values[n:])), None)
+        return (ours, values[:n]) if any(values) else ("pinhole", ())
     least = max((row + 1 for row, name in enumerate(names) if name in p), default=len(names[:1]))
     return ours, values[: next(n for n in MODELS[ours].counts or (len(names),) if n >= least)]
-
-
-def opencv_length(values: Sequence[float], *lengths: int) -> int | None:
-    """The least of these lengths that keeps all coefficients which are not 0; None for none."""
-    return next((n for n in lengths if not any(values[n:])), None)

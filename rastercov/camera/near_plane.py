@@ -5,16 +5,18 @@ none of this: all is decided by the other faces, `Mesh.opaque`. Where nothing in
 camera is outside a closed mesh, faces seen from behind cannot be the nearest surface.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
 
+from rastercov.base.memory import read_only
 from rastercov.camera import BoolArray, FloatArray, IntArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
-from rastercov.camera.projection import box_corners, clip_near, clip_polygons, to_camera
+from rastercov.camera.projection import box_corners, to_camera
 from rastercov.mesh import Mesh
 
 NEAR_TO_FAR = 1e-6
@@ -93,18 +95,6 @@ def near_limit(camera: Camera, bounds: FloatArray, poses: FloatArray) -> FloatAr
     return limit
 
 
-def depth_from_near(points: FloatArray, camera: Camera) -> FloatArray:
-    """(...) depth of points (..., 3) in camera axes that is compared with the near limit, metres.
-
-    z, or the greatest coordinate for a lens of several ideal planes, whose near planes are the
-    sides of a cube.
-    """
-    if len(pinholes(camera, np.eye(4)[None])) > 1:
-        greatest: FloatArray = np.abs(points).max(axis=-1)
-        return greatest
-    return points[..., 2]
-
-
 def near_cuts(
     vertices: FloatArray,
     faces: IntArray,
@@ -114,7 +104,7 @@ def near_cuts(
     """Poses in which the near plane cuts away a surface in view, (P,) bool.
 
     Only faces within reach of the eye can: the depth of a point in view is never less than its
-    distance times the cosine of the widest view ray. So their bounding boxes decide nearly always.
+    distance times the cosine of the widest view ray. So the bounding box decides nearly always.
 
     Parameters
     ----------
@@ -135,21 +125,11 @@ def near_cuts(
     eyes = views[0][1][:, :3, 3]
     close = ((eyes > bounds[0] - reach) & (eyes < bounds[1] + reach)).all(axis=1)
     cut = np.zeros(len(eyes), dtype=bool)
-    if close.any():
-        # Whole rows of corners: ten times as fast as three numbers of each face.
-        corners = vertices.T[:, np.ascontiguousarray(faces.T)]
-        low, high = corners.min(axis=1), corners.max(axis=1)
     for row in np.flatnonzero(close):
-        x, y, z = eyes[row]
-        r = reach[row, 0]
-        maybe = (low[0] - r < x) & (x < high[0] + r) & (low[1] - r < y) & (y < high[1] + r)
-        maybe &= (low[2] - r < z) & (z < high[2] + r)
-        if maybe.any():
-            close_faces = vertices[faces[maybe]]
-            cut[row] = any(
-                nearest_depth_in_view(to_camera(close_faces, poses[row]), camera, 0.0) < limit[row]
-                for camera, poses in views
-            )
+        cut[row] = any(
+            nearest_depth_in_view(vertices, faces, camera, poses[row], 0.0, limit[row]) < limit[row]
+            for camera, poses in views
+        )
     return cut
 
 
@@ -212,24 +192,30 @@ def depth_range(
     depth = (box_corners(bounds) - poses[:, None, :3, 3]) @ forward[:, :, None]
     nearest, farthest = depth.min(axis=(1, 2)), depth.max(axis=(1, 2))
     for row in np.flatnonzero((nearest < 0.01 * farthest) | (nearest < limit)):
-        local = to_camera(vertices, poses[row])
-        nearest[row], farthest[row] = local[:, 2].min(), local[:, 2].max()
+        depths = to_camera(vertices, poses[row])[:, 2]
+        nearest[row], farthest[row] = depths.min(), depths.max()
         if nearest[row] < 0.01 * farthest[row] or nearest[row] < limit[row]:
-            nearest[row] = nearest_depth_in_view(local[faces], camera, limit[row])
+            nearest[row] = nearest_depth_in_view(vertices, faces, camera, poses[row], limit[row])
     # Nearer by 1e-5, so that rounding on the device cannot cut what is exactly at the plane.
     near = np.clip(nearest * (1 - 1e-5), limit, np.maximum(farthest / 2, limit))
     clipped = near_cuts(vertices, faces, bounds, [(camera, poses)])
     return near, np.maximum(farthest * (1 + 1e-5), near * 2), clipped
 
 
-def nearest_depth_in_view(corners: FloatArray, camera: Camera, near: float) -> float:
-    """Least depth of any surface inside the viewing pyramid beyond `near`, metres; inf for none.
+def nearest_depth_in_view(
+    vertices: FloatArray,
+    faces: IntArray,
+    camera: Camera,
+    pose: FloatArray,
+    near: float,
+    enough: float = math.inf,
+) -> float:
+    """Least depth of any surface inside the viewing pyramid beyond `near`, metres.
 
-    On each face the least depth lies on a corner of what the pyramid cuts from it: a vertex, an
-    edge through a side of the pyramid, or the face where an edge of the pyramid pierces it.
-    Clipping finds all three at once; faces that cannot beat the nearest vertex are left out first.
-    Corners are (F, 3, 3), in camera axes.
+    `enough`, which is infinite unless given, where none is less deep.
     """
+    from rastercov.kernels.exact_polygon import least_depth  # loads numba
+
     sides = np.array(
         [
             (camera.fx, 0, camera.cx),
@@ -238,18 +224,5 @@ def nearest_depth_in_view(corners: FloatArray, camera: Camera, near: float) -> f
             (0, -camera.fy, camera.height - camera.cy),
         ]
     )
-    # Corners as rows, (3, F): numpy is quick along long rows and slow along rows of three.
-    x, y, z = np.ascontiguousarray(corners.transpose(2, 1, 0))
-    seen = z >= near
-    rival = seen[0] | seen[1] | seen[2]
-    for a, b, c in sides:
-        inside = a * x + b * y + c * z >= 0
-        seen &= inside
-        rival &= inside[0] | inside[1] | inside[2]
-    nearest = float(z[seen].min(initial=np.inf))
-    rival &= np.minimum(np.minimum(z[0], z[1]), z[2]) < nearest
-    polygons, counts = clip_near(corners[rival], near)
-    for side in sides:
-        polygons, counts = clip_polygons(polygons, counts, polygons @ side)
-    depths = np.where(counts[:, None] > 0, polygons[..., 2], np.inf)
-    return min(nearest, float(depths.min(initial=np.inf)))
+    scene = (read_only(each) for each in (vertices, faces, pose))
+    return float(least_depth(*scene, sides, float(near), float(enough), *np.empty((2, 16, 3))))

@@ -58,6 +58,12 @@ def check_poses(poses: ArrayLike) -> tuple[FloatArray, dict[int, str]]:
     return out, faults
 
 
+def error_of(rows: tuple[int, ...], text: str) -> PoseError:
+    """Error of some poses; the text goes on after the first."""
+    others = f" (and {len(rows) - 1} more poses)" if len(rows) > 1 else ""
+    return PoseError(f"pose {rows[0]}{text}{others}", rows)
+
+
 def valid_poses(poses: "ArrayLike | Poses") -> FloatArray:
     """Poses as `check_poses` returns them; any fault is a `PoseError` that names its rows."""
     return Poses.of(poses).world_from_camera
@@ -132,9 +138,7 @@ class Poses(InOneLine):
             return poses
         matrices, faults = check_poses(poses)
         if faults and not skip_bad:
-            row, text = min(faults.items())
-            others = f" (and {len(faults) - 1} more poses)" if len(faults) > 1 else ""
-            raise PoseError(f"pose {row} {text}{others}", tuple(sorted(faults)))
+            raise error_of(tuple(sorted(faults)), f" {faults[min(faults)]}")
         ids = np.arange(len(matrices))
         indices = _camera_indices(0 if camera is None else camera, len(matrices))
         if not faults:

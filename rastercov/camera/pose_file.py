@@ -16,7 +16,6 @@ from rastercov.base.errors import PoseError, ResourceError
 from rastercov.base.files import (
     LARGEST_ARRAY,
     StrPath,
-    UnparsedError,
     UnreadableError,
     one_line,
     open_file,
@@ -42,15 +41,20 @@ def read_poses(path: StrPath) -> FloatArray:
         For a file that cannot be read or holds something else.
     """
     try:
-        suffix = suffix_of(path)
-        if suffix not in (".npy", ".json"):
-            raise PoseError("a pose file ends in .npy or .json")
-        array = _read_npy(path) if suffix == ".npy" else _read_json(path)
+        array = _read_npy(path) if _is_npy(path) else _read_json(path)
         return as_matrices(array[None] if array.shape == (4, 4) else array)
     except MemoryError:
         raise ResourceError(f"{printable(str(path))}: too large for the memory; split it") from None
     except (UnreadableError, PoseError) as error:
         raise PoseError(f"{printable(str(path))}: {error}") from None
+
+
+def _is_npy(path: StrPath) -> bool:
+    """True for a file of numpy, False for one of JSON, by its name; PoseError for another."""
+    suffix = suffix_of(path)
+    if suffix not in (".npy", ".json"):
+        raise PoseError("a pose file ends in .npy or .json")
+    return suffix == ".npy"
 
 
 def _read_npy(path: StrPath) -> NDArray[Any]:
@@ -68,16 +72,10 @@ def _read_npy(path: StrPath) -> NDArray[Any]:
 
 
 def _read_json(path: StrPath) -> NDArray[Any]:
-    try:
-        content = read_json(path, LARGEST_ARRAY)
-    except UnparsedError as error:
-        raise PoseError(f"not a pose file ({error})") from None
+    content = read_json(path, LARGEST_ARRAY)
     if not isinstance(content, dict) or "world_from_camera" not in content:
         raise PoseError('a pose file holds {"world_from_camera": [4 x 4, ...]}')
-    try:
-        return real_numbers("poses", content["world_from_camera"], "(P, 4, 4)")
-    except PoseError as error:
-        raise PoseError(f"not a pose file ({error})") from None
+    return real_numbers("poses", content["world_from_camera"], "(P, 4, 4)")
 
 
 def write_poses(path: StrPath, poses: ArrayLike, camera: Sequence[str] | None = None) -> None:
@@ -107,13 +105,11 @@ def write_poses(path: StrPath, poses: ArrayLike, camera: Sequence[str] | None = 
                 f"camera must have a name for each of {len(array)} poses, got {shown(camera)}"
             )
     try:
-        suffix = suffix_of(path)
-        if suffix not in (".npy", ".json"):
-            raise PoseError("a pose file ends in .npy or .json")
-        if camera is not None and suffix == ".npy":
+        is_npy = _is_npy(path)
+        if camera is not None and is_npy:
             raise PoseError("names of cameras need a .json file; .npy holds matrices alone")
         with written_file(path) as file:
-            if suffix == ".npy":
+            if is_npy:
                 np.save(file, array)
             else:
                 file.write((json.dumps(content) + "\n").encode())

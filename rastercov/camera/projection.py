@@ -7,23 +7,11 @@ the image border where the part inside the image is asked for.
 E. S. Eissa. Image Space Coverage Model. 2020, (3.2)-(3.5), (3.9).
 """
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from rastercov.camera import FloatArray, IntArray
 from rastercov.camera.camera import Camera, border_of
 from rastercov.camera.models import MODELS
-
-if TYPE_CHECKING:
-    from rastercov.camera.lenses.planes import IdealPlane
-
-
-STEPS = 64
-"""Parts of each side of a box whose image is bounded."""
-INSIDE_REL = 1e-9
-"""Distance of the samples of a border from it, relative to the box: less than the pixel that boxes
-are wider than need be."""
 
 
 def to_camera(points: FloatArray, pose: FloatArray) -> FloatArray:
@@ -48,114 +36,23 @@ def to_image(points: FloatArray, camera: Camera) -> FloatArray:
     return points[..., :2] / points[..., 2:] * (camera.fx, camera.fy) + (camera.cx, camera.cy)
 
 
-def clip_polygons(
-    corners: FloatArray, counts: IntArray, distance: FloatArray
-) -> tuple[FloatArray, IntArray]:
-    """Clip each convex polygon to where `distance` is not negative (Sutherland-Hodgman).
-
-    Parameters
-    ----------
-    corners : (N, K, D) float64
-        Corners in order; rows past a polygon's count repeat its last corner.
-    counts : (N,) int
-        Corners in use, 0 for an empty polygon.
-    distance : (N, K) float64
-        Signed distance of each corner from the clipping plane, affine along the edges.
-
-    Returns
-    -------
-    corners : (N, K + 1 or more, D) float64
-        Padded like the input.
-    counts : (N,) int
-    """
-    n, k, d = corners.shape
-    used = np.arange(k) < counts[:, None]
-    following = np.where(np.arange(k) + 1 < counts[:, None], np.arange(k) + 1, 0)
-    next_corner = np.take_along_axis(corners, following[:, :, None], axis=1)
-    next_distance = np.take_along_axis(distance, following, axis=1)
-    kept = used & (distance >= 0)
-    crossed = used & ((distance >= 0) != (next_distance >= 0))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        t = np.where(crossed, distance / (distance - next_distance), 0.0)
-    cut = corners + t[:, :, None] * (next_corner - corners)
-
-    # Each corner is followed by the cut on the edge that leaves it; then close the gaps.
-    both = np.stack((corners, cut), axis=2).reshape(n, 2 * k, d)
-    alive = np.stack((kept, crossed), axis=2).reshape(n, 2 * k)
-    new_counts = alive.sum(axis=1)
-    # A convex polygon gains a corner at most; one that lies in the cut itself, where rounding
-    # decides the signs, can gain more.
-    width = max(k + 1, int(new_counts.max(initial=0)))
-    order = np.argsort(~alive, axis=1, kind="stable")[:, :width]
-    last = np.maximum(new_counts - 1, 0)[:, None]
-    order = np.take_along_axis(order, np.minimum(np.arange(width), last), axis=1)
-    return np.take_along_axis(both, order[:, :, None], axis=1), new_counts
-
-
-def clip_near(corners: FloatArray, near: float) -> tuple[FloatArray, IntArray]:
-    """Faces cut at the near plane: (N, 3, 3) in camera axes -> (N, 4, 3) and their counts."""
-    counts = np.full(len(corners), 3)
-    return clip_polygons(corners, counts, corners[..., 2] - near)
-
-
 def image_boxes(points: FloatArray, camera: Camera, poses: FloatArray) -> IntArray:
     """Pixels that anything within the convex hull of `points` (N, 3) can reach in each pose.
 
     The boxes (P, 4) are left, top, right, bottom in pixels, within the image, a pixel wider than
-    need be; the whole image when a point lies behind the camera. So too where a point is out of the
-    one ideal plane of another lens, or its image has several planes.
+    need be; the whole image when a point lies behind the camera, and for a lens that is no pinhole.
     """
     boxes = np.tile(np.array((0, 0, camera.width, camera.height)), (len(poses), 1))
-    size = camera.width, camera.height
-    planes = None
     if not camera.is_pinhole:
-        from rastercov.camera.lenses.of_camera import lens_of  # loads numba
-
-        planes = lens_of(camera).planes
-        if len(planes) > 1:
-            return boxes
+        return boxes
+    size = camera.width, camera.height
     for row, pose in enumerate(poses):  # 10 us and 12 ns a point; all at once is no faster
         x, y, z = pose[:3, :3].T @ (points - pose[:3, 3]).T
-        if not z.min() > 0:
-            continue
-        if planes is None:
+        if z.min() > 0:
             u, v = camera.fx * (x / z) + camera.cx, camera.fy * (y / z) + camera.cy
-            low, high = np.array((u.min(), v.min())), np.array((u.max(), v.max()))
-        else:
-            slopes = np.stack((x / z, y / z), axis=1)
-            low, high = _lens_box(camera, planes[0], slopes.min(axis=0), slopes.max(axis=0))
-        boxes[row, :2] = np.clip(np.floor(low) - 1, 0, size)
-        boxes[row, 2:] = np.clip(np.ceil(high) + 1, 0, size)
+            boxes[row, :2] = np.clip(np.floor((u.min(), v.min())) - 1, 0, size)
+            boxes[row, 2:] = np.clip(np.ceil((u.max(), v.max())) + 1, 0, size)
     return boxes
-
-
-def _lens_box(
-    camera: Camera, plane: "IdealPlane", low: FloatArray, high: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Bounds (2,) and (2,) in the image of what a lens makes of a box of its ideal plane.
-
-    A lens maps the border of the part that it sees to the border of its image. The border is
-    sampled; between samples a distance L apart its image leaves their chord by `bend` L^2 / 8.
-    """
-    from rastercov.camera.lenses.planes import keep
-
-    part = plane.region
-    for axis, limit, sign in ((0, low, 1.0), (1, low, 1.0), (0, high, -1.0), (1, high, -1.0)):
-        if len(part) >= 3:
-            side = sign * np.eye(2)[axis]
-            part = keep(part, side[0], side[1], float(-sign * limit[axis]))
-    if len(part) < 3:
-        return np.zeros(2), np.zeros(2)
-    steps = np.linspace(0.0, 1.0, STEPS, endpoint=False)[:, None]
-    starts, ends = part, np.roll(part, -1, axis=0)
-    slopes = (1 - steps) * starts[:, None] + steps * ends[:, None]
-    # Slightly inside, so that rounding leaves no sample outside the region.
-    slopes = part.mean(axis=0) + (1 - INSIDE_REL) * (slopes.reshape(-1, 2) - part.mean(axis=0))
-    rays = np.concatenate((slopes, np.ones((len(slopes), 1))), axis=1)
-    pixels = to_image(rays, camera)
-    apart = plane.camera.fx * np.linalg.norm(ends - starts, axis=1).max() / STEPS
-    bulge = plane.bend() * apart * apart / 8
-    return pixels.min(axis=0) - bulge, pixels.max(axis=0) + bulge
 
 
 def box_corners(bounds: FloatArray) -> FloatArray:

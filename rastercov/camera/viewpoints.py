@@ -1,7 +1,6 @@
 """Poses from eyes and targets or on a sphere, and the distance at which a mesh fills the image."""
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,7 +11,7 @@ from rastercov.base.errors import ConfigError, PoseError
 from rastercov.camera import FloatArray
 from rastercov.camera.camera import Camera, border_of
 from rastercov.camera.models import MODELS
-from rastercov.camera.pose import real_numbers
+from rastercov.camera.pose import error_of, real_numbers
 from rastercov.camera.projection import rays_of, to_image
 from rastercov.mesh import Mesh
 
@@ -235,10 +234,5 @@ def _scaled(vectors: FloatArray) -> FloatArray:
 
 
 def _refuse(mask: ArrayLike, text: str) -> None:
-    rows = tuple(int(row) for row in np.flatnonzero(mask))
-    if rows:
-        raise PoseError(f"pose {rows[0]}: {text}" + _and_more(rows), rows)
-
-
-def _and_more(rows: Sequence[int]) -> str:
-    return f" (and {len(rows) - 1} more poses)" if len(rows) > 1 else ""
+    if rows := tuple(np.flatnonzero(mask).tolist()):
+        raise error_of(rows, f": {text}")

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from rastercov.kernels.exact_polygon import (
     copy_polygon,
+    cut_in_space,
     extent_of,
     side_at,
     store_piece,
@@ -35,7 +36,6 @@ from rastercov.kernels.lens_lanes import V as IMAGE_V
 from rastercov.kernels.lens_polygons import (
     MOST_CORNERS,
     beyond_side_of,
-    cut_in_space,
     cut_to_region,
     cut_to_side_of,
     is_in_region,

@@ -1,4 +1,4 @@
-"""Convex polygons in the image: clipping, splitting, subtraction, outlines; compiled by numba.
+"""Convex polygons in the image and in space: clipping, splitting, outlines; compiled by numba.
 
 A polygon is an array of corners, clockwise in the image (v down), with a corner count. A line is
 (u0, v0, du, dv, offset), see `rastercov.kernels.exact_records`. The image of a face is its outline
@@ -445,3 +445,63 @@ def plane_of(f, camera, projected):
     skew = (abs(u1) + abs(u2)) * (abs(v1) + abs(v2)) / abs(twice)
     error = camera.w_error_rel * (w + change * skew) + camera.pixel_error * (abs(a) + abs(b))
     return u, v, w, a, b, error
+
+
+@part_with_arrays
+def cut_in_space(points, n, a, b, c, d, spare):
+    """Keep the part of a polygon in space with a X + b Y + c Z >= d, in place; its corner count."""
+    kept = 0
+    for i in range(n):
+        j = i + 1 if i + 1 < n else 0
+        here = a * points[i, 0] + b * points[i, 1] + c * points[i, 2] - d
+        there = a * points[j, 0] + b * points[j, 1] + c * points[j, 2] - d
+        if here >= 0 and kept < spare.shape[0]:
+            for k in range(3):
+                spare[kept, k] = points[i, k]
+            kept += 1
+        if ((here > 0 and there < 0) or (here < 0 and there > 0)) and kept < spare.shape[0]:
+            t = here / (here - there)
+            for k in range(3):
+                spare[kept, k] = points[i, k] + t * (points[j, k] - points[i, k])
+            kept += 1
+    for i in range(kept):
+        for k in range(3):
+            points[i, k] = spare[i, k]
+    return kept
+
+
+@allocation_free
+def least_depth(vertices, faces, pose, sides, near, enough, polygon, spare):
+    """Least depth of faces beyond `near` inside a pyramid, metres; `enough` where none is less.
+
+    On each face it lies on a corner of what the pyramid cuts from it: a vertex, an edge through a
+    side of the pyramid, or the face where an edge of the pyramid pierces it.
+
+    Parameters
+    ----------
+    vertices, faces : (V, 3) float64, (F, 3) int64
+    pose : (4, 4) float64
+        world_from_camera.
+    sides : (S, 3) float64
+        Normals of the sides in camera axes, inwards.
+    near, enough : float
+    polygon, spare : (16, 3) float64
+        Scratch.
+    """
+    least = enough
+    for f in range(faces.shape[0]):
+        for corner in range(3):
+            for axis in range(2, -1, -1):
+                total = 0.0
+                for k in range(3):
+                    total += (vertices[faces[f, corner], k] - pose[k, 3]) * pose[k, axis]
+                polygon[corner, axis] = total
+        depths = polygon[0, 2], polygon[1, 2], polygon[2, 2]
+        if not (min(depths) < least and max(depths) >= near):
+            continue
+        n = cut_in_space(polygon, np.int64(3), 0.0, 0.0, 1.0, near, spare)
+        for side in range(sides.shape[0]):
+            n = cut_in_space(polygon, n, sides[side, 0], sides[side, 1], sides[side, 2], 0.0, spare)
+        for corner in range(n):
+            least = min(least, polygon[corner, 2])
+    return least

@@ -24,7 +24,7 @@ from rastercov.kernels.cameras import (
     Z,
     jacobian,
 )
-from rastercov.kernels.exact_polygon import extent_of
+from rastercov.kernels.exact_polygon import cut_in_space, extent_of
 from rastercov.kernels.jit import allocation_free, called_whole, part_with_arrays
 from rastercov.kernels.lens_edges import NODES, bulge, nodes_for, point_of
 from rastercov.kernels.lens_lanes import GROUP, project_lanes
@@ -32,7 +32,6 @@ from rastercov.kernels.lens_planes import PlaneRecord
 from rastercov.kernels.lens_polygons import (
     MOST_CORNERS,
     beyond_side_of,
-    cut_in_space,
     cut_to_region,
     cut_to_side_of,
     edge_scratch,

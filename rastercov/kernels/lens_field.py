@@ -52,6 +52,18 @@ near_pole_2, near_pole_3 : float
 """
 
 
+@part_with_arrays
+def parts_within(slopes, low_x, high_x, low_y, high_y):
+    """First and last column, and first and last row, of the parts that meet a box of a plane."""
+    last = slopes.second.shape[0] - 1
+    return (
+        min(max(int((low_x - slopes.low_x) * slopes.per_x), 0), last),
+        min(max(int((high_x - slopes.low_x) * slopes.per_x), 0), last),
+        min(max(int((low_y - slopes.low_y) * slopes.per_y), 0), last),
+        min(max(int((high_y - slopes.low_y) * slopes.per_y), 0), last),
+    )
+
+
 @allocation_free
 def bounds_within(slopes, low_x, high_x, low_y, high_y):
     """Bounds of the second and third derivatives in the region within a box of a plane."""
@@ -61,13 +73,9 @@ def bounds_within(slopes, low_x, high_x, low_y, high_y):
         y = max(low_y, -high_y, 0.0)
         d2 = x * x + y * y
         return slopes.near_pole_2 / d2, slopes.near_pole_3 / (d2 * np.sqrt(d2))
-    n = slopes.second.shape[0]
-    first = min(max(int((low_x - slopes.low_x) * slopes.per_x), 0), n - 1)
-    last = min(max(int((high_x - slopes.low_x) * slopes.per_x), 0), n - 1)
-    top = min(max(int((low_y - slopes.low_y) * slopes.per_y), 0), n - 1)
-    bottom = min(max(int((high_y - slopes.low_y) * slopes.per_y), 0), n - 1)
+    left, right, top, bottom = parts_within(slopes, low_x, high_x, low_y, high_y)
     for row in range(top, bottom + 1):
-        for column in range(first, last + 1):
+        for column in range(left, right + 1):
             second = max(second, slopes.second[row, column])
             third = max(third, slopes.third[row, column])
     return second, third
@@ -79,13 +87,9 @@ def sizes_within(slopes, low_x, high_x, low_y, high_y):
     if slopes.is_graded:
         return 0.0, math.inf
     least, most = math.inf, 0.0
-    n = slopes.sizes.shape[1]
-    left = min(max(int((low_x - slopes.low_x) * slopes.per_x) // PARTS, 0), n - 1)
-    right = min(max(int((high_x - slopes.low_x) * slopes.per_x) // PARTS, 0), n - 1)
-    top = min(max(int((low_y - slopes.low_y) * slopes.per_y) // PARTS, 0), n - 1)
-    bottom = min(max(int((high_y - slopes.low_y) * slopes.per_y) // PARTS, 0), n - 1)
-    for row in range(top, bottom + 1):
-        for column in range(left, right + 1):
+    left, right, top, bottom = parts_within(slopes, low_x, high_x, low_y, high_y)
+    for row in range(top // PARTS, bottom // PARTS + 1):
+        for column in range(left // PARTS, right // PARTS + 1):
             least = min(least, slopes.sizes[0, row, column])
             most = max(most, slopes.sizes[1, row, column])
     return least, most

@@ -319,26 +319,3 @@ def beyond_side_of(polygon, n, region, i, out):
     """
     x0, y0, dx, dy, _ = side_at(region, region.shape[0], i)
     return keep_inside(polygon, n, (x0, y0, -dx, -dy, 0.0), out)
-
-
-@part_with_arrays
-def cut_in_space(points, n, a, b, c, d, spare):
-    """Keep the part of a polygon in space with a X + b Y + c Z >= d, in place; its corner count."""
-    kept = 0
-    for i in range(n):
-        j = i + 1 if i + 1 < n else 0
-        here = a * points[i, 0] + b * points[i, 1] + c * points[i, 2] - d
-        there = a * points[j, 0] + b * points[j, 1] + c * points[j, 2] - d
-        if here >= 0 and kept < spare.shape[0]:
-            for k in range(3):
-                spare[kept, k] = points[i, k]
-            kept += 1
-        if ((here > 0 and there < 0) or (here < 0 and there > 0)) and kept < spare.shape[0]:
-            t = here / (here - there)
-            for k in range(3):
-                spare[kept, k] = points[i, k] + t * (points[j, k] - points[i, k])
-            kept += 1
-    for i in range(kept):
-        for k in range(3):
-            points[i, k] = spare[i, k]
-    return kept

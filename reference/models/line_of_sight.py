@@ -23,9 +23,9 @@ from numpy.typing import NDArray
 from rastercov.base.arguments import check_choice
 from rastercov.base.errors import ConfigError
 from rastercov.camera.camera import Camera
-from rastercov.camera.near_plane import depth_from_near
 from rastercov.mesh import Mesh
 from rastercov.mesh.contacts import BOX_MARGIN, TriangleTree
+from rastercov.reference.criteria import depth_from_near
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -135,7 +135,7 @@ class LineOfSight:
         near : float
             Depth of the near plane, metres; points in front of it are not hidden.
         camera : Camera, optional
-            One of a wide lens has a cube of near planes, see `near_plane.depth_from_near`.
+            One of a wide lens has a cube of near planes, see `criteria.depth_from_near`.
 
         Returns
         -------

@@ -50,10 +50,10 @@ from numpy.typing import ArrayLike
 
 from rastercov.base.errors import ConfigError
 from rastercov.camera.camera import Camera
-from rastercov.camera.near_plane import depth_from_near
 from rastercov.camera.projection import to_camera, to_image
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
+from rastercov.reference.criteria import depth_from_near
 from rastercov.reference.criteria import measured_geometry as face_geometry
 from rastercov.reference.models.base import (
     BoolArray,

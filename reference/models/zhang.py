@@ -38,11 +38,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rastercov.camera.camera import Camera
-from rastercov.camera.near_plane import depth_from_near
 from rastercov.camera.projection import to_camera
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
-from rastercov.reference.criteria import FaceGeometry
+from rastercov.reference.criteria import FaceGeometry, depth_from_near
 from rastercov.reference.criteria import measured_geometry as face_geometry
 from rastercov.reference.models.base import (
     BoolArray,

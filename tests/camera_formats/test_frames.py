@@ -137,7 +137,7 @@ def test_our_json_keeps_frames(tmp_path):
     [
         ([0, 0.5, 0, 0.5], [0, 1, 0, 1]),
         ([0, 1, 2, 3], []),
-        ([0, 0, 1, None], []),
+        ([0, 0, 1, None], [0, 0, 2, 3]),
         ([1.7e9 + 0.1, 1.7e9 + 0.1, 1.7e9 + 0.2, 1.7e9 + 0.3], [0, 0, 2, 3]),  # since 1970
     ],
 )
@@ -149,7 +149,7 @@ def test_images_of_a_scene_in_motion_have_the_frame_of_their_time(tmp_path, time
     path.write_text(json.dumps({"fl_x": 500, "w": 640, "h": 480, "frames": frames}))
     found = read_views(path).frames
     assert [found.index(name) for name in found] == rows
-    assert all(name.startswith("time ") for name in found)
+    assert all(name == "image 3" or name.startswith("time ") for name in found)
 
 
 def test_instances_of_an_opensfm_rig_are_frames(tmp_path):

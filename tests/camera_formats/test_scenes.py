@@ -119,7 +119,7 @@ def test_frusta_have_the_turn_of_the_meshes_of_a_report(tmp_path):
 def test_what_is_written_shows_the_same_points_when_it_is_read(tmp_path, name, model, distortion):
     views = views_of(model=model, distortion=distortion)
     if (name, model) == ("model", "metashape"):
-        with pytest.raises(rc.CameraError, match="left: COLMAP has no model for metashape"):
+        with pytest.raises(rc.CameraError, match="left: colmap has no model for metashape"):
             write_views(tmp_path / name, views)
         return
     write_views(tmp_path / name, views)

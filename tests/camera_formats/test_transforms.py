@@ -171,6 +171,6 @@ def test_a_lens_without_a_model_is_refused_by_name(tmp_path, model, distortion):
     camera = rc.Camera(width=640, height=480, fx=400, fy=400, model=model, distortion=distortion)
     views = rc.Views(rc.Rig([camera], ["left"]), rc.Poses.of(np.eye(4)), ("a",))
     path = tmp_path / "transforms.json"
-    with pytest.raises(rc.CameraError, match=f"left: transforms.json has no model for {model}"):
+    with pytest.raises(rc.CameraError, match=f"left: nerfstudio has no model for {model}"):
         write_views(path, views)
     assert not path.exists()

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from lens_cases import HEIGHT, WIDTH, make_lens, of_all_kinds, rays
 
 from rastercov.base.errors import CameraError
-from rastercov.camera.lenses import Lens
+from rastercov.camera.lenses import BASES, Lens
 from rastercov.camera.lenses.balls import Interval, Jet
 from rastercov.camera.lenses.planes import base_limit, border_pixels, certified_radius
 from rastercov.kernels import lens_formulas
@@ -57,7 +57,7 @@ def test_proof_reaches_the_fold(folding):
 
 def test_region_ends_at_the_fold_or_at_the_image(folding):
     lens, fold, is_whole = folding
-    plane = lens.valid_angle if lens.base == "equidistant" else math.tan(lens.valid_angle)
+    plane = lens.valid_angle if BASES[lens.code] == "equidistant" else math.tan(lens.valid_angle)
     assert plane <= fold
     assert lens.is_whole == is_whole
     if not is_whole:
@@ -75,7 +75,7 @@ def test_no_ray_outside_the_region_is_answered(folding):
     answered = np.isfinite(lens.project(given)).all(axis=1)
     assert not answered[angle > lens.valid_angle].any()
     assert answered[angle < 0.999 * lens.valid_angle].all()
-    limit = fold if lens.base == "equidistant" else math.atan(fold)
+    limit = fold if BASES[lens.code] == "equidistant" else math.atan(fold)
     assert not answered[angle > limit].any()
     # The equations alone would put some of those into the image.
     if math.isfinite(fold):

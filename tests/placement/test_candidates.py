@@ -83,7 +83,7 @@ def test_the_eye_stands_along_the_average_normal_at_the_corrected_distance(roll)
         np.testing.assert_allclose(pose[:3, 2], -normal, atol=1e-12)
         in_camera = (corners - target) @ pose[:3, :3]
         width, height, _ = np.ptp(in_camera, axis=0)
-        d = max(width / 2 / np.tan(CAMERA.hfov / 2), height / 2 / np.tan(CAMERA.vfov / 2))
+        d = max(width * CAMERA.fx / CAMERA.width, height * CAMERA.fy / CAMERA.height)
         np.testing.assert_allclose(pose[:3, 3], target + d * normal, atol=1e-12)
         # Clockwise seen from behind: x turns towards y.
         right, down = look_at(target + normal, target)[0, :3, :2].T

@@ -43,7 +43,6 @@ OWN: dict[str, dict[str, Any]] = {
     | {"focal_length": 0.01, "pixel_size": (1e-5, 1e-5), "aperture": 0.001, "focus_distance": 1.0},
     "Camera.from_fov": SIZE | {"hfov_deg": 60.0, "near": 0.1},
     "Camera.from_fov, down": SIZE | {"vfov_deg": 60.0},
-    "Camera.from_fov, corners": SIZE | {"diagonal_deg": 60.0},
     "Camera.from_opencv": SIZE | {"K": CAMERA.opencv_K, "distortion": (0, 0, 0, 0)},
     "Camera.preset": {"name": "khepra"},
     "Camera.with_optics": {"entries": {"near": 0.01}},

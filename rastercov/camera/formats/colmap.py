@@ -33,11 +33,9 @@ from rastercov.camera.formats.conventions import (
     Border,
     from_quaternions,
     inverse_of,
-    is_whole_panorama,
     lens_camera,
     model_in,
-    no_model,
-    to_quaternions,
+    shared_frames,
     unique_names,
 )
 from rastercov.camera.formats.source import number_of
@@ -57,15 +55,9 @@ PROMISE = re.compile(r"#\s*number of (\w+)\s*[:=]\s*([0-9]{1,15})\b", re.IGNOREC
 """Line by which COLMAP begins a text: # Number of images: 12, mean observations ..."""
 MODELS = tuple(PROGRAMS["colmap"])
 """Names of the models by their ids."""
+SENSORS = ("CAMERA", "IMU")
 SUBFOLDERS = ("sparse/0", "sparse", "0")
 """Folders of a project that COLMAP's pipelines put a model in."""
-RECORDS = {
-    "cameras": ("a camera", 24),
-    "images": ("an image", 73),
-    "rigs": ("a rig", 8),
-    "frames": ("a frame", 68),
-}
-"""Name of a record of each part, and its least bytes."""
 HEADS = {
     "cameras": "# Camera list: CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n# Number of cameras: {}",
     "images": "# Image list: IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME; POINTS2D\n"
@@ -126,7 +118,9 @@ def read(path: Path, border: Border) -> Views:
                 f"cameras{suffix}; export the model again"
             )
     places = _places(part("rigs") or [], row_of, border)
-    frame_of = {image: frame for frame, of_it in part("frames") or [] for image in of_it}
+    frames = part("frames") or []
+    frame_of = {image: f"frame {number}" for number, of_it in frames for image in of_it}
+    numbers = [image.image_id for image in images]
     motions = from_quaternions([i.quaternion for i in images], [i.translation for i in images])
     return border.views(
         cameras,
@@ -134,21 +128,9 @@ def read(path: Path, border: Border) -> Views:
         world_from_camera=inverse_of(motions),
         camera=[row_of[image.camera_id] for image in images],
         images=[image.name for image in images],
-        frames=_names_of_frames(images, frame_of),
+        frames=shared_frames([*map(frame_of.get, numbers)], numbers),
         rig_from_camera=places,
     )
-
-
-def _names_of_frames(images: Sequence[Image], frame_of: dict[int, int]) -> list[str]:
-    """Frame of each image; none where every frame has one image, as COLMAP makes them itself."""
-    found = [frame_of.get(image.image_id) for image in images]
-    known = [number for number in found if number is not None]
-    if len(set(known)) == len(known):
-        return []
-    return [
-        f"image {image.image_id}" if number is None else f"frame {number}"
-        for number, image in zip(found, images, strict=True)
-    ]
 
 
 def _names(ids: Iterable[int]) -> list[str]:
@@ -165,25 +147,24 @@ def _ordered(table: dict[int, Camera]) -> tuple[list[Camera], dict[int, int]]:
 
 def _one_file(path: Path, part: str, border: Border) -> Any:
     """Content of a file with a part of a model; errors name the file."""
-    name = printable(path.name)
+    name, (what, least_bytes, parse) = printable(path.name), RECORDS[part]
     try:
         with open_file(path, LARGEST_FILE) as file:
             if path.suffix == ".bin":
-                what, least_bytes = RECORDS[part]
                 n_records = _count(file, part, least_bytes)
-                return PARSERS[part](_Bytes(file, what) for _ in range(n_records))
+                return parse(_Bytes(file, what) for _ in range(n_records))
             promised: dict[str, int] = {}
             lines = _lines(file, promised)
-            found = PARSERS[part](_Words(*line, lines) for line in lines if line[1])
-            for what, number in promised.items():
+            found = parse(_Words(*line, lines) for line in lines if line[1])
+            for kind, number in promised.items():
                 if number > len(found):
                     raise CameraError(
-                        f"the header promises {number} {what}, {len(found)} are there; the file is "
+                        f"the header promises {number} {kind}, {len(found)} are there; the file is "
                         "truncated or damaged, export it again, or correct its header"
                     )
                 if number < len(found):
                     border.note(
-                        f"{name}: the header promises {number} {what}, {len(found)} are there and "
+                        f"{name}: the header promises {number} {kind}, {len(found)} are there and "
                         "read"
                     )
             return found
@@ -216,7 +197,7 @@ class _Words:
         self._where, self._words, self._at = f"line {number}", text.split(), 0
         self._number, self._text, self._following = number, text, following
 
-    def word(self, what: str) -> str:
+    def word(self, what: str, words: Sequence[str] = ()) -> str:
         if self._at >= len(self._words):
             raise CameraError(f"{self._where} ends before {what}; the file is truncated")
         self._at += 1
@@ -229,21 +210,13 @@ class _Words:
             raise CameraError(f"{self._where}: {what} must be a whole number, got {shown(word)}")
         return int(word)
 
-    def reals(self, what: str, count: int) -> tuple[float, ...]:
+    def reals(self, what: str, count: int, *, is_last: bool = False) -> tuple[float, ...]:
+        count = len(self._words) - self._at if is_last else count
         found = [number_of(self.word(what)) for _ in range(count)]
         for value in found:
             if isinstance(value, str):
                 raise CameraError(f"{self._where}: {what} must be a number, got {shown(value)}")
         return tuple(map(float, found))
-
-    def parameters(self, count: int) -> tuple[float, ...]:
-        return self.reals("a parameter", len(self._words) - self._at)
-
-    def is_camera(self) -> bool:
-        return self.word("a sensor") == "CAMERA"
-
-    def model(self) -> str:
-        return self.word("the model")
 
     def name(self) -> str:
         """The rest of the line, which may have spaces."""
@@ -271,18 +244,12 @@ class _Bytes:
         (found,) = _unpack(self._file, form, self._record)
         return int(found)
 
-    def reals(self, what: str, count: int) -> tuple[float, ...]:
+    def reals(self, what: str, count: int, *, is_last: bool = False) -> tuple[float, ...]:
         return _unpack(self._file, f"{count}d", self._record)
 
-    def parameters(self, count: int) -> tuple[float, ...]:
-        return self.reals("a parameter", count)
-
-    def is_camera(self) -> bool:
-        return self.whole("a sensor", "i") == 0  # 1 is an IMU
-
-    def model(self) -> str:
-        number = self.whole("the model", "i")
-        return MODELS[number] if 0 <= number < len(MODELS) else f"number {number}"
+    def word(self, what: str, words: Sequence[str]) -> str:
+        number = self.whole(what, "i")
+        return words[number] if 0 <= number < len(words) else f"number {number}"
 
     def name(self) -> str:
         start = self._file.tell()
@@ -306,11 +273,12 @@ and () for the reference."""
 def _cameras(records: Fields) -> dict[int, Camera]:
     table: dict[int, Camera] = {}
     for values in records:
-        number, model = values.whole("the camera's id"), values.model()
+        number, model = values.whole("the camera's id"), values.word("the model", MODELS)
         if model not in MODELS:
             raise CameraError(f"the model must be one of {', '.join(MODELS)}, got {shown(model)}")
         sides = values.whole("the width", "Q"), values.whole("the height", "Q")
-        parameters = values.parameters(len(PROGRAMS["colmap"][model].parameters.split()))
+        n_parameters = len(PROGRAMS["colmap"][model].parameters.split())
+        parameters = values.reals("a parameter", n_parameters, is_last=True)
         if number in table:
             raise CameraError(f"camera {number} comes twice; leave one")
         try:
@@ -340,12 +308,12 @@ def _rigs(records: Fields) -> Rigs:
         rig: dict[int, tuple[float, ...] | None] = {}
         values.whole("the rig's id")
         for row in range(values.whole("the number of sensors")):
-            is_camera, sensor = values.is_camera(), values.whole("the sensor's id")
+            kind, sensor = values.word("a sensor", SENSORS), values.whole("the sensor's id")
             place: tuple[float, ...] | None = ()
             if row:
                 has_pose = values.whole("HAS_POSE", "B")
                 place = values.reals("sensor_from_rig", 7) if has_pose else None
-            if is_camera:
+            if kind == "CAMERA":
                 rig[sensor] = place
         rigs.append(rig)
     return rigs
@@ -359,19 +327,20 @@ def _frames(records: Fields) -> list[tuple[int, list[int]]]:
         values.whole("the rig's id")
         values.reals("rig_from_world", 7)
         for _ in range(values.whole("the number of images")):
-            is_camera, _ = values.is_camera(), values.whole("an id")
+            kind, _ = values.word("a sensor", SENSORS), values.whole("an id")
             image = values.whole("an id", "Q")
-            if is_camera:
+            if kind == "CAMERA":
                 frames[-1][1].append(image)
     return frames
 
 
-PARSERS: dict[str, Any] = {
-    "cameras": _cameras,
-    "images": _images,
-    "rigs": _rigs,
-    "frames": _frames,
+RECORDS: dict[str, tuple[str, int, Any]] = {
+    "cameras": ("a camera", 24, _cameras),
+    "images": ("an image", 73, _images),
+    "rigs": ("a rig", 8, _rigs),
+    "frames": ("a frame", 68, _frames),
 }
+"""Name of a record of each part, its least bytes, and what is made of the records."""
 
 
 # Text.
@@ -517,12 +486,7 @@ def contents_of(views: Views, *, as_text: bool, notes: list[str]) -> dict[str, b
     assert rig is not None
     cameras: list[Record] = []
     for number, (camera, label) in enumerate(zip(rig.cameras, rig.names, strict=True)):
-        found = model_in("colmap", camera)
-        if is_whole_panorama(camera):
-            found = "EQUIRECTANGULAR", {"w": float(camera.width), "h": float(camera.height)}
-        if found is None or camera.skew:
-            raise no_model("COLMAP", camera, label)
-        name, p = found
+        name, p = model_in("colmap", camera, label)
         model = Word(MODELS.index(name), name)
         values = [number + 1, model, camera.width, camera.height, *p.values()]
         cameras.append((f"IiQQ{len(p)}d", values))
@@ -570,9 +534,12 @@ def _as_binary(part: str, records: Sequence[Record]) -> bytes:
 
 def _motions(matrices: FloatArray) -> list[list[float]]:
     """Quaternion, scalar first, and translation of motions."""
-    quaternions = to_quaternions(matrices[:, :3, :3])
-    found: list[list[float]] = np.hstack([quaternions, matrices[:, :3, 3]]).tolist()
-    return found
+    from trimesh.transformations import quaternion_from_matrix  # takes 0.3 s
+
+    return [
+        [*quaternion_from_matrix(matrix, isprecise=True).tolist(), *matrix[:3, 3].tolist()]
+        for matrix in matrices  # 20 us each
+    ]
 
 
 def write(folder: Path, contents: Mapping[str, bytes], *, overwrite: bool) -> None:

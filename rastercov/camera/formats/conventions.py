@@ -26,7 +26,6 @@ from rastercov.camera.models import (
     PROGRAMS,
     coefficients_by_name,
     lens_of_parameters,
-    opencv_length,
 )
 from rastercov.camera.pose import DRIFT_TOLERANCE, Poses, inverse
 from rastercov.camera.rig import Rig, Views
@@ -88,10 +87,9 @@ class Conventions:
     def __post_init__(self) -> None:
         if self.pixel_centre is not None and finite_number(self.pixel_centre) not in (0, 0.5):
             raise ConfigError(f"pixel centre must be 0 or 0.5, got {shown(self.pixel_centre)}")
-        if self.lens_model is not None:
-            check_choice("lens model", self.lens_model, LENS_MODELS)
-        if self.pose_convention is not None:
-            check_choice("pose convention", self.pose_convention, tuple(POSE_CONVENTIONS))
+        for name, words in (("lens_model", LENS_MODELS), ("pose_convention", POSE_CONVENTIONS)):
+            if (given := getattr(self, name)) is not None:
+                check_choice(name.replace("_", " "), given, tuple(words))
         if self.pose_unit is not None:
             metres_per(self.pose_unit)
         for name in ("original_world", "skip_bad_poses"):
@@ -308,6 +306,14 @@ def inverse_of(matrices: FloatArray) -> FloatArray:
     return found
 
 
+def shared_frames(found: Sequence[str | None], images: Sequence[Any]) -> list[str]:
+    """Frame of each image, its own where it has none; no frames where no two images share one."""
+    known = [name for name in found if name is not None]
+    if len(set(known)) == len(known):
+        return []
+    return [name or f"image {image}" for name, image in zip(found, images, strict=True)]
+
+
 def _apart(frames: Sequence[str]) -> list[str]:
     """Printable names, as different from one another as those of the file."""
     names = list(dict.fromkeys(frames))
@@ -338,24 +344,6 @@ def from_quaternions(wxyz: ArrayLike, translation: ArrayLike) -> FloatArray:
         q = q / np.abs(q).max(axis=1, keepdims=True)  # no square overflows
         q = q / np.linalg.norm(q, axis=1, keepdims=True)
     return motions(rotations_of_quaternions(np.roll(q, -1, axis=1)), translation)
-
-
-def to_quaternions(rotations: FloatArray) -> FloatArray:
-    """(N, 4) unit quaternions, scalar first and not negative, of rotations (N, 3, 3)."""
-    diagonal = np.einsum("nii->ni", rotations)
-    trace = diagonal.sum(axis=1, keepdims=True)
-    # Four times the products of w, x, y, z; the largest square is divided by: no digit is lost.
-    products = np.empty((len(rotations), 4, 4))
-    products[:, range(4), range(4)] = np.hstack([trace, 2 * diagonal - trace]) + 1
-    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        one, other = rotations[:, k, j], rotations[:, j, k]
-        products[:, 0, i + 1] = products[:, i + 1, 0] = one - other
-        products[:, j + 1, k + 1] = products[:, k + 1, j + 1] = one + other
-    rows = np.arange(len(rotations))
-    q = products[rows, np.einsum("nii->ni", products).argmax(axis=1)]
-    q = q / np.linalg.norm(q, axis=1, keepdims=True)
-    result: FloatArray = np.where(q[:, :1] < 0, -q, q)
-    return result
 
 
 def from_vectors(vectors: ArrayLike, translation: ArrayLike) -> FloatArray:
@@ -395,38 +383,40 @@ def lens_camera(ours: str, size: Sequence[int], p: Mapping[str, float]) -> Camer
 
 def forms_of(camera: Camera) -> dict[str, dict[str, float]]:
     """Coefficients of a camera by name, in each of our models that is its lens."""
-    own = coefficients_by_name(camera.model, camera.distortion)
-    forms, its, radial = {camera.model: own}, MODELS[camera.model], ("k1", "k2", "k3", "k4")
-    if its.base == "equidistant" and not any(own[name] for name in own if name not in radial):
-        forms["opencv_fisheye"] = {name: own.get(name, 0.0) for name in radial}
-    turned = own | {"p1": own.get("p2", 0.0), "p2": own.get("p1", 0.0)}
-    is_turned = camera.model == "metashape" and not own["k4"]
-    is_plain = (camera.model == "omni" and not own["xi"]) or (
-        camera.model == "fov" and not own["omega"]
-    )
-    if camera.model in ("pinhole", "opencv") or is_turned or is_plain:
-        brown = turned if is_turned else own
-        names = MODELS["opencv"].coefficients.split()
-        forms["opencv"] = {name: brown.get(name, 0.0) for name in names}
-        if not any(list(forms["opencv"].values())[5:]):  # its k4 is another one
-            forms["metashape"] = own if is_turned else turned
+    own, names = coefficients_by_name(camera.model, camera.distortion), ("k1", "k2", "k3", "k4")
+    forms, its = {camera.model: own}, MODELS[camera.model]
+    if its.base == "equidistant" and not any(own[name] for name in own if name not in names):
+        forms["opencv_fisheye"] = {name: own.get(name, 0.0) for name in names}
+    if camera.model in ("pinhole", "opencv"):
+        brown = {name: own.get(name, 0.0) for name in MODELS["opencv"].coefficients.split()}
+        forms["opencv"] = brown
+        if not any(list(brown.values())[5:]):  # its k4 is another one
+            forms["metashape"] = brown | {"p1": brown["p2"], "p2": brown["p1"]}
     return forms
 
 
-def model_in(program: str, camera: Camera) -> tuple[str, dict[str, float]] | None:
-    """Name of a model of a program, not of square pixels, that is the lens of a camera; or None.
+def model_in(program: str, camera: Camera, label: str = "") -> tuple[str, dict[str, float]]:
+    """Name of a model of a program, not of square pixels, that is the lens of a camera.
 
-    With it, values of its parameters by name.
+    With it, values of its parameters by name. CameraError where there is none, or no skew; `label`
+    is the name of the camera.
     """
-    forms = forms_of(camera)
+    has_skew = camera.skew != 0 and program != "opencv"  # whose matrix has it
+    forms = {} if has_skew else forms_of(camera)
     central = {name: getattr(camera, name) for name in ("fx", "fy", "cx", "cy")}
+    if is_whole_panorama(camera):
+        central |= {"w": float(camera.width), "h": float(camera.height)}
     for ours in sorted(forms, key=["opencv", "opencv_fisheye", *MODELS].index):
         for name, foreign in PROGRAMS[program].items():
             wanted, c = foreign.parameters.split(), forms[ours]
             held = foreign.ours == ours and all(key in wanted for key in c if c[key])
-            if held and {"f", "w"}.isdisjoint(wanted):
+            if held and "f" not in wanted and ("w" in central or "w" not in wanted):
                 return name, {key: (central | c).get(key, 0.0) for key in wanted}
-    return None
+    raise CameraError(
+        f"{label}{': ' if label else ''}{program} has no model for {camera.model} with "
+        f"{'skew' if has_skew else 'these coefficients'}; undistort the images, or write another "
+        "format"
+    )
 
 
 def panorama(width: int, height: int) -> Camera:
@@ -460,32 +450,9 @@ def lost(camera: Camera) -> list[str]:
     return found + (["max_blur"] if camera.max_blur != 1.0 else [])
 
 
-def opencv_terms(camera: Camera, program: str) -> tuple[bool, tuple[float, ...]]:
-    """True for a fisheye, and the coefficients of OpenCV for a camera; else the error of a program.
-
-    As few coefficients as hold all that are not 0: 5, 8, 12 or 14 of Brown's model.
-    """
-    forms = forms_of(camera)
-    if "opencv" in forms:
-        values = tuple(forms["opencv"].values())
-        return False, values[: opencv_length(values, 5, 8, 12, 14)]
-    if "opencv_fisheye" not in forms:
-        raise no_model(program, camera)
-    return True, tuple(forms["opencv_fisheye"].values())
-
-
 def yaml_matrix(name: str, matrix: FloatArray, tag: str = "", *others: str) -> list[str]:
     """Lines of a matrix in YAML; numbers with a point, which OpenCV takes for real ones."""
     words = ", ".join(repr(float(value)) for value in matrix.ravel())
     rows, cols = matrix.shape
     entries = [f"rows: {rows}", f"cols: {cols}", *others, f"data: [{words}]"]
     return [f"{name}:{tag}", *(f"  {entry}" for entry in entries)]
-
-
-def no_model(program: str, camera: Camera, name: str = "") -> CameraError:
-    """Error of a lens that a program has no model for; `name` is that of the camera."""
-    return CameraError(
-        f"{name}{': ' if name else ''}{program} has no model for {camera.model}"
-        f"{' with skew' if camera.skew and name else ' with these coefficients'}; undistort the "
-        "images, or write another format"
-    )

@@ -25,8 +25,6 @@ UNLIKELY_RATIO = 300.0
 UNLIKELY_DEPTH_RATIO, UNLIKELY_BEYOND_RATIO = 100.0, 30.0
 """Size of the mesh by the greatest depth in focus, and where all of it is beyond that: a thousand
 is the usual slip, and a part of a mesh may be meant."""
-UNLIKELY_SPREAD_RATIO = 100.0
-"""Size of the mesh by the extent of several cameras."""
 MM = 1e-3
 LEAST_SHARE_IN_MM, MOST_SHARE_IN_METRES = 0.9, 0.5
 """Shares of the cameras that have the whole mesh before them, read in mm and in metres."""
@@ -76,9 +74,6 @@ def unit_doubts(
         return []
     if nearest > UNLIKELY_RATIO * size:
         return [f"{words}, and the nearest camera is {size_in_words(nearest)} away: check --unit"]
-    spread = float(np.ptp(eyes, axis=0).max())
-    if len(eyes) > 1 and spread > 0 and size > UNLIKELY_SPREAD_RATIO * spread:
-        return [f"{words}, and all cameras are within {size_in_words(spread)}: --unit mm?"]
     focal = np.array([min(each.fx, each.fy) for each in cameras])[poses.camera]
     sides = np.array([min(each.width, each.height) for each in cameras])[poses.camera]
     half = np.arctan(sides / 2 / focal)

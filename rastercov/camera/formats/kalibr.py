@@ -18,7 +18,7 @@ from rastercov.base.checks import shown
 from rastercov.base.errors import CameraError
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import Border, inverse_of, lens_camera
-from rastercov.camera.formats.source import Entries
+from rastercov.camera.formats.source import Entries, checked
 from rastercov.camera.models import PROGRAMS
 from rastercov.camera.rig import Views
 
@@ -115,7 +115,6 @@ def _camera(entries: Entries) -> Camera:
 
 
 def _named(entries: Entries, name: str, names: Sequence[str]) -> dict[str, float]:
-    values = entries.row(name) if names or name in entries else []
-    if len(values) != len(names):
-        raise entries.wrong(name, f"{len(names)} numbers ({' '.join(names)})", values)
-    return dict(zip(names, values, strict=True))
+    given = entries.need(name) if names else entries.get(name, [])
+    what = f"{entries.where}: {name} ({' '.join(names)})"
+    return dict(zip(names, checked(given, what, (len(names),)).tolist(), strict=True))

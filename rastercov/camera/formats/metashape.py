@@ -29,40 +29,22 @@ KNOWN_TERMS = (*TERMS, "b1", "b2", "cx", "cy")
 TERM = re.compile(r"[a-z][0-9]|c[xy]")
 """A coefficient; p3 and p4, of older versions, change the tangential terms."""
 
-
-_TERMS = "k1 k2 k3 k4 p1 p2 b1 b2 cx cy f"
-_OTHERS = "settings meta region markers scalebars frames images shapes model depth_maps point_cloud"
-SCHEMA = schema_of(
-    f"version id label type enabled active class date date_time fx fy skew name {_OTHERS} "
-    "next_id properties bands covariance params data_type black_level sensitivity photo_params "
-    "projections master_id layer_index orientation rotation_covariance location_covariance "
-    "camera_groups component_ids partition regions pixel_width pixel_height focal_length",
-    {
-        "document": ("chunk meta", "version"),
-        "chunk": (
-            f"sensors cameras components reference transform {_OTHERS} markers_groups",
-            "id label enabled active version next_id",
-        ),
-        "sensors": ("sensor", "next_id"),
-        "sensor": (None, "id label type master_id layer_index"),
-        "cameras": ("camera group", "next_id next_group_id"),
-        "group": ("camera group", "id label type"),
-        "camera": (
-            "transform reference orientation rotation_covariance location_covariance meta sensor "
-            "photo frames",
-            "id label sensor_id component_id master_id enabled layer_index",
-        ),
-        "components": ("component", "next_id active_id"),
-        "component": ("transform region partition camera_ids", "id label enabled active"),
-        "transform": ("rotation translation scale text", "locked effective active"),
-        "calibration": (
-            f"resolution projection width height date {_TERMS} p3 p4 k5 k6 covariance params fx fy "
-            "skew",
-            "class type",
-        ),
-    },
+_READ = (
+    "chunk sensors sensor cameras camera group components component transform rotation translation "
+    "scale calibration resolution projection width height k1 k2 k3 k4 p1 p2 b1 b2 cx cy f p3 p4 k5 "
+    "k6 id sensor_id component_id master_id reference text"
 )
-"""Names of the elements that are read: those of their children and attributes."""
+SCHEMA = schema_of(
+    "version label type enabled active class date date_time fx fy skew name settings meta region "
+    "markers markers_groups scalebars frames images shapes model depth_maps point_cloud photo "
+    "next_id next_group_id active_id properties bands covariance params data_type black_level "
+    "sensitivity photo_params projections layer_index orientation rotation_covariance partition "
+    "location_covariance camera_groups component_ids camera_ids regions pixel_width pixel_height "
+    "focal_length locked effective",
+    dict.fromkeys(_READ.split(), (_READ, _READ))
+    | {"document": (_READ, ""), "sensor": (None, _READ)},
+)
+"""Names that any element may have: those that the reader looks at, after those it does not."""
 
 
 def is_mine(root: Element) -> bool:

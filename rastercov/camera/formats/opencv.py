@@ -26,8 +26,8 @@ from rastercov.camera.formats.conventions import (
     Border,
     from_vectors,
     inverse_of,
+    model_in,
     motions,
-    opencv_terms,
     yaml_matrix,
 )
 from rastercov.camera.formats.source import Source, number_of
@@ -390,12 +390,12 @@ def _has_camera(content: Mapping[str, Any]) -> bool:
 def text_of(views: Views) -> str:
     """A YAML storage for one camera; CameraError for a lens that OpenCV has no model for."""
     camera = views.camera()
-    is_fisheye, values = opencv_terms(camera, "OpenCV")
+    model, p = model_in("opencv", camera)
     lines = ["%YAML:1.0", "---", f"image_width: {camera.width}", f"image_height: {camera.height}"]
-    lines.append(f"fisheye_model: {int(is_fisheye)}")
+    lines.append(f"fisheye_model: {int(model == 'fisheye')}")
     k = camera.opencv_K
     k[0, 1] = camera.skew
     lines += yaml_matrix("camera_matrix", k, " !!opencv-matrix", "dt: d")
-    coefficients = np.array(values)[:, None]
+    coefficients = np.array([*p.values()])[:, None]
     lines += yaml_matrix("distortion_coefficients", coefficients, " !!opencv-matrix", "dt: d")
     return "\n".join([*lines, ""])

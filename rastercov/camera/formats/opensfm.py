@@ -17,7 +17,13 @@ from numpy.typing import NDArray
 
 from rastercov.base.errors import CameraError
 from rastercov.camera.camera import Camera
-from rastercov.camera.formats.conventions import Border, from_vectors, inverse_of, lens_camera
+from rastercov.camera.formats.conventions import (
+    Border,
+    from_vectors,
+    inverse_of,
+    lens_camera,
+    shared_frames,
+)
 from rastercov.camera.formats.source import Entries
 from rastercov.camera.models import PROGRAMS
 from rastercov.camera.rig import Views
@@ -89,7 +95,7 @@ def read(content: Any, border: Border) -> Views:
 
 
 def _instances(entries: Entries, images: Sequence[str]) -> tuple[list[str], list[str]]:
-    """Rig instance of each image and its camera on the rig; none where each has one image."""
+    """Rig instance of each image, none where each has one image, and its camera on the rig."""
     of_image: dict[str, tuple[str, str]] = {}
     if "rig_instances" in entries:
         for name, instance in entries.tables("rig_instances"):
@@ -97,11 +103,8 @@ def _instances(entries: Entries, images: Sequence[str]) -> tuple[list[str], list
             if not isinstance(ids, Mapping):
                 raise instance.wrong("rig_camera_ids", "a table of images", ids)
             of_image |= {str(image): (name, str(camera)) for image, camera in ids.items()}
-    found = [of_image.get(image, (f"image {image}", "")) for image in images]
-    frames = [instance for instance, _ in found]
-    if len(set(frames)) == len(frames):
-        return [], []
-    return frames, [camera for _, camera in found]
+    found = [of_image.get(image, (None, "")) for image in images]
+    return shared_frames([frame for frame, _ in found], images), [camera for _, camera in found]
 
 
 def _places(

@@ -13,7 +13,7 @@ import numpy as np
 
 from rastercov.base.errors import CameraError
 from rastercov.camera.camera import Camera
-from rastercov.camera.formats.conventions import Border, opencv_terms, yaml_matrix
+from rastercov.camera.formats.conventions import Border, model_in, yaml_matrix
 from rastercov.camera.formats.source import Entries, checked
 from rastercov.camera.rig import Views
 
@@ -95,9 +95,8 @@ def text_of(views: Views) -> str:
     """A camera_info of one camera; CameraError for a lens that ROS has no model for."""
     camera = views.camera()
     assert views.rig is not None
-    is_fisheye, coefficients = opencv_terms(camera, "ROS")
-    model = "plumb_bob" if len(coefficients) == 5 else "rational_polynomial"
-    model = "equidistant" if is_fisheye else model
+    name, p = model_in("opencv", camera)
+    model = {"5": "plumb_bob", "fisheye": "equidistant"}.get(name, "rational_polynomial")
     k = camera.opencv_K
     k[0, 1] = camera.skew
     name = "".join(c if c.isalnum() else "_" for c in views.rig.names[0])
@@ -105,7 +104,7 @@ def text_of(views: Views) -> str:
     lines += [f'camera_name: "{name}"', f"distortion_model: {model}"]
     for key, array in (
         ("camera_matrix", k),
-        ("distortion_coefficients", np.array([coefficients])),
+        ("distortion_coefficients", np.array([[*p.values()]])),
         ("rectification_matrix", np.eye(3)),
         ("projection_matrix", np.hstack([k, np.zeros((3, 1))])),
     ):

@@ -185,14 +185,6 @@ class Entries:
         """Finite numbers of one of these shapes, as a list or a list of rows."""
         return checked(self.need(name), f"{self.where}: {name}", *shapes)
 
-    def row(self, name: str, most: int = 100) -> list[float]:
-        """A list of at most `most` finite numbers."""
-        value = self.need(name)
-        if not isinstance(value, list) or len(value) > most:
-            raise self.wrong(name, f"up to {most} numbers", value)
-        found: list[float] = checked(value, f"{self.where}: {name}", (len(value),)).tolist()
-        return found
-
 
 class Words(Entries):
     """A table of texts, of which numbers are read: an element of XML."""

@@ -20,11 +20,10 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import (
     OPENGL_AXES,
     Border,
-    is_whole_panorama,
     lens_camera,
     model_in,
-    no_model,
     panorama,
+    shared_frames,
 )
 from rastercov.camera.formats.source import Entries, Source
 from rastercov.camera.models import PROGRAMS
@@ -69,7 +68,7 @@ def read(source: Source, border: Border) -> Views:
     border.unknown.look("the file", content.names(), KNOWN, HARMLESS)
     shared = {name: content.get(name) for name in INTRINSICS if name in content}
     cameras, images, matrices = [], [], []
-    times: list[float | None] = []
+    times: list[str | None] = []
     for row, frame in content.tables("frames"):
         border.unknown.look(frame.where, frame.names(), KNOWN_OF_FRAME, HARMLESS | {"file_path"})
         own = {name: frame.get(name) for name in INTRINSICS if name in frame}
@@ -79,7 +78,9 @@ def read(source: Source, border: Border) -> Views:
             _camera(Entries(inherited | own, frame.where if own else content.where), border)
         )
         images.append(frame.text("file_path", f"frame {row}"))
-        times.append(frame.number("time") if "time" in frame else None)
+        # All digits, as it may be seconds since 1970.
+        time = f"time {frame.number('time')!r}".removesuffix(".0") if "time" in frame else None
+        times.append(time)
         matrix = frame.array("transform_matrix", (4, 4), (3, 4))
         matrices.append(np.vstack([matrix, [0, 0, 0, 1]]) if len(matrix) == 3 else matrix)
     if not matrices:
@@ -96,17 +97,12 @@ def read(source: Source, border: Border) -> Views:
     if "scale" in content or "offset" in content:
         border.note("scale and offset, which place the scene in instant-ngp's cube, are not used")
     return border.views_of_images(
-        cameras, images, world_from_camera=poses, frames=_frames(times), scale=undone
+        cameras,
+        images,
+        world_from_camera=poses,
+        frames=shared_frames(times, range(len(times))),
+        scale=undone,
     )
-
-
-def _frames(times: Sequence[float | None]) -> list[str]:
-    """Frame of each image by its time, as scenes in motion have it; none where no two are equal."""
-    known = [time for time in times if time is not None]
-    if len(known) < len(times) or len(set(known)) == len(known):
-        return []
-    # All digits, as it may be seconds since 1970.
-    return [f"time {time!r}".removesuffix(".0") for time in known]
 
 
 def _in_world(poses: NDArray[np.float64], content: Entries, border: Border) -> Any:
@@ -149,22 +145,17 @@ def _camera(entries: Entries, border: Border) -> Camera:
 
 def _focal_lengths(entries: Entries, size: tuple[int, int]) -> tuple[float, float]:
     """Focal lengths, px, given directly or by an angle; one alone is both."""
-    found: list[float | None] = []
+    found: list[float] = []
     for axis, side in zip("xy", size, strict=True):
-        name, angle, degrees = f"fl_{axis}", f"camera_angle_{axis}", f"{axis}_fov"
-        if name in entries:
-            found.append(entries.number(name))
-        elif angle in entries:
-            found.append(side / 2 / math.tan(entries.angle(angle) / 2))
-        elif degrees in entries:
-            found.append(side / 2 / math.tan(entries.angle(degrees, math.radians(1)) / 2))
-        else:
-            found.append(None)
-    known = [each for each in found if each is not None]
-    if not known:
+        units = {f"camera_angle_{axis}": 1.0, f"{axis}_fov": math.radians(1)}
+        angle = entries.any_of(*units)
+        if f"fl_{axis}" in entries:
+            found.append(entries.number(f"fl_{axis}"))
+        elif angle is not None:
+            found.append(side / 2 / math.tan(entries.angle(angle, units[angle]) / 2))
+    if not found:
         entries.need("fl_x")
-    fx, fy = (known[0] if each is None else each for each in found)
-    return fx, fy
+    return found[0], found[-1]
 
 
 def _coefficients(entries: Entries, ours: str, names: Sequence[str]) -> dict[str, float]:
@@ -201,16 +192,11 @@ def content_of(views: Views) -> dict[str, Any]:
 
 def _table(camera: Camera, name: str) -> dict[str, Any]:
     """Intrinsics of a camera under the names of the format."""
-    found = model_in("nerfstudio", camera)
-    if found is None or camera.skew:
-        raise no_model("transforms.json", camera, name)
-    model, p = found
+    model, p = model_in("nerfstudio", camera, name)
     fx, fy = camera.fx, camera.fy
     terms: dict[str, Any] = dict(zip(TERMS, p.values(), strict=False))
     if model == "EQUIRECTANGULAR":
         fx, fy = fx * math.pi, fy * math.pi
-        if is_whole_panorama(camera):
-            fx, fy = camera.width / 2, float(camera.height)
     elif model == "FISHEYE624":
         terms = {PARAMS: list(p.values())}
     elif model == "OPENCV_FISHEYE":

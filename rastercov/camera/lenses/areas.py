@@ -188,16 +188,12 @@ def record_of(plane: IdealPlane, width: int, height: int, table: EdgeTable) -> P
 def _derivatives(plane: IdealPlane) -> tuple[float, float]:
     """Bounds of the first and the second derivative of pixels along lines of a plane, px.
 
-    Of an analytic u with |u - u0| <= M within R the first is at most M / R, and the second 2 M /
-    R^2, by Cauchy. Both coordinates together change by (x^2 + y^2)^(1/2) times 2^(1/2) at most.
-    Differences tell some thirty times more about the second (`slopes`): how many edges are next to
-    the border of the image, and how many tiles of samples a face may reach, depends on it.
+    Of an analytic u with |u - u0| <= M within R the first is at most M / R, by Cauchy, and that of
+    both coordinates together (x^2 + y^2)^(1/2) times 2^(1/2) at most. The second is that of
+    `slopes`, some thirty times less than 2 M / R^2: how many edges are next to the border of the
+    image, and how many tiles of samples a face may reach, depends on it.
     """
     if plane.has_pole:
         return math.inf, math.inf
-    speed = bend = math.inf
-    for radius, across, down in plane.reaches:
-        reach = math.hypot(across, down)
-        speed = min(speed, math.sqrt(2) * reach / radius)
-        bend = min(bend, 4 * reach / radius**2)
-    return speed, min(bend, float(slopes_in(plane).second.max()))
+    speeds = (math.sqrt(2) * math.hypot(u, v) / radius for radius, u, v in plane.reaches)
+    return min(speeds, default=math.inf), float(slopes_in(plane).second.max())

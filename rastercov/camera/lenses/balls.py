@@ -31,21 +31,15 @@ class Arithmetic:
 
     __array_ufunc__ = None  # numpy leaves the operations to this class
 
-    def __add__(self, other: Any) -> Any:
-        raise NotImplementedError
-
+    __add__: Any
     __neg__: Any
     __mul__: Any
+    constant: Any  # a plain number as one of these
 
     @classmethod
     def of(cls, value: Any) -> Any:
         """The value itself, or a constant."""
         return value if isinstance(value, cls) else cls.constant(value)
-
-    @classmethod
-    def constant(cls, value: Any) -> Any:
-        """A plain number as one of these."""
-        raise NotImplementedError
 
     def __radd__(self, other: Any) -> Any:
         return self + other
@@ -285,11 +279,6 @@ def reach(
     X, Y = Ball(x, radius + zero), Ball(y, radius + zero)
     rays = [float(f[0]) * X + float(f[1]) * Y + float(f[2]) for f in frame]
     with np.errstate(all="ignore"):
-        u, v = _project(code, params, *rays)
-    return _limited(Ball.of(u).radius + zero), _limited(Ball.of(v).radius + zero)
-
-
-def _limited(radius: FloatArray) -> FloatArray:
-    with np.errstate(all="ignore"):
-        result: FloatArray = np.where(radius < np.inf, radius * ROUNDING, np.inf)
-    return result
+        pixels = (Ball.of(each).radius + zero for each in _project(code, params, *rays))
+        across, down = (np.where(r < np.inf, r * ROUNDING, np.inf) for r in pixels)
+    return across, down

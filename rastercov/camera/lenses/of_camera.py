@@ -8,7 +8,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache, wraps
-from typing import Any, Concatenate, ParamSpec, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -81,11 +81,6 @@ class Lens:
         """Parameters for the kernels, (32,), with the valid region."""
         params: FloatArray = self._region[0].copy()
         return params
-
-    @property
-    def base(self) -> str:
-        """Name of the base."""
-        return BASES[self.code]
 
     @property
     def valid_angle(self) -> float:
@@ -188,9 +183,7 @@ OPTICS = (
     *("width", "height", "fx", "fy", "cx", "cy", "skew", "model", "distortion", "max_angle_deg"),
 )
 """Fields of a camera that make its lens."""
-Given = ParamSpec("Given")
 Found = TypeVar("Found")
-Of = Callable[Concatenate[Camera, Given], Found]
 
 
 @lru_cache(maxsize=MOST_LENSES)
@@ -199,13 +192,13 @@ def optics_of(camera: Camera) -> Camera:
     return Camera(**{name: getattr(camera, name) for name in OPTICS})
 
 
-def _kept(function: Callable[Concatenate[Camera, Given], Found]) -> "Of[Given, Found]":
+def _kept(function: Callable[..., Found]) -> Callable[..., Found]:
     """Keep the result of a function of a lens, which takes seconds, for all that have the lens."""
     found = lru_cache(maxsize=MOST_LENSES)(function)
 
     @wraps(function)
-    def of_camera(camera: Camera, /, *arguments: Given.args, **named: Given.kwargs) -> Found:
-        return found(optics_of(camera), *arguments, **named)  # type: ignore[arg-type] # hashable
+    def of_camera(camera: Camera, *others: Any) -> Found:
+        return found(optics_of(camera), *others)
 
     return of_camera
 

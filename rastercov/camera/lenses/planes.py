@@ -362,14 +362,6 @@ class IdealPlane:
             x, y = x[is_near], y[is_near]
         return math.inf, math.inf
 
-    def bend(self) -> float:
-        """Bound of the second derivative of pixels along lines of the plane, px / (plane px)^2.
-
-        An edge of length L px in the pinhole's image leaves its chord by at most bend L^2 / 8 px.
-        """
-        bounds = [2.0 * math.hypot(u, v) / (r * r) for r, u, v in self.reaches]
-        return min(bounds, default=math.inf) / (self.camera.fx * self.camera.fx)
-
     @cached_property
     def reaches(self) -> tuple[tuple[float, float, float], ...]:
         """Radii with their reach, those at which it is finite."""
