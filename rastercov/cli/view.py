@@ -195,12 +195,6 @@ def _of_meshes(
         if cameras is None:
             raise CameraError("there is no camera; give --camera, a file or a preset")
         views = replace(cameras, poses=Poses.of(np.zeros((0, 4, 4))), images=())
-    entries = [
-        {"built_in": str(path)}
-        if str(path) in shapes.NAMES and not path.is_file()
-        else {"path": str(path.resolve()), "unit": given.unit[-1].rpartition(":")[2]}
-        for path in sources
-    ]
     names = ", ".join(path.name for path in sources[:3])
     more = f" and {len(sources) - 3} more" if len(sources) > 3 else ""
-    return open_mesh(mesh, views, task, names + more, entries)
+    return open_mesh(mesh, views, task, names + more)

@@ -3,7 +3,7 @@
 Opened from a plan, a mesh with cameras, or the folder of a result.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -75,8 +75,6 @@ class Scene:
     plan : Plan or None
     pool : CandidatePool or None
         Candidates of the plan and its constraints, where it has any.
-    meshes : tuple of dict
-        Entries of a plan for the files of the mesh, where there is no plan.
     result : dict or None
         Kind of a result folder that was opened, and words on it.
     notes : tuple of str
@@ -90,7 +88,6 @@ class Scene:
     start: RigState
     plan: "Plan | None" = None
     pool: "CandidatePool | None" = None
-    meshes: tuple[dict[str, Any], ...] = ()
     result: dict[str, str] | None = None
     notes: tuple[str, ...] = field(default=())
     models: Mapping[str, Model] = field(default_factory=dict)
@@ -261,12 +258,9 @@ def open_plan(path: Path, rig: Views | None = None) -> Scene:
     return Scene(plan.name, mesh, start, plan, pool)
 
 
-def open_mesh(
-    mesh: Mesh, views: Views, task: Task, title: str, meshes: Sequence[Mapping[str, Any]] = ()
-) -> Scene:
-    """Scene of a mesh and cameras; `meshes` are entries of a plan for its files."""
-    entries = tuple(dict(each) for each in meshes)
-    return Scene(title, mesh, _state(views, task), meshes=entries, notes=views.notes)
+def open_mesh(mesh: Mesh, views: Views, task: Task, title: str) -> Scene:
+    """Scene of a mesh and cameras."""
+    return Scene(title, mesh, _state(views, task), notes=views.notes)
 
 
 def run_of(folder: Path) -> Mapping[str, Any]:
