@@ -46,8 +46,8 @@ from rastercov.coverage.shards import ALONE, UNFINISHED, Staff, Wanted, open_for
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.raster import open_rasterizer
-from rastercov.raster.contract import Rasterizer, VisibilityBuffer
-from rastercov.report.camera_pictures import covered_pixels
+from rastercov.raster.contract import Rasterizer
+from rastercov.report.camera_pictures import coverage_picture, coverage_pixels
 from rastercov.report.coverage_files import (
     CoverageTable,
     write_areas,
@@ -56,18 +56,11 @@ from rastercov.report.coverage_files import (
     write_rig,
 )
 from rastercov.report.folder import ReportFolder, ReportKind
-from rastercov.report.images import (
-    contact_sheet,
-    coverage_picture,
-    coverage_pixels,
-    face_index_picture,
-    save_picture,
-    targets_in_view,
-)
+from rastercov.report.images import contact_sheet, face_index_picture, save_picture
 from rastercov.report.modes import mode_picture
 from rastercov.report.overview import Overview, best_covering, views_picture, zones_picture
 from rastercov.report.pages import figures_of, values_of, view_page, zone_entries
-from rastercov.report.theme import Pixels
+from rastercov.report.panorama import seen
 
 LOG = logging.getLogger("rastercov")
 MOST_COLOURS = 60
@@ -265,21 +258,21 @@ def _draw_poses(
             camera = eye.resized(min(1.0, size))
             with open_rasterizer(mesh, camera, **found.engine.rasterizer_options) as view:
                 for pose in some[rows].ids.tolist():
-                    is_own, matrix = poses.ids == pose, poses.given[pose]
+                    is_own = poses.ids == pose
                     buffer = view.render(replace(poses[is_own], camera=np.zeros(1, np.int32)))
                     regions = None if every is None else every.of_poses(is_own)
                     if finder is not None and regions is None:
                         regions = finder.find(poses[is_own])
                     title = f"pose {pose}{of_camera}: covers {_covers(found, pose, regions)}"
-                    pixels = _pixels(found, pose, camera, buffer, regions)
+                    scene = seen(mesh, camera, poses.given[pose], buffer)
+                    pixels = coverage_pixels(scene, found.kept[pose], regions)
                     tiles[pose] = Image.fromarray(pixels), title
                     tiles[pose][0].thumbnail((TILE, PICTURE_SIDE))
                     name = f"_{pose:0{digits}d}.png"
                     if full in ("poses", "all"):
                         picture = coverage_picture(
-                            buffer, found.kept[pose], mesh, camera, matrix, title, pixels,
-                            named=named,
-                        )  # fmt: skip
+                            scene, found.kept[pose], title, pixels, named=named
+                        )
                         save_picture(picture, folder.file("pose" + name))
                     if full in ("faces", "all"):
                         save_picture(face_index_picture(buffer), folder.file("faces" + name))
@@ -289,21 +282,6 @@ def _draw_poses(
                 pictures, titles = zip(*(tiles[pose] for pose in sorted(tiles)), strict=True)
                 sheet = contact_sheet(list(pictures), list(titles))
                 save_picture(sheet, folder.file("contact_sheet.png"))
-
-
-def _pixels(
-    found: Evaluation, pose: int, camera: Camera, buffer: VisibilityBuffer, regions: Regions | None
-) -> Pixels:
-    """(H, W, 3) pixels of an image of a pose by its camera: by area, each by its own point."""
-    mesh, matrix = found.mesh, found.poses.given[pose]
-    covered = on_targets = None
-    if regions is not None:
-        covered = covered_pixels(regions, camera, matrix, buffer.face)
-        targets = targets_in_view(mesh, camera, matrix, buffer.depth)
-        if targets is not None:
-            on_targets = covered_pixels(regions, camera, matrix, targets)
-    values = found.kept[pose]
-    return coverage_pixels(buffer, values, mesh, matrix, camera, covered, on_targets)
 
 
 def _covers(found: Evaluation, pose: int, regions: Regions | None) -> str:

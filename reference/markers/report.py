@@ -39,7 +39,7 @@ from rastercov.reference.pages import Axis, Curve, line_plot, picture_of, publis
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.images import contact_sheet
 from rastercov.report.pages import Picture, rendered
-from rastercov.report.theme import DARK, DETECTED, INK, LIGHT, PAPER, UNDETECTED, Theme
+from rastercov.report.theme import DARK, INK, LIGHT, PAPER, Theme
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -73,6 +73,7 @@ TALLY_HEADINGS = (
 )
 MIN_MARKERS = 8
 """Markers of a coverage class that has a point in a plot."""
+DETECTED, UNDETECTED = (25, 195, 125), (255, 93, 108)
 TILE = 240
 """Side of a picture of one marker, px."""
 

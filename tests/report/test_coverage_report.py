@@ -223,10 +223,10 @@ def test_an_interrupt_keeps_whole_batches(tmp_path, small_batches, done_at, done
     assert kept.equals(rows.filter(np.asarray(rows["pose"]) < done))
 
 
-@pytest.mark.parametrize("step", ["_pixels", "view_page"])  # the sheet has what was drawn
+@pytest.mark.parametrize("step", ["coverage_pixels", "view_page"])  # the sheet has what was drawn
 def test_an_interrupt_while_drawing_leaves_out_the_rest_and_says_so(tmp_path, monkeypatch, step):
     run(MESH, CAMERA, around(5), TASK, tmp_path, Options(pictures=5))
-    function, calls = getattr(coverage, step), count(1 if step == "_pixels" else 3)
+    function, calls = getattr(coverage, step), count(1 if step == "coverage_pixels" else 3)
 
     def stop(*arguments, **options):
         if next(calls) == 3:
