@@ -54,7 +54,7 @@ class ReportOptions(NamedTuple):
         typer.Option(
             help="Pairs of pose and face in the table: none, covered, seen (in the image, facing "
             "the camera) or all.",
-            show_default="seen, up to 10,000,000 rows",
+            show_default="seen, up to 30,000,000 pairs",
         ),
     ] = None
     pictures: Annotated[

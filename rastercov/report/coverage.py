@@ -39,7 +39,6 @@ from rastercov.coverage.area.network import unit_of_result
 from rastercov.coverage.area.regions import RegionPass, Regions
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.evaluation import Evaluation
-from rastercov.coverage.face_pass import faces_in_view
 from rastercov.coverage.job import measure
 from rastercov.coverage.network import CHOICES
 from rastercov.coverage.shards import ALONE, UNFINISHED, Staff, Wanted, open_for, remove
@@ -58,7 +57,7 @@ from rastercov.report.coverage_files import (
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.images import contact_sheet, face_index_picture, save_picture
 from rastercov.report.modes import mode_picture
-from rastercov.report.overview import Overview, best_covering, views_picture, zones_picture
+from rastercov.report.overview import Overview, best_covering, zones_picture
 from rastercov.report.pages import figures_of, values_of, view_page, zone_entries
 from rastercov.report.panorama import seen
 
@@ -71,8 +70,9 @@ PICTURE_SIDE = 1280
 """Full pictures are drawn at the camera's size, or smaller where it exceeds this many pixels."""
 FULL = ("none", "poses", "faces", "all")
 """Full pictures of each pose: of its coverage, of face indices, or both."""
-MOST_ROWS = 10_000_000
-"""Rows of a table that was not asked for: about 250 MB."""
+MOST_PAIRS = 30_000_000
+"""Pairs of pose and face up to which there is a table that was not asked for. About a third of them
+are seen: 250 MB."""
 EVALUATION = ReportKind(
     "evaluate",
     re.compile(
@@ -95,7 +95,7 @@ class Options:
     supersample: int = 1
     device: str = "auto"
     by: str | None = None  # unit of the result, of `area.network.UNITS`; None: area where it can be
-    table: str | None = None  # of `judged_poses.CHOICES`; None: "seen", but none above `MOST_ROWS`
+    table: str | None = None  # of `judged_poses.CHOICES`; None: "seen", but none above `MOST_PAIRS`
     pictures: int = 12  # poses to draw, spread evenly over the run; 0 for none
     full: str = "none"  # full pictures of each of them, of `FULL`
     skip_bad_poses: bool = False  # leave out poses that are no rigid motion
@@ -177,7 +177,7 @@ def run(
         if len(rows) and options.device not in ("auto", "cpu"):
             first = cameras[accepted.camera[rows[0]]]
             options.open_rasterizer(mesh, first).close()  # a broken device fails before the work
-        pairs = table_of(mesh, camera, accepted) if options.table is None else options.table
+        pairs = table_of(mesh, accepted) if options.table is None else options.table
 
         def open_table(header: Mapping[str, Any]) -> CoverageTable:
             of_poses = np.zeros(len(accepted.given), np.int32)
@@ -303,27 +303,30 @@ def _draw_network(
 ) -> None:
     """Draw what all cameras cover together and dead zones, and write the page to look around in.
 
-    Of more than `MOST_COLOURS` cameras, it is the number of them that cover each point.
+    Of more than `MOST_COLOURS` cameras, it is the covered share of each face, or by face the number
+    of them that cover it.
     """
     mesh, poses, network, areas = found.mesh, found.poses, found.network, found.areas
     eyes, names = poses.world_from_camera[:, :3, 3], [str(row) for row in poses.ids.tolist()]
-    covered = zones = zones_drawn = None
+    covered = zones = zones_drawn = seen_m2 = None
     if areas is not None:
         covered, zones = areas.covered, areas.zones()
         zones_drawn = zones_picture(zones, summary, eyes) if zones else None
+    if every is not None:
+        seen_m2 = np.bincount(every.pair_pose, every.area, len(poses)).astype(np.float64)
+    values = values_of(
+        network, network.covered, names, covered, np.full(mesh.n_faces, found.task.views)
+    )
     if len(poses) <= MOST_COLOURS:
         best = best_covering(network)
         picture = Overview(mesh, found.camera, poses, names, best, every).picture()
-    elif covered is not None:
-        picture = views_picture(covered, eyes)
     else:
-        picture = mode_picture("views", mesh, network.views, eyes)
+        mode = "views" if areas is None else "area"
+        picture = mode_picture(mode, mesh, values[mode], eyes)
+    task_m2 = float(mesh.areas[mesh.task_mask].sum())
     page = view_page(
         folder.path.resolve().name, mesh, found.camera, poses, [f"pose {name}" for name in names],
-        values_of(
-            network, network.covered, names, covered, np.full(mesh.n_faces, found.task.views)
-        ),
-        figures_of(summary, network.covered_faces),
+        values, figures_of(summary, network.covered_faces, seen_m2, total_m2=task_m2),
         zone_entries(mesh, zones, summary) if zones else (),
     )  # fmt: skip
     with interrupts_held():
@@ -334,21 +337,13 @@ def _draw_network(
             write_text(folder.file("view.html"), page)
 
 
-def table_of(mesh: Mesh, camera: Cameras, poses: Poses) -> str:
-    """Pairs of the table by default: "seen", but "none" above `MOST_ROWS`, with a line.
-
-    Rows are estimated from one pose in 64, at most 16 of them, spread evenly over the run.
-    """
-    total = len(poses)
-    if total * mesh.n_faces <= MOST_ROWS:
-        return "seen"
-    some = np.linspace(0, total - 1, min(16, 1 + total // 64)).astype(int)
-    seen = faces_in_view(mesh, camera, poses[some])
-    rows = round(np.count_nonzero(seen) / len(some) * total)
-    if rows <= MOST_ROWS:
+def table_of(mesh: Mesh, poses: Poses) -> str:
+    """Pairs of the table by default: "seen", but "none" above `MOST_PAIRS`, with a line."""
+    pairs = len(poses) * mesh.n_faces
+    if pairs <= MOST_PAIRS:
         return "seen"
     LOG.warning(
-        "no coverage.parquet: it would have about %s rows; pass --table seen to write it",
-        f"{rows:,}",
+        "no coverage.parquet of %s pairs of pose and face; pass --table seen to write it",
+        f"{pairs:,}",
     )
     return "none"

@@ -294,13 +294,3 @@ def _with_rest(covered: Covered) -> Covered:
     return replace(
         covered, xy=whole.xy, starts=whole.starts, face=whole.face, views=whole.views - 1
     )
-
-
-def views_at(covered: Covered, face: ArrayLike, points: ArrayLike) -> NDArray[np.int64]:
-    """(N,) cameras that cover each point of faces (N,), k of `covered` for k or more."""
-    whole = with_rest(covered)
-    found = rows_at(whole, whole.views, len(covered.area) + 1, face, points)
-    # On an outline a point is in several pieces.
-    found[:, 0] |= ~found.any(axis=1)
-    most: NDArray[np.int64] = len(covered.area) - found[:, ::-1].argmax(axis=1)
-    return most
