@@ -6,7 +6,7 @@ from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from rastercov.base.arguments import check_kind
 from rastercov.base.checks import finite_number, shown
@@ -22,7 +22,7 @@ from rastercov.coverage.area.division import (
     Progress,
     joined,
 )
-from rastercov.coverage.area.frames import FacePolygons, check_same_mesh, frames_of, rows_at
+from rastercov.coverage.area.frames import FacePolygons, check_same_mesh, frames_of
 from rastercov.coverage.area.polygons import polygon_areas
 from rastercov.coverage.area.regions import Regions
 from rastercov.mesh import Mesh
