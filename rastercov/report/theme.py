@@ -1,6 +1,6 @@
-"""All colours of reports: pages and plots in a light and a dark theme, pictures, coverage scale.
+"""All colours of reports: pages in a light and a dark theme, pictures, the scale of coverage.
 
-Colours of pages and plots are CSS strings, those of pictures sRGB triples.
+Colours of pages are CSS strings, those of pictures sRGB triples.
 """
 
 import colorsys
@@ -19,32 +19,24 @@ Pixels = NDArray[np.uint8]
 
 @dataclass(frozen=True)
 class Theme:
-    """Colours of a page and of its plots."""
+    """Colours of a page."""
 
-    page: str  # background of the page
-    card: str  # background of boxes on it
-    paper: str  # background of plots
+    page: str  # background
+    card: str  # background of boxes
     ink: str  # text
     soft: str  # text of less weight
-    line: str  # lines of the page
-    grid: str  # lines of plots
+    line: str
     good: str  # verdicts
     bad: str
-    series: tuple[str, ...]  # curves of a plot, in order
-    sizes: tuple[str, str]  # ends of the ramp for classes of face size
 
 
 LIGHT = Theme(
-    page="#ffffff", card="#f6f8fa", paper="#ffffff", ink="#1b2129", soft="#5b6673",
-    line="#dfe4ea", grid="#e3e7ec", good="#0b7a55", bad="#b8172a",
-    series=("#0072b2", "#d55e00", "#009e73", "#b0569a", "#8a6d00", "#4a90c2", "#777777"),
-    sizes=("#f2b36b", "#5b1a6e"),
+    page="#ffffff", card="#f6f8fa", ink="#1b2129", soft="#5b6673", line="#dfe4ea",
+    good="#0b7a55", bad="#b8172a",
 )  # fmt: skip
 DARK = Theme(
-    page="#0f1318", card="#171c22", paper="#171c22", ink="#e6eaef", soft="#9aa6b3",
-    line="#2c343d", grid="#2c343d", good="#3ccb9d", bad="#ff6b78",
-    series=("#58a9e8", "#ff9052", "#3ccb9d", "#e59ac9", "#dcc04c", "#9fd0f2", "#aaaaaa"),
-    sizes=("#8a4fa0", "#ffd9a0"),
+    page="#0f1318", card="#171c22", ink="#e6eaef", soft="#9aa6b3", line="#2c343d",
+    good="#3ccb9d", bad="#ff6b78",
 )  # fmt: skip
 
 # Pictures of the part.

@@ -31,7 +31,7 @@ from rastercov.report.pages import (
     TYPES,
     digest_of,
     groups_of,
-    page_text,
+    rendered,
     soup_of,
     static_file,
 )
@@ -54,7 +54,14 @@ LONGEST_ERROR = 300
 SECONDS_TO_CLOSE = 1.0
 """Time that an answer has to end when the program does."""
 INSTALL = "the viewer needs starlette and uvicorn; install rastercov[view]"
-_IMPORT_MAP = re.compile(r'<script type="importmap">(.*?)</script>', re.DOTALL)
+IMPORT_MAP = '{"imports": {"rastercov/": "/static/"}}'
+"""Folder of the modules, which import each other by bare names."""
+POLICY = (
+    f"default-src 'none'; script-src 'self' {digest_of(IMPORT_MAP)}; style-src 'self'; "
+    "img-src 'self' blob: data:; connect-src 'self'; base-uri 'none'; form-action 'none'; "
+    "frame-ancestors 'none'"
+)
+"""Content security policy of the page: its own files, and the import map by its hash."""
 PAGE = """<!DOCTYPE html>
 <meta charset="utf-8">
 <meta name="referrer" content="no-referrer">
@@ -157,22 +164,11 @@ def _error(status: int, text: str) -> "Response":
     return JSONResponse({"error": line}, status_code=status)
 
 
-def policy(page: str) -> str:
-    """Content security policy of a page: its own files, and the import map by its hash."""
-    found = _IMPORT_MAP.search(page)
-    return (
-        "default-src 'none'; script-src 'self' "
-        f"{digest_of(found.group(1) if found else '')}; style-src 'self'; "
-        "img-src 'self' blob: data:; connect-src 'self'; base-uri 'none'; form-action 'none'; "
-        "frame-ancestors 'none'"
-    )
-
-
 async def _page(request: "Request") -> "Response":
     from starlette.responses import HTMLResponse
 
-    text = page_text()
-    return HTMLResponse(text, headers={"content-security-policy": policy(text)})
+    text = rendered("viewer.html", inside=None, import_map=IMPORT_MAP)
+    return HTMLResponse(text, headers={"content-security-policy": POLICY})
 
 
 async def _static(request: "Request") -> "Response":

@@ -32,7 +32,7 @@ from rastercov.raster import open_rasterizer
 from rastercov.reference.models import MODELS, zhang
 from rastercov.reference.models.base import Criteria
 from rastercov.reference.models.comparison import OURS, FaceValues, ModelComparison, covers
-from rastercov.reference.pages import publish
+from rastercov.reference.pages import opened, publish
 from rastercov.report.camera_pictures import coverage_picture, coverage_pixels
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.images import (
@@ -100,7 +100,7 @@ def write_model_comparison(
 
     `progress` gets the poses drawn and the poses to draw.
     """
-    with ReportFolder.opened(out, MODEL_COMPARISON) as folder:
+    with opened(out, MODEL_COMPARISON) as folder:
         matrices = valid_poses(poses)
         chosen = sorted(np.argsort(-np.array(comparison.misjudged), kind="stable")[:POSES_DRAWN])
         digits = len(str(len(matrices) - 1))
