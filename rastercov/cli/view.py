@@ -89,7 +89,6 @@ def view(
     [bold]A page to send[/]: rastercov view teapot -c khepra -p sphere:8 --export page.html
     """
     from rastercov.exact.certificate import compile_first
-    from rastercov.reference.models import MODELS
     from rastercov.viewer.saving import check_name, export_page
     from rastercov.viewer.scene import open_plan
     from rastercov.viewer.server import redirect, serve
@@ -123,7 +122,7 @@ def view(
     doubts = unit_doubts(scene.mesh, start.rig(), start.poses())
     compile_first(method)
     warn([*scene.mesh.warnings, *scene.notes, *doubts])
-    session = Session(replace(scene, models=MODELS), method)
+    session = Session(scene, method)
     print(f"{scene.title}: {size_line(scene.mesh)}, {plural(len(scene.start.stations), 'camera')}")
     if export is not None:
         print(export_page(session, export))

@@ -18,7 +18,7 @@ from rastercov.viewer.rig_state import RigState
 from rastercov.viewer.session import Session, unframed
 
 NAMES = {"rig": "rig.json", "task": "task.toml"}
-MODES = tuple(name for name in EVERY if name not in ("model", "single"))
+MODES = tuple(name for name in EVERY if name != "single")
 """Ways to colour the faces that the file has."""
 
 

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any, Literal, get_args, get_origin
 
 import numpy as np
 from annotated_types import Ge, Gt, Le
-from numpy.typing import NDArray
 
 import rastercov
 from rastercov.base.arguments import annotations_of, documented, metadata_of
@@ -58,9 +57,6 @@ RESULTS = {
 }
 """File that marks the folder of a result; its command, and the file of its cameras."""
 
-Model = Callable[[Mesh, Camera, NDArray[np.float64], Task], NDArray[np.float64]]
-"""Coverage (P, F) of each face in each pose."""
-
 
 @dataclass(frozen=True, eq=False)
 class Scene:
@@ -79,8 +75,6 @@ class Scene:
         Kind of a result folder that was opened, and words on it.
     notes : tuple of str
         What was read and could not be kept.
-    models : mapping
-        Coverage models by name that may colour the faces.
     """
 
     title: str
@@ -90,7 +84,6 @@ class Scene:
     pool: "CandidatePool | None" = None
     result: dict[str, str] | None = None
     notes: tuple[str, ...] = field(default=())
-    models: Mapping[str, Model] = field(default_factory=dict)
 
     @property
     def has_constraints(self) -> bool:
@@ -115,7 +108,11 @@ class Scene:
             "task_fields": task_fields(),
             "camera_fields": CAMERA_FIELDS,
             "presets": list(PRESETS),
-            "modes": modes(self.models),
+            "modes": [
+                described_mode(name, mode)
+                | {"options": list(SEGMENT_OPTIONS if name == "segments" else ())}
+                for name, mode in MODES.items()
+            ],
             "constraints": self._constraints() | {"is_kept": is_kept},
             "can_edit": can_edit,
             "result": self.result,
@@ -154,25 +151,6 @@ def default_space(mesh: Mesh, state: RigState) -> PoseSpace:
     if len(eyes):
         box = np.stack((np.minimum(box[0], eyes.min(axis=0)), np.maximum(box[1], eyes.max(axis=0))))
     return PoseSpace(mesh=mesh, boxes=box, clearance=1e-3 * size)
-
-
-def model_options(models: Mapping[str, Model]) -> tuple[dict[str, Any], ...]:
-    """Options of the mode that colours by a coverage model."""
-    return (
-        {"name": "model", "words": "Coverage model of the literature, or ours.",
-         "kind": "choice", "low": None, "high": None, "choices": list(models),
-         "default": "image_space", "is_optional": False, "unit": ""},
-    )  # fmt: skip
-
-
-def modes(models: Mapping[str, Model]) -> list[dict[str, Any]]:
-    """Ways to colour the faces, in the order of a page."""
-    options = {"model": model_options(models), "segments": SEGMENT_OPTIONS}
-    return [
-        described_mode(name, mode) | {"options": list(options.get(name, ()))}
-        for name, mode in MODES.items()
-        if models or name != "model"
-    ]
 
 
 def task_fields() -> list[dict[str, Any]]:

@@ -148,7 +148,7 @@ RIG = {"stations": [], "cameras": {"a": {"plain": {LONG: LONG}}}, "task": {}}
 ENTRIES = (
     {"revision": True}, {"revision": LONG}, {"mode": LONG}, {LONG: 1}, {"options": {"a": [1]}},
     {"options": {LONG: [1]}}, {"mode": "segments", "options": {"beta_deg": LONG}},
-    {"mode": "model", "options": {"model": LONG}}, {"mode": "single", "station": 99},
+    {"mode": "single", "station": 99},
 )  # fmt: skip
 POSE = {"do": "pose", "station": 0, "pose": [float(x) for x in POSES[0].ravel()]}
 EYE = {"do": "camera", "camera": "eye"}
