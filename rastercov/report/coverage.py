@@ -19,7 +19,6 @@ describes runs that are killed.
 import logging
 import re
 from collections.abc import Mapping
-from contextlib import ExitStack
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -36,7 +35,7 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, cameras_of, names_of
 from rastercov.coverage.area.network import unit_of_result
-from rastercov.coverage.area.regions import RegionPass, Regions
+from rastercov.coverage.area.regions import Regions, regions
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.evaluation import Evaluation
 from rastercov.coverage.job import measure
@@ -202,21 +201,18 @@ def _write(folder: ReportFolder, found: Evaluation, options: Options) -> dict[st
     mesh, camera, poses, areas = found.mesh, found.camera, found.poses, found.areas
     with interrupts_held():
         summary = found.summary()
-    with ExitStack() as stack:
-        finder = None
-        if found.kept and areas is not None:
-            finder = RegionPass(mesh, camera, found.task, method=found.engine)
-            stack.callback(finder.close)
-        try:
-            if found.kept:
-                # Found once for the sheet and the overview, which shows no more of them.
-                every = None
-                if finder is not None and len(poses) <= MOST_COLOURS:
-                    every = finder.find(poses)
-                _draw_poses(folder, found, every, finder, options.full)
-                _draw_network(folder, found, summary, every)
-        except KeyboardInterrupt:
-            summary["interrupted"] = True
+    try:
+        if found.kept:
+            some = poses
+            if len(poses) > MOST_COLOURS:  # the overview does not need all of them
+                some = poses[np.isin(poses.ids, list(found.kept))]
+            parts = None
+            if areas is not None:
+                parts = regions(mesh, camera, some, found.task, method=found.engine)
+            _draw_poses(folder, found, some, parts, options.full)
+            _draw_network(folder, found, summary, parts if some is poses else None)
+    except KeyboardInterrupt:
+        summary["interrupted"] = True
     with interrupts_held():
         if areas is None:
             write_coloured_mesh(folder.file("network.glb"), mesh, found.network.best)
@@ -232,19 +228,14 @@ def _write(folder: ReportFolder, found: Evaluation, options: Options) -> dict[st
 
 
 def _draw_poses(
-    folder: ReportFolder,
-    found: Evaluation,
-    every: Regions | None,
-    finder: RegionPass | None,
-    full: str,
+    folder: ReportFolder, found: Evaluation, poses: Poses, parts: Regions | None, full: str
 ) -> None:
     """Draw the poses to keep side by side, and what `full` names of each.
 
-    By area with the regions of all poses, or those that the finder has of each. An interrupt leaves
-    out the rest of the poses.
+    They are among some poses, by area with the regions of these. An interrupt leaves out the rest.
     """
-    mesh, poses, cameras = found.mesh, found.poses, cameras_of(found.camera)
-    named = () if finder is None else ("covered", "not covered")
+    mesh, cameras = found.mesh, cameras_of(found.camera)
+    named = () if parts is None else ("covered", "not covered")
     tiles: dict[int, tuple[Image.Image, str]] = {}
     digits = len(str(max(found.kept)))
     some = poses[np.isin(poses.ids, list(found.kept))]
@@ -260,12 +251,10 @@ def _draw_poses(
                 for pose in some[rows].ids.tolist():
                     is_own = poses.ids == pose
                     buffer = view.render(replace(poses[is_own], camera=np.zeros(1, np.int32)))
-                    regions = None if every is None else every.of_poses(is_own)
-                    if finder is not None and regions is None:
-                        regions = finder.find(poses[is_own])
-                    title = f"pose {pose}{of_camera}: covers {_covers(found, pose, regions)}"
+                    own = None if parts is None else parts.of_poses(is_own)
+                    title = f"pose {pose}{of_camera}: covers {_covers(found, pose, own)}"
                     scene = seen(mesh, camera, poses.given[pose], buffer)
-                    pixels = coverage_pixels(scene, found.kept[pose], regions)
+                    pixels = coverage_pixels(scene, found.kept[pose], own)
                     tiles[pose] = Image.fromarray(pixels), title
                     tiles[pose][0].thumbnail((TILE, PICTURE_SIDE))
                     name = f"_{pose:0{digits}d}.png"
@@ -284,14 +273,14 @@ def _draw_poses(
                 save_picture(sheet, folder.file("contact_sheet.png"))
 
 
-def _covers(found: Evaluation, pose: int, regions: Regions | None) -> str:
+def _covers(found: Evaluation, pose: int, parts: Regions | None) -> str:
     """Words on the share of the task that a pose covers, and on whole faces."""
     mesh, values = found.mesh, found.kept[pose]
     task = mesh.task_mask
     whole = task & (values >= found.task.min_coverage) & (values > 0)
     total = max(mesh.areas[task].sum(), 1e-300)
-    if regions is not None:
-        return f"{100 * regions.area.sum() / total:.1f} % of the area, {whole.sum()} whole faces"
+    if parts is not None:
+        return f"{100 * parts.area.sum() / total:.1f} % of the area, {whole.sum()} whole faces"
     return (
         f"{100 * whole.sum() / max(1, task.sum()):.1f} % of {task.sum()} faces, "
         f"{100 * mesh.areas[whole].sum() / total:.1f} % of area"
@@ -299,7 +288,7 @@ def _covers(found: Evaluation, pose: int, regions: Regions | None) -> str:
 
 
 def _draw_network(
-    folder: ReportFolder, found: Evaluation, summary: Mapping[str, Any], every: Regions | None
+    folder: ReportFolder, found: Evaluation, summary: Mapping[str, Any], parts: Regions | None
 ) -> None:
     """Draw what all cameras cover together and dead zones, and write the page to look around in.
 
@@ -312,14 +301,14 @@ def _draw_network(
     if areas is not None:
         covered, zones = areas.covered, areas.zones()
         zones_drawn = zones_picture(zones, summary, eyes) if zones else None
-    if every is not None:
-        seen_m2 = np.bincount(every.pair_pose, every.area, len(poses)).astype(np.float64)
+    if parts is not None:
+        seen_m2 = np.bincount(parts.pair_pose, parts.area, len(poses)).astype(np.float64)
     values = values_of(
         network, network.covered, names, covered, np.full(mesh.n_faces, found.task.views)
     )
     if len(poses) <= MOST_COLOURS:
         best = best_covering(network)
-        picture = Overview(mesh, found.camera, poses, names, best, every).picture()
+        picture = Overview(mesh, found.camera, poses, names, best, parts).picture()
     else:
         mode = "views" if areas is None else "area"
         picture = mode_picture(mode, mesh, values[mode], eyes)
