@@ -35,8 +35,7 @@ from rows import Report, arguments
 from same_faces import wrong_pixels
 
 from rastercov.mesh.formats import READERS
-from rastercov.reference.pages import Axis, Curve, image_of, line_plot
-from rastercov.report.theme import LIGHT
+from rastercov.reference.pages import LIGHT, Axis, Curve, image_of, line_plot
 
 FACES = (1_000, 10_000, 100_000, 1_000_000)
 SIZES = ((128, 128), (256, 256), (512, 512), (1280, 1024), (2048, 2048))

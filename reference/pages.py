@@ -7,6 +7,7 @@ matplotlib is imported with the first plot.
 import io
 import math
 from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,15 +17,36 @@ from PIL import Image
 from rastercov.base.format import short
 from rastercov.base.interrupts import interrupts_held
 from rastercov.base.output import write_bytes, write_json, write_text
-from rastercov.report.folder import ReportFolder
+from rastercov.report import theme as pages
+from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.images import png
 from rastercov.report.pages import Picture
-from rastercov.report.theme import Theme
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+
+@dataclass(frozen=True)
+class Theme(pages.Theme):
+    """Colours of a page and of its plots, CSS strings."""
+
+    paper: str  # background of plots
+    grid: str
+    series: tuple[str, ...]  # curves of a plot, in order
+    sizes: tuple[str, str]  # ends of the ramp for classes of face size
+
+
+LIGHT = Theme(
+    **vars(pages.LIGHT), paper="#ffffff", grid="#e3e7ec",
+    series=("#0072b2", "#d55e00", "#009e73", "#b0569a", "#8a6d00", "#4a90c2", "#777777"),
+    sizes=("#f2b36b", "#5b1a6e"),
+)  # fmt: skip
+DARK = Theme(
+    **vars(pages.DARK), paper="#171c22", grid="#2c343d",
+    series=("#58a9e8", "#ff9052", "#3ccb9d", "#e59ac9", "#dcc04c", "#9fd0f2", "#aaaaaa"),
+    sizes=("#8a4fa0", "#ffd9a0"),
+)  # fmt: skip
 WIDTH, HEIGHT = 5.6, 4.0
 """Inches; 100 CSS pixels an inch on a page, twice as many in the picture."""
 DPI = 200
@@ -177,6 +199,11 @@ def picture_of(alt: str, light: "Figure", dark: "Figure") -> Picture:
         png(image_of(figure), Image.Quantize.MEDIANCUT) for figure in (light, dark)
     )
     return Picture(alt, light_png, dark_png)
+
+
+def opened(out: Path | ReportFolder, kind: ReportKind) -> AbstractContextManager[ReportFolder]:
+    """Context manager of a folder: of one that is open already, that one."""
+    return nullcontext(out) if isinstance(out, ReportFolder) else ReportFolder(out, kind)
 
 
 def publish(

@@ -14,7 +14,7 @@ LAYERS = (
     *("kernels", "base", "mesh", "camera", "raster", "exact"),
     *("cluster", "coverage", "placement", "report", "viewer", "cli"),
 )
-LABORATORY = {("cli", "compare"), ("cli", "view")}
+LABORATORY = {("cli", "compare")}
 """Commands that run models and oracles of `rastercov.reference`; nothing else imports it."""
 LEVEL = {name: level for level, name in enumerate(LAYERS)}
 

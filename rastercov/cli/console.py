@@ -274,7 +274,7 @@ PANELS = {
     "--resolution-of-result --convergence --models --from --to",
     "Output": "target --out --table --pictures --full --json --json-progress --junit --failures "
     "--faces --overwrite --export",
-    "Server": "--port --host --token-file --certificate --key --no-browser",
+    "Server": "--port --no-browser",
     "Other": "--version --help",
 }
 """Panels in their order, and the arguments and options of all commands by panel."""

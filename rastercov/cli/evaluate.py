@@ -54,7 +54,7 @@ class ReportOptions(NamedTuple):
         typer.Option(
             help="Pairs of pose and face in the table: none, covered, seen (in the image, facing "
             "the camera) or all.",
-            show_default="seen, up to 10,000,000 rows",
+            show_default="seen, up to 30,000,000 pairs",
         ),
     ] = None
     pictures: Annotated[
@@ -205,14 +205,11 @@ def render(
     [bold]Example[/]: rastercov render part.stl --unit mm -c camera.toml -p poses.json --pose 3
     """
     from rastercov.base.output import write_npz
+    from rastercov.report.camera_pictures import coverage_picture
     from rastercov.report.coverage import Options
     from rastercov.report.folder import ReportFolder, ReportKind
-    from rastercov.report.images import (
-        coverage_picture,
-        depth_picture,
-        face_index_picture,
-        save_picture,
-    )
+    from rastercov.report.images import depth_picture, face_index_picture, save_picture
+    from rastercov.report.panorama import seen
 
     mesh = scene.read(meshes)
     eyes = read_eyes(mesh, camera, poses, conventions, camera_name)
@@ -232,9 +229,8 @@ def render(
         n_seen = int(is_seen.sum())
         title = f"pose {pose}: {n_seen} of {plural(mesh.n_faces, 'face')} "
         title += f"{verb(n_seen, 'have')} a pixel"
-        picture = coverage_picture(
-            buffer, is_seen, mesh, eye, matrices[pose], title, named=("seen from the front",)
-        )
+        drawn = seen(mesh, eye, matrices[pose], buffer)
+        picture = coverage_picture(drawn, is_seen, title, named=("seen from the front",))
         save_picture(picture, folder.file("picture.png"))
         save_picture(face_index_picture(buffer), folder.file("faces.png"))
         save_picture(depth_picture(buffer), folder.file("depth.png"))

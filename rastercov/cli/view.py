@@ -54,9 +54,6 @@ RigOption = Annotated[
 ]
 DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
 """Variables of a desktop; without one, Python would open a browser in the terminal."""
-Host = Annotated[
-    str, typer.Option(help="Address to bind to; any but loopback needs the next three.")
-]
 
 
 @options.expanded
@@ -72,15 +69,9 @@ def view(
         Path, typer.Option("--out", "-o", help="Folder for what the page saves.")
     ] = Path("view"),
     method: Annotated[str, typer.Option(help="certified, exact or sampled.")] = "certified",
-    port: Annotated[int, typer.Option(help="Port; 0 takes a free one.")] = 0,
-    host: Host = "127.0.0.1",
-    token_file: Annotated[
-        Path | None, typer.Option(help="File with the secret of the page.")
-    ] = None,
-    certificate: Annotated[
-        Path | None, typer.Option(help="Certificate of the server, PEM.")
-    ] = None,
-    key: Annotated[Path | None, typer.Option(help="Key of the certificate, PEM.")] = None,
+    port: Annotated[
+        int, typer.Option(min=0, max=65535, help="Port of this machine; 0 takes a free one.")
+    ] = 0,
     no_browser: Annotated[
         bool, typer.Option("--no-browser", help="Print the address, and open no browser.")
     ] = False,
@@ -98,15 +89,13 @@ def view(
     [bold]A page to send[/]: rastercov view teapot -c khepra -p sphere:8 --export page.html
     """
     from rastercov.exact.certificate import compile_first
-    from rastercov.reference.models import MODELS
     from rastercov.viewer.saving import check_name, export_page
     from rastercov.viewer.scene import open_plan
-    from rastercov.viewer.server import Address, redirect, serve
+    from rastercov.viewer.server import redirect, serve
     from rastercov.viewer.session import Session
 
     if export is not None:
         check_name(export)
-    address = Address.of(host, port, token_file, certificate, key)
 
     first = sources[0]
     is_plan = first.suffix.lower() == ".toml"
@@ -133,7 +122,7 @@ def view(
     doubts = unit_doubts(scene.mesh, start.rig(), start.poses())
     compile_first(method)
     warn([*scene.mesh.warnings, *scene.notes, *doubts])
-    session = Session(replace(scene, models=MODELS), method)
+    session = Session(scene, method)
     print(f"{scene.title}: {size_line(scene.mesh)}, {plural(len(scene.start.stations), 'camera')}")
     if export is not None:
         print(export_page(session, export))
@@ -157,7 +146,7 @@ def view(
             # The page is answered once this thread serves; a browser may hold its own.
             Thread(target=webbrowser.open, args=(page,), daemon=True).start()
 
-        serve(session, address, out, started, arrived=redirecting.close)
+        serve(session, port, out, started, arrived=redirecting.close)
 
 
 def _of_result(folder: Path, meshes: list[Path], given: SceneOptions, rig: Views | None) -> "Scene":
@@ -205,12 +194,6 @@ def _of_meshes(
         if cameras is None:
             raise CameraError("there is no camera; give --camera, a file or a preset")
         views = replace(cameras, poses=Poses.of(np.zeros((0, 4, 4))), images=())
-    entries = [
-        {"built_in": str(path)}
-        if str(path) in shapes.NAMES and not path.is_file()
-        else {"path": str(path.resolve()), "unit": given.unit[-1].rpartition(":")[2]}
-        for path in sources
-    ]
     names = ", ".join(path.name for path in sources[:3])
     more = f" and {len(sources) - 3} more" if len(sources) > 3 else ""
-    return open_mesh(mesh, views, task, names + more, entries)
+    return open_mesh(mesh, views, task, names + more)

@@ -180,11 +180,15 @@ def page(
         f"{percent(summary['covered_percent'] / 100)} of the surface",
         exact="" if exact is None else in_words(exact),
         lines=headlines(summary),
+        notes=summary["notes"],
         summary=summary,
+        run=summary["run"],
+        files="audit.json, elements.parquet and cameras.parquet",
+        zone_rows=None,
         headings=HEADINGS,
         rows=rows,
         n_more=max(0, len(order) - MOST_ROWS),
-        pictures=list(pictures.values()),
+        pictures=pictures,
         has_view=has_view,
     )
 

@@ -1,32 +1,29 @@
-"""The own image of a camera: what it covers, and why not what else it sees.
+"""Images of cameras: the coverage of what they see in grey, or why they do not cover it.
 
-Every pixel is judged by its face. Covered parts have the camera's colour; others are hatched in the
-colour of the criterion that fails.
+In a picture of coverage brighter is better, as in the figures of the source. In that of reasons,
+covered parts have the camera's colour, and others are hatched in the colour of the criterion that
+fails, each face as a whole.
+
+E. S. Eissa. Image Space Coverage Model. 2020, figures 4.2 to 4.6.
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from PIL import Image
 
 from rastercov.camera.camera import Camera
 from rastercov.coverage.area.regions import Regions, covering_poses
 from rastercov.coverage.job import evaluate
-from rastercov.coverage.reasons import REASONS
+from rastercov.coverage.reasons import NAMES, REASONS
 from rastercov.coverage.task import Reason, Task
 from rastercov.mesh import Mesh
 from rastercov.raster import open_rasterizer
 from rastercov.report import theme
-from rastercov.report.images import (
-    Key,
-    draw_lines,
-    facing,
-    hatch_over,
-    layers,
-    stripes,
-    target_key,
-)
-from rastercov.report.panorama import LEAST_LIGHT, FaceImage, values_at_pixels
+from rastercov.report.images import Key, facing, framed, greys, stripes
+from rastercov.report.panorama import FaceImage, Scene, neutral, paint, scene_keys, seen
 from rastercov.report.theme import Colour, Pixels
 
 FloatArray = NDArray[np.float64]
@@ -37,28 +34,94 @@ WHOLE_REL = 1e-6
 """Area up to which a face may be uncovered and counts as wholly covered here, relative."""
 
 
+def coverage_picture(
+    scene: Scene,
+    values: ArrayLike,
+    title: str = "",
+    pixels: Pixels | None = None,
+    *,
+    named: Sequence[str] = (),
+) -> Image.Image:
+    """Picture of one pose, brighter where coverage is higher, with its scale below.
+
+    Parameters
+    ----------
+    scene : Scene
+        As `panorama.seen` gives it.
+    values : (F,) array_like
+        Coverage of each face; beyond [0, 1] it is shown as the nearer end, NaN as 0.
+    title : str
+        One line above.
+    pixels : (H, W, 3) uint8, optional
+        Those of `coverage_pixels`, which are found unless given.
+    named : sequence of str
+        Words on level 1, and on level 0 if there is any, where nothing is between them.
+
+    Returns
+    -------
+    PIL.Image.Image
+        RGB; the image is at its own size below the title, see `coverage_pixels`.
+        Images narrower than `LEAST_WIDTH` are enlarged without smoothing.
+    """
+    keys = [Key.of(words, greys(level)) for words, level in zip(named, (1.0, 0.0), strict=False)]
+    if not named:
+        keys = [Key.scale("coverage", greys(np.linspace(0, 1, 256)), "0", "1")]
+    found = coverage_pixels(scene, values) if pixels is None else pixels
+    return framed(found, title, [*keys, *scene_keys([scene])])
+
+
+def coverage_pixels(scene: Scene, values: ArrayLike, regions: Regions | None = None) -> Pixels:
+    """Pixels of `coverage_picture` without its frame, (H, W, 3).
+
+    The grey of a face is fixed by its coverage except for a head-light of at most 14 %, which keeps
+    the form readable: of two faces the one whose coverage is 0.15 higher is brighter in any
+    shading. Lines between faces fade out where faces are small.
+
+    With the regions of the pose, the grey of a pixel is that of its own point, which is covered or
+    not.
+    """
+    mesh = scene.mesh
+    levels = np.clip(np.nan_to_num(np.asarray(values, np.float64)), 0.0, 1.0)
+    colours = neutral(mesh, scene.setting)
+    colours[mesh.task_mask] = greys(levels[mesh.task_mask])
+    if regions is None:
+        return paint(scene, colours)
+    return paint(scene, colours, lambda face: greys(covered_pixels(regions, scene, face)))
+
+
+def covered_pixels(regions: Regions, scene: Scene, face: FaceImage) -> NDArray[np.bool_]:
+    """Pixels of a face image of a scene, (H, W), whose centre is covered by some regions."""
+    area = regions.areas().max(axis=0, initial=0.0)
+    is_whole = (area > 0) & (area >= (1 - WHOLE_REL) * scene.mesh.areas)
+    # Only faces that are covered in part have to be asked point by point.
+    partly = np.append((area > 0) & ~is_whole, False)[face]
+
+    def is_covered(faces: NDArray[np.int32], points: FloatArray) -> NDArray[np.bool_]:
+        return np.asarray(covering_poses(regions, faces, points).any(axis=1))
+
+    covered: NDArray[np.bool_] = np.append(is_whole, False)[face]
+    covered |= scene.at_points(face, is_covered, False, partly)
+    return covered
+
+
 @dataclass(frozen=True, eq=False)
 class CameraImage:
     """Image of one camera and the judgement of its faces.
 
     Attributes
     ----------
-    face, targets : (H, W) int32
-        Nearest face, and target over it; -1 for none.
-    beneath : (H, W) bool
-        Occluders that hide a task face that turns its front to the camera.
+    scene : Scene
+        What it sees, with nothing beneath.
+    hidden : (H, W) bool
+        Occluders before a task face that turns its front to the camera.
     reasons : (F,) uint8
         `Reason` of each face.
     faces : int
         Faces that the camera covers.
     """
 
-    mesh: Mesh
-    camera: Camera
-    pose: FloatArray
-    face: FaceImage
-    targets: FaceImage
-    beneath: NDArray[np.bool_]
+    scene: Scene
+    hidden: NDArray[np.bool_]
     reasons: NDArray[np.uint8]
     faces: int
 
@@ -71,97 +134,47 @@ def camera_image(
     with open_rasterizer(mesh, small, "cpu") as rasterizer:
         buffer = rasterizer.render(pose)
     scored = np.flatnonzero(mesh.task_mask & ~mesh.target_mask & facing(mesh, pose)[0])
-    targets, behind = layers(mesh, small, pose, buffer, scored)
+    scene = seen(mesh, small, pose, buffer, scored)
     reasons = evaluate(mesh, camera, pose[None], task, fields=("coverage", "reason")).reason[0]
     n_covered = int((mesh.task_mask & (reasons == Reason.COVERED)).sum())
-    return CameraImage(mesh, small, pose, buffer.face, targets, behind >= 0, reasons, n_covered)
-
-
-def covered_pixels(
-    regions: Regions, camera: Camera, pose: ArrayLike, face: NDArray[np.int32]
-) -> NDArray[np.bool_]:
-    """Pixels at whose centre the surface is covered by a pose of some regions.
-
-    Parameters
-    ----------
-    regions : Regions
-        Of few poses, of the mesh in the image.
-    camera, pose
-        Of the image, (H, W).
-    face : (H, W) int32
-        Face at each pixel, -1 for none.
-
-    Returns
-    -------
-    (H, W) bool
-        False where no task face is.
-    """
-    mesh, area = regions.mesh, regions.areas().max(axis=0, initial=0.0)
-    is_whole = (area > 0) & (area >= (1 - WHOLE_REL) * mesh.areas)
-    covered: NDArray[np.bool_] = np.append(is_whole, False)[face]
-    # Only faces that are covered in part have to be asked point by point.
-    partly = np.append((area > 0) & ~is_whole, False)[face]
-
-    def is_covered(faces: NDArray[np.int32], points: FloatArray) -> NDArray[np.bool_]:
-        return np.asarray(covering_poses(regions, faces, points).any(axis=1))
-
-    matrix = np.asarray(pose, np.float64)
-    covered[partly] = values_at_pixels(mesh, camera, matrix, face, partly, is_covered, False)[
-        partly
-    ]
-    return covered
+    bare = replace(scene, beneath=np.full_like(scene.beneath, -1))
+    return CameraImage(bare, (scene.beneath >= 0) & (scene.targets < 0), reasons, n_covered)
 
 
 def camera_pixels(image: CameraImage, colour: Colour) -> Pixels:
     """(H, W, 3) pixels of a camera's image, with what it covers in its colour."""
-    mesh, face = image.mesh, image.face
-    _, cosine = facing(mesh, image.pose)
-    light = (LEAST_LIGHT + (1 - LEAST_LIGHT) * np.append(cosine, 1.0))[face]
+    scene = image.scene
     table, striped = (colours[image.reasons] for colours in _colours(colour))
-    lines = stripes(face.shape, max(3, round(max(face.shape) / 180)))
-    base = np.where(lines[..., None], striped[face], table[face])
-    base[np.append(~mesh.task_mask, False)[face]] = theme.OCCLUDER_PALE
-    hidden = image.beneath & stripes(face.shape, max(2, round(max(face.shape) / 240)), 4)
-    base[hidden] = theme.REASONS["occluded"]
-    pixels: Pixels = (base * light[..., None]).astype(np.uint8)
-    pixels[face < 0] = theme.BACKGROUND
-    draw_lines(pixels, face, mesh.n_faces)
-    hatch_over(pixels, image.targets, striped, 3)
+    lines = stripes(scene.face.shape, scene.stripe)[..., None]
+    pixels = paint(
+        scene, neutral(scene.mesh, scene.setting),
+        lambda face: np.where(lines, striped[face], table[face]),
+    )  # fmt: skip
+    hatched = image.hidden & stripes(scene.face.shape, scene.stripe, 4)
+    pixels[hatched] = theme.REASONS["occluded"]
     return pixels
 
 
 def _colours(colour: Colour) -> tuple[Pixels, Pixels]:
     """Colours of reasons, and of the stripes over them."""
-    table = np.empty((len(Reason), 3), np.uint8)
-    table[:] = theme.COVERED
-    striped = table.copy()
-    for reason in Reason:
-        striped[reason] = theme.REASONS.get(reason.name.lower(), theme.COVERED)
-    table[Reason.BACK_FACING], striped[Reason.BACK_FACING] = theme.BEHIND, theme.BEHIND_STRIPE
-    table[Reason.COVERED] = striped[Reason.COVERED] = colour
+    striped = np.array([theme.REASONS.get(name, colour) for name in NAMES], np.uint8)
+    table = np.full_like(striped, theme.COVERED)
+    table[Reason.COVERED] = colour
     return table, striped
 
 
 def camera_keys(image: CameraImage, colour: Colour, name: str) -> list[Key]:
     """Legend of a picture of a camera: everything that is in it."""
-    drawn = np.unique(image.face[image.face >= 0])
-    is_task = image.mesh.task_mask[drawn]
-    targets = np.unique(image.targets[image.targets >= 0])
-    shown = set(image.reasons[np.concatenate((drawn[is_task], targets))].tolist())
-    table, striped = _colours(colour)
+    scene, drawn = image.scene, np.unique(image.scene.faces)
+    judged = drawn[(scene.mesh.task_mask & ~scene.backs)[drawn]]
     keys = [Key.of(name, colour)]
-    keys += [
-        Key.of(REASONS[reason.name.lower()].label, table[reason], striped[reason])
-        for reason in Reason
-        if reason in shown and reason != Reason.COVERED
-    ]
-    if not is_task.all():
-        keys.append(Key.of("occluder", theme.OCCLUDER_PALE))
-    if image.beneath.any():
-        red = theme.REASONS["occluded"]
-        keys.append(Key.of("occluder that hides the task", theme.OCCLUDER_PALE, red, 4, 4))
-    if len(targets):
-        keys.append(target_key())
-    if (image.face < 0).any():
-        keys.append(Key.of("nothing", theme.BACKGROUND))
+    for reason, table, striped in zip(Reason, *_colours(colour), strict=False):
+        if reason != Reason.COVERED and reason in image.reasons[judged]:
+            keys.append(Key.of(REASONS[NAMES[reason]].label, table, striped))
+    keys += scene_keys([scene])
+    if image.hidden.any():
+        colours = scene.setting.occluder, theme.REASONS["occluded"]
+        keys.append(Key.of("occluder that hides the task", *colours, 4, 4))
+    if (scene.face < 0).any():
+        keys.append(Key.of("nothing", scene.setting.background))
     return keys

@@ -19,7 +19,6 @@ describes runs that are killed.
 import logging
 import re
 from collections.abc import Mapping
-from contextlib import ExitStack
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -37,18 +36,17 @@ from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, cameras_of, names_of
 from rastercov.cluster import ALONE, Staff
 from rastercov.coverage.area.network import unit_of_result
-from rastercov.coverage.area.regions import RegionPass, Regions
+from rastercov.coverage.area.regions import Regions, regions
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.evaluation import Evaluation
-from rastercov.coverage.face_pass import faces_in_view
 from rastercov.coverage.job import measure
 from rastercov.coverage.network import CHOICES
 from rastercov.coverage.shards import UNFINISHED, Wanted, open_for, remove
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.raster import open_rasterizer
-from rastercov.raster.contract import Rasterizer, VisibilityBuffer
-from rastercov.report.camera_pictures import covered_pixels
+from rastercov.raster.contract import Rasterizer
+from rastercov.report.camera_pictures import coverage_picture, coverage_pixels
 from rastercov.report.coverage_files import (
     CoverageTable,
     write_areas,
@@ -57,18 +55,11 @@ from rastercov.report.coverage_files import (
     write_rig,
 )
 from rastercov.report.folder import ReportFolder, ReportKind
-from rastercov.report.images import (
-    contact_sheet,
-    coverage_picture,
-    coverage_pixels,
-    face_index_picture,
-    save_picture,
-    targets_in_view,
-)
+from rastercov.report.images import contact_sheet, face_index_picture, save_picture
 from rastercov.report.modes import mode_picture
-from rastercov.report.overview import Overview, best_covering, views_picture, zones_picture
+from rastercov.report.overview import Overview, best_covering, zones_picture
 from rastercov.report.pages import figures_of, values_of, view_page, zone_entries
-from rastercov.report.theme import Pixels
+from rastercov.report.panorama import seen
 
 LOG = logging.getLogger("rastercov")
 MOST_COLOURS = 60
@@ -79,8 +70,9 @@ PICTURE_SIDE = 1280
 """Full pictures are drawn at the camera's size, or smaller where it exceeds this many pixels."""
 FULL = ("none", "poses", "faces", "all")
 """Full pictures of each pose: of its coverage, of face indices, or both."""
-MOST_ROWS = 10_000_000
-"""Rows of a table that was not asked for: about 250 MB."""
+MOST_PAIRS = 30_000_000
+"""Pairs of pose and face up to which there is a table that was not asked for. About a third of them
+are seen: 250 MB."""
 EVALUATION = ReportKind(
     "evaluate",
     re.compile(
@@ -103,7 +95,7 @@ class Options:
     supersample: int = 1
     device: str = "auto"
     by: str | None = None  # unit of the result, of `area.network.UNITS`; None: area where it can be
-    table: str | None = None  # of `judged_poses.CHOICES`; None: "seen", but none above `MOST_ROWS`
+    table: str | None = None  # of `judged_poses.CHOICES`; None: "seen", but none above `MOST_PAIRS`
     pictures: int = 12  # poses to draw, spread evenly over the run; 0 for none
     full: str = "none"  # full pictures of each of them, of `FULL`
     skip_bad_poses: bool = False  # leave out poses that are no rigid motion
@@ -185,7 +177,7 @@ def run(
         if len(rows) and options.device not in ("auto", "cpu"):
             first = cameras[accepted.camera[rows[0]]]
             options.open_rasterizer(mesh, first).close()  # a broken device fails before the work
-        pairs = table_of(mesh, camera, accepted) if options.table is None else options.table
+        pairs = table_of(mesh, accepted) if options.table is None else options.table
 
         def open_table(header: Mapping[str, Any]) -> CoverageTable:
             of_poses = np.zeros(len(accepted.given), np.int32)
@@ -210,21 +202,18 @@ def _write(folder: ReportFolder, found: Evaluation, options: Options) -> dict[st
     mesh, camera, poses, areas = found.mesh, found.camera, found.poses, found.areas
     with interrupts_held():
         summary = found.summary()
-    with ExitStack() as stack:
-        finder = None
-        if found.kept and areas is not None:
-            finder = RegionPass(mesh, camera, found.task, method=found.engine)
-            stack.callback(finder.close)
-        try:
-            if found.kept:
-                # Found once for the sheet and the overview, which shows no more of them.
-                every = None
-                if finder is not None and len(poses) <= MOST_COLOURS:
-                    every = finder.find(poses)
-                _draw_poses(folder, found, every, finder, options.full)
-                _draw_network(folder, found, summary, every)
-        except KeyboardInterrupt:
-            summary["interrupted"] = True
+    try:
+        if found.kept:
+            some = poses
+            if len(poses) > MOST_COLOURS:  # the overview does not need all of them
+                some = poses[np.isin(poses.ids, list(found.kept))]
+            parts = None
+            if areas is not None:
+                parts = regions(mesh, camera, some, found.task, method=found.engine)
+            _draw_poses(folder, found, some, parts, options.full)
+            _draw_network(folder, found, summary, parts if some is poses else None)
+    except KeyboardInterrupt:
+        summary["interrupted"] = True
     with interrupts_held():
         if areas is None:
             write_coloured_mesh(folder.file("network.glb"), mesh, found.network.best)
@@ -240,19 +229,14 @@ def _write(folder: ReportFolder, found: Evaluation, options: Options) -> dict[st
 
 
 def _draw_poses(
-    folder: ReportFolder,
-    found: Evaluation,
-    every: Regions | None,
-    finder: RegionPass | None,
-    full: str,
+    folder: ReportFolder, found: Evaluation, poses: Poses, parts: Regions | None, full: str
 ) -> None:
     """Draw the poses to keep side by side, and what `full` names of each.
 
-    By area with the regions of all poses, or those that the finder has of each. An interrupt leaves
-    out the rest of the poses.
+    They are among some poses, by area with the regions of these. An interrupt leaves out the rest.
     """
-    mesh, poses, cameras = found.mesh, found.poses, cameras_of(found.camera)
-    named = () if finder is None else ("covered", "not covered")
+    mesh, cameras = found.mesh, cameras_of(found.camera)
+    named = () if parts is None else ("covered", "not covered")
     tiles: dict[int, tuple[Image.Image, str]] = {}
     digits = len(str(max(found.kept)))
     some = poses[np.isin(poses.ids, list(found.kept))]
@@ -266,21 +250,19 @@ def _draw_poses(
             camera = eye.resized(min(1.0, size))
             with open_rasterizer(mesh, camera, **found.engine.rasterizer_options) as view:
                 for pose in some[rows].ids.tolist():
-                    is_own, matrix = poses.ids == pose, poses.given[pose]
+                    is_own = poses.ids == pose
                     buffer = view.render(replace(poses[is_own], camera=np.zeros(1, np.int32)))
-                    regions = None if every is None else every.of_poses(is_own)
-                    if finder is not None and regions is None:
-                        regions = finder.find(poses[is_own])
-                    title = f"pose {pose}{of_camera}: covers {_covers(found, pose, regions)}"
-                    pixels = _pixels(found, pose, camera, buffer, regions)
+                    own = None if parts is None else parts.of_poses(is_own)
+                    title = f"pose {pose}{of_camera}: covers {_covers(found, pose, own)}"
+                    scene = seen(mesh, camera, poses.given[pose], buffer)
+                    pixels = coverage_pixels(scene, found.kept[pose], own)
                     tiles[pose] = Image.fromarray(pixels), title
                     tiles[pose][0].thumbnail((TILE, PICTURE_SIDE))
                     name = f"_{pose:0{digits}d}.png"
                     if full in ("poses", "all"):
                         picture = coverage_picture(
-                            buffer, found.kept[pose], mesh, camera, matrix, title, pixels,
-                            named=named,
-                        )  # fmt: skip
+                            scene, found.kept[pose], title, pixels, named=named
+                        )
                         save_picture(picture, folder.file("pose" + name))
                     if full in ("faces", "all"):
                         save_picture(face_index_picture(buffer), folder.file("faces" + name))
@@ -292,29 +274,14 @@ def _draw_poses(
                 save_picture(sheet, folder.file("contact_sheet.png"))
 
 
-def _pixels(
-    found: Evaluation, pose: int, camera: Camera, buffer: VisibilityBuffer, regions: Regions | None
-) -> Pixels:
-    """(H, W, 3) pixels of an image of a pose by its camera: by area, each by its own point."""
-    mesh, matrix = found.mesh, found.poses.given[pose]
-    covered = on_targets = None
-    if regions is not None:
-        covered = covered_pixels(regions, camera, matrix, buffer.face)
-        targets = targets_in_view(mesh, camera, matrix, buffer.depth)
-        if targets is not None:
-            on_targets = covered_pixels(regions, camera, matrix, targets)
-    values = found.kept[pose]
-    return coverage_pixels(buffer, values, mesh, matrix, camera, covered, on_targets)
-
-
-def _covers(found: Evaluation, pose: int, regions: Regions | None) -> str:
+def _covers(found: Evaluation, pose: int, parts: Regions | None) -> str:
     """Words on the share of the task that a pose covers, and on whole faces."""
     mesh, values = found.mesh, found.kept[pose]
     task = mesh.task_mask
     whole = task & (values >= found.task.min_coverage) & (values > 0)
     total = max(mesh.areas[task].sum(), 1e-300)
-    if regions is not None:
-        return f"{100 * regions.area.sum() / total:.1f} % of the area, {whole.sum()} whole faces"
+    if parts is not None:
+        return f"{100 * parts.area.sum() / total:.1f} % of the area, {whole.sum()} whole faces"
     return (
         f"{100 * whole.sum() / max(1, task.sum()):.1f} % of {task.sum()} faces, "
         f"{100 * mesh.areas[whole].sum() / total:.1f} % of area"
@@ -322,31 +289,34 @@ def _covers(found: Evaluation, pose: int, regions: Regions | None) -> str:
 
 
 def _draw_network(
-    folder: ReportFolder, found: Evaluation, summary: Mapping[str, Any], every: Regions | None
+    folder: ReportFolder, found: Evaluation, summary: Mapping[str, Any], parts: Regions | None
 ) -> None:
     """Draw what all cameras cover together and dead zones, and write the page to look around in.
 
-    Of more than `MOST_COLOURS` cameras, it is the number of them that cover each point.
+    Of more than `MOST_COLOURS` cameras, it is the covered share of each face, or by face the number
+    of them that cover it.
     """
     mesh, poses, network, areas = found.mesh, found.poses, found.network, found.areas
     eyes, names = poses.world_from_camera[:, :3, 3], [str(row) for row in poses.ids.tolist()]
-    covered = zones = zones_drawn = None
+    covered = zones = zones_drawn = seen_m2 = None
     if areas is not None:
         covered, zones = areas.covered, areas.zones()
         zones_drawn = zones_picture(zones, summary, eyes) if zones else None
+    if parts is not None:
+        seen_m2 = np.bincount(parts.pair_pose, parts.area, len(poses)).astype(np.float64)
+    values = values_of(
+        network, network.covered, names, covered, np.full(mesh.n_faces, found.task.views)
+    )
     if len(poses) <= MOST_COLOURS:
         best = best_covering(network)
-        picture = Overview(mesh, found.camera, poses, names, best, every).picture()
-    elif covered is not None:
-        picture = views_picture(covered, eyes)
+        picture = Overview(mesh, found.camera, poses, names, best, parts).picture()
     else:
-        picture = mode_picture("views", mesh, network.views, eyes)
+        mode = "views" if areas is None else "area"
+        picture = mode_picture(mode, mesh, values[mode], eyes)
+    task_m2 = float(mesh.areas[mesh.task_mask].sum())
     page = view_page(
         folder.path.resolve().name, mesh, found.camera, poses, [f"pose {name}" for name in names],
-        values_of(
-            network, network.covered, names, covered, np.full(mesh.n_faces, found.task.views)
-        ),
-        figures_of(summary, network.covered_faces),
+        values, figures_of(summary, network.covered_faces, seen_m2, total_m2=task_m2),
         zone_entries(mesh, zones, summary) if zones else (),
     )  # fmt: skip
     with interrupts_held():
@@ -357,21 +327,13 @@ def _draw_network(
             write_text(folder.file("view.html"), page)
 
 
-def table_of(mesh: Mesh, camera: Cameras, poses: Poses) -> str:
-    """Pairs of the table by default: "seen", but "none" above `MOST_ROWS`, with a line.
-
-    Rows are estimated from one pose in 64, at most 16 of them, spread evenly over the run.
-    """
-    total = len(poses)
-    if total * mesh.n_faces <= MOST_ROWS:
-        return "seen"
-    some = np.linspace(0, total - 1, min(16, 1 + total // 64)).astype(int)
-    seen = faces_in_view(mesh, camera, poses[some])
-    rows = round(np.count_nonzero(seen) / len(some) * total)
-    if rows <= MOST_ROWS:
+def table_of(mesh: Mesh, poses: Poses) -> str:
+    """Pairs of the table by default: "seen", but "none" above `MOST_PAIRS`, with a line."""
+    pairs = len(poses) * mesh.n_faces
+    if pairs <= MOST_PAIRS:
         return "seen"
     LOG.warning(
-        "no coverage.parquet: it would have about %s rows; pass --table seen to write it",
-        f"{rows:,}",
+        "no coverage.parquet of %s pairs of pose and face; pass --table seen to write it",
+        f"{pairs:,}",
     )
     return "none"

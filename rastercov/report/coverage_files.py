@@ -30,7 +30,7 @@ from rastercov.mesh import Mesh
 from rastercov.mesh.formats.gltf_file import Y_UP, GlbBuffer
 from rastercov.raster.observation import BoundKind
 from rastercov.report import theme
-from rastercov.report.images import OPACITY, png
+from rastercov.report.images import png
 
 if TYPE_CHECKING:
     from rastercov.kernels.network import PairRows
@@ -45,6 +45,8 @@ ROWS_A_GROUP = 1 << 18
 """Rows of a Parquet row group: about 13 MB of columns."""
 BATCHES_WAITING = 2
 """Batches of rows that wait for the thread that writes; `add` waits where there are more."""
+OPACITY = 0.4
+"""Of targets in coloured meshes."""
 MOST_POSES = 5_000
 """Poses up to which a result has the file: about 3 MB."""
 

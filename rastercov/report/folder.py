@@ -30,7 +30,7 @@ import os
 import re
 import stat
 from collections.abc import Iterable, Iterator
-from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from importlib.metadata import version
 from itertools import chain, count
@@ -106,13 +106,6 @@ class ReportFolder:
         self._staging, self._new = self.path / STAGING, self.path / STAGING / NEW
         self._files: Files = {}
         self._stack = ExitStack()
-
-    @classmethod
-    def opened(
-        cls, out: "str | Path | ReportFolder", kind: ReportKind
-    ) -> "AbstractContextManager[ReportFolder]":
-        """Context manager of a folder: of one that is open already, that one."""
-        return nullcontext(out) if isinstance(out, ReportFolder) else cls(out, kind)
 
     def __enter__(self) -> Self:
         with ExitStack() as stack:

@@ -1,19 +1,12 @@
-"""Pictures of one pose (coverage, face index, depth), and what all pictures share.
+"""What all pictures share: frame, title and legend, labels, sheets, stripes, layers of targets.
 
-Shared are the frame with title and legend, labels that do not overlap, the contact sheet, stripes,
-fonts and PNG encoding. In a picture of coverage brighter is better, as in the figures of the
-source; background, occluders and back faces have a hue, so that every grey is a coverage.
-
-Targets are translucent or hatched, with outlines, so that all behind them shows. Over greys they
-are translucent. Over a surface in many hues they are hatched, since a mixture of two hues would be
-a third one.
-
-E. S. Eissa. Image Space Coverage Model. 2020, figures 4.2 to 4.6.
+Targets are hatched in their own colours, with outlines, so that all behind them shows: a mixture of
+two colours would be a third one.
 """
 
 import io
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -27,17 +20,12 @@ from rastercov.mesh import Mesh
 from rastercov.raster import open_rasterizer
 from rastercov.raster.contract import VisibilityBuffer
 from rastercov.report.theme import (
-    BACKGROUND,
-    BEHIND,
-    BEHIND_STRIPE,
     DARKEST,
     GREY_SPAN,
-    HEADLIGHT,
     INK,
-    OCCLUDER,
+    OF_CAMERA,
     OUTLINE_3D,
     PAPER,
-    TARGET,
     Colour,
     Pixels,
     index_colours,
@@ -53,126 +41,8 @@ LEAST_WITH_LINES = 200
 """Pixels of a face from which on it has lines around it."""
 DIRECTIONS, RINGS = 16, 14
 """Places that are tried around the point of a label: directions, and rings of them."""
-OPACITY = 0.4
-"""Of the nearest target at a pixel; others behind it do not show."""
-OUTLINE = 0.9
-"""Opacity of its outlines."""
 TIE_REL = 1e-5
 """Depth by which a surface must be in front of a target to hide it, relative."""
-
-
-def coverage_picture(
-    buffer: VisibilityBuffer,
-    values: ArrayLike,
-    mesh: Mesh,
-    camera: Camera,
-    pose: ArrayLike,
-    title: str = "",
-    pixels: Pixels | None = None,
-    *,
-    named: Sequence[str] = (),
-) -> Image.Image:
-    """Picture of one pose, brighter where coverage is higher, with its scale below.
-
-    Parameters
-    ----------
-    buffer : VisibilityBuffer
-        (H, W) image of `mesh` by `camera` from `pose`.
-    values : (F,) array_like
-        Coverage of each face; beyond [0, 1] it is shown as the nearer end, NaN as 0.
-    mesh, camera
-        Of the image.
-    pose : (4, 4) array_like
-        world_from_camera; the head-light that shows the form of the part is there too.
-    title : str
-        One line above.
-    pixels : (H, W, 3) uint8, optional
-        Those of `coverage_pixels`, which are found unless given.
-    named : sequence of str
-        Words on level 1, and on level 0 if there is any, where nothing is between them.
-
-    Returns
-    -------
-    PIL.Image.Image
-        RGB; the image is at its own size below the title, see `coverage_pixels`.
-        Images narrower than `LEAST_WIDTH` are enlarged without smoothing.
-    """
-    if pixels is None:
-        pixels = coverage_pixels(buffer, values, mesh, pose, camera)
-    drawn = buffer.face[buffer.face >= 0]
-    is_task = mesh.task_mask[drawn]
-    keys = _keys_of_levels("coverage", named, _greys)
-    if not facing(mesh, pose)[0][drawn[is_task]].all():
-        keys.append(Key.of("seen from behind", BEHIND, BEHIND_STRIPE, 3))
-    if not is_task.all():
-        keys.append(Key.of("occluder", OCCLUDER))
-    if mesh.has_targets:
-        words = [f"target, {name}" for name in named]
-        keys += _keys_of_levels("coverage of a target", words, _tinted)
-    return framed(pixels, title, keys)
-
-
-def _keys_of_levels(
-    name: str, named: Sequence[str], colours: Callable[[FloatArray], Pixels]
-) -> "list[Key]":
-    """Entry for the scale of coverage, or those for level 1 and 0 where these have names."""
-    if not named:
-        return [Key.scale(name, colours(np.linspace(0, 1, 256)), "0", "1")]
-    levels = colours(np.array([1.0, 0.0]))
-    return [Key.of(words, level) for words, level in zip(named, levels, strict=False)]
-
-
-def coverage_pixels(
-    buffer: VisibilityBuffer,
-    values: ArrayLike,
-    mesh: Mesh,
-    pose: ArrayLike,
-    camera: Camera | None = None,
-    covered: NDArray[np.bool_] | None = None,
-    covered_targets: NDArray[np.bool_] | None = None,
-) -> Pixels:
-    """Pixels of `coverage_picture` without its frame, (H, W, 3).
-
-    The grey of a face is fixed by its coverage except for a head-light of at most 15 % of the
-    scale, which keeps the form readable: of two faces the one whose coverage is 0.15 higher is
-    brighter in any shading. Lines between faces fade out where faces are small.
-
-    With `covered`, (H, W), the grey of a pixel is that of its own point, which is covered or not.
-    Targets, which have a hue, are laid over the image, translucent; only with a `camera`, and with
-    `covered_targets`, (H, W), by their points.
-    """
-    levels = np.clip(np.nan_to_num(np.asarray(values, np.float64)), 0.0, 1.0)
-    is_front, cosine = facing(mesh, pose)
-    face, behind, light = buffer.face, mesh.task_mask & ~is_front, 0.8 + 0.2 * cosine[:, None]
-    # One more row for the background, where the index -1 finds it.
-    palette = np.empty((mesh.n_faces + 1, 3), np.uint8)
-    palette[:-1] = _grey(levels, cosine)[:, None]
-    for rows, colour in ((behind, BEHIND), (~mesh.task_mask, OCCLUDER)):
-        palette[:-1][rows] = (light * colour)[rows]
-    palette[-1] = BACKGROUND
-    pixels = palette.take(face, axis=0, mode="wrap")
-    if covered is not None:
-        by_point = np.append(mesh.task_mask & is_front, False)[face]
-        pixels[by_point] = _grey(covered[by_point], cosine[face[by_point]])[:, None]
-    striped = np.append(behind, False)[face]
-    if striped.any():
-        striped &= stripes(striped.shape, max(3, round(striped.shape[1] / 240)))
-        pixels[striped] = (light * BEHIND_STRIPE)[face[striped]]
-    draw_lines(pixels, face, mesh.n_faces)
-    if camera is not None:
-        targets = targets_in_view(mesh, camera, pose, buffer.depth)
-        if targets is not None:
-            tints = _tinted(levels)
-            if covered_targets is not None:
-                tints = _tinted(np.array([0.0, 1.0]))[covered_targets.astype(np.int64)]
-            lay_over(pixels, targets, tints)
-    return pixels
-
-
-def _tinted(levels: FloatArray) -> Pixels:
-    """(N, 3) colours of targets by their coverage."""
-    colours: Pixels = np.rint(np.array(TARGET) * (0.25 + 0.75 * levels[:, None])).astype(np.uint8)
-    return colours
 
 
 def face_index_picture(buffer: VisibilityBuffer) -> Image.Image:
@@ -195,14 +65,14 @@ def depth_picture(buffer: VisibilityBuffer, title: str = "") -> Image.Image:
     seen = np.isfinite(buffer.depth)
     depths = buffer.depth[seen].astype(np.float64)
     near, far = (depths.min(), depths.max()) if depths.size else (0.0, 0.0)
-    pixels = np.full((*buffer.depth.shape, 3), BACKGROUND, np.uint8)
+    pixels = np.full((*buffer.depth.shape, 3), OF_CAMERA.background, np.uint8)
     keys = []
     if depths.size:
         share = (depths - near) / max(far - near, np.finfo(np.float64).tiny)
-        pixels[seen] = _grey(1 - share)[:, None]
+        pixels[seen] = greys(1 - share)
         digits = int(np.clip(2 - np.floor(np.log10(max(far - near, near * 1e-6, 1e-9))), 0, 9))
         ends = f"{near:.{digits}f} m", f"{far:.{digits}f} m"
-        keys = [Key.scale("depth", _greys(np.linspace(1, 0, 256)), *ends)]
+        keys = [Key.scale("depth", greys(np.linspace(1, 0, 256)), *ends)]
     return framed(pixels, title, keys)
 
 
@@ -314,13 +184,10 @@ def facing(mesh: Mesh, pose: ArrayLike) -> tuple[NDArray[np.bool_], FloatArray]:
     return (cosine >= 0) | mesh.two_sided_mask, np.minimum(np.abs(cosine), 1.0)
 
 
-def _grey(levels: FloatArray | NDArray[np.bool_], cosine: FloatArray | float = 1.0) -> Pixels:
-    return np.rint(DARKEST + GREY_SPAN * levels + HEADLIGHT * cosine).astype(np.uint8)
-
-
-def _greys(levels: FloatArray) -> Pixels:
-    """(N, 3) greys of levels."""
-    return np.repeat(_grey(levels)[:, None], 3, axis=1)
+def greys(levels: ArrayLike) -> Pixels:
+    """(..., 3) greys of levels of coverage in [0, 1], seen along the normal."""
+    grey = np.rint(DARKEST + GREY_SPAN * np.asarray(levels, np.float64)).astype(np.uint8)
+    return np.repeat(grey[..., None], 3, axis=-1)
 
 
 def stripes(shape: tuple[int, int], width: int, period: int = 2) -> NDArray[np.bool_]:
@@ -514,29 +381,16 @@ def layers(
     return targets, np.where(is_occluder, behind, np.int32(-1))
 
 
-def lay_over(pixels: Pixels, targets: NDArray[np.int32], colours: Pixels) -> None:
-    """Lay targets (H, W) over an image, in place, each face in its colour of (F, 3).
-
-    Colours of shape (H, W, 3) are those of pixels.
-    """
-    share = np.where(targets >= 0, np.float32(OPACITY), np.float32(0))
-    share[_outlines(targets)] = OUTLINE
-    shown = targets >= 0
-    opacity = share[shown, None]
-    of_pixel = colours[shown] if colours.ndim == 3 else colours[targets[shown]]
-    mixed = opacity * of_pixel + (1 - opacity) * pixels[shown]
-    pixels[shown] = mixed.astype(np.uint8)
-
-
 def hatch_over(pixels: Pixels, targets: NDArray[np.int32], colours: Pixels, width: int) -> None:
     """Hatch targets (H, W) over an image, in place, every other stripe in their own colours.
 
-    `colours` are as for `lay_over`, stripes `width` pixels wide; between them is the image.
+    `colours` are those of faces, (F, 3), or of pixels, (H, W, 3); stripes are `width` pixels wide,
+    and between them is the image.
     """
     rows, columns = np.ogrid[: targets.shape[0], : targets.shape[1]]
     shown = (targets >= 0) & ((rows - columns) // width % 2 == 0)
-    shown |= _outlines(targets)
     pixels[shown] = colours[shown] if colours.ndim == 3 else colours[targets[shown]]
+    pixels[_outlines(targets)] = OUTLINE_3D
 
 
 def _outlines(targets: NDArray[np.int32]) -> NDArray[np.bool_]:

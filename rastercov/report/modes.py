@@ -198,9 +198,6 @@ MODES: dict[str, Mode] = {
     "density": Mode("Pixel density", "Best pixel density of each part, in px/m.", by_density),
     "angle": Mode("Angle", "Widest angle between two views of each part.", by_angle),
     "area": Mode("Exact area", "Share of the exact area of each face that is covered.", by_share),
-    "model": Mode(
-        "Model", "Greatest coverage by any camera, by a model of the literature.", by_share
-    ),
     "single": Mode(
         "One camera", "Coverage by the chosen camera: grey in proportion to it.", by_one_camera,
         "camera",

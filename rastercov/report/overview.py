@@ -20,10 +20,9 @@ from PIL import Image
 from rastercov.base.format import area, percent, plural, signed
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
-from rastercov.camera.projection import to_camera, view_border
+from rastercov.camera.projection import view_border
 from rastercov.camera.rig import Cameras, cameras_of
 from rastercov.coverage.area.regions import Regions, covering_poses
-from rastercov.coverage.area.union import Covered, views_at
 from rastercov.coverage.area.zones import DeadZones, zones_at
 from rastercov.coverage.network import Network
 from rastercov.coverage.reasons import REASONS
@@ -47,7 +46,6 @@ from rastercov.report.panorama import (
     scene_keys,
     smooth,
     task_points,
-    two_sides,
 )
 from rastercov.report.theme import Colour, Pixels
 
@@ -71,7 +69,7 @@ LEAST_PERCENT = 0.01
 class Overview:
     """A network to be drawn: the surface by the camera that covers it best, no more.
 
-    With `regions` of the poses it is coloured point by point, by the camera with most pixels on it;
+    With `regions` of the poses it is coloured point by point, by the nearest camera that covers it;
     else face by face, by `best_pose`, (F,), -1 for none.
     """
 
@@ -113,7 +111,7 @@ class Overview:
         if self.regions is None:
             of_faces: Pixels = colours[np.append(self.best_pose, -1)[face]]
             return of_faces
-        of_points = partial(best_pose_at, self.regions, self.placed)
+        of_points = partial(nearest_covering, self.regions, self.eyes)
         is_task = np.append(self.mesh.task_mask, False)[face]
         first = np.ix_(*(np.arange(size) // FINE * FINE for size in face.shape))
         asked = is_task & ~is_task[first]
@@ -139,8 +137,10 @@ class Overview:
         keys.append(Key.of("covered by none", theme.UNCOVERED))
         title = plural(len(self.placed), "camera")
         if len(self.placed):
-            most = "with most pixels on it" if self.regions else "that covers it best"
-            title += f". Covered surface has the colour of the camera {most}"
+            which = (
+                "nearest camera that covers it" if self.regions else "camera that covers it best"
+            )
+            title += f". Surface has the colour of the {which}"
         return framed(beside(images), title, [*keys, *scene_keys(scenes)])
 
     def _drawn(self, scene: Scene, pyramids: Sequence[FloatArray]) -> Image.Image:
@@ -156,22 +156,19 @@ class Overview:
         return smooth(image)
 
 
-def best_pose_at(
-    regions: Regions, placed: Poses, face: NDArray[np.int32], points: FloatArray
+def nearest_covering(
+    regions: Regions, eyes: FloatArray, face: NDArray[np.int32], points: FloatArray
 ) -> IntArray:
-    """(N,) pose with most pixels on a m^2 at points (N, 3) of faces (N,), -1 where none covers it.
+    """(N,) pose whose eye, of (P, 3), is nearest to points (N, 3) of faces (N,) that it covers.
 
-    `placed` are the P poses of the regions, each with its camera.
+    -1 where none covers the point.
     """
-    best, worth = np.full(len(face), -1, np.int64), np.full(len(face), -np.inf)
-    cameras, covers = cameras_of(regions.camera), covering_poses(regions, face, points)
+    best, reach = np.full(len(face), -1, np.int64), np.full(len(face), np.inf)
+    covers = covering_poses(regions, face, points)
     for pose in np.flatnonzero(covers.any(axis=0)).tolist():  # few cameras, many points
-        rows = np.flatnonzero(covers[:, pose])
-        camera, matrix = cameras[placed.camera[pose]], placed.world_from_camera[pose]
-        density = _density(regions.mesh, camera, matrix, face[rows], points[rows])
-        is_better = density > worth[rows]
-        worth[rows[is_better]] = density[is_better]
-        best[rows[is_better]] = pose
+        away = np.where(covers[:, pose], np.linalg.norm(points - eyes[pose], axis=1), np.inf)
+        best[away < reach] = pose
+        np.minimum(reach, away, out=reach)
     return best
 
 
@@ -207,44 +204,6 @@ def _edges(pyramid: FloatArray, colour: Colour) -> list[Line]:
         width = 1.6 if row >= parts else 4.0
         lines.append(Line(points[1 + row], points[1 + (row + 1) % n], colour, width, pieces))
     return lines
-
-
-def _density(
-    mesh: Mesh, camera: Camera, pose: FloatArray, face: NDArray[np.int32], points: FloatArray
-) -> FloatArray:
-    """(N,) pixels on a m^2 of a pose at points (N, 3) of faces (N,)."""
-    if not camera.is_pinhole:
-        from rastercov.camera.lenses.of_camera import lens_of  # loads numba
-
-        slopes = lens_of(camera).jacobian(to_camera(points, pose))
-        across = np.cross(slopes[:, 0], slopes[:, 1])
-        normals = mesh.normals[face] @ pose[:3, :3]
-        of_lens: FloatArray = np.nan_to_num(np.abs(np.einsum("ni,ni->n", normals, across)))
-        return of_lens
-    # The height of the camera above the plane of each face is that above all its points.
-    heights = np.einsum("fi,fi->f", mesh.normals, mesh.vertices[mesh.faces[:, 0]] - pose[:3, 3])
-    x, y, z = (points - pose[:3, 3]).T
-    depth = x * pose[0, 2] + y * pose[1, 2] + z * pose[2, 2]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        found: FloatArray = camera.fx * camera.fy * np.abs(heights)[face] / depth**3
-    return np.nan_to_num(found)
-
-
-def views_picture(covered: Covered, eyes: ArrayLike = ()) -> Image.Image:
-    """The part coloured by the number of cameras that cover each point, up to the required one."""
-    mesh, views = covered.mesh, len(covered.area)
-    levels = theme.coverage_colours()[theme.level_rows(np.arange(views + 1) / views)]
-    words = ["covered by none", *(f"by {n}" for n in range(1, views + 1))]
-    words[-1] += " or more"
-
-    def of_points(faces: NDArray[np.int32], points: FloatArray) -> Pixels:
-        found: Pixels = levels[views_at(covered, faces, points)]
-        return found
-
-    keys = [Key.of(text, colour) for text, colour in zip(words, levels, strict=True)]
-    return two_sides(
-        mesh, of_points, "Cameras that cover each point of the surface", keys, eyes=eyes
-    )
 
 
 def numbered(summary: Mapping[str, Any]) -> list[Mapping[str, Any]]:

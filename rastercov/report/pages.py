@@ -357,28 +357,9 @@ def embedded(mesh: Mesh, data: Mapping[str, Any]) -> str:
         f"default-src 'none'; script-src {digest_of(script)}; style-src {digest_of(style)}; "
         "img-src blob: data:; connect-src 'none'; base-uri 'none'; form-action 'none'"
     )
-    data = {**data, **surface}
-    text = page_text()
-    for own, part in (
-        (
-            '<meta charset="utf-8">',
-            '<meta charset="utf-8">\n'
-            f'<meta http-equiv="Content-Security-Policy" content="{policy}">',
-        ),
-        ('<link rel="stylesheet" href="/static/style.css">', f"<style>{style}</style>"),
-        (
-            '<script type="importmap">{"imports": {"rastercov/": "/static/"}}</script>',
-            f'<script type="application/json" id="shaders">{_inside(shaders)}</script>\n'
-            f'<script type="application/json" id="export">{_inside(data)}</script>',
-        ),
-        (
-            '<script type="module" src="/static/main.js"></script>',
-            f'<script type="module">{script}</script>',
-        ),
-    ):
-        before, after = text.split(own)
-        text = before + part + after
-    return text
+    inside = {"policy": policy, "style": style, "script": script}
+    inside |= {"shaders": _inside(shaders), "data": _inside({**data, **surface})}
+    return rendered("viewer.html", inside=inside)
 
 
 def _script(name: str) -> str:
@@ -407,11 +388,6 @@ def _script(name: str) -> str:
 def _inside(data: Any) -> str:
     """JSON that no element of a page ends in."""
     return json.dumps(data, allow_nan=False).replace("<", "\\u003c")
-
-
-def page_text() -> str:
-    """The page, index.html."""
-    return (files("rastercov.viewer") / "page" / "index.html").read_text("utf-8")
 
 
 def static_file(name: str) -> bytes | None:

@@ -1,8 +1,8 @@
-"""Views of a mesh from outside, with faces or points in given colours.
+"""Pictures of a mesh with faces or points in given colours, by a camera or from outside.
 
-The mesh is drawn by the CPU rasteriser; lines and marks in space are drawn over it. The task fills
-the picture. Faces that turn away from the viewer are left out of an interior, as in a doll's house;
-an occluder in front of the task is hatched over it, and hides none of its colours.
+Views from outside are drawn by the CPU rasteriser; lines and marks in space are drawn over them.
+The task fills the picture. Faces that turn away from the viewer are left out of an interior, as in
+a doll's house; an occluder in front of the task is hatched over it, and hides none of its colours.
 """
 
 from collections.abc import Callable, Sequence
@@ -20,6 +20,7 @@ from rastercov.camera.projection import rays_of, to_camera, to_image
 from rastercov.camera.viewpoints import look_at
 from rastercov.mesh import Mesh
 from rastercov.mesh.contacts import TriangleTree
+from rastercov.raster.contract import VisibilityBuffer
 from rastercov.report.images import (
     Key,
     draw_lines,
@@ -31,16 +32,7 @@ from rastercov.report.images import (
     stripes,
     target_key,
 )
-from rastercov.report.theme import (
-    BACK,
-    BACK_STRIPE,
-    COVERED,
-    EXTERIOR,
-    OCCLUDER_PALE,
-    PAPER,
-    Colour,
-    Pixels,
-)
+from rastercov.report.theme import COVERED, OF_CAMERA, OUTSIDE, PAPER, Colour, Pixels, Setting
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -71,10 +63,6 @@ PIECES = 96
 """Pieces of a line, each visible or hidden."""
 PIXELS_AT_A_TIME = 1 << 16
 """Pixels whose points are looked up together."""
-LEAST_LIGHT = 0.72
-"""Brightness of a face seen at a right angle to its normal, relative to one seen along it."""
-
-
 MOST_EYES = 16
 """Cameras that are asked for the surfaces around them, spread evenly."""
 ENCLOSED = 4
@@ -104,6 +92,8 @@ class Scene:
         Brightness of each face in [0, 1].
     backs : (F,) bool
         Task faces that turn their backs.
+    setting : Setting
+        Colours of all but the task.
     """
 
     mesh: Mesh
@@ -115,6 +105,12 @@ class Scene:
     beneath: FaceImage
     light: FloatArray
     backs: BoolArray
+    setting: Setting
+
+    @property
+    def stripe(self) -> int:
+        """Width of stripes, pixels."""
+        return max(3, int(max(self.face.shape)) // 240)
 
     @property
     def faces(self) -> FaceImage:
@@ -130,10 +126,43 @@ class Scene:
     def at_points(
         self, face: FaceImage, values: OfPoints, nothing: ArrayLike, asked: BoolArray | None = None
     ) -> NDArray[Any]:
-        """`values_at_pixels` of the pixels of task faces, or of those that are asked for."""
+        """(H, W, ...) values of the points of a face image at the pixels asked for, (H, W).
+
+        `values` gets faces (N,) and points (N, 3), some at a time; other pixels have `nothing`.
+        Pixels of the task are asked for unless others are.
+        """
         if asked is None:
             asked = np.append(self.mesh.task_mask, False)[face]
-        return values_at_pixels(self.mesh, self.camera, self.pose, face, asked, values, nothing)
+        pixels, start = np.flatnonzero(asked), np.asarray(nothing)
+        found = np.empty((face.size, *start.shape), start.dtype)
+        found[:] = start
+        for at in range(0, len(pixels), PIXELS_AT_A_TIME):
+            part = pixels[at : at + PIXELS_AT_A_TIME]
+            faces = face.ravel()[part]
+            rows, columns = np.divmod(part, face.shape[1])
+            points = points_of_pixels(self.mesh, self.camera, self.pose, faces, rows, columns)
+            found[part] = values(faces, points)
+        return found.reshape((*face.shape, *start.shape))
+
+
+def seen(
+    mesh: Mesh,
+    camera: Camera,
+    pose: ArrayLike,
+    buffer: VisibilityBuffer,
+    task: ArrayLike = (),
+    setting: Setting = OF_CAMERA,
+) -> Scene:
+    """A mesh as a camera sees it, with targets, and some faces of the task behind occluders."""
+    matrix = np.asarray(pose, np.float64)
+    targets, beneath = layers(mesh, camera, matrix, buffer, np.asarray(task, np.int64))
+    is_front, cosine = facing(mesh, matrix)
+    return Scene(
+        mesh=mesh, face=buffer.face, targets=targets, beneath=beneath,
+        light=setting.least_light + (1 - setting.least_light) * cosine,
+        backs=mesh.task_mask & ~mesh.target_mask & ~is_front,
+        camera=camera, pose=matrix, depth=buffer.depth, setting=setting,
+    )  # fmt: skip
 
 
 def look(
@@ -155,8 +184,8 @@ def look(
     towards = np.asarray(direction, np.float64)
     eye = middle + DISTANCE * radius * towards / np.linalg.norm(towards)
     pose = look_at(eye, middle)[0]
-    seen = to_camera(points, pose)
-    slopes = seen[:, :2] / seen[:, 2:]
+    of_points = to_camera(points, pose)
+    slopes = of_points[:, :2] / of_points[:, 2:]
     least, most = slopes.min(axis=0), slopes.max(axis=0)
     width, height = round(WIDTH * scale), round(HEIGHT * scale)
     size = np.array([width, height])
@@ -173,14 +202,7 @@ def look(
     if is_interior and 0 < len(kept) < len(rows):
         rows = kept
         buffer = part_drawn(mesh, camera, pose, rows)
-    targets, beneath = layers(mesh, camera, pose, buffer, rows[mesh.task_mask[rows]])
-    is_front, cosine = facing(mesh, pose)
-    return Scene(
-        mesh=mesh, face=buffer.face, targets=targets, beneath=beneath,
-        light=LEAST_LIGHT + (1 - LEAST_LIGHT) * cosine,
-        backs=mesh.task_mask & ~mesh.target_mask & ~is_front,
-        camera=camera, pose=pose, depth=buffer.depth,
-    )  # fmt: skip
+    return seen(mesh, camera, pose, buffer, rows[mesh.task_mask[rows]], OUTSIDE)
 
 
 def task_points(mesh: Mesh) -> FloatArray:
@@ -224,11 +246,11 @@ def paint(scene: Scene, colours: Pixels, own: OwnColours | None = None) -> Pixel
     face = scene.face
     pixels = _painted(scene, face, colours, own)
     if (scene.beneath >= 0).any():
-        shown = (scene.beneath >= 0) & ~stripes(face.shape, 2 * FINE, 3)
+        shown = (scene.beneath >= 0) & ~stripes(face.shape, round(scene.stripe / 1.5), 3)
         pixels[shown] = _painted(scene, scene.beneath, colours, own)[shown]
     if (scene.targets >= 0).any():
         of_targets = colours if own is None else own(scene.targets)
-        hatch_over(pixels, scene.targets, of_targets, 3 * FINE)
+        hatch_over(pixels, scene.targets, of_targets, scene.stripe)
     return pixels
 
 
@@ -237,7 +259,7 @@ def _painted(scene: Scene, face: FaceImage, colours: Pixels, own: OwnColours | N
     mesh, light = scene.mesh, scene.light[:, None]
     palette = np.empty((mesh.n_faces + 1, 3), np.uint8)
     palette[:-1] = colours * light
-    palette[-1] = EXTERIOR
+    palette[-1] = scene.setting.background
     pixels = palette.take(face, axis=0, mode="wrap")
     if own is not None:
         at = np.flatnonzero(np.append(mesh.task_mask, False)[face])
@@ -245,8 +267,8 @@ def _painted(scene: Scene, face: FaceImage, colours: Pixels, own: OwnColours | N
         pixels.reshape(-1, 3)[at] = own(face).reshape(-1, 3)[at] * lit
     behind = np.append(scene.backs, False)[face]
     if behind.any():
-        striped = behind & stripes(face.shape, 3 * FINE)
-        for colour, rows in ((BACK, behind), (BACK_STRIPE, striped)):
+        striped = behind & stripes(face.shape, scene.stripe)
+        for colour, rows in ((scene.setting.back, behind), (scene.setting.back_stripe, striped)):
             pixels[rows] = np.array(colour) * light[face[rows]]
     draw_lines(pixels, face, mesh.n_faces)
     return pixels
@@ -273,38 +295,10 @@ def points_of_pixels(
     return points
 
 
-def values_at_pixels(
-    mesh: Mesh,
-    camera: Camera,
-    pose: FloatArray,
-    face: FaceImage,
-    asked: BoolArray,
-    values: OfPoints,
-    nothing: ArrayLike,
-) -> NDArray[Any]:
-    """(H, W, ...) values of the points of a face image at the pixels asked for, (H, W).
-
-    `values` gets faces (N,) and points (N, 3), some at a time; other pixels have `nothing`.
-    """
-    pixels = np.flatnonzero(asked)
-    start = np.asarray(nothing)
-    found = np.empty((face.size, *start.shape), start.dtype)
-    found[:] = start
-    for at in range(0, len(pixels), PIXELS_AT_A_TIME):
-        part = pixels[at : at + PIXELS_AT_A_TIME]
-        faces = face.ravel()[part]
-        rows, columns = np.divmod(part, face.shape[1])
-        points = points_of_pixels(mesh, camera, pose, faces, rows, columns)
-        found[part] = values(faces, points)
-    return found.reshape((*face.shape, *start.shape))
-
-
-def neutral(mesh: Mesh) -> Pixels:
+def neutral(mesh: Mesh, setting: Setting = OUTSIDE) -> Pixels:
     """(F, 3) colours: the task in light grey, occluders in theirs."""
-    colours = np.empty((mesh.n_faces, 3), np.uint8)
-    colours[:] = COVERED
-    colours[~mesh.task_mask] = OCCLUDER_PALE
-    return colours
+    colours = np.where(mesh.task_mask[:, None], COVERED, setting.occluder)
+    return colours.astype(np.uint8)
 
 
 def two_sides(
@@ -340,13 +334,13 @@ def beside(images: Sequence[Image.Image]) -> Pixels:
 
 def scene_keys(scenes: Sequence[Scene]) -> list[Key]:
     """Entries for what several pictures may have: occluders, backs, targets."""
-    keys = []
-    if not scenes[0].mesh.task_mask.all():
-        keys.append(Key.of("occluder", OCCLUDER_PALE))
+    keys, mesh, setting = [], scenes[0].mesh, scenes[0].setting
+    if any(not mesh.task_mask[scene.faces].all() for scene in scenes):
+        keys.append(Key.of("occluder", setting.occluder))
     if any((scene.beneath >= 0).any() for scene in scenes):
-        keys.append(Key.of("occluder in front of the task", OCCLUDER_PALE, COVERED))
+        keys.append(Key.of("occluder in front of the task", setting.occluder, COVERED))
     if any(scene.shows_backs() for scene in scenes):
-        keys.append(Key.of("back of the task, from here", BACK, BACK_STRIPE))
+        keys.append(Key.of("back of the task, from here", setting.back, setting.back_stripe))
     if any((scene.targets >= 0).any() for scene in scenes):
         keys.append(target_key())
     return keys

@@ -1,6 +1,6 @@
 """Pages of a placement: figures with two pictures, all inline, and one to look around in.
 
-The tables are those of `plan.json`; the template `placement.html` has their headings and words.
+The tables are those of `plan.json`; the templates `report.html` and `placement.html` have their headings and words.
 """
 
 from collections.abc import Mapping, Sequence
@@ -90,8 +90,11 @@ def pages_of(
         title=title,
         heading=title,
         answer=f"{plural(len(placed), 'camera', 'cover')} {percent(share / 100)} of the area",
-        notes=notes,
+        lines=notes,
+        notes=(),
         summary=summary,
+        run=summary["made_from"],
+        files="plan.json",
         figures=figures,
         pictures=pictures,
         seen_m2=None if areas is None else seen_m2,

@@ -1,10 +1,11 @@
-"""All colours of reports: pages and plots in a light and a dark theme, pictures, coverage scale.
+"""All colours of reports: pages in a light and a dark theme, pictures, the scale of coverage.
 
-Colours of pages and plots are CSS strings, those of pictures sRGB triples.
+Colours of pages are CSS strings, those of pictures sRGB triples.
 """
 
 import colorsys
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,50 +19,48 @@ Pixels = NDArray[np.uint8]
 
 @dataclass(frozen=True)
 class Theme:
-    """Colours of a page and of its plots."""
+    """Colours of a page."""
 
-    page: str  # background of the page
-    card: str  # background of boxes on it
-    paper: str  # background of plots
+    page: str  # background
+    card: str  # background of boxes
     ink: str  # text
     soft: str  # text of less weight
-    line: str  # lines of the page
-    grid: str  # lines of plots
+    line: str
     good: str  # verdicts
     bad: str
-    series: tuple[str, ...]  # curves of a plot, in order
-    sizes: tuple[str, str]  # ends of the ramp for classes of face size
 
 
 LIGHT = Theme(
-    page="#ffffff", card="#f6f8fa", paper="#ffffff", ink="#1b2129", soft="#5b6673",
-    line="#dfe4ea", grid="#e3e7ec", good="#0b7a55", bad="#b8172a",
-    series=("#0072b2", "#d55e00", "#009e73", "#b0569a", "#8a6d00", "#4a90c2", "#777777"),
-    sizes=("#f2b36b", "#5b1a6e"),
+    page="#ffffff", card="#f6f8fa", ink="#1b2129", soft="#5b6673", line="#dfe4ea",
+    good="#0b7a55", bad="#b8172a",
 )  # fmt: skip
 DARK = Theme(
-    page="#0f1318", card="#171c22", paper="#171c22", ink="#e6eaef", soft="#9aa6b3",
-    line="#2c343d", grid="#2c343d", good="#3ccb9d", bad="#ff6b78",
-    series=("#58a9e8", "#ff9052", "#3ccb9d", "#e59ac9", "#dcc04c", "#9fd0f2", "#aaaaaa"),
-    sizes=("#8a4fa0", "#ffd9a0"),
+    page="#0f1318", card="#171c22", ink="#e6eaef", soft="#9aa6b3", line="#2c343d",
+    good="#3ccb9d", bad="#ff6b78",
 )  # fmt: skip
 
-# Pictures of the part. Greys mean coverage; everything else has a hue.
+# Pictures of the part.
 PAPER, INK = (255, 255, 255), (24, 28, 34)
-BACKGROUND = (160, 190, 219)
-OCCLUDER = (176, 140, 90)
-TARGET = (40, 200, 120)
-"""Of a target with coverage 1."""
-BEHIND, BEHIND_STRIPE = (132, 96, 140), (158, 122, 166)
-BACK, BACK_STRIPE = (150, 142, 158), (178, 171, 186)
-"""Of task faces seen from behind in exterior views, where no camera is behind them."""
-DARKEST, GREY_SPAN, HEADLIGHT = 14, 205, 30
-"""Grey of a face: DARKEST + GREY_SPAN * coverage + HEADLIGHT * cosine of incidence."""
-EXTERIOR = (246, 248, 250)
-"""Background of exterior views."""
 COVERED, UNCOVERED = (214, 220, 226), (52, 56, 62)
 OCCLUDER_PALE = (238, 228, 208)
-"""Of occluders in exterior views and plans."""
+
+
+class Setting(NamedTuple):
+    """Colours of a picture around those of its task, and its light."""
+
+    background: Colour
+    occluder: Colour
+    back: Colour  # of task faces seen from behind
+    back_stripe: Colour
+    least_light: float  # brightness of a face seen edge-on, relative to one seen along its normal
+
+
+OUTSIDE = Setting((246, 248, 250), OCCLUDER_PALE, (150, 142, 158), (178, 171, 186), 0.72)
+"""Of views of a mesh in which no camera is."""
+OF_CAMERA = Setting((160, 190, 219), (176, 140, 90), (132, 96, 140), (158, 122, 166), 0.86)
+"""Of the image of a camera: all have a hue, so that every grey means coverage."""
+DARKEST, GREY_SPAN = 14, 235
+"""Grey of a face: light * (DARKEST + GREY_SPAN * coverage)."""
 REASONS: dict[str, Colour] = {
     "occluded": (214, 39, 40),
     "outside": (0, 114, 178),
@@ -82,21 +81,6 @@ CAMERAS: tuple[Colour, ...] = (
 """Colours of the first cameras, all vivid: grey, dark and pale have other meanings."""
 MORE_CAMERAS = ((0.78, 0.86), (0.5, 0.97), (0.9, 0.62))
 """Saturation and value of those of further cameras, in turn."""
-MISSED, FALSELY_SEEN = (232, 92, 16), (24, 88, 214)
-"""Visible but called hidden by the bivalent test, and hidden but called visible."""
-ENLARGED = (240, 190, 0)
-"""Frame around the enlarged part of a picture."""
-
-# Picture of one face beside the truth.
-SEEN, SEEN_EDGE = (20, 163, 127), (10, 90, 70)
-HIDDEN, HIDDEN_STRIPE = (240, 128, 60), (194, 87, 26)
-BROKEN = (192, 24, 43)
-EMPTY, OUTLINE = (223, 230, 238), (250, 251, 252)
-PIXEL_BORDER, SAMPLE = (49, 69, 92), (109, 121, 135)
-
-DETECTED, UNDETECTED = (25, 195, 125), (255, 93, 108)
-"""Markers of the validation."""
-
 COVERAGE_SCALE = ((62, 18, 96), (57, 82, 140), (32, 144, 140), (116, 203, 83), (253, 231, 37))
 """Dark violet over teal to yellow: lightness rises evenly, so that it is readable in grey too."""
 ZERO_COVERAGE, OCCLUDER_3D = (232, 33, 45), (146, 160, 178)

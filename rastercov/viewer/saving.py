@@ -1,4 +1,4 @@
-"""Files that a viewer saves: rig, plan that holds it, report, or a page without a server."""
+"""Files that a viewer saves: rig, thresholds, report, or a page without a server."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -15,11 +15,10 @@ from rastercov.coverage.task import Task
 from rastercov.report.modes import MODES as EVERY
 from rastercov.report.pages import embedded, levels_of
 from rastercov.viewer.rig_state import RigState
-from rastercov.viewer.scene import Scene
 from rastercov.viewer.session import Session, unframed
 
-NAMES = {"rig": "rig.json", "plan": "plan.toml", "report": "report"}
-MODES = tuple(name for name in EVERY if name not in ("model", "single"))
+NAMES = {"rig": "rig.json", "task": "task.toml"}
+MODES = tuple(name for name in EVERY if name != "single")
 """Ways to colour the faces that the file has."""
 
 
@@ -37,19 +36,18 @@ class Saving:
         self.session, self.out = session, out
 
     def content(self, what: str) -> tuple[str, bytes]:
-        """Name and bytes of the rig, the plan, or a page that needs no server."""
+        """Name and bytes of the rig, the thresholds, or a page that needs no server."""
         if what == "page":
             return "rig.html", exported(self.session).encode()
-        if what not in ("rig", "plan"):
-            raise ConfigError(f"what must be rig, plan or page, got {shown(what)}")
+        if what not in NAMES:
+            raise ConfigError(f"what must be rig, task or page, got {shown(what)}")
         with self.session.lock:
             state = self.session.state
             self.session.history.saved()
-        text = rig_text(state) if what == "rig" else plan_text(self.session.scene, state)
-        return NAMES[what], text.encode()
+        return NAMES[what], _texts(state)[what].encode()
 
     def save(self, asked: Mapping[str, Any]) -> dict[str, str]:
-        """Save what {"what": ...} asks for: the rig, the plan with the rig, or a report.
+        """Save what {"what": ...} asks for: the rig with its thresholds, or a report.
 
         Gives the place, and words on it.
 
@@ -58,23 +56,20 @@ class Saving:
         ConfigError
             For anything else, and where no folder was given.
         """
-        what = asked.get("what")
-        if set(asked) != {"what"} or not isinstance(what, str) or what not in NAMES:
-            raise ConfigError(f"what must be one of {', '.join(NAMES)}, got {shown(what)}")
+        if asked not in ({"what": "rig"}, {"what": "report"}):
+            raise ConfigError(f"what must be rig or report, got {shown(asked.get('what'))}")
         if self.out is None:
             raise ConfigError("no folder was given to save into; start with --out, or download it")
         self.out.mkdir(parents=True, exist_ok=True)
         with self.session.lock:
             state = self.session.state
-            path = self.out / NAMES[what]
-            if what == "report":
+            if asked["what"] == "report":
+                path = self.out / "report"
                 return {"path": str(path), "words": self._report(state, path)}
-            texts = {"rig": rig_text(state)}
-            if what == "plan":
-                texts["plan"] = plan_text(self.session.scene, state)
-            for name, text in texts.items():
-                write_bytes(self.out / NAMES[name], text.encode())
+            for what, text in _texts(state).items():
+                write_bytes(self.out / NAMES[what], text.encode())
             self.session.history.saved()
+        path = self.out / NAMES["rig"]
         return {"path": str(path), "words": f"saved {path}"}
 
     def _report(self, state: RigState, path: Path) -> str:
@@ -87,74 +82,29 @@ class Saving:
         return f"a report of {plural(len(state.on), 'camera')} is in {path}"
 
 
-def rig_text(state: RigState) -> str:
-    """The rig as our own JSON: cameras, poses, and the names of the stations.
+def _texts(state: RigState) -> dict[str, str]:
+    """Text of each of `NAMES`: the rig as our own JSON, and the table `[task]` of a plan.
 
-    Raises
-    ------
-    ConfigError
-        For a rig without cameras.
+    ConfigError for a rig without cameras.
     """
     if not state.stations:
         raise ConfigError("there is no camera to save; add one")
-    return json.dumps(content_of(state.views())) + "\n"
-
-
-def plan_text(scene: Scene, state: RigState) -> str:
-    """A plan with the thresholds of a state, and the rig in `rig.json` as its only candidates."""
-    entries: dict[str, Any] = {"meshes": list(scene.meshes)}
-    if scene.plan is not None:
-        entries = scene.plan.model_dump(exclude_unset=True, mode="json", exclude_none=True)
-        for name in ("camera", "cameras", "rigs"):
-            entries.pop(name, None)
-    if not entries.get("meshes"):
-        raise ConfigError("the mesh is of no file, so no plan can name it; save the rig")
     task, defaults = asdict(state.task), asdict(Task())
     own = {name: value for name, value in task.items() if value != defaults[name]}
-    kept = {k: v for k, v in entries.get("task", {}).items() if k not in defaults}
-    entries["task"] = kept | own
+    tables = {"task": own}
     if state.needed is not None:
-        entries["task"]["views"] = dict(state.needed)
-    cameras = content_of(state.views())["cameras"]
-    entries["cameras"] = {each.pop("name"): each for each in cameras}
-    entries["candidates"] = [{"generator": "poses", "file": NAMES["rig"]}]
-    entries.setdefault("selection", {"goal": "best_coverage", "cameras": len(state.stations)})
-    return toml_text(entries)
+        own.pop("views", None)
+        tables["task.views"] = dict(state.needed)
+    lines = []
+    for table, entries in tables.items():
+        lines.append(f"[{table}]\n")
+        lines += [f"{_toml(name)} = {_toml(value)}\n" for name, value in entries.items()]
+    return {"rig": json.dumps(content_of(state.views())) + "\n", "task": "".join(lines)}
 
 
-def toml_text(entries: Mapping[str, Any], path: tuple[str, ...] = ()) -> str:
-    """A table as TOML: values, then tables, then lists of tables. None is left out."""
-    lines: list[str] = []
-    tables: list[str] = []
-    for name, value in entries.items():
-        if value is None:
-            continue
-        inner = (*path, name)
-        key = ".".join(map(_quoted, inner))
-        if isinstance(value, Mapping):
-            tables.append(f"\n[{key}]\n{toml_text(value, inner)}")
-        elif isinstance(value, list) and value and all(isinstance(e, Mapping) for e in value):
-            tables += [f"\n[[{key}]]\n{toml_text(each, inner)}" for each in value]
-        else:
-            lines.append(f"{_quoted(name)} = {_value(value)}\n")
-    return "".join([*lines, *tables])
-
-
-def _quoted(name: str) -> str:
-    is_bare = name.isascii() and name.replace("_", "").replace("-", "").isalnum()
-    return name if is_bare else _value(name)
-
-
-def _value(value: Any) -> str:
-    """A value as JSON has it except tables and numbers that are not finite."""
-    if isinstance(value, float):
-        return json.dumps(value).replace("Infinity", "inf").replace("NaN", "nan")
-    if isinstance(value, str | int):
-        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
-    if isinstance(value, Mapping):
-        inside = ", ".join(f"{_quoted(k)} = {_value(v)}" for k, v in value.items() if v is not None)
-        return f"{{{inside}}}"
-    return "[" + ", ".join(_value(each) for each in value) + "]"
+def _toml(value: str | float) -> str:
+    """A text, number or truth value as TOML, which has them as JSON does, DEL apart."""
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def export_page(session: Session, path: str | Path, modes: Sequence[str] = MODES) -> Path:

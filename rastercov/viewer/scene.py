@@ -3,7 +3,7 @@
 Opened from a plan, a mesh with cameras, or the folder of a result.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any, Literal, get_args, get_origin
 
 import numpy as np
 from annotated_types import Ge, Gt, Le
-from numpy.typing import NDArray
 
 import rastercov
 from rastercov.base.arguments import annotations_of, documented, metadata_of
@@ -58,9 +57,6 @@ RESULTS = {
 }
 """File that marks the folder of a result; its command, and the file of its cameras."""
 
-Model = Callable[[Mesh, Camera, NDArray[np.float64], Task], NDArray[np.float64]]
-"""Coverage (P, F) of each face in each pose."""
-
 
 @dataclass(frozen=True, eq=False)
 class Scene:
@@ -75,14 +71,10 @@ class Scene:
     plan : Plan or None
     pool : CandidatePool or None
         Candidates of the plan and its constraints, where it has any.
-    meshes : tuple of dict
-        Entries of a plan for the files of the mesh, where there is no plan.
     result : dict or None
         Kind of a result folder that was opened, and words on it.
     notes : tuple of str
         What was read and could not be kept.
-    models : mapping
-        Coverage models by name that may colour the faces.
     """
 
     title: str
@@ -90,10 +82,8 @@ class Scene:
     start: RigState
     plan: "Plan | None" = None
     pool: "CandidatePool | None" = None
-    meshes: tuple[dict[str, Any], ...] = ()
     result: dict[str, str] | None = None
     notes: tuple[str, ...] = field(default=())
-    models: Mapping[str, Model] = field(default_factory=dict)
 
     @property
     def has_constraints(self) -> bool:
@@ -118,7 +108,11 @@ class Scene:
             "task_fields": task_fields(),
             "camera_fields": CAMERA_FIELDS,
             "presets": list(PRESETS),
-            "modes": modes(self.models),
+            "modes": [
+                described_mode(name, mode)
+                | {"options": list(SEGMENT_OPTIONS if name == "segments" else ())}
+                for name, mode in MODES.items()
+            ],
             "constraints": self._constraints() | {"is_kept": is_kept},
             "can_edit": can_edit,
             "result": self.result,
@@ -157,25 +151,6 @@ def default_space(mesh: Mesh, state: RigState) -> PoseSpace:
     if len(eyes):
         box = np.stack((np.minimum(box[0], eyes.min(axis=0)), np.maximum(box[1], eyes.max(axis=0))))
     return PoseSpace(mesh=mesh, boxes=box, clearance=1e-3 * size)
-
-
-def model_options(models: Mapping[str, Model]) -> tuple[dict[str, Any], ...]:
-    """Options of the mode that colours by a coverage model."""
-    return (
-        {"name": "model", "words": "Coverage model of the literature, or ours.",
-         "kind": "choice", "low": None, "high": None, "choices": list(models),
-         "default": "image_space", "is_optional": False, "unit": ""},
-    )  # fmt: skip
-
-
-def modes(models: Mapping[str, Model]) -> list[dict[str, Any]]:
-    """Ways to colour the faces, in the order of a page."""
-    options = {"model": model_options(models), "segments": SEGMENT_OPTIONS}
-    return [
-        described_mode(name, mode) | {"options": list(options.get(name, ()))}
-        for name, mode in MODES.items()
-        if models or name != "model"
-    ]
 
 
 def task_fields() -> list[dict[str, Any]]:
@@ -261,12 +236,9 @@ def open_plan(path: Path, rig: Views | None = None) -> Scene:
     return Scene(plan.name, mesh, start, plan, pool)
 
 
-def open_mesh(
-    mesh: Mesh, views: Views, task: Task, title: str, meshes: Sequence[Mapping[str, Any]] = ()
-) -> Scene:
-    """Scene of a mesh and cameras; `meshes` are entries of a plan for its files."""
-    entries = tuple(dict(each) for each in meshes)
-    return Scene(title, mesh, _state(views, task), meshes=entries, notes=views.notes)
+def open_mesh(mesh: Mesh, views: Views, task: Task, title: str) -> Scene:
+    """Scene of a mesh and cameras."""
+    return Scene(title, mesh, _state(views, task), notes=views.notes)
 
 
 def run_of(folder: Path) -> Mapping[str, Any]:

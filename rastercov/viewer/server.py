@@ -1,9 +1,8 @@
 """Server of a viewer: pages and answers for one user on this machine.
 
-It binds to a loopback address, and every answer with data wants the token that the page got in its
-address, behind "#", where no other page and no log sees it. Requests of another host or origin are
-refused, so that a page elsewhere cannot reach it by a name of its own (DNS rebinding). Another
-address needs a certificate and a token of the user's.
+It binds to 127.0.0.1, and every answer with data wants the token that the page got in its address,
+behind "#", where no other page and no log sees it. Requests of another host or origin are refused,
+so that a page elsewhere cannot reach it by a name of its own (DNS rebinding).
 
 A browser gets what it opens as an argument, which every user of the machine can read. So it gets
 the name of a file that only this user can read, in a new folder that only this user can enter.
@@ -12,29 +11,27 @@ the name of a file that only this user can read, in a new folder that only this 
 import asyncio
 import hmac
 import html
-import ipaddress
 import json
 import logging
 import os
 import re
 import secrets
 import shutil
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from rastercov.base.errors import ConfigError, ResourceError
-from rastercov.base.files import StrPath, one_line
+from rastercov.base.files import one_line
 from rastercov.base.interrupts import ABANDONED
 from rastercov.report.pages import (
     TYPES,
     digest_of,
     groups_of,
-    page_text,
+    rendered,
     soup_of,
     static_file,
 )
@@ -56,10 +53,15 @@ LONGEST_ERROR = 300
 """Characters of an error, of which a request may have chosen most."""
 SECONDS_TO_CLOSE = 1.0
 """Time that an answer has to end when the program does."""
-LEAST_TOKEN = 22
-"""Characters of a token of the user's: 128 bits in base 64."""
 INSTALL = "the viewer needs starlette and uvicorn; install rastercov[view]"
-_IMPORT_MAP = re.compile(r'<script type="importmap">(.*?)</script>', re.DOTALL)
+IMPORT_MAP = '{"imports": {"rastercov/": "/static/"}}'
+"""Folder of the modules, which import each other by bare names."""
+POLICY = (
+    f"default-src 'none'; script-src 'self' {digest_of(IMPORT_MAP)}; style-src 'self'; "
+    "img-src 'self' blob: data:; connect-src 'self'; base-uri 'none'; form-action 'none'; "
+    "frame-ancestors 'none'"
+)
+"""Content security policy of the page: its own files, and the import map by its hash."""
 PAGE = """<!DOCTYPE html>
 <meta charset="utf-8">
 <meta name="referrer" content="no-referrer">
@@ -69,93 +71,14 @@ PAGE = """<!DOCTYPE html>
 """
 
 
-@dataclass(frozen=True)
-class Address:
-    """Address of a server.
-
-    Attributes
-    ----------
-    host, port
-        Address that it binds to; port 0 takes a free one.
-    token : str
-        Secret of the page; a random one unless given.
-    certificate, key : str or None
-        Files of a certificate and its key, for an address that is not loopback.
-    """
-
-    host: str = "127.0.0.1"
-    port: int = 0
-    token: str = ""
-    certificate: str | None = None
-    key: str | None = None
-
-    @classmethod
-    def of(
-        cls,
-        host: str = "127.0.0.1",
-        port: int = 0,
-        token_file: StrPath | None = None,
-        certificate: StrPath | None = None,
-        key: StrPath | None = None,
-    ) -> "Address":
-        """Address that is safe to bind to.
-
-        Raises
-        ------
-        ConfigError
-            For an address that is not loopback without a token file and a certificate, and for a
-            file that cannot be read.
-        """
-        if not 0 <= port <= 65535:
-            raise ConfigError(f"port must be 0 to 65535, got {port}")
-        if (certificate is None) != (key is None):
-            raise ConfigError("a certificate and its key come together; give both or neither")
-        if not is_loopback(host) and (token_file is None or certificate is None):
-            raise ConfigError(
-                f"{host} is reachable from elsewhere; give --token-file, --certificate and --key, "
-                "or bind to 127.0.0.1 and forward the port through ssh"
-            )
-        token = secrets.token_urlsafe(32) if token_file is None else _read_token(Path(token_file))
-        files = [None if file is None else str(file) for file in (certificate, key)]
-        for file in filter(None, files):
-            if not Path(file).is_file():
-                raise ConfigError(f"{file}: there is no such file")
-        return cls(host, port, token, *files)
-
-    def url(self, port: int) -> str:
-        """URL of the page, with the token behind #."""
-        host = f"[{self.host}]" if ":" in self.host else self.host
-        return f"http{'s' if self.certificate else ''}://{host}:{port}/#{self.token}"
-
-
-def is_loopback(host: str) -> bool:
-    """True for localhost and the addresses of this machine alone."""
-    with suppress(ValueError):
-        return ipaddress.ip_address(host).is_loopback
-    return host == "localhost"
-
-
-def _read_token(path: Path) -> str:
-    try:
-        token = path.read_text().strip()
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path}: cannot be read as a token ({error})") from None
-    if len(token) < LEAST_TOKEN or not re.fullmatch(r"[A-Za-z0-9_-]+", token):
-        raise ConfigError(
-            f"{path}: a token is {LEAST_TOKEN} or more of A-Z a-z 0-9 _ -; make one by "
-            "`openssl rand -hex 32`"
-        )
-    return token
-
-
 def application(
     session: Session,
-    address: Address,
+    token: str,
     port: int,
     out: Path | None = None,
     arrived: Callable[[], None] = lambda: None,
 ) -> "Starlette":
-    """ASGI application of a session that is reached at a port.
+    """ASGI application of a session that is reached at a port by a page that has the token.
 
     `out` is the folder for what the page saves; `arrived` is called at the first request with the
     token.
@@ -176,27 +99,18 @@ def application(
         made.append(Route(f"/api/{path}", _endpoint(threads, answer), methods=[method]))
     app = Starlette(routes=made)
     guard: Any = _Guard
-    app.add_middleware(guard, hosts=_hosts(address, port), token=address.token, arrived=arrived)
+    app.add_middleware(guard, port=port, token=token, arrived=arrived)
     return app
-
-
-def _hosts(address: Address, port: int) -> tuple[str, ...]:
-    """Values of the header Host that are meant for this server."""
-    names = [address.host if ":" not in address.host else f"[{address.host}]"]
-    if is_loopback(address.host):
-        names = ["127.0.0.1", "localhost", "[::1]"]
-    return tuple(f"{name}:{port}" for name in dict.fromkeys(names))
 
 
 class _Guard:
     """Middleware that refuses other hosts, origins and tokens, and sets headers of safety."""
 
-    def __init__(
-        self, app: Any, hosts: Sequence[str], token: str, arrived: Callable[[], None]
-    ) -> None:
-        self.app, self.hosts, self.token = app, set(hosts), token.encode()
+    def __init__(self, app: Any, port: int, token: str, arrived: Callable[[], None]) -> None:
+        self.app, self.token = app, token.encode()
         self.arrived: Callable[[], None] | None = arrived
-        self.origins = {f"{scheme}://{host}" for host in hosts for scheme in ("http", "https")}
+        self.hosts = {f"{name}:{port}" for name in ("127.0.0.1", "localhost", "[::1]")}
+        self.origins = {f"http://{host}" for host in self.hosts}
 
     async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
         if fault := self._fault(scope["path"], dict(scope["headers"])):
@@ -250,22 +164,11 @@ def _error(status: int, text: str) -> "Response":
     return JSONResponse({"error": line}, status_code=status)
 
 
-def policy(page: str) -> str:
-    """Content security policy of a page: its own files, and the import map by its hash."""
-    found = _IMPORT_MAP.search(page)
-    return (
-        "default-src 'none'; script-src 'self' "
-        f"{digest_of(found.group(1) if found else '')}; style-src 'self'; "
-        "img-src 'self' blob: data:; connect-src 'self'; base-uri 'none'; form-action 'none'; "
-        "frame-ancestors 'none'"
-    )
-
-
 async def _page(request: "Request") -> "Response":
     from starlette.responses import HTMLResponse
 
-    text = page_text()
-    return HTMLResponse(text, headers={"content-security-policy": policy(text)})
+    text = rendered("viewer.html", inside=None, import_map=IMPORT_MAP)
+    return HTMLResponse(text, headers={"content-security-policy": POLICY})
 
 
 async def _static(request: "Request") -> "Response":
@@ -390,19 +293,21 @@ def _whole(query: Any, name: str) -> int:
 
 def serve(
     session: Session,
-    address: Address,
+    port: int = 0,
     out: Path | None = None,
     started: Callable[[str], None] = lambda url: None,
     arrived: Callable[[], None] = lambda: None,
 ) -> None:
-    """Serve a session until Ctrl-C.
+    """Serve a session to this machine until Ctrl-C.
 
     Parameters
     ----------
-    session, address, out
+    session, out
         As for `application`.
+    port : int
+        Port; 0 takes a free one.
     started : callable
-        Gets the URL when it can be opened.
+        Gets the URL, with a token behind #, when it can be opened.
     arrived : callable
         Called when a page with the token has come.
 
@@ -411,7 +316,7 @@ def serve(
     ResourceError
         Where uvicorn is not installed.
     ConfigError
-        For an address that cannot be bound.
+        For a port that cannot be bound.
     """
     try:
         import uvicorn
@@ -419,14 +324,13 @@ def serve(
         from rastercov.viewer.connections import bound, settings
     except ImportError:
         raise ResourceError(INSTALL) from None
-    with bound(address.host, address.port) as listener:
-        port = listener.getsockname()[1]
-        app = application(session, address, port, out, arrived)
-        config = settings(app, listener, address.certificate, address.key)
+    with bound(port) as listener:
+        port, token = listener.getsockname()[1], secrets.token_urlsafe(32)
+        app = application(session, token, port, out, arrived)
         listener.listen()
-        started(address.url(port))
+        started(f"http://127.0.0.1:{port}/#{token}")
         try:
-            uvicorn.Server(config).run(sockets=[listener])
+            uvicorn.Server(settings(app)).run(sockets=[listener])
         finally:
             session.close(SECONDS_TO_CLOSE)
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from rastercov.base.checks import shown
+from rastercov.base.checks import number
 from rastercov.base.errors import ConfigError
 from rastercov.coverage.area.network import AreaNetwork
 from rastercov.mesh import Mesh
@@ -36,7 +36,7 @@ from rastercov.viewer.measurements import (
     why,
 )
 from rastercov.viewer.rig_state import History, RigState
-from rastercov.viewer.scene import SEGMENT_OPTIONS, Scene, described_state, model_options
+from rastercov.viewer.scene import SEGMENT_OPTIONS, Scene, described_state
 
 FloatArray = NDArray[np.float64]
 
@@ -229,29 +229,13 @@ class Session:
             rows = np.minimum(figures.need, state.most_views) - 1
             covered = self.areas().covered.area[rows, np.arange(mesh.n_faces)]
             return covered / np.maximum(np.asarray(mesh.areas), np.finfo(float).tiny)
-        if mode == "model":
-            name = _option(model_options(self.scene.models), options, "model")
-            return self._by_model(state, name)
         if mode == "segments":
-            alpha, beta = (_option(SEGMENT_OPTIONS, options, n) for n in ("alpha_deg", "beta_deg"))
-            return self._segmented(float(alpha), float(beta)).labels
+            return self._segmented(*(_angle(options, each) for each in SEGMENT_OPTIONS)).labels
         if station is None:
             if not state.stations:
                 raise ConfigError("there is no camera; add one")
             station = state.stations[0].id
         return self.measurements.rows(state, [state.station(station)])[0].coverage
-
-    def _by_model(self, state: RigState, name: str) -> FloatArray:
-        """(F,) greatest coverage by a model in place of ours."""
-        models = self.scene.models
-        if name not in models:
-            raise ConfigError(f"model must be one of {', '.join(models)}, got {shown(name)}")
-        best = np.zeros(self.scene.mesh.n_faces)
-        for station in state.on:
-            camera = state.camera_of(station)
-            found = models[name](self.scene.mesh, camera, station.pose[None], state.task)[0]
-            np.maximum(best, found, out=best)
-        return best
 
     def _segmented(self, alpha: float, beta: float) -> Segmentation:
         """Segments, kept for the last angles."""
@@ -272,14 +256,9 @@ def unframed(frame: bytes) -> tuple[dict[str, Any], bytes]:
     return json.loads(frame[4 : 4 + size]), frame[4 + size :]
 
 
-def _option(known: tuple[dict[str, Any], ...], given: Mapping[str, Any], name: str) -> Any:
+def _angle(given: Mapping[str, Any], known: Mapping[str, Any]) -> float:
     """Value of an option of a mode, its default where it is not given."""
-    default = next(each["default"] for each in known if each["name"] == name)
-    value = given.get(name, default)
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    if is_number != isinstance(default, float):
-        raise ConfigError(f"{name} must be like {default!r}, got {shown(value)}")
-    return value
+    return number(known["name"], given.get(known["name"], known["default"]))
 
 
 def camera_png(

@@ -40,7 +40,6 @@ BUDGET = 2_000
 """Poses that a refinement of one camera measures at most."""
 TRIES = 600
 """Poses that are tried for the next camera where the plan has no candidates."""
-POSES_AT_ONCE = 32
 SPREAD = 0.7
 """Largest component across the normal of a face of the direction in which a camera is tried."""
 
@@ -130,14 +129,12 @@ def with_next(
     observer = measurements.observer(state.cameras[camera])
     best, gain = -1, 0.0
     progress(0, len(candidates))
-    for at in range(0, len(candidates), POSES_AT_ONCE):
-        some = candidates[at : at + POSES_AT_ONCE]
-        for batch in evaluate_batches(observer, some, task, fields=("reason",)):
-            gains = (batch.reason == Reason.COVERED) @ worth
-            top = int(gains.argmax())
-            if gains[top] > gain:
-                best, gain = at + int(batch.pose_ids[top]), float(gains[top])
-        progress(min(at + POSES_AT_ONCE, len(candidates)), len(candidates))
+    for batch in evaluate_batches(observer, candidates, task, fields=("reason",)):
+        gains = (batch.reason == Reason.COVERED) @ worth
+        top = int(gains.argmax())
+        if gains[top] > gain:
+            best, gain = int(batch.pose_ids[top]), float(gains[top])
+        progress(int(batch.pose_ids[-1]) + 1, len(candidates))
     if best < 0:
         raise ConfigError(
             f"none of {len(candidates)} poses tried covers more; change the lens or the thresholds"

@@ -35,11 +35,21 @@ from rastercov.reference.markers.random_scenes import (
 )
 from rastercov.reference.markers.render import MarkerRenderer
 from rastercov.reference.markers.requirement import CLEAR, DETECTOR, THESIS, Requirement
-from rastercov.reference.pages import Axis, Curve, line_plot, picture_of, publish
+from rastercov.reference.pages import (
+    DARK,
+    LIGHT,
+    Axis,
+    Curve,
+    Theme,
+    line_plot,
+    opened,
+    picture_of,
+    publish,
+)
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.images import contact_sheet
 from rastercov.report.pages import Picture, rendered
-from rastercov.report.theme import DARK, DETECTED, INK, LIGHT, PAPER, UNDETECTED, Theme
+from rastercov.report.theme import INK, PAPER
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -73,6 +83,7 @@ TALLY_HEADINGS = (
 )
 MIN_MARKERS = 8
 """Markers of a coverage class that has a point in a plot."""
+DETECTED, UNDETECTED = (25, 195, 125), (255, 93, 108)
 TILE = 240
 """Side of a picture of one marker, px."""
 
@@ -173,7 +184,7 @@ def write_validation(
     `failures` is the number of wrong predictions to show by each requirement, the clearest first;
     the renderer draws them again. `progress` gets the pictures drawn and the pictures in all.
     """
-    with ReportFolder.opened(out, VALIDATION) as folder:
+    with opened(out, VALIDATION) as folder:
         pictures = {
             _file_of(experiment): Picture.of(
                 f"{experiment.title}: the photograph, what was found in green",

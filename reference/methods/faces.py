@@ -21,23 +21,16 @@ from rastercov.mesh import Mesh
 from rastercov.raster.sample_grid import SampleGrid
 from rastercov.reference.methods.error_statistics import FaceError
 from rastercov.report.images import stripes
-from rastercov.report.theme import (
-    BROKEN,
-    EMPTY,
-    HIDDEN,
-    HIDDEN_STRIPE,
-    INK,
-    OUTLINE,
-    PAPER,
-    PIXEL_BORDER,
-    SAMPLE,
-    SEEN,
-    SEEN_EDGE,
-)
+from rastercov.report.theme import INK, PAPER
 
 FloatArray = NDArray[np.float64]
 Box = tuple[float, float, float]
 """Square part of the image: left, top, side, px."""
+SEEN, SEEN_EDGE = (20, 163, 127), (10, 90, 70)
+HIDDEN, HIDDEN_STRIPE = (240, 128, 60), (194, 87, 26)
+BROKEN = (192, 24, 43)
+EMPTY, OUTLINE = (223, 230, 238), (250, 251, 252)
+PIXEL_BORDER, SAMPLE = (49, 69, 92), (109, 121, 135)
 
 MAX_FACES = 800
 """Largest number of faces that are drawn around one: more are slow and cannot be read."""

@@ -37,10 +37,21 @@ from rastercov.reference.methods.error_statistics import (
     SizeClass,
 )
 from rastercov.reference.methods.faces import face_picture, fraction
-from rastercov.reference.pages import LABEL, Axis, Curve, line_plot, new_axes, picture_of, publish
+from rastercov.reference.pages import (
+    DARK,
+    LABEL,
+    LIGHT,
+    Axis,
+    Curve,
+    Theme,
+    line_plot,
+    new_axes,
+    opened,
+    picture_of,
+    publish,
+)
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.pages import Picture, rendered
-from rastercov.report.theme import DARK, LIGHT, Theme
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -93,7 +104,7 @@ def write_comparison(
     written, the JSON says `"interrupted": true`, and then the interrupt is raised. `progress` gets
     the pictures drawn and the pictures in all.
     """
-    with ReportFolder.opened(out, COMPARISON) as folder:
+    with opened(out, COMPARISON) as folder:
         pictures: dict[str, Picture] = {}
         interrupted = False
         try:

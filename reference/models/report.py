@@ -13,7 +13,7 @@ enlarged.
 
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import astuple, dataclass, fields, replace
+from dataclasses import astuple, fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -29,24 +29,20 @@ from rastercov.coverage.observer import visibility
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.raster import open_rasterizer
-from rastercov.raster.contract import VisibilityBuffer
 from rastercov.reference.models import MODELS, zhang
 from rastercov.reference.models.base import Criteria
 from rastercov.reference.models.comparison import OURS, FaceValues, ModelComparison, covers
-from rastercov.reference.pages import publish
+from rastercov.reference.pages import opened, publish
+from rastercov.report.camera_pictures import coverage_picture, coverage_pixels
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.images import (
-    OPACITY,
     Key,
     contact_sheet,
-    coverage_picture,
-    coverage_pixels,
     framed,
     png,
-    targets_in_view,
 )
 from rastercov.report.pages import Picture, rendered
-from rastercov.report.theme import ENLARGED, FALSELY_SEEN, MISSED
+from rastercov.report.panorama import Scene, seen
 
 FloatArray = NDArray[np.float64]
 Box = tuple[float, float, float, float]
@@ -57,6 +53,12 @@ MODEL_COMPARISON = ReportKind(
     re.compile(r"models\.(json|html)|(occlusion|models)_\d+\.png"),
     last="models.json",
 )
+MISSED, FALSELY_SEEN = (232, 92, 16), (24, 88, 214)
+"""Visible but called hidden by the bivalent test, and hidden but called visible."""
+ENLARGED = (240, 190, 0)
+"""Frame around the enlarged part of a picture."""
+OF_TARGETS = 0.4
+"""Strength of colours on targets, relative to surfaces."""
 POSES_DRAWN = 3
 """Poses with pictures, at most: those in which the bivalent test misjudges most."""
 CRITERIA_HEADINGS = (
@@ -98,7 +100,7 @@ def write_model_comparison(
 
     `progress` gets the poses drawn and the poses to draw.
     """
-    with ReportFolder.opened(out, MODEL_COMPARISON) as folder:
+    with opened(out, MODEL_COMPARISON) as folder:
         matrices = valid_poses(poses)
         chosen = sorted(np.argsort(-np.array(comparison.misjudged), kind="stable")[:POSES_DRAWN])
         digits = len(str(len(matrices) - 1))
@@ -262,27 +264,17 @@ def score_table(comparison: ModelComparison) -> Table:
     return table
 
 
-@dataclass(frozen=True, eq=False)
-class Look:
-    """A part of one pose's image at some size: its camera and its nearest faces."""
-
-    mesh: Mesh
-    camera: Camera
-    pose: FloatArray
-    buffer: VisibilityBuffer
-
-
-def look_at_part(mesh: Mesh, camera: Camera, pose: FloatArray, width: int = WIDTH) -> Look:
+def look_at_part(mesh: Mesh, camera: Camera, pose: FloatArray, width: int = WIDTH) -> Scene:
     """The part of the image that holds the mesh, `width` pixels wide."""
     return _look(mesh, camera, pose, _box_of(mesh, camera, pose), width)
 
 
-def look_closer(mesh: Mesh, camera: Camera, pose: FloatArray, weights: FloatArray) -> Look:
+def look_closer(mesh: Mesh, camera: Camera, pose: FloatArray, weights: FloatArray) -> Scene:
     """The region of the image with the largest sum of weights (F,), enlarged."""
     whole = _box_of(mesh, camera, pose)
     look = _look(mesh, camera, pose, whole, WIDTH)
-    height, width = look.buffer.face.shape
-    weight = np.append(weights, 0.0)[look.buffer.face]
+    height, width = look.face.shape
+    weight = np.append(weights, 0.0)[look.face]
     side = max(8, round(DETAIL * width)), max(8, round(DETAIL * height))
     total = np.zeros((height + 1, width + 1))
     total[1:, 1:] = weight.cumsum(axis=0).cumsum(axis=1)
@@ -297,23 +289,20 @@ def look_closer(mesh: Mesh, camera: Camera, pose: FloatArray, weights: FloatArra
 
 
 def occlusion_sheet(
-    whole: Look, closer: Look, bivalent: FloatArray, graded: FloatArray
+    whole: Scene, closer: Scene, bivalent: FloatArray, graded: FloatArray
 ) -> Image.Image:
     """Bivalent occlusion, graded occlusion and their difference, a row for each look.
 
     Parameters
     ----------
-    whole, closer : Look
+    whole, closer : Scene
         All of one pose, and a region of it.
     bivalent, graded : (F,) float64
         Visible fraction of each face.
     """
     pictures, captions = [], []
     for look, more in zip((whole, closer), ("", ", enlarged"), strict=True):
-        three = [
-            coverage_picture(look.buffer, values, look.mesh, look.camera, look.pose)
-            for values in (bivalent, graded)
-        ]
+        three = [coverage_picture(look, values) for values in (bivalent, graded)]
         three.append(difference_picture(look, bivalent, graded))
         pictures += three if more else [_with_frame(each, whole, closer) for each in three]
         names = ("(a) bivalent occlusion", "(b) graded occlusion", "(c) where they differ")
@@ -321,18 +310,16 @@ def occlusion_sheet(
     return _sheet(pictures, captions)
 
 
-def difference_picture(look: Look, bivalent: FloatArray, graded: FloatArray) -> Image.Image:
+def difference_picture(look: Scene, bivalent: FloatArray, graded: FloatArray) -> Image.Image:
     """The look in soft grey, with colour on faces whose bivalent and graded occlusion differ.
 
     The strength of the colour grows with the difference.
     """
     mesh = look.mesh
-    shown = coverage_pixels(look.buffer, graded, mesh, look.pose, look.camera)
+    shown = coverage_pixels(look, graded)
     pixels = 0.55 * shown + 0.45 * 205
     differs = np.append(np.where(mesh.task_mask, graded - bivalent, 0.0), 0.0)
-    targets = targets_in_view(mesh, look.camera, look.pose, look.buffer.depth)
-    layers = [(look.buffer.face, 1.0)] + ([] if targets is None else [(targets, OPACITY)])
-    for face, opacity in layers:
+    for face, opacity in ((look.face, 1.0), (look.targets, OF_TARGETS)):
         off = differs[face]
         for sign, colour in ((1, MISSED), (-1, FALSELY_SEEN)):
             rows = sign * off > MIN_DIFFERENCE
@@ -345,12 +332,11 @@ def difference_picture(look: Look, bivalent: FloatArray, graded: FloatArray) -> 
     return framed(pixels.astype(np.uint8), "", keys)
 
 
-def models_sheet(look: Look, values: dict[str, FloatArray], captions: Sequence[str]) -> Image.Image:
+def models_sheet(
+    look: Scene, values: dict[str, FloatArray], captions: Sequence[str]
+) -> Image.Image:
     """Coverage by every model, side by side."""
-    pictures = [
-        coverage_picture(look.buffer, of_model, look.mesh, look.camera, look.pose)
-        for of_model in values.values()
-    ]
+    pictures = [coverage_picture(look, of_model) for of_model in values.values()]
     return _sheet(pictures, captions)
 
 
@@ -359,7 +345,7 @@ def _sheet(pictures: Sequence[Image.Image], captions: Sequence[str]) -> Image.Im
     return contact_sheet(pictures, captions, 3, max(picture.width for picture in pictures))
 
 
-def _with_frame(picture: Image.Image, look: Look, closer: Look) -> Image.Image:
+def _with_frame(picture: Image.Image, look: Scene, closer: Scene) -> Image.Image:
     """Picture of a look with a frame around the region that another look enlarges."""
     if picture.width != look.camera.width:  # a narrow one, which `framed` has enlarged
         return picture
@@ -390,7 +376,7 @@ def _box_of(mesh: Mesh, camera: Camera, pose: FloatArray) -> Box:
     )
 
 
-def _look(mesh: Mesh, camera: Camera, pose: FloatArray, box: Box, width: int) -> Look:
+def _look(mesh: Mesh, camera: Camera, pose: FloatArray, box: Box, width: int) -> Scene:
     """Draw a part of the image, `width` pixels wide or `MAX_ASPECT * width` high."""
     across, down = box[2] - box[0], box[3] - box[1]
     scale = min(width / across, MAX_ASPECT * width / down)
@@ -405,7 +391,7 @@ def _look(mesh: Mesh, camera: Camera, pose: FloatArray, box: Box, width: int) ->
         skew=camera.skew * scale,
     )
     with open_rasterizer(mesh, cut, "cpu") as rasterizer:
-        return Look(mesh, cut, pose, rasterizer.render(pose))
+        return seen(mesh, cut, pose, rasterizer.render(pose))
 
 
 def _swatch(colour: tuple[int, int, int]) -> NDArray[np.uint8]:

@@ -10,8 +10,8 @@ import rastercov as rc
 from rastercov.coverage.area.regions import covering_poses
 from rastercov.reference.regions import points_on
 from rastercov.report.camera_pictures import covered_pixels
-from rastercov.report.overview import best_pose_at
-from rastercov.report.panorama import points_of_pixels
+from rastercov.report.overview import nearest_covering
+from rastercov.report.panorama import points_of_pixels, seen
 
 TASK = rc.Task(max_incidence_deg=75)
 
@@ -50,20 +50,21 @@ def test_no_points_and_no_poses_are_no_error():
 
 
 @pytest.mark.slow
-def test_pixels_show_the_area_that_is_covered_and_the_best_pose_is_one_that_covers():
+def test_pixels_show_the_area_that_is_covered_and_the_nearest_pose_is_one_that_covers():
     mesh, camera, poses = room()
     camera = camera.resized(0.25)
     regions, alone = (rc.regions(mesh, camera, some, TASK) for some in (poses, poses[:1]))
     with rc.open_rasterizer(mesh, camera, "cpu") as rasterizer:
-        face = rasterizer.render(poses[0]).face
+        scene = seen(mesh, camera, poses[0], rasterizer.render(poses[0]))
+    face = scene.face
     rows, columns = np.nonzero(face >= 0)
     faces = face[rows, columns]
     points = points_of_pixels(mesh, camera, poses[0], faces, rows, columns)
     covers = covering_poses(regions, faces, points)
-    best = best_pose_at(regions, rc.Poses.of(poses), faces, points)
+    best = nearest_covering(regions, poses[:, :3, 3], faces, points)
     assert np.array_equal(best >= 0, covers.any(axis=1))
     assert covers[np.arange(len(best)), best][best >= 0].all()
-    shown = covered_pixels(alone, camera, poses[0], face)
+    shown = covered_pixels(alone, scene, face)
     assert not shown[face < 0].any()
     assert 0.1 < shown[rows, columns].mean() < 1
     assert shown[rows, columns].mean() == pytest.approx(covers[:, 0].mean(), abs=1e-3)

@@ -655,9 +655,9 @@ def test_what_cannot_be_compared_is_refused(changes, words):
 def test_a_part_that_fills_more_than_the_image_is_drawn_as_far_as_it_goes():
     near = joined(square(9.0, 4.0), square(0.5, -3.0))
     look = look_at_part(near, CAMERA, AHEAD[0])
-    assert (look.buffer.face >= 0).all()
+    assert (look.face >= 0).all()
     nothing = look_at_part(square(0.5, -3.0), CAMERA, AHEAD[0])
-    assert (nothing.buffer.face < 0).all()
+    assert (nothing.face < 0).all()
     looked = look_closer(near, CAMERA, AHEAD[0], np.zeros(near.n_faces))
     assert occlusion_sheet(look, looked, np.ones(4), np.ones(4)).width > 1000
 

@@ -34,14 +34,15 @@ def test_an_occluder_is_marked_where_it_hides_the_task_and_a_target_where_it_is(
     camera = rc.Camera(width=320, height=240, fx=200, fy=200)
     pose = rc.look_at((0, -5, 0.5), (0, 0, 0))[0]
     image = camera_image(mesh, camera, pose, rc.Task())
-    is_plate = np.append(~mesh.task_mask, False)[image.face]
-    assert (image.beneath == is_plate).mean() > 0.995
-    assert (image.reasons[image.targets[image.targets >= 0]] == Reason.COVERED).all()
+    is_plate = np.append(~mesh.task_mask, False)[image.scene.face]
+    targets = image.scene.targets
+    assert (image.hidden == is_plate & (targets < 0)).mean() > 0.995
+    assert (image.reasons[targets[targets >= 0]] == Reason.COVERED).all()
     names = {key.name for key in camera_keys(image, COLOUR, "covered")}
     assert {"covered", "occluder", "occluder that hides the task"} <= names
     pixels = camera_pixels(image, COLOUR)
     bare = camera_pixels(camera_image(mesh.opaque, camera, pose, rc.Task()), COLOUR)
-    beyond = image.targets < 0
+    beyond = targets < 0
     assert (pixels[beyond] == bare[beyond]).all()
     is_same = (pixels[~beyond] == bare[~beyond]).all(axis=1)
     assert is_same.mean() > 0.15  # a thin one: outlines
@@ -51,9 +52,9 @@ def test_the_back_of_a_face_is_never_covered():
     mesh = Mesh([(-1, 0, -1), (1, 0, -1), (1, 0, 1), (-1, 0, 1)], [(0, 2, 1), (0, 3, 2)])
     camera = rc.Camera(width=160, height=120, fx=100, fy=100)
     image = camera_image(mesh, camera, rc.look_at((0, -3, 0), (0, 0, 0))[0], rc.Task())
-    colours = camera_pixels(image, COLOUR)[image.face >= 0]
+    colours = camera_pixels(image, COLOUR)[image.scene.face >= 0]
     assert not (colours == COLOUR).all(axis=1).any()
-    assert theme.BEHIND[0] >= colours.max() - 60
+    assert theme.OF_CAMERA.back[0] >= colours.max() - 60
 
 
 # Through lenses
@@ -66,19 +67,20 @@ DENSE = rc.Task(max_incidence_deg=70, min_pixel_density=60)
 def test_a_pixel_of_a_camera_picture_has_the_colour_of_the_face_that_its_ray_meets(camera):
     pose = POSES[4]
     image = camera_image(MESH, camera, pose, DENSE, side=200)
-    assert max(image.camera.width, image.camera.height) == 200
+    face, small = image.scene.face, image.scene.camera
+    assert max(small.width, small.height) == 200
     found = rc.evaluate(MESH, camera, pose[None], DENSE).reason[0]
-    rows, columns = np.nonzero(image.face >= 0)
-    assert len(rows) > 0.98 * image.face.size
+    rows, columns = np.nonzero(face >= 0)
+    assert len(rows) > 0.98 * face.size
     pixels = camera_pixels(image, COLOUR)[rows, columns].astype(int)
-    is_covered = found[image.face[rows, columns]] == Reason.COVERED
+    is_covered = found[face[rows, columns]] == Reason.COVERED
     assert ((pixels[:, 0] > 3 * pixels[:, 1]) == is_covered).all()
     assert image.faces == (found == Reason.COVERED).sum() > 0
     words = {key.name for key in camera_keys(image, COLOUR, "covered")}
-    states = set(found[image.face[rows, columns]].tolist()) - {Reason.COVERED}
-    assert len(words) == 1 + len(states) + bool((image.face < 0).any())
-    points = points_of_pixels(MESH, image.camera, pose, image.face[rows, columns], rows, columns)
-    places = to_image(to_camera(points, pose), image.camera)
+    states = set(found[face[rows, columns]].tolist()) - {Reason.COVERED}
+    assert len(words) == 1 + len(states) + bool((face < 0).any())
+    points = points_of_pixels(MESH, small, pose, face[rows, columns], rows, columns)
+    places = to_image(to_camera(points, pose), small)
     np.testing.assert_allclose(places, np.column_stack((columns, rows)) + 0.5, atol=1e-6)
     beyond = np.maximum(-points, points - np.array((8, 5, 3))).max(axis=1)
     assert (beyond < 1e-9).mean() > 0.995  # pixels at an edge may show either side

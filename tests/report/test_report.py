@@ -27,7 +27,9 @@ from rastercov.reference.coverage import rows_of
 from rastercov.report import coverage_files as coverage_table
 from rastercov.report import images as pictures
 from rastercov.report import tables, theme
+from rastercov.report.camera_pictures import coverage_picture, coverage_pixels
 from rastercov.report.coverage_files import write_coloured_mesh
+from rastercov.report.panorama import seen
 
 INFO = RasterizerInfo("gl", "pipeline", "renderer", "driver", "device", "float32", "hash")
 CAMERA = Camera(width=480, height=360, fx=400, fy=400, cx=240, cy=180)
@@ -235,6 +237,10 @@ def test_scale_of_the_coloured_mesh_grows_lighter_evenly():
     assert steps.max() < 2 * steps.min()
 
 
+def strip_scene():
+    return seen(STRIP, CAMERA, FROM_ABOVE, strip_buffer())
+
+
 # --- pictures -------------------------------------------------------------------------------
 
 
@@ -245,7 +251,7 @@ def inside(pixels, square, upper):
 
 def test_brighter_is_better_covered():
     values = [0.0, 0.15, 0.5, 1.0, 1.0, 1.0]
-    pixels = pictures.coverage_pixels(strip_buffer(), values, STRIP, FROM_ABOVE)
+    pixels = coverage_pixels(strip_scene(), values)
     greys = [inside(pixels, face // 2, face % 2) for face in range(4)]
     assert all(np.ptp(grey) == 0 for grey in greys)
     assert (np.diff([grey[0] for grey in greys]) > 0).all()
@@ -253,48 +259,45 @@ def test_brighter_is_better_covered():
     assert greys[3][0] > 230
 
 
-@pytest.mark.parametrize("values", [np.linspace(0, 1, 20), np.array([0.3, 0.45])])
+@pytest.mark.parametrize("values", [np.linspace(0, 0.85, 20), np.array([0.3, 0.45])])
 def test_shading_never_outweighs_a_difference_of_coverage(values):
-    better, worse = pictures._grey(values[1:], 0.0), pictures._grey(values[:-1], 1.0)
-    apart = np.diff(values) > theme.HEADLIGHT / theme.GREY_SPAN
-    assert (better[apart] >= worse[apart]).all()
-    assert theme.HEADLIGHT <= 0.15 * theme.GREY_SPAN
+    edge_on = theme.OF_CAMERA.least_light * pictures.greys(values + 0.15)
+    assert (edge_on >= pictures.greys(values)).all()
 
 
 def test_background_occluders_and_backs_are_coloured_and_nothing_else_is():
     buffer, both_sides = strip_buffer(), STRIP.with_groups(two_sided="all")
-    seen, behind, turned = (
-        pictures.coverage_pixels(buffer, np.ones(6), mesh, pose).astype(int)
+    above, behind, turned = (
+        coverage_pixels(seen(mesh, CAMERA, pose, buffer), np.ones(6)).astype(int)
         for mesh, pose in ((STRIP, FROM_ABOVE), (STRIP, FROM_BELOW), (both_sides, FROM_BELOW))
     )
-    assert (seen[buffer.face < 0] == theme.BACKGROUND).all()
-    is_grey = np.ptp(seen, axis=2) == 0
+    assert (above[buffer.face < 0] == theme.OF_CAMERA.background).all()
+    is_grey = np.ptp(above, axis=2) == 0
     np.testing.assert_array_equal(is_grey, np.isin(buffer.face, [0, 1, 2, 3]))
     assert (np.ptp(behind, axis=2) > 0).all()
     occluder, back = inside(behind, 2, upper=True), inside(behind, 0, upper=True)
     assert np.abs(occluder - back).max() > 40
-    np.testing.assert_array_equal(turned, seen)
+    np.testing.assert_array_equal(turned, above)
 
 
 def test_lines_part_large_faces_and_not_small_ones():
-    pixels = pictures.coverage_pixels(strip_buffer(), np.ones(6), STRIP, FROM_ABOVE)
+    pixels = coverage_pixels(strip_scene(), np.ones(6))
     assert len(np.unique(pixels[105, 100:159, 0])) > 1
     face = np.full((360, 480), -1, np.int32)
     face[:200, :200] = np.random.default_rng(0).integers(0, 2000, (200, 200))
     many = Mesh(STRIP.vertices, np.tile(STRIP.faces[:2], (1000, 1)))
     buffer = VisibilityBuffer(face, np.ones(face.shape, np.float32))
-    small = pictures.coverage_pixels(buffer, np.ones(2000), many, FROM_ABOVE)
+    small = coverage_pixels(seen(many, CAMERA, FROM_ABOVE, buffer), np.ones(2000))
     plain = np.unique(small[:200, :200])
     assert plain.min() > 200
 
 
 def test_picture_is_as_wide_as_the_image_and_shows_it_one_to_one():
-    buffer, values = strip_buffer(), np.linspace(0, 1, 6)
+    scene, values = strip_scene(), np.linspace(0, 1, 6)
     bare, titled = (
-        np.asarray(pictures.coverage_picture(buffer, values, STRIP, CAMERA, FROM_ABOVE, *title))
-        for title in ([], ["pose 3"])
+        np.asarray(coverage_picture(scene, values, *title)) for title in ([], ["pose 3"])
     )
-    pixels = pictures.coverage_pixels(buffer, values, STRIP, FROM_ABOVE)
+    pixels = coverage_pixels(scene, values)
     top = len(titled) - len(bare)
     np.testing.assert_array_equal(bare[:360], pixels)
     np.testing.assert_array_equal(titled[top : top + 360], pixels)
@@ -316,7 +319,7 @@ def test_near_is_bright_in_the_depth_picture():
     depth[:, :40] = np.inf
     buffer = VisibilityBuffer(np.where(np.isinf(depth), -1, 0).astype(np.int32), depth)
     pixels = np.asarray(pictures.depth_picture(buffer))[:360].astype(int)
-    assert (pixels[:, :40] == theme.BACKGROUND).all()
+    assert (pixels[:, :40] == theme.OF_CAMERA.background).all()
     grey = pixels[:, 40:, :1]
     assert (pixels[:, 40:] == grey).all()
     assert (np.diff(grey, axis=1) <= 0).all()

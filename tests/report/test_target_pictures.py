@@ -1,4 +1,6 @@
-"""Targets in pictures: translucent, so that what is behind them shows."""
+"""Targets in pictures: hatched, so that what is behind them shows."""
+
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -11,8 +13,11 @@ from rastercov.camera.camera import Camera
 from rastercov.raster import open_rasterizer
 from rastercov.reference.methods.faces import neighbourhood
 from rastercov.reference.models.report import difference_picture, look_at_part
+from rastercov.report import camera_pictures, theme
+from rastercov.report.camera_pictures import coverage_pixels
 from rastercov.report.coverage_files import write_coloured_mesh
-from rastercov.report.images import coverage_pixels, hatch_over, lay_over, targets_in_view
+from rastercov.report.images import hatch_over, targets_in_view
+from rastercov.report.panorama import seen
 
 CAMERA = Camera(width=80, height=80, fx=80, fy=80)
 WALL = square(2, 4)
@@ -24,6 +29,10 @@ def buffer_of(mesh):
         return rasterizer.render(AHEAD)
 
 
+def scene_of(mesh):
+    return seen(mesh, CAMERA, AHEAD, buffer_of(mesh))
+
+
 def test_targets_in_view_are_those_before_the_surface():
     found = targets_in_view(SCENE, CAMERA, AHEAD, buffer_of(SCENE).depth)
     assert set(np.unique(found)) == {-1, 2, 3}
@@ -31,27 +40,14 @@ def test_targets_in_view_are_those_before_the_surface():
     assert targets_in_view(WALL, CAMERA, AHEAD, buffer_of(WALL).depth) is None
 
 
-@pytest.mark.parametrize("value", [0.0, 1.0])
+@pytest.mark.parametrize("value", [0.0, 0.5])
 def test_a_picture_shows_what_is_behind_a_target(value):
-    buffer, bare = buffer_of(SCENE), beside(WALL)
-    without = coverage_pixels(buffer_of(bare), np.ones(2), bare, AHEAD, CAMERA).astype(int)
-    values = np.array([1, 1, *[value] * 4])
-    pixels = coverage_pixels(buffer, values, SCENE, AHEAD, CAMERA).astype(int)
+    scene = scene_of(SCENE)
+    without = coverage_pixels(scene_of(beside(WALL)), np.ones(2)).astype(int)
+    pixels = coverage_pixels(scene, np.array([1, 1, *[value] * 4])).astype(int)
     changed = (pixels != without).any(axis=2)
-    assert changed.sum() == 20 * 20
-    assert np.array_equal(changed, targets_in_view(SCENE, CAMERA, AHEAD, buffer.depth) >= 0)
-    inside = np.s_[35:45, 46:49]  # away from outlines
-    assert (pixels[inside] > 0.55 * without[inside]).all()
-
-
-def test_outlines_are_stronger_than_the_inside():
-    pixels = np.full((4, 6, 3), 200, np.uint8)
-    targets = np.full((4, 6), -1, np.int32)
-    targets[:, 1:5] = 0
-    lay_over(pixels, targets, np.zeros((1, 3), np.uint8))
-    assert (pixels[:, [0, 5]] == 200).all()
-    assert (pixels[:, [2, 3]] == 120).all()
-    assert (pixels[:, [1, 4]] == 20).all()
+    assert not changed[scene.targets < 0].any()
+    assert 0.4 < changed[35:45, 46:49].mean() < 0.75  # away from outlines
 
 
 def test_coloured_meshes_have_translucent_targets(tmp_path):
@@ -82,19 +78,20 @@ def test_the_difference_of_models_shows_targets_and_what_is_behind_them():
     changed = difference_picture(look, bivalent, graded)
     plain = difference_picture(bare, np.ones(2), np.ones(2))
     pixels, expected = (np.asarray(image.convert("RGB"), int) for image in (changed, plain))
-    inside = targets_in_view(SCENE, look.camera, AHEAD, look.buffer.depth) >= 0
+    inside = look.targets >= 0
     top = (pixels != expected[: len(pixels)]).any(axis=2)[: inside.shape[0]]
     assert top[inside].mean() > 0.9
     assert top[~inside].mean() < 0.05
 
 
-def test_by_area_pixels_are_coloured_point_by_point():
+def test_by_area_pixels_are_coloured_point_by_point(monkeypatch):
     levels = np.zeros((80, 80), bool)
     levels[:40] = True
-    buffer = buffer_of(SCENE)
-    pixels = coverage_pixels(buffer, np.ones(6), SCENE, AHEAD, CAMERA, levels, levels).astype(int)
-    is_target = targets_in_view(SCENE, CAMERA, AHEAD, buffer.depth) >= 0
-    for shown in (is_target, ~is_target & (buffer.face >= 0)):
+    monkeypatch.setattr(camera_pictures, "covered_pixels", lambda *rest: levels)
+    scene = scene_of(SCENE)
+    pixels = coverage_pixels(scene, np.ones(6), Mock()).astype(int)
+    is_target = scene.targets >= 0
+    for shown in (is_target, ~is_target & (scene.face >= 0)):
         upper, lower = (pixels[rows][shown[rows]] for rows in (slice(0, 40), slice(40, 80)))
         assert upper[:, 1].mean() > lower[:, 1].mean() + 30
 
@@ -108,5 +105,5 @@ def test_hatching_leaves_every_other_stripe_as_it_is():
     own = (inside == (7, 8, 9)).all(axis=1)
     assert own.mean() == pytest.approx(0.5, abs=0.05)
     assert (inside[~own] == 200).all()
-    assert (pixels[10, 10:50] == (7, 8, 9)).all()
+    assert (pixels[10, 10:50] == theme.OUTLINE_3D).all()
     assert (pixels[targets < 0] == 200).all()

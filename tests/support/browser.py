@@ -20,8 +20,7 @@ TOKEN = "a-token-of-the-tests-0123456789"
 class Program:
     """A server of a session on a port of its own, as `rastercov view` runs it."""
 
-    def __init__(self, session, port=0, token=TOKEN, out=None, files=(None, None)):
-        self.files = files  # certificate and key
+    def __init__(self, session, port=0, token=TOKEN, out=None):
         self.arrived = lambda: None
         self.session, self.token, self.out = session, token, out
         self.port, self._server, self._thread = port, None, None
@@ -34,14 +33,13 @@ class Program:
         import uvicorn
 
         from rastercov.viewer.connections import bound, settings
-        from rastercov.viewer.server import Address, application
+        from rastercov.viewer.server import application
 
-        made = bound("127.0.0.1", self.port)
+        made = bound(self.port)
         made.listen()
         self.port = made.getsockname()[1]
-        address = Address(token=self.token)
-        app = application(self.session, address, self.port, self.out, self.arrived)
-        self._server = uvicorn.Server(settings(app, made, *self.files))
+        app = application(self.session, self.token, self.port, self.out, self.arrived)
+        self._server = uvicorn.Server(settings(app))
         self._thread = threading.Thread(
             target=self._server.run, kwargs={"sockets": [made]}, daemon=True
         )

@@ -8,7 +8,6 @@ from rastercov.camera.rig import Rig
 from rastercov.camera.viewpoints import look_at, sphere_of_poses
 from rastercov.coverage.task import Reason
 from rastercov.mesh import shapes
-from rastercov.reference.models import MODELS
 from rastercov.viewer.rig_state import RigState
 from rastercov.viewer.scene import Scene
 from rastercov.viewer.session import Session, unframed
@@ -40,13 +39,13 @@ def state_of(mesh, count=4, camera=CAMERA, task=None):
 def session_of(mesh=None, count=4, **options):
     """A session on a part."""
     mesh = part() if mesh is None else mesh
-    return Session(Scene("part", mesh, state_of(mesh, count, **options), models=MODELS))
+    return Session(Scene("part", mesh, state_of(mesh, count, **options)))
 
 
 def session_of_room():
     """A session on a room with two cameras inside."""
     poses = Poses.of(look_at(np.array(EYES), np.array([(0.0, 0.0, 0.6)] * len(EYES))))
-    return Session(Scene("room", ROOM, RigState.of(Rig([WIDE], ["wide"]), poses), models=MODELS))
+    return Session(Scene("room", ROOM, RigState.of(Rig([WIDE], ["wide"]), poses)))
 
 
 def percent_covered(state, **thresholds):

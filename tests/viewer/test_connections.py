@@ -1,11 +1,8 @@
 """What a user without the token can do to the server: nothing that its owner notices."""
 
 import json
-import shutil
 import socket
-import subprocess
 import time
-from contextlib import contextmanager
 from itertools import product
 from unittest.mock import Mock
 
@@ -24,21 +21,15 @@ SOON = 2.0
 """Seconds of CPU time, of the server and what asks it: other work on the machine does not count."""
 
 
-@contextmanager
-def started(**options):
+@pytest.fixture
+def program():
     """A server of a session."""
     session = session_of(count=2)
-    running = Program(session, **options)
+    running = Program(session)
     running.start()
     yield running
     running.stop()
     session.close()
-
-
-@pytest.fixture
-def program():
-    with started() as running:
-        yield running
 
 
 @pytest.fixture
@@ -109,22 +100,6 @@ def test_a_large_answer_that_is_read_slowly_is_not_cut(program, quick, monkeypat
         time.sleep(4)
         got = sum(map(len, answer.iter_bytes()))
     assert got == len(data)
-
-
-@pytest.mark.skipif(shutil.which("openssl") is None, reason="a certificate is made by openssl")
-def test_handshakes_that_do_not_end_have_little_time_too(tmp_path, quick):
-    key, certificate = tmp_path / "key.pem", tmp_path / "cert.pem"
-    line = "openssl req -x509 -newkey rsa:2048 -nodes -days 2 -subj /CN=localhost"
-    made = [*line.split(), "-keyout", str(key), "-out", str(certificate)]
-    subprocess.run(made, check=True, capture_output=True)
-    with (
-        started(files=(str(certificate), str(key))) as program,
-        many_half_opened(300, program.port, ["silent"]) as lines,
-    ):
-        url, began = f"https://127.0.0.1:{program.port}/api/ping", time.process_time()
-        assert httpx.get(url, headers=OWN, verify=False, timeout=30).status_code == 200
-        assert time.process_time() - began < SOON
-        assert seconds_to_close(lines[-1], 20) < 10
 
 
 def test_nothing_is_printed_when_a_page_closes_in_a_request(program, capfd, monkeypatch):

@@ -14,7 +14,7 @@ from rigs_to_view import around, moved, part, session_of
 
 from rastercov import ConfigError
 from rastercov.report.pages import static_file
-from rastercov.viewer.server import Address, serve
+from rastercov.viewer.server import serve
 from rastercov.viewer.session import unframed
 
 pytest.importorskip("uvicorn")
@@ -148,7 +148,7 @@ RIG = {"stations": [], "cameras": {"a": {"plain": {LONG: LONG}}}, "task": {}}
 ENTRIES = (
     {"revision": True}, {"revision": LONG}, {"mode": LONG}, {LONG: 1}, {"options": {"a": [1]}},
     {"options": {LONG: [1]}}, {"mode": "segments", "options": {"beta_deg": LONG}},
-    {"mode": "model", "options": {"model": LONG}}, {"mode": "single", "station": 99},
+    {"mode": "single", "station": 99},
 )  # fmt: skip
 POSE = {"do": "pose", "station": 0, "pose": [float(x) for x in POSES[0].ravel()]}
 EYE = {"do": "camera", "camera": "eye"}
@@ -224,26 +224,8 @@ def test_wrong_questions_are_answered_in_one_line(client, path):
     assert answer.json()["error"]
 
 
-@pytest.mark.parametrize("host", ["0.0.0.0", "::", "192.168.0.1", "example.org", ""])
-def test_another_address_wants_a_token_and_a_certificate(host):
-    with pytest.raises(ConfigError, match="reachable from elsewhere"):
-        Address.of(host)
-
-
-def test_a_token_is_long_enough(tmp_path):
-    path = tmp_path / "token"
-    path.write_text("secret")
-    for name, words in (("token", "22 or more"), ("none", "cannot be read")):
-        with pytest.raises(ConfigError, match=words):
-            Address.of(token_file=tmp_path / name)
-    path.write_text("s" * 40 + "\n")
-    assert Address.of(token_file=path).token == "s" * 40
-    assert Address.of().token != Address.of().token
-    assert len(Address.of().token) >= 40
-
-
 def test_a_port_that_is_taken_is_said(session):
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
         with pytest.raises(ConfigError, match="cannot be bound"):
-            serve(session, Address.of(port=port))
+            serve(session, port)

@@ -18,11 +18,10 @@ from rastercov.coverage.area.regions import regions
 from rastercov.coverage.reasons import NO_CAMERAS
 from rastercov.coverage.task import Reason
 from rastercov.placement.candidates.segments import segment
-from rastercov.reference.models import MODELS
 from rastercov.report.modes import OCCLUDER_OF_REASONS
 from rastercov.viewer import measurements
 from rastercov.viewer.rig_state import RigState
-from rastercov.viewer.scene import Scene, modes, task_fields
+from rastercov.viewer.scene import Scene, task_fields
 from rastercov.viewer.session import Session
 
 MESH = part()
@@ -147,13 +146,6 @@ def test_exact_area_is_that_of_the_regions(session):
     assert head["summary"]["exact_area_percent"] is None
 
 
-def test_models_of_the_literature(session):
-    for name, model in MODELS.items():
-        _, levels = acted(session, "model", options={"model": name})
-        best = model(MESH, CAMERA, POSES).max(axis=0)
-        assert np.array_equal(levels > 0, best > 0)
-
-
 def test_segments_are_those_of_the_thesis(session):
     for alpha, beta in ((20.0, 10.0), (60.0, 30.0)):
         options = {"alpha_deg": alpha, "beta_deg": beta}
@@ -215,7 +207,7 @@ def test_dead_zones_are_those_of_the_area(session):
 
 
 def test_every_mode_has_a_legend_whose_colours_are_of_the_palette(session):
-    for mode in modes(session.scene.models):
+    for mode in session.described()["modes"]:
         head, levels = acted(session, mode["id"])
         palette = np.frombuffer(base64.b64decode(head["palette"]), np.uint8).reshape(256, 3)
         for each in head["legend"]:

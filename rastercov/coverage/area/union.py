@@ -6,7 +6,7 @@ from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from rastercov.base.arguments import check_kind
 from rastercov.base.checks import finite_number, shown
@@ -22,7 +22,7 @@ from rastercov.coverage.area.division import (
     Progress,
     joined,
 )
-from rastercov.coverage.area.frames import FacePolygons, check_same_mesh, frames_of, rows_at
+from rastercov.coverage.area.frames import FacePolygons, check_same_mesh, frames_of
 from rastercov.coverage.area.polygons import polygon_areas
 from rastercov.coverage.area.regions import Regions
 from rastercov.mesh import Mesh
@@ -294,13 +294,3 @@ def _with_rest(covered: Covered) -> Covered:
     return replace(
         covered, xy=whole.xy, starts=whole.starts, face=whole.face, views=whole.views - 1
     )
-
-
-def views_at(covered: Covered, face: ArrayLike, points: ArrayLike) -> NDArray[np.int64]:
-    """(N,) cameras that cover each point of faces (N,), k of `covered` for k or more."""
-    whole = with_rest(covered)
-    found = rows_at(whole, whole.views, len(covered.area) + 1, face, points)
-    # On an outline a point is in several pieces.
-    found[:, 0] |= ~found.any(axis=1)
-    most: NDArray[np.int64] = len(covered.area) - found[:, ::-1].argmax(axis=1)
-    return most

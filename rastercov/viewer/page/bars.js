@@ -29,13 +29,12 @@ export function topBar(session, { summary, help }) {
 }
 
 const SAVES = [
-  ["rig", "Save rig", "poses and cameras, into the output folder"],
-  ["plan", "Save plan", "a plan file that gives this rig, into the output folder"],
+  ["rig", "Save rig", "poses, cameras and thresholds, into the output folder"],
   ["report", "Save report", "page, tables and pictures, into the output folder"],
 ];
 const DOWNLOADS = [
   ["rig", "Download rig", "rig.json"],
-  ["plan", "Download plan", "plan.toml"],
+  ["task", "Download thresholds", "task.toml"],
   ["page", "Download page (one file, opens without rastercov)", "rastercov.html"],
 ];
 

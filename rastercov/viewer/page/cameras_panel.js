@@ -1,6 +1,6 @@
 /** Panel "Cameras": the rig, and of the chosen camera its pose, its lens and what can be done with it. */
 
-import { button, choice, element, figure, fill, keepingFocus, percent, section } from "rastercov/dom.js";
+import { button, choice, count, element, figure, fill, keepingFocus, percent, section } from "rastercov/dom.js";
 import { anglesOf, centreOf, distance, poseFromAngles } from "rastercov/maths.js";
 import { control, labelOf, numberBox } from "rastercov/fields.js";
 
@@ -21,13 +21,19 @@ export function camerasPanel(session, { view, tools, jobs }) {
 /** One row a camera: on or off, name, what it covers, and what it alone covers. */
 function stationRows(session) {
   const shares = new Map((session.figures?.summary.by_camera ?? []).map((row) => [row.station, row]));
+  const covers = (row) => (row && row.area_percent === null ? count(row.faces) : percent(row?.area_percent));
+  const isAloneKnown = [...shares.values()].some((row) => row.alone_percent !== null);
+  const alone = (row) => (isAloneKnown ? percent(row?.alone_percent) : "");
+  const areFaces = [...shares.values()].some((row) => row.area_percent === null);
   const head = element(
     "div.row.head",
     {},
     element("span"),
     element("span", {}, "Name"),
-    element("span", { title: "of the task's area, covered by this camera" }, "covers"),
-    element("span", { title: "of the task's area, covered by no other camera" }, "alone"),
+    areFaces
+      ? element("span", { title: "whole faces that this camera covers" }, "faces")
+      : element("span", { title: "of the task's area, covered by this camera" }, "covers"),
+    element("span", { title: "of the task's area, covered by no other camera" }, isAloneKnown ? "alone" : ""),
   );
   const rows = session.state.stations.map((station) => {
     const share = shares.get(station.id);
@@ -56,8 +62,8 @@ function stationRows(session) {
       {},
       box,
       element("span.who", {}, name, place),
-      element("span.figure", {}, percent(share?.area_percent)),
-      element("span.figure", {}, percent(share?.alone_percent)),
+      element("span.figure", {}, covers(share)),
+      element("span.figure", {}, alone(share)),
     );
   });
   return rows.length ? [head, rows] : [element("p.soft", {}, "No camera yet: add one below.")];
