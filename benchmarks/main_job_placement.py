@@ -153,10 +153,12 @@ def cavity_rows(report: Report, args, folder: Path) -> None:
     name = f"cavities, {mesh.n_faces:,} faces, {len(unseen):,} uncovered"
     few = slice(None, None, 10)
     made, face = found.candidates.poses[few], found.candidates.index[few]
-    seen = rc.visibility(mesh, CAMERA, made).value[np.arange(len(made)), face]
+    seen = rc.evaluate(mesh, CAMERA, made, fields=["visibility"]).visibility[
+        np.arange(len(made)), face
+    ]
     report.check(f"{name}: each candidate sees its face", bool((seen > 0).all()))
     shut = found.face[found.access == Access.ENCLOSED]
-    from_afar = rc.visibility(mesh, CAMERA, around(mesh, 20)).value
+    from_afar = rc.evaluate(mesh, CAMERA, around(mesh, 20), fields=["visibility"]).visibility
     report.check(f"{name}: enclosed faces are never seen", bool((from_afar[:, shut] == 0).all()))
     report.add(name, cpu, "CPU-s", at_most=60, aim=20)
     report.add(f"{name}, wall", wall, "s")

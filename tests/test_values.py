@@ -11,6 +11,7 @@ from annotated_types import Ge, Gt, Le
 from hypothesis import given
 from hypothesis import strategies as st
 from typing_extensions import Doc
+from visible_fractions import visibility
 
 import rastercov as rc
 from rastercov import cli
@@ -90,12 +91,11 @@ def test_what_is_no_engine_is_refused(text):
 
 def test_an_engine_is_taken_where_a_method_is():
     poses = sphere_of_poses((0, 0, 0), 3, 2)
-    expected = rc.visibility(MESH, CAMERA, poses, "sampled", backend="cpu", supersample=3)
-    for engine in ("sampled:cpu@3", Engine("sampled", "cpu", 3), Engine("sampled", "cpu", 3, 1)):
-        found = rc.visibility(MESH, CAMERA, poses, engine)
-        assert np.array_equal(found.value, expected.value)
-    with pytest.raises(ConfigError, match="leave out the arguments backend"):
-        rc.open_observer(MESH, CAMERA, "sampled:cpu", supersample=2)
+    expected = visibility(MESH, CAMERA, poses, "sampled:cpu@3")
+    for engine in (Engine("sampled", "cpu", 3), Engine("sampled", "cpu", 3, 1)):
+        found = visibility(MESH, CAMERA, poses, engine)
+        assert np.array_equal(found.visibility, expected.visibility)
+    assert Engine.of(engine, 2) == Engine("sampled", "cpu", 3, 2)
     with pytest.raises(ConfigError, match="method exact has no samples"):
         Engine("exact", supersample=2)
 

@@ -47,20 +47,6 @@ class FacePass:
         self._scene = records.scene_of(mesh)
         self._lenses = [records.lens_of(each) for each in self.cameras]
 
-    def fractions(
-        self, measured: Measured, poses: Poses
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.uint8]]:
-        """Visible fraction (3.14) of each face: value, bound and kind, (P, F) each.
-
-        Where samples were counted, `visible / drawn` is exactly 1 for a face that nothing hides and
-        exactly 0 for a hidden one, whatever the resolution: both counts come from the same samples.
-        """
-        shape = len(poses), self.mesh.n_faces
-        value, bound, kind = np.empty(shape), np.empty(shape), np.empty(shape, np.uint8)
-        names = "visibility", "visibility_bound", "visibility_kind"
-        self.fill(measured, poses, dict(zip(names, (value, bound, kind), strict=True)))
-        return value, bound, kind
-
     def fill(self, measured: Measured, poses: Poses, figures: Mapping[str, NDArray[Any]]) -> None:
         """Fill (P, F) arrays with the figures of the poses of a measurement."""
         out = self.kernels.record(figures)

@@ -27,11 +27,10 @@ from rastercov.coverage.coverage import (
     checked_task,
     measurements,
 )
-from rastercov.coverage.engine import settled
+from rastercov.coverage.engine import Engine
 from rastercov.coverage.evaluation import Evaluation
 from rastercov.coverage.face_pass import FacePass
 from rastercov.coverage.network import SUMMED, JudgedPoses, Network
-from rastercov.coverage.observer import open_observer
 from rastercov.coverage.provenance import Provenance
 from rastercov.coverage.shards import (
     ALONE,
@@ -59,12 +58,10 @@ def evaluate(
     task: Task | None = None,
     *,
     by: str | None = "face",
-    method: str = "certified",
-    backend: str = "auto",
-    supersample: int = 1,
+    method: str | Engine = "certified",
+    threads: int | None = None,
     skip_bad_poses: bool = False,
     fields: Sequence[str] | None = None,
-    **options: Any,
 ) -> Evaluation:
     """Coverage of each face in each pose, and by all of them: what the command `evaluate` finds.
 
@@ -80,8 +77,8 @@ def evaluate(
         Unit of the result: whole faces as in the thesis, or exact area, with the unions and dead
         zones of docs/area.md. None is the choice of the command: area, unless a threshold is of a
         face or the method counts samples.
-    method, backend, supersample, **options
-        How visibility is found; as for `open_observer`.
+    method, threads
+        As for `open_observer`.
     skip_bad_poses : bool
         Leave out poses that are no rigid motion instead of raising; see `Coverage.pose_ids`.
     fields : sequence of str, optional
@@ -100,7 +97,7 @@ def evaluate(
     check_scene(mesh, camera)
     accepted, names = Poses.of(poses, skip_bad=skip_bad_poses), checked_fields(fields)
     task = checked_task(task)
-    engine, _ = settled(method, backend, supersample, options)
+    engine = Engine.of(method, threads)
     unit, reason = unit_of_result(by, task, engine)
     size = sum(np.dtype(FIGURES[name]).itemsize for name in names) * len(accepted) * mesh.n_faces
     if size > EVALUATE_BUDGET:
@@ -109,14 +106,9 @@ def evaluate(
             "use evaluate_batches, which holds a few poses at a time"
         )
     wanted = Wanted(engine, unit == "area")
-    if wanted.by_area:
-        observer = open_for(mesh, camera, task, wanted)
-    else:
-        observer = open_observer(
-            mesh, camera, method, backend=backend, supersample=supersample, **options
-        )
-    given = {"by": by, "method": str(method), "device": backend, "supersample": supersample}
-    with observer:
+    names_of_engine = "method", "device", "supersample"
+    given = {"by": by} | {name: getattr(engine, name) for name in names_of_engine}
+    with open_for(mesh, camera, task, wanted) as observer:
         found = measure(
             observer, accepted, task, wanted, fields=names, reason=reason, options=given
         )

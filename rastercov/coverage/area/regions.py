@@ -222,10 +222,9 @@ class RegionPass(ExactPass):
         check_scene(mesh, camera)
         self.task = checked_task(task)
         check_pointwise(self.task)
-        engine = Engine.of(method)
+        engine = Engine.of(method, threads)
         if engine.method == "sampled":
             raise ConfigError("regions are exact; use method certified or exact, got sampled")
-        engine = engine if threads is None else replace(engine, threads=threads)
         make = partial(_Finder, task=self.task, only_task=only_task)
         super().__init__(mesh, camera, engine, make)
 
