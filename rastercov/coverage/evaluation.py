@@ -14,7 +14,7 @@ from rastercov.camera.rig import cameras_of
 from rastercov.coverage.area.network import AreaNetwork, ByCamera
 from rastercov.coverage.area.union import Covered
 from rastercov.coverage.coverage import Coverage
-from rastercov.coverage.doubts import dead_pixels, doubts, half_covered
+from rastercov.coverage.doubts import dead_pixels, doubts
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.network import Network
 from rastercov.coverage.provenance import Provenance
@@ -92,10 +92,7 @@ class Evaluation(Coverage):
         """Content of `summary.json`: figures of the network and of each pose, doubts, inputs."""
         network, placed = self.network, self.poses
         found = network.summary() | {"by": self.by, "by_face_because": self.by_face_because}
-        said = doubts(network, self.camera, placed)
-        if self.areas is None:
-            said += half_covered(network, self.camera, placed, self.engine.method)
-        else:
+        if self.areas is not None:
             self.areas.add_to(found)
             found |= self.areas.dead_zones(self.camera, placed)
         per_pose = [
@@ -115,7 +112,7 @@ class Evaluation(Coverage):
             "size_m": np.ptp(self.mesh.bounds, axis=0).tolist(),
             "warnings": list(self.mesh.warnings),
             "dead_pixels": dead_pixels(self.camera),
-            "doubts": said,
+            "doubts": doubts(network, self.camera, placed),
             "per_pose": per_pose,
         }
         if len(cameras_of(self.camera)) > 1:
