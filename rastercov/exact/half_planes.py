@@ -15,7 +15,6 @@ A. Appel. The Notion of Quantitative Invisibility and the Machine Rendering of S
 """
 
 import math
-from collections.abc import Callable
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -288,9 +287,6 @@ def pinhole_of(camera: Camera) -> tuple[Pinhole, float]:
     return pinhole, scale
 
 
-Visit = Callable[[int, "HalfPlaneSolver"], None]
-
-
 class HalfPlaneSolver:
     """Exact visible areas of a surface, one pose at a time, with the scratch memory of one thread.
 
@@ -425,6 +421,12 @@ class HalfPlaneSolver:
         self.grid = grid_over(self.grid, n_live, self._extent)
         self._is_listed = False
 
+    def solve_pose(self, camera: Camera, pose: FloatArray, near: float, front_only: bool) -> None:
+        """Compute all figures of every face; see `set_pose`."""
+        self.set_camera(camera)
+        self.set_pose(pose, near, front_only)
+        self.solve_all()
+
     def solve(self, targets: IntArray) -> None:
         """Compute `visible` and `area_error` of some faces, given by index."""
         is_opaque = targets < len(self.surface.faces)
@@ -437,22 +439,8 @@ class HalfPlaneSolver:
         # Last, so that nothing they leave in the grid changes the figures of opaque faces.
         self.solve_targets(targets[~is_opaque])
 
-    def solve_all(self, visit: Visit | None = None, *, is_measured: bool = True) -> None:
-        """Compute `visible` and `area_error` of every face.
-
-        Parameters
-        ----------
-        visit : callable, optional
-            Called with 0 and this solver after that; of a lens with each plane by its number, in
-            the order of `planes_of`, and the solver that has solved it.
-        is_measured : bool
-            False where the figures are not needed; of a lens alone these are work of their own.
-        """
-        self._solve_all()
-        if visit is not None:
-            visit(0, self)
-
-    def _solve_all(self) -> None:
+    def solve_all(self) -> None:
+        """Compute `visible`, `area_error` and `is_certified` of every face."""
         self.visible.fill(0.0)
         self.solve(self._measured(np.flatnonzero(self.state & (LIVE | THIN)).astype(np.int32)))
         self.solve_targets()

@@ -276,7 +276,7 @@ class _Finder(PoseSolver):
 
         super().__init__(mesh, cameras, is_certified)
         self.solver.keep_pieces()
-        self._own = self.solver.visible, self.solver.area, self.solver.area_error
+        self._own = self._lent.visible, self._lent.area, self._lent.area_error
         self.kernels, self._planes, surface = area_region, area_plane, self.solver.surface
         self._diagonal = surface.diagonal
         # The solver has the targets behind the opaque faces, and may have sorted these.
@@ -298,17 +298,12 @@ class _Finder(PoseSolver):
         self._work = area_plane.scratch_for(mesh.n_faces)
         self._rooms = [area_plane.room_for_found(1024, 8192, mesh.n_faces) for _ in range(2)]
 
-    def take_camera(self, index: int) -> None:
-        """Find the regions of one of the cameras from now on."""
-        super().take_camera(index)
-        self._camera = index
-
     def _criteria_of(self, plane: int, solver: "HalfPlaneSolver") -> Any:
         """Pointwise criteria in an ideal plane of the camera, or of a pinhole."""
-        key = self._camera, plane
+        key = id(self.camera), plane
         if key not in self._criteria:
-            error, camera = solver.camera.pixel_error, self.cameras[self._camera]
-            self._criteria[key] = _criteria(camera, self._task, plane, error, self._diagonal)
+            error, size = solver.camera.pixel_error, self._diagonal
+            self._criteria[key] = _criteria(self.camera, self._task, plane, error, size)
         return self._criteria[key]
 
     def leave_out(self, closed: NDArray[np.bool_] | None, *, is_measured: bool) -> None:
@@ -318,37 +313,32 @@ class _Finder(PoseSolver):
         self._asks_nothing = not is_asked.any()
         self.solver.leave_out(self._has_no_figures if is_measured else ~is_asked)
 
-    def find(
-        self, pose: FloatArray, near: float, front_only: bool, *, is_measured: bool
-    ) -> tuple[Any, ...]:
+    def find(self, *pose: Any, is_measured: bool = True, visit: Any = None) -> Any:
         """Corners, corner counts and faces of the pieces of a pose; faces, areas and bounds.
 
         Without `is_measured` there may be no figures of faces.
         """
         parts: list[tuple[Any, ...]] = []
 
-        def visit(plane: int, solver: "HalfPlaneSolver") -> None:
-            parts.append(self._cut(solver, near, self._criteria_of(plane, solver)))
+        def cut(plane: int, solver: "HalfPlaneSolver") -> None:
+            parts.append(self._cut(solver, self._criteria_of(plane, solver)))
 
-        self.solver.set_pose(pose, near, front_only)
-        if not self._asks_nothing:
-            self.solver.solve_all(visit, is_measured=is_measured)
-        elif is_measured:
-            self.solver.solve_all()
+        if is_measured or not self._asks_nothing:
+            super().find(*pose, is_measured=is_measured, visit=None if self._asks_nothing else cut)
         if not parts:
             return _NOTHING_FOUND
         return parts[0] if len(parts) == 1 else _of_planes(parts, self.planes.areas)
 
-    def _cut(self, solver: "HalfPlaneSolver", near: float, criteria: Any) -> tuple[Any, ...]:
+    def _cut(self, solver: "HalfPlaneSolver", criteria: Any) -> tuple[Any, ...]:
         """Regions in one solved plane; see `find`."""
         rows, kept = self._rows, solver.kept_pieces
         seen = self.kernels.Seen(
-            solver.camera.rotation, solver.camera.centre, float(near),
+            solver.camera.rotation, solver.camera.centre, solver.camera.near,
             solver.image_of_all.state[rows], solver.visible[rows], solver.area[rows],
             solver.area_error[rows], solver.is_certified[rows],
             kept._replace(faces=self._face_of.take(kept.faces, mode="clip")),
         )  # fmt: skip
-        if self.cameras[self._camera].is_pinhole:
+        if self.camera.is_pinhole:
             found = self._run(self.kernels.cut_regions, criteria, seen)
         else:
             rules, by_distance, cut = criteria.rules, criteria.by_distance, self.kernels.cut_pieces
