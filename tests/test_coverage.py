@@ -16,9 +16,9 @@ from rastercov.camera.viewpoints import look_at, sphere_of_poses
 from rastercov.coverage import coverage as module
 from rastercov.coverage import job
 from rastercov.coverage.coverage import FIGURES, evaluate_batches
-from rastercov.coverage.face_pass import faces_in_view
 from rastercov.coverage.job import evaluate
 from rastercov.coverage.observer import open_observer
+from rastercov.coverage.reasons import faces_in_view
 from rastercov.coverage.task import Reason, Task
 from rastercov.mesh import Mesh, shapes
 

@@ -1,7 +1,7 @@
 """Choice of the engine that measures visibility: method, device, samples and threads.
 
 The text form is METHOD[:DEVICE][@S], such as `certified`, `sampled:cpu` or `sampled:egl:0@4`. It is
-accepted wherever `method` is: in Python, on the command line and in plan files.
+accepted wherever `method` is, in Python and on the command line.
 """
 
 import re
@@ -72,18 +72,14 @@ class Engine:
         Raises
         ------
         ConfigError
-            For a method that does not exist, or one without samples that is given a device or S.
+            For a method that does not exist, or samples of one that has none.
         """
         form = re.fullmatch(r"(\w*)(?::([^@]+))?(?:@([0-9]{1,9}))?", text, re.ASCII)
         if form is None:
             raise ConfigError(
-                f"sampled takes a device and samples a side, as in sampled:cpu@4; got {shown(text)}"
+                f"method takes a device and samples a side, as in sampled:cpu@4; got {shown(text)}"
             )
         method, device, scale = form.groups()
-        if method in ("certified", "exact") and (device or scale):
-            raise ConfigError(
-                f"{method} has no samples: it takes no device and no @S, got {shown(text)}"
-            )
         return cls(method, device or "auto", int(scale or 1))
 
     @classmethod

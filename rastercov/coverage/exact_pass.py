@@ -49,7 +49,8 @@ class PoseSolver:
         from rastercov.exact.surface import surface_of
 
         solver_type = CertificateSolver if is_certified else HalfPlaneSolver
-        self.cameras, self.camera = cameras, cameras[0]
+        self.camera = cameras[0]
+        """Camera of the poses from now on."""
         self.solver = solver_type(surface_of(mesh), cameras[0])
         self._lent: Any = self.solver
         """Solver that may write to the arrays of a result; not to those of planes of a lens."""
@@ -63,10 +64,6 @@ class PoseSolver:
     def figures(self) -> Any:
         """Solver that has the figures of the camera."""
         return self.solver if self.camera.is_pinhole else self._lent
-
-    def take_camera(self, index: int) -> None:
-        """Solve poses of one of the cameras from now on."""
-        self.camera = self.cameras[index]
 
     def find(self, *pose: Any, is_measured: bool = True, visit: "Visit | None" = None) -> Any:
         """Solve a pose, with the arguments of `HalfPlaneSolver.set_pose`; subclasses have a result.
@@ -89,8 +86,10 @@ class PoseSolver:
         if not is_lent:  # it keeps its own arrays
             own = solver.visible, solver.area, solver.area_error
             for array, area in zip(own, areas, strict=True):
-                # All rows are in range: with another mode `take` makes a copy first.
-                array.take(places, out=area, mode="clip")
+                if isinstance(places, slice):
+                    area[:] = array
+                else:  # all rows are in range: with another mode `take` makes a copy first
+                    array.take(places, out=area, mode="clip")
         # `EXACT` less 1 is `CERTIFIED`; assignment by a mask takes far longer.
         is_certified = solver.is_certified[places].view(np.uint8)
         np.subtract(np.uint8(BoundKind.EXACT), is_certified, out=seen.kind[row])
@@ -155,7 +154,7 @@ class ExactPass:
 
             def work(turn: slice) -> None:
                 for row in range(n_poses)[turn]:
-                    solver.take_camera(poses.camera[row])
+                    solver.camera = self.cameras[poses.camera[row]]
                     of_pose = matrices[row], near[row], front_only[row]
                     if seen is None:
                         found[row] = solver.find(*of_pose, is_measured=False)

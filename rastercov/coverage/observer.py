@@ -32,6 +32,8 @@ from rastercov.raster.several import Rasterizers
 ROLL = 0.4
 """Radians by which the grid of samples is turned against the image: 23 degrees, far from every
 direction that is common in manufactured parts. Along rows of samples errors of counting add up."""
+OBSERVED = 3 * 8 + 1
+"""Bytes of a pair of pose and face in an `Observation`."""
 
 
 class Observer(Closing, ABC):
@@ -73,23 +75,18 @@ class Observer(Closing, ABC):
         A call that another thread is in ends as ever.
         """
 
-    def _accepted(self, poses: ArrayLike | Poses, bytes_a_pair: int = 0) -> Poses:
+    def _accepted(self, poses: ArrayLike | Poses) -> Poses:
         """Poses that this observer can measure, with room for what it finds of each face."""
         if not self._is_open:
             raise DeviceError("this observer is closed; open a new one")
         accepted = Poses.of(poses)
         accepted.check_cameras(len(cameras_of(self.camera)))
-        if bytes_a_pair:
-            check_memory(
-                f"figures of {len(accepted):,} poses x {self.mesh.n_faces:,} faces",
-                bytes_a_pair * len(accepted) * self.mesh.n_faces,
-                "observe fewer poses at a time",
-            )
+        check_memory(
+            f"figures of {len(accepted):,} poses x {self.mesh.n_faces:,} faces",
+            OBSERVED * len(accepted) * self.mesh.n_faces,
+            "observe fewer poses at a time",
+        )
         return accepted
-
-
-OBSERVED = 3 * 8 + 1
-"""Bytes of a pair of pose and face in an `Observation`."""
 
 
 class SampledObserver(Observer):
@@ -104,7 +101,7 @@ class SampledObserver(Observer):
 
     def observe(self, poses: ArrayLike | Poses) -> Observation:
         """Areas from the counts of samples, see `Observer`."""
-        return Observation.of_counts(self.measure(self._accepted(poses, OBSERVED)))
+        return Observation.of_counts(self.measure(poses))
 
     def measure(self, poses: ArrayLike | Poses) -> FaceCounts:
         """The counts of samples themselves."""
@@ -127,7 +124,7 @@ class ExactObserver(Observer):
 
     def observe(self, poses: ArrayLike | Poses) -> Observation:
         """Exact or certified areas, see `Observer`."""
-        accepted = self._accepted(poses, OBSERVED)
+        accepted = self._accepted(poses)
         seen = room_for(len(accepted), self.mesh.n_faces)
         self._pass.run(accepted, seen)
         return seen

@@ -309,7 +309,6 @@ class HalfPlaneSolver:
         Largest number that image positions are computed from, pixels: rounding is relative to it.
     """
 
-    _camera: Camera | None = None
     _left_out: BoolArray | None = None
 
     def __init__(self, surface: Surface, camera: Camera) -> None:
@@ -345,9 +344,6 @@ class HalfPlaneSolver:
 
     def set_camera(self, camera: Camera) -> None:
         """Take another camera, for the poses from now on."""
-        if camera is self._camera:
-            return
-        self._camera = camera
         self.camera, self.coordinate_scale = pinhole_of(camera)
 
     def leave_out(self, faces: BoolArray | None) -> None:
@@ -428,16 +424,12 @@ class HalfPlaneSolver:
         self.solve_all()
 
     def solve(self, targets: IntArray) -> None:
-        """Compute `visible` and `area_error` of some faces, given by index."""
-        is_opaque = targets < len(self.surface.faces)
-        opaque = targets[is_opaque]
-        if len(opaque):
+        """Compute `visible` and `area_error` of some opaque faces, given by index."""
+        if len(targets):
             if not self._is_listed:
                 self._call(ask_for_all, self.grid)
                 self._list_faces()
-            self._run(opaque, self.projected)
-        # Last, so that nothing they leave in the grid changes the figures of opaque faces.
-        self.solve_targets(targets[~is_opaque])
+            self._run(targets, self.projected)
 
     def solve_all(self) -> None:
         """Compute `visible`, `area_error` and `is_certified` of every face."""
@@ -456,12 +448,14 @@ class HalfPlaneSolver:
         self.area_error[others] += self.area[others]
         return rest
 
-    def solve_targets(self, targets: IntArray | None = None) -> None:
-        """Compute some targets, or all, from the opaque faces in the cells that they touch."""
+    def solve_targets(self) -> None:
+        """Compute all targets from the opaque faces in the cells that they touch.
+
+        Last, so that nothing they leave in the grid changes the figures of opaque faces.
+        """
         if self._target_image is None:
             return
-        if targets is None:
-            targets = np.arange(len(self.surface.faces), self.surface.n_faces, dtype=np.int32)
+        targets = np.arange(len(self.surface.faces), self.surface.n_faces, dtype=np.int32)
         projected = self._target_image.everything
         targets = targets[projected.state[targets] & (LIVE | THIN) > 0]
         if len(targets) == 0:

@@ -16,8 +16,6 @@ from rastercov.kernels import decision as code
 from rastercov.kernels.coverage import (
     ROWS,
     TYPES,
-    cosine_of,
-    exceeds_incidence,
     measure_face,
 )
 from rastercov.kernels.criteria import (
@@ -167,12 +165,9 @@ def measure_each(first, n, row, scene, lens, seen, work, rules, rounding, choice
             block[code.SIDE, lane] = -1.0 if scene.degenerate[f] else 0.0
             block[code.PART, lane] = 0.0
             continue
-        cosine = cosine_of(scene, seen, work.points, row, f)
-        block[code.COSINE, lane] = cosine
         measure_face(
-            lane, f, scene, lens, seen, row, rules, work, cosine > 0 and not scene.degenerate[f],
-            exceeds_incidence(cosine, rules), has_rows, has_rows or rules.min_pixel_density > 0,
-            has_rows or rules.min_facing_density > 0,
+            lane, f, scene, lens, seen, row, rules, work, has_rows,
+            has_rows or rules.min_pixel_density > 0, has_rows or rules.min_facing_density > 0,
         )  # fmt: skip
 
 
@@ -220,7 +215,7 @@ def add_pose(row, turn, scene, lens, seen, work, rules, is_scored, sums, coverag
             if not has_bounds and (
                 is_row or (in_view and sums.bounds[0] < 1) or (covers and sums.bounds[1] < 1)
             ):
-                put_bound(lane, f, scene, lens, seen, row, work, block[code.COSINE, lane])
+                put_bound(lane, f, scene, lens, seen, row, work)
             if is_row:
                 at = turn * n_faces + sink.counts[turn]
                 sink.counts[turn] += 1

@@ -39,9 +39,9 @@ from rastercov.coverage.area.network import unit_of_result
 from rastercov.coverage.area.regions import RegionPass, Regions
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.evaluation import Evaluation
-from rastercov.coverage.face_pass import faces_in_view
 from rastercov.coverage.job import measure
 from rastercov.coverage.network import CHOICES
+from rastercov.coverage.reasons import faces_in_view
 from rastercov.coverage.shards import ALONE, UNFINISHED, Staff, Wanted, open_for, remove
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh

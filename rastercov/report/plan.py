@@ -28,7 +28,7 @@ from rastercov.base.interrupts import interrupts_held
 from rastercov.base.output import write_json, write_text
 from rastercov.cluster import Workers
 from rastercov.coverage.area.zones import ZONES
-from rastercov.coverage.provenance import Provenance, plain_cameras
+from rastercov.coverage.provenance import plain_cameras, provenance_of
 from rastercov.placement.plan.file import Plan
 from rastercov.placement.plan.network import OF, area_lines, goal_of, summary_of
 from rastercov.placement.plan.prepare import Prepared, Step, quiet
@@ -199,7 +199,7 @@ def made_from(prepared: Prepared) -> dict[str, Any]:
     """Inputs with their hashes, device and versions."""
     plan, poses = prepared.plan, prepared.pool.candidates.poses
     options = Options(method=plan.task.method, supersample=plan.task.supersample, pictures=0)
-    return Provenance(
+    return provenance_of(
         prepared.mesh,
         prepared.camera,
         poses,
@@ -207,7 +207,7 @@ def made_from(prepared: Prepared) -> dict[str, Any]:
         asdict(options),
         RasterizerInfo(**prepared.measured_by),
         ("rastercov", "moderngl", "numpy", "pydantic", "highspy", "pymoo"),
-    ).as_dict()
+    )
 
 
 def _cameras(placement: Placement) -> list[dict[str, Any]]:

@@ -9,7 +9,7 @@ docs/area.md.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cache, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -27,7 +27,7 @@ from rastercov.coverage.area.frames import FacePolygons, frames_of, rows_at
 from rastercov.coverage.coverage import checked_task, in_batches
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.exact_pass import ExactPass, PoseSolver, room_for
-from rastercov.coverage.observer import OBSERVED, ExactObserver
+from rastercov.coverage.observer import ExactObserver
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.raster.observation import Observation
@@ -293,18 +293,9 @@ class _Finder(PoseSolver):
         arrays: list[Any] = [read_only(array, np.float64) for array in frames]
         arrays += [read_only(mask, np.bool_) for mask in (mesh.two_sided_mask, is_asked)]
         self.planes = area_plane.Planes._make(arrays)
-        self._task = task
-        self._criteria: dict[tuple[int, int], Any] = {}
+        self._task, self._criteria_of = task, cache(_criteria)
         self._work = area_plane.scratch_for(mesh.n_faces)
         self._rooms = [area_plane.room_for_found(1024, 8192, mesh.n_faces) for _ in range(2)]
-
-    def _criteria_of(self, plane: int, solver: "HalfPlaneSolver") -> Any:
-        """Pointwise criteria in an ideal plane of the camera, or of a pinhole."""
-        key = id(self.camera), plane
-        if key not in self._criteria:
-            error, size = solver.camera.pixel_error, self._diagonal
-            self._criteria[key] = _criteria(self.camera, self._task, plane, error, size)
-        return self._criteria[key]
 
     def leave_out(self, closed: NDArray[np.bool_] | None, *, is_measured: bool) -> None:
         """Find no regions of some faces, (F,) bool, from now on; or, not measured, nothing else."""
@@ -321,7 +312,9 @@ class _Finder(PoseSolver):
         parts: list[tuple[Any, ...]] = []
 
         def cut(plane: int, solver: "HalfPlaneSolver") -> None:
-            parts.append(self._cut(solver, self._criteria_of(plane, solver)))
+            error, size = solver.camera.pixel_error, self._diagonal
+            criteria = self._criteria_of(self.camera, self._task, plane, error, size)
+            parts.append(self._cut(solver, criteria))
 
         if is_measured or not self._asks_nothing:
             super().find(*pose, is_measured=is_measured, visit=None if self._asks_nothing else cut)
@@ -444,7 +437,7 @@ class RegionObserver(ExactObserver):
 
     def observe(self, poses: ArrayLike | Poses) -> RegionObservation:
         """Areas and regions of every face in each pose."""
-        accepted = self._accepted(poses, OBSERVED)
+        accepted = self._accepted(poses)
         seen = room_for(len(accepted), self.mesh.n_faces)
         found = self._finder.find(accepted, closed=self.closed, seen=seen)
         return RegionObservation(**vars(seen), regions=found)
