@@ -146,7 +146,8 @@ def cavity_rows(report: Report, args, folder: Path) -> None:
     framing = Framing(stand_off=(0.5 * size, 3 * size))
     with open_observer(mesh, CAMERA) as observer:
         network = Network(mesh, task)
-        network.add_poses(observer, around(mesh, 200))
+        for batch in network.judge(observer, rc.Poses.of(around(mesh, 200))):
+            network.add(batch)
     unseen = np.flatnonzero(mesh.task_mask & ~network.covered)
     openings(mesh, CAMERA, framing, faces=unseen[:2], clearance=0.02)
     found, wall, cpu = timed(lambda: openings(mesh, CAMERA, framing, faces=unseen, clearance=0.02))

@@ -57,7 +57,8 @@ def test_a_network_adds_up_cameras_of_several_kinds(method):
     added, judged = Network(MESH, TASK), Network(MESH, TASK)
     added.add(evaluate(MESH, CAMERAS, poses, TASK, method=method))
     with open_observer(MESH, CAMERAS, method) as observer:
-        judged.add_poses(observer, poses)
+        for batch in judged.judge(observer, poses):
+            judged.add(batch)
     assert added.summary() == judged.summary()
     np.testing.assert_array_equal(added.best_pose, judged.best_pose)
 

@@ -42,7 +42,7 @@ class Sums(NamedTuple):
 
     `best_row` is the row of the pose in its batch. `bounds` has the largest bound in view and the
     largest of a covered pair, (2,). For each pose, (P,), of which those that were not added are 0:
-    the scored faces that it covers, the total of their coverage, and of their pixels.
+    the scored faces that it covers, and the total of their coverage.
     """
 
     views: NDArray[np.int64]
@@ -53,7 +53,6 @@ class Sums(NamedTuple):
     bounds: NDArray[np.float64]
     covered_faces: NDArray[np.int64]
     totals: NDArray[np.float64]
-    images: NDArray[np.float64]
 
 
 PairRows = namedtuple(
