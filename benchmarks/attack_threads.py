@@ -31,6 +31,7 @@ from rastercov.reference.models import scott, zhang
 from rastercov.reference.models.line_of_sight import LineOfSight
 
 RUNS, CALLERS, CALLS = 12, 6, 5
+FRACTION = "visibility", "visibility_bound", "visibility_kind"
 SHARED = ("certified", "exact", "sampled", "supersample", "rasteriser")
 THREADS = ("1", "2", "None")
 LONGEST = 300
@@ -125,8 +126,10 @@ def shared(runs: int, kind: str, *threads: str) -> Iterator[Run]:
 def first_use(runs: int) -> Iterator[Run]:
     """Six threads share a new mesh and camera, each for work of its own."""
     work: tuple[Callable[[rc.Mesh, rc.Camera, Any], Answer], ...] = (
-        lambda mesh, camera, poses: _figures(rc.visibility(mesh, camera, poses)),
-        lambda mesh, camera, poses: _figures(rc.visibility(mesh, camera, poses, method="exact")),
+        lambda mesh, camera, poses: _figures(rc.evaluate(mesh, camera, poses, fields=FRACTION)),
+        lambda mesh, camera, poses: _figures(
+            rc.evaluate(mesh, camera, poses, method="exact", fields=FRACTION)
+        ),
         lambda mesh, camera, poses: _counts(mesh, camera, poses),
         lambda mesh, camera, poses: [rc.evaluate(mesh, camera, poses).coverage],
         _matrix,
@@ -322,10 +325,8 @@ def _opened(kind: str, mesh: rc.Mesh, threads: int | None) -> Any:
         return rc.open_rasterizer(mesh, CAMERA, "cpu", supersample=2, threads=threads)
     if kind in ("certified", "exact"):
         return rc.open_observer(mesh, CAMERA, kind, threads=threads)
-    scale = 3 if kind == "supersample" else 1
-    return rc.open_observer(
-        mesh, CAMERA, "sampled", backend="cpu", supersample=scale, threads=threads
-    )
+    method = "sampled:cpu@3" if kind == "supersample" else "sampled:cpu"
+    return rc.open_observer(mesh, CAMERA, method, threads=threads)
 
 
 def _asked(thing: Any, poses: Any, at: int) -> Answer:
@@ -340,8 +341,8 @@ def _asked(thing: Any, poses: Any, at: int) -> Answer:
     return [seen.visible_pixels, seen.drawn_pixels, seen.kind, seen.area_error, seen.clipped]
 
 
-def _figures(found: rc.Visibility) -> Answer:
-    return [found.value, found.bound, found.kind]
+def _figures(found: rc.Evaluation) -> Answer:
+    return [getattr(found, name) for name in FRACTION]
 
 
 def _counts(mesh: rc.Mesh, camera: rc.Camera, poses: Any) -> Answer:

@@ -43,7 +43,7 @@ from rastercov import shapes
 mesh, camera = shapes.by_name("box"), rc.Camera.preset("khepra")
 poses = rc.sphere_of_poses((0, 0, 0), 9, 2)
 started = time.process_time()
-rc.visibility(mesh, camera, poses)
+rc.evaluate(mesh, camera, poses, fields=["visibility"])
 print(time.process_time() - started)
 """
 

@@ -235,13 +235,13 @@ def evaluations(
 ) -> dict[str, list[Callable[[], object]]]:
     """Calls that find all figures, and the coverage alone, of open observers of the cameras."""
     found: dict[str, list[Callable[[], object]]] = {}
-    for method, options in (("certified", {}), ("sampled", {"backend": "cpu"})):
+    for method in ("certified", "sampled:cpu"):
         observers = [
-            stack.enter_context(open_observer(mesh, camera, method, threads=1, **options))
+            stack.enter_context(open_observer(mesh, camera, method, threads=1))
             for camera in cameras
         ]
         for what, fields in (("all figures", None), ("coverage", ["coverage"])):
-            found[f"{what}, {method}"] = [
+            found[f"{what}, {method.partition(':')[0]}"] = [
                 lambda observer=observer, fields=fields: list(
                     evaluate_batches(observer, poses, fields=fields)
                 )

@@ -96,7 +96,9 @@ def compare_judging(report: Report, name, mesh, poses: rc.Poses, n_rounds: int, 
 
     def add_up() -> None:
         with rc.open_observer(mesh, CAMERA, threads=threads) as observer:
-            Network(mesh, TASK).add_poses(observer, poses)
+            network = Network(mesh, TASK)
+            for batch in network.judge(observer, rc.Poses.of(poses)):
+                network.add(batch)
 
     rounds = timed(
         [
@@ -238,11 +240,12 @@ def is_same_as_twin(judged, poses, seen) -> bool:
 
 
 def is_same_network(mesh, poses, judged) -> bool:
-    """True if `add_poses` gives what adding the figures gives, bit for bit."""
+    """True if `judge` gives what adding the figures gives, bit for bit."""
     expected, found = Network(mesh, TASK), Network(mesh, TASK)
     expected.add(judged)
     with rc.open_observer(mesh, CAMERA) as observer:
-        found.add_poses(observer, poses)
+        for batch in found.judge(observer, rc.Poses.of(poses)):
+            found.add(batch)
     same = [
         np.array_equal(getattr(found, name), getattr(expected, name))
         for name in ("views", "best", "best_pose", "reason", "covered_faces", "mean_coverage")

@@ -146,17 +146,20 @@ def cavity_rows(report: Report, args, folder: Path) -> None:
     framing = Framing(stand_off=(0.5 * size, 3 * size))
     with open_observer(mesh, CAMERA) as observer:
         network = Network(mesh, task)
-        network.add_poses(observer, around(mesh, 200))
+        for batch in network.judge(observer, rc.Poses.of(around(mesh, 200))):
+            network.add(batch)
     unseen = np.flatnonzero(mesh.task_mask & ~network.covered)
     openings(mesh, CAMERA, framing, faces=unseen[:2], clearance=0.02)
     found, wall, cpu = timed(lambda: openings(mesh, CAMERA, framing, faces=unseen, clearance=0.02))
     name = f"cavities, {mesh.n_faces:,} faces, {len(unseen):,} uncovered"
     few = slice(None, None, 10)
     made, face = found.candidates.poses[few], found.candidates.index[few]
-    seen = rc.visibility(mesh, CAMERA, made).value[np.arange(len(made)), face]
+    seen = rc.evaluate(mesh, CAMERA, made, fields=["visibility"]).visibility[
+        np.arange(len(made)), face
+    ]
     report.check(f"{name}: each candidate sees its face", bool((seen > 0).all()))
     shut = found.face[found.access == Access.ENCLOSED]
-    from_afar = rc.visibility(mesh, CAMERA, around(mesh, 20)).value
+    from_afar = rc.evaluate(mesh, CAMERA, around(mesh, 20), fields=["visibility"]).visibility
     report.check(f"{name}: enclosed faces are never seen", bool((from_afar[:, shut] == 0).all()))
     report.add(name, cpu, "CPU-s", at_most=60, aim=20)
     report.add(f"{name}, wall", wall, "s")

@@ -22,6 +22,7 @@ from rastercov.coverage.observer import ROLL
 from rastercov.mesh import shapes
 from rastercov.reference import polygons
 from rastercov.reference.criteria import measured_geometry as face_geometry
+from rastercov.reference.methods.convergence import fractions
 
 CAMERA = rc.Camera(width=320, height=240, fx=310, fy=290, cx=163.7, cy=118.2)
 SUPERSAMPLES = (1, 2, 3, 4, 6, 8, 12, 16)
@@ -81,7 +82,7 @@ def _add(report: Report, what: str, figures: np.ndarray, must_hold: bool) -> Non
 
 def truth(mesh: rc.Mesh, pose: np.ndarray) -> np.ndarray:
     """True visible fraction of each front face that is partly hidden, NaN for others, (F,)."""
-    fraction = rc.visibility(mesh, CAMERA, pose, "exact").value[0]
+    fraction = rc.evaluate(mesh, CAMERA, pose, method="exact", fields=["visibility"]).visibility[0]
     return np.where((fraction > 1e-9) & (fraction < 1 - 1e-9), fraction, np.nan)
 
 
@@ -92,7 +93,7 @@ def compare(
     with rc.open_rasterizer(mesh, CAMERA, "cpu", supersample=supersample, roll=roll) as rasterizer:
         counts = rasterizer.count(pose)
     view = face_geometry(mesh, CAMERA, pose)
-    found = FacePass(mesh, CAMERA, 1).fractions(counts, rc.Poses.of(pose))
+    found = fractions(FacePass(mesh, CAMERA, 1), counts, rc.Poses.of(pose))
     value, bound = found[0][0], found[1][0]
     chosen = view.is_front & np.isfinite(true) & (counts.drawn[0] > 0)
     return np.stack((counts.drawn[0], np.abs(value - true), bound))[:, chosen]

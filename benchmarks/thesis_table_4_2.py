@@ -252,9 +252,9 @@ def _entrants(mesh: rc.Mesh, pose: FloatArray, stack: ExitStack, literal: int, s
         stack.callback(entrant.observer.close)
         return entrant
 
-    entrants = {"sampled, CPU": observed("sampled", backend="cpu", threads=1)}
+    entrants = {"sampled, CPU": observed("sampled:cpu", threads=1)}
     try:
-        entrants["sampled, OpenGL"] = observed("sampled", backend="gl")
+        entrants["sampled, OpenGL"] = observed("sampled:gl")
     except DeviceError as error:
         if say:
             print(f"sampled, OpenGL skipped: {error}", file=sys.stderr)

@@ -46,7 +46,6 @@ if _TYPE_CHECKING:
     from rastercov.coverage.network import Network as Network
     from rastercov.coverage.observer import Observer as Observer
     from rastercov.coverage.observer import open_observer as open_observer
-    from rastercov.coverage.observer import visibility as visibility
     from rastercov.coverage.task import Reason as Reason
     from rastercov.coverage.task import Task as Task
     from rastercov.mesh import Group as Group
@@ -58,7 +57,6 @@ if _TYPE_CHECKING:
     from rastercov.raster import open_rasterizer as open_rasterizer
     from rastercov.raster.observation import BoundKind as BoundKind
     from rastercov.raster.observation import Observation as Observation
-    from rastercov.raster.observation import Visibility as Visibility
     from rastercov.report.jobs import audit as audit
     from rastercov.report.jobs import check as check
     from rastercov.report.jobs import place as place
@@ -85,11 +83,11 @@ _NAMES = {
     "coverage.evaluation": "Evaluation",
     "coverage.job": "evaluate",
     "coverage.network": "Network",
-    "coverage.observer": "Observer open_observer visibility",
+    "coverage.observer": "Observer open_observer",
     "coverage.task": "Reason Task",
     "mesh": "Group Mesh",
     "raster": "FaceCounts Rasterizer RasterizerInfo VisibilityBuffer open_rasterizer",
-    "raster.observation": "BoundKind Observation Visibility",
+    "raster.observation": "BoundKind Observation",
     "report.jobs": "audit check place",
 }
 """Modules and their public names."""

@@ -16,9 +16,9 @@ from rastercov.camera.viewpoints import look_at, sphere_of_poses
 from rastercov.coverage import coverage as module
 from rastercov.coverage import job
 from rastercov.coverage.coverage import FIGURES, evaluate_batches
-from rastercov.coverage.face_pass import faces_in_view
 from rastercov.coverage.job import evaluate
 from rastercov.coverage.observer import open_observer
+from rastercov.coverage.reasons import faces_in_view
 from rastercov.coverage.task import Reason, Task
 from rastercov.mesh import Mesh, shapes
 
@@ -29,11 +29,10 @@ TEAPOT = shapes.teapot(3)
 POSES = sphere_of_poses((0, 0, 0.08), 0.43, 6)
 
 
-@pytest.fixture(params=["certified", "sampled"])
+@pytest.fixture(params=["certified", "sampled:cpu"])
 def how(request):
     """Options of `evaluate`."""
-    backend = {"backend": "cpu"} if request.param == "sampled" else {}
-    return {"method": request.param} | backend
+    return {"method": request.param}
 
 
 def assert_same(one, other):
@@ -79,7 +78,7 @@ FOCUSED = replace(CAMERA, focus_range=(3, 5))
     ],
 )
 def test_reason(how, reason, mesh, camera, task):
-    if reason == Reason.UNSAMPLED and how["method"] != "sampled":
+    if reason == Reason.UNSAMPLED and how["method"] != "sampled:cpu":
         reason = Reason.TOO_COARSE  # however thin, it has an image
     found = evaluate(mesh, camera, AHEAD, Task(**task), **how)
     assert Reason(found.reason[0, 0]) == reason
@@ -161,7 +160,7 @@ def test_skipped_poses_keep_the_rows_of_the_input(how):
 def test_a_bad_pose_is_named_before_anything_runs(monkeypatch):
     poses = POSES.copy()
     poses[4, 0, 0] = np.nan
-    monkeypatch.setattr(job, "open_observer", lambda *_, **__: pytest.fail("opened"))
+    monkeypatch.setattr(job, "open_for", lambda *_, **__: pytest.fail("opened"))
     for attempt in (
         lambda: evaluate(TEAPOT, SMALL, poses),
         lambda: evaluate_batches(None, poses),
@@ -178,7 +177,7 @@ def test_only_a_run_within_the_budget_is_returned(how, monkeypatch):
     assert len(evaluate(TEAPOT, SMALL, poses, skip_bad_poses=True, **how).pose_ids) == 6
     monkeypatch.setattr(job, "EVALUATE_BUDGET", size - 1)
     assert evaluate(TEAPOT, SMALL, POSES, fields=["reason"], **how).reason.shape == (6, 552)
-    monkeypatch.setattr(job, "open_observer", lambda *_, **__: pytest.fail("opened"))
+    monkeypatch.setattr(job, "open_for", lambda *_, **__: pytest.fail("opened"))
     with pytest.raises(ResourceError, match=r"6 poses x 552 faces.*evaluate_batches"):
         evaluate(TEAPOT, SMALL, POSES, **how)
 

@@ -24,7 +24,7 @@ from rastercov.raster.observation import BoundKind
 CAMERA = Camera(width=200, height=160, fx=170, fy=150, focus_range=(0.5, 6.0))
 FEW = AT_A_TIME - 1
 """Faces of a part of a mesh that are measured one by one: there is no block of that many."""
-KIND_OF_BOUND = {"certified": {}, "exact": {}, "sampled": {"backend": "cpu", "supersample": 2}}
+METHODS = "certified", "exact", "sampled:cpu@2"
 
 
 def scene(rng):
@@ -101,17 +101,17 @@ def one_by_one(judge, measured, poses):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("method", KIND_OF_BOUND)
+@pytest.mark.parametrize("method", METHODS)
 @examples(25, at_night=400)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_eight_faces_are_judged_as_one_is(method, seed):
     rng = np.random.default_rng(seed)
-    mesh, options = scene(rng), KIND_OF_BOUND[method]
+    mesh = scene(rng)
     distance = float(10 ** rng.uniform(0, 1))
     poses = Poses.of(sphere_of_poses((0, 0, 0), distance, 4))
     chosen = task(rng, poses, mesh)
-    found = evaluate(mesh, CAMERA, poses, chosen, method=method, **options)
-    with open_observer(mesh, CAMERA, method, threads=1, **options) as observer:
+    found = evaluate(mesh, CAMERA, poses, chosen, method=method)
+    with open_observer(mesh, CAMERA, method, threads=1) as observer:
         judge = FacePass(observer.mesh, CAMERA, observer.threads, chosen)
         measured = next(measurements(observer, poses))[-1]
         expected = one_by_one(judge, measured, poses)
@@ -121,7 +121,7 @@ def test_eight_faces_are_judged_as_one_is(method, seed):
         judge.fill(observer.observe(poses), poses, observed)  # counts as areas, with their kinds
         np.testing.assert_equal(observed, expected)
         some = tuple(rng.choice(list(FIGURES), 3, replace=False))
-        few = evaluate(mesh, CAMERA, poses, chosen, method=method, fields=some, **options)
+        few = evaluate(mesh, CAMERA, poses, chosen, method=method, fields=some)
         for name in some:
             np.testing.assert_array_equal(getattr(few, name), expected[name], name)
         whole = Network(mesh, chosen)

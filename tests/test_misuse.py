@@ -14,6 +14,7 @@ from misuse_calls import (
     public_callables,
 )
 from misuse_values import CAMERA, MESH, POSES, VALUES
+from visible_fractions import visibility
 
 import rastercov as rc
 from rastercov.base.typed import VARIADIC
@@ -81,9 +82,9 @@ def test_arguments_that_do_not_fit_the_signature_are_refused_in_one_line(name):
 @pytest.mark.parametrize(
     ("call", "words"),
     [
-        (lambda: rc.visibility("part.stl", CAMERA, POSES), r"mesh must be a Mesh \(Mesh\.load"),
-        (lambda: rc.visibility(MESH, {"width": 3}, POSES), r"camera must be a Camera \(Camera\."),
-        (lambda: rc.visibility(MESH, CAMERA, "poses.npy"), "poses must be numbers"),
+        (lambda: rc.evaluate("part.stl", CAMERA, POSES), r"mesh must be a Mesh \(Mesh\.load"),
+        (lambda: rc.evaluate(MESH, {"width": 3}, POSES), r"camera must be a Camera \(Camera\."),
+        (lambda: rc.evaluate(MESH, CAMERA, "poses.npy"), "poses must be numbers"),
         (lambda: rc.evaluate_batches(MESH, POSES), "observer must be what open_observer gives"),
         (lambda: rc.Mesh(MESH.vertices, MESH.faces, ["a"]), "groups must be Group values .* 'a'"),
         (lambda: rc.look_at((0, 0, 1e160), (0, 0, 0)), r"beyond ±1e\+30 m"),
@@ -100,7 +101,7 @@ def test_a_pose_too_far_away_is_named_among_others():
     poses = np.tile(np.eye(4), (3, 1, 1))
     poses[1, 2, 3] = -1e160
     with pytest.raises(rc.PoseError, match="pose 1 is beyond") as caught:
-        rc.visibility(MESH, CAMERA, poses)
+        rc.evaluate(MESH, CAMERA, poses)
     assert caught.value.pose_ids == (1,)
     assert rc.evaluate(MESH, CAMERA, poses, skip_bad_poses=True).pose_ids.tolist() == [0, 2]
 
@@ -108,10 +109,10 @@ def test_a_pose_too_far_away_is_named_among_others():
 @pytest.mark.parametrize("order", ["C", "F"])
 @pytest.mark.parametrize("kind", [">f8", "<f4", ">f4"])
 def test_any_layout_of_numbers_gives_the_same_answer(kind, order):
-    expected = rc.visibility(MESH, CAMERA, POSES.astype(kind).astype(np.float64)).value
+    expected = visibility(MESH, CAMERA, POSES.astype(kind).astype(np.float64)).visibility
     vertices = np.array(MESH.vertices, kind, order=order)
     mesh = rc.Mesh(vertices, np.array(MESH.faces, ">i2", order=order))
-    found = rc.visibility(mesh, CAMERA, np.array(POSES, kind, order=order)).value
+    found = visibility(mesh, CAMERA, np.array(POSES, kind, order=order)).visibility
     assert np.array_equal(found, expected)
 
 
@@ -125,4 +126,4 @@ def test_more_than_the_memory_holds_is_refused_before_any_is_taken(n):
     with pytest.raises(
         rc.ResourceError, match=r"poses take .* GiB\), but only .* free; pass fewer"
     ):
-        rc.visibility(MESH, CAMERA, np.broadcast_to(np.eye(4, dtype=np.int8), (n, 4, 4)))
+        rc.evaluate(MESH, CAMERA, np.broadcast_to(np.eye(4, dtype=np.int8), (n, 4, 4)))

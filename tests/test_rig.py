@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from nightly import examples
+from visible_fractions import visibility
 
 from rastercov.base.errors import CameraError, PoseError
 from rastercov.camera.camera import Camera
@@ -17,7 +18,7 @@ from rastercov.coverage.area.regions import regions
 from rastercov.coverage.coverage import FIGURES
 from rastercov.coverage.job import evaluate
 from rastercov.coverage.network import Network
-from rastercov.coverage.observer import open_observer, visibility
+from rastercov.coverage.observer import open_observer
 from rastercov.coverage.task import Task
 from rastercov.mesh import shapes
 
@@ -56,7 +57,8 @@ def test_a_network_adds_up_cameras_of_several_kinds(method):
     added, judged = Network(MESH, TASK), Network(MESH, TASK)
     added.add(evaluate(MESH, CAMERAS, poses, TASK, method=method))
     with open_observer(MESH, CAMERAS, method) as observer:
-        judged.add_poses(observer, poses)
+        for batch in judged.judge(observer, poses):
+            judged.add(batch)
     assert added.summary() == judged.summary()
     np.testing.assert_array_equal(added.best_pose, judged.best_pose)
 
@@ -78,10 +80,10 @@ def test_each_pose_has_the_regions_of_its_own_camera(indices):
 def test_more_cameras_than_open_rasterisers():
     cameras = [Camera(width=20 + k, height=30, fx=40, fy=40) for k in range(20)]
     poses = Poses.of(np.repeat(POSES[:1], 40, axis=0), camera=[*range(20), *reversed(range(20))])
-    seen = visibility(MESH, cameras, poses, "sampled:cpu").value
+    seen = visibility(MESH, cameras, poses, "sampled:cpu").visibility
     np.testing.assert_array_equal(seen[:20], seen[:19:-1])
     alone = visibility(MESH, cameras[7], POSES[:1], "sampled:cpu")
-    np.testing.assert_array_equal(seen[7], alone.value[0])
+    np.testing.assert_array_equal(seen[7], alone.visibility[0])
 
 
 def test_a_slice_of_poses_keeps_their_cameras():

@@ -50,8 +50,9 @@ def test_a_network_covers_what_placement_covers(views, angle):
     added, judged = rc.Network(MESH, task), rc.Network(MESH, task)
     added.add(rc.evaluate(MESH, CAMERA, POSES, task))
     with rc.open_observer(MESH, CAMERA) as observer:
-        judged.add_poses(observer, POSES[:5])
-        judged.add_poses(observer, POSES[5:])
+        for part in (POSES[:5], POSES[5:]):
+            for batch in judged.judge(observer, rc.Poses.of(part)):
+                judged.add(batch)
         matrix = build_matrix(observer, POSES, task)
         objective = Objective.of(observer, task)
         covered = objective.covered(objective.covers(POSES), POSES[:, :3, 3])

@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from nightly import examples
 from target_scenes import beside, only, sheet_at, some_as_targets
+from visible_fractions import FRACTION, visibility
 
 import rastercov as rc
 from rastercov.coverage.coverage import FIGURES
@@ -57,9 +58,9 @@ def test_visibility_of_hostile_scenes_has_the_same_bits(seed):
         return
     mesh = some_as_targets(case.mesh, is_target)
     for method in ("certified", "exact", "sampled:cpu"):
-        found = rc.visibility(mesh, case.camera, [case.pose], method)
-        expected = rc.visibility(only(mesh, ~is_target), case.camera, [case.pose], method)
-        for name in ("value", "bound", "kind"):
+        found = visibility(mesh, case.camera, [case.pose], method)
+        expected = visibility(only(mesh, ~is_target), case.camera, [case.pose], method)
+        for name in FRACTION:
             np.testing.assert_array_equal(
                 getattr(found, name)[:, ~is_target], getattr(expected, name), err_msg=name
             )

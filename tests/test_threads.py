@@ -33,7 +33,7 @@ POSES = sphere_of_poses((0, 0, 0), 4, 6)
 OPENERS = {
     "certified": partial(rc.open_observer, method="certified"),
     "exact": partial(rc.open_observer, method="exact"),
-    "sampled": partial(rc.open_observer, method="sampled", backend="cpu"),
+    "sampled": partial(rc.open_observer, method="sampled:cpu"),
     "cpu": partial(rc.open_rasterizer, backend="cpu"),
 }
 ANALYTIC = ("certified", "exact")
@@ -397,7 +397,6 @@ RESULTS = {  # with the bytes that they take for each pose and face
     "counts": (lambda poses: ask(rc.open_rasterizer(MESH, CAMERA, "cpu"), poses), 4 + 4),
     "certified": (lambda poses: ask(rc.open_observer(MESH, CAMERA), poses), 3 * 8 + 1),
     "sampled": (lambda poses: ask(OPENERS["sampled"](MESH, CAMERA), poses), 3 * 8 + 1),
-    "visibility": (lambda poses: rc.visibility(MESH, CAMERA, poses), 5 * 8 + 2),
     "model": (lambda poses: scott_coverage(MESH, CAMERA, poses), 8),
 }
 

@@ -134,9 +134,6 @@ def run_and_print(
     with progress_bar() as progress:
         staff = Staff(workers, progress, tally.add, lambda line: warn([line]))
         summary = run(mesh, camera, accepted, task, out, settings, staff)
-    if any(summary["visibility_figures"].values()) and summary["largest_image_pixels"] < 1:
-        across = float(np.ptp(mesh.bounds, axis=0).max())
-        warn([f"less than a pixel in every image: {across:.2g} m across; see --unit"])
     warn(summary["doubts"])
     if as_json:
         print(json_text(summary))

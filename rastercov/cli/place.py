@@ -151,7 +151,6 @@ def check(
     """
     from rastercov.placement.plan import check as plan_check
     from rastercov.placement.plan.file import read_plan
-    from rastercov.report.plan import half_covered_lines
     from rastercov.report.tables import camera_table
 
     if junit is not None:
@@ -168,7 +167,6 @@ def check(
     warn(eyes.notes)
     warn(found.mesh.warnings)
     warn(_doubts(found.plan, found.cameras))
-    warn(half_covered_lines(found.plan, found.cameras))
     if as_json:
         print(json.dumps(plan_check.to_json(found), indent=2))
     else:

@@ -40,8 +40,6 @@ class Made(NamedTuple):
         Wall clock without compilation, and time of the CPU.
     quarantined : dict of int to str
         Poses left out, by their number within the shard, and why.
-    compiled_s : float
-        Seconds of compilation.
     """
 
     number: int
@@ -50,7 +48,6 @@ class Made(NamedTuple):
     seconds: float
     cpu_seconds: float
     quarantined: dict[int, str] = {}  # noqa: RUF012 - never changed
-    compiled_s: float = 0.0
 
 
 def work(
@@ -73,12 +70,11 @@ def work(
         raise FolderLostError(f"{store.folder}: no such folder on worker {worker}")
     every = np.arange(store.rows(number).start, store.rows(number).stop)
     poses = every if chosen is None else every[list(chosen)]
-    clock, cpu, compiled = Stopwatch(), time.thread_time(), Stopwatch.left_out
+    clock, cpu = Stopwatch(), time.thread_time()
     data = resolve_name(store.function)(store.folder, None if is_trial else number, poses)
     if not is_trial:
         store.write(number, data)
-    cpu, compiled = time.thread_time() - cpu, Stopwatch.left_out - compiled
-    return Made(number, len(every), worker, clock.seconds, cpu, compiled_s=compiled)
+    return Made(number, len(every), worker, clock.seconds, time.thread_time() - cpu)
 
 
 def alone(store: ShardStore, number: int) -> Made:

@@ -130,11 +130,6 @@ FIGURES: dict[str, Any] = {
     if "dtype" in each.metadata
 }
 """The (P, F) arrays of `Coverage` and their types, in the order of a report."""
-UNITS: dict[str, str] = {
-    each.name: each.metadata["unit"]
-    for each in dataclasses.fields(Coverage)
-    if each.metadata.get("unit")
-}
 
 
 def evaluate_batches(

@@ -1,11 +1,10 @@
 """Choice of the engine that measures visibility: method, device, samples and threads.
 
 The text form is METHOD[:DEVICE][@S], such as `certified`, `sampled:cpu` or `sampled:egl:0@4`. It is
-accepted wherever `method` is: in Python, on the command line and in plan files.
+accepted wherever `method` is, in Python and on the command line.
 """
 
 import re
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
@@ -73,28 +72,26 @@ class Engine:
         Raises
         ------
         ConfigError
-            For a method that does not exist, or one without samples that is given a device or S.
+            For a method that does not exist, or samples of one that has none.
         """
         form = re.fullmatch(r"(\w*)(?::([^@]+))?(?:@([0-9]{1,9}))?", text, re.ASCII)
         if form is None:
             raise ConfigError(
-                f"sampled takes a device and samples a side, as in sampled:cpu@4; got {shown(text)}"
+                f"method takes a device and samples a side, as in sampled:cpu@4; got {shown(text)}"
             )
         method, device, scale = form.groups()
-        if method in ("certified", "exact") and (device or scale):
-            raise ConfigError(
-                f"{method} has no samples: it takes no device and no @S, got {shown(text)}"
-            )
         return cls(method, device or "auto", int(scale or 1))
 
     @classmethod
-    def of(cls, method: "str | Engine") -> "Engine":
-        """Engine of a value of the argument `method`: itself, a method, or its text form."""
+    def of(cls, method: "str | Engine", threads: int | None = None) -> "Engine":
+        """Engine of the arguments `method`, itself, a method or its text form, and `threads`."""
         if isinstance(method, Engine):
-            return method
-        if isinstance(method, str) and (":" in method or "@" in method):
-            return cls.parse(method)
-        return cls(method)
+            engine = method
+        elif isinstance(method, str) and (":" in method or "@" in method):
+            engine = cls.parse(method)
+        else:
+            engine = cls(method)
+        return engine if threads is None else replace(engine, threads=threads)
 
     def __str__(self) -> str:
         device = f":{self.device}" if self.device != "auto" else ""
@@ -107,30 +104,3 @@ class Engine:
             return {"backend": "gl", "device": self.device}
         has_threads = self.threads is not None and self.device != "gl"
         return {"backend": self.device} | ({"threads": self.threads} if has_threads else {})
-
-
-def settled(
-    method: str | Engine, backend: str, supersample: int, options: Mapping[str, Any]
-) -> tuple[Engine, dict[str, Any]]:
-    """Engine of arguments of `open_observer`, and the options of its rasteriser where it has one.
-
-    ConfigError where they contradict each other, or for an option that the method has not.
-    """
-    engine = Engine.of(method)
-    own: dict[str, Any] = {"backend": backend, "supersample": supersample} | dict(options)
-    if method not in METHODS:
-        if backend != "auto" or supersample != 1 or options.keys() & {"threads", "device"}:
-            raise ConfigError(
-                f"engine {engine} has its device, samples and threads; leave out the arguments "
-                "backend, device, supersample and threads"
-            )
-        own |= {"threads": engine.threads} if engine.threads is not None else {}
-        if engine.method == "sampled":
-            own |= engine.rasterizer_options | {"supersample": engine.supersample}
-    if engine.method == "sampled":
-        return engine, own
-    engine = replace(engine, supersample=supersample, threads=own.get("threads"))
-    unknown = options.keys() - {"threads"}
-    if unknown:
-        raise ConfigError(f"method {engine.method} takes no option {', '.join(sorted(unknown))}")
-    return engine, {}

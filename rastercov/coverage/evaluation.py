@@ -14,10 +14,10 @@ from rastercov.camera.rig import cameras_of
 from rastercov.coverage.area.network import AreaNetwork, ByCamera
 from rastercov.coverage.area.union import Covered
 from rastercov.coverage.coverage import Coverage
-from rastercov.coverage.doubts import dead_pixels, doubts, half_covered
+from rastercov.coverage.doubts import dead_pixels, doubts
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.network import Network
-from rastercov.coverage.provenance import Provenance
+from rastercov.coverage.provenance import provenance_of
 
 FloatArray = NDArray[np.float64]
 
@@ -32,8 +32,8 @@ class Evaluation(Coverage):
         Those that were measured: all of them, unless the run was interrupted.
     engine : Engine
         Method and device.
-    provenance : Provenance
-        Inputs, options and versions.
+    options : mapping or None
+        Options of the run, for its provenance.
     by_face_because : str
         Reason of a result by face that was not asked for.
     areas : AreaNetwork or None
@@ -49,14 +49,14 @@ class Evaluation(Coverage):
     quarantined : dict of int to str
         Poses that were left out because they kill their process.
     seconds : float
-        Time that measuring took, without that of compiling loops.
+        Time that measuring took, without that of compiling loops in this process.
     interrupted : bool
         True where poses are missing because the run was interrupted.
     """
 
     poses: Poses
     engine: Engine
-    provenance: Provenance
+    options: Mapping[str, Any] | None
     by_face_because: str
     areas: AreaNetwork | None
     apart: ByCamera
@@ -92,10 +92,7 @@ class Evaluation(Coverage):
         """Content of `summary.json`: figures of the network and of each pose, doubts, inputs."""
         network, placed = self.network, self.poses
         found = network.summary() | {"by": self.by, "by_face_because": self.by_face_because}
-        said = doubts(network, self.camera, placed)
-        if self.areas is None:
-            said += half_covered(network, self.camera, placed, self.engine.method)
-        else:
+        if self.areas is not None:
             self.areas.add_to(found)
             found |= self.areas.dead_zones(self.camera, placed)
         per_pose = [
@@ -111,11 +108,13 @@ class Evaluation(Coverage):
             "skipped_poses": {str(row): text for row, text in placed.rejected.items()},
             "seconds": self.seconds,
             "poses_per_second": len(placed) / self.seconds if len(placed) else 0.0,
-            "run": self.provenance.as_dict(),
+            "run": provenance_of(
+                self.mesh, self.camera, placed.given, self.task, self.options, self.info
+            ),
             "size_m": np.ptp(self.mesh.bounds, axis=0).tolist(),
             "warnings": list(self.mesh.warnings),
             "dead_pixels": dead_pixels(self.camera),
-            "doubts": said,
+            "doubts": doubts(network, self.camera, placed),
             "per_pose": per_pose,
         }
         if len(cameras_of(self.camera)) > 1:

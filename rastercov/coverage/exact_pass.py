@@ -1,7 +1,7 @@
 """Pass over poses by the exact methods: solvers, shared among threads, and the arrays they fill."""
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,9 @@ from rastercov.camera.rig import Cameras, cameras_of
 from rastercov.coverage.engine import Engine
 from rastercov.mesh import Mesh
 from rastercov.raster.observation import BoundKind, Observation
+
+if TYPE_CHECKING:
+    from rastercov.exact.lens_solver import Visit
 
 FloatArray = NDArray[np.float64]
 
@@ -46,38 +49,47 @@ class PoseSolver:
         from rastercov.exact.surface import surface_of
 
         solver_type = CertificateSolver if is_certified else HalfPlaneSolver
-        self.solver: Any
-        if all(each.is_pinhole for each in cameras):  # these need no solver of lenses
-            self.solver = solver_type(surface_of(mesh), cameras[0])
-        else:
+        self.camera = cameras[0]
+        """Camera of the poses from now on."""
+        self.solver = solver_type(surface_of(mesh), cameras[0])
+        self._lent: Any = self.solver
+        """Solver that may write to the arrays of a result; not to those of planes of a lens."""
+        self._own: Any = np.empty((3, 0))
+        if not all(each.is_pinhole for each in cameras):
             from rastercov.exact.lens_solver import LensSolver
 
-            self.solver = LensSolver(surface_of(mesh), cameras[0], solver_type)
-        self.cameras = cameras
-        self._own: Any = np.empty((3, 0))
+            self._lent = LensSolver(self.solver)
 
-    def take_camera(self, index: int) -> None:
-        """Solve poses of one of the cameras from now on."""
-        self.solver.set_camera(self.cameras[index])
+    @property
+    def figures(self) -> Any:
+        """Solver that has the figures of the camera."""
+        return self.solver if self.camera.is_pinhole else self._lent
 
-    def find(self, pose: FloatArray, near: float, front_only: bool, *, is_measured: bool) -> Any:
-        """Solve a pose; the result is that of a subclass. Without `is_measured` no figures."""
-        self.solver.set_pose(pose, near, front_only)
-        self.solver.solve_all()
+    def find(self, *pose: Any, is_measured: bool = True, visit: "Visit | None" = None) -> Any:
+        """Solve a pose, with the arguments of `HalfPlaneSolver.set_pose`; subclasses have a result.
 
-    def measure(
-        self, pose: FloatArray, near: float, front_only: bool, seen: Observation, row: int
-    ) -> Any:
+        `visit` and `is_measured` are those of `LensSolver.solve`.
+        """
+        if not self.camera.is_pinhole:
+            self._lent.solve(self.camera, *pose, visit=visit, is_measured=is_measured)
+            return
+        self.solver.solve_pose(self.camera, *pose)
+        if visit is not None:
+            visit(0, self.solver)
+
+    def measure(self, *pose: Any, seen: Observation, row: int) -> Any:
         """Solve a pose, and put its figures, in the order of the mesh, into a row of `seen`."""
-        solver, places = self.solver, self.solver.surface.rows
+        solver, places = self.figures, self.solver.surface.rows
         areas = seen.visible_pixels[row], seen.drawn_pixels[row], seen.area_error[row]
-        is_lent = solver.write_to(*areas)
-        found = self.find(pose, near, front_only, is_measured=True)
+        is_lent = solver is self._lent and solver.write_to(*areas)
+        found = self.find(*pose)
         if not is_lent:  # it keeps its own arrays
             own = solver.visible, solver.area, solver.area_error
             for array, area in zip(own, areas, strict=True):
-                # All rows are in range: with another mode `take` makes a copy first.
-                array.take(places, out=area, mode="clip")
+                if isinstance(places, slice):
+                    area[:] = array
+                else:  # all rows are in range: with another mode `take` makes a copy first
+                    array.take(places, out=area, mode="clip")
         # `EXACT` less 1 is `CERTIFIED`; assignment by a mask takes far longer.
         is_certified = solver.is_certified[places].view(np.uint8)
         np.subtract(np.uint8(BoundKind.EXACT), is_certified, out=seen.kind[row])
@@ -85,7 +97,7 @@ class PoseSolver:
 
     def take_back(self) -> None:
         """Have the solver write to its own arrays again, so that it keeps no result alive."""
-        self.solver.write_to(*self._own)
+        self._lent.write_to(*self._own)
 
 
 SolverType = Callable[[Mesh, Sequence[Camera], bool], PoseSolver]
@@ -142,12 +154,12 @@ class ExactPass:
 
             def work(turn: slice) -> None:
                 for row in range(n_poses)[turn]:
-                    solver.take_camera(poses.camera[row])
+                    solver.camera = self.cameras[poses.camera[row]]
                     of_pose = matrices[row], near[row], front_only[row]
                     if seen is None:
                         found[row] = solver.find(*of_pose, is_measured=False)
                     else:
-                        found[row] = solver.measure(*of_pose, seen, row)
+                        found[row] = solver.measure(*of_pose, seen=seen, row=row)
 
             return work
 

@@ -15,10 +15,10 @@ from rastercov.base.threads import share_poses
 from rastercov.camera.near_plane import near_limits
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, cameras_of
-from rastercov.coverage.task import Reason, Task
+from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.raster.contract import FaceCounts
-from rastercov.raster.observation import BoundKind, Observation
+from rastercov.raster.observation import Observation
 
 TASK = Task()
 """Thresholds that leave out no face."""
@@ -46,20 +46,6 @@ class FacePass:
         self.kernels, self._records = coverage, records
         self._scene = records.scene_of(mesh)
         self._lenses = [records.lens_of(each) for each in self.cameras]
-
-    def fractions(
-        self, measured: Measured, poses: Poses
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.uint8]]:
-        """Visible fraction (3.14) of each face: value, bound and kind, (P, F) each.
-
-        Where samples were counted, `visible / drawn` is exactly 1 for a face that nothing hides and
-        exactly 0 for a hidden one, whatever the resolution: both counts come from the same samples.
-        """
-        shape = len(poses), self.mesh.n_faces
-        value, bound, kind = np.empty(shape), np.empty(shape), np.empty(shape, np.uint8)
-        names = "visibility", "visibility_bound", "visibility_kind"
-        self.fill(measured, poses, dict(zip(names, (value, bound, kind), strict=True)))
-        return value, bound, kind
 
     def fill(self, measured: Measured, poses: Poses, figures: Mapping[str, NDArray[Any]]) -> None:
         """Fill (P, F) arrays with the figures of the poses of a measurement."""
@@ -125,17 +111,3 @@ class FacePass:
             read_only(error, np.float64),
             samples,
         )
-
-
-def faces_in_view(mesh: Mesh, camera: Cameras, poses: Poses) -> NDArray[np.bool_]:
-    """(P, F) faces seen from the front with some part in the image, whatever is before them."""
-    shape = len(poses), mesh.n_faces
-    none = np.zeros(shape)
-    kind = np.full(shape, BoundKind.EXACT, np.uint8)
-    measured = Observation(none, none, kind, none, np.zeros(len(poses), np.bool_))
-    reason, in_view = np.empty(shape, np.uint8), np.empty(shape, np.bool_)
-    part = np.empty(shape)
-    figures = {"reason": reason, "in_view": in_view, "in_view_fraction": part}
-    FacePass(mesh, camera, 1).fill(measured, poses, figures)
-    found: NDArray[np.bool_] = (reason > Reason.BACK_FACING) & (in_view | (part > 0))
-    return found

@@ -4,7 +4,6 @@
 and for the command, which writes chosen pairs to a table while it runs.
 """
 
-from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
@@ -18,7 +17,7 @@ from rastercov.base.errors import ResourceError
 from rastercov.base.interrupts import interrupts_held
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, check_scene
-from rastercov.cluster import ALONE, Made, Staff
+from rastercov.cluster import ALONE, Staff
 from rastercov.coverage.area.network import AreaNetwork, ByCamera, unit_of_result
 from rastercov.coverage.coverage import (
     FIGURES,
@@ -27,12 +26,11 @@ from rastercov.coverage.coverage import (
     checked_task,
     measurements,
 )
-from rastercov.coverage.engine import settled
+from rastercov.coverage.engine import Engine
 from rastercov.coverage.evaluation import Evaluation
 from rastercov.coverage.face_pass import FacePass
 from rastercov.coverage.network import SUMMED, JudgedPoses, Network
-from rastercov.coverage.observer import open_observer
-from rastercov.coverage.provenance import Provenance
+from rastercov.coverage.provenance import provenance_of
 from rastercov.coverage.shards import (
     UNFINISHED,
     EvaluationShards,
@@ -57,12 +55,10 @@ def evaluate(
     task: Task | None = None,
     *,
     by: str | None = "face",
-    method: str = "certified",
-    backend: str = "auto",
-    supersample: int = 1,
+    method: str | Engine = "certified",
+    threads: int | None = None,
     skip_bad_poses: bool = False,
     fields: Sequence[str] | None = None,
-    **options: Any,
 ) -> Evaluation:
     """Coverage of each face in each pose, and by all of them: what the command `evaluate` finds.
 
@@ -78,8 +74,8 @@ def evaluate(
         Unit of the result: whole faces as in the thesis, or exact area, with the unions and dead
         zones of docs/area.md. None is the choice of the command: area, unless a threshold is of a
         face or the method counts samples.
-    method, backend, supersample, **options
-        How visibility is found; as for `open_observer`.
+    method, threads
+        As for `open_observer`.
     skip_bad_poses : bool
         Leave out poses that are no rigid motion instead of raising; see `Coverage.pose_ids`.
     fields : sequence of str, optional
@@ -98,7 +94,7 @@ def evaluate(
     check_scene(mesh, camera)
     accepted, names = Poses.of(poses, skip_bad=skip_bad_poses), checked_fields(fields)
     task = checked_task(task)
-    engine, _ = settled(method, backend, supersample, options)
+    engine = Engine.of(method, threads)
     unit, reason = unit_of_result(by, task, engine)
     size = sum(np.dtype(FIGURES[name]).itemsize for name in names) * len(accepted) * mesh.n_faces
     if size > EVALUATE_BUDGET:
@@ -107,14 +103,9 @@ def evaluate(
             "use evaluate_batches, which holds a few poses at a time"
         )
     wanted = Wanted(engine, unit == "area")
-    if wanted.by_area:
-        observer = open_for(mesh, camera, task, wanted)
-    else:
-        observer = open_observer(
-            mesh, camera, method, backend=backend, supersample=supersample, **options
-        )
-    given = {"by": by, "method": str(method), "device": backend, "supersample": supersample}
-    with observer:
+    names_of_engine = "method", "device", "supersample"
+    given = {"by": by} | {name: getattr(engine, name) for name in names_of_engine}
+    with open_for(mesh, camera, task, wanted) as observer:
         found = measure(
             observer, accepted, task, wanted, fields=names, reason=reason, options=given
         )
@@ -152,15 +143,14 @@ def measure(
     options : mapping, optional
         Options of the run, for its provenance.
     open_table : callable, optional
-        Opens a table of the wanted pairs, such as a `CoverageTable`, from a `Provenance` as
-        entries.
+        Opens a table of the wanted pairs, such as a `CoverageTable`, from their
+        `provenance_of`.
     folder : Path, optional
         Folder for the shards of a long run, and of one by workers, without fields; they stay there.
     staff : Staff
         Processes that measure.
     """
     mesh, camera = observer.mesh, observer.camera
-    provenance = Provenance(mesh, camera, poses.given, task, options, observer.info)
     network, areas = Network(mesh, task), AreaNetwork(mesh, task) if wanted.by_area else None
     apart = ByCamera(mesh, task, camera, poses, by_area=wanted.by_area)
     wanted = replace(wanted, apart=apart.is_asked)
@@ -170,22 +160,16 @@ def measure(
     shards = None
     if folder is not None and (staff.workers or is_long(len(poses), mesh.n_faces)):
         shards = EvaluationShards(folder / UNFINISHED, observer, poses, task, wanted)
-    done, n_rows, interrupted, table = 0, 0, False, None
+    done, interrupted, table = 0, False, None
     ids, clipped = [poses.ids[:0]], [np.zeros(0, np.bool_)]
     kept: dict[int, FloatArray] = {}
-    compiled: dict[str, float] = defaultdict(float)  # seconds of each worker
-
-    def watch(made: Made) -> None:
-        compiled[made.worker] += made.compiled_s
-        staff.watch(made)
-
     with ExitStack() as opened:
         if open_table is not None:
-            table = opened.enter_context(open_table(provenance.as_dict()))
+            header = provenance_of(mesh, camera, poses.given, task, options, observer.info)
+            table = opened.enter_context(open_table(header))
         clock = Stopwatch()
         if is_summed:
-            watched = replace(staff, watch=watch)
-            parts = judged_parts(network, observer, poses, wanted, shards, watched)
+            parts = judged_parts(network, observer, poses, wanted, shards, staff)
         else:
             nothing: Any = ()  # no rows
             parts = (
@@ -200,8 +184,7 @@ def measure(
                         figures = {name: array[rows] for name, array in whole.items()}
                         judge.fill(batch.measured, batch.poses, figures)
                     if table is not None:
-                        table.add(batch.rows, _of_rows(batch))
-                        n_rows += len(batch.rows.pose)
+                        table.add(batch.rows, batch.regions)
                     if is_summed:
                         network.add(batch)
                     apart.add_batch(batch)
@@ -224,28 +207,18 @@ def measure(
                 opened.close()
         except KeyboardInterrupt:
             interrupted = True
-        seconds = clock.seconds - max(compiled.values(), default=0.0)
+        seconds = clock.seconds
     measured = poses[np.isin(poses.ids, np.concatenate(ids))]
     evaluation = Evaluation(
         mesh, camera, task, observer.info, measured.ids, np.concatenate(clipped),
         **(dict.fromkeys(FIGURES) | {name: array[:done] for name, array in whole.items()}),
         eyes=measured.world_from_camera[:, :3, 3],
         poses=replace(measured, rejected=poses.rejected),
-        engine=wanted.engine, provenance=provenance, by_face_because=reason, areas=areas,
-        apart=apart, kept=kept, pairs=wanted.pairs, n_rows=n_rows,
+        engine=wanted.engine, options=options, by_face_because=reason, areas=areas,
+        apart=apart, kept=kept, pairs=wanted.pairs, n_rows=0 if table is None else table.n_rows,
         is_kept=shards is not None, quarantined={} if shards is None else shards.quarantined,
         seconds=seconds, interrupted=interrupted,
     )  # fmt: skip
     if is_summed:
         vars(evaluation)["network"] = network
     return evaluation
-
-
-def _of_rows(batch: JudgedPoses) -> NDArray[np.float32] | None:
-    """(R,) covered area of the pairs of a batch, m^2, where the result is by area."""
-    found = batch.regions
-    if found is None:
-        return None
-    row = np.searchsorted(found.pose_ids, batch.rows.pose)
-    areas: NDArray[np.float32] = found.areas()[row, batch.rows.face].astype(np.float32)
-    return areas

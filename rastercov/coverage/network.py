@@ -44,10 +44,8 @@ SUMMED: dict[str, Any] = {
     "visibility_bound": np.float64,
     "visibility_kind": np.uint8,
     "in_view_fraction": np.float64,
-    "drawn_pixels": np.float64,
 }
-"""Figures that a network adds up, and their types: the arguments of `add_rows` of the kernels, and
-the pixels of each face."""
+"""Figures that a network adds up, and their types: the arguments of `add_rows` of the kernels."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +100,6 @@ def no_sums(n_faces: int, n_poses: int) -> "Sums":
         bounds=np.zeros(2),
         covered_faces=np.zeros(n_poses, np.int64),
         totals=np.zeros(n_poses),
-        images=np.zeros(n_poses),
     )
 
 
@@ -118,7 +115,6 @@ def merge(ours: "Sums", theirs: "Sums", first: int = 0) -> None:
     own = slice(first, first + len(theirs.totals))
     ours.covered_faces[own] += theirs.covered_faces
     ours.totals[own] += theirs.totals
-    ours.images[own] += theirs.images
 
 
 def _merged(parts: "Sequence[Sums]") -> "Sums":
@@ -131,18 +127,9 @@ def _merged(parts: "Sequence[Sums]") -> "Sums":
     return whole
 
 
-def _add_totals(
-    sums: "Sums", row: int, scored: IntArray | None, coverage: FloatArray, drawn: FloatArray
-) -> None:
-    """Add up coverage and pixels of the scored faces of one pose; all are scored for None."""
-    if scored is not None:
-        coverage, drawn = coverage.take(scored), drawn.take(scored)
-    sums.totals[row], sums.images[row] = coverage.sum(), drawn.sum()
-
-
-def _scored(mesh: Mesh) -> IntArray | None:
-    """Faces that are scored; None for all."""
-    return None if mesh.task_mask.all() else np.flatnonzero(mesh.task_mask)
+def _scored(mesh: Mesh) -> IntArray | slice:
+    """Faces that are scored."""
+    return slice(None) if mesh.task_mask.all() else np.flatnonzero(mesh.task_mask)
 
 
 def sums_of(coverage: Coverage) -> "Sums":
@@ -151,10 +138,10 @@ def sums_of(coverage: Coverage) -> "Sums":
 
     mesh, sums = coverage.mesh, no_sums(coverage.mesh.n_faces, len(coverage.pose_ids))
     arrays = [read_only(getattr(coverage, name), kind) for name, kind in SUMMED.items()]
-    *added, drawn = arrays
-    add_rows(read_only(mesh.task_mask, np.bool_), *added, sums)
-    for row in range(len(drawn)):  # 10 us each
-        _add_totals(sums, row, _scored(mesh), added[0][row], drawn[row])
+    add_rows(read_only(mesh.task_mask, np.bool_), *arrays, sums)
+    scored = _scored(mesh)
+    for row, values in enumerate(arrays[0]):  # 10 us each
+        sums.totals[row] = values[scored].sum()
     return sums
 
 
@@ -177,20 +164,17 @@ def _adder(
 
     mesh, of_camera = judge.mesh, dict[int, "Sums"]()
     is_scored, scored = read_only(mesh.task_mask, np.bool_), _scored(mesh)
-    coverage, areas = np.empty((2, mesh.n_faces))
+    coverage = np.empty(mesh.n_faces)
     calls: defaultdict[int, DirectCalls] = defaultdict(DirectCalls)
 
     def add(rows: slice, index: int, scope: Scope) -> None:
-        camera, seen, rules = index if apart else -1, scope[2], judge.rules[index]
+        camera, rules = index if apart else -1, judge.rules[index]
         if camera not in of_camera:
             of_camera[camera] = no_sums(mesh.n_faces, len(sink.pose_ids))
         sums, call = of_camera[camera], calls[index]
         for row in range(rows.start, rows.stop):
             call(add_pose, row, rows.start, *scope, rules, is_scored, sums, coverage, sink)
-            drawn = seen.drawn[row]
-            if seen.scale != 1 or drawn.dtype != np.float64:
-                drawn = np.divide(drawn, seen.scale, out=areas)
-            _add_totals(sums, row, scored, coverage, drawn)
+            sums.totals[row] = coverage[scored].sum()
             pose_id = int(sink.pose_ids[row])
             if pose_id in kept:
                 kept[pose_id][:] = coverage
@@ -262,7 +246,7 @@ def _with_room(array: NDArray[Any], n: int) -> NDArray[Any]:
 class Network:
     """Coverage of each face by all cameras, added up batch by batch.
 
-    `add` and `add_poses` change it, so one thread at a time may use it.
+    `add` changes it, so one thread at a time may use it.
 
     Attributes
     ----------
@@ -285,8 +269,6 @@ class Network:
         Greatest `visibility_bound` of these.
     largest_covered_bound : float
         Greatest `visibility_bound` of any pair that counts as covered.
-    largest_image : float
-        Greatest sum of `drawn_pixels` over the task faces in one pose, px^2.
     clipped_poses : list of int
         Poses in which the near plane cut away a surface in view.
     """
@@ -305,7 +287,6 @@ class Network:
         self.kinds: IntArray = np.zeros(len(BoundKind), np.int64)
         self.largest_bound = 0.0
         self.largest_covered_bound = 0.0
-        self.largest_image = 0.0
         self.clipped_poses: list[int] = []
         self._spread = ViewSpread(mesh.centroids, math.radians(task.min_angle_deg))
 
@@ -326,33 +307,6 @@ class Network:
                     self._spread.add(eye, np.flatnonzero(reason == Reason.COVERED))
             self._take(coverage.pose_ids, coverage.clipped, sums_of(coverage))
 
-    def add_poses(
-        self, observer: Observer, poses: ArrayLike | Poses, *, skip_bad_poses: bool = False
-    ) -> None:
-        """Measure further poses and take them in, as `add(evaluate(...))` would, bit for bit.
-
-        The figures of a few poses at a time are added up in the threads that compute them. A batch
-        of poses counts as a whole or, after an interrupt or an error, not at all.
-
-        Parameters
-        ----------
-        observer : Observer
-            Open, for the mesh of the network.
-        poses : (P, 4, 4) array_like, or Poses
-            world_from_camera.
-        skip_bad_poses : bool
-            Leave out poses that are no rigid motion instead of raising.
-
-        Raises
-        ------
-        ConfigError
-            For an observer of another mesh.
-        PoseError
-            For a pose that is no rigid motion.
-        """
-        for batch in self.judge(observer, Poses.of(poses, skip_bad=skip_bad_poses)):
-            self.add(batch)
-
     @typed
     def judge(
         self,
@@ -364,6 +318,9 @@ class Network:
         apart: bool = False,
     ) -> "Iterator[JudgedPoses]":
         """Measure poses, a few at a time, for `add`; at least one batch, maybe empty.
+
+        The figures are added up in the threads that compute them, as `add(evaluate(...))` would,
+        bit for bit. A batch counts as a whole or, after an interrupt or an error, not at all.
 
         Parameters
         ----------
@@ -453,7 +410,6 @@ class Network:
         self.covered_faces += sums.covered_faces[own].tolist()
         n_scored = max(1, int(self.mesh.task_mask.sum()))
         self.mean_coverage += (sums.totals[own] / n_scored).tolist()
-        self.largest_image = max(self.largest_image, float(sums.images.max()))
         self.kinds += sums.kinds
         self.largest_bound = max(self.largest_bound, float(sums.bounds[0]))
         self.largest_covered_bound = max(self.largest_covered_bound, float(sums.bounds[1]))
@@ -498,7 +454,6 @@ class Network:
             },
             "largest_visibility_bound": self.largest_bound,
             "largest_visibility_bound_of_covered": self.largest_covered_bound,
-            "largest_image_pixels": self.largest_image,
             "near_clipped_poses": self.clipped_poses,
             "groups": [self._group(index) for index in range(len(self.mesh.groups))],
         }

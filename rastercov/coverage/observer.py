@@ -11,7 +11,6 @@ sampled
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
 from importlib.metadata import version
 from typing import Any
 
@@ -22,18 +21,19 @@ from rastercov.base.memory import check_memory
 from rastercov.base.threads import Closing, thread_count
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, cameras_of, check_scene
-from rastercov.coverage.engine import Engine, settled
+from rastercov.coverage.engine import Engine
 from rastercov.coverage.exact_pass import ExactPass, room_for
-from rastercov.coverage.face_pass import FacePass, Measured
+from rastercov.coverage.face_pass import Measured
 from rastercov.mesh import Mesh
-from rastercov.raster import backend_of
 from rastercov.raster.contract import FaceCounts, RasterizerInfo
-from rastercov.raster.observation import Observation, Visibility
+from rastercov.raster.observation import Observation
 from rastercov.raster.several import Rasterizers
 
 ROLL = 0.4
 """Radians by which the grid of samples is turned against the image: 23 degrees, far from every
 direction that is common in manufactured parts. Along rows of samples errors of counting add up."""
+OBSERVED = 3 * 8 + 1
+"""Bytes of a pair of pose and face in an `Observation`."""
 
 
 class Observer(Closing, ABC):
@@ -68,13 +68,6 @@ class Observer(Closing, ABC):
         """Result of `observe`, or the counts that it is made of where these are less work."""
         return self.observe(poses)
 
-    def visibility(self, poses: ArrayLike | Poses) -> Visibility:
-        """Visible fraction of each face in each pose, with a bound; errors as for `observe`."""
-        accepted = self._accepted(poses, OBSERVED + FRACTION)
-        measured = self.measure(accepted)
-        found = FacePass(self.mesh, self.camera, self.threads).fractions(measured, accepted)
-        return Visibility(*found, self.info)
-
     @abstractmethod
     def close(self) -> None:
         """Give back what it holds: later calls raise `DeviceError`; again it does nothing.
@@ -82,44 +75,33 @@ class Observer(Closing, ABC):
         A call that another thread is in ends as ever.
         """
 
-    def _accepted(self, poses: ArrayLike | Poses, bytes_a_pair: int = 0) -> Poses:
+    def _accepted(self, poses: ArrayLike | Poses) -> Poses:
         """Poses that this observer can measure, with room for what it finds of each face."""
         if not self._is_open:
             raise DeviceError("this observer is closed; open a new one")
         accepted = Poses.of(poses)
         accepted.check_cameras(len(cameras_of(self.camera)))
-        if bytes_a_pair:
-            _check_figures(len(accepted), self.mesh.n_faces, bytes_a_pair)
+        check_memory(
+            f"figures of {len(accepted):,} poses x {self.mesh.n_faces:,} faces",
+            OBSERVED * len(accepted) * self.mesh.n_faces,
+            "observe fewer poses at a time",
+        )
         return accepted
 
 
-OBSERVED, FRACTION = 3 * 8 + 1, 2 * 8 + 1
-"""Bytes of a pair of pose and face in an `Observation` and in a `Visibility`."""
-
-
-def _check_figures(n_poses: int, n_faces: int, bytes_a_pair: int) -> None:
-    check_memory(
-        f"figures of {n_poses:,} poses x {n_faces:,} faces",
-        bytes_a_pair * n_poses * n_faces,
-        "observe fewer poses at a time",
-    )
-
-
 class SampledObserver(Observer):
-    """Observer that counts samples of a rasteriser."""
+    """Observer that counts samples of a rasteriser, whose options it takes."""
 
-    def __init__(self, mesh: Mesh, camera: Cameras, options: Mapping[str, Any]) -> None:
-        self.threads = thread_count(options.get("threads"))
-        own = {"backend", "supersample", "threads"}
-        others = {name: value for name, value in options.items() if name not in own}
-        if backend_of(options["backend"], others)[0] == "gl":  # which takes none: they judge counts
-            options = {k: v for k, v in options.items() if k != "threads"}
+    def __init__(
+        self, mesh: Mesh, camera: Cameras, judging: int | None = None, /, **options: Any
+    ) -> None:
+        self.threads = thread_count(judging)
         self._rasterizers = Rasterizers(mesh, cameras_of(camera), roll=ROLL, **options)
         self.mesh, self.camera, self.info = mesh, camera, self._rasterizers.info
 
     def observe(self, poses: ArrayLike | Poses) -> Observation:
         """Areas from the counts of samples, see `Observer`."""
-        return Observation.of_counts(self.measure(self._accepted(poses, OBSERVED)))
+        return Observation.of_counts(self.measure(poses))
 
     def measure(self, poses: ArrayLike | Poses) -> FaceCounts:
         """The counts of samples themselves."""
@@ -142,7 +124,7 @@ class ExactObserver(Observer):
 
     def observe(self, poses: ArrayLike | Poses) -> Observation:
         """Exact or certified areas, see `Observer`."""
-        accepted = self._accepted(poses, OBSERVED)
+        accepted = self._accepted(poses)
         seen = room_for(len(accepted), self.mesh.n_faces)
         self._pass.run(accepted, seen)
         return seen
@@ -158,9 +140,7 @@ def open_observer(
     camera: Cameras,
     method: str | Engine = "certified",
     *,
-    backend: str = "auto",
-    supersample: int = 1,
-    **options: Any,
+    threads: int | None = None,
 ) -> Observer:
     """Observer of a mesh through a camera, or several; use it in a `with` block.
 
@@ -171,42 +151,18 @@ def open_observer(
     camera : Camera, Rig or sequence of Camera
         Where there are several, `Poses.camera` says which of them is in each pose.
     method : {"certified", "exact", "sampled"}, or Engine
-        Method, see this module; or an `Engine` or its text form, such as "sampled:cpu@4", which
-        then replaces the other arguments.
-    backend, supersample, **options
-        As for `open_rasterizer`, for method "sampled"; with OpenGL, `threads` are those that judge
-        what it counts. The others take `threads`, and no `supersample`: they have no samples.
+        Method, see this module; or an `Engine` or its text form, such as "sampled:cpu@4".
+    threads : int, optional
+        Threads on the CPU; those of the engine, or one a core, unless given.
 
     Raises
     ------
     ConfigError
-        For a method or an option that does not exist.
+        For a method that does not exist.
     """
     check_scene(mesh, camera)
-    engine, options = settled(method, backend, supersample, options)
+    engine = Engine.of(method, threads)
     if engine.method == "sampled":
-        return SampledObserver(mesh, camera, options)
+        options = engine.rasterizer_options | {"supersample": engine.supersample}
+        return SampledObserver(mesh, camera, engine.threads, **options)
     return ExactObserver(ExactPass(mesh, camera, engine))
-
-
-def visibility(
-    mesh: Mesh,
-    camera: Cameras,
-    poses: ArrayLike | Poses,
-    method: str | Engine = "certified",
-    *,
-    backend: str = "auto",
-    supersample: int = 1,
-    **options: Any,
-) -> Visibility:
-    """Visible fraction of each face in each pose, (P, 4, 4) world_from_camera, with a bound.
-
-    The other arguments are those of `open_observer`; errors as for `Observer.observe`.
-    """
-    check_scene(mesh, camera)
-    accepted = Poses.of(poses)
-    _check_figures(len(accepted), mesh.n_faces, OBSERVED + FRACTION)
-    with open_observer(
-        mesh, camera, method, backend=backend, supersample=supersample, **options
-    ) as observer:
-        return observer.visibility(accepted)

@@ -2,9 +2,8 @@
 
 import hashlib
 import platform
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
-from functools import cached_property
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
@@ -17,61 +16,54 @@ from rastercov.mesh import Mesh
 from rastercov.raster.contract import RasterizerInfo
 
 
-@dataclass(frozen=True, eq=False)
-class Provenance:
-    """Inputs of a result, and the device that measured it.
+def provenance_of(
+    mesh: Mesh,
+    camera: Cameras,
+    poses: NDArray[np.float64],
+    task: Task | None = None,
+    options: Mapping[str, Any] | None = None,
+    measured_by: RasterizerInfo | None = None,
+    packages: Sequence[str] = ("rastercov", "moderngl", "numpy"),
+) -> dict[str, Any]:
+    """Inputs of a result, and the device that measured it, ready for JSON.
 
-    Attributes
+    "mesh" has the files as read, "scene" the faces in metres; "camera" is the one camera, "cameras"
+    are several, with their names where they have any.
+
+    Parameters
     ----------
-    mesh : Mesh
-    camera : Camera, Rig or sequence of Camera
-        Entry "camera" of the one camera, or "cameras" of all, with their names where they have any.
+    mesh, camera
+        The scene, and the camera that sees it, or several.
     poses : (P, 4, 4) float64
         world_from_camera, those that were rejected included.
-    task : Task or None
+    task : Task, optional
         Thresholds, where the result has any.
-    options : mapping or None
+    options : mapping, optional
         Options of the run, ready for JSON.
-    measured_by : RasterizerInfo or None
-    packages : tuple of str
+    measured_by : RasterizerInfo, optional
+    packages : sequence of str
         Packages whose versions are recorded; None for one that is not installed.
     """
-
-    mesh: Mesh
-    camera: Cameras
-    poses: NDArray[np.float64]
-    task: Task | None = None
-    options: Mapping[str, Any] | None = None
-    measured_by: RasterizerInfo | None = None
-    packages: tuple[str, ...] = ("rastercov", "moderngl", "numpy")
-
-    def as_dict(self) -> dict[str, Any]:
-        """Entries ready for JSON; "mesh" has the files as read, "scene" the faces in metres."""
-        return dict(self._entries)
-
-    @cached_property
-    def _entries(self) -> dict[str, Any]:
-        mesh = self.mesh
-        optional = {
-            "task": asdict(self.task) if self.task else None,
-            "options": dict(self.options) if self.options is not None else None,
-            "measured_by": asdict(self.measured_by) if self.measured_by else None,
-        }
-        return {
-            "mesh": [asdict(source) for source in mesh.sources] or [{"name": "arrays"}],
-            "scene": {
-                "sha256": sha256(mesh.vertices, mesh.faces, mesh.face_group),
-                "n_faces": mesh.n_faces,
-                "groups": [group.to_json() for group in mesh.groups],
-            },
-            "poses": {"sha256": sha256(self.poses), "n_poses": len(self.poses)},
-            **plain_cameras(self.camera),
-            **{name: entry for name, entry in optional.items() if entry is not None},
-            "versions": {
-                "python": platform.python_version(),
-                **{name: _version(name) for name in self.packages},
-            },
-        }
+    optional = {
+        "task": asdict(task) if task else None,
+        "options": dict(options) if options is not None else None,
+        "measured_by": asdict(measured_by) if measured_by else None,
+    }
+    return {
+        "mesh": [asdict(source) for source in mesh.sources] or [{"name": "arrays"}],
+        "scene": {
+            "sha256": sha256(mesh.vertices, mesh.faces, mesh.face_group),
+            "n_faces": mesh.n_faces,
+            "groups": [group.to_json() for group in mesh.groups],
+        },
+        "poses": {"sha256": sha256(poses), "n_poses": len(poses)},
+        **plain_cameras(camera),
+        **{name: entry for name, entry in optional.items() if entry is not None},
+        "versions": {
+            "python": platform.python_version(),
+            **{name: _version(name) for name in packages},
+        },
+    }
 
 
 def plain_cameras(camera: Cameras) -> dict[str, Any]:

@@ -5,7 +5,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rastercov.camera.pose import Poses
+from rastercov.camera.rig import Cameras
+from rastercov.coverage.face_pass import FacePass
 from rastercov.coverage.task import Reason
+from rastercov.mesh import Mesh
+from rastercov.raster.observation import BoundKind, Observation
 
 
 class Words(NamedTuple):
@@ -82,3 +87,17 @@ def reason_rows(
     rows = np.where(reason == Reason.COVERED, np.uint8(TOO_FEW_VIEWS), reason)
     rows[covered] = Reason.COVERED
     return rows
+
+
+def faces_in_view(mesh: Mesh, camera: Cameras, poses: Poses) -> NDArray[np.bool_]:
+    """(P, F) faces seen from the front with some part in the image, whatever is before them."""
+    shape = len(poses), mesh.n_faces
+    none = np.zeros(shape)
+    kind = np.full(shape, BoundKind.EXACT, np.uint8)
+    measured = Observation(none, none, kind, none, np.zeros(len(poses), np.bool_))
+    reason, in_view = np.empty(shape, np.uint8), np.empty(shape, np.bool_)
+    part = np.empty(shape)
+    figures = {"reason": reason, "in_view": in_view, "in_view_fraction": part}
+    FacePass(mesh, camera, 1).fill(measured, poses, figures)
+    found: NDArray[np.bool_] = (reason > Reason.BACK_FACING) & (in_view | (part > 0))
+    return found

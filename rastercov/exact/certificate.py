@@ -104,13 +104,13 @@ class CertificateSolver(HalfPlaneSolver):
         self._make_room_for_crossings(max(1024, n_edges // 16))
         self._segment = Segment(np.empty((2, 4)), np.empty(3, np.int64), np.empty((2, 3)))
 
-    def _solve_all(self) -> None:
-        """Compute `visible`, `area_error` and `is_certified` of every face."""
+    def solve_all(self) -> None:
+        """As of `HalfPlaneSolver`."""
         surface, camera, projected = self.surface, self.camera, self.projected
         n_faces = len(surface.faces)
         if self._left_out is not None and self._left_out[:n_faces].all():
             self.is_certified[:n_faces] = False
-            super()._solve_all()
+            super().solve_all()
             return
         self.visible[n_faces:] = 0.0
         distance = float(np.linalg.norm(camera.centre - surface.centre))

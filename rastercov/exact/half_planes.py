@@ -15,7 +15,6 @@ A. Appel. The Notion of Quantitative Invisibility and the Machine Rendering of S
 """
 
 import math
-from collections.abc import Callable
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -288,9 +287,6 @@ def pinhole_of(camera: Camera) -> tuple[Pinhole, float]:
     return pinhole, scale
 
 
-Visit = Callable[[int, "HalfPlaneSolver"], None]
-
-
 class HalfPlaneSolver:
     """Exact visible areas of a surface, one pose at a time, with the scratch memory of one thread.
 
@@ -313,7 +309,6 @@ class HalfPlaneSolver:
         Largest number that image positions are computed from, pixels: rounding is relative to it.
     """
 
-    _camera: Camera | None = None
     _left_out: BoolArray | None = None
 
     def __init__(self, surface: Surface, camera: Camera) -> None:
@@ -349,9 +344,6 @@ class HalfPlaneSolver:
 
     def set_camera(self, camera: Camera) -> None:
         """Take another camera, for the poses from now on."""
-        if camera is self._camera:
-            return
-        self._camera = camera
         self.camera, self.coordinate_scale = pinhole_of(camera)
 
     def leave_out(self, faces: BoolArray | None) -> None:
@@ -425,34 +417,22 @@ class HalfPlaneSolver:
         self.grid = grid_over(self.grid, n_live, self._extent)
         self._is_listed = False
 
+    def solve_pose(self, camera: Camera, pose: FloatArray, near: float, front_only: bool) -> None:
+        """Compute all figures of every face; see `set_pose`."""
+        self.set_camera(camera)
+        self.set_pose(pose, near, front_only)
+        self.solve_all()
+
     def solve(self, targets: IntArray) -> None:
-        """Compute `visible` and `area_error` of some faces, given by index."""
-        is_opaque = targets < len(self.surface.faces)
-        opaque = targets[is_opaque]
-        if len(opaque):
+        """Compute `visible` and `area_error` of some opaque faces, given by index."""
+        if len(targets):
             if not self._is_listed:
                 self._call(ask_for_all, self.grid)
                 self._list_faces()
-            self._run(opaque, self.projected)
-        # Last, so that nothing they leave in the grid changes the figures of opaque faces.
-        self.solve_targets(targets[~is_opaque])
+            self._run(targets, self.projected)
 
-    def solve_all(self, visit: Visit | None = None, *, is_measured: bool = True) -> None:
-        """Compute `visible` and `area_error` of every face.
-
-        Parameters
-        ----------
-        visit : callable, optional
-            Called with 0 and this solver after that; of a lens with each plane by its number, in
-            the order of `planes_of`, and the solver that has solved it.
-        is_measured : bool
-            False where the figures are not needed; of a lens alone these are work of their own.
-        """
-        self._solve_all()
-        if visit is not None:
-            visit(0, self)
-
-    def _solve_all(self) -> None:
+    def solve_all(self) -> None:
+        """Compute `visible`, `area_error` and `is_certified` of every face."""
         self.visible.fill(0.0)
         self.solve(self._measured(np.flatnonzero(self.state & (LIVE | THIN)).astype(np.int32)))
         self.solve_targets()
@@ -468,12 +448,14 @@ class HalfPlaneSolver:
         self.area_error[others] += self.area[others]
         return rest
 
-    def solve_targets(self, targets: IntArray | None = None) -> None:
-        """Compute some targets, or all, from the opaque faces in the cells that they touch."""
+    def solve_targets(self) -> None:
+        """Compute all targets from the opaque faces in the cells that they touch.
+
+        Last, so that nothing they leave in the grid changes the figures of opaque faces.
+        """
         if self._target_image is None:
             return
-        if targets is None:
-            targets = np.arange(len(self.surface.faces), self.surface.n_faces, dtype=np.int32)
+        targets = np.arange(len(self.surface.faces), self.surface.n_faces, dtype=np.int32)
         projected = self._target_image.everything
         targets = targets[projected.state[targets] & (LIVE | THIN) > 0]
         if len(targets) == 0:

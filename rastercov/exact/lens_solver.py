@@ -6,13 +6,15 @@ and the faces and their visible pieces are mapped to pixels, where their areas a
 their edges (`rastercov.kernels.lens_edges`).
 """
 
+from collections.abc import Callable
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.camera.camera import Camera
 from rastercov.camera.lenses.of_camera import planes_of
-from rastercov.exact.half_planes import HalfPlaneSolver, Visit, room_for_kept
-from rastercov.exact.surface import Surface
+from rastercov.exact.half_planes import HalfPlaneSolver, room_for_kept
 from rastercov.kernels import exact_lens as kernels
 from rastercov.kernels.direct import DirectCalls
 from rastercov.kernels.exact_lens import edge_bulges, edge_lists, vertex_images, whole_groups
@@ -28,15 +30,16 @@ BESIDE_REL = 1e-9
 """
 
 
+Visit = Callable[[int, HalfPlaneSolver], None]
+
+
 class LensSolver:
-    """Exact visible areas of a surface through cameras with any lens, one pose at a time.
+    """Exact visible areas in the images of lenses, one pose at a time, with memory for one thread.
 
     Parameters
     ----------
-    surface, camera
-        As for `HalfPlaneSolver`.
-    solver_type : type
-        `HalfPlaneSolver` or `CertificateSolver`.
+    solver : HalfPlaneSolver
+        Solver of the surface in the ideal planes; it keeps its pieces from now on.
 
     Attributes
     ----------
@@ -46,14 +49,11 @@ class LensSolver:
         Faces known to be wholly visible or wholly hidden.
     """
 
-    def __init__(
-        self, surface: Surface, camera: Camera, solver_type: type[HalfPlaneSolver]
-    ) -> None:
+    def __init__(self, solver: HalfPlaneSolver) -> None:
+        solver.keep_pieces()
+        surface = solver.surface
         n = surface.n_faces
-        self.surface, self._call = surface, DirectCalls()
-        self._take_camera(camera)
-        self._solver = solver_type(surface, self._pinhole)
-        self._solver.keep_pieces()
+        self.surface, self._solver, self._call = surface, solver, DirectCalls()
         self.figures = kernels.Figures(*np.empty((3, n)), *np.empty((3, n), np.int8))
         self.area, self.visible, self.area_error = self.figures[:3]
         self.is_certified = np.zeros(n, np.bool_)
@@ -87,78 +87,60 @@ class LensSolver:
         self.figures = kernels.Figures(area, visible, area_error, *self.figures[3:])
         return True
 
-    def set_camera(self, camera: Camera) -> None:
-        """Take another camera, for the poses from now on."""
-        if camera is not self._camera:
-            self._take_camera(camera)
+    def solve(
+        self,
+        camera: Camera,
+        pose: FloatArray,
+        near: float,
+        front_only: bool,
+        visit: Visit | None = None,
+        *,
+        is_measured: bool = True,
+    ) -> None:
+        """Compute all figures of every face through a lens.
 
-    def _take_camera(self, camera: Camera) -> None:
-        self._camera, self._planes = camera, planes_of(camera)
-        self._sides_of = [sides_of(plane.camera) for plane, _ in self._planes]
-
-    @property
-    def _pinhole(self) -> Camera:
-        """The camera if it is a pinhole, otherwise that of its first plane."""
-        return self._camera if self._camera.is_pinhole else self._planes[0][0].camera
-
-    def keep_pieces(self) -> None:
-        """As of `HalfPlaneSolver`; a lens needs them, too, so that they are always kept."""
-
-    def leave_out(self, faces: NDArray[np.bool_] | None) -> None:
-        """As of `HalfPlaneSolver`; the figures of such faces mean nothing here."""
-        self._solver.leave_out(faces)
-
-    def set_pose(self, pose: FloatArray, near: float, front_only: bool) -> None:
-        """Take a pose; arguments are those of `HalfPlaneSolver.set_pose`."""
-        self._pose = pose, near, front_only
-
-    def solve_all(self, visit: Visit | None = None, *, is_measured: bool = True) -> None:
-        """Compute all figures of every face; see `HalfPlaneSolver.solve_all`."""
-        if self._camera.is_pinhole:
-            self._solve(self._camera, np.eye(3), visit)
-            solver = self._solver
-            self.area[:], self.visible[:] = solver.area, solver.visible
-            self.area_error[:], self.is_certified[:] = solver.area_error, solver.is_certified
-            return
+        Parameters
+        ----------
+        camera : Camera
+        pose, near, front_only
+            As for `HalfPlaneSolver.set_pose`.
+        visit : callable, optional
+            Called with each plane by its number, in the order of `planes_of`, and its solver.
+        is_measured : bool
+            False where the figures are not needed.
+        """
         for array in self.figures:
             array[:] = 0
         solved: FloatArray | None = None
-        for index, (plane, record) in enumerate(self._planes):
-            if visit is None and not self._may_see(plane.frame, record, index):
+        for index, (plane, record) in enumerate(planes_of(camera)):
+            turned = pose.copy()
+            turned[:3, :3] = pose[:3, :3] @ plane.frame
+            if visit is None and not self._may_see(turned, plane.camera, record):
                 continue
             if solved is None or not np.array_equal(plane.frame, solved):
-                self._solve(plane.camera, plane.frame)
+                self._solver.solve_pose(plane.camera, turned, near, front_only)
                 solved = plane.frame
             if visit is not None:
                 visit(index, self._solver)
             if is_measured and len(record.window):
                 self._measure(record)
-        largest = 2.0 * self._camera.width * self._camera.height
+        largest = 2.0 * camera.width * camera.height
         self._call(kernels.settle, self.figures, largest, self.is_certified)
 
-    def _may_see(self, frame: FloatArray, record: PlaneRecord, index: int) -> bool:
+    def _may_see(self, pose: FloatArray, camera: Camera, record: PlaneRecord) -> bool:
         """False where the image shows nothing of a plane, or all of the surface is beside it.
 
         That is behind the plane, or beyond one side of its image; a box decides in most cases.
         """
         if len(record.window) == 0:
             return False
-        sides, pose = self._sides_of[index], self._pose[0]
-        normals = np.ascontiguousarray(sides @ (pose[:3, :3] @ frame).T)
+        sides = sides_of(camera)
+        normals = np.ascontiguousarray(sides @ pose[:3, :3].T)
         margin = BESIDE_REL * (1 + np.abs(sides[1:, 2]).max())
         return not any(
             self._call(kernels.are_beyond, points, pose[:3, 3].copy(), normals, margin)
             for points in (self._box, self._vertices)
         )
-
-    def _solve(self, camera: Camera, frame: FloatArray, visit: Visit | None = None) -> None:
-        """Visibility in one pinhole."""
-        pose, near, front_only = self._pose
-        turned = pose.copy()
-        turned[:3, :3] = pose[:3, :3] @ frame
-        self._solver.set_camera(camera)
-        self._solver.set_pose(turned, near, front_only)
-        self._solver.solve_all(visit)
 
     def _measure(self, record: PlaneRecord) -> None:
         """Add the images of all faces and pieces in one plane."""
@@ -199,6 +181,7 @@ class LensSolver:
         )  # fmt: skip
 
 
+@lru_cache(maxsize=64)
 def sides_of(pinhole: Camera) -> FloatArray:
     """(5, 3) inner normals of a plane, and of the four sides of its image, in units of it."""
     left, top = -pinhole.cx / pinhole.fx, -pinhole.cy / pinhole.fy

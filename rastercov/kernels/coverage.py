@@ -117,27 +117,9 @@ def in_focus(points, i, j, k, lens, rules):
 
 
 @part_with_arrays
-def cosine_of(scene, seen, points, row, f):
-    """Cosine of the angle of incidence of a face in one pose."""
-    i, j, k = scene.faces[f, 0], scene.faces[f, 1], scene.faces[f, 2]
-    normal = turned(scene.normals[f], seen.poses[row])
-    return incidence_cosine(points, i, j, k, normal, scene.two_sided[f])
-
-
-@part_with_arrays
-def areas_of(seen, row, f):
-    """Visible and drawn area of a face, px^2."""
-    visible, drawn = float(seen.visible[row, f]), float(seen.drawn[row, f])
-    if seen.scale != 1:
-        visible, drawn = visible / seen.scale, drawn / seen.scale
-    return visible, drawn
-
-
-@part_with_arrays
 def measure_face(
-    lane, f, scene, lens, seen, row, rules, work, is_front, is_oblique, asks_area, asks_density,
-    asks_facing,
-):  # fmt: skip
+    lane, f, scene, lens, seen, row, rules, work, asks_area, asks_density, asks_facing
+):
     """Put the measures of a face in one pose into a lane of a block.
 
     A density that is not asked for is 0, an area may be any positive number in place of itself, and
@@ -146,11 +128,13 @@ def measure_face(
     """
     points, block, near = work.points, work.block, seen.near[row]
     i, j, k = scene.faces[f, 0], scene.faces[f, 1], scene.faces[f, 2]
-    visible, drawn = areas_of(seen, row, f)
+    visible, drawn = seen.visible[row, f] / seen.scale, seen.drawn[row, f] / seen.scale
     # A count is no area.
     known = drawn if seen.kind.size or not asks_area else -1.0
     state, part, area = image_of_face(points, i, j, k, near, lens, work, known)
     normal = turned(scene.normals[f], seen.poses[row])
+    cosine = incidence_cosine(points, i, j, k, normal, scene.two_sided[f])
+    is_front = cosine > 0 and not scene.degenerate[f]
     asks_density = asks_density and is_front and part > 0
     density, facing, per_m2 = densities(
         points, i, j, k, normal, lens, asks_density, asks_facing, rules.min_pixels_per_m2 > 0
@@ -158,7 +142,8 @@ def measure_face(
     is_seen = is_front and (part != 0 or state == INSIDE)
     side = 1.0 if is_front else 0.0
     block[code.SIDE, lane] = -1.0 if scene.degenerate[f] else side
-    block[code.OBLIQUE, lane] = 1.0 if is_oblique else 0.0
+    block[code.COSINE, lane] = cosine
+    block[code.OBLIQUE, lane] = 1.0 if exceeds_incidence(cosine, rules) else 0.0
     block[code.STATE_OF_FACE, lane] = state
     block[code.IN_VIEW, lane] = 1.0 if state == INSIDE else 0.0
     block[code.PART, lane], block[code.AREA, lane] = part, area
@@ -205,15 +190,12 @@ def judge_poses(rows, scene, lens, seen, work, rules, out, skew):
             else:
                 for lane in range(n):
                     f = first + lane
-                    cosine = cosine_of(scene, seen, work.points, row, f)
                     measure_face(
-                        lane, f, scene, lens, seen, row, rules, work,
-                        cosine > 0 and not scene.degenerate[f], exceeds_incidence(cosine, rules),
-                        asks_area, asks_density, asks_facing,
+                        lane, f, scene, lens, seen, row, rules, work, asks_area, asks_density,
+                        asks_facing,
                     )  # fmt: skip
-                    block[code.COSINE, lane] = cosine
                     if asks_bound:
-                        put_bound(lane, f, scene, lens, seen, row, work, cosine)
+                        put_bound(lane, f, scene, lens, seen, row, work)
                 decide_block(rules, pointer(block))
                 copy_block(pointer(block), n, at, figures)
             first += n

@@ -297,7 +297,7 @@ def _worst(density, normal, right, down, z, lens):
 
 
 def _areas(at, visible, drawn, scale):
-    """Visible and drawn area of faces, px^2; see `coverage.areas_of`."""
+    """Visible and drawn area of faces, px^2; see `coverage.measure_face`."""
     found = []
     for array in (visible, drawn):
         area = Variable(load(at.builder, array.at(at).pointer, AT_A_TIME).to(DOUBLE))

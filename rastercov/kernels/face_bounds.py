@@ -67,12 +67,12 @@ def bound_of_fraction(seen, row, f, drawn, points, faces, is_cut):
 
 
 @part_with_arrays
-def put_bound(lane, f, scene, lens, seen, row, work, cosine):
+def put_bound(lane, f, scene, lens, seen, row, work):
     """Put the bound of the visible fraction of a measured face, and its kind, into its lane.
 
     The bound is 1 where rounding decides which side of the face is seen.
     """
-    block, points = work.block, work.points
+    block, points, cosine = work.block, work.points, work.block[code.COSINE, lane]
     state, part = block[code.STATE_OF_FACE, lane], block[code.PART, lane]
     drawn, has_part = block[code.DRAWN, lane], part != 0 or state == INSIDE
     bound, kind = 0.0, code.EXACT

@@ -16,8 +16,6 @@ from rastercov.kernels import decision as code
 from rastercov.kernels.coverage import (
     ROWS,
     TYPES,
-    cosine_of,
-    exceeds_incidence,
     measure_face,
 )
 from rastercov.kernels.criteria import (
@@ -44,7 +42,7 @@ class Sums(NamedTuple):
 
     `best_row` is the row of the pose in its batch. `bounds` has the largest bound in view and the
     largest of a covered pair, (2,). For each pose, (P,), of which those that were not added are 0:
-    the scored faces that it covers, the total of their coverage, and of their pixels.
+    the scored faces that it covers, and the total of their coverage.
     """
 
     views: NDArray[np.int64]
@@ -55,7 +53,6 @@ class Sums(NamedTuple):
     bounds: NDArray[np.float64]
     covered_faces: NDArray[np.int64]
     totals: NDArray[np.float64]
-    images: NDArray[np.float64]
 
 
 PairRows = namedtuple(
@@ -167,12 +164,9 @@ def measure_each(first, n, row, scene, lens, seen, work, rules, rounding, choice
             block[code.SIDE, lane] = -1.0 if scene.degenerate[f] else 0.0
             block[code.PART, lane] = 0.0
             continue
-        cosine = cosine_of(scene, seen, work.points, row, f)
-        block[code.COSINE, lane] = cosine
         measure_face(
-            lane, f, scene, lens, seen, row, rules, work, cosine > 0 and not scene.degenerate[f],
-            exceeds_incidence(cosine, rules), has_rows, has_rows or rules.min_pixel_density > 0,
-            has_rows or rules.min_facing_density > 0,
+            lane, f, scene, lens, seen, row, rules, work, has_rows,
+            has_rows or rules.min_pixel_density > 0, has_rows or rules.min_facing_density > 0,
         )  # fmt: skip
 
 
@@ -220,7 +214,7 @@ def add_pose(row, turn, scene, lens, seen, work, rules, is_scored, sums, coverag
             if not has_bounds and (
                 is_row or (in_view and sums.bounds[0] < 1) or (covers and sums.bounds[1] < 1)
             ):
-                put_bound(lane, f, scene, lens, seen, row, work, block[code.COSINE, lane])
+                put_bound(lane, f, scene, lens, seen, row, work)
             if is_row:
                 at = turn * n_faces + sink.counts[turn]
                 sink.counts[turn] += 1

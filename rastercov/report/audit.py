@@ -25,7 +25,7 @@ from rastercov.base.output import write_bytes, write_json, write_npz, write_text
 from rastercov.camera.rig import names_of
 from rastercov.coverage.area.network import in_words
 from rastercov.coverage.network import share_of_faces
-from rastercov.coverage.provenance import Provenance
+from rastercov.coverage.provenance import provenance_of
 from rastercov.coverage.shards import UNFINISHED, remove
 from rastercov.placement.audit import Audit
 from rastercov.report.coverage_files import write_coloured_mesh, write_rig, write_table
@@ -73,9 +73,7 @@ def write(
     """
     with ReportFolder(out, AUDIT) as folder:
         found = made(folder=folder.path / UNFINISHED if is_kept else None)
-        header = Provenance(
-            found.mesh, found.camera, found.poses.given, found.task, options
-        ).as_dict()
+        header = provenance_of(found.mesh, found.camera, found.poses.given, found.task, options)
         summary = found.summary() | {"notes": list(notes), "run": header}
         eyes = found.poses.world_from_camera[:, :3, 3]
         surface = found.mesh if found.cells is None else found.cells.elements

@@ -4,11 +4,11 @@ The table, in Parquet, has one row for every pair of pose and face that was aske
 under its name only when it is whole. An error of the disk is an `OSError` that names the file.
 """
 
+import dataclasses
 from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, suppress
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -23,8 +23,9 @@ from rastercov.camera.formats.own import content_of
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, Rig, Views, cameras_of, names_of
 from rastercov.coverage.area.frames import frames_of
+from rastercov.coverage.area.regions import Regions
 from rastercov.coverage.area.union import Covered, with_rest
-from rastercov.coverage.coverage import FIGURES, UNITS
+from rastercov.coverage.coverage import FIGURES, Coverage
 from rastercov.coverage.task import Reason
 from rastercov.mesh import Mesh
 from rastercov.mesh.formats.gltf_file import Y_UP, GlbBuffer
@@ -101,9 +102,10 @@ class CoverageTable:
         kinds |= dict.fromkeys(CODES, names)
         if by_area:
             kinds[COVERED_M2] = pa.float32()
-        units = UNITS | {COVERED_M2: "m^2"}
+        units = {each.name: each.metadata.get("unit") for each in dataclasses.fields(Coverage)}
+        units[COVERED_M2] = "m^2"
         fields = [
-            pa.field(name, kind, False, {"unit": units[name]} if name in units else None)
+            pa.field(name, kind, False, {"unit": units[name]} if units.get(name) else None)
             for name, kind in kinds.items()
         ]
         self.schema = pa.schema(fields, {"rastercov": json_bytes(header or {})})
@@ -145,11 +147,15 @@ class CoverageTable:
             self._stack = stack.pop_all()
         return self
 
-    def add(self, rows: "PairRows", covered_m2: NDArray[np.float32] | None = None) -> None:
+    def add(self, rows: "PairRows", regions: Regions | None = None) -> None:
         """Append rows; they are not copied, so must not change any more.
 
-        `covered_m2` of each row is needed by area.
+        `regions` of their poses are needed by area.
         """
+        covered_m2 = None
+        if regions is not None:
+            pose = np.searchsorted(regions.pose_ids, rows.pose)
+            covered_m2 = regions.areas()[pose, rows.face].astype(np.float32)
         self.n_rows += len(rows.pose)
         while len(self._waiting) > BATCHES_WAITING or (self._waiting and self._waiting[0].done()):
             self._waiting.popleft().result()
@@ -239,7 +245,7 @@ def write_rig(path: Path, camera: Cameras, poses: Poses, names: Sequence[str] = 
     used = np.unique(poses.camera).tolist()
     rig = Rig([cameras[row] for row in used], [names_of(camera)[row] for row in used])
     index = np.searchsorted(used, poses.camera)
-    placed = replace(poses, camera=index.astype(np.int32), rejected={})
+    placed = dataclasses.replace(poses, camera=index.astype(np.int32), rejected={})
     images = tuple(names) or tuple(f"pose {row}" for row in poses.ids.tolist())
     write_json(path, content_of(Views(rig=rig, poses=placed, images=images)))
 

@@ -28,10 +28,9 @@ from rastercov.base.interrupts import interrupts_held
 from rastercov.base.output import write_json, write_text
 from rastercov.cluster import Workers
 from rastercov.coverage.area.zones import ZONES
-from rastercov.coverage.doubts import half_covered
-from rastercov.coverage.provenance import Provenance, plain_cameras
+from rastercov.coverage.provenance import plain_cameras, provenance_of
 from rastercov.placement.plan.file import Plan
-from rastercov.placement.plan.network import OF, Measured, area_lines, goal_of, summary_of
+from rastercov.placement.plan.network import OF, area_lines, goal_of, summary_of
 from rastercov.placement.plan.prepare import Prepared, Step, quiet
 from rastercov.placement.plan.run import Placement, place
 from rastercov.placement.select.problem import BestCoverage, FewestCameras
@@ -200,7 +199,7 @@ def made_from(prepared: Prepared) -> dict[str, Any]:
     """Inputs with their hashes, device and versions."""
     plan, poses = prepared.plan, prepared.pool.candidates.poses
     options = Options(method=plan.task.method, supersample=plan.task.supersample, pictures=0)
-    return Provenance(
+    return provenance_of(
         prepared.mesh,
         prepared.camera,
         poses,
@@ -208,7 +207,7 @@ def made_from(prepared: Prepared) -> dict[str, Any]:
         asdict(options),
         RasterizerInfo(**prepared.measured_by),
         ("rastercov", "moderngl", "numpy", "pydantic", "highspy", "pymoo"),
-    ).as_dict()
+    )
 
 
 def _cameras(placement: Placement) -> list[dict[str, Any]]:
@@ -298,7 +297,6 @@ def lines(placement: Placement) -> list[str]:
             left = percent(found.cameras[found.critical].without)
             text += f"; without {_what(prepared)} {found.critical} only {left} are left"
         said.append(text)
-    said += half_covered_lines(prepared.plan, placement.cameras)
     said += [f"{each.status}: {each.words()}" for each in placement.requirements]
     if placement.interrupted:
         said.append(_interrupted(placement))
@@ -312,19 +310,9 @@ def _what(prepared: Prepared) -> str:
     return "mount" if prepared.mounts.has_rigs else "camera"
 
 
-def half_covered_lines(plan: Plan, cameras: Measured) -> list[str]:
-    """`half_covered` of the network of a plan; none by area."""
-    if cameras.areas is not None:
-        return []
-    return of_plan(half_covered(cameras.network, plan.rig, cameras.placed, plan.task.method))
-
-
 def of_plan(lines: Iterable[str]) -> list[str]:
     """Lines that name entries of a plan file for the options of a command."""
-    return [
-        line.replace("--by area", 'by = "area" in [task]').replace("--unit", "unit of [[meshes]]")
-        for line in lines
-    ]
+    return [line.replace("--unit", "unit of [[meshes]]") for line in lines]
 
 
 def _interrupted(placement: Placement) -> str:

@@ -23,7 +23,7 @@ from rastercov.base.interrupts import interrupts_held
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import valid_poses
 from rastercov.coverage.engine import Engine
-from rastercov.coverage.provenance import Provenance
+from rastercov.coverage.provenance import provenance_of
 from rastercov.mesh import Mesh
 from rastercov.reference.criteria import measured_geometry as face_geometry
 from rastercov.reference.methods.contenders import (
@@ -225,6 +225,6 @@ def _partly_hidden(
 
 def _provenance(mesh: Mesh, camera: Camera, poses: FloatArray) -> dict[str, Any]:
     packages = ("rastercov", "numba", "numpy", "shapely")
-    entries = Provenance(mesh, camera, poses, packages=packages).as_dict()
+    entries = provenance_of(mesh, camera, poses, packages=packages)
     del entries["scene"]
     return entries | {"machine": {"system": platform.platform(), "processor": platform.machine()}}

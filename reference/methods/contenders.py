@@ -17,6 +17,7 @@ from rastercov.coverage.observer import ROLL, Observer, open_observer
 from rastercov.kernels.stopwatch import Stopwatch
 from rastercov.mesh import Mesh
 from rastercov.raster.observation import Observation
+from rastercov.reference.methods.convergence import fractions
 from rastercov.reference.methods.error_statistics import (
     ROUNDING,
     ErrorStatistics,
@@ -70,7 +71,7 @@ class Contender(Timed):
     def run(self, poses: FloatArray) -> None:
         """Observe a batch of poses; the time is that of the areas alone."""
         super().run(poses)
-        self._fractions = self._pass.fractions(self.observation, Poses.of(poses))
+        self._fractions = fractions(self._pass, self.observation, Poses.of(poses))
 
     def add_pose(
         self,

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
-from rastercov.coverage.face_pass import FacePass
+from rastercov.coverage.coverage import arrays_for
+from rastercov.coverage.face_pass import FacePass, Measured
 from rastercov.coverage.observer import Observer
 from rastercov.kernels.stopwatch import Stopwatch
 from rastercov.mesh import Mesh
@@ -40,6 +41,17 @@ WANTED_FACES = 200
 """Number of faces below which smaller ones are added, down to 1 sample."""
 GROUPS = 20
 """Groups of faces that are left out in turn for the standard error of the slope."""
+
+
+def fractions(
+    judge: FacePass, seen: Measured, poses: Poses
+) -> tuple[FloatArray, FloatArray, NDArray[np.uint8]]:
+    """Visible fraction (3.14) of each face: value, bound and kind, (P, F) each."""
+    names = "visibility", "visibility_bound", "visibility_kind"
+    figures = arrays_for(names, (len(poses), judge.mesh.n_faces))
+    judge.fill(seen, poses, figures)
+    value, bound, kind = figures.values()
+    return value, bound, kind
 
 
 @dataclass(frozen=True)
@@ -113,7 +125,7 @@ def converge(
                 clock = Stopwatch()
                 seen = observer.observe(faces.pose[None])
                 spent += clock.seconds
-                value = FacePass(mesh, (lens,), 1).fractions(seen, Poses.of(faces.pose))[0][0]
+                value = fractions(FacePass(mesh, (lens,), 1), seen, Poses.of(faces.pose))[0][0]
                 off = value[faces.face[rows]] - faces.truth[rows]
                 square[level, done : done + len(rows)] = off**2
                 done += len(rows)

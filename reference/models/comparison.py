@@ -21,7 +21,7 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.pose import valid_poses
 from rastercov.coverage.coverage import Coverage, evaluate_batches
 from rastercov.coverage.observer import open_observer
-from rastercov.coverage.provenance import Provenance
+from rastercov.coverage.provenance import provenance_of
 from rastercov.coverage.task import Reason, Task
 from rastercov.kernels.stopwatch import Stopwatch
 from rastercov.mesh import Mesh
@@ -177,7 +177,7 @@ def compare_models(
                 statistics.add(batch, row, by_name, bivalent[pose])
             progress(start + len(of_batch), len(matrices))
         info = observer.info
-    run = Provenance(mesh, camera, matrices, task, measured_by=info).as_dict()
+    run = provenance_of(mesh, camera, matrices, task, measured_by=info)
     return statistics.result(run)
 
 

@@ -25,7 +25,7 @@ from rastercov.base.format import milliseconds, number, percent_of, plural
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import valid_poses
 from rastercov.camera.projection import image_boxes, to_camera, to_image
-from rastercov.coverage.observer import visibility
+from rastercov.coverage.job import evaluate
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.raster import open_rasterizer
@@ -124,7 +124,7 @@ def _draw(
 ) -> dict[str, Image.Image]:
     """Both sheets of one pose."""
     task = task or Task()
-    graded = visibility(mesh, camera, pose[None]).value[0]
+    graded = evaluate(mesh, camera, pose, fields=["visibility"]).visibility[0]
     bivalent = zhang.visible(mesh, camera, pose[None])[0]
     whole = look_at_part(mesh, camera, pose)
     closer = look_closer(mesh, camera, pose, np.abs(graded - bivalent))

@@ -6,6 +6,7 @@ from exact_views import SEEDS, exact_sides
 from hypothesis import assume, example, given
 from nightly import examples
 from scenes import square
+from visible_fractions import fractions_of, visibility
 
 import rastercov as rc
 from rastercov.mesh import shapes
@@ -67,7 +68,7 @@ def test_no_visible_fraction_breaks_its_bound_in_the_plane_of_a_face(seed):
     poses = np.array([hostile_pose(rng, mesh, camera) for _ in range(3)])
     for method in METHODS:
         with rc.open_observer(mesh, camera, method, threads=1) as observer:
-            seen, found = observer.observe(poses), observer.visibility(poses)
+            seen, found = observer.observe(poses), fractions_of(observer, poses)
         for row, pose in enumerate(poses):
             visible, area = (
                 of(mesh, camera, pose) for of in (rational.visible_area, rational.image_area)
@@ -75,8 +76,8 @@ def test_no_visible_fraction_breaks_its_bound_in_the_plane_of_a_face(seed):
             side = exact_sides(mesh, pose)
             is_known = (side < 0) | (side > 0) & (area > 0)
             true = np.where(side > 0, visible / np.where(area > 0, area, 1), 0.0)
-            off = np.abs(found.value[row] - true)[is_known]
-            assert (off <= found.bound[row][is_known]).all()
+            off = np.abs(found.visibility[row] - true)[is_known]
+            assert (off <= found.visibility_bound[row][is_known]).all()
             both = np.abs(seen.visible_pixels[row] - visible)
             both += np.abs(seen.drawn_pixels[row] - area)
             computed = seen.kind[row] == BoundKind.EXACT
@@ -101,27 +102,27 @@ LENSES = (
 @pytest.mark.parametrize("camera", LENSES, ids=("pinhole", "lens"))
 @pytest.mark.parametrize("distance", [0.0, 1e-17, -1e-17])
 def test_nothing_is_known_of_a_face_in_whose_plane_the_camera_is(method, camera, distance):
-    found = rc.visibility(square(0.5, 0.0), camera, beside(distance)[None], method)
-    assert (found.bound == 1).all()
+    found = visibility(square(0.5, 0.0), camera, beside(distance)[None], method)
+    assert (found.visibility_bound == 1).all()
 
 
 @pytest.mark.parametrize("method", [*METHODS, "sampled:cpu"])
 @pytest.mark.parametrize("camera", LENSES, ids=("pinhole", "lens"))
 def test_a_face_that_is_a_little_off_the_plane_of_the_camera_is_known(method, camera):
     poses = np.array([beside(-1e-3), beside(1e-3)])
-    found = rc.visibility(square(0.5, 0.0), camera, poses, method)
-    assert found.bound[1].max() == 0  # from behind, by definition not seen
+    found = visibility(square(0.5, 0.0), camera, poses, method)
+    assert found.visibility_bound[1].max() == 0  # from behind, by definition not seen
     if method in METHODS:
-        assert found.bound[0].max() < 1e-6
-        assert found.value[0].min() == 1
+        assert found.visibility_bound[0].max() < 1e-6
+        assert found.visibility[0].min() == 1
 
 
 def test_faces_that_are_certainly_outside_the_image_stay_known():
     mesh = shapes.torus()
     aside = rc.look_at((8.0, 0.0, 0.5), (8.0, 9.0, 0.5))
-    found = rc.visibility(mesh, EDGE_ON, aside)
-    assert (found.bound == 0).all()
-    assert (found.value == 0).all()
+    found = visibility(mesh, EDGE_ON, aside)
+    assert (found.visibility_bound == 0).all()
+    assert (found.visibility == 0).all()
 
 
 def test_the_area_of_a_face_too_thin_for_the_plane_of_a_lens_has_a_bound():

@@ -19,10 +19,10 @@ from exact_views import (
 )
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from visible_fractions import visibility
 
 from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import look_at
-from rastercov.coverage.observer import visibility
 from rastercov.mesh import Mesh, shapes
 from rastercov.raster.observation import BoundKind
 from rastercov.reference import rational
@@ -117,12 +117,12 @@ def test_hostile_scenes_come_out_as_in_exact_arithmetic(kind, turn):
     has_image = whole > 1e-7
     for method in ("certified", "exact"):
         seen = visibility(case.mesh, case.camera, case.pose, method)
-        off = np.abs(seen.value[0] - expected)[has_image]
-        assert (off <= np.maximum(seen.bound[0][has_image], 1e-14)).all()
-        certified = (seen.kind[0] == BoundKind.CERTIFIED) & has_image
-        assert np.isin(seen.value[0][certified], (0, 1)).all()
-        assert (seen.bound[0][certified] == 0).all()
-        assert method == "certified" or (seen.kind == BoundKind.EXACT).all()
+        off = np.abs(seen.visibility[0] - expected)[has_image]
+        assert (off <= np.maximum(seen.visibility_bound[0][has_image], 1e-14)).all()
+        certified = (seen.visibility_kind[0] == BoundKind.CERTIFIED) & has_image
+        assert np.isin(seen.visibility[0][certified], (0, 1)).all()
+        assert (seen.visibility_bound[0][certified] == 0).all()
+        assert method == "certified" or (seen.visibility_kind == BoundKind.EXACT).all()
 
 
 # --- 17: what samples cannot see ------------------------------------------------------------------
@@ -131,11 +131,11 @@ def test_hostile_scenes_come_out_as_in_exact_arithmetic(kind, turn):
 def test_slivers_between_the_samples_leave_the_face_behind_uncertified():
     case = slivers()
     seen = visibility(case.mesh, case.camera, case.pose)
-    assert (seen.kind[0, :2] == BoundKind.EXACT).all()
-    assert np.abs(seen.value[0, :2] - 0.1).max() <= 1e-9
-    assert (seen.value[0, 2:] == 1).all()
-    sampled = visibility(case.mesh, case.camera, case.pose, "sampled", backend="cpu")
-    assert (sampled.kind == BoundKind.STATISTICAL).all()
+    assert (seen.visibility_kind[0, :2] == BoundKind.EXACT).all()
+    assert np.abs(seen.visibility[0, :2] - 0.1).max() <= 1e-9
+    assert (seen.visibility[0, 2:] == 1).all()
+    sampled = visibility(case.mesh, case.camera, case.pose, "sampled:cpu")
+    assert (sampled.visibility_kind == BoundKind.STATISTICAL).all()
 
 
 # --- figures --------------------------------------------------------------------------------------

@@ -23,13 +23,12 @@ from rastercov.camera.lenses.slopes import slopes_in
 from rastercov.camera.rig import Rig
 from rastercov.camera.viewpoints import look_at, sphere_of_poses
 from rastercov.coverage.coverage import FIGURES
+from rastercov.coverage.exact_pass import PoseSolver
 from rastercov.coverage.job import evaluate
 from rastercov.coverage.observer import open_observer
 from rastercov.coverage.task import Task
 from rastercov.exact.certificate import CertificateSolver
 from rastercov.exact.half_planes import HalfPlaneSolver
-from rastercov.exact.lens_solver import LensSolver
-from rastercov.exact.surface import surface_of
 from rastercov.mesh import Group, Mesh, shapes
 from rastercov.raster.observation import BoundKind
 
@@ -50,10 +49,9 @@ def inside(mesh, seed):
 
 
 def solved(mesh, camera, pose, kind=CertificateSolver, near=1e-3):
-    solver = LensSolver(surface_of(mesh), camera, kind)
-    solver.set_pose(pose, near, False)
-    solver.solve_all()
-    return solver
+    solver = PoseSolver(mesh, [camera], kind is CertificateSolver)
+    solver.find(pose, near, False)
+    return solver.figures
 
 
 @pytest.mark.slow
@@ -253,10 +251,10 @@ def test_planes_that_see_nothing_of_the_mesh_change_no_figure(name):
         pose[:3, :3] = pose[:3, :3] @ look_at((0, 0, 0), (0.3, 1, 0.2))[0][:3, :3]
         figures = []
         for visit in (None, lambda number, solver: None):
-            solver = LensSolver(surface_of(mesh), CAMERAS[name], CertificateSolver)
-            solver.set_pose(pose, 1e-3, False)
-            solver.solve_all(visit)
-            figures.append((solver.visible, solver.area, solver.area_error, solver.is_certified))
+            solver = PoseSolver(mesh, [CAMERAS[name]], True)
+            solver.find(pose, 1e-3, False, visit=visit)
+            found = solver.figures
+            figures.append((found.visible, found.area, found.area_error, found.is_certified))
         for one, other in zip(*figures, strict=True):
             np.testing.assert_array_equal(one, other)
         assert figures[0][0].max() > 0

@@ -7,6 +7,7 @@ from exact_views import fractions, look
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import joined
+from visible_fractions import visibility
 
 import rastercov as rc
 from rastercov.camera.near_plane import can_cull
@@ -35,11 +36,11 @@ def prism(ring):
 
 def assert_right(mesh, poses):
     for method in METHODS:
-        found = rc.visibility(mesh, CAMERA, poses, method)
+        found = visibility(mesh, CAMERA, poses, method)
         for row, pose in enumerate(poses):
-            is_front = found.value[row] > 0
-            off = np.abs(found.value[row] - fractions(mesh, CAMERA, pose)[0])[is_front]
-            assert (off <= found.bound[row][is_front] + 1e-12).all()
+            is_front = found.visibility[row] > 0
+            off = np.abs(found.visibility[row] - fractions(mesh, CAMERA, pose)[0])[is_front]
+            assert (off <= found.visibility_bound[row][is_front] + 1e-12).all()
 
 
 @pytest.mark.slow

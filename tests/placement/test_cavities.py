@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from nightly import examples
 from scenes import joined, sheet
+from visible_fractions import visibility
 
 import rastercov as rc
 from rastercov.coverage.task import Reason
@@ -99,7 +100,7 @@ def test_through_a_narrow_neck_only_what_lies_before_it_is_reached():
     found = openings(mesh, CAMERA, farther, faces=[*below, *ceiling])
     assert found.access.tolist() == 2 * [Access.REACHED] + 2 * [Access.CLOSED]
     outside = outer_poses(200, np.array([3.5, 3.5, 3.0]), 9.0)
-    assert (rc.visibility(mesh, CAMERA, outside).value[:, ceiling] == 0).all()
+    assert (visibility(mesh, CAMERA, outside).visibility[:, ceiling] == 0).all()
     assert (found.missed_deg[2:] < 0.7).all()
     assert found.proof == ("",) * 4  # it is open to the outside: nothing to prove
     assert "no open cone of 0.63° or more" in found.words(2)
@@ -113,7 +114,7 @@ def test_the_end_of_a_bent_channel_is_closed_to_cameras_outside_and_reached_from
     found = openings(mesh, CAMERA, FAR, faces=end)
     assert (found.access == Access.CLOSED).all()
     outside = outer_poses(100, np.array([3.5, 2.5, 3.5]), 10.0)
-    assert (rc.visibility(mesh, CAMERA, outside).value[:, end] == 0).all()
+    assert (visibility(mesh, CAMERA, outside).visibility[:, end] == 0).all()
     near = openings(mesh, CAMERA, Framing(stand_off=(0.5, 3.0)), faces=end)
     assert (near.access == Access.REACHED).all()
     assert covered_by(mesh, near.candidates.poses, end).all()
@@ -187,7 +188,7 @@ def test_no_camera_within_the_limits_sees_a_face_that_is_proved_out_of_reach(see
     shut = found.face[found.access == Access.ENCLOSED]
     eyes = np.concatenate((rng.uniform(0, 5, (60, 3)), rng.uniform(-8, 13, (60, 3))))
     targets = mesh.centroids[rng.choice(found.face, len(eyes))] if len(found.face) else eyes + 1
-    seen = rc.visibility(mesh, CAMERA, rc.look_at(eyes, targets)).value
+    seen = visibility(mesh, CAMERA, rc.look_at(eyes, targets)).visibility
     away = np.linalg.norm(eyes[:, None] - mesh.centroids[None], axis=2) >= least
     assert not (seen[:, shut][away[:, shut]] > 0).any()
 

@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from nightly import examples
 from scenes import joined, sheet
+from visible_fractions import visibility
 
 import rastercov as rc
 from rastercov.coverage.network import Network
@@ -69,7 +70,7 @@ def test_of_cameras_before_which_a_face_is_hidden_that_which_sees_more_is_neares
     mesh = grouped(("part", part, False), ("wall", wall, True))
     poses = straight((0.0, 0, 0), (0.3, 0, 0), (-0.3, 0, 0))
     found = what_is_left((mesh, CAMERA), poses, Task(min_visibility=0.9))
-    seen = rc.visibility(mesh, CAMERA, poses).value
+    seen = visibility(mesh, CAMERA, poses).visibility
     assert (found.left & (found.reason == Reason.OCCLUDED))[:2].all()
     assert (found.nearest_camera[:2] == seen[:, :2].argmax(axis=0)).all()
     assert len(np.unique(seen[:, 0])) == 3  # they differ, so that the choice means something
@@ -89,7 +90,7 @@ def test_the_group_that_hides_most_is_named_and_shares_add_up():
     hidden = []
     for name, wall in walls.items():
         alone = grouped(("part", part, False), (name, wall, True))
-        hidden.append(1 - rc.visibility(alone, CAMERA, pose).value[0, :2])
+        hidden.append(1 - visibility(alone, CAMERA, pose).visibility[0, :2])
     assert (found.occluder[:2] == 1 + np.argmax(hidden, axis=0)).all()
     assert found.occluder_share[:2] == pytest.approx(np.max(hidden, axis=0), abs=0.03)
     assert found.summary()["groups"][0]["hidden_by"].keys() == {"left", "right"}
@@ -140,7 +141,7 @@ def test_no_candidate_sees_a_shut_face_is_proved_by_bounds_and_never_by_samples(
     assert told["seen_by_no_candidate"]["faces"] == 2
     assert told["groups"][0]["hidden_by"].keys() == {"box"}
     without = what_is_left((mesh, CAMERA), network)
-    with rc.open_observer(mesh, CAMERA, "sampled", backend="cpu") as observer:
+    with rc.open_observer(mesh, CAMERA, "sampled:cpu") as observer:
         counted = what_is_left(observer, network, candidates=poses)
     for found in (without, counted):
         assert (found.sight[:2] == Sight.UNKNOWN).all()
@@ -155,7 +156,7 @@ def test_a_candidate_in_the_plane_of_a_face_does_not_see_it():
     poses = rc.look_at(eyes, [0, 0, 1.4])
     found = what_is_left((mesh, CAMERA), poses[:0], candidates=poses)
     # By rounding, some of these cameras have an image of the undersides, and know nothing of it.
-    assert rc.visibility(mesh, CAMERA, poses).bound[:, faces].max() == 1
+    assert visibility(mesh, CAMERA, poses).visibility_bound[:, faces].max() == 1
     assert (found.sight[faces] == Sight.NONE).all()
 
 
@@ -168,7 +169,7 @@ def test_the_bounds_hold_what_candidates_see_and_those_left_out_see_nothing(seed
     found = what_is_left((mesh, CAMERA), poses[:2], task, candidates=poses)
     left, sight = found.left, found.sight[found.left]
     is_covered = rc.evaluate(mesh, CAMERA, poses, task).reason == Reason.COVERED
-    exact = rc.visibility(mesh, CAMERA, poses, "exact").value.max(axis=0)[left]
+    exact = visibility(mesh, CAMERA, poses, "exact").visibility.max(axis=0)[left]
     assert (found.seen_at_least[left] <= exact + 1e-8).all()
     assert (found.seen_at_most[left] >= exact - 1e-8).all()
     assert (found.n_covering[left] == is_covered.sum(axis=0)[left]).all()

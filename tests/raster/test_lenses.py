@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from scenes import joined, square
 from target_scenes import some_as_targets
+from visible_fractions import fractions_of
 
 from rastercov import (
     Camera,
@@ -226,13 +227,13 @@ def test_near_plane_cuts_as_in_the_exact_method(open_lens, lens, nears):
 def test_sampled_areas_are_within_their_bound_of_certified_ones(scene, lens):
     (mesh, poses), camera = SCENES[scene], lens_cameras.CAMERAS[lens].resized(0.2)
     with open_observer(mesh, camera, "certified") as exact:
-        expected, areas = exact.visibility(poses), exact.observe(poses)
-    with open_observer(mesh, camera, "sampled", backend="cpu", supersample=3) as sampled:
-        found, counts = sampled.visibility(poses), sampled.observe(poses)
-    assert (found.kind == BoundKind.STATISTICAL).any()
-    error = np.abs(found.value - expected.value)
-    assert (error <= found.bound + expected.bound).mean() > 0.998
-    is_informed = (found.bound < 0.5) & (areas.drawn_pixels > 1)
+        expected, areas = fractions_of(exact, poses), exact.observe(poses)
+    with open_observer(mesh, camera, "sampled:cpu@3") as sampled:
+        found, counts = fractions_of(sampled, poses), sampled.observe(poses)
+    assert (found.visibility_kind == BoundKind.STATISTICAL).any()
+    error = np.abs(found.visibility - expected.visibility)
+    assert (error <= found.visibility_bound + expected.visibility_bound).mean() > 0.998
+    is_informed = (found.visibility_bound < 0.5) & (areas.drawn_pixels > 1)
     assert is_informed.sum() > 20
     assert error[is_informed].mean() < 0.02
     assert counts.visible_pixels.sum() == pytest.approx(areas.visible_pixels.sum(), rel=2e-3)

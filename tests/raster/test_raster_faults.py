@@ -18,8 +18,7 @@ from rastercov import shaders
 from rastercov.base.errors import ConfigError, DeviceError, ResourceError
 from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import look_at, sphere_of_poses
-from rastercov.coverage.engine import Engine
-from rastercov.coverage.observer import open_observer
+from rastercov.coverage.observer import SampledObserver, open_observer
 from rastercov.mesh import shapes
 from rastercov.raster import open_rasterizer
 from rastercov.raster.gl import WAYS, GLRasterizer, pipeline
@@ -105,9 +104,6 @@ def test_an_option_that_a_backend_does_not_know_is_refused(backend, options, wor
     camera = dataclasses.replace(CAMERA, **lens)
     with pytest.raises(ConfigError, match=words):
         open_rasterizer(MESH, camera, backend, **options)
-    if not options.keys() & {"threads", "supersample", "roll"}:  # which an observer has of its own
-        with pytest.raises(ConfigError, match=words):
-            open_observer(MESH, camera, "sampled", backend=backend, **options)
 
 
 @pytest.mark.parametrize("lens", [{}, {"skew": 1.0}], ids=["pinhole", "lens"])
@@ -119,12 +115,9 @@ def test_device_or_backend_is_what_counts_and_threads_judge(lens):
         backend = "cpu" if options in by_cpu else "gl"
         with open_rasterizer(MESH, camera, **options) as rasterizer:
             assert rasterizer.info.backend == backend
-        with open_observer(MESH, camera, "sampled", threads=2, **options) as observer:
+    for device, backend in (("cpu", "cpu"), ("gl", "gl"), ("surfaceless", "gl")):
+        with open_observer(MESH, camera, f"sampled:{device}", threads=2) as observer:
             assert (observer.info.backend, observer.threads) == (backend, 2)
-    with open_observer(MESH, camera, Engine("sampled", "gl", threads=2)) as observer:
-        assert (observer.info.backend, observer.threads) == ("gl", 2)
-    with pytest.raises(ConfigError, match="takes no option roll"):
-        open_observer(MESH, camera, "sampled", roll=0.1)
 
 
 def test_drawn_pixels_that_were_not_counted_are_refused(rasterizer):
@@ -145,7 +138,7 @@ def test_use_from_a_second_thread_names_both(rasterizer, device):
                 call()
             caught.append(str(error.value))
 
-    with open_observer(MESH, CAMERA, "sampled", backend="gl", device=device) as observer:
+    with SampledObserver(MESH, CAMERA, backend="gl", device=device) as observer:
         expected = observer.observe(POSES).visible_pixels
         calls = [partial(rasterizer.count, POSES), partial(rasterizer.render, POSES[0])]
         calls += [rasterizer.close, partial(observer.observe, POSES), observer.close]
@@ -182,7 +175,7 @@ def test_what_holds_a_device_or_scratch_memory_cannot_be_copied_or_pickled(devic
         open_rasterizer(MESH, CAMERA, "cpu") as cpu,
         open_rasterizer(MESH, CAMERA, **gl) as drawn,
         open_observer(MESH, CAMERA, "certified") as exact,
-        open_observer(MESH, CAMERA, "sampled", **gl) as sampled,
+        SampledObserver(MESH, CAMERA, **gl) as sampled,
     ):
         for thing in (device, cpu, drawn, exact, sampled):
             name = type(thing).__name__

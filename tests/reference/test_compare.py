@@ -15,13 +15,14 @@ from hypothesis import strategies as st
 from pages import read_alone
 from PIL import Image
 from scenes import joined, sheet, square
+from visible_fractions import visibility
 
 from rastercov import cli
 from rastercov.base.errors import ConfigError, PoseError
 from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import look_at, sphere_of_poses
 from rastercov.coverage.engine import Engine
-from rastercov.coverage.observer import Observer, open_observer, visibility
+from rastercov.coverage.observer import Observer, open_observer
 from rastercov.mesh import Mesh, shapes
 from rastercov.raster.observation import BoundKind, Observation
 from rastercov.reference import polygons
@@ -196,7 +197,7 @@ def test_figures_are_those_of_an_independent_reckoning(tmp_path):
         seen = polygons.visible_area(mesh, CAMERA, pose)
         for face in range(mesh.n_faces):
             if view.is_front[face] and area[face] > 1e-7:
-                value, bound = figures.value[i, face], figures.bound[i, face]
+                value, bound = figures.visibility[i, face], figures.visibility_bound[i, face]
                 rows.append((i, face, area[face], seen[face] / area[face], value, bound))
     pose, face, area, truth, value, bound = np.array(rows).T
     error = np.abs(value - truth)

@@ -19,6 +19,7 @@ from rastercov.coverage.task import Task
 from rastercov.mesh import Group, Mesh, shapes
 from rastercov.raster.observation import BoundKind, Observation
 from rastercov.reference import coverage as coverage_twin
+from rastercov.reference.methods.convergence import fractions
 
 CLOSE = ("projected_area", "in_view_fraction", "incidence")
 CUT = 1e-12
@@ -147,8 +148,8 @@ def test_counts_are_judged_as_the_areas_that_they_are(dtype):
         counts = observer.measure(poses)
     some = {name: getattr(counts, name).astype(dtype) for name in ("visible", "drawn")}
     counts, faces = dataclasses.replace(counts, **some), FacePass(mesh, camera, 2)
-    of_counts = faces.fractions(counts, poses)
-    of_areas = faces.fractions(Observation.of_counts(counts), poses)
+    of_counts = fractions(faces, counts, poses)
+    of_areas = fractions(faces, Observation.of_counts(counts), poses)
     for one, other in zip(of_counts, of_areas, strict=True):
         np.testing.assert_array_equal(one, other)
     assert (of_counts[0] > 0).any()

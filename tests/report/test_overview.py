@@ -107,8 +107,10 @@ def test_every_pixel_of_the_task_has_a_colour_of_the_legend_beside_what_hides_it
 def test_by_face_only_covered_faces_have_a_colour():
     mesh = in_fixture()
     network = Network(mesh, rc.Task(min_coverage=0.9))
+    poses = rc.Poses.of(rc.look_at([(3.0, 0, 0), (0, -3.0, 0)], (0, 0, 0)))
     with rc.open_observer(mesh, CAMERA) as observer:
-        network.add_poses(observer, rc.look_at([(3.0, 0, 0), (0, -3.0, 0)], (0, 0, 0)))
+        for batch in network.judge(observer, poses):
+            network.add(batch)
     best = best_covering(network)
     assert ((best >= 0) == (network.best >= 0.9)).all()
     assert (network.best_pose[best < 0] >= 0).any()

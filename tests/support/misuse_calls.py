@@ -25,7 +25,7 @@ MODULES = ("rastercov", "rastercov.mesh.shapes", "rastercov.mesh.targets", "rast
 """Documented modules."""
 SIZE = {"width": 32, "height": 24}
 LENS = SIZE | {"fx": 30.0, "fy": 30.0}
-SAMPLED = {"method": "sampled", "backend": "cpu", "threads": 1}
+SAMPLED = {"method": "sampled:cpu", "threads": 1}
 EXACT = {"method": "exact", "threads": 1}
 SHEETS = {"spacing": 0.4, "inset": 0.1}
 VIEWS = rc.Views(rc.Rig([CAMERA], ["a"]), rc.Poses.of(POSES), ("a", "b"))
@@ -63,8 +63,6 @@ OWN: dict[str, dict[str, Any]] = {
     "write_poses, named": {"path": FOLDER / "written.json", "camera": ["a", "b"]},
     "read_views": {"path": FOLDER / "views.json", "conventions": rc.Conventions()},
     "write_views": {"views": VIEWS, "path": FOLDER / "written_views.json", "overwrite": True},
-    "visibility": {"threads": 1},
-    "visibility, sampled": SAMPLED,
     "evaluate": EXACT,
     "evaluate, by area": EXACT | {"by": "area", "fields": []},
     "evaluate, sampled": SAMPLED,
@@ -284,7 +282,6 @@ def right_objects():
         CAMERA, MESH, TASK, VIEWS, observer, counts, counts.info, poses, regions, covered, cells,
         rc.dead_zones(covered, 2), rc.RegionUnion(MESH, 2), rc.Network(MESH, TASK),
         rc.Rig([CAMERA, CAMERA], ["a", "b"], POSES), cells.share(regions), observer.observe(POSES),
-        observer.visibility(POSES),
         rasterizer.render(POSES[0]), rc.Workers(1), next(rc.evaluate_batches(observer, POSES)),
     ]  # fmt: skip
     objects = {type(each).__name__.lstrip("_"): each for each in made}

@@ -66,17 +66,6 @@ def first_failures(
         yield reason, np.where(hidden_by >= 0, judge.faces[hidden_by], -1)
 
 
-def pixels_per_m2(camera: Camera, local: FloatArray, normal: FloatArray) -> FloatArray:
-    """Pixels (N,) on a square metre of surfaces at points of the image, in camera axes."""
-    from rastercov.coverage.records import lens_of
-    from rastercov.kernels.area_point import find_per_m2
-
-    found = np.empty(len(local))
-    points, normals = (read_only(each, np.float64) for each in (local, normal))
-    find_per_m2(lens_of(camera), points, normals, found)
-    return found
-
-
 class PointPass:
     """Points of faces, (N, 3) metres, held against the criteria of a task; for any threads.
 

@@ -9,7 +9,7 @@ docs/area.md.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cache, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -27,7 +27,7 @@ from rastercov.coverage.area.frames import FacePolygons, frames_of, rows_at
 from rastercov.coverage.coverage import checked_task, in_batches
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.exact_pass import ExactPass, PoseSolver, room_for
-from rastercov.coverage.observer import OBSERVED, ExactObserver
+from rastercov.coverage.observer import ExactObserver
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.raster.observation import Observation
@@ -222,10 +222,9 @@ class RegionPass(ExactPass):
         check_scene(mesh, camera)
         self.task = checked_task(task)
         check_pointwise(self.task)
-        engine = Engine.of(method)
+        engine = Engine.of(method, threads)
         if engine.method == "sampled":
             raise ConfigError("regions are exact; use method certified or exact, got sampled")
-        engine = engine if threads is None else replace(engine, threads=threads)
         make = partial(_Finder, task=self.task, only_task=only_task)
         super().__init__(mesh, camera, engine, make)
 
@@ -277,7 +276,7 @@ class _Finder(PoseSolver):
 
         super().__init__(mesh, cameras, is_certified)
         self.solver.keep_pieces()
-        self._own = self.solver.visible, self.solver.area, self.solver.area_error
+        self._own = self._lent.visible, self._lent.area, self._lent.area_error
         self.kernels, self._planes, surface = area_region, area_plane, self.solver.surface
         self._diagonal = surface.diagonal
         # The solver has the targets behind the opaque faces, and may have sorted these.
@@ -294,23 +293,9 @@ class _Finder(PoseSolver):
         arrays: list[Any] = [read_only(array, np.float64) for array in frames]
         arrays += [read_only(mask, np.bool_) for mask in (mesh.two_sided_mask, is_asked)]
         self.planes = area_plane.Planes._make(arrays)
-        self._task = task
-        self._criteria: dict[tuple[int, int], Any] = {}
+        self._task, self._criteria_of = task, cache(_criteria)
         self._work = area_plane.scratch_for(mesh.n_faces)
         self._rooms = [area_plane.room_for_found(1024, 8192, mesh.n_faces) for _ in range(2)]
-
-    def take_camera(self, index: int) -> None:
-        """Find the regions of one of the cameras from now on."""
-        super().take_camera(index)
-        self._camera = index
-
-    def _criteria_of(self, plane: int, solver: "HalfPlaneSolver") -> Any:
-        """Pointwise criteria in an ideal plane of the camera, or of a pinhole."""
-        key = self._camera, plane
-        if key not in self._criteria:
-            error, camera = solver.camera.pixel_error, self.cameras[self._camera]
-            self._criteria[key] = _criteria(camera, self._task, plane, error, self._diagonal)
-        return self._criteria[key]
 
     def leave_out(self, closed: NDArray[np.bool_] | None, *, is_measured: bool) -> None:
         """Find no regions of some faces, (F,) bool, from now on; or, not measured, nothing else."""
@@ -319,37 +304,34 @@ class _Finder(PoseSolver):
         self._asks_nothing = not is_asked.any()
         self.solver.leave_out(self._has_no_figures if is_measured else ~is_asked)
 
-    def find(
-        self, pose: FloatArray, near: float, front_only: bool, *, is_measured: bool
-    ) -> tuple[Any, ...]:
+    def find(self, *pose: Any, is_measured: bool = True, visit: Any = None) -> Any:
         """Corners, corner counts and faces of the pieces of a pose; faces, areas and bounds.
 
         Without `is_measured` there may be no figures of faces.
         """
         parts: list[tuple[Any, ...]] = []
 
-        def visit(plane: int, solver: "HalfPlaneSolver") -> None:
-            parts.append(self._cut(solver, near, self._criteria_of(plane, solver)))
+        def cut(plane: int, solver: "HalfPlaneSolver") -> None:
+            error, size = solver.camera.pixel_error, self._diagonal
+            criteria = self._criteria_of(self.camera, self._task, plane, error, size)
+            parts.append(self._cut(solver, criteria))
 
-        self.solver.set_pose(pose, near, front_only)
-        if not self._asks_nothing:
-            self.solver.solve_all(visit, is_measured=is_measured)
-        elif is_measured:
-            self.solver.solve_all()
+        if is_measured or not self._asks_nothing:
+            super().find(*pose, is_measured=is_measured, visit=None if self._asks_nothing else cut)
         if not parts:
             return _NOTHING_FOUND
         return parts[0] if len(parts) == 1 else _of_planes(parts, self.planes.areas)
 
-    def _cut(self, solver: "HalfPlaneSolver", near: float, criteria: Any) -> tuple[Any, ...]:
+    def _cut(self, solver: "HalfPlaneSolver", criteria: Any) -> tuple[Any, ...]:
         """Regions in one solved plane; see `find`."""
         rows, kept = self._rows, solver.kept_pieces
         seen = self.kernels.Seen(
-            solver.camera.rotation, solver.camera.centre, float(near),
+            solver.camera.rotation, solver.camera.centre, solver.camera.near,
             solver.image_of_all.state[rows], solver.visible[rows], solver.area[rows],
             solver.area_error[rows], solver.is_certified[rows],
             kept._replace(faces=self._face_of.take(kept.faces, mode="clip")),
         )  # fmt: skip
-        if self.cameras[self._camera].is_pinhole:
+        if self.camera.is_pinhole:
             found = self._run(self.kernels.cut_regions, criteria, seen)
         else:
             rules, by_distance, cut = criteria.rules, criteria.by_distance, self.kernels.cut_pieces
@@ -455,7 +437,7 @@ class RegionObserver(ExactObserver):
 
     def observe(self, poses: ArrayLike | Poses) -> RegionObservation:
         """Areas and regions of every face in each pose."""
-        accepted = self._accepted(poses, OBSERVED)
+        accepted = self._accepted(poses)
         seen = room_for(len(accepted), self.mesh.n_faces)
         found = self._finder.find(accepted, closed=self.closed, seen=seen)
         return RegionObservation(**vars(seen), regions=found)

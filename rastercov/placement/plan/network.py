@@ -25,6 +25,7 @@ from rastercov.coverage.area.network import AreaNetwork, ByCamera, cameras_apart
 from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.area.zones import zone_lines
 from rastercov.coverage.coverage import Coverage, batch_size, evaluate_batches
+from rastercov.coverage.engine import Engine
 from rastercov.coverage.network import Network, share_of_faces
 from rastercov.coverage.observer import Observer, open_observer
 from rastercov.coverage.task import Reason, Task
@@ -280,7 +281,7 @@ class PlanNetwork(Network):
 def observer_of(plan: Plan, mesh: Mesh) -> Observer:
     """Observer of a mesh by the camera and the method of a plan; to be closed."""
     own = plan.task
-    return open_observer(mesh, plan.rig, own.method, supersample=own.supersample)
+    return open_observer(mesh, plan.rig, Engine(own.method, supersample=own.supersample))
 
 
 @dataclass(frozen=True, eq=False)

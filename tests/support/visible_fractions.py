@@ -1,0 +1,17 @@
+"""Visible fractions of faces alone, for laws about them."""
+
+from rastercov.coverage.coverage import evaluate_batches
+from rastercov.coverage.observer import open_observer
+
+FRACTION = "visibility", "visibility_bound", "visibility_kind"
+
+
+def visibility(mesh, camera, poses, method="certified"):
+    with open_observer(mesh, camera, method) as observer:
+        return fractions_of(observer, poses)
+
+
+def fractions_of(observer, poses):
+    """`Coverage` of one batch, with the figures of `FRACTION` alone."""
+    (found,) = evaluate_batches(observer, poses, fields=FRACTION)
+    return found
