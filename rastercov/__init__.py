@@ -40,6 +40,7 @@ if _TYPE_CHECKING:
     from rastercov.coverage.area.zones import dead_zones as dead_zones
     from rastercov.coverage.coverage import Coverage as Coverage
     from rastercov.coverage.coverage import evaluate_batches as evaluate_batches
+    from rastercov.coverage.coverage import visibility as visibility
     from rastercov.coverage.engine import Engine as Engine
     from rastercov.coverage.evaluation import Evaluation as Evaluation
     from rastercov.coverage.job import evaluate as evaluate
@@ -57,6 +58,7 @@ if _TYPE_CHECKING:
     from rastercov.raster import open_rasterizer as open_rasterizer
     from rastercov.raster.observation import BoundKind as BoundKind
     from rastercov.raster.observation import Observation as Observation
+    from rastercov.raster.observation import Visibility as Visibility
     from rastercov.report.jobs import audit as audit
     from rastercov.report.jobs import check as check
     from rastercov.report.jobs import place as place
@@ -78,7 +80,7 @@ _NAMES = {
     "coverage.area.regions": "Regions regions",
     "coverage.area.union": "Covered RegionUnion unite",
     "coverage.area.zones": "DeadZones dead_zones",
-    "coverage.coverage": "Coverage evaluate_batches",
+    "coverage.coverage": "Coverage evaluate_batches visibility",
     "coverage.engine": "Engine",
     "coverage.evaluation": "Evaluation",
     "coverage.job": "evaluate",
@@ -87,7 +89,7 @@ _NAMES = {
     "coverage.task": "Reason Task",
     "mesh": "Group Mesh",
     "raster": "FaceCounts Rasterizer RasterizerInfo VisibilityBuffer open_rasterizer",
-    "raster.observation": "BoundKind Observation",
+    "raster.observation": "BoundKind Observation Visibility",
     "report.jobs": "audit check place",
 }
 """Modules and their public names."""

@@ -15,7 +15,7 @@ from rastercov.camera.pose import Poses
 from rastercov.camera.viewpoints import look_at, sphere_of_poses
 from rastercov.coverage import coverage as module
 from rastercov.coverage import job
-from rastercov.coverage.coverage import FIGURES, evaluate_batches
+from rastercov.coverage.coverage import FIGURES, evaluate_batches, visibility
 from rastercov.coverage.job import evaluate
 from rastercov.coverage.observer import open_observer
 from rastercov.coverage.reasons import faces_in_view
@@ -39,6 +39,19 @@ def assert_same(one, other):
     for name in (*FIGURES, "pose_ids", "clipped"):
         np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)
         assert getattr(one, name).dtype == getattr(other, name).dtype, name
+
+
+@pytest.mark.parametrize("n", [0, 5])
+def test_visibility_is_what_evaluate_has(how, n, monkeypatch):
+    monkeypatch.setattr(module, "PAIRS_A_BATCH", 2 * TEAPOT.n_faces)
+    found, whole = (
+        visibility(TEAPOT, SMALL, POSES[:n], **how),
+        evaluate(TEAPOT, SMALL, POSES, **how),
+    )
+    for name, value in zip(module.FRACTION, (found.value, found.bound, found.kind), strict=True):
+        np.testing.assert_array_equal(value, getattr(whole, name)[:n])
+        assert value.dtype == getattr(whole, name).dtype
+    assert found.info == whole.info
 
 
 # --- the product ----------------------------------------------------------------------------------

@@ -17,9 +17,9 @@ SURFACE = """
     BoundKind Camera CameraError CellShares Cells ConfigError Conventions Coverage Covered
     DeadZones DeviceError Engine Evaluation FaceCounts Group Mesh MeshError Network Observation
     Observer PoseError Poses RastercovError Rasterizer RasterizerInfo Reason RegionUnion Regions
-    ResourceError Rig Task Views VisibilityBuffer Workers audit cells check
+    ResourceError Rig Task Views Visibility VisibilityBuffer Workers audit cells check
     dead_zones evaluate evaluate_batches look_at open_observer open_rasterizer place read_poses
-    read_views regions sphere_of_poses unite write_poses write_views"""
+    read_views regions sphere_of_poses unite visibility write_poses write_views"""
 """A name that is added or goes is added or goes here, and in docs/changelog.md."""
 
 
@@ -56,11 +56,11 @@ def values():
         rastercov.open_rasterizer(mesh, CAMERA, "cpu") as rasterizer,
     ):
         seen, counts = observer.observe(POSES), rasterizer.count(POSES)
-        picture = rasterizer.render(POSES[0])
+        picture, fractions = rasterizer.render(POSES[0]), rastercov.visibility(mesh, CAMERA, POSES)
         part = next(rastercov.evaluate_batches(observer, POSES))
         return [
             *(mesh, regions, covered, cells, found, rig, observer, rasterizer, seen, counts),
-            *(picture, part, found.network, rasterizer.info, CAMERA, rastercov.Task()),
+            *(picture, fractions, part, found.network, rasterizer.info, CAMERA, rastercov.Task()),
             *(cells.share(regions), rastercov.dead_zones(covered), rastercov.Poses.of(POSES)),
             rastercov.Mesh(mesh.vertices, mesh.faces, [rastercov.Group("two\nlines")]),
             rastercov.Views(rig=rig, poses=rastercov.Poses.of(POSES), images=("a", "b\n", "c")),
@@ -115,7 +115,7 @@ def test_values_are_frozen(name):
 
 RESULTS = [
     *("CellShares", "Cells", "Coverage", "Covered", "DeadZones", "Evaluation", "FaceCounts"),
-    *("Observation", "Poses", "Regions", "Views", "VisibilityBuffer"),
+    *("Observation", "Poses", "Regions", "Views", "Visibility", "VisibilityBuffer"),
 ]
 
 

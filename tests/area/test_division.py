@@ -8,7 +8,6 @@ from rastercov.coverage.area import division
 from rastercov.coverage.area.division import Cells, Pieces
 from rastercov.coverage.area.regions import Regions
 from rastercov.coverage.area.union import RegionUnion, polygon_areas
-from rastercov.kernels import area_union
 
 MESH = rc.Mesh(vertices=[(0, 0, 0), (7, 0, 0), (2, 4, 0)], faces=[(0, 1, 2)])
 SQUARE = np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)])
@@ -136,21 +135,22 @@ def test_a_face_that_many_pieces_cover_is_one_piece():
     assert np.isclose(covered.area[0, 0], MESH.areas[0], rtol=1e-9)
 
 
-def test_a_union_that_is_stopped_is_what_it_was(monkeypatch):
-    regions, union = some(grid, 4_000), RegionUnion(MESH, 1)
+def test_a_union_says_how_far_it_is_and_can_be_stopped():
+    regions, said = some(grid, 4_000), []
+    rc.unite(regions, progress=lambda done, total: said.append((done, total)))
+    done = [done for done, _ in said]
+    assert len(said) > 2
+    assert done == sorted(done)
+    assert said[-1][0] == said[-1][1]
+
+    def stop(done, total):
+        raise KeyboardInterrupt
+
+    union = RegionUnion(MESH, 1)
     union.add(some(grid, 400, seed=1))
-    before, calls, unite_cells = union.covered(), [], area_union.unite_cells
-
-    def stop(*given):
-        calls.append(unite_cells(*given))
-        if len(calls) == 3:
-            raise KeyboardInterrupt
-        return calls[-1]
-
-    monkeypatch.setattr(area_union, "unite_cells", stop)
+    before = union.covered()
     with pytest.raises(KeyboardInterrupt):
-        union.add(regions)
-    monkeypatch.undo()
+        union.add(regions, stop)
     after = union.covered()
     assert np.array_equal(before.area, after.area)
     union.add(regions)

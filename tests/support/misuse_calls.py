@@ -68,6 +68,7 @@ OWN: dict[str, dict[str, Any]] = {
     "evaluate, sampled": SAMPLED,
     "open_observer": EXACT,
     "open_observer, sampled": SAMPLED,
+    "visibility, sampled": SAMPLED,
     "open_rasterizer": {"backend": "cpu", "roll": 0.1, "threads": 1},
     "open_rasterizer, OpenGL": {
         "device": "auto",

@@ -9,6 +9,7 @@ J. Bentley. Multidimensional Binary Search Trees Used for Associative Searching.
 """
 
 import copy
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -22,7 +23,8 @@ IntArray = NDArray[np.int64]
 MOST_PIECES = 256
 """Pieces of a cell up to which each is compared with all others."""
 PIECES_A_STEP = 4096
-"""Pieces that are added at a time: less than a second of work."""
+"""Pieces that are added between two signs of progress: less than a second of work."""
+Progress = Callable[[int, int], None]
 MOST_SIDES = 20
 """Sides of a cell that is divided no more: as many as a piece may have."""
 LEAST_GAIN = 0.95

@@ -19,6 +19,7 @@ from rastercov.coverage.area.division import (
     PIECES_A_STEP,
     Cells,
     Pieces,
+    Progress,
     joined,
 )
 from rastercov.coverage.area.frames import FacePolygons, check_same_mesh, frames_of
@@ -112,8 +113,11 @@ class RegionUnion:
         """(F,) faces that k cameras cover as a whole."""
         return self._cells.is_closed[: self.mesh.n_faces].copy()
 
-    def add(self, regions: Regions) -> None:
-        """Take in the regions of further poses; `ConfigError` where they are of another mesh."""
+    def add(self, regions: Regions, progress: Progress = lambda done, total: None) -> None:
+        """Take in the regions of further poses; `ConfigError` where they are of another mesh.
+
+        `progress` is called with the number of pieces done and of all, a few times a second.
+        """
         check_kind("regions", regions, Regions, "Regions", ConfigError)
         check_same_mesh(self.mesh, regions.mesh)
         n_faces, is_closed = self.mesh.n_faces, self.closed
@@ -129,7 +133,7 @@ class RegionUnion:
         chosen = chosen[~is_whole[np.searchsorted(keys, own)]]
         tags = np.zeros(len(regions), np.int32)
         new = Pieces(regions.xy, regions.starts, regions.face.astype(np.int64), tags)
-        self.unite(new.taken(chosen), whole, bound)
+        self.unite(new.taken(chosen), whole, bound, progress)
 
     @classmethod
     def of(cls, covered: Covered, views: int) -> "RegionUnion":
@@ -139,7 +143,13 @@ class RegionUnion:
         union._pieces = Pieces(covered.xy, covered.starts, face, covered.views)
         return union
 
-    def unite(self, new: Pieces, whole: NDArray[np.int64], bound: FloatArray) -> None:
+    def unite(
+        self,
+        new: Pieces,
+        whole: NDArray[np.int64],
+        bound: FloatArray,
+        progress: Progress = lambda done, total: None,
+    ) -> None:
         """Take in pieces, tag 0, of faces; and (F,) cameras that cover all of each face, besides.
 
         `bound` is that of the union without what is lost here.
@@ -166,6 +176,7 @@ class RegionUnion:
                 np.array([len(old.cell), len(old.xy)], np.int64),
             ),
             (pieces.xy, pieces.starts, at), order, whole[cells.face[used]], own_closed, own_bound,
+            progress,
         )  # fmt: skip
         bound += np.bincount(cells.face[used], own_bound, minlength=n_faces)
         cells.is_closed[used] = own_closed
@@ -179,7 +190,7 @@ class RegionUnion:
 
     def _united(
         self, cells: Any, nearest: FloatArray, old: Any, new: Any, order: Any, whole: Any,
-        is_closed: Any, bound: FloatArray,
+        is_closed: Any, bound: FloatArray, progress: Progress,
     ) -> Any:  # fmt: skip
         """Partition by `unite_cells`, a few cells at a time: Ctrl-C waits for no more."""
         kernels, n_cells, n = self._kernels, len(nearest), len(order)
@@ -197,6 +208,7 @@ class RegionUnion:
                 self._pool = kernels.pool_of(2 * len(self._pool.views))
             elif state == kernels.PARTITION_TOO_SMALL:
                 out = kernels.more_room(out, len(self._pool.views))
+            progress(int(span[2]), n)
         return out
 
     def _without_closed_cells(self, cells: Cells, pieces: Pieces) -> Pieces:
@@ -228,7 +240,12 @@ class RegionUnion:
 
 
 @typed
-def unite(regions: Regions | Sequence[Regions], views: int = 1) -> Covered:
+def unite(
+    regions: Regions | Sequence[Regions],
+    views: int = 1,
+    *,
+    progress: Progress = lambda done, total: None,
+) -> Covered:
     """Area of each face that at least 1 ... `views` poses cover.
 
     Parameters
@@ -237,6 +254,8 @@ def unite(regions: Regions | Sequence[Regions], views: int = 1) -> Covered:
         Of one mesh; several where there are several cameras.
     views : int
         k: poses up to which they are counted.
+    progress : callable
+        Called with the number of pieces done and of all, of each of the regions.
 
     Raises
     ------
@@ -248,7 +267,7 @@ def unite(regions: Regions | Sequence[Regions], views: int = 1) -> Covered:
         raise ConfigError("regions must be of one camera or more, got none")
     union = RegionUnion(parts[0].mesh, views)
     for part in parts:
-        union.add(part)
+        union.add(part, progress)
     return union.covered()
 
 
