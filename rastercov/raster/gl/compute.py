@@ -91,9 +91,7 @@ class Compute(Strategy):
 
     depth = "float32 1/z"
 
-    def __init__(
-        self, resources: Resources, mesh: Mesh, camera: Camera, grid: SampleGrid, _layers: int
-    ) -> None:
+    def __init__(self, resources: Resources, mesh: Mesh, camera: Camera, grid: SampleGrid) -> None:
         super().__init__(resources, mesh, CORNERS_BYTES, VERTEX_BYTES * mesh.n_vertices)
         block = self._block
         wide, high = max(grid.width, camera.width), max(grid.height, camera.height)

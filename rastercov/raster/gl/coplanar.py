@@ -35,8 +35,6 @@ def coplanar_overlaps(mesh: Mesh) -> BoolArray:
     The first call for a mesh finds its contacts: 2 s for a million faces, 0.1 s for ten thousand.
     """
     found = np.zeros(mesh.n_faces, dtype=bool)
-    if mesh.can_cull_back_faces:  # which no surface does that touches itself
-        return found
     contacts, distance = mesh.contacts, REACHES * mesh.contacts.reach
     partners = contacts.partners_for(distance)
     n_partners = np.diff(partners.starts)

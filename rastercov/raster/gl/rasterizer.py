@@ -13,6 +13,7 @@ poses, with the programs, images and buffers in use.
 from collections.abc import Iterator
 from contextlib import contextmanager
 from copy import copy
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -129,8 +130,8 @@ class GLRasterizer(Rasterizer):
         resources, mesh, camera = self._resources, self.mesh.opaque, self.camera
         grid = SampleGrid(camera, self.supersample, self.roll)
         resources.use()
-        kind = Compute if plan == "compute" else Pipeline
-        self._strategy: Any = kind(resources, mesh, camera, grid, max_layers)
+        kind: Any = Compute if plan == "compute" else partial(Pipeline, max_layers=max_layers)
+        self._strategy: Any = kind(resources, mesh, camera, grid)
         self.info = RasterizerInfo(
             backend="gl",
             plan=plan,
