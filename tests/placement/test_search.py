@@ -79,7 +79,7 @@ def test_every_method_spends_its_budget_within_the_constraints_and_by_its_seed(
         patch.setattr(objective_module, "evaluate_batches", spied)
         result = found(3)
     assert sizes == [16, 16, 8]  # a generation a batch
-    assert (result.evaluations, len(result.trace), result.generations) == (40, 20, 3)
+    assert (result.evaluations, len(result.trace)) == (40, 20)
     assert holds(SPACE, result.poses[:, :3, 3])
     assert result.share == result.trace[-1] == objective.share_of(result.poses)
     assert (np.diff(result.trace) >= 0).all()
@@ -115,10 +115,9 @@ def test_a_search_is_no_worse_than_its_start(objective, good, method):
     # Turned about their axes, the poses are none that the variables can express.
     turned = good.poses.copy()
     turned[:, :3, :2] = turned[:, :3, 1::-1] * (1, -1)
-    for start in (good.poses, np.stack((turned, good.poses))):
+    for start in (good.poses, turned):
         result = optimise(objective, SPACE, 2, method, budget=32, population=8, start=start)
-        assert result.share >= objective.share_of(good.poses)
-        assert result.share >= objective.share_of(turned) or start.ndim == 3
+        assert result.share >= objective.share_of(start)
 
 
 @pytest.mark.slow
