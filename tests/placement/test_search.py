@@ -79,7 +79,7 @@ def test_every_method_spends_its_budget_within_the_constraints_and_by_its_seed(
         patch.setattr(objective_module, "evaluate_batches", spied)
         result = found(3)
     assert sizes == [16, 16, 8]  # a generation a batch
-    assert (result.evaluations, len(result.trace)) == (40, 20)
+    assert (result.evaluations, len(result.trace), result.generations) == (40, 20, 3)
     assert holds(SPACE, result.poses[:, :3, 3])
     assert result.share == result.trace[-1] == objective.share_of(result.poses)
     assert (np.diff(result.trace) >= 0).all()

@@ -49,6 +49,8 @@ class Optimised:
         Best share after each measured network; after network n, k (n + 1) poses were evaluated.
     evaluations : int
         Poses that were measured: k N.
+    generations : int
+        Number of batches.
     seed : int
     seconds : float
     is_interrupted : bool
@@ -60,6 +62,7 @@ class Optimised:
     share: float
     trace: FloatArray
     evaluations: int
+    generations: int
     seed: int
     seconds: float
     is_interrupted: bool = False
@@ -126,7 +129,7 @@ def optimise(
 
     best, best_worth = np.zeros((cameras, 4, 4)), -1
     worths: list[IntArray] = []
-    left = networks
+    left, generations = networks, 0
     is_interrupted = False
     try:
         while left > 0:
@@ -139,6 +142,7 @@ def optimise(
                     best, best_worth = poses[top], int(worth[top])
                 worths.append(worth)
                 left -= len(poses)
+                generations += 1
             if left > 0:
                 tell(objective.share(worth))
     except KeyboardInterrupt:
@@ -152,6 +156,7 @@ def optimise(
         share=float(objective.share(best_worth)),
         trace=frozen(trace),
         evaluations=(networks - left) * cameras,
+        generations=generations,
         seed=seed,
         seconds=clock.seconds,
         is_interrupted=is_interrupted,
