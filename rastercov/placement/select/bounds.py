@@ -199,7 +199,7 @@ def best_prices(
         slope = views * wanted - cover
         # A price at its limit cannot move beyond it.
         slope[((u <= 0) & (slope < 0)) | ((u >= most) & (slope > 0))] = 0.0
-        norm = float(slope @ slope)
+        norm = float(np.square(slope).sum())  # no BLAS, whose threads spin
         is_reached = sign * best <= sign * found * (1 + sign * 1e-12)
         if norm == 0 or is_reached or scale < LEAST_SCALE or deadline.is_over:
             break
