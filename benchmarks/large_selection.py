@@ -134,7 +134,6 @@ def _problem(bits: CoveredBits, weights: np.ndarray, goal: Goal) -> Problem:
     return Problem(
         bits=bits, weights=weights, views=np.ones(n, np.int64), costs=np.ones(bits.n_rows),
         goal=goal, groups=("all",), face_group=np.zeros(n, np.int32),
-        mean_coverage=np.zeros(bits.n_rows),
     )  # fmt: skip
 
 

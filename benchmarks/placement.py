@@ -121,7 +121,7 @@ def compile_loops() -> None:
     for goal in (FewestCameras(), BestCoverage(3)):
         problem = problem_of_matrix(steiner(9), goal)
         select_integer(problem)
-        select_thesis(problem)
+        select_thesis(problem, np.ones(problem.n_candidates))
 
 
 @dataclass(frozen=True)
@@ -188,16 +188,17 @@ def ways(
         if (seed, count) not in problems:
             poses = site.candidates(space, camera, count, seed)
             matrix = build_matrix((mesh, camera), poses, objective.task)
-            problems[seed, count] = poses, problem_of(matrix, mesh, BestCoverage(k))
+            made = problem_of(matrix, mesh, BestCoverage(k))
+            problems[seed, count] = poses, made, matrix.mean_coverage
         return problems[seed, count]
 
     def refined(seed: int) -> float:
-        poses, half = problem(seed, budget // 2)
+        poses, half, _ = problem(seed, budget // 2)
         start = poses[select_greedy(half, seed=seed).chosen]
         return refine(objective, space, start, budget=budget - budget // 2, seed=seed).share
 
     return {
-        "the thesis' rule": lambda seed: select_thesis(problem(seed, budget)[1]).share,
+        "the thesis' rule": lambda seed: select_thesis(*problem(seed, budget)[1:]).share,
         "greedy + swaps": lambda seed: select_greedy(problem(seed, budget)[1], seed=seed).share,
         "integer program": lambda seed: (
             select_integer(problem(seed, budget)[1], time_limit=20, seed=seed).share
@@ -270,7 +271,7 @@ def best_coverage(report: Report, seconds: float) -> None:
         patient = select_greedy(problem, effort=3_000_000_000, seed=99)
         plain = select_greedy(problem, effort=0)
         exact = select_integer(problem, time_limit=seconds)
-        thesis = select_thesis(problem)
+        thesis = select_thesis(problem, matrix.mean_coverage)
         best = max(s.objective for s in (*quick, patient, exact))
         bound = min(exact.bound, *(s.bound for s in quick))
         report.check(f"k = {k}: no selection passes the bound", best <= bound + 1e-9)

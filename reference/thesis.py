@@ -7,7 +7,9 @@ E. S. Eissa. Image Space Coverage Model. 2020, section 6.4.
 """
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from rastercov.base.arguments import finite_points
 from rastercov.base.typed import typed
 from rastercov.kernels.stopwatch import Stopwatch
 from rastercov.placement.select.bounds import bound_of
@@ -17,23 +19,29 @@ from rastercov.placement.select.problem import BestCoverage, Problem, Selection,
 
 
 @typed
-def select_thesis(problem: Problem) -> Selection:
+def select_thesis(problem: Problem, mean_coverage: ArrayLike) -> Selection:
     """Candidates in order of mean coverage, up to the allowed number or the required coverage.
 
-    Ties go by position; a candidate beyond the budget is skipped.
+    Ties go by position; a candidate beyond the budget is skipped. `mean_coverage`, (C,), is that of
+    the matrix of the problem.
     """
     clock = Stopwatch()
+    n = problem.n_candidates
+    mean = finite_points("mean_coverage", mean_coverage, (n,), f"{n} numbers")
     goal, reduced = problem.goal, presolve(problem).listed()
     chosen: list[int] = []
     cost = 0.0
-    for camera in np.argsort(-problem.mean_coverage, kind="stable"):
+    _, least, total = problem.required
+    for camera in np.argsort(-mean, kind="stable"):
         if isinstance(goal, BestCoverage):
             if len(chosen) == goal.cameras:
                 break
             if goal.budget is not None and cost + problem.costs[camera] > goal.budget:
                 continue
-        elif problem.is_met(problem.covered_by(chosen)[1]):
-            break
+        else:
+            reached = problem.by_group(problem.covered_by(chosen)[1])
+            if (reached >= least).all() and reached.sum() >= total:
+                break
         chosen.append(int(camera))
         cost += float(problem.costs[camera])
     state = CoverState(reduced)

@@ -143,7 +143,6 @@ def _choice(problem: Problem, of_pose: IntArray, n_groups: int) -> Problem:
         starts=np.concatenate(([0], np.cumsum(counts))),
         eyes=problem.eyes[order],
         costs=np.ones(n_groups),
-        mean_coverage=np.zeros(n_groups),
     )
 
 
@@ -367,7 +366,6 @@ def audit(
         goal=FewestCameras(1.0, of_reachable=True),
         groups=tuple(group.name for group in on.groups),
         face_group=on.face_group,
-        mean_coverage=np.zeros(len(accepted)),
         min_angle=math.radians(task.min_angle_deg),
         eyes=accepted.world_from_camera[:, :3, 3].copy(),
         centroids=on.centroids,

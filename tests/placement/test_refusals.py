@@ -176,7 +176,6 @@ REFUSED = [
     (searched(population=3), "population must be"),
     (searched(start=EYE), "start must have shape"),
     (searched(start=np.tile(EYE, (2, 1, 1))), "camera 0 must stand where cameras may"),
-    (searched(start=np.tile(EYE, (9, 2, 1, 1))), "8 networks at most"),
     (searched(candidates=EYE[None]), "none of the candidates"),
     (refined(turn_deg=0), "turn_deg must be"),
     (refined(step=-1.0), "step must be"),

@@ -115,10 +115,9 @@ def test_a_search_is_no_worse_than_its_start(objective, good, method):
     # Turned about their axes, the poses are none that the variables can express.
     turned = good.poses.copy()
     turned[:, :3, :2] = turned[:, :3, 1::-1] * (1, -1)
-    for start in (good.poses, np.stack((turned, good.poses))):
+    for start in (good.poses, turned):
         result = optimise(objective, SPACE, 2, method, budget=32, population=8, start=start)
-        assert result.share >= objective.share_of(good.poses)
-        assert result.share >= objective.share_of(turned) or start.ndim == 3
+        assert result.share >= objective.share_of(start)
 
 
 @pytest.mark.slow

@@ -159,12 +159,12 @@ def test_a_budget_buys_one_good_camera_rather_than_a_cheap_bad_one():
 
 def test_the_thesis_chooses_by_mean_coverage_alone():
     covers = [[1, 1, 1, 0, 0], [1, 1, 1, 0, 0], [0, 0, 0, 1, 1]]
-    thesis = select_thesis(problem_of_matrix(covers, BestCoverage(2)))
+    thesis = select_thesis(problem_of_matrix(covers, BestCoverage(2)), [0.6, 0.6, 0.4])
     assert thesis.chosen.tolist() == [0, 1]
     assert thesis.objective == pytest.approx(0.6)
     assert thesis.bound == 1.0
     assert select_greedy(problem_of_matrix(covers, BestCoverage(2))).objective == 1.0
-    assert sorted(select_thesis(problem_of_matrix(covers)).chosen) == [0, 1, 2]
+    assert sorted(select_thesis(problem_of_matrix(covers), [0.6, 0.6, 0.4]).chosen) == [0, 1, 2]
 
 
 def test_nothing_to_cover_takes_no_camera():

@@ -100,7 +100,7 @@ OWN: dict[str, dict[str, Any]] = {
     "problem_of": {"costs": [1.0, 2.0], "min_coverage": 0.5},
     "FewestCameras": {"coverage": 0.9, "of_reachable": True},
     "BestCoverage": {"cameras": 1, "budget": 2.0},
-    "select_thesis": {},
+    "select_thesis": {"mean_coverage": [0.5, 0.5]},
     "optimise": {"cameras": 1, "method": "random", "budget": 8, "population": 4, "camera": 0}
     | {"candidates": None},
     "refine": {"step": 0.1, "turn_deg": 10.0, "halvings": 0, "budget": 2},

@@ -17,8 +17,13 @@ SELECTORS = {
     "plain": lambda problem: select_greedy(problem, effort=0),
     "greedy": lambda problem: select_greedy(problem, effort=QUICK),
     "integer": select_integer,
-    "thesis": select_thesis,
+    "thesis": lambda problem: select_thesis(problem, sizes_of(problem)),
 }
+
+
+def sizes_of(problem):
+    """(C,) faces of each candidate, as its mean coverage."""
+    return [len(problem.faces_of(row)) for row in range(problem.n_candidates)]
 
 
 def sign_of(problem):

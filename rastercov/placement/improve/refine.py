@@ -81,8 +81,6 @@ class Refined:
         Share of the weight covered at the end and at the start; never less than at the start.
     trace : (N,) float64
         Share at the start and after each move.
-    trace_evaluations : (N,) int64
-        Poses measured or estimated until then.
     moved : (k,) bool
         Cameras whose pose changed.
     status : {"local optimum", "everything covered", "budget spent", "interrupted"}
@@ -97,16 +95,10 @@ class Refined:
     share: float
     start_share: float
     trace: FloatArray
-    trace_evaluations: IntArray
     moved: BoolArray
     status: str
     evaluations: int
     seconds: float
-
-    @property
-    def is_local_optimum(self) -> bool:
-        """True where every move was tried and none gains."""
-        return self.status not in (BUDGET_SPENT, INTERRUPTED)
 
 
 @typed
@@ -172,7 +164,6 @@ def refine(
         share=float(trace[-1]),
         start_share=float(trace[0]),
         trace=frozen(trace),
-        trace_evaluations=frozen(np.array(search.trace_evaluations, np.int64)),
         moved=frozen((search.poses != start).any(axis=(1, 2))),
         status=status,
         evaluations=search.evaluations,
@@ -217,7 +208,7 @@ class _Search:
             found = objective.estimated(placed)
             self._own = [self._rows(found, row) for row in range(len(start))]
         self.worth = self._worth()
-        self.trace, self.trace_evaluations = [self.worth], [self.evaluations]
+        self.trace = [self.worth]
         self._moves_made = np.zeros(len(start), np.int64)
         # Trials of each camera and level, until the camera moves.
         self._trials: list[dict[int, _Trials]] = [{} for _ in start]
@@ -345,7 +336,6 @@ class _Search:
             self._moves_made[row] += 1
             self.worth = self._worth()
             self.trace.append(self.worth)
-            self.trace_evaluations.append(self.evaluations)
 
 
 def _moves(

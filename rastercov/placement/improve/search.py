@@ -105,8 +105,8 @@ def optimise(
     candidates : (C, 4, 4) array_like, optional
         Poses for the first networks, k at random each. Those at forbidden positions are left
         out.
-    start : (k, 4, 4) or (S, k, 4, 4) array_like, optional
-        Networks among the first; the result is no worse than any of them.
+    start : (k, 4, 4) array_like, optional
+        A network among the first; the result is no worse.
     camera : int or (k,) int array_like
         Index of the camera of each, where the observer has several.
 
@@ -123,7 +123,7 @@ def optimise(
     code = _Code(space, cameras, space.sample(KNOWN_PLACES, rng))
     first = rng.random((population, code.n_variables))
     given = _given(space, cameras, candidates, start, population, rng)
-    for row, poses in enumerate(given[:population]):
+    for row, poses in enumerate(given):
         first[row] = code.remember(poses)
     ask, tell = _random(first, rng) if method == "random" else _pymoo(method, first, seed)
 
@@ -236,14 +236,10 @@ def _given(
     """Initial networks: those of the caller, then random sets of candidates."""
     networks: list[FloatArray] = []
     if start is not None:
-        array = np.asarray(start, np.float64)
-        if array.ndim not in (3, 4) or array.shape[-3:] != (cameras, 4, 4):
-            raise ConfigError(f"start must have shape (S, {cameras}, 4, 4), got {array.shape}")
-        networks = [valid_poses(each) for each in array.reshape(-1, cameras, 4, 4)]
-        if len(networks) > population:
-            raise ConfigError(f"start must be {population} networks at most, got {len(networks)}")
-        for each in networks:
-            space.require(each, "camera")
+        if np.shape(start) != (cameras, 4, 4):
+            raise ConfigError(f"start must have shape ({cameras}, 4, 4), got {np.shape(start)}")
+        networks = [valid_poses(start)]
+        space.require(networks[0], "camera")
     if candidates is not None:
         poses = valid_poses(candidates)
         poses = poses[space.allows(poses[:, :3, 3])]

@@ -79,14 +79,13 @@ class Spread:
     shares : (N,) float64
         In the order of the draws.
     mean : float
-    levels, quantiles : tuple of float
-        Quantiles of the shares at the `LEVELS`; the first is the worst of all draws. Draws are not
+    quantiles : tuple of float
+        Of the shares, at the `LEVELS`; the first is the worst of all draws. Draws are not
         interpolated.
     """
 
     shares: FloatArray
     mean: float
-    levels: tuple[float, ...]
     quantiles: tuple[float, ...]
 
     @property
@@ -98,11 +97,11 @@ class Spread:
     def of(cls, shares: FloatArray) -> "Spread":
         """Distribution of one share for each draw."""
         quantiles = np.quantile(shares, LEVELS, method="inverted_cdf")
-        return cls(frozen(shares.copy()), float(shares.mean()), LEVELS, tuple(quantiles.tolist()))
+        return cls(frozen(shares.copy()), float(shares.mean()), tuple(quantiles.tolist()))
 
     def summary(self) -> dict[str, Any]:
         """Figures without the draws, ready for JSON."""
-        quantiles = {f"{level:g}": q for level, q in zip(self.levels, self.quantiles, strict=True)}
+        quantiles = {f"{level:g}": q for level, q in zip(LEVELS, self.quantiles, strict=True)}
         return {"mean": self.mean, "worst": self.worst, "quantiles": quantiles}
 
 

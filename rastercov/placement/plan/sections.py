@@ -236,11 +236,8 @@ OF_A_LIST = ("pixel_size", "focus_range", "distortion")
 class CameraSection(fields_of(Camera, is_optional=True, leave_out=OF_A_LIST)):  # type: ignore[misc]
     """The camera: a preset, a file, or the entries of a camera file, which also change a preset."""
 
-    file: File | None = Field(
-        default=None,
-        description="Camera file, ours (.toml, .json) or of another program; with the entries that "
-        "answer what it leaves open, and the optics that it lacks: f_number, focus_distance, ...",
-    )
+    file: File | None = None
+    """Camera file, ours or of another program, with the entries and the optics that it lacks."""
     name: str | None = None
     """Camera of a file with several."""
     pixel_centre: float | None = None
@@ -540,11 +537,8 @@ class MeshEntry(Entry):
     """Place of the mesh in the scene."""
     role: Literal["task", "occluder", "target"] = "task"
     """Role: to be seen; to hide and not be scored; or to be seen and hide nothing."""
-    groups: list[Name] = Field(
-        default=[],
-        description="Groups that have this role; the others are the task, or occluders where the "
-        "role is task. All if empty.",
-    )
+    groups: list[Name] = []
+    """Groups of this role, all if empty. Others are the task, or occluders if the role is task."""
     two_sided: bool | list[Name] = False
     """True if either side counts as covered, for all groups or those named."""
     drop_invalid: bool = False
@@ -613,11 +607,8 @@ class TaskSection(fields_of(Task, leave_out=("views",))):  # type: ignore[misc]
     """Total of which shares are parts."""
     by: Literal["area", "face"] | None = None
     """Unit of results: exact area, or whole faces; area unless a threshold is of a face."""
-    resolution_of_result: Positive | None = Field(
-        default=None,
-        description="Longest side of the cells that cameras are chosen on, m; by area only, chosen "
-        "from the scene if left out.",
-    )
+    resolution_of_result: Positive | None = None
+    """Longest side of the cells that cameras are chosen on, m; by area only."""
     method: Literal["certified", "exact", "sampled"] = "certified"
     """Method that finds occlusion."""
     supersample: Count = 1

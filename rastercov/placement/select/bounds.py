@@ -28,6 +28,7 @@ from dataclasses import dataclass
 from typing import Any, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.kernels import placement_lagrange as kernels
@@ -38,8 +39,12 @@ from rastercov.placement.select.problem import BestCoverage, Problem
 EFFORT = 300_000_000
 """Pairs to process, about a second; `FEWEST_STEPS` steps at least, for any number of pairs."""
 FEWEST_STEPS, MOST_STEPS = 40, 1000
-PAIRS_A_LOOK = 5_000_000
-"""Pairs processed between two checks of the clock, 20 ms; at least those of a step."""
+PATIENCE = 15
+"""Steps without a better bound after which the step length is halved."""
+LEAST_SCALE = 1e-4
+"""Part of the first step length at which the search ends."""
+BEYOND = 1.02
+"""Cost that steps aim at, relative to that of a selection."""
 BOUND_SAFETY_REL = 1e-9
 """Relative rounding error of the sum of a bound."""
 MOST_CORE_PAIRS = 20_000_000
@@ -162,38 +167,111 @@ def best_prices(
     Some weight must be asked for, and every face covered by a candidate. `prices` are those to
     start from; the others are as for `bound_of`.
     """
-    pairs = reduced.indptr, reduced.face
-    views = np.maximum(reduced.views.astype(np.float64), 2.0 if reduced.is_spread else 1.0)
-    further: tuple[Any, ...]
+    pairs, costs = (reduced.indptr, reduced.face), reduced.costs
+    relaxed = Relaxed.of(reduced, reduced.views, reduced.integer_weights, reduced.kind)
+    views, most = relaxed.views, relaxed.most
     if isinstance(reduced.problem.goal, BestCoverage):
-        whole, limits = int(reduced.integer_weights.sum()), limits_of(reduced)
-        weights = reduced.integer_weights / whole
-        most, start = weights / views, math.inf
+        sign, best, found = 1.0, math.inf, state.covered / int(reduced.integer_weights.sum())
+        target = found
         if prices is None:  # lower for faces that many candidates cover
             degree = np.diff(reduced.starts)
             prices = most / (1 + degree / max(1.0, float(degree.mean())))
-        prices = np.minimum(prices, most)
-        loop, further, value = kernels.best_weight, limits, state.covered / whole
     else:
-        weights, start = reduced.integer_weights.astype(np.float64), 0.0
-        wanted = reduced.least.astype(np.float64), float(reduced.least_total)
+        sign, best, found, target = -1.0, 0.0, state.cost, BEYOND * state.cost
         if prices is None:
             prices = np.empty(reduced.n_faces)
-            kernels.cheapest_share(*pairs, reduced.costs, prices)
-        loop, further, value = kernels.least_cost, (reduced.kind, *wanted), state.cost
-
-    fixed = (*pairs, views, weights, reduced.costs, *further)
+            kernels.cheapest_share(*pairs, costs, prices)
+    u = kept = np.minimum(prices, most)
+    earned, cover = np.empty(len(costs)), np.empty(len(u))
+    scale, waited = 1.0, 0
     n_pairs = max(1, 2 * len(reduced.face))  # of a step
-    left = int(np.clip(EFFORT // n_pairs, FEWEST_STEPS, MOST_STEPS))
-    progress = np.array([start, 1.0, 0.0, 0.0])
-    now, best = prices.copy(), prices.copy()
-    at_once = max(1, PAIRS_A_LOOK // n_pairs)
-    while left > 0 and not progress[kernels.ENDED]:
-        loop(*fixed, now, best, progress, value, min(at_once, left))
-        left -= at_once
-        if deadline.is_over:
+    for _ in range(int(np.clip(EFFORT // n_pairs, FEWEST_STEPS, MOST_STEPS))):
+        kernels.earn(*pairs, u, earned)
+        value, amounts, wanted = relaxed.value(u, earned)
+        if sign * value < sign * best - 1e-12:
+            best, kept, waited = value, u, 0
+        else:
+            waited += 1
+        if waited == PATIENCE:
+            u, scale, waited = kept, scale / 2, 0
+            continue
+        kernels.take(*pairs, amounts, cover)
+        slope = views * wanted - cover
+        # A price at its limit cannot move beyond it.
+        slope[((u <= 0) & (slope < 0)) | ((u >= most) & (slope > 0))] = 0.0
+        norm = float(np.square(slope).sum())  # no BLAS, whose threads spin
+        is_reached = sign * best <= sign * found * (1 + sign * 1e-12)
+        if norm == 0 or is_reached or scale < LEAST_SCALE or deadline.is_over:
             break
-    return float(progress[kernels.BEST]), best
+        length = scale * max(sign * (value - target), 1e-9) / norm
+        u = np.clip(u + length * slope, 0.0, most)
+    return best, kept
+
+
+@dataclass(frozen=True, eq=False)
+class Relaxed:
+    """A problem whose faces have prices, for which each camera and each face is decided alone.
+
+        best coverage   L(u) = sum_f max(0, w_f - views_f u_f) + max_x sum_c x_c sum_{f in c} u_f
+        fewest cameras  L(u) = min_x sum_c x_c (cost_c - sum_{f in c} u_f)
+                               + min_z sum_f views_f u_f z_f
+
+    with z in [0, 1] covering the required weights: the faces of least price by weight first, kind
+    by kind, then from all remaining faces.
+
+    Attributes
+    ----------
+    among : Reduced
+    views, weights : (F,) float64
+        Cameras that a face needs, 2 or more where rays must differ; weights as they are summed.
+    kind : (F,) int32
+    most : (F,) float64
+        Greatest useful price of each face.
+    """
+
+    among: Reduced
+    views: FloatArray
+    weights: FloatArray
+    kind: NDArray[np.int32]
+    most: FloatArray
+
+    @classmethod
+    def of(
+        cls,
+        among: Reduced,
+        views: NDArray[Any],
+        integer_weights: IntArray,
+        kind: NDArray[np.int32],
+    ) -> Self:
+        """Of the remaining faces of a problem, in lists or in bits."""
+        needed = np.maximum(views.astype(np.float64), 2.0 if among.is_spread else 1.0)
+        weights = integer_weights.astype(np.float64)
+        most = np.full(len(weights), math.inf)
+        if isinstance(among.problem.goal, BestCoverage):
+            weights /= int(integer_weights.sum())
+            most = weights / needed
+        return cls(among, needed, weights, kind, most)
+
+    def value(
+        self, price: FloatArray, earned: FloatArray
+    ) -> tuple[float, FloatArray, NDArray[Any]]:
+        """Bound of the prices; parts of candidates, (C,), and of faces, (F,), that give it.
+
+        `earned`, (C,), is the sum of the prices of the faces of each candidate.
+        """
+        among = self.among
+        if isinstance(among.problem.goal, BestCoverage):
+            amounts = np.empty(len(earned))
+            income = kernels.most_earned(earned, among.costs, *limits_of(among), amounts)
+            spare = self.weights - self.views * price
+            return income + float(np.maximum(spare, 0.0).sum()), amounts, spare > 0
+        share, total = np.ones(len(price)), float(among.least_total)
+        if total < self.weights.sum():
+            least, by_weight = among.least.astype(np.float64), self.views * price / self.weights
+            kernels.cheapest(by_weight, self.weights, self.kind, least, total, share)
+        saved = float(np.minimum(among.costs - earned, 0.0).sum())
+        bound = saved + float((self.views * price * share).sum())
+        return bound, (earned > among.costs).astype(np.float64), share
 
 
 def rounded_up(cost: float, costs: FloatArray) -> float:
@@ -275,24 +353,9 @@ def _priced(large: Presolved, price: FloatArray) -> Prices:
 
 def _value(large: Presolved, price: FloatArray, earned: FloatArray) -> float:
     """Bound that prices prove, with what each candidate earns."""
-    problem, kept = large.problem, large.kept
-    needed = problem.views[kept] * price
-    integer_weights = large.integer_weights[kept]
-    whole = int(integer_weights.sum())
-    if isinstance(problem.goal, BestCoverage):
-        cameras, budget = limits_of(large)
-        if budget == math.inf:
-            income = float(np.partition(earned, len(earned) - cameras)[-cameras:].sum())
-        else:
-            amounts = np.empty(len(earned))
-            income = kernels.most_earned(earned, large.costs, cameras, budget, amounts)
-        return income + float(np.maximum(integer_weights / whole - needed, 0.0).sum())
-    share = np.ones(len(kept))
-    if large.least_total < whole:
-        weights, least = integer_weights.astype(np.float64), large.least.astype(np.float64)
-        total = float(large.least_total)
-        kernels.cheapest(needed / weights, weights, large.kind[kept], least, total, share)
-    return float(np.minimum(large.costs - earned, 0.0).sum() + (needed * share).sum())
+    kept = large.kept
+    on_faces = large.problem.views[kept], large.integer_weights[kept], large.kind[kept]
+    return Relaxed.of(large, *on_faces).value(price, earned)[0]
 
 
 def _between(large: Presolved, one: Prices, other: Prices) -> Prices:

@@ -118,8 +118,6 @@ class Problem:
     groups : tuple of str
     face_group : (F,) int32
         Index into `groups`.
-    mean_coverage : (C,) float64
-        Mean coverage over all faces, for `select_thesis`.
     min_angle : float
         Radians, [0, pi].
     eyes, centroids : (K, 3), (F, 3) float64, optional
@@ -134,7 +132,6 @@ class Problem:
     goal: Goal
     groups: tuple[str, ...]
     face_group: NDArray[np.int32]
-    mean_coverage: FloatArray
     min_angle: float = 0.0
     eyes: FloatArray | None = None
     centroids: FloatArray | None = None
@@ -258,12 +255,6 @@ class Problem:
             if self.eyes is not None:
                 spread.add(self.eyes[row], faces)
 
-    def is_met(self, covered: BoolArray) -> bool:
-        """True where these faces meet the requirements of `FewestCameras`."""
-        _, least, total = self.required
-        reached = self.by_group(covered)
-        return bool((reached >= least).all() and reached.sum() >= total)
-
 
 def in_whole_numbers(weights: FloatArray) -> IntArray:
     """(F,) weights as integers: their own values, or parts of `TOTAL_WEIGHT`."""
@@ -288,7 +279,7 @@ def _check(problem: Problem) -> None:
             f"the angle must be 0 to 180 degrees, got {math.degrees(problem.min_angle):g}"
         )
     shapes: dict[str, tuple[int, ...]] = dict.fromkeys(("views", "face_group"), (n_faces,))
-    shapes |= dict.fromkeys(("costs", "mean_coverage"), (n_candidates,))
+    shapes["costs"] = (n_candidates,)
     if problem.is_spread:
         if problem.eyes is None or problem.centroids is None:
             raise ConfigError("an angle between views needs eyes and centroids; give both")
@@ -380,7 +371,6 @@ def problem_of(
         goal=goal,
         groups=tuple(group.name for group in elements.groups),
         face_group=elements.face_group,
-        mean_coverage=matrix.mean_coverage,
         min_angle=angle,
         eyes=eyes,
         centroids=elements.centroids,
@@ -464,7 +454,6 @@ def problem_of_matrix(
         goal=FewestCameras() if goal is None else goal,
         groups=tuple(groups),
         face_group=_of_each(face_group, n_faces, "face_group").astype(np.int32),
-        mean_coverage=array.sum(axis=1) / max(1, n_faces),
         min_angle=math.radians(min_angle_deg),
         eyes=None if eyes is None else np.asarray(eyes, np.float64),
         centroids=None if centroids is None else np.asarray(centroids, np.float64),
