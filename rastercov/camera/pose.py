@@ -59,7 +59,7 @@ def check_poses(poses: ArrayLike) -> tuple[FloatArray, dict[int, str]]:
 
 
 def error_of(rows: tuple[int, ...], text: str) -> PoseError:
-    """Error of some poses; the text goes on after the first."""
+    """Error of some poses: the first by its number, before the text, and how many others."""
     others = f" (and {len(rows) - 1} more poses)" if len(rows) > 1 else ""
     return PoseError(f"pose {rows[0]}{text}{others}", rows)
 
