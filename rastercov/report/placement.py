@@ -1,6 +1,7 @@
 """Pages of a placement: figures with two pictures, all inline, and one to look around in.
 
-The tables are those of `plan.json`; the templates `report.html` and `placement.html` have their headings and words.
+The tables are those of `plan.json`; the templates `report.html` and `placement.html` have their
+headings and words.
 """
 
 from collections.abc import Mapping, Sequence
