@@ -202,8 +202,9 @@ def render(
     [bold]Example[/]: rastercov render part.stl --unit mm -c camera.toml -p poses.json --pose 3
     """
     from rastercov.base.output import write_npz
+    from rastercov.coverage.engine import Engine
+    from rastercov.raster import open_rasterizer
     from rastercov.report.camera_pictures import coverage_picture
-    from rastercov.report.coverage import Options
     from rastercov.report.folder import ReportFolder, ReportKind
     from rastercov.report.images import depth_picture, face_index_picture, save_picture
     from rastercov.report.panorama import seen
@@ -217,7 +218,7 @@ def render(
     files_of_it = re.compile("|".join(map(re.escape, names)))
     with ReportFolder(out, ReportKind("render", files_of_it, last=names[-1])) as folder:
         warn([*mesh.warnings, *eyes.notes, *unit_doubts(mesh, eye, Poses.of(matrices))])
-        with Options(device=device).open_rasterizer(mesh, eye) as rasterizer:
+        with open_rasterizer(mesh, eye, **Engine(device=device).rasterizer_options) as rasterizer:
             buffer = rasterizer.render(matrices[pose])
             info = rasterizer.info
             is_seen = np.isin(np.arange(mesh.n_faces), buffer.face)

@@ -28,8 +28,6 @@ from rastercov.report.theme import Colour, Pixels
 
 FloatArray = NDArray[np.float64]
 
-SIDE = 720
-"""Larger side of a picture, pixels."""
 WHOLE_REL = 1e-6
 """Area up to which a face may be uncovered and counts as wholly covered here, relative."""
 
@@ -127,9 +125,9 @@ class CameraImage:
 
 
 def camera_image(
-    mesh: Mesh, camera: Camera, pose: FloatArray, task: Task, side: int = SIDE
+    mesh: Mesh, camera: Camera, pose: FloatArray, task: Task, side: int = 720
 ) -> CameraImage:
-    """Image of a camera, at a size of at most `side`, and the judgement of its faces."""
+    """Image of a camera, at most `side` pixels wide and high, and the judgement of its faces."""
     small = camera.resized(min(1.0, side / max(camera.width, camera.height)))
     with open_rasterizer(mesh, small, "cpu") as rasterizer:
         buffer = rasterizer.render(pose)

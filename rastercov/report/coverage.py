@@ -27,11 +27,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 from PIL import Image
 
-from rastercov.base.checks import shown
+from rastercov.base.arguments import check_choice
 from rastercov.base.errors import ConfigError
 from rastercov.base.interrupts import interrupts_held
 from rastercov.base.output import write_json, write_text
-from rastercov.camera.camera import Camera
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, cameras_of, names_of
 from rastercov.cluster import ALONE, Staff
@@ -45,7 +44,6 @@ from rastercov.coverage.shards import UNFINISHED, Wanted, open_for, remove
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.raster import open_rasterizer
-from rastercov.raster.contract import Rasterizer
 from rastercov.report.camera_pictures import coverage_picture, coverage_pixels
 from rastercov.report.coverage_files import (
     CoverageTable,
@@ -102,10 +100,9 @@ class Options:
     scene: Mapping[str, Any] | None = None  # arguments of the command that give the mesh again
 
     def __post_init__(self) -> None:
-        if self.table is not None and self.table not in CHOICES:
-            raise ConfigError(f"table must be one of {', '.join(CHOICES)}, got {shown(self.table)}")
-        if self.full not in FULL:
-            raise ConfigError(f"full must be one of {', '.join(FULL)}, got {shown(self.full)}")
+        if self.table is not None:
+            check_choice("table", self.table, CHOICES)
+        check_choice("full", self.full, FULL)
         engine = Engine.of(self.method)
         if engine.method != self.method:
             if (self.device, self.supersample) != ("auto", 1):
@@ -120,10 +117,6 @@ class Options:
     def engine(self) -> Engine:
         """Engine that measures visibility, and whose device draws."""
         return Engine(self.method, self.device, self.supersample)
-
-    def open_rasterizer(self, mesh: Mesh, camera: Camera) -> Rasterizer:
-        """Rasteriser that draws pictures."""
-        return open_rasterizer(mesh, camera, **self.engine.rasterizer_options)
 
 
 def run(
@@ -176,7 +169,8 @@ def run(
         rows = np.unique(some.astype(int))
         if len(rows) and options.device not in ("auto", "cpu"):
             first = cameras[accepted.camera[rows[0]]]
-            options.open_rasterizer(mesh, first).close()  # a broken device fails before the work
+            # A broken device fails before the work.
+            open_rasterizer(mesh, first, **options.engine.rasterizer_options).close()
         pairs = table_of(mesh, accepted) if options.table is None else options.table
 
         def open_table(header: Mapping[str, Any]) -> CoverageTable:

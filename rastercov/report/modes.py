@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
-from rastercov.base.checks import shown
+from rastercov.base.arguments import check_choice
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import percent, plural
 from rastercov.coverage.reasons import NAMES, REASONS
@@ -209,8 +209,7 @@ MODES: dict[str, Mode] = {
 
 def mode_of(name: str) -> Mode:
     """The mode of a name; ConfigError where there is none."""
-    if name not in MODES:
-        raise ConfigError(f"mode must be one of {', '.join(MODES)}, got {shown(name)}")
+    check_choice("mode", name, list(MODES))
     return MODES[name]
 
 

@@ -357,9 +357,8 @@ def embedded(mesh: Mesh, data: Mapping[str, Any]) -> str:
         f"default-src 'none'; script-src {digest_of(script)}; style-src {digest_of(style)}; "
         "img-src blob: data:; connect-src 'none'; base-uri 'none'; form-action 'none'"
     )
-    inside = {"policy": policy, "style": style, "script": script}
-    inside |= {"shaders": _inside(shaders), "data": _inside({**data, **surface})}
-    return rendered("viewer.html", inside=inside)
+    parts = {"shaders": _inside(shaders), "data": _inside({**data, **surface})}
+    return page_text("one_file.html", policy=policy, style=style, script=script, **parts)
 
 
 def _script(name: str) -> str:
@@ -388,6 +387,11 @@ def _script(name: str) -> str:
 def _inside(data: Any) -> str:
     """JSON that no element of a page ends in."""
     return json.dumps(data, allow_nan=False).replace("<", "\\u003c")
+
+
+def page_text(name: str, **parts: str) -> str:
+    """A page, `index.html` or `one_file.html`, with its parts."""
+    return (files("rastercov.viewer") / "page" / name).read_text("utf-8").format(**parts)
 
 
 def static_file(name: str) -> bytes | None:

@@ -27,10 +27,6 @@ Matrix = Annotated[list[Number], Field(min_length=16, max_length=16)]
 Point = Annotated[list[Number], Field(min_length=3, max_length=3)]
 Name = Annotated[str, Field(min_length=1, max_length=LONGEST_NAME)]
 Thresholds = dict[str, Number | int | bool | str | None]
-ROUNDING = 1e-14
-"""Drift of a rotation that was made orthonormal."""
-SLACK = 1e-3
-"""Largest drift of a rotation that a page sends: it computes in double precision, and prints."""
 
 
 class Action(BaseModel):
@@ -76,7 +72,7 @@ def _nothing(state: RigState, settle: Settle) -> Edited:
 def _move(state: RigState, settle: Settle, station: int, pose: Matrix) -> Edited:
     """With the pose of a station, or the nearest one that is allowed."""
     own = state.station(station)
-    wanted = straightened(np.reshape(pose, (4, 4)))
+    wanted = np.reshape(pose, (4, 4))
     return state.with_pose(own.id, settle(wanted, own.pose)), f"move {own.name}"
 
 
@@ -93,7 +89,7 @@ def _aim(state: RigState, settle: Settle, station: int, point: Point) -> Edited:
 
 @_edit("add")
 def _add(state: RigState, settle: Settle, camera: Name, pose: Matrix) -> Edited:
-    wanted = straightened(np.reshape(pose, (4, 4)))
+    wanted = np.reshape(pose, (4, 4))
     return state.with_new(camera, settle(wanted, wanted)), "add a camera"
 
 
@@ -197,7 +193,7 @@ def _restore(state: RigState, settle: Settle, rig: KeptRig) -> Edited:
     stations = []
     for each in rig.stations:
         made.camera(each.camera)
-        pose = checked_pose(straightened(np.reshape(each.pose, (4, 4))))
+        pose = checked_pose(np.reshape(each.pose, (4, 4)))
         stations.append(Station(each.id, each.name, each.camera, pose, each.is_on))
     made = replace(made, stations=tuple(stations)).with_task(_task(Task(), rig.task))
     return made, "restore the rig"
@@ -240,17 +236,6 @@ def request_of(entries: Mapping[str, Any]) -> Request:
         if first["type"] == "union_tag_invalid":  # whose message has the whole tag
             wanted = f"do must be one of {first['ctx']['expected_tags']}"
         raise ConfigError(f"{place or 'request'}: {wanted}, got {got}") from None
-
-
-def straightened(pose: FloatArray) -> FloatArray:
-    """A pose with the nearest rotation in place of one that drifted in a page; others as is."""
-    rotation = pose[:3, :3]
-    if not ROUNDING < np.abs(rotation.T @ rotation - np.eye(3)).max() <= SLACK:
-        return pose
-    u, _, vt = np.linalg.svd(rotation)
-    made = pose.copy()
-    made[:3, :3] = u @ vt
-    return made
 
 
 Change = Callable[[Camera, Any], Camera]

@@ -6,6 +6,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from rastercov.base.arguments import check_choice
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError, RastercovError
 from rastercov.base.format import plural
@@ -37,10 +38,9 @@ class Saving:
 
     def content(self, what: str) -> tuple[str, bytes]:
         """Name and bytes of the rig, the thresholds, or a page that needs no server."""
+        check_choice("what", what, (*NAMES, "page"))
         if what == "page":
             return "rig.html", exported(self.session).encode()
-        if what not in NAMES:
-            raise ConfigError(f"what must be rig, task or page, got {shown(what)}")
         with self.session.lock:
             state = self.session.state
             self.session.history.saved()

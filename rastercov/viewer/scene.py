@@ -274,18 +274,11 @@ def open_result(folder: Path, load: Callable[[list[str]], Mesh]) -> Scene:
     rig_file = folder / rig_name
     files = [str(each["name"]) for each in run.get("mesh", ())]
     mesh = _with_roles(load(files), run["scene"])
-    before = {(each["name"], each.get("sha256")) for each in run.get("mesh", ())}
-    for now in mesh.sources:
-        if now.name in files and (now.name, now.sha256) not in before:
-            raise ConfigError(
-                f"{now.name} is not the file that {folder} was made of; make it again, or name "
-                "that file after the folder"
-            )
     if sha256(mesh.vertices, mesh.faces, mesh.face_group) != run["scene"]["sha256"]:
         other = f"; or give the plan, with --poses {rig_file}" if kind == "place" else ""
         raise ConfigError(
-            f"the mesh is not that of {folder}: {', '.join(files)}, with its --unit and "
-            f"--transform, is wanted{other}"
+            f"the mesh is not that of {folder}: {', '.join(files)}, unchanged since and with its "
+            f"--unit and --transform, is wanted{other}"
         )
     if not rig_file.is_file():
         raise ConfigError(f"{rig_file} is missing: a result of many poses has none; give --poses")

@@ -31,7 +31,7 @@ from rastercov.report.pages import (
     TYPES,
     digest_of,
     groups_of,
-    rendered,
+    page_text,
     soup_of,
     static_file,
 )
@@ -167,7 +167,7 @@ def _error(status: int, text: str) -> "Response":
 async def _page(request: "Request") -> "Response":
     from starlette.responses import HTMLResponse
 
-    text = rendered("viewer.html", inside=None, import_map=IMPORT_MAP)
+    text = page_text("index.html", import_map=IMPORT_MAP)
     return HTMLResponse(text, headers={"content-security-policy": POLICY})
 
 
