@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -34,6 +33,8 @@ class Evaluation(Coverage):
         Method and device.
     options : mapping or None
         Options of the run, for its provenance.
+    network : Network
+        Coverage of each face by all cameras together.
     by_face_because : str
         Reason of a result by face that was not asked for.
     areas : AreaNetwork or None
@@ -57,6 +58,7 @@ class Evaluation(Coverage):
     poses: Poses
     engine: Engine
     options: Mapping[str, Any] | None
+    network: Network
     by_face_because: str
     areas: AreaNetwork | None
     apart: ByCamera
@@ -67,14 +69,6 @@ class Evaluation(Coverage):
     quarantined: Mapping[int, str]
     seconds: float
     interrupted: bool
-
-    @cached_property
-    def network(self) -> Network:
-        """Coverage of each face by all cameras together."""
-        network = Network(self.mesh, self.task)
-        network.add(self)
-        self.apart.add_figures(self, self.poses)
-        return network
 
     @property
     def by(self) -> str:

@@ -29,7 +29,7 @@ from rastercov.coverage.coverage import (
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.evaluation import Evaluation
 from rastercov.coverage.face_pass import FacePass
-from rastercov.coverage.network import SUMMED, JudgedPoses, Network
+from rastercov.coverage.network import SUMMED, JudgedPoses, Network, sums_of
 from rastercov.coverage.provenance import provenance_of
 from rastercov.coverage.shards import (
     UNFINISHED,
@@ -156,7 +156,8 @@ def measure(
     wanted = replace(wanted, apart=apart.is_asked)
     whole = arrays_for(fields, (len(poses), mesh.n_faces))
     judge = FacePass(mesh, camera, observer.threads, task) if whole else None
-    is_summed = not SUMMED.keys() <= set(fields)  # otherwise they are added up when it is asked for
+    # Otherwise the figures are added up; not the rays to cameras, of which the network keeps rows.
+    is_summed = task.min_angle_deg > 0 or not SUMMED.keys() <= set(fields)
     shards = None
     if folder is not None and (staff.workers or is_long(len(poses), mesh.n_faces)):
         shards = EvaluationShards(folder / UNFINISHED, observer, poses, task, wanted)
@@ -183,10 +184,12 @@ def measure(
                         rows = slice(done, done + len(batch.poses))
                         figures = {name: array[rows] for name, array in whole.items()}
                         judge.fill(batch.measured, batch.poses, figures)
+                        if not is_summed:
+                            cameras, is_apart = batch.poses.camera, apart.is_asked
+                            batch.sums.update(sums_of(mesh, figures, cameras, apart=is_apart))
                     if table is not None:
                         table.add(batch.rows, batch.regions)
-                    if is_summed:
-                        network.add(batch)
+                    network.add(batch)
                     apart.add_batch(batch)
                     if areas is not None and batch.regions is not None:
                         areas.add(batch.regions)
@@ -209,16 +212,13 @@ def measure(
             interrupted = True
         seconds = clock.seconds
     measured = poses[np.isin(poses.ids, np.concatenate(ids))]
-    evaluation = Evaluation(
+    return Evaluation(
         mesh, camera, task, observer.info, measured.ids, np.concatenate(clipped),
         **(dict.fromkeys(FIGURES) | {name: array[:done] for name, array in whole.items()}),
         eyes=measured.world_from_camera[:, :3, 3],
         poses=replace(measured, rejected=poses.rejected),
-        engine=wanted.engine, options=options, by_face_because=reason, areas=areas,
+        engine=wanted.engine, options=options, network=network, by_face_because=reason, areas=areas,
         apart=apart, kept=kept, pairs=wanted.pairs, n_rows=0 if table is None else table.n_rows,
         is_kept=shards is not None, quarantined={} if shards is None else shards.quarantined,
         seconds=seconds, interrupted=interrupted,
     )  # fmt: skip
-    if is_summed:
-        vars(evaluation)["network"] = network
-    return evaluation

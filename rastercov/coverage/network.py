@@ -6,7 +6,7 @@ not covered when its coverage is 0 in every camera.
 
 import math
 from collections import defaultdict
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -132,17 +132,22 @@ def _scored(mesh: Mesh) -> IntArray | slice:
     return slice(None) if mesh.task_mask.all() else np.flatnonzero(mesh.task_mask)
 
 
-def sums_of(coverage: Coverage) -> "Sums":
-    """Sums of all poses of a `Coverage`."""
+def sums_of(
+    mesh: Mesh, figures: Mapping[str, NDArray[Any]], camera: NDArray[np.int32], *, apart: bool
+) -> "dict[int, Sums]":
+    """Sums of the figures of poses, (P, F) each: of each camera (P,), or of all as camera -1."""
     from rastercov.kernels.network import add_rows
 
-    mesh, sums = coverage.mesh, no_sums(coverage.mesh.n_faces, len(coverage.pose_ids))
-    arrays = [read_only(getattr(coverage, name), kind) for name, kind in SUMMED.items()]
-    add_rows(read_only(mesh.task_mask, np.bool_), *arrays, sums)
-    scored = _scored(mesh)
-    for row, values in enumerate(arrays[0]):  # 10 us each
-        sums.totals[row] = values[scored].sum()
-    return sums
+    is_scored, scored = read_only(mesh.task_mask, np.bool_), _scored(mesh)
+    arrays = [read_only(figures[name], kind) for name, kind in SUMMED.items()]
+    found = {}
+    for index in np.unique(camera).tolist() if apart else [-1]:
+        sums = found[index] = no_sums(mesh.n_faces, len(camera))
+        own = np.flatnonzero((camera == index) | (index < 0))
+        add_rows(own, is_scored, *arrays, sums)
+        for row in own:  # 10 us each
+            sums.totals[row] = arrays[0][row, scored].sum()
+    return found
 
 
 def _adder(
@@ -305,7 +310,10 @@ class Network:
             if self.task.min_angle_deg > 0:
                 for eye, reason in zip(coverage.eyes, coverage.reason, strict=True):
                     self._spread.add(eye, np.flatnonzero(reason == Reason.COVERED))
-            self._take(coverage.pose_ids, coverage.clipped, sums_of(coverage))
+            figures = {name: getattr(coverage, name) for name in SUMMED}
+            cameras = np.zeros(len(coverage.pose_ids), np.int32)
+            sums = sums_of(self.mesh, figures, cameras, apart=False)[-1]
+            self._take(coverage.pose_ids, coverage.clipped, sums)
 
     @typed
     def judge(

@@ -115,9 +115,9 @@ def add_pair(row, f, is_scored, coverage, reason, bound, kind, fraction, sums):
 
 
 @allocation_free
-def add_rows(is_scored, coverage, reason, bound, kind, fraction, sums):
-    """Add rows of figures, (P, F) each, to `sums`."""
-    for row in range(coverage.shape[0]):
+def add_rows(rows, is_scored, coverage, reason, bound, kind, fraction, sums):
+    """Add some rows of figures, (P, F) each, to `sums`."""
+    for row in rows:
         for f in range(coverage.shape[1]):
             add_pair(
                 row, f, is_scored, coverage[row, f], reason[row, f], bound[row, f],

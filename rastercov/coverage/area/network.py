@@ -21,9 +21,8 @@ from rastercov.coverage.area.frames import frames_of
 from rastercov.coverage.area.regions import Regions, check_pointwise
 from rastercov.coverage.area.union import Covered, RegionUnion
 from rastercov.coverage.area.zones import DeadZones, dead_zones, summary_of
-from rastercov.coverage.coverage import FIGURES, Coverage
 from rastercov.coverage.engine import Engine
-from rastercov.coverage.network import SUMMED, JudgedPoses, Network
+from rastercov.coverage.network import JudgedPoses, Network
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 
@@ -245,20 +244,6 @@ class ByCamera:
             network.add(batch, index)
         if batch.regions is not None:
             self.add(batch.regions, batch.poses.camera)
-
-    def add_figures(self, coverage: Coverage, poses: Poses) -> None:
-        """Take in the figures of all poses, where these were not judged."""
-        for index, network in self._networks.items():
-            own = poses.camera == index
-            figures: dict[str, Any] = dict.fromkeys(FIGURES)
-            figures |= {name: getattr(coverage, name)[own] for name in SUMMED}
-            network.add(
-                Coverage(
-                    coverage.mesh, coverage.camera, network.task, coverage.info,
-                    coverage.pose_ids[own], coverage.clipped[own],
-                    **figures, eyes=coverage.eyes[own],
-                )
-            )  # fmt: skip
 
     def summary(self) -> list[dict[str, Any]]:
         """Figures of each camera, ready for JSON."""
