@@ -205,6 +205,24 @@ SHORTEST = 3
 MOST_LISTED = 5
 
 
+class Vocabulary:
+    """Names of entries, elements and attributes that a format has, wherever they may be.
+
+    Parameters
+    ----------
+    inner : str
+        Words: names that triangles or cameras depend on. Elements of these names are looked into.
+    leaves : str
+        As `inner`, of elements that have only numbers, or are many.
+    harmless : str
+        Those that nothing depends on.
+    """
+
+    def __init__(self, inner: str, leaves: str, harmless: str) -> None:
+        self.inner, self.harmless = frozenset(inner.split()), frozenset(harmless.split())
+        self.known = self.inner | self.harmless | frozenset(leaves.split())
+
+
 class UnknownNames:
     """Unknown names of one file, each with the place where it came first.
 

@@ -15,13 +15,14 @@ import numpy as np
 
 from rastercov.base.checks import shown
 from rastercov.base.errors import CameraError
+from rastercov.base.files import Vocabulary
 from rastercov.camera import FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import Border, lens_camera, panorama
 from rastercov.camera.formats.source import Words
 from rastercov.camera.models import PROGRAMS
 from rastercov.camera.rig import Views
-from rastercov.mesh.formats.xml_tree import children, local_name, look_at_names, schema_of
+from rastercov.mesh.formats.xml_tree import children, local_name, look_at_names
 
 MODELS = PROGRAMS["metashape"]
 TERMS = MODELS["frame"].parameters.split()
@@ -30,39 +31,17 @@ TERM = re.compile(r"[a-z][0-9]|c[xy]")
 """A coefficient; p3 and p4, of older versions, change the tangential terms."""
 
 
-_TERMS = "k1 k2 k3 k4 p1 p2 b1 b2 cx cy f"
-_OTHERS = "settings meta region markers scalebars frames images shapes model depth_maps point_cloud"
-SCHEMA = schema_of(
-    f"version id label type enabled active class date date_time fx fy skew name {_OTHERS} "
-    "next_id properties bands covariance params data_type black_level sensitivity photo_params "
-    "projections master_id layer_index orientation rotation_covariance location_covariance "
-    "camera_groups component_ids partition regions pixel_width pixel_height focal_length",
-    {
-        "document": ("chunk meta", "version"),
-        "chunk": (
-            f"sensors cameras components reference transform {_OTHERS} markers_groups",
-            "id label enabled active version next_id",
-        ),
-        "sensors": ("sensor", "next_id"),
-        "sensor": (None, "id label type master_id layer_index"),
-        "cameras": ("camera group", "next_id next_group_id"),
-        "group": ("camera group", "id label type"),
-        "camera": (
-            "transform reference orientation rotation_covariance location_covariance meta sensor "
-            "photo frames",
-            "id label sensor_id component_id master_id enabled layer_index",
-        ),
-        "components": ("component", "next_id active_id"),
-        "component": ("transform region partition camera_ids", "id label enabled active"),
-        "transform": ("rotation translation scale text", "locked effective active"),
-        "calibration": (
-            f"resolution projection width height date {_TERMS} p3 p4 k5 k6 covariance params fx fy "
-            "skew",
-            "class type",
-        ),
-    },
+NAMES = Vocabulary(
+    "document chunk sensors sensor cameras camera group components component transform "
+    "calibration sensor_id component_id effective active_id",
+    "reference rotation translation scale text orientation resolution projection width height",
+    "version id label type enabled active class date date_time fx fy skew name settings meta "
+    "markers markers_groups scalebars frames images shapes model depth_maps point_cloud next_id "
+    "next_group_id property properties bands covariance params data_type black_level sensitivity "
+    "photo photo_params projections master_id layer_index rotation_covariance location_covariance "
+    "camera_groups camera_ids component_ids partition region regions pixel_width pixel_height "
+    "focal_length locked k1 k2 k3 k4 k5 k6 p1 p2 p3 p4 b1 b2 cx cy f",
 )
-"""Names of the elements that are read: those of their children and attributes."""
 
 
 def is_mine(root: Element) -> bool:
@@ -72,7 +51,7 @@ def is_mine(root: Element) -> bool:
 
 def read(root: Element, border: Border) -> Views:
     """Cameras and poses of the first chunk, or the camera of a calibration."""
-    look_at_names(root, SCHEMA, border.unknown)
+    look_at_names(root, NAMES, border.unknown)
     if local_name(root) == "calibration":
         kind = Words(root, "calibration").text("projection", "frame")
         return border.views([_camera(root, kind, "calibration")])
