@@ -50,7 +50,7 @@ def audit(
 ) -> None:
     """Audit existing cameras: what each sees, what is lost without it, and the smallest subset.
 
-    [bold]Example[/]: rastercov audit sparse/0 mesh.ply --pose-unit 1 -o audit/
+    Example: rastercov audit sparse/0 mesh.ply --pose-unit 1 -o audit/
     """
     from rastercov.base.output import json_text
     from rastercov.coverage.shards import is_long

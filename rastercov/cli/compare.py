@@ -61,9 +61,9 @@ def compare(
 
     It leaves a page for people (compare.html) and all figures (compare.json).
 
-    [bold]Example[/]: rastercov compare part.stl -c camera.toml -p poses.json
+    Example: rastercov compare part.stl -c camera.toml -p poses.json
 
-    [bold]Without files[/]: rastercov compare teapot -c khepra -p sphere:4 --method sampled@2
+    Without files: rastercov compare teapot -c khepra -p sphere:4 --method sampled@2
     """
     scene = read_scene(meshes, unit, transform, [], two_sided, drop_invalid)
     eyes = read_eyes(scene, camera, poses, conventions, camera_name)
@@ -166,9 +166,9 @@ def markers(
     people (markers.html) and all figures (markers.json). With few scenes chance decides. Needs the
     extra `markers`.
 
-    [bold]Example[/]: rastercov validate markers --out markers/
+    Example: rastercov validate markers --out markers/
 
-    [bold]In seconds[/]: rastercov validate markers --scenes 0
+    In seconds: rastercov validate markers --scenes 0
     """
     from rastercov.base.output import json_text
     from rastercov.reference.markers.detect import patterns

@@ -28,9 +28,8 @@ from rastercov.kernels.stopwatch import Stopwatch
 if TYPE_CHECKING:
     from rastercov.mesh import Mesh
 
+import inspect
 import re
-import shutil
-import textwrap
 
 from typer.core import TyperCommand, TyperGroup
 
@@ -260,8 +259,6 @@ def _json_lines(what: str) -> Callable[[int, int], None]:
     return update
 
 
-WIDEST, WIDEST_NAMES = 100, 34
-"""Columns of the text, and of the names beside it; longer names have a line of their own."""
 PANELS = {
     "Inputs": "meshes plan source sources --unit --transform --occluder --target --two-sided "
     "--drop-invalid --shape --schema",
@@ -282,25 +279,31 @@ PANEL_OF = {name: panel for panel, names in PANELS.items() for name in names.spl
 
 
 class _Help:
-    """Command whose help is text in panels; the terminal may be narrow."""
+    """Command whose help has a panel for each kind of option; the terminal may be narrow."""
 
-    def format_help(self: Any, ctx: Any, formatter: Any) -> None:
-        """Write usage, description, examples, and a panel for each kind of option."""
-        width = max(40, min(shutil.get_terminal_size().columns, WIDEST))
+    def format_help_text(self: Any, ctx: Any, formatter: Any) -> None:
+        """Write the description; the line of an example stays whole, so that it can be copied."""
+        for paragraph in inspect.cleandoc(self.help).split("\n\n"):
+            title, is_example, rest = paragraph.partition(": rastercov ")
+            formatter.write_paragraph()
+            if is_example:
+                formatter.write(f"{title}:\n  rastercov {rest}\n")
+            else:
+                formatter.write_text(paragraph)
+
+    def format_options(self: Any, ctx: Any, formatter: Any) -> None:
+        """Write commands, arguments and options, a panel for each kind."""
         rows: dict[str, list[tuple[str, str]]] = {panel: [] for panel in ("Commands", *PANELS)}
+        for name in getattr(self, "commands", ()):
+            rows["Commands"].append((name, self.get_command(ctx, name).help.split("\n\n")[0]))
         for parameter in self.get_params(ctx):
             if (record := parameter.get_help_record(ctx)) is not None:
-                name = max(parameter.opts, key=len)
-                text = re.sub(r"\[default: \((.*?)\)", r"[default: \1", record[1])
-                rows[PANEL_OF.get(name, "Other")].append((_names(record[0]), text))
-        commands = [(name, self.get_command(ctx, name)) for name in _commands(self, ctx)]
-        rows["Commands"] = [(name, command.help.split("\n\n")[0]) for name, command in commands]
-        lines = [*textwrap.wrap(self.get_usage(ctx), width, **_WHOLE), ""]
-        for paragraph in (self.help or "").split("\n\n"):
-            lines += [*_paragraph(" ".join(paragraph.split()), width), ""]
-        for panel in rows:
-            lines += [*_panel(panel, rows[panel], width), ""] if rows[panel] else []
-        formatter.write("\n".join(lines))
+                panel = PANEL_OF.get(max(parameter.opts, key=len), "Other")
+                rows[panel].append((_names(record[0]), record[1]))
+        for panel, own in rows.items():
+            if own:
+                with formatter.section(panel):
+                    formatter.write_dl(own)
 
 
 class Command(_Help, TyperCommand):
@@ -311,42 +314,7 @@ class Group(_Help, TyperGroup):
     """Group of commands with this help."""
 
 
-_WHOLE: Any = {"break_long_words": False, "break_on_hyphens": False}
-
-
-def _commands(group: Any, ctx: Any) -> Iterable[str]:
-    return group.list_commands(ctx) if isinstance(group, TyperGroup) else ()
-
-
 def _names(text: str) -> str:
     """Names and metavar of an option; one that may be repeated ends in dots, an argument, too."""
     text = re.sub(r"<list\[(.*)\]>", r"<\1>...", text.replace(" range>", ">"))
     return re.sub(r"\.\.\. <.*>\.\.\.", "...", text)
-
-
-def _paragraph(text: str, width: int) -> list[str]:
-    """Lines of a paragraph; an example, which begins in bold, can be copied from several lines."""
-    if (example := re.fullmatch(r"\[bold\](.*)\[/\]: (.*)", text)) is None:
-        return textwrap.wrap(text, width, **_WHOLE)
-    fits = len(example[2]) <= width - 2
-    parts = textwrap.wrap(
-        example[2], width - (2 if fits else 4), subsequent_indent="    ", **_WHOLE
-    )
-    command = " \\\n".join("  " + part for part in parts)
-    return [typer.style(f"{example[1]}:", bold=True), command]
-
-
-def _panel(title: str, rows: list[tuple[str, str]], width: int) -> list[str]:
-    """Lines of a panel: names in one column, text beside them."""
-    column = min(max(len(names) for names, _ in rows), WIDEST_NAMES, width // 2) + 4
-    lines = [typer.style(f"-- {title} ".ljust(width, "-"), bold=True)]
-    for names, text in rows:
-        first, *rest = textwrap.wrap(text, width - column, **_WHOLE) or [""]
-        head = typer.style(f"  {names}", bold=True)
-        if len(names) > column - 4:
-            lines.append(head)
-            rest = [first, *rest]
-        else:
-            lines.append(f"{head}{' ' * (column - 2 - len(names))}{first}".rstrip())
-        lines += [" " * column + line for line in rest]
-    return lines

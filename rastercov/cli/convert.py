@@ -51,9 +51,9 @@ def convert(
 ) -> None:
     """Convert camera and pose files between programs; whatever is lost is said.
 
-    [bold]Example[/]: rastercov convert sparse/0 transforms.json
+    Example: rastercov convert sparse/0 transforms.json
 
-    [bold]Look at a rig[/]: rastercov convert camchain.yaml rig.glb
+    Look at a rig: rastercov convert camchain.yaml rig.glb
     """
     views = read_views(source, format=read_as, conventions=conventions)
     if camera_name is not None:

@@ -86,11 +86,11 @@ def evaluate(
 ) -> None:
     """Evaluate every pose and leave a report: a table, figures, pictures, a coloured mesh.
 
-    [bold]Example[/]: rastercov evaluate part.stl --unit mm -c camera.toml -p poses.json -o report/
+    Example: rastercov evaluate part.stl --unit mm -c camera.toml -p poses.json -o report/
 
-    [bold]Two cameras[/]: rastercov evaluate part.stl -c left=l.yaml -c right=r.yaml -p poses.json
+    Two cameras: rastercov evaluate part.stl -c left=l.yaml -c right=r.yaml -p poses.json
 
-    [bold]Without files[/]: rastercov evaluate teapot -c khepra -p sphere:40 -o report/
+    Without files: rastercov evaluate teapot -c khepra -p sphere:40 -o report/
     """
     from rastercov.report.coverage import Options  # loads pyarrow
 
@@ -177,7 +177,7 @@ def demo(
 ) -> None:
     """Run the main job on a built-in mesh.
 
-    [bold]Example[/]: rastercov demo --shape teapot --out report/
+    Example: rastercov demo --shape teapot --out report/
     """
     from rastercov.report.coverage import Options
 
@@ -202,7 +202,7 @@ def render(
 ) -> None:
     """Draw one pose: a picture, the face index and the depth of every pixel (PNG and NPZ).
 
-    [bold]Example[/]: rastercov render part.stl --unit mm -c camera.toml -p poses.json --pose 3
+    Example: rastercov render part.stl --unit mm -c camera.toml -p poses.json --pose 3
     """
     from rastercov.base.output import write_npz
     from rastercov.report.coverage import Options

@@ -69,7 +69,7 @@ def place(
     It leaves the poses (poses.json), all figures (plan.json) and a page for people (page.html). A
     run that was ended continues with the candidates that are not measured yet.
 
-    [bold]Example[/]: rastercov place examples/plans/inspect_part.toml --out plan/
+    Example: rastercov place examples/plans/inspect_part.toml --out plan/
     """
     from rastercov.base.output import json_text
     from rastercov.placement.plan.file import read_plan
@@ -147,7 +147,7 @@ def check(
 
     Needs no display and no GPU. A share whose bound does not decide counts as falling short.
 
-    [bold]Example[/]: rastercov check plan.toml --poses rig.json --min-coverage 0.98 --views 2
+    Example: rastercov check plan.toml --poses rig.json --min-coverage 0.98 --views 2
     """
     from rastercov.placement.plan import check as plan_check
     from rastercov.placement.plan.file import read_plan

@@ -91,11 +91,11 @@ def view(
 ) -> None:
     """See a rig in the browser, move its cameras, and understand what they cover.
 
-    [bold]Example[/]: rastercov view part.stl --unit mm -c camera.toml -p rig.json
+    Example: rastercov view part.stl --unit mm -c camera.toml -p rig.json
 
-    [bold]A plan[/]: rastercov view plan.toml
+    A plan: rastercov view plan.toml
 
-    [bold]A page to send[/]: rastercov view teapot -c khepra -p sphere:8 --export page.html
+    A page to send: rastercov view teapot -c khepra -p sphere:8 --export page.html
     """
     from rastercov.exact.certificate import compile_first
     from rastercov.reference.models import MODELS
