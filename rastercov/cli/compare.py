@@ -29,7 +29,7 @@ COMPARED = ["certified", "sampled", "sampled@4"]
 def compare(
     meshes: options.Meshes,
     poses: options.PosesOption,
-    camera: options.CameraOption = None,
+    camera: options.CamerasOption = [],  # noqa: B006 - typer copies it
     conventions: Conventions = Conventions(),  # noqa: B008 - becomes options
     camera_name: options.CameraName = None,
     method: Annotated[

@@ -193,7 +193,7 @@ def render(
     poses: options.PosesOption,
     scene: SceneOptions,
     conventions: Conventions,
-    camera: options.CameraOption = None,
+    camera: options.CamerasOption = [],  # noqa: B006 - typer copies it
     camera_name: options.CameraName = None,
     pose: Annotated[int, typer.Option(min=0, help="Row of the pose file.")] = 0,
     out: Annotated[Path, out_option("Folder for the files.")] = Path("render"),

@@ -205,7 +205,7 @@ def left_out(poses: Poses, more: str = "") -> list[str]:
 
 def read_eyes(
     mesh: Mesh,
-    camera: str | Sequence[str] | None,
+    camera: Sequence[str],
     poses: str,
     conventions: Conventions,
     camera_name: str | None = None,
@@ -218,8 +218,8 @@ def read_eyes(
     ----------
     mesh : Mesh
         The scene, for poses around it.
-    camera : str or sequence of str, optional
-        A preset or a file, or NAME=FILE for each of several; the file of the poses unless given.
+    camera : sequence of str
+        A preset or a file, or NAME=FILE for each of several; the file of the poses where empty.
     poses : str
         A file, or sphere:N.
     conventions : Conventions
@@ -237,8 +237,7 @@ def read_eyes(
         For poses without a unit, and for what is no pose file.
     """
     border = Border(conventions)
-    given = [camera] if isinstance(camera, str) else list(camera or ())
-    cameras = read_cameras(given, border)
+    cameras = read_cameras(camera, border)
     if poses.startswith("sphere:"):
         if cameras is None:
             raise CameraError("--poses sphere:N needs a camera; give --camera")
@@ -246,7 +245,7 @@ def read_eyes(
         around = Poses.of(poses_around(poses, mesh, found.camera()))
         names = tuple(f"pose {row}" for row in range(len(around)))
         return replace(found, poses=around, images=names, has_unit=True)
-    is_same = len(given) == 1 and _is_same(given[0], poses)
+    is_same = len(camera) == 1 and _is_same(camera[0], poses)
     views = cameras if is_same and cameras else read_through(poses, border)
     if not len(views.poses) and not views.poses.rejected and views.rig is not None:
         raise PoseError(f"{poses}: there are cameras and no poses; give a pose file as --poses")
@@ -254,7 +253,7 @@ def read_eyes(
         raise CameraError(f"{poses} has poses and no camera; give --camera")
     in_metres(views, poses)
     if cameras is not None and cameras is not views:
-        views = views.through(cameras, camera_name, by_name=several and _by_name(cameras, given))
+        views = views.through(cameras, camera_name, by_name=several and _by_name(cameras, camera))
         camera_name = None
     if camera_name is not None or not several or views.n_used == 1:
         views = views.of_camera(camera_name)

@@ -29,23 +29,14 @@ Meshes = Annotated[
         show_default=False,
     ),
 ]
-CameraOption = Annotated[
-    str | None,
-    typer.Option(
-        "--camera",
-        "-c",
-        help="Camera file: ours (.toml, .json), or of COLMAP, nerfstudio, OpenCV, ROS, Kalibr, "
-        f"Metashape and others; a preset: {', '.join(PRESETS)}; or entries of a camera file, "
-        "'preset = \"khepra\", near = 0.1' or 'width = 1280, height = 800, hfov_deg = 60'.",
-        show_default="the cameras of --poses",
-    ),
-]
 CamerasOption = Annotated[
     list[str],
     typer.Option(
         "--camera",
         "-c",
-        help="As for one camera: a file, a preset or entries; a file may have several cameras. Or "
+        help="Camera file: ours (.toml, .json), or of COLMAP, nerfstudio, OpenCV, ROS, Kalibr, "
+        f"Metashape and others; a preset: {', '.join(PRESETS)}; or entries of a camera file, "
+        "'preset = \"khepra\", near = 0.1' or 'width = 1280, height = 800, hfov_deg = 60'. Or "
         "NAME=FILE, once for each camera, for poses that name theirs.",
         show_default="the cameras of --poses",
     ),

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 from rich.table import Table
 from rich.text import Text
 
-from rastercov.base.format import milliseconds, number, percent_of, plural
+from rastercov.base.format import number, plural
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import valid_poses
 from rastercov.mesh import Mesh
@@ -37,7 +37,17 @@ from rastercov.reference.methods.error_statistics import (
     SizeClass,
 )
 from rastercov.reference.methods.faces import face_picture, fraction
-from rastercov.reference.pages import LABEL, Axis, Curve, line_plot, new_axes, picture_of, publish
+from rastercov.reference.pages import (
+    LABEL,
+    Axis,
+    Curve,
+    line_plot,
+    milliseconds,
+    new_axes,
+    percent_of,
+    picture_of,
+    publish,
+)
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.pages import Picture, rendered
 from rastercov.report.theme import DARK, LIGHT, Theme

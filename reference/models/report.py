@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from PIL import Image, ImageDraw
 from rich.table import Table
 
-from rastercov.base.format import milliseconds, number, percent_of, plural
+from rastercov.base.format import number, plural
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import valid_poses
 from rastercov.camera.projection import image_boxes
@@ -33,7 +33,7 @@ from rastercov.raster.contract import VisibilityBuffer
 from rastercov.reference.models import MODELS, zhang
 from rastercov.reference.models.base import Criteria
 from rastercov.reference.models.comparison import OURS, FaceValues, ModelComparison, covers
-from rastercov.reference.pages import publish
+from rastercov.reference.pages import milliseconds, percent_of, publish
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.images import (
     OPACITY,
