@@ -230,13 +230,14 @@ INSTANCING = "EXT_mesh_gpu_instancing"
 NAMES = Vocabulary(
     "accessors asset buffers bufferViews cameras extensions extensionsRequired extensionsUsed "
     "meshes nodes scene scenes minVersion version camera children matrix mesh rotation scale "
-    "translation weights primitives attributes indices mode targets bufferView byteOffset "
+    "translation weights primitives attributes indices targets bufferView byteOffset "
     "componentType count normalized sparse type values buffer byteLength byteStride uri "
     f"orthographic perspective aspectRatio yfov POSITION TRANSLATION ROTATION SCALE {INSTANCING}",
     "",
     "copyright generator name extras material materials max min target images samplers textures "
-    "animations skin skins zfar znear",
+    "animations skin skins zfar znear mode",
 )
+"""A slip in `mode` is a note only: `model` is a word of many programs."""
 ATTRIBUTE = re.compile(r"NORMAL|TANGENT|(TEXCOORD|COLOR|JOINTS|WEIGHTS)_[0-9]+|_.*", re.DOTALL)
 """Attributes of vertices that move no triangle."""
 NAMES_ACCESSORS = {
