@@ -4,14 +4,11 @@ Results go to standard output; warnings, errors and progress to standard error. 
 terminals of any width: options in panels, no name or metavar broken.
 """
 
-import json
 import logging
-import math
 import os
 import signal
 import sys
 import threading
-import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -23,7 +20,6 @@ from rich.console import Console
 from rastercov.base.errors import RastercovError
 from rastercov.base.format import plural, shortened
 from rastercov.base.interrupts import ABANDONED, forget_interrupts, was_interrupted
-from rastercov.kernels.stopwatch import Stopwatch
 
 if TYPE_CHECKING:
     from rastercov.mesh import Mesh
@@ -173,28 +169,12 @@ def _folder(text: str | Path) -> Path:
     return Path(text)
 
 
-_as_json = False
-"""Progress is for machines; the process of a command sets it once."""
-SECONDS_A_LINE = 1.0
-"""Time between two lines of progress for machines."""
-
-
-def progress_as_json(wanted: bool) -> bool:
-    """Make `progress_bar` print JSON; the callback of an option."""
-    global _as_json
-    _as_json = wanted
-    return wanted
-
-
 @contextmanager
 def progress_bar(what: str = "poses") -> Iterator[Callable[[int, int], None]]:
-    """Progress with rate and time left: a bar on a terminal, nothing elsewhere.
+    """Progress with the time left: a bar on a terminal, nothing elsewhere.
 
-    After `progress_as_json`, lines of JSON instead, a second apart, on standard error.
+    The time counts from the first report on: what an earlier run had done says nothing about it.
     """
-    if _as_json:
-        yield _json_lines(what)
-        return
     console = Console(stderr=True)
     if not (console.is_terminal and sys.stderr.isatty()):  # whatever FORCE_COLOR says
         yield lambda done, total: None
@@ -207,79 +187,21 @@ def progress_bar(what: str = "poses") -> Iterator[Callable[[int, int], None]]:
         TimeRemainingColumn,
     )
 
-    rate = TextColumn("{task.fields[rate]}")
-    columns = (TextColumn(what), BarColumn(), MofNCompleteColumn(), rate, TimeRemainingColumn())
+    columns = (TextColumn(what), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True) as bar:
-        task = bar.add_task(what, total=None, rate="")
-        speed = _Speed()
+        task = bar.add_task(what, total=None, start=False)
 
         def update(done: int, total: int) -> None:
-            rate = speed.of(done)
-            words = "" if rate is None else f"{rate:.3g}/s"
-            bar.update(task, completed=done, total=total, rate=words)
+            if bar.tasks[0].started:
+                bar.update(task, completed=done, total=total)
+            else:
+                bar.reset(task, completed=done, total=total)
 
         yield update
 
 
-class _Speed:
-    """Rate of a step since its first report: what an earlier run had done does not count."""
-
-    def __init__(self) -> None:
-        self.first: tuple[float, int] | None = None
-        self._clock = Stopwatch()
-
-    def of(self, done: int) -> float | None:
-        """Units a second, None before the second report."""
-        now = self._clock.seconds
-        if self.first is None:
-            self.first = now, done
-        started, before = self.first
-        return (done - before) / (now - started) if done > before and now > started else None
-
-
-def _json_lines(what: str) -> Callable[[int, int], None]:
-    speed, said = _Speed(), -math.inf
-
-    def update(done: int, total: int) -> None:
-        nonlocal said
-        rate, now = speed.of(done), time.monotonic()
-        if now - said < SECONDS_A_LINE and done < total:
-            return
-        said = now
-        left = None if rate is None else round((total - done) / rate, 1)
-        entries = {
-            "step": what,
-            "done": done,
-            "total": total,
-            "per_second": None if rate is None else round(rate, 3),
-            "seconds_left": left,
-        }
-        say(json.dumps(entries))
-
-    return update
-
-
-PANELS = {
-    "Inputs": "meshes plan source sources --unit --transform --occluder --target --two-sided "
-    "--drop-invalid --shape --schema",
-    "Camera": "--camera --poses --camera-name --pixel-centre --lens-model --pose-unit --image-size "
-    "--pose-convention --original-world --skip-bad-poses --pose",
-    "Task": "--min-pixels --min-visibility --max-blur --max-incidence-deg --min-pixel-density "
-    "--min-facing-density --min-pixels-per-m2 --min-coverage --views --min-angle-deg --thesis "
-    "--group --scenes --seed --obstacle",
-    "Method": "--method --by --supersample --device --workers --scheduler --against "
-    "--resolution-of-result --convergence --models --from --to",
-    "Output": "target --out --table --pictures --full --json --json-progress --junit --failures "
-    "--faces --overwrite --export",
-    "Server": "--port --host --token-file --certificate --key --no-browser",
-    "Other": "--version --help",
-}
-"""Panels in their order, and the arguments and options of all commands by panel."""
-PANEL_OF = {name: panel for panel, names in PANELS.items() for name in names.split()}
-
-
 class _Help:
-    """Command whose help has a panel for each kind of option; the terminal may be narrow."""
+    """Command whose help has a panel for each group of options; the terminal may be narrow."""
 
     def format_help_text(self: Any, ctx: Any, formatter: Any) -> None:
         """Write the description; the line of an example stays whole, so that it can be copied."""
@@ -292,14 +214,14 @@ class _Help:
                 formatter.write_text(paragraph)
 
     def format_options(self: Any, ctx: Any, formatter: Any) -> None:
-        """Write commands, arguments and options, a panel for each kind."""
-        rows: dict[str, list[tuple[str, str]]] = {panel: [] for panel in ("Commands", *PANELS)}
+        """Write commands, arguments and options, a panel for those that `expanded` made."""
+        rows: dict[str, list[tuple[str, str]]] = {"Commands": [], "Options": []}
         for name in getattr(self, "commands", ()):
             rows["Commands"].append((name, self.get_command(ctx, name).help.split("\n\n")[0]))
         for parameter in self.get_params(ctx):
             if (record := parameter.get_help_record(ctx)) is not None:
-                panel = PANEL_OF.get(max(parameter.opts, key=len), "Other")
-                rows[panel].append((_names(record[0]), record[1]))
+                panel = getattr(parameter, "rich_help_panel", None) or "Options"
+                rows.setdefault(panel, []).append((_names(record[0]), record[1]))
         for panel, own in rows.items():
             if own:
                 with formatter.section(panel):

@@ -16,7 +16,7 @@ from rastercov.base.arguments import annotations_of, documented, reader_of
 from rastercov.base.errors import ConfigError
 from rastercov.camera.camera import PRESETS
 from rastercov.camera.formats.conventions import POSE_CONVENTIONS, Conventions
-from rastercov.cli.console import out_option, progress_as_json
+from rastercov.cli.console import out_option
 from rastercov.cluster import Workers
 from rastercov.coverage.task import THESIS, Task
 from rastercov.mesh import shapes
@@ -107,22 +107,13 @@ SchedulerOption = Annotated[
         show_default="none",
     ),
 ]
-JsonProgress = Annotated[
-    bool,
-    typer.Option(
-        "--json-progress",
-        callback=lambda wanted: progress_as_json(wanted),
-        help="Print progress as JSON, a line a second, on standard error.",
-    ),
-]
 
 
 class Processes(NamedTuple):
-    """Processes that measure, and the form of the progress that they report."""
+    """Processes that measure."""
 
     workers: WorkersOption = None
     scheduler: SchedulerOption = None
-    json_progress: JsonProgress = False
 
     def open(self) -> Workers | None:
         """Choice of workers; None for this process."""
@@ -174,6 +165,10 @@ def expanded(command: Callable[..., None]) -> Callable[..., None]:
         else:
             parameters.append(each)
             continue
+        for option in own:
+            option.annotation.__metadata__[0].rich_help_panel = kind.__name__.removesuffix(
+                "Options"
+            )
         parameters += own
         made[each.name] = [option.name for option in own], make
 

@@ -7,7 +7,6 @@ import typer
 from commands import call
 
 from rastercov import cli
-from rastercov.cli.console import PANEL_OF, PANELS
 
 WIDTHS = (60, 80, 100)
 LINES = [[], ["validate"], ["validate", "markers"], *([name] for name in sorted(cli.COMMANDS))]
@@ -45,7 +44,7 @@ def test_every_option_is_whole_and_in_its_panel(capsys, monkeypatch, line, width
     command = loaded(line)
     context = typer.Context(command)
     for parameter in command.get_params(context):
-        panel = panels[PANEL_OF[max(parameter.opts, key=len)]]
+        panel = panels[parameter.rich_help_panel or "Options"]
         names = [*parameter.opts, *parameter.secondary_opts]
         if parameter.param_type_name == "argument":
             names = [parameter.get_help_record(context)[0].split()[0].removesuffix("...")]
@@ -55,13 +54,6 @@ def test_every_option_is_whole_and_in_its_panel(capsys, monkeypatch, line, width
             heads = [head for head in heads if whole.search(head)]
         (head,) = heads
         assert head.count("<") == head.count(">")
-
-
-def test_no_name_is_in_two_panels_and_none_is_unknown():
-    assert len(PANEL_OF) == sum(len(names.split()) for names in PANELS.values())
-    used = {max(p.opts, key=len) for line in PARAMETERS for p in loaded(line).params}
-    assert set(PANEL_OF) - used == {"--version", "--help"}
-    assert used <= set(PANEL_OF)
 
 
 @pytest.mark.parametrize("line", LINES, ids=" ".join)
