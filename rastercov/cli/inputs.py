@@ -10,7 +10,7 @@ from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from rastercov.base.arguments import MOST_POSES
 from rastercov.base.errors import CameraError, ConfigError, MeshError, PoseError
 from rastercov.base.files import is_file
+from rastercov.base.typed import fits
 from rastercov.camera.camera import PRESETS, Camera
 from rastercov.camera.formats import read_through
 from rastercov.camera.formats.conventions import Border, Conventions
@@ -33,34 +34,6 @@ MOST_WARNINGS = 5
 """Rejected poses that are named one by one."""
 
 
-def read_scene(
-    meshes: list[Path],
-    unit: list[str],
-    transform: list[str],
-    occluders: list[str],
-    two_sided: list[str],
-    drop_invalid: bool,
-    targets: list[str] | None = None,
-) -> Mesh:
-    """Scene of the named files; an occluder or target may be a further file or a group of these.
-
-    Entries of `unit` and `transform` are for all files, or by name: NAME:UNIT; see `mesh.groups`.
-    """
-    roles = {"--occluder": occluders, "--target": targets or []}
-    further = [name for names in roles.values() for name in names if _is_further(name, meshes)]
-    paths = [*meshes, *dict.fromkeys(map(Path, further))]
-    places = [_transform(each) for each in by_file("--transform", _named(transform), paths, "")]
-    units = [options.number_or_name(each) for each in by_file("--unit", _named(unit), paths, "m")]
-    mesh = Mesh.load(paths, units, transforms=places, drop_invalid=drop_invalid)
-    names = names_of(mesh, paths)
-    both = "all" if "all" in two_sided else named("--two-sided", two_sided, names)
-    hiding, transparent = (named(role, given, names) for role, given in roles.items())
-    mesh = mesh.with_groups(hiding, both, transparent)
-    if not mesh.task_mask.any():
-        raise MeshError("every group is an occluder; leave at least one to be covered")
-    return mesh
-
-
 class SceneOptions(NamedTuple):
     """Options of the mesh files of a command."""
 
@@ -72,11 +45,30 @@ class SceneOptions(NamedTuple):
     targets: options.Targets = []  # noqa: RUF012 - the same
 
     def read(self, meshes: list[Path]) -> Mesh:
-        """Scene of these files or the built-in mesh."""
-        return read_scene(meshes, *self)
+        """Scene of these files; an occluder or target may be a further file or a group of these.
+
+        Entries of `unit` and `transform` are for all files, or by name: NAME:UNIT; see
+        `mesh.groups`.
+        """
+        roles = {"--occluder": self.occluders, "--target": self.targets}
+        further = [name for names in roles.values() for name in names if _is_further(name, meshes)]
+        paths = [*meshes, *dict.fromkeys(map(Path, further))]
+        transforms = by_file("--transform", _named(self.transform), paths, "")
+        units = by_file("--unit", _named(self.unit), paths, "m")
+        mesh = Mesh.load(
+            paths, list(map(options.number_or_name, units)),
+            transforms=list(map(_transform, transforms)), drop_invalid=self.drop_invalid,
+        )  # fmt: skip
+        names = names_of(mesh, paths)
+        both = "all" if "all" in self.two_sided else named("--two-sided", self.two_sided, names)
+        hiding, transparent = (named(role, given, names) for role, given in roles.items())
+        mesh = mesh.with_groups(hiding, both, transparent)
+        if not mesh.task_mask.any():
+            raise MeshError("every group is an occluder; leave at least one to be covered")
+        return mesh
 
     def entries(self, out: Path, meshes: list[Path]) -> dict[str, Any]:
-        """Arguments of `read_scene`, with the working folder, for the report in a folder.
+        """The options, the mesh files and the working folder, for the report in a folder.
 
         The working folder is named as it is seen from there, so that both may move together.
         """
@@ -88,15 +80,9 @@ class SceneOptions(NamedTuple):
 
 def are_arguments(value: Any) -> bool:
     """True for what `SceneOptions.entries` gives, after a way through JSON."""
-    lists = {"meshes", "unit", "transform", "occluders", "two_sided", "targets"}
-    return (
-        isinstance(value, dict)
-        and value.keys() == lists | {"folder", "drop_invalid"}
-        and isinstance(value["folder"], str)
-        and isinstance(value["drop_invalid"], bool)
-        and all(isinstance(value[name], list) for name in lists)
-        and all(isinstance(entry, str) for name in lists for entry in value[name])
-    )
+    hints = {"folder": str, "meshes": list[str], **get_type_hints(SceneOptions)}
+    is_whole = isinstance(value, dict) and value.keys() == hints.keys()
+    return is_whole and all(fits(value[name], hint) for name, hint in hints.items())
 
 
 def read_again(
@@ -134,8 +120,8 @@ def read_again(
     for name, entries in kept.items():
         if isinstance(entries, list):
             kept[name] = [moved(entry) for entry in entries]
-    kept["meshes"] = [Path(mesh) for mesh in kept["meshes"]]
-    return read_scene(**kept)
+    meshes = [Path(mesh) for mesh in kept.pop("meshes")]
+    return SceneOptions(**kept).read(meshes)
 
 
 def _is_further(name: str, meshes: list[Path]) -> bool:
