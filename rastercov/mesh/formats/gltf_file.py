@@ -251,15 +251,15 @@ ALIGNMENT = 4
 def unknown_names(header: dict[str, Any], error: type[RastercovError] = MeshError) -> list[str]:
     """Notes on names that glTF 2.0 does not have; an error for a slip in one that matters."""
     found = UnknownNames(error)
-    for where, kind, owner in _objects("the file", "", header):
+    for where, kind, owner in objects(header):
         if kind != "extensions":  # those are noted where they are
             still = filter(ATTRIBUTE.fullmatch, owner.keys() - NAMES.known)
             found.look(where, owner.keys(), NAMES.known.union(still), NAMES.harmless)
     return found.notes()
 
 
-def _objects(
-    where: str, kind: str, owner: dict[str, Any]
+def objects(
+    owner: dict[str, Any], where: str = "the file", kind: str = ""
 ) -> Iterator[tuple[str, str, dict[str, Any]]]:
     """An object and those within it, each with its place and the name of its entry."""
     yield where, kind, owner
@@ -269,7 +269,7 @@ def _objects(
         for row, each in enumerate(value if isinstance(value, list) else [value]):
             if isinstance(each, dict):
                 title = {"meshes": "mesh"}.get(name, name.removesuffix("s"))
-                yield from _objects(f"{title} {row}{of}", name, each)
+                yield from objects(each, f"{title} {row}{of}", name)
 
 
 def unread_data(header: dict[str, Any]) -> list[str]:
