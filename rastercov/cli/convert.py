@@ -45,7 +45,6 @@ def convert(
         typer.Option("--to", help=f"Format of OUT: {', '.join(WRITERS)}; else by its name."),
     ] = None,
     camera_name: options.CameraName = None,
-    skip_bad_poses: options.SkipBadPoses = False,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace OUT.")] = False,
     as_json: options.AsJson = False,
 ) -> None:

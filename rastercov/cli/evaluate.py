@@ -23,7 +23,7 @@ from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras
 from rastercov.cli import options
 from rastercov.cli.console import out_option, progress_bar, say, size_line, warn
-from rastercov.cli.inputs import SceneOptions, left_out, poses_around, read_eyes
+from rastercov.cli.inputs import SceneOptions, poses_around, read_eyes
 from rastercov.cluster import Tally, Workers
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh, shapes
@@ -81,7 +81,6 @@ def evaluate(
     camera: options.CamerasOption = [],  # noqa: B006 - typer copies it
     camera_name: options.CameraName = None,
     out: options.Out = Path("report"),
-    skip_bad_poses: options.SkipBadPoses = False,
     as_json: options.AsJson = False,
 ) -> None:
     """Evaluate every pose and leave a report: a table, figures, pictures, a coloured mesh.
@@ -102,7 +101,8 @@ def evaluate(
         raise PoseError(f"{error}{remedy}", error.pose_ids) from None
     warn(eyes.notes)
     kept = scene.entries(out, meshes)
-    settings = Options(**report._asdict(), skip_bad_poses=skip_bad_poses, scene=kept)
+    skips = conventions.skip_bad_poses
+    settings = Options(**report._asdict(), skip_bad_poses=skips, scene=kept)
     assert eyes.rig is not None
     run_and_print(mesh, eyes.rig, eyes.poses, task, out, settings, as_json, workers)
 
@@ -128,7 +128,6 @@ def run_and_print(
     accepted, tally = Poses.of(poses), Tally()
     compile_first(settings.method)
     warn(mesh.warnings)
-    warn(left_out(accepted, ", see summary.json"))
     if not len(accepted):
         warn(["there are no poses, so nothing is covered"])
     with progress_bar() as progress:

@@ -181,12 +181,12 @@ def poses_around(source: str, mesh: Mesh, camera: Camera) -> NDArray[np.float64]
     return sphere_of_poses(centre, distance, int(count))
 
 
-def left_out(poses: Poses, more: str = "") -> list[str]:
-    """Lines on poses that are no rigid motion and were left out; `more` ends that of many."""
+def left_out(poses: Poses) -> list[str]:
+    """Lines on poses that are no rigid motion and were left out."""
     rejected = sorted(poses.rejected.items())
     lines = [f"pose {row} left out: it {text}" for row, text in rejected[:MOST_WARNINGS]]
     others = len(rejected) - MOST_WARNINGS
-    return lines + ([f"{others} more poses left out{more}"] if others > 0 else [])
+    return lines + ([f"{others} more poses left out"] if others > 0 else [])
 
 
 def read_eyes(
@@ -237,13 +237,13 @@ def read_eyes(
         raise PoseError(f"{poses}: there are cameras and no poses; give a pose file as --poses")
     if cameras is None and views.rig is None:
         raise CameraError(f"{poses} has poses and no camera; give --camera")
-    in_metres(views, poses)
+    bad = left_out(in_metres(views, poses).poses)
     if cameras is not None and cameras is not views:
         views = views.through(cameras, camera_name, by_name=several and _by_name(cameras, camera))
         camera_name = None
     if camera_name is not None or not several or views.n_used == 1:
         views = views.of_camera(camera_name)
-    notes = list(dict.fromkeys([*views.notes, *border.unused()]))
+    notes = list(dict.fromkeys([*views.notes, *bad, *border.unused()]))
     return replace(views, notes=tuple(notes))
 
 
@@ -257,12 +257,13 @@ def read_rig(
     border = Border(conventions)
     cameras = read_cameras(camera, border)
     views = in_metres(read_through(poses, border), poses)
+    bad = left_out(views.poses)
     if cameras is not None:
         views = views.through(cameras, camera_name, by_name=_by_name(cameras, camera))
         views = views.of_camera() if views.n_used == 1 else views
     elif camera_name is not None:
         views = views.of_camera(camera_name)
-    return replace(views, notes=(*views.notes, *border.unused()))
+    return replace(views, notes=(*views.notes, *bad, *border.unused()))
 
 
 def in_metres(views: Views, source: str | Path) -> Views:

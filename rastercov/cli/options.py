@@ -5,7 +5,7 @@ import inspect
 import re
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import fields, replace
+from dataclasses import fields
 from pathlib import Path
 from types import UnionType
 from typing import Annotated, Any, NamedTuple, Union, get_args, get_origin, get_type_hints
@@ -90,9 +90,6 @@ Thesis = Annotated[bool, typer.Option("--thesis", help="(3.6) to the letter; any
 CameraName = Annotated[
     str | None, typer.Option(help="Camera of a file with several, by its name there.")
 ]
-SkipBadPoses = Annotated[
-    bool, typer.Option("--skip-bad-poses", help="Leave out poses that are no rigid motion.")
-]
 WorkersOption = Annotated[
     int | None,
     typer.Option(
@@ -140,8 +137,9 @@ CONVENTIONS = {
         f"Convention of bare matrices: {', '.join(POSE_CONVENTIONS)}.",
     ),
     "original_world": (bool, "Undo the applied_transform of a transforms.json."),
+    "skip_bad_poses": (bool, "Leave out poses that are no rigid motion, or kill a worker."),
 }
-"""Types and words of the options that answer what a file leaves open."""
+"""Types and words of the options of `Conventions`."""
 
 
 def expanded(command: Callable[..., None]) -> Callable[..., None]:
@@ -176,9 +174,6 @@ def expanded(command: Callable[..., None]) -> Callable[..., None]:
     def with_options(**values: Any) -> None:
         for name, (names, make) in made.items():
             values[name] = make(**{option: values.pop(option) for option in names})
-            if "skip_bad_poses" in values and isinstance(values[name], Conventions):
-                answers = values[name]
-                values[name] = replace(answers, skip_bad_poses=values["skip_bad_poses"])
         command(**values)
 
     with_options.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined] # of Callable
