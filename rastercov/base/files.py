@@ -73,6 +73,14 @@ def is_file(path: StrPath) -> bool:
         return False
 
 
+def is_same_file(path: StrPath, other: StrPath) -> bool:
+    """True for two names of one file that is there."""
+    try:
+        return Path(path).samefile(other)
+    except (OSError, ValueError):
+        return False
+
+
 def printable(text: str, most: int = 200) -> str:
     """Printable part of `text`, not too long: names end up in terminals, tables and pictures.
 

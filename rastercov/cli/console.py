@@ -58,7 +58,9 @@ def _outcome(app: Callable[..., Any], arguments: Sequence[str]) -> int:
     except (KeyboardInterrupt, typer.Abort):
         return say("interrupted", 130)
     except RastercovError as error:
-        return say(f"error: {error}")
+        for line in getattr(error, "lines", [str(error)]):  # of a plan, a line for each fault
+            say(f"error: {line}")
+        return 2
     except OSError as error:
         where = f"{os.fsdecode(error.filename)}: " if error.filename else ""
         return say(f"error: {where}{(where and error.strerror) or error}")
@@ -137,19 +139,6 @@ def warn(lines: Iterable[str]) -> None:
     """Print warnings, a line each."""
     for line in lines:
         say(f"warning: {line}")
-
-
-@contextmanager
-def errors_by_line() -> Iterator[None]:
-    """Print what is wrong with a plan, a line each, and end with code 2."""
-    from rastercov.placement.plan.file import PlanError
-
-    try:
-        yield
-    except PlanError as error:
-        for line in error.lines:
-            say(f"error: {line}")
-        raise typer.Exit(2) from None
 
 
 def size_line(mesh: "Mesh") -> str:

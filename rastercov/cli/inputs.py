@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from rastercov.base.arguments import MOST_POSES
 from rastercov.base.errors import CameraError, ConfigError, MeshError, PoseError
-from rastercov.base.files import is_file
+from rastercov.base.files import is_file, is_same_file
 from rastercov.base.typed import fits
 from rastercov.camera.camera import PRESETS, Camera
 from rastercov.camera.formats import read_through
@@ -231,7 +231,7 @@ def read_eyes(
         around = Poses.of(poses_around(poses, mesh, found.camera()))
         names = tuple(f"pose {row}" for row in range(len(around)))
         return replace(found, poses=around, images=names, has_unit=True)
-    is_same = len(camera) == 1 and _is_same(camera[0], poses)
+    is_same = len(camera) == 1 and is_same_file(camera[0], poses)
     views = cameras if is_same and cameras else read_through(poses, border)
     if not len(views.poses) and not views.poses.rejected and views.rig is not None:
         raise PoseError(f"{poses}: there are cameras and no poses; give a pose file as --poses")
@@ -343,9 +343,3 @@ def _of_entries(text: str) -> Camera:
 
 def _without_poses(cameras: list[Camera], names: list[str]) -> Views:
     return Views(rig=Rig(cameras, names), poses=Poses.of(np.zeros((0, 4, 4))))
-
-
-def _is_same(camera: str, poses: str) -> bool:
-    with suppress(OSError):
-        return os.path.samefile(camera, poses)  # noqa: PTH121 - of two texts
-    return False
