@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 
 from PIL import Image
 
-from rastercov.base.format import short
 from rastercov.base.interrupts import interrupts_held
 from rastercov.base.output import write_bytes, write_json, write_text
 from rastercov.report import theme as pages
@@ -55,6 +54,30 @@ TITLE, LABEL, TICK = 13.0, 10.5, 10.0
 """Font sizes, points."""
 LEGEND_ROW = 0.21
 """Height, inches."""
+
+
+def percent_of(part: float, whole: float, digits: int = 3) -> str:
+    """`part / whole` in percent, rounded down, so that only all of it is 100 %; "" of nothing."""
+    if not whole:
+        return ""
+    if part == whole:
+        return "100 %"
+    scale = 10**digits
+    return f"{math.floor(100 * scale * part / whole) / scale:.{digits}f} %"
+
+
+def milliseconds(seconds: float) -> str:
+    """A time in milliseconds, in two significant digits or to the millisecond."""
+    return f"{1e3 * seconds:.2g} ms" if seconds < 0.1 else f"{1e3 * seconds:,.0f} ms"
+
+
+def short(value: float) -> str:
+    """The label of a tick: as many digits as the number has, such as 0.002, 50 or 2e-7."""
+    value = float(f"{value:.10g}")
+    if value == 0 or 1e-4 <= abs(value) < 1e5:
+        return f"{value:.10g}"
+    digit, power = f"{value:.0e}".split("e")
+    return f"{digit}e{int(power)}"
 
 
 @dataclass(frozen=True)

@@ -24,8 +24,10 @@ SHORTEST = 1e-12
 BEYOND = "beyond that float64 does not tell pixels apart: check its unit"
 
 
-def number(name: str, value: Any) -> float:
-    """`value` as a finite float."""
+def number(
+    name: str, value: Any, least: float = -math.inf, most: float = math.inf, wanted: str = ""
+) -> float:
+    """`value` as a finite float; `wanted` says what it must be, where it has limits in pixels."""
     if not is_number(value):
         raise CameraError(f"{name} must be a number, got {shown(value)}")
     try:
@@ -34,6 +36,8 @@ def number(name: str, value: Any) -> float:
         raise CameraError(f"{name} must be below 1e308, got a greater integer") from None
     if not math.isfinite(result):
         raise CameraError(f"{name} must be finite, got {result}")
+    if not least <= result <= most:
+        raise CameraError(f"{name} must be {wanted}, got {result:g}; {BEYOND}")
     return result
 
 
@@ -47,20 +51,13 @@ def positive(name: str, value: Any) -> float:
 
 def focal_length_px(name: str, value: Any) -> float:
     """`value` as a focal length in pixels."""
-    result = positive(name, value)
-    if not SHORTEST <= result <= LONGEST:
-        wanted = f"{SHORTEST:g} to {LONGEST:g} px"
-        raise CameraError(f"{name} must be {wanted}, got {result:g}; {BEYOND}")
-    return result
+    wanted = f"{SHORTEST:g} to {LONGEST:g} px"
+    return number(name, positive(name, value), SHORTEST, LONGEST, wanted)
 
 
 def principal_point_px(name: str, value: Any) -> float:
     """`value` as a coordinate of the principal point in pixels."""
-    result = number(name, value)
-    if abs(result) > LONGEST:
-        wanted = f"within {LONGEST:g} px of the image"
-        raise CameraError(f"{name} must be {wanted}, got {result:g}; {BEYOND}")
-    return result
+    return number(name, value, -LONGEST, LONGEST, f"within {LONGEST:g} px of the image")
 
 
 def pair(name: str, value: Any) -> tuple[float, float]:

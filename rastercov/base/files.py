@@ -73,6 +73,14 @@ def is_file(path: StrPath) -> bool:
         return False
 
 
+def is_same_file(path: StrPath, other: StrPath) -> bool:
+    """True for two names of one file that is there."""
+    try:
+        return Path(path).samefile(other)
+    except (OSError, ValueError):
+        return False
+
+
 def printable(text: str, most: int = 200) -> str:
     """Printable part of `text`, not too long: names end up in terminals, tables and pictures.
 
@@ -203,6 +211,24 @@ def _as_path(path: StrPath) -> Path:
 SHORTEST = 3
 """Characters of a name in which a slip is looked for: any two shorter ones are a slip apart."""
 MOST_LISTED = 5
+
+
+class Vocabulary:
+    """Names of entries, elements and attributes that a format has, wherever they may be.
+
+    Parameters
+    ----------
+    inner : str
+        Words: names that triangles or cameras depend on. Elements of these names are looked into.
+    leaves : str
+        As `inner`, of elements that have only numbers, or are many.
+    harmless : str
+        Those that nothing depends on.
+    """
+
+    def __init__(self, inner: str, leaves: str, harmless: str) -> None:
+        self.inner, self.harmless = frozenset(inner.split()), frozenset(harmless.split())
+        self.known = self.inner | self.harmless | frozenset(leaves.split())
 
 
 class UnknownNames:

@@ -43,21 +43,6 @@ def percent(share: float) -> str:
     return f"{text} %"
 
 
-def percent_of(part: float, whole: float, digits: int = 3) -> str:
-    """`part / whole` in percent, rounded down, so that only all of it is 100 %; "" of nothing."""
-    if not whole:
-        return ""
-    if part == whole:
-        return "100 %"
-    scale = 10**digits
-    return f"{math.floor(100 * scale * part / whole) / scale:.{digits}f} %"
-
-
-def milliseconds(seconds: float) -> str:
-    """A time in milliseconds, in two significant digits or to the millisecond."""
-    return f"{1e3 * seconds:.2g} ms" if seconds < 0.1 else f"{1e3 * seconds:,.0f} ms"
-
-
 def length(metres: float) -> str:
     """A coordinate to a tenth of a millimetre, or in eight digits from 100 m on."""
     return signed(metres, 4) if abs(metres) < 100 else f"{metres:.8g}"
@@ -95,15 +80,6 @@ def _decimals(value: float, digits: int) -> str:
 def signed(value: float, digits: int = 2) -> str:
     """A number with a fixed count of decimals, without the sign of -0.00."""
     return f"{round(float(value), digits) + 0.0:.{digits}f}"
-
-
-def short(value: float) -> str:
-    """The label of a tick: as many digits as the number has, such as 0.002, 50 or 2e-7."""
-    value = float(f"{value:.10g}")
-    if value == 0 or 1e-4 <= abs(value) < 1e5:
-        return f"{value:.10g}"
-    digit, power = f"{value:.0e}".split("e")
-    return f"{digit}e{int(power)}"
 
 
 def shortened(text: str, most: int) -> str:

@@ -172,7 +172,7 @@ def check_type(name: str, value: Any, hint: Any) -> None:
     """Raise the error that goes with a type where a value is not of it."""
     if _is_array_like(hint):
         check_room(name, value)
-    if not _fits(value, hint):
+    if not fits(value, hint):
         kinds = [kind.__name__ for kind in (hint, *get_args(hint)) if hasattr(kind, "__name__")]
         error = next((ERRORS[kind] for kind in kinds if kind in ERRORS), ConfigError)
         raise error(f"{name} must be {_wanted(hint)}, got {shown(value)}")
@@ -191,7 +191,8 @@ def _hints(thing: Any) -> dict[str, Any]:
     return get_type_hints(thing, localns=known)
 
 
-def _fits(value: Any, hint: Any) -> bool:
+def fits(value: Any, hint: Any) -> bool:
+    """True for a value that an annotation asks for."""
     kinds, origin = get_args(hint), get_origin(hint) or hint
     if hint is Any:
         return True
@@ -201,9 +202,9 @@ def _fits(value: Any, hint: Any) -> bool:
         others += [str] if Path in others else []
         if origin in ARRAYS and np.ndim(value if _is_numeric(value) else 0) == 0:
             return False
-        return _is_numeric(value) or any(_fits(value, kind) for kind in others)
+        return _is_numeric(value) or any(fits(value, kind) for kind in others)
     if origin in (Union, UnionType):
-        return any(_fits(value, kind) for kind in kinds)
+        return any(fits(value, kind) for kind in kinds)
     if origin is Literal:
         return isinstance(value, str) and value in kinds
     if hint is float:
@@ -213,7 +214,7 @@ def _fits(value: Any, hint: Any) -> bool:
     if hint is bool:
         return isinstance(value, bool | np.bool_)
     if origin is tuple and kinds[-1] is not ... and len(set(kinds)) > 1:
-        return _is_row(value) and len(value) == len(kinds) and all(map(_fits, value, kinds))
+        return _is_row(value) and len(value) == len(kinds) and all(map(fits, value, kinds))
     if getattr(origin, "_is_protocol", False) and origin.__module__.startswith("rastercov."):
         names = [name for name in (*vars(origin), *_hints(origin)) if not name.startswith("_")]
         return not isinstance(value, type) and all(hasattr(value, name) for name in names)
@@ -221,12 +222,12 @@ def _fits(value: Any, hint: Any) -> bool:
         return not isinstance(origin, type) or isinstance(value, origin)
     if issubclass(origin, Mapping):
         return isinstance(value, Mapping) and all(
-            _fits(key, kinds[0]) and _fits(each, kinds[1]) for key, each in value.items()
+            fits(key, kinds[0]) and fits(each, kinds[1]) for key, each in value.items()
         )
     if issubclass(origin, Callable):  # type: ignore[arg-type] # an abstract class at run time
         return callable(value)
     is_set = origin is Collection and isinstance(value, set | frozenset)
-    return (is_set or _is_row(value)) and all(_fits(each, kinds[0]) for each in value)
+    return (is_set or _is_row(value)) and all(fits(each, kinds[0]) for each in value)
 
 
 def _is_array_like(hint: Any) -> bool:

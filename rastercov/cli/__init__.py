@@ -23,7 +23,7 @@ from rastercov.cli.console import Command, Group, exit_code, leave, notices_show
 SETTINGS: dict[str, Any] = {
     "add_completion": False,
     "pretty_exceptions_enable": False,
-    "rich_markup_mode": "rich",
+    "rich_markup_mode": None,
 }
 COMMANDS = {
     "evaluate": "Evaluate every pose and leave a report: a table, figures, pictures, a coloured "
@@ -73,14 +73,14 @@ def _group() -> Any:
     """The commands, as one that has them."""
     group = typer.Typer(
         help="Which faces of a mesh does each camera see, how well, and why not.\n\n"
-        "[bold]Example[/]: rastercov demo --out report/",
+        "Example: rastercov demo --out report/",
         cls=Group,
         **SETTINGS,
     )
     group.callback(invoke_without_command=True)(_start)
     found: Any = typer.main.get_command(group)
     for name, words in COMMANDS.items():
-        found.add_command(LazyCommand(name, help=words, rich_markup_mode="rich"))
+        found.add_command(LazyCommand(name, help=words))
     return found
 
 

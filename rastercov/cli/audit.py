@@ -45,12 +45,11 @@ def audit(
         float | None, typer.Option(help="Longest side of a cell, m.", show_default="by the scene")
     ] = None,
     method: Annotated[str, typer.Option(help="certified, exact or sampled.")] = "certified",
-    skip_bad_poses: options.SkipBadPoses = False,
     as_json: options.AsJson = False,
 ) -> None:
     """Audit existing cameras: what each sees, what is lost without it, and the smallest subset.
 
-    [bold]Example[/]: rastercov audit sparse/0 mesh.ply --pose-unit 1 -o audit/
+    Example: rastercov audit sparse/0 mesh.ply --pose-unit 1 -o audit/
     """
     from rastercov.base.output import json_text
     from rastercov.coverage.shards import is_long
@@ -86,7 +85,7 @@ def audit(
         _print(summary, out)
         for line in tally.lines():
             say(line)
-    if quarantined and not skip_bad_poses:
+    if quarantined and not conventions.skip_bad_poses:
         raise typer.Exit(1)
 
 

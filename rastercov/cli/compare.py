@@ -18,7 +18,7 @@ from rastercov.camera.formats.doubts import unit_doubts
 from rastercov.camera.pose import Poses
 from rastercov.cli import SETTINGS, options
 from rastercov.cli.console import Command, Group, out_option, progress_bar, size_line, warn
-from rastercov.cli.inputs import read_eyes, read_scene
+from rastercov.cli.inputs import SceneOptions, read_eyes
 from rastercov.cli.options import AsJson
 from rastercov.mesh import Mesh
 
@@ -29,7 +29,8 @@ COMPARED = ["certified", "sampled", "sampled@4"]
 def compare(
     meshes: options.Meshes,
     poses: options.PosesOption,
-    camera: options.CameraOption = None,
+    scene: SceneOptions,
+    camera: options.CamerasOption = [],  # noqa: B006 - typer copies it
     conventions: Conventions = Conventions(),  # noqa: B008 - becomes options
     camera_name: options.CameraName = None,
     method: Annotated[
@@ -44,10 +45,6 @@ def compare(
         typer.Option(help="The truth: exact, or polygons or rational, which take seconds a pose."),
     ] = "exact",
     out: Annotated[Path, out_option("Folder for the page.")] = Path("compare"),
-    unit: options.Unit = options.UNIT,
-    transform: options.Transform = [],  # noqa: B006 - typer copies it
-    two_sided: options.TwoSided = [],  # noqa: B006 - the same
-    drop_invalid: options.DropInvalid = False,
     faces: Annotated[int, typer.Option(min=0, help="Worst faces to draw for each method.")] = 6,
     convergence: Annotated[
         bool, typer.Option(help="Measure how errors fall with denser samples, too.")
@@ -61,18 +58,18 @@ def compare(
 
     It leaves a page for people (compare.html) and all figures (compare.json).
 
-    [bold]Example[/]: rastercov compare part.stl -c camera.toml -p poses.json
+    Example: rastercov compare part.stl -c camera.toml -p poses.json
 
-    [bold]Without files[/]: rastercov compare teapot -c khepra -p sphere:4 --method sampled@2
+    Without files: rastercov compare teapot -c khepra -p sphere:4 --method sampled@2
     """
-    scene = read_scene(meshes, unit, transform, [], two_sided, drop_invalid)
-    eyes = read_eyes(scene, camera, poses, conventions, camera_name)
+    mesh = scene.read(meshes)
+    eyes = read_eyes(mesh, camera, poses, conventions, camera_name)
     eye, matrices = eyes.camera(), eyes.poses.world_from_camera
-    warn([*eyes.notes, *unit_doubts(scene, eye, Poses.of(matrices))])
+    warn([*eyes.notes, *unit_doubts(mesh, eye, Poses.of(matrices))])
     if models:
         if method != COMPARED or against != "exact":
             raise ConfigError("--models takes neither --method nor --against; leave them out")
-        _compare_models(scene, eye, matrices, out, as_json)
+        _compare_models(mesh, eye, matrices, out, as_json)
         return
     from rastercov.base.output import json_text
     from rastercov.exact.certificate import compile_first
@@ -81,20 +78,20 @@ def compare(
     from rastercov.report.folder import ReportFolder
 
     compile_first(against)
-    warn(scene.warnings)
+    warn(mesh.warnings)
     with ReportFolder(out, report.COMPARISON) as folder:
         with progress_bar() as progress:
             found = compared(
-                scene, eye, matrices, method, against, worst=faces, convergence=convergence,
+                mesh, eye, matrices, method, against, worst=faces, convergence=convergence,
                 progress=progress,
             )  # fmt: skip
         with progress_bar() as progress:
-            path = report.write_comparison(folder, found, scene, eye, matrices, progress)
+            path = report.write_comparison(folder, found, mesh, eye, matrices, progress)
     if as_json:
         print(json_text(found))
     else:
         Console().print(report.comparison_table(found))
-        print("\n".join([size_line(scene), *report.check_lines(found.checks)]))
+        print("\n".join([size_line(mesh), *report.check_lines(found.checks)]))
         print(path)
     if found.interrupted:
         done = found.poses_done
@@ -166,9 +163,9 @@ def markers(
     people (markers.html) and all figures (markers.json). With few scenes chance decides. Needs the
     extra `markers`.
 
-    [bold]Example[/]: rastercov validate markers --out markers/
+    Example: rastercov validate markers --out markers/
 
-    [bold]In seconds[/]: rastercov validate markers --scenes 0
+    In seconds: rastercov validate markers --scenes 0
     """
     from rastercov.base.output import json_text
     from rastercov.reference.markers.detect import patterns

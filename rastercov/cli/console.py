@@ -4,14 +4,11 @@ Results go to standard output; warnings, errors and progress to standard error. 
 terminals of any width: options in panels, no name or metavar broken.
 """
 
-import json
 import logging
-import math
 import os
 import signal
 import sys
 import threading
-import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -23,14 +20,12 @@ from rich.console import Console
 from rastercov.base.errors import RastercovError
 from rastercov.base.format import plural, shortened
 from rastercov.base.interrupts import ABANDONED, forget_interrupts, was_interrupted
-from rastercov.kernels.stopwatch import Stopwatch
 
 if TYPE_CHECKING:
     from rastercov.mesh import Mesh
 
+import inspect
 import re
-import shutil
-import textwrap
 
 from typer.core import TyperCommand, TyperGroup
 
@@ -63,7 +58,9 @@ def _outcome(app: Callable[..., Any], arguments: Sequence[str]) -> int:
     except (KeyboardInterrupt, typer.Abort):
         return say("interrupted", 130)
     except RastercovError as error:
-        return say(f"error: {error}")
+        for line in getattr(error, "lines", [str(error)]):  # of a plan, a line for each fault
+            say(f"error: {line}")
+        return 2
     except OSError as error:
         where = f"{os.fsdecode(error.filename)}: " if error.filename else ""
         return say(f"error: {where}{(where and error.strerror) or error}")
@@ -144,19 +141,6 @@ def warn(lines: Iterable[str]) -> None:
         say(f"warning: {line}")
 
 
-@contextmanager
-def errors_by_line() -> Iterator[None]:
-    """Print what is wrong with a plan, a line each, and end with code 2."""
-    from rastercov.placement.plan.file import PlanError
-
-    try:
-        yield
-    except PlanError as error:
-        for line in error.lines:
-            say(f"error: {line}")
-        raise typer.Exit(2) from None
-
-
 def size_line(mesh: "Mesh") -> str:
     """Faces and size of a scene; a wrong unit shows in it."""
     return f"{plural(mesh.n_faces, 'face')}, {mesh.size_in_words}"
@@ -174,28 +158,12 @@ def _folder(text: str | Path) -> Path:
     return Path(text)
 
 
-_as_json = False
-"""Progress is for machines; the process of a command sets it once."""
-SECONDS_A_LINE = 1.0
-"""Time between two lines of progress for machines."""
-
-
-def progress_as_json(wanted: bool) -> bool:
-    """Make `progress_bar` print JSON; the callback of an option."""
-    global _as_json
-    _as_json = wanted
-    return wanted
-
-
 @contextmanager
 def progress_bar(what: str = "poses") -> Iterator[Callable[[int, int], None]]:
-    """Progress with rate and time left: a bar on a terminal, nothing elsewhere.
+    """Progress with the time left: a bar on a terminal, nothing elsewhere.
 
-    After `progress_as_json`, lines of JSON instead, a second apart, on standard error.
+    The time counts from the first report on: what an earlier run had done says nothing about it.
     """
-    if _as_json:
-        yield _json_lines(what)
-        return
     console = Console(stderr=True)
     if not (console.is_terminal and sys.stderr.isatty()):  # whatever FORCE_COLOR says
         yield lambda done, total: None
@@ -208,99 +176,45 @@ def progress_bar(what: str = "poses") -> Iterator[Callable[[int, int], None]]:
         TimeRemainingColumn,
     )
 
-    rate = TextColumn("{task.fields[rate]}")
-    columns = (TextColumn(what), BarColumn(), MofNCompleteColumn(), rate, TimeRemainingColumn())
+    columns = (TextColumn(what), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True) as bar:
-        task = bar.add_task(what, total=None, rate="")
-        speed = _Speed()
+        task = bar.add_task(what, total=None, start=False)
 
         def update(done: int, total: int) -> None:
-            rate = speed.of(done)
-            words = "" if rate is None else f"{rate:.3g}/s"
-            bar.update(task, completed=done, total=total, rate=words)
+            if bar.tasks[0].started:
+                bar.update(task, completed=done, total=total)
+            else:
+                bar.reset(task, completed=done, total=total)
 
         yield update
 
 
-class _Speed:
-    """Rate of a step since its first report: what an earlier run had done does not count."""
-
-    def __init__(self) -> None:
-        self.first: tuple[float, int] | None = None
-        self._clock = Stopwatch()
-
-    def of(self, done: int) -> float | None:
-        """Units a second, None before the second report."""
-        now = self._clock.seconds
-        if self.first is None:
-            self.first = now, done
-        started, before = self.first
-        return (done - before) / (now - started) if done > before and now > started else None
-
-
-def _json_lines(what: str) -> Callable[[int, int], None]:
-    speed, said = _Speed(), -math.inf
-
-    def update(done: int, total: int) -> None:
-        nonlocal said
-        rate, now = speed.of(done), time.monotonic()
-        if now - said < SECONDS_A_LINE and done < total:
-            return
-        said = now
-        left = None if rate is None else round((total - done) / rate, 1)
-        entries = {
-            "step": what,
-            "done": done,
-            "total": total,
-            "per_second": None if rate is None else round(rate, 3),
-            "seconds_left": left,
-        }
-        say(json.dumps(entries))
-
-    return update
-
-
-WIDEST, WIDEST_NAMES = 100, 34
-"""Columns of the text, and of the names beside it; longer names have a line of their own."""
-PANELS = {
-    "Inputs": "meshes plan source sources --unit --transform --occluder --target --two-sided "
-    "--drop-invalid --shape --schema",
-    "Camera": "--camera --poses --camera-name --pixel-centre --lens-model --pose-unit --image-size "
-    "--pose-convention --original-world --skip-bad-poses --pose",
-    "Task": "--min-pixels --min-visibility --max-blur --max-incidence-deg --min-pixel-density "
-    "--min-facing-density --min-pixels-per-m2 --min-coverage --views --min-angle-deg --thesis "
-    "--group --scenes --seed --obstacle",
-    "Method": "--method --by --supersample --device --workers --scheduler --against "
-    "--resolution-of-result --convergence --models --from --to",
-    "Output": "target --out --table --pictures --full --json --json-progress --junit --failures "
-    "--faces --overwrite --export",
-    "Server": "--port --no-browser",
-    "Other": "--version --help",
-}
-"""Panels in their order, and the arguments and options of all commands by panel."""
-PANEL_OF = {name: panel for panel, names in PANELS.items() for name in names.split()}
-
-
 class _Help:
-    """Command whose help is text in panels; the terminal may be narrow."""
+    """Command whose help has a panel for each group of options; the terminal may be narrow."""
 
-    def format_help(self: Any, ctx: Any, formatter: Any) -> None:
-        """Write usage, description, examples, and a panel for each kind of option."""
-        width = max(40, min(shutil.get_terminal_size().columns, WIDEST))
-        rows: dict[str, list[tuple[str, str]]] = {panel: [] for panel in ("Commands", *PANELS)}
+    def format_help_text(self: Any, ctx: Any, formatter: Any) -> None:
+        """Write the description; the line of an example stays whole, so that it can be copied."""
+        for paragraph in inspect.cleandoc(self.help).split("\n\n"):
+            title, is_example, rest = paragraph.partition(": rastercov ")
+            formatter.write_paragraph()
+            if is_example:
+                formatter.write(f"{title}:\n  rastercov {rest}\n")
+            else:
+                formatter.write_text(paragraph)
+
+    def format_options(self: Any, ctx: Any, formatter: Any) -> None:
+        """Write commands, arguments and options, a panel for those that `expanded` made."""
+        rows: dict[str, list[tuple[str, str]]] = {"Commands": [], "Options": []}
+        for name in getattr(self, "commands", ()):
+            rows["Commands"].append((name, self.get_command(ctx, name).help.split("\n\n")[0]))
         for parameter in self.get_params(ctx):
             if (record := parameter.get_help_record(ctx)) is not None:
-                name = max(parameter.opts, key=len)
-                text = re.sub(r"\[default: \((.*?)\)", r"[default: \1", record[1])
-                rows[PANEL_OF.get(name, "Other")].append((_names(record[0]), text))
-        commands = [(name, self.get_command(ctx, name)) for name in _commands(self, ctx)]
-        rows["Commands"] = [(name, command.help.split("\n\n")[0]) for name, command in commands]
-        lines = [*textwrap.wrap(self.get_usage(ctx), width, **_WHOLE), ""]
-        for paragraph in (self.help or "").split("\n\n"):
-            lines += [*_paragraph(" ".join(paragraph.split()), width), ""]
-        for panel in rows:
-            lines += [*_panel(panel, rows[panel], width), ""] if rows[panel] else []
-        formatter.write("\n".join(lines))
+                panel = getattr(parameter, "rich_help_panel", None) or "Options"
+                rows.setdefault(panel, []).append((_names(record[0]), record[1]))
+        for panel, own in rows.items():
+            if own:
+                with formatter.section(panel):
+                    formatter.write_dl(own)
 
 
 class Command(_Help, TyperCommand):
@@ -311,42 +225,7 @@ class Group(_Help, TyperGroup):
     """Group of commands with this help."""
 
 
-_WHOLE: Any = {"break_long_words": False, "break_on_hyphens": False}
-
-
-def _commands(group: Any, ctx: Any) -> Iterable[str]:
-    return group.list_commands(ctx) if isinstance(group, TyperGroup) else ()
-
-
 def _names(text: str) -> str:
     """Names and metavar of an option; one that may be repeated ends in dots, an argument, too."""
     text = re.sub(r"<list\[(.*)\]>", r"<\1>...", text.replace(" range>", ">"))
     return re.sub(r"\.\.\. <.*>\.\.\.", "...", text)
-
-
-def _paragraph(text: str, width: int) -> list[str]:
-    """Lines of a paragraph; an example, which begins in bold, can be copied from several lines."""
-    if (example := re.fullmatch(r"\[bold\](.*)\[/\]: (.*)", text)) is None:
-        return textwrap.wrap(text, width, **_WHOLE)
-    fits = len(example[2]) <= width - 2
-    parts = textwrap.wrap(
-        example[2], width - (2 if fits else 4), subsequent_indent="    ", **_WHOLE
-    )
-    command = " \\\n".join("  " + part for part in parts)
-    return [typer.style(f"{example[1]}:", bold=True), command]
-
-
-def _panel(title: str, rows: list[tuple[str, str]], width: int) -> list[str]:
-    """Lines of a panel: names in one column, text beside them."""
-    column = min(max(len(names) for names, _ in rows), WIDEST_NAMES, width // 2) + 4
-    lines = [typer.style(f"-- {title} ".ljust(width, "-"), bold=True)]
-    for names, text in rows:
-        first, *rest = textwrap.wrap(text, width - column, **_WHOLE) or [""]
-        head = typer.style(f"  {names}", bold=True)
-        if len(names) > column - 4:
-            lines.append(head)
-            rest = [first, *rest]
-        else:
-            lines.append(f"{head}{' ' * (column - 2 - len(names))}{first}".rstrip())
-        lines += [" " * column + line for line in rest]
-    return lines

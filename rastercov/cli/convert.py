@@ -45,15 +45,14 @@ def convert(
         typer.Option("--to", help=f"Format of OUT: {', '.join(WRITERS)}; else by its name."),
     ] = None,
     camera_name: options.CameraName = None,
-    skip_bad_poses: options.SkipBadPoses = False,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace OUT.")] = False,
     as_json: options.AsJson = False,
 ) -> None:
     """Convert camera and pose files between programs; whatever is lost is said.
 
-    [bold]Example[/]: rastercov convert sparse/0 transforms.json
+    Example: rastercov convert sparse/0 transforms.json
 
-    [bold]Look at a rig[/]: rastercov convert camchain.yaml rig.glb
+    Look at a rig: rastercov convert camchain.yaml rig.glb
     """
     views = read_views(source, format=read_as, conventions=conventions)
     if camera_name is not None:

@@ -4,7 +4,6 @@
 """
 
 import json
-import re
 from collections.abc import Sequence
 from typing import Any
 
@@ -36,8 +35,6 @@ def print_report(report: Report, console: Console) -> None:
     failed = [(label, row) for label, row in rows.items() if not _passes(row)]
     problems = [(row["problem"] or f"{label}: {row['self_test']}",) for label, row in failed]
     _section(console, "Problems", problems, "red")
-    if (default := report["default"]["device"]) != "cpu":
-        _section(console, f"Limits of {default}", _limits(rows[default]))
     listed = {row["device"]["kind"] for row in report["reports"]}
     absent = [(kind, why) for kind, why in report["kinds"].items() if kind not in listed]
     _section(console, "Missing devices, needed only for OpenGL", absent)
@@ -76,40 +73,20 @@ def _passes(row: Report) -> bool:
 
 
 def _devices(rows: dict[str, Report]) -> Table:
-    names = "device", "renderer", "driver", "OpenGL", "draws in", "self-test"
+    names = "device", "renderer", "OpenGL and driver", "draws in", "self-test"
     table = Table(*names, box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
     for label, row in rows.items():
         device, context = row["device"], row["context"] or {}
         cuda = "" if device["cuda_index"] is None else f"\nCUDA {device['cuda_index']}"
-        # GL_VERSION: version of OpenGL, optional profile, then the version of the driver.
-        profile = r"^[\d.]+( \(Core Profile\)| Core Profile Context)? ?"
-        driver = re.sub(profile, "", context.get("version", "-"))
-        opengl = f"{context['gl_version'] / 100:.1f}" if "gl_version" in context else "-"
         is_software = context.get("is_software", device["is_software"])
         result = (
             row["self_test"] if _passes(row) else "failed" if row["self_test"] else "does not open"
         )
-        cells = [label + cuda, context.get("renderer") or device["name"], driver, opengl]
-        cells += ["software" if is_software else "hardware"]
+        cells = [label + cuda, context.get("renderer") or device["name"]]
+        cells += [context.get("version", "-"), "software" if is_software else "hardware"]
         style = "green" if _passes(row) else "red"
         table.add_row(*(Text(cell, overflow="fold") for cell in cells), Text(result, style))
     return table
-
-
-def _limits(row: Report) -> Rows:
-    limits = row["context"]["limits"]
-    side = min(limits["max_texture_size"], *limits["max_viewport_dims"])
-    return [
-        ("image side", f"{side:,} samples", "larger images are drawn in tiles"),
-        ("image layers", f"{limits['max_array_layers']:,}", "poses in one draw, plan pipeline"),
-        ("storage block", f"{limits['max_ssbo_bytes'] >> 20:,} MiB", "4 bytes a face counter"),
-        (
-            "64-bit atomics",
-            "yes" if row["context"]["has_int64_atomics"] else "no",
-            "plan compute fills faces once with them, twice without",
-        ),
-        ("sub-pixel bits", str(limits["subpixel_bits"]), "8 or more are wanted"),
-    ]
 
 
 def _section(console: Console, title: str, rows: Rows, style: str = "") -> None:
@@ -124,7 +101,7 @@ def _section(console: Console, title: str, rows: Rows, style: str = "") -> None:
 def doctor(as_json: AsJson = False) -> None:
     """List graphics devices, test each, and say what to install.
 
-    [bold]Example[/]: rastercov doctor --json
+    Example: rastercov doctor --json
     """
     from rastercov.raster.gl.diagnose import examine
 

@@ -23,7 +23,7 @@ from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras
 from rastercov.cli import options
 from rastercov.cli.console import out_option, progress_bar, say, size_line, warn
-from rastercov.cli.inputs import SceneOptions, left_out, poses_around, read_eyes
+from rastercov.cli.inputs import SceneOptions, poses_around, read_eyes
 from rastercov.cluster import Tally, Workers
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh, shapes
@@ -81,16 +81,15 @@ def evaluate(
     camera: options.CamerasOption = [],  # noqa: B006 - typer copies it
     camera_name: options.CameraName = None,
     out: options.Out = Path("report"),
-    skip_bad_poses: options.SkipBadPoses = False,
     as_json: options.AsJson = False,
 ) -> None:
     """Evaluate every pose and leave a report: a table, figures, pictures, a coloured mesh.
 
-    [bold]Example[/]: rastercov evaluate part.stl --unit mm -c camera.toml -p poses.json -o report/
+    Example: rastercov evaluate part.stl --unit mm -c camera.toml -p poses.json -o report/
 
-    [bold]Two cameras[/]: rastercov evaluate part.stl -c left=l.yaml -c right=r.yaml -p poses.json
+    Two cameras: rastercov evaluate part.stl -c left=l.yaml -c right=r.yaml -p poses.json
 
-    [bold]Without files[/]: rastercov evaluate teapot -c khepra -p sphere:40 -o report/
+    Without files: rastercov evaluate teapot -c khepra -p sphere:40 -o report/
     """
     from rastercov.report.coverage import Options  # loads pyarrow
 
@@ -102,7 +101,8 @@ def evaluate(
         raise PoseError(f"{error}{remedy}", error.pose_ids) from None
     warn(eyes.notes)
     kept = scene.entries(out, meshes)
-    settings = Options(**report._asdict(), skip_bad_poses=skip_bad_poses, scene=kept)
+    skips = conventions.skip_bad_poses
+    settings = Options(**report._asdict(), skip_bad_poses=skips, scene=kept)
     assert eyes.rig is not None
     run_and_print(mesh, eyes.rig, eyes.poses, task, out, settings, as_json, workers)
 
@@ -128,7 +128,6 @@ def run_and_print(
     accepted, tally = Poses.of(poses), Tally()
     compile_first(settings.method)
     warn(mesh.warnings)
-    warn(left_out(accepted, ", see summary.json"))
     if not len(accepted):
         warn(["there are no poses, so nothing is covered"])
     with progress_bar() as progress:
@@ -174,7 +173,7 @@ def demo(
 ) -> None:
     """Run the main job on a built-in mesh.
 
-    [bold]Example[/]: rastercov demo --shape teapot --out report/
+    Example: rastercov demo --shape teapot --out report/
     """
     from rastercov.report.coverage import Options
 
@@ -190,7 +189,7 @@ def render(
     poses: options.PosesOption,
     scene: SceneOptions,
     conventions: Conventions,
-    camera: options.CameraOption = None,
+    camera: options.CamerasOption = [],  # noqa: B006 - typer copies it
     camera_name: options.CameraName = None,
     pose: Annotated[int, typer.Option(min=0, help="Row of the pose file.")] = 0,
     out: Annotated[Path, out_option("Folder for the files.")] = Path("render"),
@@ -199,7 +198,7 @@ def render(
 ) -> None:
     """Draw one pose: a picture, the face index and the depth of every pixel (PNG and NPZ).
 
-    [bold]Example[/]: rastercov render part.stl --unit mm -c camera.toml -p poses.json --pose 3
+    Example: rastercov render part.stl --unit mm -c camera.toml -p poses.json --pose 3
     """
     from rastercov.base.output import write_npz
     from rastercov.coverage.engine import Engine

@@ -10,14 +10,15 @@ from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.arguments import MOST_POSES
 from rastercov.base.errors import CameraError, ConfigError, MeshError, PoseError
-from rastercov.base.files import is_file
+from rastercov.base.files import is_file, is_same_file
+from rastercov.base.typed import fits
 from rastercov.camera.camera import PRESETS, Camera
 from rastercov.camera.formats import read_through
 from rastercov.camera.formats.conventions import Border, Conventions
@@ -33,34 +34,6 @@ MOST_WARNINGS = 5
 """Rejected poses that are named one by one."""
 
 
-def read_scene(
-    meshes: list[Path],
-    unit: list[str],
-    transform: list[str],
-    occluders: list[str],
-    two_sided: list[str],
-    drop_invalid: bool,
-    targets: list[str] | None = None,
-) -> Mesh:
-    """Scene of the named files; an occluder or target may be a further file or a group of these.
-
-    Entries of `unit` and `transform` are for all files, or by name: NAME:UNIT; see `mesh.groups`.
-    """
-    roles = {"--occluder": occluders, "--target": targets or []}
-    further = [name for names in roles.values() for name in names if _is_further(name, meshes)]
-    paths = [*meshes, *dict.fromkeys(map(Path, further))]
-    places = [_transform(each) for each in by_file("--transform", _named(transform), paths, "")]
-    units = [options.number_or_name(each) for each in by_file("--unit", _named(unit), paths, "m")]
-    mesh = Mesh.load(paths, units, transforms=places, drop_invalid=drop_invalid)
-    names = names_of(mesh, paths)
-    both = "all" if "all" in two_sided else named("--two-sided", two_sided, names)
-    hiding, transparent = (named(role, given, names) for role, given in roles.items())
-    mesh = mesh.with_groups(hiding, both, transparent)
-    if not mesh.task_mask.any():
-        raise MeshError("every group is an occluder; leave at least one to be covered")
-    return mesh
-
-
 class SceneOptions(NamedTuple):
     """Options of the mesh files of a command."""
 
@@ -72,11 +45,30 @@ class SceneOptions(NamedTuple):
     targets: options.Targets = []  # noqa: RUF012 - the same
 
     def read(self, meshes: list[Path]) -> Mesh:
-        """Scene of these files or the built-in mesh."""
-        return read_scene(meshes, *self)
+        """Scene of these files; an occluder or target may be a further file or a group of these.
+
+        Entries of `unit` and `transform` are for all files, or by name: NAME:UNIT; see
+        `mesh.groups`.
+        """
+        roles = {"--occluder": self.occluders, "--target": self.targets}
+        further = [name for names in roles.values() for name in names if _is_further(name, meshes)]
+        paths = [*meshes, *dict.fromkeys(map(Path, further))]
+        transforms = by_file("--transform", _named(self.transform), paths, "")
+        units = by_file("--unit", _named(self.unit), paths, "m")
+        mesh = Mesh.load(
+            paths, list(map(options.number_or_name, units)),
+            transforms=list(map(_transform, transforms)), drop_invalid=self.drop_invalid,
+        )  # fmt: skip
+        names = names_of(mesh, paths)
+        both = "all" if "all" in self.two_sided else named("--two-sided", self.two_sided, names)
+        hiding, transparent = (named(role, given, names) for role, given in roles.items())
+        mesh = mesh.with_groups(hiding, both, transparent)
+        if not mesh.task_mask.any():
+            raise MeshError("every group is an occluder; leave at least one to be covered")
+        return mesh
 
     def entries(self, out: Path, meshes: list[Path]) -> dict[str, Any]:
-        """Arguments of `read_scene`, with the working folder, for the report in a folder.
+        """The options, the mesh files and the working folder, for the report in a folder.
 
         The working folder is named as it is seen from there, so that both may move together.
         """
@@ -88,15 +80,9 @@ class SceneOptions(NamedTuple):
 
 def are_arguments(value: Any) -> bool:
     """True for what `SceneOptions.entries` gives, after a way through JSON."""
-    lists = {"meshes", "unit", "transform", "occluders", "two_sided", "targets"}
-    return (
-        isinstance(value, dict)
-        and value.keys() == lists | {"folder", "drop_invalid"}
-        and isinstance(value["folder"], str)
-        and isinstance(value["drop_invalid"], bool)
-        and all(isinstance(value[name], list) for name in lists)
-        and all(isinstance(entry, str) for name in lists for entry in value[name])
-    )
+    hints = {"folder": str, "meshes": list[str], **get_type_hints(SceneOptions)}
+    is_whole = isinstance(value, dict) and value.keys() == hints.keys()
+    return is_whole and all(fits(value[name], hint) for name, hint in hints.items())
 
 
 def read_again(
@@ -134,8 +120,8 @@ def read_again(
     for name, entries in kept.items():
         if isinstance(entries, list):
             kept[name] = [moved(entry) for entry in entries]
-    kept["meshes"] = [Path(mesh) for mesh in kept["meshes"]]
-    return read_scene(**kept)
+    meshes = [Path(mesh) for mesh in kept.pop("meshes")]
+    return SceneOptions(**kept).read(meshes)
 
 
 def _is_further(name: str, meshes: list[Path]) -> bool:
@@ -195,17 +181,17 @@ def poses_around(source: str, mesh: Mesh, camera: Camera) -> NDArray[np.float64]
     return sphere_of_poses(centre, distance, int(count))
 
 
-def left_out(poses: Poses, more: str = "") -> list[str]:
-    """Lines on poses that are no rigid motion and were left out; `more` ends that of many."""
+def left_out(poses: Poses) -> list[str]:
+    """Lines on poses that are no rigid motion and were left out."""
     rejected = sorted(poses.rejected.items())
     lines = [f"pose {row} left out: it {text}" for row, text in rejected[:MOST_WARNINGS]]
     others = len(rejected) - MOST_WARNINGS
-    return lines + ([f"{others} more poses left out{more}"] if others > 0 else [])
+    return lines + ([f"{others} more poses left out"] if others > 0 else [])
 
 
 def read_eyes(
     mesh: Mesh,
-    camera: str | Sequence[str] | None,
+    camera: Sequence[str],
     poses: str,
     conventions: Conventions,
     camera_name: str | None = None,
@@ -218,8 +204,8 @@ def read_eyes(
     ----------
     mesh : Mesh
         The scene, for poses around it.
-    camera : str or sequence of str, optional
-        A preset or a file, or NAME=FILE for each of several; the file of the poses unless given.
+    camera : sequence of str
+        A preset or a file, or NAME=FILE for each of several; the file of the poses where empty.
     poses : str
         A file, or sphere:N.
     conventions : Conventions
@@ -237,8 +223,7 @@ def read_eyes(
         For poses without a unit, and for what is no pose file.
     """
     border = Border(conventions)
-    given = [camera] if isinstance(camera, str) else list(camera or ())
-    cameras = read_cameras(given, border)
+    cameras = read_cameras(camera, border)
     if poses.startswith("sphere:"):
         if cameras is None:
             raise CameraError("--poses sphere:N needs a camera; give --camera")
@@ -246,19 +231,19 @@ def read_eyes(
         around = Poses.of(poses_around(poses, mesh, found.camera()))
         names = tuple(f"pose {row}" for row in range(len(around)))
         return replace(found, poses=around, images=names, has_unit=True)
-    is_same = len(given) == 1 and _is_same(given[0], poses)
+    is_same = len(camera) == 1 and is_same_file(camera[0], poses)
     views = cameras if is_same and cameras else read_through(poses, border)
     if not len(views.poses) and not views.poses.rejected and views.rig is not None:
         raise PoseError(f"{poses}: there are cameras and no poses; give a pose file as --poses")
     if cameras is None and views.rig is None:
         raise CameraError(f"{poses} has poses and no camera; give --camera")
-    in_metres(views, poses)
+    bad = left_out(in_metres(views, poses).poses)
     if cameras is not None and cameras is not views:
-        views = views.through(cameras, camera_name, by_name=several and _by_name(cameras, given))
+        views = views.through(cameras, camera_name, by_name=several and _by_name(cameras, camera))
         camera_name = None
     if camera_name is not None or not several or views.n_used == 1:
         views = views.of_camera(camera_name)
-    notes = list(dict.fromkeys([*views.notes, *border.unused()]))
+    notes = list(dict.fromkeys([*views.notes, *bad, *border.unused()]))
     return replace(views, notes=tuple(notes))
 
 
@@ -272,12 +257,13 @@ def read_rig(
     border = Border(conventions)
     cameras = read_cameras(camera, border)
     views = in_metres(read_through(poses, border), poses)
+    bad = left_out(views.poses)
     if cameras is not None:
         views = views.through(cameras, camera_name, by_name=_by_name(cameras, camera))
         views = views.of_camera() if views.n_used == 1 else views
     elif camera_name is not None:
         views = views.of_camera(camera_name)
-    return replace(views, notes=(*views.notes, *border.unused()))
+    return replace(views, notes=(*views.notes, *bad, *border.unused()))
 
 
 def in_metres(views: Views, source: str | Path) -> Views:
@@ -357,9 +343,3 @@ def _of_entries(text: str) -> Camera:
 
 def _without_poses(cameras: list[Camera], names: list[str]) -> Views:
     return Views(rig=Rig(cameras, names), poses=Poses.of(np.zeros((0, 4, 4))))
-
-
-def _is_same(camera: str, poses: str) -> bool:
-    with suppress(OSError):
-        return os.path.samefile(camera, poses)  # noqa: PTH121 - of two texts
-    return False

@@ -5,7 +5,7 @@ import inspect
 import re
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import fields, replace
+from dataclasses import fields
 from pathlib import Path
 from types import UnionType
 from typing import Annotated, Any, NamedTuple, Union, get_args, get_origin, get_type_hints
@@ -16,7 +16,7 @@ from rastercov.base.arguments import annotations_of, documented, reader_of
 from rastercov.base.errors import ConfigError
 from rastercov.camera.camera import PRESETS
 from rastercov.camera.formats.conventions import POSE_CONVENTIONS, Conventions
-from rastercov.cli.console import out_option, progress_as_json
+from rastercov.cli.console import out_option
 from rastercov.cluster import Workers
 from rastercov.coverage.task import THESIS, Task
 from rastercov.mesh import shapes
@@ -29,23 +29,14 @@ Meshes = Annotated[
         show_default=False,
     ),
 ]
-CameraOption = Annotated[
-    str | None,
-    typer.Option(
-        "--camera",
-        "-c",
-        help="Camera file: ours (.toml, .json), or of COLMAP, nerfstudio, OpenCV, ROS, Kalibr, "
-        f"Metashape and others; a preset: {', '.join(PRESETS)}; or entries of a camera file, "
-        "'preset = \"khepra\", near = 0.1' or 'width = 1280, height = 800, hfov_deg = 60'.",
-        show_default="the cameras of --poses",
-    ),
-]
 CamerasOption = Annotated[
     list[str],
     typer.Option(
         "--camera",
         "-c",
-        help="As for one camera: a file, a preset or entries; a file may have several cameras. Or "
+        help="Camera file: ours (.toml, .json), or of COLMAP, nerfstudio, OpenCV, ROS, Kalibr, "
+        f"Metashape and others; a preset: {', '.join(PRESETS)}; or entries of a camera file, "
+        "'preset = \"khepra\", near = 0.1' or 'width = 1280, height = 800, hfov_deg = 60'. Or "
         "NAME=FILE, once for each camera, for poses that name theirs.",
         show_default="the cameras of --poses",
     ),
@@ -99,9 +90,6 @@ Thesis = Annotated[bool, typer.Option("--thesis", help="(3.6) to the letter; any
 CameraName = Annotated[
     str | None, typer.Option(help="Camera of a file with several, by its name there.")
 ]
-SkipBadPoses = Annotated[
-    bool, typer.Option("--skip-bad-poses", help="Leave out poses that are no rigid motion.")
-]
 WorkersOption = Annotated[
     int | None,
     typer.Option(
@@ -116,22 +104,13 @@ SchedulerOption = Annotated[
         show_default="none",
     ),
 ]
-JsonProgress = Annotated[
-    bool,
-    typer.Option(
-        "--json-progress",
-        callback=lambda wanted: progress_as_json(wanted),
-        help="Print progress as JSON, a line a second, on standard error.",
-    ),
-]
 
 
 class Processes(NamedTuple):
-    """Processes that measure, and the form of the progress that they report."""
+    """Processes that measure."""
 
     workers: WorkersOption = None
     scheduler: SchedulerOption = None
-    json_progress: JsonProgress = False
 
     def open(self) -> Workers | None:
         """Choice of workers; None for this process."""
@@ -158,8 +137,9 @@ CONVENTIONS = {
         f"Convention of bare matrices: {', '.join(POSE_CONVENTIONS)}.",
     ),
     "original_world": (bool, "Undo the applied_transform of a transforms.json."),
+    "skip_bad_poses": (bool, "Leave out poses that are no rigid motion, or kill a worker."),
 }
-"""Types and words of the options that answer what a file leaves open."""
+"""Types and words of the options of `Conventions`."""
 
 
 def expanded(command: Callable[..., None]) -> Callable[..., None]:
@@ -183,6 +163,10 @@ def expanded(command: Callable[..., None]) -> Callable[..., None]:
         else:
             parameters.append(each)
             continue
+        for option in own:
+            option.annotation.__metadata__[0].rich_help_panel = kind.__name__.removesuffix(
+                "Options"
+            )
         parameters += own
         made[each.name] = [option.name for option in own], make
 
@@ -190,9 +174,6 @@ def expanded(command: Callable[..., None]) -> Callable[..., None]:
     def with_options(**values: Any) -> None:
         for name, (names, make) in made.items():
             values[name] = make(**{option: values.pop(option) for option in names})
-            if "skip_bad_poses" in values and isinstance(values[name], Conventions):
-                answers = values[name]
-                values[name] = replace(answers, skip_bad_poses=values["skip_bad_poses"])
         command(**values)
 
     with_options.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined] # of Callable

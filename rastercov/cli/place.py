@@ -14,7 +14,7 @@ from rastercov.base.errors import RastercovError
 from rastercov.base.format import plural
 from rastercov.camera.formats.conventions import Conventions
 from rastercov.camera.formats.doubts import unit_doubts
-from rastercov.cli.console import errors_by_line, out_option, progress_bar, say, size_line, warn
+from rastercov.cli.console import out_option, progress_bar, say, size_line, warn
 from rastercov.cli.inputs import read_rig
 from rastercov.cli.options import (
     AsJson,
@@ -69,17 +69,16 @@ def place(
     It leaves the poses (poses.json), all figures (plan.json) and a page for people (page.html). A
     run that was ended continues with the candidates that are not measured yet.
 
-    [bold]Example[/]: rastercov place examples/plans/inspect_part.toml --out plan/
+    Example: rastercov place examples/plans/inspect_part.toml --out plan/
     """
     from rastercov.base.output import json_text
     from rastercov.placement.plan.file import read_plan
 
-    with errors_by_line():
-        asked = read_plan(plan)
-        from rastercov.report import plan as report  # once the plan is sound
+    asked = read_plan(plan)
+    from rastercov.report import plan as report  # once the plan is sound
 
-        folder = out or asked.folder / (asked.outputs.folder or asked.path.stem)
-        placed = report.run_into(asked, folder, _step, processes.open())
+    folder = out or asked.folder / (asked.outputs.folder or asked.path.stem)
+    placed = report.run_into(asked, folder, _step, processes.open())
     prepared = placed.prepared
     warn(prepared.mesh.warnings)
     doubts = _doubts(asked, placed.cameras)
@@ -147,7 +146,7 @@ def check(
 
     Needs no display and no GPU. A share whose bound does not decide counts as falling short.
 
-    [bold]Example[/]: rastercov check plan.toml --poses rig.json --min-coverage 0.98 --views 2
+    Example: rastercov check plan.toml --poses rig.json --min-coverage 0.98 --views 2
     """
     from rastercov.placement.plan import check as plan_check
     from rastercov.placement.plan.file import read_plan
@@ -155,13 +154,18 @@ def check(
 
     if junit is not None:
         plan_check.refuse_junit(junit)
-    with errors_by_line(), _junit_of_errors(junit, plan):
+    try:
         asked = read_plan(plan)
         limits = plan_check.limits(asked, min_coverage, group)
         eyes = read_rig(camera, Path(poses), conventions, camera_name)
         if camera and eyes.rig is not None:
             asked = asked.without_cameras()
         found = plan_check.check(asked, Path(poses), limits, views, _step, poses=eyes)
+    except (RastercovError, OSError) as error:
+        if junit is not None:
+            lines = getattr(error, "lines", [str(error)])
+            plan_check.write_junit_error(junit, plan, lines)
+        raise
     if junit is not None:
         plan_check.write_junit(junit, found)
     warn(eyes.notes)
@@ -183,19 +187,6 @@ def _doubts(plan: "Plan", cameras: "Measured") -> list[str]:
     from rastercov.report.plan import of_plan
 
     return of_plan(doubts(cameras.network, plan.rig, cameras.placed))
-
-
-@contextmanager
-def _junit_of_errors(junit: Path | None, plan: Path) -> Iterator[None]:
-    """Write what is wrong with the input as JUnit, too, where that is wanted."""
-    from rastercov.placement.plan.check import write_junit_error
-
-    try:
-        yield
-    except (RastercovError, OSError) as error:
-        if junit is not None:
-            write_junit_error(junit, plan, getattr(error, "lines", None) or [str(error)])
-        raise
 
 
 @contextmanager

@@ -19,7 +19,7 @@ from rastercov.camera.formats.doubts import unit_doubts
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Views
 from rastercov.cli import options
-from rastercov.cli.console import errors_by_line, say, size_line, warn
+from rastercov.cli.console import say, size_line, warn
 from rastercov.cli.inputs import (
     SceneOptions,
     are_arguments,
@@ -82,11 +82,11 @@ def view(
 ) -> None:
     """See a rig in the browser, move its cameras, and understand what they cover.
 
-    [bold]Example[/]: rastercov view part.stl --unit mm -c camera.toml -p rig.json
+    Example: rastercov view part.stl --unit mm -c camera.toml -p rig.json
 
-    [bold]A plan[/]: rastercov view plan.toml
+    A plan: rastercov view plan.toml
 
-    [bold]A page to send[/]: rastercov view teapot -c khepra -p sphere:8 --export page.html
+    A page to send: rastercov view teapot -c khepra -p sphere:8 --export page.html
     """
     from rastercov.exact.certificate import compile_first
     from rastercov.viewer.saving import check_name, export_page
@@ -112,8 +112,7 @@ def view(
     if is_plan:
         if len(sources) > 1:
             raise ConfigError("a plan names its meshes; give the plan alone")
-        with errors_by_line():
-            scene = open_plan(first, rig)
+        scene = open_plan(first, rig)
     elif first.is_dir():
         scene = _of_result(first, sources[1:], files, rig)
     else:

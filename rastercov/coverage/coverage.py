@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov.base.arguments import check_kind
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import plural
@@ -150,7 +149,7 @@ def evaluate_batches(
     """
     accepted, names = Poses.of(poses, skip_bad=skip_bad_poses), checked_fields(fields)
     check_observer(observer)
-    task = checked_task(task)
+    task = Task() if task is None else task
     judge = FacePass(observer.mesh, observer.camera, observer.threads, task)
     batches = measurements(observer, accepted)
     return (judged(observer, judge, task, part, seen, names) for part, seen in batches)
@@ -239,10 +238,3 @@ def checked_fields(names: Sequence[str] | None) -> list[str]:
     if not known or not all(isinstance(name, str) and name in FIGURES for name in names):
         raise ConfigError(f"fields must be a sequence of {', '.join(FIGURES)}, got {shown(names)}")
     return [name for name in FIGURES if name in names]
-
-
-def checked_task(task: Task | None) -> Task:
-    """The task, or `Task()` for None."""
-    task = Task() if task is None else task
-    check_kind("task", task, Task, "a Task or None", ConfigError)
-    return task

@@ -23,7 +23,6 @@ from rastercov.coverage.coverage import (
     FIGURES,
     arrays_for,
     checked_fields,
-    checked_task,
     measurements,
 )
 from rastercov.coverage.engine import Engine
@@ -93,7 +92,7 @@ def evaluate(
     """
     check_scene(mesh, camera)
     accepted, names = Poses.of(poses, skip_bad=skip_bad_poses), checked_fields(fields)
-    task = checked_task(task)
+    task = Task() if task is None else task
     engine = Engine.of(method, threads)
     unit, reason = unit_of_result(by, task, engine)
     size = sum(np.dtype(FIGURES[name]).itemsize for name in names) * len(accepted) * mesh.n_faces

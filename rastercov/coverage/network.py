@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov.base.arguments import check_choice, check_kind
-from rastercov.base.errors import ConfigError, MeshError
+from rastercov.base.arguments import check_choice
+from rastercov.base.errors import ConfigError
 from rastercov.base.memory import read_only
 from rastercov.base.typed import typed
 from rastercov.camera.pose import Poses
@@ -279,8 +279,6 @@ class Network:
     """
 
     def __init__(self, mesh: Mesh, task: Task) -> None:
-        check_kind("mesh", mesh, Mesh, "a Mesh", MeshError)
-        check_kind("task", task, Task, "a Task", ConfigError)
         self.mesh, self.task = mesh, task
         self.views: IntArray = np.zeros(mesh.n_faces, np.int64)
         self.best: FloatArray = np.zeros(mesh.n_faces)
@@ -303,7 +301,6 @@ class Network:
         if isinstance(coverage, JudgedPoses):
             self._add_judged(coverage, camera)
             return
-        check_kind("coverage", coverage, Coverage, "what evaluate gives", ConfigError)
         if coverage.task != self.task or coverage.mesh.n_faces != self.mesh.n_faces:
             raise ConfigError("a network adds up coverage of one mesh and one task")
         if len(coverage.pose_ids):

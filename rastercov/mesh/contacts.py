@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from rastercov.base.threads import Once, share_poses, thread_count
 from rastercov.kernels import mesh_contacts as kernels
 from rastercov.kernels import mesh_tree
-from rastercov.mesh.arrays import blocks, bounds_of, normals_and_areas
+from rastercov.mesh.arrays import bounds_of, normals_and_areas
 from rastercov.mesh.topology import first_equal_row
 
 T = TypeVar("T")
@@ -350,7 +350,7 @@ class _Placed:
         vertices = np.ascontiguousarray(vertices, dtype=np.float64) + 0.0  # -0.0 + 0.0 is 0.0
         dtype = np.int32 if len(vertices) < 2**31 else np.int64
         position: NDArray[Any] = first_equal_row(vertices.view(np.uint64)).astype(dtype)
-        corners = _corners(position, faces, chosen)
+        corners = position[faces[chosen]]
         low, high = bounds_of(vertices, corners)
         extent = math.hypot(*(high - low))  # its squares may under- and overflow
         scale = 1 / max(extent, 1e-300)  # the inverse of a smaller number can be infinite
@@ -359,16 +359,6 @@ class _Placed:
         placed = placed @ _frame(placed, corners)
         tree = TriangleTree.over(placed, corners, margin=BOX_MARGIN, dtype=np.float32)
         return cls(chosen[tree.order], vertices, scale, reach, tree)
-
-
-def _corners(
-    position: NDArray[Any], faces: NDArray[np.integer[Any]], chosen: IntArray
-) -> NDArray[np.int32]:
-    """(N, 3) vertices of the chosen faces, with one index for all vertices at the same point."""
-    corners = np.empty((len(chosen), 3), position.dtype)
-    for block in blocks(len(chosen)):
-        corners[block] = position[faces[chosen[block]]]
-    return corners
 
 
 def _frame(placed: FloatArray, corners: NDArray[np.int32]) -> FloatArray:

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.arguments import check_kind, flag, members
 from rastercov.base.errors import MeshError
-from rastercov.base.files import StrPath
+from rastercov.base.files import StrPath, is_same_file
 from rastercov.base.format import shortened
 from rastercov.mesh.arrays import face_labels
 
@@ -54,7 +54,7 @@ def files_named(name: str, paths: Sequence[StrPath]) -> tuple[list[int], bool]:
     files = [Path(path) for path in paths]
     for is_meant in (
         lambda path: name == str(path),
-        lambda path: _is_same(name, path),
+        lambda path: is_same_file(name, path),
         lambda path: name == path.name,
         lambda path: name == path.stem,
     ):
@@ -65,13 +65,6 @@ def files_named(name: str, paths: Sequence[StrPath]) -> tuple[list[int], bool]:
             return rows, True
     words = [(str(path), path.name, path.stem) for path in files]
     return [row for row, of in enumerate(words) if any(fnmatchcase(w, name) for w in of)], False
-
-
-def _is_same(name: str, path: Path) -> bool:
-    try:
-        return path.samefile(name)
-    except (OSError, ValueError):
-        return False
 
 
 def by_file(

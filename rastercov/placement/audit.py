@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov.base.arguments import check_kind, members
+from rastercov.base.arguments import members
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import InOneLine
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
@@ -314,7 +314,6 @@ def audit(
     """
     check_scene(mesh, camera)
     task = Task() if task is None else task
-    check_kind("task", task, Task, "a Task or None", ConfigError)
     accepted = Poses.of(poses, skip_bad=skip_bad_poses)
     words = _texts("names", names, accepted)
     instants = _texts("frames", frames, accepted) if frames else ()

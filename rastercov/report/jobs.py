@@ -122,7 +122,6 @@ def check(
 
     asked = _plan(plan, camera)
     shares = {} if groups is None else groups
-    check_kind("groups", shares, Mapping, "a mapping of names to shares", ConfigError)
     every = dict(shares) if min_coverage is None else {"min_coverage": min_coverage, **shares}
     for name, share in every.items():
         if not 0 <= finite_number(share) <= 1:

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 from rich.table import Table
 from rich.text import Text
 
-from rastercov.base.format import milliseconds, number, percent_of, plural
+from rastercov.base.format import number, plural
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import valid_poses
 from rastercov.mesh import Mesh
@@ -45,8 +45,10 @@ from rastercov.reference.pages import (
     Curve,
     Theme,
     line_plot,
+    milliseconds,
     new_axes,
     opened,
+    percent_of,
     picture_of,
     publish,
 )

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from PIL import Image, ImageDraw
 from rich.table import Table
 
-from rastercov.base.format import milliseconds, number, percent_of, plural
+from rastercov.base.format import number, plural
 from rastercov.camera.camera import Camera
 from rastercov.camera.pose import valid_poses
 from rastercov.camera.projection import image_boxes, to_camera, to_image
@@ -32,7 +32,7 @@ from rastercov.raster import open_rasterizer
 from rastercov.reference.models import MODELS, zhang
 from rastercov.reference.models.base import Criteria
 from rastercov.reference.models.comparison import OURS, FaceValues, ModelComparison, covers
-from rastercov.reference.pages import opened, publish
+from rastercov.reference.pages import milliseconds, opened, percent_of, publish
 from rastercov.report.camera_pictures import coverage_picture, coverage_pixels
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.images import (

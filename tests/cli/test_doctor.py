@@ -144,7 +144,7 @@ def test_every_kind_of_context_and_what_made_the_report_is_in_it(report, gl_cont
 def test_printed_report_has_every_device_and_ends_with_the_default(report, width):
     report["environment"] = {"LIBGL_ALWAYS_SOFTWARE": "1", "CUDA_VISIBLE_DEVICES": "[2]"}
     text = printed(report, width)
-    rows = [r"cpu +numba [\d.]+ +- +- +software +passed *$"]
+    rows = [r"cpu +numba [\d.]+ +- +software +passed *$"]
     rows += [rf"{row['device']['label']} .*passed" for row in report["reports"]]
     places = [re.search(f"^ ?{row}", text, re.MULTILINE).start() for row in rows]
     assert places[0] == min(places)
@@ -153,7 +153,6 @@ def test_printed_report_has_every_device_and_ends_with_the_default(report, width
     assert flat(text).endswith(f", because {report['default']['why'].split(';')[0]}.")
     if report["default"]["device"] == "cpu":
         assert ON_CPU.search(flat(text))
-        assert "Limits of" not in text
 
 
 # --- the self-test --------------------------------------------------------------------------------
@@ -269,16 +268,12 @@ def test_libraries_without_a_driver_say_what_to_install(device, monkeypatch):
 
 
 @pytest.mark.parametrize("width", [80, 120])
-def test_a_graphics_card_is_shown_with_its_driver_and_limits_and_named_at_the_end(
-    gpu_report, width
-):
+def test_a_graphics_card_is_shown_with_its_driver_and_named_at_the_end(gpu_report, width):
     text, card = printed(gpu_report, width), "NVIDIA H200/PCIe/SSE2 [x]"
-    cells = rf"egl:0 +{re.escape(card)} +NVIDIA 580\.105\.08 +4\.6 +hardware +passed"
+    cells = rf"egl:0 +{re.escape(card)} +4\.6\.0 NVIDIA 580\.105\.08 +hardware +passed"
     assert width < 120 or re.search(cells, text)
     assert re.search("^ ?CUDA 3 ", text, re.MULTILINE)
     assert "Why no hardware" not in text
-    for words in ("Limits of egl:0", "image side", "sub-pixel bits", "64-bit atomics  no"):
-        assert words in text
     why = "because it is the first that draws in hardware."
     end = f"By default rastercov draws on egl:0, {card}, {why}"
     assert flat(text).endswith(end)

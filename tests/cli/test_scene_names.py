@@ -9,7 +9,7 @@ import pytest
 from commands import write_part
 
 from rastercov.base.errors import ConfigError, MeshError, RastercovError
-from rastercov.cli.inputs import read_scene
+from rastercov.cli.inputs import SceneOptions
 from rastercov.mesh import Mesh
 from rastercov.placement.plan.file import PlanError, plan_of
 from rastercov.placement.plan.scene import named_scene, scene
@@ -33,7 +33,7 @@ def files():
 
 def loaded(unit=(), transform=(), occluder=(), target=(), two_sided=(), meshes=FILES):
     given = [list(each) for each in (unit or ["m"], transform, occluder, two_sided)]
-    return read_scene([Path(name) for name in meshes], *given, False, list(target))
+    return SceneOptions(*given, False, list(target)).read([Path(name) for name in meshes])
 
 
 def flagged(mesh, flag):

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from rastercov.base.arguments import check_choice, check_kind, flag
+from rastercov.base.arguments import check_choice, flag
 from rastercov.base.checks import shown
 from rastercov.base.errors import CameraError, ConfigError, PoseError, RastercovError
 from rastercov.base.files import StrPath, one_line, printable
@@ -146,9 +146,7 @@ def read_views(
     ConfigError
         For a format that does not exist.
     """
-    given = Conventions() if conventions is None else conventions
-    check_kind("conventions", given, Conventions, "Conventions, or None", ConfigError)
-    border = Border(given)
+    border = Border(Conventions() if conventions is None else conventions)
     views = read_through(path, border, format)
     return replace(views, notes=(*views.notes, *border.unused()))
 
@@ -289,7 +287,6 @@ def write_views(
         a format that does not exist.
     """
     place = _path(path)
-    check_kind("views", views, Views, "Views (read_views reads a file)", CameraError)
     overwrite = flag("overwrite", overwrite)
     target = format_of(place) if format is None else format
     check_choice("format", target, tuple(WRITERS))

@@ -15,13 +15,14 @@ import numpy as np
 
 from rastercov.base.checks import shown
 from rastercov.base.errors import CameraError
+from rastercov.base.files import Vocabulary
 from rastercov.camera import FloatArray
 from rastercov.camera.camera import Camera
 from rastercov.camera.formats.conventions import Border, lens_camera, panorama
 from rastercov.camera.formats.source import Words
 from rastercov.camera.models import PROGRAMS
 from rastercov.camera.rig import Views
-from rastercov.mesh.formats.xml_tree import children, local_name, look_at_names, schema_of
+from rastercov.mesh.formats.xml_tree import children, local_name, look_at_names
 
 MODELS = PROGRAMS["metashape"]
 TERMS = MODELS["frame"].parameters.split()
@@ -29,22 +30,18 @@ KNOWN_TERMS = (*TERMS, "b1", "b2", "cx", "cy")
 TERM = re.compile(r"[a-z][0-9]|c[xy]")
 """A coefficient; p3 and p4, of older versions, change the tangential terms."""
 
-_READ = (
-    "chunk sensors sensor cameras camera group components component transform rotation translation "
-    "scale calibration resolution projection width height k1 k2 k3 k4 p1 p2 b1 b2 cx cy f p3 p4 k5 "
-    "k6 id sensor_id component_id master_id reference text"
+
+NAMES = Vocabulary(
+    "document chunk sensors sensor cameras camera group components component transform "
+    "calibration sensor_id component_id effective active_id",
+    "reference rotation translation scale text orientation resolution projection width height",
+    "version id label type enabled active class date date_time fx fy skew name settings meta "
+    "markers markers_groups scalebars frames images shapes model depth_maps point_cloud next_id "
+    "next_group_id property properties bands covariance params data_type black_level sensitivity "
+    "photo photo_params projections master_id layer_index rotation_covariance location_covariance "
+    "camera_groups camera_ids component_ids partition region regions pixel_width pixel_height "
+    "focal_length locked k1 k2 k3 k4 k5 k6 p1 p2 p3 p4 b1 b2 cx cy f",
 )
-SCHEMA = schema_of(
-    "version label type enabled active class date date_time fx fy skew name settings meta region "
-    "markers markers_groups scalebars frames images shapes model depth_maps point_cloud photo "
-    "next_id next_group_id active_id properties bands covariance params data_type black_level "
-    "sensitivity photo_params projections layer_index orientation rotation_covariance partition "
-    "location_covariance camera_groups component_ids camera_ids regions pixel_width pixel_height "
-    "focal_length locked effective",
-    dict.fromkeys(_READ.split(), (_READ, _READ))
-    | {"document": (_READ, ""), "sensor": (None, _READ)},
-)
-"""Names that any element may have: those that the reader looks at, after those it does not."""
 
 
 def is_mine(root: Element) -> bool:
@@ -54,7 +51,7 @@ def is_mine(root: Element) -> bool:
 
 def read(root: Element, border: Border) -> Views:
     """Cameras and poses of the first chunk, or the camera of a calibration."""
-    look_at_names(root, SCHEMA, border.unknown)
+    look_at_names(root, NAMES, border.unknown)
     if local_name(root) == "calibration":
         kind = Words(root, "calibration").text("projection", "frame")
         return border.views([_camera(root, kind, "calibration")])

@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.arguments import check_kind
 from rastercov.base.checks import finite_number, shown
-from rastercov.base.errors import ConfigError, MeshError, ResourceError
+from rastercov.base.errors import ConfigError, ResourceError
 from rastercov.base.format import InOneLine
 from rastercov.base.memory import read_only
 from rastercov.coverage.area.frames import check_same_mesh, frames_of, to_world
@@ -97,7 +96,6 @@ class Cells(InOneLine):
         """Share of each cell that each pose covers; `ConfigError` for regions of another mesh."""
         from rastercov.kernels import area_cell as kernels
 
-        check_kind("regions", regions, Regions, "Regions", ConfigError)
         check_same_mesh(self.mesh, regions.mesh)
         ends = np.searchsorted(regions.pose, np.arange(len(regions.pose_ids) + 1))
         xy = read_only(regions.xy, np.float64)
@@ -139,7 +137,6 @@ def cells(mesh: Mesh, size: float) -> Cells:
     """
     from rastercov.kernels import area_cell as kernels
 
-    check_kind("mesh", mesh, Mesh, "a Mesh", MeshError)
     longest = finite_number(size)
     if not longest > 0:
         raise ConfigError(f"size must be a positive number of metres, got {shown(size)}")
@@ -175,7 +172,6 @@ def usual_size(mesh: Mesh) -> float:
     The smallest in steps of 2^(1/4) with at most `USUAL_CELLS` cells and two a face, and not below
     `FINEST_REL` of the diagonal of the task faces.
     """
-    check_kind("mesh", mesh, Mesh, "a Mesh", MeshError)
     counter = _Counter(mesh)
     n_faces = int(counter.is_asked.sum())
     if not n_faces:

@@ -12,8 +12,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov.base.arguments import check_kind
-from rastercov.base.errors import ConfigError, MeshError
+from rastercov.base.errors import ConfigError
 from rastercov.base.format import InOneLine
 from rastercov.base.memory import read_only
 from rastercov.base.threads import Once
@@ -145,7 +144,6 @@ def rows_at(
 
 def check_same_mesh(first: Mesh, second: Mesh) -> None:
     """Raise `ConfigError` unless two meshes have the same faces at the same places."""
-    check_kind("mesh", second, Mesh, "a Mesh", MeshError)
     # A copy may have other flags of its groups.
     if first.vertices is not second.vertices or first.faces is not second.faces:
         raise ConfigError(

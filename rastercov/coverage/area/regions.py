@@ -24,7 +24,7 @@ from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, check_scene
 from rastercov.coverage.area import polygons
 from rastercov.coverage.area.frames import FacePolygons, frames_of, rows_at
-from rastercov.coverage.coverage import checked_task, in_batches
+from rastercov.coverage.coverage import in_batches
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.exact_pass import ExactPass, PoseSolver, room_for
 from rastercov.coverage.observer import ExactObserver
@@ -220,7 +220,7 @@ class RegionPass(ExactPass):
         only_task: bool = False,
     ) -> None:
         check_scene(mesh, camera)
-        self.task = checked_task(task)
+        self.task = Task() if task is None else task
         check_pointwise(self.task)
         engine = Engine.of(method, threads)
         if engine.method == "sampled":

@@ -8,9 +8,8 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.arguments import check_kind
 from rastercov.base.checks import finite_number, shown
-from rastercov.base.errors import ConfigError, MeshError
+from rastercov.base.errors import ConfigError
 from rastercov.base.memory import check_memory
 from rastercov.base.threads import Once
 from rastercov.base.typed import typed
@@ -90,7 +89,6 @@ class RegionUnion:
         from rastercov.kernels import area_union
         from rastercov.kernels.area_plane import COINCIDENT_REL
 
-        check_kind("mesh", mesh, Mesh, "a Mesh", MeshError)
         number = finite_number(views)
         if not number.is_integer() or not 1 <= number <= MOST_VIEWS:
             raise ConfigError(
@@ -118,7 +116,6 @@ class RegionUnion:
 
         `progress` is called with the number of pieces done and of all, a few times a second.
         """
-        check_kind("regions", regions, Regions, "Regions", ConfigError)
         check_same_mesh(self.mesh, regions.mesh)
         n_faces, is_closed = self.mesh.n_faces, self.closed
         is_open = ~is_closed[regions.pair_face]

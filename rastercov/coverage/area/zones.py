@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov.base.arguments import check_kind, checked_array
+from rastercov.base.arguments import checked_array
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import area as in_square_metres
@@ -141,7 +141,6 @@ def dead_zones(covered: Covered, views: ArrayLike | None = None) -> DeadZones:
     """
     from rastercov.kernels import area_zone as kernels
 
-    check_kind("covered", covered, Covered, "what unite gives", ConfigError)
     mesh, k = covered.mesh, len(covered.area)
     words = f"whole numbers of 1 to {k}, as covered counts them: one, or one a face"
     wanted = checked_array("views", k if views is None else views, "iu", words, ConfigError)

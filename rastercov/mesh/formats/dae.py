@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.errors import MeshError
-from rastercov.base.files import UnknownNames
+from rastercov.base.files import UnknownNames, Vocabulary
 from rastercov.mesh.arrays import rotation_about
 from rastercov.mesh.formats.polygons import (
     Assembly,
@@ -36,7 +36,6 @@ from rastercov.mesh.formats.xml_tree import (
     local_name,
     look_at_names,
     parsed,
-    schema_of,
     transform_numbers,
 )
 
@@ -44,48 +43,23 @@ POLYGONS = ("triangles", "polylist", "polygons")
 STRIPS = ("trifans", "tristrips")
 LINES = ("lines", "linestrips")
 TRANSFORMS = ("matrix", "translate", "rotate", "scale", "lookat", "skew")
-_INSTANCES = "instance_node instance_geometry instance_controller"
-_LIBRARIES = (
-    "library_animations library_animation_clips library_cameras library_controllers "
-    "library_geometries library_effects library_force_fields library_images library_lights "
-    "library_materials library_nodes library_physics_materials library_physics_models "
-    "library_physics_scenes library_visual_scenes library_articulated_systems library_formulas "
-    "library_joints library_kinematics_models library_kinematics_scenes"
+NAMES = Vocabulary(
+    "COLLADA scene asset unit meter instance_visual_scene library_visual_scenes visual_scene "
+    "library_nodes node instance_node instance_geometry instance_controller url "
+    "library_geometries geometry mesh source vertices input offset semantic triangles polylist "
+    "polygons tristrips trifans lines linestrips technique_common accessor count stride "
+    "library_controllers controller skin morph",
+    "matrix translate rotate scale lookat skew p ph vcount float_array param bind_shape_matrix",
+    "name sid id type layer proxy version base schemaLocation set material extra contributor "
+    "created coverage keywords modified revision subject title up_axis Name_array IDREF_array "
+    "SIDREF_array token_array int_array bool_array technique evaluate_scene bind_material skeleton "
+    "joints vertex_weights targets method instance_camera instance_light instance_physics_scene "
+    "instance_kinematics_scene library_animations library_animation_clips library_cameras "
+    "library_effects library_force_fields library_images library_lights library_materials "
+    "library_physics_materials library_physics_models library_physics_scenes "
+    "library_articulated_systems library_formulas library_joints library_kinematics_models "
+    "library_kinematics_scenes",
 )
-SCHEMA = schema_of(
-    f"name sid id type layer proxy version base schemaLocation set material {_LIBRARIES} "
-    "asset extra instance_camera instance_light evaluate_scene instance_physics_scene "
-    "instance_kinematics_scene contributor created coverage keywords modified revision subject "
-    "title up_axis digits magnitude Name_array IDREF_array SIDREF_array token_array int_array "
-    "bool_array technique",
-    {
-        "COLLADA": ("scene", ""),
-        "asset": ("unit", ""),
-        "unit": (None, "meter"),
-        "scene": ("instance_visual_scene", ""),
-        "instance_visual_scene": (None, "url"),
-        "library_visual_scenes": ("visual_scene", ""),
-        "visual_scene": ("node", ""),
-        "library_nodes": ("node", ""),
-        "node": (f"node {' '.join(TRANSFORMS)} {_INSTANCES}", ""),
-        **dict.fromkeys(_INSTANCES.split(), (None, "url")),
-        "library_geometries": ("geometry", ""),
-        "geometry": ("mesh", ""),
-        "mesh": (f"source vertices {' '.join((*POLYGONS, *STRIPS, *LINES))}", ""),
-        **dict.fromkeys(POLYGONS, ("input p vcount ph", "count")),
-        **dict.fromkeys(STRIPS, ("input p", "count")),
-        "input": (None, "offset semantic source"),
-        "vertices": ("input", ""),
-        "source": ("float_array technique_common", ""),
-        "float_array": (None, "count"),
-        "accessor": ("param", "source count offset stride"),
-        "library_controllers": ("controller", ""),
-        "controller": ("skin morph", ""),
-        "skin": ("bind_shape_matrix source joints vertex_weights", "source"),
-        "morph": ("source targets", "source method"),
-    },
-)
-"""Names of the elements that are read: those of their children and attributes."""
 IntArray = NDArray[np.int64]
 
 
@@ -114,7 +88,7 @@ class _Scene:
         self._n_lines = 0
         self._skinned: dict[str, None] = {}
         self._unknown = UnknownNames(MeshError)
-        look_at_names(root, SCHEMA, self._unknown)
+        look_at_names(root, NAMES, self._unknown)
 
     def polygons(self) -> Polygons:
         """All polygons that the nodes of the scene name."""

@@ -45,6 +45,7 @@ from rastercov.mesh.formats.gltf_file import (
     json_name,
     json_numbers,
     json_object,
+    objects,
     unknown_names,
     unread_data,
 )
@@ -312,7 +313,12 @@ def _affine(
 
 def _notes(header: dict[str, Any], nodes: list[dict[str, Any]], names: list[str]) -> list[str]:
     """Notes on content of the file that was not read."""
+    known = (*READ, *HARMLESS, *OPTIONAL)
+    owners = (each for _, kind, each in objects(header) if kind == "extensions")
+    foreign = {n[:80] for names in owners for n in names if not n.startswith(known)}
     notes = []
+    if foreign:
+        notes.append(f"extensions {sorted(foreign)[:5]} were not read; they may change the shape")
     skinned = [name for node, name in zip(nodes, names, strict=True) if "skin" in node]
     if skinned:
         more = f" (and {len(skinned) - 1} others)" if len(skinned) > 1 else ""
@@ -359,12 +365,10 @@ class _Shapes:
         self._accessors = accessors
         self._meshes: dict[int, _Surfaces] = {}
         self._known: dict[tuple[int, tuple[float, ...] | None], _Shape] = {}
-        self._foreign: set[str] = set()
         self._n_skipped = self._n_empty = 0
 
     def of(self, node: dict[str, Any]) -> _Shape:
         """Shape of a node's mesh, in the coordinates of the node."""
-        self._look_for_extensions(node)
         index = node["mesh"]
         if index not in self._meshes:
             self._meshes[index] = self._surfaces(index)
@@ -418,27 +422,15 @@ class _Shapes:
             notes.append(f"{self._n_skipped} primitives of points or lines were not read")
         if self._n_empty:
             notes.append(f"{self._n_empty} primitives have no triangles")
-        if self._foreign:
-            notes.append(
-                f"extensions {sorted(self._foreign)[:5]} were not read; they may change the shape"
-            )
         return notes
-
-    def _look_for_extensions(self, owner: dict[str, Any]) -> None:
-        names = owner.get("extensions", ())
-        self._foreign |= {
-            n[:80] for n in names if not (n in READ or n.startswith((*HARMLESS, *OPTIONAL)))
-        }
 
     def _surfaces(self, index: int) -> _Surfaces:
         """Primitives of a mesh with triangles, checked once; the others are counted for a note."""
         mesh = json_object(self._accessors.header, "meshes", index)
-        self._look_for_extensions(mesh)
         surfaces: list[dict[str, Any]] = []
         n_targets: set[int] = set()
         check(json_list(mesh, "primitives"), f"mesh {index} has no primitives")
         for primitive in json_list(mesh, "primitives"):
-            self._look_for_extensions(primitive)
             mode = primitive.get("mode", TRIANGLES)
             is_mode = type(mode) is int and 0 <= mode <= FAN
             check(is_mode, f"mesh {index}: a mode from 0 to 6 wanted, got {shown(mode)}")

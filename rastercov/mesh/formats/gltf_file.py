@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from rastercov.base.checks import shown
 from rastercov.base.errors import MeshError, RastercovError
-from rastercov.base.files import UnknownNames, unique_names
+from rastercov.base.files import UnknownNames, Vocabulary, unique_names
 from rastercov.mesh.formats.polygons import broken, check, check_budget
 
 JSON_CHUNK, BINARY_CHUNK = 0x4E4F534A, 0x004E4942
@@ -227,42 +227,19 @@ class Accessors:
 
 
 INSTANCING = "EXT_mesh_gpu_instancing"
-HARMLESS = frozenset(
-    {"copyright", "generator", "name", "extras", "material", "materials", "max", "min", "target"}
-    | {"images", "samplers", "textures", "animations", "skin", "skins", "zfar", "znear"}
+NAMES = Vocabulary(
+    "accessors asset buffers bufferViews cameras extensions extensionsRequired extensionsUsed "
+    "meshes nodes scene scenes minVersion version camera children matrix mesh rotation scale "
+    "translation weights primitives attributes indices targets bufferView byteOffset "
+    "componentType count normalized sparse type values buffer byteLength byteStride uri "
+    f"orthographic perspective aspectRatio yfov POSITION TRANSLATION ROTATION SCALE {INSTANCING}",
+    "",
+    "copyright generator name extras material materials max min target images samplers textures "
+    "animations skin skins zfar znear mode",
 )
-"""Names that no triangle and no camera depends on, known everywhere."""
-KNOWN = {
-    kind: HARMLESS.union(names.split(), ["extensions"])
-    for kind, names in {
-        "": "accessors asset buffers bufferViews cameras extensionsRequired extensionsUsed meshes "
-        "nodes scene scenes",
-        "asset": "minVersion version",
-        "scenes": "nodes",
-        "nodes": "camera children matrix mesh rotation scale translation weights",
-        "meshes": "primitives weights",
-        "primitives": "attributes indices mode targets",
-        "accessors": "bufferView byteOffset componentType count normalized sparse type",
-        "sparse": "count indices values",
-        "indices": "bufferView byteOffset componentType",
-        "values": "bufferView byteOffset",
-        "bufferViews": "buffer byteLength byteOffset byteStride",
-        "buffers": "byteLength uri",
-        "cameras": "orthographic perspective type",
-        "perspective": "aspectRatio yfov",
-        INSTANCING: "attributes",
-    }.items()
-}
-"""Names within the objects that an entry of a name holds, one or a list; "" is the file."""
-ATTRIBUTES = ("attributes", "targets")
-"""Entries of objects whose names are those of attributes."""
-ATTRIBUTE = re.compile(
-    r"POSITION|NORMAL|TANGENT|(TEXCOORD|COLOR|JOINTS|WEIGHTS)_[0-9]+|TRANSLATION|ROTATION|SCALE|_.*",
-    re.DOTALL,
-)
-NESTED = {*KNOWN, *ATTRIBUTES, "extensions"}
-MOVING = frozenset({"POSITION", "TRANSLATION", "ROTATION", "SCALE"})
-"""Attributes that move triangles."""
+"""A slip in `mode` is a note only: `model` is a word of many programs."""
+ATTRIBUTE = re.compile(r"NORMAL|TANGENT|(TEXCOORD|COLOR|JOINTS|WEIGHTS)_[0-9]+|_.*", re.DOTALL)
+"""Attributes of vertices that move no triangle."""
 NAMES_ACCESSORS = {
     *("attributes", "indices", "targets", "extensions", "inverseBindMatrices", "input", "output")
 }
@@ -274,33 +251,31 @@ ALIGNMENT = 4
 def unknown_names(header: dict[str, Any], error: type[RastercovError] = MeshError) -> list[str]:
     """Notes on names that glTF 2.0 does not have; an error for a slip in one that matters."""
     found = UnknownNames(error)
-    for where, kind, owner in _objects("the file", "", header):
-        if kind in KNOWN:
-            found.look(where, owner.keys(), KNOWN[kind], HARMLESS)
-        elif kind in ATTRIBUTES:
-            known = frozenset(filter(ATTRIBUTE.fullmatch, owner))
-            found.look(where, owner.keys(), known | MOVING, known)
+    for where, kind, owner in objects(header):
+        if kind != "extensions":  # those are noted where they are
+            still = filter(ATTRIBUTE.fullmatch, owner.keys() - NAMES.known)
+            found.look(where, owner.keys(), NAMES.known.union(still), NAMES.harmless)
     return found.notes()
 
 
-def _objects(
-    where: str, kind: str, owner: dict[str, Any]
+def objects(
+    owner: dict[str, Any], where: str = "the file", kind: str = ""
 ) -> Iterator[tuple[str, str, dict[str, Any]]]:
     """An object and those within it, each with its place and the name of its entry."""
     yield where, kind, owner
     of = f" of {where}" if kind else ""
-    for name in filter(NESTED.__contains__, owner):
+    for name in filter(NAMES.inner.__contains__, owner):
         value = owner[name]
         for row, each in enumerate(value if isinstance(value, list) else [value]):
             if isinstance(each, dict):
                 title = {"meshes": "mesh"}.get(name, name.removesuffix("s"))
-                yield from _objects(f"{title} {row}{of}", name, each)
+                yield from objects(each, f"{title} {row}{of}", name)
 
 
 def unread_data(header: dict[str, Any]) -> list[str]:
     """Notes on accessors that nothing names, and on bytes of views that no accessor reads."""
     accessors, views = json_list(header, "accessors"), json_list(header, "bufferViews")
-    used = _used_accessors(header)
+    used = set(_used(header | {"accessors": []}))
     n_unused = sum(index not in used for index in range(len(accessors)))
     notes = [f"{n_unused} accessors belong to nothing, not read"] if n_unused else []
     spans: dict[int, list[tuple[int, int, int]]] = {}
@@ -340,21 +315,17 @@ def _width(owner: dict[str, Any]) -> int:
     return int(COMPONENTS.get(owner.get("componentType", 0), "00")[1])
 
 
-def _used_accessors(header: dict[str, Any]) -> set[int]:
+def _used(each: Any, has_accessors: bool = False) -> Iterator[int]:
     """Whole numbers in all places that may have the index of an accessor."""
-    found: set[int] = set()
-    others = {key: each for key, each in header.items() if key != "accessors"}
-    places: list[tuple[Any, bool]] = [(others, False)]
-    while places:
-        each, has_accessors = places.pop()
-        if isinstance(each, dict):
-            inner = (item for item in each.items() if item[0] != "extras")
-            places += [(value, has_accessors or key in NAMES_ACCESSORS) for key, value in inner]
-        elif isinstance(each, list):
-            places += [(value, has_accessors) for value in each]
-        elif has_accessors and type(each) is int:
-            found.add(each)
-    return found
+    if isinstance(each, dict):
+        for key, value in each.items():
+            if key != "extras":
+                yield from _used(value, has_accessors or key in NAMES_ACCESSORS)
+    elif isinstance(each, list):
+        for value in each:
+            yield from _used(value, has_accessors)
+    elif has_accessors and type(each) is int:
+        yield each
 
 
 Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov.base.errors import MeshError, ResourceError
+from rastercov.base.errors import MeshError, RastercovError, ResourceError
 from rastercov.mesh.arrays import MOST_FACES
 from rastercov.mesh.topology import first_equal_row
 
@@ -80,7 +80,7 @@ def broken_files_refused() -> Iterator[None]:
     """Turn errors of a look-up or of a computation in the block into a MeshError."""
     try:
         yield
-    except (MeshError, ResourceError):
+    except RastercovError:
         raise
     except RecursionError:
         raise broken("its parts are nested too deeply") from None

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.errors import MeshError
-from rastercov.base.files import UnknownNames
+from rastercov.base.files import UnknownNames, Vocabulary
 from rastercov.mesh.formats.polygons import (
     Assembly,
     Part,
@@ -39,7 +39,6 @@ from rastercov.mesh.formats.xml_tree import (
     children,
     look_at_names,
     parsed,
-    schema_of,
     table,
     transform_numbers,
 )
@@ -67,25 +66,14 @@ DAMAGED = (
     struct.error,
 )
 """Errors of the standard library about a damaged or encrypted archive."""
-SCHEMA = schema_of(
+NAMES = Vocabulary(
+    "model resources build unit requiredextensions object id mesh vertices triangles trianglesets "
+    "components component item objectid transform path",
+    "vertex triangle triangleset",
     "metadata metadatagroup pid pindex name partnumber thumbnail UUID type lang printable "
     "recommendedextensions slicestack basematerials texture2d texture2dgroup colorgroup "
     "compositematerials multiproperties slicestackid slicepath meshresolution",
-    {
-        "model": ("resources build", "unit requiredextensions"),
-        "resources": ("object", ""),
-        "object": ("mesh components", "id"),
-        "mesh": ("vertices triangles trianglesets", ""),
-        "vertices": ("vertex", ""),
-        "triangles": ("triangle", ""),
-        "trianglesets": ("triangleset", ""),
-        "components": ("component", ""),
-        "component": ("", "objectid transform path"),
-        "build": ("item", ""),
-        "item": ("", "objectid transform path"),
-    },
 )
-"""Names of the elements that are read: those of their children and attributes."""
 COMPRESSIONS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 """Those that the Open Packaging Conventions permit."""
 
@@ -165,7 +153,8 @@ class _Model:
             text = file.read(info.file_size + 1)
         root = self._parts[path] = parsed(text, f"its part {path[:80]!r}", self._bytes_left)
         self._bytes_left -= info.file_size * BYTES_PER_XML_BYTE
-        look_at_names(root, SCHEMA, self._unknown)
+        if path != RELATIONSHIPS:
+            look_at_names(root, NAMES, self._unknown)
         for each in below(root, "resources", "object"):
             is_new = self._objects.setdefault((path, each.attrib["id"]), each) is each
             check(is_new, f"object {each.attrib['id'][:40]!r} comes twice")

@@ -6,7 +6,7 @@ files or multiply a short text. The text is decoded first, so that no encoding h
 
 import codecs
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
@@ -15,7 +15,7 @@ from xml.parsers import expat
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.files import UnknownNames
+from rastercov.base.files import UnknownNames, Vocabulary
 from rastercov.mesh.formats.polygons import broken, check_budget
 
 BYTES_PER_XML_BYTE = 12
@@ -94,42 +94,21 @@ def below(owner: Element, *path: str) -> list[Element]:
     return found
 
 
-Schema = Mapping[str, tuple[frozenset[str] | None, frozenset[str], frozenset[str]]]
-"""Names of the children of an element (None for any; "text" for words), of its attributes, and of
-those among both that no triangle depends on."""
+def look_at_names(root: Element, names: Vocabulary, found: UnknownNames) -> None:
+    """Look at the names of attributes and children of the elements of a vocabulary, once each.
 
-
-def schema_of(harmless: str, elements: Mapping[str, tuple[str | None, str]]) -> Schema:
-    """Schema of names in words: of children, or None for any, and of attributes.
-
-    Harmless names are known everywhere.
+    Words between elements are a child "text".
     """
-    apart = frozenset(harmless.split())
-    found = {}
-    for kind, (names, own) in elements.items():
-        inner = None if names is None else apart.union(names.split())
-        found[kind] = inner, apart.union(own.split()), apart
-    return found
-
-
-def look_at_names(root: Element, schema: Schema, found: UnknownNames) -> None:
-    """Look at the names of the elements of a schema, once each, down to those that it has not."""
     stack = [(root, "the file")]
     while stack:
         owner, where = stack.pop()
         where = next((repr(each[:40]) for key in ("name", "id") if (each := owner.get(key))), where)
         tags = {tag: tag.rpartition("}")[2] for tag in {each.tag for each in owner}}
-        if local_name(owner) in schema:
-            known, attributes, harmless = schema[local_name(owner)]
-            found.look(
-                where, {key.rpartition("}")[2] for key in owner.attrib}, attributes, harmless
-            )
-            if known is not None:
-                texts = (owner.text, *(each.tail for each in owner))
-                has_text = any(text and not text.isspace() for text in texts)
-                names = {*tags.values(), *(["text"] if has_text else [])}
-                found.look(where, names, known, harmless)
-        if inner := {tag for tag, name in tags.items() if name in schema}:
+        own = {*tags.values(), *(key.rpartition("}")[2] for key in owner.attrib)}
+        if any(text and not text.isspace() for text in (owner.text, *(e.tail for e in owner))):
+            own.add("text")
+        found.look(where, own, names.known, names.harmless)
+        if inner := {tag for tag, name in tags.items() if name in names.inner}:
             stack += [(each, where) for each in reversed(owner) if each.tag in inner]
 
 
