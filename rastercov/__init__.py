@@ -40,7 +40,6 @@ if _TYPE_CHECKING:
     from rastercov.coverage.area.zones import dead_zones as dead_zones
     from rastercov.coverage.coverage import Coverage as Coverage
     from rastercov.coverage.coverage import evaluate_batches as evaluate_batches
-    from rastercov.coverage.coverage import visibility as visibility
     from rastercov.coverage.engine import Engine as Engine
     from rastercov.coverage.evaluation import Evaluation as Evaluation
     from rastercov.coverage.job import evaluate as evaluate
@@ -49,6 +48,8 @@ if _TYPE_CHECKING:
     from rastercov.coverage.observer import open_observer as open_observer
     from rastercov.coverage.task import Reason as Reason
     from rastercov.coverage.task import Task as Task
+    from rastercov.coverage.visibility import Visibility as Visibility
+    from rastercov.coverage.visibility import visibility as visibility
     from rastercov.mesh import Group as Group
     from rastercov.mesh import Mesh as Mesh
     from rastercov.raster import FaceCounts as FaceCounts
@@ -58,7 +59,6 @@ if _TYPE_CHECKING:
     from rastercov.raster import open_rasterizer as open_rasterizer
     from rastercov.raster.observation import BoundKind as BoundKind
     from rastercov.raster.observation import Observation as Observation
-    from rastercov.raster.observation import Visibility as Visibility
     from rastercov.report.jobs import audit as audit
     from rastercov.report.jobs import check as check
     from rastercov.report.jobs import place as place
@@ -80,16 +80,17 @@ _NAMES = {
     "coverage.area.regions": "Regions regions",
     "coverage.area.union": "Covered RegionUnion unite",
     "coverage.area.zones": "DeadZones dead_zones",
-    "coverage.coverage": "Coverage evaluate_batches visibility",
+    "coverage.coverage": "Coverage evaluate_batches",
     "coverage.engine": "Engine",
     "coverage.evaluation": "Evaluation",
     "coverage.job": "evaluate",
     "coverage.network": "Network",
     "coverage.observer": "Observer open_observer",
     "coverage.task": "Reason Task",
+    "coverage.visibility": "Visibility visibility",
     "mesh": "Group Mesh",
     "raster": "FaceCounts Rasterizer RasterizerInfo VisibilityBuffer open_rasterizer",
-    "raster.observation": "BoundKind Observation Visibility",
+    "raster.observation": "BoundKind Observation",
     "report.jobs": "audit check place",
 }
 """Modules and their public names."""

@@ -15,11 +15,12 @@ from rastercov.camera.pose import Poses
 from rastercov.camera.viewpoints import look_at, sphere_of_poses
 from rastercov.coverage import coverage as module
 from rastercov.coverage import job
-from rastercov.coverage.coverage import FIGURES, evaluate_batches, visibility
+from rastercov.coverage.coverage import FIGURES, evaluate_batches
 from rastercov.coverage.job import evaluate
 from rastercov.coverage.observer import open_observer
 from rastercov.coverage.reasons import faces_in_view
 from rastercov.coverage.task import Reason, Task
+from rastercov.coverage.visibility import FRACTION, visibility
 from rastercov.mesh import Mesh, shapes
 
 CAMERA = Camera(width=200, height=200, fx=100, fy=100)
@@ -48,7 +49,7 @@ def test_visibility_is_what_evaluate_has(how, n, monkeypatch):
         visibility(TEAPOT, SMALL, POSES[:n], **how),
         evaluate(TEAPOT, SMALL, POSES, **how),
     )
-    for name, value in zip(module.FRACTION, (found.value, found.bound, found.kind), strict=True):
+    for name, value in zip(FRACTION, (found.value, found.bound, found.kind), strict=True):
         np.testing.assert_array_equal(value, getattr(whole, name)[:n])
         assert value.dtype == getattr(whole, name).dtype
     assert found.info == whole.info

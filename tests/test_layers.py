@@ -91,7 +91,7 @@ BUDGET = {
     "camera": 4_610,
     "cli": 1_340,
     "cluster": 670,
-    "coverage": 2_540,
+    "coverage": 2_550,
     "exact": 720,
     "kernels": 10_130,
     "mesh": 3_280,
@@ -100,7 +100,7 @@ BUDGET = {
     "report": 2_570,
     "viewer": 1_560,
 }
-MOST_FILES = 253
+MOST_FILES = 254
 
 
 def code_lines(path):

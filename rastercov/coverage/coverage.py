@@ -17,13 +17,11 @@ from rastercov.base.format import plural
 from rastercov.base.memory import aligned_array
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras
-from rastercov.coverage.engine import Engine
 from rastercov.coverage.face_pass import FacePass, Measured
-from rastercov.coverage.observer import Observer, open_observer
+from rastercov.coverage.observer import Observer
 from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.raster.contract import RasterizerInfo
-from rastercov.raster.observation import Visibility
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -153,29 +151,6 @@ def evaluate_batches(
     judge = FacePass(observer.mesh, observer.camera, observer.threads, task)
     batches = measurements(observer, accepted)
     return (judged(observer, judge, task, part, seen, names) for part, seen in batches)
-
-
-FRACTION = "visibility", "visibility_bound", "visibility_kind"
-
-
-def visibility(
-    mesh: Mesh,
-    camera: Cameras,
-    poses: ArrayLike | Poses,
-    method: str | Engine = "certified",
-    *,
-    threads: int | None = None,
-) -> Visibility:
-    """Visible fraction of each face in each pose, with a bound, as `rastercov.evaluate` has it.
-
-    `poses` are (P, 4, 4) world_from_camera; the other arguments are those of `open_observer`, and
-    errors as for `Observer.observe`.
-    """
-    with open_observer(mesh, camera, method, threads=threads) as observer:
-        batches = evaluate_batches(observer, poses, fields=FRACTION)
-        parts = [[getattr(batch, name) for name in FRACTION] for batch in batches]
-        value, bound, kind = map(np.concatenate, zip(*parts, strict=True))
-        return Visibility(value, bound, kind, observer.info)
 
 
 def check_observer(observer: object) -> None:

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base.format import InOneLine
-from rastercov.raster.contract import FaceCounts, RasterizerInfo
+from rastercov.raster.contract import FaceCounts
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -70,27 +70,3 @@ class Observation(InOneLine):
         areas = counts.visible_pixels, counts.drawn_pixels
         area_error = np.broadcast_to(0.0, kind.shape)
         return cls(*areas, kind, area_error, counts.clipped, counts.supersample**2)
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Visibility(InOneLine):
-    """Visible fraction of each face in each pose.
-
-    Attributes
-    ----------
-    value : (P, F) float64
-        1 - occlusion, in [0, 1]; of the part inside the image. 0 for faces seen from behind, and
-        for faces whose image rounds to nothing or owns no sample (`bound` is 1 there: nothing is
-        known).
-    bound : (P, F) float64
-        Largest error of `value`.
-    kind : (P, F) uint8
-        `BoundKind` of each figure.
-    info : RasterizerInfo
-        What computed or counted.
-    """
-
-    value: FloatArray
-    bound: FloatArray
-    kind: NDArray[np.uint8]
-    info: RasterizerInfo

@@ -1,0 +1,64 @@
+"""Visible fraction of each face in each pose, for those who ask for nothing else."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rastercov.base.format import InOneLine
+from rastercov.camera.pose import Poses
+from rastercov.camera.rig import Cameras
+from rastercov.coverage.coverage import evaluate_batches
+from rastercov.coverage.engine import Engine
+from rastercov.coverage.observer import open_observer
+from rastercov.mesh import Mesh
+from rastercov.raster.contract import RasterizerInfo
+
+FloatArray = NDArray[np.float64]
+
+FRACTION = "visibility", "visibility_bound", "visibility_kind"
+"""Its fields of `Coverage`."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Visibility(InOneLine):
+    """Visible fraction of each face in each pose.
+
+    Attributes
+    ----------
+    value : (P, F) float64
+        1 - occlusion, in [0, 1]; of the part inside the image. 0 for faces seen from behind, and
+        for faces whose image rounds to nothing or owns no sample (`bound` is 1 there: nothing is
+        known).
+    bound : (P, F) float64
+        Largest error of `value`.
+    kind : (P, F) uint8
+        `BoundKind` of each figure.
+    info : RasterizerInfo
+        What computed or counted.
+    """
+
+    value: FloatArray
+    bound: FloatArray
+    kind: NDArray[np.uint8]
+    info: RasterizerInfo
+
+
+def visibility(
+    mesh: Mesh,
+    camera: Cameras,
+    poses: ArrayLike | Poses,
+    method: str | Engine = "certified",
+    *,
+    threads: int | None = None,
+) -> Visibility:
+    """Visible fraction of each face in each pose, with a bound, as `rastercov.evaluate` has it.
+
+    `poses` are (P, 4, 4) world_from_camera; the other arguments are those of `open_observer`, and
+    errors as for `Observer.observe`.
+    """
+    with open_observer(mesh, camera, method, threads=threads) as observer:
+        batches = evaluate_batches(observer, poses, fields=FRACTION)
+        parts = [[getattr(batch, name) for name in FRACTION] for batch in batches]
+        value, bound, kind = map(np.concatenate, zip(*parts, strict=True))
+        return Visibility(value, bound, kind, observer.info)
