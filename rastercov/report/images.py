@@ -1,4 +1,4 @@
-"""What all pictures share: frame, title and legend, labels, sheets, stripes, layers of targets.
+"""Parts that all pictures share: frame, title and legend, labels, sheets, stripes, target layers.
 
 Targets are hatched in their own colours, with outlines, so that all behind them shows: a mixture of
 two colours would be a third one.

@@ -40,9 +40,8 @@ from rastercov.reference.methods.error_statistics import (
 )
 from rastercov.reference.methods.faces import Samples, face_picture, neighbourhood
 from rastercov.reference.methods.report import comparison_plots, page, write_comparison
-from rastercov.reference.pages import Axis
+from rastercov.reference.pages import LIGHT, Axis
 from rastercov.reference.samples import grid_points
-from rastercov.report.theme import LIGHT
 
 CAMERA = Camera(width=160, height=120, fx=190, fy=185)
 TEAPOT = shapes.teapot(3)
