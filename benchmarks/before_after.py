@@ -27,6 +27,11 @@ COVERAGE = (
     *("visible_pixels", "drawn_pixels", "clipped"),
 )
 """Fields of `Coverage` whose bits are compared."""
+LENSES = {
+    "Brown-Conrady": (-0.28, 0.09, 8e-4, -5e-4, -0.01),
+    "fisheye": (0.03, -0.012, 0.004, -0.001),
+}
+"""Coefficients of OpenCV."""
 
 
 def main() -> None:
@@ -99,10 +104,27 @@ def _measure() -> dict[str, tuple[float, tuple[float, str]]]:
         poses = _poses(rc, mesh, distance, n)
         for width, height in ((1280, 1024), (256, 256)):
             camera = rc.Camera(width=width, height=height, fx=0.9 * width, fy=0.9 * width)
-            with rc.open_rasterizer(mesh, camera, "cpu", threads=1) as rasterizer:
-                seconds, counts = _least(lambda r=rasterizer, p=poses: r.count(p, drawn=False))
-            figures[f"counts, {name}, {width} x {height}"] = seconds, _digest(counts.visible)
+            figures[f"counts, {name}, {width} x {height}"] = _counts(rc, mesh, camera, poses)
+    mesh, distance, n = scenes["torus, 10,000 faces"]
+    poses, matrix = (
+        _poses(rc, mesh, distance, n),
+        np.array([[900, 0, 640], [0, 900, 512], [0, 0, 1.0]]),
+    )
+    for lens, values in LENSES.items():
+        fisheye = lens == "fisheye"
+        camera = rc.Camera.from_opencv(matrix, 1280, 1024, values, fisheye=fisheye)
+        figures[f"counts, torus, 10,000 faces, {lens}"] = _counts(rc, mesh, camera, poses)
+        with rc.open_observer(mesh, camera, "certified", threads=1) as observer:
+            seconds, seen = _least(lambda o=observer, p=poses: o.observe(p))
+        areas = seen.visible_pixels, seen.drawn_pixels, seen.kind, seen.clipped
+        figures[f"certified, torus, 10,000 faces, {lens}"] = seconds, _digest(*areas)
     return figures
+
+
+def _counts(rc, mesh, camera, poses) -> tuple[float, tuple[float, str]]:
+    with rc.open_rasterizer(mesh, camera, "cpu", threads=1) as rasterizer:
+        seconds, counts = _least(lambda: rasterizer.count(poses, drawn=False))
+    return seconds, _digest(counts.visible)
 
 
 def _digest(*arrays: np.ndarray) -> tuple[float, str]:

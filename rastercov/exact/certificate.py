@@ -13,6 +13,8 @@ silhouettes, not to the faces or the pixels.
 A. Appel. The Notion of Quantitative Invisibility and the Machine Rendering of Solids. 1967.
 """
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -84,9 +86,9 @@ class CertificateSolver(HalfPlaneSolver):
 
     Attributes
     ----------
-    n_events, n_crossed, n_left, n_regions, n_doubtful : int
-        Event edges, faces that they cross, those of them that are left to half planes, regions, and
-        faces of regions that turned out neither wholly visible nor wholly hidden.
+    n_events, n_crossed, n_regions, n_doubtful : int
+        Event edges, faces that they cross, regions, and faces of regions that turned out neither
+        wholly visible nor wholly hidden.
     """
 
     _contacts: BoolArray | None = None
@@ -113,8 +115,7 @@ class CertificateSolver(HalfPlaneSolver):
             super().solve_all()
             return
         self.visible[n_faces:] = 0.0
-        distance = float(np.linalg.norm(camera.centre - surface.centre))
-        reach = distance + surface.diagonal / 2
+        reach = math.dist(camera.centre, surface.centre) + surface.diagonal / 2
         contacts = surface.contacts.faces_for(reach)
         partners = surface.contacts.partners_for(reach)
         self.n_events = self._call(
@@ -165,9 +166,8 @@ class CertificateSolver(HalfPlaneSolver):
         self._crossings.last[self._targets[: self.n_crossed + self.n_regions]] = -1
         self._has_crossings = False
         self._limit_errors(targets)
-        left = self._scratch[:n_left].copy()
-        self.n_left = int(np.count_nonzero(self.state[left] & CROSSED))
-        self.solve(left)
+        self._left = self._scratch[:n_left].copy()
+        self.solve(self._left)
         self.n_doubtful = self._call(
             kernels.classify_regions,
             projected, self.visible, self._region, self.largest_of_regions(),
@@ -178,6 +178,11 @@ class CertificateSolver(HalfPlaneSolver):
         self.solve(self._measured(self._scratch[: self.n_doubtful]))
 
         self.solve_targets()
+
+    @property
+    def n_left(self) -> int:
+        """Crossed faces that are left to half planes."""
+        return int(np.count_nonzero(self.state[self._left] & CROSSED))
 
     def _blocks_in(self, contacts: BoolArray) -> BoolArray:
         """(N,) blocks with a face in contact."""

@@ -115,14 +115,15 @@ class LensSolver:
         for index, (plane, record) in enumerate(planes_of(camera)):
             turned = pose.copy()
             turned[:3, :3] = pose[:3, :3] @ plane.frame
-            if visit is None and not self._may_see(turned, plane.camera, record):
+            is_seen = self._may_see(turned, plane.camera, record)
+            if visit is None and not is_seen:
                 continue
             if solved is None or not np.array_equal(plane.frame, solved):
                 self._solver.solve_pose(plane.camera, turned, near, front_only)
                 solved = plane.frame
             if visit is not None:
                 visit(index, self._solver)
-            if is_measured and len(record.window):
+            if is_measured and is_seen:
                 self._measure(record)
         largest = 2.0 * camera.width * camera.height
         self._call(kernels.settle, self.figures, largest, self.is_certified)

@@ -10,7 +10,6 @@ from collections import namedtuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.kernels.cameras import jacobian, per_m2
 from rastercov.kernels.decision import COVERED, OCCLUDED, TOO_OBLIQUE, judge_point
 from rastercov.kernels.exact_records import U, V
 from rastercov.kernels.jit import allocation_free
@@ -74,14 +73,6 @@ def judge_points(
             hit = hit_of(at_x, at_y, at_z, x, y, z, reach, own, is_nearest, corners, nodes, stack)
         if hit >= 0:
             reason[i], hider[i], last = OCCLUDED, hit, hit
-
-
-@allocation_free
-def find_per_m2(lens, points, normals, out):
-    """Pixels on a square metre of surfaces at points in view, (N, 3) in camera axes; out: (N,)."""
-    for i in range(points.shape[0]):
-        slopes = jacobian(lens, points[i, 0], points[i, 1], points[i, 2])
-        out[i] = per_m2(slopes, normals[i, 0], normals[i, 1], normals[i, 2])
 
 
 @allocation_free

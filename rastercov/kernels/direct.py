@@ -28,17 +28,24 @@ class DirectCalls:
     def __call__(self, loop: Any, *args: Any) -> Any:
         """Call a loop."""
         entry = self._entries.get(loop)
-        if entry is None:
+        if entry is not None:
+            if self.is_checked and _types_of(args) is not self._types[loop]:
+                raise TypeError(f"{loop.__name__} was called with arguments of other types")
+            return entry(*args)
+        kind = loop, _kind_of(args)
+        is_new = kind not in _entry_of
+        if is_new:
             result = loop(*args)
-            if hasattr(loop, "get_overload"):  # not where numba is disabled
-                types = _types_of(args)
-                self._entries[loop], self._types[loop] = loop.get_overload(types), types
-            return result
-        if self.is_checked and _types_of(args) is not self._types[loop]:
-            raise TypeError(f"{loop.__name__} was called with arguments of other types")
-        return entry(*args)
+            if not hasattr(loop, "get_overload"):  # numba is disabled
+                return result
+            types = _types_of(args)
+            _entry_of[kind] = loop.get_overload(types), types
+        self._entries[loop], self._types[loop] = _entry_of[kind]
+        return result if is_new else self._entries[loop](*args)
 
 
+_entry_of: dict[Hashable, tuple[Any, tuple[Any, ...]]] = {}
+"""Compiled code, and types of the arguments, of a loop and a kind of arguments."""
 _of_kind: dict[Hashable, tuple[Any, ...]] = {}
 _same: dict[tuple[Any, ...], tuple[Any, ...]] = {}
 

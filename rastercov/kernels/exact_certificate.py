@@ -84,25 +84,33 @@ def is_joint(e, view):
     It may if both of its faces leave the image and it lies outside, where nothing is checked.
     """
     edges, camera, uvw, state = view.edges, view.camera, view.projected.uvw, view.projected.state
-    is_inside = not (state[edges.faces[e, 0]] & PARTLY and state[edges.faces[e, 1]] & PARTLY)
+    if not state[edges.faces[e, 0]] & state[edges.faces[e, 1]] & PARTLY:
+        return True
+    is_inside = False
     for end in range(2):
         i = edges.vertices[e, end]
         is_in_image = 0 <= uvw[i, U] <= camera.width and 0 <= uvw[i, V] <= camera.height
-        is_in_image = is_in_image and uvw[i, W] > 0
-        is_inside = is_inside or is_in_image
+        is_inside = is_inside or (is_in_image and uvw[i, W] > 0)
     return is_inside
 
 
 @part_with_arrays
-def join_along(e, view, parent):
-    """Join the regions on both sides of an edge along which visibility does not change."""
-    edges, projected = view.edges, view.projected
-    if edges.faces[e, 1] < 0:
+def join_across(node, e, g, view, parent):
+    """Join the region of a node with that of face g beyond an edge, -1 for none, if it may be.
+
+    A root takes the lower parent of both without a jump; nearly always they have the same then.
+    """
+    if g < 0:
         return
-    f = node_of(edges.faces[e, 0], parent, projected)
-    g = node_of(edges.faces[e, 1], parent, projected)
-    if f >= 0 and g >= 0 and parent[f] != parent[g] and is_joint(e, view):
-        join(f, g, parent)
+    other = node_of(g, parent, view.projected)
+    if other < 0 or not is_joint(e, view):
+        return
+    p, q = parent[node], parent[other]
+    lower = min(p, q)
+    p, q = lower if p == node else p, lower if q == other else q
+    parent[node], parent[other] = p, q
+    if p != q:
+        join(node, other, parent)
 
 
 @part_with_arrays
@@ -209,10 +217,10 @@ def join_faces(view, parent):
             f = node - n_patches
             for s in range(3 if parent[node] >= 0 else 0):
                 e = edges.of_face[f, s]
+                g, h = edges.faces[e, 0], edges.faces[e, 1]
                 # Once: from the first of its faces, unless the block of that is whole.
-                g = edges.faces[e, 0]
                 if (g == f or is_of_a_region(g // BLOCK, projected)) and not view.is_event[e]:
-                    join_along(e, view, parent)
+                    join_across(node, e, h if g == f else g, view, parent)
 
 
 @part_with_arrays
@@ -257,13 +265,15 @@ def find_regions(events, is_hidden, view, parent, region, out):
         Out: the crossed faces, and after them the largest face of each region, of those that are
         listed if any is.
     """
-    projected = view.projected
+    projected, edges = view.projected, view.edges
     n_crossed = list_crossed(projected, out)
     join_blocks(projected, parent, region)
     join_faces(view, parent)
     for index in range(events.shape[0]):
         if is_hidden[events[index]]:
-            join_along(events[index], view, parent)
+            node = node_of(edges.faces[events[index], 0], parent, projected)
+            if node >= 0:
+                join_across(node, events[index], edges.faces[events[index], 1], view, parent)
     n = number_regions(projected, parent, region)
     largest = out[n_crossed : n_crossed + n]
     largest[:] = -1

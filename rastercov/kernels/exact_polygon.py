@@ -470,6 +470,15 @@ def cut_in_space(points, n, a, b, c, d, spare):
     return kept
 
 
+@part_with_arrays
+def along(pose, axis, vertices, vertex):
+    """Coordinate of a vertex along an axis of a camera, metres."""
+    total = 0.0
+    for k in range(3):
+        total += (vertices[vertex, k] - pose[k, 3]) * pose[k, axis]
+    return total
+
+
 @allocation_free
 def least_depth(vertices, faces, pose, sides, near, enough, polygon, spare):
     """Least depth of faces beyond `near` inside a pyramid, metres; `enough` where none is less.
@@ -491,14 +500,13 @@ def least_depth(vertices, faces, pose, sides, near, enough, polygon, spare):
     least = enough
     for f in range(faces.shape[0]):
         for corner in range(3):
-            for axis in range(2, -1, -1):
-                total = 0.0
-                for k in range(3):
-                    total += (vertices[faces[f, corner], k] - pose[k, 3]) * pose[k, axis]
-                polygon[corner, axis] = total
+            polygon[corner, 2] = along(pose, 2, vertices, faces[f, corner])
         depths = polygon[0, 2], polygon[1, 2], polygon[2, 2]
         if not (min(depths) < least and max(depths) >= near):
             continue
+        for corner in range(3):
+            for axis in range(2):
+                polygon[corner, axis] = along(pose, axis, vertices, faces[f, corner])
         n = cut_in_space(polygon, np.int64(3), 0.0, 0.0, 1.0, near, spare)
         for side in range(sides.shape[0]):
             n = cut_in_space(polygon, n, sides[side, 0], sides[side, 1], sides[side, 2], 0.0, spare)
