@@ -17,7 +17,7 @@ import rastercov as rc
 from rastercov.camera.pose_file import write_poses
 from rastercov.coverage.network import Network
 from rastercov.coverage.observer import open_observer
-from rastercov.coverage.task import Reason
+from rastercov.coverage.reasons import Reason
 from rastercov.mesh import Mesh
 from rastercov.placement.candidates.cavities import Access, openings
 from rastercov.placement.candidates.pool import Framing

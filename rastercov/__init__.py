@@ -46,7 +46,7 @@ if _TYPE_CHECKING:
     from rastercov.coverage.network import Network as Network
     from rastercov.coverage.observer import Observer as Observer
     from rastercov.coverage.observer import open_observer as open_observer
-    from rastercov.coverage.task import Reason as Reason
+    from rastercov.coverage.reasons import Reason as Reason
     from rastercov.coverage.task import Task as Task
     from rastercov.coverage.visibility import Visibility as Visibility
     from rastercov.coverage.visibility import visibility as visibility
@@ -86,7 +86,8 @@ _NAMES = {
     "coverage.job": "evaluate",
     "coverage.network": "Network",
     "coverage.observer": "Observer open_observer",
-    "coverage.task": "Reason Task",
+    "coverage.reasons": "Reason",
+    "coverage.task": "Task",
     "coverage.visibility": "Visibility visibility",
     "mesh": "Group Mesh",
     "raster": "FaceCounts Rasterizer RasterizerInfo VisibilityBuffer open_rasterizer",

@@ -14,7 +14,8 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.near_plane import near_limit
 from rastercov.camera.projection import to_image
 from rastercov.coverage.coverage import FIGURES, Coverage
-from rastercov.coverage.task import Reason, Task
+from rastercov.coverage.reasons import Reason
+from rastercov.coverage.task import Task
 from rastercov.kernels.criteria import MOST_DOUBTFUL, SIDE_ROUNDING
 from rastercov.kernels.face_bounds import BORDER_ROUNDING
 from rastercov.kernels.network import ROW_TYPES, PairRows

@@ -20,7 +20,7 @@ from rastercov.camera.pose import Poses
 from rastercov.camera.projection import to_camera, to_image
 from rastercov.coverage.coverage import FIGURES
 from rastercov.coverage.face_pass import FacePass
-from rastercov.coverage.task import Reason
+from rastercov.coverage.reasons import Reason
 from rastercov.mesh import Mesh
 from rastercov.raster.observation import BoundKind, Observation
 

@@ -8,7 +8,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.coverage.task import Reason
+from rastercov.coverage.reasons import Reason
 from rastercov.raster.observation import BoundKind
 
 FloatArray = NDArray[np.float64]

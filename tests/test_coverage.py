@@ -18,8 +18,8 @@ from rastercov.coverage import job
 from rastercov.coverage.coverage import FIGURES, evaluate_batches
 from rastercov.coverage.job import evaluate
 from rastercov.coverage.observer import open_observer
-from rastercov.coverage.reasons import faces_in_view
-from rastercov.coverage.task import Reason, Task
+from rastercov.coverage.reasons import Reason, faces_in_view
+from rastercov.coverage.task import Task
 from rastercov.coverage.visibility import FRACTION, visibility
 from rastercov.mesh import Mesh, shapes
 

@@ -14,7 +14,7 @@ from rastercov.camera.pose import Poses
 from rastercov.coverage.coverage import FIGURES, measurements
 from rastercov.coverage.face_pass import FacePass
 from rastercov.coverage.network import CHOICES, Network
-from rastercov.coverage.task import Reason
+from rastercov.coverage.reasons import Reason
 from rastercov.kernels import coverage as kernels
 from rastercov.kernels import decision
 from rastercov.kernels.decision import AT_A_TIME

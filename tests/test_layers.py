@@ -91,7 +91,7 @@ BUDGET = {
     "camera": 4_610,
     "cli": 1_340,
     "cluster": 670,
-    "coverage": 2_550,
+    "coverage": 2_560,
     "exact": 720,
     "kernels": 10_140,
     "mesh": 3_280,

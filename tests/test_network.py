@@ -20,8 +20,9 @@ from rastercov.coverage.engine import Engine
 from rastercov.coverage.job import evaluate
 from rastercov.coverage.network import Network
 from rastercov.coverage.observer import open_observer
+from rastercov.coverage.reasons import Reason
 from rastercov.coverage.shards import EvaluationShards, Wanted, judged_parts
-from rastercov.coverage.task import Reason, Task
+from rastercov.coverage.task import Task
 from rastercov.mesh import Group, Mesh, shapes
 from rastercov.placement.plan.network import Measured, with_areas
 

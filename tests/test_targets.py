@@ -11,7 +11,7 @@ from visible_fractions import FRACTION, visibility
 
 import rastercov as rc
 from rastercov.coverage.coverage import FIGURES
-from rastercov.coverage.task import Reason
+from rastercov.coverage.reasons import Reason
 from rastercov.mesh import shapes
 from rastercov.placement import what_is_left
 from rastercov.reference.algorithm1 import occlusion

@@ -17,7 +17,8 @@ from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Cameras, cameras_of, names_of
 from rastercov.coverage.area.failures import first_failures
 from rastercov.coverage.network import Network
-from rastercov.coverage.task import Reason, Task
+from rastercov.coverage.reasons import Reason
+from rastercov.coverage.task import Task
 
 LEAST_UNSEEN_SHARE = 0.5
 """Share of the area with coverage 0 in every camera above which its sides are looked at."""

@@ -21,7 +21,8 @@ from rastercov.camera.pose import Poses
 from rastercov.coverage.coverage import Coverage, batch_size, check_observer, measurements
 from rastercov.coverage.face_pass import FacePass, Measured, Scope, Worker
 from rastercov.coverage.observer import Observer
-from rastercov.coverage.task import Reason, Task
+from rastercov.coverage.reasons import Reason
+from rastercov.coverage.task import Task
 from rastercov.kernels.direct import DirectCalls
 from rastercov.mesh import Mesh
 from rastercov.raster.observation import BoundKind

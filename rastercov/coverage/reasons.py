@@ -1,20 +1,38 @@
-"""Reasons of faces, points and zones that are not covered, with the words on each: one table."""
+"""Reasons of faces, points and zones that are not covered, with the words and colour of each."""
 
+from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras
-from rastercov.coverage.face_pass import FacePass
-from rastercov.coverage.task import Reason
-from rastercov.mesh import Mesh
-from rastercov.raster.observation import BoundKind, Observation
+
+class Reason(IntEnum):
+    """First criterion that a face fails, in this order."""
+
+    DEGENERATE = 0
+    """The face has no area."""
+    BACK_FACING = 1
+    """The camera is behind it."""
+    OUTSIDE = 2
+    """A vertex is outside the image or before the near plane."""
+    OUT_OF_FOCUS = 3
+    """It is not within the depth of field."""
+    UNSAMPLED = 4
+    """It is in view but so small or thin that no sample falls on it, or that it has no image to
+    within rounding; occlusion is unknown."""
+    TOO_COARSE = 5
+    """Too few pixels, or too few a metre."""
+    OCCLUDED = 6
+    """Too much of it is hidden."""
+    TOO_OBLIQUE = 7
+    """Its angle of incidence is too large."""
+    COVERED = 8
+    """Every criterion holds."""
 
 
 class Words(NamedTuple):
-    """Words on a reason.
+    """Words on a reason, and its colour in pictures.
 
     Attributes
     ----------
@@ -24,45 +42,63 @@ class Words(NamedTuple):
         After a number of faces.
     advice : str
         For one camera to cover a face; names in braces are figures of the face.
+    colour : (3,) int
+        sRGB.
     """
 
     label: str
     sentence: str
-    advice: str = ""
+    advice: str
+    colour: tuple[int, int, int]
 
 
 REASONS = {
-    "degenerate": Words("without area", "have no area", "it has no area, and cannot be covered"),
+    "degenerate": Words(
+        "without area", "have no area", "it has no area, and cannot be covered", (84, 96, 100)
+    ),
     "back_facing": Words(
         "seen from behind",
         "are seen from behind",
         "move the camera to the side that its normal points to",
+        (136, 84, 164),
     ),
     "outside": Words(
-        "not all in the image", "are not all in the image", "turn the camera towards it{wider}"
+        "not all in the image",
+        "are not all in the image",
+        "turn the camera towards it{wider}",
+        (0, 114, 178),
     ),
     "out_of_focus": Words(
         "out of focus",
         "are out of focus",
         "it is {depth} deep, in focus are {in_focus}: focus on it",
+        (86, 180, 233),
     ),
-    "unsampled": Words("too small for a sample", "are too small for a sample", "come nearer"),
+    "unsampled": Words(
+        "too small for a sample", "are too small for a sample", "come nearer", (120, 94, 60)
+    ),
     "too_coarse": Words(
         "too few pixels",
         "get too few pixels",
         "it gets {finer}: come {times} as near, or take {times} the focal length",
+        (240, 160, 0),
     ),
-    "occluded": Words("occluded", "are occluded", "move the camera so that {hider} is not between"),
+    "occluded": Words(
+        "occluded", "are occluded", "move the camera so that {hider} is not between", (214, 39, 40)
+    ),
     "too_oblique": Words(
         "seen too flatly",
         "are seen too flatly",
         "seen at {angle} deg of {max_angle}: move towards its normal",
+        (0, 158, 115),
     ),
-    "covered": Words("covered", "are covered"),
-    "too_few_views": Words("too few cameras", "are covered by too few cameras"),
-    "no_cameras": Words("no cameras", "have no camera"),
+    "covered": Words("covered", "are covered", "", (214, 220, 226)),
+    "too_few_views": Words(
+        "too few cameras", "are covered by too few cameras", "", (230, 120, 180)
+    ),
+    "no_cameras": Words("no cameras", "have no camera", "", (52, 56, 62)),
 }
-"""Words by the name of the reason: the members of `Reason`, and two of a network."""
+"""By the name of the reason: the members of `Reason`, in their order, and two of a network."""
 NAMES = tuple(REASONS)
 TOO_FEW_VIEWS, NO_CAMERAS = NAMES.index("too_few_views"), NAMES.index("no_cameras")
 """Rows of the reasons of a network."""
@@ -87,17 +123,3 @@ def reason_rows(
     rows = np.where(reason == Reason.COVERED, np.uint8(TOO_FEW_VIEWS), reason)
     rows[covered] = Reason.COVERED
     return rows
-
-
-def faces_in_view(mesh: Mesh, camera: Cameras, poses: Poses) -> NDArray[np.bool_]:
-    """(P, F) faces seen from the front with some part in the image, whatever is before them."""
-    shape = len(poses), mesh.n_faces
-    none = np.zeros(shape)
-    kind = np.full(shape, BoundKind.EXACT, np.uint8)
-    measured = Observation(none, none, kind, none, np.zeros(len(poses), np.bool_))
-    reason, in_view = np.empty(shape, np.uint8), np.empty(shape, np.bool_)
-    part = np.empty(shape)
-    figures = {"reason": reason, "in_view": in_view, "in_view_fraction": part}
-    FacePass(mesh, camera, 1).fill(measured, poses, figures)
-    found: NDArray[np.bool_] = (reason > Reason.BACK_FACING) & (in_view | (part > 0))
-    return found

@@ -8,7 +8,6 @@ E. S. Eissa. Image Space Coverage Model for Deployment of Multi-Camera Networks.
 
 import math
 from dataclasses import dataclass
-from enum import IntEnum
 from typing import Annotated, Any, Literal, NamedTuple, Self
 
 import numpy as np
@@ -18,30 +17,6 @@ from typing_extensions import Doc
 from rastercov.base.arguments import check_limits
 from rastercov.camera.camera import Camera
 from rastercov.coverage.densities import PX_PER_M
-
-
-class Reason(IntEnum):
-    """First criterion that a face fails, in this order."""
-
-    DEGENERATE = 0
-    """The face has no area."""
-    BACK_FACING = 1
-    """The camera is behind it."""
-    OUTSIDE = 2
-    """A vertex is outside the image or before the near plane."""
-    OUT_OF_FOCUS = 3
-    """It is not within the depth of field."""
-    UNSAMPLED = 4
-    """It is in view but so small or thin that no sample falls on it, or that it has no image to
-    within rounding; occlusion is unknown."""
-    TOO_COARSE = 5
-    """Too few pixels, or too few a metre."""
-    OCCLUDED = 6
-    """Too much of it is hidden."""
-    TOO_OBLIQUE = 7
-    """Its angle of incidence is too large."""
-    COVERED = 8
-    """Every criterion holds."""
 
 
 class Rules(NamedTuple):

@@ -29,10 +29,11 @@ from rastercov.base.typed import typed
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.camera.rig import Cameras
 from rastercov.coverage.coverage import Coverage, evaluate_batches
+from rastercov.coverage.face_pass import faces_in_view
 from rastercov.coverage.network import Network, share_of_faces
 from rastercov.coverage.observer import Observer, open_observer
-from rastercov.coverage.reasons import NAMES, REASONS, faces_in_view, reason_rows
-from rastercov.coverage.task import Reason, Task
+from rastercov.coverage.reasons import NAMES, REASONS, Reason, reason_rows
+from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import frozen
 from rastercov.mesh.contacts import TriangleTree

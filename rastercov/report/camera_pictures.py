@@ -17,8 +17,8 @@ from PIL import Image
 from rastercov.camera.camera import Camera
 from rastercov.coverage.area.regions import Regions, covering_poses
 from rastercov.coverage.job import evaluate
-from rastercov.coverage.reasons import NAMES, REASONS
-from rastercov.coverage.task import Reason, Task
+from rastercov.coverage.reasons import NAMES, REASONS, Reason
+from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.raster import open_rasterizer
 from rastercov.report import theme
@@ -149,15 +149,15 @@ def camera_pixels(image: CameraImage, colour: Colour) -> Pixels:
         lambda face: np.where(lines, striped[face], table[face]),
     )  # fmt: skip
     hatched = image.hidden & stripes(scene.face.shape, scene.stripe, 4)
-    pixels[hatched] = theme.REASONS["occluded"]
+    pixels[hatched] = REASONS["occluded"].colour
     return pixels
 
 
 def _colours(colour: Colour) -> tuple[Pixels, Pixels]:
     """Colours of reasons, and of the stripes over them."""
-    striped = np.array([theme.REASONS.get(name, colour) for name in NAMES], np.uint8)
+    striped = np.array([each.colour for each in REASONS.values()], np.uint8)
     table = np.full_like(striped, theme.COVERED)
-    table[Reason.COVERED] = colour
+    table[Reason.COVERED] = striped[Reason.COVERED] = colour
     return table, striped
 
 
@@ -171,7 +171,7 @@ def camera_keys(image: CameraImage, colour: Colour, name: str) -> list[Key]:
             keys.append(Key.of(REASONS[NAMES[reason]].label, table, striped))
     keys += scene_keys([scene])
     if image.hidden.any():
-        colours = scene.setting.occluder, theme.REASONS["occluded"]
+        colours = scene.setting.occluder, REASONS["occluded"].colour
         keys.append(Key.of("occluder that hides the task", *colours, 4, 4))
     if (scene.face < 0).any():
         keys.append(Key.of("nothing", scene.setting.background))

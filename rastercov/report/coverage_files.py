@@ -26,7 +26,7 @@ from rastercov.coverage.area.frames import frames_of
 from rastercov.coverage.area.regions import Regions
 from rastercov.coverage.area.union import Covered, with_rest
 from rastercov.coverage.coverage import FIGURES, Coverage
-from rastercov.coverage.task import Reason
+from rastercov.coverage.reasons import Reason
 from rastercov.mesh import Mesh
 from rastercov.mesh.formats.gltf_file import Y_UP, GlbBuffer
 from rastercov.raster.observation import BoundKind

@@ -107,7 +107,7 @@ class Mode(NamedTuple):
 def by_reason(mesh: Mesh, rows: NDArray[np.uint8]) -> Painted:
     """Rows of `REASONS`, (F,)."""
     levels = np.where(mesh.task_mask, rows, np.uint8(OCCLUDER_OF_REASONS))
-    colours: list[Colour] = [theme.REASONS.get(name, theme.COVERED) for name in NAMES]
+    colours: list[Colour] = [each.colour for each in REASONS.values()]
     words = [each.label for each in REASONS.values()]
     return _classes(mesh, levels, [*colours, theme.OCCLUDER_PALE], [*words, OCCLUDER_LABEL])
 

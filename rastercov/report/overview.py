@@ -252,7 +252,7 @@ def zones_picture(
     """
     mesh, listed = zones.mesh, numbered(summary)
     reasons = [zone["reason"] for zone in listed]
-    colours: list[Colour] = [theme.REASONS[reason] for reason in reasons]
+    colours: list[Colour] = [REASONS[reason].colour for reason in reasons]
     faces = np.zeros(mesh.n_faces, np.bool_)
     faces[zones.face[zones.zone < max(1, len(listed))]] = True
     faces &= ~outer_skin(mesh, eyes)
@@ -261,7 +261,7 @@ def zones_picture(
     pictures = [_with_zones(zones, scene, colours, seen) for scene in scenes]
     keys = [Key.of("covered", theme.COVERED)]
     for reason in dict.fromkeys(reasons):
-        keys.append(Key.of(REASONS[reason].label, theme.REASONS[reason]))
+        keys.append(Key.of(REASONS[reason].label, REASONS[reason].colour))
     if len(zones) > len(listed):
         keys.append(Key.of("smaller zones, without a number", theme.UNCOVERED))
     percents = [part["percent"] for part in (*summary["dead_zones"], summary["other_dead_zones"])]

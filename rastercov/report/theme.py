@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.errors import ConfigError
+from rastercov.coverage.reasons import REASONS
 from rastercov.mesh import Mesh
 
 Colour = tuple[int, int, int]
@@ -41,7 +42,7 @@ DARK = Theme(
 
 # Pictures of the part.
 PAPER, INK = (255, 255, 255), (24, 28, 34)
-COVERED, UNCOVERED = (214, 220, 226), (52, 56, 62)
+COVERED, UNCOVERED = REASONS["covered"].colour, (52, 56, 62)
 OCCLUDER_PALE = (238, 228, 208)
 
 
@@ -61,19 +62,6 @@ OF_CAMERA = Setting((160, 190, 219), (176, 140, 90), (132, 96, 140), (158, 122, 
 """Of the image of a camera: all have a hue, so that every grey means coverage."""
 DARKEST, GREY_SPAN = 14, 235
 """Grey of a face: light * (DARKEST + GREY_SPAN * coverage)."""
-REASONS: dict[str, Colour] = {
-    "occluded": (214, 39, 40),
-    "outside": (0, 114, 178),
-    "back_facing": (136, 84, 164),
-    "too_coarse": (240, 160, 0),
-    "out_of_focus": (86, 180, 233),
-    "too_oblique": (0, 158, 115),
-    "too_few_views": (230, 120, 180),
-    "unsampled": (120, 94, 60),
-    "degenerate": (84, 96, 100),
-    "no_cameras": (52, 56, 62),
-}
-"""Colours of uncovered faces, by the name of the reason."""
 CAMERAS: tuple[Colour, ...] = (
     (0, 114, 178), (230, 126, 0), (0, 158, 115), (204, 80, 150), (100, 185, 245), (236, 206, 60),
     (213, 48, 40), (120, 84, 190), (130, 190, 40), (40, 50, 140), (250, 160, 170), (0, 205, 205),

@@ -26,8 +26,8 @@ from rastercov.coverage.coverage import evaluate_batches
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.network import ViewSpread, share_of_faces
 from rastercov.coverage.observer import Observer, open_observer
-from rastercov.coverage.reasons import NAMES, REASONS, reason_rows
-from rastercov.coverage.task import Reason, Task
+from rastercov.coverage.reasons import NAMES, REASONS, Reason, reason_rows
+from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.placement.uncovered import in_front
 from rastercov.report.modes import OfCameras

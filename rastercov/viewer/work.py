@@ -21,7 +21,7 @@ from rastercov.base.interrupts import ABANDONED
 from rastercov.camera.camera import Camera
 from rastercov.coverage.coverage import evaluate_batches
 from rastercov.coverage.network import least_cosine
-from rastercov.coverage.task import Reason
+from rastercov.coverage.reasons import Reason
 from rastercov.mesh import Mesh
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.improve.pose_space import PoseSpace

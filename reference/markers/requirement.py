@@ -23,7 +23,8 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.projection import to_image
 from rastercov.coverage.coverage import Coverage
 from rastercov.coverage.job import evaluate
-from rastercov.coverage.task import Reason, Task
+from rastercov.coverage.reasons import Reason
+from rastercov.coverage.task import Task
 from rastercov.reference.markers.scene import CELLS, MARKER_SIDE, PlateScene
 
 FloatArray = NDArray[np.float64]

@@ -22,7 +22,8 @@ from rastercov.camera.pose import valid_poses
 from rastercov.coverage.coverage import Coverage, evaluate_batches
 from rastercov.coverage.observer import open_observer
 from rastercov.coverage.provenance import provenance_of
-from rastercov.coverage.task import Reason, Task
+from rastercov.coverage.reasons import Reason
+from rastercov.coverage.task import Task
 from rastercov.kernels.stopwatch import Stopwatch
 from rastercov.mesh import Mesh
 from rastercov.raster.observation import BoundKind

@@ -12,7 +12,7 @@ from scenes import joined, sheet
 from visible_fractions import visibility
 
 import rastercov as rc
-from rastercov.coverage.task import Reason
+from rastercov.coverage.reasons import Reason
 from rastercov.mesh import Group, Mesh, shapes
 from rastercov.placement.candidates.cavities import (
     Access,

@@ -13,8 +13,8 @@ from visible_fractions import visibility
 
 import rastercov as rc
 from rastercov.coverage.network import Network
-from rastercov.coverage.reasons import REASONS
-from rastercov.coverage.task import Reason, Task
+from rastercov.coverage.reasons import REASONS, Reason
+from rastercov.coverage.task import Task
 from rastercov.mesh import Group, Mesh, shapes
 from rastercov.placement import uncovered
 from rastercov.placement.improve.objective import Objective

@@ -17,7 +17,7 @@ from pydantic import ValidationError
 import rastercov as rc
 from rastercov.camera.pose_file import write_poses
 from rastercov.camera.viewpoints import sphere_of_poses
-from rastercov.coverage.task import Reason
+from rastercov.coverage.reasons import Reason
 from rastercov.mesh import shapes
 from rastercov.placement.plan import sections as plan_entry
 from rastercov.placement.plan import sections as plan_generators

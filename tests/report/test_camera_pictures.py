@@ -9,7 +9,7 @@ from target_scenes import beside, sheet_at
 
 import rastercov as rc
 from rastercov.camera.projection import to_camera, to_image
-from rastercov.coverage.task import Reason
+from rastercov.coverage.reasons import Reason
 from rastercov.mesh import Group, Mesh, shapes
 from rastercov.report import theme
 from rastercov.report.camera_pictures import camera_image, camera_keys, camera_pixels

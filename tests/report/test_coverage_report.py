@@ -24,7 +24,8 @@ from rastercov.camera.viewpoints import sphere_of_poses
 from rastercov.cluster import Staff
 from rastercov.coverage.job import evaluate
 from rastercov.coverage.network import CHOICES
-from rastercov.coverage.task import Reason, Task
+from rastercov.coverage.reasons import Reason
+from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh, shapes
 from rastercov.raster import open_rasterizer
 from rastercov.raster.observation import BoundKind

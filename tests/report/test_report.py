@@ -19,7 +19,8 @@ from rastercov.camera.camera import Camera
 from rastercov.camera.viewpoints import look_at
 from rastercov.coverage.coverage import FIGURES, Coverage
 from rastercov.coverage.network import Network
-from rastercov.coverage.task import Reason, Task
+from rastercov.coverage.reasons import Reason
+from rastercov.coverage.task import Task
 from rastercov.mesh import Group, Mesh, shapes
 from rastercov.raster.contract import RasterizerInfo, VisibilityBuffer
 from rastercov.raster.observation import BoundKind

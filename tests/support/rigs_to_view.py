@@ -6,7 +6,7 @@ import rastercov as rc
 from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Rig
 from rastercov.camera.viewpoints import look_at, sphere_of_poses
-from rastercov.coverage.task import Reason
+from rastercov.coverage.reasons import Reason
 from rastercov.mesh import shapes
 from rastercov.viewer.rig_state import RigState
 from rastercov.viewer.scene import Scene

@@ -6,7 +6,7 @@ import pytest
 from rigs_to_view import CAMERA, acted, around, moved, part, session_of, state_of
 
 import rastercov as rc
-from rastercov.coverage.task import Reason
+from rastercov.coverage.reasons import Reason
 from rastercov.mesh import shapes
 from rastercov.placement.improve.pose_space import PoseSpace
 from rastercov.viewer.measurements import Measurements

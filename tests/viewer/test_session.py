@@ -15,8 +15,7 @@ from rastercov.camera.pose import Poses
 from rastercov.camera.rig import Rig
 from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.area.regions import regions
-from rastercov.coverage.reasons import NO_CAMERAS
-from rastercov.coverage.task import Reason
+from rastercov.coverage.reasons import NO_CAMERAS, Reason
 from rastercov.placement.candidates.segments import segment
 from rastercov.report.modes import OCCLUDER_OF_REASONS
 from rastercov.viewer import measurements

@@ -24,7 +24,8 @@ from rastercov.camera.rig import Cameras, cameras_of
 from rastercov.coverage.area.cells import Cells
 from rastercov.coverage.area.frames import frames_of
 from rastercov.coverage.area.regions import check_pointwise
-from rastercov.coverage.task import Reason, Task
+from rastercov.coverage.reasons import Reason
+from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.contacts import TriangleTree
 

@@ -28,8 +28,8 @@ from rastercov.coverage.area import polygons
 from rastercov.coverage.area.failures import first_failures
 from rastercov.coverage.area.frames import FacePolygons, frames_of, rows_at, to_world
 from rastercov.coverage.area.union import Covered, with_rest
-from rastercov.coverage.reasons import REASONS
-from rastercov.coverage.task import Reason, Task
+from rastercov.coverage.reasons import REASONS, Reason
+from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 
 FloatArray = NDArray[np.float64]
@@ -320,7 +320,7 @@ def _reasons(
     for fails, hidden_by in first_failures(mesh, camera, task, poses, points[rows], face[rows]):
         # No camera covers these points: where none of the criteria fails, it is a coincident
         # surface in front, or rounding.
-        reason[rows] = np.maximum(reason[rows], np.minimum(fails, Reason.TOO_OBLIQUE))
+        reason[rows] = np.maximum(reason[rows], np.minimum(fails, Reason.COVERED - 1))
         unclear = fails == Reason.COVERED
         reason[rows[unclear]] = np.maximum(reason[rows[unclear]], Reason.OCCLUDED)
         at = np.flatnonzero(hidden_by >= 0)

@@ -22,7 +22,8 @@ from rastercov.coverage.area.regions import RegionPass
 from rastercov.coverage.coverage import evaluate_batches
 from rastercov.coverage.network import least_cosine
 from rastercov.coverage.observer import Observer
-from rastercov.coverage.task import Reason, Task
+from rastercov.coverage.reasons import Reason
+from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.placement.mounts import Mounts, places_on_rigs
 from rastercov.placement.select.problem import (

@@ -28,7 +28,8 @@ from rastercov.coverage.coverage import Coverage, batch_size, evaluate_batches
 from rastercov.coverage.engine import Engine
 from rastercov.coverage.network import Network, share_of_faces
 from rastercov.coverage.observer import Observer, open_observer
-from rastercov.coverage.task import Reason, Task
+from rastercov.coverage.reasons import Reason
+from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.plan.file import Plan

@@ -30,7 +30,8 @@ from rastercov.coverage.area.cells import Cells, cells, usual_size
 from rastercov.coverage.area.network import AreaNetwork
 from rastercov.coverage.coverage import evaluate_batches
 from rastercov.coverage.observer import Observer
-from rastercov.coverage.task import Reason, Task
+from rastercov.coverage.reasons import Reason
+from rastercov.coverage.task import Task
 from rastercov.kernels.stopwatch import Stopwatch
 from rastercov.mesh import Mesh
 from rastercov.placement.candidates.cavities import Openings, openings
