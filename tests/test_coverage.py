@@ -18,10 +18,11 @@ from rastercov.coverage import job
 from rastercov.coverage.coverage import FIGURES, evaluate_batches
 from rastercov.coverage.job import evaluate
 from rastercov.coverage.observer import open_observer
-from rastercov.coverage.reasons import Reason, faces_in_view
+from rastercov.coverage.reasons import Reason
 from rastercov.coverage.task import Task
 from rastercov.coverage.visibility import FRACTION, visibility
 from rastercov.mesh import Mesh, shapes
+from rastercov.placement.uncovered import faces_in_view
 
 CAMERA = Camera(width=200, height=200, fx=100, fy=100)
 SMALL = Camera(width=48, height=40, fx=45, fy=42, focus_range=(0.38, 0.48))

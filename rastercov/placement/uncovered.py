@@ -29,7 +29,7 @@ from rastercov.base.typed import typed
 from rastercov.camera.pose import Poses, renumbered
 from rastercov.camera.rig import Cameras
 from rastercov.coverage.coverage import Coverage, evaluate_batches
-from rastercov.coverage.face_pass import faces_in_view
+from rastercov.coverage.face_pass import FacePass
 from rastercov.coverage.network import Network, share_of_faces
 from rastercov.coverage.observer import Observer, open_observer
 from rastercov.coverage.reasons import NAMES, REASONS, Reason, reason_rows
@@ -37,7 +37,7 @@ from rastercov.coverage.task import Task
 from rastercov.mesh import Mesh
 from rastercov.mesh.arrays import frozen
 from rastercov.mesh.contacts import TriangleTree
-from rastercov.raster.observation import BoundKind
+from rastercov.raster.observation import BoundKind, Observation
 
 SEEN_NOTHING = 1e-6
 """Visible fraction up to which a face counts as not seen: the bound of computed fractions is 1e-9
@@ -481,3 +481,17 @@ class NearestCameras:
 def _amount(share: dict[str, Any]) -> str:
     """Words for a share of faces."""
     return f"{plural(share['faces'], 'face')} ({share['area_percent']:.3g} % of the area)"
+
+
+def faces_in_view(mesh: Mesh, camera: Cameras, poses: Poses) -> NDArray[np.bool_]:
+    """(P, F) faces seen from the front with some part in the image, whatever is before them."""
+    shape = len(poses), mesh.n_faces
+    none = np.zeros(shape)
+    kind = np.full(shape, BoundKind.EXACT, np.uint8)
+    measured = Observation(none, none, kind, none, np.zeros(len(poses), np.bool_))
+    reason, in_view = np.empty(shape, np.uint8), np.empty(shape, np.bool_)
+    part = np.empty(shape)
+    figures = {"reason": reason, "in_view": in_view, "in_view_fraction": part}
+    FacePass(mesh, camera, 1).fill(measured, poses, figures)
+    found: NDArray[np.bool_] = (reason > Reason.BACK_FACING) & (in_view | (part > 0))
+    return found
