@@ -670,16 +670,28 @@ def least_and_most(polygon, n, line):
     return least, most
 
 
-@allocation_free
+@part_with_arrays
 def append_dense(face, polygon, n, criteria, scratch, out):
     """Append the part of a polygon that meets all criteria of densities; see the module."""
+    mask = mask_of(criteria)
+    if mask == 0:  # here: a call with all these arrays takes as long as the rest
+        append_piece(face, polygon, n, nearest_corners(scratch.plane), scratch.tidy, out)
+    else:
+        append_by_densities(face, polygon, n, mask, criteria, scratch, out)
+
+
+@part_with_arrays
+def nearest_corners(plane):
+    """Distance of corners in the plane of a face that cannot be told apart, metres."""
+    return max(COINCIDENT_REL * plane[LONGEST], plane[ERROR])
+
+
+@allocation_free
+def append_by_densities(face, polygon, n, mask, criteria, scratch, out):
+    """Append the part of a polygon that meets the criteria of a mask."""
     plane, strips = scratch.plane, scratch.strips
     part, spare, fits, other = scratch.inner, scratch.spare, scratch.fits, scratch.other
-    nearest = max(COINCIDENT_REL * plane[LONGEST], plane[ERROR])
-    mask = mask_of(criteria)
-    if mask == 0:
-        append_piece(face, polygon, n, nearest, scratch.tidy, out)
-        return
+    nearest = nearest_corners(plane)
     top = push_parts(polygon, n, mask, 0, strips)
     while top > 0:
         top -= 1

@@ -155,7 +155,7 @@ def cap_of_chord(part, n, x0, y0, x1, y1, height, out, spare):
     return n if n >= 3 else 0
 
 
-@allocation_free
+@part_with_arrays
 def append_within_angle(face, polygon, n, slope, criteria, scratch, out):
     """Append the part of a polygon within the largest angle of incidence.
 
@@ -171,23 +171,26 @@ def append_within_angle(face, polygon, n, slope, criteria, scratch, out):
         Criteria; Scratch, with the face in `plane`; Found, to whose bound the area is added that
         the polygon in the circle leaves undecided.
     """
-    plane, caps, part = scratch.plane, scratch.caps, scratch.inner
-    if slope == 0:
-        append_dense(face, polygon, n, criteria, scratch, out)
-        return
+    plane = scratch.plane
     height, error = abs(plane[HEIGHT]), plane[ERROR]
     radius = height * slope
     error *= 2 + slope
     wanted = math.pi * math.sqrt(radius / (2 * criteria.gap))
     n_chords = np.int64(min(max(math.ceil(wanted), FEWEST_CHORDS), MOST_CHORDS))
-    inner = radius * math.cos(math.pi / n_chords)
     farthest = 0.0
     for p in range(n):
         away = length2(polygon[p, U] - plane[FOOT_X], polygon[p, V] - plane[FOOT_Y])
         farthest = max(farthest, away)
-    if farthest < inner - error:
+    if slope == 0 or farthest < radius * math.cos(math.pi / n_chords) - error:
         append_dense(face, polygon, n, criteria, scratch, out)
-        return
+    else:
+        append_within_circle(face, polygon, n, radius, error, n_chords, criteria, scratch, out)
+
+
+@allocation_free
+def append_within_circle(face, polygon, n, radius, error, n_chords, criteria, scratch, out):
+    """Append the part of a polygon within a polygon of `n_chords` corners in a circle."""
+    plane, caps, part = scratch.plane, scratch.caps, scratch.inner
     towards = anchor(plane)
     top = push_parts(polygon, n, 0, n_chords, caps)
     while top > 0:
@@ -458,7 +461,7 @@ def line_of_node(node, criteria, plane):
     return line_in_plane(a, b, c, plane), plane[ERROR] * (abs(a) + abs(b) + abs(c))
 
 
-@allocation_free
+@part_with_arrays
 def is_in_view(corners, n, plane, criteria):
     """True if a polygon lies in one cell of the tree that is inside the image, without a cut."""
     tree = criteria.tree
