@@ -55,6 +55,7 @@ distances = [4.2]
 [selection]
 goal = "best_coverage"
 cameras = 1
+by = "face"
 """
 TASK = """
 [task]
