@@ -199,13 +199,19 @@ def first_hits(origins, directions, reaches, own, corners, nodes, hit):
     Triangle `own` does not count, -1 for none. The (T, 3, 3) corners of the triangles are in the
     order of the tree.
     """
-    stack = np.empty(STACK_SIZE, np.int64)
+    stack, last = np.empty(STACK_SIZE, np.int64), -1
     for i in range(origins.shape[0]):
-        hit[i] = hit_of(
-            origins[i, 0], origins[i, 1], origins[i, 2],
-            directions[i, 0], directions[i, 1], directions[i, 2],
-            reaches[i], own[i], True, corners, nodes, stack,
-        ) if reaches[i] > 0.0 else -1  # fmt: skip
+        x, y, z = origins[i, 0], origins[i, 1], origins[i, 2]
+        d_x, d_y, d_z = directions[i, 0], directions[i, 1], directions[i, 2]
+        reach, hit[i] = reaches[i], -1
+        if last >= 0 and last != own[i]:  # what was hit before is often near this one, too
+            along = distance_to(corners, last, x, y, z, d_x, d_y, d_z)
+            if 0.0 <= along <= reach:
+                reach = along
+        if reaches[i] > 0.0:
+            hit[i] = hit_of(x, y, z, d_x, d_y, d_z, reach, own[i], True, corners, nodes, stack)
+        if hit[i] >= 0:
+            last = hit[i]
 
 
 # --- nearest point --------------------------------------------------------------------------------
