@@ -93,7 +93,7 @@ BUDGET = {
     "cluster": 670,
     "coverage": 2_550,
     "exact": 720,
-    "kernels": 10_150,
+    "kernels": 10_160,
     "mesh": 3_280,
     "placement": 6_480,
     "raster": 2_350,
