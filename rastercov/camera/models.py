@@ -23,7 +23,7 @@ class Model(NamedTuple):
     Attributes
     ----------
     base : str
-        Law of the lens before distortion, one of `rastercov.camera.lenses.lens.BASES`.
+        Law of the lens before distortion, one of `rastercov.kernels.lens_formulas.BASES`.
     coefficients : str
         Names of its coefficients, in order.
     counts : tuple of int
@@ -31,12 +31,15 @@ class Model(NamedTuple):
     is_planar : bool
         True where sharpness depends on the depth z, as for a lens with a plane in focus; otherwise
         it depends on the distance.
+    of_base : str
+        Coefficients that are the parameters of the base, up to three, in order.
     """
 
     base: str
     coefficients: str = ""
     counts: tuple[int, ...] = ()
     is_planar: bool = True
+    of_base: str = ""
 
 
 MODELS: Mapping[str, Model] = {
@@ -53,10 +56,12 @@ MODELS: Mapping[str, Model] = {
         "equidistant", "k1 k2 k3 k4 k5 k6 p1 p2 s1 s2 s3 s4", (8, 12), is_planar=False
     ),
     "fov": Model("fov", "omega"),
-    "division": Model("division", "k"),
+    "division": Model("division", "k", of_base="k"),
     "omni": Model("unified", "xi k1 k2 p1 p2", (1, 5), is_planar=False),
     "eucm": Model("unified", "alpha beta k1 k2 p1 p2", (2, 6), is_planar=False),
-    "double_sphere": Model("double_sphere", "xi alpha k1 k2 p1 p2", (2, 6), is_planar=False),
+    "double_sphere": Model(
+        "double_sphere", "xi alpha k1 k2 p1 p2", (2, 6), is_planar=False, of_base="xi alpha"
+    ),
     "metashape": Model("pinhole", "k1 k2 k3 k4 p1 p2"),
     "metashape_fisheye": Model("equidistant", "k1 k2 k3 k4 p1 p2", is_planar=False),
     "metashape_equisolid": Model("equisolid", "k1 k2 k3 k4 p1 p2", is_planar=False),

@@ -13,17 +13,9 @@ import math
 from rastercov.kernels import lens_formulas
 from rastercov.kernels.jit import allocation_free, compiled, part_of, part_with_arrays
 from rastercov.kernels.lens_formulas import (
-    B0,
-    B1,
-    B2,
     CX,
     CY,
-    DIVISION,
-    DOUBLE_SPHERE,
-    EQUIDISTANT,
     EQUIRECT,
-    EQUISOLID,
-    FOV,
     FX,
     FY,
     LATE,
@@ -42,7 +34,6 @@ from rastercov.kernels.lens_formulas import (
     T20,
     T21,
     T22,
-    UNIFIED,
 )
 
 SECTORS = 128
@@ -282,40 +273,7 @@ def sensor_point(p, u, v):
     return a, b
 
 
-@part_with_arrays
-def ray_of(code, p, x, y):
-    """Ray of unit length of a point of the plane of the base, the inverse of `based`."""
-    r = math.hypot(x, y)
-    if code == EQUIDISTANT:
-        if not r <= math.pi:
-            return math.nan, math.nan, math.nan
-        g = math.sin(r) / r if r > 0.0 else 1.0
-        return x * g, y * g, math.cos(r)
-    if code == EQUISOLID:
-        half = 0.25 * r * r  # sin^2(theta / 2)
-        g = math.sqrt(1.0 - half)
-        return x * g, y * g, 1.0 - 2.0 * half
-    if code == FOV:
-        if not r / p[B1] * p[B0] < 0.5 * math.pi:
-            return math.nan, math.nan, math.nan
-        z = r * p[B0] / math.tan(r / p[B1] * p[B0]) if r > 0.0 else p[B1]
-    elif code == UNIFIED:
-        a2 = p[B0] * p[B0]
-        near = 1.0 - a2 * p[B2] * r * r
-        z = near / (p[B1] + math.sqrt(p[B1] * p[B1] + (a2 - p[B1] * p[B1]) * near))
-    elif code == DOUBLE_SPHERE:
-        q = r * r
-        m = (1.0 - p[B1] * p[B1] * q) / (
-            p[B1] * math.sqrt(1.0 - (2.0 * p[B1] - 1.0) * q) + 1.0 - p[B1]
-        )
-        g = (m * p[B0] + math.sqrt(m * m + (1.0 - p[B0] * p[B0]) * q)) / (m * m + q)
-        x, y, z = g * x, g * y, g * m - p[B0]
-    elif code == DIVISION:
-        z = 1.0 + p[B0] * r * r
-    else:
-        z = 1.0
-    size = math.sqrt(x * x + y * y + z * z)
-    return x / size, y / size, z / size
+ray_of = lens_formulas.bound_to({"math": math}, part_with_arrays, (lens_formulas.ray_of,))["ray_of"]
 
 
 @part_with_arrays

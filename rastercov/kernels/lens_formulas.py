@@ -18,12 +18,19 @@ model. 2016. V. Usenko et al. The double sphere camera model. 2018. A. Fitzgibbo
 linear estimation of multiple view geometry and lens distortion. 2001.
 """
 
+import math
 from types import FunctionType
 
 import numpy as np
 
-PINHOLE, EQUIDISTANT, EQUISOLID, FOV, UNIFIED, DOUBLE_SPHERE, DIVISION, EQUIRECT = range(8)
-"""Codes of the bases."""
+BASES = (
+    *("pinhole", "equidistant", "equisolid", "fov", "unified", "double_sphere", "division"),
+    "equirectangular",
+)
+"""Names of the bases, by their codes."""
+PINHOLE, EQUIDISTANT, EQUISOLID, FOV, UNIFIED, DOUBLE_SPHERE, DIVISION, EQUIRECT = range(len(BASES))
+PLANAR = (PINHOLE, FOV, DIVISION)
+"""Bases of points in front of the camera alone."""
 
 SIZE = 32
 """Parameters of a lens, float64."""
@@ -76,6 +83,59 @@ def based(code, p, X, Y, Z):
     else:
         g = 1.0 / Z
     return X * g, Y * g
+
+
+def ray_of(code, p, x, y):
+    """Ray of unit length of a point of the plane of the base, the inverse of `based`."""
+    r = math.hypot(x, y)
+    if code == EQUIDISTANT:
+        if not r <= math.pi:
+            return math.nan, math.nan, math.nan
+        g = math.sin(r) / r if r > 0.0 else 1.0
+        return x * g, y * g, math.cos(r)
+    if code == EQUISOLID:
+        half = 0.25 * r * r  # sin^2(theta / 2)
+        g = math.sqrt(1.0 - half)
+        return x * g, y * g, 1.0 - 2.0 * half
+    if code == FOV:
+        if not r / p[B1] * p[B0] < 0.5 * math.pi:
+            return math.nan, math.nan, math.nan
+        z = r * p[B0] / math.tan(r / p[B1] * p[B0]) if r > 0.0 else p[B1]
+    elif code == UNIFIED:
+        a2 = p[B0] * p[B0]
+        near = 1.0 - a2 * p[B2] * r * r
+        z = near / (p[B1] + math.sqrt(p[B1] * p[B1] + (a2 - p[B1] * p[B1]) * near))
+    elif code == DOUBLE_SPHERE:
+        q = r * r
+        m = (1.0 - p[B1] * p[B1] * q) / (
+            p[B1] * math.sqrt(1.0 - (2.0 * p[B1] - 1.0) * q) + 1.0 - p[B1]
+        )
+        g = (m * p[B0] + math.sqrt(m * m + (1.0 - p[B0] * p[B0]) * q)) / (m * m + q)
+        x, y, z = g * x, g * y, g * m - p[B0]
+    elif code == DIVISION:
+        z = 1.0 + p[B0] * r * r
+    else:
+        z = 1.0
+    size = math.sqrt(x * x + y * y + z * z)
+    return x / size, y / size, z / size
+
+
+def limit_of(code, p):
+    """Angle from the z axis, radians, up to which the base is injective."""
+    if code == UNIFIED:
+        # z > -w sqrt(B2 r^2 + z^2), w the smaller of B0 and B1 over the larger.
+        w = min(p[B0], p[B1]) / max(p[B0], p[B1])
+        return math.pi - math.atan2(math.sqrt(1.0 - w * w), w * math.sqrt(p[B2]))
+    if code == DOUBLE_SPHERE:
+        xi, w = p[B0], min(p[B1], 1.0 - p[B1]) / max(p[B1], 1.0 - p[B1])
+        # From the center of the second sphere, xi + c > -w sqrt(1 + 2 xi c + xi^2), c the cosine
+        # of the angle. The paper's (w + xi) / sqrt(2 w xi + xi^2 + 1) > -c is beyond the fold
+        # where xi < 0 and alpha is near 1.
+        rest = 1.0 - w * w
+        return math.acos(max(-1.0, -xi * rest - w * math.sqrt(1.0 - xi * xi * rest)))
+    if code == DIVISION and p[B0] > 0.0:
+        return math.atan(0.5 / math.sqrt(p[B0]))
+    return math.pi
 
 
 def radial_factor(p, q):

@@ -8,7 +8,7 @@ import math
 
 from rastercov.kernels import lens_formulas
 from rastercov.kernels.jit import allocation_free, called_whole, part_of, part_with_arrays
-from rastercov.kernels.lens import project
+from rastercov.kernels.lens import based, project
 from rastercov.kernels.lens_formulas import (
     B0,
     B1,
@@ -23,6 +23,7 @@ from rastercov.kernels.lens_formulas import (
     P1,
     P2,
     PINHOLE,
+    PLANAR,
     S1,
     S2,
     S3,
@@ -93,11 +94,12 @@ def angle_ahead_over_r(r2):
 
 
 @allocation_free
-def base_lanes(code, b0, b1, b2, is_ahead, x, y, z, n):
+def base_lanes(code, p, is_ahead, x, y, z, n):
     """Bases that have a closed form, see `formulas.based`; rays (x, y, z) in place.
 
     All z are 1 where `is_ahead`.
     """
+    b0, b1, b2 = p[B0], p[B1], p[B2]
     if code == EQUIDISTANT and is_ahead:
         for i in range(n):
             g = angle_ahead_over_r(x[i] * x[i] + y[i] * y[i])
@@ -122,6 +124,9 @@ def base_lanes(code, b0, b1, b2, is_ahead, x, y, z, n):
             c = b0 * math.sqrt(r2 + z[i] * z[i]) + z[i]
             g = 1.0 / (b1 * math.sqrt(r2 + c * c) + (1.0 - b1) * c)
             x[i], y[i] = x[i] * g, y[i] * g
+    elif code not in PLANAR:  # one that has no vector instructions yet
+        for i in range(n):
+            x[i], y[i] = based(code, p, x[i], y[i], z[i])
     else:
         for i in range(n):
             w = 1.0 / z[i]
@@ -179,7 +184,7 @@ def project_lanes(code, p, frame, x, y, z, m, u, v):
             Y = f10 * x[i] + f11 * y[i] + f12
             z[i] = f20 * x[i] + f21 * y[i] + f22
             x[i], y[i] = X, Y
-        base_lanes(code, p[B0], p[B1], p[B2], is_ahead, x, y, z, n)
+        base_lanes(code, p, is_ahead, x, y, z, n)
     values = values_of(p)
     for i in range(n):
         f = radial_factor(values, x[i] * x[i] + y[i] * y[i])

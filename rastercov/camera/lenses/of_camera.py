@@ -30,12 +30,6 @@ from rastercov.kernels.lens_field import Slopes
 from rastercov.kernels.lens_planes import PlaneRecord
 from rastercov.kernels.lens_polygons import edge_scratch, measure_polygons
 
-BASES = (
-    *("pinhole", "equidistant", "equisolid", "fov", "unified", "double_sphere", "division"),
-    "equirectangular",
-)
-"""Names of the bases, by their codes in `formulas`."""
-
 
 @dataclass(frozen=True)
 class Lens:
@@ -153,7 +147,7 @@ def terms_of(camera: Camera) -> tuple[int, tuple[float, ...]]:
     (c_x, c_y), (s_x, s_y) = (map(turn, of("tau_x tau_y")) for turn in (math.cos, math.sin))
     # OpenCV's homography of tau_x, tau_y; its first and second row have no more entries.
     p[lens_formulas.T00 : lens_formulas.B0] = c_x, -s_x * s_y, c_y, s_y, -c_y * s_x, c_y * c_x
-    of_base = [0.0, 0.0, 0.0]
+    of_base = of(f"{MODELS[camera.model].of_base} . . .")[:3]
     if camera.model == "fov" and c["omega"]:
         wide = 2 * math.tan(c["omega"] / 2)
         of_base = [wide, wide / c["omega"], 0.0]
@@ -165,11 +159,9 @@ def terms_of(camera: Camera) -> tuple[int, tuple[float, ...]]:
         of_base = [c["alpha"], 1.0 - c["alpha"], c["beta"]]
     elif camera.model == "equirectangular":
         of_base = [0.0, 1.0, 0.0]  # longitude around 0; its cosine and sine
-    elif camera.model in ("division", "double_sphere"):
-        of_base = of("k . ." if camera.model == "division" else "xi alpha .")
     p[lens_formulas.B0 : lens_formulas.LATE] = of_base
     p[lens_formulas.LATE] = camera.model == "rad_tan_thin_prism_fisheye"
-    return BASES.index(base), tuple(p.tolist())
+    return lens_formulas.BASES.index(base), tuple(p.tolist())
 
 
 TOLERANCE = 1e-9

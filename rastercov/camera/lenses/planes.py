@@ -68,27 +68,8 @@ _BOUND = lens.bound_to({}, given=(lens.radial_factor,))
 
 def base_limit(code: int, params: FloatArray) -> float:
     """Angle from the z axis, radians, below which the base is injective."""
-    if code in (lens.EQUIDISTANT, lens.EQUISOLID):
-        return math.radians(WIDEST_DEG)
-    if code == lens.UNIFIED:
-        # z > -w sqrt(B2 r^2 + z^2), w the smaller of B0 and B1 over the larger.
-        w = min(params[lens.B0], params[lens.B1]) / max(params[lens.B0], params[lens.B1])
-        limit = math.pi - math.atan2(math.sqrt(1.0 - w * w), w * math.sqrt(params[lens.B2]))
-    elif code == lens.DOUBLE_SPHERE:
-        xi, alpha = params[lens.B0], params[lens.B1]
-        w = min(alpha, 1.0 - alpha) / max(alpha, 1.0 - alpha)
-        # From the center of the second sphere, xi + c > -w sqrt(1 + 2 xi c + xi^2), c the cosine
-        # of the angle. The paper's (w + xi) / sqrt(2 w xi + xi^2 + 1) > -c is beyond the fold
-        # where xi < 0 and alpha is near 1.
-        rest = 1.0 - w * w
-        limit = math.acos(max(-1.0, -xi * rest - w * math.sqrt(1.0 - xi * xi * rest)))
-    elif code == lens.DIVISION and params[lens.B0] > 0.0:
-        limit = math.atan(0.5 / math.sqrt(params[lens.B0]))
-    else:
-        return math.radians(PLANE_DEG)
-    if code == lens.DIVISION:
-        return min(limit * BELOW_LIMIT, math.radians(PLANE_DEG))
-    return min(limit * BELOW_LIMIT, math.radians(WIDEST_DEG))
+    most = math.radians(PLANE_DEG if code in lens.PLANAR else WIDEST_DEG)
+    return min(float(lens.limit_of(code, params)) * BELOW_LIMIT, most)
 
 
 def base_radius(code: int, params: FloatArray, angle: float) -> float:
