@@ -682,7 +682,7 @@ def append_dense(face, polygon, n, criteria, scratch, out):
 
 @part_with_arrays
 def nearest_corners(plane):
-    """Distance of corners in the plane of a face that cannot be told apart, metres."""
+    """Distance below which corners in the plane of a face are the same, metres."""
     return max(COINCIDENT_REL * plane[LONGEST], plane[ERROR])
 
 
