@@ -10,6 +10,7 @@ uniform bool is_parallel;
 uniform highp usampler2D levels;
 uniform highp usampler2D face_groups;
 uniform highp usampler2D groups;    // bits: 1 hidden, 2 two-sided, 4 transparent, 8 highlighted
+uniform highp usampler2D creases;   // bits 1, 2, 4: the edge opposite the corner is a line
 uniform sampler2D palette;
 uniform int which;                  // 0: all faces, 1: opaque ones, 2: transparent ones
 
@@ -20,7 +21,7 @@ flat out uint flags;
 flat out vec3 colour;
 out vec3 world;
 out vec3 to_eye;
-out vec3 corner;                    // barycentric coordinates, for lines along the edges
+out vec3 corner;                    // barycentric coordinates, 1 where the edge has no line
 
 const uint HIDDEN = 1u, TRANSPARENT = 4u;
 
@@ -41,7 +42,8 @@ void main() {
     colour = texelFetch(palette, ivec2(texelFetch(levels, texel(face), 0).r, 0), 0).rgb;
 #endif
     int side = gl_VertexID % 3;
-    corner = vec3(side == 0, side == 1, side == 2);
+    uvec3 lines = uvec3(texelFetch(creases, texel(face), 0).r) >> uvec3(0u, 1u, 2u) & 1u;
+    corner = mix(vec3(1.0), vec3(side == 0, side == 1, side == 2), vec3(lines));
     world = position;
     to_eye = is_parallel ? eye : eye - position;
     gl_Position = is_left_out ? vec4(2.0, 2.0, 2.0, 1.0) : clip_from_world * vec4(position, 1.0);

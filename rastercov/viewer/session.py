@@ -9,6 +9,7 @@ import secrets
 import struct
 import time
 from collections.abc import Mapping
+from dataclasses import dataclass
 from io import BytesIO
 from threading import RLock
 from typing import Any
@@ -17,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from rastercov.base.checks import number
+from rastercov.base.checks import number, shown
 from rastercov.base.errors import ConfigError
 from rastercov.coverage.area.network import AreaNetwork
 from rastercov.mesh import Mesh
@@ -27,7 +28,7 @@ from rastercov.report import theme
 from rastercov.report.camera_pictures import camera_image, camera_keys, camera_pixels
 from rastercov.report.modes import mode_of
 from rastercov.report.pages import described_frame, zone_entries
-from rastercov.viewer.actions import Constrain, Request, Step, applied, request_of
+from rastercov.viewer.actions import Constrain, OfVariant, Request, Step, applied, request_of
 from rastercov.viewer.measurements import (
     Measurements,
     NetworkFigures,
@@ -47,6 +48,16 @@ class StaleError(ConfigError):
     """An edit of a state that is no longer the present one."""
 
 
+@dataclass(frozen=True, eq=False)
+class Variant:
+    """A state that is kept, and its figures by its own thresholds: percent of the area, cost."""
+
+    state: RigState
+    percent: float
+    exact_percent: float | None
+    cost: float | None
+
+
 class Session:
     """A rig that is edited, and what it covers.
 
@@ -64,6 +75,7 @@ class Session:
         self.history = History(scene.start)
         self.measurements = Measurements(scene.mesh, method)
         self.is_kept = scene.has_constraints
+        self.variants: dict[str, Variant] = {}
         self._figures: NetworkFigures | None = None
         self._areas: tuple[RigState, AreaNetwork] | None = None
         self._segments: tuple[tuple[float, float], Segmentation] | None = None
@@ -88,7 +100,15 @@ class Session:
     def described_state(self) -> dict[str, Any]:
         """The present state and what may be undone, ready for JSON."""
         state, entries = self.history.described()  # which does not wait for a measurement
-        own = {"session": self.name, "is_kept": self.is_kept}
+        variants = [
+            {
+                "name": name, "cameras": len(each.state.on), "percent": each.percent,
+                "exact_percent": each.exact_percent, "cost": each.cost,
+                "is_shown": each.state is state, "is_of_task": each.state.task == state.task,
+            }
+            for name, each in self.variants.copy().items()
+        ]  # fmt: skip
+        own = {"session": self.name, "is_kept": self.is_kept, "variants": variants}
         return described_state(self.scene, state, entries | own)
 
     def act(self, entries: Mapping[str, Any]) -> bytes:
@@ -130,6 +150,7 @@ class Session:
             summary["exact_area_percent"] = (
                 None if areas is None else areas.summary(self.state.needed)["percent"]
             )
+            summary["cost"] = self.scene.cost(self.state)
             summary["cpu_ms"] = 1e3 * (time.process_time() - began)
             head = described_frame(mode, painted) | {"summary": summary}
             head["state"] = self.described_state()
@@ -192,10 +213,26 @@ class Session:
             if action.is_kept and not self.scene.has_constraints:
                 raise ConfigError("there are no constraints to keep; open a plan that has some")
             self.is_kept = action.is_kept
+        elif isinstance(action, OfVariant):
+            self._vary(action)
         else:
             state, words = applied(action, self.state, self._settled)
             if words:
                 history.take(state, words, is_drag=request.is_drag)
+
+    def _vary(self, action: OfVariant) -> None:
+        name, known = action.name, self.variants
+        if action.do == "keep_variant":
+            figures, areas = self.figures().summary(), self._known_areas()
+            exact = None if areas is None else areas.summary(self.state.needed)["percent"]
+            percent, cost = figures["covered"]["area_percent"], self.scene.cost(self.state)
+            known[name] = Variant(self.state, percent, exact, cost)
+        elif name not in known:
+            raise ConfigError(f"there is no variant {shown(name)}; it may have been dropped")
+        elif action.do == "drop_variant":
+            del known[name]
+        elif known[name].state is not self.state:
+            self.history.take(known[name].state, f"show {name}")
 
     def _check_revision(self, revision: int) -> None:
         if revision != self.history.revision:

@@ -1,14 +1,17 @@
 """The page in a real Chromium: what it shows is what rastercov computes, and nothing is lost."""
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
-from browser import Tab
-from rigs_to_view import EYES, ROOM, percent_covered
+from browser import Program, Tab
+from rigs_to_view import EYES, ROOM, percent_covered, session_of
 from scipy.ndimage import maximum_filter, minimum_filter
 
 import rastercov as rc
+from rastercov.coverage.reasons import REASONS
+from rastercov.mesh import shapes
 from rastercov.report.pages import described_camera
 from rastercov.viewer.saving import export_page
 
@@ -306,6 +309,74 @@ def test_a_new_user_gains_ten_points_and_saves_in_three_clicks(tab, program, tmp
     after = percent_covered({"stations": [{"pose": pose, "is_on": True} for pose in poses]})
     assert after > before + 10
     assert tab.area_percent() == pytest.approx(after, abs=1e-9)
+
+
+@pytest.fixture
+def empty(context):
+    """Page of a closed box without a camera."""
+    session = session_of(shapes.box(), 0)
+    program = Program(session)
+    program.start()
+    tab = Tab(context, program.url)
+    yield tab
+    assert tab.faults == []
+    program.stop()
+    session.close()
+
+
+def test_an_empty_rig_is_clay_with_a_card_and_variants_are_compared(empty):
+    tab, card = empty, empty.page.get_by_label("First cameras")
+    assert card.is_visible()
+    assert tab.js("[...new Set(rastercov.levels())].map(rastercov.palette)") == [
+        list(REASONS["no_cameras"].colour)
+    ]
+    creases = tab.js("[...rastercov.view.creases]")
+    assert sorted(each.bit_count() for each in creases) == [2] * 12  # no diagonal of a side
+    tab.page.get_by_label("Cameras to place").fill("2")
+    card.get_by_role("button", name="Place").click()
+    tab.page.wait_for_function("rastercov.state().stations.length === 2")
+    tab.idle()
+    assert card.is_hidden()
+    tab.button("Keep as variant")
+    tab.button("Delete")
+    rows = tab.page.locator(".variants tbody tr")
+    assert [row.split()[:2] for row in rows.all_inner_texts()] == [
+        ["present", "rig"],
+        ["variant", "A"],
+    ]
+    rows.get_by_role("button", name="variant A", exact=True).click()
+    tab.idle()
+    assert len(tab.state()["stations"]) == 2
+    for stations in (1, 2):
+        tab.button("Undo")
+        assert len(tab.state()["stations"]) == stations
+    tab.button("Undo")
+    assert card.is_visible()
+
+
+def test_panels_fold_and_stay_so_and_the_image_enlarges(tab):
+    tab.open("Image")
+    tab.button("Enlarge")
+    large = tab.page.get_by_role("dialog").locator("img")
+    large.wait_for()
+    tab.page.wait_for_function("document.querySelector('dialog.large img').naturalWidth == 640")
+    names = [each["name"] for each in tab.state()["stations"]]
+    tab.keys("ArrowRight")
+    tab.page.locator("dialog.large figcaption", has_text=names[1]).wait_for()
+    tab.keys("Escape")
+    width = tab.js("rastercov.view.canvas.clientWidth")
+    tab.button("fold Why")
+    tab.button("fold Panels")
+    tab.page.reload()
+    tab.page.wait_for_function("window.rastercov?.session.figures !== undefined")
+    assert tab.js("rastercov.view.canvas.clientWidth") > width + 400
+    assert tab.page.get_by_role("tab", name="Image", exact=True).is_hidden()
+    tab.keys("4")
+    tab.page.get_by_label("Panels").get_by_role("img").wait_for()
+    heads = tab.page.get_by_role("tab").all()
+    boxes = [each.bounding_box() for each in heads]
+    apart = [b["x"] - a["x"] - a["width"] for a, b in pairwise(boxes)]
+    assert min(apart) >= 3
 
 
 def test_a_page_at_rest_draws_nothing_and_asks_nobody_else(tab, program):

@@ -1,5 +1,7 @@
 import threading
-from contextlib import closing
+from contextlib import closing, contextmanager
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,12 +11,15 @@ import rastercov as rc
 from rastercov.coverage.reasons import Reason
 from rastercov.mesh import shapes
 from rastercov.placement.improve.pose_space import PoseSpace
+from rastercov.placement.plan.run import place
 from rastercov.viewer.measurements import Measurements
-from rastercov.viewer.scene import default_space
+from rastercov.viewer.scene import default_space, open_plan
+from rastercov.viewer.session import Session
 from rastercov.viewer.work import (
     BusyError,
     Cancelled,
     Work,
+    placed,
     refined,
     tries,
     with_next,
@@ -101,6 +106,46 @@ def test_a_cancelled_search_changes_nothing(measurements):
         with_next(measurements, state, "eye", around(MESH, 100), cancel)
     with pytest.raises(Cancelled):
         refined(measurements, state, 0, default_space(MESH, state), cancel)
+
+
+WATCH_ROOM = Path(rc.__file__).parents[1] / "examples" / "plans" / "watch_room.toml"
+
+
+@pytest.mark.slow
+def test_cameras_placed_by_a_plan_are_those_of_place_and_cost_what_it_says():
+    session = Session(open_plan(WATCH_ROOM))
+    assert session.scene.placement["cameras"] == 6
+    work = Work(session)
+    work.start({"kind": "place", "cameras": 3})
+    assert set(work.described()) >= {"seconds", "step_seconds"}
+    assert finished(work)["status"] == "done"
+    plan = session.scene.plan
+    asked = plan.selection.model_copy(update={"cameras": 3})
+    expected = place(plan.model_copy(update={"selection": asked}), None)
+    poses = session.state.poses().world_from_camera
+    np.testing.assert_array_equal(poses, expected.cameras.placed.world_from_camera)
+    head, _ = acted(session)
+    assert head["summary"]["cost"] == pytest.approx(expected.selection.cost)
+    acted(session, do="undo")
+    assert session.state is session.scene.start
+    session.close()
+
+
+@pytest.mark.slow
+def test_cameras_placed_without_a_plan_each_cover_more_until_all_is_covered(measurements):
+    scene, steps = session_of(MESH, 0).scene, []
+
+    @contextmanager
+    def step(name):
+        yield lambda done, total: steps.append((name, done, total))
+
+    made, covered = placed(measurements, state_of(MESH, 2), scene, 3, step)
+    names = [f"camera {number} of 3" for number in (1, 2, 3)]
+    assert list(dict.fromkeys(name for name, *_ in steps)) == names
+    assert covered == pytest.approx(covered_area(made))
+    gains = np.diff([covered_area(replace(made, stations=made.stations[:n])) for n in range(4)])
+    assert (np.diff(gains) < 0).all()
+    assert (gains > 0).all()
 
 
 def finished(work):

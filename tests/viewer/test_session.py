@@ -249,6 +249,28 @@ def test_a_rig_that_was_kept_comes_back(session):
     other.close()
 
 
+def test_variants_keep_a_rig_with_its_figures(session):
+    head, first = acted(session)
+    acted(session, do="keep_variant", name="A")
+    session.areas()
+    acted(session, do="delete", station=2)
+    changed, second = acted(session, do="task", changes={"min_pixels": 2})
+    acted(session, do="keep_variant", name="B")
+    state = session.described_state()
+    shown = [(each["name"], each["cameras"], each["is_shown"], each["is_of_task"])
+             for each in state["variants"]]  # fmt: skip
+    assert shown == [("A", 4, False, False), ("B", 3, True, True)]
+    percents = [each["summary"]["covered"]["area_percent"] for each in (head, changed)]
+    assert [each["percent"] for each in state["variants"]] == percents
+    for name, levels in (("A", first), ("B", second)):
+        assert np.array_equal(acted(session, do="show_variant", name=name)[1], levels)
+    acted(session, do="drop_variant", name="A")
+    with pytest.raises(rc.ConfigError, match="no variant 'A'"):
+        acted(session, do="show_variant", name="A")
+    acted(session, do="undo")  # the rig of A is in the history
+    assert np.array_equal(acted(session)[1], first)
+
+
 def test_sliders_have_the_limits_of_the_task():
     fields = {each["name"]: each for each in task_fields()}
     assert set(fields) == set(rc.Task.__dataclass_fields__)

@@ -129,7 +129,7 @@ export function toolBar(session, { view, tools, frusta, gizmo }) {
         "isCulled",
         "look into rooms from outside (B)",
       ),
-      optionToggle(session, view, "Lines along edges", "hasEdges", "edges of the faces (O)"),
+      optionToggle(session, view, "Lines along edges", "hasEdges", "creases, borders, and edges between groups (O)"),
       optionToggle(
         session,
         view,

@@ -2,10 +2,10 @@
 
 import { Recorded, Server, takeToken } from "rastercov/api.js";
 import { fitAll, toolBar, topBar } from "rastercov/bars.js";
-import { cameraPanel, imagePanel } from "rastercov/camera_panel.js";
+import { cameraPanel, imagePanel, largeImage } from "rastercov/camera_panel.js";
 import { camerasPanel } from "rastercov/cameras_panel.js";
 import { drawConstraints, hasConstraints } from "rastercov/constraints.js";
-import { element, section } from "rastercov/dom.js";
+import { element, section, side } from "rastercov/dom.js";
 import { Frusta, fieldOfStation } from "rastercov/frusta.js";
 import { Gizmo } from "rastercov/gizmo.js";
 import { testHandle } from "rastercov/handle.js";
@@ -16,6 +16,7 @@ import { networkPanel } from "rastercov/network_panel.js";
 import { objectPanel } from "rastercov/object_panel.js";
 import { SceneView } from "rastercov/scene_view.js";
 import { Session } from "rastercov/session.js";
+import { startCard } from "rastercov/start_card.js";
 import { Jobs, connectionBanner, messages, offerLost } from "rastercov/status.js";
 import { tabs } from "rastercov/tabs.js";
 import { Tools } from "rastercov/tools.js";
@@ -42,9 +43,11 @@ async function open() {
   };
 
   const bar = toolBar(session, { view, tools, frusta, gizmo });
+  const card = startCard(session, view, jobs);
   const lines = messages(session);
   let isImageShown = () => false;
-  const image = imagePanel(session, view, frusta, () => isImageShown());
+  const large = largeImage(session);
+  const image = imagePanel(session, view, frusta, () => isImageShown(), large);
   const panels = tabs(
     [
       ["Object", objectPanel(session, view, shown)],
@@ -55,6 +58,8 @@ async function open() {
     ],
     1,
   );
+  const left = side("left", "Panels", panels.root);
+  panels.onShow(left.unfold);
   isImageShown = () => panels.isShown("Image");
 
   document.body.replaceChildren(
@@ -63,16 +68,12 @@ async function open() {
     element(
       "main",
       {},
-      element("aside.left", { "aria-label": "Panels" }, panels.root),
-      element("div.stage", {}, canvas, overlay, bar, legend(session), jobs.root, lines),
-      element(
-        "aside.right",
-        { "aria-label": "Why" },
-        section("Why", [whyPanel(session, view)]),
-        zonesPanel(session, tools),
-      ),
+      left,
+      element("div.stage", {}, canvas, overlay, bar, legend(session), card, jobs.root, lines),
+      side("right", "Why", section("Why", [whyPanel(session, view)]), zonesPanel(session, tools)),
     ),
     help,
+    large,
   );
 
   await view.open();
@@ -81,6 +82,7 @@ async function open() {
   window.rastercov = testHandle(session, view, tools, frusta, gizmo);
   await session.refresh();
   session.watch();
+  if (session.canEdit) jobs.resume();
   offerLost(session, lines);
 }
 

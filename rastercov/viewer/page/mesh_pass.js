@@ -41,6 +41,7 @@ export class MeshPass {
     this.levels = table(gl, this.nFaces, gl.R8UI);
     this.faceGroups = table(gl, this.nFaces, gl.R16UI);
     write(gl, this.faceGroups, faceGroups, gl.UNSIGNED_SHORT);
+    this.creases = table(gl, this.nFaces, gl.R8UI);
     this.groups = table(gl, Math.max(1, nGroups), gl.R8UI);
     this.palette = gl.createTexture();
     gl.bindTexture(gl.TEXTURE_2D, this.palette);
@@ -53,6 +54,11 @@ export class MeshPass {
   /** Level of each face, (F) bytes. */
   setLevels(levels) {
     write(this.gl, this.levels, levels, this.gl.UNSIGNED_BYTE);
+  }
+
+  /** Bits of the edges of each face that are lines, see `creasesOf`. */
+  setCreases(flags) {
+    write(this.gl, this.creases, flags, this.gl.UNSIGNED_BYTE);
   }
 
   /** 256 sRGB colours, 768 bytes. */
@@ -129,6 +135,7 @@ export class MeshPass {
     const textures = [
       [uniforms.levels, this.levels.texture],
       [uniforms.face_groups, this.faceGroups.texture],
+      [uniforms.creases, this.creases.texture],
       [uniforms.groups, this.groups.texture],
       [uniforms.palette, this.palette],
     ];

@@ -5,6 +5,7 @@
  * `onDrawn(look)`, after each picture. `look` says how the world projects: see `look()`.
  */
 
+import { creasesOf } from "rastercov/creases.js";
 import { MESH_STAGES, GROUP, MeshPass } from "rastercov/mesh_pass.js";
 import { add, inCamera, multiply, scale, forwardOf, centreOf, subtract } from "rastercov/maths.js";
 import { SKETCH_STAGES, Sketch, SketchPass } from "rastercov/sketch_pass.js";
@@ -31,7 +32,7 @@ export class SceneView {
     this.camera = new ViewCamera(session.scene.bounds, session.scene.up);
     this.options = {
       isFlat: false,
-      hasEdges: session.scene.n_faces <= 60_000,
+      hasEdges: session.scene.n_faces <= 200_000,
       isCulled: Boolean(session.scene.is_room),
       isTransparent: false,
       section: null,
@@ -78,6 +79,13 @@ export class SceneView {
     this.sketches = new SketchPass(this.gl);
     this.#colour();
     this.showGroups();
+    this.#showCreases();
+  }
+
+  #showCreases() {
+    if (!this.options.hasEdges || this.isLost) return;
+    this.creases ??= creasesOf(this.session.corners, this.session.faceGroups);
+    this.mesh.setCreases(this.creases);
   }
 
   #colour() {
@@ -110,6 +118,7 @@ export class SceneView {
   setOption(name, value) {
     this.options[name] = value;
     if (name === "isTransparent") this.showGroups();
+    if (name === "hasEdges") this.#showCreases();
     this.session.emit("view");
     this.request();
   }

@@ -139,7 +139,7 @@ function flyToFace(view, face) {
 export function zonesPanel(session, tools) {
   const list = element("ol.zones");
   const note = element("p.soft");
-  const root = section("Dead zones", [note, list], { isOpen: false });
+  const root = section("Dead zones", [note, list], { isOpen: false, name: null }); // it begins work
   root.id = "zones";
   let timer = 0;
   let known = -1;
