@@ -54,8 +54,6 @@ SEGMENT_OPTIONS: tuple[dict[str, Any], ...] = (
      "kind": "float", "low": 0.0, "high": 89.0, "choices": None, "default": 10.0,
      "is_optional": False, "unit": "deg"},
 )  # fmt: skip
-CAMERAS_TO_PLACE = 4
-"""Cameras that a page proposes to place where no plan has a number."""
 RESULTS = {
     "summary.json": ("evaluate", "rig.json"),
     "plan.json": ("place", "poses.json"),
@@ -103,17 +101,17 @@ class Scene:
 
     @property
     def placement(self) -> dict[str, Any]:
-        """Way to place cameras, ready for JSON: by the plan or not, their number, and words."""
-        asked = None if self.plan is None else self.plan.selection
-        if self.plan is None or asked is None or not self.plan.candidates or self.pool is None:
-            words = "one after another, each where it adds most"
-            return {"is_by_plan": False, "cameras": CAMERAS_TO_PLACE, "words": words}
-        if isinstance(asked, BestSelection):
+        """Way to place cameras, ready for JSON: by the plan or not, number to propose, words."""
+        cameras: int | None = None
+        asked = self.plan.selection if self.plan and self.pool and self.plan.candidates else None
+        if asked is None:
+            words, cameras = "one after another, each where it adds most", 4
+        elif isinstance(asked, BestSelection):
             within = "" if asked.budget is None else f" within a cost of {asked.budget:g}"
-            words = f"for the best coverage{within}, as {self.plan.name} says"
-            return {"is_by_plan": True, "cameras": asked.cameras, "words": words}
-        words = f"the fewest that cover {percent(asked.coverage)}, as {self.plan.name} says"
-        return {"is_by_plan": True, "cameras": None, "words": words}
+            cameras, words = asked.cameras, f"for the best coverage{within}, by the plan"
+        else:
+            words = f"the fewest that cover {percent(asked.coverage)}"
+        return {"is_by_plan": asked is not None, "cameras": cameras, "words": words}
 
     def cost(self, state: RigState) -> float | None:
         """Cost of the cameras that are on: that of the nearest candidate of the plan for each.

@@ -7,9 +7,7 @@ long, such as a refinement, runs in `rastercov.viewer.work` and hands its state 
 import json
 import secrets
 import struct
-import time
 from collections.abc import Mapping
-from dataclasses import dataclass
 from io import BytesIO
 from threading import RLock
 from typing import Any
@@ -48,16 +46,6 @@ class StaleError(ConfigError):
     """An edit of a state that is no longer the present one."""
 
 
-@dataclass(frozen=True, eq=False)
-class Variant:
-    """A state that is kept, and its figures by its own thresholds: percent of the area, cost."""
-
-    state: RigState
-    percent: float
-    exact_percent: float | None
-    cost: float | None
-
-
 class Session:
     """A rig that is edited, and what it covers.
 
@@ -75,7 +63,7 @@ class Session:
         self.history = History(scene.start)
         self.measurements = Measurements(scene.mesh, method)
         self.is_kept = scene.has_constraints
-        self.variants: dict[str, Variant] = {}
+        self.variants: dict[str, tuple[RigState, dict[str, Any]]] = {}  # with their figures
         self._figures: NetworkFigures | None = None
         self._areas: tuple[RigState, AreaNetwork] | None = None
         self._segments: tuple[tuple[float, float], Segmentation] | None = None
@@ -101,13 +89,10 @@ class Session:
         """The present state and what may be undone, ready for JSON."""
         state, entries = self.history.described()  # which does not wait for a measurement
         variants = [
-            {
-                "name": name, "cameras": len(each.state.on), "percent": each.percent,
-                "exact_percent": each.exact_percent, "cost": each.cost,
-                "is_shown": each.state is state, "is_of_task": each.state.task == state.task,
-            }
-            for name, each in self.variants.copy().items()
-        ]  # fmt: skip
+            figures
+            | {"name": name, "is_shown": kept is state, "is_of_task": kept.task == state.task}
+            for name, (kept, figures) in self.variants.copy().items()
+        ]
         own = {"session": self.name, "is_kept": self.is_kept, "variants": variants}
         return described_state(self.scene, state, entries | own)
 
@@ -141,18 +126,10 @@ class Session:
     def frame(self, mode: str, options: Mapping[str, Any], station: int | None = None) -> bytes:
         """Frame of the present state: JSON, then the level of each face."""
         with self.lock:
-            began = time.process_time()
             figures = self.figures()
             values = self._values(figures, mode, options, station)
             painted = mode_of(mode).paint(self.scene.mesh, values)
-            summary = figures.summary()
-            areas = self._known_areas()
-            summary["exact_area_percent"] = (
-                None if areas is None else areas.summary(self.state.needed)["percent"]
-            )
-            summary["cost"] = self.scene.cost(self.state)
-            summary["cpu_ms"] = 1e3 * (time.process_time() - began)
-            head = described_frame(mode, painted) | {"summary": summary}
+            head = described_frame(mode, painted) | {"summary": self._summary()}
             head["state"] = self.described_state()
             return framed(head, painted.levels.tobytes())
 
@@ -223,16 +200,15 @@ class Session:
     def _vary(self, action: OfVariant) -> None:
         name, known = action.name, self.variants
         if action.do == "keep_variant":
-            figures, areas = self.figures().summary(), self._known_areas()
-            exact = None if areas is None else areas.summary(self.state.needed)["percent"]
-            percent, cost = figures["covered"]["area_percent"], self.scene.cost(self.state)
-            known[name] = Variant(self.state, percent, exact, cost)
+            figures = self._summary()
+            kept = {each: figures[each] for each in ("covered", "exact_area_percent", "cost")}
+            known[name] = self.state, kept | {"cameras": len(self.state.on)}
         elif name not in known:
             raise ConfigError(f"there is no variant {shown(name)}; it may have been dropped")
         elif action.do == "drop_variant":
             del known[name]
-        elif known[name].state is not self.state:
-            self.history.take(known[name].state, f"show {name}")
+        elif known[name][0] is not self.state:
+            self.history.take(known[name][0], f"show {name}")
 
     def _check_revision(self, revision: int) -> None:
         if revision != self.history.revision:
@@ -251,6 +227,13 @@ class Session:
         pose = wanted.copy()
         pose[:3, 3] = eyes[0]
         return pose
+
+    def _summary(self) -> dict[str, Any]:
+        """Figures of the network, with its exact area where that is known, and its cost."""
+        areas, state = self._known_areas(), self.state
+        exact = None if areas is None else areas.summary(state.needed)["percent"]
+        own = {"exact_area_percent": exact, "cost": self.scene.cost(state)}
+        return self.figures().summary() | own
 
     def _known_areas(self) -> AreaNetwork | None:
         return self._areas[1] if self._areas and self._areas[0] is self.state else None

@@ -29,6 +29,7 @@ from rastercov.mesh import Mesh
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.improve.pose_space import PoseSpace
 from rastercov.placement.improve.refine import refine
+from rastercov.placement.plan.prepare import Step
 from rastercov.placement.plan.run import place
 from rastercov.placement.plan.sections import BestSelection
 from rastercov.viewer.actions import Action
@@ -149,13 +150,9 @@ def with_next(
 
 
 def placed(
-    measurements: Measurements,
-    state: RigState,
-    scene: Scene,
-    count: int | None,
-    step: Callable[[str], Any],
-) -> tuple[RigState, float]:
-    """Cameras in place of all stations, and the area that they cover, m^2.
+    own: Measurements, state: RigState, scene: Scene, count: int | None, step: Step
+) -> RigState:
+    """Cameras in place of all stations.
 
     With a plan that has a selection these are the cameras of `rastercov place`, and thresholds and
     lenses are the plan's; else `count` times the best next one of the first lens.
@@ -167,29 +164,24 @@ def placed(
     step : callable
         Context manager by the name of a step, which yields its progress.
     """
-    asked = scene.placement
-    if asked["is_by_plan"]:
-        assert scene.plan is not None
-        plan = scene.plan
+    plan = scene.plan
+    if plan is not None and scene.placement["is_by_plan"]:
         if count is not None and isinstance(plan.selection, BestSelection):
             other = plan.selection.model_copy(update={"cameras": count})
             plan = plan.model_copy(update={"selection": other})
         found = place(plan, None, step)
-        stations = RigState.of(plan.rig, found.cameras.placed).stations
-        made = replace(scene.start, stations=stations)
-    else:
-        made, camera, count = replace(state, stations=()), next(iter(state.cameras)), count or 1
-        for number in range(count):
-            with step(f"camera {number + 1} of {count}") as progress:
-                try:
-                    poses = tries(measurements, made, camera, scene.space(made), seed=number)
-                    made, _ = with_next(measurements, made, camera, poses, progress)
-                except ConfigError:  # nothing is left to cover, or out of reach
-                    if not made.stations:
-                        raise
-                    break
-    covered = _figures(measurements, made, made.on).covered & measurements.mesh.task_mask
-    return made, float(measurements.mesh.areas[covered].sum())
+        return replace(scene.start, stations=RigState.of(plan.rig, found.cameras.placed).stations)
+    made, camera, count = replace(state, stations=()), next(iter(state.cameras)), count or 1
+    for number in range(count):
+        with step(f"camera {number + 1} of {count}") as progress:
+            try:
+                poses = tries(own, made, camera, scene.space(made), seed=number)
+                made, _ = with_next(own, made, camera, poses, progress)
+            except ConfigError:  # nothing is left to cover, or out of reach
+                if not made.stations:
+                    raise
+                break
+    return made
 
 
 def tries(
@@ -401,6 +393,7 @@ class Work:
                 return f"{percent:.4g} % of the area is covered"
 
             return keep
+        gain: float | None
         own = Measurements(session.scene.mesh, session.measurements.method)
         try:
             if isinstance(asked, Refine):
@@ -408,7 +401,7 @@ class Work:
                 with self._step(words) as progress:
                     made, gain = refined(own, state, asked.station, session.space(), progress)
             elif isinstance(asked, Place):
-                made, gain = placed(own, state, session.scene, asked.cameras, self._step)
+                made, gain = placed(own, state, session.scene, asked.cameras, self._step), None
                 words = f"place {plural(len(made.stations), 'camera')}"
             else:
                 words = "add the best next camera"
@@ -422,8 +415,7 @@ class Work:
             if made is state:
                 return f"{words}: no move covers more"
             session.take(made, words, revision)
-            covered = "covered" if isinstance(asked, Place) else "more"
-            return f"{words}: {area(gain)} {covered}"
+            return words if gain is None else f"{words}: {area(gain)} more"
 
         return take
 

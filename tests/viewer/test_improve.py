@@ -1,6 +1,5 @@
 import threading
-from contextlib import closing, contextmanager
-from dataclasses import replace
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +18,6 @@ from rastercov.viewer.work import (
     BusyError,
     Cancelled,
     Work,
-    placed,
     refined,
     tries,
     with_next,
@@ -129,23 +127,6 @@ def test_cameras_placed_by_a_plan_are_those_of_place_and_cost_what_it_says():
     acted(session, do="undo")
     assert session.state is session.scene.start
     session.close()
-
-
-@pytest.mark.slow
-def test_cameras_placed_without_a_plan_each_cover_more_until_all_is_covered(measurements):
-    scene, steps = session_of(MESH, 0).scene, []
-
-    @contextmanager
-    def step(name):
-        yield lambda done, total: steps.append((name, done, total))
-
-    made, covered = placed(measurements, state_of(MESH, 2), scene, 3, step)
-    names = [f"camera {number} of 3" for number in (1, 2, 3)]
-    assert list(dict.fromkeys(name for name, *_ in steps)) == names
-    assert covered == pytest.approx(covered_area(made))
-    gains = np.diff([covered_area(replace(made, stations=made.stations[:n])) for n in range(4)])
-    assert (np.diff(gains) < 0).all()
-    assert (gains > 0).all()
 
 
 def finished(work):

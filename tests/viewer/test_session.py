@@ -261,7 +261,7 @@ def test_variants_keep_a_rig_with_its_figures(session):
              for each in state["variants"]]  # fmt: skip
     assert shown == [("A", 4, False, False), ("B", 3, True, True)]
     percents = [each["summary"]["covered"]["area_percent"] for each in (head, changed)]
-    assert [each["percent"] for each in state["variants"]] == percents
+    assert [each["covered"]["area_percent"] for each in state["variants"]] == percents
     for name, levels in (("A", first), ("B", second)):
         assert np.array_equal(acted(session, do="show_variant", name=name)[1], levels)
     acted(session, do="drop_variant", name="A")

@@ -3,6 +3,7 @@
 import { button, choice, cssColour, element, figure, fill, percent, count } from "rastercov/dom.js";
 
 const BUSY_AFTER = 400; // ms
+const BUSY_EVERY = 700;
 
 export function legend(session) {
   const entries = element("ul.keys");
@@ -76,7 +77,6 @@ export function summary(session) {
   const main = element("strong.covered");
   const change = element("span.change");
   const rest = element("span.soft");
-  const timing = element("span.soft.timing");
   let first = null;
   let timer = 0;
   const root = element(
@@ -86,21 +86,29 @@ export function summary(session) {
     main,
     change,
     rest,
-    timing,
   );
   session.on("busy", () => {
     clearTimeout(timer);
-    timer = setTimeout(() => {
+    const began = performance.now();
+    const say = async () => {
       root.classList.add("busy");
-      if (first === null)
-        rest.textContent = "measuring… (the first time, loops are compiled: a minute or two)";
-    }, BUSY_AFTER);
+      const mine = timer;
+      const [done, total] = await session.measured().catch(() => []);
+      if (timer !== mine) return;
+      const seconds = Math.round((performance.now() - began) / 1000);
+      const firstTime = first === null ? " (the first time, loops are compiled: a minute or two)" : "";
+      const which = total ? ` ${count(done)} of ${count(total)} cameras` : "";
+      rest.textContent = `measuring${which}, ${seconds} s${firstTime}`;
+      timer = setTimeout(say, BUSY_EVERY);
+    };
+    timer = setTimeout(say, BUSY_AFTER);
   });
   session.on("idle", () => {
     clearTimeout(timer);
+    timer = 0;
     root.classList.remove("busy");
   });
-  session.on("frame", ({ summary: now, cpu_ms: cpu }) => {
+  session.on("frame", ({ summary: now }) => {
     const { covered } = now;
     main.textContent = percent(covered.area_percent);
     first ??= covered.area_percent;
@@ -112,9 +120,6 @@ export function summary(session) {
     rest.textContent =
       `of the area, ${percent(covered.percent)} of ${count(now.task_faces)} faces` +
       (exact === null || exact === undefined ? "" : `, exact area ${exact.toFixed(2)} %`);
-    const took = now.cpu_ms ?? cpu;
-    timing.textContent = took === undefined || took === null ? "" : `${figure(took, 2)} ms`;
-    timing.title = "time of the program for these figures";
   });
   return root;
 }

@@ -236,6 +236,11 @@ export class Session {
     await this.refresh();
   }
 
+  /** [done, total] of the cameras that the program measures now. */
+  async measured() {
+    return (await this.server.ping?.())?.measured ?? [];
+  }
+
   /** Asks every two seconds whether the server is there and the rig still ours. */
   watch() {
     if (this.server.isRecorded) return;

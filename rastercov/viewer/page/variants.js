@@ -18,8 +18,8 @@ export function variantsSection(session) {
     const present = {
       name: "present rig",
       cameras: stations.filter((station) => station.is_on).length,
-      percent: covered?.area_percent,
-      exact_percent: exact,
+      covered,
+      exact_area_percent: exact,
       cost,
       is_of_task: true,
     };
@@ -52,11 +52,11 @@ function free(session) {
 function tableOf(session, rows) {
   const columns = [
     ["cameras", "cameras that are on", (row) => String(row.cameras)],
-    ["covers", "of the task's area, by whole faces", (row) => percent(row.percent) + (row.is_of_task ? "" : "*")],
-    ["exact", "of the task's area, point by point", (row) => percent(row.exact_percent), "exact_percent"],
+    ["covers", "of the task's area, by whole faces", (row) => percent(shareOf(row)) + (row.is_of_task ? "" : "*")],
+    ["exact", "of the task's area, point by point", (row) => percent(row.exact_area_percent), "exact_area_percent"],
     ["cost", "of each camera that of the plan's nearest candidate", (row) => figure(row.cost, 4), "cost"],
   ].filter(([, , , key]) => !key || rows.some((row) => typeof row[key] === "number"));
-  const best = Math.max(...rows.map((row) => row.percent ?? 0));
+  const best = Math.max(...rows.map((row) => shareOf(row) ?? 0));
   return [
     element(
       "thead",
@@ -72,6 +72,8 @@ function tableOf(session, rows) {
     element("tbody", {}, rows.map((row) => rowOf(session, row, columns, best))),
   ];
 }
+
+const shareOf = (row) => row.covered?.area_percent;
 
 function rowOf(session, row, columns, best) {
   const isKept = "is_shown" in row;
@@ -92,7 +94,7 @@ function rowOf(session, row, columns, best) {
     {},
     element("th", { scope: "row" }, name),
     columns.map(([text, , value]) =>
-      element(text === "covers" && row.percent === best ? "td.best" : "td", {}, value(row)),
+      element(text === "covers" && shareOf(row) === best ? "td.best" : "td", {}, value(row)),
     ),
     element("td", {}, isKept ? drop : null),
   );
