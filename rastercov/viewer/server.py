@@ -208,6 +208,7 @@ def _answers(session: Session, work: Work, saving: Saving) -> list[tuple[str, st
         ("act", "POST", lambda query, body: session.act(body)),
         ("image", "GET", image),
         ("why", "GET", lambda query, body: session.why(_whole(query, "face"))),
+        ("pieces", "GET", lambda query, body: session.pieces()),
         ("zones", "GET", lambda query, body: session.zones()),
         ("job", "POST", lambda query, body: {"id": work.start(body)}),
         ("job", "GET", lambda query, body: work.described()),

@@ -18,6 +18,7 @@ from PIL import Image
 
 from rastercov.base.checks import number, shown
 from rastercov.base.errors import ConfigError
+from rastercov.coverage.area.frames import to_world
 from rastercov.coverage.area.network import AreaNetwork
 from rastercov.mesh import Mesh
 from rastercov.placement.candidates.segments import Segmentation, segment
@@ -25,7 +26,7 @@ from rastercov.placement.improve.pose_space import PoseSpace
 from rastercov.report import theme
 from rastercov.report.camera_pictures import camera_image, camera_keys, camera_pixels
 from rastercov.report.modes import mode_of
-from rastercov.report.pages import described_frame, zone_entries
+from rastercov.report.pages import described_frame, soup_of, zone_entries
 from rastercov.viewer.actions import Constrain, OfVariant, Request, Step, applied, request_of
 from rastercov.viewer.measurements import (
     Measurements,
@@ -145,16 +146,38 @@ class Session:
     def areas(self) -> AreaNetwork:
         """Exact area that they cover, kept for the present state; ConfigError as `exact_area`."""
         with self.lock:
-            found = self._known_areas()
-            if found is None:
-                found = exact_area(self.scene.mesh, self.state)
-                self._areas = self.state, found
+            found = self._known_areas() or exact_area(self.scene.mesh, self.state)
+            self._areas = self.state, found
             return found
 
-    def keep_areas(self, state: RigState, found: AreaNetwork) -> None:
-        """Take the exact area of a state that was computed elsewhere."""
-        with self.lock:
-            self._areas = state, found
+    def pieces(self) -> bytes:
+        """Frame of the convex pieces that too few cameras cover.
+
+        Number of pieces, face of each, and corners of each, uint32; then the corners, float32 from
+        the origin of the soup. It computes beside other answers.
+
+        Raises
+        ------
+        StaleError
+            Where the rig changes meanwhile.
+        ConfigError
+            As `exact_area`.
+        """
+        state, mesh = self.state, self.scene.mesh
+
+        def watch(done: int, total: int) -> None:
+            if self.state is not state:
+                raise StaleError("the rig has changed since; ask again")
+
+        found = self._known_areas() or exact_area(mesh, state, watch)
+        watch(0, 0)
+        self._areas = state, found
+        zones = found.zones(state.needed)
+        counts = np.diff(zones.starts)
+        corners = to_world(mesh, np.repeat(zones.face, counts), zones.xy) - soup_of(mesh)[0]
+        numbers = np.concatenate(([len(counts)], zones.face, counts)).astype("<u4")
+        head = {"percent": found.summary(state.needed)["percent"]}
+        return framed(head, numbers.tobytes() + corners.astype("<f4").tobytes())
 
     def image(self, station: int, side: int) -> bytes:
         """Frame of a camera's own image: JSON, then a PNG."""

@@ -33,7 +33,7 @@ from rastercov.placement.plan.prepare import Step
 from rastercov.placement.plan.run import place
 from rastercov.placement.plan.sections import BestSelection
 from rastercov.viewer.actions import Action
-from rastercov.viewer.measurements import Measurements, NetworkFigures, exact_area, of_one_camera
+from rastercov.viewer.measurements import Measurements, NetworkFigures, of_one_camera
 from rastercov.viewer.rig_state import MOST_STATIONS, RigState, Station
 from rastercov.viewer.scene import Scene
 from rastercov.viewer.session import Session, StaleError
@@ -265,13 +265,7 @@ class Place(Action):
     cameras: Annotated[int, Field(ge=1, le=MOST_STATIONS)] | None = None
 
 
-class ExactArea(Action):
-    """Exact area of the network."""
-
-    kind: Literal["area"]
-
-
-Asked = Refine | AddNext | Place | ExactArea
+Asked = Refine | AddNext | Place
 _ASKED: TypeAdapter[Asked] = TypeAdapter(Annotated[Asked, Field(discriminator="kind")])
 
 
@@ -306,8 +300,8 @@ class Work:
             asked = _ASKED.validate_python(entries)
         except ValidationError:
             raise ConfigError(
-                'work must be {"kind": "refine", "station": ID}, {"kind": "add", "camera": NAME}, '
-                f'{{"kind": "place", "cameras": N}} or {{"kind": "area"}}, got {shown(entries)}'
+                'work must be {"kind": "refine", "station": ID}, {"kind": "add", "camera": NAME} '
+                f'or {{"kind": "place", "cameras": N}}, got {shown(entries)}'
             ) from None
         with self._lock:
             if self._said.get("status") == "running":
@@ -383,16 +377,6 @@ class Work:
         session = self.session
         with session.lock:
             state, revision = session.state, session.history.revision
-        if isinstance(asked, ExactArea):
-            with self._step("exact area") as progress:
-                found = exact_area(session.scene.mesh, state, progress)
-            percent = found.summary(state.needed)["percent"]
-
-            def keep() -> str:
-                session.keep_areas(state, found)
-                return f"{percent:.4g} % of the area is covered"
-
-            return keep
         gain: float | None
         own = Measurements(session.scene.mesh, session.measurements.method)
         try:

@@ -10,7 +10,8 @@ from rigs_to_view import EYES, ROOM, percent_covered, session_of
 from scipy.ndimage import maximum_filter, minimum_filter
 
 import rastercov as rc
-from rastercov.coverage.reasons import REASONS
+from rastercov.coverage.area.zones import zones_at
+from rastercov.coverage.reasons import REASONS, Reason
 from rastercov.mesh import shapes
 from rastercov.report.pages import described_camera
 from rastercov.viewer.saving import export_page
@@ -154,7 +155,7 @@ def test_a_pick_gives_the_face_of_the_rasteriser_at_100_pixels(tab):
 
 
 def test_pixels_have_the_colours_of_the_legend(tab):
-    tab.js("rastercov.setOption('hasEdges', false)")
+    tab.js("['hasEdges', 'hasPieces'].map(each => rastercov.setOption(each, false))")
     camera, image = picture_and_image(tab)
     pixels, levels = inner_pixels(image, 40, seed=2), tab.levels()
     legend = "[...document.querySelectorAll('.legend .swatch')].map(each =>"
@@ -178,6 +179,23 @@ def test_pixels_have_the_colours_of_the_legend(tab):
     np.testing.assert_allclose(
         lit, np.multiply(flat, (least + (1 - least) * cosine)[:, None]), atol=1.6
     )
+
+
+def test_at_rest_faces_have_the_colours_of_their_pieces(tab, program):
+    tab.page.wait_for_function("rastercov.session.pieces !== undefined")
+    tab.js("rastercov.setOption('isFlat', true), rastercov.setOption('hasEdges', false)")
+    _, image = picture_and_image(tab)
+    pixels = inner_pixels(image, 100, seed=3)
+    pick = "places => places.map(([x, y]) => rastercov.pick(x + 0.5, y + 0.5))"
+    found = tab.js(pick, pixels)
+    read = "places => places.map(([x, y]) => rastercov.readPixel(x + 0.5, y + 0.5))"
+    shown = (np.array(tab.js(read, pixels)) == REASONS["covered"].colour).all(axis=1)
+    zones = program.session.areas().zones()
+    faces, points = (np.array([each[name] for each in found]) for name in ("face", "point"))
+    is_covered = zones_at(zones, faces, points, 1) < 0
+    levels = np.frombuffer(tab.levels(), np.uint8)[faces]
+    assert (shown == is_covered).mean() > 0.98  # float32 on the borders of pieces
+    assert (shown != (levels == Reason.COVERED)).any()
 
 
 def test_all_modes_are_reached_and_drawn(tab):
@@ -380,6 +398,8 @@ def test_panels_fold_and_stay_so_and_the_image_enlarges(tab):
 
 
 def test_a_page_at_rest_draws_nothing_and_asks_nobody_else(tab, program):
+    tab.page.wait_for_function("rastercov.session.pieces !== undefined")
+    tab.idle()
     tab.js(
         "() => { window.drawn = 0; const draw = rastercov.view.draw.bind(rastercov.view);"
         " rastercov.view.draw = () => { window.drawn += 1; draw(); }; }"

@@ -1,11 +1,13 @@
 /** Legend of the colours, with the menu of what they mean, and the summary of the coverage. */
 
+import { legendOfPieces, shownPieces } from "rastercov/pieces.js";
 import { button, choice, cssColour, element, figure, fill, percent, count } from "rastercov/dom.js";
 
 const BUSY_AFTER = 400; // ms
 const BUSY_EVERY = 700;
 
-export function legend(session) {
+export function legend(session, view) {
+  const unit = element("p.soft.unit-of-legend");
   const entries = element("ul.keys");
   const ramp = element("canvas.ramp", { width: 256, height: 1, hidden: true });
   const ends = element("div.ends", { hidden: true });
@@ -14,10 +16,13 @@ export function legend(session) {
     title: "what the colours mean (M: next)",
   });
   session.on("mode", () => (menu.value = session.mode));
-  session.on("frame", (figures) => {
+  session.on("frame view", () => {
+    const { figures } = session;
+    const pieces = shownPieces(session, view);
+    unit.textContent = pieces ? "Exact pieces: point by point." : "";
     fill(
       entries,
-      (figures.legend ?? []).map((each) => legendEntry(each)),
+      legendOfPieces(session, figures, pieces).map((each) => legendEntry(each)),
     );
     showScale(session, figures.scale, ramp, ends);
   });
@@ -36,6 +41,7 @@ export function legend(session) {
     ramp,
     ends,
     entries,
+    unit,
   );
   return root;
 }

@@ -14,6 +14,7 @@ import { legend, summary } from "rastercov/legend.js";
 import { Navigation } from "rastercov/navigation.js";
 import { networkPanel } from "rastercov/network_panel.js";
 import { objectPanel } from "rastercov/object_panel.js";
+import { followPieces } from "rastercov/pieces.js";
 import { SceneView } from "rastercov/scene_view.js";
 import { Session } from "rastercov/session.js";
 import { startCard } from "rastercov/start_card.js";
@@ -54,7 +55,7 @@ async function open() {
       ["Cameras", camerasPanel(session, { view, tools, jobs })],
       ["Camera", cameraPanel(session, view)],
       ["Image", image],
-      ["Network", networkPanel(session, jobs)],
+      ["Network", networkPanel(session)],
     ],
     1,
   );
@@ -69,7 +70,7 @@ async function open() {
       "main",
       {},
       left,
-      element("div.stage", {}, canvas, overlay, bar, legend(session), card, jobs.root, lines),
+      element("div.stage", {}, canvas, overlay, bar, legend(session, view), card, jobs.root, lines),
       side("right", "Why", section("Why", [whyPanel(session, view)]), zonesPanel(session, tools)),
     ),
     help,
@@ -81,6 +82,7 @@ async function open() {
   fitAll(session, view);
   window.rastercov = testHandle(session, view, tools, frusta, gizmo);
   await session.refresh();
+  followPieces(session, view);
   session.watch();
   if (session.canEdit) jobs.resume();
   offerLost(session, lines);

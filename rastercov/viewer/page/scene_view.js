@@ -8,6 +8,7 @@
 import { creasesOf } from "rastercov/creases.js";
 import { MESH_STAGES, GROUP, MeshPass } from "rastercov/mesh_pass.js";
 import { add, inCamera, multiply, scale, forwardOf, centreOf, subtract } from "rastercov/maths.js";
+import { shownPieces } from "rastercov/pieces.js";
 import { SKETCH_STAGES, Sketch, SketchPass } from "rastercov/sketch_pass.js";
 import { loadShaders } from "rastercov/shaders.js";
 import { ViewCamera } from "rastercov/view_camera.js";
@@ -35,6 +36,7 @@ export class SceneView {
       hasEdges: session.scene.n_faces <= 200_000,
       isCulled: Boolean(session.scene.is_room),
       isTransparent: false,
+      hasPieces: true,
       section: null,
     };
     this.hiddenGroups = new Set();
@@ -90,7 +92,9 @@ export class SceneView {
 
   #colour() {
     if (!this.session.levels || this.isLost) return;
-    this.mesh.setLevels(this.session.levels);
+    const pieces = shownPieces(this.session, this);
+    this.mesh.setLevels(pieces ? pieces.base : this.session.levels);
+    this.mesh.setPieces(pieces);
     this.mesh.setPalette(this.session.palette);
   }
 
@@ -119,6 +123,7 @@ export class SceneView {
     this.options[name] = value;
     if (name === "isTransparent") this.showGroups();
     if (name === "hasEdges") this.#showCreases();
+    if (name === "hasPieces") this.#colour();
     this.session.emit("view");
     this.request();
   }
