@@ -252,14 +252,13 @@ def test_a_rig_that_was_kept_comes_back(session):
 def test_variants_keep_a_rig_with_its_figures(session):
     head, first = acted(session)
     acted(session, do="keep_variant", name="A")
-    session.areas()
     acted(session, do="delete", station=2)
     changed, second = acted(session, do="task", changes={"min_pixels": 2})
     acted(session, do="keep_variant", name="B")
     state = session.described_state()
-    shown = [(each["name"], each["cameras"], each["is_shown"], each["is_of_task"])
+    shown = [[each[k] for k in ("name", "cameras", "is_shown", "is_of_task")]
              for each in state["variants"]]  # fmt: skip
-    assert shown == [("A", 4, False, False), ("B", 3, True, True)]
+    assert shown == [["A", 4, False, False], ["B", 3, True, True]]
     percents = [each["summary"]["covered"]["area_percent"] for each in (head, changed)]
     assert [each["covered"]["area_percent"] for each in state["variants"]] == percents
     for name, levels in (("A", first), ("B", second)):

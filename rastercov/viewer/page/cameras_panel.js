@@ -86,7 +86,7 @@ export function addHere(session, view) {
 
 /** Adds the candidate that covers most of what is not covered. */
 export function addNext(session, jobs) {
-  jobs.start({ kind: "add", camera: lensOfNext(session) });
+  return jobs.start({ kind: "add", camera: lensOfNext(session) });
 }
 
 function rigButtons(session, view, jobs) {

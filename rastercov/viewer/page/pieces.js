@@ -7,7 +7,9 @@ import { cross, dot, subtract } from "rastercov/maths.js";
 
 const REST = 500; // ms without an act
 /** Pairs of a face and a camera up to which pieces come by themselves; beyond, by a button. */
-const MOST_PAIRS = 4_000_000;
+const MOST_PAIRS = 2_000_000;
+/** Part of a face from which a piece is all of it. */
+const WHOLE = 0.99999;
 
 /** Keeps `session.pieces` for the present rig, and emits "pieces" when they come or go. */
 export function followPieces(session, view) {
@@ -93,18 +95,22 @@ function trianglesOf(session, payload) {
     const corner = (k) => [0, 1, 2].map((axis) => corners[3 * (first + k) + axis]);
     const frame = frameOf(session.corners, face);
     const polygon = Array.from({ length: count }, (_, k) => corner(k));
-    let area = 0;
+    let twice = 0;
+    for (let k = 2; k < count; k++)
+      twice += Math.hypot(...cross(subtract(polygon[k - 1], polygon[0]), subtract(polygon[k], polygon[0])));
+    areas.set(level(face), (areas.get(level(face)) ?? 0) + twice / 2);
+    first += count;
+    if (twice > WHOLE * Math.sqrt(frame.size)) {
+      base[face] = level(face);
+      continue;
+    }
     for (let k = 2; k < count; k++) {
-      const triangle = [polygon[0], polygon[k - 1], polygon[k]];
-      area += Math.hypot(...cross(subtract(triangle[1], triangle[0]), subtract(triangle[2], triangle[0]))) / 2;
-      for (const point of triangle) {
+      for (const point of [polygon[0], polygon[k - 1], polygon[k]]) {
         made.positions.push(...point);
         made.weights.push(...weightsOf(frame, point));
         made.parents.push(face);
       }
     }
-    areas.set(level(face), (areas.get(level(face)) ?? 0) + area);
-    first += count;
   }
   for (const face of new Set(faces)) levels[face] = level(face);
   return { ...made, base, areas, covered };

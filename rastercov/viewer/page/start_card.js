@@ -1,6 +1,7 @@
 /** Card over an empty rig: the ways to its first cameras. */
 
 import { button, element } from "rastercov/dom.js";
+import { fitAll } from "rastercov/bars.js";
 import { addHere, addNext } from "rastercov/cameras_panel.js";
 
 export function startCard(session, view, jobs) {
@@ -13,9 +14,14 @@ export function startCard(session, view, jobs) {
     "aria-label": "Cameras to place",
   });
   const hasNumber = Boolean(placement?.cameras);
-  const place = () => {
+  const place = async () => {
     if (hasNumber && !number.reportValidity()) return;
-    jobs.start({ kind: "place", cameras: hasNumber ? Number(number.value) || null : null });
+    await jobs.start({ kind: "place", cameras: hasNumber ? Number(number.value) || null : null });
+    fitAll(session, view); // with the cameras in sight
+  };
+  const addBest = async () => {
+    await addNext(session, jobs);
+    fitAll(session, view);
   };
   number.addEventListener("keydown", (event) => event.key === "Enter" && place());
   const root = element(
@@ -34,7 +40,7 @@ export function startCard(session, view, jobs) {
       placement?.words,
     ),
     way(
-      button("Add the best one", () => addNext(session, jobs)),
+      button("Add the best one", addBest),
       placement?.is_by_plan ? "the candidate of the plan that covers most" : "the pose that covers most, of 600",
     ),
     way(

@@ -135,7 +135,8 @@ export class Jobs {
         }
         return;
       }
-      this.words.textContent = job.words || "beginning…";
+      const step = job.words || "beginning…";
+      this.words.textContent = job.kind === "place" ? `Placing cameras: ${step}` : step;
       this.times.textContent = timesOf(job);
       if (job.total) this.bar.value = job.done / job.total;
       else this.bar.removeAttribute("value");
